@@ -23,7 +23,7 @@ from benchmarks.pages import DOCS, rewrite, table
 from rne import dynamics
 from rne.basics.spatial import Array
 from rne.bounds.bounds import QUANTITIES
-from rne.bounds.branch_and_bound import climbed
+from rne.bounds.branch_and_bound import local_maximum
 from rne.bounds.criteria import positive_definite
 from rne.bounds.polynomials import box_argument
 from rne.plotting.plots import blank_figure
@@ -166,7 +166,8 @@ def searched(robot: rne.Robot, positions: str, starts: int) -> dict[str, Any]:
 
         entries = len(function(*np.split(((lower + upper) / 2 + 0.1)[None], 3, axis=1))[0])
         best = [
-            climbed(lambda x, e=e: of(x, e), lower[:used], upper[:used], None, starts, LAST)[1] for e in range(entries)
+            local_maximum(lambda x, e=e: of(x, e), lower[:used], upper[:used], None, starts, LAST)[1]
+            for e in range(entries)
         ]
         found[name] = best
     return found

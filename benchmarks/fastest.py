@@ -59,7 +59,7 @@ def toppra_with_pinocchio(motion: FastestMotion, oracle: Oracle) -> float:
     from toppra.interpolator import AbstractGeometricPath
 
     limits, both = motion._limits, constraint.DiscretizationType.Interpolation
-    torques = np.stack([-limits.effort, limits.effort], axis=1)
+    torques = np.stack([-limits.known["effort_limit"], limits.known["effort_limit"]], axis=1)
     names, pin = limits.friction, oracle.pin
     total = 0.0
     for curve, profile in zip(motion.path.pieces, motion._profiles, strict=True):
@@ -85,10 +85,10 @@ def toppra_with_pinocchio(motion: FastestMotion, oracle: Oracle) -> float:
             constraint.SecondOrderConstraint(
                 inverse_dynamics, lambda q, F=faces: F, lambda q, g=bounds: g, Curve.dof, friction, both
             ),
-            constraint.JointVelocityConstraint(limits.velocity),
+            constraint.JointVelocityConstraint(limits.known["velocity_limit"]),
         ]
-        if np.isfinite(limits.acceleration).all():
-            parts.append(constraint.JointAccelerationConstraint(limits.acceleration, both))
+        if np.isfinite(limits.known["acceleration_limit"]).all():
+            parts.append(constraint.JointAccelerationConstraint(limits.known["acceleration_limit"], both))
         solver = algorithm.TOPPRA(
             parts,
             Curve(),
@@ -107,8 +107,9 @@ def largest_shares(motion: FastestMotion, oracle: Oracle, points: int = POINTS) 
     limits, friction = motion._limits, motion._limits.friction
     pin = np.array([oracle.inverse_dynamics(*state) for state in zip(q, qd, qdd, strict=True)])
     torques = limits.scene.inverse_dynamics(q, qd, qdd), pin + friction.coulomb_torque(qd) + friction.viscous_torque(qd)
-    others = np.maximum((np.abs(qd) / limits.velocity).max(1), (np.abs(qdd) / limits.acceleration).max(1))
-    ours, theirs = (np.maximum((np.abs(tau) / limits.effort).max(1), others) for tau in torques)
+    effort, velocity, acceleration = (limits.known[f"{x}_limit"] for x in ("effort", "velocity", "acceleration"))
+    others = np.maximum((np.abs(qd) / velocity).max(1), (np.abs(qdd) / acceleration).max(1))
+    ours, theirs = (np.maximum((np.abs(tau) / effort).max(1), others) for tau in torques)
     return ours, theirs
 
 

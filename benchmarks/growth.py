@@ -15,7 +15,7 @@ from benchmarks.cases import QUANTITIES, states, title
 from benchmarks.measure import nanoseconds, per_state, ratio, repeats_within
 from benchmarks.pages import table, three
 from benchmarks.peers.pinocchio import Pinocchio
-from benchmarks.random_robots import random_tree, straight_chain
+from tests.random_robots import random_tree, straight_chain
 
 BATCH = 2000
 LENGTHS = (2, 3, 4, 6, 9, 12, 16, 24, 32, 48, 64, 100)

@@ -7,17 +7,13 @@ docs/identification.md.
 
 from __future__ import annotations
 
-import json
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 import rne
-from benchmarks.identification_faults import fault_table
-from benchmarks.identification_payload import kept_tables
-from benchmarks.measure import RESULTS, is_quick, write
-from benchmarks.pages import DOCS, rewrite, table
+from benchmarks.identification_tables import noise_table, rewrite_page, sensor_table
+from benchmarks.measure import is_quick, write
 from rne.identification import Identification
 from rne.model.parameters import pseudo_inertia
 from tests.measurements import Truth, record, truth
@@ -113,73 +109,6 @@ def prediction(found: Identification, motion: Truth, seed: int, sensors: dict[st
     check, prepared = found.check(measured), measured.prepare(found.records[0].cutoff)
     exact = np.stack([np.interp(prepared.t, motion.t, tau) for tau in motion.tau.T], axis=1)
     return check.rms / (prepared.reduce(prepared.tau) - prepared.reduce(exact)).std(0)
-
-
-def noise_table(found: dict[str, Any]) -> str:
-    """Coverage of the standard errors."""
-    rows = [
-        ["runs, base parameters", f"{found['runs']}, {found['parameters']}"],
-        ["true values within three standard errors", f"{100 * found['within three']:.1f} %"],
-        ["of the parameter least often so", f"{100 * found['least of a parameter']:.1f} % of the runs"],
-        ["all at once", f"{100 * found['all at once']:.1f} % of the runs"],
-        ["error over standard error, rms", f"{found['error / standard error']:.2f}"],
-        ["physically consistent", f"{found['consistent']} of {found['runs']}"],
-    ]
-    return table(["noise on the torques alone", ""], rows)
-
-
-def sensor_table(cases: Sequence[dict[str, Any]]) -> str:
-    """Predictions and bias by encoder and cut-off."""
-    rows = [
-        [
-            f"{c['bits']} bits",
-            f"{c['cutoff']:g} Hz",
-            f"{max(c['error / noise']):.2f}",
-            f"{c['bias / standard error']:.2f}",
-            f"{c['worst bias']:.1f} ({c['of']})",
-            f"{c['consistent']} of {c['runs']}",
-        ]
-        for c in cases
-    ]
-    head = ["encoder", "cut-off", "error / noise, another motion", "bias / standard error", "worst bias", "consistent"]
-    return table(head, rows)
-
-
-def log_table(logs: Sequence[dict[str, Any]]) -> str:
-    """Errors of predicted torques of published logs."""
-    rows = [
-        [
-            f"{log['robot']}, {log['cutoff']:.1f} Hz" + (" (chosen)" if log["chosen"] else ""),
-            str(log["parameters"]),
-            f"{log['condition']:.0f}",
-            " ".join(f"{e:.1f}" for e in log["error"]),
-            " ".join(f"{x:.2f}" for x in log["Fv"]),
-            " ".join(f"{x:.2f}" for x in log["Fc"]),
-        ]
-        for log in logs
-    ]
-    return table(
-        ["log, cut-off", "base parameters", "condition", "error per joint [%]", "Fv [N m s/rad]", "Fc [N m]"], rows
-    )
-
-
-def rewrite_page() -> None:
-    """The tables of docs/identification.md from the last results."""
-    kept = {
-        name: json.loads((RESULTS / f"{name}.json").read_text(encoding="utf-8"))
-        for name in ("identification", "public_logs", "identification_faults")
-    }
-    rewrite(DOCS / "identification.md", tables(*kept.values()) | kept_tables())
-
-
-def tables(found: dict[str, Any], logs: dict[str, Any], faults: dict[str, Any]) -> dict[str, str]:
-    """Tables of docs/identification.md."""
-    return {
-        "coverage": noise_table(found["noise on torques"]),
-        "sensors": sensor_table(found["sensors"]),
-        "logs": log_table(logs["logs"]),
-        "faults": fault_table(faults["rows"]),
-    }
 
 
 def main() -> None:

@@ -6,14 +6,13 @@ Writes benchmarks/results/identification_payload.json and the tables of docs/ide
 
 from __future__ import annotations
 
-import json
 from typing import Any, NamedTuple
 
 import numpy as np
 
 import rne
-from benchmarks.measure import RESULTS, is_quick, write
-from benchmarks.pages import table
+from benchmarks.identification_tables import gain_table, load_table, rewrite_page
+from benchmarks.measure import is_quick, write
 from rne.identification import Record
 from tests.measurements import Truth, truth
 
@@ -122,83 +121,6 @@ def four_digits(x: Any) -> Any:
     return float(f"{x:.4g}")
 
 
-def load_table(cases: list[dict[str, Any]]) -> str:
-    """A row per robot and encoder."""
-    rows = []
-    for case in cases:
-        mass, stated, z, com, com_z, inertia_z, replaced = (np.array(values) for values in case["runs"].values())
-        rows.append(
-            [
-                case["robot"],
-                case["drives"],
-                f"{case['bits']} bits" if case["bits"] else "exact",
-                str(len(mass)),
-                f"{100 * np.median(np.abs(mass)):.2f}, {100 * np.abs(mass).max():.2f}",
-                f"{100 * (np.abs(mass) < 0.02).mean():.0f} %",
-                f"{100 * np.median(stated):.2f}",
-                f"{100 * (np.abs(z) < 3).mean():.0f} %",
-                f"{1000 * np.median(com):.2f}, {1000 * com.max():.2f}",
-                f"{100 * (com_z < 3).mean():.0f} %, {100 * (inertia_z < 3).mean():.0f} %",
-                f"{int(replaced.sum())}",
-            ]
-        )
-    head = [
-        "robot",
-        "drives",
-        "positions",
-        "runs",
-        "error of the mass, median and largest [%]",
-        "within 2 %",
-        "standard error, median [%]",
-        "within three standard errors",
-        "error of the centre, median and largest [mm]",
-        "centre, inertia within three",
-        "impossible by least squares",
-    ]
-    return table(head, rows)
-
-
-def gain_table(cases: list[dict[str, Any]]) -> str:
-    """A row per robot."""
-    rows = []
-    for case in cases:
-        error, z = (np.array([line.split() for line in case["runs"][key]], float) for key in ("error", "z"))
-        told = np.isfinite(error)
-        rows.append(
-            [
-                case["robot"],
-                case["drives"],
-                case["given"],
-                str(len(error)),
-                " ".join(f"{100 * x:.0f}" for x in told.mean(0)),
-                " ".join(f"{x:.2f}" for x in 100 * np.nanmedian(np.abs(error), axis=0)),
-                f"{100 * (np.abs(error[told]) < 0.02).mean():.0f} %",
-                f"{100 * (np.abs(z[told]) < 3).mean():.1f} %",
-            ]
-        )
-    head = [
-        "robot",
-        "drives",
-        "given of the load",
-        "runs",
-        "found, per joint [% of the runs]",
-        "median error per joint [%]",
-        "within 2 %",
-        "within three standard errors",
-    ]
-    return table(head, rows)
-
-
-def tables(found: dict[str, Any]) -> dict[str, str]:
-    """Tables of docs/identification.md."""
-    return {"payloads": load_table(found["loads"]), "drive-gains": gain_table(found["gains"])}
-
-
-def kept_tables() -> dict[str, str]:
-    """Tables of the last run."""
-    return tables(json.loads((RESULTS / "identification_payload.json").read_text(encoding="utf-8")))
-
-
 def main() -> None:
     quick = is_quick(__doc__)
     runs, few, half = (2, 1, 1) if quick else (100, 40, 20)
@@ -215,10 +137,8 @@ def main() -> None:
             *(gains(name, half, HARMONIC) for name in ROBOTS),
         ],
     }
-    print(*tables(found).values(), sep="\n\n")
+    print(load_table(found["loads"]), gain_table(found["gains"]), sep="\n\n")
     if not quick:
-        from benchmarks.identification import rewrite_page
-
         write("identification_payload.json", found)
         rewrite_page()
 

@@ -13,7 +13,7 @@ import numpy as np
 import rne
 from benchmarks.cases import QUANTITIES
 from benchmarks.measure import Spread, interleaved, per_state, ratio
-from benchmarks.random_robots import straight_chain
+from tests.random_robots import straight_chain
 
 LENGTH, QUICK_LENGTH = 100, 10  # joints of the chain
 SIZES, QUICK_SIZES = (1000, 10_000, 100_000, 1_000_000), (1000, 10_000)

@@ -19,8 +19,8 @@ import rne
 from benchmarks.cases import states
 from benchmarks.measure import is_quick, many, nanoseconds, per_state, ratio, write
 from benchmarks.pages import table, three
-from benchmarks.random_robots import straight_chain
 from rne.dynamics.quantity import Declared, quantity
+from tests.random_robots import straight_chain
 
 THESIS = 7 * 60 / 6  # table 7.1, 10 s open loop: Euler-Lagrange over Newton-Euler
 TIMES = 50  # single calls in a repeat

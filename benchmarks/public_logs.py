@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 import rne
-from benchmarks.identification import rewrite_page
+from benchmarks.identification_tables import rewrite_page
 from benchmarks.measure import write
 from rne.identification import Identification, Record
 

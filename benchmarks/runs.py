@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 import rne
 from benchmarks.measure import interleaved, many, ratio, within
 from benchmarks.peers.pinocchio import Pinocchio
-from rne.simulation.solver import IMPLICIT
+from rne.integrators.base import IMPLICIT
 
 WAYS = {
     "numba": "rne, machine code",

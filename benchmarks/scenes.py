@@ -53,17 +53,17 @@ def compare(robot: rne.Robot, count: int, repeats: int) -> dict[str, Any]:
     rows: dict[str, dict[str, Any]] = {}
     for title, scene in scenes.items():
         q, qd, tau = states(scene.n, count)
-        kernel, rhs = scene.kernel, scene.right_hand_side
-        x = np.concatenate([q, qd, np.zeros((count, rhs.size - 2 * scene.n))], axis=1)
+        kernel, dynamics = scene.kernel, scene.dynamics
+        x = np.concatenate([q, qd, np.zeros((count, dynamics.counted - 2 * scene.n))], axis=1)
         t = np.zeros((count, 1))
         out = kernel(t, x)
         calls[title] = lambda k=kernel, t=t, x=x, o=out: k(t, x, out=o), count
         qdd = slice(scene.n, 2 * scene.n)
 
-        def accelerations(model: rne.Model, t: Any, x: Any, rhs: Any = rhs, qdd: slice = qdd) -> np.ndarray:
-            return np.asarray(rhs.evaluate(model, t, x)[0][:, qdd])
+        def accelerations(model: rne.Model, t: Any, x: Any, f: Any = kernel.function, qdd: slice = qdd) -> np.ndarray:
+            return np.asarray(f.evaluate(model, t, x)[0][:, qdd])
 
-        model = rhs.robot.model
+        model = kernel.model
         operations = sum(kernel.operations.values())
         worst = error(accelerations, model, [t, x], out[:, qdd])
         rows[title] = {"joints": scene.n, "operations": operations, "error": worst}

@@ -21,7 +21,7 @@ from benchmarks import motions, motions_pictures
 from benchmarks.measure import is_quick, write
 from benchmarks.pages import DOCS, rewrite, table
 from benchmarks.peers.pinocchio import Pinocchio
-from benchmarks.random_robots import straight_chain
+from tests.random_robots import straight_chain
 from tests.stability.families import FAMILIES, Case, case, straight, subjects
 from tests.stability.far_file import exact_model, far_text
 from tests.stability.structured import DIGITS, measure

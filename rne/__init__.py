@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING, Any
 
 from . import dynamics, model
-from .basics.first_use import on_first_use
+from .basics import on_first_use
 from .basics.text import InNotebooks
 from .errors import (
     IdentificationError,
@@ -36,8 +36,7 @@ if TYPE_CHECKING:
     from .kernels.kernel import compile
     from .model.standard_parameters import DriveModel
     from .plotting.viewer import view
-    from .simulation.bearings import BearingPeaks, bearing_peaks
-    from .simulation.drive_report import DriveReport, drives
+    from .simulation.drive_report import BearingPeaks, DriveReport, bearing_peaks, drives
     from .simulation.ensembles import Ensemble, ensemble
     from .simulation.friction import Friction
     from .simulation.scene import Payload, Scene
@@ -62,8 +61,7 @@ else:
             "model.standard_parameters": "DriveModel",
             "plotting": "",
             "plotting.viewer": "view",
-            "simulation.bearings": "BearingPeaks bearing_peaks",
-            "simulation.drive_report": "DriveReport drives",
+            "simulation.drive_report": "BearingPeaks DriveReport bearing_peaks drives",
             "simulation.ensembles": "Ensemble ensemble",
             "simulation.friction": "Friction",
             "simulation.scene": "Payload Scene",

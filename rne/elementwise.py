@@ -26,7 +26,7 @@ SECTIONS = """Parameters
     Returns
     -------
     ndarray
-        Of the broadcast shape.
+        Result of the broadcast shape.
 
     Examples
 """

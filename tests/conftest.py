@@ -8,10 +8,10 @@ from collections.abc import Mapping
 import pytest
 
 import rne
-from benchmarks.random_robots import random_tree, straight_chain
 from rne.model.abb_irb140 import KD, KP
 
 from .helpers import Oracle, data_robots, kept, loaded
+from .random_robots import random_tree, straight_chain
 
 
 class Trees(Mapping):

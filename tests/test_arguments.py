@@ -1,5 +1,6 @@
 """Shapes broadcast, wrong arguments are refused with the exact words."""
 
+import inspect
 import re
 from dataclasses import replace
 from fractions import Fraction
@@ -12,8 +13,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import mutually_broadcastable_shapes
 
 import rne
-from benchmarks.random_robots import random_tree
 from rne.basics.arrays import convert_numbers, per_joint_array, real_array, vector
+
+from .random_robots import random_tree
 
 TREE = random_tree(3, seed=9)
 
@@ -335,3 +337,32 @@ def test_mpmath_numbers_beside_pythons_keep_their_digits():
     with mpmath.workdps(40):
         third = mpmath.mpf(1) / 3
         assert convert_numbers("q", [third, 2.0], "(..., 2)")[0] == third
+
+
+DEFAULTS = """bounds: tolerance 0.05, budget 90 | base_parameters: tolerance 1e-09 | trusted_horizon: accuracy 0.001
+simulate: rtol 1e-06, atol 1e-09 | ensemble: rtol 1e-06, atol 1e-09 | dh_chain: offset 0 | view: speed 1
+animate: fps 20, speed 1 | drives: gear 1, rotor 0, efficiency 1 | Friction: viscous 0, coulomb 0, smoothing 0.01
+compare_models: tolerance 1e-08, seed 0 | identify: folds 10 | Record: bridge 3
+excitation: harmonics 5, random_motions 100, starts 3, iterations 150 | sample: periods 1 | to_csv: periods 1
+MomentumObserver: gain 200, friction_error 0, floor 0 | adaptive: gain 1, smoothing 0.01 | pid: windup inf
+sliding_mode: reaching 1 | uncertainty_bound: samples 4000, margin 1.2, seed 0"""
+
+
+def test_numbers_that_are_taken_where_none_is_given():
+    """A default is a promise: with another one the same call has another result."""
+    functions = {name: getattr(rne.Robot, name) for name in ("bounds", "base_parameters")}
+    functions |= {
+        name: getattr(rne, name) for name in ["simulate", "ensemble", "dh_chain", "view", "drives", "Friction"]
+    }
+    functions |= {name: getattr(rne, name) for name in ["compare_models", "identify", "excitation"]}
+    functions |= {name: getattr(rne.Excitation, name) for name in ("sample", "to_csv")}
+    functions |= {"trusted_horizon": rne.Trajectory.trusted_horizon, "animate": rne.plotting.animate}
+    functions |= {"Record": rne.identification.Record}
+    laws = ["MomentumObserver", "adaptive", "pid", "sliding_mode", "uncertainty_bound"]
+    functions |= {name: getattr(rne.control, name) for name in laws}
+    told = dict(part.split(": ") for line in DEFAULTS.splitlines() for part in line.split(" | "))
+    for name, function in functions.items():
+        parameters = inspect.signature(function).parameters.values()
+        numbers = [p for p in parameters if type(p.default) in (int, float)]
+        assert told.pop(name) == ", ".join(f"{p.name} {p.default:g}" for p in numbers), name
+    assert told == {}

@@ -11,16 +11,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rne
-from benchmarks.random_robots import random_tree
 from rne.basics.spatial import rotation_about
 from rne.dynamics.base_inertial_parameters import independent_columns
 from rne.model.builder import Part, assemble
-from rne.model.fewest_terms import with_fewest_terms
+from rne.model.parameters import with_fewest_terms
 from rne.model.standard_parameters import StandardParameters
 from rne.model.topology import joint_groups
 
 from .conftest import TREES
 from .helpers import kept, loaded
+from .random_robots import random_tree
 from .test_oracle import LOADABLE, ONE_OF_EACH_KIND
 
 TOLERANCES = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)  # of the largest pivot; the rank is to be the same for all

@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 
-from benchmarks import cases, engines, identification, identification_payload, import_time, regressor
+from benchmarks import cases, engines, identification_payload, identification_tables, import_time, regressor
 from benchmarks.evaluation import (
     KERNEL,
     KERNEL_SINGLE,
@@ -174,9 +174,8 @@ IDENTIFICATION = (DOCS / "identification.md").read_text(encoding="utf-8")
 
 def test_tables_of_identification_are_those_of_the_last_runs():
     """After new runs: python -m benchmarks.identification, or python -m benchmarks.public_logs FOLDER."""
-    names = "identification", "public_logs", "identification_faults"
-    found = [engines.read(f"{name}.json") for name in names]
-    tables = identification.tables(*found) | identification_payload.kept_tables()
+    names = "identification", "public_logs", "identification_faults", "identification_payload"
+    tables = identification_tables.tables(*(engines.read(f"{name}.json") for name in names))
     assert filled(IDENTIFICATION, tables) == IDENTIFICATION
 
 

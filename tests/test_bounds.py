@@ -3,6 +3,7 @@
 import itertools
 import re
 from dataclasses import replace
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -11,10 +12,9 @@ import rne
 from benchmarks.bounds import ACCELERATION as ACCELERATIONS
 from benchmarks.bounds import RATE as RATES
 from benchmarks.bounds import outside, sampled, searched
-from benchmarks.random_robots import random_tree
 from rne.bounds.articulated import ArticulatedSearch, control_points, functions
-from rne.bounds.bounds import QUANTITIES, Terms, about_first_angle, entry, torque_criteria
-from rne.bounds.branch_and_bound import Clock, Search, climbed, largest, short_basis
+from rne.bounds.bounds import QUANTITIES, RobotPolynomials, about_first_angle, entry, torque_criteria
+from rne.bounds.branch_and_bound import CellSearch, Clock, largest, local_maximum, short_basis
 from rne.bounds.criteria import Coriolis, LargestOfInverse, Modulus, Norm, positive_definite
 from rne.bounds.gravity import UNKNOWN, gravity_torques_of_full_turns
 from rne.bounds.grids import ratio_on_grid, values_on_grid
@@ -24,6 +24,7 @@ from rne.kernels.cache import KernelCache
 from rne.model.builder import Part, assemble, pose
 
 from .helpers import kept
+from .random_robots import random_tree
 
 M1, M2, L1, C1, C2, I1, I2, G = 3.0, 2.0, 0.7, 0.4, 0.3, 0.05, 0.04, 9.81
 ROUNDING = 1e-10  # relative: a proof allows 2000 eps of the sum of some 100 terms
@@ -129,6 +130,17 @@ def test_coriolis_of_a_two_link_arm():
     assert bound.is_tight
 
 
+def test_bounds_of_a_two_link_arm_hold_in_exact_numbers():
+    """Of the model's numbers as they are, without any rounding: stretched out, where gravity and M_11 are largest."""
+    m1, m2, l1, c1, c2, i1, i2, g = map(Fraction, (M1, M2, L1, C1, C2, I1, I2, G))
+    found = two_link().bounds(tolerance=1e-9, quantities=["gravity_torque", "mass_matrix"])
+    torques = [g * (m1 * c1 + m2 * (l1 + c2)), g * m2 * c2]
+    assert all(exact <= Fraction(x) for exact, x in zip(torques, found.gravity_torque.upper.tolist(), strict=True))
+    inertia = m1 * c1**2 + i1 + m2 * (l1 + c2) ** 2 + i2
+    assert inertia <= Fraction(float(found.mass_matrix.upper[0, 0]))
+    assert max(found.gravity_torque.upper / found.gravity_torque.attained) <= 1 + 1e-9
+
+
 def test_coriolis_of_a_polar_arm_is_not_at_a_saddle():
     """C(q, v) v = a (2 v1 v2, -v1^2): a at v = (1, 0), which no small step leaves, 2 / 3^(1/2) a at v1^2 = 2 / 3."""
     bound = polar_arm().bounds("limits", quantities=["coriolis"], tolerance=0.01).coriolis
@@ -138,14 +150,14 @@ def test_coriolis_of_a_polar_arm_is_not_at_a_saddle():
 
 def test_samples_and_searches_of_an_arm_are_inside(arm, of_arm):
     rng = np.random.default_rng(1)
-    q = rng.uniform(-np.pi, np.pi, (100_000, arm.n))
+    q = rng.uniform(-np.pi, np.pi, (20_000, arm.n))
     # and around each place where a bound is attained
     places = np.concatenate([getattr(of_arm, name).q.reshape(-1, arm.n) for name in QUANTITIES])
     q = np.concatenate([q, (places[:, None] + 0.1 * rng.normal(size=(len(places), 200, arm.n))).reshape(-1, arm.n)])
     qd, qdd = (rng.choice([-1, 1], q.shape) * x for x in (RATES, ACCELERATIONS))
     assert (abs(arm.gravity_torque(q)) <= of_arm.gravity_torque.upper).all()
     assert (abs(arm.inverse_dynamics(q, qd, qdd)) <= of_arm.torque.upper).all()
-    few = q[::10]
+    few = q[::4]
     M, stiffness = arm.mass_matrix(few), arm.kernel(rne.dynamics.gravity_torque, "q")(few)
     eigenvalues = np.linalg.eigvalsh(M)
     assert (abs(M) <= of_arm.mass_matrix.upper).all()
@@ -158,10 +170,10 @@ def test_samples_and_searches_of_an_arm_are_inside(arm, of_arm):
 
 
 def test_states_and_searches_of_the_benchmark_are_inside(arm, of_arm):
-    """10^5 random states and 20 local searches of each entry, by the robot's own methods."""
+    """10^4 random states and 10 local searches of each entry, by the robot's own methods."""
     proven = {q: {x: getattr(getattr(of_arm, q), x) for x in ("lower", "upper")} for q in QUANTITIES}
-    *_, states = sampled(arm, "circle", 100_000)
-    found = searched(arm, "circle", 20)
+    *_, states = sampled(arm, "circle", 10_000)
+    found = searched(arm, "circle", 10)
     assert outside(states["largest"], proven) == []
     assert outside({q: found[q] for q in QUANTITIES}, proven) == []
     found["torque"][2] *= 1.16  # beyond the bound, which is within 15 %
@@ -206,14 +218,14 @@ def test_entries_that_vanish_are_proven_0(arm, of_arm):
     assert first == ["rounding", "<=", left, "0", "gravity", "torque", "of", "joint_1"]
 
 
-@pytest.mark.parametrize(("n", "seed"), kept([(3, 3), (4, 22), *((6, seed) for seed in range(4))], [(3, 3), (4, 22)]))
+@pytest.mark.parametrize(("n", "seed"), kept([(3, 3), (4, 22), *((6, seed) for seed in range(4))], [(3, 3)]))
 def test_gravity_of_full_turns_is_attained_from_below(n, seed):
     """The product of gravity's largest sine and the largest first moment, by search within the steps of its angles."""
     robot = rne.Robot(random_tree(n, seed, prismatic=0.0))
     upper = gravity_torques_of_full_turns(robot.model)
     turn = np.full(n, np.pi)
     for i in range(n):
-        attained = climbed(lambda q, i=i: abs(robot.gravity_torque(q))[:, i], -turn, turn, starts=30)[1]
+        attained = local_maximum(lambda q, i=i: abs(robot.gravity_torque(q))[:, i], -turn, turn, starts=30)[1]
         assert attained <= upper[i] <= attained * (1 + GRID), i
 
 
@@ -234,8 +246,8 @@ def random_chain(seed, n=4):
 def least_eigenvalue(robot, positions):
     """Its criterion and box."""
     box = box_argument(robot.model, positions)
-    terms = Terms(KernelCache(robot.model), box)
-    return LargestOfInverse(terms.of(rne.dynamics.mass_matrix, 2), terms.samples, np.eye(robot.n)), box
+    terms = RobotPolynomials(KernelCache(robot.model), box)
+    return LargestOfInverse(terms.polynomial(rne.dynamics.mass_matrix, 2), terms.samples, np.eye(robot.n)), box
 
 
 @pytest.mark.parametrize("turns", [True, False])
@@ -255,7 +267,7 @@ def test_control_points_enclose_functions_of_a_range(turns):
     assert (values <= points.max(axis=1)[:, None] + 1e-12).all()
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", kept(range(4), [1]))
 def test_articulated_pivots_at_a_position_are_those_of_the_matrix(seed):
     """On boxes without width they are positive exactly if M - 1 / t is positive definite."""
     robot = random_chain(seed)
@@ -269,7 +281,7 @@ def test_articulated_pivots_at_a_position_are_those_of_the_matrix(seed):
     np.testing.assert_array_equal(holds.all(axis=1), holds.any(axis=1))
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", kept(range(4), [3]))
 def test_least_eigenvalues_of_random_chains_are_proven_and_nothing_beyond(seed):
     """None of 10^5 states is outside, and what a state exceeds is refused."""
     robot = random_chain(seed)
@@ -282,6 +294,24 @@ def test_least_eigenvalues_of_random_chains_are_proven_and_nothing_beyond(seed):
     search = ArticulatedSearch(criterion, box, found.q, 0.999 * found.attained, Clock())
     assert not search.run(np.inf)
     assert criterion.values(search.higher[None]) > search.target
+
+
+def test_rounding_of_a_pendulum_proves_nothing():
+    """M - 1 / t of one joint, positive by a part in 1e14: that much is rounding."""
+    criterion, box = least_eigenvalue(rne.Robot(planar([2.0], [1.0], [0.5], [0.1])), "circle")
+    attained = criterion.values(box.lower[None])[0]
+    for share, is_proven in ((1e-14, False), (1e-11, True)):
+        search = ArticulatedSearch(criterion, box, box.lower, attained * (1 + share), Clock())
+        x = np.zeros((1, 1, 2))
+        assert search.holds(x)[0].all() == is_proven
+
+
+def test_gravity_that_is_nothing_but_rounding_is_within_its_bound_of_full_turns(irb140):
+    """Joint 1 is upright: its torque is a sum of terms that cancel."""
+    robot = irb140.locked({f"joint_{k}": 0.3 for k in (4, 5, 6)})
+    rounding = abs(robot.gravity_torque(np.random.default_rng(1).uniform(-np.pi, np.pi, (1000, 3))))[:, 0].max()
+    upper = gravity_torques_of_full_turns(robot.model)[0]
+    assert max(rounding, 1e-14) <= upper <= 1e-9
 
 
 def test_sliding_joints_have_no_gravity_bound_of_full_turns():
@@ -322,11 +352,11 @@ def test_modes_bound_values_and_derivatives(make):
     robot = make()
     cache = KernelCache(robot.model)
     box = box_argument(robot.model, "limits")
-    terms, h = Terms(cache, box), 1e-4
+    terms, h = RobotPolynomials(cache, box), 1e-4
     q = np.random.default_rng(2).uniform(box.lower, box.upper, (2000, robot.n))
     for A, function in (
-        (terms.of(rne.dynamics.gravity_torque, 1), robot.gravity_torque),
-        (terms.of(rne.dynamics.mass_matrix, 2), robot.mass_matrix),
+        (terms.polynomial(rne.dynamics.gravity_torque, 1), robot.gravity_torque),
+        (terms.polynomial(rne.dynamics.mass_matrix, 2), robot.mass_matrix),
     ):
         np.testing.assert_allclose(A.evaluate(q), function(q), atol=1e-12)
         if not A.power.any():
@@ -345,8 +375,8 @@ def test_a_matrix_mode_is_bounded_at_every_phase():
     """-B <= Re(exp(i phase) c) <= B for a complex symmetric c, relative to any scale."""
     rng = np.random.default_rng(3)
     robot = two_link()
-    terms = Terms(KernelCache(robot.model), box_argument(robot.model, "circle"))
-    M = terms.of(rne.dynamics.mass_matrix, 2)
+    terms = RobotPolynomials(KernelCache(robot.model), box_argument(robot.model, "circle"))
+    M = terms.polynomial(rne.dynamics.mass_matrix, 2)
     c = rng.normal(size=(5, 2, 2)) + 1j * rng.normal(size=(5, 2, 2))
     M = replace(M, coefficients=c + c.swapaxes(1, 2))
     for criterion in (Norm(M), LargestOfInverse(M, rng.uniform(-3, 3, (9, 2)), np.eye(2))):
@@ -356,17 +386,25 @@ def test_a_matrix_mode_is_bounded_at_every_phase():
             assert np.linalg.eigvalsh(criterion.modes + real).min() > -1e-12
 
 
+def test_rounding_is_at_least_that_of_the_sum_of_modes():
+    """Of 2000 operations, on a number as large as the quantity can be anywhere."""
+    terms = RobotPolynomials(KernelCache(two_link().model), box_argument(two_link().model, "circle"))
+    for criterion in (Norm(terms.of(rne.dynamics.mass_matrix, 2)), Modulus(terms.of(rne.dynamics.gravity_torque, 1))):
+        assert criterion.size > 0
+        assert criterion.rounding(0.0) >= 2000 * np.finfo(float).eps * criterion.size
+
+
 def test_the_symmetric_form_bounds_the_coriolis_norm(irb140):
     """Of random symbols c_ijk: no unit vectors v, w give more than the root of its largest eigenvalue."""
     rng = np.random.default_rng(4)
-    terms = Terms(KernelCache(irb140.model), box_argument(irb140.model, "circle"))
-    dM = terms.of(rne.dynamics.mass_matrix, 2, "q")
+    terms = RobotPolynomials(KernelCache(irb140.model), box_argument(irb140.model, "circle"))
+    dM = terms.polynomial(rne.dynamics.mass_matrix, 2, "q")
     A = dM.mapped(christoffel, 1.5 * dM.terms)
     criterion = Coriolis(A)
     q = rng.uniform(-np.pi, np.pi, (50, 6))
     bound = np.sqrt(np.linalg.eigvalsh(criterion._form(A.evaluate(q)))[:, -1])
     attained = criterion.values(q)
-    v, w = rng.normal(size=(2, 20000, 6))
+    v, w = rng.normal(size=(2, 4000, 6))
     v, w = (x / np.linalg.norm(x, axis=1)[:, None] for x in (v, w))
     sampled = np.linalg.norm(np.einsum("nijk,si,sj->nsk", A.evaluate(q[:5]), v, w), axis=2).max(axis=1)
     assert (sampled <= attained[:5]).all()
@@ -492,19 +530,24 @@ def test_grids_bound_what_lies_between_their_points(degree, steps):
 
 
 @pytest.mark.parametrize(
-    "make", [lambda: rne.load("irb140").locked({"joint_6": 0}), lambda: mimicking(2.0), lambda: random_chain(3)]
+    "make",
+    [
+        pytest.param(lambda: rne.load("irb140").locked({"joint_6": 0}), marks=pytest.mark.long),
+        lambda: mimicking(2.0),
+        lambda: random_chain(3),
+    ],
 )
 def test_second_derivatives_are_within_what_grids_prove(make):
     """Of torques, k_C and an entry of M, in each direction of the search, and less than sums of modes say."""
     robot = make().mounted([0.3, 0.4, 0])
     n, box = robot.n, box_argument(robot.model, "limits")
-    terms, rng = Terms(KernelCache(robot.model), box), np.random.default_rng(5)
-    dM = terms.of(rne.dynamics.mass_matrix, 2, "q")
+    terms, rng = RobotPolynomials(KernelCache(robot.model), box), np.random.default_rng(5)
+    dM = terms.polynomial(rne.dynamics.mass_matrix, 2, "q")
     torques = torque_criteria(terms, np.full(n, RATES), np.full(n, ACCELERATIONS))
     k_C = Coriolis(dM.mapped(christoffel, 1.5 * dM.terms))
     less = []
-    for criterion in (*torques, k_C, Modulus(entry(terms.of(rne.dynamics.mass_matrix, 2), 0, 0))):
-        search, A = Search(criterion, box, box.lower, np.inf, Clock()), criterion.polynomial
+    for criterion in (*torques, k_C, Modulus(entry(terms.polynomial(rne.dynamics.mass_matrix, 2), 0, 0))):
+        search, A = CellSearch(criterion, box, box.lower, np.inf, Clock()), criterion.polynomial
         sums, q = search.curvatures.copy(), rng.uniform(-np.pi, np.pi, (200, n))
         search.use_grids(np.inf)
         turn = np.exp(1j * q @ A.frequency.T) * (A.power == 0).all(axis=1)
@@ -523,7 +566,7 @@ def test_gravity_and_the_rest_are_largest_together():
     robot = rne.load("irb140").locked({f"joint_{k}": 0.3 for k in (4, 5, 6)}).mounted([0.5, 0, 0])
     box = box_argument(robot.model, "circle")
     q = np.random.default_rng(6).uniform(box.lower, box.upper, (100_000, 3))
-    g = entry(Terms(KernelCache(robot.model), box).of(rne.dynamics.gravity_torque, 1), 1)
+    g = entry(RobotPolynomials(KernelCache(robot.model), box).polynomial(rne.dynamics.gravity_torque, 1), 1)
     parts = about_first_angle(g)
     torque, mean, cosine, sine = parts.evaluate(q[:50]).T
     angle = q[:50, 0]
@@ -618,7 +661,7 @@ def test_torques_inside_of_the_range_of_a_rate_are_attained():
     a = M2 * L1 * C2 * np.sin(1.5)
     np.testing.assert_allclose(found.torque.attained, [a * (2 * 3.0 + 9.0), a], rtol=1e-9)  # at corners
     criterion = torque_criteria(
-        Terms(KernelCache(model), box_argument(model, "circle")), np.array([2.0, 1.0]), np.zeros(2)
+        RobotPolynomials(KernelCache(model), box_argument(model, "circle")), np.array([2.0, 1.0]), np.zeros(2)
     )[0]
     forms = np.array([[0.0, 2.0, -1.0], [3.0, 1.0, -2.0], [-1.0, 0.5, -1.0]])  # of v1^2, v1 v2, v2^2
     grid = np.linspace([-2.0, -1.0], [2.0, 1.0], 401).T

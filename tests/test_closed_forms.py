@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import rne
-from benchmarks.random_robots import straight_chain
 from rne.model.builder import Part, assemble, pose
 
 from .helpers import states
+from .random_robots import straight_chain
 
 TIGHT = 1e-14
 G = 9.81

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 import rne
-from benchmarks.identification_faults import SCARA
 from rne.__main__ import main, parser
 from rne.commands import COMMANDS
 from rne.commands.shared import join_numbers
 from rne.plotting import html_page
 
+from .faulty_logs import SCARA
 from .helpers import ROOT
 from .helpers import kept as kept_parameters
 

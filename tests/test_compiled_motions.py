@@ -9,16 +9,19 @@ import numpy as np
 import pytest
 
 import rne
-from benchmarks.random_robots import straight_chain
-from rne.kernels import runge_kutta
+from rne.integrators import compiled_methods, runge_kutta
 from rne.kernels.kernel import Kernel
 from rne.kernels.program import NeedsRecursion
 from rne.kernels.python_backend import state_function
-from rne.simulation import compiled, loop
-from rne.simulation.plant import Plant, ZeroOrderHold
-from rne.simulation.watch import choose_method
+from rne.simulation import run
+from rne.simulation.control_law import TracedLaw
+from rne.simulation.dry_friction import DryPlant
+from rne.simulation.method_choice import choose_method
+from rne.simulation.plant import Plant
+from rne.simulation.zero_order_hold import ZeroOrderHold
 
 from .helpers import kept
+from .random_robots import straight_chain
 
 TEXTS = "take_steps", "take_samples", "add_stages", "add_sampled_stages"
 EXACT = {"method": "DOP853", "rtol": 1e-13, "atol": 1e-14}
@@ -40,8 +43,8 @@ def interpreted(monkeypatch):
         return call
 
     for name in TEXTS:
-        monkeypatch.setattr(compiled, name, getattr(runge_kutta, name))
-    monkeypatch.setattr(compiled, "take_stiff_steps", compiled.rosenbrock.take_steps)
+        monkeypatch.setattr(compiled_methods, name, getattr(runge_kutta, name))
+    monkeypatch.setattr(compiled_methods, "take_stiff_steps", compiled_methods.rosenbrock.take_steps)
     monkeypatch.setattr(Kernel, "address", address)
     is_meant = property(lambda plant: plant.law is None and plant.robot.model.name == "interpreted")
     monkeypatch.setattr(Plant, "is_compiled", is_meant)
@@ -153,7 +156,9 @@ def test_joints_that_stick_and_slip(free, static, monkeypatch):
     run = ([0.3, 0.2], [0.0, 1.0], 1.5)
     how = {"method": "DOP853", "t_eval": np.linspace(0, 1.5, 40), "atol": 1e-11}
     expected = rne.simulate(scenes[0], *run, **how, rtol=1e-10)
-    monkeypatch.setattr("rne.simulation.solver.AdaptiveSolver.steps", lambda self, most: pytest.fail("a step by SciPy"))
+    monkeypatch.setattr(
+        "rne.integrators.scipy_methods.AdaptiveSolver.steps", lambda self, most: pytest.fail("a step by SciPy")
+    )
     got = rne.simulate(scenes[1], *run, **how, rtol=1e-8)
     assert got.message.replace("; in machine code", "") == expected.message
     assert "changes" in got.message
@@ -172,7 +177,9 @@ def test_samples_while_joints_stick_and_slip(free, method, monkeypatch):
     motions = []
     for robot in free:
         if robot.model.name == "interpreted":
-            monkeypatch.setattr(rne.Scene, "traced_samples", property(lambda scene: scene._law_alone))
+            monkeypatch.setattr(
+                rne.Scene, "traced_samples", property(lambda scene: TracedLaw(scene.controller, scene.n))
+            )
         law = rne.control.pid(robot, [30.0, 10.0], [30.0, 10.0], [4.0, 1.0], [0.4, -0.1], windup=2.0)
         friction = rne.Friction(viscous=0.2, coulomb=[1.0, 0.2], static=[1.5, 0.25], smoothing=0)
         limits = {"effort_limit": [9.0, 3.0], "torque_rate": [200.0, 100.0]}
@@ -194,11 +201,11 @@ def test_samples_while_joints_stick_and_slip(free, method, monkeypatch):
 def test_evaluations_are_counted_from_the_last_sample(free, monkeypatch):
     """However many samples one call of machine code takes; too many within one are a loop that diverges."""
     if free[1].model.name == "interpreted":
-        monkeypatch.setattr(rne.Scene, "traced_samples", property(lambda scene: scene._law_alone))
+        monkeypatch.setattr(rne.Scene, "traced_samples", property(lambda scene: TracedLaw(scene.controller, scene.n)))
     scene = rne.Scene(free[1], controller=rne.control.pd(free[1], 5.0, 1.0, [0.1] * 2), sample_time=0.01)
-    monkeypatch.setattr(loop, "MAX_EVALUATIONS", 60)
+    monkeypatch.setattr(run, "MAX_EVALUATIONS", 60)
     assert rne.simulate(scene, [0.3, 0.2], [0, 0], 0.1, method="DOP853").status == 0
-    monkeypatch.setattr(loop, "MAX_EVALUATIONS", 10)
+    monkeypatch.setattr(run, "MAX_EVALUATIONS", 10)
     with pytest.raises(rne.SimulationError, match="more than 10 evaluations within one sample"):
         rne.simulate(scene, [0.3, 0.2], [0, 0], 0.1, method="DOP853")
 
@@ -206,7 +213,7 @@ def test_evaluations_are_counted_from_the_last_sample(free, monkeypatch):
 def test_samples_of_three_joints_that_cannot_stick(monkeypatch):
     """There are no modes behind the torques."""
     make, model = interpreted(monkeypatch), straight_chain(3)
-    monkeypatch.setattr(rne.Scene, "traced_samples", property(lambda scene: scene._law_alone))
+    monkeypatch.setattr(rne.Scene, "traced_samples", property(lambda scene: TracedLaw(scene.controller, scene.n)))
     ends = []
     for robot in (rne.Robot(model), make(model)):
         scene = rne.Scene(robot, controller=rne.control.pd(robot, 5.0, 1.0, [0.1] * 3), sample_time=0.01)
@@ -217,8 +224,8 @@ def test_samples_of_three_joints_that_cannot_stick(monkeypatch):
 def test_many_short_steps_in_machine_code_are_worth_few_of_lsoda_where_joints_stick(free):
     for robot, viscous, method in ((free[0], 1.0, "LSODA"), (free[1], 1.0, "DOP853"), (free[1], 100.0, "LSODA")):
         friction = rne.Friction(viscous=500.0 * viscous, coulomb=0.5, smoothing=0)
-        plant = Plant(rne.Scene(robot, friction=friction).right_hand_side, None)
-        assert choose_method(plant, np.array([0.5, 0.2, 0.0, 0.0]), 1.0, None)[0] == method
+        plant = DryPlant(rne.Scene(robot, friction=friction).dynamics, robot)
+        assert choose_method(plant, np.array([0.5, 0.2, 0.0, 0.0, 0.0, 0.0]), 1.0, None)[0] == method
 
 
 def test_a_torque_that_becomes_nan_is_named_with_its_time(free):
@@ -277,7 +284,7 @@ def test_stages_of_interpolants_that_must_be_examined_are_left_to_the_recursion(
 
     expected = run()
     for name in ("add_stages", "add_sampled_stages"):
-        monkeypatch.setattr(compiled, name, lambda *_: False)
+        monkeypatch.setattr(compiled_methods, name, lambda *_: False)
     got = run()
     np.testing.assert_allclose(got.dissipated["viscous"], expected.dissipated["viscous"], rtol=1e-12)
     assert got.evaluations == expected.evaluations

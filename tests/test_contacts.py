@@ -131,6 +131,14 @@ def test_a_joint_that_dry_friction_holds_has_no_contact(two):
         assert observer.observe(T, q, qd, tau + 0.2, held=held).kind is not None
 
 
+def test_errors_of_friction_count_though_friction_changes_its_sign_between_samples(two):
+    """The joint swings to and fro with the samples: friction's impulse cancels, its error does not."""
+    q, qd = np.zeros((len(T), 2)), np.where(np.arange(len(T)) % 2, 0.1, -0.1)[:, None] * np.ones(2)
+    observer = MomentumObserver(two, friction=rne.Friction(viscous=10.0), friction_error=0.5)
+    threshold = observer.observe(T, q, qd, two.gravity_torque(q)).threshold
+    assert (threshold[-1] >= 0.999 * 0.5 * 10.0 * 0.1).all()
+
+
 def test_a_corner_of_the_cases_reaches_the_threshold(arm, cases, states):
     """It is no larger than it must be: one of the cases is on it at every instant."""
     tau = [case.inverse_dynamics(*states) for case in cases]
@@ -161,7 +169,7 @@ def test_a_watched_law_is_replaced_at_the_contact(arm, path, push):
     observer = MomentumObserver(arm, floor=3.0)
 
     class World:
-        """The drives give what the watched law says, and from 20 ms on something pushes."""
+        """The drives give what the guarded law says, and from 20 ms on something pushes."""
 
         def __init__(self, reaction):
             self.watched = observer.watching(law, reaction, 1e-3)
@@ -203,7 +211,7 @@ def test_a_watched_law_is_told_what_the_drives_deliver(arm, path, parts):
 def test_a_watched_law_needs_its_own_sample_time(two, sample_time):
     law = rne.control.pd_gravity(two, 10, 1, [0, 0])
     scene = rne.Scene(two, controller=MomentumObserver(two).watching(law, law, 1e-3), sample_time=sample_time)
-    with pytest.raises(ValueError, match=r"^a watched law must be called every 0.001 s from t = 0 on, got t = "):
+    with pytest.raises(ValueError, match=r"^a guarded law must be called every 0.001 s from t = 0 on, got t = "):
         rne.simulate(scene, [0, 0], [0, 0], 0.01)
 
 

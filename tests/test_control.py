@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import rne
-from benchmarks.random_robots import random_tree
 
 from .helpers import relative, states
+from .random_robots import random_tree
 
 
 def test_computed_torque_follows_its_reference(irb140):

@@ -6,7 +6,6 @@ import pinocchio as pin
 import pytest
 
 import rne
-from benchmarks.random_robots import random_tree
 from rne.kernels.differentiation import differentiate
 from rne.kernels.graph import Graph
 from rne.kernels.program import Trace, lower
@@ -16,6 +15,7 @@ from rne.kernels.trace import by_recursion
 
 from .helpers import EPS, kept, relative, states
 from .quantities import QUANTITIES, arguments_of
+from .random_robots import random_tree
 
 EXACT = 1e-12  # of the largest entry
 # As in conftest, but smaller: programs of derivatives grow with the square of the number of joints.

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 import rne
-from benchmarks.random_robots import random_tree, straight_chain
 from rne.basics.spatial import rotation_about
 from rne.dynamics.precision import weakest_motion
 from rne.model.builder import Part, assemble, pose
 
 from .helpers import EPS, states
+from .random_robots import random_tree, straight_chain
 
 X, Y, Z = np.eye(3)
 

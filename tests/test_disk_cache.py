@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 import rne
-from benchmarks.random_robots import straight_chain
 from rne.__main__ import main
 from rne.basics import disk_cache
 from rne.kernels import object_code
 
 from .helpers import ROOT
+from .random_robots import straight_chain
 
 pytest.importorskip("llvmlite", reason="Numba is not installed")
 OWN = hasattr(os, "getuid")
@@ -205,8 +205,8 @@ def test_a_second_process_needs_no_compiler_and_no_numba(place, tmp_path):
         "def total(x, factor):\n    s = 0.0\n    for i in range(len(x)):\n        s += factor * x[i]\n    return s\n"
     )
     code = (
-        "import sys, numpy as np, rne, text; from benchmarks.random_robots import straight_chain;"
-        "from rne.kernels import loops, object_code;"
+        "import sys, numpy as np, rne, text; from tests.random_robots import straight_chain;"
+        "from rne.integrators import loops; from rne.kernels import object_code;"
         "compiled = object_code.compiled; texts = [];"
         "object_code.compiled = lambda text, loops: texts.append(text) or compiled(text, loops=loops);"
         "kernel = rne.compile(rne.dynamics.gravity_torque, straight_chain(2), engine='numba');"

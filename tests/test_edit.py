@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import rne
-from benchmarks.random_robots import random_tree
 
 from .helpers import EPS, relative, states
+from .random_robots import random_tree
 
 
 def test_payload_adds_the_kinetic_energy_of_a_body(tree):

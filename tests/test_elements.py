@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 import rne
-from benchmarks.random_robots import straight_chain
 from rne.__main__ import main
 from rne.kernels.source import LETTERS, entry_of_element, quantity_of_element
 from rne.kernels.trace import trace
 
 from .helpers import kept, states
+from .random_robots import straight_chain
 
 SAME = 1e-13  # of the largest entry: another order of a few operations
 APPENDIX_C = {

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 import rne
-from benchmarks.random_robots import straight_chain
 from rne.model.builder import Mimic, Part, assemble, pose
 from rne.model.topology import end_link, pinocchio_order, tip
 
 from .conftest import TREES
 from .helpers import loaded, states
+from .random_robots import straight_chain
 
 Z = np.array([0.0, 0.0, 1.0])
 

@@ -18,7 +18,6 @@ import numpy as np
 import pytest
 
 import rne
-from benchmarks.random_robots import random_tree, straight_chain
 from rne.dynamics.quantity import OK
 from rne.kernels import array_layout, llvm_backend, object_code
 from rne.kernels import kernel as kernel_module
@@ -27,6 +26,7 @@ from rne.kernels.program import NeedsRecursion, Trace, lower
 from rne.kernels.scalar import inputs, references
 
 from .helpers import EPS, ROOT, gimbal, kept, loaded, relative, states
+from .random_robots import random_tree, straight_chain
 
 CALLS = {  # quantities, and the number of joint arrays that they take
     "inverse_dynamics": 3,
@@ -315,7 +315,7 @@ GUARDED = """
 import ctypes, mmap
 import numpy as np
 import rne
-from benchmarks.random_robots import straight_chain
+from .random_robots import straight_chain
 page = mmap.PAGESIZE
 memory = mmap.mmap(-1, 2 * page)
 behind = ctypes.addressof(ctypes.c_char.from_buffer(memory)) + page
@@ -540,7 +540,7 @@ SWINGS = "; rne.simulate(rne.Scene(robot, friction=rne.Friction(1.0)), [0] * 2, 
 MEMORY = """
 import resource, sys
 import rne
-from benchmarks.random_robots import straight_chain
+from .random_robots import straight_chain
 arm = rne.Robot(straight_chain(2), "numba")
 def largest():  # [MB]
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1e6 if sys.platform == "darwin" else 1e3)
@@ -564,7 +564,7 @@ class TestWhatKeepsItsEngine:
 
     def test_llvm_is_imported_when_a_kernel_is_compiled_and_numba_never(self):
         code = (
-            "import sys, rne; from benchmarks.random_robots import straight_chain;"
+            "import sys, rne; from .random_robots import straight_chain;"
             "r = rne.Robot(straight_chain(2), 'numba'); assert 'llvmlite' not in sys.modules;"
             "r.inverse_dynamics(*[[0.0] * 2] * 3); assert 'llvmlite' not in sys.modules;"  # the recursion
             "r.mass_matrix([[0.0] * 2] * 2); assert 'llvmlite' in sys.modules;"

@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 
 import rne
-from benchmarks.random_robots import straight_chain
-from rne.kernels import many_motions
+from rne.integrators import lanes
+from rne.integrators.rows import Course, by_rows
+from rne.integrators.runge_kutta import FIXED, power, tableau
 from rne.kernels.kernel import Kernel
 from rne.kernels.numpy_backend import BlockProgram
-from rne.kernels.row_steps import Course, by_rows
-from rne.kernels.runge_kutta import FIXED, power, tableau
 from rne.simulation import ensembles
 from rne.simulation.simulator import METHODS
 
 from .helpers import kept, loaded, states
+from .random_robots import straight_chain
 
 
 @pytest.fixture(scope="module")
@@ -214,7 +214,7 @@ def test_a_state_that_must_be_examined_changes_no_other(chain, starts):
 
 
 def test_soundness_is_told_state_by_state(chain):
-    program, x = BlockProgram(rne.Scene(chain).right_hand_side.kernel.traced), np.full((5, 4), 0.1)
+    program, x = BlockProgram(rne.Scene(chain).kernel.traced), np.full((5, 4), 0.1)
     x[1, 2], x[3, 0] = 1e9, np.nan
     found = np.zeros((5, 4))
     assert program.sound([np.zeros((5, 1)), x], found).tolist() == [True, False, True, False, True]
@@ -321,12 +321,12 @@ class TestLanes:
             return function
 
         monkeypatch.setattr(Kernel, "address", address)
-        monkeypatch.setattr(many_motions, "compiled", lambda text: text)
+        monkeypatch.setattr(lanes, "compiled", lambda text: text)
 
-    @pytest.mark.parametrize("count", [3, many_motions.LANES + 3])
+    @pytest.mark.parametrize("count", [3, lanes.LANES + 3])
     @pytest.mark.parametrize("method", ["DOP853", "RK45", "rk4", "semi-implicit-euler"])
     def test_are_the_rows(self, plain, chain, starts, count, method):
-        rhs, fixed = rne.Scene(chain).right_hand_side, method in FIXED
+        kernel, fixed = rne.Scene(chain).kernel, method in FIXED
         norm = (4, 1e-4, 1e-7, 0.0 if fixed else power(method))
         times, grid = np.array([0.05, 0.07, 0.2]), np.linspace(0, 0.2, 21 if fixed else 0)
         course = Course(
@@ -343,23 +343,23 @@ class TestLanes:
         x = np.concatenate(starts, axis=1)[:count]
         X, expected = np.full((2, 3, count, 4), np.nan)
         told = []
-        code, evaluations, all_run = many_motions.in_lanes(course, rhs.kernel, np.zeros((count, 0)), x, X, told.append)
+        code, evaluations, all_run = lanes.in_lanes(course, kernel, np.zeros((count, 0)), x, X, told.append)
         assert all_run
         assert sum(told) == count
-        rates = by_rows(course, rhs.kernel, np.zeros((count, 0)), np.arange(count), x, expected, lambda done: None)
+        rates = by_rows(course, kernel, np.zeros((count, 0)), np.arange(count), x, expected, lambda done: None)
         assert not code.any()
         np.testing.assert_allclose(X, expected, rtol=1e-9, atol=1e-9)  # rounding moves the estimates of errors
         assert 0.9 * rates.evaluations <= evaluations <= 1.1 * rates.evaluations
 
     def test_motions_to_be_examined_are_left(self, plain, chain, starts):
-        rhs, x = rne.Scene(chain).right_hand_side, np.concatenate(starts, axis=1)[:12]
+        kernel, x = rne.Scene(chain).kernel, np.concatenate(starts, axis=1)[:12]
         course = Course(
             tableau("RK45"), 0.0, 1e-9, -np.inf, np.inf, np.array([1e-9]), np.zeros(0), (4, 1e-3, 1e-6, -0.2)
         )
         x[[0, 7], 2:] = 3e8, -2e8
         x[11, 1] = np.inf
         X, told = np.full((1, 12, 4), np.nan), []
-        code, _, _ = many_motions.in_lanes(course, rhs.kernel, np.zeros((12, 0)), x, X, told.append)
+        code, _, _ = lanes.in_lanes(course, kernel, np.zeros((12, 0)), x, X, told.append)
         assert sum(told) == 9
         left = np.flatnonzero(code)
         assert left.tolist() == [0, 7, 11]
@@ -369,20 +369,20 @@ class TestLanes:
     @pytest.mark.parametrize("method", ["RK45", "rk4"])
     def test_calls_of_few_evaluations_give_the_same_bits(self, plain, chain, starts, monkeypatch, method):
         """And each returns after no more than that, so that Ctrl-C is heard."""
-        q, qd = (x[: many_motions.LANES + 3] for x in starts)
+        q, qd = (x[: lanes.LANES + 3] for x in starts)
         how = {"t_eval": [0.02, 0.05], "method": method, "step": 0.005 if method == "rk4" else None}
         robot = rne.Robot(chain.model, "numba")
         at_once = rne.ensemble(robot, q, qd, 0.05, **how)
-        monkeypatch.setattr(many_motions, "OPERATIONS", 1)
+        monkeypatch.setattr(lanes, "OPERATIONS", 1)
         counted, between = [0], []
-        evaluate = many_motions.evaluate
+        evaluate = lanes.evaluate
 
         def counts(*arguments):
             counted[0] += 1
             return evaluate(*arguments)
 
-        run_all = many_motions.run_all
-        monkeypatch.setattr(many_motions, "evaluate", counts)
+        run_all = lanes.run_all
+        monkeypatch.setattr(lanes, "evaluate", counts)
 
         def one_call(*arguments):
             counted[0] = 0
@@ -390,7 +390,7 @@ class TestLanes:
             between.append(counted[0])
             return found
 
-        monkeypatch.setattr(many_motions, "run_all", one_call)
+        monkeypatch.setattr(lanes, "run_all", one_call)
         again = rne.ensemble(robot, q, qd, 0.05, **how)
         assert np.array_equal(again.q, at_once.q)
         assert again.evaluations == at_once.evaluations
@@ -398,7 +398,7 @@ class TestLanes:
         assert max(between) <= 8  # a step of 7 stages
 
     def test_ctrl_c_leaves_what_was_finished(self, plain, chain, starts, monkeypatch):
-        monkeypatch.setattr(many_motions, "OPERATIONS", 1)
+        monkeypatch.setattr(lanes, "OPERATIONS", 1)
         check_interrupt(rne.Robot(chain.model, "numba"), starts)
 
 
@@ -517,14 +517,14 @@ def test_a_motion_without_end_is_given_up(chain, engine, monkeypatch):
         ):
             by_rows(course, kernel, np.zeros((2, 0)), np.arange(2), x, X, lambda count: None)
         return
-    monkeypatch.setattr(many_motions, "compiled", lambda text: text)
+    monkeypatch.setattr(lanes, "compiled", lambda text: text)
 
     def function(t, x, out):
         return sound([t.reshape(1, -1).T, x.reshape(4, -1).T], out.reshape(4, -1).T).all()
 
     kernel.address = lambda lanes: function
-    code, _, _ = many_motions.in_lanes(course, kernel, np.zeros((2, 0)), x, X, lambda count: None)
-    assert code.tolist() == [0, many_motions.EXAMINE]
+    code, _, _ = lanes.in_lanes(course, kernel, np.zeros((2, 0)), x, X, lambda count: None)
+    assert code.tolist() == [0, lanes.EXAMINE]
 
 
 @pytest.mark.long

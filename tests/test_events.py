@@ -10,9 +10,9 @@ from scipy.integrate import simpson
 from scipy.optimize import brentq
 
 import rne
+from rne.integrators.base import Steps
 from rne.model.builder import Mimic, Part, assemble
 from rne.simulation.events import first_crossing
-from rne.simulation.solver import Steps
 
 from .helpers import kept
 

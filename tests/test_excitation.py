@@ -9,7 +9,6 @@ import pytest
 from scipy.optimize import OptimizeResult
 
 import rne
-from benchmarks.random_robots import random_tree
 from rne.identification.exciting_motions.limits import FourierBasis, MotionLimits, motion_limits
 from rne.identification.exciting_motions.motion import (
     BaseRegressor,
@@ -20,6 +19,7 @@ from rne.identification.exciting_motions.motion import (
 )
 
 from .helpers import loaded
+from .random_robots import random_tree
 
 DURATION, HARMONICS = 4.0, 3
 LIMITS = {"acceleration_limit": [10.0] * 3, "effort_limit": [60.0, 150.0, 40.0]}
@@ -107,6 +107,7 @@ def test_torques_keep_their_limits_and_one_is_active(arm, motion):
     tau = np.abs(arm.inverse_dynamics(*fine(motion))).max(0)
     assert (tau <= np.array(LIMITS["effort_limit"]) * (1 + TORQUES_BETWEEN)).all()
     assert any(limit.startswith("torque of ") for limit in motion.active)
+    assert f"active limits: {', '.join(motion.active)}" in " ".join(repr(motion).split())
     assert (tau <= motion.limit_use["torque"] * LIMITS["effort_limit"] * (1 + TORQUES_BETWEEN)).all()
 
 

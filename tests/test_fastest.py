@@ -262,6 +262,7 @@ ERRORS = {
     "range": ("arm", [[0] * 6, [1, 2.5, 0, 0, 0, 0]], {}, "`path` leaves the range of joint 'joint_2', -1.745 to 1.745: 2.5 at via point 1"),
     "joints": ("arm", [[0] * 5, [1] * 5], {}, "`path` must have points of shape (K, 6), got (2, 5)"),
     "same": ("arm", [[0] * 6, [0] * 6], {}, "`points` must differ from one to the next, got the same at index 0 and 1"),
+    "same at last": ("arm", [[0] * 6, [1] * 6, [1] * 6], {}, "`points` must differ from one to the next, got the same at index 1 and 2"),
     "few": ("arm", [[0] * 6], {}, "`points` must have shape (K, n) with two points at least, got (1, 6)"),
     "smoothing": ("arm", [[0] * 6, [1] * 6], {"smoothing": -1}, "`smoothing` must not be negative, got -1.0"),
 }  # fmt: skip

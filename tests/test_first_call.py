@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import rne
-from benchmarks.random_robots import straight_chain
 from rne.kernels import kernel as kernel_module
 
 from .helpers import EPS, loaded, relative, states
+from .random_robots import straight_chain
 
 # Methods of a Robot, with the number of joint arrays that they take and of programs that they trace.
 METHODS = {

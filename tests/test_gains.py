@@ -7,7 +7,6 @@ import pytest
 from scipy.linalg import expm
 
 import rne
-from benchmarks.random_robots import random_tree
 from rne.bounds.bounds import Bound, Bounds
 from rne.control.gains import SampledLoop, bounded, largest_over, random_configurations, workspace
 from rne.control.sampled_loop import CoupledModes, LinearLoop, first_unstable_time, gravity_modes, unstable_windows
@@ -16,6 +15,7 @@ from rne.model.builder import Part, assemble, pose
 from rne.validation.agreement import validate
 
 from .helpers import kept
+from .random_robots import random_tree
 
 PLANAR_GAINS = [1000.0, 10.0], [3.0, 3.0]
 

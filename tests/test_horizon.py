@@ -4,17 +4,17 @@ import copy
 import itertools
 import pickle
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import rne
-from benchmarks.random_robots import straight_chain
 from benchmarks.swing import extrapolated
-from rne.simulation.loop import Run, Task
-from rne.simulation.simulator import repeated_error
+from rne.simulation.run import Instants, RunResult, Task
 
 from .helpers import kept
+from .random_robots import straight_chain
 
 Q0 = np.linspace(0.3, 0.8, 6)
 END = 6.0
@@ -81,9 +81,10 @@ def test_a_tighter_tolerance_reaches_farther(arm, tolerances):
 def test_the_other_run_has_other_tolerances(rtol, factor):
     """Tighter by 100, or looser where tighter ones are below rounding."""
     asked, t = [], np.linspace(0, 1, 11)
-    run = Run(t, np.zeros((11, 2)), None, None, method="DOP853")
     task = Task(np.ones(2), 1.0, "LSODA", rtol, 1e-9, is_auto=True)
-    repeated_error(lambda other: asked.append(other) or run, 1, task, run)
+    of_plant = SimpleNamespace(robot=SimpleNamespace(n=1)), task, Instants(t, np.zeros((11, 2)))
+    run = RunResult(*of_plant, None, None, 0, "", None, "DOP853", repeat=lambda other: asked.append(other) or run)
+    run.position_errors()
     again = asked[-1]
     assert (again.rtol, again.atol) == pytest.approx((rtol * factor, 1e-9 * factor), rel=1e-12)
     assert (again.method, again.is_auto) == ("DOP853", False)

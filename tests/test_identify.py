@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 import rne
-from benchmarks import identification_faults as faults
 from rne.identification import Record
 from rne.identification.diagnosis.checking import without_gaps
 from rne.identification.fit.least_squares import least_squares
 from rne.model.parameters import pseudo_inertia
 from rne.model.standard_parameters import MEASURED
 
+from . import faulty_logs as faults
 from .conftest import TREES
 from .helpers import kept, loaded
 from .measurements import measure, record, truth

@@ -13,7 +13,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rne
-from benchmarks.random_robots import random_tree, straight_chain
 from rne.kernels import numpy_backend
 from rne.kernels import trace as trace_module
 from rne.kernels.graph import Graph
@@ -24,6 +23,7 @@ from rne.kernels.scalar import Scalar, inputs, references
 from .conftest import TREES
 from .helpers import EPS, gimbal, kept, loaded, relative, states
 from .quantities import QUANTITIES, arguments_of
+from .random_robots import random_tree, straight_chain
 from .test_oracle import LOADABLE, ONE_OF_EACH_KIND
 
 ARMS = ["irb140", "ur_description/ur5_robot", "panda_description/panda", "double_pendulum_description/double_pendulum"]
@@ -407,7 +407,7 @@ TRACED = {
 
 
 class TestRandomGraphs:
-    @settings(max_examples=50, deadline=None, derandomize=True)
+    @settings(max_examples=25, deadline=None, derandomize=True)
     @given(st.data())
     def test_folded_and_unfolded_agree(self, data):
         self.check(data)

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 import rne
-from benchmarks.random_robots import random_tree
+from examples.thesis.formulations import irb140_mirrored
 from rne.dynamics.lagrange import bodies, gravity_terms, inertia_derivatives, inertia_matrix
 from rne.kernels.trace import by_recursion
-from rne.model.abb_irb140 import irb140_mirrored
 from rne.model.builder import Part, assemble
 
 from .conftest import TREES
 from .helpers import EPS, kept, relative, states
+from .random_robots import random_tree
 
 LAW = 1e-12  # of the largest entry: thousands of roundings, which sums over n^4 products may need
 ARMS = {"irb140": rne.irb140(), **TREES, "more mimics": random_tree(3, seed=11, mimics=4)}

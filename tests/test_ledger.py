@@ -5,12 +5,10 @@ import pytest
 from scipy.integrate import simpson
 
 import rne
-from benchmarks.random_robots import random_tree
 from rne.model.builder import Part, assemble
-from rne.simulation.ledger import DEGREE, MOST_AT_ONCE, Ledger
-from rne.simulation.solver import Steps
 
 from .helpers import kept
+from .random_robots import random_tree
 
 METHODS = ["RK45", "RK23", "DOP853", "Radau", "BDF", "LSODA"]
 EXCHANGED = 1e-6  # of the energy exchanged
@@ -86,36 +84,6 @@ def test_work_of_held_torques_is_exact(irb140):
     steps = (motion.tau[:-1] * np.diff(motion.q, axis=0)).sum(-1)
     np.testing.assert_allclose(motion.work[1:], np.cumsum(steps), rtol=1e-12, atol=1e-12)
     assert motion.energy_drift <= EXCHANGED * np.abs(motion.work).max()
-
-
-class Straight(Steps):
-    """Equal steps of 10 ms along x(t) = t."""
-
-    def __init__(self, count):
-        super().__init__(np.arange(count + 1) / 100, np.arange(count + 1)[:, None] / 100)
-
-    def states(self, times, k):
-        return times[:, None]
-
-
-def test_the_powers_of_many_steps_are_asked_for_a_few_times():
-    """Panels are evaluated together, ever more of them."""
-    asked = []
-    ledger = Ledger(lambda t, X: asked.append(len(t)) or np.cos(X), ["power"])
-    ledger.add(Straight(10_000), 10_000, 100.0, None)
-    t = np.linspace(0, 100, 301)
-    np.testing.assert_allclose(ledger.at(t)[:, 0], np.sin(t), atol=1e-8)
-    assert len(asked) < 15
-
-
-def test_at_most_so_many_panels_are_evaluated_together():
-    """Each is a step beside one of another length."""
-    asked, T = [], np.append(0.0, np.cumsum(np.tile([0.01, 0.1], 1500)))
-    steps, ledger = Straight(3000), Ledger(lambda t, X: asked.append(len(t)) or X, ["power"])
-    steps.T, steps.X = T, T[:, None]
-    ledger.add(steps, 3000, T[-1], None)
-    np.testing.assert_allclose(ledger.at(T)[:, 0], T**2 / 2, rtol=1e-12)
-    assert max(asked) == MOST_AT_ONCE * (DEGREE + 1)
 
 
 def test_a_run_that_is_cut_keeps_its_ledger(block):

@@ -5,9 +5,9 @@ import pytest
 
 import rne
 from benchmarks import gauss
-from benchmarks.random_robots import straight_chain
 
 from .helpers import kept
+from .random_robots import straight_chain
 
 HANGING = np.array([0, np.pi, -np.pi / 2, 0, 0, 0]) + 0.1
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import rne
-from benchmarks.random_robots import straight_chain
-from rne.kernels import loops
+from rne.integrators import loops
 
 from .helpers import EPS, relative, states
+from .random_robots import straight_chain
 
 pytest.importorskip("numba", reason="Numba is not installed")
 

@@ -164,7 +164,7 @@ def test_ctrl_c_leaves_the_motion_so_far(tmp_path, monkeypatch, capsys):
 
 def test_what_takes_long_is_told(monkeypatch, capsys):
     monkeypatch.setattr(work, "pause", 0.02)
-    with work.told():
+    with work.reported():
         work.begin("simulating")
         work.progress(1.0, 4.0)
         for _ in range(100):

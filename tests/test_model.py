@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 
 import rne
-from benchmarks.random_robots import random_tree, straight_chain
-from rne.model.abb_irb140 import DATA_SHEET, irb140_mirrored
+from examples.thesis.formulations import irb140_mirrored
+from rne.model.abb_irb140 import DATA_SHEET
 from rne.model.builder import at_links, disassemble
 from rne.model.checks import symmetric_up_to_rounding, triangle_excess
 from rne.model.parameters import at_parameters, of_states, parameters_of
+
+from .random_robots import random_tree, straight_chain
 
 TREE = random_tree(3, seed=2, mimics=1)
 SKEW = np.array([[0, -1, 0], [1, 0, 0], [0, 0, 0]])

@@ -5,7 +5,7 @@ import dataclasses
 import json
 import pickle
 import re
-from dataclasses import MISSING, fields, replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -152,7 +152,8 @@ class TestJumps:
 
 
 def test_a_motion_of_which_no_jumps_are_told_is_a_curve(swing):
-    told = [f.name for f in fields(rne.Trajectory) if f.default is MISSING and f.default_factory is MISSING]
+    untold = {"jumps", "qdd_before", "tau_before", "run"}
+    told = [f.name for f in fields(rne.Trajectory) if f.name not in untold]
     motion = rne.Trajectory(**{name: getattr(swing, name) for name in told})
     np.testing.assert_array_equal(motion(0.51)[1], swing(0.51)[1])
     np.testing.assert_array_equal(motion.torques(0.51), swing.torques(0.51))
@@ -312,13 +313,13 @@ class TestFiles:
 
     def test_no_array_of_another_kind_or_shape_is_taken(self, entries):
         file, arrays, texts = entries
-        for name, value in arrays.items():
+        for k, (name, value) in enumerate(arrays.items()):  # of each kind some
             field = name.removeprefix("model.")
-            for wrong in (value.astype(str), value > 0, value.astype(complex), np.array(None).astype("S")):
+            for wrong in (value.astype(str), value > 0, value.astype(complex), np.array(None).astype("S"))[k % 4 :: 4]:
                 text = f"`{name}` must be an array of real numbers, got dtype {wrong.dtype}"
                 with pytest.raises(ValueError, match=f"^{re.escape(f'{str(file)!r}: {text}')}$"):
                     self.load(file, arrays | {name: wrong}, texts)
-            for wrong in (np.zeros((2, *value.shape)), np.array(1.0), np.full(value.shape, np.nan)):
+            for wrong in (np.zeros((2, *value.shape)), np.array(1.0), np.full(value.shape, np.nan))[k % 3 :: 3]:
                 if wrong.size or name.startswith("model."):  # of an array without entries all are finite
                     with pytest.raises(ValueError, match=rf"`{field}` must (have shape|be finite)|{field} [01]"):
                         self.load(file, arrays | {name: wrong}, texts)

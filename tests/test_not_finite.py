@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 
 import rne
-from benchmarks.random_robots import straight_chain
 from rne.kernels import numpy_backend
 from rne.kernels.graph import Graph
 from rne.kernels.program import NeedsRecursion, Trace, lower
@@ -23,6 +22,7 @@ from rne.kernels.scalar import inputs, references
 from rne.kernels.source import Printable, to_source
 
 from .helpers import kept
+from .random_robots import straight_chain
 
 ROUNDING = 1e-9  # relative: of a dozen operations, among them differences of numbers that are 1e4 times as large
 CONSTANTS = [0.0, 0.0, 1.0, -1.0, 2.0, -3.0, 0.5, inf, -inf, nan]

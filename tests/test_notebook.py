@@ -12,11 +12,11 @@ from lxml import etree
 from PIL import Image
 
 import rne
-from benchmarks.random_robots import random_tree, straight_chain
 from rne.basics.text import brief, summary
 from rne.plotting import notebook
 
 from .helpers import kept, loaded
+from .random_robots import random_tree, straight_chain
 
 ROBOTS = {
     "two links": lambda: rne.Robot(straight_chain(2)),

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 import rne
-from benchmarks.random_robots import random_tree
 from rne.dynamics.quantity import quantity
 from rne.model.parameters import at_parameters
 
 from .conftest import TREES
 from .helpers import kept
+from .random_robots import random_tree
 
 SAME = 1e-13  # of the largest entry: another order of operations, and centres of mass divided out and multiplied back
 SOLVED = 1e-10  # the same times the condition of M, up to some 1000

@@ -12,12 +12,12 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 import rne
-from benchmarks.random_robots import random_tree, straight_chain
 from rne.model.solids import Box
 from rne.plotting.motions import motion_argument
 from rne.plotting.shapes import link_shapes, surface
 
 from .helpers import EPS, ROOT
+from .random_robots import random_tree, straight_chain
 
 SAME_POSITION = 16 * EPS  # [m]; kernels and recursions round differently, robots here are of a few metres
 BENT = [0.5, 0.6, -0.4, 0.3, 0.8, 0]

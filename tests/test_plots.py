@@ -13,11 +13,11 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 import rne
-from benchmarks.random_robots import random_tree, straight_chain
 from rne.plotting.motions import motion_argument
 from rne.plotting.plots import DASHED
 
 from .helpers import EPS, kept
+from .random_robots import random_tree, straight_chain
 
 SAME = 1e-12  # relative to the largest value of a curve: polynomials through samples round
 UNITS = {"q": ("rad", "m"), "qd": ("rad/s", "m/s"), "qdd": ("rad/s²", "m/s²"), "tau": ("N m", "N")}
@@ -277,7 +277,7 @@ def test_plot_without_joints():
 
 @pytest.mark.long
 def test_notebooks_show_figures_without_pyplot(irb140, swing, spread):
-    figures = (rne.plotting.plot(swing), rne.plotting.fan(spread), rne.plotting.draw(irb140, [0] * 6))
+    figures = (rne.plotting.plot(swing), rne.plotting.quantile_plot(spread), rne.plotting.draw(irb140, [0] * 6))
     for figure in figures:
         with Image.open(io.BytesIO(figure._repr_png_())) as picture:
             assert picture.size == tuple(np.rint(figure.get_size_inches() * figure.dpi))
@@ -287,33 +287,33 @@ def test_notebooks_show_figures_without_pyplot(irb140, swing, spread):
 
 def test_bands_of_a_fan_are_the_quantiles(spread):
     levels = [0.1, 0.2, 0.5, 0.8, 0.9]
-    for k, ax in enumerate(rne.plotting.fan(spread, probabilities=levels, of="qd").axes):
+    for k, ax in enumerate(rne.plotting.quantile_plot(spread, probabilities=levels, of="qd").axes):
         low, lower, middle, upper, high = np.quantile(spread.qd[..., k], levels, axis=1)
         np.testing.assert_array_equal(ax.lines[0].get_data(), (spread.t, middle))
         for band, (a, b) in zip(ax.collections, ((low, high), (lower, upper)), strict=True):
             corners = band.get_paths()[0].vertices
             for x, y in (*zip(spread.t, a, strict=True), *zip(spread.t, b, strict=True)):
                 assert (corners == (x, y)).all(axis=1).any()
-    labels = [text.get_text() for text in rne.plotting.fan(spread).legends[0].get_texts()]
+    labels = [text.get_text() for text in rne.plotting.quantile_plot(spread).legends[0].get_texts()]
     assert labels == ["5 to 95 %", "25 to 75 %", "50 %"]
 
 
 def test_a_fan_has_a_panel_for_each_joint_with_its_unit(mixed, spread):
     starts = np.random.default_rng(1).uniform(-0.1, 0.1, (10, 3))
     slid = rne.ensemble(mixed, starts, 0 * starts, 0.1, step=0.01, keep=3)
-    figure = rne.plotting.fan(slid, of="tau")
+    figure = rne.plotting.quantile_plot(slid, of="tau")
     assert [(ax.get_title(), ax.get_ylabel()) for ax in figure.axes] == [
         ("along", "force [N]"), ("up", "force [N]"), ("turn", "torque [N m]"),
     ]  # fmt: skip
-    assert len(rne.plotting.fan(spread, ["joint_4", "joint_2"]).axes) == 2
+    assert len(rne.plotting.quantile_plot(spread, ["joint_4", "joint_2"]).axes) == 2
     ax = Figure().subplots()
-    assert rne.plotting.fan(spread, ["joint_4"], axes=ax) is ax.figure
+    assert rne.plotting.quantile_plot(spread, ["joint_4"], axes=ax) is ax.figure
     assert ax.get_title() == "joint_4"
     assert len(ax.collections) == 2
 
 
 def test_a_fan_of_an_even_number_of_quantiles_has_no_line(spread):
-    ax = rne.plotting.fan(spread, ["joint_1"], [0.25, 0.75]).axes[0]
+    ax = rne.plotting.quantile_plot(spread, ["joint_1"], [0.25, 0.75]).axes[0]
     assert (len(ax.collections), len(ax.lines)) == (1, 0)
 
 
@@ -323,7 +323,7 @@ MISSING = "pictures need matplotlib, which is not installed: pip install 'rne[pl
 def test_without_matplotlib_the_cure_is_named(swing, spread, monkeypatch):
     for module in [m for m in sys.modules if m.split(".")[0] == "matplotlib"]:
         monkeypatch.setitem(sys.modules, module, None)
-    for call in (lambda: rne.plotting.plot(swing), lambda: rne.plotting.fan(spread)):
+    for call in (lambda: rne.plotting.plot(swing), lambda: rne.plotting.quantile_plot(spread)):
         with pytest.raises(ImportError, match=f"^{re.escape(MISSING)}$"):
             call()
 
@@ -447,37 +447,41 @@ WRONG = {
         TypeError,
         "`axes` must be matplotlib axes, got int",
     ),
-    "fan trajectory": (
-        lambda s, e: rne.plotting.fan(s),
+    "quantiles trajectory": (
+        lambda s, e: rne.plotting.quantile_plot(s),
         TypeError,
         "`ensemble` must be an rne.Ensemble, got Trajectory",
     ),
-    "fan joint": (
-        lambda s, e: rne.plotting.fan(e, ["elbow"]),
+    "quantiles joint": (
+        lambda s, e: rne.plotting.quantile_plot(e, ["elbow"]),
         ValueError,
         "`joints` must be from ['joint_1', 'joint_2', 'joint_3', 'joint_4', 'joint_5', 'joint_6'], got 'elbow'",
     ),
-    "fan one name": (
-        lambda s, e: rne.plotting.fan(e, "joint_1"),
+    "quantiles one name": (
+        lambda s, e: rne.plotting.quantile_plot(e, "joint_1"),
         TypeError,
         "`joints` must be a sequence of str, got str",
     ),
-    "fan no joint": (
-        lambda s, e: rne.plotting.fan(e, []),
+    "quantiles no joint": (
+        lambda s, e: rne.plotting.quantile_plot(e, []),
         ValueError,
         "`joints` must name at least one joint, got none",
     ),
-    "fan falling": (
-        lambda s, e: rne.plotting.fan(e, probabilities=[0.9, 0.1]),
+    "quantiles falling": (
+        lambda s, e: rne.plotting.quantile_plot(e, probabilities=[0.9, 0.1]),
         ValueError,
         "`probabilities` must be rising numbers from 0 to 1, got [0.9, 0.1]",
     ),
-    "fan percent": (
-        lambda s, e: rne.plotting.fan(e, probabilities=[5, 95]),
+    "quantiles percent": (
+        lambda s, e: rne.plotting.quantile_plot(e, probabilities=[5, 95]),
         ValueError,
         "`probabilities` must be between 0 and 1, got [5.0, 95.0]",
     ),
-    "fan of": (lambda s, e: rne.plotting.fan(e, of="z"), ValueError, "`of` must be one of ['q', 'qd', 'tau'], got 'z'"),
+    "quantiles of": (
+        lambda s, e: rne.plotting.quantile_plot(e, of="z"),
+        ValueError,
+        "`of` must be one of ['q', 'qd', 'tau'], got 'z'",
+    ),
 }
 
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import rne
-from benchmarks.random_robots import straight_chain
 from rne.basics.text import Row, aligned, short, six_digits
 
 from .helpers import states
+from .random_robots import straight_chain
 
 POINT = re.compile(r"-?\d+(\.\d+)?(e-?\d+)?")
 

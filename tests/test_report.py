@@ -6,6 +6,7 @@ import threading
 from concurrent.futures import Future
 
 import pytest
+from matplotlib.colors import to_hex
 
 from examples.thesis import __main__ as thesis
 from examples.thesis import closed_loop, experiments, formulations
@@ -25,6 +26,26 @@ def short(monkeypatch):
     monkeypatch.setattr(experiments, "SAMPLED", (0.01, 0.01))
     here = lambda say: {name: function(*given) for name, (function, given) in experiments.JOBS.items()}  # noqa: E731
     monkeypatch.setattr(thesis, "run_all", here)
+
+
+def test_a_picture_is_drawn_for_light_and_for_dark_pages(tmp_path):
+    """The same lines, the first of them in the first colour of each."""
+    from matplotlib import image
+    from matplotlib.figure import Figure
+
+    def draw():
+        figure = Figure(figsize=(1, 1))
+        figure.add_axes((0, 0, 1, 1), frameon=False).plot([0, 1], [0.5, 0.5], linewidth=40)
+        return figure
+
+    report = Report("one", lambda line: None, tmp_path)
+    report.figure("line", draw, "A line.")
+    light, dark = (image.imread(tmp_path / f"line{kind}.png") for kind in ("", "-dark"))
+    assert light.shape == dark.shape
+    middle = light.shape[0] // 2, light.shape[1] // 2
+    assert to_hex(dark[middle]) == DARK_COLORS[0] != to_hex(light[middle])
+    assert to_hex(dark[0, 0]) == "#121212"
+    assert to_hex(light[0, 0]) == "#ffffff"
 
 
 def test_jobs_are_reported_as_they_finish():

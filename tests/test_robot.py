@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import rne
-from benchmarks.random_robots import random_tree, straight_chain
 
 from .helpers import EPS, kept, states
+from .random_robots import random_tree, straight_chain
 
 
 @pytest.mark.parametrize("n", kept([2, 9, 10, 14, 20, 21, 30], [2, 9, 10, 21]))
@@ -65,7 +65,7 @@ def test_copies_share_their_kernels_and_simulated_robots_are_freed():
     assert twin.kernel(rne.dynamics.mass_matrix) is robot.kernel(rne.dynamics.mass_matrix)
     rne.simulate(robot, [0.1], [0], 0.01, torque=[1.0])
     alive = weakref.ref(robot)
-    del robot
+    del robot, twin
     gc.collect()
     assert alive() is None
 

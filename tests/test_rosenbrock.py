@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from rne.kernels import rosenbrock
+from rne.integrators import rosenbrock
 
 
 class Wanted:

@@ -10,10 +10,12 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 import rne
-from benchmarks.random_robots import random_tree, straight_chain
-from rne.simulation.plant import DryPlant, Plant, Samples
+from rne.simulation.dry_friction import DryPlant
+from rne.simulation.plant import Plant
+from rne.simulation.zero_order_hold import Samples
 
 from .helpers import kept, relative, states
+from .random_robots import random_tree, straight_chain
 
 EVERYTHING = {
     "payload": rne.Payload(5.0, [0.05, 0.02, 0.1]),
@@ -40,7 +42,7 @@ class TestDynamics:
 
     def test_right_hand_side_is_the_scene_written_out(self, full):
         q, qd, _ = states(6, 20)
-        kernel = full.right_hand_side_with_energies.kernel
+        kernel = Plant(full.dynamics, full.resolved.robot).kernel
         rates = kernel(np.zeros((20, 1)), np.concatenate([q, qd, np.zeros((20, 2))], axis=1))
         assert np.array_equal(rates[:, :6], qd)
         assert relative(rates[:, 6:12], full.forward_dynamics(q, qd, 0 * q)) <= 1e-11
@@ -169,9 +171,8 @@ class TestTracing:
         )
         assert scene.cost()["law"] == "traced"
         x = np.random.default_rng(0).uniform(-1, 1, (n, 2 * n))
-        u, _ = scene.right_hand_side.drives(np.zeros((n, 1)), x, None)
+        u, _ = scene.dynamics.drives(np.zeros((n, 1)), x, None)
         assert np.array_equal(u, -2 * (x[:, :n] + x[:, n:]))
-        assert len(Plant(scene.right_hand_side, None).drive_torques(np.zeros(9), np.zeros((9, 2 * n)))) == 9
 
     def test_a_reference_may_be_a_spline(self, irb140):
         path = CubicSpline([0, 1, 2], np.outer([0, 1, 0], np.ones(6)))
@@ -216,8 +217,8 @@ class TestTracing:
         scene = rne.Scene(
             irb140, controller=law, friction=rne.Friction(1.0, 2.0, smoothing=0.5), effort_limit=[300] * 6
         )
-        plant = Plant(scene.right_hand_side, None)
-        x = np.random.default_rng(1).uniform(-1, 1, scene.right_hand_side.size)
+        plant = Plant(scene.dynamics, scene.resolved.robot)
+        x = np.random.default_rng(1).uniform(-1, 1, scene.dynamics.size)
         J = plant.jacobian(0.0, x)
         h = 1e-6
         for j in range(len(x)):
@@ -478,13 +479,12 @@ class TestDryFrictionOfSeveralJoints:
     def test_modes_agree_with_the_accelerations_they_give(self, two):
         """Every joint at rest resists its load or starts the way it is accelerated: 300 random loads."""
         scene = self.scene(two, lambda t, q, qd: self.load, coulomb=[0.5, 0.2])
-        plant = Plant(scene.right_hand_side, scene.controller)
         rng = np.random.default_rng(0)
-        dry = DryPlant(plant, scene.resolved.friction)
+        dry = DryPlant(scene.dynamics, scene.resolved.robot, scene.controller)
         modes = set()
         for _ in range(300):
             self.load = rng.normal(size=2)
-            x = np.concatenate([rng.uniform(-3, 3, 2), np.zeros(2)])
+            x = np.concatenate([rng.uniform(-3, 3, 2), np.zeros(4)])
             dry.settle(0.0, x, [])
             qdd, needed, _ = dry.loads(0.0, x)
             modes.add(tuple(dry.mode))
@@ -497,17 +497,17 @@ class TestDryFrictionOfSeveralJoints:
         robot, rng = rne.Robot(tree), np.random.default_rng(0)
         friction = rne.Friction(viscous=rng.uniform(0, 1, robot.n), coulomb=1.0, smoothing=0)
         law = rne.traceable(lambda t, q, qd: np.sin(t) - qd)
-        rhs = rne.Scene(robot, friction=friction, controller=law).right_hand_side
+        dynamics = rne.Scene(robot, friction=friction, controller=law).dynamics
         for _ in range(4):
-            self.check_modes(robot, friction, rhs, rng)
+            self.check_modes(robot, friction, dynamics, rng)
 
-    def check_modes(self, robot, friction, rhs, rng):
+    def check_modes(self, robot, friction, dynamics, rng):
         """In a random state, with any of the joints slipping."""
         n = robot.n
         q, qd, t = rng.uniform(-1, 1, n), rng.uniform(-1, 1, n), rng.uniform(0, 1, 1)
         slips = rng.integers(0, 2, n).astype(float)
         dry = slips * rng.uniform(-1, 1, n)
-        x, modes = np.concatenate([q, qd]), np.concatenate([slips, dry])
+        x, modes = np.concatenate([q, qd, np.zeros(3)]), np.concatenate([slips, dry])
         moving = slips * qd
         net = np.sin(t) - moving - friction.viscous * moving - robot.bias_torque(q, moving)
         M, s = robot.mass_matrix(q), slips == 1
@@ -515,9 +515,13 @@ class TestDryFrictionOfSeveralJoints:
         qdd[s] = np.linalg.solve(M[np.ix_(s, s)], (net - dry)[s])
         load = np.where(s, dry, net - M @ qdd)
         rates = np.concatenate([moving, np.where(s, qdd, load / np.diagonal(M))])
-        for found in (rhs.under_modes.kernel(t, x, modes), rhs.under_modes.evaluate(robot.model, t, x, modes)[0]):
+        rates = np.concatenate(
+            [rates, [(np.sin(t) - moving) @ moving, friction.viscous * moving @ moving, dry @ moving]]
+        )
+        kernels, function = robot._kernels, dynamics.right_hand_side_under_modes
+        for found in (kernels.scene_kernel(function)(t, x, modes), function.evaluate(robot.model, t, x, modes)[0]):
             np.testing.assert_allclose(found, rates, rtol=1e-9, atol=1e-9 * np.abs(rates).max())
-        found = np.split(rhs.loads.kernel(t, x, modes), 3)
+        found = np.split(kernels.scene_kernel(dynamics.loads_under_modes)(t, x, modes), 3)
         largest = np.abs(net).max()
         for got, expected in zip(found, (qdd, load, net), strict=True):
             np.testing.assert_allclose(got, expected, rtol=1e-9, atol=1e-9 * max(largest, np.abs(expected).max()))

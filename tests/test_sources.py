@@ -285,7 +285,7 @@ def test_heading_of_sliding_joints_has_their_units():
 
 
 def test_heading_of_many_joints_is_wrapped_and_of_none_says_so():
-    from benchmarks.random_robots import straight_chain
+    from .random_robots import straight_chain
 
     lines = rne.compile(rne.dynamics.gravity_torque, straight_chain(30)).source("python").splitlines()
     assert all(len(line) <= 102 for line in lines if line.startswith("#"))

@@ -8,14 +8,15 @@ import numpy as np
 import pytest
 
 import rne
-from benchmarks.random_robots import straight_chain
+from rne.integrators import compiled_methods
+from rne.integrators.base import Steps
 from rne.model.abb_irb140 import CLOSED_LOOPS, KD, KP
-from rne.simulation import compiled, loop
+from rne.simulation import run
+from rne.simulation.method_choice import CHECKED, MethodMonitor, work_per_step
 from rne.simulation.plant import Plant
-from rne.simulation.solver import Steps
-from rne.simulation.watch import CHECKED, Watch, work_per_step
 
 from .helpers import kept
+from .random_robots import straight_chain
 from .test_compiled_motions import interpreted
 
 pytest.importorskip("numba", reason="Numba is not installed")
@@ -116,22 +117,21 @@ def test_rodas5p_is_refused_where_it_cannot_run(two):
 
 
 class Linear:
-    """What a Watch asks of a plant: modes that may change, and the work of its methods."""
+    """What a MethodMonitor asks of a plant: modes that may change, and the work of its methods."""
 
-    is_compiled, is_conservative, held = True, False, np.zeros(2)
+    is_compiled, is_conservative, sticks, sampled, counted = True, False, False, np.zeros(2), 4
     robot = SimpleNamespace(n=2)
     kernel = SimpleNamespace(operations={"multiply": 500})
-    residual = SimpleNamespace(slopes_in_time=SimpleNamespace(operations={"multiply": 500}, is_unrolled=True))
-    rhs = SimpleNamespace(size=4, residual=residual, friction=None)
+    slopes = SimpleNamespace(operations={"multiply": 500}, is_unrolled=True)
     fastest = 1.0
 
-    def jacobian(self, t, x):
+    def linearised(self, t, x):
         return np.diag([-self.fastest, -1.0, -1.0, -1.0])
 
 
 def watched(start="DOP853", hold=None):
     plant = Linear()
-    watch = Watch(plant, hold, start, 100.0, may_change=True)
+    watch = MethodMonitor(plant, hold, start, 100.0, may_change=True)
 
     def walk(h, count):
         """Steps of length h, at most so many, until the method changes; the method."""
@@ -187,7 +187,7 @@ def test_longer_steps_of_an_explicit_method_must_be_worth_a_change():
 def test_steps_that_cost_little_are_looked_at_less_often(compiled, conservative, looks):
     plant = Linear()
     plant.is_compiled, plant.is_conservative = compiled, conservative
-    assert Watch(plant, None, "DOP853", 100.0).steps_to_look == looks * CHECKED
+    assert MethodMonitor(plant, None, "DOP853", 100.0).steps_to_look == looks * CHECKED
 
 
 @pytest.mark.parametrize(("traced", "fast_enough", "too_fast"), [(None, 2e4, 4e4), (True, 1e5, 2e5)])
@@ -203,9 +203,9 @@ def test_between_samples_the_decay_until_the_next_one_counts(traced, fast_enough
 def test_blocks_of_any_number_of_steps_are_the_same_steps(pair):
     solvers, times = [], []
     for most in (1, 100):
-        plant = Plant(rne.Scene(pair[1], controller=of_time).right_hand_side, None)
-        solvers.append(compiled.RosenbrockSolver(1e-6, 1e-9, plant))
-        solvers[-1].start(plant, 0.0, np.array([0.5, 0.2, 0, 1.0]), 0.1)
+        plant = Plant(rne.Scene(pair[1], controller=of_time).dynamics, pair[1])
+        solvers.append(compiled_methods.RosenbrockSolver(1e-6, 1e-9, plant, plant.slopes, 2))
+        solvers[-1].start(plant, 0.0, np.array([0.5, 0.2, 0, 1.0, 0]), 0.1)
         times.append([0.0])
         while solvers[-1].is_running:
             times[-1].extend(solvers[-1].steps(most).T[1:])
@@ -215,24 +215,24 @@ def test_blocks_of_any_number_of_steps_are_the_same_steps(pair):
 
 def test_the_first_step_is_a_part_of_the_time_that_is_left(pair):
     """However much has passed before."""
-    plant, lengths = Plant(rne.Scene(pair[1]).right_hand_side, None), []
+    plant, lengths = Plant(rne.Scene(pair[1]).dynamics, pair[1]), []
     for begin in (0.0, 1e3):
-        solver = compiled.RosenbrockSolver(1e-6, 1e-9, plant)
+        solver = compiled_methods.RosenbrockSolver(1e-6, 1e-9, plant, plant.slopes, 2)
         solver.start(plant, begin, np.array([0.5, 0.2, 0, 1.0]), begin + 0.1)
         lengths.append(np.diff(solver.steps(1).T)[0])
-    assert lengths[0] == pytest.approx(0.1 * compiled.FIRST)
+    assert lengths[0] == pytest.approx(0.1 * compiled_methods.FIRST)
     assert lengths[1] == pytest.approx(lengths[0], rel=1e-5)  # rounding of the time
 
 
 def test_evaluations_are_calls_and_one_per_component_of_the_state_for_each_jacobian(pair, monkeypatch):
-    counts, run = [], compiled.take_stiff_steps
+    counts, run = [], compiled_methods.take_stiff_steps
 
     def noted(*arguments):
         taken = run(*arguments)
         counts.append(arguments[-2])
         return taken
 
-    monkeypatch.setattr(compiled, "take_stiff_steps", noted)
+    monkeypatch.setattr(compiled_methods, "take_stiff_steps", noted)
     scene = rne.Scene(pair[1], controller=of_time)
     motion = rne.simulate(scene, [0.5, 0.2], [0, 1], 0.1, method="Rodas5P")
     calls, jacobians = np.sum(counts, axis=0)
@@ -271,13 +271,13 @@ def test_a_motion_that_nothing_damps_is_not_stiff_however_long(two):
 
 def methods_that_ran(patch):
     """Methods in the order in which the loop began with them."""
-    ran, make = [], loop._solver
+    ran, make = [], run._solver
 
-    def noted(system, plant, task, method, hold):
+    def noted(plant, task, method, hold):
         ran.append(method)
-        return make(system, plant, task, method, hold)
+        return make(plant, task, method, hold)
 
-    patch.setattr(loop, "_solver", noted)
+    patch.setattr(run, "_solver", noted)
     return ran
 
 

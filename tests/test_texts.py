@@ -7,7 +7,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from rne.basics.paths import output_file
+from rne.basics.arrays import output_file
 from rne.basics.text import Row, aligned, brief, brief_array, counted, listed, short, six_digits, summary, wrapped
 
 

@@ -6,9 +6,9 @@ import pytest
 import rne
 from examples.thesis import appendix_c
 from examples.thesis.experiments import wrong_height
-from examples.thesis.formulations import simulated
+from examples.thesis.formulations import irb140_mirrored, simulated
 from examples.thesis.loop_plots import inputs
-from rne.model.abb_irb140 import CLOSED_LOOPS, KD, KP, irb140_mirrored
+from rne.model.abb_irb140 import CLOSED_LOOPS, KD, KP
 
 from .helpers import EPS, kept
 

@@ -8,11 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rne
-from benchmarks.random_robots import random_tree
 from rne.basics.spatial import rotation_from_rpy, rpy_from_rotation
 from rne.model.solids import Box, Cylinder
 
 from .helpers import EPS, Oracle, each, kept, relative, states
+from .random_robots import random_tree
 from .test_urdf_errors import ARM, INERTIAL, LIMIT, joint, link, robot
 
 

@@ -8,8 +8,8 @@ import pytest
 
 import rne
 from rne.dynamics.precision import NEARLY_SINGULAR, SINGULAR, pivots_below
+from rne.dynamics.quantity import MethodQuantity
 from rne.model.builder import Part, assemble
-from rne.simulation.equations_of_motion import RightHandSide
 
 from .helpers import EPS, kept, states
 from .stability.motions import Top
@@ -196,15 +196,15 @@ def test_tracing_a_law_warns_of_nothing():
 
 def test_a_fast_motion_is_judged_at_its_samples_and_not_at_every_evaluation(monkeypatch):
     """A top at 3e4 rad/s: the recursion, which judges, runs once for all samples, not once per evaluation."""
-    runs, evaluate = [], RightHandSide.evaluate
+    runs, evaluate = [], MethodQuantity.evaluate
 
-    def counted(self, *arguments):
+    def counted(self, *arguments, **named):
         runs.append(1)
-        return evaluate(self, *arguments)
+        return evaluate(self, *arguments, **named)
 
     top = Top.of()
     rne.simulate(top.robot, [0, 0.6, 0], [0, 0, 1.0], 0.0)  # compiled here
-    monkeypatch.setattr(RightHandSide, "evaluate", counted)
+    monkeypatch.setattr(MethodQuantity, "evaluate", counted)
     motion = rne.simulate(top.robot, [0, 0.6, 0], top.steady(3e4, 0.6), 0.01, rtol=1e-9)
     assert motion.evaluations > 100
     assert len(runs) <= 1

@@ -19,7 +19,6 @@ import pytest
 from PIL import Image
 
 import rne
-from benchmarks.random_robots import random_tree
 from rne.__main__ import main
 from rne.model.abb_irb140 import LINKS
 from rne.plotting import viewer
@@ -29,6 +28,7 @@ from rne.plotting.viewer import FOV, aim, frame_times, placed
 from rne.plotting.viewer_scene import cylinder_of, ellipsoids, link_lines, simplified
 
 from .helpers import EPS
+from .random_robots import random_tree
 
 SINGLE = 1e-6  # of metres and quaternions in pages, which hold float32
 INERTIAL = '<inertial><mass value="2"/><inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>'

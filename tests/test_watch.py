@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import rne
-from benchmarks.random_robots import straight_chain
 from rne.model.builder import Part, assemble
 
 from .helpers import kept
+from .random_robots import straight_chain
 
 CHATTERING = list(itertools.product(["called", "traced", "dry"], ["auto", "LSODA", "RK45", "Radau"]))
 

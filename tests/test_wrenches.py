@@ -9,11 +9,11 @@ import pinocchio as pin
 import pytest
 
 import rne
-from benchmarks.random_robots import random_tree, straight_chain
 from rne.kernels import kernel as kernel_module
 from rne.kernels.trace import by_recursion
 
 from .helpers import EPS, kept, relative, states
+from .random_robots import random_tree, straight_chain
 
 FUNCTIONS = {
     "inverse_dynamics": (rne.dynamics.inverse_dynamics, 3),

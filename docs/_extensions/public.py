@@ -40,10 +40,9 @@ INTERNAL = {
     "Model.joint_origin",
     "Model.linear_axis",
     "Model.moments",
-    "Scene.current_right_hand_side",
+    "Robot.with_model",
+    "Scene.dynamics",
     "Scene.resolved",
-    "Scene.right_hand_side",
-    "Scene.right_hand_side_with_energies",
 }
 
 # The head of a class's page lists its methods and properties by these groups; what is in none comes last.

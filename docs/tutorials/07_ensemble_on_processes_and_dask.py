@@ -99,10 +99,10 @@ if __name__ == "__main__":
 # %%
 # The answer
 # ----------
-# ``rne.plotting.fan`` draws the bands between quantiles of the joints' positions.
+# ``rne.plotting.quantile_plot`` draws the bands between quantiles of the joints' positions.
 
 if __name__ == "__main__":
-    fan = rne.plotting.fan(
+    figure = rne.plotting.quantile_plot(
         falls, ["shoulder_lift_joint", "elbow_joint", "wrist_1_joint"]
     )
 

@@ -96,7 +96,7 @@ error = runs.q[-1] - path(1.2)[0]  # motions, joints
 spread = error.std(axis=0)
 print("left of the swing after 0.4 s at rest [mrad], rms:", (1e3 * spread).round(2))
 
-figure = rne.plotting.fan(runs, of="tau")
+figure = rne.plotting.quantile_plot(runs, of="tau")
 
 # %%
 # What is left after the swing is the weight that the controller does not know of,

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 import rne
-from rne.plotting.html_page import column, lines, log_axis
+from rne.plotting.html_page import log_axis
 from rne.plotting.plots import BELOW
 
 from .closed_loop import lyapunov
@@ -14,6 +14,7 @@ from .experiments import SAMPLE_TIMES, SOLVERS, Timed, levels, wrong_height
 from .formulations import Motion, Pair
 from .loop_plots import FLOOR, JOINTS, log_lines
 from .numbered_figures import DASHED
+from .panels import column, lines
 
 
 def plot_holding(runs: Sequence[rne.Trajectory]) -> Any:

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,7 +11,7 @@ from scipy.integrate import solve_ivp
 
 import rne
 from rne.commands.pages import settling_time
-from rne.model.abb_irb140 import CLOSED_LOOPS, KD, KP, irb140_mirrored
+from rne.model.abb_irb140 import CLOSED_LOOPS, KD, KP
 
 PI = np.pi
 REST = np.zeros(6)
@@ -29,6 +30,22 @@ TABLE = {
     "6.5-2": ((32 * 60.0, 5.0), (18 * 3600.0, 2.3)),
     "6.5-3": ((27 * 60.0, 5.0), (18 * 3600.0, 2.3)),
 }
+
+
+def irb140_mirrored() -> rne.Model:
+    """The arm with positive q3 in the opposite direction, as in the thesis's Euler-Lagrange model, chapter 7.
+
+    The axis of joint_3 is reversed: its pose at q is that of `irb140` at (q1, q2, -q3, q4, q5, q6).
+    """
+    arm = rne.irb140()
+    return replace(
+        arm,
+        name="irb140_mirrored",
+        axis=arm.axis * MIRROR[:, None] + 0.0,  # no negative zeros
+        lower=np.minimum(MIRROR * arm.lower, MIRROR * arm.upper),
+        upper=np.maximum(MIRROR * arm.lower, MIRROR * arm.upper),
+        notes=dict(arm.notes) | {"joint_3": f"The axis is reversed: positive q3 the other way. {arm.notes['joint_3']}"},
+    )
 
 
 class Motion(NamedTuple):

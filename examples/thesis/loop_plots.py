@@ -9,8 +9,10 @@ from numpy.typing import ArrayLike
 import rne
 from rne.commands.pages import SETTLED
 from rne.model.abb_irb140 import KD, KP
-from rne.plotting.html_page import column, lines, log_axis
+from rne.plotting.html_page import log_axis
 from rne.plotting.plots import BELOW
+
+from .panels import column, lines
 
 JOINTS = tuple(f"joint_{k}" for k in range(1, 7))
 FIRST = 0.02  # [s], in which the wrist's torques fall from their peak

@@ -5,7 +5,7 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
-from rne.plotting.html_page import Block, Report, is_heading
+from rne.plotting.html_page import PageBlock, Report, is_heading
 
 
 def write_markdown(page: Report, path: Path) -> None:
@@ -19,7 +19,7 @@ def write_markdown(page: Report, path: Path) -> None:
         shutil.copy(page.folder / f"{name}.png", path.parent / "pictures")
 
 
-def _markdown(block: Block) -> str:
+def _markdown(block: PageBlock) -> str:
     tag, content = block
     if tag == "picture":
         name, caption = content

@@ -6,11 +6,11 @@ import numpy as np
 
 import rne
 from rne.model.abb_irb140 import CLOSED_LOOPS
-from rne.plotting.html_page import column, lines
 from rne.plotting.plots import BELOW
 
 from .formulations import Pair, SameNumbers
 from .loop_plots import FLOOR, GRAVITY, JOINTS, REFERENCE, log_lines, plot_each_joint, plot_loop_inputs
+from .panels import column, lines
 
 NOTHING = 1e-14  # [rad], some roundings
 APART = 4.0  # times larger than the others: a joint gets a panel of its own

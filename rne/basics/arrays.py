@@ -1,12 +1,14 @@
-"""Checks of numbers and arrays given by a user: an error names the argument, what was expected and what was given."""
+"""Checks of numbers, arrays and paths given by a user: errors name the argument, what was expected and what came."""
 
 from __future__ import annotations
 
 import inspect
+import os
 import re
 from collections.abc import Callable
 from math import isfinite
 from numbers import Number
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -17,6 +19,7 @@ from .spatial import Array
 FULL_TURN = 6.3  # rad
 Sign = Literal["any", "not negative", "positive"]
 UNBOUNDED = 1e300  # in place of infinity, which a kernel does not hold
+TIME_ROUNDING = 1e-12  # of the last time: by rounding, a solver's last step and its stages lie so far beyond it
 
 
 def real_array(name: str, value: ArrayLike, shape: str) -> Array:
@@ -77,6 +80,21 @@ def check_function(name: str, function: Any, arguments: str) -> None:
         signature.bind(*arguments[: arguments.index(")")].split(","))
     except TypeError:
         raise TypeError(f"`{name}` must be a function of {arguments}, got one of {signature}") from None
+
+
+def output_file(path: str | os.PathLike[str], *suffixes: str) -> Path:
+    """The path of a file in an existing folder, with one of the endings if any are given.
+
+    The first ending is the one that an error names.
+    """
+    if not isinstance(path, str | os.PathLike):
+        raise TypeError(f"`path` must be a str or path-like, got {type(path).__name__}")
+    file = Path(path)
+    if suffixes and file.suffix.lower() not in suffixes:
+        raise ValueError(f"`path` must end in {suffixes[0]}, got {file.name!r}")
+    if not file.parent.is_dir():
+        raise FileNotFoundError(f"`path` must be in an existing folder, got {str(file)!r}")
+    return file
 
 
 def number_array(name: str, value: ArrayLike, shape: str) -> Array:

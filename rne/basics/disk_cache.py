@@ -25,7 +25,7 @@ DIGEST = hashlib.sha256
 
 
 def folder() -> Path | None:
-    """Where object code is kept; None if nowhere."""
+    """Folder of the object code; None if it is not kept."""
     named = os.environ.get("RNE_CACHE")
     if named is not None:
         return Path(named).expanduser() if named else None
@@ -37,7 +37,7 @@ def folder() -> Path | None:
 
 
 def key(*parts: str) -> str:
-    """The name of what these parts describe."""
+    """Name of the file for a description in several parts."""
     digest = DIGEST()
     for part in parts:
         digest.update(f"{len(part)} {part}".encode())
@@ -45,7 +45,7 @@ def key(*parts: str) -> str:
 
 
 def read(name: str) -> bytes | None:
-    """What was kept under a name; None if there is nothing, or nothing to be trusted."""
+    """Object code kept under a name; None if there is none, or none to be trusted."""
     place = folder()
     if place is None:
         return None
@@ -97,7 +97,7 @@ def entries(place: Path) -> Iterator[tuple[Path, os.stat_result]]:
 
 
 def clear() -> int:
-    """Remove all; how many files."""
+    """Remove all files, and return how many there were."""
     place, count = folder(), 0
     for path, _ in entries(place) if place is not None else ():
         path.unlink(missing_ok=True)

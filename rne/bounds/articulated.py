@@ -1,4 +1,4 @@
-"""The least eigenvalue of M of a serial chain: pivots of M - P / t by articulated inertias over boxes of positions.
+"""Least eigenvalue of M of a serial chain: pivots of M - P / t by articulated inertias over boxes of positions.
 
 From the tip to the base, each pivot depends on the joints behind it alone (Featherstone 2008, 7.3). What a joint passes
 on is concave and monotone in the inertia behind it, and of degree 2 in its own angle. Over a range of the angle it is
@@ -15,7 +15,7 @@ import numpy as np
 from ..basics.spatial import Array, cross_matrix
 from ..dynamics.kinematics import joint_transforms
 from .criteria import ROUNDING, LargestOfInverse
-from .polynomials import Box
+from .polynomials import PositionBox
 
 I, J = np.triu_indices(6)
 UNITS = np.zeros((21, 6, 6))  # of symmetric matrices
@@ -23,11 +23,11 @@ UNITS[range(21), I, J] = UNITS[range(21), J, I] = 1
 DIAGONAL = I == J
 NODES = np.linspace(-1, 1, 5)
 WIDEST = 2 * np.pi / 3  # range of an angle
-PARTS = 8
+PARTS = 8  # of the second joint's range
 HALVINGS = 20  # of each part
-LEAVES = 15_000
-OF_LEAF = 1200  # operations
-NARROWEST = 1e-7
+LEAVES = 15_000  # that are computed at once
+OF_LEAF = 1200  # operations for each
+NARROWEST = 1e-7  # half width of a box in x: what fails in a narrower one is taken as a value
 FINE = 1000  # steps of the second joint where a box gets too narrow
 SHARE = 0.5  # of P / t that is taken from M where its curvature is judged
 
@@ -43,13 +43,13 @@ HALVES = np.stack([FROM_NODES @ bernstein((NODES + side) / 2) for side in (-1, 1
 
 
 def functions(x: Array, turns: bool) -> Array:
-    """What coefficients belong to: 1, cos x, sin x, cos 2 x, sin 2 x or powers, shape (..., 5)."""
+    """Basis functions of a joint, shape (..., 5): 1, cos x, sin x, cos 2 x, sin 2 x of an angle, otherwise powers."""
     harmonics = [np.cos(x), np.sin(x), np.cos(2 * x), np.sin(2 * x)] if turns else [x, x**2, x**3, x**4]
     return np.stack([np.ones_like(x), *harmonics], axis=-1)
 
 
 def control_points(lower: Array, upper: Array, turns: bool) -> tuple[Array, Array]:
-    """Of the functions over ranges: control points times weights, shape (..., 5, 5), and positive weights (..., 5).
+    """Control points of the basis functions over ranges, times their positive weights (..., 5, 5), and these (..., 5).
 
     With x = middle + 2 atan(y tan(half / 2)), -1 <= y <= 1, the functions times (1 + y^2 tan(half / 2)^2)^2 are
     polynomials of degree 4 in y.
@@ -62,11 +62,11 @@ def control_points(lower: Array, upper: Array, turns: bool) -> tuple[Array, Arra
 
 
 class ArticulatedSearch:
-    """Boxes of positions that are not proven yet, for `branch_and_bound.largest`."""
+    """Search over boxes of positions of a serial chain, which are halved until the target is proven for all."""
 
     first, step, exponent, patience = 0.25, 0.2, 0.25, 0.9  # the work hardly depends on the target
 
-    def __init__(self, criterion: LargestOfInverse, box: Box, q: Array, target: float, clock: Any) -> None:
+    def __init__(self, criterion: LargestOfInverse, box: PositionBox, q: Array, target: float, clock: Any) -> None:
         self.criterion, self.box, self.target, self.clock = criterion, box, target, clock
         self.higher: Array | None = None
         self.began = clock.now()
@@ -117,16 +117,19 @@ class ArticulatedSearch:
         return True
 
     def holds(self, cells: Array) -> tuple[Array, Array]:
-        """Whether the pivots of each leaf are positive, shape (boxes, leaves), and where the second joint is worst."""
+        """True for leaves whose pivots are positive, (boxes, leaves), and the second joint's worst positions (boxes,).
+
+        A leaf is one choice of a control point for each joint behind the second.
+        """
         (lower, upper), boxes = np.moveaxis(cells, 2, 0), len(cells)
-        S, sound = np.tile(self.bodies[-1][:, None], (boxes, 1, 1)), np.ones((boxes, 1), dtype=bool)
+        S, valid = np.tile(self.bodies[-1][:, None], (boxes, 1, 1)), np.ones((boxes, 1), dtype=bool)
         size = abs(S).max(axis=1)
         for i in reversed(range(1, len(self.axes))):
             u = self.columns[i].T @ S
             pivot = self.axes[i] @ u + self.rotors[i]
             size = abs(S).max(axis=1) + abs(self.rotors[i])
             positive = pivot > ROUNDING * size
-            sound, inverse = sound & positive, 1 / np.where(positive, pivot, np.inf)
+            valid, inverse = valid & positive, 1 / np.where(positive, pivot, np.inf)
             size += (u * u).sum(axis=1) * inverse * (1 + size * inverse)
             S = S - (u * inverse[:, None])[:, I] * u[:, J]
             if i > 1:
@@ -136,22 +139,22 @@ class ArticulatedSearch:
                 S = (passed @ S).reshape(boxes, 21, -1) + self.bodies[i - 1][:, None]
                 size = abs(points).max() * abs(self.passed[i]).sum(axis=(0, 1)).max() * size
                 S[:, DIAGONAL] -= ROUNDING * np.tile(size, 5)[:, None]
-                sound = np.tile(sound, 5)
+                valid = np.tile(valid, 5)
         first = (self.bodies[0] @ self.columns[0]) @ self.axes[0] + self.rotors[0]
         P, size = np.zeros((boxes, 5, 1)), size + abs(first) + abs(self.rotors[0])
         if len(self.axes) > 1:
             P, size = self.passed[1][..., 0] @ S, size * (1 + abs(self.passed[1]).sum())
         P[:, 0] += first - ROUNDING * size
         k = min(1, len(self.axes) - 1)
-        return self.are_positive(P, sound, lower[:, k], upper[:, k], bool(self.turns[k]))
+        return self.are_positive(P, valid, lower[:, k], upper[:, k], bool(self.turns[k]))
 
-    def are_positive(self, P: Array, sound: Array, lower: Array, upper: Array, turns: bool) -> tuple[Array, Array]:
-        """Whether polynomials of coefficients P, shape (boxes, 5, leaves), are positive, until one of a box is not."""
+    def are_positive(self, P: Array, valid: Array, lower: Array, upper: Array, turns: bool) -> tuple[Array, Array]:
+        """True for polynomials of coefficients P (boxes, 5, leaves) that are positive, until one of a box is not."""
         edges = np.linspace(lower, upper, PARTS + 1, axis=-1)
         points = control_points(edges[:, :-1], edges[:, 1:], turns)[0].swapaxes(1, 2).reshape(len(P), -1, 5)
         v = (points @ P).reshape(len(P), 5, PARTS, -1)
-        negative = (v[:, [0, 4]].min(axis=1) <= 0) & sound[:, None]  # the ends of a range are values
-        worst, holds = negative.sum(axis=2), sound & ~negative.any(axis=1)
+        negative = (v[:, [0, 4]].min(axis=1) <= 0) & valid[:, None]  # the ends of a range are values
+        worst, holds = negative.sum(axis=2), valid & ~negative.any(axis=1)
         box, part, leaf = np.nonzero((v.min(axis=1) <= 0) & holds.all(axis=1)[:, None, None])
         v = v[box, :, part, leaf].T
         for _ in range(HALVINGS):
@@ -166,7 +169,7 @@ class ArticulatedSearch:
         return holds, (edges[range(len(P)), k] + edges[range(len(P)), k + 1]) / 2
 
     def halved(self, cells: Array, fails: Array, place: Array) -> Array:
-        """Halves across the joint along which M is curved most, relative to M - P / 2 t, about where leaves fail."""
+        """Halves of boxes, cut where M is curved most relative to M - P / (2 t), seen from where leaves fail."""
         n = len(self.axes)
         x, radius = cells.mean(axis=2), (cells[..., 1] - cells[..., 0]) / 2
         x[:, min(1, n - 1)] = place
@@ -196,7 +199,7 @@ class ArticulatedSearch:
         return halves.reshape(-1, n, 2)
 
 
-def applies(criterion: Any, box: Box) -> bool:
-    """Whether it is the least eigenvalue of a chain: each joint is mounted on the one before and mimics none."""
+def applies(criterion: Any, box: PositionBox) -> bool:
+    """True for the least eigenvalue of a serial chain: each joint is mounted on the one before and mimics none."""
     least = isinstance(criterion, LargestOfInverse) and np.diag(criterion.projection).all()
     return bool(least and not box.model.has_mimics and box.model.parent == tuple(range(-1, box.model.nb - 1)))

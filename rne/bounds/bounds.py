@@ -1,4 +1,4 @@
-"""The constants of a robot that stability theorems take as known: computed with proof, beside the values attained."""
+"""Constants of a robot that stability theorems assume, computed with proof beside the values attained."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from ..dynamics.lagrange import christoffel
 from ..kernels.cache import KernelCache
 from ..model.model import Model
 from ..model.modify import with_payload
-from .branch_and_bound import Clock, Extreme, largest
+from .branch_and_bound import Clock, ProvenMaximum, largest
 from .criteria import ROUNDING, Coriolis, LargestOfInverse, Modulus, Norm, Torque
 from .gravity import gravity_torques_of_full_turns
-from .polynomials import Box, Polynomial, box_argument, independent, polynomial
+from .polynomials import Polynomial, PositionBox, box_argument, independent, polynomial
 
 QUANTITIES = ("gravity_torque", "gravity_stiffness", "mass_matrix", "mass_eigenvalues", "coriolis", "torque")
-SAMPLES = 500
+SAMPLES = 500  # random positions, over which M is averaged to scale slacks
 
 
 @dataclass(frozen=True)
@@ -33,14 +33,14 @@ class Bound(InNotebooks):
     Attributes
     ----------
     lower, upper : ndarray
-        Proven, rounding included: 0 and infinity where nothing is. Entries that are identically zero are 0 and what
-        rounding leaves of them.
+        Proven bounds, rounding included; 0 and infinity where nothing is proven. Of an entry that vanishes everywhere,
+        0 and a bound of its rounding error.
     attained : ndarray
-        The value at `q`, found by search, from `lower` to `upper`; 0 where it may be rounding.
+        The extreme value that a search found; 0 where it is within the rounding error.
     q : ndarray, shape (..., n)
-        Where it is attained [rad or m].
+        Positions at which it is attained [rad or m].
     tolerance : float
-        That was asked for.
+        Relative gap that was asked for.
 
     Examples
     --------
@@ -72,7 +72,7 @@ class Bound(InNotebooks):
 
 @dataclass(frozen=True)
 class Bounds(InNotebooks):
-    """Constants of a robot with proof, as found by `Robot.bounds`. What was not asked for is None.
+    """Constants of a robot with proof, as found by `Robot.bounds`; those not asked for are None.
 
     Attributes
     ----------
@@ -87,8 +87,8 @@ class Bounds(InNotebooks):
     coriolis : Bound, shape ()
         k_C, the largest \\|C(q, v) w\\| of unit vectors v and w.
     torque : Bound, shape (n,)
-        The largest \\|tau_i\\| within the rates and accelerations [N m or N]; what is attained is found by local
-        searches over positions, rates and accelerations.
+        The largest \\|tau_i\\| within the rates and accelerations; values attained are found by local searches over
+        positions, rates and accelerations [N m or N].
     joint_names : tuple of str
     lower, upper : ndarray, shape (n,)
         The positions considered [rad or m].
@@ -97,7 +97,7 @@ class Bounds(InNotebooks):
     models : tuple of Model
         The robot's, or those at the ends of ranges of masses.
     stopped : str
-        Which proofs `seconds` stopped, printed below the table; empty where none.
+        The proofs that `seconds` stopped, in words, printed below the table; empty if none.
 
     Examples
     --------
@@ -138,7 +138,7 @@ class Bounds(InNotebooks):
     __repr__ = __str__
 
     def _entries(self) -> Iterator[tuple[Bound, str, Any, bool]]:
-        """Bound, what it is, its place in the arrays, and whether it bounds from below."""
+        """Each bound with its name, its index in the arrays, and True if it bounds from below."""
         names = [short(name) for name in self.joint_names]
         scalars = {"gravity_stiffness": "norm of dg/dq", "coriolis": "|C(q, v) w| of unit v and w"}
         for quantity in QUANTITIES:
@@ -170,7 +170,7 @@ def robot_bounds(
     seconds: float | None,
     quantities: Sequence[str] | None,
 ) -> Bounds:
-    """`Robot.bounds` of the robot of a kernel cache."""
+    """Implementation of `Robot.bounds` for the model of a kernel cache."""
     model = cache.model
     if not model.n:
         raise ValueError(f"bounds need a robot that moves, {model.name!r} has no joints")
@@ -196,7 +196,7 @@ def robot_bounds(
     for name in chosen:
         per_model = []
         for c in caches:
-            clock, terms = Clock(seconds / len(caches)), Terms(c, replace(box, model=c.model))
+            clock, terms = Clock(seconds / len(caches)), RobotPolynomials(c, replace(box, model=c.model))
             per_model.append(bound_of(terms, name, speeds, changes, tolerance, budget / len(caches), clock))
             if clock.stopped:
                 stopped.append(f"{name} after {clock.work:.2g} of {budget / len(caches):.4g} of the budget")
@@ -215,10 +215,10 @@ def robot_bounds(
 def corners_of_masses(
     model: Model, payload: tuple[float, float] | None, masses: Mapping[str, tuple[float, float]] | None
 ) -> list[Model]:
-    """The models at the corners of ranges of masses; none without ranges.
+    """Models at the corners of the ranges of masses; none without ranges.
 
-    M, g and C are linear in the masses, and what is bounded is convex in these matrices (the least eigenvalue of M is
-    concave): the extremes are at the corners.
+    M, g and C are linear in the masses, and the quantities are convex in these matrices (the least eigenvalue of M is
+    concave), so that their extremes are at the corners.
     """
     if not isinstance(masses, Mapping | None):
         example = f"{{{model.link_names[-1]!r}: (1.0, 2.0)}}"
@@ -247,7 +247,7 @@ def corners_of_masses(
 
 
 def mass_range(name: str, ends: Any) -> tuple[float, float]:
-    """Two masses in order."""
+    """The least and the largest mass of a range, checked."""
     low, high = real_array(name, ends, "(2,)").tolist() if np.shape(ends) == (2,) else (1.0, 0.0)
     if not 0 <= low <= high:
         raise ValueError(f"`{name}` must be the least and the largest mass in kg, got {ends!r}")
@@ -255,7 +255,7 @@ def mass_range(name: str, ends: Any) -> tuple[float, float]:
 
 
 def extremes(bounds: Sequence[Bound], least: bool) -> Bound:
-    """The largest of each entry; of eigenvalues the first entry is the least."""
+    """Bounds of several models together: the largest of each entry, and the least of the first eigenvalue."""
     sign = np.array([-1.0, 1.0]) if least else 1.0
     lower, upper, attained = (np.array([getattr(b, x) for b in bounds]) for x in ("lower", "upper", "attained"))
     k = (sign * attained).argmax(axis=0)
@@ -264,17 +264,17 @@ def extremes(bounds: Sequence[Bound], least: bool) -> Bound:
     return Bound(lower, upper, attained, q, bounds[0].tolerance)
 
 
-class Terms:
-    """The polynomials of one model on a box."""
+class RobotPolynomials:
+    """M, g and their derivatives of one model as polynomials on a box of positions."""
 
-    def __init__(self, cache: KernelCache, box: Box) -> None:
+    def __init__(self, cache: KernelCache, box: PositionBox) -> None:
         model = cache.model
         self.box = box
         self.free = KernelCache(independent(model), cache.engine) if model.has_mimics else cache
         self.samples = np.random.default_rng(4).uniform(box.lower, box.upper, (SAMPLES, model.n))
 
-    def of(self, function: Any, degree: int, *wrt: str) -> Polynomial:
-        """A quantity of joints as one of coordinates: each index by G of q_joints = G q + offset."""
+    def polynomial(self, function: Any, degree: int, *wrt: str) -> Polynomial:
+        """Polynomial of a quantity in the coordinates; indices of joints are mapped by G, q_joints = G q + offset."""
 
         def reduced(x: Array, G: Array) -> Array:
             for axis in range(1, x.ndim if self.box.model.has_mimics else 1):
@@ -285,9 +285,15 @@ class Terms:
 
 
 def bound_of(
-    terms: Terms, name: str, rates: Array, accelerations: Array, tolerance: float, budget: float, clock: Clock
+    terms: RobotPolynomials,
+    name: str,
+    rates: Array,
+    accelerations: Array,
+    tolerance: float,
+    budget: float,
+    clock: Clock,
 ) -> Bound:
-    """The bound of one quantity of one model; the budget is shared by its entries."""
+    """Bound of one quantity of one model, whose entries share the budget."""
     box, n = terms.box, terms.box.model.n
     end = clock.now() + budget
 
@@ -295,18 +301,18 @@ def bound_of(
         return as_bound(largest(criteria, box, tolerance, end, clock, uppers), shape, tolerance)
 
     if name == "gravity_torque":
-        g = terms.of(dynamics.gravity_torque, 1)
+        g = terms.polynomial(dynamics.gravity_torque, 1)
         uppers = None if box.model.has_mimics else gravity_torques_of_full_turns(box.model).tolist()
         return proven([Modulus(entry(g, k)) for k in range(n)], n, uppers=uppers)
     if name == "gravity_stiffness":
-        return proven([Norm(terms.of(dynamics.gravity_torque, 1, "q"))])
+        return proven([Norm(terms.polynomial(dynamics.gravity_torque, 1, "q"))])
     if name == "coriolis":
-        dM = terms.of(dynamics.mass_matrix, 2, "q")
+        dM = terms.polynomial(dynamics.mass_matrix, 2, "q")
         c = dM.mapped(christoffel, 1.5 * np.full_like(dM.terms, dM.terms.max(initial=0.0)))
         return proven([Coriolis(c)])
     if name == "torque":
         return proven(torque_criteria(terms, rates, accelerations), n)
-    M = terms.of(dynamics.mass_matrix, 2)
+    M = terms.polynomial(dynamics.mass_matrix, 2)
     if name == "mass_matrix":
         i, j = np.triu_indices(n)
         place = np.zeros((n, n), dtype=int)
@@ -320,29 +326,30 @@ def bound_of(
     return as_bound([least_eigenvalue(M, low), high], (2,), tolerance)
 
 
-def least_eigenvalue(M: Polynomial, inverse: Extreme) -> Extreme:
-    """From the largest of M^-1: at its position x^T M x is at least the least eigenvalue for every unit vector x.
+def least_eigenvalue(M: Polynomial, inverse: ProvenMaximum) -> ProvenMaximum:
+    """Least eigenvalue of M from the largest one of M^-1.
 
-    The rounding of entries bounds that of x^T M x, far below that of the largest eigenvalue where masses differ widely.
+    At the position found, x^T M x is at least the least eigenvalue for every unit vector x. Its rounding error follows
+    from those of M's entries, and is far below that of the largest eigenvalue where masses differ widely.
     """
     A = M.evaluate(inverse.q[None])[0]
     x = np.hstack([np.linalg.eigh(A)[1], np.eye(len(A))])
     value, error = (np.einsum("ik,ij,jk->k", y, B, y) for y, B in ((x, A), (abs(x), ROUNDING * M.terms)))
     k, lower = (value + error).argmin(), 1 / inverse.upper
     attained = max(value[k] if value[k] > error[k] else 0.0, lower)
-    return Extreme(lower, max(value[k] + error[k], attained), attained, inverse.q)
+    return ProvenMaximum(lower, max(value[k] + error[k], attained), attained, inverse.q)
 
 
 def entry(polynomial: Polynomial, *place: int) -> Polynomial:
-    """One entry of the array, as a vector of one."""
+    """One entry of a polynomial array, as a vector of length one."""
     return polynomial.mapped(lambda x: x[(slice(None), *place, None)])
 
 
-def torque_criteria(terms: Terms, rates: Array, accelerations: Array) -> list[Torque]:
-    """Of each joint k, from g_k, M_k and c_ij = (dM_kj/dq_i + dM_ki/dq_j - dM_ij/dq_k) / 2."""
+def torque_criteria(terms: RobotPolynomials, rates: Array, accelerations: Array) -> list[Torque]:
+    """Torque criterion of each joint k, from g_k, row M_k and c_ij = (dM_kj/dq_i + dM_ki/dq_j - dM_ij/dq_k) / 2."""
     i, j = np.triu_indices(len(rates))
-    g, M = terms.of(dynamics.gravity_torque, 1), terms.of(dynamics.mass_matrix, 2)
-    dM = terms.of(dynamics.mass_matrix, 2, "q")
+    g, M = terms.polynomial(dynamics.gravity_torque, 1), terms.polynomial(dynamics.mass_matrix, 2)
+    dM = terms.polynomial(dynamics.mass_matrix, 2, "q")
     alone = not M.frequency[:, 0].any() and not dM.frequency[:, 0].any() and abs(g.frequency[:, 0]).max() == 1
     is_searched = not (alone and terms.box.circle[0])  # q_1; then g stands for itself, and a, b, c = g, 0, 0
 
@@ -362,7 +369,7 @@ def torque_criteria(terms: Terms, rates: Array, accelerations: Array) -> list[To
 
 
 def about_first_angle(g: Polynomial) -> Polynomial:
-    """Gravity's torque as `Torque` takes it over full turns of q_1: g, and a, b, c of a + b cos q_1 + c sin q_1."""
+    """Gravity torque for `Torque` over full turns of q_1: g, then a, b and c of g = a + b cos q_1 + c sin q_1."""
 
     def evaluate(q: Array) -> Array:
         first = np.arange(q.shape[1]) == 0
@@ -379,17 +386,17 @@ def about_first_angle(g: Polynomial) -> Polynomial:
 
 
 def inertia_extremes(
-    models: Sequence[Model], box: Box, engine: str, scale: Array, tolerance: float, budget: float
-) -> list[Extreme]:
-    """The largest eigenvalue of D M D, D = diag(scale), and each diagonal entry of M^-1, of models and mixtures.
+    models: Sequence[Model], box: PositionBox, engine: str, scale: Array, tolerance: float, budget: float
+) -> list[ProvenMaximum]:
+    """Largest eigenvalue of D M D, D = diag(scale), and diagonal entries of M^-1, over models and their mixtures.
 
-    All are convex in M, so that the models suffice. They share the budget.
+    These are convex in M, so that the models suffice. All share the budget.
     """
     found, clock = [], Clock()
     for model in models:
         own, n = replace(box, model=model), len(scale)
-        terms = Terms(KernelCache(model, engine), own)
-        M = terms.of(dynamics.mass_matrix, 2)
+        terms = RobotPolynomials(KernelCache(model, engine), own)
+        M = terms.polynomial(dynamics.mass_matrix, 2)
         inverses = [LargestOfInverse(M, terms.samples, np.outer(e, e)) for e in np.eye(n)]
         scaled = M.mapped(lambda x: x * np.outer(scale, scale), scale.max() ** 2)
         criteria = [Norm(scaled, positive=True), *inverses]
@@ -399,7 +406,7 @@ def inertia_extremes(
     return [extreme._replace(upper=upper) for extreme, upper in zip(most, uppers, strict=True)]
 
 
-def as_bound(found: Sequence[Extreme], shape: tuple[int, ...], tolerance: float) -> Bound:
-    """Arrays of the entries."""
+def as_bound(found: Sequence[ProvenMaximum], shape: tuple[int, ...], tolerance: float) -> Bound:
+    """Bound with arrays of a shape, from its proven entries."""
     lower, upper, attained = (np.array(x).reshape(shape) for x in list(zip(*found, strict=True))[:3])
     return Bound(lower, upper, attained, np.array([e.q for e in found]).reshape(*shape, -1), tolerance)

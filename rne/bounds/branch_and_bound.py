@@ -20,15 +20,15 @@ from ..basics.spatial import Array
 from .articulated import ArticulatedSearch, applies
 from .criteria import ROUNDING, Criterion
 from .grids import groups, ratio_on_grid
-from .polynomials import Box
+from .polynomials import PositionBox
 
 BLOCK = 8192  # positions that are tested at once
 DENSE = 2**27  # corners of a whole grid that are held as a table of bytes
 MOST_CORNERS = 10**8  # of all cells, shared ones counted for each
 SMALL = 1e-14  # of the sum of modes: what leaving a coordinate out may cost
-FEW = 512
+FEW = 512  # random positions that are tested before the corners: if none passes, cells are too large
 CLIMB = 1e-12  # least relative gain of a step
-STARTS, SAMPLES = 6, 1000
+STARTS, SAMPLES = 6, 1000  # of a search: the best of so many random positions
 WORTH_GRIDS = 1e5  # corners expected, from which grids are used
 LITTLE = 0.1  # share of a curvature below which a group of modes gets no grid
 CLOSE = 1.4  # times the tolerance: smaller fractions are searched at the tolerance itself
@@ -56,8 +56,8 @@ class Clock:
         self.work += operations / OPERATIONS
 
 
-class Extreme(NamedTuple):
-    """A constant proven to be between `lower` and `upper`, the value attained, and where."""
+class ProvenMaximum(NamedTuple):
+    """Largest value of a criterion: proven bounds, the value attained, and its position."""
 
     lower: float
     upper: float
@@ -66,47 +66,49 @@ class Extreme(NamedTuple):
 
 
 class Proof:
-    """The largest value, proven within ever smaller fractions of the one attained, down to `tolerance`.
+    """Proofs that a criterion exceeds the value attained by ever smaller fractions, down to `tolerance`.
 
-    Where what is attained is within the rounding of 0, it is called 0.
+    A value within the rounding error of 0 counts as 0.
     """
 
-    def __init__(self, criterion: Criterion, box: Box, tolerance: float, clock: Clock, upper: float = np.inf) -> None:
+    def __init__(
+        self, criterion: Criterion, box: PositionBox, tolerance: float, clock: Clock, upper: float = np.inf
+    ) -> None:
         self.criterion, self.box, self.tolerance, self.clock = criterion, box, tolerance, clock
-        self.kind: Any = ArticulatedSearch if applies(criterion, box) else Search
+        self.kind: Any = ArticulatedSearch if applies(criterion, box) else CellSearch
         self.values = functools.partial(criterion.counted, clock=clock)
-        self.q, self.best = climbed(self.values, box.lower, box.upper)
+        self.q, self.best = local_maximum(self.values, box.lower, box.upper)
         self.fraction, self.cost, self.fails = self.kind.first, 0.0, not np.isfinite(self.best)
         self.floor = 0.0 if self.fails else criterion.rounding(0.0)
         self.upper = upper if self.fails else min(upper, criterion.size + criterion.rounding(self.best))
 
     @property
     def vanishes(self) -> bool:
-        """Whether what is attained may be rounding."""
+        """True if the value attained is within the rounding error."""
         return self.best <= self.floor
 
     @property
     def gap(self) -> float:
-        """upper / attained - 1."""
+        """Relative gap, upper / attained - 1."""
         return self.upper / max(self.best, self.floor) - 1
 
     @property
     def is_open(self) -> bool:
-        """Whether another search may prove more."""
+        """True if another search may prove more."""
         return not self.fails and self.upper > (
             VANISHES * self.floor if self.vanishes else (1 + self.tolerance) * self.best
         )
 
     @property
-    def extreme(self) -> Extreme:
-        """What is proven by now; of a value that may vanish but is not proven to, nothing."""
+    def result(self) -> ProvenMaximum:
+        """Bounds proven so far; none for a value that may vanish but is not proven to."""
         if self.vanishes:
-            return Extreme(0.0, self.upper if self.upper <= VANISHES * self.floor else np.inf, 0.0, self.q)
+            return ProvenMaximum(0.0, self.upper if self.upper <= VANISHES * self.floor else np.inf, 0.0, self.q)
         lower = 0.0 if self.fails else max(self.best - self.criterion.rounding(self.best), 0.0)
-        return Extreme(lower, self.upper, self.best, self.q)
+        return ProvenMaximum(lower, self.upper, self.best, self.q)
 
     def step(self, work: float) -> None:
-        """One search of so much work; what it took says which fraction comes next."""
+        """Run one search with a limit of its work; what it took decides the next fraction."""
         fraction = min(self.fraction, 0.7 * self.gap)
         fraction = self.tolerance if fraction < CLOSE * self.tolerance else fraction
         target = VANISHES * self.floor if self.vanishes else (1 + fraction) * self.best
@@ -115,7 +117,7 @@ class Proof:
         proven = search.run(end)
         left = max(end - self.clock.now(), 0.0)
         if search.higher is not None:
-            self.q, self.best = climbed(self.values, self.box.lower, self.box.upper, search.higher)
+            self.q, self.best = local_maximum(self.values, self.box.lower, self.box.upper, search.higher)
         elif proven:
             last = max(self.clock.now() - search.began, SHORTEST)
             factor = max(search.patience * left / last, 1) ** (-1 / search.exponent)
@@ -129,15 +131,15 @@ class Proof:
 
 def largest(
     criteria: Sequence[Criterion],
-    box: Box,
+    box: PositionBox,
     tolerance: float,
     end: float,
     clock: Clock,
     uppers: Sequence[float] | None = None,
-) -> list[Extreme]:
-    """The largest values of criteria, until the clock shows `end`; known `uppers` are where to begin.
+) -> list[ProvenMaximum]:
+    """Largest values of criteria, improved until the clock shows `end`, from known `uppers` if there are any.
 
-    The least tight comes first, of those whose next search fits a share of the work, then of those that fit at all.
+    The least tight one comes first, of those whose next search fits an equal share of the work, or fits at all.
     """
     known = [np.inf] * len(criteria) if uppers is None else uppers
     proofs = [Proof(c, box, tolerance, clock, upper) for c, upper in zip(criteria, known, strict=True)]
@@ -148,10 +150,10 @@ def largest(
             break
         worst = max(able, key=lambda proof: proof.gap)
         worst.step(share if worst.cost <= share else left)
-    return [proof.extreme for proof in proofs]
+    return [proof.result for proof in proofs]
 
 
-def climbed(
+def local_maximum(
     values_of: Callable[[Array], Array],
     lower: Array,
     upper: Array,
@@ -181,7 +183,7 @@ def climbed(
 
 
 def short_basis(gram: Array, circle: Array) -> Array:
-    """Whole numbers B of q = B x, det B = 1, for which the second derivatives by x, diag(B^T gram B), are small.
+    """Integer matrix B of q = B x, det B = 1, for which second derivatives by x, diag(B^T gram B), are small.
 
     Full turns of all angles are full turns of all x. Pairs of columns are reduced as by Lagrange (Cohen 1993, 1.3).
     Where axes are parallel, x are sums of angles.
@@ -197,13 +199,13 @@ def short_basis(gram: Array, circle: Array) -> Array:
     return basis
 
 
-class Search:
-    """Cells of a grid that are not proven yet."""
+class CellSearch:
+    """Search over a grid of cells, which are halved until the target is proven for all."""
 
     first = 1.0  # fraction at which searches begin
     patience = 0.7  # part of the work left that the next search shall take
 
-    def __init__(self, criterion: Criterion, box: Box, q: Array, target: float, clock: Clock) -> None:
+    def __init__(self, criterion: Criterion, box: PositionBox, q: Array, target: float, clock: Clock) -> None:
         self.criterion, self.box, self.target, self.clock = criterion, box, target, clock
         self.step, self.exponent = criterion.time_model
         self.best = float(criterion.values(q[None])[0])
@@ -225,7 +227,7 @@ class Search:
         self.higher: Array | None = None
 
     def slack(self) -> Any:
-        """Of cells of the present size."""
+        """Slack of cells of the present size."""
         terms = np.where(self.free, (self.radius / self.counts) ** 2 / 2, 0.0)
         return self.criterion.slack(self.fixed_weights + self.curvatures @ terms)
 
@@ -244,11 +246,11 @@ class Search:
 
     @property
     def curvature(self) -> Array:
-        """K_k: what the slack owes to each coordinate, times 2 / r^2."""
+        """Bound K_k of the second derivative by each coordinate; -1 for those kept at their middle."""
         return np.where(self.free, self.share @ self.curvatures, -1.0)
 
     def corners_expected(self) -> float:
-        """Of cells with slacks as large as the gap, all over the box."""
+        """Number of corners, over the whole box, of cells whose slack is the gap."""
         terms = self.free.sum() * self.curvature * self.radius**2 / (2 * (self.target - self.best))
         return float(np.sqrt(np.maximum(terms, 1)).prod())
 
@@ -272,7 +274,7 @@ class Search:
                 self.curvatures[on, k] = weights * ratio
 
     def halve(self) -> None:
-        """Halve the cells along the coordinate that the slack owes most to."""
+        """Halve the cells along the coordinate with the largest term of the slack."""
         k = int((self.curvature / self.counts**2 * self.radius**2).argmax())
         self.counts[k] *= 2
         self.cells[:, k] *= 2
@@ -281,7 +283,7 @@ class Search:
         self.cells = np.vstack([self.cells, other])
 
     def prove(self, deadline: float) -> bool:
-        """Drop the cells whose corners all hold; False after the deadline or if a corner is above the target."""
+        """Drop the cells whose corners all pass; False after the deadline or if a corner is above the target."""
         if self.clock.now() > deadline:
             return False
         slack = self.slack()
@@ -303,7 +305,7 @@ class Search:
         return True
 
     def _is_higher(self, q: Array) -> bool:
-        """Whether the value at one of the positions is above the target; then it is `higher`."""
+        """True if the value at one of the positions is above the target; that one becomes `higher`."""
         self.clock.count(len(q) * self.criterion.operations)
         q = q[~self.criterion.holds(q, self.target, 0 * self.slack())] if len(q) else q
         values = self.criterion.counted(q, self.clock) if len(q) else np.zeros(0)
@@ -313,9 +315,9 @@ class Search:
 
 
 class Corners:
-    """The corners of cells, each once."""
+    """Corners of cells, each counted once."""
 
-    def __init__(self, cells: Array, counts: Array, free: Array, box: Box) -> None:
+    def __init__(self, cells: Array, counts: Array, free: Array, box: PositionBox) -> None:
         self.cells, self.counts, self.free, self.box = cells, counts, free, box
         self.points = np.where(
             free, counts + np.where(box.circle, 0, 1), 1
@@ -333,7 +335,7 @@ class Corners:
             self.numbers = numbers[np.append(True, numbers[1:] > numbers[:-1])]
 
     def sides(self) -> Iterator[Array]:
-        """Number of each cell's corner on one side after the other."""
+        """Numbers of one corner of every cell, corner by corner."""
         axes = np.flatnonzero(self.free)
         cells, points, strides = self.cells[:, axes].T, self.points[axes, None], self.strides[axes, None]
         cells, points = cells.astype(strides.dtype), points.astype(strides.dtype)

@@ -1,4 +1,4 @@
-"""Constants of stability theorems as convex functions of polynomial arrays: values attained, and tests with slack."""
+"""Criteria: convex functions of polynomial arrays, whose largest values are the constants of stability theorems."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 from ..basics.spatial import Array
 from .polynomials import Polynomial
 
-# Of the terms added: what recursions (20 eps), coefficients and pivots of matrices up to order 36 may err by.
+# Relative to the sum of the terms: errors of recursions (20 eps), coefficients and pivots of matrices up to order 36.
 ROUNDING = 2000 * float(np.finfo(float).eps)
 
 AT_ONCE = 500  # arrays of which the norm is found
@@ -22,20 +22,29 @@ ELSEWHERE = 0.1  # importance of directions other than that of the extreme eigen
 
 
 def positive_definite(A: Array) -> Array:
-    """True where all pivots are positive, of matrices (N, n, n)."""
+    """True for each matrix (N, n, n) whose pivots are all positive."""
     a = np.array(np.moveaxis(A, 0, -1), order="C")  # a copy, of one matrix too
-    sound = np.ones(len(A), dtype=bool)
+    valid = np.ones(len(A), dtype=bool)
     with np.errstate(all="ignore"):
         for k in range(len(a)):
-            sound &= a[k, k] > 0
+            valid &= a[k, k] > 0
             for i in range(k + 1, len(a)):
                 a[i, k + 1 : i + 1] -= a[i, k] / a[k, k] * a[k + 1 : i + 1, k]
-    return sound
+    return valid
 
 
 @dataclass
 class Criterion:
-    """The largest value of a convex function phi of a polynomial array A(q)."""
+    """A convex function phi of a polynomial array A(q), a sum of modes, of which the largest value is wanted.
+
+    Subclasses define it by methods of the same meaning:
+
+    - `values`: phi(A(q)) at positions, and whatever the array leaves free chosen by search.
+    - `modes`: for each mode a bound of phi of its real part times any phase: a number, or of `Norm` a matrix.
+    - `slack`: a bound of phi of a weighted sum of modes, by which A may change within a cell.
+    - `holds`: True where phi(A + E) is at most a target for every E that a slack bounds, rounding included.
+    - `importance`: share of each mode in the slack near a maximum, which tells the coordinate to halve next.
+    """
 
     polynomial: Polynomial
     ratios: dict[tuple[int, int], float] = field(default_factory=dict, init=False)  # known, of groups and coordinates
@@ -44,70 +53,70 @@ class Criterion:
     of_value: ClassVar[int] = 0  # operations of `values` beside those of `holds`, for each position
 
     def values(self, q: Array) -> Array:
-        """Values attained at positions, shape (N,)."""
+        """phi(A(q)) at positions, shape (N,)."""
         raise NotImplementedError
 
     def counted(self, q: Array, clock: Any) -> Array:
-        """Values, as work of a clock."""
+        """The `values`, whose operations a clock counts."""
         clock.count(len(q) * (self.operations + self.of_value))
         return self.values(q)
 
     @cached_property
     def operations(self) -> float:
-        """Of `holds`, for each position."""
+        """Number of operations of `holds` for each position."""
         return self.polynomial.operations + self.of_test(self.polynomial.coefficients.shape[-1])
 
     def of_test(self, n: int) -> float:
-        """Operations of a test beside those of the array, whose last axis is n."""
+        """Number of operations of `holds` beside the evaluation of A, whose last axis has length n."""
         return n
 
     def holds(self, q: Array, target: float, slack: Any) -> Array:
-        """True where phi(A + E) is certainly at most `target` for every E that the slack bounds, shape (N,)."""
+        """True where phi(A + E) <= target for every E that the slack bounds, shape (N,)."""
         return np.asarray(self.values(q) <= target - slack)
 
     @cached_property
     def modes(self) -> Array:
-        """What bounds the real part of a mode times any phase: phi of its modulus, shape (modes,)."""
+        """Bounds of phi of each mode, shape (modes,)."""
         return self.moduli(self.polynomial.coefficients)
 
     def moduli(self, arrays: Array) -> Array:
-        """A bound of phi of the real part of each array times any phase, shape (N,)."""
+        """Bounds of phi of the real part of complex arrays times any phase, shape (N,)."""
         raise NotImplementedError
 
     @cached_property
     def grid_coefficients(self) -> Array:
-        """Coefficients of the arrays that are formed on grids, for `ratio`."""
+        """Coefficients of the arrays whose `ratio` is found on grids."""
         return self.polynomial.coefficients
 
     def ratio(self, arrays: Array, on: Array, weights: Array, known: float) -> float:
-        """The largest phi of arrays over the weighted sum of modes `on`; `known` is that of arrays before."""
+        """Largest phi of some arrays over the weighted sum of the modes `on`, or `known`, that of earlier arrays."""
         return max(known, float(self.moduli(arrays).max() / (weights @ self.modes[on])))
 
     def slack(self, weights: Array) -> Any:
-        """A bound of the sum of modes, each times a number of modulus at most its weight (modes,)."""
+        """Bound of the sum of modes, each times a number of modulus at most its weight (modes,)."""
         return float(weights @ self.modes) + self.error
 
     def importance(self, q: Array) -> Array:
-        """Share of each mode in the slack at a maximum, for the choice of the next coordinate, shape (modes,)."""
+        """Share of each mode in the slack near a maximum, shape (modes,)."""
         return self.modes
 
     @cached_property
     def size(self) -> float:
-        """A bound of phi at every position."""
+        """Bound of phi over all positions."""
         return float(self.modes.sum())
 
     @cached_property
     def error(self) -> float:
-        """A bound of the rounding of phi(A)."""
+        """Bound of the rounding error of phi(A)."""
         return ROUNDING * float(np.linalg.norm(self.polynomial.terms))
 
     def rounding(self, value: float) -> float:
-        """A bound of the error of a computed value."""
+        """Bound of the rounding error of a computed value."""
         return ROUNDING * self.size + self.error
 
 
 class Modulus(Criterion):
-    """The Euclidean norm of a vector or the modulus of a number, A of shape (N, m)."""
+    """Euclidean norm of a vector, or modulus of a number; A has shape (N, m)."""
 
     def values(self, q: Array) -> Array:
         return np.asarray(np.linalg.norm(self.polynomial.evaluate(q), axis=1))
@@ -118,10 +127,10 @@ class Modulus(Criterion):
 
 @dataclass
 class Norm(Criterion):
-    """The largest modulus of the eigenvalues of a symmetric matrix. Slacks are matrices.
+    """Largest modulus of the eigenvalues of a symmetric matrix; slacks are symmetric matrices.
 
     For a complex symmetric c and any phase, the real part of exp(i phase) v^T c v is at most v^T Re (c^* c)^1/2 v, by
-    Takagi's factorisation. Of a matrix known to be `positive` definite only the largest eigenvalue is looked at.
+    Takagi's factorisation. Where A is known to be `positive` definite, its largest eigenvalue alone is tested.
     """
 
     positive: bool = field(default=False, kw_only=True)
@@ -147,7 +156,7 @@ class Norm(Criterion):
         return np.asarray(L @ np.einsum("mki,mk,mkj->mij", vh.conj(), s, vh).real @ L.T)
 
     def scale(self) -> Array:
-        """L of the matrix L L^T relative to which modes are bounded."""
+        """Factor L of the matrix L L^T to which bounds of modes are relative."""
         return np.eye(self.polynomial.coefficients.shape[-1])
 
     def slack(self, weights: Array) -> Array:
@@ -161,7 +170,7 @@ class Norm(Criterion):
         return np.asarray(v @ self.modes @ v + ELSEWHERE * whole)
 
     def extreme(self, values: Array) -> int:
-        """The eigenvalue that is judged."""
+        """Index of the eigenvalue that phi is."""
         return int(abs(values).argmax())
 
     @cached_property
@@ -171,10 +180,10 @@ class Norm(Criterion):
 
 @dataclass
 class LargestOfInverse(Norm):
-    """The largest w^T M^-1 w of unit vectors w that a projection P keeps: 1 / the least eigenvalue of M for P = 1.
+    """Largest w^T M^-1 w over unit vectors w in the range of a projection P; for P = 1, 1 / least eigenvalue of M.
 
-    It is at most t where M - P / t is positive definite. Slacks are relative to the harmonic mean of M(samples): small
-    where M is.
+    It is at most t where M - P / t is positive definite. Slacks are relative to the harmonic mean of M over `samples`,
+    so that they are small in directions in which M is.
     """
 
     samples: Array
@@ -185,11 +194,11 @@ class LargestOfInverse(Norm):
         return value**2 * (ROUNDING * float(np.linalg.eigvalsh(self.modes.sum(axis=0))[-1]) + self.error)
 
     def values(self, q: Array) -> Array:
-        """Infinite where M is singular but for rounding."""
+        """Values at positions, infinite where M is singular to working precision."""
         M = self.polynomial.evaluate(q)
-        sound = positive_definite(M)
-        inverse = np.linalg.inv(np.where(sound[:, None, None], M, np.eye(M.shape[-1])))
-        return np.where(sound, np.linalg.eigvalsh(self.projection @ inverse @ self.projection)[:, -1], np.inf)
+        valid = positive_definite(M)
+        inverse = np.linalg.inv(np.where(valid[:, None, None], M, np.eye(M.shape[-1])))
+        return np.where(valid, np.linalg.eigvalsh(self.projection @ inverse @ self.projection)[:, -1], np.inf)
 
     def holds(self, q: Array, target: float, slack: Array) -> Array:
         return positive_definite(self.polynomial.evaluate(q) - (slack + self.projection / target))
@@ -203,10 +212,10 @@ class LargestOfInverse(Norm):
 
 
 class Coriolis(Criterion):
-    """The largest |C(q, v) w| of unit vectors v and w, A = c_ijk of shape (N, n, n, n), torques last.
+    """Largest |C(q, v) w| over unit vectors v and w; A = c_ijk has shape (N, n, n, n), the torque's index last.
 
-    It is attained at v = w, because for each u the form u^T C(q, v) w of v and w is symmetric. The square of
-    |C(q, v) v| is a form of degree 4 in v, which the largest eigenvalue of its symmetric tensor, as a matrix, bounds.
+    It is attained at v = w, because u^T C(q, v) w is symmetric in v and w for each u. The square of |C(q, v) v| is a
+    form of degree 4 in v, bounded by the largest eigenvalue of its symmetric tensor, written as a matrix.
     """
 
     of_value = 60_000  # of a dozen eigenvectors
@@ -217,7 +226,7 @@ class Coriolis(Criterion):
         return i, j, np.where(i == j, 1.0, np.sqrt(2))
 
     def values(self, q: Array) -> Array:
-        """The larger of two searches: the first direction of c may be a saddle, where a search makes no step."""
+        """Larger result of two searches: the first direction of c may be a saddle, where a search makes no step."""
         c = self.polynomial.evaluate(q)
         sizes, directions = np.linalg.eigh(np.einsum("nijk,nljk->nil", c, c))
         every = (directions @ np.sqrt(np.maximum(sizes, 0))[..., None]).squeeze(-1)
@@ -225,7 +234,7 @@ class Coriolis(Criterion):
         return np.maximum(self._searched(c, directions[:, :, -1]), self._searched(c, every))
 
     def _searched(self, c: Array, v: Array) -> Array:
-        """By turns u = C(q, v) v / |C(q, v) v| and v, the eigenvector of u^T C(q, v) v: the value does not decrease."""
+        """Alternating search: u = C(q, v) v / |C(q, v) v|, then v the eigenvector of u^T C(q, v) v; it never falls."""
         for _ in range(5):
             u = self._torque(c, v)
             u /= np.maximum(np.linalg.norm(u, axis=1), np.finfo(float).tiny)[:, None]
@@ -250,12 +259,12 @@ class Coriolis(Criterion):
         return holds
 
     def _rows(self, c: Array) -> Array:
-        """c_ijk of i <= j, with weights: its largest singular value is that for all matrices, not v w^T only."""
+        """Weighted c_ijk, i <= j, whose largest singular value is over all symmetric matrices, not v v^T alone."""
         i, j, weight = self._pairs
         return np.asarray(c[:, i, j] * weight[:, None])
 
     def _form(self, c: Array) -> Array:
-        """The symmetric matrix of |c_ijk v_i v_j|^2 on the products v_i v_j, i <= j, with weights: of unit length."""
+        """Symmetric matrix of |c_ijk v_i v_j|^2 in the weighted products v_i v_j, i <= j, a vector of unit length."""
         n, (i, j, weight) = c.shape[-1], self._pairs
         c = c.reshape(-1, n * n, n)
         T = (c @ np.swapaxes(c.conj(), 1, 2)).real.reshape(len(c), n**4)
@@ -273,7 +282,7 @@ class Coriolis(Criterion):
         return self._rows(self.polynomial.coefficients)
 
     def ratio(self, arrays: Array, on: Array, weights: Array, known: float) -> float:
-        """Of the largest singular values of rows; the Frobenius norm, which is larger, says where to look."""
+        """Ratio by the largest singular values of `_rows`, found only where the Frobenius norm, a bound, is large."""
         size = float(weights @ self.modes[on])
         frobenius = np.linalg.norm(arrays, axis=(1, 2)) / size
         order = np.argsort(-frobenius)
@@ -287,12 +296,12 @@ class Coriolis(Criterion):
 
 @dataclass
 class Torque(Criterion):
-    """The largest torque of a joint under bounds of rates and accelerations.
+    """Largest torque of joint k within bounds of rates and accelerations.
 
-    A = (gravity, M_k, C_k): gravity's torque at q, for `values` only, and a, b, c of g = a + b cos q_1 + c sin q_1
-    where nothing else depends on q_1, otherwise g, 0, 0; row k of M; the factors of v_i v_j, i <= j. Over a full turn b
-    cos q_1 + c sin q_1 is at most (b^2 + c^2)^1/2. M qdd is largest at +-accelerations. The quadratic form of the rates
-    is convex in each rate where its diagonal is not negative: with the negative part left out it is largest at +-rates.
+    A holds, side by side: the gravity torque g(q), for `values` alone; a, b and c of g = a + b cos q_1 + c sin q_1 if
+    nothing else depends on q_1, otherwise g, 0, 0; row k of M; the factors of v_i v_j, i <= j. Over a full turn
+    b cos q_1 + c sin q_1 is at most (b^2 + c^2)^1/2. M qdd is largest at +-accelerations. The quadratic form of the
+    rates is convex in each rate whose diagonal factor is not negative; without negative ones it is largest at +-rates.
     """
 
     rates: Array
@@ -301,18 +310,18 @@ class Torque(Criterion):
 
     @cached_property
     def error(self) -> float:
-        """A bound of the rounding of the torque."""
+        """Bound of the rounding error of the torque."""
         g, fixed, c = self._parts(self.polynomial.terms[None])
         return ROUNDING * float(g[0, 0] + fixed[0] + c.sum() * self.rates.max(initial=0.0) ** 2)
 
     @cached_property
     def _signs(self) -> Array:
-        """Of the rates at half of the corners of their box, shape (2^(n - 1), n)."""
+        """Signs of the rates at half of the corners of their box, shape (2^(n - 1), n); the others are opposite."""
         return np.array(list(itertools.product([1.0], *[[1.0, -1.0]] * (len(self.rates) - 1))))
 
     @cached_property
     def _products(self) -> Array:
-        """Products of the rates i <= j at these corners, shape (n (n + 1) / 2, 2^(n - 1))."""
+        """Products of two rates, i <= j, at these corners, shape (n (n + 1) / 2, 2^(n - 1))."""
         i, j = np.triu_indices(len(self.rates))
         corners = self._signs * self.rates
         return np.asarray((corners[:, i] * corners[:, j]).T)
@@ -321,7 +330,7 @@ class Torque(Criterion):
         return 2.0 * self._products.size
 
     def _parts(self, A: Array) -> tuple[Array, Array, Array]:
-        """a, what is added whatever the rates are, and C_k."""
+        """Gravity's a, the bound of terms that do not depend on the rates, and the factors C_k."""
         inertial, c = A[:, 4 : len(self.rates) + 4], A[:, len(self.rates) + 4 :]
         return A[:, 1:2], np.linalg.norm(A[:, 2:4], axis=1) + abs(inertial) @ self.accelerations, c
 
@@ -332,7 +341,7 @@ class Torque(Criterion):
         return np.asarray(inertial + np.maximum(high + A[:, 0], low - A[:, 0]))
 
     def _largest_form(self, c: Array) -> Array:
-        """Of the rates: from the best corner each rate in turn goes to its best value, inside of its range too."""
+        """Largest quadratic form found: from the best corner each rate in turn goes to its best value in its range."""
         i, j = np.triu_indices(len(self.rates))
         v = self._signs[(c @ self._products).argmax(axis=1)]  # rates over their largest values
         c = c * self._products[:, 0]
@@ -355,7 +364,7 @@ class Torque(Criterion):
         return np.asarray(holds)
 
     def _rest(self, g: Array, c: Array) -> tuple[Array, Array]:
-        """Gravity and products of different rates at the corners, and the terms of squared rates."""
+        """Gravity and mixed terms of the form at the corners, and its terms of squared rates."""
         i, j = np.triu_indices(len(self.rates))
         squares = c[:, i == j] * self.rates**2
         return g + c @ self._products - squares.sum(axis=1)[:, None], squares

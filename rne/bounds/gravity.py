@@ -1,4 +1,4 @@
-"""The largest gravity torques of joints that make full turns, exactly but for a grid of angles.
+"""Largest gravity torques of joints that make full turns, exact up to a grid of angles.
 
 The first moment s_i(q) of the bodies behind joint i is seen from frame i. Its largest component along w, h_i(w), is
 convex in w, and after a full turn of the joint in front it depends on the angle between w and that joint's axis alone:
@@ -15,16 +15,16 @@ from .criteria import ROUNDING
 from .polynomials import sizes_of_terms
 
 HALF = 180  # steps from 0 to pi / 2
-UNKNOWN = 1e150
+UNKNOWN = 1e150  # a bound of what is not known, whose square is finite
 
 
 def angle(v: Array, w: Array) -> Array:
-    """Between vectors, shape (...)."""
+    """Angle between vectors, shape (...) [rad]."""
     return np.asarray(np.arctan2(np.linalg.norm(np.cross(v, w), axis=-1), (v * w).sum(axis=-1)))
 
 
 def gravity_torques_of_full_turns(model: Model) -> Array:
-    """Upper bounds of |g_i|, shape (nb,); UNKNOWN of sliding joints, UNKNOWN or 0 of those in front of them."""
+    """Upper bounds of |g_i|, shape (nb,); UNKNOWN for sliding joints, and UNKNOWN or 0 for the joints before them."""
     weight = np.linalg.norm(model.gravity)
     most = np.array([tables[HALF] for tables in support_tables(model)])
     torque = weight * largest_sine(model) * most + ROUNDING * sizes_of_terms(model)[0]
@@ -32,7 +32,7 @@ def gravity_torques_of_full_turns(model: Model) -> Array:
 
 
 def support_tables(model: Model) -> Array:
-    """max h_i(w) over unit vectors w at angles 0 ... pi from axis i, upper bounds, shape (nb, 2 HALF + 1).
+    """Upper bounds of h_i(w) over unit vectors w at angles of 0 to pi from axis i, shape (nb, 2 HALF + 1).
 
     Between angles a convex function that is homogeneous in w is at most the chord's value. The unit circle of w's
     component across the axis is enclosed by a polygon.

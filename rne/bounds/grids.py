@@ -66,7 +66,7 @@ def values_on_grid(frequency: Array, coefficients: Array, steps: Array) -> Itera
 def ratio_on_grid(
     criterion: Criterion, frequency: Array, on: Array, weights: Array, steps: Array, clock: Any, work: float
 ) -> float | None:
-    """A bound of phi of the sum of weighted modes `on`, over the sum of their phi; None if that exceeds `work`."""
+    """Bound of phi of the weighted sum of modes `on`, over the sum of their phi; None if it takes more than `work`."""
     most, began = 0.0, clock.now()
     coefficients = (weights * criterion.grid_coefficients[on].T).T
     for number, values in enumerate(values_on_grid(frequency, coefficients, steps), start=1):

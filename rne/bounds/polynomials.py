@@ -1,4 +1,4 @@
-"""Torques and inertias as polynomials in the joints' sines and cosines: coefficients, and what they say everywhere.
+"""Torques and inertias as trigonometric polynomials of the joint angles, with coefficients from values on a grid.
 
 M and its derivatives have degree 2 in the angle of each joint, gravity torques degree 1; in the position of a sliding
 joint they are polynomials of the same degrees. Values on a grid of 2 degree + 1 points per joint give all coefficients.
@@ -20,12 +20,12 @@ from ..kernels.program import Operand, Program
 from ..model.model import Model
 
 Map = Callable[[Array], Array]
-MOST_SAMPLES = 2_000_000
+MOST_SAMPLES = 2_000_000  # of a grid for the coefficients
 NARROW = 1e-150  # half width of a sliding joint's range below which its inverse square is not a number
 
 
 @dataclass(frozen=True)
-class Box:
+class PositionBox:
     """Ranges of the coordinates of a model; `circle` where a range is a full turn."""
 
     model: Model
@@ -40,8 +40,8 @@ class Box:
         return G @ (self.lower + self.upper) / 2 + self.model.offset, abs(G) @ (self.upper - self.lower) / 2
 
 
-def box_argument(model: Model, positions: Any) -> Box:
-    """The box of `positions`: "circle", "limits" or (lower, upper). Unknown ranges of angles are full turns."""
+def box_argument(model: Model, positions: Any) -> PositionBox:
+    """Box of the argument `positions`: "circle", "limits" or (lower, upper). Angles without a range make full turns."""
     lower, upper = (model.coordinate_limits()[name] for name in ("lower", "upper"))
     if isinstance(positions, str):
         if positions not in ("circle", "limits"):
@@ -61,7 +61,7 @@ def box_argument(model: Model, positions: Any) -> Box:
         raise ValueError(
             f"bounds need a range of {model.joint_names[k]!r}, which {why}; give `positions`=(lower, upper)"
         )
-    return Box(model, np.where(circle, -np.pi, lower), np.where(circle, np.pi, upper), circle)
+    return PositionBox(model, np.where(circle, -np.pi, lower), np.where(circle, np.pi, upper), circle)
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ class Polynomial:
         (N, n) -> (N, ...).
     coefficients : ndarray, shape (modes, ...)
     frequency : ndarray, shape (modes, n)
-        Of a mode in the angle of each coordinate.
+        Frequency of each mode in the angle of each coordinate.
     power, power_squares : ndarray, shape (modes, n)
         Sums of p / h and p / h^2 of the powers p of sliding joints that a coordinate drives, h their half widths.
     terms : ndarray, shape (...)
@@ -97,14 +97,14 @@ class Polynomial:
         return slope, slope**2 - self.power_squares  # x^p has p (p - 1)
 
     def mapped(self, linear: Map, terms: Array | None = None) -> Polynomial:
-        """The polynomial of a linear map of A; `terms` are needed where the map has negative coefficients."""
+        """Polynomial of a linear map of A; `terms` are needed if the map has negative coefficients."""
         terms = linear(self.terms[None])[0] if terms is None else terms
         return replace(
             self, evaluate=lambda q: linear(self.evaluate(q)), coefficients=linear(self.coefficients), terms=terms
         )
 
     def beside(self, *others: Polynomial) -> Polynomial:
-        """Several arrays of one row each, side by side."""
+        """Polynomial of several arrays of one row each, side by side."""
         from scipy.linalg import block_diag
 
         parts = (self, *others)
@@ -123,7 +123,7 @@ def independent(model: Model) -> Model:
 
 
 def sizes_of_terms(model: Model, slides: Array | float = 0.0) -> tuple[Array, Array]:
-    """Of gravity torques and of M, shapes (nb,), (nb, nb): bodies at the ends of stretched chains, slid so far."""
+    """Bounds of the terms of gravity torques (nb,) and of M (nb, nb), with bodies at the ends of stretched chains."""
     turns, nb = model.is_revolute, model.nb
     reach, behind = np.linalg.norm(model.translation, axis=1) + np.where(turns, 0.0, slides), np.eye(nb, dtype=bool)
     for i, p in enumerate(model.parent):
@@ -137,8 +137,8 @@ def sizes_of_terms(model: Model, slides: Array | float = 0.0) -> tuple[Array, Ar
     return np.linalg.norm(model.gravity) * lever @ model.mass, np.outer(inertia, inertia)
 
 
-def polynomial(kernel: Kernel, box: Box, degree: int, reduced: Callable[[Array, Array], Array]) -> Polynomial:
-    """The polynomial of a kernel of the `independent` model; `reduced` by G goes from joints to coordinates."""
+def polynomial(kernel: Kernel, box: PositionBox, degree: int, reduced: Callable[[Array, Array], Array]) -> Polynomial:
+    """Polynomial of a kernel of the `independent` model; `reduced` maps indices of joints to coordinates by G."""
     model, G = box.model, box.model.coordinate_map
     modes, coefficients = _modes(kernel, box, degree)
     half = np.where(model.is_revolute, 1.0, np.maximum(box.joint_ranges[1], NARROW))
@@ -161,7 +161,7 @@ def polynomial(kernel: Kernel, box: Box, degree: int, reduced: Callable[[Array, 
     return Polynomial(evaluate, coefficients[kept], frequency[kept], power, power_squares, terms, operations)
 
 
-def _modes(kernel: Kernel, box: Box, degree: int) -> tuple[Array, Array]:
+def _modes(kernel: Kernel, box: PositionBox, degree: int) -> tuple[Array, Array]:
     """Frequency or power of each joint, shape (modes, nb), and the coefficients, shape (modes, ...)."""
     model, points = box.model, 2 * degree + 1
     middle, half = box.joint_ranges
@@ -191,7 +191,7 @@ def _modes(kernel: Kernel, box: Box, degree: int) -> tuple[Array, Array]:
 
 
 def inputs_read(program: Program) -> Array:
-    """Which inputs the outputs depend on, as the traced operations show, shape (inputs,)."""
+    """True for each input that an output depends on, by the traced operations, shape (inputs,)."""
     read: list[Array] = []
 
     def of(operand: Operand) -> Array:

@@ -3,14 +3,14 @@
 A new subcommand is a function in `COMMANDS`, which is the order of `rne --help`.
 """
 
-from . import cycle, moving, printing
+from . import moving, printing
 
 COMMANDS = (
     printing.add_check,
     moving.add_view,
     moving.add_simulate,
     moving.add_torques,
-    cycle.add_cycle,
+    moving.add_cycle,
     printing.add_source,
     printing.add_urdf,
     printing.add_report,

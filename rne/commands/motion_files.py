@@ -51,8 +51,7 @@ def read_motion(file: Path, robot: rne.Robot, arguments: argparse.Namespace) -> 
 
     Times that look like another unit are refused; if the angles do so, a warning is given.
     """
-    from ..trajectories.csv_file import MissingColumn, Samples, in_seconds, read_samples
-    from ..trajectories.time_units import FACTOR, SPIKED, velocity_ratio
+    from ..trajectories.csv_file import FACTOR, SPIKED, MissingColumn, Samples, in_seconds, read_samples, velocity_ratio
 
     heading = ",".join(["t", *(f"q.{joint}" for joint in robot.joint_names)])
     needed = f"; the first row must be {heading}, with qd. and qdd. of the joints if they are known"

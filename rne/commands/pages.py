@@ -16,15 +16,15 @@ from ..control.laws import pd_gravity
 from ..errors import SimulationError, SingularMassMatrixError
 from ..model.abb_irb140 import CLOSED_LOOPS, KD, KP
 from ..model.model import Model
-from ..plotting.html_page import Report, column, lines
+from ..plotting.html_page import Report
 from ..plotting.notebook import BODIES, body_table, joint_table
-from ..plotting.plots import BELOW
+from ..plotting.plots import small_plots
 from ..plotting.robot_picture import small_picture
 from ..robot import Robot
 from ..simulation.simulator import simulate
 from ..simulation.trajectory import Trajectory, trajectory_lines
 from ..urdf.loading import load
-from ..validation.agreement import Row, validate
+from ..validation.agreement import ROUNDING, Match, validate
 from .shared import units_of
 from .speed import measure, plot_speed, speed_tables
 
@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SAMPLES = 1000  # random states
-ROUNDING = 1e-13  # of the largest torque: what is left of zero
 SWING, MAIN_SWING = 2.0, 10.0  # durations of free swings [s]
 HANGING = np.array([0, 3, 0, 0.3, 0.5, 0])  # [rad], nearly: where every joint swings and none spins
 STRETCHED_OUT = np.array([0, np.pi / 2, -np.pi / 2, 0, 0, 0])  # [rad], horizontally: (6.19)
@@ -115,12 +114,9 @@ def _main_job(robot: Robot, page: Report) -> bool:
 
 def _start(motion: Trajectory) -> Figure:
     """The torques from the first step on, so that what takes a millisecond can be seen."""
-    figure, (ax,) = column("torque [N m]", [2.1])
-    lines(ax, motion.t[1:], motion.tau[1:], motion.model.joint_names if motion.model else ())
-    ax.set_xscale("log")
-    ax.set(xlim=(1e-6, None), xticks=[1e-6, 1e-4, 1e-2, 1])
-    ax.xaxis.set_major_formatter("{x:g}")
-    figure.legend(**BELOW)
+    figure = dict(small_plots(motion))["torque [N m]"]()
+    figure.axes[0].set(xscale="log", xlim=(1e-6, None), xticks=[1e-6, 1e-4, 1e-2, 1])
+    figure.axes[0].xaxis.set_major_formatter("{x:g}")
     return figure
 
 
@@ -216,7 +212,7 @@ def _comparison(robot: Robot, page: Report) -> bool:
     return _compared(source, rows, True, page)
 
 
-def _compared(source: str, rows: Sequence[Row], by_terms: bool, page: Report) -> bool:
+def _compared(source: str, rows: Sequence[Match], by_terms: bool, page: Report) -> bool:
     """Say how far the results are apart; True if all are within their bounds."""
     entry = "term" if by_terms else "entry"
     page.text(

@@ -198,7 +198,7 @@ def note(line: str) -> None:
 
 
 class Work:
-    """What a command does and how far it is, told on standard error where nothing else was said for two seconds."""
+    """Progress of a command, printed on standard error after two seconds without other output."""
 
     pause = 2.0  # [s]
 
@@ -206,17 +206,17 @@ class Work:
         self.begin("computing")
 
     def begin(self, what: str) -> None:
-        """Note what is done from now on."""
+        """Name the step that begins."""
         self.what, self.share, self.begun = what, "", time.monotonic()
         self.said = self.begun
 
     def progress(self, done: float, total: float) -> None:
-        """Note how much is done."""
+        """Set the share of the step that is done."""
         self.share = f", {done / total:.0%}"
 
     @contextmanager
-    def told(self) -> Iterator[None]:
-        """Tell of it while the block runs."""
+    def reported(self) -> Iterator[None]:
+        """Print the progress while the block runs."""
         self.begin("computing")
         ended = threading.Event()
 

@@ -70,7 +70,7 @@ def measure(robot: Robot) -> list[Measured]:
 
 
 def _own(robot: Robot, quantity: str, arrays: list[Array]) -> Iterator[Way]:
-    """By both engines, machine code where it can be made."""
+    """Ways by both engines, machine code where it can be made."""
     function = dynamics.inverse_dynamics if quantity == INVERSE else dynamics.forward_dynamics
     compiles = importlib.util.find_spec("llvmlite") is not None
     for who, engine in ((NUMPY, "numpy"), (MACHINE_CODE, "numba")) if compiles else ((NUMPY, "numpy"),):
@@ -88,7 +88,7 @@ def _own(robot: Robot, quantity: str, arrays: list[Array]) -> Iterator[Way]:
 
 
 def _of_pinocchio(robot: Robot, quantity: str, arrays: list[Array]) -> Iterator[Way]:
-    """By `rnea` and `aba`, and their calls for many states, on one thread; arrays are in its own order and layout."""
+    """Ways by Pinocchio's `rnea` and `aba`, one state or many, on one thread; arrays are in its order and layout."""
     if not has_pinocchio():
         return
     oracle = Oracle(robot.model, to_urdf(robot.model))
@@ -121,7 +121,7 @@ def _singles(
 
 
 def speed_tables(found: Sequence[Measured]) -> dict[str, list[list[str]]]:
-    """By quantity and states a call: time per state, that of Pinocchio over it, and the error, titles first.
+    """Tables by quantity and states a call: time per state, that of Pinocchio over it, and the error, titles first.
 
     Beside calls of many states stands the faster of Pinocchio's two calls.
     """

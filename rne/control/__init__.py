@@ -1,9 +1,8 @@
 """Control laws: functions of (t, q, qd) that return joint torques; the stability of PD gains, and contacts."""
 
 from .adaptive_law import Adaptive, adaptive
-from .laws import PD, PID, ComputedTorque, computed_torque, pd, pd_gravity, pid, traceable
-from .momentum_observer import MomentumObserver, Residuals, Watched
-from .reference import Reference
+from .laws import PD, PID, ComputedTorque, Reference, computed_torque, pd, pd_gravity, pid, traceable
+from .momentum_observer import GuardedLaw, MomentumObserver, Residuals
 from .robust_laws import Robust, RobustPassive, SlidingMode, robust, robust_passive, sliding_mode
 from .uncertainty import Cases, uncertainty_bound
 
@@ -13,13 +12,13 @@ __all__ = [
     "Adaptive",
     "Cases",
     "ComputedTorque",
+    "GuardedLaw",
     "MomentumObserver",
     "Reference",
     "Residuals",
     "Robust",
     "RobustPassive",
     "SlidingMode",
-    "Watched",
     "adaptive",
     "computed_torque",
     "pd",

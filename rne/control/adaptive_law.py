@@ -15,8 +15,7 @@ from ..basics.text import summary
 from ..elementwise import maximum, minimum, tanh
 from ..model.parameters import PARAMETERS, dual_of_gradient, parameters_of_pseudo_inertia, pseudo_inertia
 from ..robot import Robot
-from .laws import checked_vectors, of_robot
-from .reference import Reference, check_reference, composite_error, model_torques
+from .laws import Reference, check_reference, checked_vectors, composite_error, model_torques, of_robot
 
 SMOOTHING = 0.01  # [rad/s or m/s]: as of rne.Friction
 FADING = 0.1  # of its limit: within this of it a torque slows the adaptation

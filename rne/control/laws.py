@@ -1,21 +1,20 @@
-"""Control laws: functions of (t, q, qd) that give joint torques. PD, PID and computed torque."""
+"""Control laws: functions of (t, q, qd) that give joint torques. Reference motions; PD, PID and computed torque."""
 
 from __future__ import annotations
 
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal, TypeVar, cast
+from typing import Any, Literal, Protocol, TypeVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import UNBOUNDED, convert_numbers, per_joint_array
+from ..basics.arrays import UNBOUNDED, check_function, convert_numbers, per_joint_array
 from ..basics.spatial import Array
 from ..basics.text import summary
 from ..elementwise import clip
 from ..robot import Robot, robot_argument
-from .reference import Reference, check_reference, reference_values
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -66,6 +65,63 @@ def checked_vectors(
     """Read-only arrays with one number per joint, or an error that names the argument."""
     robot_argument(robot)
     return [per_joint_array(name, value, robot.n, sign=sign) for name, value in values.items()]
+
+
+class Reference(Protocol):
+    """A reference motion: any function of time that gives positions, velocities and accelerations.
+
+    The motions of `rne.trajectories` are references, and so is a `Trajectory`.
+
+    Examples
+    --------
+    >>> import numpy as np, rne
+    >>> def sway(t):
+    ...     return np.sin([t] * 6), np.cos([t] * 6), -np.sin([t] * 6)
+    >>> law = rne.control.computed_torque(rne.load("irb140"), 100, 20, sway)
+    """
+
+    def __call__(self, t: float, /) -> tuple[Array, Array, Array]:
+        """Positions, velocities and accelerations of all joints at time t, shape (n,) each."""
+
+
+def check_reference(robot: Robot, reference: Any) -> None:
+    """Raise a ValueError if this is no reference motion of the robot."""
+    if not callable(reference):
+        raise ValueError(f"`reference` must be a function of time, got {type(reference).__name__}")
+    check_function("reference", reference, "(t)")
+    reference_values(robot, reference(0.0))
+
+
+def reference_values(robot: Robot, given: Any) -> tuple[Any, Any, Any]:
+    """The values that a reference gave, as (q, qd, qdd)."""
+    try:
+        shapes = [np.shape(part) for part in given]
+    except TypeError:
+        shapes = []
+    if len(shapes) != 3 or any(shape[-1:] != (robot.n,) for shape in shapes):
+        raise ValueError(
+            f"`reference` must give (q, qd, qdd) of shape ({robot.n},) each, got {shapes or 'something else'}"
+        )
+    q, qd, qdd = given
+    return q, qd, qdd
+
+
+def composite_error(
+    robot: Robot, reference: Reference, bandwidth: Array, t: Any, q: Any, qd: Any
+) -> tuple[Array, Array, Array]:
+    """s = qd - qdr with qdr = qd_ref - bandwidth e, e = q - q_ref (Slotine and Li 1987); returns s, qdr, qddr."""
+    q_ref, qd_ref, qdd_ref = reference_values(robot, reference(t))
+    qdr = qd_ref - bandwidth * (np.asarray(q) - q_ref)
+    qddr = qdd_ref - bandwidth * (np.asarray(qd) - qd_ref)
+    return qd - qdr, qdr, qddr
+
+
+def model_torques(robot: Robot, Y: Array, parameters: Array, qddr: Array) -> Array:
+    """M qddr + C qdr + g: Y pi of the parameters, and the torque of the rotors, which are known."""
+    model = robot.model
+    rotors = model.coordinate_map.T @ (model.armature[:, None] * model.coordinate_map)
+    torques: Array = (Y @ parameters[..., None])[..., 0] + qddr @ rotors
+    return torques
 
 
 @dataclass(frozen=True, eq=False)

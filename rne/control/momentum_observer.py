@@ -30,8 +30,8 @@ EXPLAINED = 0.98  # share of the residuals' squares that a payload explains, if 
 FITTED = 0.2  # [s] after the first contact, over which a payload is fitted
 REACH = 0.3  # [m] from the origin of the last link to where point masses stand for a payload
 SMOOTH = 1 / 6  # of a second difference of torques: twice the error of the trapezoidal rule
-ROUNDING = 1e-10  # of momenta and impulses: above what rounding, and steps of a solver, leave of them
-SAME_STEP = 1e-6  # of the sample time: calls of a watched law that far apart are as far apart as they should be
+IMPULSE_ERROR = 1e-10  # of momenta and impulses: above what rounding, and steps of a solver, leave of them
+SAME_STEP = 1e-6  # of the sample time: calls of a guarded law that far apart are as far apart as they should be
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +46,7 @@ class Residuals:
     torque : ndarray, shape (T, n)
         Residuals: external torques behind a low-pass filter, and errors of the model [N m or N].
     threshold : ndarray, shape (T, n)
-        What the stated errors of model and friction can make of them at most [N m or N].
+        Largest residuals that the stated errors of model and friction can cause [N m or N].
     payload_mass, payload_share : float
         Mass of the payload that fits the residuals after the first contact best [kg], and the share of their squares
         that it explains; 0 if there is no contact.
@@ -85,7 +85,7 @@ class Residuals:
 
     @property
     def kind(self) -> str | None:
-        """What it is: "contact", "payload" if a payload explains 98 % of it, or None.
+        """Kind of the external torques: "contact", "payload" if a payload explains 98 % of them, or None.
 
         In a pose that does not change, a weight at the flange and a push downwards are the same.
         """
@@ -114,9 +114,9 @@ class MomentumObserver:
     robot : Robot
         The model, payload included.
     gain : float
-        Of the observer; residuals follow external torques with the time constant 1 / gain [1/s].
+        Bandwidth of the observer; residuals follow external torques with the time constant 1 / gain [1/s].
     friction : Friction, optional
-        What the model knows of the friction.
+        Friction of the model.
     cases : sequence of Robot, optional
         Robots between which the real one lies; they differ from the model in their bodies' parameters alone.
     friction_error : float
@@ -220,7 +220,7 @@ class MomentumObserver:
         return Residuals(self.robot.joint_names, times, found, threshold, mass, share)
 
     def _impulses(self, q: Array, qd: Array, tau: Array, step: float, held: bool) -> tuple[Array, Array]:
-        """What the model and each case leave unexplained between samples, (1 + cases, T - 1, n), and its doubt."""
+        """Impulses between samples that model and cases leave unexplained, (1 + cases, T - 1, n), and their doubt."""
         middle = _halfway(q, qd, step)
         robots = [_unexplained(robot, q, qd, middle, step) for robot in (self.robot, *self.cases)]
         found, errors = (np.stack(parts) for parts in zip(*robots, strict=True))
@@ -254,7 +254,7 @@ class MomentumObserver:
         return found, spread + doubt + self.floor
 
     def _coefficients(self, step: float) -> tuple[float, float]:
-        """Of the filter: r at a sample is the first times r at the last one, and the second times the impulse."""
+        """Coefficients (a, b) of the filter: r at a sample is a times r at the last one plus b times the impulse."""
         half = self.gain * step / 2
         return (1 - half) / (1 + half), self.gain / (1 + half)
 
@@ -287,22 +287,22 @@ class MomentumObserver:
         masses, left = nnls(np.stack(columns, axis=1), target)
         return float(masses.sum()), max(1 - left**2 / float(target @ target), 0.0)
 
-    def watching(self, law: Callable[..., Any], reaction: Callable[..., Any], sample_time: float) -> Watched:
-        """A control law that is watched in a sampled scene, and replaced by another from the first contact on.
+    def watching(self, law: Callable[..., Any], reaction: Callable[..., Any], sample_time: float) -> GuardedLaw:
+        """A control law for a sampled scene that is replaced by another from the first contact on.
 
         Parameters
         ----------
         law, reaction : callable
             Functions f(t, q, qd) that return torques, shape (n,): the law, and what follows a contact.
         sample_time : float
-            That of the scene [s].
+            Sample time of the scene [s].
 
         Returns
         -------
-        Watched
+        GuardedLaw
             A controller for ``rne.Scene(..., sample_time=sample_time)``; its `contact` is the time of the first contact
             of the last run, or None. The scene calls its `delivered` with the torques that `effort_limit` and
-            `torque_rate` let through; a law of your own that calls a watched one does so too.
+            `torque_rate` let through; a law of your own that calls a guarded one does so too.
 
         Raises
         ------
@@ -313,17 +313,17 @@ class MomentumObserver:
         """
         for name, given in (("law", law), ("reaction", reaction)):
             check_function(name, given, "(t, q, qd)")
-        return Watched(self, law, reaction, positive_number("sample_time", sample_time))
+        return GuardedLaw(self, law, reaction, positive_number("sample_time", sample_time))
 
 
 @dataclass(eq=False)
-class Watched:
-    """A law that is watched for contacts, made by `MomentumObserver.watching`.
+class GuardedLaw:
+    """A control law guarded by an observer, made by `MomentumObserver.watching`: from a contact on, the reaction acts.
 
     Attributes
     ----------
     observer, law, reaction, sample_time
-        As given.
+        Arguments of `MomentumObserver.watching`.
     contact : float or None
         The time of the first contact [s].
 
@@ -356,7 +356,7 @@ class Watched:
             self.contact, self._samples, self._filters = None, [], (0.0, 0.0)
         elif abs(t - self._time - self.sample_time) > SAME_STEP * self.sample_time:
             raise ValueError(
-                f"a watched law must be called every {self.sample_time:g} s from t = 0 on, got t = {t:.6g} s after "
+                f"a guarded law must be called every {self.sample_time:g} s from t = 0 on, got t = {t:.6g} s after "
                 f"{self._time:.6g} s; give rne.Scene the same `sample_time`"
             )
         elif self.contact is None:
@@ -407,7 +407,7 @@ def _trapezoidal(values: Array, step: float) -> Array:
 
 
 def _simpson(values: Array, middle: Array, step: float) -> tuple[Array, Array]:
-    """The same by Simpson's rule, and how far it is from the trapezoidal one."""
+    """Integrals by Simpson's rule, and how far they are from those of the trapezoidal one."""
     correction = (2 * middle - values[:-1] - values[1:]) * (step / 3)
     return _trapezoidal(values, step) + correction, np.abs(correction)
 
@@ -428,4 +428,4 @@ def _unexplained(robot: Robot, q: Array, qd: Array, middle: tuple[Array, Array],
     forces = turning - robot.gravity_torque(positions)
     impulse, error = _simpson(forces[: len(q)], forces[len(q) :], step)
     sizes = np.abs(momentum).max(-1, keepdims=True) + step * np.abs(forces[: len(q)]).max(-1, keepdims=True)
-    return np.diff(momentum, axis=0) - impulse, error + ROUNDING * (sizes[:-1] + sizes[1:])
+    return np.diff(momentum, axis=0) - impulse, error + IMPULSE_ERROR * (sizes[:-1] + sizes[1:])

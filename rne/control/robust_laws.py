@@ -14,8 +14,7 @@ from ..basics.spatial import Array
 from ..basics.text import summary
 from ..elementwise import maximum
 from ..robot import Robot
-from .laws import checked_vectors, of_robot
-from .reference import Reference, check_reference, composite_error, model_torques
+from .laws import Reference, check_reference, checked_vectors, composite_error, model_torques, of_robot
 from .uncertainty import Cases, checked_cases
 
 SMALLEST = 1e-20  # [W^2]: a root has no derivative at zero

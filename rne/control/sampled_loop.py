@@ -20,7 +20,8 @@ PARTS, INTERVALS = 4, 4000  # an undecided interval is cut in so many; so many a
 REDUCED = 0.3  # of a gap between eigenvalues: larger couplings are not transformed away
 CLOSE = 0.1  # of their size: eigenvectors of closer eigenvalues may be nearly parallel and are made orthonormal
 LARGEST_GROWTH = 100.0  # of an inverted pendulum over one sample, exp(100): longer sample times are undecided
-ROUNDING, NONE = 16 * float(np.finfo(float).eps), np.empty((0, 2))  # no windows
+SUM_ROUNDING = 16 * float(np.finfo(float).eps)  # of sums of a few products, relative to their largest terms
+NONE = np.empty((0, 2))  # windows
 
 
 class Window(NamedTuple):
@@ -85,7 +86,7 @@ class LinearLoop:
         """Windows of all sample times up to `upto`."""
         coupled = np.eye(len(self.w))
         for X in (self.P, self.D):
-            coupled += np.abs(X) > ROUNDING * np.sqrt(np.outer(np.diagonal(X), np.diagonal(X)))
+            coupled += np.abs(X) > SUM_ROUNDING * np.sqrt(np.outer(np.diagonal(X), np.diagonal(X)))
         reach = np.linalg.matrix_power(coupled, len(self.w)) > 0
         found = []
         for k in (np.flatnonzero(row) for row in np.unique(reach, axis=0)):
@@ -132,7 +133,7 @@ class CoupledModes:
         h, V = half[:, None, None], _basis(change)
         inverse, Y = np.linalg.inv(V), slope @ V
         K0, K1, K2 = inverse @ change @ V, inverse @ Y, inverse @ self.F @ Y / 2  # of V^-1 (Phi - 1) V in t = T' - T
-        rounding = ROUNDING * len(self.A) * (np.abs(change) + T[:, None, None] * np.abs(slope)) @ np.abs(V)
+        rounding = SUM_ROUNDING * len(self.A) * (np.abs(change) + T[:, None, None] * np.abs(slope)) @ np.abs(V)
         rest = np.abs(inverse) @ (h * self.rest(h) @ np.abs(Y) + rounding)
         z, rate = (np.diagonal(K, axis1=-2, axis2=-1)[:, None, :] for K in (K0, K1))
         gap = z - z.swapaxes(-1, -2)
@@ -160,7 +161,7 @@ class CoupledModes:
         V, T = _basis(self.A[None])[0], upto * 0.5 ** np.arange(60)
         inverse, Y, h = np.linalg.inv(V), self.A @ V, T[:, None, None]
         start, size, z = inverse @ Y, np.abs(inverse), np.diagonal(inverse @ Y)
-        residual = np.abs(start - np.diag(z)) + ROUNDING * len(z) * size @ np.abs(self.A) @ np.abs(V)
+        residual = np.abs(start - np.diag(z)) + SUM_ROUNDING * len(z) * size @ np.abs(self.A) @ np.abs(V)
         residual = residual + h / 2 * np.abs(inverse @ self.F @ Y) + size @ self.rest(h) @ np.abs(Y)
         distance = -(2 * z.real + T[:, None] * np.abs(z) ** 2) / (1 + np.abs(1 + T[:, None] * z))  # from |1 + T z| = 1
         proven = _dominant(0 * residual, residual, distance) & (T**2 * np.abs(self.w).max() <= 1)

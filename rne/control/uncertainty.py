@@ -13,8 +13,7 @@ from ..basics.arrays import is_equal, positive_number, whole_number
 from ..basics.spatial import Array
 from ..robot import Robot
 from .gains import workspace
-from .laws import checked_vectors, of_robot
-from .reference import Reference, check_reference, reference_values
+from .laws import Reference, check_reference, checked_vectors, of_robot, reference_values
 
 MARGIN = 1.1  # on the largest values found
 BUDGET = 3.0  # of proofs, in units of `rne.Robot.bounds`: some seconds

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from ..basics.first_use import on_first_use
+from ..basics import on_first_use
 from .aba import articulated_forward_dynamics
 from .crba import mass_matrix
 from .energy import kinetic_energy, link_kinetic_energies, momentum, potential_energy

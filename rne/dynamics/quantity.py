@@ -93,7 +93,7 @@ class Quantity:
     core(model, *arrays, **options) gives the result, or (result, pivots of M, diagonal of M) if there is a `check`,
     which turns the pivots into a PrecisionStatus. `moments`: the result depends on the inertial parameters, and through
     `model.moments` alone, so that they may be inputs of a kernel (`rne.kernels.trace`). `base_parameters`: only through
-    the base parameters, so that masses may be redistributed between bodies (``rne/model/fewest_terms.py``).
+    the base parameters, so that masses may be redistributed between bodies (``rne/model/parameters.py``).
     """
 
     name: str
@@ -119,6 +119,39 @@ class Declared(Protocol):
     def quantity(self) -> Quantity: ...
 
     def evaluate(self, model: Model, *args: Any, **kwargs: Any) -> tuple[Any, PrecisionStatus]: ...
+
+
+@dataclass(frozen=True)
+class MethodQuantity:
+    """A method of an object as a Quantity; equal to that of an equal object, so that caches of kernels find it."""
+
+    owner: Any
+    quantity: Quantity = field(compare=False)
+    title: str = field(compare=False)  # for errors
+    name: str = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "name", self.quantity.name)
+
+    def evaluate(
+        self, model: Model, *arguments: Any, parameters: Array | None = None, **named: Any
+    ) -> tuple[Array, PrecisionStatus]:
+        """The function with numbers, by the recursion, with its PrecisionStatus; NotFiniteError where it overflows."""
+        named |= dict(zip(self.quantity.widths, arguments, strict=False))
+        given = {name: np.asarray(named[name]) for name in self.quantity.widths if named.get(name) is not None}
+        leading = np.broadcast_shapes(*(a.shape[:-1] for a in given.values()))  # a complex step moves one of them alone
+        dtype, status = np.result_type(*given.values()), OK
+        given = {k: np.broadcast_to(a.astype(dtype, copy=False), leading + a.shape[-1:]) for k, a in given.items()}
+        model = model_for(model, dtype, list(given.values()))
+        model = model if parameters is None else at_parameters(model, np.asarray(parameters))
+        with np.errstate(all="ignore"):
+            result = self.quantity.core(model, **given)
+            if self.quantity.check is not None:
+                result, *pivots = result
+                status = self.quantity.check(model, given, result, *pivots)
+        if status.error is None:
+            check_result(self.title, result, leading)
+        return np.asarray(result), status
 
 
 class QuantityFunction(Declared, Protocol[P, T_co]):

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,6 +26,27 @@ from .trace import by_recursion, wrench_links
 # joints, articulated bodies beyond the second.
 FEW_JOINTS, MANY_JOINTS = 9, 20
 NOTHING: Mapping[str, Any] = {}
+SCENES, VARIANTS = 64, 16  # kernels of scenes and robots derived from one that are kept, those used last
+K = TypeVar("K")
+V = TypeVar("V")
+
+
+class Recent(OrderedDict[K, V]):
+    """A dictionary of the entries used last, safe to use from many threads; it starts empty in another process."""
+
+    def __init__(self, most: int) -> None:
+        super().__init__()
+        self.most, self.lock = most, threading.RLock()
+
+    def get_or_make(self, key: K, make: Callable[[], V]) -> V:
+        """The value of a key, which is made where there is none."""
+        with self.lock:
+            if key not in self:
+                self[key] = make()
+                while len(self) > self.most:
+                    self.popitem(last=False)
+            self.move_to_end(key)
+            return self[key]
 
 
 class KernelCache:
@@ -40,6 +63,9 @@ class KernelCache:
         self._forward: dict[Any, Kernel] = {}  # of forward dynamics by the method chosen
         self._called: set[Any] = set()  # quantities that one state was evaluated of
         self._links: dict[tuple[str, ...], tuple[str, ...]] = {}  # of wrenches as given: in the model's order
+        self._scenes: Recent[Any, Kernel] = Recent(SCENES)
+        self._seen: Recent[Any, bool] = Recent(SCENES)  # functions of scenes that were evaluated once
+        self._variants: Recent[Model, KernelCache] = Recent(VARIANTS)
 
     def kernel(self, function: Declared, *wrt: str, **fixed: Any) -> Kernel:
         """The kernel of a function, or of its derivatives by some arguments, traced on first use; see `compile`."""
@@ -53,6 +79,34 @@ class KernelCache:
             make = derivative if wrt else compile
             kernel = self._kernels[key] = make(function, self.model, *wrt, engine=self.engine, **fixed)
         return kernel
+
+    def scene_kernel(self, function: Declared, *wrt: str, **fixed: Any) -> Kernel:
+        """The kernel of a function of a scene, which is equal by value; the 64 used last are kept."""
+        key = function, wrt, *fixed.items()
+        return self._scenes.get_or_make(key, lambda: Kernel(function, self.model, fixed, wrt, self.engine))
+
+    def evaluate_scene(self, function: Declared, wrt: Sequence[str], *arrays: Array) -> Array:
+        """Derivatives of a function of a scene in one state; the first time by the recursion, which traces nothing."""
+        key = function, tuple(wrt)
+        is_first = not self._seen.get_or_make(key, lambda: False)
+        self._seen[key] = True
+        if is_first and key not in self._scenes:
+            return by_recursion(function, self.model, arrays, wrt, {})[0]
+        return self.scene_kernel(function, *wrt).evaluate(*arrays)[0]
+
+    def has_scene(self, function: Declared) -> bool:
+        """True if the kernel of a function of a scene is kept."""
+        return (function, ()) in self._scenes
+
+    def forget_scenes(self, changed: Callable[[Any], bool]) -> None:
+        """Forget the kernels of functions that have changed since they were traced."""
+        with self._scenes.lock:
+            for key in [key for key in self._scenes if changed(key[0])]:
+                del self._scenes[key]
+
+    def variant(self, model: Model) -> KernelCache:
+        """The kernels of another model derived from this one; of equal models the same."""
+        return self._variants.get_or_make(model, lambda: KernelCache(model, self.engine))
 
     def evaluate_quantity(
         self,
@@ -140,7 +194,7 @@ class KernelCache:
     def forward_kernel(self, **fixed: Any) -> Kernel:
         """The kernel of forward dynamics by the method with fewer operations; `external`, `parameters` as in `compile`.
 
-        That is M with L^T D L for few joints, articulated bodies for many; in between both are counted. They lose
+        It is M with L^T D L for few joints, articulated bodies for many; in between both are counted. They lose
         about the same digits on few joints, and on long chains articulated bodies lose fewer.
         """
         inputs = tuple(fixed.items())

@@ -113,7 +113,7 @@ class Graph:
         return order
 
     def divisions_by_pivots(self, pivots: Iterable[int]) -> list[bool] | None:
-        """Of each division whether it is by a pivot (references); None if all that was folded is sound."""
+        """True for each division by one of the pivots (references); None if all that was folded is sound."""
         if self._by_pivots is not None:
             return None
         self._pivots = {ref >> 1 for ref in pivots}

@@ -72,7 +72,7 @@ class Kernel:
     wrt : tuple of str
         The arguments of the derivatives; empty for the function itself.
     engine : {"numpy", "numba"}
-        What runs it.
+        Engine that runs it.
 
     Examples
     --------
@@ -164,14 +164,14 @@ class Kernel:
         Parameters
         ----------
         lanes : int
-            States side by side that a call computes, 1 or ``rne.kernels.loops.LANES``.
+            States side by side that a call computes, 1 or ``rne.integrators.loops.LANES``.
 
         Returns
         -------
         int
-            Of int64 f(const double* a0, const double* a1, ..., double* out), valid as long as the kernel lives. It
-            returns 1 if the result is sound, 0 if a state must be examined by a call of the kernel. Argument k has the
-            shape (width, lanes) in C order, `out` (entries, lanes).
+            Address of int64 f(const double* a0, const double* a1, ..., double* out), valid as long as the kernel lives.
+            It returns 1 if the result is sound, 0 if a state must be examined by a call of the kernel. Argument k has
+            the shape (width, lanes) in C order, `out` (entries, lanes).
 
         Raises
         ------
@@ -211,12 +211,12 @@ class Kernel:
         Returns
         -------
         ndarray
-            As the function returns it.
+            Result of the function.
 
         Raises
         ------
         ValueError, RneError
-            As the function does.
+            Errors of the function.
 
         Examples
         --------
@@ -402,10 +402,10 @@ def compile(function: Declared, model: Model, *, engine: str = "numpy", **fixed:
     model : Model
         The robot's parameters.
     engine : {"numpy", "numba"}
-        What runs the kernel. "numba" is machine code, compiled by LLVM at the first call of one state and at the first
-        batch, some 0.2 ms per operation, and kept on disk for other processes: in the platform's folder for caches, or
-        that of the environment variable RNE_CACHE (empty: nowhere); ``rne cache`` shows it. In memory it lives as long
-        as the kernel. It needs the extra `numba`: `pip install 'rne[numba]'`.
+        Engine that runs the kernel. "numba" is machine code, compiled by LLVM at the first call of one state and at the
+        first batch, some 0.2 ms per operation, and kept on disk for other processes: in the platform's folder for
+        caches, or that of the environment variable RNE_CACHE (empty: nowhere); ``rne cache`` shows it. In memory it
+        lives as long as the kernel. It needs the extra `numba`: `pip install 'rne[numba]'`.
     **fixed
         Arguments other than joint arrays, such as `link="link_6"` for `rne.dynamics.jacobian`. Of `external` the names
         of the links, such as `external=["link_6"]`: their wrenches, each (..., 6), follow the joint arrays in order.
@@ -449,7 +449,7 @@ def derivative(function: Declared, model: Model, *wrt: str, engine: str = "numpy
         Names of arguments, such as "q", "qd"; "external_1" for the wrench on the first link of `external`;
         "parameters" for the inertial parameters, with `parameters=True`.
     engine : {"numpy", "numba"}
-        What runs the kernel; see `compile`.
+        Engine that runs the kernel; see `compile`.
     **fixed
         Arguments other than joint arrays, as in `compile`.
 

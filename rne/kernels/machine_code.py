@@ -330,7 +330,7 @@ def _near_zero(emitter: Any, r: Any, tail: Any) -> tuple[Any, Any]:
 
 
 def _polynomial(emitter: Any, coefficients: tuple[float, ...], x: Any) -> Any:
-    """By Horner's rule, lowest power first."""
+    """Polynomial by Horner's rule, lowest power first."""
     result = emitter.constant(coefficients[-1])
     for coefficient in coefficients[-2::-1]:
         result = emitter.intrinsic("fmuladd", result, x, emitter.constant(coefficient))

@@ -124,7 +124,7 @@ class BlockProgram:
         return status
 
     def sound(self, states: Sequence[Array], results: Array) -> Array:
-        """As `run`, but no state affects another's bits: True for each that is sound, the others' results are void."""
+        """Fill `results`, no state affecting another's bits; True for each that is sound, others' results are void."""
         found = np.ones(len(results), dtype=bool)
         for block, conditions in self._blocks(states, results, _OfStates()):
             found[block] = np.logical_and.reduce(conditions)

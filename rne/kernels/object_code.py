@@ -33,7 +33,7 @@ def host() -> tuple[str, str]:
 
 @functools.cache
 def versions() -> str:
-    """What object code depends on besides program and processor: versions, and the files that write it."""
+    """Versions of packages and of the files here, on which object code depends besides program and processor."""
     files = b"".join(path.read_bytes() for path in sorted(Path(__file__).parent.glob("*.py")))
     others = f"llvmlite {llvmlite.__version__} LLVM {binding.llvm_version_info} numpy {np.__version__} {sys.version}"
     return f"{hashlib.sha256(files).hexdigest()} {others} {sys.platform}"
@@ -85,7 +85,7 @@ class Library:
     Attributes
     ----------
     address : dict
-        Of each of its functions, by name.
+        Address of each of its functions, by name.
     seconds : float
         Time that it took to make.
     """

@@ -78,7 +78,7 @@ class NeedsRecursion(Exception):
 
 
 class Conditions(Protocol):
-    """How an engine writes the conditions of soundness: on text, on registers of NumPy, in machine code."""
+    """Conditions of soundness as an engine writes them: on text, on registers of NumPy, in machine code."""
 
     def finite(self, values: Any) -> Any:
         """Every value is finite."""

@@ -23,7 +23,7 @@ FLOAT64, INT64 = np.dtype("float64"), np.dtype("int64")
 KNOWN = (None, np.ndarray, int, float, np.float64, INT64, FLOAT64)
 
 
-class Method(ctypes.Structure):
+class MethodDefinition(ctypes.Structure):
     """PyMethodDef."""
 
     _fields_ = (
@@ -36,7 +36,7 @@ class Method(ctypes.Structure):
 
 def python_function(library: Library, dtype: np.dtype[Any] = FLOAT64) -> Any:
     """ "call" of a library as a function of Python's; arrays of numbers are of this dtype."""
-    method = Method(b"call", library.address["call"], FASTCALL, None)
+    method = MethodDefinition(b"call", library.address["call"], FASTCALL, None)
     make = ctypes.pythonapi.PyCFunction_NewEx
     make.restype, make.argtypes = ctypes.py_object, (ctypes.c_void_p, ctypes.py_object, ctypes.c_void_p)
     # The last two are there to be kept as long as the function.

@@ -90,7 +90,7 @@ class Scalar:
         raise TypeError(f"a traced number can be raised to whole powers up to {MAX_POWER} and to 0.5, not to {power!r}")
 
     def _whole_power(self, k: int) -> Scalar:
-        """By repeated squaring."""
+        """Whole powers by repeated squaring."""
         if k == 0:
             return Scalar(self.graph, self.graph.constant(1.0))
         half = self._whole_power(k // 2) if k > 1 else None

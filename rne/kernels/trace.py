@@ -16,9 +16,8 @@ import numpy as np
 from ..basics.spatial import Array
 from ..dynamics.quantity import Declared, PrecisionStatus, Quantity, check_arguments
 from ..errors import NotFiniteError
-from ..model.fewest_terms import with_fewest_terms
 from ..model.model import Model, model_argument
-from ..model.parameters import PARAMETERS, at_parameters
+from ..model.parameters import PARAMETERS, at_parameters, with_fewest_terms
 from .differentiation import differentiate
 from .graph import Graph, TooLarge
 from .program import Trace, lower
@@ -48,8 +47,8 @@ def trace(
 ) -> Trace:
     """Run the core on traced numbers, one state in a batch axis of length 1; differentiate by `wrt`.
 
-    Of a single `entry` of the result only the operations that it needs are kept. Raises TooLarge if the program has too
-    many operations or a constant that is not finite.
+    For a single `entry` of the result only the operations that it needs are kept. Raises TooLarge if the program has
+    too many operations or a constant that is not finite.
     """
     widths = argument_widths(quantity, model)
     starts = dict(zip(widths, np.cumsum([0, *widths.values()]).tolist(), strict=False))
@@ -142,7 +141,7 @@ def inputs_as_arrays(function: Declared, model: Model, fixed: Mapping[str, Any])
 def by_recursion(
     function: Declared, model: Model, arrays: Sequence[Any], wrt: Sequence[str], fixed: Mapping[str, Any]
 ) -> tuple[Array, PrecisionStatus]:
-    """What a kernel of the function gives, by the function itself; its derivatives `wrt` by complex step."""
+    """Results of a kernel of the function by the function itself; derivatives `wrt` by complex step."""
     quantity, rest = inputs_as_arrays(function, model, fixed)
 
     def evaluate(arrays: Sequence[Any]) -> tuple[Array, PrecisionStatus]:

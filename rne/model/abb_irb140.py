@@ -197,20 +197,3 @@ def irb140() -> Model:
         name="irb140",
     )
     return replace(model, shapes=_shapes(), notes=_notes())
-
-
-def irb140_mirrored() -> Model:
-    """The arm with positive q3 in the opposite direction, as in the thesis's Euler-Lagrange model, chapter 7.
-
-    The axis of joint_3 is reversed: its pose at q is that of `irb140` at (q1, q2, -q3, q4, q5, q6).
-    """
-    arm = irb140()
-    sign = np.array([1, 1, -1, 1, 1, 1])
-    return replace(
-        arm,
-        name="irb140_mirrored",
-        axis=arm.axis * sign[:, None] + 0.0,  # no negative zeros
-        lower=np.minimum(sign * arm.lower, sign * arm.upper),
-        upper=np.maximum(sign * arm.lower, sign * arm.upper),
-        notes=dict(arm.notes) | {"joint_3": f"The axis is reversed: positive q3 the other way. {arm.notes['joint_3']}"},
-    )

@@ -50,7 +50,7 @@ def chain(
     axes : array_like, shape (n, 3), optional
         Direction b_i of joint i's axis in frame i, of any length. By default z of frame i-1, seen from frame i (3.30).
     **options
-        As for `dh_chain`, whose DH frames are here the frames i: `types`, `lower`, `upper`, `velocity`, `effort`,
+        Arguments of `dh_chain`, whose DH frames are here the frames i: `types`, `lower`, `upper`, `velocity`, `effort`,
         `gravity`, `name`, `joint_names`, `link_names`, `base`, `tool` and `tip`.
 
     Returns
@@ -145,7 +145,7 @@ def dh_chain(
     gravity : array_like, shape (3,)
         In the axes of the base [m/s^2].
     name : str
-        Of the robot.
+        Name of the robot.
     joint_names, link_names : sequence of n str, optional
         "joint_1", ... and "link_1", ... by default.
     base : str or array_like, shape (4, 4)

@@ -89,7 +89,7 @@ def is_rotation(R: Array) -> bool:
 
 
 def triangle_excess(inertia: Array) -> float:
-    """By how much the largest principal moment exceeds the sum of the others, relative to the trace."""
+    """Excess of the largest principal moment over the sum of the others, relative to the trace."""
     small, middle, large = np.linalg.eigvalsh(inertia)
     trace = small + middle + large
     return float((large - small - middle) / trace) if trace > 0 else 0.0

@@ -45,14 +45,15 @@ class Model:
     rotation, translation : ndarray, shapes (nb, 3, 3) and (nb, 3)
         Pose of frame i at zero position, seen from the parent body's frame [1, m].
     mass, com, inertia : ndarray, shapes (nb,), (nb, 3), (nb, 3, 3)
-        Of body i; the inertia is about the centre of mass, in the axes of frame i [kg, m, kg m^2].
+        Of each body i; the inertia is about the centre of mass, in the axes of frame i [kg, m, kg m^2].
     base_mass, base_com, base_inertia
         Mass, centre of mass and inertia of the bodies fixed to the base; not used by dynamics.
     lower, upper, velocity_limit, effort_limit, acceleration_limit, jerk_limit : ndarray, shape (nb,)
         Infinite where unknown. Dynamics ignore them; a Scene can apply ranges and efforts
         [rad or m; rad/s or m/s; N m or N; rad/s^2 or m/s^2; rad/s^3 or m/s^3].
     deceleration_limit : ndarray, shape (nb,)
-        Of accelerations against the direction of motion; infinite where it is `acceleration_limit` [rad/s^2 or m/s^2].
+        Largest accelerations against the direction of motion; infinite where they are those of `acceleration_limit`
+        [rad/s^2 or m/s^2].
     damping, friction : ndarray, shape (nb,)
         From the URDF's <dynamics>. Dynamics ignore them; a Scene can apply them [N m s/rad or N s/m; N m or N].
     armature : ndarray, shape (nb,)

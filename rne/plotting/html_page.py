@@ -1,4 +1,4 @@
-"""Pages: text, tables and pictures that are printed while they grow and written as HTML, and panels one column wide.
+"""Pages: text, tables and pictures that are printed while they grow and written as HTML.
 
 The HTML is written out here because no template engine is among the dependencies. Pictures have no small print and log
 axes plain numbers, so that they can be read on a phone.
@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import importlib.util
 import re
-import textwrap
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from html import escape
@@ -19,14 +18,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from ..basics.spatial import Array
 from ..robot import Robot
 from ..simulation.trajectory import Trajectory
-from .plots import WIDTH, blank_figure, curves, has_matplotlib, small_plots
+from .plots import has_matplotlib, small_plots
 from .robot_picture import animate
 from .viewer import view
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from matplotlib.lines import Line2D
 
 CSS = """
 :root { color-scheme: light dark; --page: #fff; }
@@ -92,11 +90,9 @@ THREE_D = (  # where a browser can draw it; the picture stays otherwise
     "<script>if(document.createElement('canvas').getContext('webgl2'))document.currentScript.previousElementSibling"
     '.outerHTML=\'<iframe src="%s.html" title="3-D view"></iframe>\'</script>'
 )
-LINE = 46  # characters of a title that fit
-LEGEND, TITLE_ROW = 0.44, 0.25  # heights [inch]
 
 
-class Block(NamedTuple):
+class PageBlock(NamedTuple):
     """A piece of a page: its HTML tag, and its text, the rows of a table, or the name and caption of a picture."""
 
     tag: str
@@ -109,17 +105,17 @@ class Report:
     def __init__(self, title: str, say: Callable[[str], None], folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         self.title, self.say, self.folder = title, say, folder
-        self.blocks: list[Block] = []
+        self.blocks: list[PageBlock] = []
 
     def heading(self, text: str, level: int = 2) -> None:
         """Add a section's heading, or with level 3 that of its part."""
         self.say(f"\n{text}")
-        self.blocks.append(Block(f"h{level}", text))
+        self.blocks.append(PageBlock(f"h{level}", text))
 
     def text(self, text: str, tag: str = "p") -> None:
         """Add a paragraph, or with the tag `pre` lines in a fixed-width font."""
         self.say(text)
-        self.blocks.append(Block(tag, text))
+        self.blocks.append(PageBlock(tag, text))
 
     def lines(self, text: str) -> None:
         """Add a printed report: its sentences as paragraphs, the rows of its tables in a fixed-width font."""
@@ -133,7 +129,7 @@ class Report:
         widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
         for line in lines:
             self.say("  " + "  ".join(map(str.ljust, line, widths)).rstrip())
-        self.blocks.append(Block("table", lines))
+        self.blocks.append(PageBlock("table", lines))
 
     def figure(self, name: str, draw: Callable[[], Figure], caption: str) -> None:
         """Add a picture, drawn once for light pages and once for dark ones; without matplotlib none."""
@@ -147,7 +143,7 @@ class Report:
         dark = DARK | {"axes.prop_cycle": cycler(color=DARK_COLORS)} | STYLE
         with matplotlib.style.context(["dark_background", dark]):
             draw().savefig(self.folder / f"{name}-dark.png", dpi=DPI)
-        self.blocks.append(Block("picture", (name, caption)))
+        self.blocks.append(PageBlock("picture", (name, caption)))
 
     def motion(self, name: str, motion: Trajectory, caption: str) -> None:
         """Add small pictures of a motion: positions, velocities, torques, energies."""
@@ -176,7 +172,7 @@ class Report:
             with matplotlib.style.context([{f"{part}.facecolor": SKY for part in ("figure", "axes")}]):
                 animate(robot, motion, self.folder / f"{name}.gif", fps=FILM_FPS)
         if in_3d or has_matplotlib():
-            self.blocks.append(Block("film", (name, caption, in_3d)))
+            self.blocks.append(PageBlock("film", (name, caption, in_3d)))
 
     @contextmanager
     def kept_if_interrupted(self) -> Iterator[None]:
@@ -209,12 +205,12 @@ class Report:
         return path
 
 
-def is_heading(block: Block) -> bool:
+def is_heading(block: PageBlock) -> bool:
     """True if the contents of a page list the block."""
     return block.tag in ("h2", "h3")
 
 
-def _html(block: Block, number: int) -> str:
+def _html(block: PageBlock, number: int) -> str:
     tag, content = block
     if tag == "picture":
         name, caption = content
@@ -252,29 +248,6 @@ def _is_wide(lines: Sequence[Sequence[str]]) -> bool:
             words[k] += [cell] if len(cell) <= SHORT else cell.split()
     longest = max((len(cell) for row in rows for cell in row), default=0)
     return longest > LONGEST or sum(2 + max(map(len, column), default=0) for column in words) > NARROW
-
-
-def column(title: str, heights: Sequence[float], *, share: bool = True) -> tuple[Figure, list[Axes]]:
-    """A figure of panels of given heights [inch] below each other, with room for a legend of two rows below all.
-
-    They share one time axis at the bottom, or have one each.
-    """
-    text = textwrap.fill(title, LINE)
-    axis = 0.55 if share else 0.45 * len(heights)
-    figure = blank_figure(WIDTH, sum(heights) + axis + LEGEND + TITLE_ROW * (1 + text.count("\n")))
-    axes = list(figure.subplots(len(heights), 1, sharex=share, height_ratios=list(heights), squeeze=False)[:, 0])
-    figure.suptitle(text)
-    for ax in axes if not share else axes[-1:]:
-        ax.set_xlabel("time [s]")
-    return figure, axes
-
-
-def lines(ax: Axes, t: Array, values: Array, names: Sequence[str], first: int = 0, **style: Any) -> list[Line2D]:
-    """Plot the columns of `values` over time; `first` is the number of the first one's colour."""
-    drawn = curves(ax, t, values, names, [f"C{k}" for k in range(first, first + len(names))], **style)
-    if ax.get_yscale() == "linear":
-        ax.ticklabel_format(axis="y", scilimits=(-3, 4))
-    return drawn
 
 
 def log_axis(ax: Axes) -> None:

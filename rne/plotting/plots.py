@@ -38,7 +38,7 @@ DEFAULT = ("q", "qd", "tau", "energy", "energy error")
 ENDINGS = {1: ", stopped by an event", -1: ", failed"}
 DASHED = (0, (4, 2))
 SEPARATE = 120  # samples whose points can still be told apart
-PALE, DARK = 0.18, 0.5  # opacity of the outermost and of the innermost band of a fan
+PALE, DARK = 0.18, 0.5  # opacity of the outermost and of the innermost band between quantiles
 LEGEND_ROWS = 12  # that fit beside one panel
 COLORS = 10  # in matplotlib's cycle
 WIDTH = 4.9  # of a figure for pages that are read on phones too [inch]
@@ -76,9 +76,9 @@ def plot(
     other : Trajectory or tuple of array_like, optional
         A second motion of as many joints, drawn dashed on the same panels where it has the quantity.
     quantities : sequence of str, optional
-        What to draw, from "q", "qd", "qdd", "tau", "energy" and "energy error"; by default all but "qdd" that `motion`
-        has, torques only if they are not all zero. Of a robot with rotating and sliding joints each of the first four
-        takes two panels, one for each unit.
+        Quantities to draw, from "q", "qd", "qdd", "tau", "energy" and "energy error"; by default all but "qdd" that
+        `motion` has, torques only if they are not all zero. Of a robot with rotating and sliding joints each of the
+        first four takes two panels, one for each unit.
     axes : matplotlib axes or sequence of them, optional
         Where to draw, one for each panel; by default a new figure with the panels below each other.
 
@@ -129,7 +129,7 @@ def plot(
     return figure_of(where)
 
 
-def fan(
+def quantile_plot(
     ensemble: Ensemble,
     joints: Sequence[str] | None = None,
     probabilities: ArrayLike = (0.05, 0.25, 0.5, 0.75, 0.95),
@@ -146,8 +146,8 @@ def fan(
     joints : sequence of str, optional
         Names of the joints to show; by default all.
     probabilities : array_like, shape (P,)
-        Of the quantiles, rising, from 0 to 1. Each one and its opposite number bound a band: the first and the last,
-        the second and the last but one, and so on; of an odd number the one in the middle is a line.
+        Probabilities of the quantiles, rising, from 0 to 1. Each one and its opposite number bound a band: the first
+        and the last, the second and the last but one, and so on; of an odd number the one in the middle is a line.
     of : {"q", "qd", "tau"}
         Positions, velocities or torques.
     axes : matplotlib axes or sequence of them, optional
@@ -156,7 +156,7 @@ def fan(
     Returns
     -------
     matplotlib.figure.Figure
-        One panel for each joint; `figure.savefig("fan.png")` writes it to a file.
+        One panel for each joint; `figure.savefig("quantiles.png")` writes it to a file.
 
     Raises
     ------
@@ -177,7 +177,7 @@ def fan(
     >>> import numpy as np, rne
     >>> starts = np.random.default_rng(0).uniform(-0.1, 0.1, (50, 6))
     >>> swings = rne.ensemble(rne.load("irb140"), starts, 0 * starts, 0.2, step=2e-3, keep=11)
-    >>> [ax.get_ylabel() for ax in rne.plotting.fan(swings, ["joint_2", "joint_3"]).axes]
+    >>> [ax.get_ylabel() for ax in rne.plotting.quantile_plot(swings, ["joint_2", "joint_3"]).axes]
     ['position [rad]', 'position [rad]']
     """
     if not isinstance(ensemble, Ensemble):
@@ -199,7 +199,7 @@ def fan(
     for ax, k, joint in zip(where, chosen, names, strict=True):
         _bands(ax, ensemble.t, values[..., k], levels)
         name, unit = QUANTITIES[of][not model.is_revolute[model.independent_joints[k]]]
-        dress(ax, f"{name} [{unit}]")
+        style_axes(ax, f"{name} [{unit}]")
         ax.set_title(literal(joint), fontsize="medium")
     figure = figure_of(where)
     if axes is None:
@@ -267,8 +267,8 @@ def draw_panel(ax: Axes, panel: Panel, motion: Motion, other: Motion | None = No
         names = panel.names if drawn is motion else (HIDDEN,) * len(panel.names)
         at_samples = panel.quantity == "energy error" and len(t) <= SEPARATE
         marks = {"marker": ".", "linewidth": 0.6} if at_samples else {}
-        curves(ax, t, values[:, panel.columns], names, panel.colors, linestyle=style, **marks)
-    dress(ax, panel.label)
+        plot_columns(ax, t, values[:, panel.columns], names, panel.colors, linestyle=style, **marks)
+    style_axes(ax, panel.label)
 
 
 def torque_speed(report: DriveReport) -> Figure:
@@ -422,7 +422,7 @@ def joint_colors(n: int) -> list[ColorType]:
     return list(colormaps[name](np.linspace(first, last, n)))
 
 
-def curves(
+def plot_columns(
     ax: Axes, t: Array, values: Array, names: Sequence[str], colors: Sequence[ColorType], **style: Any
 ) -> list[Line2D]:
     """Plot the columns of `values` over time."""
@@ -439,7 +439,7 @@ def literal(name: str) -> str:
     return f"\u200b{text}" if text.startswith("_") and text != HIDDEN else text
 
 
-def dress(ax: Axes, label: str) -> None:
+def style_axes(ax: Axes, label: str) -> None:
     """Grid and label of a panel."""
     ax.grid(True, alpha=0.3)
     ax.set_ylabel(label)

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import positive_number, real_numbers
-from ..basics.paths import output_file
+from ..basics.arrays import output_file, positive_number, real_numbers
 from ..basics.spatial import Array, cross, rotate
 from ..basics.text import cut
 from ..model.model import Model

@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import positive_number, real_numbers
-from ..basics.paths import output_file
+from ..basics.arrays import output_file, positive_number, real_numbers
 from ..basics.spatial import Array
 from ..robot import Robot
 from ..simulation.trajectory import Trajectory
@@ -300,9 +299,9 @@ def _scene_server() -> Iterator[ViserServer]:
 
 
 def aim(points: Array) -> tuple[Array, Array]:
-    """What a camera looks at, and its place seen from there, to see all points from the front, right and above [m].
+    """Target of a camera, and its place seen from there, to see all points from the front, right and above [m].
 
-    That is in a window as wide as high or wider; in one of aspect ratio a < 1 it must be 1 / a times as far away.
+    This holds in a window as wide as high or wider; in one of aspect ratio a < 1 it must be 1 / a times as far away.
     """
     up, side = np.array([0.0, 0.0, 1.0]), np.array([0.72, -0.95, 0.55])
     axes = np.stack([np.cross(up, side), np.cross(side, np.cross(up, side)), side])

@@ -33,7 +33,7 @@ ALIKE = 1e-9  # principal moments that differ by less, relative to the largest
 CREASE = np.radians(35)  # of a mesh: edges that are sharper are shown as edges
 
 
-class Group:
+class SceneGroup:
     """A named part of viser's scene, with one node per link that moves as the link does."""
 
     def __init__(self, scene: SceneApi, name: str, robot: PosedRobot, visible: bool = True) -> None:
@@ -58,19 +58,21 @@ class Group:
                 node.wxyz, node.position = self.wxyz[frame, link], self.position[frame, link]
 
 
-def build(scene: SceneApi, robot: PosedRobot, other: PosedRobot | None, *, frames: bool, inertia: bool) -> list[Group]:
+def build(
+    scene: SceneApi, robot: PosedRobot, other: PosedRobot | None, *, frames: bool, inertia: bool
+) -> list[SceneGroup]:
     """Add the robots to viser's scene, at the first frame."""
     size = float(np.ptp(corners(robot, np.array([0])), axis=0).max()) or 1.0
-    groups = [Group(scene, "robot", robot)]
+    groups = [SceneGroup(scene, "robot", robot)]
     _add_robot(groups[0], size, opacity=GLASS if frames or inertia else None)
     if other is not None:
-        groups.append(Group(scene, "other", other))
+        groups.append(SceneGroup(scene, "other", other))
         _add_robot(groups[-1], size, GHOST, GHOST_OPACITY, GHOST_SCALE)
-    groups += [Group(scene, "joint axes", robot), Group(scene, "link frames", robot, frames)]
+    groups += [SceneGroup(scene, "joint axes", robot), SceneGroup(scene, "link frames", robot, frames)]
     _add_axes(groups[-2], size)
     for k in range(len(robot.model.link_names)):
         scene.add_frame(groups[-1].on(k, "axes"), axes_length=0.09 * size, axes_radius=0.003 * size, origin_radius=0.0)
-    groups += [Group(scene, name, robot, inertia) for name in MASSES]
+    groups += [SceneGroup(scene, name, robot, inertia) for name in MASSES]
     _add_masses(groups[-2], groups[-1], size)
     return groups
 
@@ -121,7 +123,7 @@ def _node(name: str) -> str:
 
 
 def _add_robot(
-    group: Group, size: float, color: Rgb | None = None, opacity: float | None = None, scale: float = 1.0
+    group: SceneGroup, size: float, color: Rgb | None = None, opacity: float | None = None, scale: float = 1.0
 ) -> None:
     """Shapes and, of links that have none, lines; colour and opacity are those of the file where none are given."""
     robot, scene = group.robot, group.scene
@@ -165,7 +167,7 @@ def simplified(mesh: Trimesh, keep: float) -> Trimesh:
 def link_lines(robot: PosedRobot, k: int) -> list[Array]:
     """Lines from a link's origin to its children or, at an end, to its centre of mass, each of shape (2, 3) [m].
 
-    Those to a sliding child go to the nearest point of its way, which is a line too.
+    Lines to a sliding child go to the nearest point of its way, which is a line too.
     """
     lines = []
     for child in [child for child, parent in enumerate(robot.model.link_parent) if parent == k]:
@@ -179,7 +181,7 @@ def link_lines(robot: PosedRobot, k: int) -> list[Array]:
     return lines
 
 
-def _add_axes(group: Group, size: float) -> None:
+def _add_axes(group: SceneGroup, size: float) -> None:
     model = group.robot.model
     for i, k in enumerate(group.robot.carried):
         points = np.outer([-0.1 * size, 0.16 * size], model.axis[i])
@@ -187,7 +189,7 @@ def _add_axes(group: Group, size: float) -> None:
         group.scene.add_arrows(group.on(k, model.moving_joints[i]), points[None], AXIS, **arrow)
 
 
-def _add_masses(centres: Group, inertias: Group, size: float) -> None:
+def _add_masses(centres: SceneGroup, inertias: SceneGroup, size: float) -> None:
     """Centres of mass, and solid cylinders or ellipsoids of the same mass and inertia, of the moving bodies."""
     robot = centres.robot
     axes, half = ellipsoids(robot.model)

@@ -139,9 +139,16 @@ class Robot(InNotebooks):
         return Robot, (self._model, self.engine)
 
     def __copy__(self) -> Robot:
-        twin = object.__new__(Robot)  # with the same kernels: neither model nor kernels ever change
-        twin._model, twin._kernels = self._model, self._kernels
-        return twin
+        return self  # neither model nor kernels ever change
+
+    def with_model(self, model: Model) -> Robot:
+        """The robot of a model derived from this one's; of equal models it has the same kernels."""
+        if model is self._model:
+            return self
+        variant = object.__new__(Robot)
+        variant._kernels = self._kernels.variant(model)
+        variant._model = model
+        return variant
 
     def __repr__(self) -> str:
         model = self._model
@@ -1165,7 +1172,7 @@ class Robot(InNotebooks):
         >>> more.round(2)[1].item()  # 5 kg at 0.445 m from joint 2
         -21.83
         """
-        return Robot(models.with_payload(self._model, mass, com, inertia, link), self.engine)
+        return self.with_model(models.with_payload(self._model, mass, com, inertia, link))
 
     def with_parameters(self, parameters: ArrayLike) -> Robot:
         """The robot with other masses, centres of mass and inertias.
@@ -1233,7 +1240,7 @@ class Robot(InNotebooks):
         """
         rates = {"velocity": velocity, "acceleration": acceleration, "deceleration": deceleration, "jerk": jerk}
         model = models.with_limits(self._model, effort=effort, **rates)
-        return Robot(model, self.engine)
+        return self.with_model(model)
 
     def locked(self, positions: Mapping[str, float]) -> Robot:
         """The robot with some joints fixed at a position: a smaller robot with fewer coordinates.
@@ -1261,7 +1268,7 @@ class Robot(InNotebooks):
         >>> rne.load("irb140").locked({"joint_4": 0.0, "joint_6": 0.0}).joint_names
         ('joint_1', 'joint_2', 'joint_3', 'joint_5')
         """
-        return Robot(models.locked(self._model, positions), self.engine)
+        return self.with_model(models.locked(self._model, positions))
 
     def mounted(self, rpy: ArrayLike) -> Robot:
         """The robot with its root link rotated in the world: on a wall, under a ceiling, on a slope.
@@ -1287,7 +1294,7 @@ class Robot(InNotebooks):
         >>> rne.load("irb140").mounted([math.pi, 0, 0]).model.gravity.tolist()  # under the ceiling
         [0.0, 0.0, 9.81]
         """
-        return Robot(models.mounted(self._model, rpy), self.engine)
+        return self.with_model(models.mounted(self._model, rpy))
 
 
 def point_argument(point: ArrayLike) -> tuple[float, ...] | None:

@@ -1,4 +1,4 @@
-"""What drives, gears and bearings bear over the cycle of a motion: planned, simulated or measured."""
+"""Loads of drives, gears and bearings over the cycle of a motion: planned, simulated or measured."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import per_joint_array, real_array
 from ..basics.spatial import Array
-from ..basics.text import Row, aligned, counted, short, six_digits
+from ..basics.text import column, counted, six_digits, summary, table
+from ..dynamics.recursion_record import bearing_loads
 from ..robot import Robot
-from .bearings import BearingPeaks, peaks_of
+from .limits import limit_shares, share_texts
 from .scene import Scene
 from .trajectory import MOST_LOADS, Trajectory, between, samples_of
 
@@ -23,28 +24,72 @@ COARSE = 2e-3  # of all energy exchanged: twice what a run with the default tole
 
 
 @dataclass(frozen=True, eq=False)
+class BearingPeaks:
+    """The largest loads on every joint's bearing over the samples of a motion; `print` shows them as a table.
+
+    Attributes
+    ----------
+    joints : tuple of str
+        The moving joints, nb of them.
+    force, torque : ndarray, shape (nb,)
+        Largest force and torque on the bearing, without the component along the axis that the drive provides [N, N m].
+    force_time, torque_time : ndarray, shape (nb,)
+        When each was first reached [s].
+    start, end : float
+        Times of the first and last sample [s].
+    samples : int
+        Number of samples; peaks between them are not found.
+
+    Examples
+    --------
+    >>> import rne
+    >>> robot = rne.load("irb140")
+    >>> print(rne.bearing_peaks(robot, rne.simulate(robot, [0] * 6, [0] * 6, 0.1)))  # doctest: +ELLIPSIS
+    Peak loads on the bearings, 0 ... 0.1 s, ... samples
+    ...
+    """
+
+    joints: tuple[str, ...]
+    force: Array
+    force_time: Array
+    torque: Array
+    torque_time: Array
+    start: float
+    end: float
+    samples: int
+
+    __repr__ = summary
+
+    def __str__(self) -> str:
+        span = f"{six_digits(self.start)} ... {six_digits(self.end)} s, {counted(self.samples, 'sample')}"
+        title = f"Peak loads on the bearings, {span}"
+        if not self.joints:
+            return f"{title}: no moving joints"
+        heads = ("force [N]", "at t [s]", "torque [N m]", "at t [s]")
+        columns = (self.force, self.force_time, self.torque, self.torque_time)
+        return "\n".join([title, *table("joint", heads, self.joints, *(map(six_digits, x) for x in columns))])
+
+
+@dataclass(frozen=True, eq=False)
 class DriveReport:
-    """What drives, gears and bearings bear over a cycle, found by `rne.drives`; `print` shows it as tables.
+    """Loads of drives, gears and bearings over a cycle, found by `rne.drives`; `print` shows them as tables.
 
     Integrals over time are those of the trapezoidal rule over the samples.
 
     Attributes
     ----------
-    joints : tuple of str
+    robot : Robot
+        Robot that moves, with the payload of its scene.
     t : ndarray, shape (T,)
         Times of the samples; that of a jump stands twice, first with the values before it [s].
     q, qd, qdd, tau : ndarray, shape (T, n)
         Positions, velocities, accelerations and torques of the joints, behind the gears
         [rad or m; rad/s or m/s; rad/s^2 or m/s^2; N m or N].
     gear, rotor, efficiency : ndarray, shape (n,)
-        Of each drive, as given.
-    effort_limit, velocity_limit : ndarray, shape (n,)
-        Of the joints, infinite where unknown [N m or N; rad/s or m/s].
-    bearings : BearingPeaks
-        Largest loads on the bearings.
+        Arguments of `drives`, for each drive.
     work_error : float or None
-        Of a simulated motion: how much the work of all drives by these samples differs from the simulation's `work`,
-        summed over the steps from one of its samples to the next [J].
+        Differences of the work of all drives by these samples from the `work` of a simulated motion, summed over the
+        steps from one of its samples to the next [J].
 
     Examples
     --------
@@ -59,7 +104,7 @@ class DriveReport:
     True
     """
 
-    joints: tuple[str, ...]
+    robot: Robot
     t: Array
     q: Array
     qd: Array
@@ -68,13 +113,34 @@ class DriveReport:
     gear: Array
     rotor: Array
     efficiency: Array
-    effort_limit: Array
-    velocity_limit: Array
-    bearings: BearingPeaks
     work_error: float | None = None
 
     def __repr__(self) -> str:
         return f"DriveReport({len(self.joints)} joints, {self.t[0]:g} to {self.t[-1]:g} s, {len(self.t)} samples)"
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints."""
+        return self.robot.joint_names
+
+    @property
+    def effort_limit(self) -> Array:
+        """Largest torques of the drives, infinite where unknown, shape (n,) [N m or N]."""
+        return self.robot.effort_limit
+
+    @property
+    def velocity_limit(self) -> Array:
+        """Largest velocities of the joints, infinite where unknown, shape (n,) [rad/s or m/s]."""
+        return self.robot.velocity_limit
+
+    @cached_property
+    def bearings(self) -> BearingPeaks:
+        """Largest loads on the bearings."""
+        return _bearing_peaks(self.robot, self.t, self.q, self.qd, self.qdd)
+
+    @cached_property
+    def _shares(self) -> dict[str, Array]:
+        return limit_shares(self.robot.model.coordinate_limits(), self.qd, self.qdd, self.tau)
 
     @property
     def duration(self) -> float:
@@ -175,35 +241,31 @@ class DriveReport:
     @property
     def torque_share(self) -> Array:
         """Peak torques over their limits, 0 where there is none, shape (n,)."""
-        return self.peak_torque / self.effort_limit
+        return np.asarray(self._shares["torque"].max(0))
 
     @property
     def speed_share(self) -> Array:
         """Peak speeds over their limits, 0 where there is none, shape (n,)."""
-        return self.peak_speed / self.velocity_limit
+        return np.asarray(self._shares["velocity"].max(0))
 
     def __str__(self) -> str:
         title = f"Drives over a cycle of {six_digits(self.duration)} s, {len(self.t)} samples"
-        load = [
-            Row("joint", ("peak torque", "at t [s]", "of limit", "rms", "peak speed", "of limit", "mean", "duty"), True)
-        ]
-        motor = [
-            Row("motor", ("peak torque", "rms", "peak speed", "peak power", "taken [J]", "returned", "gear loss"), True)
-        ]
-        rms = np.sqrt(self._mean(self.motor_torque**2))
-        for k, joint in enumerate(self.joints):
-            limits = (self.torque_share, self.effort_limit), (self.speed_share, self.velocity_limit)
-            shares = [f"{share[k]:.1%}" if np.isfinite(limit[k]) else "-" for share, limit in limits]
-            peak, at, mean = self.peak_torque[k], self.peak_torque_time[k], self.mean_speed[k]
-            numbers = [f"{peak:.4g}", f"{at:.3f}", shares[0], f"{self.rms_torque[k]:.4g}", f"{self.peak_speed[k]:.4g}"]
-            load.append(Row(short(joint), [*numbers, shares[1], f"{mean:.4g}", f"{self.duty[k]:.0%}"]))
-            columns = np.abs(self.motor_torque[:, k]).max(), rms[k], np.abs(self.motor_speed[:, k]).max()
-            energies = self.peak_power[k], self.energy_taken[k], self.energy_returned[k], self.gear_losses[k]
-            motor.append(Row(short(joint), [f"{x:.4g}" for x in (*columns, *energies)]))
+        heads = ("peak torque", "at t [s]", "of limit", "rms", "peak speed", "of limit", "mean", "duty")
+        torques = column(self.peak_torque, ".4g"), column(self.peak_torque_time, ".3f")
+        speeds = share_texts(self._shares["velocity"], self.velocity_limit), column(self.mean_speed, ".4g")
+        load = table(
+            *("joint", heads, self.joints, *torques, share_texts(self._shares["torque"], self.effort_limit)),
+            *(column(self.rms_torque, ".4g"), column(self.peak_speed, ".4g"), *speeds, column(self.duty, ".0%")),
+        )
+        titles = ("peak torque", "rms", "peak speed", "peak power", "taken [J]", "returned", "gear loss")
+        peaks = np.abs(self.motor_torque).max(0), np.sqrt(self._mean(self.motor_torque**2))
+        energies = self.peak_power, self.energy_taken, self.energy_returned, self.gear_losses
+        columns = (column(x, ".4g") for x in (*peaks, np.abs(self.motor_speed).max(0), *energies))
+        motor = table("motor", titles, self.joints, *columns)
         sums = (x.sum() for x in (self.energy_taken, self.energy_returned, self.work, self.gear_losses))
         total = "All motors: {:.4g} J taken, {:.4g} J returned, {:.3g} J of work on the arm, {:.4g} J lost in gears"
         units = "SI units: N m, rad/s, W; N and m/s for joints that slide"
-        lines = [title, *aligned(load), *aligned(motor), total.format(*sums), units]
+        lines = [title, *load, *motor, total.format(*sums), units]
         doubt = "The samples are too far apart to be trusted: from one to the next, work by them differs from the "
         doubt += "simulation's by {:.3g} J in all; simulate without t_eval, with a finer one or smaller tolerances"
         if (error := self.work_error or 0.0) > COARSE * self._integral(np.abs(self.power)).sum():
@@ -219,13 +281,13 @@ def drives(
     rotor: ArrayLike = 0.0,
     efficiency: ArrayLike = 1.0,
 ) -> DriveReport:
-    """What the drives, gears and bearings of a robot bear over the cycle of a motion.
+    """Loads of the drives, gears and bearings of a robot over the cycle of a motion.
 
     Parameters
     ----------
     robot : Robot or Scene
-        What moves; a Scene with its payload and friction, which count for planned motions, in place of those that were
-        planned for, and where a motion brings no torques of its own.
+        Robot that moves; a Scene with its payload and friction, which count for planned motions, in place of those that
+        were planned for, and where a motion brings no torques of its own.
     motion : FastestMotion, Trajectory, Record or function of time
         Planned, simulated or measured: a function of time with a `duration`, such as a `Quintic`, taken every
         millisecond, at its `t` and `instants` and on both sides of its `breaks`, where it has them; or anything with
@@ -238,7 +300,7 @@ def drives(
         Inertia of motor and gear on the motor's side, in addition to the robot's `armature`; 0 for measured torques
         that contain it [kg m^2].
     efficiency : float or array_like, shape (n,), optional
-        Of the gear, above 0 up to 1: the load's torque over the motor's while it drives, the inverse while it brakes.
+        Efficiency of the gear, from above 0 to 1: load torque over motor torque in driving, the inverse in braking.
 
     Returns
     -------
@@ -268,10 +330,7 @@ def drives(
     >>> report.torque_share.round(2).tolist()
     [1.0, 1.0, 0.33, 0.05, 0.01, 0.0]
     """
-    scene = robot if isinstance(robot, Scene) else Scene(robot)
-    planned = getattr(motion, "scene", None)
-    if isinstance(planned, Scene) and not isinstance(robot, Scene):
-        scene = planned
+    scene = _scene_of(robot, motion)
     moved = scene.resolved.robot
     t, q, qd, qdd, tau = _samples(scene, motion)
     gears = per_joint_array("gear", gear, moved.n, sign="positive")
@@ -279,18 +338,70 @@ def drives(
     efficiencies = per_joint_array("efficiency", efficiency, moved.n, sign="positive")
     if (efficiencies > 1).any():
         raise ValueError(f"`efficiency` must be at most 1, got {efficiencies.max():g}")
-    limits = moved.model.coordinate_limits()
-    return DriveReport(
-        moved.joint_names,
-        *(t, q, qd, qdd, tau),
-        gear=gears,
-        rotor=rotors,
-        efficiency=efficiencies,
-        effort_limit=limits["effort_limit"],
-        velocity_limit=limits["velocity_limit"],
-        bearings=peaks_of(moved, t, q, qd, qdd),
-        work_error=_work_error(motion, t, (tau * qd).sum(1)) if isinstance(motion, Trajectory) else None,
+    error = _work_error(motion, t, (tau * qd).sum(1)) if isinstance(motion, Trajectory) else None
+    return DriveReport(moved, t, q, qd, qdd, tau, gears, rotors, efficiencies, error)
+
+
+def bearing_peaks(robot: Robot | Scene, motion: Any) -> BearingPeaks:
+    """Largest force and torque on every joint's bearing during a motion, and when they occur.
+
+    Parameters
+    ----------
+    robot : Robot or Scene
+        Robot that moved; of a Scene, its robot with mounting, payload and locked joints.
+    motion : Trajectory, FastestMotion, Record or function of time
+        Any motion that `rne.drives` takes, and of one sample at least.
+
+    Returns
+    -------
+    BearingPeaks
+        Loads and times, joint by joint: the `bearings` of `rne.drives`.
+
+    Raises
+    ------
+    TypeError
+        If `robot` is no Robot or Scene, or `motion` is no motion.
+    ValueError
+        If the motion has no samples or is of a robot with another number of joints, or a load overflows.
+
+    Notes
+    -----
+    Høifødt 2011, (3.24), (3.27) and section 5.3: the drive provides b_i^T tau_i, the bearing the rest of f_i and tau_i.
+    Accelerations are those recorded in the motion, and between the solver's steps between those recorded.
+
+    Examples
+    --------
+    >>> import rne
+    >>> robot = rne.load("irb140")
+    >>> peaks = rne.bearing_peaks(robot, rne.simulate(robot, [0] * 6, [0] * 6, 0.1))
+    >>> peaks.joints[0], peaks.force[0].round(1).item()  # less than its weight of 736 N: the arm falls
+    ('joint_1', 686.9)
+    """
+    scene = _scene_of(robot, motion)
+    return _bearing_peaks(scene.resolved.robot, *_samples(scene, motion, instant=True)[:4])
+
+
+def _bearing_peaks(robot: Robot, t: Array, q: Array, qd: Array, qdd: Array) -> BearingPeaks:
+    """Largest loads over samples of a robot's motion."""
+    force, torque = bearing_loads(robot.recursion(q, qd, qdd), robot.model)
+    return BearingPeaks(
+        joints=robot.model.moving_joints,
+        force=force.max(axis=0),
+        force_time=t[np.argmax(force, axis=0)],
+        torque=torque.max(axis=0),
+        torque_time=t[np.argmax(torque, axis=0)],
+        start=float(t[0]),
+        end=float(t[-1]),
+        samples=len(t),
     )
+
+
+def _scene_of(robot: Robot | Scene, motion: Any) -> Scene:
+    """The scene that is given, otherwise the one that the motion was planned for, or the robot alone."""
+    if isinstance(robot, Scene):
+        return robot
+    planned = getattr(motion, "scene", None)
+    return planned if isinstance(planned, Scene) else Scene(robot)
 
 
 def _work_error(motion: Trajectory, t: Array, power: Array) -> float:
@@ -310,8 +421,8 @@ def _times(motion: Any) -> Array:
     return np.unique(np.concatenate([grid, own, sides[(sides >= start) & (sides <= end)]]))
 
 
-def _samples(scene: Scene, motion: Any) -> tuple[Array, Array, Array, Array, Array]:
-    """t, q, qd, qdd and tau of a motion."""
+def _samples(scene: Scene, motion: Any, *, instant: bool = False) -> tuple[Array, Array, Array, Array, Array]:
+    """Samples t, q, qd, qdd and tau of a motion; those of an `instant` suffice, if it is allowed."""
     found: tuple[Any, ...]
     if isinstance(motion, Trajectory):
         found = samples_of(motion, between(motion.t, samples=MOST_LOADS))
@@ -330,7 +441,9 @@ def _samples(scene: Scene, motion: Any) -> tuple[Array, Array, Array, Array, Arr
     t = real_array("motion.t", t, "(T,)").astype(float)
     for k in np.flatnonzero(np.diff(t) < 0)[:1]:
         raise ValueError(f"times of `motion` must ascend, got {t[k + 1]:g} s after {t[k]:g} s")
-    if len(t) < 2 or t[0] == t[-1]:
+    if not len(t):
+        raise ValueError("`motion` must have at least one sample, got none")
+    if t[0] == t[-1] and (qdd is None or not instant):
         raise ValueError(f"`motion` must last longer than an instant, got {counted(len(t), 'sample')}")
     shape = f"({len(t)}, {scene.resolved.robot.n})"
     q, qd = (real_array(f"motion.{name}", x, shape).astype(float) for name, x in (("q", q), ("qd", qd)))

@@ -22,15 +22,15 @@ from ..basics.spatial import Array
 from ..basics.text import InNotebooks, counted, short
 from ..dynamics.quantity import OK, PrecisionStatus
 from ..errors import NotFiniteError, SimulationError, SimulationInterrupted
+from ..integrators.rows import Course, Tick, by_rows
+from ..integrators.runge_kutta import CONTROLLED, FIXED, power, tableau
 from ..kernels.kernel import Kernel
-from ..kernels.row_steps import Course, Tick, by_rows
-from ..kernels.runge_kutta import CONTROLLED, FIXED, power, tableau
 from ..model.model import Model, joint_array
 from ..model.parameters import PARAMETERS, at_parameters
 from ..robot import Robot
-from .equations_of_motion import RightHandSide
 from .plant import Plant
-from .scene import Scene, scene_of_robot
+from .scene import Scene
+from .scene_dynamics import SceneDynamics
 from .simulator import METHODS, check_times, law_breaks, simulate, tolerances
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ class Ensemble(InNotebooks):
     tau : ndarray, shape (S, N, n)
         Torques of the drives at these times, zero without a controller [N m or N].
     energies : ndarray, shape (S, N, k)
-        Energies of the ledger [J].
+        Work of the drives and losses by friction since the start, in the order of `ledger` [J].
     ledger : tuple of str, length k
         Names of the energies: work of the "drives", and what "viscous" and "coulomb" friction dissipate, those that
         the scene has.
@@ -113,7 +113,7 @@ class Ensemble(InNotebooks):
         Returns
         -------
         ndarray, shape (P, S, n), or (S, n) for one probability
-            In the units of the quantity; `rne.plotting.fan` draws them.
+            In the units of the quantity; `rne.plotting.quantile_plot` draws them.
 
         Raises
         ------
@@ -231,7 +231,7 @@ def ensemble(
 
     Notes
     -----
-    Side by side the energies of the ledger are integrated along with the states, outside of the control of the error.
+    The energies are integrated along with the states, and do not count in the control of the error.
 
     Examples
     --------
@@ -241,7 +241,7 @@ def ensemble(
     >>> motions.q.shape, motions.q[-1, :, 1].mean().round(2).item()  # joint 2 at the end [rad]
     ((2, 100, 6), 0.09)
     """
-    scene = scene_of_robot(scene_or_robot) if isinstance(scene_or_robot, Robot) else scene_or_robot
+    scene = Scene(scene_or_robot) if isinstance(scene_or_robot, Robot) else scene_or_robot
     if not isinstance(scene, Scene):
         raise TypeError(f"`scene_or_robot` must be an rne.Scene or rne.Robot, got {type(scene).__name__}")
     if progress is not None:
@@ -251,7 +251,7 @@ def ensemble(
     times = _times(t_eval, keep, end)
     pi = None if parameters is None else _parameters(parameters, scene, len(q))
     plan = _plan(scene, method, step, times, end, tolerances(rtol, atol), with_parameters=pi is not None)
-    further = plan.rhs.size - 2 * scene.n if isinstance(plan, SideBySide) else 0
+    further = plan.dynamics.size - 2 * scene.n if isinstance(plan, SideBySide) else 0
     x0 = np.concatenate([q, qd, np.zeros((len(q), further), q.dtype)], axis=1)
     starts = Chunk(x0, np.zeros((len(q), 0), q.dtype) if pi is None else pi.astype(q.dtype))
     part = run_all(plan, starts, progress, executor)
@@ -263,7 +263,7 @@ def ensemble(
         part.qd,
         part.tau,
         part.energies,
-        scene.right_hand_side.ledger,
+        scene.dynamics.ledger,
         ", ".join(part.methods),
         float(plan.steps.max()) if isinstance(plan, SideBySide) and len(plan.steps) else None,
         part.evaluations,
@@ -313,7 +313,8 @@ def _plan(
     """How the motions of a scene are run."""
     friction = scene.resolved.friction
     has_events = scene.sample_time is not None or scene.stops or (friction is not None and friction.sticks)
-    is_called = scene.current_right_hand_side().torque_given
+    dynamics = scene.dynamics
+    is_called = dynamics.inputs == "called"
     rtol, atol = tolerated
     otherwise = OneByOne(scene, end, times, {"method": method, "rtol": rtol, "atol": atol})
     if step is None:
@@ -333,13 +334,12 @@ def _plan(
         chosen, longest = "rk4" if method == "auto" else method, positive_number("step", step)
         if not scene.n or not end:  # nothing moves
             return replace(otherwise, options=otherwise.options | {"method": "auto"})
-    rhs = scene.right_hand_side_with_energies
-    norm = rhs.size - len(rhs.ledger), rtol, atol, power(chosen) if longest is None else 0.0
+    norm = dynamics.counted, rtol, atol, power(chosen) if longest is None else 0.0
     if longest is None:
         parts = _between_breaks(chosen, times, end, law_breaks(scene.controller), norm, watched=method == "auto")
     else:
         parts = (_in_equal_steps(chosen, times, end, longest, norm, scene.n),)
-    return SideBySide(chosen, rhs, times, parts, with_parameters, otherwise)
+    return SideBySide(chosen, dynamics, times, parts, with_parameters, otherwise)
 
 
 def _parameters(parameters: ArrayLike, scene: Scene, count: int) -> Array:
@@ -405,8 +405,7 @@ class SideBySide:
     Attributes
     ----------
     method : str
-    rhs : RightHandSide
-        With the energies of the ledger as its last states.
+    dynamics : SceneDynamics
     times : ndarray, shape (S,)
         To report.
     courses : tuple of Course
@@ -418,7 +417,7 @@ class SideBySide:
     """
 
     method: str
-    rhs: RightHandSide
+    dynamics: SceneDynamics
     times: Array
     courses: tuple[Course, ...]
     with_parameters: bool
@@ -427,7 +426,8 @@ class SideBySide:
     @property
     def kernel(self) -> Kernel:
         """dx/dt, of the chunk's inertial parameters where it has some."""
-        return self.rhs.kernel_at_parameters if self.with_parameters else self.rhs.kernel
+        fixed = {"parameters": True} if self.with_parameters else {}
+        return self.otherwise.scene.resolved.robot._kernels.scene_kernel(self.dynamics.right_hand_side, **fixed)
 
     @property
     def steps(self) -> Array:
@@ -455,7 +455,7 @@ class SideBySide:
             told = partial(_told, tick, self.work if course is self.courses[-1] else 0)
             X, left = np.full((len(course.times), *x.shape), np.nan, x.dtype), np.arange(len(x))
             if in_machine_code:
-                from ..kernels.many_motions import EXAMINE, LEAVE, in_lanes
+                from ..integrators.lanes import EXAMINE, LEAVE, in_lanes
 
                 code, evaluated, goes_on = in_lanes(course, kernel, chunk.parameters, x, X, told)
                 left, evaluations = np.flatnonzero(code == EXAMINE), evaluations + evaluated
@@ -478,14 +478,14 @@ class SideBySide:
 
     def _part(self, x: Array, done: Array, evaluations: int, verdict: PrecisionStatus) -> Motions:
         """States as positions, velocities, torques and energies, with NaN where there are none."""
-        n, N, size = self.rhs.robot.n, x.shape[1], self.rhs.size - len(self.rhs.ledger)
+        n, N, size = self.dynamics.n, x.shape[1], self.dynamics.counted
         t, states = np.repeat(self.times, N).astype(x.dtype), x[..., :size].reshape(len(self.times) * N, size)
         known = np.asarray(np.isfinite(states).all(axis=1))
-        drives = Plant(self.rhs, None).drives_under(t[known], states[known], None)
+        plant = Plant(self.dynamics, self.otherwise.scene.resolved.robot)
         q, qd, energies = x[..., :n], x[..., n : 2 * n], x[..., size:]
         tau = np.where(known[:, None], 0.0, np.nan).repeat(n, axis=1).astype(x.dtype)
-        if drives is not None:
-            tau[known] = drives
+        if "drives" in self.dynamics.ledger:
+            tau[known] = plant.drive_torques(t[known], x.reshape(len(t), -1)[known])
         last = known.reshape(len(self.times), N).sum(axis=0)
         end = np.where(done, self.courses[-1].end, np.append(0.0, self.times)[last])
         status = np.where(done, 0, -1)
@@ -534,7 +534,7 @@ class OneByOne:
 
     def nothing(self, count: int, dtype: Any = np.float64) -> Motions:
         """Motions that were not begun."""
-        S, n, energies = len(self.times), self.scene.n, len(self.scene.right_hand_side.ledger)
+        S, n, energies = len(self.times), self.scene.n, len(self.scene.dynamics.ledger)
         q, qd, tau, ledger = (np.full((S, count, k), np.nan, dtype) for k in (n, n, n, energies))
         return Motions(q, qd, tau, ledger, np.zeros(count), np.full(count, -1), (), 0, OK)
 
@@ -563,7 +563,7 @@ class OneByOne:
             raise ValueError(f"start {number}: {error}") from None
         status, count, T = motion.status, len(self.times), len(motion.t)  # -1 if it was interrupted
         rows = np.minimum(np.arange(count if status >= 0 else T), T - 1)  # after a stop the state in which it ended
-        ledger, entries = self.scene.right_hand_side.ledger, {"drives": motion.work, **motion.dissipated}
+        ledger, entries = self.scene.dynamics.ledger, {"drives": motion.work, **motion.dissipated}
         columns = np.array([entries[name][rows] for name in ledger]).reshape(len(ledger), len(rows)).T
         part = self.nothing(1)
         for array, values in zip(part[:4], (motion.q[rows], motion.qd[rows], motion.tau[rows], columns), strict=True):

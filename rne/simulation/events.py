@@ -14,8 +14,8 @@ import numpy as np
 
 from ..basics.spatial import Array
 from ..errors import RneError
+from ..integrators.base import Interpolant, Steps
 from ..model.model import Model
-from .solver import Interpolant, Steps
 
 NODES = 10  # intervals per step at whose ends events are evaluated
 NEXT = 1e-3  # of an interval: distance from the ends of the step of two more points, which show where values rise there

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -67,6 +68,17 @@ class Friction:
 
     def __repr__(self) -> str:
         return summary(self, **{f"{name}_back": None for name in ("viscous", "coulomb") if self._same_back(name)})
+
+    @cached_property
+    def _values(self) -> tuple[object, ...]:
+        """The numbers, which make two frictions equal."""
+        return (self.smoothing, *((name, size.shape, size.tobytes()) for name, size in self._given().items()))
+
+    def __eq__(self, other: object) -> bool:
+        return self._values == other._values if isinstance(other, Friction) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash(self._values)
 
     def _same_back(self, name: str) -> bool:
         return np.array_equal(getattr(self, name), getattr(self, f"{name}_back"))

@@ -1,4 +1,4 @@
-"""Where a motion exceeds the limits of its robot: ranges, speeds and efforts of the joints.
+"""Limits of a robot that a motion uses or exceeds: ranges, speeds, accelerations and efforts of the joints.
 
 A simulation applies no limits but those its scene models (stops, torque limits); this says afterwards what a real robot
 could not have done.
@@ -7,20 +7,37 @@ could not have done.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
 from ..basics.spatial import Array
-from ..basics.text import short, summary
+from ..basics.text import UNITS, short, summary
 from ..dynamics.kinematics import joint_positions, joint_velocities
 from ..model.model import Model
 
-ROUNDING = 1e-9  # of a joint's larger limit: a stop or a saturated drive that is exceeded by less is met
+MET = 1e-9  # of a joint's larger limit: a stop or a saturated drive that is exceeded by less is met
+SYMBOL = {"position": "q", "velocity": "qd", "torque": "tau"}
 
-UNITS = {"position": ("rad", "m"), "velocity": ("rad/s", "m/s"), "torque": ("N m", "N")}
+
+def limit_shares(limits: Mapping[str, Array], qd: Array, qdd: Array, tau: Array) -> dict[str, Array]:
+    """Magnitudes of torques, accelerations and velocities over their limits, 0 where there is none, shape (..., n).
+
+    `limits` are those of `Model.coordinate_limits`; accelerations against the motion have the deceleration limit.
+    """
+    along = np.where(qd * qdd < 0, limits["deceleration_limit"], limits["acceleration_limit"])
+    pairs = {"torque": (tau, limits["effort_limit"]), "acceleration": (qdd, along)}
+    pairs["velocity"] = qd, limits["velocity_limit"]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return {name: np.asarray(np.abs(value) / limit) for name, (value, limit) in pairs.items()}
+
+
+def share_texts(shares: Array, limits: Array) -> list[str]:
+    """Largest share of each joint's limit as a column of a table; a dash where there is no limit."""
+    pairs = zip(shares.max(axis=0), limits, strict=True)
+    return [f"{share:.1%}" if math.isfinite(limit) else "-" for share, limit in pairs]
 
 
 @dataclass(frozen=True)
@@ -91,8 +108,8 @@ def limit_violations(model: Model, t: Array, q: Array, qd: Array, tau: Array) ->
     found = []
     for joint, quantity, values, lower, upper in _limited(model, q, qd, tau):
         finite = [abs(limit) for limit in (lower, upper) if math.isfinite(limit)]
-        tolerance = ROUNDING * max(finite, default=0.0)
-        unit = UNITS[quantity][0 if model.is_revolute[joint] else 1]
+        tolerance = MET * max(finite, default=0.0)
+        unit = UNITS[SYMBOL[quantity]][not model.is_revolute[joint]]
         below, above = lower - values, values - upper
         for excess in (below, above) if quantity == "position" else (np.maximum(below, above),):
             beyond = np.flatnonzero(excess > tolerance)

@@ -12,11 +12,12 @@ from dataclasses import fields
 from math import isfinite
 from os import PathLike
 from pathlib import Path
-from typing import Any, Self
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 
-from ..basics.paths import output_file
+from ..basics.arrays import output_file
 from ..basics.spatial import Array
 from ..errors import ModelError
 from ..model.model import Model
@@ -29,6 +30,7 @@ DAMAGED = (
 )
 TEXTS = "texts"  # entry of the archive: what is not an array, as JSON
 FORM = "rne motion 1"
+NOT_KEPT = ("error_estimate", "run")  # fields that may hold laws
 SHAPES: dict[str, tuple[str, ...]] = {
     **dict.fromkeys(("t", "kinetic", "potential", "energy", "work"), ("T",)),
     **dict.fromkeys(("q", "qd", "qdd", "tau"), ("T", "n")),
@@ -54,142 +56,26 @@ KINDS: dict[str, tuple[str, Callable[[Any], bool]]] = {  # by the type of a fiel
 }
 
 
-class MotionFiles:
-    """Writing and reading of a Trajectory."""
+def write_archive(file: Path, values: dict[str, Any]) -> Path:
+    """Write the fields of a Trajectory to a NumPy archive."""
+    arrays, texts = _parted(values)
+    entries: dict[str, Any] = {**arrays, TEXTS: np.array(json.dumps(texts, default=float))}
+    np.savez_compressed(file, **entries)
+    return file
 
-    t: Array
-    q: Array
-    model: Model | None
 
-    def save(self, path: str | PathLike[str]) -> Path:
-        """Write the motion, its model and its scene's description to a NumPy archive.
-
-        Parameters
-        ----------
-        path : str or path-like
-            Ending in .npz, in an existing folder.
-
-        Returns
-        -------
-        pathlib.Path
-            The file written; `Trajectory.load` reads it. It names the path of the robot's URDF file, as `model.source`.
-
-        Raises
-        ------
-        ValueError
-            If `path` does not end in .npz.
-        FileNotFoundError
-            If its folder does not exist.
-
-        Examples
-        --------
-        >>> import rne
-        >>> swing = rne.simulate(rne.load("irb140"), [0] * 6, [0] * 6, 0.5)
-        >>> file = swing.save("swing.npz")  # doctest: +SKIP
-        """
-        file = output_file(path, ".npz")
-        values = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "error_estimate"}  # type: ignore[arg-type]
-        arrays, texts = _parted(values)
-        entries: dict[str, Any] = {**arrays, TEXTS: np.array(json.dumps(texts, default=float))}
-        np.savez_compressed(file, **entries)
-        return file
-
-    @classmethod
-    def load(cls, path: str | PathLike[str]) -> Self:
-        """Read a motion that `save` has written; every number is the same.
-
-        Parameters
-        ----------
-        path : str or path-like
-            The file.
-
-        Returns
-        -------
-        Trajectory
-            It has forgotten its scene's controller, so that `trusted_horizon` is not to be had.
-
-        Raises
-        ------
-        ValueError
-            If the file is no such archive, or a damaged one, or an entry of it is missing, unknown, of the wrong shape
-            or type or not finite, or the times do not ascend.
-        FileNotFoundError
-            If there is no such file.
-
-        Examples
-        --------
-        >>> import rne
-        >>> rne.Trajectory.load("swing.npz").message  # doctest: +SKIP
-        """
-        if not isinstance(path, str | PathLike):
-            raise TypeError(f"`path` must be a str or path-like, got {type(path).__name__}")
-        arrays, texts = _contents(Path(path))
-        try:
-            _check_entries(arrays, texts, {f.name: str(f.type) for f in fields(cls)})  # type: ignore[arg-type]
-            dissipated = {name: arrays.pop(f"dissipated.{name}") for name in texts.pop("dissipated")}
-            parts = {"dissipated": dissipated, "model": _model(arrays, texts)}  # takes its entries out of both
-            motion: Self = cls(**(arrays | texts | parts))
-            _check(motion)
-        except ValueError as error:
-            raise ValueError(f"{str(path)!r}: {error}") from None
-        return motion
-
-    def to_csv(self, path: str | PathLike[str]) -> Path:
-        """Write times, positions, velocities, accelerations and torques as comma-separated values.
-
-        Parameters
-        ----------
-        path : str or path-like
-            In an existing folder.
-
-        Returns
-        -------
-        pathlib.Path
-            The file written: a heading `t`, `q.<joint>`, `qd.<joint>`, `qdd.<joint>`, `tau.<joint>`, then one row per
-            sample in SI units, with all digits. `rne.trajectories.read_csv` reads it.
-
-        Raises
-        ------
-        FileNotFoundError
-            If its folder does not exist.
-
-        Examples
-        --------
-        >>> import rne
-        >>> swing = rne.simulate(rne.load("irb140"), [0] * 6, [0] * 6, 0.5)
-        >>> file = swing.to_csv("swing.csv")  # doctest: +SKIP
-        """
-        return write_columns(path, self.t, self._columns())
-
-    def to_dataframe(self) -> Any:
-        """Times, positions, velocities, accelerations and torques as a table of pandas.
-
-        Returns
-        -------
-        pandas.DataFrame
-            Indexed by the time `t` [s], with columns `q.<joint>`, `qd.<joint>`, `qdd.<joint>`, `tau.<joint>`.
-
-        Raises
-        ------
-        ImportError
-            If pandas is not installed.
-
-        Examples
-        --------
-        >>> import rne
-        >>> swing = rne.simulate(rne.load("irb140"), [0] * 6, [0] * 6, 0.5)
-        >>> swing.to_dataframe()["q.joint_2"].max()  # doctest: +SKIP
-        """
-        try:
-            import pandas
-        except ModuleNotFoundError:
-            raise ImportError("`to_dataframe` needs pandas, which is not installed: pip install pandas") from None
-        return pandas.DataFrame(self._columns(), index=pandas.Index(self.t, name="t"))
-
-    def _columns(self) -> dict[str, Array]:
-        names = numbered_joints(self.q.shape[1]) if self.model is None else self.model.joint_names
-        parts = ("q", "qd", "qdd", "tau")
-        return {f"{part}.{name}": getattr(self, part)[:, k] for part in parts for k, name in enumerate(names)}
+def read_archive(file: Path, types: dict[str, str]) -> dict[str, Any]:
+    """The fields of a Trajectory in an archive, checked; `types` names the type of each field."""
+    arrays, texts = _contents(file)
+    try:
+        _check_entries(arrays, texts, types)
+        dissipated = {name: arrays.pop(f"dissipated.{name}") for name in texts.pop("dissipated")}
+        model = _model(arrays, texts)  # takes its entries out of both
+        values = arrays | texts | {"dissipated": dissipated, "model": model}
+        _check(SimpleNamespace(**values))
+    except ValueError as error:
+        raise ValueError(f"{str(file)!r}: {error}") from None
+    return values
 
 
 def write_columns(path: str | PathLike[str], t: Array, columns: Mapping[str, Array]) -> Path:
@@ -237,7 +123,7 @@ def _contents(file: Path) -> tuple[dict[str, Array], dict[str, Any]]:
 def _check_entries(arrays: dict[str, Array], texts: dict[str, Any], types: dict[str, str]) -> None:
     """A ValueError that names the first entry that is missing, of another kind than its field, or unknown."""
     types = {"has_model": "bool"} | types | {"dissipated": "tuple[str, ...]"}
-    del types["model"], types["error_estimate"]
+    types = {name: kind for name, kind in types.items() if name not in ("model", *NOT_KEPT)}
     _check_kinds(arrays, texts, types)
     further = {f"dissipated.{name}": "Array" for name in texts["dissipated"]}
     further |= {f"model.{f.name}": str(f.type) for f in fields(Model)} if texts["has_model"] else {}

@@ -6,7 +6,6 @@ import logging
 import weakref
 from collections.abc import Mapping
 from contextlib import suppress
-from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple, Protocol, runtime_checkable
@@ -17,12 +16,14 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import UNBOUNDED, per_joint_array, positive_number, vector
 from ..basics.spatial import Array
 from ..basics.text import listed, summary
+from ..dynamics.crba import mass_matrix
 from ..kernels.kernel import Kernel
 from ..model.model import joint_array
 from ..model.modify import limit_array
 from ..robot import Robot
-from .equations_of_motion import AppliedTorques, RightHandSide, check_law
+from .control_law import TracedLaw, check_law
 from .friction import Friction, urdf_friction
+from .scene_dynamics import SceneDynamics
 
 LOGGER = logging.getLogger("rne")
 _announced: weakref.WeakValueDictionary[int, Any] = weakref.WeakValueDictionary()  # laws that are called, by id
@@ -187,7 +188,7 @@ class Scene:
     def _resolved_robot(self) -> Robot:
         robot = self.robot
         if self.gravity is not None:
-            robot = Robot(replace(robot.model, gravity=vector("gravity", self.gravity, 3)), robot.engine)
+            robot = robot.with_model(replace(robot.model, gravity=vector("gravity", self.gravity, 3)))
         if self.mounting is not None:
             robot = robot.mounted(self.mounting)
         if self.payload is not None:
@@ -198,7 +199,7 @@ class Scene:
             if robot.model.has_mimics:
                 raise ValueError("`armature` of a robot with mimicking joints belongs to its Model, joint by joint")
             armature = per_joint_array("armature", self.armature, robot.n, sign="not negative")
-            robot = Robot(replace(robot.model, armature=armature), robot.engine)
+            robot = robot.with_model(replace(robot.model, armature=armature))
         return robot
 
     @property
@@ -206,72 +207,62 @@ class Scene:
         """Number of joint coordinates, without locked joints."""
         return self.resolved.robot.n
 
-    @cached_property
-    def right_hand_side(self) -> RightHandSide:
-        """dx/dt = f(t, x) of the state x = (q, qd, the controller's states)."""
-        parts, is_held = self.resolved, self.sample_time is not None
-        law = None if is_held or self._traced_law is None else self.controller
-        is_given = self.controller is not None and law is None
-        states = 0 if is_held else int(getattr(self.controller, "states", 0))
-        with_impulses = parts.effort_limit is not None and self.controller is not None and not is_held
-        drives = parts.effort_limit, law, is_given, states, with_impulses
-        return RightHandSide(parts.robot, parts.friction, *drives)
+    @property
+    def dynamics(self) -> SceneDynamics:
+        """The equations of motion of the scene, with the controller as it is now; equal scenes share their kernels."""
+        parts, law = self.resolved, self.controller
+        is_held = self.sample_time is not None
+        traced = None if is_held else self._traced_law()
+        states = 0 if is_held else int(getattr(law, "states", 0))
+        limit, n = parts.effort_limit, parts.robot.n
+        return SceneDynamics(
+            n,
+            parts.robot._kernels.forward_method(),
+            parts.friction,
+            None if limit is None else tuple(limit.tolist()),
+            traced,
+            "held" if is_held else "called" if law is not None and traced is None else "none",
+            states,
+            None if limit is None or law is None or is_held else self._typical_inertia,
+        )
 
     @cached_property
-    def right_hand_side_with_energies(self) -> RightHandSide:
-        """The same, with the energies of the ledger as further states."""
-        return replace(self.right_hand_side, with_energies=True)
+    def _typical_inertia(self) -> tuple[float, ...]:
+        """Diagonal of M in one configuration: it makes impulses rates."""
+        diagonal = np.diagonal(mass_matrix(self.resolved.robot.model, np.zeros(self.n)))
+        return tuple(np.where(diagonal > 0, diagonal, 1.0).tolist())
 
-    @cached_property
-    def _traced_law(self) -> AppliedTorques | None:
+    def _traced_law(self) -> TracedLaw | None:
         """The controller, if it is traced; a line on the logger if it is marked as traceable but cannot be."""
         if not getattr(self.controller, "traceable", False):
             return None
-        law = self._law_alone
-        reason = law.why_not_traced()
-        if (
-            reason is not None
-            and self.sample_time is None
-            and _announced.get(id(self.controller)) is not self.controller
-        ):
+        law = TracedLaw(self.controller, self.n)
+        reason = law.why_not_traced(self.resolved.robot)
+        if reason is None:
+            return law
+        if self.sample_time is None and _announced.get(id(self.controller)) is not self.controller:
             LOGGER.warning("`controller` is called, not traced: %s", reason)
             with suppress(TypeError):  # an object without weak references
                 _announced[id(self.controller)] = self.controller
-        return law if reason is None else None
+        return None
 
     @property
-    def _law_alone(self) -> AppliedTorques:
-        states = int(getattr(self.controller, "states", 0))
-        return AppliedTorques(self.resolved.robot, None, None, self.controller, False, states)
-
-    def _trace_anew(self) -> None:
-        """Forget what was traced if the controller has changed since then."""
-        if self._traced_law is not None and not self._traced_law.is_current():
-            for name in ("right_hand_side", "right_hand_side_with_energies", "_traced_law"):
-                self.__dict__.pop(name, None)
-
-    @property
-    def traced_samples(self) -> AppliedTorques | None:
-        """A sampled controller as machine code, where that is possible; traced anew if it has changed."""
+    def traced_samples(self) -> TracedLaw | None:
+        """A sampled controller as machine code, where that is possible."""
         if self.sample_time is None or self.resolved.robot.engine != "numba":
             return None
-        self._trace_anew()
-        return self._traced_law
-
-    def current_right_hand_side(self) -> RightHandSide:
-        """The right-hand side, traced anew if the controller has changed since it was traced."""
-        self._trace_anew()
-        return self.right_hand_side
+        return self._traced_law()
 
     @property
     def is_traced(self) -> bool:
         """True if the controller is part of the kernel, False if it is called or there is none."""
-        return self.right_hand_side.law is not None
+        return self.dynamics.law is not None
 
     @property
     def kernel(self) -> Kernel:
         """The whole right-hand side in one kernel, the controller included if it is traceable."""
-        return self.right_hand_side.kernel
+        dynamics = replace(self.dynamics, has_energies=False)
+        return self.resolved.robot._kernels.scene_kernel(dynamics.right_hand_side)
 
     def inverse_dynamics(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> Array:
         """Torques of the drives for given accelerations, friction included.
@@ -369,16 +360,6 @@ class Scene:
         if np.any(self.resolved.robot.model.gravity):
             costs["gravity"] = total - operations(gravity=np.zeros(3))
         return costs | {"law": law}
-
-
-_SCENES: weakref.WeakKeyDictionary[Robot, Scene] = weakref.WeakKeyDictionary()
-
-
-def scene_of_robot(robot: Robot) -> Scene:
-    """The scene of the robot alone, kept as long as the robot so that its kernel is compiled once."""
-    if robot not in _SCENES:
-        _SCENES[robot] = Scene(copy(robot))  # a copy has the same kernels and does not keep the robot alive
-    return _SCENES[robot]
 
 
 def resolved_friction(friction: Friction | str | None, robot: Robot) -> Friction | None:

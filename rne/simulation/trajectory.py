@@ -6,30 +6,56 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from itertools import pairwise
+from os import PathLike
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import positive_number, real_numbers
+from ..basics.arrays import TIME_ROUNDING, output_file, positive_number, real_numbers
 from ..basics.spatial import Array
 from ..basics.text import UNBROKEN, InNotebooks, counted, listed, short, wrapped
 from ..model.model import Model
 from .limits import Violation, limit_violations
-from .motion_files import MotionFiles
+from .motion_files import NOT_KEPT, numbered_joints, read_archive, write_archive, write_columns
 
 LONGEST = 240  # characters of the solver's message
 SUDDEN = 10.0  # times between two instants: within them an error may grow at once
 PARTS, MOST = 16, 100_000  # of a step, and of a motion: of many samples, fewer between them
 MOST_LOADS = 20_000  # where a recursion is computed at each
-OUTSIDE = 1e-12  # of the last time: by rounding, a solver's last step ends so far beyond it
 
 
-def trajectory_later(known: Mapping[str, Any], derive: Callable[[], Mapping[str, Any]]) -> Trajectory:
-    """A motion whose other attributes are computed when one of them is asked for."""
-    motion = object.__new__(Trajectory)
-    motion.__dict__.update(dict(known), _derive=derive)
-    return motion
+class Derived:
+    """A field of a motion that its run computes, together with the others, when one of them is first asked for.
+
+    Parameters
+    ----------
+    empty : callable, optional
+        Makes the value of a motion without a run that does not give it; without this it must be given.
+    """
+
+    def __init__(self, empty: Callable[[], Any] | None = None) -> None:
+        self.empty = empty
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self.name = name
+
+    def __get__(self, motion: Any, owner: type) -> Any:
+        if motion is None:
+            return self  # as the default of the field: not given
+        if self.name not in motion.__dict__:
+            motion.__dict__.update({**motion.run.derived(), **motion.__dict__, "run": None})
+        return motion.__dict__[self.name]
+
+    def __set__(self, motion: Any, value: Any) -> None:
+        if value is not self:
+            motion.__dict__[self.name] = value
+
+
+def derived(empty: Callable[[], Any] | None = None) -> Any:
+    """The default of a field that a run computes."""
+    return Derived(empty)
 
 
 def trajectory_lines(motion: Trajectory) -> list[str]:
@@ -54,7 +80,7 @@ def trajectory_lines(motion: Trajectory) -> list[str]:
 
 
 @dataclass(frozen=True, eq=False)
-class Trajectory(MotionFiles, InNotebooks):
+class Trajectory(InNotebooks):
     """A simulated motion.
 
     Attributes
@@ -94,6 +120,8 @@ class Trajectory(MotionFiles, InNotebooks):
     at_steps : bool
         True if the samples are the solver's steps, or a controller's. Between times that `t_eval` asked for the motion
         is known only as far as their distance allows.
+    run : object or None
+        The run that the other attributes are computed of when one of them is first asked for.
     error_estimate : callable or None
         Times and the estimated error of the positions until then, both of shape (K,); see `trusted_horizon`.
 
@@ -110,42 +138,42 @@ class Trajectory(MotionFiles, InNotebooks):
     t: Array
     q: Array
     qd: Array
-    qdd: Array
-    tau: Array
-    kinetic: Array
-    potential: Array
-    energy: Array
-    work: Array
-    energy_drift: float
     evaluations: int
     method: str
     status: int
-    message: str
-    dissipated: Mapping[str, Array] = field(default_factory=dict)
-    controller_state: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    energy_start: float = field(default_factory=float)  # no attribute of the class, as it may be computed later
+    qdd: Array = derived()
+    tau: Array = derived()
+    kinetic: Array = derived()
+    potential: Array = derived()
+    energy: Array = derived()
+    work: Array = derived()
+    energy_drift: float = derived()
+    message: str = derived()
+    dissipated: Mapping[str, Array] = derived(dict)
+    controller_state: Array = derived(lambda: np.zeros((0, 0)))
+    energy_start: float = derived(float)
+    jumps: Array = derived(lambda: np.zeros(0))
+    qdd_before: Array = derived(lambda: np.zeros((0, 0)))
+    tau_before: Array = derived(lambda: np.zeros((0, 0)))
+    scene: str = derived(str)
     error_estimate: Callable[[], tuple[Array, Array]] | None = field(default=None, repr=False)
     model: Model | None = field(default=None, repr=False)
-    jumps: Array = field(default_factory=lambda: np.zeros(0), repr=False)
-    qdd_before: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
-    tau_before: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
-    scene: str = field(default_factory=str, repr=False)
     at_steps: bool = field(default=True, repr=False)
+    run: Any = field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        for name, kind in vars(type(self)).items() if self.run is None else ():
+            if isinstance(kind, Derived) and name not in self.__dict__:
+                if kind.empty is None:
+                    raise TypeError(f"Trajectory needs `{name}`")
+                self.__dict__[name] = kind.empty()
 
     def __repr__(self) -> str:
         return wrapped("\n  ".join(trajectory_lines(self))).replace(UNBROKEN, " ")
 
-    def __getattr__(self, name: str) -> Any:
-        derive = self.__dict__.get("_derive")
-        if derive is None or name.startswith("_") or name not in {f.name for f in fields(self)}:
-            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
-        self.__dict__.update(derive())
-        self.__dict__.pop("_derive", None)
-        return self.__dict__[name]
-
     def __getstate__(self) -> dict[str, Any]:
         values = {f.name: getattr(self, f.name) for f in fields(self)}
-        return values | {"error_estimate": None}  # they may hold laws that do not pickle
+        return values | {"error_estimate": None, "run": None}  # they may hold laws that do not pickle
 
     def __copy__(self) -> Trajectory:
         return replace(self)
@@ -223,7 +251,7 @@ class Trajectory(MotionFiles, InNotebooks):
             raise ValueError("this motion has no samples")
         times = real_numbers("t", t, "(T,)").astype(np.float64)
         first, last = float(self.t[0]), float(self.t[-1])
-        margin = OUTSIDE * abs(last)
+        margin = TIME_ROUNDING * abs(last)
         outside = (times < first - margin) | (times > last + margin)
         if outside.any():
             raise ValueError(
@@ -325,6 +353,123 @@ class Trajectory(MotionFiles, InNotebooks):
         """Energy error over time, energy - initial energy - work + dissipated: the solver's error, shape (T,) [J]."""
         taken = sum(self.dissipated.values(), np.zeros(len(self.t)))
         return self.energy - self.energy_start - self.work + taken
+
+    def save(self, path: str | PathLike[str]) -> Path:
+        """Write the motion, its model and its scene's description to a NumPy archive.
+
+        Parameters
+        ----------
+        path : str or path-like
+            Ending in .npz, in an existing folder.
+
+        Returns
+        -------
+        pathlib.Path
+            The file written; `Trajectory.load` reads it. It names the path of the robot's URDF file, as `model.source`.
+
+        Raises
+        ------
+        ValueError
+            If `path` does not end in .npz.
+        FileNotFoundError
+            If its folder does not exist.
+
+        Examples
+        --------
+        >>> import rne
+        >>> swing = rne.simulate(rne.load("irb140"), [0] * 6, [0] * 6, 0.5)
+        >>> file = swing.save("swing.npz")  # doctest: +SKIP
+        """
+        file = output_file(path, ".npz")
+        return write_archive(file, {f.name: getattr(self, f.name) for f in fields(self) if f.name not in NOT_KEPT})
+
+    @classmethod
+    def load(cls, path: str | PathLike[str]) -> Trajectory:
+        """Read a motion that `save` has written; every number is the same.
+
+        Parameters
+        ----------
+        path : str or path-like
+            The file.
+
+        Returns
+        -------
+        Trajectory
+            It has forgotten its scene's controller, so that `trusted_horizon` is not to be had.
+
+        Raises
+        ------
+        ValueError
+            If the file is no such archive, or a damaged one, or an entry of it is missing, unknown, of the wrong shape
+            or type or not finite, or the times do not ascend.
+        FileNotFoundError
+            If there is no such file.
+
+        Examples
+        --------
+        >>> import rne
+        >>> rne.Trajectory.load("swing.npz").message  # doctest: +SKIP
+        """
+        if not isinstance(path, str | PathLike):
+            raise TypeError(f"`path` must be a str or path-like, got {type(path).__name__}")
+        return Trajectory(**read_archive(Path(path), {f.name: str(f.type) for f in fields(cls)}))
+
+    def to_csv(self, path: str | PathLike[str]) -> Path:
+        """Write times, positions, velocities, accelerations and torques as comma-separated values.
+
+        Parameters
+        ----------
+        path : str or path-like
+            In an existing folder.
+
+        Returns
+        -------
+        pathlib.Path
+            The file written: a heading `t`, `q.<joint>`, `qd.<joint>`, `qdd.<joint>`, `tau.<joint>`, then one row per
+            sample in SI units, with all digits. `rne.trajectories.read_csv` reads it.
+
+        Raises
+        ------
+        FileNotFoundError
+            If its folder does not exist.
+
+        Examples
+        --------
+        >>> import rne
+        >>> swing = rne.simulate(rne.load("irb140"), [0] * 6, [0] * 6, 0.5)
+        >>> file = swing.to_csv("swing.csv")  # doctest: +SKIP
+        """
+        return write_columns(path, self.t, self._columns())
+
+    def to_dataframe(self) -> Any:
+        """Times, positions, velocities, accelerations and torques as a table of pandas.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Indexed by the time `t` [s], with columns `q.<joint>`, `qd.<joint>`, `qdd.<joint>`, `tau.<joint>`.
+
+        Raises
+        ------
+        ImportError
+            If pandas is not installed.
+
+        Examples
+        --------
+        >>> import rne
+        >>> swing = rne.simulate(rne.load("irb140"), [0] * 6, [0] * 6, 0.5)
+        >>> swing.to_dataframe()["q.joint_2"].max()  # doctest: +SKIP
+        """
+        try:
+            import pandas
+        except ModuleNotFoundError:
+            raise ImportError("`to_dataframe` needs pandas, which is not installed: pip install pandas") from None
+        return pandas.DataFrame(self._columns(), index=pandas.Index(self.t, name="t"))
+
+    def _columns(self) -> dict[str, Array]:
+        names = numbered_joints(self.q.shape[1]) if self.model is None else self.model.joint_names
+        parts = ("q", "qd", "qdd", "tau")
+        return {f"{part}.{name}": getattr(self, part)[:, k] for part in parts for k, name in enumerate(names)}
 
 
 def _horizon(bound: float, t: Array, error: Array) -> float:

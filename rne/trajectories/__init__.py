@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from ..basics.first_use import on_first_use
+from ..basics import on_first_use
 from .csv_file import Samples, read_csv
 from .paths import Path, through
 from .profiles import Quintic, Spline, Trapezoidal, quintic, spline, trapezoidal

@@ -66,7 +66,7 @@ class Path:
         return f"Path({len(self.points)} points, stops={self.stops})"
 
     def _via(self, piece: int, s: float) -> str:
-        """Where a place is, in words: s is the parameter of a piece."""
+        """A place on the path in words: s is the parameter of a piece."""
         knots = self.pieces[piece].x
         k = int(np.clip(np.searchsorted(knots, s, side="right") - 1, 0, len(knots) - 2))
         share, first = (s - knots[k]) / (knots[k + 1] - knots[k]), self.stops[piece] + k

@@ -8,14 +8,13 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import plain_array, positive_number, real_array, real_numbers
+from ..basics.arrays import TIME_ROUNDING, plain_array, positive_number, real_array, real_numbers
 from ..basics.spatial import Array
 from ..basics.text import summary
 from ..elementwise import clip, less, where
 from .paths import made_by
 
 DEGREE = 5  # of a spline: continuous third derivatives of q, so that accelerations have no corners
-ROUNDING = 1e-12  # of the times: by so much the stages of a solver's last step may lie beyond the end
 MISMATCH = 1e-6  # of the largest |q|: by so much the spline may miss a sample before it is refused
 
 
@@ -222,7 +221,7 @@ class Spline(_ReferenceMotion):
             raise TypeError("a spline through samples is evaluated with numbers and cannot be traced")
         start, end = float(self.t[0]), float(self.t[-1])
         inside = np.clip(t, start, end)
-        outside = t[np.abs(t - inside) > ROUNDING * max(abs(start), abs(end))]
+        outside = t[np.abs(t - inside) > TIME_ROUNDING * max(abs(start), abs(end))]
         if outside.size:
             raise ValueError(f"`t` must be within the samples, {start:g} to {end:g} s, got {outside.flat[0]:g}")
         unit = end - start

@@ -22,10 +22,11 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import positive_number
 from ..basics.spatial import Array
-from ..basics.text import Row, aligned, listed, short
+from ..basics.text import column, listed, table
 from ..robot import Robot
 from ..robot.robot import robot_argument
 from ..simulation.friction import Friction
+from ..simulation.limits import limit_shares, share_texts
 from ..simulation.scene import Payload, Scene
 from .paths import Path, made_by, through
 from .profiles import _ReferenceMotion, is_traced
@@ -36,7 +37,7 @@ UNUSED = 0.007  # of a limit: a gap to every limit above which grid points are s
 CLOSER, ROUNDS = 16, 8  # parts of an interval at most, times that the grid is refined
 NEAR = 0.02  # of an interval, on either side of where arcs are expected to meet
 WAY = 0.1  # length of each piece in the linear programs whose intervals have units of their own
-ROUNDING = 1e-9  # by so much x is kept below the largest, relative
+BELOW = 1e-9  # relative: x is kept so far below the largest, so that the next program has a solution
 SHORTEST = 1e-5  # of the duration: intervals that are divided are longer
 AGREE = 3e-4  # of a limit: between viscous friction and its tangent
 TANGENT = 1e-4  # of a limit: viscous friction below which its tangent stays the same
@@ -47,6 +48,7 @@ BESIDE = 1e-9  # of the duration, on either side of such a time: there a joint m
 SMOOTHING = 0.01  # [s]: what the current controllers of drives follow
 AT_LIMIT = 0.99  # share of a limit from which it counts as used
 CREEP = 1e-12  # [1/s], s' at a stop: Coulomb friction has the sign of the motion that begins or ends there
+OUT_OF_RANGE = 1e-9  # [rad or m] beyond the range of a joint: splines of points at its end round so
 MILLISECOND = 1e-3  # over which steps of torques and accelerations are told
 
 
@@ -60,29 +62,35 @@ class OutOfRange(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class _Limits:
-    """What binds a motion: limits of torques and accelerations are rows, those of velocities are bounds of x."""
+    """Limits of a scene's robot: those of torques and accelerations are rows, those of velocities are bounds of x."""
 
     scene: Scene
-    names: tuple[str, ...]
-    effort: Array
-    acceleration: Array
-    deceleration: Array
-    velocity: Array
+
+    @cached_property
+    def robot(self) -> Robot:
+        return self.scene.resolved.robot
 
     @cached_property
     def friction(self) -> Friction:
         return self.scene.resolved.friction or Friction()
 
+    @cached_property
+    def known(self) -> dict[str, Array]:
+        return self.robot.model.coordinate_limits()
+
     def rows(self, torque: Array, acceleration: Array) -> Array:
         """Torques, accelerations and decelerations over their limits, 0 where there is none."""
-        both = acceleration / self.acceleration, acceleration / self.deceleration
-        return np.concatenate([torque / self.effort, *both], axis=-1)
+        both = (acceleration / self.known[f"{name}_limit"] for name in ("acceleration", "deceleration"))
+        return np.concatenate([torque / self.known["effort_limit"], *both], axis=-1)
 
-    def use(self, q: Array, qd: Array, qdd: Array) -> tuple[Array, Array]:
-        """Shares of the limits: of torques and accelerations (..., rows), of velocities (..., n)."""
-        along = qdd / np.where(qd * qdd < 0, self.deceleration, self.acceleration)
-        torque = self.scene.inverse_dynamics(q, qd, qdd) / self.effort
-        return np.concatenate([torque, along], axis=-1), np.abs(qd) / self.velocity
+    def shares(self, q: Array, qd: Array, qdd: Array) -> dict[str, Array]:
+        """Shares of the limits of torques, accelerations and velocities, shape (..., n) each."""
+        return limit_shares(self.known, qd, qdd, self.scene.inverse_dynamics(q, qd, qdd))
+
+    def largest_shares(self, q: Array, qd: Array, qdd: Array) -> Array:
+        """Largest share of torques and accelerations, and of velocities, shape (2, ...)."""
+        torque, acceleration, velocity = (x.max(-1, initial=0) for x in self.shares(q, qd, qdd).values())
+        return np.stack([np.maximum(torque, acceleration), velocity])
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +124,7 @@ class _Piece:
         q, d1, d2 = self.derivatives(grid)
         zero = np.zeros_like(q)
         states = (np.stack(x) for x in ((q, q, q), (zero, zero, d1), (zero, d1, d2)))
-        c, ac, bc = limits.scene.resolved.robot.inverse_dynamics(*states)
+        c, ac, bc = limits.robot.inverse_dynamics(*states)
         inside = self.derivatives((grid[1:] + grid[:-1]) / 2)[1]  # q' does not change its sign between grid points
         ends = [rows(part, by) for part, by in ((ac - c, d1), (bc - c, d2), (c, zero))]
         a, b, c = (np.stack([x[:-1], x[1:]]) for x in ends)
@@ -127,7 +135,8 @@ class _Piece:
         a, b = a * along, b * along
         v = [rows(limits.friction.viscous_torque(sign * np.abs(slope)), nothing) for slope in (d1[:-1], d1[1:])]
         with np.errstate(divide="ignore"):
-            largest, within = (1 / np.max((slope / limits.velocity) ** 2, axis=1) for slope in (d1, inside))
+            fastest = limits.known["velocity_limit"]
+            largest, within = (1 / np.max((slope / fastest) ** 2, axis=1) for slope in (d1, inside))
         beside = np.minimum(np.append(within[:1], within), np.append(within, within[-1:]))
         # Where all joints turn, x is free, but not beside it.
         return a, b, c, np.stack(v), np.where(largest > 2 * beside, beside / 2, largest)
@@ -166,7 +175,7 @@ def _two_passes(grid: Array, a: Array, b: Array, c: Array, largest: Array, unit:
     sides = np.vstack([ones[np.tile(kind != 2, 2)], -ones[np.tile(kind != 1, 2)]])
     h2 = 2 * np.diff(grid)
 
-    class Rows(LinearConstraint):  # type: ignore[misc]
+    class GridConstraint(LinearConstraint):  # type: ignore[misc]
         def __init__(self) -> None:
             super().__init__()
             self.identical = True
@@ -178,16 +187,16 @@ def _two_passes(grid: Array, a: Array, b: Array, c: Array, largest: Array, unit:
             bounds = np.stack([np.zeros_like(most), most], axis=1)
             return (*parts, sides, np.ones(len(sides)), None, bounds)
 
-    program = seidelWrapper([Rows()], SimpleNamespace(duration=grid[-1]), grid, True).solve_stagewise_optim
+    program = seidelWrapper([GridConstraint()], SimpleNamespace(duration=grid[-1]), grid, True).solve_stagewise_optim
     slowest, quickest, held = np.array([-1e-9, 1.0]), np.array([1e-9, -1.0]), np.abs(c).max((0, 2), initial=0) <= 1
     low, high, x = np.zeros((3, len(grid))).tolist()
     for i in reversed(range(len(h2))):  # the x from which the motion can come to rest at the end
         size = float(unit[i])
         following = low[i + 1] / size, high[i + 1] / size
-        high[i] = program(i, None, quickest, np.nan, np.nan, *following)[1] * (1 - ROUNDING) * size
+        high[i] = program(i, None, quickest, np.nan, np.nan, *following)[1] * (1 - BELOW) * size
         if low[i + 1] or not held[i]:  # elsewhere it can stand still
             low[i] = max(program(i, None, slowest, np.nan, np.nan, *following)[1] * size, 0.0)
-    if np.isnan(high).any() or low[0] > ROUNDING * unit[0]:
+    if np.isnan(high).any() or low[0] > BELOW * unit[0]:
         return None
     for i, by in enumerate(np.stack([-h2, -np.ones(len(h2))], axis=1)):  # from the start, each x as large as can be
         size = float(unit[i])
@@ -268,7 +277,7 @@ class _Profile:
 def _solve(piece: _Piece, grid: Array, guess: Array | None, allowed: Array | None = None) -> Array | None:
     """x at grid points, with viscous friction by tangents until they agree; None if the path cannot be driven.
 
-    Of the limits a part may be `allowed` at each grid point, shape (2, N + 1): of rows and of velocities.
+    Only a part of the limits may be `allowed` at each grid point, shape (2, N + 1): of rows and of velocities.
     """
     a, b, c, v, largest = piece.coefficients(grid)
     if allowed is not None:
@@ -304,11 +313,12 @@ def _solve(piece: _Piece, grid: Array, guess: Array | None, allowed: Array | Non
 
 
 def _infeasible(piece: _Piece, grid: Array) -> str:
-    """Where a joint needs most of its torque to stand still, in words."""
+    """The place where a joint needs most of its torque to stand still, in words."""
     at_rest = np.abs(piece.coefficients(grid)[2]).max(0)
     k, row = np.unravel_index(int(at_rest.argmax()), at_rest.shape)  # a torque's: nothing accelerates
-    j = int(row) % len(piece.limits.names)
-    joint, limit, share = piece.limits.names[j], piece.limits.effort[j], at_rest[k, row]
+    j = int(row) % piece.limits.robot.n
+    joint, limit = piece.limits.robot.joint_names[j], piece.limits.known["effort_limit"][j]
+    share = at_rest[k, row]
     place = piece.path._via(piece.index, float(grid[k]))
     if share < 1:
         return f"`path`: toppra finds no motion; at rest it needs most {place}, {share:.0%} of joint {joint!r}"
@@ -323,8 +333,7 @@ def _finer(piece: _Piece, grid: Array, x: Array) -> Array:
     profile, h, inside = _Profile(grid, x), np.diff(grid), np.array([[0.01], [0.25], [0.5], [0.75], [0.99]])
     q, d1, d2 = piece.derivatives(grid[:-1] + inside * h)
     square = (x[:-1] + inside * np.diff(x))[..., None]
-    rows, speeds = piece.limits.use(q, d1 * np.sqrt(square), d1 * profile.u[:, None] + d2 * square)
-    most = np.maximum(np.abs(rows).max(-1, initial=0), speeds.max(-1, initial=0))
+    most = piece.limits.largest_shares(q, d1 * np.sqrt(square), d1 * profile.u[:, None] + d2 * square).max(axis=0)
     beyond, unused = np.maximum(most.max(0) - 1, 0), 1 - most.min(0)
     long = np.diff(profile.times) > SHORTEST * profile.times[-1]
     # Where the limit in use changes, u jumps: there the arcs of both neighbours meet, at this share of the interval.
@@ -359,8 +368,7 @@ def _fastest_profile(piece: _Piece) -> _Profile:
 
 def _excess(piece: _Piece, profile: _Profile) -> Array:
     """Largest shares of torques and accelerations, and of velocities, at instants: (2, K)."""
-    shares, speeds = piece.limits.use(*profile.states(piece, profile.instants))
-    return np.stack([np.abs(shares).max(-1, initial=0), speeds.max(-1, initial=0)])
+    return piece.limits.largest_shares(*profile.states(piece, profile.instants))
 
 
 def _slowed(piece: _Piece, profile: _Profile, message: str) -> _Profile:
@@ -418,7 +426,7 @@ class FastestMotion(_ReferenceMotion):
     smoothing : float
         The time over which the place on the path is averaged [s].
     unsmoothed_duration : float
-        That of the motion without smoothing [s].
+        Duration of the motion without smoothing [s].
 
     Examples
     --------
@@ -508,9 +516,7 @@ class FastestMotion(_ReferenceMotion):
         dict of str to ndarray, shape (T, n)
             "torque", "acceleration" and "velocity" over their limits at `instants`, 0 where there is no limit.
         """
-        rows, speeds = self._limits.use(*self(self.instants))
-        torques, accelerations = np.split(np.abs(rows), 2, axis=-1)
-        return {"torque": torques, "acceleration": accelerations, "velocity": speeds}
+        return self._limits.shares(*self(self.instants))
 
     def steps(self) -> tuple[Array, Array]:
         """Largest steps of torques and largest jerks of the joints, over one millisecond.
@@ -534,23 +540,20 @@ class FastestMotion(_ReferenceMotion):
         slowed = max(profile.slowed for profile in self._profiles)
         smooth += f"; driven up to {slowed:.3g} times slower than solved, to keep the limits" if slowed > 1 else ""
         lines = [f"Fastest motion along the path: {self.duration:.6g} s{smooth}"]
-        shares, (torque, jerk) = self.shares(), self.steps()
-        weight = np.gradient(self.instants) / self.duration
+        shares, steps, known = self.shares(), self.steps(), self._limits.known
+        at_a_limit = (np.stack([*shares.values()]) >= AT_LIMIT).any(axis=0)
+        accelerations = np.minimum(known["acceleration_limit"], known["deceleration_limit"])
+        limits = known["effort_limit"], accelerations, known["velocity_limit"]
+        columns = map(share_texts, shares.values(), limits)
         heads = ("torque", "accel.", "velocity", "at a limit", "torque step", "jerk")
-        table, found = [Row("joint", heads, words=True)], self._limits
-        accelerations = np.minimum(found.acceleration, found.deceleration)
-        limits = {"torque": found.effort, "acceleration": accelerations, "velocity": found.velocity}
-        for k, joint in enumerate(found.names):
-            largest = [
-                f"{shares[kind][:, k].max():.1%}" if np.isfinite(limit[k]) else "-" for kind, limit in limits.items()
-            ]
-            at = sum(shares[kind][:, k] >= AT_LIMIT for kind in shares) > 0
-            table.append(Row(short(joint), [*largest, f"{weight @ at:.0%}", f"{torque[k]:.3g}", f"{jerk[k]:.3g}"]))
+        times = column(np.gradient(self.instants) / self.duration @ at_a_limit, ".0%")
+        further = (times, *(column(x, ".3g") for x in steps))
+        rows = table("joint", heads, self._limits.robot.joint_names, *columns, *further)
         notes = (
             "largest share of each limit; share of the time at one; steps per ms in N m, jerk in rad/s^3 (N, m/s^3)",
             f"-: no limit; limits hold to {2 * ACCURACY:.1%} throughout",
         )
-        return "\n".join([*lines, *aligned(table), *notes])
+        return "\n".join([*lines, *rows, *notes])
 
 
 def fastest(
@@ -571,7 +574,7 @@ def fastest(
     path : Path or array_like, shape (K, n)
         From `rne.trajectories.through`, or via points for it [rad or m].
     friction : Friction or "urdf", optional
-        What the drives must supply in addition. Coulomb friction counts with its full size from rest.
+        Friction that the drives must overcome. Coulomb friction counts with its full size from rest.
     payload : Payload, PayloadEstimate or float, optional
         A body on the last link, or its mass [kg], as in a `Scene`.
     smoothing : float, optional
@@ -621,7 +624,7 @@ def fastest(
     optimal = [_fastest_profile(piece) for piece in pieces]
     duration = sum(profile.duration for profile in optimal)
     window = SMOOTHING if smoothing is None else positive_number("smoothing", smoothing, zero_allowed=True)
-    jerk = robot.model.coordinate_limits()["jerk_limit"]
+    jerk = limits.known["jerk_limit"]
     while True:
         profiles = [_averaged(*pair, window) for pair in zip(pieces, optimal, strict=True)] if window else optimal
         motion = FastestMotion(given, window, duration, limits, tuple(profiles))
@@ -631,32 +634,31 @@ def fastest(
 
 
 def _checked_limits(scene: Scene, path: Path) -> _Limits:
-    robot = scene.resolved.robot
-    known, names = robot.model.coordinate_limits(), robot.joint_names
+    limits = _Limits(scene)
+    robot, known = limits.robot, limits.known
     if path.points.shape[1] != robot.n:
         raise ValueError(f"`path` must have points of shape (K, {robot.n}), got {path.points.shape}")
     free = np.isinf(known["effort_limit"]) & np.isinf(known["acceleration_limit"])
     if free.any():
-        missing = [name for name, is_free in zip(names, free, strict=True) if is_free]
+        missing = [name for name, is_free in zip(robot.joint_names, free, strict=True) if is_free]
         raise MissingLimit(
             f"`robot`: {listed(missing)} {'have' if len(missing) > 1 else 'has'} neither a torque nor an acceleration "
             "limit; give them by robot.with_limits(effort=...)"
         )
-    limits = [known[f"{name}_limit"] for name in ("effort", "acceleration", "deceleration", "velocity")]
-    for name, limit in zip(("torque", "acceleration", "deceleration", "velocity"), limits, strict=True):
-        if not limit.all():
-            raise ValueError(f"`robot`: the {name} limit of joint {names[int(limit.argmin())]!r} is 0")
-    return _Limits(scene, names, *limits)
+    for name in ("effort", "acceleration", "deceleration", "velocity"):
+        if not (limit := known[f"{name}_limit"]).all():
+            kind = name.replace("effort", "torque")
+            raise ValueError(f"`robot`: the {kind} limit of joint {robot.joint_names[int(limit.argmin())]!r} is 0")
+    return limits
 
 
 def _check_range(piece: _Piece) -> None:
     """Refuse a path that leaves the range of a joint."""
-    limits, q = piece.limits.scene.resolved.robot.model.coordinate_limits(), piece.derivatives(piece.first_grid)[0]
-    low, high = limits["lower"], limits["upper"]
+    low, high, q = piece.limits.known["lower"], piece.limits.known["upper"], piece.derivatives(piece.first_grid)[0]
     beyond = np.maximum(q - high, low - q)
     k, j = np.unravel_index(int(beyond.argmax()), q.shape)
-    if beyond[k, j] > 1e-9:
+    if beyond[k, j] > OUT_OF_RANGE:
+        joint, place = piece.limits.robot.joint_names[j], piece.path._via(piece.index, float(piece.first_grid[k]))
         raise OutOfRange(
-            f"`path` leaves the range of joint {piece.limits.names[j]!r}, {low[j]:.4g} to {high[j]:.4g}: {q[k, j]:.4g} "
-            f"{piece.path._via(piece.index, float(piece.first_grid[k]))}"
+            f"`path` leaves the range of joint {joint!r}, {low[j]:.4g} to {high[j]:.4g}: {q[k, j]:.4g} {place}"
         )

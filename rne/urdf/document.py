@@ -15,7 +15,7 @@ from pathlib import Path, PurePath
 from typing import Any, NamedTuple
 
 from ..basics.text import cut
-from .findings import ECHO, Report, echo, listed, near_path
+from .findings import ECHO, FindingsReport, echo, listed, near_path
 
 MAX_BYTES = 16 * 2**20
 MAX_DEPTH = 256  # libxml2's own limit, which `huge_tree` would lift
@@ -65,7 +65,7 @@ class _Prolog:
         """Required of a parser target; a well-formed document never gets here."""
 
 
-def read_bytes(path: str | os.PathLike[str], report: Report) -> bytes | None:
+def read_bytes(path: str | os.PathLike[str], report: FindingsReport) -> bytes | None:
     """The file's bytes, or None with a finding if it is not a regular file."""
     file = Path(path)
     if not file.exists():
@@ -77,7 +77,7 @@ def read_bytes(path: str | os.PathLike[str], report: Report) -> bytes | None:
         return stream.read(MAX_BYTES + 1)  # one more than allowed: `parse` refuses it
 
 
-def parse(data: bytes, report: Report) -> Any | None:
+def parse(data: bytes, report: FindingsReport) -> Any | None:
     """The root element without comments and processing instructions, or None with a finding."""
     from lxml import etree
 
@@ -103,7 +103,7 @@ def parse(data: bytes, report: Report) -> Any | None:
 
 
 def _error_by_expat(data: bytes) -> Any | None:
-    """What expat has against the bytes; it knows no namespaces, after an error of which libxml2 stops at </robot>."""
+    """Error that expat finds; it knows no namespaces, after an error of which libxml2 stops at </robot>."""
     from xml.parsers import expat
 
     try:
@@ -113,7 +113,7 @@ def _error_by_expat(data: bytes) -> Any | None:
     return None
 
 
-def _report_syntax_error(data: bytes, log: Any, other: Any, report: Report) -> None:
+def _report_syntax_error(data: bytes, log: Any, other: Any, report: FindingsReport) -> None:
     """Report the first error of the XML, with what mends it; the other is expat's."""
     found = [(entry.type, entry.line, entry.message) for entry in log if entry.type != UNDECLARED]
     code = getattr(other, "code", 0)
@@ -132,7 +132,7 @@ def _report_syntax_error(data: bytes, log: Any, other: Any, report: Report) -> N
         report.error(line, "file", f"is not well-formed XML ({reason})", cure)
 
 
-def check_expanded(root: Any, report: Report) -> bool:
+def check_expanded(root: Any, report: FindingsReport) -> bool:
     """Report what xacro has left and undeclared prefixes, as errors in what is read; False if that is not expanded."""
     names = {element: found.group(1) for element in root.iter() if (found := XACRO.fullmatch(element.tag))}
     moves = any(joint.get("type") != "fixed" for joint in root.findall("joint"))
@@ -252,7 +252,7 @@ def walk(root: Any) -> Iterator[tuple[Any, str, str, str]]:
             stack.append((child, owner, (DRAWN if child.tag == "visual" else use) if is_used else "", use))
 
 
-def check_grammar(root: Any, report: Report) -> None:
+def check_grammar(root: Any, report: FindingsReport) -> None:
     """Warn of unknown elements and attributes; report duplicated elements where one is allowed as errors."""
     for element, owner, *_ in (step for step in walk(root) if step[2]):
         rule = RULES[element.tag]
@@ -272,7 +272,7 @@ def check_grammar(root: Any, report: Report) -> None:
 
 
 def _is_foreign(name: str, rule: Rule) -> bool:
-    """Whether a name is one of another program, by its namespace; not if what is read is called the same."""
+    """True for a name of another program, by its namespace; False if what is read has the same name."""
     space, brace, local = name.rpartition("}")
     is_known = local in (*rule.children, *rule.attributes.split()) or "XInclude" in space
     return bool(FOREIGN.match(name) or (brace and not is_known))
@@ -283,8 +283,8 @@ def _cure(tag: str, known: Iterable[str]) -> str:
     return f"remove it, or write <{near[0]}> if that is meant" if near else "remove it"
 
 
-def checked_numbers(parent: Any, tag: str, owner: str, report: Report) -> dict[str, Any]:
-    """By attribute the numbers of a child, finite ones alone; a finding for each of the others."""
+def checked_numbers(parent: Any, tag: str, owner: str, report: FindingsReport) -> dict[str, Any]:
+    """Numbers of a child by attribute, finite ones alone; a finding for each of the others."""
     child = parent.find(tag)
     found: dict[str, Any] = {}
     for attribute, (count, default) in NUMBERS[tag].items():

@@ -30,7 +30,7 @@ FAR = 10
 def slide_far_origins(parts: list[Part], unrounded: Sequence[tuple[Array, Array]]) -> list[Part]:
     """Parts with far joint origins slid along their axes, or `parts` itself if there are none.
 
-    Of each part `unrounded` has its joint's roll, pitch and yaw [rad] and unit axis in long double, nothing snapped.
+    `unrounded` has, for each part, its joint's roll, pitch and yaw [rad] and unit axis in long double, nothing snapped.
     """
     with np.errstate(all="ignore"):  # numbers near the largest double overflow here; the Model reports them
         distances = far_origins(parts)

@@ -32,9 +32,9 @@ class Finding:
     element : str
         The link, joint or part of it at fault.
     message : str
-        What is wrong.
+        The fault.
     cure : str
-        How to fix it.
+        The way to fix it.
     detail : str
         The end of the message, after a colon: numbers by which findings of the same kind differ.
 
@@ -70,7 +70,7 @@ class Finding:
         return self.message.removesuffix(f": {self.detail}") if self.detail else self.message
 
 
-class Report:
+class FindingsReport:
     """Collects the findings on one file."""
 
     def __init__(self, file: str) -> None:
@@ -140,7 +140,7 @@ def written(findings: Sequence[Finding], file: str, *, grouped: bool) -> list[st
 
 
 def _owners(group: Sequence[Finding]) -> str:
-    """Such as `joints 'a' (0 90 0), 'b' (90 0 0)`, or `robot (3 times)`."""
+    """Owners of findings in words, such as `joints 'a' (0 90 0), 'b' (90 0 0)`, or `robot (3 times)`."""
     owners = [OWNER.fullmatch(finding.element) for finding in group]
     if not all(owners):
         return f"{group[0].element} ({len(group)} times)"

@@ -21,7 +21,7 @@ from ..model.model import STANDARD_GRAVITY, Model
 from ..model.modify import LimitValues, with_limits
 from ..robot import Robot
 from .document import read_bytes
-from .findings import Finding, Report, written
+from .findings import Finding, FindingsReport, written
 from .plausibility import check_bodies, check_elements
 from .read import model_of, read_urdf, validated
 from .write import to_urdf
@@ -118,7 +118,7 @@ def load(
     gravity : array_like, shape (3,)
         In the axes of the root link [m/s^2].
     engine : {"numpy", "numba"}
-        What runs the robot's kernels; see `rne.compile`.
+        Engine of the robot's kernels; see `rne.compile`.
     effort, velocity, acceleration, deceleration, jerk : float, array_like of shape (n,), or mapping, optional
         Limits in place of those of the file, as for `Robot.with_limits`: one number for all joints, one for each, or
         some by the joint's name [N m or N; rad/s or m/s; rad/s^2 or m/s^2, twice; rad/s^3 or m/s^3].
@@ -189,7 +189,7 @@ def check(source: str | os.PathLike[str], *, out: TextIO | None = None, grouped:
 
     Notes
     -----
-    What probably is not meant: angles of an `<origin>` above 6.3 rad; ranges of revolute joints that end between 12.6
+    Probable mistakes are: angles of an `<origin>` above 6.3 rad; ranges of revolute joints that end between 12.6
     and 720 rad; a centre of mass farther from its link's origin than five times the robot's size; a radius of gyration
     larger than twice that size. The size is the longest way along the joints' origins, with the strokes of sliding
     joints and the boxes, cylinders and spheres of the links; meshes are not read. Mass and inertia belong to a body
@@ -206,7 +206,7 @@ def check(source: str | os.PathLike[str], *, out: TextIO | None = None, grouped:
     []
     """
     found = resolve(source)
-    report = Report(os.fspath(source if isinstance(found, Model) else found))
+    report = FindingsReport(os.fspath(source if isinstance(found, Model) else found))
     data = to_urdf(found).encode() if isinstance(found, Model) else read_bytes(found, report)
     root = validated(data, report)
     if root is not None:

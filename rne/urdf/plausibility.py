@@ -17,7 +17,7 @@ from ..model.builder import Part
 from ..model.checks import DRIVES, looks_like_degrees
 from ..model.model import Model
 from .document import attribute_numbers, describe
-from .findings import Report, echo
+from .findings import FindingsReport, echo
 from .read import parts_of
 from .strict import MOVING, fixed_links
 
@@ -36,7 +36,7 @@ UNITS = "is the file in millimetres? give metres"
 PLACEHOLDER = 1e-3  # kg: lighter links are often there for their frame alone, with any shape and inertia
 
 
-def check_elements(root: Any, report: Report) -> None:
+def check_elements(root: Any, report: FindingsReport) -> None:
     """Warn of angles that look like degrees, and of drives that can do nothing."""
     for element in root:
         if element.tag not in ("link", "joint"):
@@ -52,7 +52,7 @@ def check_elements(root: Any, report: Report) -> None:
             _check_limit(element, limit, report)
 
 
-def _check_limit(joint: Any, limit: Any, report: Report) -> None:
+def _check_limit(joint: Any, limit: Any, report: FindingsReport) -> None:
     kind, owner = joint.get("type"), describe(joint)
     bounds = attribute_numbers(limit, "lower") + attribute_numbers(limit, "upper")
     if kind == "revolute" and looks_like_degrees(*bounds):
@@ -68,7 +68,7 @@ def _check_limit(joint: Any, limit: Any, report: Report) -> None:
         report.warning(limit, owner, what, "give what the drive can do; as written it can do nothing")
 
 
-def check_bodies(root: Any, model: Model, report: Report) -> None:
+def check_bodies(root: Any, model: Model, report: FindingsReport) -> None:
     """Warn of masses, centres, inertias and lengths that no body of this robot has; the file has no errors."""
     parts = parts_of(root)
     _check_subtrees(root, parts, report)
@@ -83,7 +83,7 @@ def check_bodies(root: Any, model: Model, report: Report) -> None:
                 _check_shapes(body, report)
 
 
-def _check_subtrees(root: Any, parts: list[Part], report: Report) -> None:
+def _check_subtrees(root: Any, parts: list[Part], report: FindingsReport) -> None:
     """Warn of joints that move no inertia: inverse dynamics and M exist, but forward dynamics does not."""
     massless = {part.joint for part in parts}
     heavy: set[int] = set()
@@ -97,7 +97,7 @@ def _check_subtrees(root: Any, parts: list[Part], report: Report) -> None:
             report.warning(joint, describe(joint), message, "give its links mass, or make the joint fixed")
 
 
-def _check_lengths_and_weight(root: Any, parts: list[Part], model: Model, report: Report) -> None:
+def _check_lengths_and_weight(root: Any, parts: list[Part], model: Model, report: FindingsReport) -> None:
     """Warn of links that are too long from their joint to the next, and of drives far too weak for the weight."""
     joints = {joint.get("name"): joint for joint in root.findall("joint")}
     fixed = fixed_links(root.findall("link"), root.findall("joint"))
@@ -118,7 +118,7 @@ def _check_lengths_and_weight(root: Any, parts: list[Part], model: Model, report
             report.warning(joints[name], describe(joints[name]), message, cure, detail=detail)
 
 
-def _check_centre(body: Body, size: float, report: Report) -> None:
+def _check_centre(body: LinkBody, size: float, report: FindingsReport) -> None:
     measure = max(size, body.radius_of_gyration)
     if math.isfinite(body.com) and body.com > FAR * measure > 0:
         detail = f"{body.com:.3g} m from the link's origin, the robot measures {measure:.3g} m"
@@ -126,7 +126,7 @@ def _check_centre(body: Body, size: float, report: Report) -> None:
         report.warning(body.element, body.owner, "the centre of mass is far outside the robot", cure, detail=detail)
 
 
-def _check_inertia(body: Body, size: float, report: Report) -> None:
+def _check_inertia(body: LinkBody, size: float, report: FindingsReport) -> None:
     radius = body.radius_of_gyration
     if radius > LARGE * size > 0 and body.mass > PLACEHOLDER:
         detail = f"radius of gyration {radius:.3g} m, the robot measures {size:.3g} m"
@@ -143,7 +143,7 @@ def _check_inertia(body: Body, size: float, report: Report) -> None:
         report.warning(body.element, body.owner, message, cure, detail=f"{body.density:.2g} kg/m^3")
 
 
-def _check_shapes(body: Body, report: Report) -> None:
+def _check_shapes(body: LinkBody, report: FindingsReport) -> None:
     if body.mass <= PLACEHOLDER or body.shapes is None:
         return
     heaviest, lightest = body.mass / body.shapes.largest_volume, body.mass / body.shapes.surrounding_volume
@@ -164,7 +164,7 @@ class Shapes(NamedTuple):
     radius: float  # half the diagonal of that box [m]
 
 
-class Body(NamedTuple):
+class LinkBody(NamedTuple):
     """The inertial numbers of a link."""
 
     element: Any
@@ -179,7 +179,7 @@ class Body(NamedTuple):
     shapes: Shapes | None  # None if there are none, or others too
 
 
-def bodies(root: Any, parts: list[Part]) -> list[Body]:
+def bodies(root: Any, parts: list[Part]) -> list[LinkBody]:
     """The bodies of all links with <inertial>."""
     links = {link.get("name"): link for link in root.findall("link")}
     found = []
@@ -190,12 +190,12 @@ def bodies(root: Any, parts: list[Part]) -> list[Body]:
             gyration = math.sqrt(max(float(moments[-1]), 0.0) / mass) if mass > 0 else 0.0
             densities = _density(mass, moments, FLATTEST), _density(mass, moments, SLENDEREST) or math.inf
             numbers = (mass, float(np.linalg.norm(part.com)), gyration, *densities)
-            found.append(Body(link.find("inertial"), describe(link), k, *numbers, *_shapes(link)))
+            found.append(LinkBody(link.find("inertial"), describe(link), k, *numbers, *_shapes(link)))
     return found
 
 
-def robot_size(parts: list[Part], found: list[Body], *, with_coms: bool = False) -> float:
-    """How far the robot reaches from its root: joint origins, strokes of sliding joints and primitive shapes [m]."""
+def robot_size(parts: list[Part], found: list[LinkBody], *, with_coms: bool = False) -> float:
+    """Reach of the robot from its root: joint origins, strokes of sliding joints and primitive shapes [m]."""
     depths = [0.0]
     for part in parts[1:]:
         strokes = [abs(x) for x in (part.lower, part.upper) if part.kind == "prismatic" and math.isfinite(x)]
@@ -219,7 +219,7 @@ def _density(mass: float, moments: Array, flattest: float) -> float:
 
 
 def _shapes(link: Any) -> tuple[float, Shapes | None]:
-    """How far the primitive shapes reach, and what is known of their volume."""
+    """Reach of the primitive shapes, and their volumes if all are known."""
     groups = [[_extent(shape) for shape in link.findall(kind)] for kind in ("visual", "collision")]
     known = [[extent for extent in group if extent is not None] for group in groups]
     reach = max((float(np.linalg.norm(np.abs(c) + h)) for group in known for c, h, _ in group), default=0.0)

@@ -17,7 +17,7 @@ from ..model.model import STANDARD_GRAVITY, Model
 from ..model.solids import Box, Cylinder
 from .document import LARGEST, NO_LIMIT, parse, read_bytes
 from .far_origins import slide_far_origins
-from .findings import Report
+from .findings import FindingsReport
 from .strict import link_of, mimics_of, shape_errors, validate
 
 
@@ -57,7 +57,7 @@ def read_urdf(path: str | os.PathLike[str], *, gravity: ArrayLike = STANDARD_GRA
     >>> rne.read_urdf("robots/irb140.urdf") == rne.irb140()
     True
     """
-    report = Report(os.fspath(path))
+    report = FindingsReport(os.fspath(path))
     root = validated(read_bytes(path, report), report)
     report.raise_first_error()
     try:
@@ -68,7 +68,7 @@ def read_urdf(path: str | os.PathLike[str], *, gravity: ArrayLike = STANDARD_GRA
         raise UrdfError(f"{report.file}: {error}") from error
 
 
-def validated(data: bytes | None, report: Report) -> Any | None:
+def validated(data: bytes | None, report: FindingsReport) -> Any | None:
     """The <robot> of a file's bytes, or None with a finding."""
     root = None if data is None else parse(data, report)
     return root if root is not None and validate(root, report) else None

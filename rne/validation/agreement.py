@@ -15,11 +15,11 @@ from ..robot import Robot, robot_argument
 from ..urdf import to_urdf
 from .oracle import Oracle, each
 
-ROUNDING = 1e-13  # relative to the largest entry: some hundred rounding errors
+ROUNDING = 1e-13  # of the largest entry: some hundred rounding errors, and what they leave of zero
 STEP = 1e-30  # of the complex-step derivative
 
 
-class Row(NamedTuple):
+class Match(NamedTuple):
     """One compared quantity: its largest difference over all states, relative to the largest entry of each state."""
 
     quantity: str
@@ -55,7 +55,7 @@ def _terms(M: Array, qdd: Array, bias: Array, tau: Array) -> tuple[Array, Array]
     return of_torques, of_accelerations
 
 
-def validate(robot: Robot, samples: int = 1000, *, by_terms: bool = False) -> tuple[str, list[Row]]:
+def validate(robot: Robot, samples: int = 1000, *, by_terms: bool = False) -> tuple[str, list[Match]]:
     """Compare inverse dynamics, M, gravity, bias and forward dynamics with an independent source.
 
     Parameters
@@ -72,7 +72,7 @@ def validate(robot: Robot, samples: int = 1000, *, by_terms: bool = False) -> tu
     -------
     source : str
         Name of the source: Pinocchio, or the energies if it is not installed.
-    rows : list of Row
+    rows : list of Match
 
     Raises
     ------
@@ -98,7 +98,7 @@ def validate(robot: Robot, samples: int = 1000, *, by_terms: bool = False) -> tu
     return f"Pinocchio {pinocchio.__version__}", list(against_pinocchio(robot, samples, by_terms=by_terms))
 
 
-def against_pinocchio(robot: Robot, samples: int, xml: str | None = None, *, by_terms: bool = False) -> Iterator[Row]:
+def against_pinocchio(robot: Robot, samples: int, xml: str | None = None, *, by_terms: bool = False) -> Iterator[Match]:
     """Differences from Pinocchio, which reads `xml`, or the robot as `rne.to_urdf` writes it."""
     oracle = Oracle(robot.model, to_urdf(robot.model) if xml is None else xml)
     q, qd, qdd = random_states(robot.n, samples)
@@ -107,15 +107,15 @@ def against_pinocchio(robot: Robot, samples: int, xml: str | None = None, *, by_
     gravity, bias = robot.gravity_torque(q), robot.bias_torque(q, qd)
     ours = robot.forward_dynamics(q, qd, tau)  # before M is inverted: the error names the joints of a singular M
     of_tau, of_qdd = _terms(M, qdd, bias, tau) if by_terms else (None, None)
-    yield Row("inverse dynamics", relative(tau, each(oracle.inverse_dynamics, q, qd, qdd), of_tau), ROUNDING, "tau")
-    yield Row("mass matrix", relative(M, each(oracle.mass_matrix, q)), ROUNDING, "M")
-    yield Row("gravity", relative(gravity, each(oracle.gravity_torque, q)), ROUNDING, "g")
-    yield Row("bias", relative(bias, each(oracle.bias_torque, q, qd)), ROUNDING, "C qd + g")
+    yield Match("inverse dynamics", relative(tau, each(oracle.inverse_dynamics, q, qd, qdd), of_tau), ROUNDING, "tau")
+    yield Match("mass matrix", relative(M, each(oracle.mass_matrix, q)), ROUNDING, "M")
+    yield Match("gravity", relative(gravity, each(oracle.gravity_torque, q)), ROUNDING, "g")
+    yield Match("bias", relative(bias, each(oracle.bias_torque, q, qd)), ROUNDING, "C qd + g")
     bound = max(ROUNDING, float(np.linalg.cond(M).max() * np.finfo(float).eps))
     if not robot.model.has_mimics:
         theirs = each(oracle.forward_dynamics, q, qd, tau)
-        yield Row("forward dynamics", relative(ours, theirs, of_qdd), bound, "qdd, bound eps cond(M), at least 1e-13")
-    yield Row("forward after inverse", relative(ours, qdd, of_qdd), bound, "qdd, bound eps cond(M), at least 1e-13")
+        yield Match("forward dynamics", relative(ours, theirs, of_qdd), bound, "qdd, bound eps cond(M), at least 1e-13")
+    yield Match("forward after inverse", relative(ours, qdd, of_qdd), bound, "qdd, bound eps cond(M), at least 1e-13")
 
 
 def euler_lagrange(model: Model, q: Array, qd: Array, qdd: Array) -> Array:
@@ -137,7 +137,7 @@ def euler_lagrange(model: Model, q: Array, qd: Array, qdd: Array) -> Array:
     return tau
 
 
-def against_energies(robot: Robot, samples: int, *, by_terms: bool = False) -> Iterator[Row]:
+def against_energies(robot: Robot, samples: int, *, by_terms: bool = False) -> Iterator[Match]:
     """Differences from torques that follow from the kinetic and potential energies alone."""
     q, qd, qdd = random_states(robot.n, samples)
     still = np.zeros_like(q)
@@ -146,12 +146,12 @@ def against_energies(robot: Robot, samples: int, *, by_terms: bool = False) -> I
     ours = robot.forward_dynamics(q, qd, tau)  # before M is inverted: the error names the joints of a singular M
     lagrange = euler_lagrange(robot.model, q, qd, qdd)
     of_tau, of_qdd = _terms(M, qdd, robot.bias_torque(q, qd), tau) if by_terms else (None, None)
-    yield Row("inverse dynamics", relative(tau, lagrange, of_tau), 1e-12, "tau, from Euler-Lagrange")
+    yield Match("inverse dynamics", relative(tau, lagrange, of_tau), 1e-12, "tau, from Euler-Lagrange")
     gravity = euler_lagrange(robot.model, q, still, still)
-    yield Row("gravity", relative(robot.gravity_torque(q), gravity), 1e-12, "g, the gradient of U")
+    yield Match("gravity", relative(robot.gravity_torque(q), gravity), 1e-12, "g, the gradient of U")
     bias = euler_lagrange(robot.model, q, qd, still)
-    yield Row("bias", relative(robot.bias_torque(q, qd), bias), 1e-12, "C qd + g, from Euler-Lagrange")
+    yield Match("bias", relative(robot.bias_torque(q, qd), bias), 1e-12, "C qd + g, from Euler-Lagrange")
     T = np.einsum("ni,nij,nj->n", qd, M, qd) / 2
-    yield Row("mass matrix", relative(T[:, None], robot.kinetic_energy(q, qd)[:, None]), 1e-12, "qd.M qd / 2 = T")
+    yield Match("mass matrix", relative(T[:, None], robot.kinetic_energy(q, qd)[:, None]), 1e-12, "qd.M qd / 2 = T")
     bound = max(ROUNDING, float(np.linalg.cond(M).max() * np.finfo(float).eps))
-    yield Row("forward after inverse", relative(ours, qdd, of_qdd), bound, "qdd")
+    yield Match("forward after inverse", relative(ours, qdd, of_qdd), bound, "qdd")

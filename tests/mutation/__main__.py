@@ -8,16 +8,17 @@ import argparse
 import collections
 import json
 import shutil
+import subprocess
 import tempfile
 import tomllib
 from pathlib import Path
 
-from .draw import FOLDERS, candidates, draw
+from .draw import candidates, draw, folders
 from .suite import Suite, ended, notes, start
 
 DECLARED = Path(__file__).parent / "equivalent.toml"
-MOST_EQUIVALENT = 0.05  # of a draw
-TOGETHER = 6  # survivors of the tests nearby that pass through the whole suite at once
+MOST_EQUIVALENT = 0.12  # of a draw
+TOGETHER = 8  # survivors of the tests nearby that pass through the whole suite at once
 
 
 class Run:
@@ -39,7 +40,7 @@ class Run:
                 for m in broken:
                     (tree / m.file).write_bytes(m.broken(self.suite.tree))
                     os.utime(tree / m.file, (0, 0))  # another second than that of any bytecode
-                cpu = 60 + 5 * sum(map(self.suite.cost.get, order))
+                cpu = 30 + 5 * sum(map(self.suite.cost.get, order))
                 running[start(tree, log, order=order, cpu=cpu)] = broken, tree, log, stamps
             child, code, seconds = ended(running)
             broken, tree, log, stamps = running.pop(child)
@@ -97,9 +98,9 @@ class Run:
 
 
 def equivalents(mutants):
-    """Mutants declared equivalent, with the reason; at most 5 % of those drawn."""
+    """Mutants declared equivalent, with the reason; at most 12 % of those drawn."""
     declared = tomllib.loads(DECLARED.read_text()).get("equivalent", [])
-    reasons = {(d["file"], d["source"], d["old"], d["new"]): d["reason"] for d in declared}
+    reasons = {(d["source"], d["old"], d["new"]): d["reason"] for d in declared}
     found = {m: reasons[m.key()] for m in mutants if m.key() in reasons}
     if len(found) > MOST_EQUIVALENT * len(mutants):
         raise SystemExit(f"{len(found)} of {len(mutants)} mutants declared equivalent, more than {MOST_EQUIVALENT:.0%}")
@@ -108,41 +109,59 @@ def equivalents(mutants):
 
 def listed(root, file):
     """Survivors listed in a file of results, where they are in the present tree."""
-    keys = [
-        (r["file"], r["source"], r["old"], r["new"]) for r in json.loads(file.read_text()) if r["kind"] == "survived"
-    ]
-    there = {f: candidates(root, f) for f in {k[0] for k in keys} if (root / f).exists()}
-    found = {m.key(): m for by_line in there.values() for ms in by_line.values() for m in ms}
-    for key in keys:
-        if key not in found:
-            print(f"no longer there: {key[0]}: {key[2]} -> {key[3]}")
+    rows = [r for r in json.loads(file.read_text()) if r["kind"] == "survived"]
+    found = mutants_of_lines(root, {r["source"] for r in rows})
+    for r in rows:
+        if (r["source"], r["old"], r["new"]) not in found:
+            print(f"no longer there: {r['file']}: {r['old']} -> {r['new']}")
+    keys = dict.fromkeys((r["source"], r["old"], r["new"]) for r in rows)
     return [found[key] for key in keys if key in found]
 
 
+def mutants_of_lines(root, sources):
+    """Mutants on lines of some text, wherever they are, by their keys."""
+    texts = {str(path.relative_to(root)): path.read_text(encoding="utf-8") for path in (root / "rne").rglob("*.py")}
+    files = [file for file, text in texts.items() if any(source in text for source in sources)]
+    every = (m for file in files for ms in candidates(root, file).values() for m in ms)
+    return {m.key(): m for m in every if m.source in sources}
+
+
+KILLED = ("killed", "timeout", "import")
+
+
 def table(rows):
-    """Counts by folder, the share killed of those that neither timed out nor failed to import, and the survivors."""
-    kinds = ("killed", "survived", "timeout", "import", "equivalent")
-    lines = [f"{'folder':14}" + "".join(f"{kind:>12}" for kind in kinds) + f"{'killed of killed + survived':>30}"]
-    for folder in [*dict.fromkeys(r["file"].split("/")[1] for r in rows), "all"]:
-        own = [r["kind"] for r in rows if folder in ("all", r["file"].split("/")[1])]
+    """Counts by folder, the share killed of those that are not equivalent, and the mutants but those that tests killed.
+
+    A mutant that ends in no time, or with which the tests cannot be imported, is killed too.
+    """
+    kinds = (*KILLED, "survived", "equivalent")
+    lines = [f"{'folder':16}" + "".join(f"{kind:>12}" for kind in kinds) + f"{'killed of all but equivalent':>32}"]
+    for folder in [*dict.fromkeys(r["folder"] for r in rows), "all"]:
+        own = [r["kind"] for r in rows if folder in ("all", r["folder"])]
         count = {kind: own.count(kind) for kind in kinds}
-        share = count["killed"] / max(count["killed"] + count["survived"], 1)
-        lines.append(f"{folder:14}" + "".join(f"{count[kind]:12d}" for kind in kinds) + f"{share:30.1%}")
-    for kind in kinds[::-1]:
+        share = sum(count[kind] for kind in KILLED) / max(len(own) - count["equivalent"], 1)
+        lines.append(f"{folder:16}" + "".join(f"{count[kind]:12d}" for kind in kinds) + f"{share:32.1%}")
+    for kind in ("survived", "equivalent", "timeout", "import"):
         lines += ["", f"{kind}:"]
         for r in (r for r in rows if r["kind"] == kind):
-            lines += [f"{r['file']}:{r['line']}: {r['old']} -> {r['new']}", f"    {r['source']}"]
-            lines += [f"    {r['seconds']} s: {r['test']}"] if kind not in ("survived", "equivalent") else []
-            lines += [f"    {r['test']}"] if kind == "equivalent" else []
+            lines += [f"{r['file']}:{r['line']}: {r['change']}: {r['old']} -> {r['new']}", f"    {r['source']}"]
+            lines += [f"    {r['test']}"] if kind != "survived" else []
     return "\n".join(lines)
+
+
+def seed_of_commit(root):
+    """The last commit's hash as a number: another draw for each commit."""
+    said = subprocess.run(["git", "rev-parse", "HEAD"], cwd=root, capture_output=True, text=True, check=True).stdout
+    return int(said[:8], 16)
 
 
 def main(arguments=None):
     parser = argparse.ArgumentParser(prog="python -m tests.mutation", description=__doc__)
-    parser.add_argument("--number", type=int, default=300)
-    parser.add_argument("--seed", type=int, default=20261122)
+    parser.add_argument("--count", type=int, default=400, help="mutants of all folders together")
+    parser.add_argument("--minimum-per-folder", type=int, default=16, metavar="N")
+    parser.add_argument("--seed", type=int, help="by default from the hash of the last commit")
+    parser.add_argument("--folder", nargs="*", default=[None], metavar="NAME", help="run the mutants of these alone")
     parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--only", choices=FOLDERS, help="draw from this folder alone")
     parser.add_argument("--tests", nargs="*", default=[], metavar="FILE", help="files of tests; by default all")
     parser.add_argument("--mutants", type=Path, metavar="FILE", help="run the survivors in this file of results again")
     parser.add_argument("--list", action="store_true", help="print the draw, run nothing")
@@ -150,17 +169,26 @@ def main(arguments=None):
     parser.add_argument("--root", type=Path, default=Path(__file__).parents[2], help="the tree to break")
     parser.add_argument("--cache", type=Path, default=Path(tempfile.gettempdir()) / "rne-mutation")
     options = parser.parse_args(arguments)
-    root, folders = options.root.resolve(), (options.only,) if options.only else FOLDERS
-    mutants = listed(root, options.mutants) if options.mutants else draw(root, options.number, options.seed, folders)
+    root = options.root.resolve()
+    seed = seed_of_commit(root) if options.seed is None else options.seed
+    if unknown := set(options.folder) - {None, *folders(root)}:
+        parser.error(f"no folders of rne: {sorted(unknown)}; they are {list(folders(root))}")
+    mutants = listed(root, options.mutants) if options.mutants else []
+    for folder in [] if options.mutants else options.folder:
+        mutants += draw(root, options.count, seed, options.minimum_per_folder, folder)
     equivalent = {} if options.mutants else equivalents(mutants)
     if options.list:
         print(*mutants, sep="\n")
         return
-    rows = [{**vars(m), "kind": "equivalent", "test": equivalent[m], "seconds": 0} for m in mutants if m in equivalent]
+    rows = [
+        {**vars(m), "folder": m.folder, "kind": "equivalent", "test": equivalent[m], "seconds": 0}
+        for m in mutants
+        if m in equivalent
+    ]
     options.results.parent.mkdir(parents=True, exist_ok=True)
 
     def report(mutant, outcome):
-        rows.append(vars(mutant) | outcome)
+        rows.append(vars(mutant) | {"folder": mutant.folder} | outcome)
         options.results.write_text(json.dumps(rows, indent=1))
         print(
             f"{len(rows):4d}/{len(mutants)} {outcome['kind']:9} {mutant}  [{outcome['seconds']} s, {outcome['test']}]",
@@ -168,6 +196,7 @@ def main(arguments=None):
         )
 
     suite = Suite(root, options.cache, options.tests)
+    print(f"seed {seed}: {len(mutants)} mutants, {len(equivalent)} of them equivalent")
     print(
         f"{len(suite.cost)} short tests, {sum(suite.cost.values()):.0f} s with coverage; failing without a mutant: {suite.failing or 0}",
         flush=True,
@@ -176,7 +205,7 @@ def main(arguments=None):
     left = run.nearby([m for m in mutants if m not in equivalent], suite.few, "tests that cover the line")
     left = run.nearby(left, suite.files, "files nearby")
     run.everywhere(left)
-    text = table(sorted(rows, key=lambda r: (FOLDERS.index(r["file"].split("/")[1]), r["file"], r["line"])))
+    text = table(sorted(rows, key=lambda r: (r["folder"], r["file"], r["line"])))
     options.results.with_suffix(".txt").write_text(text + "\n")
     print(text)
 

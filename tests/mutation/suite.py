@@ -19,7 +19,7 @@ import pytest
 # Imported once by the parent, so that a child starts with them; never the package itself, which is broken anew each time.
 SCIPY = ("integrate", "interpolate", "linalg", "optimize", "signal", "spatial", "stats")
 HEAVY = ("numpy", *(f"scipy.{name}" for name in SCIPY), "lxml.etree", "matplotlib.pyplot", "mpmath", "pandas")
-HEAVY += ("pinocchio", "numba", "hypothesis.extra.numpy")
+HEAVY += ("pinocchio", "numba", "hypothesis")
 WALL = 1800  # s after which a child that waits for something that never comes is ended
 
 
@@ -165,7 +165,7 @@ class Suite:
         nearest = min(lines, key=lambda line: abs(line - mutant.line), default=0)
         return sorted(lines.get(nearest, ()), key=lambda t: (self.cost[t], t))
 
-    def few(self, mutant, cases=3, seconds=20.0):
+    def few(self, mutant, cases=3, seconds=12.0):
         """At most some cases of each covering test, file by file; a tree's kernels are traced only once, so not enough."""
         seen, chosen = {}, []
         for test in self.covering(mutant):
@@ -178,7 +178,7 @@ class Suite:
             first.setdefault(test.split("::")[0], k)
         return sorted(chosen, key=lambda t: (first[t.split("::")[0]], self.cost[t]))
 
-    def files(self, mutant, seconds=60.0):
+    def files(self, mutant, seconds=30.0):
         """All tests of files that name the module or hold covering tests, cheapest files first."""
         module = mutant.file.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
         named = {str(p.relative_to(self.tree)) for p, text in self.texts.items() if re.search(rf"\b{module}\b", text)}

@@ -9,8 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 import rne
-from benchmarks.random_robots import random_tree, straight_chain
 from rne.model.builder import Part, assemble, disassemble, pose
+
+from ..random_robots import random_tree, straight_chain
 
 X, Y, Z = np.eye(3)
 

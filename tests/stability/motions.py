@@ -8,8 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 import rne
-from benchmarks.random_robots import straight_chain
 from rne.model.builder import Part, assemble
+
+from ..random_robots import straight_chain
 
 X, _, Z = np.eye(3)
 Q0 = np.linspace(0.3, 0.8, 6)

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import rne
-from benchmarks.random_robots import straight_chain
 
 from ..helpers import EPS, ROOT
+from ..random_robots import straight_chain
 from .families import FAMILIES, case, straight
 from .structured import WRONG, Measured, measure
 

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 import rne
-from benchmarks.random_robots import random_tree
 from rne.model.builder import Part, pose
 from rne.urdf.far_origins import far_origins
 
 from ..helpers import data_robots, kept, states
+from ..random_robots import random_tree
 from .families import case
 from .far_file import exact_model, far_text
 from .structured import DIGITS, EPS, Reference, changed, compared, measure

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import rne
-from benchmarks.random_robots import straight_chain
 
 from ..helpers import kept
+from ..random_robots import straight_chain
 from . import motions, steps
 from .motions import Top
 

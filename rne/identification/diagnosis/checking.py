@@ -9,7 +9,7 @@ import numpy as np
 
 from ...basics.spatial import Array
 from ...basics.text import InNotebooks, Row, aligned, short, wrapped
-from ...plotting.plots import HIDDEN, curves, dress, figure_of, legend_beside, literal, panels
+from ...plotting.plots import HIDDEN, figure_of, legend_beside, literal, panels, plot_columns, style_axes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -105,13 +105,13 @@ class Check(InNotebooks):
         shown = {"measured": measured, "predicted": predicted, "residual": measured - predicted}
         for j, (ax, over_speed) in enumerate(zip(grid[::2], grid[1::2], strict=True)):
             for (label, values), (color, width) in zip(shown.items(), LOOK, strict=True):
-                curves(ax, t, values[:, [j]], [label if j == 0 else HIDDEN], [color], linewidth=width)
-            dress(ax, f"[{self.units[j]}]")
+                plot_columns(ax, t, values[:, [j]], [label if j == 0 else HIDDEN], [color], linewidth=width)
+            style_axes(ax, f"[{self.units[j]}]")
             ax.set_title(literal(short(self.joint_names[j])), loc="left", fontsize="small", pad=2)
             sound = self.valid[:, j]
             residual = (self.measured - self.predicted)[sound, j]
             over_speed.plot(self.qd[sound, j], residual, ".", color=LOOK[2][0], markersize=2)
-            dress(over_speed, "")
+            style_axes(over_speed, "")
             unit = "rad/s" if self.units[j] == "N m" else "m/s"
             over_speed.set_title(f"residual over velocity [{unit}]", loc="left", fontsize="small", pad=2)
             over_speed.set_xlabel("")

@@ -14,7 +14,7 @@ import numpy as np
 
 from ...basics.spatial import Array
 from ...basics.text import counted, summary
-from ...trajectories.time_units import guessed_unit
+from ...trajectories.csv_file import guessed_unit
 from .. import thresholds
 
 NAMED = 3  # samples that a text names

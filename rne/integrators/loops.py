@@ -30,7 +30,7 @@ OPTIONS |= {"no_cfunc_wrapper": True, "_nrt": False}  # loops own no memory: the
 
 def _lanes() -> int:
     try:
-        from .object_code import REGISTER_BITS
+        from ..kernels.object_code import REGISTER_BITS
     except ImportError:
         return 4
     return REGISTER_BITS // 64
@@ -99,8 +99,8 @@ def kind_of(value: Any) -> str:
 
 
 def _compiled(text: Callable[..., Any], arguments: tuple[Any, ...], kind: str) -> Any:
-    from .object_code import library
-    from .python_calls import python_function
+    from ..kernels.object_code import library
+    from ..kernels.python_calls import python_function
 
     if text.__closure__:
         raise TypeError(f"{text.__qualname__} depends on variables of the function that it stands in")
@@ -130,7 +130,7 @@ def _llvm_text(text: Callable[..., Any], arguments: tuple[Any, ...]) -> str:
     from numba import njit, types
     from numba.extending import register_jitable
 
-    from .python_calls import RETURNED, emit_loop_call
+    from ..kernels.python_calls import RETURNED, emit_loop_call
 
     _announce()
     _teach_evaluate()

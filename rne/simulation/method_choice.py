@@ -9,12 +9,12 @@ import numpy as np
 
 from ..basics.spatial import Array
 from ..errors import NotFiniteError, RneError
-from ..kernels.rosenbrock import STAGES
-from ..kernels.row_steps import MOST_STEPS
+from ..integrators.base import EXPLICIT, RODAS, Steps
+from ..integrators.rosenbrock import STAGES
+from ..integrators.rows import MOST_STEPS
 from ..robot import Robot
-from .compiled import has_rodas5p
-from .plant import Plant, ZeroOrderHold
-from .solver import EXPLICIT, RODAS, Steps
+from .plant import Plant
+from .zero_order_hold import ZeroOrderHold
 
 # Fastest decay times remaining duration above which an explicit method is held to tiny steps by stability alone:
 # DOP853 reaches about 6 time constants a step, so this is some 200 steps that accuracy does not ask for.
@@ -43,7 +43,7 @@ MAX_CHANGES = 1000  # of sticking and slipping, within SAME_SPAN of the duration
 SAME_SPAN = 1e-4
 
 
-class Watch:
+class MethodMonitor:
     """Looks at a run every so many steps.
 
     Parameters
@@ -105,7 +105,7 @@ class Watch:
             where = fastest_joint(self.plant.robot, x)
             text = f"{self.count} steps came to t = {t:.3g} s, {where}: the run would take more than {MOST_STEPS:g}"
             raise NotFiniteError(text, t)
-        if self.plant.held is None and pace * SLOW < self.duration and self.count >= self.next_suspicion:
+        if self.plant.sampled is None and pace * SLOW < self.duration and self.count >= self.next_suspicion:
             self.next_suspicion = 2 * self.count
             self._check_chatter()
         h = pace / CHECKED
@@ -190,7 +190,7 @@ class Watch:
         """Refuse a law that does not return the same torques again: no steps follow noise."""
         if self.plant.law is None:
             return
-        first, again = (self.plant.torques_at(np.array([t]), x[None])[0] for _ in range(2))
+        first, again = (np.asarray(self.plant.torque(t, x)) for _ in range(2))
         change, n = np.abs(again - first), self.plant.robot.n
         if change.max() > NOTICED * np.abs(first).max():
             k = int(np.argmax(change[:n]))
@@ -202,15 +202,14 @@ class Watch:
 
     def _jump(self, t: float, x: Array, h: float) -> Array | None:
         """The jump of the torques between a state and one a few steps ahead, or None if they are continuous."""
-        plant, n = self.plant, self.plant.robot.n
+        plant, n = self.plant.smooth, self.plant.robot.n
 
         def torques(state: Array) -> Array:
-            u = plant.drive_torques(np.array([t]), state[None])
-            return np.zeros((1, n)) if u is None else u
+            return plant.drive_torques(np.array([t]), state[None])
 
         u = torques(x)
         try:
-            ahead = x + REACH * h * plant.rates(t, x, u[0] if plant.rhs.torque_given else None)
+            ahead = x + REACH * h * plant.rates(t, x, plant.torque(t, x))
             beyond = torques(ahead)
             change = np.abs(beyond - u).max()
             if not change > NOTICED * np.abs(u).max():
@@ -259,8 +258,7 @@ def stiffness(plant: Plant, hold: ZeroOrderHold | None, decay: float, left: floa
         in_machine_code = plant.is_compiled and hold.traced is not None
         bound = STIFF_MACHINE_CODE if in_machine_code else STIFF_SAMPLE
         return decay * hold.period, bound, "times between two samples"
-    friction = plant.rhs.friction
-    sticks = plant.is_compiled and friction is not None and friction.sticks
+    sticks = plant.is_compiled and plant.sticks
     return decay * left, STIFF_STICKING if sticks else STIFF, "times over the run"
 
 
@@ -274,13 +272,18 @@ def stiff_method(plant: Plant) -> str:
     return RODAS if has_rodas5p(plant) else "LSODA"
 
 
+def has_rodas5p(plant: Plant) -> bool:
+    """True if the equations of motion and their slopes are machine code and no joint sticks."""
+    return plant.is_compiled and not plant.sticks and plant.slopes.is_unrolled
+
+
 def work_per_step(plant: Plant, method: str) -> float:
     """Operations of a step of a compiled loop: evaluations, sums of stages, linear systems."""
-    operations, size, n = sum(plant.kernel.operations.values()), plant.rhs.size, plant.robot.n
+    operations, size, n = sum(plant.kernel.operations.values()), plant.counted, plant.robot.n
     if method != RODAS:
         stages = {"RK45": 6, "DOP853": 12}[method]
         return stages * operations + stages * (stages + 1) * size
-    slopes, rows = sum(plant.rhs.residual.slopes_in_time.operations.values()), size - n
+    slopes, rows = sum(plant.slopes.operations.values()), size - n
     systems = 2 * rows**2 * (rows + size) + 2 * STAGES * rows * size
     return STAGES * operations + SLOPES * slopes + systems + 2 * STAGES * (STAGES + 3) * size
 
@@ -288,7 +291,7 @@ def work_per_step(plant: Plant, method: str) -> float:
 def modes(plant: Plant, t: float, x: Array) -> Array:
     """Eigenvalues of the motion linearised in one state [1/s]; NaN where it cannot be linearised."""
     try:
-        A = plant.jacobian(t, x)
+        A = plant.linearised(t, x)[: plant.counted, : plant.counted]
     except RneError:
         return np.full(1, np.nan)
     if not np.isfinite(A).all():

@@ -16,12 +16,12 @@ import numpy as np
 
 from ..basics.spatial import Array
 from ..errors import NotFiniteError
-from ..kernels import rosenbrock, runge_kutta
 from ..kernels.kernel import Kernel
-from ..kernels.loops import compiled
-from ..kernels.runge_kutta import AFTER_A_JUMP, ANEW, GO_ON, Limits, power, tableau
-from .plant import Plant, Samples, ZeroOrderHold
-from .solver import RODAS, AdaptiveSolver, Interpolant, Steps
+from . import rosenbrock, runge_kutta
+from .base import RODAS, Interpolant, Sampler, Steps, System
+from .loops import compiled
+from .runge_kutta import AFTER_A_JUMP, ANEW, GO_ON, Limits, power, tableau
+from .scipy_methods import AdaptiveSolver
 
 take_steps, take_samples = compiled(runge_kutta.take_steps), compiled(runge_kutta.take_samples)
 add_stages, add_sampled_stages = compiled(runge_kutta.add_stages), compiled(runge_kutta.add_sampled_stages)
@@ -196,14 +196,14 @@ class SampledSolver(CompiledSolver):
     ----------
     method, rtol, atol, kernel
         As of CompiledSolver.
-    hold : ZeroOrderHold
+    hold : Sampler
         With a traced law.
     """
 
-    def __init__(self, method: str, rtol: float, atol: float, kernel: Kernel, hold: ZeroOrderHold) -> None:
+    def __init__(self, method: str, rtol: float, atol: float, kernel: Kernel, hold: Sampler) -> None:
         super().__init__(method, rtol, atol, kernel)
         assert hold.traced is not None
-        self.hold, self.law = hold, hold.traced.kernel
+        self.hold, self.law = hold, hold.traced
         self.bounds = hold.bounds()
 
     def steps(self, most: int) -> Steps:
@@ -221,7 +221,7 @@ class SampledSolver(CompiledSolver):
         begun = begun[: number[1]]
         if len(begun):
             before = int(work[-1][: begun[-1]].sum())
-            samples = Samples(work[1][begun], work[2][begun], U[begun], Z[: len(begun)])
+            samples = work[1][begun], work[2][begun], U[begun], Z[: len(begun)]
             hold.note(samples, z, self.system.evaluations + before)
         if taken:
             return self._taken(taken, work, u, U[:taken])
@@ -249,14 +249,16 @@ class RosenbrockSolver(CompiledSolver):
     Parameters
     ----------
     rtol, atol : float
-    plant : Plant
-        One for which `has_rodas5p`.
+    system : System
+    slopes : Kernel
+        Of the equations of motion by state, accelerations and time; functions of these and of what is held.
+    n : int
+        Number of accelerations.
     """
 
-    def __init__(self, rtol: float, atol: float, plant: Plant) -> None:
-        self.method, self.rtol, self.atol, self.plant = RODAS, rtol, atol, plant
-        self.slopes = plant.rhs.residual.slopes_in_time
-        self.functions: tuple[Any, Any] = (plant.kernel.address(), self.slopes.address())
+    def __init__(self, rtol: float, atol: float, system: System, slopes: Kernel, n: int) -> None:
+        self.method, self.rtol, self.atol, self.system, self.slopes, self.n = RODAS, rtol, atol, system, slopes, n
+        self.functions: tuple[Any, Any] = (system.kernel.address(), slopes.address())
         self.h, self.longest = 0.0, np.inf
 
     def steps(self, most: int) -> Steps:
@@ -270,34 +272,27 @@ class RosenbrockSolver(CompiledSolver):
         return steps
 
     def _take(self, most: int, loop: Callable[..., int], functions: tuple[Any, Any]) -> Steps:
-        plant, n, size = self.plant, self.plant.robot.n, len(self.x)
+        system, n, size = self.system, self.n, len(self.x)
         T, X, H, P = np.empty(most + 1), np.empty((most + 1, size)), np.empty(most + 1), np.empty((most, 3, size))
         T[0], X[0], H[0] = self.t, self.x, self.h or FIRST * (self.end - self.t)
-        time, x, *held = arguments = _arguments(size, None if plant.held is None else np.array(plant.held))
-        limits = float(self.end), float(self.longest), self.rtol, self.atol, *map(float, plant.span)
+        time, x, *held = arguments = _arguments(size, None if system.held is None else np.array(system.held))
+        limits = float(self.end), float(self.longest), self.rtol, self.atol, *map(float, system.span)
         count, work = np.zeros(2, dtype=np.int64), rosenbrock.workspace(n, size)
         at_accelerations = time, x, np.empty(n), *held
         taken = loop(*functions, arguments, at_accelerations, limits, rosenbrock.TABLEAU, T, X, P, H, count, work)
-        plant.evaluations += int(count[0]) + size * int(count[1])
+        system.evaluations += int(count[0]) + size * int(count[1])
         self.t, self.x, self.h = float(T[taken]), X[taken], float(H[taken])
         return RosenbrockSteps(T[: taken + 1], X[: taken + 1], P[:taken])
 
     def _rates(self, t: Array, x: Array, *rest: Array) -> bool:
         """dx/dt, under held torques, into the last array."""
-        rest[-1][:] = self.plant.rates(float(t[0]), x, rest[0] if len(rest) == 2 else None)
+        rest[-1][:] = self.system.rates(float(t[0]), x, rest[0] if len(rest) == 2 else None)
         return True
 
     def _slopes(self, *arguments: Array) -> bool:
         """The slopes of the equations of motion into the last array."""
         arguments[-1][:] = self.slopes(*arguments[:-1])
         return True
-
-
-def has_rodas5p(plant: Plant) -> bool:
-    """True if the equations of motion and their slopes are machine code and no joint sticks."""
-    friction = plant.rhs.friction
-    sticks = friction is not None and friction.sticks
-    return plant.is_compiled and not sticks and plant.rhs.residual.slopes_in_time.is_unrolled
 
 
 def _arguments(size: int, u: Array | None) -> tuple[Array, ...]:

@@ -13,8 +13,8 @@ import numpy as np
 from ..basics.spatial import Array
 from ..dynamics.quantity import OK
 from ..errors import NotFiniteError, SingularMassMatrixError
-from .kernel import Kernel
-from .numpy_backend import BlockProgram
+from ..kernels.kernel import Kernel
+from ..kernels.numpy_backend import BlockProgram
 from .runge_kutta import LARGEST, SAFETY, SMALLEST, Tableau
 
 EPS = float(np.finfo(np.float64).eps)

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from ..basics.spatial import Array
-from .kernel import Kernel
+from ..kernels.kernel import Kernel
 from .loops import LANES, compiled, evaluate, inline
-from .row_steps import EARLY, EPS, LOOK, MOST_STEPS, SLOW, STIFF, Course, Tick, first_steps
+from .rows import EARLY, EPS, LOOK, MOST_STEPS, SLOW, STIFF, Course, Tick, first_steps
 from .runge_kutta import LARGEST, SAFETY, SMALLEST, Tableau
 
 NOBODY = -1  # in place of a motion's number
@@ -129,7 +129,7 @@ def fill_lanes(waiting: Any, sources: Any, F: Any, H: Any, code: Any, work: Any)
 
 @inline
 def is_endless(course: Any, steps: Any, t: Any) -> bool:
-    """As `row_steps.RowSteps`."""
+    """As `rows.RowSteps`."""
     return bool(steps >= EARLY and steps * (course.end - course.begin) > MOST_STEPS * (t - course.begin))
 
 
@@ -224,7 +224,7 @@ def report(times: Any, y: Any, new: Any, Q: Any, lane: Any, step: Any, k: Any, X
 
 @inline
 def is_stiff(course: Any, slope: Any, other: Any, new: Any, before: Any, lane: Any, step: Any, k: Any) -> bool:
-    """As `row_steps.RowSteps`: from the slopes of the last two states, at the same time."""
+    """As `rows.RowSteps`: from the slopes of the last two states, at the same time."""
     steps, begin = lane[STEPS, k] + 1, course.begin
     if steps % LOOK != 0 or not steps * (course.end - begin) > SLOW * (step[AHEAD, k] - begin):
         return False

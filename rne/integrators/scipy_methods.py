@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import cached_property
 from itertools import chain, pairwise
 from math import isfinite
@@ -12,52 +12,10 @@ from typing import Any, Literal
 import numpy as np
 
 from ..basics.spatial import Array
-from ..errors import NotFiniteError, SingularMassMatrixError
+from ..errors import NotFiniteError
+from .base import EXPLICIT, FAILURES, IMPLICIT, SAME, Interpolant, Steps
 
-Interpolant = Callable[[Array | float], Array]  # a time gives (size,), times of shape (m,) give (size, m)
 Keeps = Sequence[float] | Literal[True] | None
-
-IMPLICIT = ("Radau", "BDF", "LSODA")
-EXPLICIT = ("RK45", "RK23", "DOP853")
-RODAS = "Rodas5P"  # the method that is not SciPy's
-SAME = 8 * float(np.finfo(np.float64).eps)  # relative: times that are equal up to rounding
-FAILURES = (NotFiniteError, SingularMassMatrixError, ArithmeticError)  # that end a run
-
-
-class Steps:
-    """Steps of a solver that follow one another, and the motion inside them.
-
-    Parameters
-    ----------
-    T : ndarray, shape (k + 1,)
-        The ends of the steps [s].
-    X : ndarray, shape (k + 1, size)
-        The states there.
-    """
-
-    U: Array | None = None  # torques held in each step, where samples were taken between them
-
-    def __init__(self, T: Array, X: Array) -> None:
-        self.T, self.X = T, X
-
-    def states(self, times: Array, k: Array) -> Array:
-        """States at times within the steps numbered k, shape (m, size)."""
-        raise NotImplementedError
-
-    @property
-    def jumps(self) -> list[bool]:
-        """Whether torques that are held change where a step begins, of k steps."""
-        return [False] * (len(self.T) - 1)
-
-    def inside(self, k: int) -> Interpolant:
-        """The states inside one step: (size,) at a time, (size, m) at times of shape (m,)."""
-
-        def interpolant(t: Array | float) -> Array:
-            times = np.asarray(t, dtype=np.float64)
-            states = self.states(times.reshape(-1), np.full(times.size, k)).T
-            return states if times.ndim else states[:, 0]
-
-        return interpolant
 
 
 class SolverSteps(Steps):

@@ -1,0 +1,146 @@
+"""Control laws: how they are called, and those that are traced, so that they become part of a kernel."""
+
+from __future__ import annotations
+
+from functools import cache, cached_property
+from typing import Any
+
+import numpy as np
+
+from ..basics.arrays import check_function, whole_number
+from ..basics.spatial import Array
+from ..dynamics.quantity import MethodQuantity, Quantity
+from ..model.model import Model
+from ..robot import Robot
+
+AGREEMENT = 1e-9  # relative: torques that differ by less are the same
+TRIALS = 3  # random states on which a traced law must agree with a call of it
+
+
+def check_law(name: str, law: Any) -> None:
+    """Raise a TypeError if a law cannot be called with its arguments, a ValueError if it has no number of states."""
+    has_states = hasattr(law, "states") and not isinstance(law, type)
+    check_function(name, law, "(t, q, qd, z), as it has `states`" if has_states else "(t, q, qd)")
+    if has_states:
+        whole_number(f"{name}.states", law.states, least=0)
+
+
+def call_law(law: Any, t: Any, x: Array, n: int) -> tuple[Any, Any]:
+    """The torques that a law returns in a state (q, qd, z), and the rates of its states; None without states."""
+    q, qd = x[..., :n].copy(), x[..., n : 2 * n].copy()  # a law may modify its arguments
+    if not hasattr(law, "states"):
+        return law(t, q, qd), None
+    returned = law(t, q, qd, x[..., 2 * n : 2 * n + int(law.states)].copy())
+    if not isinstance(returned, tuple) or len(returned) != 2 or returned[1] is None:
+        got = f"a tuple of {len(returned)}" if isinstance(returned, tuple) else type(returned).__name__
+        got = "(torques, None)" if got == "a tuple of 2" else got
+        raise ValueError(f"`controller` with states must return (torques, rates of its states), got {got}")
+    return returned
+
+
+class TracedLaw:
+    """A law marked by `rne.traceable`, for the kernels of a scene; equal to that of the same law.
+
+    Parameters
+    ----------
+    law : callable
+    n : int
+        Number of joints.
+    """
+
+    def __init__(self, law: Any, n: int) -> None:
+        self.law, self.n, self.states = law, n, int(getattr(law, "states", 0))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return TracedLaw, (self.law, self.n)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, TracedLaw) and self.law is other.law and self.n == other.n
+
+    def __hash__(self) -> int:
+        return hash((id(self.law), self.n))
+
+    def __call__(self, t: Any, x: Array) -> tuple[Array, Array | None]:
+        """(torques, dz/dt); times have shape (..., 1).
+
+        The law is called with one state at a time: laws are written so. Numbers of many states are handed over at once
+        if the law takes them so.
+        """
+        if x.ndim == 1:
+            return self._call(np.asarray(t).item(), x)
+        if x.dtype != object and self._takes_batches:
+            return self._call(t, x)
+        times = np.broadcast_to(t, (*x.shape[:-1], 1)).reshape(-1)
+        found = [self._call(*state) for state in zip(times, x.reshape(-1, x.shape[-1]), strict=True)]
+        u = np.array([torques for torques, _ in found]).reshape(*x.shape[:-1], -1)
+        return u, None if found[0][1] is None else np.array([r for _, r in found]).reshape(*x.shape[:-1], -1)
+
+    def _call(self, t: Any, x: Array) -> tuple[Array, Array | None]:
+        """The law's torques with one row per state, where a constant is repeated, and the rates of its states."""
+        u, rates = call_law(self.law, t, x, self.n)
+        try:
+            torques = np.asarray(u)
+        except ValueError:
+            torques = np.asarray(None)
+        shape = x.shape[:-1] + (self.n,)
+        if torques.shape != shape and (torques.shape != (self.n,) or (torques.dtype == object and self.n == 0)):
+            raise ValueError(
+                f"`controller` must return shape (..., {self.n}) for states of that shape, got {torques.shape}"
+            )
+        rates = None if rates is None else np.asarray(rates)
+        return torques if torques.shape == shape else torques + 0 * x[..., : self.n], rates
+
+    @cached_property
+    def _takes_batches(self) -> bool:
+        """True if the law gives for some states at once what it gives for each."""
+        count = self.n + 1  # a matrix (n, n) times so many states fails
+        t, X = _trials(count, 2 * self.n + self.states)
+        try:
+            together, _ = self._call(t, X)
+            single = [self._call(float(s[0]), x)[0] for s, x in zip(t, X, strict=True)]
+        except Exception:  # whatever the law raises
+            return False
+        return together.shape == (count, self.n) and np.allclose(together, single, rtol=AGREEMENT, atol=AGREEMENT)
+
+    @cached_property
+    def outputs(self) -> MethodQuantity:
+        """[torques, dz/dt] as a function of time and state, to be traced."""
+        widths: dict[str, int | None] = {"t": 1, "x": 2 * self.n + self.states}
+        traced = Quantity(name="controller", core=self._core, widths=widths, moments=True, base_parameters=True)
+        return MethodQuantity(self, traced, "the controller")
+
+    def _core(self, model: Model, t: Array, x: Array) -> Array:
+        u, rates = self(t, x)
+        return u if rates is None else np.concatenate([u, rates], axis=-1)
+
+    def why_not_traced(self, robot: Robot) -> str | None:
+        """Why the law must be called: it cannot be traced, or its trace differs from calls. None if it is traced.
+
+        Its parameters are constants of kernels, which are forgotten where it has changed since they were traced.
+        """
+        kernels = robot._kernels
+        was_traced = kernels.has_scene(self.outputs)
+        try:
+            worst = self._error_of_trace(robot)
+        except Exception as error:  # whatever the law raises when it meets traced numbers
+            return f"{type(error).__name__}: {error}".splitlines()[0]
+        if worst <= AGREEMENT:
+            return None
+        if was_traced:
+            kernels.forget_scenes(lambda function: self in (function.owner, getattr(function.owner, "law", None)))
+            return self.why_not_traced(robot)
+        return f"traced, it differs by {worst:.3g} from a call: it has memory, noise or a branch"
+
+    def _error_of_trace(self, robot: Robot) -> float:
+        """Largest difference between traced and called torques in some states, relative where they exceed 1."""
+        kernel, (t, x) = robot._kernels.scene_kernel(self.outputs), _trials(TRIALS, 2 * self.n + self.states)
+        called, _ = self.outputs.evaluate(robot.model, t, x)
+        scales = np.abs(called).max(axis=1, initial=1.0)
+        return float((np.abs(kernel(t, x) - called).max(axis=1, initial=0.0) / scales).max())
+
+
+@cache
+def _trials(count: int, size: int) -> tuple[Array, Array]:
+    """Times and states in which a law is compared with its trace."""
+    rng = np.random.default_rng(0)
+    return rng.uniform(0, 1, (count, 1)), rng.uniform(-1, 1, (count, size))

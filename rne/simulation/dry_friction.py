@@ -1,0 +1,243 @@
+"""Dry friction: every joint slips forwards, slips backwards or sticks, and events lead from one to another.
+
+A sticking joint is held at rest by any torque up to its static friction; a slipping joint is resisted by its Coulomb
+friction, and sticks or reverses when its rate passes through zero.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ..basics.spatial import Array
+from ..errors import NotFiniteError
+from ..robot import Robot
+from .events import Event
+from .plant import Plant
+from .scene_dynamics import SceneDynamics
+from .zero_order_hold import Samples
+
+MAX_MODE_CHANGES, MAX_AT_ONE_TIME = 1000, 20
+AT_REST = 1e-12  # of the largest rate so far: rates below it count as zero
+# Steps of a robot all of whose joints stick; with the points at which events are examined inside a step, loads of a
+# duration above 1/1000 of the run's are found.
+STUCK_STEPS = 100
+SAME_INSTANT = 1e-12  # of the time: events closer than this are simultaneous
+ROUNDING = 1e-9  # of the largest load or acceleration: closer to the limit a load is held, closer to 0 there is no sign
+
+
+class ModeChange:
+    """As an event: a slipping joint comes to rest, or the load of a sticking one exceeds its static friction."""
+
+    def __init__(self, dry: DryPlant, joint: int) -> None:
+        self.dry, self.joint, self.mode = dry, joint, float(dry.mode[joint])
+        self.offset = AT_REST * dry.fastest  # a joint that just started from rest has not come to rest
+
+    def __call__(self, t: Array, X: Array, u: Array | None) -> Array:
+        if self.mode:
+            return -self.mode * X[:, self.dry.n + self.joint] - self.offset
+        return -self.dry.margins(t, X, u)[:, self.joint]
+
+
+class DryPlant(Plant):
+    """The equations of motion for given modes of the joints: +1 and -1 slip, 0 sticks.
+
+    A sticking joint stays at rest; see `SceneDynamics.right_hand_side_under_modes` for what stands in its place in the
+    state. The modes follow the torques in the inputs of the equations.
+    """
+
+    jacobian = None  # type: ignore[assignment]  # the modes change between two steps
+
+    def __init__(
+        self, dynamics: SceneDynamics, robot: Robot, law: Callable[..., Any] | None = None, law_name: str = "controller"
+    ) -> None:
+        super().__init__(dynamics, robot, law, law_name)
+        assert dynamics.friction is not None
+        self.friction = friction = dynamics.friction
+        self.n = n = robot.n
+        self.loads_kernel = robot._kernels.scene_kernel(dynamics.loads_under_modes)
+        self.coulomb = np.full(n, friction.coulomb, dtype=float), np.full(n, friction.coulomb_back, dtype=float)
+        self.statics = self.coulomb if friction.static is None else (np.full(n, friction.static, dtype=float),) * 2
+        self.mode, self.has_changed = np.full(n, -2), True  # no modes yet
+        self.modes: dict[bytes, Array] = {}  # as the equations take them
+        self.frictionless = np.maximum(*self.statics) == 0  # without friction, never sticks
+        self.fastest = 0.0  # largest rate so far [rad/s or m/s]
+        self.changes, self.begun, self.at_once = 0, -np.inf, 0
+        self.samples: Callable[[], Samples] | None = None  # where they are taken between two steps
+        self.overloaded: list[int] = []  # joints that broke away in the event that just happened
+        self.asked, self.last_margins = np.zeros((0, n)), np.zeros((0, n))
+
+    @property
+    def _function(self) -> Any:
+        return self.dynamics.right_hand_side_under_modes
+
+    def linearised(self, t: float, x: Array) -> Array:
+        """df/dx with all joints slipping, for the choice of a method."""
+        smooth = self.smooth
+        smooth.span, smooth.sampled, smooth.law = self.span, self.sampled, self.law
+        self.evaluations += self.counted
+        return smooth.linearised(t, x)
+
+    @cached_property
+    def smooth(self) -> Plant:
+        """The plant with all joints slipping."""
+        return Plant(self.dynamics, self.robot, self.law, self.law_name)
+
+    @property
+    def held(self) -> Array:
+        """What the equations take beside time and state: torques that are held, and the modes."""
+        return self._with_modes(self.sampled)
+
+    def _with_modes(self, u: Array | None) -> Array:
+        """Torques, if there are any, and the modes behind them."""
+        modes = self.modes.get(key := self.mode.tobytes())
+        if modes is None:
+            slips, (forward, back) = self.mode != 0, self.coulomb
+            self.modes[key] = modes = np.concatenate([slips, np.where(self.mode > 0, forward, -back) * slips])
+        if u is None:
+            return modes
+        modes = modes if u.ndim == 1 else np.broadcast_to(modes, (len(u), len(modes)))
+        return np.concatenate([u, modes], axis=-1)
+
+    def begin(self, t: float, x: Array, span: tuple[float, float]) -> None:
+        """Settle the modes, just after t; further on if the torques jump here without being declared."""
+        same = SAME_INSTANT * max(abs(t), abs(span[1] - t))
+        self.at_once = self.at_once + 1 if self.changes and t - self.begun <= same else 0
+        if self.at_once > MAX_AT_ONE_TIME:
+            raise NotFiniteError(f"sticking and slipping alternate without end at t = {t:.6g} s", t)
+        self.begun = t
+        self.span = (t + self.at_once * same if self.at_once else span[0], span[1])
+        before = self.mode
+        self.settle(t, x, self.overloaded)
+        self.overloaded = []
+        self.has_changed = not np.array_equal(before, self.mode)
+        self.stuck = self.n + np.flatnonzero(self.mode == 0)
+        self.note = f"{self.changes} changes between sticking and slipping"
+        self.events = [ModeChange(self, i) for i in np.flatnonzero(~self.frictionless).tolist()]
+
+    def apply_event(self, event: Event, x: Array) -> Array:
+        """The state after an event: a rate that passes through zero is zero."""
+        x = self.reported(x)
+        if isinstance(event, ModeChange):
+            self.changes += 1
+            x[self.n + event.joint] = 0.0
+            self.overloaded = [] if event.mode else [event.joint]
+        return x
+
+    def longest_step(self, duration: float) -> float:
+        """While nothing moves, steps short enough to see loads that come and go."""
+        return np.inf if self.mode.any() else duration / STUCK_STEPS
+
+    def reported(self, x: Array) -> Array:
+        """The state with the rates of sticking joints at zero."""
+        x = np.array(x)
+        x[..., self.n : 2 * self.n] *= self.mode != 0
+        return x
+
+    def accelerations_at(self, t: Array, X: Array, same: float) -> Array:
+        """Accelerations under the present modes."""
+        samples = None if self.samples is None else self.samples()
+        qdd, _, _ = self.loads_at(t, X, None if samples is None else samples.u[samples.held(t, same)])
+        return np.asarray(qdd)
+
+    def inputs(self, t: float, x: Array) -> Array:
+        """The torques, held or those that a law returns, and the modes."""
+        return self._with_modes(self.torque(t, self.reported(x)))
+
+    def loads(self, t: float, x: Array, u: Array | None = None) -> Array:
+        """Accelerations, dry friction or the loads of sticking joints, net torques without dry friction, shape (3, n).
+
+        Under the torques that are held or returned by a law, or others.
+        """
+        t = self.within(t)
+        inputs = self.inputs(t, x) if u is None else self._with_modes(u)
+        found, status = self.loads_kernel.evaluate(np.array([t]), x, inputs)
+        self.note_loss(status)
+        return np.reshape(found, (3, self.n))
+
+    def loads_at(self, t: Array, X: Array, u: Array | None = None) -> Array:
+        """The same in many states, shape (3, T, n)."""
+        t = np.clip(t, *self.span)
+        if u is None:
+            u = self.torques_at(t, self.reported(X)) if self.law is not None else self.sampled
+        found, status = self.loads_kernel.evaluate(t[:, None], X, self._with_modes(u))
+        self.note_loss(status)
+        return np.stack(np.split(found, 3, axis=1))
+
+    def settle(self, t: float, x: Array, overloaded: list[int]) -> None:
+        """Set the modes of the joints from their rates, and of those at rest from their loads.
+
+        Every joint at rest either resists its load or starts in the direction in which it is then accelerated. With
+        static friction equal to Coulomb friction exactly one such set of modes exists, since M is positive definite;
+        repeatedly changing the first inconsistent joint finds it (Murty's rule for linear complementarity problems).
+        With more static friction there may be several: as few joints as possible break away, and of those that stuck
+        before as few as possible.
+        """
+        qd = x[self.n : 2 * self.n]
+        self.fastest = max(self.fastest, float(np.abs(qd).max(initial=0.0)))
+        rests = (np.abs(qd) <= AT_REST * self.fastest) & ~self.frictionless
+        stuck = rests & (self.mode == 0)
+        self.mode = np.where(rests, 0, np.sign(qd)).astype(int)
+        self.mode[self.frictionless] = np.where(qd[self.frictionless] < 0, -1, 1)
+        for k in overloaded:  # the event that just occurred, whose margin rounding may place on either side of zero
+            self.mode[k] = int(np.sign(self.loads(t, x)[1][k]))
+        if self.friction.static is not None and self._wrong(t, x, rests).any():
+            held = rests & (self.mode == 0)
+            order = [*np.flatnonzero(held & ~stuck).tolist(), *np.flatnonzero(held & stuck).tolist()]
+            if self._release_fewest(t, x, rests, order):
+                return
+        for _ in range(MAX_MODE_CHANGES):
+            wrong = np.flatnonzero(self._wrong(t, x, rests))
+            if not len(wrong):
+                return
+            k = int(wrong[0])
+            self.mode[k] = 0 if self.mode[k] else int(np.sign(self.loads(t, x)[1][k]))
+        raise NotFiniteError(f"no modes of sticking and slipping fit the loads at t = {t:.6g} s", t)
+
+    def _wrong(self, t: float, x: Array, rests: Array) -> Array:
+        """The joints at rest that stick under too great a load, or slip against their acceleration."""
+        qdd, needed, net = self.loads(t, x)
+        breaks = rests & (self.mode == 0) & (self._margin(needed, net) < 0)
+        turns = rests & (qdd * self.mode < -ROUNDING * np.abs(qdd).max(initial=0.0))
+        return np.asarray(breaks | turns)
+
+    def _release_fewest(self, t: float, x: Array, rests: Array, order: list[int]) -> bool:
+        """Let one joint of `order` slip, then two, ... until all fit, those that come first in it before others."""
+        before = self.mode.copy()
+        trials = (
+            (joints, signs)
+            for count in range(1, len(order) + 1)
+            for joints in itertools.combinations(order, count)
+            for signs in itertools.product((1, -1), repeat=count)
+        )
+        for joints, signs in itertools.islice(trials, MAX_MODE_CHANGES):
+            self.mode = before.copy()
+            self.mode[list(joints)] = signs
+            if not self._wrong(t, x, rests).any():
+                return True
+        self.mode = before
+        return False
+
+    def margins(self, t: Array, X: Array, u: Array | None) -> Array:
+        """Static friction of each joint minus its load, in many states; those last asked for are kept."""
+        if X is not self.asked:
+            _, loads, net = self.loads_at(t, X, u)
+            self.asked, self.last_margins = X, self._margin(loads, net)
+        return self.last_margins
+
+    def _margin(self, loads: Array, net: Array) -> Array:
+        """Static friction of each joint minus its load; a load equal to the static friction is still held."""
+        largest = np.abs(net).max(axis=-1, keepdims=True, initial=0.0)
+        statics = np.where(loads > 0, *self.statics)
+        margin: Array = statics * (1 + ROUNDING) + ROUNDING * largest - np.abs(loads)
+        return margin
+
+    def __call__(self, t: float, x: Array) -> Array:
+        """dx/dt, with the rates of sticking joints at zero."""
+        self.evaluations += 1
+        t = self.within(t)
+        return self.rates(t, x, self.inputs(t, x))

@@ -1,0 +1,243 @@
+"""The equations of motion of a scene: functions of time, state and inputs, of which kernels are traced for its robot.
+
+| control law                  | where it is evaluated                 | `law`  | `inputs`  |
+|------------------------------|---------------------------------------|--------|-----------|
+| none                         |                                       | None   | "none"    |
+| marked by `rne.traceable`    | in the kernel, traced if it can be    | given  | "none"    |
+| called, or `torque=`         | by Plant.torque; `u` has its torques, | None   | "called"  |
+|                              | and the rates of its states           |        |           |
+| sampled                      | by ZeroOrderHold; its torques are `u` | None   | "held"    |
+
+The state x is q, qd, the controller's states z, and energies since the start: the work of the drives and what viscous
+and Coulomb friction dissipate, as far as the scene has them. Energies are integrated with the motion, but no error
+control looks at them. The work of torques that are held follows from the positions.
+
+While a drive is at its limit, the motion tells a solver nothing of the law, and steps grow until they jump over the
+time at which the torque leaves the limit. The error control therefore follows the law as well: the impulses of the
+torques without limits, divided by a constant inertia, are further states of such a scene, before the energies.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ..basics.spatial import Array, rotate
+from ..dynamics.crba import mass_matrix, solve_with_pivots
+from ..dynamics.precision import check_accelerations, check_singularity
+from ..dynamics.quantity import Declared, MethodQuantity, PrecisionStatus, Quantity
+from ..dynamics.rnea import bias_torque, inverse_dynamics
+from ..elementwise import clip
+from ..model.model import Model
+from .control_law import TracedLaw
+from .friction import Friction
+
+
+@dataclass(frozen=True)
+class SceneDynamics:
+    """What moves a robot in a scene beside its own dynamics, in numbers; equal by value, laws by identity.
+
+    Attributes
+    ----------
+    n : int
+        Number of joint coordinates.
+    forward : Declared
+        The function for accelerations under net torques.
+    friction : Friction or None
+    effort_limit : tuple of float, length n, or None
+        Largest torque of each drive [N m or N].
+    law : TracedLaw or None
+    inputs : {"none", "called", "held"}
+        Whether torques of the drives are an argument u, and from where.
+    states : int
+        Number of the controller's states; if the controller is called, their rates follow the torques in u.
+    inertia : tuple of float, length n, or None
+        Constant inertia that makes rates of impulses; None if the state has no impulses [kg m^2 or kg].
+    has_energies : bool
+        False without the energies as states.
+    """
+
+    n: int
+    forward: Declared
+    friction: Friction | None = None
+    effort_limit: tuple[float, ...] | None = None
+    law: TracedLaw | None = None
+    inputs: str = "none"
+    states: int = 0
+    inertia: tuple[float, ...] | None = None
+    has_energies: bool = True
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {f.name: getattr(self, f.name) for f in fields(self)}
+
+    @cached_property
+    def ledger(self) -> tuple[str, ...]:
+        """Names of the energies that the scene exchanges."""
+        f, names = self.friction, ["drives"] if self.law is not None or self.inputs != "none" else []
+        names += [k for k in ("viscous", "coulomb") if np.any(getattr(f, k, 0)) or np.any(getattr(f, f"{k}_back", 0))]
+        return tuple(names)
+
+    @cached_property
+    def energies(self) -> tuple[str, ...]:
+        """Names of the energies that are states."""
+        without = self.ledger if not self.has_energies else ("drives",) if self.inputs == "held" else ()
+        return tuple(name for name in self.ledger if name not in without)
+
+    @cached_property
+    def counted(self) -> int:
+        """Length of the state without the energies: the entries whose errors are controlled."""
+        return 2 * self.n + self.states + (self.n if self.inertia else 0)
+
+    @cached_property
+    def size(self) -> int:
+        """Length of the state."""
+        return self.counted + len(self.energies)
+
+    @property
+    def torque_given(self) -> bool:
+        """True if torques of the drives are an argument."""
+        return self.inputs != "none"
+
+    def without_law(self) -> SceneDynamics:
+        """The same with the torques of a traced law as an argument."""
+        return self if self.law is None else replace(self, law=None, inputs="called")
+
+    def drives(self, t: Any, x: Array, u: Array | None) -> tuple[Array | None, list[Array]]:
+        """Torques of the drives within their limits, and the rates of the states behind (q, qd), without energies."""
+        n, rates = self.n, None
+        if self.law is not None:
+            u, rates = self.law(t, x)
+        elif u is not None and self.states:
+            u, rates = u[..., :n], u[..., n:]
+        further = [] if rates is None else [rates]
+        if u is None or self.effort_limit is None:
+            return u, further
+        if self.inertia is not None:
+            further.append(u * (1 / np.array(self.inertia)))
+        limit = np.array(self.effort_limit)
+        return clip(u, -limit, limit), further
+
+    def _powers(self, qd: Array, torques: dict[str, Array | None]) -> list[Array]:
+        """Rates of the energies under given torques."""
+        given = {name: torque for name, torque in torques.items() if torque is not None}
+        return [(given[name] * qd).sum(-1, keepdims=True) for name in self.energies]
+
+    def _acting(self, t: Any, x: Array, u: Array | None) -> tuple[Array, list[Array]]:
+        """Net torques, and the rates of the states behind (q, qd)."""
+        qd = x[..., self.n : 2 * self.n]
+        drives, further = self.drives(t, x, u)
+        torques: dict[str, Array | None] = {"drives": drives}
+        net = 0 * qd if drives is None else drives
+        for name in ("viscous", "coulomb"):
+            if self.friction is not None and name in self.ledger:
+                torques[name] = torque = getattr(self.friction, f"{name}_torque")(qd)
+                net = net - torque
+        return net, [*further, *self._powers(qd, torques)]
+
+    def right_hand_side_core(self, model: Model, t: Array, x: Array, u: Array | None = None) -> Any:
+        """(dx/dt, pivots, diagonal of M), traced."""
+        q, qd = x[..., : self.n], x[..., self.n : 2 * self.n]
+        net, further = self._acting(t, x, u)
+        qdd, pivots, diagonal = self.forward.quantity.core(model, q, qd, net)
+        return np.concatenate([qd, qdd, *further], axis=-1), pivots, diagonal
+
+    def residual_core(self, model: Model, t: Array, x: Array, a: Array, u: Array | None = None) -> Any:
+        """[M a + C qd + g - net torques, rates of the states behind (q, qd)] at accelerations a, traced."""
+        net, further = self._acting(t, x, u)
+        needed = inverse_dynamics.core(model, x[..., : self.n], x[..., self.n : 2 * self.n], a)
+        return np.concatenate([needed - net, *further], axis=-1)
+
+    def drive_torques_core(self, model: Model, t: Array, x: Array) -> Any:
+        """Torques of the drives under a traced law, within their limits, traced."""
+        return self.drives(t, x, None)[0]
+
+    def _balance(self, model: Model, t: Array, x: Array, u: Array) -> tuple[Any, ...]:
+        """Accelerations, loads, net torques without dry friction, rates of further states, M's diagonal, pivots.
+
+        The rows and columns of sticking joints in M are those of the unit matrix: M_ss qdd_s = (net - dry)_s.
+        """
+        assert self.friction is not None
+        n = self.n
+        given, slips, dry = u[..., : -2 * n], u[..., -2 * n : -n], u[..., -n:]
+        q, qd = x[..., :n], slips * x[..., n : 2 * n]
+        moving = np.concatenate([q, qd, x[..., 2 * n :]], axis=-1)
+        drives, further = self.drives(t, moving, given if self.torque_given else None)
+        viscous = self.friction.viscous_torque(qd)
+        resisting = bias_torque.core(model, q, qd) + viscous
+        net = -resisting if drives is None else drives - resisting
+        M = mass_matrix.core(model, q)
+        among = M * slips[..., :, None] * slips[..., None, :] + np.eye(n) * (1 - slips)[..., None]
+        qdd, pivots, diagonal = solve_with_pivots(among, model.coordinate_parent, slips * (net - dry))
+        loads = slips * dry + (1 - slips) * (net - rotate(M, qdd))
+        further += self._powers(qd, {"drives": drives, "viscous": viscous, "coulomb": dry})
+        return qdd, loads, net, further, np.diagonal(M, axis1=-2, axis2=-1), pivots, diagonal
+
+    def right_hand_side_under_modes_core(self, model: Model, t: Array, x: Array, u: Array) -> Any:
+        """(dx/dt, pivots, their diagonal) while some joints stick and the others slip under dry friction, traced.
+
+        `u` ends with the modes: 1 for each joint that slips and 0 for one that sticks, then the dry friction torques of
+        those that slip. The place of a sticking joint's rate has the acceleration that its load would give it if
+        nothing held it, for the error control to follow.
+        """
+        n = self.n
+        slips = u[..., -2 * n : -n]
+        qdd, loads, _, further, inertia, pivots, diagonal = self._balance(model, t, x, u)
+        held = (1 - slips) * loads / (slips + (1 - slips) * inertia)
+        return np.concatenate([slips * x[..., n : 2 * n], qdd + held, *further], axis=-1), pivots, diagonal
+
+    def loads_under_modes_core(self, model: Model, t: Array, x: Array, u: Array) -> Any:
+        """[accelerations, dry friction or loads of sticking joints, net torques without dry friction], pivots, ..."""
+        *found, _, _, pivots, diagonal = self._balance(model, t, x, u)
+        return np.concatenate(found, axis=-1), pivots, diagonal
+
+    def _check_rates(
+        self, model: Model, arguments: Any, rates: Array, pivots: Array, diagonal: Array
+    ) -> PrecisionStatus:
+        n, t, x = self.n, arguments["t"], arguments["x"]
+        net, _ = self._acting(t, x, arguments.get("u"))
+        state = {"q": x[..., :n], "qd": x[..., n : 2 * n], "tau": np.broadcast_to(net, x[..., :n].shape)}
+        return check_accelerations(model, state, np.asarray(rates[..., n : 2 * n]), pivots, diagonal)
+
+    def _check_balance(
+        self, model: Model, arguments: Any, rates: Array, pivots: Array, diagonal: Array
+    ) -> PrecisionStatus:
+        return check_singularity(model, {"q": arguments["x"][..., : self.n]}, rates, pivots, diagonal)
+
+    def _declared(self, name: str, title: str, *, a: bool = False, modes: bool = False, **how: Any) -> MethodQuantity:
+        """One of the functions, with the lengths of its arguments: t, x, perhaps a, and u where there are inputs."""
+        inputs = (self.n + self.states if self.torque_given else 0) + (2 * self.n if modes else 0)
+        widths: dict[str, int | None] = {"t": 1, "x": self.size}
+        widths |= {name: width for name, width in (("a", self.n * a), ("u", inputs)) if width}
+        how |= {"core": getattr(self, f"{name}_core"), "moments": True, "base_parameters": True}
+        return MethodQuantity(self, Quantity(name=name, widths=widths, **how), title)
+
+    @cached_property
+    def right_hand_side(self) -> MethodQuantity:
+        """dx/dt."""
+        velocities = ("x", slice(self.n, 2 * self.n))
+        return self._declared("right_hand_side", "the right-hand side", check=self._check_rates, velocities=velocities)
+
+    @cached_property
+    def residual(self) -> MethodQuantity:
+        """The equations of motion, whose slopes linearise the motion."""
+        return self._declared("residual", "the equations of motion", a=True)
+
+    @cached_property
+    def drive_torques(self) -> MethodQuantity:
+        """Torques of the drives under a traced law."""
+        return self._declared("drive_torques", "the torque of the drives")
+
+    @cached_property
+    def right_hand_side_under_modes(self) -> MethodQuantity:
+        """dx/dt while some joints stick."""
+        return self._declared(
+            "right_hand_side_under_modes", "the right-hand side", modes=True, check=self._check_balance
+        )
+
+    @cached_property
+    def loads_under_modes(self) -> MethodQuantity:
+        """What dry friction must hold while some joints stick."""
+        return self._declared("loads_under_modes", "the right-hand side", modes=True, check=self._check_balance)
