@@ -139,8 +139,8 @@ def rest_pose(within: MotionLimits, rng: np.random.Generator) -> Array:
     if use[k].max() > thresholds.HELD_EFFORT:
         j = int(use[k].argmax())
         raise ValueError(
-            f"`limits`: no pose is held with {thresholds.HELD_EFFORT:.0%} of the efforts; the best of {len(poses)} takes "
-            f"{use[k, j]:.1e} times effort_limit of joint {robot.joint_names[j]!r}"
+            f"`limits`: no pose is held with {thresholds.HELD_EFFORT:.0%} of the efforts; the best of {len(poses)} "
+            f"takes {use[k, j]:.1e} times effort_limit of joint {robot.joint_names[j]!r}"
         )
     coefficients = np.zeros((robot.n, within.free.shape[0]))
     coefficients[:, 0] = (poses[k] - within.centre) / within.velocity_limit
