@@ -10,7 +10,7 @@ from scipy.stats import f
 import rne
 from rne.identification import Record
 from rne.identification.diagnosis.rigid_body_test import certified, torque_noise
-from rne.identification.fit.regression import build_regression
+from rne.identification.fit.equations import build_regression
 from rne.identification.log.filtering import low_pass
 
 from .helpers import kept, loaded

@@ -9,13 +9,13 @@ from scipy.signal import lfilter
 
 import rne
 from rne.identification.fit.consistent import consistent_fit, expected_sizes, geometric_prior, model_prior
-from rne.identification.fit.equations import equations, joined
-from rne.identification.fit.least_squares import (
+from rne.identification.fit.equations import (
     correlation_time_of_filtered_noise,
     correlation_time_of_residuals,
-    least_squares,
-    with_correlation,
+    equations,
+    joined,
 )
+from rne.identification.fit.least_squares import least_squares, with_correlation
 from rne.identification.log.filtering import low_pass
 from rne.model.parameters import dual_of_gradient, pseudo_inertia
 

@@ -26,7 +26,8 @@ from ..robot import Robot
 from ..simulation.scene import HasPayload, Payload, payload_argument
 from . import thresholds
 from .diagnosis.rigid_body_test import own_fit, percent
-from .fit.least_squares import least_squares, solve
+from .fit.equations import solve
+from .fit.least_squares import least_squares
 from .log.record import Record
 from .result import Identification
 from .two_sets import TwoSets, TwoSetsFit, TwoSetsResult, load_map, two_sets

@@ -33,9 +33,8 @@ from .diagnosis.causes import (
 from .diagnosis.residuals import Residuals
 from .diagnosis.rigid_body_test import EXPLAINED
 from .fit.consistent import geometric_prior, model_prior
-from .fit.equations import Equations
+from .fit.equations import Equations, RegressionData, build_regression, of_named_joints
 from .fit.least_squares import Estimator, LeastSquares, held_out, least_squares, with_correlation
-from .fit.regression import RegressionData, build_regression, of_named_joints
 from .log.record import Record
 from .result import IMPOSSIBLE, NOT_CONSISTENT, WRONG_SIGN, Identification
 

@@ -24,9 +24,8 @@ from .diagnosis.causes import GEARS, Cause
 from .diagnosis.checking import Check
 from .diagnosis.rigid_body_test import EXPLAINED, Consistency, certified
 from .fit.consistent import expected_sizes, model_prior
-from .fit.equations import Equations
+from .fit.equations import Equations, RegressionData, check_joints, delayed
 from .fit.least_squares import LeastSquares, Unexplained, believed_noise
-from .fit.regression import RegressionData, check_joints, delayed
 from .log.prepared import Prepared
 from .log.record import Record
 

@@ -27,9 +27,20 @@ from . import thresholds
 from .diagnosis.causes import Cause, likely_causes, merged_by_kind
 from .diagnosis.residuals import TINY, Residuals
 from .diagnosis.rigid_body_test import percent
-from .fit.equations import Equations, equations, joined, triangular, with_prior
-from .fit.least_squares import LeastSquares, believed_noise, least_squares, solve
-from .fit.regression import RegressionData, blocks_of_time, build_regression, checked_records, of_named_joints
+from .fit.equations import (
+    Equations,
+    RegressionData,
+    blocks_of_time,
+    build_regression,
+    checked_records,
+    equations,
+    joined,
+    of_named_joints,
+    solve,
+    triangular,
+    with_prior,
+)
+from .fit.least_squares import LeastSquares, believed_noise, least_squares
 from .log.record import Record
 from .result import Identification, likely_text, unexplained_text
 

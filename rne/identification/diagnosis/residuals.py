@@ -12,7 +12,7 @@ from ...basics.spatial import Array
 from ...dynamics.base_inertial_parameters import BaseParameters
 from ...model.parameters import PARAMETERS
 from ...robot import Robot
-from ..fit.regression import RegressionData
+from ..fit.equations import RegressionData
 from ..log.filtering import low_pass
 from ..log.prepared import Prepared
 from ..log.screening import consecutive

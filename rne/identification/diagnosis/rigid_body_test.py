@@ -21,9 +21,8 @@ from ...dynamics.regressors import kinetic_energy_regressor, potential_energy_re
 from ...model.parameters import PARAMETERS
 from ...model.standard_parameters import StandardParameters
 from .. import thresholds
-from ..fit.equations import Equations
+from ..fit.equations import Equations, RegressionData
 from ..fit.least_squares import weighted_fit
-from ..fit.regression import RegressionData
 from ..log.filtering import ORDER
 from ..log.prepared import Prepared
 

@@ -1,14 +1,11 @@
 """Weighted least squares: each joint's equations count by its own residual.
 
 Gautier 1997; Siciliano et al. 2009, section 7.3. The noise of a joint is its residual over its degrees of freedom.
-These depend on the fit, and the fit on the noise: it is repeated until neither changes. Residuals that
-resemble their neighbours carry less information than their number says: the effective sample size is the number of rows
-over the integrated autocorrelation time, 1 + 2 sum rho_k (Sokal 1997, section 3).
+These depend on the fit, and the fit on the noise: it is repeated until neither changes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -18,9 +15,8 @@ from ...basics.spatial import Array
 from ...dynamics.base_inertial_parameters import BaseParameters
 from ...model.parameters import PARAMETERS
 from .. import thresholds
-from ..log.filtering import low_pass
 from .consistent import consistent_fit
-from .equations import Equations, with_prior
+from .equations import Equations, solve, with_prior
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,32 +49,6 @@ class LeastSquares:
         """The same estimates with another covariance; what the motion says nothing of stays so."""
         errors = np.where(np.isinf(self.errors), np.inf, np.sqrt(np.diag(covariance)))
         return replace(self, covariance=covariance, errors=errors)
-
-
-class Solution(NamedTuple):
-    """Solution x of A x = b with smallest residual; of those, with the smallest length per column."""
-
-    x: Array
-    inverse: Array  # G of shape (P, rank): x = G U^T b, its covariance is G G^T
-    singular: Array  # singular values of A with columns of unit length
-    free: Array  # true for unknowns that the equations do not determine
-
-    def spent(self, equations: Equations, sigma: Array) -> Array:
-        """How many unknowns each joint determines, of the fit to equations over the noise sigma of their joint."""
-        return np.asarray(((equations.factors[..., :-1] @ self.inverse) ** 2).sum((0, 2, 3)) / sigma**2)
-
-
-def solve(factor: Array) -> Solution:
-    """The solution of triangular equations [A b]."""
-    A, b = factor[:, :-1], factor[:, -1]
-    lengths = np.linalg.norm(A, axis=0)
-    nothing = lengths <= thresholds.NOTHING * lengths.max(initial=0)
-    A, lengths = np.where(nothing, 0.0, A), np.where(nothing, 1.0, lengths)
-    U, S, V = np.linalg.svd(A / lengths, full_matrices=False)
-    kept = thresholds.DEPENDENT * S.max(initial=0) < S
-    inverse = (V[kept].T / S[kept]) / lengths[:, None]
-    free = np.linalg.norm(V[~kept], axis=0) > thresholds.UNDETERMINED
-    return Solution(inverse @ (U.T[kept] @ b), inverse, S, free)
 
 
 def weighted_fit(equations: Equations, sigma: Array) -> tuple[Array, Array]:
@@ -192,32 +162,3 @@ def held_out(estimator: Estimator, fitted: Equations, measured: Equations) -> Un
     squares, torques, rows = (np.concatenate([x, [x[0] - x[1]]]) for x in (squares, torques, rows))
     shares = np.sqrt(np.maximum(squares, 0) / np.maximum(torques, np.finfo(float).tiny))
     return Unexplained(*np.where(rows == 0, np.nan, shares))
-
-
-def correlation_time_of_residuals(residuals: Array, used: Array, parts: Sequence[slice]) -> Array:
-    """1 + 2 sum rho_k of each joint, at least 1, over the rows that are `used`; of `parts` none has a gap in it."""
-    from scipy.signal import correlate
-
-    lags = np.arange(max(part.stop - part.start for part in parts))
-    found = []
-    for x, flags in zip((residuals * used).T, used.T.astype(float), strict=True):
-        products, pairs = np.zeros((2, len(lags)))
-        for part in parts:
-            count = part.stop - part.start
-            products[:count] += correlate(x[part], x[part])[count - 1 :]
-            pairs[:count] += correlate(flags[part], flags[part])[count - 1 :]
-        covariances = products / np.maximum(np.rint(pairs), 1) * (1 - lags / len(lags))
-        sums = 2 * np.cumsum(covariances / (covariances[0] or 1.0)) - 1
-        ends = np.flatnonzero(lags >= thresholds.SUM_WINDOW * sums)
-        found.append(max(sums[ends[0] if len(ends) else -1], 1.0))
-    return np.array(found)
-
-
-def correlation_time_of_filtered_noise(cutoff: float, sample_rate: float, decimation: int) -> float:
-    """1 + 2 sum rho_k of noise that was white before the filter, from the filter's response to an impulse."""
-    reach = decimation * int(np.ceil(thresholds.RESPONSE_PERIODS * sample_rate / (cutoff * decimation)))
-    impulse = np.zeros((2 * reach + 1, 1))
-    impulse[reach] = 1
-    response = low_pass(impulse, cutoff, sample_rate)[:, 0]
-    covariances = np.correlate(response, response, "full")[len(response) - 1 :: decimation]
-    return float(2 * covariances.sum() / covariances[0] - 1)
