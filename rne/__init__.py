@@ -33,6 +33,7 @@ if TYPE_CHECKING:
         identify_drive_gains,
         identify_payload,
     )
+    from .identification.diagnosis.compare_models import ModelComparison, compare_models
     from .kernels.kernel import compile
     from .model.standard_parameters import DriveModel
     from .plotting.viewer import view
@@ -44,7 +45,6 @@ if TYPE_CHECKING:
     from .simulation.trajectory import Trajectory
     from .urdf import Finding, check, read_urdf, to_urdf
     from .urdf.loading import load, robots
-    from .validation.comparison import ModelComparison, compare_models
 else:
     __getattr__ = on_first_use(
         __name__,
@@ -70,7 +70,7 @@ else:
             "trajectories": "",
             "urdf": "Finding check read_urdf to_urdf",
             "urdf.loading": "load robots",
-            "validation.comparison": "ModelComparison compare_models",
+            "identification.diagnosis.compare_models": "ModelComparison compare_models",
         },
     )
 

@@ -1,9 +1,8 @@
 """From measurements to a model: motions that excite it, records of motions, their fit, and how far to trust it."""
 
-from ..validation.comparison import ModelComparison, compare_models
-from ..validation.torque_difference import Candidate
-from .diagnosis.causes import Cause
 from .diagnosis.checking import Check
+from .diagnosis.compare_models import Candidate, ModelComparison, compare_models
+from .diagnosis.hypotheses import Cause, Hypothesis
 from .diagnosis.rigid_body_test import Consistency, EnergyBalance
 from .drive_gains import DriveGains, identify_drive_gains
 from .exciting_motions.motion import Excitation, excitation
@@ -23,6 +22,7 @@ __all__ = [
     "DriveGains",
     "EnergyBalance",
     "Excitation",
+    "Hypothesis",
     "Identification",
     "LeastSquares",
     "ModelComparison",

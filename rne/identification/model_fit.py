@@ -18,20 +18,21 @@ from ..model.parameters import PARAMETERS, parameters_of_pseudo_inertia
 from ..model.standard_parameters import MEASURED, DriveModel, StandardParameters, drive_argument
 from ..robot import Robot, robot_argument
 from . import thresholds
-from .diagnosis.causes import (
+from .diagnosis.hypotheses import (
     DRIVES,
     GEARS,
     STRIBECK,
     Cause,
+    Hypothesis,
     delay_text,
     delays_of,
     derivative_by,
+    hypotheses_argument,
     likely_causes,
     merged_by_kind,
-    sharpened,
+    refine,
 )
-from .diagnosis.residuals import Residuals
-from .diagnosis.rigid_body_test import EXPLAINED
+from .diagnosis.residuals import FitResiduals
 from .fit.consistent import geometric_prior, model_prior
 from .fit.equations import Equations, RegressionData, build_regression, of_named_joints
 from .fit.least_squares import Estimator, LeastSquares, held_out, least_squares, with_correlation
@@ -56,6 +57,7 @@ def identify(
     delay: ArrayLike | None = None,
     cutoff: float | None = None,
     folds: int = thresholds.FOLDS,
+    hypotheses: Sequence[Hypothesis] = (),
 ) -> Identification:
     """Parameters of a robot's bodies, rotors and friction from measured motions.
 
@@ -93,6 +95,8 @@ def identify(
     folds : int
         Blocks of time of the cross-validation: each record is cut into `folds` / number of records, rounded up and
         at least 2, each to be predicted from the others.
+    hypotheses : sequence of Hypothesis
+        Causes of residuals that are tried beside those that are known.
 
     Returns
     -------
@@ -142,7 +146,8 @@ def identify(
     stds = thresholds.PRIOR_STDS_OF_GUESS if isinstance(prior, str) else (thresholds.PRIOR_STD,)
     stds = stds if prior_std is None else (positive_number("prior_std", prior_std),)
     options = {"minimum_velocity": minimum_velocity, "cutoff": cutoff, "folds": folds}
-    base, data, causes, modelled, declined = fit_with_delays(robot, records, drives, delay, options)
+    tried = hypotheses_argument(hypotheses)
+    base, data, causes, modelled, declined = fit_with_delays(robot, records, drives, delay, options, tried)
     standard = base.standard
     guess, notes = (None, ()) if known is None else prior_bodies(known, standard, data.fitted)
     try:
@@ -160,7 +165,7 @@ def identify(
     correlation_time = data.correlation_time(data.residuals(base.back @ estimate.values))
     estimate = with_correlation(estimate, data.fitted.mapped(base.back), correlation_time)
     if modelled:  # standard errors with those of the delays and Stribeck velocities that were estimated too
-        rest = Residuals(robot, base, data, estimate.values, estimate.sigma, correlation_time)
+        rest = FitResiduals(robot, base, data, estimate.values, estimate.sigma, correlation_time)
         columns = np.concatenate([derivative_by(rest, cause) for cause in modelled], axis=-1)
         estimate = estimate._with_covariance(estimate.covariance + rest.covariance_of(columns))
     lower, drift_error = data.at_lower_cutoff(base, estimate.sigma * np.sqrt(correlation_time))
@@ -179,7 +184,12 @@ def identify(
 
 
 def fit_with_delays(
-    robot: Robot, records: Sequence[Record], drives: DriveModel | None, delay: ArrayLike | None, options: dict[str, Any]
+    robot: Robot,
+    records: Sequence[Record],
+    drives: DriveModel | None,
+    delay: ArrayLike | None,
+    options: dict[str, Any],
+    hypotheses: Sequence[Hypothesis],
 ) -> tuple[BaseParameters, RegressionData, tuple[Cause, ...], list[Cause], tuple[str, ...]]:
     """The equations with delays, Stribeck effects and rotors as they show in the residuals, found in a few rounds.
 
@@ -198,11 +208,11 @@ def fit_with_delays(
         base = robot.base_parameters(drives=drives)
         data = build_regression(robot, records, base, **options, delays=delays)
         estimate = least_squares(data.fitted.mapped(base.back))
-        rest = Residuals(robot, base, data, estimate.values, estimate.sigma)
+        rest = FitResiduals(robot, base, data, estimate.values, estimate.sigma)
         is_last = k == thresholds.DELAY_ROUNDS
         found = [] if is_last or delay is not None else delays_of(rest.beyond_friction)
         if not found:
-            causes, leading = likely_causes(rest)
+            causes, leading = likely_causes(rest, hypotheses)
             if leading is not None and not is_last and delay is None:  # which may hide a delay
                 found = delays_of(rest.beyond_friction.with_known(leading))
         for cause in found:
@@ -213,7 +223,7 @@ def fit_with_delays(
         slow = [] if found or is_last or not is_open else [cause for cause in causes if cause.kind == STRIBECK]
         if slow and slow[0].score >= max(cause.score for cause in causes) / 2:
             velocities = np.zeros(robot.n) if drives.stribeck is None else np.array(drives.stribeck, np.float64)
-            for cause in (sharpened(rest, cause) for cause in slow):
+            for cause in (refine(rest, cause) for cause in slow):
                 sharp[cause.joints], velocities[robot.joint_names.index(cause.joints[0])] = cause, cause.at
             drives = replace(drives, stribeck=velocities)
         elif not found:
@@ -306,4 +316,6 @@ def prior_bodies(known: Robot | str, standard: StandardParameters, fitted: Equat
 def plausible(parameters: Array, guess: Array, fitted: Equations) -> bool:
     """False if torques that are not explained make one body heavier than all together are guessed to be."""
     masses = parameters[: PARAMETERS * len(guess) : PARAMETERS]
-    return bool((fitted.shares(parameters) <= EXPLAINED).all() or masses.max(initial=0) <= guess[:, 3, 3].sum())
+    return bool(
+        (fitted.shares(parameters) <= thresholds.EXPLAINED).all() or masses.max(initial=0) <= guess[:, 3, 3].sum()
+    )

@@ -20,9 +20,9 @@ from ..model.standard_parameters import StandardParameters
 from ..robot import Robot
 from ..simulation.friction import SMOOTHING, Friction
 from . import thresholds
-from .diagnosis.causes import GEARS, Cause
 from .diagnosis.checking import Check
-from .diagnosis.rigid_body_test import EXPLAINED, Consistency, certified
+from .diagnosis.hypotheses import GEARS, Cause
+from .diagnosis.rigid_body_test import Consistency, certified
 from .fit.consistent import expected_sizes, model_prior
 from .fit.equations import Equations, RegressionData, check_joints, delayed
 from .fit.least_squares import LeastSquares, Unexplained, believed_noise
@@ -409,7 +409,7 @@ def causes_text(found: Identification) -> str:
     if found.unexcited:
         return found.unexcited
     for j, (name, left) in enumerate(zip(found.initial.joint_names, found.unexplained.in_motion, strict=True)):
-        if left > EXPLAINED:
+        if left > thresholds.EXPLAINED:
             own = [cause.text for cause in found.causes if cause.removed[j] > thresholds.EXPLAINS]
             why = f": {own[0]}" if own else ": no single change of the log, the robot or the drives explains it"
             lines.append(f"  {short(name)} {100 * left:.0f} % in motion{why}")

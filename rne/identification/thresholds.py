@@ -184,13 +184,12 @@ NOISE_WINDOW, NOISE_POINTS = 8.0, 64  # periods of the cut-off, and samples, of 
 ENERGY_PIECES = 10  # parts of each segment over which work and energy are compared: a second or two of a log
 
 # Diagnosis: two models compared, torques without noise -------------------------------------------------------------
-TOLERANCE = (
-    1e-8  # part of the torques by which equal models differ: rounding is 1e-13, numbers of nine digits are told apart
-)
+TOLERANCE = 1e-8  # part of the torques by which equal models differ: rounding is 1e-13, that of nine digits 5e-10
 STATES, FEW = 120, 12  # states compared, and those that choose among thousands of conventions; MODELS
 RATE, ACCELERATION = 1.5, 5.0  # standard deviations of the states [rad/s, rad/s^2]: gravity and rates weigh alike
 TURNING, SLIDING = float(np.pi), 0.3  # largest positions without limits [rad, m]; rates of sliders are 0.3 times others
 RANK = 1e-9  # singular values of unit columns that are rounding; numerics
+ROUNDED_PART = 1e-12  # part of a column that is rounding beside known columns; numerics
 SMALLEST = 1e-6  # part of the robot's largest torque: a joint with less is judged as if it had this
 NONE = 1e-9  # a fitted number that is rounding [SI]
 NEAR = 0.2  # distance of a fitted coefficient from 0 or 1 at which a change without numbers is tried; MODELS

@@ -24,8 +24,8 @@ from ..model.parameters import PARAMETERS, parameters_of_pseudo_inertia, pseudo_
 from ..model.standard_parameters import MEASURED, DriveModel, StandardParameters
 from ..robot import Robot, robot_argument
 from . import thresholds
-from .diagnosis.causes import Cause, likely_causes, merged_by_kind
-from .diagnosis.residuals import TINY, Residuals
+from .diagnosis.hypotheses import Cause, likely_causes, merged_by_kind
+from .diagnosis.residuals import TINY, FitResiduals
 from .diagnosis.rigid_body_test import percent
 from .fit.equations import (
     Equations,
@@ -100,7 +100,7 @@ class TwoSets:
         found: list[Cause] = []
         for data in self.both:
             estimate = least_squares(data.fitted.mapped(self.base.back))
-            found += likely_causes(Residuals(self.robot, self.base, data, estimate.values, estimate.sigma))[0]
+            found += likely_causes(FitResiduals(self.robot, self.base, data, estimate.values, estimate.sigma))[0]
         return merged_by_kind(sorted(found, key=lambda cause: -cause.score))
 
     def in_torques(self, gains: Array) -> TwoSets:

@@ -1,0 +1,618 @@
+"""Hypotheses on torques that a model leaves unexplained, and the causes of an identification's residuals among them.
+
+A hypothesis adds columns X to the torques of a model: derivatives by a delay, a gear ratio or a zero, the torques of a
+payload from some time on, those of a force at the last link for a while. Least squares with these columns say how much
+it takes away of what is left; its score is the gain of log likelihood, each joint with its own noise, less log(N) / 2
+per free number (Schwarz 1978) and the logarithm of how many alternatives were tried. Causes that are no small change,
+such as torques of the wrong sign or joints in another order, are tried by fitting again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+
+from ...basics.spatial import Array
+from ...basics.text import listed
+from ...model.parameters import PARAMETERS
+from ...robot import Robot
+from .. import thresholds
+from ..log.screening import seconds
+from .residuals import TINY, Discrepancy, FitResiduals, Torques, by_joint
+
+STRIBECK, SIZE, DIRECTION, GAIN = "Stribeck friction", "gravity magnitude", "gravity direction", "torque factor"
+LOAD = "payload changed"
+GEARS = ("friction under load", "friction by direction", "pre-sliding friction", STRIBECK)  # which sound gears have
+DRIVES: dict[str, tuple[str, str, Torques]] = {  # kind, noun, torque of one joint
+    "Ia": ("rotor", "a rotor", lambda q, qd, qdd: qdd),
+    "Fv": ("viscous friction", "viscous friction", lambda q, qd, qdd: qd),
+    "Fc": ("Coulomb friction", "Coulomb friction", lambda q, qd, qdd: np.sign(qd)),
+    "tau0": ("offset", "an offset", lambda q, qd, qdd: np.ones(len(qd))),
+}
+DIFFERENCE = 1e-4  # of central differences, relative or [rad or m]
+
+
+class Cause(NamedTuple):
+    """One of `Identification.causes`: a change that explains part of the torques left unexplained by `rne.identify`.
+
+    Attributes
+    ----------
+    kind : str
+        Such as "gear ratio", "encoder slip", "payload changed".
+    joints : tuple of str
+        Those concerned.
+    text : str
+        In words, with its size.
+    score : float
+        Gain of log likelihood, less log(N) / 2 per free number and the logarithm of how many were tried.
+    removed : ndarray, shape (n,)
+        Part of the squares of each joint's residuals that it takes away.
+    value, error : float
+        Its size and the standard error of that, where it is one number, otherwise NaN: a delay [s], a zero [rad or m],
+        a ratio relative to one, friction, an inertia or an offset in the units of its joint.
+    at : float
+        The record's number of a delay, or the Stribeck velocity [rad/s or m/s]; otherwise NaN.
+    """
+
+    kind: str
+    joints: tuple[str, ...]
+    text: str
+    score: float
+    removed: Array
+    value: float = float("nan")
+    error: float = float("nan")
+    at: float = float("nan")
+
+
+@dataclass(frozen=True, eq=False)
+class Hypothesis:
+    """A possible cause of torques that a model does not explain: columns of torque, and words for their numbers.
+
+    `rne.identify` and `rne.compare_models` have many, and try those of their argument `hypotheses` too.
+
+    Attributes
+    ----------
+    kind : str
+        Its name, as in `Cause.kind` and `ModelComparison.causes`.
+    columns : callable or ndarray
+        Torques per unit of k unknown numbers: a function (q, qd, qdd) of arrays of shape (T, n) that returns an array
+        of shape (T, n, k), or the values at the rows of the equations.
+    text : str or callable
+        Words for the numbers: a format such as "a spring of {:.3g} N m/rad", or a function of an array of k numbers.
+    joints : tuple of str
+        Joints concerned.
+    at : float
+        Place of the hypothesis among others of its kind, see `Cause.at`.
+    alternatives : float
+        How many hypotheses, such as times of a contact, this one is chosen from.
+    numbers : {"all", "few", "switches"}
+        For `rne.compare_models`: all numbers are fitted, or only those that are not zero, or each is 0 or 1.
+
+    Examples
+    --------
+    >>> import numpy as np, rne
+    >>> robot, unit = rne.load("irb140"), np.eye(6)[:, [3]]
+    >>> cable = rne.identification.Hypothesis("cable", lambda q, qd, qdd: np.sin(q)[..., None] * unit, "{:.3g} N m")
+    >>> other = lambda q, qd, qdd: robot.inverse_dynamics(q, qd, qdd) + 2 * np.sin(q) * unit[:, 0]
+    >>> rne.compare_models(robot, other, hypotheses=[cable])
+    ModelComparison(cause: cable; 2 N m)
+    """
+
+    kind: str
+    columns: Torques | Array
+    text: str | Callable[[Array], str]
+    joints: tuple[str, ...] = ()
+    at: float = float("nan")
+    alternatives: float = 1.0
+    numbers: Literal["all", "few", "switches"] = "all"
+
+    def words(self, c: Array) -> str:
+        """The text with these numbers."""
+        return self.text.format(*c) if isinstance(self.text, str) else self.text(c)
+
+    def at_rows(self, rest: Discrepancy) -> Array:
+        """The columns at the rows of the equations, shape (rows, n, k), checked."""
+        if not callable(self.columns):
+            return self.columns
+        n = rest.robot.n
+
+        def checked(q: Array, qd: Array, qdd: Array) -> Array:
+            found = np.asarray(self.columns(q, qd, qdd), dtype=np.float64)  # type: ignore[operator]
+            if found.ndim != 3 or found.shape[:2] != q.shape or not np.isfinite(found).all():
+                raise ValueError(
+                    f"`columns` of the hypothesis {self.kind!r} must be finite, of shape ({len(q)}, {n}, k), got "
+                    f"{found.shape}"
+                )
+            return found
+
+        return rest.sampled(checked)
+
+    def judge(self, rest: Discrepancy) -> Cause:
+        """The cause with its score."""
+        c, error, left, _ = rest.with_columns(self.at_rows(rest))
+        gain, removed = rest.gain(rest.by_joint(left))
+        size = (float(c[0]), float(error[0])) if len(c) == 1 else (float("nan"), float("nan"))
+        kind = "pre-sliding friction" if self.kind == STRIBECK and c[0] < 0 else self.kind
+        kind = "torque sign" if kind == GAIN and c[0] < -1 else kind
+        score = gain - rest.penalty(len(c)) - float(np.log(self.alternatives))
+        return Cause(kind, self.joints, self.words(c), score, removed, *size, self.at)
+
+
+def hypotheses_argument(given: Any) -> tuple[Hypothesis, ...]:
+    """The argument `hypotheses`, checked."""
+    if not isinstance(given, Sequence) or not all(isinstance(x, Hypothesis) for x in given):
+        raise TypeError(f"`hypotheses` must be a sequence of rne.identification.Hypothesis, got {given!r}")
+    return tuple(given)
+
+
+def likely_causes(rest: FitResiduals, hypotheses: Sequence[Hypothesis] = ()) -> tuple[tuple[Cause, ...], Array | None]:
+    """Causes whose score is evident, of each kind and joints the best: first those that explain what friction cannot.
+
+    With the columns of the likeliest of those that have columns.
+    """
+    beyond = rest.beyond_friction
+    found = [h.judge(rest) for kind in (drives_of_all, friction) for h in kind(rest)]
+    best_score, leading = thresholds.EVIDENT, None
+    kinds = (delays, gravity, tilted_gravity, joints, changing, payloads, slips, contacts)
+    for h in (*hypotheses, *(h for kind in kinds for h in kind(beyond))):
+        found.append(h.judge(beyond))
+        if found[-1].score > best_score and h.kind != "delay":
+            best_score, leading = found[-1].score, h.at_rows(beyond)
+    found += [*torque_scale(rest), *other_torques(beyond)]
+    if rest.share > thresholds.POOR:
+        found += [*gravity_directions(rest), *other_joints(beyond)]
+    best: dict[tuple[str, tuple[str, ...]], Cause] = {}
+    for cause in sorted(found, key=lambda cause: (cause.kind in GEARS, -cause.score)):
+        if cause.score > thresholds.EVIDENT:
+            best.setdefault((cause.kind, cause.joints), cause)
+    return tuple(best.values()), leading
+
+
+def delays_of(rest: FitResiduals) -> list[Cause]:
+    """Delays of records and joints that the residuals show, whatever else they show, with their sizes together."""
+    options, chosen, left = list(delays(rest)), [], rest
+    while options:
+        causes = [h.judge(left) for h in options]
+        sizes = [np.abs(left.with_columns(h.at_rows(left))[0]).max() for h in options]
+        scores = [c.score if size < thresholds.LATEST else -np.inf for c, size in zip(causes, sizes, strict=True)]
+        if max(scores) <= thresholds.EVIDENT:
+            break
+        chosen.append(options.pop(int(np.argmax(scores))))
+        left = left.with_known(chosen[-1].at_rows(left))
+    if not chosen:
+        return []
+    columns = [h.at_rows(rest) for h in chosen]
+    c, errors, *_ = rest.with_columns(np.concatenate(columns, axis=-1))
+    places = [
+        (h, k if h.joints is rest.names else np.nan)
+        for h, x in zip(chosen, columns, strict=True)
+        for k in range(x.shape[-1])
+    ]
+    found = zip(places, c.tolist(), errors.tolist(), strict=True)
+    return [Cause("delay", h.joints, "", np.nan, np.zeros(rest.robot.n), x, e, at) for (h, at), x, e in found]
+
+
+def merged_by_kind(causes: Sequence[Cause]) -> tuple[Cause, ...]:
+    """One cause of each kind, with the joints of all."""
+    found = []
+    for kind in dict.fromkeys(cause.kind for cause in causes):
+        first, *others = (cause for cause in causes if cause.kind == kind)
+        if kind == LOAD:  # on one link; those beside it look alike
+            others = []
+        names = tuple(dict.fromkeys(name for cause in others for name in cause.joints if name not in first.joints))
+        text = f"{first.text}; likewise of {listed(names)}" if names and len(first.joints) == 1 else first.text
+        found.append(first._replace(joints=(*first.joints, *names), text=text))
+    return tuple(found)
+
+
+# Words
+
+
+def words(text: str, *parts: Any, scale: float = 1.0, start: float = 0.0) -> Callable[[Array], str]:
+    """A text of the first coefficient, which takes the second place."""
+    return lambda c: text.format(parts[0], start + scale * c[0], *parts[1:])
+
+
+def signed(text: str, above: str, below: str, *parts: Any, scale: float = 1.0) -> Callable[[Array], str]:
+    """A text of the size of the first coefficient in the second place, with a word for its sign in the third."""
+    return lambda c: text.format(parts[0], abs(scale * c[0]), above if c[0] > 0 else below, *parts[1:])
+
+
+def delay_text(joints: tuple[str, ...]) -> Callable[[Array], str]:
+    """Words for a delay, of all joints or of some."""
+    whose = f" of {listed(joints)}" if joints else ""
+    return signed("torques{} are measured {:.3g} ms {} than positions", "later", "earlier", whose, scale=1000)
+
+
+def size_text(factor: float) -> str:
+    """Words for gravity of another size."""
+    clock = f", or the times are {1 / np.sqrt(factor):.3g} times the true ones" if factor > 0 else ""
+    return f"gravity is {factor:.3g} times the model's{clock}"
+
+
+def direction_text(gravity: Array, given: Array) -> str:
+    """Words for gravity along a vector instead of the vector given."""
+    (x, y, z), angle = gravity / np.linalg.norm(gravity), angle_between(gravity, given)
+    return f"gravity acts along ({x:.2f}, {y:.2f}, {z:.2f}), {angle:.3g} degrees from the model's"
+
+
+def angle_between(a: Array, b: Array) -> float:
+    """Angle of two vectors in degrees."""
+    return float(np.rad2deg(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b)))
+
+
+def units(robot: Robot, j: int) -> tuple[str, str]:
+    """Units of a joint's position and torque."""
+    return ("rad", "N m") if robot.model.is_revolute[robot.model.independent_joints[j]] else ("m", "N")
+
+
+# Kinds that measurements and models have
+
+
+def drives(rest: Discrepancy) -> Iterator[Hypothesis]:
+    """Rotors, friction and offsets of single joints that the model lacks."""
+    for symbol, (kind, noun, torque) in DRIVES.items():
+        for j, name in enumerate(rest.names) if symbol not in rest.terms else ():
+            text = words(f"the drive of {{}} has {noun} of {{:.3g}}, which was not asked for", name)
+            yield Hypothesis(kind, rest.column_of(j, torque), text, (name,))
+
+
+def springs(rest: Discrepancy) -> Iterator[Hypothesis]:
+    """Torques proportional to a joint's position, slack anywhere, beside an offset."""
+    for j, name in enumerate(rest.names):
+        pull = words("something pulls {} as a spring of {:.3g} {} per {}", name, *units(rest.robot, j)[::-1])
+        yield Hypothesis("spring", rest.column_of(j, lambda q, qd, qdd: q - q.mean()), pull, (name,))
+
+
+def by_direction(rest: Discrepancy) -> Iterator[Hypothesis]:
+    """Viscous friction that differs between both directions."""
+    for j, name in enumerate(rest.names):
+        text = words("viscous friction of {} differs by {:.3g} between both directions", name, scale=2)
+        column = rest.column_of(j, lambda q, qd, qdd: np.abs(qd))
+        yield Hypothesis("friction by direction", column, text, (name,))
+
+
+def factors(rest: Discrepancy, torques: Array) -> Iterator[Hypothesis]:
+    """Torques of single joints that are multiples of those of the model, shape (rows, n)."""
+    columns = by_joint(torques[..., None])
+    for j, name in enumerate(rest.names):
+        yield Hypothesis(
+            GAIN, columns[..., [j]], words("the torque of {} is measured {:.4g} times", name, start=1), (name,)
+        )
+
+
+def gravity_columns(rest: Discrepancy, gravity: Array, *bodies: Array) -> Array:
+    """Torques of several sets of bodies in a given gravity, one in each column."""
+    alone = Robot(replace(rest.robot.model, gravity=gravity, notes={}), "numpy")
+    return rest.smooth(lambda q, qd, qdd: np.stack([alone.gravity_torque(q, parameters=pi) for pi in bodies], axis=-1))
+
+
+def zero_columns(rest: Discrepancy, zero: Array | float = 0.0) -> Array:
+    """Torques per unit of each joint's zero, where zeros are at `zero`, shape (rows, n, n)."""
+    steps = np.eye(rest.robot.n)[:, None]
+
+    def torques(q: Array, qd: Array, qdd: Array) -> Array:
+        states = [np.broadcast_to(x, (rest.robot.n, *q.shape)) for x in (qd, qdd)]
+        return np.moveaxis(slope(lambda h: rest.load(q + zero + h * steps, *states)), 0, -1)
+
+    return rest.smooth(torques)
+
+
+def gravity(rest: Discrepancy) -> Iterator[Hypothesis]:
+    """Gravity of another size, which a clock of another rate is too."""
+    column = gravity_columns(rest, rest.robot.model.gravity, rest.bodies)
+    yield Hypothesis(SIZE, column, lambda c: size_text(1 + float(c[0])))
+
+
+def slope(function: Callable[[float], Array]) -> Array:
+    """Derivative at zero by central differences."""
+    return np.asarray((function(DIFFERENCE) - function(-DIFFERENCE)) / (2 * DIFFERENCE))
+
+
+# Kinds that measurements alone have
+
+
+def drives_of_all(rest: FitResiduals) -> Iterator[Hypothesis]:
+    """Rotors, friction and offsets that the model lacks, of single joints and of all."""
+    found = list(drives(rest))
+    yield from found
+    for kind, noun, _ in DRIVES.values():
+        columns = [h.at_rows(rest) for h in found if h.kind == kind]
+        if columns:
+            text = words(f"the drives have {noun}, which was not asked for", "")
+            yield Hypothesis(kind, np.concatenate(columns, axis=-1), text, rest.names)
+
+
+def tilted_gravity(rest: FitResiduals) -> Iterator[Hypothesis]:
+    """Gravity tilted by a small angle; the first body's centre may be felt in tilted gravity alone."""
+    gravity, size = rest.robot.model.gravity, float(np.linalg.norm(rest.robot.model.gravity))
+    if size:
+        given = gravity / size
+        level = np.linalg.svd(given[None])[2][1:]  # two directions at right angles to gravity
+        kept = np.eye(len(rest.bodies))[1:4]
+        one, other = (gravity_columns(rest, size * e, rest.bodies, *kept) for e in level)
+        tilted = np.concatenate([one[..., :1], other[..., :1], one[..., 1:], other[..., 1:]], axis=-1)
+        yield Hypothesis(DIRECTION, tilted, lambda c: direction_text(given + c[:2] @ level, given))
+
+
+def delays(rest: FitResiduals) -> Iterator[Hypothesis]:
+    """Torques later than positions: in each record, or of one joint."""
+    late, names = rest.delay_column, rest.names
+    of_records = [late * (rest.record == k)[:, None, None] for k in range(len(rest.records))]
+    yield Hypothesis("delay", np.concatenate(of_records, axis=-1), delay_text(()), names)
+    for name, unit in zip(names, np.eye(len(names)), strict=True) if len(names) > 1 else ():
+        yield Hypothesis("delay", late * unit[:, None], delay_text((name,)), (name,))
+
+
+def joints(rest: FitResiduals) -> Iterator[Hypothesis]:
+    """Zeros, gear ratios, springs and gains of torques."""
+    zeros = zero_columns(rest)
+    for j, name in enumerate(rest.names):
+        zero = words("the zero of {} is off by {:.3g} {}", name, units(rest.robot, j)[0])
+        yield Hypothesis("joint zero", zeros[..., [j]], zero, (name,))
+        ratio = signed("the gear ratio given for {} is {:.3g} % too {}", "large", "small", name, scale=100)
+        yield Hypothesis("gear ratio", ratio_column(rest, j), ratio, (name,))
+    yield from springs(rest)
+    yield from factors(rest, rest.Y @ rest.x)
+
+
+def ratio_column(rest: FitResiduals, j: int) -> Array:
+    """Measured torques per unit of a joint's gear ratio, to which motions and its torque are proportional."""
+    unit = np.eye(rest.robot.n)[j]  # drives of the joint stay what they are
+
+    def torques(k: Array, motion: tuple[Array, ...]) -> Array:
+        return np.asarray(k * rest.load(*(k * x for x in motion)))
+
+    return rest.smooth(lambda *motion: slope(lambda h: torques(1 + h * unit, motion)))[..., None]
+
+
+def changing(rest: FitResiduals) -> Iterator[Hypothesis]:
+    """Friction that changes during the log; torques whose zero drifts."""
+    ramp = progress(rest) - progress(rest).mean()
+    courses = (ramp, ramp**2 - (ramp**2).mean())
+    for j, name in enumerate(rest.names):
+        terms = [rest.column_of(j, DRIVES[symbol][2]) for symbol in ("Fv", "Fc")]
+        columns = np.concatenate([term * course for term in terms for course in courses], axis=-1)
+        yield Hypothesis("friction changed", columns, words("friction of {} changes during the log", name), (name,))
+        drift = np.eye(len(rest.names))[j][:, None] * ramp
+        yield Hypothesis("offset drifts", drift, words("the zero of the torque of {} drifts", name), (name,))
+
+
+def friction(rest: FitResiduals) -> Iterator[Hypothesis]:
+    """Friction that changes with speed or with the load."""
+    yield from by_direction(rest)
+    loads = by_joint(rest.curves[..., :1])
+    for j, name in enumerate(rest.names):
+        text = words("friction of {} changes by {:.3g} % of its load", name, scale=100)
+        yield Hypothesis("friction under load", loads[..., [j]], text, (name,))
+        for share in thresholds.STRIBECK_SPEEDS if rest.fastest[j] > 0 else ():
+            yield stribeck(rest, j, share * rest.fastest[j])
+
+
+def stribeck(rest: FitResiduals, j: int, vs: float) -> Hypothesis:
+    """The Stribeck effect of a joint, of one velocity vs."""
+    name, (unit, torque) = rest.names[j], units(rest.robot, j)
+    column = rest.column_of(j, lambda q, qd, qdd: np.sign(qd) * np.exp(-np.abs(qd) / vs))
+    size = "friction of {0} is {1:.3g} {3} {2} at rest than above {4:.2g} {5}/s"
+    text = signed(size, "more", "less", name, torque, 2 * vs, unit)
+    return Hypothesis(STRIBECK, column, text, (name,), vs, len(thresholds.STRIBECK_SPEEDS))
+
+
+def refine(rest: FitResiduals, cause: Cause) -> Cause:
+    """The Stribeck effect with the velocity that fits best."""
+    from scipy.optimize import minimize_scalar
+
+    j, middle = rest.names.index(cause.joints[0]), np.log(cause.at)
+
+    def loss(log: float) -> float:
+        return -stribeck(rest, j, float(np.exp(log))).judge(rest).score
+
+    best = minimize_scalar(loss, bounds=(middle - 1, middle + 1), method="bounded", options={"maxiter": 15}).x
+    return stribeck(rest, j, float(np.exp(best))).judge(rest)
+
+
+def derivative_by(rest: FitResiduals, cause: Cause) -> Array:
+    """Torques per unit of the delay or the Stribeck velocity of a cause, which the fit takes into account."""
+    if cause.kind == "delay":
+        late = np.isin(rest.names, cause.joints)[:, None]
+        of_record = np.isnan(cause.at) | (rest.record == cause.at)
+        return np.asarray(rest.delay_column * late * of_record[:, None, None])
+    j, vs = rest.names.index(cause.joints[0]), cause.at
+    size = rest.x[rest.standard.groups["Fs"].start + j]
+    return np.asarray(size / vs * slope(lambda h: stribeck(rest, j, (1 + h) * vs).at_rows(rest)))
+
+
+# Events during a log
+
+
+def progress(rest: FitResiduals) -> Array:
+    """Times of the rows: the number of the record, and the part of it that has passed, shape (rows, 1, 1)."""
+    passed = [(r.times - r.times[0]) / (np.ptp(r.times) or 1.0) * (1 - 1e-9) for r in rest.records]
+    return np.concatenate([k + x for k, x in enumerate(passed)])[:, None, None]
+
+
+def time_text(rest: FitResiduals, place: float) -> str:
+    """A time in words, of the number of a record and the part of it that has passed."""
+    t = np.concatenate([record.times - record.start for record in rest.records])
+    k = min(int(np.searchsorted(progress(rest).ravel(), place)), len(t) - 1)
+    name = f" of record {int(place) + 1}" if len(rest.records) > 1 else ""
+    return f"{seconds(t[k])} s{name}"
+
+
+def starts(rest: FitResiduals) -> Iterator[tuple[str, Array]]:
+    """Times at which something may begin, in words, and the rows from then on, shape (rows, 1, 1)."""
+    place = progress(rest)
+    for start in np.quantile(place, np.linspace(0, 1, thresholds.PLACES + 2)[1:-1]):
+        yield time_text(rest, start), place >= start
+
+
+def payloads(rest: FitResiduals) -> Iterator[Hypothesis]:
+    """Another last body from some time on; another of the others, if much is left."""
+    names, nb = rest.robot.model.moving_joints, rest.robot.model.nb
+    for i in range(nb) if rest.share > thresholds.SEEN else (nb - 1,):
+        body = rest.Y[..., PARAMETERS * i : PARAMETERS * (i + 1)]
+        text = "the payload changes by {1:.3g} kg near {0}"
+        if i < nb - 1:  # whose mass alone need not be felt
+            text = f"the load on the link behind {names[i]} changes near {{0}}"
+        for time, on in starts(rest):
+            yield Hypothesis(
+                LOAD, body * on, words(text, time), names[i : i + 1], alternatives=thresholds.PLACES * (nb - i)
+            )
+
+
+def slips(rest: FitResiduals) -> Iterator[Hypothesis]:
+    """Another zero of a joint from some time on."""
+    zeros = zero_columns(rest)
+    for j, name in enumerate(rest.names):
+        for time, on in starts(rest):
+            text = words("the encoder of {} slips by {:.3g} {} near {}", name, units(rest.robot, j)[0], time)
+            yield Hypothesis("encoder slip", zeros[..., [j]] * on, text, (name,), alternatives=thresholds.PLACES)
+
+
+def contacts(rest: FitResiduals) -> Iterator[Hypothesis]:
+    """A force on the last link for a while."""
+    model, place = rest.robot.model, progress(rest)
+    link = [name for name, k in zip(model.link_names, model.link_body, strict=True) if k == model.nb - 1][-1]
+    force = rest.smooth(lambda q, qd, qdd: np.swapaxes(rest.robot.jacobian(q, link)[..., 3:, :], -1, -2))
+    edges = np.quantile(place, np.linspace(0, 1, 2 * thresholds.PLACES + 1))
+    for a, width in (
+        (a, w) for a in range(2 * thresholds.PLACES) for w in thresholds.WIDTHS if a + w <= 2 * thresholds.PLACES
+    ):
+        begin, end = edges[a], edges[a + width]
+
+        def text(c: Array, begin: float = begin, end: float = end) -> str:
+            newtons, times = float(np.linalg.norm(c)), (time_text(rest, begin), time_text(rest, end))
+            return f"something pushes {link} with {newtons:.3g} N from {times[0]} to {times[1]}"
+
+        during, many = force * ((place >= begin) & (place <= end)), 2 * thresholds.PLACES * len(thresholds.WIDTHS)
+        yield Hypothesis("contact", during, text, rest.names[-1:], alternatives=many)
+
+
+# Changes that are fitted again
+
+
+def interchanged(n: int, i: int, j: int) -> Array:
+    """The order of joints in which two are interchanged."""
+    order = np.arange(n)
+    order[[i, j]] = j, i
+    return order
+
+
+def dissipates(rest: FitResiduals) -> Array:
+    """True for joints whose friction takes power, as with a torque of the right sign; False where none is modelled."""
+    power = np.zeros(rest.robot.n)
+    for symbol, exponent in (("Fv", 2), ("Fc", 1)):
+        if symbol in rest.standard.groups:
+            size = np.mean([(np.abs(record.qd) ** exponent).mean(0) for record in rest.records], axis=0)
+            power += rest.x[rest.standard.groups[symbol]] * size
+    return np.asarray(power > 0)
+
+
+def other_torques(rest: FitResiduals) -> Iterator[Cause]:
+    """Torques of other signs and in another order."""
+    names, n = rest.names, rest.robot.n
+    for j in np.flatnonzero(~dissipates(rest)).tolist():
+        squares = rest.squares_of(rest.Q, rest.tau * np.where(np.arange(n) == j, -1, 1))
+        yield Cause("torque sign", (names[j],), f"the torque of {names[j]} has the wrong sign", *rest.gain(squares))
+    for i, j in combinations(np.flatnonzero(rest.counts).tolist(), 2):
+        text = f"the torques of {names[i]} and {names[j]} are interchanged"
+        squares = rest.squares_of(rest.Q, rest.tau[:, interchanged(n, i, j)])
+        yield Cause("torque order", (names[i], names[j]), text, *rest.gain(squares))
+
+
+def other_joints(rest: FitResiduals) -> Iterator[Cause]:
+    """Joints in another order, coupled, of other directions, in degrees: joints J q, whose torques are J^-T tau."""
+    names, n, unit = rest.names, rest.robot.n, np.eye(rest.robot.n)
+    changes: list[tuple[str, tuple[str, ...], str, Array]] = []
+    for i, j in combinations(np.flatnonzero(rest.counts).tolist(), 2):
+        text = f"{names[i]} and {names[j]} are interchanged"
+        changes.append(("joint order", (names[i], names[j]), text, unit[interchanged(n, i, j)]))
+    coupled = (rest.standard.motors != 0).astype(int)
+    known = coupled.T @ coupled  # pairs of joints that a motor of the drives turns with
+    for j, k in ((j, k) for j in range(1, n) for k in (1, -1) if not known[j, j - 1]):
+        text = f"the motor of {names[j]} turns with {names[j - 1]} too: a coupling is missing"
+        J = unit - k * np.outer(unit[j], unit[j - 1])  # positions read as those of motors
+        changes.append(("coupling", (names[j - 1], names[j]), text, J))
+    for j, name in enumerate(names):
+        changes.append(("joint sign", (name,), f"{name} turns the other way", unit - 2 * np.diag(unit[j])))
+    before = rest.squares_moved(unit, rest.tau)
+    for kind, which, text, J in changes:
+        yield Cause(kind, which, text, *rest.gain(rest.squares_moved(J, rest.tau @ np.linalg.inv(J)), before))
+    turns = rest.robot.model.is_revolute[list(rest.robot.model.independent_joints)]
+    if max(np.ptp(record.q[:, turns], axis=0).max(initial=0) for record in rest.records) > 1:
+        squares = rest.squares_moved(np.diag(np.where(turns, np.pi / 180, 1.0)), rest.tau)
+        yield Cause("degrees", names, "positions are in degrees", *rest.gain(squares, before))
+
+
+def torque_scale(rest: FitResiduals) -> Iterator[Cause]:
+    """Torques many times larger or smaller than the bodies of the robot given ask for, or of the opposite sign.
+
+    Without what drives can explain, as an offset the weight of an arm that hardly moves; the torques of single joints
+    also as measured, those of all joints as fitted.
+    """
+    bodies, names = len(rest.bodies), rest.names
+    Q, ways = np.linalg.qr(rest.weighted(rest.Y[..., bodies:]))[0], []
+    own = (rest.Y[..., :bodies] @ x[:bodies] for x in (rest.x, rest.standard.values))
+    torques = [rest.weighted(x) for x in (rest.tau, *own)]
+    without = [x - Q @ (Q.T @ x) for x in torques]
+    for tau, _, given in (torques, without):
+        both, squares, measured = (rest.by_joint(*x) for x in ((tau, given), (given, given), (tau, tau)))
+        each = both / np.maximum(squares, TINY)
+        ways.append((each, each * np.abs(both) / np.maximum(measured, TINY)))  # factors, squared cosines
+    (_, found, given), (factors, cosines) = without, np.where(ways[0][1] > ways[1][1], *ways)
+    alike = cosines > thresholds.ALIKE
+    usual = np.median(factors[alike]) if alike.any() else 1.0
+    odd = alike & (np.abs(np.log(np.where(alike, factors, usual) / usual)) > thresholds.UNIT)
+    certain, none = float(rest.counts.sum()), np.zeros(rest.robot.n)
+    for j in np.flatnonzero(odd).tolist():
+        what = f"{factors[j]:.3g} times that of the robot given"
+        text = f"the torque of {names[j]} is {what}: N mm, mA, at the motor, or is a mass given wrong?"
+        yield Cause("torque unit", names[j : j + 1], text, certain, none, factors[j])
+    size = float(given @ given)
+    factor = float(found @ given) / max(size, TINY)
+    whole = factor * float(found @ given) / max(float(found @ found), TINY)  # squared cosine
+    if odd.any() or size == 0 or whole < thresholds.ALIKE or 1 / thresholds.FACTOR < factor < thresholds.FACTOR:
+        return
+    kind, text = "torque unit", f"torques are {factor:.3g} times those of the robot given: N mm, mA, or at the motors?"
+    if factor < 0:
+        kind, text = "torque sign", "the torques of all joints have the wrong sign"
+    score = certain if rest.share < thresholds.POOR else 2 * thresholds.EVIDENT  # a fit that fails tells of no factor
+    yield Cause(kind, names, text, score, none, factor)
+
+
+def gravity_directions(rest: FitResiduals) -> Iterator[Cause]:
+    """Gravity, a vector of any length, with which the torques are fitted best (Nelder and Mead 1965)."""
+    from scipy.optimize import minimize
+
+    model, size = rest.robot.model, float(np.linalg.norm(rest.robot.model.gravity))
+    if size == 0:
+        return
+    given = model.gravity / size
+    alone = [Robot(replace(model, gravity=size * e), "numpy") for e in (np.zeros(3), *np.eye(3))]
+    still, *pulled = (rest.smooth(robot.regressor) for robot in alone)
+    pulls = np.array([rest.weighted(y - still) for y in pulled])
+    still, friction = rest.weighted(still), rest.weighted(rest.Y[..., len(rest.bodies) :])
+
+    def squares(gravity: Array) -> Array:
+        Q = np.linalg.qr(np.concatenate([still + np.tensordot(gravity, pulls, 1), friction], axis=1))[0]
+        return rest.squares_of(Q, rest.tau)
+
+    def loss(gravity: Array) -> float:  # of those that fit equally well, the nearest to the model's
+        return thresholds.KEPT * float(((gravity - given) ** 2).sum()) - rest.gain(squares(gravity))[0]
+
+    starts = [given, *(s * e for e in np.eye(3) for s in (1, -1)), *(given + s * e for e in np.eye(3) for s in (1, -1))]
+    before = squares(given)
+    start = min((x for x in starts if x.any()), key=loss)
+    simplex = start + np.vstack([np.zeros(3), thresholds.TILT * np.eye(3)])
+    options = {"maxfev": 100, "xatol": 3e-3, "fatol": 0.3, "initial_simplex": simplex}
+    found = minimize(loss, start, method="Nelder-Mead", options=options).x
+    length, angle = float(np.linalg.norm(found)), angle_between(found, given)
+    gain, removed = rest.gain(squares(found), before)
+    if angle > thresholds.TURNED:
+        yield Cause(DIRECTION, (), direction_text(found, given), gain - rest.penalty(3), removed, angle)
+    elif abs(length - 1) > thresholds.SCALED:
+        yield Cause(SIZE, (), size_text(length), gain - rest.penalty(3), removed, length)
