@@ -243,7 +243,7 @@ def has_no_rotors(robot: Robot, base: BaseParameters, data: RegressionData, caus
     found = least_squares(fitted)
     found = with_correlation(found, fitted, data.correlation_time(data.residuals(base.back @ found.values)))
     size = np.zeros(robot.model.nb)
-    size[list(robot.model.independent_joints)] = np.diag(robot.mass_matrix(np.zeros(robot.n)))
+    size[list(robot.model.independent_joints)] = np.diag(robot.mass_matrix(np.zeros((1, robot.n)))[0])
     joints = [int(base.names[k].removeprefix("Ia_")) - 1 for k in own]
     doubt = thresholds.BEYOND_DOUBT * found.errors[own]
     return bool((found.values[own] < np.minimum(doubt, thresholds.SMALL_ROTOR * size[joints] - doubt)).all())

@@ -66,6 +66,7 @@ class KernelCache:
         self._scenes: Recent[Any, Kernel] = Recent(SCENES)
         self._seen: Recent[Any, bool] = Recent(SCENES)  # functions of scenes that were evaluated once
         self._variants: Recent[Model, KernelCache] = Recent(VARIANTS)
+        self.base_parameters: Recent[str, Any] = Recent(VARIANTS)  # by their options: found once for a robot
 
     def kernel(self, function: Declared, *wrt: str, **fixed: Any) -> Kernel:
         """The kernel of a function, or of its derivatives by some arguments, traced on first use; see `compile`."""

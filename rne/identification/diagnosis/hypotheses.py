@@ -285,9 +285,15 @@ def factors(rest: Discrepancy, torques: Array) -> Iterator[Hypothesis]:
         )
 
 
+def in_gravity(robot: Robot, gravity: Array) -> Robot:
+    """The robot in a given gravity, evaluated by NumPy: Numba would compile for longer than it saves."""
+    numeric = robot if robot.engine == "numpy" else Robot(robot.model, "numpy")
+    return numeric.with_model(replace(robot.model, gravity=gravity, notes={}))
+
+
 def gravity_columns(rest: Discrepancy, gravity: Array, *bodies: Array) -> Array:
     """Torques of several sets of bodies in a given gravity, one in each column."""
-    alone = Robot(replace(rest.robot.model, gravity=gravity, notes={}), "numpy")
+    alone = in_gravity(rest.robot, gravity)
     return rest.smooth(lambda q, qd, qdd: np.stack([alone.gravity_torque(q, parameters=pi) for pi in bodies], axis=-1))
 
 
@@ -592,8 +598,8 @@ def gravity_directions(rest: FitResiduals) -> Iterator[Cause]:
     if size == 0:
         return
     given = model.gravity / size
-    alone = [Robot(replace(model, gravity=size * e), "numpy") for e in (np.zeros(3), *np.eye(3))]
-    still, *pulled = (rest.smooth(robot.regressor) for robot in alone)
+    robots = [in_gravity(rest.robot, size * e) for e in (np.zeros(3), *np.eye(3))]
+    still, *pulled = (rest.smooth(robot.regressor) for robot in robots)
     pulls = np.array([rest.weighted(y - still) for y in pulled])
     still, friction = rest.weighted(still), rest.weighted(rest.Y[..., len(rest.bodies) :])
 

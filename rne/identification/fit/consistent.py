@@ -13,7 +13,7 @@ and a few Newton steps find the others.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable
 
 import numpy as np
 
@@ -28,10 +28,14 @@ from .equations import Equations
 LOWER = [(i, j) for i in range(4) for j in range(i + 1)]  # entries of X and of Z, in the order of their variables
 DIAGONAL = [k for k, (i, j) in enumerate(LOWER) if i == j]
 ENTRIES = len(LOWER)
+TRACE = np.isin(range(ENTRIES), DIAGONAL).astype(float)  # tr X of the entries of X
 UNITS = np.zeros((ENTRIES, 4, 4))  # symmetric matrices that the entries of X multiply
 for k, (i, j) in enumerate(LOWER):
     UNITS[k, i, j] = UNITS[k, j, i] = 1
 ROOT_2 = np.sqrt(2.0)
+
+Objective = Callable[[Array], float]
+Slopes = Callable[[Array], tuple[Array, Array]]  # gradient and Hessian
 
 
 def consistent_fit(factor: Array, prior: Array, weight: float, bounded: Array, size: Array) -> Array:
@@ -43,10 +47,13 @@ def consistent_fit(factor: Array, prior: Array, weight: float, bounded: Array, s
     """
     factor = factor[:-1]  # the last row is what no parameters explain
     scale = scaling(prior, size)
-    problem = Barrier(factor[:, :-1] @ scale, factor[:, -1], weight, len(prior))
-    by_cones, status = cone_solution(problem, bounded)
-    for start in (by_cones, problem.at_prior(len(size))):  # where the cone solver ends far from the minimum
-        y = at_minimum(problem, start, ENTRIES * len(prior) + np.flatnonzero(bounded))
+    R, b, nb = factor[:, :-1] @ scale, factor[:, -1], len(prior)
+    like_prior = np.append(np.tile(TRACE, nb), np.zeros(len(size)))  # X = 1, drives zero
+    by_cones, status = cone_solution(R, b, weight * like_prior, bounded)
+    gap, least = thresholds.CONE_GAP * weight, -thresholds.CONE_GAP * max(1.0, np.abs(b).max(initial=0))
+    for start in (by_cones, like_prior):  # where the cone solver ends far from the minimum
+        held = ENTRIES * nb + np.flatnonzero(bounded)
+        y = at_minimum(*barrier_objective(R, b, weight, nb), start, held, gap, least)
         if y is not None:
             return np.asarray(scale @ y)
     raise IdentificationError(
@@ -54,19 +61,24 @@ def consistent_fit(factor: Array, prior: Array, weight: float, bounded: Array, s
     )
 
 
-def at_minimum(problem: Barrier, y: Array, bounded: Array) -> Array | None:
-    """The minimum near a point, with those entries held at their bound that ask for it; None if it is not reached."""
-    y, held = y.copy(), set(bounded[y[bounded] < thresholds.AT_BOUND].tolist())
+def at_minimum(
+    objective: Objective, slopes: Slopes, start: Array, bounded: Array, gap: float, least: float
+) -> Array | None:
+    """The minimum near a start to within a gap, with entries that are `bounded` at zero or above; None if not reached.
+
+    An entry at its bound is held there while its slope is at least `least`.
+    """
+    y, held = start.copy(), set(bounded[start[bounded] < thresholds.AT_BOUND].tolist())
     for _ in range(thresholds.BOUND_ROUNDS):
         free = np.ones(len(y), bool)
         free[list(held)] = False
         y[~free] = 0.0
-        if not np.isfinite(problem.value(y)):
+        if not np.isfinite(objective(y)):
             break
-        y, gradient, decrement = refined(problem, y, free)
+        y, gradient, decrement = refined(objective, slopes, y, free)
         beyond = {k for k in bounded.tolist() if y[k] < 0}
-        pulled = {k for k in held if gradient[k] < -thresholds.CONE_GAP * max(1.0, np.abs(problem.b).max(initial=0))}
-        if not beyond and not pulled and decrement <= thresholds.CONE_GAP * problem.weight:
+        pulled = {k for k in held if gradient[k] < least}
+        if not beyond and not pulled and decrement <= gap:
             return y
         held = (held | beyond) - pulled
     return None
@@ -84,8 +96,8 @@ def scaling(prior: Array, size: Array) -> Array:
     return matrix
 
 
-def cone_solution(problem: Barrier, bounded: Array) -> tuple[Array, str]:
-    """The minimum by Clarabel, to a small gap of the objective, and how it ended.
+def cone_solution(R: Array, b: Array, trace: Array, bounded: Array) -> tuple[Array, str]:
+    """The minimum by Clarabel, to a small gap of the objective, and how it ended; `trace` @ y is w times tr X.
 
     Variables are the entries of X, the drives, the entries of Z, four log Z_ii per body, and the residual R y - b; the
     objective is 1/2 |residual|^2 + w (tr X - sum of the log Z_ii).
@@ -98,7 +110,7 @@ def cone_solution(problem: Barrier, bounded: Array) -> tuple[Array, str]:
         ) from None
     from scipy import sparse
 
-    R, b, w, nb = problem
+    nb = (R.shape[1] - len(bounded)) // ENTRIES
     counts = [ENTRIES * nb, len(bounded), ENTRIES * nb, len(DIAGONAL) * nb, len(b)]
     X, drives, Z, log, residual = np.split(np.arange(sum(counts)), np.cumsum(counts)[:-1])
     unit = np.eye(sum(counts))  # rows that pick a variable
@@ -113,8 +125,7 @@ def cone_solution(problem: Barrier, bounded: Array) -> tuple[Array, str]:
             rows = np.array([unit[place], np.zeros(len(unit)), unit[Z[own][d]]])
             cones.append((clarabel.ExponentialConeT(), -rows, np.array([0.0, 1.0, 0.0])))
     linear, quadratic = np.zeros(len(unit)), np.zeros(len(unit))
-    linear[: X.size] = w * problem.at_prior(0)  # the trace
-    linear[log], quadratic[residual] = -w, 1
+    linear[: R.shape[1]], linear[log], quadratic[residual] = trace, -trace.max(initial=0), 1
     settings = clarabel.DefaultSettings()
     settings.verbose, settings.max_threads = False, 1
     kinds, A, c = zip(*cones, strict=True)
@@ -134,59 +145,49 @@ def block_matrix(X: Array, Z: Array) -> Array:
     return np.array([dense[i, j] * (1 if i == j else ROOT_2) for j in range(8) for i in range(j + 1)])
 
 
-class Barrier(NamedTuple):
-    """1/2 |R y - b|^2 + w sum (tr X - log det X) of y = (entries of the nb matrices X, drives)."""
+def barrier_objective(R: Array, b: Array, w: float, nb: int) -> tuple[Objective, Slopes]:
+    """1/2 |R y - b|^2 + w sum (tr X - log det X) of y = (entries of nb matrices X, drives), and (gradient, Hessian)."""
 
-    R: Array
-    b: Array
-    weight: float  # w
-    nb: int
+    def bodies(y: Array) -> Array:
+        return np.asarray(np.tensordot(y[: ENTRIES * nb].reshape(nb, -1), UNITS, 1))
 
-    def at_prior(self, drives: int) -> Array:
-        """y of bodies like the prior, X = 1, and of so many drives that are zero."""
-        return np.concatenate([np.tile(np.isin(np.arange(ENTRIES), DIAGONAL), self.nb), np.zeros(drives)]).astype(float)
-
-    def bodies(self, y: Array) -> Array:
-        """The matrices X, shape (nb, 4, 4)."""
-        return np.asarray(np.tensordot(y[: ENTRIES * self.nb].reshape(self.nb, -1), UNITS, 1))
-
-    def value(self, y: Array) -> float:
-        """The objective; infinite outside the cone."""
-        X = self.bodies(y)
+    def objective(y: Array) -> float:
+        X = bodies(y)
         if np.linalg.eigvalsh(X).min(initial=np.inf) <= 0:
-            return float("inf")
+            return float("inf")  # outside the cone
         barrier = np.trace(X, axis1=1, axis2=2).sum() - np.linalg.slogdet(X)[1].sum()
-        return float(0.5 * ((self.R @ y - self.b) ** 2).sum() + self.weight * barrier)
+        return float(0.5 * ((R @ y - b) ** 2).sum() + w * barrier)
 
-    def slopes(self, y: Array) -> tuple[Array, Array]:
-        """Gradient and Hessian."""
-        gradient, hessian = self.R.T @ (self.R @ y - self.b), self.R.T @ self.R
-        for k, inverse in enumerate(np.linalg.inv(self.bodies(y))):
+    def slopes(y: Array) -> tuple[Array, Array]:
+        gradient, hessian = R.T @ (R @ y - b), R.T @ R
+        for k, inverse in enumerate(np.linalg.inv(bodies(y))):
             own = slice(ENTRIES * k, ENTRIES * (k + 1))
             turned = inverse @ UNITS
-            gradient[own] += self.weight * np.trace(UNITS - turned, axis1=1, axis2=2)
-            hessian[own, own] += self.weight * np.einsum("kab,lba->kl", turned, turned)
+            gradient[own] += w * np.trace(UNITS - turned, axis1=1, axis2=2)
+            hessian[own, own] += w * np.einsum("kab,lba->kl", turned, turned)
         return gradient, hessian
 
+    return objective, slopes
 
-def refined(problem: Barrier, start: Array, free: Array) -> tuple[Array, Array, float]:
-    """The minimum over the free entries of y, which starts inside the cone; the others stay as they are.
+
+def refined(objective: Objective, slopes: Slopes, start: Array, free: Array) -> tuple[Array, Array, float]:
+    """The minimum by Newton's method over the free entries of y, which starts inside the cone.
 
     With the gradient there, and the decrement, twice the estimated gap to the minimum.
     """
     y, decrement = start.copy(), np.inf
     for _ in range(thresholds.NEWTON_STEPS):
-        gradient, hessian = problem.slopes(y)
+        gradient, hessian = slopes(y)
         step = np.zeros(len(y))
         step[free] = -np.linalg.lstsq(hessian[np.ix_(free, free)], gradient[free], rcond=None)[0]
         decrement = float(-gradient @ step)
         lengths = 0.5 ** np.arange(thresholds.HALVINGS)
-        value = problem.value(y)
-        length = next((a for a in lengths if problem.value(y + a * step) <= value - 1e-4 * a * decrement), 0.0)
+        value = objective(y)
+        length = next((a for a in lengths if objective(y + a * step) <= value - 1e-4 * a * decrement), 0.0)
         y = y + length * step
         if decrement <= thresholds.CONVERGED or length == 0:
             break
-    return y, problem.slopes(y)[0], decrement
+    return y, slopes(y)[0], decrement
 
 
 def model_prior(model: Model) -> tuple[Array, tuple[str, ...]]:

@@ -12,7 +12,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import cache
-from typing import NamedTuple
 
 import numpy as np
 
@@ -75,19 +74,14 @@ def derivatives(x: Array, sample_rate: float) -> tuple[Array, Array]:
 AVERAGES = 1.6  # independent spectra per window, where windows overlap by half
 
 
-class Spectrum(NamedTuple):
-    """Power of the joint velocities over frequency, each from what measures better: positions or velocities."""
-
-    f: Array  # shape (F,) [Hz]
-    velocities: Array  # shape (F, n)
-    noise: Array  # in `velocities`, shape (F, n)
-    crossover: Array  # below which positions measure better, shape (n,) [Hz]; infinite where velocities are not used
-
-
 def motion_spectrum(
     q: Sequence[Array], sample_rate: float, integrals: Sequence[Array] = (), used: Array | None = None
-) -> Spectrum:
-    """Averaged over the segments that are long enough, shape (T, n) each; `integrals` are those of measured velocities.
+) -> tuple[Array, Array, Array, Array]:
+    """Power of the joint velocities over frequency, each from what measures better: positions or measured velocities.
+
+    Frequencies, shape (F,) [Hz], the power of the velocities and of their noise, shape (F, n), and the crossovers below
+    which positions measure better, shape (n,) [Hz], infinite where measured velocities are not used. Averaged over the
+    segments that are long enough, shape (T, n) each; `integrals` are those of measured velocities.
 
     Noise of the positions that is equal at all frequencies, as that of quantisation, has in differences the spectrum
     N (2 sin(pi f / f_s))^2; N is the median over the upper half of the frequencies, and the noise of the velocities the
@@ -100,12 +94,12 @@ def motion_spectrum(
     upper = f > sample_rate / 4
     level = np.median(velocities[upper] / shape[upper], axis=0)
     noise, crossover = level * shape, np.full(velocities.shape[1], np.inf)
-    plain = Spectrum(f, velocities, noise, crossover)
     if used is None or not used.any():
-        return plain
+        return f, velocities, noise, crossover
     off = [x - y for x, y in zip(q, integrals, strict=True)]
     measured, difference = (_power(x, x, sample_rate)[1].real for x in (integrals, off))
-    is_bounded = thresholds.ABOVE_MOTION * _bandwidths(plain)[1].max() < thresholds.HIGHEST_CUTOFF * sample_rate
+    bandwidth = _bandwidths(f, velocities, noise)[1].max()
+    is_bounded = thresholds.ABOVE_MOTION * bandwidth < thresholds.HIGHEST_CUTOFF * sample_rate
     if not is_bounded:  # repeated positions have noise at single frequencies
         level = np.mean(velocities[upper] / shape[upper], axis=0)
     unexplained = (difference > thresholds.SIGNIFICANT * noise) & is_bounded
@@ -115,7 +109,7 @@ def motion_spectrum(
     better = used & (equal < thresholds.HIGHEST_CROSSOVER * sample_rate)
     crossover[better] = np.maximum(equal[better], thresholds.CROSSOVER_PERIODS * sample_rate / max(len(x) for x in q))
     above = f[:, None] > crossover
-    return Spectrum(f, np.where(above, measured, velocities), np.where(above, measured_noise, noise), crossover)
+    return f, np.where(above, measured, velocities), np.where(above, measured_noise, noise), crossover
 
 
 def _power(x: Sequence[Array], y: Sequence[Array], sample_rate: float) -> tuple[Array, Array]:
@@ -161,29 +155,30 @@ def complementary_filter(q: Array, integrals: Array, crossover: Array, sample_ra
 
 
 def choose_cutoff(
-    spectrum: Spectrum, sample_rate: float, q: Sequence[Array], tau: Sequence[Array]
+    spectrum: Sequence[Array], sample_rate: float, q: Sequence[Array], tau: Sequence[Array]
 ) -> tuple[float, tuple[str, ...]]:
-    """A cut-off [Hz] for the motion of these segments, shape (T, n) each, and the reason in words."""
+    """A cut-off [Hz] for the motion of these segments, shape (T, n) each, by its spectrum, and the reason in words."""
+    f, velocities, noise, crossover = spectrum
     highest, warned = thresholds.HIGHEST_CUTOFF * sample_rate, []
-    cutoff, reason = _cutoff(spectrum)
+    cutoff, reason = _cutoff(f, velocities, noise)
     if cutoff > highest:  # noise may be taken for motion: only what torques and positions have in common counts
-        common = spectrum.velocities * _coherence(q, tau, sample_rate)
+        common = velocities * _coherence(q, tau, sample_rate)
         warned = [
             f"warning: the spectrum asks for a cut-off above {highest:.6g} Hz, a fifth of the sample rate: positions "
             "that repeat or jump, noise up to half the sample rate, or a sample rate that is too low"
         ]
-        if (common > thresholds.SIGNIFICANT * spectrum.noise).any():
-            cutoff, reason = _cutoff(spectrum._replace(velocities=common))
+        if (common > thresholds.SIGNIFICANT * noise).any():
+            cutoff, reason = _cutoff(f, common, noise)
             reason = f"of what torques and positions have in common, {reason}"
     if cutoff > highest:
         cutoff, reason = highest, f"{thresholds.HIGHEST_CUTOFF:g} times the sample rate of {sample_rate:.6g} Hz"
-    source = "positions" if np.isinf(spectrum.crossover).all() else "positions and measured velocities"
+    source = "positions" if np.isinf(crossover).all() else "positions and measured velocities"
     return cutoff, (f"cut-off {cutoff:.3g} Hz, chosen from the spectrum of the {source}: {reason}", *warned)
 
 
-def _cutoff(spectrum: Spectrum) -> tuple[float, str]:
-    """From the bandwidths of the joints that move."""
-    speed, motions, noises = _bandwidths(spectrum)
+def _cutoff(f: Array, velocities: Array, noise_power: Array) -> tuple[float, str]:
+    """A cut-off from the bandwidths of the joints that move, and the reason in words."""
+    speed, motions, noises = _bandwidths(f, velocities, noise_power)
     if not speed.any():
         raise ValueError("the positions show no motion above their noise")
     moving = speed >= thresholds.SLOW_JOINT * speed.max()
@@ -208,9 +203,8 @@ def _coherence(q: Sequence[Array], tau: Sequence[Array], sample_rate: float) -> 
     return np.where(ended, 0.0, squared)
 
 
-def _bandwidths(spectrum: Spectrum) -> tuple[Array, Array, Array]:
+def _bandwidths(f: Array, velocities: Array, noise: Array) -> tuple[Array, Array, Array]:
     """RMS velocities, bandwidths of the motion, and frequencies from which noise disturbs accelerations, (n,) each."""
-    f, velocities, noise = spectrum.f, spectrum.velocities, spectrum.noise
     power = np.cumsum(np.where(velocities > thresholds.SIGNIFICANT * noise, velocities - noise, 0.0), axis=0)
     motion = (power < thresholds.MOTION_POWER * power[-1]).sum(axis=0)
     omega2 = (2 * np.pi * f[:, None]) ** 2

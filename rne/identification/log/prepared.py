@@ -14,7 +14,6 @@ from ...basics.text import counted, summary
 from .. import thresholds
 from .filtering import (
     MARGIN,
-    Spectrum,
     choose_cutoff,
     complementary_filter,
     derivatives,
@@ -226,8 +225,10 @@ def prepare(name: str, screened: Screened, cutoff: float | None, start: float) -
     )
 
 
-def _fused(screened: Screened, positions: list[Array], rate: float) -> tuple[list[Array], Spectrum | None, list[str]]:
-    """Positions with what measured velocities know better, the spectrum that told this, and where velocities enter."""
+def _fused(
+    screened: Screened, positions: list[Array], rate: float
+) -> tuple[list[Array], tuple[Array, ...] | None, list[str]]:
+    """Positions improved by measured velocities where these are better, the spectrum that tells this, and a note."""
     if screened.qd is None or not screened.believed.any():
         return positions, None, []
     integrals = [integral(screened.qd[part], rate) for part in screened.segments]
@@ -235,7 +236,7 @@ def _fused(screened: Screened, positions: list[Array], rate: float) -> tuple[lis
         spectrum = motion_spectrum(positions, rate, integrals, screened.believed)
     except ValueError:  # too short a record for a spectrum
         return positions, None, []
-    crossover = spectrum.crossover
+    crossover = spectrum[-1]
     if np.isinf(crossover).all():
         return positions, spectrum, ["velocities from the positions: the measured ones are noisier, or late"]
     fused = [complementary_filter(q, Q, crossover, rate) for q, Q in zip(positions, integrals, strict=True)]
