@@ -10,7 +10,7 @@ import pytest
 
 import rne
 from rne.identification import Record
-from rne.identification.diagnosis.residuals import Residuals
+from rne.identification.diagnosis.residuals import FitResiduals
 from rne.identification.fit.equations import build_regression
 
 from . import faulty_logs as faults
@@ -178,10 +178,57 @@ def test_drives_that_were_declined_are_proposed():
     with pytest.warns(rne.IdentificationWarning, match="friction.* which was not asked for"):
         bare = identified(faults.clean, drives=rne.DriveModel())
     assert "friction" in bare.causes[0].kind
+    assert "friction changed" not in {cause.kind for cause in bare.causes}  # all of the log lacks the same friction
     for count, words in ((1, "the likely cause: "), (2, "likely causes: ")):
         assert words in dataclasses.replace(bare, causes=bare.causes[:count]).doubt
     with pytest.warns(rne.IdentificationWarning, match="a rotor.* which was not asked for"):
         assert identified(faults.clean, drives=FRICTION).causes[0].kind == "rotor"
+
+
+def cable(q, qd, qdd):
+    """The torque of a cable about the second of four joints, per unit of its pull."""
+    return np.cos(3 * q)[..., None] * np.eye(4)[:, [1]]
+
+
+CABLE = rne.identification.Hypothesis("cable", cable, "a cable pulls with {:.3g} N m", ("b",))
+
+
+def test_a_hypothesis_of_the_user_is_judged_as_those_of_the_package():
+    """Planted with a tenth of the joint's torque in a log, it is the first cause, of its size; a clean log has none."""
+
+    def pulled(c):
+        return faults.log(c, c.tau + 0.1 * c.size[1] * cable(*c.states)[..., 0])
+
+    size = 0.1 * case("SCARA", 3).size[1]
+    with pytest.warns(rne.IdentificationWarning, match="the likely cause: a cable pulls with|likely causes: a cable"):
+        first = identified(pulled, hypotheses=[CABLE]).causes[0]
+    assert (first.kind, first.joints) == ("cable", ("b",))
+    assert abs(first.value - size) < 3 * first.error < size
+    assert "cable" not in {cause.kind for cause in identified(faults.clean, hypotheses=[CABLE]).causes}
+
+
+def test_a_hypothesis_of_the_user_names_a_difference_of_models_alone_and_beside_others():
+    robot = faults.robots()["SCARA"]
+
+    def other(q, qd, qdd):
+        return robot.inverse_dynamics(q, qd, qdd) + 2 * cable(q, qd, qdd)[..., 0]
+
+    assert rne.compare_models(robot, other).cause == "unknown"
+    found = rne.compare_models(robot, other, hypotheses=[CABLE])
+    assert (found.cause, found.text) == ("cable", "a cable pulls with 2 N m")
+    both = rne.compare_models(robot, lambda *x: other(*x) + 0.3 * x[2], hypotheses=[CABLE])
+    assert set(both.causes) == {"cable", "armature"}
+
+
+def test_a_hypothesis_that_is_none_is_refused():
+    wrong = rne.identification.Hypothesis("flat", lambda q, qd, qdd: q, "{:.3g}")
+    message = "`columns` of the hypothesis 'flat' must be finite, of shape (120, 4, k), got (120, 4)"
+    robot = faults.robots()["SCARA"]
+    with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
+        rne.compare_models(robot, robot.with_payload(1.0), hypotheses=[wrong])
+    message = "`hypotheses` must be a sequence of rne.identification.Hypothesis, got [3]"
+    with pytest.raises(TypeError, match=f"^{re.escape(message)}$"):
+        identified(faults.clean, hypotheses=[3])
 
 
 @functools.cache
@@ -257,7 +304,7 @@ def test_columns_add_to_the_covariance_what_a_fit_with_them_has_more():
     base = robot.base_parameters(drives=FRICTION)
     rows = build_regression(robot, Record(data.t, data.q, data.tau), base, None, 5.0, 2)
     unit = np.ones(robot.n)
-    res = Residuals(robot, base, rows, np.zeros(base.count), unit, 2 * unit)
+    res = FitResiduals(robot, base, rows, np.zeros(base.count), unit, 2 * unit)
     X = np.random.default_rng(0).normal(size=(*res.tau.shape, 2)) + 3 * (res.Y @ base.back)[..., :2]
     both = np.column_stack([res.A, res.weighted(X)])
     more = np.linalg.inv(both.T @ both)[: base.count, : base.count] - np.linalg.inv(res.A.T @ res.A)

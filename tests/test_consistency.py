@@ -50,6 +50,15 @@ def test_torques_of_a_robot_are_of_one_model(scene, seed):
     assert found.energy.missing < BALANCED
 
 
+def test_without_noise_a_torque_that_is_off_by_three_in_ten_thousand_is_a_conflict():
+    robot = loaded("irb140").locked({f"joint_{k}": 0.3 for k in (4, 5, 6)})
+    scene = rne.Scene(robot, friction=rne.Friction(viscous=VISCOUS[:3], coulomb=COULOMB[:3], smoothing=1e-4))
+    motion = truth(scene, seed=1)
+    tau = robot.inverse_dynamics(motion.q, motion.qd, motion.qdd)
+    assert judged(scene, motion, tau, 1, noise=0.0).one_model
+    assert judged(scene, motion, tau * [1, 1, 1.0003], 1, noise=0.0).conflict.all()
+
+
 def test_noise_is_found(scene, motion):
     found = judged(scene, motion, motion.tau, 5)
     prepared = Record(motion.t, motion.q, motion.tau).prepare()

@@ -25,7 +25,7 @@ from ..model.topology import end_link
 from ..robot import Robot
 from ..simulation.scene import HasPayload, Payload, payload_argument
 from . import thresholds
-from .diagnosis.rigid_body_test import own_fit, percent
+from .diagnosis.rigid_body_test import percent, single_joint_fit
 from .fit.equations import solve
 from .fit.least_squares import least_squares
 from .log.record import Record
@@ -287,7 +287,7 @@ def first_gains(sets: TwoSets) -> tuple[Array, tuple[Array, Array]]:
     K, n = sets.base.count, sets.robot.n
     load = np.concatenate([sets.S, sets.known[:, None]], axis=1)
     both = replace(sets, S=load, known=0 * sets.known).assembled(sets.plain)
-    own = np.array([own_fit(both.of_joint(j))[0] for j in range(n)])
+    own = np.array([single_joint_fit(both.of_joint(j))[0] for j in range(n)])
     without = own[:, :K] @ sets.base.back.T
     currents = -without, -without - own[:, K:] @ load.T
     silent = sets.in_torques(np.zeros(n))

@@ -261,7 +261,7 @@ def ignored_drives(standard: StandardParameters) -> tuple[str, ...]:
     """Rotors and friction that the given model has and that were not asked for: the robot found is without them."""
     model = standard.model
     known = {"Ia": model.armature, "Fv": model.damping, "Fc": model.friction}
-    ignored = [DRIVES[symbol][0] for symbol, x in known.items() if symbol not in standard.terms and x.any()]
+    ignored = [DRIVES[symbol] for symbol, x in known.items() if symbol not in standard.terms and x.any()]
     text = "{} of the model was not fitted: what there is of it is in other parameters, and the robot found has none"
     return tuple(map(text.format, ignored))
 

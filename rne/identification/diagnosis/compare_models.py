@@ -1,8 +1,7 @@
 """The likely cause of a difference between two models: each hypothesis alone, then two at a time.
 
 Hypotheses that are linear in their numbers are columns, as causes of residuals are, and some of these numbers may be 0
-or 1 alone. A convention is q' = a (s q)[order] + b, with rates and accelerations scaled by a': the other model has the
-torques of the robot at q', in its own order and with its signs, tau[order] = s tau'(q', a' qd', a' qdd').
+or 1 alone.
 """
 
 from __future__ import annotations
@@ -10,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from itertools import combinations, permutations, product
-from math import comb, factorial, log, prod
-from typing import Any, NamedTuple
+from itertools import combinations
+from math import comb, log, prod
+from typing import Any
 
 import numpy as np
 
@@ -24,24 +23,24 @@ from ...model.parameters import COLUMNS, PARAMETERS, ROWS
 from ...model.standard_parameters import MEASURED, StandardParameters
 from ...robot import Robot, robot_argument
 from .. import thresholds
+from .conventions import Convention, conventions, torques_of, zeros_text
 from .hypotheses import (
+    OF_JOINTS,
     SIZE,
     Hypothesis,
-    by_direction,
-    drives,
+    columns_of,
     factors,
     gravity_columns,
     hypotheses_argument,
-    springs,
+    of_joints,
+    text_of,
     zero_columns,
 )
 from .residuals import TINY, Discrepancy, Torques
 
 SEVERAL_BODIES = "several bodies"  # explains whatever other bodies do
 OTHER_BODIES = {"one body", "payload"}  # two of them are several bodies
-DEGREE = np.pi / 180
-QUARTERS = (np.pi / 2, np.pi, -np.pi / 2)
-OF_JOINTS = {  # kinds of joints, of which few may be there: a noun, and the kinds of single joints with a symbol
+OF_FEW_JOINTS = {  # kind: a noun, and the kinds of single joints with a symbol
     "armature": ("inertia of rotors (armature)", {"rotor": ""}),
     "viscous friction": ("viscous friction", {"viscous friction": ""}),
     "Coulomb friction": ("Coulomb friction", {"Coulomb friction": ""}),
@@ -170,7 +169,7 @@ class TorqueDifference(Discrepancy):
     def fit(self, *parts: Hypothesis, before: Candidate | None = None) -> Candidate | None:
         """Hypotheses that act together, on top of another; None where one of them has no part in it."""
         torques = self.difference if before is None else before.residual
-        columns = [h.at_rows(self) for h in parts]
+        columns = [columns_of(self, h) for h in parts]
         X, ends = np.concatenate(columns, axis=-1), np.cumsum([x.shape[-1] for x in columns])[:-1]
         c, *_ = self.with_columns(X, self.weighted(torques))
         sizes = np.linalg.norm(self.weighted(X), axis=0) / np.sqrt(len(self.tau))
@@ -185,7 +184,7 @@ class TorqueDifference(Discrepancy):
             c[free], _, left, numbers = self.with_columns(X[..., free], self.weighted(torques))
             torques = left.reshape(torques.shape) * self.sigma
         alternatives = prod(h.alternatives * comb(len(x), int(x.sum())) for h, x in zip(parts, chosen, strict=True))
-        texts = [h.words(x) for h, x in zip(parts, np.split(c, ends), strict=True)]
+        texts = [text_of(h, x) for h, x in zip(parts, np.split(c, ends), strict=True)]
         return self.candidate([h.kind for h in parts], texts, numbers, alternatives, torques, before)
 
 
@@ -195,8 +194,7 @@ def chosen_numbers(h: Hypothesis, c: Array, sizes: Array) -> Array:
         return np.ones(len(c), bool)
     if h.numbers == "few":
         return np.asarray(np.abs(c) * sizes > 1)  # above rounding
-    near, unseen = np.abs(c - 1) < thresholds.NEAR, sizes == 0
-    return near | unseen if near.any() and (near | unseen).all() else near
+    return np.asarray(np.abs(c - 1) < thresholds.NEAR)
 
 
 # Hypotheses that are linear in their numbers
@@ -206,29 +204,24 @@ def linear_hypotheses(data: TorqueDifference) -> Iterator[Hypothesis]:
     """All of them, the plainest first."""
     yield from other_gravity(data)
     yield from other_torques(data)
-    singles = [*drives(data), *springs(data), *by_direction(data)]
-    for kind, (noun, symbols) in OF_JOINTS.items():
+    singles = list(of_joints(data, OF_JOINTS))
+    for kind, (noun, symbols) in OF_FEW_JOINTS.items():
         chosen = [h for h in singles if h.kind in symbols]
-        columns = np.concatenate([h.at_rows(data) for h in chosen], axis=-1)
+        columns = np.concatenate([columns_of(data, h) for h in chosen], axis=-1)
         labels = [h.joints[0] + symbols[h.kind] for h in chosen]
-        yield Hypothesis(kind, columns, numbered(f"it has more {noun}: ", labels), numbers="few")
+
+        def text(c: Array, noun: str = noun, labels: list[str] = labels) -> str:
+            parts = [f"{label} {six_digits(x)}" for label, x in zip(labels, c, strict=True) if x]
+            return f"it has more {noun}: {listed(parts)}"
+
+        yield Hypothesis(kind, columns, text, numbers="few")
     yield from other_inertias(data)
     yield from other_bodies(data)
 
 
-def numbered(start: str, labels: Sequence[str]) -> Callable[[Array], str]:
-    """Words for those of several numbers that are not zero."""
-    return lambda c: start + listed([f"{label} {six_digits(x)}" for label, x in zip(labels, c, strict=True) if x])
-
-
-def constant(text: str) -> Callable[[Array], str]:
-    """A text without numbers."""
-    return lambda c: text
-
-
 def switch(kind: str, torques: Array, text: str, alternatives: float = 1.0) -> Hypothesis:
     """A change that is there or not."""
-    return Hypothesis(kind, torques[..., None], constant(text), alternatives=alternatives, numbers="switches")
+    return Hypothesis(kind, torques[..., None], text, alternatives=alternatives, numbers="switches")
 
 
 def vector_text(x: Array) -> str:
@@ -252,7 +245,7 @@ def other_gravity(data: TorqueDifference) -> Iterator[Hypothesis]:
 def other_torques(data: TorqueDifference) -> Iterator[Hypothesis]:
     """Torques in another unit or of the opposite sign, of all joints and of single ones."""
     names, own = data.names, data.expected
-    single = np.concatenate([h.at_rows(data) for h in factors(data, own)], axis=-1)
+    single = np.concatenate([columns_of(data, h) for h in factors(data, own)], axis=-1)
 
     def sign_text(c: Array) -> str:
         if c.all():
@@ -306,10 +299,10 @@ def other_bodies(data: TorqueDifference) -> Iterator[Hypothesis]:
         if i in last:
             yield Hypothesis("payload", columns, partial(tip_text, name), alternatives=len(last))
         else:
-            text = f"the body of {name} has other inertial parameters"
-            yield Hypothesis("one body", columns, constant(text), alternatives=len(names))
+            one = partial("the body of {} has other inertial parameters".format, name)
+            yield Hypothesis("one body", columns, one, alternatives=len(names))
     text = "several bodies have other inertial parameters; joints and their places are the same"
-    yield Hypothesis(SEVERAL_BODIES, data.body_columns.reshape(*data.tau.shape, -1), constant(text))
+    yield Hypothesis(SEVERAL_BODIES, data.body_columns.reshape(*data.tau.shape, -1), text)
 
 
 def tips(robot: Robot) -> list[int]:
@@ -319,9 +312,8 @@ def tips(robot: Robot) -> list[int]:
 
 def tip_text(name: str, c: Array) -> str:
     """Parameters that a last body has more, as a payload."""
-    if not c[0]:
-        return f"the last body, of {name}, has other inertial parameters"
-    return f"the last body, of {name}, {payload_text(c[0], c[1:4] / c[0])} m of the joint's frame"
+    what = f"{payload_text(c[0], c[1:4] / c[0])} m of the joint's frame" if c[0] else "has other inertial parameters"
+    return f"the last body, of {name}, {what}"
 
 
 def payload_text(mass: float, centre: Array) -> str:
@@ -329,96 +321,17 @@ def payload_text(mass: float, centre: Array) -> str:
     return f"{'carries' if mass > 0 else 'lacks'} a payload of {abs(mass):.4g} kg at {vector_text(centre)}"
 
 
-# Conventions of the joints
-
-
-class Convention(NamedTuple):
-    """Order, signs, zeros and units of the joints, where they are not the robot's own."""
-
-    kind: str
-    alternatives: float  # among how many it was chosen
-    order: Sequence[int]
-    sign: Sequence[float] | Array
-    zero: Sequence[float] | Array  # [rad or m]
-    unit: tuple[float, float] = (1.0, 1.0)  # of positions; of rates and accelerations
-
-    def text(self, names: Sequence[str]) -> str:
-        """What it says of the other model, in words."""
-        if self.kind == "joint order":
-            return f"its joints are in the order {listed([names[k] for k in self.order])}"
-        if self.kind == "axis flipped":
-            return (
-                f"the axis of {listed([names[j] for j in np.flatnonzero(np.less(self.sign, 0))])} points the other way"
-            )
-        if self.kind == "joint zero":
-            return zeros_text(names, self.zero)
-        what = "positions" if self.unit[1] == 1 else "positions, rates and accelerations"
-        return f"it takes {what} as {'degrees that are radians' if self.unit[0] < 1 else 'radians that are degrees'}"
-
-
-def zeros_text(names: Sequence[str], zero: Sequence[float] | Array) -> str:
-    """Where joints are zero, in words."""
-    places = [f"{name} at {x:.6g}" for name, x in zip(names, zero, strict=True) if x]
-    return f"zero positions differ: its zero is {listed(places)} [rad or m] of this robot"
-
-
-def conventions(robot: Robot) -> Iterator[Convention]:
-    """Conventions that are tried, the fewest changes of a kind first."""
-    n, model = robot.n, robot.model
-    own = Convention("angle unit", 4, range(n), np.ones(n), np.zeros(n))
-    sliding = [j for j, i in enumerate(model.independent_joints) if model.joint_types[i] == "prismatic"]
-    yield from (own._replace(kind="joint order", order=x, alternatives=alike) for x, alike in orders(n))
-    yield from (own._replace(kind="axis flipped", sign=x, alternatives=k) for x, k in variants(n, 1.0, (-1.0,)))
-    for zero, alike in variants(n, 0.0, QUARTERS):
-        if not any(zero[j] for j in sliding):
-            yield own._replace(kind="joint zero", zero=zero, alternatives=alike)
-    yield from (own._replace(unit=(a, b)) for a in (DEGREE, 1 / DEGREE) for b in (1.0, a))
-
-
-def orders(n: int) -> Iterator[tuple[tuple[int, ...], int]]:
-    """Orders of the joints, of more than eight only exchanges of two; each with how many are like it."""
-    swaps = (tuple({i: j, j: i}.get(k, k) for k in range(n)) for i, j in combinations(range(n), 2))
-    for p in permutations(range(n)) if factorial(n) <= thresholds.CONVENTIONS else swaps:
-        moved = sum(k != i for i, k in enumerate(p))
-        if moved:
-            yield p, comb(n, moved) * factorial(moved)
-
-
-def variants(n: int, own: float, others: tuple[float, ...]) -> Iterator[tuple[tuple[float, ...], int]]:
-    """Values of n joints of which some differ, the fewest first, unless too many; each with how many are like it."""
-    total = 0
-    for k in range(1, n + 1):
-        alike = comb(n, k) * len(others) ** k
-        total += alike
-        if total > thresholds.CONVENTIONS:
-            return
-        for chosen, values in product(combinations(range(n), k), product(others, repeat=k)):
-            changed = dict(zip(chosen, values, strict=True))
-            yield tuple(changed.get(j, own) for j in range(n)), alike
-
-
-def left_by(data: TorqueDifference, conventions: Sequence[Convention]) -> Array:
-    """Torques that each convention leaves, shape (A, N, n)."""
-    order, sign, zero, unit = (np.array(x)[:, None] for x in list(zip(*conventions, strict=True))[2:])
-    order, (a, b) = np.broadcast_to(order, (len(order), *data.tau.shape)), np.moveaxis(unit, -1, 0)[..., None]
-    q, qd, qdd = (np.take_along_axis(sign * x, order, -1) for x in data.states)
-    found = data.load(a * q + zero, b * qd, b * qdd)
-    torques = np.empty_like(found)
-    np.put_along_axis(torques, order, found, -1)
-    left: Array = data.tau - torques * sign
-    return left
-
-
 # Hypotheses that are not linear
 
 
 def minimum(residual: Callable[[Array], Array], starts: Sequence[Any], jacobian: Any = "3-point") -> Array:
-    """The least squares, to rounding, of those that several starts lead to (Levenberg-Marquardt)."""
+    """The least squares, to rounding, that the likeliest of several starts lead to (Levenberg-Marquardt)."""
     from scipy.optimize import least_squares
 
     options: dict[str, Any] = {"method": "lm", "jac": jacobian, "max_nfev": thresholds.EVALUATIONS}
     precise = {"xtol": 1e-15, "ftol": 1e-15, "gtol": 1e-15}
-    fits = [least_squares(residual, x, **options, **precise) for x in starts]
+    likely = sorted(map(np.array, starts), key=lambda x: float(np.linalg.norm(residual(x))))
+    fits = [least_squares(residual, x, **options, **precise) for x in likely[: thresholds.STARTS]]
     best: Array = min(fits, key=lambda fit: fit.cost).x
     return best
 
@@ -463,32 +376,34 @@ def point_mass(x: Array) -> Array:
     return np.concatenate([[x[0]], x[0] * x[1:], inertia_change(point_mass_inertia(x[0], x[1:]))[4:]])
 
 
+def left_by_change(data: TorqueDifference, A: Array, change: Callable[[Array], Array], x: Array) -> Array:
+    """Values that a change of one body's parameters leaves."""
+    left: Array = data.left - A @ change(x)
+    return left
+
+
 def changes_of_one_body(data: TorqueDifference) -> Iterator[Candidate]:
     """Inertia of a body in other axes, and a point mass that the last body of a branch has or lacks."""
     from scipy.spatial.transform import Rotation
 
-    model, last = data.robot.model, tips(data.robot)
+    model, last, axes = data.robot.model, tips(data.robot), Rotation.create_group("O").as_rotvec()
     for i, name in enumerate(model.moving_joints):
         columns, I = data.body_columns[:, :, i], model.inertia[i]
+        A = data.weighted(columns)
         c, _, left, _ = data.with_columns(columns)
-        if not data.explains(left.reshape(data.tau.shape) * data.sigma):
-            continue  # then no change of this body explains the difference
-
-        def fitted(change: Callable[[Array], Array], starts: Any, columns: Array = columns) -> tuple[Array, Array]:
-            A = data.weighted(columns)
-            likely = sorted(starts, key=lambda x: np.linalg.norm(A @ change(np.array(x)) - data.left))
-            x = minimum(lambda x: A @ change(x) - data.left, likely[: thresholds.STARTS])
-            return x, data.difference - columns @ change(x)
-
-        if np.ptp(np.linalg.eigvalsh(I)) > thresholds.NONE * np.trace(I):
-            _, rest = fitted(partial(turned, I), Rotation.create_group("O").as_rotvec())
+        changes: list[tuple[str, Callable[[Array], Array], Any, int]] = []
+        if (data.by_joint(left) <= data.floor).all():  # otherwise no change of this body explains the difference
+            if np.ptp(np.linalg.eigvalsh(I)) > thresholds.NONE * np.trace(I):
+                changes.append(("inertia axes", partial(turned, I), axes, model.nb))
+            if i in last:
+                starts = [[c[0], *c[1:4] / (c[0] or 1.0)], [1.0, 0, 0, 0], [-1.0, 0, 0, 0]]
+                changes.append(("payload", point_mass, starts, len(last)))
+        for kind, change, starts, alternatives in changes:
+            x = minimum(partial(left_by_change, data, A, change), starts)
             text = f"the inertia of the body of {name} is in other axes, turned by a rotation"
-            yield data.candidate(["inertia axes"], [text], 3, model.nb, rest)
-        if i in last:
-            starts = [[c[0], *c[1:4] / (c[0] or 1.0)], [1.0, 0, 0, 0], [-1.0, 0, 0, 0]]
-            x, rest = fitted(point_mass, starts)
-            text = f"it {payload_text(x[0], x[1:])} m of the frame of {name}"
-            yield data.candidate(["payload"], [text], 4, len(last), rest)
+            if kind == "payload":
+                text = f"it {payload_text(x[0], x[1:])} m of the frame of {name}"
+            yield data.candidate([kind], [text], len(x), alternatives, data.difference - columns @ change(x))
 
 
 # The search
@@ -496,28 +411,49 @@ def changes_of_one_body(data: TorqueDifference) -> Iterator[Candidate]:
 
 def candidates(data: TorqueDifference, hypotheses: Sequence[Hypothesis]) -> list[Candidate]:
     """All hypotheses, the best first; two at a time only where none alone explains the difference."""
-    linear = [replace(h, columns=h.at_rows(data)) for h in (*linear_hypotheses(data), *hypotheses)]
-    tried, few = list(conventions(data.robot)), data.few
-    left = (left_by(few, tried) / few.sigma).reshape(len(tried), -1)
+    linear = [replace(h, columns=columns_of(data, h)) for h in (*linear_hypotheses(data), *hypotheses)]
+    linear.sort(key=lambda h: h.numbers != "switches")
+    changes, left = without_numbers(data, [h for h in linear if h.numbers == "switches"])
 
     def nearest(number: int, known: Hypothesis | None = None) -> Iterator[Candidate]:
         rest = left
         if known is not None:
-            A = few.weighted(np.asarray(known.columns)[data.chosen])
+            A = data.few.weighted(np.asarray(known.columns)[data.chosen])
             Q = np.linalg.qr(A / np.maximum(np.linalg.norm(A, axis=0), TINY))[0]
             rest = left - (left @ Q) @ Q.T
         above_rounding = np.maximum((rest**2).mean(1), 1.0)
-        for k in np.lexsort(([c.alternatives for c in tried], above_rounding))[:number]:
-            text = tried[k].text(data.names)
-            yield data.candidate([tried[k].kind], [text], 0, tried[k].alternatives, left_by(data, [tried[k]])[0])
+        for k in np.lexsort(([alternatives for alternatives, _ in changes], above_rounding))[:number]:
+            yield changes[k][1]()
 
     found = [*map(data.fit, linear), *nearest(thresholds.FINALISTS), *shifted_zeros(data), *changes_of_one_body(data)]
     if not any(c and c.explains and c.causes != (SEVERAL_BODIES,) for c in found):
-        alone = sorted((h for h in linear if h.kind != SEVERAL_BODIES), key=lambda h: h.numbers != "switches")
+        alone = [h for h in linear if h.kind != SEVERAL_BODIES]
         for h in (h for h in alone if h.numbers != "switches"):
             found += [data.fit(h, before=c) for c in nearest(1, h) if c.causes != (h.kind,)]
         found += pairs(data, alone)
     return sorted(filter(None, found), key=lambda c: (not c.explains, c.score))
+
+
+def without_numbers(
+    data: TorqueDifference, switches: Sequence[Hypothesis]
+) -> tuple[list[tuple[float, Callable[[], Candidate]]], Array]:
+    """Conventions, and switches alone or all of a kind: alternatives, candidates, and what few states leave."""
+
+    def judged(x: Convention) -> Candidate:
+        return data.candidate(
+            [x.kind], [x.text()], 0, x.alternatives, data.tau - torques_of(data.robot, [x], data.states)[0]
+        )
+
+    tried = list(conventions(data.robot))
+    left = [*(data.few.tau - torques_of(data.robot, tried, data.few.states))]
+    changes: list[tuple[float, Callable[[], Candidate]]] = [(x.alternatives, partial(judged, x)) for x in tried]
+    for h in switches:
+        width = np.asarray(h.columns).shape[-1]
+        for mask in np.unique([np.ones(width), *np.eye(width)], axis=0):
+            rest, alike = data.difference - h.columns @ mask, h.alternatives * comb(width, int(mask.sum()))
+            changes.append((alike, partial(data.candidate, [h.kind], [text_of(h, mask)], 0, alike, rest)))
+            left.append(rest[data.chosen])
+    return changes, (np.array(left) / data.sigma).reshape(len(left), -1)
 
 
 def pairs(data: TorqueDifference, linear: Sequence[Hypothesis]) -> Iterator[Candidate | None]:

@@ -9,7 +9,7 @@ such as torques of the wrong sign or joints in another order, are tried by fitti
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any, Literal, NamedTuple
@@ -27,11 +27,23 @@ from .residuals import TINY, Discrepancy, FitResiduals, Torques, by_joint
 STRIBECK, SIZE, DIRECTION, GAIN = "Stribeck friction", "gravity magnitude", "gravity direction", "torque factor"
 LOAD = "payload changed"
 GEARS = ("friction under load", "friction by direction", "pre-sliding friction", STRIBECK)  # which sound gears have
-DRIVES: dict[str, tuple[str, str, Torques]] = {  # kind, noun, torque of one joint
-    "Ia": ("rotor", "a rotor", lambda q, qd, qdd: qdd),
-    "Fv": ("viscous friction", "viscous friction", lambda q, qd, qdd: qd),
-    "Fc": ("Coulomb friction", "Coulomb friction", lambda q, qd, qdd: np.sign(qd)),
-    "tau0": ("offset", "an offset", lambda q, qd, qdd: np.ones(len(qd))),
+DRIVES = {"Ia": "rotor", "Fv": "viscous friction", "Fc": "Coulomb friction", "tau0": "offset"}  # kinds of symbols
+NOT_ASKED = "the drive of {} has %s of {:.3g}, which was not asked for"
+OF_JOINTS: dict[str, tuple[str, Torques, float]] = {  # kind: text, torque of one joint, scale of the number told
+    "rotor": (NOT_ASKED % "a rotor", lambda q, qd, qdd: qdd, 1.0),
+    "viscous friction": (NOT_ASKED % "viscous friction", lambda q, qd, qdd: qd, 1.0),
+    "Coulomb friction": (NOT_ASKED % "Coulomb friction", lambda q, qd, qdd: np.sign(qd), 1.0),
+    "offset": (NOT_ASKED % "an offset", lambda q, qd, qdd: np.ones(len(qd)), 1.0),
+    "friction by direction": (
+        "viscous friction of {} differs by {:.3g} between both directions",
+        lambda q, qd, qdd: np.abs(qd),
+        2.0,
+    ),
+    "spring": (  # slack anywhere, beside an offset
+        "something pulls {0} as a spring of {1:.3g} {3} per {2}",
+        lambda q, qd, qdd: q - q.mean(),
+        1.0,
+    ),
 }
 DIFFERENCE = 1e-4  # of central differences, relative or [rad or m]
 
@@ -110,36 +122,39 @@ class Hypothesis:
     alternatives: float = 1.0
     numbers: Literal["all", "few", "switches"] = "all"
 
-    def words(self, c: Array) -> str:
-        """The text with these numbers."""
-        return self.text.format(*c) if isinstance(self.text, str) else self.text(c)
 
-    def at_rows(self, rest: Discrepancy) -> Array:
-        """The columns at the rows of the equations, shape (rows, n, k), checked."""
-        if not callable(self.columns):
-            return self.columns
-        n = rest.robot.n
+def text_of(h: Hypothesis, c: Array) -> str:
+    """The text of a hypothesis with these numbers."""
+    return h.text.format(*c) if isinstance(h.text, str) else h.text(c)
 
-        def checked(q: Array, qd: Array, qdd: Array) -> Array:
-            found = np.asarray(self.columns(q, qd, qdd), dtype=np.float64)  # type: ignore[operator]
-            if found.ndim != 3 or found.shape[:2] != q.shape or not np.isfinite(found).all():
-                raise ValueError(
-                    f"`columns` of the hypothesis {self.kind!r} must be finite, of shape ({len(q)}, {n}, k), got "
-                    f"{found.shape}"
-                )
-            return found
 
-        return rest.sampled(checked)
+def columns_of(rest: Discrepancy, h: Hypothesis) -> Array:
+    """The columns of a hypothesis at the rows of the equations, shape (rows, n, k), checked."""
+    columns = h.columns
+    if not callable(columns):
+        return columns
 
-    def judge(self, rest: Discrepancy) -> Cause:
-        """The cause with its score."""
-        c, error, left, _ = rest.with_columns(self.at_rows(rest))
-        gain, removed = rest.gain(rest.by_joint(left))
-        size = (float(c[0]), float(error[0])) if len(c) == 1 else (float("nan"), float("nan"))
-        kind = "pre-sliding friction" if self.kind == STRIBECK and c[0] < 0 else self.kind
-        kind = "torque sign" if kind == GAIN and c[0] < -1 else kind
-        score = gain - rest.penalty(len(c)) - float(np.log(self.alternatives))
-        return Cause(kind, self.joints, self.words(c), score, removed, *size, self.at)
+    def checked(q: Array, qd: Array, qdd: Array) -> Array:
+        found = np.asarray(columns(q, qd, qdd), dtype=np.float64)
+        if found.ndim != 3 or found.shape[:2] != q.shape or not np.isfinite(found).all():
+            shape = f"({len(q)}, {rest.robot.n}, k)"
+            raise ValueError(
+                f"`columns` of the hypothesis {h.kind!r} must be finite, of shape {shape}, got {found.shape}"
+            )
+        return found
+
+    return rest.sampled(checked)
+
+
+def judge(rest: Discrepancy, h: Hypothesis) -> Cause:
+    """The cause with its score."""
+    c, error, left, _ = rest.with_columns(columns_of(rest, h))
+    gain, removed = rest.gain(rest.by_joint(left))
+    size = (float(c[0]), float(error[0])) if len(c) == 1 else (float("nan"), float("nan"))
+    kind = "pre-sliding friction" if h.kind == STRIBECK and c[0] < 0 else h.kind
+    kind = "torque sign" if kind == GAIN and c[0] < -1 else kind
+    score = gain - rest.penalty(len(c)) - float(np.log(h.alternatives))
+    return Cause(kind, h.joints, text_of(h, c), score, removed, *size, h.at)
 
 
 def hypotheses_argument(given: Any) -> tuple[Hypothesis, ...]:
@@ -155,13 +170,13 @@ def likely_causes(rest: FitResiduals, hypotheses: Sequence[Hypothesis] = ()) -> 
     With the columns of the likeliest of those that have columns.
     """
     beyond = rest.beyond_friction
-    found = [h.judge(rest) for kind in (drives_of_all, friction) for h in kind(rest)]
+    found = [judge(rest, h) for kind in (declined_drives, friction) for h in kind(rest)]
     best_score, leading = thresholds.EVIDENT, None
-    kinds = (delays, gravity, tilted_gravity, joints, changing, payloads, slips, contacts)
+    kinds = (delays, other_gravity, joints, changing, payloads, slips, contacts)
     for h in (*hypotheses, *(h for kind in kinds for h in kind(beyond))):
-        found.append(h.judge(beyond))
+        found.append(judge(beyond, h))
         if found[-1].score > best_score and h.kind != "delay":
-            best_score, leading = found[-1].score, h.at_rows(beyond)
+            best_score, leading = found[-1].score, columns_of(beyond, h)
     found += [*torque_scale(rest), *other_torques(beyond)]
     if rest.share > thresholds.POOR:
         found += [*gravity_directions(rest), *other_joints(beyond)]
@@ -176,16 +191,16 @@ def delays_of(rest: FitResiduals) -> list[Cause]:
     """Delays of records and joints that the residuals show, whatever else they show, with their sizes together."""
     options, chosen, left = list(delays(rest)), [], rest
     while options:
-        causes = [h.judge(left) for h in options]
-        sizes = [np.abs(left.with_columns(h.at_rows(left))[0]).max() for h in options]
+        causes = [judge(left, h) for h in options]
+        sizes = [np.abs(left.with_columns(columns_of(left, h))[0]).max() for h in options]
         scores = [c.score if size < thresholds.LATEST else -np.inf for c, size in zip(causes, sizes, strict=True)]
         if max(scores) <= thresholds.EVIDENT:
             break
         chosen.append(options.pop(int(np.argmax(scores))))
-        left = left.with_known(chosen[-1].at_rows(left))
+        left = left.with_known(columns_of(left, chosen[-1]))
     if not chosen:
         return []
-    columns = [h.at_rows(rest) for h in chosen]
+    columns = [columns_of(rest, h) for h in chosen]
     c, errors, *_ = rest.with_columns(np.concatenate(columns, axis=-1))
     places = [
         (h, k if h.joints is rest.names else np.nan)
@@ -253,27 +268,12 @@ def units(robot: Robot, j: int) -> tuple[str, str]:
 # Kinds that measurements and models have
 
 
-def drives(rest: Discrepancy) -> Iterator[Hypothesis]:
-    """Rotors, friction and offsets of single joints that the model lacks."""
-    for symbol, (kind, noun, torque) in DRIVES.items():
-        for j, name in enumerate(rest.names) if symbol not in rest.terms else ():
-            text = words(f"the drive of {{}} has {noun} of {{:.3g}}, which was not asked for", name)
-            yield Hypothesis(kind, rest.column_of(j, torque), text, (name,))
-
-
-def springs(rest: Discrepancy) -> Iterator[Hypothesis]:
-    """Torques proportional to a joint's position, slack anywhere, beside an offset."""
-    for j, name in enumerate(rest.names):
-        pull = words("something pulls {} as a spring of {:.3g} {} per {}", name, *units(rest.robot, j)[::-1])
-        yield Hypothesis("spring", rest.column_of(j, lambda q, qd, qdd: q - q.mean()), pull, (name,))
-
-
-def by_direction(rest: Discrepancy) -> Iterator[Hypothesis]:
-    """Viscous friction that differs between both directions."""
-    for j, name in enumerate(rest.names):
-        text = words("viscous friction of {} differs by {:.3g} between both directions", name, scale=2)
-        column = rest.column_of(j, lambda q, qd, qdd: np.abs(qd))
-        yield Hypothesis("friction by direction", column, text, (name,))
+def of_joints(rest: Discrepancy, kinds: Iterable[str]) -> Iterator[Hypothesis]:
+    """Torques of single joints, of some kinds."""
+    for kind, (text, torque, scale) in ((kind, OF_JOINTS[kind]) for kind in kinds):
+        for j, name in enumerate(rest.names):
+            numbers = words(text, name, *units(rest.robot, j), scale=scale)
+            yield Hypothesis(kind, rest.column_of(j, torque), numbers, (name,))
 
 
 def factors(rest: Discrepancy, torques: Array) -> Iterator[Hypothesis]:
@@ -308,12 +308,6 @@ def zero_columns(rest: Discrepancy, zero: Array | float = 0.0) -> Array:
     return rest.smooth(torques)
 
 
-def gravity(rest: Discrepancy) -> Iterator[Hypothesis]:
-    """Gravity of another size, which a clock of another rate is too."""
-    column = gravity_columns(rest, rest.robot.model.gravity, rest.bodies)
-    yield Hypothesis(SIZE, column, lambda c: size_text(1 + float(c[0])))
-
-
 def slope(function: Callable[[float], Array]) -> Array:
     """Derivative at zero by central differences."""
     return np.asarray((function(DIFFERENCE) - function(-DIFFERENCE)) / (2 * DIFFERENCE))
@@ -322,20 +316,23 @@ def slope(function: Callable[[float], Array]) -> Array:
 # Kinds that measurements alone have
 
 
-def drives_of_all(rest: FitResiduals) -> Iterator[Hypothesis]:
-    """Rotors, friction and offsets that the model lacks, of single joints and of all."""
-    found = list(drives(rest))
-    yield from found
-    for kind, noun, _ in DRIVES.values():
-        columns = [h.at_rows(rest) for h in found if h.kind == kind]
-        if columns:
-            text = words(f"the drives have {noun}, which was not asked for", "")
-            yield Hypothesis(kind, np.concatenate(columns, axis=-1), text, rest.names)
+def declined_drives(rest: FitResiduals) -> Iterator[Hypothesis]:
+    """Rotors, friction and offsets that are not fitted, of single joints and of all."""
+    for kind in (kind for symbol, kind in DRIVES.items() if symbol not in rest.standard.terms):
+        found = list(of_joints(rest, [kind]))
+        columns = np.concatenate([columns_of(rest, h) for h in found], axis=-1)
+        text = OF_JOINTS[kind][0].replace("drive of {} has", "drives have").replace(" of {:.3g}", "")
+        yield from (*found, Hypothesis(kind, columns, text, rest.names))
 
 
-def tilted_gravity(rest: FitResiduals) -> Iterator[Hypothesis]:
-    """Gravity tilted by a small angle; the first body's centre may be felt in tilted gravity alone."""
+def other_gravity(rest: FitResiduals) -> Iterator[Hypothesis]:
+    """Gravity of another size, as with a clock of another rate, or tilted by a small angle.
+
+    The first body's centre may be felt in tilted gravity alone.
+    """
     gravity, size = rest.robot.model.gravity, float(np.linalg.norm(rest.robot.model.gravity))
+    column = gravity_columns(rest, gravity, rest.bodies)
+    yield Hypothesis(SIZE, column, lambda c: size_text(1 + float(c[0])))
     if size:
         given = gravity / size
         level = np.linalg.svd(given[None])[2][1:]  # two directions at right angles to gravity
@@ -362,7 +359,7 @@ def joints(rest: FitResiduals) -> Iterator[Hypothesis]:
         yield Hypothesis("joint zero", zeros[..., [j]], zero, (name,))
         ratio = signed("the gear ratio given for {} is {:.3g} % too {}", "large", "small", name, scale=100)
         yield Hypothesis("gear ratio", ratio_column(rest, j), ratio, (name,))
-    yield from springs(rest)
+    yield from of_joints(rest, ["spring"])
     yield from factors(rest, rest.Y @ rest.x)
 
 
@@ -379,9 +376,9 @@ def ratio_column(rest: FitResiduals, j: int) -> Array:
 def changing(rest: FitResiduals) -> Iterator[Hypothesis]:
     """Friction that changes during the log; torques whose zero drifts."""
     ramp = progress(rest) - progress(rest).mean()
-    courses = (ramp, ramp**2 - (ramp**2).mean())
+    courses = (ramp, ramp**2)
     for j, name in enumerate(rest.names):
-        terms = [rest.column_of(j, DRIVES[symbol][2]) for symbol in ("Fv", "Fc")]
+        terms = [rest.column_of(j, OF_JOINTS[kind][1]) for kind in ("viscous friction", "Coulomb friction")]
         columns = np.concatenate([term * course for term in terms for course in courses], axis=-1)
         yield Hypothesis("friction changed", columns, words("friction of {} changes during the log", name), (name,))
         drift = np.eye(len(rest.names))[j][:, None] * ramp
@@ -390,7 +387,7 @@ def changing(rest: FitResiduals) -> Iterator[Hypothesis]:
 
 def friction(rest: FitResiduals) -> Iterator[Hypothesis]:
     """Friction that changes with speed or with the load."""
-    yield from by_direction(rest)
+    yield from of_joints(rest, ["friction by direction"])
     loads = by_joint(rest.curves[..., :1])
     for j, name in enumerate(rest.names):
         text = words("friction of {} changes by {:.3g} % of its load", name, scale=100)
@@ -415,10 +412,10 @@ def refine(rest: FitResiduals, cause: Cause) -> Cause:
     j, middle = rest.names.index(cause.joints[0]), np.log(cause.at)
 
     def loss(log: float) -> float:
-        return -stribeck(rest, j, float(np.exp(log))).judge(rest).score
+        return -judge(rest, stribeck(rest, j, float(np.exp(log)))).score
 
     best = minimize_scalar(loss, bounds=(middle - 1, middle + 1), method="bounded", options={"maxiter": 15}).x
-    return stribeck(rest, j, float(np.exp(best))).judge(rest)
+    return judge(rest, stribeck(rest, j, float(np.exp(best))))
 
 
 def derivative_by(rest: FitResiduals, cause: Cause) -> Array:
@@ -429,7 +426,7 @@ def derivative_by(rest: FitResiduals, cause: Cause) -> Array:
         return np.asarray(rest.delay_column * late * of_record[:, None, None])
     j, vs = rest.names.index(cause.joints[0]), cause.at
     size = rest.x[rest.standard.groups["Fs"].start + j]
-    return np.asarray(size / vs * slope(lambda h: stribeck(rest, j, (1 + h) * vs).at_rows(rest)))
+    return np.asarray(size / vs * slope(lambda h: columns_of(rest, stribeck(rest, j, (1 + h) * vs))))
 
 
 # Events during a log

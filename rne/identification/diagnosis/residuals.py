@@ -28,29 +28,14 @@ Torques = Callable[[Array, Array, Array], Array]  # a function of q, qd, qdd, ea
 
 
 class Discrepancy:
-    """Torques that a model leaves, each over the noise `sigma` of its joint, at the rows and joints that are `used`.
+    """Torques that a model leaves, each over the noise `sigma` of its joint, at the rows and joints that are `used`."""
 
-    Attributes
-    ----------
-    left : ndarray, shape (R,)
-        The torques over their noise, of all used rows, without their part along Q.
-    Q : ndarray, shape (R, k)
-        Orthonormal columns that are fitted with any others.
-    joint : ndarray of int, shape (R,)
-        Joint of each value.
-    counts, floor : ndarray, shape (n,)
-        Independent equations of each joint, and the sum of squares that needs no explanation.
-    resolution : tuple of two floats
-        Parts of a joint's values, and of all values, of a column, below which what is independent of Q is numerical.
-    """
-
-    left: Array
-    Q: Array
-    counts: Array
-    floor: Array
-    resolution: tuple[float, float]
+    left: Array  # the torques over their noise, shape (R,), without their part along Q
+    Q: Array  # orthonormal columns that are fitted with any others, shape (R, k)
+    counts: Array  # independent equations of each joint, shape (n,)
+    floor: Array  # sum of squares of each joint that needs no explanation, shape (n,)
+    resolution: tuple[float, float]  # parts of a joint's values and of all of a column that are numerical
     correlation = 1.0  # factor of variances of estimates: residuals resemble their neighbours
-    terms: Sequence[str] = ()  # symbols of the drives' torques that the model has
     bodies: Array  # inertial parameters, shape (10 nb,)
 
     def __init__(self, robot: Robot, sigma: Array, used: Array) -> None:
@@ -74,6 +59,11 @@ class Discrepancy:
         """The torque of one joint, a function of its q, qd and qdd, as a column, shape (rows, n, 1)."""
         found = self.sampled(lambda *motion: torque(*(x[:, j] for x in motion)))
         return np.asarray((found[:, None] * np.eye(self.robot.n)[j])[..., None])
+
+    @cached_property
+    def of_joint(self) -> Array:
+        """1 for the values of each joint, shape (n, R)."""
+        return np.equal.outer(np.arange(self.robot.n), self.joint).astype(float)
 
     @cached_property
     def squares(self) -> Array:
@@ -107,10 +97,9 @@ class Discrepancy:
         """
         X, b = self.weighted(columns), self.left if target is None else target
         left, (of_joint, of_all) = X - self.Q @ (self.Q.T @ X), self.resolution
-        for column, given in zip(left.T, X.T, strict=True):
-            doubt = np.maximum(of_joint**2 * self.by_joint(given), of_all**2 * (given @ given))
-            apart = self.by_joint(column) > np.maximum(doubt, TINY)
-            column *= apart[self.joint]
+        parts, given = (self.of_joint @ x**2 for x in (left, X))  # shape (n, k)
+        doubt = np.maximum(of_joint**2 * given, of_all**2 * given.sum(0))
+        left = left * (parts > np.maximum(doubt, TINY))[self.joint]
         lengths = np.linalg.norm(left, axis=0)
         known = lengths > 0
         c, errors, rank = np.zeros(X.shape[1]), np.full(X.shape[1], np.inf), 0
@@ -146,7 +135,7 @@ class FitResiduals(Discrepancy):
         super().__init__(robot, sigma, data.sure if enough else data.used)
         self.data, self.beta, self.known = data, beta, known
         self.base, self.standard, self.records, self.x = base, base.standard, data.prepared, base.back @ beta
-        self.bodies, self.terms = self.x[: PARAMETERS * robot.model.nb], base.standard.terms
+        self.bodies = self.x[: PARAMETERS * robot.model.nb]
         time = data.correlation_time(data.residuals(self.x)) if correlation_time is None else correlation_time
         self.correlation_time, self.correlation = time, float(time.max(initial=1))
         self.tau, self.Y, lengths = data.tau, data.Y, [len(record.times) for record in data.prepared]

@@ -25,19 +25,13 @@ from ..fit.equations import Equations, RegressionData
 from ..fit.least_squares import weighted_fit
 from ..log.filtering import ORDER
 from ..log.prepared import Prepared
+from .residuals import TINY
 
-CHANCE = 1e-3  # of all joints together, that F is called large by accident
-WORSE = 2.0  # times the joint's own residual: a conflict has to matter
-EXPLAINED = 0.15  # part of a torque in motion that may be left where a model explains it
-FLOOR = 3.0  # times the noise, above which a residual is not noise
-PRECISION = 1e-6  # of a joint's torques: no fit is taken for more exact
-BELIEVED = 1e-6  # singular values below this part of the largest say nothing
-TINY = float(np.finfo(float).tiny)
 COLUMNS = (
-    "noise: of the filtered torques, by their spectrum; alone, together: what a fit of each joint by itself and one of "
-    "all joints leave; held out: what is left where a block of the log was not fitted; F: together against alone, near "
-    "1 where one model fits, and how likely chance makes it so large; power left: that of the torques a fit leaves, "
-    "and its mean. All but F and its chance are in % of the measured torque or power."
+    "noise: of the filtered torques, by their spectrum; single joint, all joints: left by a fit of each joint alone "
+    "and of all joints; held out: left where a block of the log was not fitted; F: all joints against the single one, "
+    "near 1 where one model fits, and how likely chance makes it so large; power left: that of the torques a fit "
+    "leaves, and its mean. All but F and its chance are in % of the measured torque or power."
 )
 
 
@@ -53,7 +47,7 @@ class Consistency(InNotebooks):
     held_out : ndarray, shape (n,)
         |predicted - measured| / |measured| of torques in motion on blocks of time that were not fitted:
         `Identification.unexplained.in_motion`.
-    together, alone : ndarray, shape (n,)
+    all_joints, single_joint : ndarray, shape (n,)
         Standard deviation of the fitted residual, in |measured|: with one set of parameters, and with one of its own
         for each joint. The parameters that a joint spends are taken into account.
     F, probability : ndarray, shape (n,)
@@ -61,8 +55,8 @@ class Consistency(InNotebooks):
     independent : ndarray, shape (n,)
         Number of independent equations, which the test counts with.
     conflict : ndarray of bool, shape (n,)
-        True for joints that fit alone but not together: F is larger than chance makes it in one of a thousand tests of
-        all joints, and the residual together is more than twice that alone.
+        True for joints that fit by themselves but not with the others: F is larger than chance makes it in one of a
+        thousand tests of all joints, and the residual of all joints is more than twice that of the single joint.
     energy : EnergyBalance
         Work that the fitted model neither stores nor loses, and the power of the residual torques.
     """
@@ -70,8 +64,8 @@ class Consistency(InNotebooks):
     joint_names: tuple[str, ...]
     noise: Array
     held_out: Array
-    together: Array
-    alone: Array
+    all_joints: Array
+    single_joint: Array
     F: Array
     probability: Array
     independent: Array
@@ -81,7 +75,7 @@ class Consistency(InNotebooks):
     @property
     def one_model(self) -> bool:
         """True if no joint is in conflict with the others, and all are explained to 15 % or better."""
-        return not (self.conflict | (self.held_out > EXPLAINED)).any()
+        return not (self.conflict | (self.held_out > thresholds.EXPLAINED)).any()
 
     def __repr__(self) -> str:
         return wrapped(f"Consistency({self.verdict})")
@@ -89,15 +83,15 @@ class Consistency(InNotebooks):
     @property
     def verdict(self) -> str:
         """The answer in a sentence."""
-        noise, alone = percent(self.noise), percent(self.alone)
-        above = self._named(self.alone > FLOOR * np.maximum(self.noise, PRECISION))
+        noise, single = percent(self.noise), percent(self.single_joint)
+        above = self._named(self.single_joint > thresholds.ABOVE_NOISE * np.maximum(self.noise, thresholds.PRECISION))
         if self.conflict.any():
             text = (
                 f"no single set of inertial parameters fits: {self._named(self.conflict)}. Together the torques "
-                f"are off by {percent(self.together)}, each joint's alone by {alone}; noise explains {noise}"
+                f"are off by {percent(self.all_joints)}, each joint's alone by {single}; noise explains {noise}"
             )
             cause = f"alone, {above} are above the noise too: friction of another kind may set the joints at variance"
-        elif (poor := self.held_out > EXPLAINED).any():
+        elif (poor := self.held_out > thresholds.EXPLAINED).any():
             left = percent(self.held_out[poor])
             return f"no rigid-body model with these drives predicts {self._named(poor)}: {left} of the torques is left"
         else:
@@ -117,10 +111,10 @@ class Consistency(InNotebooks):
         str
             Lines of at most 100 characters.
         """
-        title = ("noise", "alone", "together", "held out", "F", "chance of F", "power left", "its mean")
+        title = ("noise", "single joint", "all joints", "held out", "F", "chance of F", "power left", "its mean")
         rows = [Row("errors [%]", title, words=True)]
         for j, name in enumerate(self.joint_names):
-            percents = [f"{100 * x[j]:.3g}" for x in (self.noise, self.alone, self.together, self.held_out)]
+            percents = [f"{100 * x[j]:.3g}" for x in (self.noise, self.single_joint, self.all_joints, self.held_out)]
             power = [f"{100 * x[j]:.2g}" for x in (self.energy.power, self.energy.lost)]
             rows.append(Row(f"  {short(name)}", [*percents, f"{self.F[j]:.3g}", f"{self.probability[j]:.1g}", *power]))
         energy = (
@@ -141,8 +135,8 @@ def certified(base: BaseParameters, data: RegressionData, held_out: Array) -> Co
 
     fitted = data.fitted.mapped(base.back)
     rows, size = fitted.rows.sum(0), fitted.torques()
-    least = PRECISION**2 * np.maximum(size, PRECISION**2 * size.max(initial=0)) + TINY
-    own, squares, ranks = zip(*(own_fit(fitted.of_joint(j)) for j in range(fitted.joints)), strict=True)
+    least = thresholds.PRECISION**2 * np.maximum(size, thresholds.PRECISION**2 * size.max(initial=0)) + TINY
+    own, squares, ranks = zip(*(single_joint_fit(fitted.of_joint(j)) for j in range(fitted.joints)), strict=True)
     correlation_time = np.array([data.correlation_time(data.residuals(base.back @ x))[j] for j, x in enumerate(own)])
     squares, freedom = np.maximum(squares, least), np.maximum(rows - ranks, 1)
     sigma = np.sqrt(squares / freedom)
@@ -152,32 +146,24 @@ def certified(base: BaseParameters, data: RegressionData, held_out: Array) -> Co
     independent = np.maximum(rows / correlation_time - ranks, 1)
     probability = np.asarray(f.sf(F, free, independent))
     scale = rows / np.maximum(size, TINY)
-    together, alone = np.sqrt(total / np.maximum(rows - spent, 1) * scale), np.sqrt(squares / freedom * scale)
-    conflict = (probability < CHANCE / fitted.joints) & (together > WORSE * alone)
+    all_joints, single_joint = np.sqrt(total / np.maximum(rows - spent, 1) * scale), np.sqrt(squares / freedom * scale)
+    conflict = (probability < thresholds.CHANCE / fitted.joints) & (all_joints > thresholds.CONFLICT * single_joint)
     names, energy = base.standard.model.joint_names, energy_balance(base.standard, data, base.back @ x)
     noise = np.zeros((2, fitted.joints))
     for record in data.prepared:
         torque = record.reduce(record.tau) * record.valid
         noise += [record.valid.sum(0) * torque_noise(record), (torque**2).sum(0)]
-    errors = np.sqrt(noise[0] / np.maximum(noise[1], TINY)), held_out, together, alone
+    errors = np.sqrt(noise[0] / np.maximum(noise[1], TINY)), held_out, all_joints, single_joint
     return Consistency(names, *errors, F, probability, independent, conflict, energy)
 
 
-def own_fit(equations: Equations) -> tuple[Array, float, int]:
+def single_joint_fit(equations: Equations) -> tuple[Array, float, int]:
     """Estimates of smallest length, |residual|^2 and rank of the equations of one joint."""
     factor = equations.weighted(np.ones(1))
     lengths = np.linalg.norm(factor[:, :-1], axis=0)
-    lengths[lengths <= thresholds.NOTHING * lengths.max(initial=0)] = (
-        np.inf
-    )  # such columns are rounding, and get a zero
-    x, _, rank, _ = np.linalg.lstsq(factor[:, :-1] / lengths, factor[:, -1], rcond=BELIEVED)
+    lengths[lengths <= thresholds.NOTHING * lengths.max(initial=0)] = np.inf  # columns of rounding, which get a zero
+    x, _, rank, _ = np.linalg.lstsq(factor[:, :-1] / lengths, factor[:, -1], rcond=thresholds.BELIEVED)
     return x / lengths, float(equations.residuals(x / lengths)[0]), int(rank)
-
-
-ABOVE = 2.0  # times the cut-off: no motion is left there
-LOWEST, HIGHEST = 0.25, 0.45  # of the sample rate, between which noise is looked for
-WINDOW = 8.0  # periods of the cut-off in one spectrum, at least
-POINTS = 64  # of a spectrum, at least
 
 
 def torque_noise(record: Prepared) -> Array:
@@ -189,20 +175,17 @@ def torque_noise(record: Prepared) -> Array:
     """
     from scipy.signal import welch
 
-    rate = record.sample_rate
+    rate, (lowest, highest) = record.sample_rate, thresholds.NOISE_BAND
     longest = max(part.stop - part.start for part in record.segments)
-    length = min(longest, max(POINTS, int(WINDOW * rate / record.cutoff)))
+    length = min(longest, max(thresholds.NOISE_POINTS, int(thresholds.NOISE_WINDOW * rate / record.cutoff)))
     parts = [part for part in record.segments if part.stop - part.start >= length]
     spectra = [welch(record.tau[part], rate, "hann", length, detrend="linear", axis=0) for part in parts]
     f = spectra[0][0]
     density = np.average([s for _, s in spectra], axis=0, weights=[part.stop - part.start for part in parts])
-    above = (f >= max(ABOVE * record.cutoff, LOWEST * rate)) & (f <= HIGHEST * rate)
+    above = (f >= max(thresholds.ABOVE_CUTOFF * record.cutoff, lowest * rate)) & (f <= highest * rate)
     k = 1 / (2 * ORDER)
     bandwidth = record.cutoff * (1 - k) * np.pi * k / np.sin(np.pi * k)
     return np.asarray(density[above].mean(0) * bandwidth)
-
-
-PIECES = 10  # of each segment, over which work and energy are compared
 
 
 class EnergyBalance(NamedTuple):
@@ -238,7 +221,7 @@ def energy_balance(standard: StandardParameters, data: RegressionData, x: Array)
         sums += [power.sum(0), np.abs(total).sum(0), (power**2).sum(0), (total**2).sum(0)]
         for part in record.segments:
             q, qd, qdd, tau = (y[part] for y in (record.q, record.qd, record.qdd, record.tau))
-            ends = np.unique(np.linspace(0, len(q) - 1, PIECES + 1).astype(int))
+            ends = np.unique(np.linspace(0, len(q) - 1, thresholds.ENERGY_PIECES + 1).astype(int))
             stored = kinetic_energy_regressor(model, q[ends], qd[ends]) + potential_energy_regressor(model, q[ends])
             drives = (qd * standard.drive_torques(qd, qdd, x[bodies:])).sum(-1)  # rotors and losses
             powers = np.stack([(tau * qd).sum(-1) - drives, np.abs(tau * qd).sum(-1)], axis=1)
