@@ -86,7 +86,7 @@ class DriveGains(TwoSetsResult):
         return wrapped(f"DriveGains([{', '.join(f'{gain:.4g}' for gain in self.gains)}])")
 
     def report(self) -> str:
-        """How well the gains are known, the gains with standard errors, and the notes.
+        """A text on the gains: how well they are known, standard errors, and notes.
 
         Returns
         -------

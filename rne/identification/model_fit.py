@@ -68,7 +68,7 @@ def identify(
     Parameters
     ----------
     robot : Robot
-        Its joints and their places are known. Its bodies are the prior, unless `prior` says otherwise.
+        The robot, of which joints and their places are known. Its bodies are the prior unless `prior` is given.
     records : Record or sequence of Record
         Measured motions.
     drives : DriveModel, optional

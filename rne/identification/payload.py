@@ -96,7 +96,7 @@ class PayloadEstimate(TwoSetsResult):
         )
 
     def report(self) -> str:
-        """How well the load is known, its parameters with standard errors, and the notes.
+        """A text on the load: how well it is known, standard errors of its parameters, and notes.
 
         Returns
         -------

@@ -1,4 +1,4 @@
-"""What an identification found, and how far to trust it."""
+"""The result of an identification, its report, and reasons to doubt it."""
 
 from __future__ import annotations
 
@@ -56,9 +56,9 @@ class Identification(InNotebooks):
     initial : Robot
         The robot as it was given.
     standard : StandardParameters
-        What the torques are linear in, and the names.
+        The parameters that torques are linear in, their order and names.
     base : BaseParameters
-        Those combinations that torques depend on.
+        The combinations of parameters that torques depend on.
     data : RegressionData
         The measurements after the filter, and the equations from them.
     estimate : LeastSquares
@@ -75,14 +75,14 @@ class Identification(InNotebooks):
         Integrated autocorrelation time of the residuals, in rows; the number of rows over it is the effective sample
         size, by which standard errors are taken.
     drift, drift_error : ndarray, shape (base.count,)
-        By how much base parameters change when everything is filtered again with half the cut-off, and the standard
-        error of those with half the cut-off: where the change is beyond a few of these, one of the two cut-offs biases
+        Change of the base parameters when everything is filtered again with half the cut-off, and standard errors of
+        the parameters with half the cut-off. Where the change is beyond a few of these, one of the two cut-offs biases
         the parameter, or something else changes with frequency. NaN where the record is too short for it, or the joints
         stop too often.
     causes : tuple of Cause
-        What would explain the residuals better, the likeliest first.
+        Changes that would explain the residuals better, the likeliest first.
     notes : tuple of str
-        What was assumed, and what looks wrong.
+        Assumptions, and signs of mistakes.
     """
 
     initial: Robot
@@ -114,7 +114,7 @@ class Identification(InNotebooks):
 
     @property
     def delay(self) -> Array:
-        """How much later than positions the torques of each record were measured, shape (records, n) [s]."""
+        """Delay of the torques of each record behind the positions, shape (records, n) [s]."""
         return self.data.delays
 
     @cached_property
@@ -142,7 +142,7 @@ class Identification(InNotebooks):
 
     @cached_property
     def unexcited(self) -> str:
-        """That the motion says too little, if parts of the log are fitted but not predicted from the others."""
+        """A warning that the motion says too little: parts of the log are fitted but not predicted from the others."""
         far = (self.unexplained.in_motion > thresholds.TOO_FAR) & (
             self.equations.shares(self.parameters) < thresholds.UNEXPLAINED
         )
@@ -179,8 +179,8 @@ class Identification(InNotebooks):
     def excited(self) -> Array:
         """True for base parameters that the motion determines to better than their expected size, (base.count,).
 
-        That is the size of the bodies found, if they are consistent, otherwise of the given robot's; of a rotor or
-        friction what would take a tenth of the torque. Bodies without any mass are of unknown size.
+        The expected size is that of the bodies found, if they are consistent, otherwise of the given robot's. A rotor
+        or friction is expected to take a tenth of the torque. Bodies without any mass are of unknown size.
         """
         model, bodies = self.initial.model, self.parameters[self.standard.groups["bodies"]]
         if self.consistent:
@@ -312,7 +312,7 @@ class Identification(InNotebooks):
         return self._compared(self.data.names[0], self.records[0]).plot()
 
     def consistency(self) -> Consistency:
-        """Whether the measured torques can come from one rigid-body model at all.
+        """Test whether the measured torques can come from one rigid-body model at all.
 
         One set of parameters is fitted to all joints, and a set of its own to each. Torques of a rigid body leave the
         same in both fits, up to chance. The masses of `initial` do not matter, only its joints and their places.
@@ -343,7 +343,7 @@ class Identification(InNotebooks):
         return certified(self.base, self.data, self.unexplained.in_motion)
 
     def report(self) -> str:
-        """What was fitted, what was found and how far to trust it, as text.
+        """A text on the measurements, the parameters, and how far to trust them.
 
         Returns
         -------
@@ -370,7 +370,7 @@ def likely_text(causes: Sequence[Cause]) -> list[str]:
 
 
 def fitted_text(found: Identification) -> str:
-    """What was fitted: the motions, their filter, the prior."""
+    """The motions, their filter and the prior."""
     e = found.estimate
     lines = [
         f"{counted(found.base.count, 'base parameter')} of {short(found.initial.model.name)} from "
@@ -404,7 +404,7 @@ def joints_text(found: Identification) -> str:
 
 
 def causes_text(found: Identification) -> str:
-    """What would explain the residuals, the likeliest first, and joints that are not explained."""
+    """Joints that are not explained, and causes of the residuals, the likeliest first."""
     lines: list[str] = []
     if found.unexcited:
         return found.unexcited

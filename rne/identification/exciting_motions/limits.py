@@ -51,7 +51,7 @@ class FourierBasis:
         return self.states(t[:, None], np.eye(2 * self.harmonics + 1))
 
     def grid_share(self, count: int) -> float:
-        """What part of its maximum over all times a series reaches at least on a grid of so many times.
+        """Smallest part of its maximum over all times that a series reaches on a grid of so many times.
 
         cos(pi H / count): next to a maximum a trigonometric polynomial of degree H falls no faster than the cosine of
         its highest harmonic (Bernstein and Szego; Ehlich and Zeller 1964).
@@ -214,12 +214,12 @@ class MotionLimits:
         return np.asarray(np.abs(tau).max(-2) + self.coulomb + bend)
 
     def torque_slack(self, x: Array, matrices: States) -> Array:
-        """What the optimiser keeps positive, of each joint with a limit, at each time, of either sign of the torque."""
+        """Distances of torques from their limits, which the optimiser keeps positive: by sign, time and joint."""
         limit, tau = 1 - thresholds.TORQUE_MARGIN - self.coulomb, self.torques(self.states(x, matrices))
         return np.concatenate([(limit + sign * tau)[:, self.driven].ravel() for sign in (-1, 1)])
 
     def torque_slack_slopes(self, x: Array, matrices: States) -> Array:
-        """Its derivatives by x, exact."""
+        """Exact derivatives of `torque_slack` by x."""
         dq, dqd, M = self.robot.inverse_dynamics_derivatives(*self.states(x, matrices))
         by_states = zip((dq, dqd + np.diag(self._friction[0]), M), matrices, strict=True)
         by_coefficients = sum(d[:, self.driven, :, None] * m[:, None, None, :] for d, m in by_states)

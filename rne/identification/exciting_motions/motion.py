@@ -1,4 +1,4 @@
-"""A motion that excites a robot's parameters: the condition number or the determinant, and the search for the best.
+"""Motions that excite a robot's parameters: criteria of how well they do, and the search for the best.
 
 Sequential quadratic programming from the best of many random motions, with exact gradients.
 """
@@ -480,9 +480,9 @@ def excitation(
     random_motions : int
         Number of random motions within the limits that the result is compared with.
     starts : int
-        How many of these, the best, are starts of the optimiser.
+        Number of starts of the optimiser, the best of the random motions.
     iterations : int
-        The most of each run of the optimiser.
+        Largest number of iterations of each run of the optimiser.
     progress : callable, optional
         A function progress(done, total), called with iterations of the optimiser, of which a run that ends early has
         done all. Each run's end is a line on the logger "rne".

@@ -207,7 +207,7 @@ def model_prior(model: Model) -> tuple[Array, tuple[str, ...]]:
 
 
 def expected_sizes(P: Array, base: BaseParameters, equations: Equations) -> Array:
-    """How large base parameters may be: of bodies like these, and of drives that take a tenth of the torque.
+    """Expected sizes of base parameters: of bodies like these, and of drives that take a tenth of the torque.
 
     The pseudo-inertias P are infinite if nothing is known of the bodies; equations are those of standard parameters.
     """

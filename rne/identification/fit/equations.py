@@ -137,7 +137,7 @@ class Solution(NamedTuple):
     free: Array  # true for unknowns that the equations do not determine
 
     def spent(self, equations: Equations, sigma: Array) -> Array:
-        """How many unknowns each joint determines, of the fit to equations over the noise sigma of their joint."""
+        """Number of unknowns that each joint determines, of a fit to equations over the noise sigma of their joint."""
         return np.asarray(((equations.factors[..., :-1] @ self.inverse) ** 2).sum((0, 2, 3)) / sigma**2)
 
 
@@ -292,7 +292,7 @@ def resting(record: Prepared, minimum_velocity: Array) -> Array:
 
 
 def still_text(standard: StandardParameters, names: Sequence[str]) -> tuple[str, ...]:
-    """That joints do not move, and what of them is not found."""
+    """A note on joints that do not move, and what is not found of them."""
     if not names:
         return ()
     lost = " and ".join(name for name, term in (("rotor", "Ia"), ("friction", "Fv")) if term in standard.terms)
@@ -369,7 +369,7 @@ def check_joints(robot: Robot, record: Record, argument: str) -> None:
 def minimum_velocities(
     standard: StandardParameters, records: Sequence[Record], prepared: Sequence[Prepared], given: ArrayLike | None
 ) -> tuple[Array, Array]:
-    """Which joints do not move, but for a few steps of their encoders, and velocities below which none is fitted."""
+    """True for joints that move by at most a few steps of their encoders; velocities below which none is fitted."""
     step = np.max([record.encoder_step for record in records], axis=0)
     middle = np.mean([p.q.mean(0) for p in prepared], axis=0)
     reach = np.max([np.abs(p.q - middle).max(0) for p in prepared], axis=0)

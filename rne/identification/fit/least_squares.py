@@ -29,7 +29,7 @@ class LeastSquares:
         Estimates and their standard errors; an error is infinite where the motion says nothing of an unknown, and the
         estimate is then that of the smallest norm.
     covariance : ndarray, shape (P, P)
-        Of the part that the motion determines.
+        Covariance of the estimates, of the part that the motion determines.
     sigma : ndarray, shape (n,)
         Standard deviation of each joint's residual [N m or N].
     condition : float
@@ -46,7 +46,7 @@ class LeastSquares:
     scaled_condition: float
 
     def _with_covariance(self, covariance: Array) -> LeastSquares:
-        """The same estimates with another covariance; what the motion says nothing of stays so."""
+        """The estimates with another covariance; errors that are infinite stay so."""
         errors = np.where(np.isinf(self.errors), np.inf, np.sqrt(np.diag(covariance)))
         return replace(self, covariance=covariance, errors=errors)
 
@@ -139,11 +139,11 @@ class Unexplained(NamedTuple):
     Attributes
     ----------
     everywhere : ndarray, shape (n,)
-        Of all torques.
+        The share of all torques.
     in_motion : ndarray, shape (n,)
-        Of torques at more than the minimum velocity, those fitted.
+        The share of torques at more than the minimum velocity, which are fitted.
     at_rest : ndarray, shape (n,)
-        Of the others.
+        The share of the slower torques.
     """
 
     everywhere: Array

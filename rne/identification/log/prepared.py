@@ -12,16 +12,7 @@ from ...basics.arrays import positive_number
 from ...basics.spatial import Array
 from ...basics.text import counted, summary
 from .. import thresholds
-from .filtering import (
-    MARGIN,
-    choose_cutoff,
-    complementary_filter,
-    derivatives,
-    integral,
-    low_pass,
-    motion_spectrum,
-    settling,
-)
+from . import filtering
 from .screening import Screened, consecutive
 
 
@@ -40,17 +31,17 @@ class Prepared:
     segments : tuple of slice
         The parts of the grid without gaps.
     sample_rate : float
-        Of the grid [Hz].
+        Samples of the grid per second [Hz].
     cutoff : float
-        Of the parallel filter that `reduce` applies, where its gain is 1/2 [Hz].
+        Cut-off of the parallel filter that `reduce` applies, where its gain is 1/2 [Hz].
     position_cutoff : float
-        Of the filter that the positions have passed [Hz].
+        Cut-off of the filter that the positions have passed [Hz].
     decimation : int
         Samples of the grid per reduced row: the cut-off is at most 0.8 times half the rate of the rows.
     usable : ndarray, shape (T, n)
         False where a torque is measured but not to be used: a constant channel, a saturated drive.
     notes : tuple of str
-        What was done, in words: the cut-off's choice, what was cut, bridged and dropped.
+        Choice of the cut-off, and what was cut, bridged and dropped, in words.
     start : float
         First stamp of the record, from which texts count [s].
 
@@ -114,7 +105,9 @@ class Prepared:
         if not np.isfinite(values).all():
             raise ValueError("`columns` must be finite")
         parts = zip(self.segments, self._segment_rows, strict=True)
-        filtered = [low_pass(values[part], self.cutoff, self.sample_rate, rows - part.start) for part, rows in parts]
+        filtered = [
+            filtering.low_pass(values[part], self.cutoff, self.sample_rate, rows - part.start) for part, rows in parts
+        ]
         return np.concatenate(filtered)
 
     @property
@@ -163,7 +156,7 @@ class Prepared:
 
     @cached_property
     def _segment_rows(self) -> tuple[Array, ...]:
-        drop = settling(self.cutoff, self.sample_rate)
+        drop = filtering.settling(self.cutoff, self.sample_rate)
         return tuple(np.arange(part.start + drop, part.stop - drop, self.decimation) for part in self.segments)
 
 
@@ -184,8 +177,8 @@ def prepare(name: str, screened: Screened, cutoff: float | None, start: float) -
     if cutoff is None:
         try:
             if spectrum is None:
-                spectrum = motion_spectrum(positions, rate)
-            cutoff, reasons = choose_cutoff(spectrum, rate, positions, torques)
+                spectrum = filtering.motion_spectrum(positions, rate)
+            cutoff, reasons = filtering.choose_cutoff(spectrum, rate, positions, torques)
         except ValueError as error:
             raise ValueError(f"{name}: {error}; give `cutoff` [Hz]") from None
     else:
@@ -196,8 +189,8 @@ def prepare(name: str, screened: Screened, cutoff: float | None, start: float) -
         reasons = (f"cut-off {cutoff:.3g} Hz, as given",)
     decimation = max(1, int(thresholds.PASS_BAND * rate / (2 * cutoff) + ROUNDING))
     position_cutoff = min(thresholds.POSITION_CUTOFF * cutoff, thresholds.HIGHEST_POSITION_CUTOFF * rate)
-    drop = max(2 * settling(position_cutoff, rate), MARGIN)  # twice, for the accelerations
-    needed = 2 * (drop + settling(cutoff, rate)) + decimation
+    drop = max(2 * filtering.settling(position_cutoff, rate), filtering.MARGIN)  # twice, for the accelerations
+    needed = 2 * (drop + filtering.settling(cutoff, rate)) + decimation
     lengths = [len(q) for q in positions]
     kept = [k for k, length in enumerate(lengths) if length >= needed]
     if not kept:
@@ -231,15 +224,15 @@ def _fused(
     """Positions improved by measured velocities where these are better, the spectrum that tells this, and a note."""
     if screened.qd is None or not screened.believed.any():
         return positions, None, []
-    integrals = [integral(screened.qd[part], rate) for part in screened.segments]
+    integrals = [filtering.integral(screened.qd[part], rate) for part in screened.segments]
     try:
-        spectrum = motion_spectrum(positions, rate, integrals, screened.believed)
+        spectrum = filtering.motion_spectrum(positions, rate, integrals, screened.believed)
     except ValueError:  # too short a record for a spectrum
         return positions, None, []
     crossover = spectrum[-1]
     if np.isinf(crossover).all():
         return positions, spectrum, ["velocities from the positions: the measured ones are noisier, or late"]
-    fused = [complementary_filter(q, Q, crossover, rate) for q, Q in zip(positions, integrals, strict=True)]
+    fused = [filtering.complementary_filter(q, Q, crossover, rate) for q, Q in zip(positions, integrals, strict=True)]
     named = ", ".join(f"{f:.3g}" if np.isfinite(f) else "none" for f in crossover)
     note = f"velocities as measured above a crossover, from the positions below it: {named} Hz by joint"
     return fused, spectrum, [note]
@@ -247,12 +240,15 @@ def _fused(
 
 def _differentiated(q: Array, cutoff: float, rate: float, drop: int) -> tuple[Array, Array, Array]:
     """Positions, velocities and accelerations, without `drop` samples at either end."""
-    filtered = low_pass(q, cutoff, rate)
-    qd, qdd = derivatives(filtered[drop - MARGIN : len(q) - drop + MARGIN], rate)
+    filtered = filtering.low_pass(q, cutoff, rate)
+    qd, qdd = filtering.derivatives(filtered[drop - filtering.MARGIN : len(q) - drop + filtering.MARGIN], rate)
     return filtered[drop : len(q) - drop], qd, qdd
 
 
 def rows_without(record: Prepared, flags: Array) -> Array:
     """True at reduced rows that no flagged sample enters; flags have shape (T, n), the result (R, n)."""
-    reach, parts = settling(record.cutoff, record.sample_rate), zip(record.segments, record._segment_rows, strict=True)
+    reach, parts = (
+        filtering.settling(record.cutoff, record.sample_rate),
+        zip(record.segments, record._segment_rows, strict=True),
+    )
     return np.concatenate([undisturbed(flags[part], rows - part.start, reach) for part, rows in parts])

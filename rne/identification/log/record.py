@@ -61,7 +61,7 @@ class Record:
     qd : ndarray, shape (T, n), or None
         Velocities as given, in SI units [rad/s or m/s].
     findings : tuple of RecordFinding
-        What is wrong with the measurements and what is done about it; empty if nothing is.
+        Faults of the measurements and what is done about them; empty if there are none.
     encoder_step : ndarray, shape (n,)
         Smallest step of each position, of which all others are multiples [rad or m]; zero if there is none.
     sample_rate : float

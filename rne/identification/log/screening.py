@@ -38,11 +38,11 @@ class RecordFinding:
     joint : str
         The joint; empty if all are concerned.
     kind : str
-        What was found, such as "position spike" or "gap".
+        Kind of the fault, such as "position spike" or "gap".
     text : str
         Where, and by how much.
     cure : str
-        What is done about it, or what to do.
+        Its treatment, or advice.
     samples : tuple of int
         The samples concerned, as indices of the record's arrays.
 
@@ -122,7 +122,7 @@ class Screened:
         return any(finding.severity == "error" for finding in self.findings)
 
     def at(self, samples: Array) -> str:
-        """Where these samples are, the first ones with their times from the first stamp."""
+        """Places of samples in words, of the first ones with their times from the first stamp."""
         rows = self.rows[samples[:NAMED]]
         named = ", ".join(f"{k} (t = {seconds(self.stamps[k] - self.stamps[0])} s)" for k in rows)
         if len(samples) == 1:
@@ -295,7 +295,7 @@ def encoder_step(x: Array) -> float:
 
 
 def deviations(x: Array, length: int) -> tuple[Array, Array]:
-    """Of `length` samples from the cubic through the two before and the two after, and what these allow for.
+    """Deviations of `length` samples from the cubic through two samples before and two after, and their allowance.
 
     For every start from 2 to len(x) - length - 2: the smallest magnitude among the samples, or the largest where all
     repeat the one before; and by how much the lines through the two before and the two after disagree in the middle,
