@@ -21,7 +21,10 @@ import rne
 from rne.identification import Record
 from rne.identification.fit.equations import build_regression
 from rne.identification.fit.least_squares import weighted_fit
-from rne.model.parameters import parameters_of, with_parameters
+from rne.model import with_parameters
+from rne.model.parameters import parameters_of
+
+from .helpers import first_joints, loaded
 
 RATE, DURATION = 500.0, 20.0
 NOISE = 0.01  # of each joint's torque, root mean square
@@ -97,7 +100,7 @@ def from_text(text: str) -> rne.Robot:
 
 def mimicking() -> rne.Robot:
     """Three axes of the IRB 140, the third of which follows the second as a parallelogram's does."""
-    text = rne.to_urdf(rne.load("irb140").locked({f"joint_{k}": 0.3 for k in (4, 5, 6)}).model)
+    text = rne.to_urdf(first_joints().model)
     return from_text(
         text.replace(
             '<joint name="joint_3" type="revolute">',
@@ -109,10 +112,10 @@ def mimicking() -> rne.Robot:
 @cache
 def robots() -> dict[str, rne.Robot]:
     """The six, fingers locked."""
-    panda = rne.load("panda")
+    panda = loaded("panda_description/panda")
     return {
-        "IRB 140": rne.load("irb140"),
-        "UR5": rne.load("ur5"),
+        "IRB 140": loaded("irb140"),
+        "UR5": loaded("ur_description/ur5_robot"),
         "Panda": panda.locked({"panda_finger_joint1": 0.0}),
         "SCARA": from_text(SCARA),
         "gantry": from_text(GANTRY),

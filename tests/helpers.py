@@ -1,4 +1,4 @@
-"""Shared by the tests: states, differences, and Pinocchio with our joint order."""
+"""Shared by the tests: states, differences, robots of parts, and Pinocchio with our joint order."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import rne
-from rne.model.builder import Part, assemble
+from rne.model.builder import Mimic, Part, assemble, pose
 from rne.urdf.loading import library, urdf_files
 from rne.validation.oracle import Oracle, each
 
@@ -17,12 +17,17 @@ __all__ = [
     "EPS",
     "FIGURES",
     "ROOT",
+    "Mimic",
     "Oracle",
+    "Part",
+    "assemble",
     "data_robots",
     "each",
+    "first_joints",
     "gimbal",
     "kept",
     "loaded",
+    "pose",
     "relative",
     "states",
 ]
@@ -97,3 +102,9 @@ def loaded(name):
 @functools.cache
 def _load(source):
     return rne.load(source)
+
+
+@functools.cache
+def first_joints(n=3):
+    """The IRB 140 with its first joints, the others locked: one for all tests."""
+    return loaded("irb140").locked({f"joint_{k}": 0.3 for k in range(n + 1, 7)})

@@ -8,7 +8,6 @@ import numpy as np
 
 import rne
 from rne.basics.spatial import point_mass_inertia
-from rne.model.parameters import COLUMNS, ROWS
 
 
 def planted(robot, seed=0):
@@ -109,7 +108,7 @@ def of_inertias(robot, rng):
 
     def changed(change, bodies):
         pi = np.zeros((model.nb, 10))
-        pi[bodies, 4:] = change[bodies][:, ROWS, COLUMNS]
+        pi[bodies, 4:] = change[bodies][:, [0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]
         return lambda q, qd, qdd: tau(q, qd, qdd) + robot.regressor(q, qd, qdd) @ pi.reshape(-1)
 
     every = np.arange(model.nb)

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from rne import Model
 from rne.basics.spatial import Array, point_mass_inertia, rotation_about
 from rne.model.builder import Mimic, Part, Pose, assemble, pose
-from rne.model.model import Model
 
 
 def random_tree(n: int, seed: int, *, prismatic: float = 0.25, branching: float = 0.3, mimics: int = 0) -> Model:

@@ -57,6 +57,11 @@ NAMES = {module_of(path) for path in SOURCES}
 NODES = {path: list(ast.walk(ast.parse(path.read_text(encoding="utf-8")))) for path in SOURCES}
 
 
+def called(node):
+    """The last name of what a call calls."""
+    return getattr(node.func, "attr", getattr(node.func, "id", ""))
+
+
 def imported(path, nodes):
     """Modules that a file imports in some nodes, as dotted names from the package's root."""
     package = path.relative_to(ROOT).with_suffix("").parts[:-1]
@@ -69,7 +74,7 @@ def imported(path, nodes):
                 yield name if name in NAMES or module == "rne" else module
         elif isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.Call) and ast.unparse(node.func).split(".")[-1] in ("import_module", "__import__"):
+        elif isinstance(node, ast.Call) and called(node) in ("import_module", "__import__"):
             (name, *_) = node.args  # by a text: relative to the folder, or made when it runs, which names no file
             if isinstance(name, ast.Constant):
                 yield importlib.util.resolve_name(name.value, ".".join(package))
@@ -100,6 +105,33 @@ def test_no_module_imports_itself_through_others():
     tuple(graphlib.TopologicalSorter(graph).static_order())  # a CycleError names the circle
 
 
+def imports_of_folder(folder):
+    """Modules of benchmarks that each file of a folder imports."""
+    found = {}
+    for path in (ROOT / folder).rglob("*.py"):
+        nodes = [n for n in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if isinstance(n, ast.ImportFrom)]
+        names = [f"{n.module}.{alias.name}" for n in nodes if not n.level for alias in n.names]
+        files = [name for name in names if name.startswith("benchmarks.")]
+        of_module = (
+            n if (ROOT / n.replace(".", "/")).with_suffix(".py").exists() else n.rpartition(".")[0] for n in files
+        )
+        found[module_of(path)] = set(of_module)
+    return found
+
+
+def test_no_benchmark_imports_itself_through_others():
+    tuple(graphlib.TopologicalSorter(imports_of_folder("benchmarks")).static_order())
+
+
+def test_what_several_tests_need_is_not_of_a_benchmark():
+    """Robots, logs and faults that tests are made of live in tests, and benchmarks import them from there."""
+    users = {}
+    for file, modules in imports_of_folder("tests").items():
+        for module in modules - {"benchmarks.engines", "benchmarks.pages", "benchmarks.peers"}:  # of benchmarks' tests
+            users.setdefault(module, []).append(file)
+    assert {module: files for module, files in users.items() if len(files) > 2} == {}
+
+
 def test_every_entry_has_a_floor_and_there_are_few():
     assert {entry(path) for path in SOURCES} == set(FLOOR)
     listed = subprocess.run(["git", "ls-files", "rne"], capture_output=True, text=True, cwd=ROOT, check=True).stdout
@@ -107,7 +139,7 @@ def test_every_entry_has_a_floor_and_there_are_few():
 
 
 # Names that two classes still have.
-SHARED_NAMES = {"Part", "Record", "Residuals", "Samples", "Search", "Spectrum", "System"}
+SHARED_NAMES = {"Residuals", "Samples", "Search", "Spectrum"}
 
 
 def test_class_names_occur_once():

@@ -13,13 +13,12 @@ from hypothesis import strategies as st
 import rne
 from rne.basics.spatial import rotation_about
 from rne.dynamics.base_inertial_parameters import independent_columns
-from rne.model.builder import Part, assemble
 from rne.model.parameters import with_fewest_terms
 from rne.model.standard_parameters import StandardParameters
 from rne.model.topology import joint_groups
 
 from .conftest import TREES
-from .helpers import kept, loaded
+from .helpers import Part, assemble, kept, loaded
 from .random_robots import random_tree
 from .test_oracle import LOADABLE, ONE_OF_EACH_KIND
 

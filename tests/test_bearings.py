@@ -8,8 +8,8 @@ import pytest
 
 import rne
 from rne.basics.text import six_digits
-from rne.model.builder import Part, assemble
 
+from .helpers import Part, assemble
 from .random_robots import straight_chain
 
 G = 9.81

@@ -13,17 +13,30 @@ from benchmarks.bounds import ACCELERATION as ACCELERATIONS
 from benchmarks.bounds import RATE as RATES
 from benchmarks.bounds import outside, sampled, searched
 from rne.bounds.articulated import ArticulatedSearch, control_points, functions
-from rne.bounds.bounds import QUANTITIES, RobotPolynomials, about_first_angle, entry, torque_criteria
-from rne.bounds.branch_and_bound import CellSearch, Clock, largest, local_maximum, short_basis
+from rne.bounds.bounds import (
+    QUANTITIES,
+    UNKNOWN,
+    RobotPolynomials,
+    about_first_angle,
+    entry,
+    gravity_torques_of_full_turns,
+    torque_criteria,
+)
+from rne.bounds.branch_and_bound import (
+    CellSearch,
+    Clock,
+    largest,
+    local_maximum,
+    ratio_on_grid,
+    short_basis,
+    values_on_grid,
+)
 from rne.bounds.criteria import Coriolis, LargestOfInverse, Modulus, Norm, positive_definite
-from rne.bounds.gravity import UNKNOWN, gravity_torques_of_full_turns
-from rne.bounds.grids import ratio_on_grid, values_on_grid
 from rne.bounds.polynomials import Polynomial, box_argument
 from rne.dynamics.lagrange import christoffel
 from rne.kernels.cache import KernelCache
-from rne.model.builder import Part, assemble, pose
 
-from .helpers import kept
+from .helpers import Part, assemble, first_joints, kept, pose
 from .random_robots import random_tree
 
 M1, M2, L1, C1, C2, I1, I2, G = 3.0, 2.0, 0.7, 0.4, 0.3, 0.05, 0.04, 9.81
@@ -65,15 +78,10 @@ def polar_arm(lower=0.2, upper=0.9):
     return rne.Robot(planar([M1, M2], [0, 0.5], [C1, C2], [I1, I2], lower=[-9, lower], upper=[9, upper], **slider))
 
 
-@pytest.fixture(scope="module")
-def irb140():
-    return rne.load("irb140")
-
-
 @pytest.fixture(scope="module", params=kept([3, 6], [3]))
 def arm(request, irb140):
     """The IRB 140 with some of its joints."""
-    return irb140.locked({f"joint_{k}": 0.3 for k in range(request.param + 1, 7)})
+    return first_joints(request.param)
 
 
 @pytest.fixture(scope="module")
@@ -308,7 +316,7 @@ def test_rounding_of_a_pendulum_proves_nothing():
 
 def test_gravity_that_is_nothing_but_rounding_is_within_its_bound_of_full_turns(irb140):
     """Joint 1 is upright: its torque is a sum of terms that cancel."""
-    robot = irb140.locked({f"joint_{k}": 0.3 for k in (4, 5, 6)})
+    robot = first_joints()
     rounding = abs(robot.gravity_torque(np.random.default_rng(1).uniform(-np.pi, np.pi, (1000, 3))))[:, 0].max()
     upper = gravity_torques_of_full_turns(robot.model)[0]
     assert max(rounding, 1e-14) <= upper <= 1e-9
@@ -389,7 +397,10 @@ def test_a_matrix_mode_is_bounded_at_every_phase():
 def test_rounding_is_at_least_that_of_the_sum_of_modes():
     """Of 2000 operations, on a number as large as the quantity can be anywhere."""
     terms = RobotPolynomials(KernelCache(two_link().model), box_argument(two_link().model, "circle"))
-    for criterion in (Norm(terms.of(rne.dynamics.mass_matrix, 2)), Modulus(terms.of(rne.dynamics.gravity_torque, 1))):
+    for criterion in (
+        Norm(terms.polynomial(rne.dynamics.mass_matrix, 2)),
+        Modulus(terms.polynomial(rne.dynamics.gravity_torque, 1)),
+    ):
         assert criterion.size > 0
         assert criterion.rounding(0.0) >= 2000 * np.finfo(float).eps * criterion.size
 
@@ -532,7 +543,7 @@ def test_grids_bound_what_lies_between_their_points(degree, steps):
 @pytest.mark.parametrize(
     "make",
     [
-        pytest.param(lambda: rne.load("irb140").locked({"joint_6": 0}), marks=pytest.mark.long),
+        pytest.param(lambda: first_joints(5), marks=pytest.mark.long),
         lambda: mimicking(2.0),
         lambda: random_chain(3),
     ],
@@ -563,7 +574,7 @@ def test_second_derivatives_are_within_what_grids_prove(make):
 
 def test_gravity_and_the_rest_are_largest_together():
     """The parts of gravity about the first axis of a mounted arm; no torque of 10^5 states is outside of its bound."""
-    robot = rne.load("irb140").locked({f"joint_{k}": 0.3 for k in (4, 5, 6)}).mounted([0.5, 0, 0])
+    robot = first_joints().mounted([0.5, 0, 0])
     box = box_argument(robot.model, "circle")
     q = np.random.default_rng(6).uniform(box.lower, box.upper, (100_000, 3))
     g = entry(RobotPolynomials(KernelCache(robot.model), box).polynomial(rne.dynamics.gravity_torque, 1), 1)

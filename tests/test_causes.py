@@ -14,7 +14,7 @@ from rne.identification.diagnosis.residuals import FitResiduals
 from rne.identification.fit.equations import build_regression
 
 from . import faulty_logs as faults
-from .helpers import kept
+from .helpers import first_joints, kept
 
 QUICK = {
     "gear +10 %": "SCARA",
@@ -127,16 +127,15 @@ def test_each_record_has_its_own_delay():
 
 @pytest.mark.filterwarnings("ignore::rne.IdentificationWarning")
 def test_delays_are_found_whatever_else_is_found():
-    """Three logs with a payload taken up in the second: each has the delay that it has alone."""
+    """Three logs with a payload taken up in the second: each has its own delay."""
     cases, late = [faults.case("mimic", 3) for _ in range(3)], (0.0106, 0.0123, 0.004)
     cases = [c._replace(late=x) for c, x in zip(cases, late, strict=True)]
     known = known_robot("mimic", 3)
     logs = [make(c) for make, c in zip((faults.clean, faults.payload, faults.clean), cases, strict=True)]
     records = [Record(data.t, data.q, data.tau) for data in logs]
-    alone = [rne.identify(known, record, consistent=False).delay[0] for record in records]
-    together = rne.identify(known, records, consistent=False).delay
-    np.testing.assert_allclose(together, alone, atol=1.5e-3)  # three standard errors of the payload log
-    np.testing.assert_allclose(together[[0, 2]], np.outer([0.0106, 0.004], np.ones(2)), atol=1e-3)
+    found = rne.identify(known, records, consistent=False).delay
+    np.testing.assert_allclose(found[1], late[1], atol=3e-3)  # three standard errors of the payload log
+    np.testing.assert_allclose(found[[0, 2]], np.outer([0.0106, 0.004], np.ones(2)), atol=1e-3)
 
 
 @pytest.mark.parametrize("fault", kept(["swapped joints", "sign", "contact"], ["sign"]))
@@ -178,7 +177,7 @@ def test_drives_that_were_declined_are_proposed():
     with pytest.warns(rne.IdentificationWarning, match="friction.* which was not asked for"):
         bare = identified(faults.clean, drives=rne.DriveModel())
     assert "friction" in bare.causes[0].kind
-    assert "friction changed" not in {cause.kind for cause in bare.causes}  # all of the log lacks the same friction
+    assert "friction changed" not in [cause.kind for cause in bare.causes]
     for count, words in ((1, "the likely cause: "), (2, "likely causes: ")):
         assert words in dataclasses.replace(bare, causes=bare.causes[:count]).doubt
     with pytest.warns(rne.IdentificationWarning, match="a rotor.* which was not asked for"):
@@ -229,12 +228,6 @@ def test_a_hypothesis_that_is_none_is_refused():
     message = "`hypotheses` must be a sequence of rne.identification.Hypothesis, got [3]"
     with pytest.raises(TypeError, match=f"^{re.escape(message)}$"):
         identified(faults.clean, hypotheses=[3])
-
-
-@functools.cache
-def shoulder_of_irb140():
-    """Its first three joints."""
-    return rne.load("irb140").locked({f"joint_{k}": 0.3 for k in (4, 5, 6)})
 
 
 def scaled_times(c):
@@ -388,7 +381,7 @@ def test_a_joint_at_rest_is_judged_apart():
 
 @pytest.mark.filterwarnings("ignore::rne.IdentificationWarning")
 @pytest.mark.parametrize(
-    ("robot", "degrees"), kept([("SCARA", 2), ("SCARA", 8), ("mimic", 5), ("gantry", 15)], [("SCARA", 8), ("mimic", 5)])
+    ("robot", "degrees"), kept([("SCARA", 2), ("SCARA", 8), ("mimic", 5), ("gantry", 15)], [("mimic", 5)])
 )
 def test_a_base_that_is_tilted_by_some_degrees_is_told(whole_log, robot, degrees):
     c, angle = case(robot, 3), np.deg2rad(degrees)
@@ -495,7 +488,7 @@ def test_parameters_that_noise_of_positions_biases_drift(monkeypatch):
 def test_friction_at_stops_does_not_look_like_a_bias_of_the_filter():
     """tanh(qd / 0.01) for the fit's sign(qd) differs only where joints stop, and no equation with half the cut-off has
     these."""
-    robot, rng = shoulder_of_irb140(), np.random.default_rng(0)
+    robot, rng = first_joints(), np.random.default_rng(0)
     stops, t = rng.uniform(-1, 1, (7, 3)), np.arange(0, 4, 0.002)
     parts = [rne.trajectories.quintic(a, b, 4.0)(t) for a, b in itertools.pairwise(stops)]
     q, qd, qdd = map(np.concatenate, zip(*parts, strict=True))
@@ -507,7 +500,7 @@ def test_friction_at_stops_does_not_look_like_a_bias_of_the_filter():
 
 
 def test_a_joint_at_rest_takes_the_drift_of_its_own_parameters_alone():
-    robot, rng = shoulder_of_irb140(), np.random.default_rng(0)
+    robot, rng = first_joints(), np.random.default_rng(0)
     t, w, size = np.arange(0, 20, 0.002), 2 * np.pi * np.array([0.13, 0.27, 0]), np.array([1.0, 1.0, 0])
     q, qd, qdd = size * np.sin(np.outer(t, w)), size * w * np.cos(np.outer(t, w)), -size * w**2 * np.sin(np.outer(t, w))
     tau = robot.inverse_dynamics(q, qd, qdd) + 0.5 * np.sign(qd) + 0.1 * rng.normal(size=q.shape)

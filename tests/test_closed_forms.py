@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 import rne
-from rne.model.builder import Part, assemble, pose
 
-from .helpers import states
+from .helpers import Part, assemble, pose, states
 from .random_robots import straight_chain
 
 TIGHT = 1e-14

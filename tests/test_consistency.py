@@ -13,7 +13,7 @@ from rne.identification.diagnosis.rigid_body_test import certified, torque_noise
 from rne.identification.fit.equations import build_regression
 from rne.identification.log.filtering import low_pass
 
-from .helpers import kept, loaded
+from .helpers import first_joints, kept
 from .measurements import truth
 
 VISCOUS, COULOMB = np.array([8, 6, 2, 1.2, 1.4, 0.6]), np.array([6, 8, 6, 2, 2.4, 0.5])
@@ -26,7 +26,7 @@ BALANCED = 0.01  # of the work: noise of 1 % of the torques, averaged
 def scene(request):
     """The first joints of the IRB 140, or all."""
     n = request.param
-    robot = loaded("irb140").locked({f"joint_{k}": 0.3 for k in range(n + 1, 7)})
+    robot = first_joints(n)
     return rne.Scene(robot, friction=rne.Friction(viscous=VISCOUS[:n], coulomb=COULOMB[:n], smoothing=1e-4))
 
 
@@ -51,7 +51,7 @@ def test_torques_of_a_robot_are_of_one_model(scene, seed):
 
 
 def test_without_noise_a_torque_that_is_off_by_three_in_ten_thousand_is_a_conflict():
-    robot = loaded("irb140").locked({f"joint_{k}": 0.3 for k in (4, 5, 6)})
+    robot = first_joints()
     scene = rne.Scene(robot, friction=rne.Friction(viscous=VISCOUS[:3], coulomb=COULOMB[:3], smoothing=1e-4))
     motion = truth(scene, seed=1)
     tau = robot.inverse_dynamics(motion.q, motion.qd, motion.qdd)

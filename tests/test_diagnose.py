@@ -10,9 +10,8 @@ import pytest
 import rne
 from rne.basics.spatial import rotation_about
 from rne.dynamics.precision import weakest_motion
-from rne.model.builder import Part, assemble, pose
 
-from .helpers import EPS, states
+from .helpers import EPS, Part, assemble, pose, states
 from .random_robots import random_tree, straight_chain
 
 X, Y, Z = np.eye(3)

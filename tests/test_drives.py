@@ -8,7 +8,8 @@ import pytest
 
 import rne
 from rne.trajectories import quintic
-from rne.validation.oracle import Oracle
+
+from .helpers import Oracle
 
 SUMS = 1e-9  # relative to the largest, of two recursions and sums over thousands of samples
 BETWEEN_STEPS = 2e-4  # relative, of torques that a simulation interpolates between its steps

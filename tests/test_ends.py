@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 
 import rne
-from rne.model.builder import Mimic, Part, assemble, pose
 from rne.model.topology import end_link, pinocchio_order, tip
 
 from .conftest import TREES
-from .helpers import loaded, states
+from .helpers import Mimic, Part, assemble, loaded, pose, states
 from .random_robots import straight_chain
 
 Z = np.array([0.0, 0.0, 1.0])

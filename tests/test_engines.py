@@ -70,6 +70,7 @@ TREES = {kind: random_tree(n, seed=seed, **more) for kind, n, seed, more in [
     ("sliders", 4, 3, {"prismatic": 1}),
     ("bushy", 8, 5, {"branching": 0.8}),
     ("mimics", 4, 6, {"mimics": 2}),
+    ("two mimics", 2, 6, {"mimics": 2}),
 ]}  # fmt: skip
 
 
@@ -315,7 +316,7 @@ GUARDED = """
 import ctypes, mmap
 import numpy as np
 import rne
-from .random_robots import straight_chain
+from tests.random_robots import straight_chain
 page = mmap.PAGESIZE
 memory = mmap.mmap(-1, 2 * page)
 behind = ctypes.addressof(ctypes.c_char.from_buffer(memory)) + page
@@ -332,6 +333,15 @@ for n in (1, 2, 3):
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="a page of memory is made unreadable")
 def test_nothing_is_read_behind_an_array():
     subprocess.run([sys.executable, "-c", GUARDED], check=True, cwd=ROOT)
+
+
+def test_of_joints_that_mimic():
+    """Angles that are computed have their sines before the rest of the program."""
+    q, results = states(2, 9)[0], []
+    for engine in kernel_module.ENGINES:
+        kernel = rne.compile(rne.dynamics.gravity_torque, TREES["two mimics"], engine=engine)
+        results += [kernel(q), np.array([kernel(one) for one in q])]
+    assert all(relative(found, results[0]) <= 64 * EPS for found in results[1:])
 
 
 class TestErrors:
@@ -540,7 +550,7 @@ SWINGS = "; rne.simulate(rne.Scene(robot, friction=rne.Friction(1.0)), [0] * 2, 
 MEMORY = """
 import resource, sys
 import rne
-from .random_robots import straight_chain
+from tests.random_robots import straight_chain
 arm = rne.Robot(straight_chain(2), "numba")
 def largest():  # [MB]
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1e6 if sys.platform == "darwin" else 1e3)
@@ -564,7 +574,7 @@ class TestWhatKeepsItsEngine:
 
     def test_llvm_is_imported_when_a_kernel_is_compiled_and_numba_never(self):
         code = (
-            "import sys, rne; from .random_robots import straight_chain;"
+            "import sys, rne; from tests.random_robots import straight_chain;"
             "r = rne.Robot(straight_chain(2), 'numba'); assert 'llvmlite' not in sys.modules;"
             "r.inverse_dynamics(*[[0.0] * 2] * 3); assert 'llvmlite' not in sys.modules;"  # the recursion
             "r.mass_matrix([[0.0] * 2] * 2); assert 'llvmlite' in sys.modules;"

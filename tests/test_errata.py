@@ -14,8 +14,9 @@ import rne
 from examples.thesis import closed_loop
 from examples.thesis.formulations import STARTS, THESIS
 from rne.basics.spatial import rotation_about
-from rne.control.laws import pd_gravity
-from rne.model.abb_irb140 import CLOSED_LOOPS, KD, KP, LINKS, cylinder_inertia, frame_rotation
+from rne.control import pd_gravity
+from rne.model import cylinder_inertia
+from rne.model.abb_irb140 import CLOSED_LOOPS, KD, KP, LINKS, frame_rotation
 
 from .helpers import ROOT, kept, relative, states
 from .test_closed_forms import planar_arm

@@ -11,10 +11,9 @@ from scipy.optimize import brentq
 
 import rne
 from rne.integrators.base import Steps
-from rne.model.builder import Mimic, Part, assemble
 from rne.simulation.events import first_crossing
 
-from .helpers import kept
+from .helpers import Mimic, Part, assemble, kept
 
 X, _, Z = np.eye(3)
 TIGHT = {"rtol": 1e-9, "atol": 1e-12}

@@ -16,11 +16,9 @@ from benchmarks.fastest import (
     robot_named,
     toppra_with_pinocchio,
 )
-from rne.model.builder import Part, assemble
 from rne.trajectories import fastest, through
-from rne.validation.oracle import Oracle
 
-from .helpers import kept
+from .helpers import Oracle, Part, assemble, kept
 
 EXCEEDED = 1e-3  # of a limit, between the points of the grid
 UNUSED = 0.99  # the least share of some limit that the fastest motion uses

@@ -7,14 +7,13 @@ import pytest
 from scipy.linalg import expm
 
 import rne
-from rne.bounds.bounds import Bound, Bounds
+from rne.bounds import Bound, Bounds
 from rne.control.gains import SampledLoop, bounded, largest_over, random_configurations, workspace
 from rne.control.sampled_loop import CoupledModes, LinearLoop, first_unstable_time, gravity_modes, unstable_windows
-from rne.dynamics.rnea import gravity_torque
-from rne.model.builder import Part, assemble, pose
+from rne.dynamics import gravity_torque
 from rne.validation.agreement import validate
 
-from .helpers import kept
+from .helpers import Part, assemble, kept, pose
 from .random_robots import random_tree
 
 PLANAR_GAINS = [1000.0, 10.0], [3.0, 3.0]

@@ -11,7 +11,7 @@ from rne.identification import Record
 from rne.identification.log.filtering import MARGIN, choose_cutoff, derivatives, low_pass, motion_spectrum, settling
 from rne.identification.log.screening import clipped, encoder_step
 
-from .helpers import loaded
+from .helpers import first_joints, loaded
 from .measurements import measure, record, truth
 
 RATE = 500.0
@@ -369,7 +369,7 @@ def test_stamps_made_by_the_reader_are_told_and_samples_are_counted(true, kind, 
 
 def test_stamps_are_judged_beyond_doubt():
     """Noise of positions hides who made the stamps: those of a reader are told later, believed ones are always right."""
-    robot = loaded("irb140").locked({f"joint_{k}": 0.3 for k in range(2, 7)})
+    robot = first_joints(1)
     true = truth(robot, duration=8.0, rate=100.0)
 
     def are_counted(seed, noise, sampled):
@@ -384,7 +384,7 @@ def test_stamps_are_judged_beyond_doubt():
 
 def test_a_clock_that_wanders_is_followed():
     """By 20 ms in half a minute: lines of 10 s each leave 9 ms of it, of 15 s 22 ms."""
-    robot = loaded("irb140").locked({f"joint_{k}": 0.3 for k in range(3, 7)})
+    robot = first_joints(2)
     true = truth(robot, duration=60.0, rate=100.0)
     clock = true.t + 0.02 * np.sin(2 * np.pi * true.t / 30)
     stamps = clock + np.random.default_rng(0).uniform(-4e-3, 4e-3, len(clock))
@@ -937,7 +937,7 @@ def test_a_record_that_jumps_cut_into_pieces_gets_a_cutoff_of_the_motion():
 
 def test_samples_lost_from_a_log_that_counts_them_on_are_found():
     """A logger numbers what it got: in 25 places all positions jump at once, and the record is cut there."""
-    robot, rng = loaded("irb140").locked({f"joint_{k}": 0.3 for k in (4, 5, 6)}), np.random.default_rng(0)
+    robot, rng = first_joints(), np.random.default_rng(0)
     true = truth(robot, 10.0, seed=2)
     kept, starts = np.ones(len(true.t), bool), np.sort(rng.choice(np.arange(100, 4900, 100), 25, replace=False))
     for start in starts:

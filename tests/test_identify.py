@@ -11,11 +11,10 @@ from rne.identification import Record
 from rne.identification.diagnosis.checking import without_gaps
 from rne.identification.fit.least_squares import least_squares
 from rne.model.parameters import pseudo_inertia
-from rne.model.standard_parameters import MEASURED
 
 from . import faulty_logs as faults
 from .conftest import TREES
-from .helpers import kept, loaded
+from .helpers import first_joints, kept, loaded
 from .measurements import measure, record, truth
 
 VISCOUS, COULOMB = np.array([8, 6, 2, 1.2, 1.4, 0.6]), np.array([6, 8, 6, 2, 2.4, 0.5])
@@ -23,6 +22,7 @@ NOISE = np.array([1.5, 1.5, 0.9, 0.3, 0.3, 0.3])  # standard deviation of each t
 ENCODER = 2 * np.pi / 2**17  # step of the joint positions [rad]
 CLOCK = 4e-5  # largest error of a stamp [s], 1 % of the sampling period
 WITHIN_THREE = 0.9973
+MEASURED = rne.DriveModel(rotor=True, friction="viscous+coulomb", offset=True)  # without what the log asks for besides
 BETWEEN_SAMPLES = 1e-3  # of the torques: what filters and differences change in a motion up to 0.5 Hz
 
 
@@ -30,7 +30,7 @@ BETWEEN_SAMPLES = 1e-3  # of the torques: what filters and differences change in
 def scene(request):
     """The first joints of the IRB 140, or all; Coulomb friction is nearly a step, as the fit takes it."""
     n = request.param
-    robot = loaded("irb140").locked({f"joint_{k}": 0.3 for k in range(n + 1, 7)})
+    robot = first_joints(n)
     friction = rne.Friction(viscous=VISCOUS[:n], coulomb=COULOMB[:n], smoothing=1e-4)
     return rne.Scene(robot, friction=friction)
 
@@ -208,7 +208,7 @@ def test_a_guess_from_the_geometry_is_prior_enough(scene):
 @pytest.mark.filterwarnings("ignore::rne.IdentificationWarning")
 def test_torques_of_no_rigid_body_make_no_guessed_body_heavier_than_all_together():
     """A quarter of the torques is of nothing that is modelled: bodies stay near the guess, and the report says so."""
-    arm = rne.load("panda").locked({"panda_finger_joint1": 0, "panda_joint1": 0, "panda_joint6": 0.5})
+    arm = loaded("panda_description/panda").locked({"panda_finger_joint1": 0, "panda_joint1": 0, "panda_joint6": 0.5})
     true, rng = truth(arm, 10.0, 250.0, seed=1), np.random.default_rng(0)
     size = np.sqrt((true.tau**2).mean(0)) + 1
     tau = true.tau * rng.uniform(0.75, 1.25, 5) + 0.25 * size * np.sin(3 * true.q + 1)
@@ -311,7 +311,7 @@ def test_a_torque_of_the_wrong_sign_is_told_from_negative_friction(scene, motion
 
 def test_torques_of_the_other_sign_are_told_though_no_bodies_have_them():
     """Reaction torques: the default call names the cause and gives what least squares find."""
-    robot = loaded("irb140").locked({f"joint_{k}": 0.3 for k in (4, 5, 6)})
+    robot = first_joints()
     t, w = np.arange(0, 20, 0.01), 2 * np.pi * np.array([0.21, 0.34, 0.55])
     q, qd, qdd = 0.8 * np.sin(np.outer(t, w)), 0.8 * w * np.cos(np.outer(t, w)), -0.8 * w**2 * np.sin(np.outer(t, w))
     tau = robot.inverse_dynamics(q, qd, qdd) + 3 * qd + 2 * np.sign(qd)

@@ -9,8 +9,9 @@ import pytest
 
 import rne
 from rne.commands.pages import settling_time
-from rne.control.laws import pd_gravity
-from rne.model.abb_irb140 import CLOSED_LOOPS, KD, KP, LINKS, cylinder_inertia, frame_rotation
+from rne.control import pd_gravity
+from rne.model import cylinder_inertia
+from rne.model.abb_irb140 import CLOSED_LOOPS, KD, KP, LINKS, frame_rotation
 from rne.model.topology import tip
 from rne.plotting.shapes import link_shapes
 

@@ -11,10 +11,9 @@ import rne
 from examples.thesis.formulations import irb140_mirrored
 from rne.dynamics.lagrange import bodies, gravity_terms, inertia_derivatives, inertia_matrix
 from rne.kernels.trace import by_recursion
-from rne.model.builder import Part, assemble
 
 from .conftest import TREES
-from .helpers import EPS, kept, relative, states
+from .helpers import EPS, Part, assemble, kept, relative, states
 from .random_robots import random_tree
 
 LAW = 1e-12  # of the largest entry: thousands of roundings, which sums over n^4 products may need

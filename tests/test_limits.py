@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 
 import rne
-from rne.control.laws import pd_gravity
+from rne.control import pd_gravity
 from rne.model.abb_irb140 import CLOSED_LOOPS, DATA_SHEET, KD, KP
-from rne.model.builder import Mimic, Part, assemble
 from rne.simulation.limits import Violation, limit_violations
 
-from .helpers import loaded
+from .helpers import Mimic, Part, assemble, loaded
 
 T = np.linspace(0, 10, 1001)
 

@@ -12,7 +12,7 @@ from examples.thesis.formulations import irb140_mirrored
 from rne.model.abb_irb140 import DATA_SHEET
 from rne.model.builder import at_links, disassemble
 from rne.model.checks import symmetric_up_to_rounding, triangle_excess
-from rne.model.parameters import at_parameters, of_states, parameters_of
+from rne.model.parameters import at_parameters, of_states
 
 from .random_robots import random_tree, straight_chain
 
@@ -140,11 +140,11 @@ def test_the_mirrored_arm_has_the_ranges_of_the_arm():
 def test_moments_given_for_each_state_go_before_those_of_the_bodies():
     model = random_tree(2, seed=1)
     factors = np.array([1.0, 2.0, 3.0])
-    batch = at_parameters(model, factors[:, None] * parameters_of(model))
+    batch = at_parameters(model, factors[:, None] * rne.Robot(model).parameters)
     np.testing.assert_allclose(batch.moments.mass, factors[:, None] * model.mass)
     np.testing.assert_allclose(of_states(batch, 2).moments.inertia, 3 * model.moments.inertia, rtol=0, atol=1e-14)
     assert batch.astype(np.float32).moments.mass.dtype == np.float32
-    one = at_parameters(model, parameters_of(model))
+    one = at_parameters(model, rne.Robot(model).parameters)
     assert of_states(one, 0) is one
     assert of_states(model, 0) is model
     assert model.given_moments is None

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 import rne
-from rne.model.solids import Box
+from rne.model import Box
 from rne.plotting.motions import motion_argument
 from rne.plotting.shapes import link_shapes, surface
 

@@ -8,7 +8,7 @@ import pytest
 import rne
 from examples.thesis import experiments, formulations
 from rne.basics.spatial import cross_matrix, point_mass_inertia, rotation_about
-from rne.control.laws import pd_gravity
+from rne.control import pd_gravity
 from rne.model.abb_irb140 import CLOSED_LOOPS, KD, KP, LINKS, frame_rotation
 
 from .helpers import relative, states

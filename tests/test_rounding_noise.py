@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import rne
-from rne.model.builder import Part, assemble
+
+from .helpers import Part, assemble
 
 
 def spinner(seed):

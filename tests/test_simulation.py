@@ -8,14 +8,13 @@ import numpy as np
 import pytest
 
 import rne
-from rne.control.laws import pd_gravity
+from rne.control import pd_gravity
 from rne.integrators.base import Steps
-from rne.integrators.scipy_methods import AdaptiveSolver
-from rne.model.builder import Part, assemble
+from rne.integrators.scipy_methods import SciPySolver
 from rne.simulation.plant import Plant
 from rne.simulation.run import Recorder
 
-from .helpers import kept
+from .helpers import Part, assemble, kept
 from .random_robots import random_tree, straight_chain
 
 METHODS = ["RK45", "RK23", "DOP853", "Radau", "BDF", "LSODA"]
@@ -80,7 +79,7 @@ AT_ONCE = {
 def test_steps_of_scipy_taken_at_once_are_those_taken_one_by_one(double, parts, method, t_eval, monkeypatch):
     """To the last bit, with fewer calls where nothing is asked between them; a failure keeps the steps before it."""
     scene = rne.Scene(double, **AT_ONCE[parts])
-    calls, steps = [], AdaptiveSolver.steps
+    calls, steps = [], SciPySolver.steps
 
     def run():
         calls.clear()
@@ -100,7 +99,7 @@ def test_steps_of_scipy_taken_at_once_are_those_taken_one_by_one(double, parts, 
 
     found = []
     for taken in (counted, alone):
-        monkeypatch.setattr(AdaptiveSolver, "steps", taken)
+        monkeypatch.setattr(SciPySolver, "steps", taken)
         found.append((run(), len(calls)))
     (one, few), (other, many) = found
     for name in ("t", "q", "qd", "qdd", "tau", "work", "energy"):
@@ -348,7 +347,6 @@ class TestFailures:
         assert caught.value.time < 10.0
 
     def test_singular_mass_matrix_is_named(self):
-        from rne.model.builder import Part, assemble
 
         ghost = rne.Robot(assemble("ghost", [Part(link="b"), Part(link="a", joint="j", kind="revolute", parent=0)]))
         with pytest.raises(rne.SimulationError, match="M is singular: nothing with inertia moves with 'j'"):

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 import rne
-from rne.model.builder import Part, assemble
 
-from .helpers import EPS
+from .helpers import EPS, Part, assemble
 
 Z = np.array([0, 0, 1.0])
 

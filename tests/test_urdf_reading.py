@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 import rne
 from rne.basics.spatial import rotation_from_rpy, rpy_from_rotation
-from rne.model.solids import Box, Cylinder
+from rne.model import Box, Cylinder
 
 from .helpers import EPS, Oracle, each, kept, relative, states
 from .random_robots import random_tree

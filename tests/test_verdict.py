@@ -9,9 +9,8 @@ import pytest
 import rne
 from rne.dynamics.precision import NEARLY_SINGULAR, SINGULAR, pivots_below
 from rne.dynamics.quantity import MethodQuantity
-from rne.model.builder import Part, assemble
 
-from .helpers import EPS, kept, states
+from .helpers import EPS, Part, assemble, kept, states
 from .stability.motions import Top
 
 LINE = np.array([0.6, 0.0, 0.8])

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 import rne
-from rne.model.builder import Part, assemble
 
-from .helpers import kept
+from .helpers import Part, assemble, kept
 from .random_robots import straight_chain
 
 CHATTERING = list(itertools.product(["called", "traced", "dry"], ["auto", "LSODA", "RK45", "Radau"]))

@@ -9,8 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 import rne
-from rne.model.builder import Part, assemble, disassemble, pose
+from rne.model.builder import disassemble
 
+from ..helpers import Part, assemble, pose
 from ..random_robots import random_tree, straight_chain
 
 X, Y, Z = np.eye(3)

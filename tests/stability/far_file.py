@@ -11,8 +11,10 @@ import numpy as np
 import rne
 from rne.basics.arrays import convert_array
 from rne.basics.spatial import combine_bodies, rotate
-from rne.model.builder import assemble, disassemble
+from rne.model.builder import disassemble
 from rne.model.model import ARRAY_FIELDS, unchecked_model
+
+from ..helpers import assemble
 
 
 def far_text(model, distance, seed=0):

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 import rne
-from rne.model.builder import Part, assemble
 
+from ..helpers import Part, assemble
 from ..random_robots import straight_chain
 
 X, _, Z = np.eye(3)

@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 
 import rne
-from rne.model.builder import Part, pose
 from rne.urdf.far_origins import far_origins
 
-from ..helpers import data_robots, kept, states
+from ..helpers import Part, data_robots, kept, pose, states
 from ..random_robots import random_tree
 from .families import case
 from .far_file import exact_model, far_text
