@@ -664,24 +664,18 @@ def compare_models(
     robot_argument(robot)
     positive_number("tolerance", tolerance)
     data = torque_difference(robot, other, tolerance, seed)
-    if data.explains(data.difference):
-        return _result(data, ("none",), "the torques agree", data.difference, [])
-    found = candidates(data, hypotheses_argument(hypotheses))
-    if not found[0].explains:
-        text = "no hypothesis explains the difference; the nearest are below"
-        return _result(data, ("unknown",), text, data.difference, found)
-    return _result(data, found[0].causes, found[0].text, found[0].residual, found)
-
-
-def _result(
-    data: TorqueDifference, names: tuple[str, ...], text: str, residual: Array, found: list[Candidate]
-) -> ModelComparison:
-    """The result, with other causes that explain the torques with as few free numbers as the first."""
+    names: tuple[str, ...] = ("none",)
+    text, residual = "the torques agree", data.difference
+    found = [] if data.explains(residual) else candidates(data, hypotheses_argument(hypotheses))
+    if found and found[0].explains:
+        names, text, residual = found[0].causes, found[0].text, found[0].residual
+    elif found:
+        names, text = ("unknown",), "no hypothesis explains the difference; the nearest are below"
     fitting = [c for c in found if c.explains and c.numbers <= found[0].numbers]
     others = [c for c in fitting if not any(a in b or b in a for a in c.causes for b in names)]  # friction: viscous too
-    size = float(np.linalg.norm(data.weighted(data.difference))) or 1.0
+    size = float(np.linalg.norm(data.left)) or 1.0
     return ModelComparison(
-        data.robot.joint_names,
+        data.names,
         names,
         text,
         data.relative(data.difference),

@@ -189,26 +189,22 @@ def likely_causes(rest: FitResiduals, hypotheses: Sequence[Hypothesis] = ()) -> 
 
 def delays_of(rest: FitResiduals) -> list[Cause]:
     """Delays of records and joints that the residuals show, whatever else they show, with their sizes together."""
-    options, chosen, left = list(delays(rest)), [], rest
+    names, options, left = rest.names, [(h.joints, columns_of(rest, h)) for h in delays(rest)], rest
+    chosen: list[tuple[tuple[str, ...], Array]] = []
     while options:
-        causes = [judge(left, h) for h in options]
-        sizes = [np.abs(left.with_columns(columns_of(left, h))[0]).max() for h in options]
-        scores = [c.score if size < thresholds.LATEST else -np.inf for c, size in zip(causes, sizes, strict=True)]
+        fits = [left.with_columns(columns) for _, columns in options]
+        gains = [left.gain(left.by_joint(values))[0] - left.penalty(len(c)) for c, _, values, _ in fits]
+        scores = [x if np.abs(c).max() < thresholds.LATEST else -np.inf for x, (c, *_) in zip(gains, fits, strict=True)]
         if max(scores) <= thresholds.EVIDENT:
             break
         chosen.append(options.pop(int(np.argmax(scores))))
-        left = left.with_known(columns_of(left, chosen[-1]))
+        left = left.with_known(chosen[-1][1])
     if not chosen:
         return []
-    columns = [columns_of(rest, h) for h in chosen]
-    c, errors, *_ = rest.with_columns(np.concatenate(columns, axis=-1))
-    places = [
-        (h, k if h.joints is rest.names else np.nan)
-        for h, x in zip(chosen, columns, strict=True)
-        for k in range(x.shape[-1])
-    ]
-    found = zip(places, c.tolist(), errors.tolist(), strict=True)
-    return [Cause("delay", h.joints, "", np.nan, np.zeros(rest.robot.n), x, e, at) for (h, at), x, e in found]
+    c, errors, *_ = rest.with_columns(np.concatenate([columns for _, columns in chosen], axis=-1))
+    places = [(joints, k if joints is names else np.nan) for joints, x in chosen for k in range(x.shape[-1])]
+    sizes = zip(places, c.tolist(), errors.tolist(), strict=True)
+    return [Cause("delay", joints, "", np.nan, np.zeros(len(names)), x, e, at) for (joints, at), x, e in sizes]
 
 
 def merged_by_kind(causes: Sequence[Cause]) -> tuple[Cause, ...]:
