@@ -20,7 +20,7 @@ from .dynamics.quantity import Declared
 from .dynamics.rnea import External
 from .model.model import Model
 from .model.parameters import parameters_of, with_parameters
-from .model.standard_parameters import DriveModel
+from .model.standard_parameters import DriveModel, drive_argument
 
 if TYPE_CHECKING:
     from .bounds import Bounds
@@ -1008,8 +1008,16 @@ class Robot(InNotebooks):
         >>> base.count, base.standard.count, base.names[-1]
         (52, 78, 'Fc_6')
         """
-        found = dynamics.base_parameters(self._model, drives=drives, tolerance=tolerance)
-        return replace(found, body_regressor=self.regressor)
+
+        def find() -> BaseParameters:
+            found = dynamics.base_parameters(self._model, drives=drives, tolerance=tolerance)
+            found.matrix.flags.writeable = False
+            return replace(found, body_regressor=self.regressor)
+
+        options = (*vars(drive_argument(drives)).values(), tolerance)
+        key = repr([np.asarray(x, object).tolist() for x in options])
+        base: BaseParameters = self._kernels.base_parameters.get_or_make(key, find)
+        return base
 
     def bounds(
         self,

@@ -19,8 +19,8 @@ from scipy.stats import chi2
 
 import rne
 from rne.identification import Record
+from rne.identification.fit.equations import build_regression
 from rne.identification.fit.least_squares import weighted_fit
-from rne.identification.fit.regression import build_regression
 from rne.model import with_parameters
 from rne.model.parameters import parameters_of
 

@@ -336,3 +336,14 @@ def test_methods_have_the_defaults_of_the_functions():
         assert [p.default for p in method.parameters.values()][1:] == [p.default for p in function.parameters.values()][
             1:
         ]
+
+
+def test_a_robot_keeps_its_base_parameters():
+    """By value of the options; another robot, and other options, have their own."""
+    robot, shaft = loaded("irb140"), [[0, 0, 0, 0, 1, 1]]
+    base = robot.base_parameters(drives=rne.DriveModel(rotor=True, coupled_motors=shaft))
+    assert base is robot.base_parameters(drives=rne.DriveModel(rotor=True, coupled_motors=np.array(shaft)))
+    assert base is not robot.base_parameters(drives=rne.DriveModel(rotor=True))
+    assert base.standard.model is robot.model is not robot.with_payload(1.0).base_parameters().standard.model
+    with pytest.raises(ValueError, match="read-only"):
+        base.matrix[0, 0] = 2.0

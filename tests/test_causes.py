@@ -11,7 +11,7 @@ import pytest
 import rne
 from rne.identification import Record
 from rne.identification.diagnosis.residuals import FitResiduals
-from rne.identification.fit.regression import build_regression
+from rne.identification.fit.equations import build_regression
 
 from . import faulty_logs as faults
 from .helpers import first_joints, kept

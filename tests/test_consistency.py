@@ -10,7 +10,7 @@ from scipy.stats import f
 import rne
 from rne.identification import Record
 from rne.identification.diagnosis.rigid_body_test import certified, torque_noise
-from rne.identification.fit.regression import build_regression
+from rne.identification.fit.equations import build_regression
 from rne.identification.log.filtering import low_pass
 
 from .helpers import first_joints, kept
@@ -91,14 +91,13 @@ def test_f_is_that_of_nested_models_by_independent_equations(scene, motion):
     base = scene.robot.base_parameters(drives=rne.DriveModel(friction="viscous+coulomb"))
     tau = motion.tau + NOISE[: scene.n] * np.random.default_rng(0).normal(size=motion.tau.shape)
     data = build_regression(scene.robot, Record(motion.t, motion.q, tau), base, None, 5.0, 2)
-    (rows,) = data.rows
-    joint, A, b = np.nonzero(rows.used)[1], (rows.Y @ base.back)[rows.used], rows.tau[rows.used]
+    joint, A, b = np.nonzero(data.used)[1], (data.Y @ base.back)[data.used], data.tau[data.used]
     own, N = [A[joint == j] for j in range(scene.n)], np.bincount(joint)
     spaces = [orth(X / np.maximum(np.linalg.norm(X, axis=0), 1e-9), rcond=1e-6) for X in own]
     ranks = np.array([U.shape[1] for U in spaces])
     alone = np.array([((b[joint == j] - U @ (U.T @ b[joint == j])) ** 2).sum() for j, U in enumerate(spaces)])
     fits = [np.linalg.lstsq(X, b[joint == j])[0] for j, X in enumerate(own)]
-    times = np.array([data.correlation_time(base.back @ x)[j] for j, x in enumerate(fits)])
+    times = np.array([data.correlation_time(data.residuals(base.back @ x))[j] for j, x in enumerate(fits)])
     sigma = np.sqrt(alone / (N - ranks))[joint]
     Q = np.linalg.qr(A / sigma[:, None])[0]
     together = np.bincount(joint, (b - sigma * (Q @ (Q.T @ (b / sigma)))) ** 2)

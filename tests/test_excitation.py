@@ -10,7 +10,13 @@ from scipy.optimize import OptimizeResult
 
 import rne
 from rne.identification.exciting_motions.limits import FourierBasis, MotionLimits, motion_limits
-from rne.identification.exciting_motions.motion import Observation, Search, Spectrum, log_condition, log_volume
+from rne.identification.exciting_motions.motion import (
+    BaseRegressor,
+    MotionSearch,
+    SingularValues,
+    log_condition,
+    log_volume,
+)
 
 from .helpers import loaded
 from .random_robots import random_tree
@@ -50,9 +56,9 @@ def search_of(robot, criterion, harmonics=HARMONICS, rest=True, **options):
     """The search that `excitation` makes, and a random series in it."""
     base = robot.base_parameters(drives=rne.DriveModel(**({"smoothing": 0.1} | options)))
     within = MotionLimits(robot, FourierBasis(DURATION, harmonics), rest, **motion_limits(robot, {}))
-    observation = Observation(robot, base, np.linspace(1, 2, robot.n))
+    noise = np.linspace(1, 2, robot.n)
     x = 0.2 * np.random.default_rng(1).normal(size=within.size)
-    return Search(within, observation, 40, criterion, (criterion,), 5, None), x
+    return MotionSearch(within, BaseRegressor.of(base), noise, 40, criterion, (criterion,), 5, None), x
 
 
 def condition(p=np.inf):
@@ -62,7 +68,7 @@ def condition(p=np.inf):
 
 def exactly(criterion, W):
     """A criterion of W itself, not of W^T W."""
-    return criterion(Spectrum(W, exact=True).s)[0]
+    return criterion(SingularValues(W, exact=True).s)[0]
 
 
 def slope(function, x, h=1e-5):
@@ -103,6 +109,13 @@ def test_torques_keep_their_limits_and_one_is_active(arm, motion):
     assert any(limit.startswith("torque of ") for limit in motion.active)
     assert f"active limits: {', '.join(motion.active)}" in " ".join(repr(motion).split())
     assert (tau <= motion.limit_use["torque"] * LIMITS["effort_limit"] * (1 + TORQUES_BETWEEN)).all()
+
+
+def test_the_limits_that_a_motion_uses_are_named(motion):
+    told = " ".join(repr(motion).split())
+    assert f"; active limits: {', '.join(motion.active)} collisions of the arm" in told
+    idle = dataclasses.replace(motion, limit_use={kind: 0 * use for kind, use in motion.limit_use.items()})
+    assert "active" not in repr(idle)
 
 
 def test_shares_of_limits_are_bounds_that_are_nearly_reached(arm, motion):
@@ -215,7 +228,7 @@ def test_message_is_that_of_the_run_that_found_the_motion(arm, monkeypatch, ends
     monkeypatch.setattr("scipy.optimize.minimize", lambda *arguments, **options: next(runs))
     found = dataclasses.replace(search, stages=2 * search.stages).run(0.5 * x[None])
     np.testing.assert_array_equal(found.x, expected[0] * x)
-    assert (found.converged, found.message) == expected[1:]
+    assert (found.success, found.message) == expected[1:]
 
 
 def test_a_run_that_ends_beyond_the_limits_is_taken_back_to_them(arm):
@@ -387,7 +400,7 @@ def test_singular_values_from_the_normal_matrix_have_the_digits_of_an_optimiser(
     (U, _), (V, _) = (np.linalg.qr(rng.normal(size=shape)) for shape in ((50, 6), (6, 6)))
     for condition, bound in ((900.0, 1e-9), (1e5, 1e-10), (1e10, 1e-5)):
         s = np.geomspace(condition, 1, 6)
-        np.testing.assert_allclose(np.sort(Spectrum(U * s @ V.T).s), s[::-1], rtol=bound)
+        np.testing.assert_allclose(np.sort(SingularValues(U * s @ V.T).s), s[::-1], rtol=bound)
 
 
 def test_samples_and_files(arm, motion, tmp_path):

@@ -9,13 +9,13 @@ from scipy.signal import lfilter
 
 import rne
 from rne.identification.fit.consistent import consistent_fit, expected_sizes, geometric_prior, model_prior
-from rne.identification.fit.equations import equations, joined
-from rne.identification.fit.least_squares import (
+from rne.identification.fit.equations import (
     correlation_time_of_filtered_noise,
     correlation_time_of_residuals,
-    least_squares,
-    with_correlation,
+    equations,
+    joined,
 )
+from rne.identification.fit.least_squares import least_squares, with_correlation
 from rne.identification.log.filtering import low_pass
 from rne.model.parameters import dual_of_gradient, pseudo_inertia
 
@@ -277,6 +277,6 @@ def test_the_consistent_fit_does_not_depend_on_how_the_cone_solver_ends(monkeypa
     factor = np.linalg.qr(np.column_stack([rows, rows @ truth + 0.01 * rng.normal(size=60)]), mode="r")
     given = (factor, prior, 1e-3, np.array([True, True]), np.ones(2))
     expected = consistent_fit(*given)
-    solve = consistent.solve_cones
-    monkeypatch.setattr(consistent, "solve_cones", lambda *a: (-np.ones_like(solve(*a)[0]), "InsufficientProgress"))
+    solve = consistent.cone_solution
+    monkeypatch.setattr(consistent, "cone_solution", lambda *a: (-np.ones_like(solve(*a)[0]), "InsufficientProgress"))
     np.testing.assert_allclose(consistent_fit(*given), expected, rtol=1e-6, atol=1e-9)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -24,20 +24,14 @@ from ..model.standard_parameters import DriveModel
 from ..model.topology import end_link
 from ..robot import Robot
 from ..simulation.scene import HasPayload, Payload, payload_argument
+from . import thresholds
 from .diagnosis.rigid_body_test import percent, single_joint_fit
-from .fit.least_squares import BEYOND_DOUBT, least_squares, solve
+from .fit.equations import solve
+from .fit.least_squares import least_squares
 from .log.record import Record
 from .result import Identification
-from .two_sets import DOUBTFUL, Fitted, OfTwoSets, TwoSets, load_map, two_sets
+from .two_sets import TwoSets, TwoSetsFit, TwoSetsResult, load_map, two_sets
 
-ROUNDS = 30  # of steps
-SETTLED = 1e-7  # relative change of the gains at which they end
-TRIED = 12  # steps before gains of large errors are left out
-CHANCE = 2.5  # standard errors, up to which another load's change of a gain is chance
-NEAR = 0.1  # standard errors of a gain that a step with random errors changes at the end
-REFINED = 6  # fits with random errors at most; the last change is in the standard errors
-FARTHEST = 10.0  # times that a gain grows in one step at most
-DIFFERENT = 0.1  # relative change of a gain by other parameters of the load, from which those given are refused
 UNTOLD = (
     "the load does not tell the gain of {}: it does not act there in these motions, or acts as the joint's own body or "
     "offset does; move the joint against the load, or mount the load further from its axis"
@@ -49,7 +43,7 @@ NONE_TOLD = (
 
 
 @dataclass(frozen=True, eq=False)
-class DriveGains(OfTwoSets):
+class DriveGains(TwoSetsResult):
     """Gains of the drives, by `rne.identify_drive_gains`.
 
     Attributes
@@ -59,17 +53,17 @@ class DriveGains(OfTwoSets):
         Joint torque per unit of what was measured; NaN where the load does not tell it, which `notes` and the report
         say [N m/A or N/A for currents].
     errors : ndarray, shape (n,)
-        Their standard errors; NaN likewise.
+        Standard errors of the gains; NaN likewise.
     held_out : ndarray, shape (n,)
         |predicted - measured| / |measured| of each joint in motion, on blocks of time of which each was predicted by a
         fit to the others; NaN for joints without a gain.
     estimate : LeastSquares
-        Of the base parameters, in N m, with the gains found; then, of a load of which only the mass is known, m cx, m
-        cy, m cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the link's origin; last, the relative changes of the gains.
+        The base parameters, in N m, with the gains found; then, of a load of which only the mass is known, m cx, m cy,
+        m cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the link's origin; last, the relative changes of the gains.
     com : ndarray, shape (3,)
         The load's centre of mass in its link's frame, as given or as found [m].
     notes : tuple of str
-        What was assumed, and what looks wrong.
+        Assumptions and signs of mistakes.
     sets : TwoSets
         The equations, with torques by these gains.
     """
@@ -81,14 +75,18 @@ class DriveGains(OfTwoSets):
 
     def _reasons(self) -> list[str]:
         share = self.errors / np.abs(self.gains)
-        wide = [f"{name} to {100 * x:.2g} %" for name, x in zip(self.joint_names, share, strict=True) if x > DOUBTFUL]
+        wide = [
+            f"{name} to {100 * x:.2g} %"
+            for name, x in zip(self.joint_names, share, strict=True)
+            if x > thresholds.DOUBTFUL
+        ]
         return [f"gains are known poorly: {listed(wide)}"] if wide else []
 
     def __repr__(self) -> str:
         return wrapped(f"DriveGains([{', '.join(f'{gain:.4g}' for gain in self.gains)}])")
 
     def report(self) -> str:
-        """What the gains are good for, the gains with standard errors, and the notes.
+        """A text on the gains: how well they are known, standard errors, and notes.
 
         Returns
         -------
@@ -131,7 +129,7 @@ def identify_drive_gains(
         Torques of the drives, by default rotors, viscous and Coulomb friction and offsets; not with an Identification,
         which has its own.
     cutoff : float, optional
-        As of `rne.identify` [Hz].
+        Cut-off of the low-pass filter, by default chosen from the measurements [Hz].
 
     Returns
     -------
@@ -174,21 +172,22 @@ def identify_drive_gains(
     gains of 6 of 6 joints, known to
     """
     sets = two_sets(robot, without, with_load, drives, cutoff)
-    standard, names = sets.base.standard, sets.robot.joint_names
+    model, names = sets.robot.model, sets.robot.joint_names
     load = payload_argument(payload)
     mass = positive_number("payload", load.mass)
     bare = load.inertia is None and not np.any(load.com)
-    link = load.link or end_link(sets.robot.model, axes_count=not bare)
-    S, K = load_map(standard, link), sets.base.count
+    link = load.link or end_link(model, axes_count=not bare)
+    S, first = load_map(sets.base.standard, link), sets.base.count
+    weighed = replace(sets, S=S[:, 1:], known=mass * S[:, 0])
     if bare:
-        gains, errors, fit = of_all_joints(sets, S[:, 1:], mass * S[:, 0])
-        com, com_error = fit.estimate.values[K : K + 3] / mass, fit.estimate.errors[K : K + 3] / mass
+        gains, errors, fit = of_all_joints(weighed)
+        com, com_error = (x[first : first + 3] / mass for x in (fit.estimate.values, fit.estimate.errors))
         notes = [f"the load's centre, not given, is found at {place(com)} m of {link}, +- {place(com_error)} m"]
     else:
-        known, com, notes = np.zeros(standard.count), np.array(load.com, np.float64), []
-        known[: PARAMETERS * standard.model.nb] = sets.robot.with_payload(*load).parameters - sets.robot.parameters
-        gains, errors, fit = of_all_joints(sets, S[:, :0], known)
-        errors = np.hypot(errors, change_by_another_load(sets, S, mass, com, gains))
+        of_bodies, com, notes = PARAMETERS * model.nb, np.array(load.com, np.float64), []
+        known = np.pad(sets.robot.with_payload(*load).parameters - sets.robot.parameters, (0, len(S) - of_bodies))
+        gains, errors, fit = of_all_joints(replace(sets, known=known))
+        errors = np.hypot(errors, change_by_another_load(weighed, mass, com, gains))
     refuse_negative(names, gains, errors, bare)
     notes = [*fit.notes, *notes]
     if np.isnan(gains).any():
@@ -218,15 +217,17 @@ def refuse_negative(names: Sequence[str], gains: Array, errors: Array, bare: boo
     raise IdentificationError(f"gains come out negative: {values}: {why}")
 
 
-def change_by_another_load(sets: TwoSets, S: Array, mass: float, com: Array, gains: Array) -> Array:
-    """By how much gains change, beyond chance, if only the mass of the load is taken as given; much is refused."""
-    K, names = sets.base.count, sets.robot.joint_names
+def change_by_another_load(weighed: TwoSets, mass: float, com: Array, gains: Array) -> Array:
+    """Change of the gains, beyond chance, if only the mass of the load is taken as given; a large one is refused."""
+    K, names = weighed.base.count, weighed.robot.joint_names
     try:
-        other, errors, fit = of_all_joints(sets, S[:, 1:], mass * S[:, 0])
+        other, errors, fit = of_all_joints(weighed)
     except IdentificationError:  # these motions cannot tell
         return np.zeros(len(gains))
     change, errors = np.abs(np.nan_to_num(gains - other)), np.nan_to_num(errors)
-    wrong = np.flatnonzero((change > BEYOND_DOUBT * errors) & (change > DIFFERENT * np.abs(np.nan_to_num(other))))
+    wrong = np.flatnonzero(
+        (change > thresholds.BEYOND_DOUBT * errors) & (change > thresholds.CONTRADICTED * np.abs(np.nan_to_num(other)))
+    )
     if len(wrong):
         found = listed([f"{names[j]} {gains[j]:.3g}, not {other[j]:.3g} (+- {errors[j]:.2g})" for j in wrong])
         centre = fit.estimate.values[K : K + 3] / mass
@@ -234,58 +235,61 @@ def change_by_another_load(sets: TwoSets, S: Array, mass: float, com: Array, gai
             f"`payload`: the currents contradict the load as given: gains would be {found}, its centre {place(com)} m, "
             f"not {place(centre)} m. Give its mass alone, `payload={mass:g}`, to have the rest estimated"
         )
-    return np.where(change > CHANCE * errors, change, 0.0)
+    return np.where(change > thresholds.BY_CHANCE * errors, change, 0.0)
 
 
-def of_all_joints(sets: TwoSets, S: Array, known: Array) -> tuple[Array, Array, Fitted]:
-    """Gains by a fit of all joints with the same parameters, with errors; NaN where they are not told.
-
-    Parameters of the load are `known` + S phi, of which phi is unknown.
-    """
-    K, f = sets.base.count, S.shape[1]
-    gains, states = first_gains(sets, S, known)
-    for k in range(ROUNDS):
+def of_all_joints(sets: TwoSets) -> tuple[Array, Array, TwoSetsFit]:
+    """Gains by a fit of all joints with the same parameters, with errors; NaN where they are not told."""
+    first = sets.base.count + sets.S.shape[1]  # of the unknowns that are changes of gains
+    gains, states = first_gains(sets)
+    for k in range(thresholds.GAIN_ROUNDS):
         scaled = sets.in_torques(gains)
-        step = least_squares(scaled.assembled(scaled.plain, S, known, states))
-        change, told = step.values[K + f :], step.errors[K + f :] * BEYOND_DOUBT < 1
-        if k < TRIED and np.abs(change[told]).max(initial=0) > SETTLED:  # the first steps may lead through poor gains
+        step = least_squares(scaled.assembled(scaled.plain, states))
+        change, told = step.values[first:], step.errors[first:] * thresholds.BEYOND_DOUBT < 1
+        if (
+            k < thresholds.GAIN_TRIALS and np.abs(change[told]).max(initial=0) > thresholds.GAINS_SETTLED
+        ):  # the first steps may lead through poor gains
             told = np.isfinite(gains)
-        gains = np.where(told, gains / np.where(np.abs(1 + change) < 1 / FARTHEST, 1 / FARTHEST, 1 + change), np.nan)
-        states = sets.states(step.values, S, known)
-        if told.any() and np.abs(change[told]).max() > SETTLED:
+        gains = np.where(
+            told,
+            gains / np.where(np.abs(1 + change) < 1 / thresholds.GAIN_GROWTH, 1 / thresholds.GAIN_GROWTH, 1 + change),
+            np.nan,
+        )
+        states = sets.states(step.values)
+        if told.any() and np.abs(change[told]).max() > thresholds.GAINS_SETTLED:
             continue
-        fit = sets.in_torques(gains).fitted(S, known, states) if told.any() else None
-        errors = np.abs(gains) * (np.inf if fit is None else fit.estimate.errors[K + f :])
-        told &= errors * BEYOND_DOUBT < np.abs(gains)
+        fit = sets.in_torques(gains).fitted(states) if told.any() else None
+        errors = np.abs(gains) * (np.inf if fit is None else fit.estimate.errors[first:])
+        told &= errors * thresholds.BEYOND_DOUBT < np.abs(gains)
         if fit is None or not told.any():
             raise IdentificationError(NONE_TOLD)
         if (told == np.isfinite(gains)).all():
-            return with_random_errors(sets, S, known, gains, fit)
+            return with_random_errors(sets, gains, fit)
         gains = np.where(told, gains, np.nan)
     why = "are its centre, inertia and link right? Give its mass and link alone, `rne.Payload(mass, link=...)`"
     raise IdentificationError(f"`payload`: the fit of gains and parameters together does not settle: {why}")
 
 
-def with_random_errors(sets: TwoSets, S: Array, known: Array, gains: Array, fit: Fitted) -> tuple[Array, Array, Fitted]:
+def with_random_errors(sets: TwoSets, gains: Array, fit: TwoSetsFit) -> tuple[Array, Array, TwoSetsFit]:
     """Gains by further steps of the fit with random errors of the drives, which may move them far."""
-    first, told = sets.base.count + S.shape[1], np.isfinite(gains)
-    for k in range(REFINED):
+    first, told = sets.base.count + sets.S.shape[1], np.isfinite(gains)
+    for k in range(thresholds.REFINED):
         change, errors = fit.estimate.values[first:], fit.estimate.errors[first:]
         gains = gains / (1 + change)
-        if k + 1 == REFINED or (np.abs(change[told]) <= NEAR * errors[told]).all():
+        if k + 1 == thresholds.REFINED or (np.abs(change[told]) <= thresholds.GAIN_STEP * errors[told]).all():
             break
-        fit = sets.in_torques(gains).fitted(S, known, sets.states(fit.estimate.values, S, known))
+        fit = sets.in_torques(gains).fitted(sets.states(fit.estimate.values))
     return gains, np.where(told, np.abs(gains) * np.hypot(errors, change), np.nan), fit
 
 
-def first_gains(sets: TwoSets, S: Array, known: Array) -> tuple[Array, tuple[Array, Array]]:
+def first_gains(sets: TwoSets) -> tuple[Array, tuple[Array, Array]]:
     """Gains by the currents that each joint's own fit predicts, and parameters without and with the load."""
     K, n = sets.base.count, sets.robot.n
-    load = np.concatenate([S, known[:, None]], axis=1)
-    both = sets.assembled(sets.plain, load)
+    load = np.concatenate([sets.S, sets.known[:, None]], axis=1)
+    both = replace(sets, S=load, known=0 * sets.known).assembled(sets.plain)
     own = np.array([single_joint_fit(both.of_joint(j))[0] for j in range(n)])
     without = own[:, :K] @ sets.base.back.T
     currents = -without, -without - own[:, K:] @ load.T
     silent = sets.in_torques(np.zeros(n))
-    x = solve(silent.assembled(silent.plain, S, known, currents).merged().weighted(np.ones(n))).x
-    return x[K + S.shape[1] :], sets.states(x, S, known)
+    x = solve(silent.assembled(silent.plain, currents).merged().weighted(np.ones(n))).x
+    return x[K + sets.S.shape[1] :], sets.states(x)

@@ -17,6 +17,7 @@ from ..errors import IdentificationError, IdentificationWarning
 from ..model.parameters import PARAMETERS, parameters_of_pseudo_inertia
 from ..model.standard_parameters import MEASURED, DriveModel, StandardParameters, drive_argument
 from ..robot import Robot, robot_argument
+from . import thresholds
 from .diagnosis.hypotheses import (
     DRIVES,
     GEARS,
@@ -33,22 +34,15 @@ from .diagnosis.hypotheses import (
 )
 from .diagnosis.residuals import FitResiduals
 from .fit.consistent import geometric_prior, model_prior
-from .fit.equations import Equations
-from .fit.least_squares import BEYOND_DOUBT, LeastSquares, Method, held_out, least_squares, with_correlation
-from .fit.regression import FOLDS, RegressionData, build_regression, of_named_joints
+from .fit.equations import Equations, RegressionData, build_regression, of_named_joints
+from .fit.least_squares import Estimator, LeastSquares, held_out, least_squares, with_correlation
 from .log.record import Record
 from .result import IMPOSSIBLE, NOT_CONSISTENT, WRONG_SIGN, Identification
-from .thresholds import EXPLAINED
 
-PRIOR_STD = 0.3  # of the prior: that bodies differ from it by 30 % is as likely as one standard deviation of noise
-PRIOR_STDS_OF_GUESS = (3.0, 1.0, 0.3, 0.1)  # of bodies guessed from the geometry: the first with plausible masses
-IMPOSSIBLY = 8.0  # standard errors below zero from which identify warns
-SMALL_ROTOR = 0.1  # of a joint's inertia, below which a rotor that is not told from zero is none
 NO_ROTORS = (
     "rotors are not fitted: none is told from zero, or reaches 10 % of its joint's inertia, as where torques are "
     "measured behind the gears"
 )
-ROUNDS = 6  # of taking delays and Stribeck effects into account
 
 
 def identify(
@@ -62,7 +56,7 @@ def identify(
     minimum_velocity: ArrayLike | None = None,
     delay: ArrayLike | None = None,
     cutoff: float | None = None,
-    folds: int = FOLDS,
+    folds: int = thresholds.FOLDS,
     hypotheses: Sequence[Hypothesis] = (),
 ) -> Identification:
     """Parameters of a robot's bodies, rotors and friction from measured motions.
@@ -74,7 +68,7 @@ def identify(
     Parameters
     ----------
     robot : Robot
-        Its joints and their places are known. Its bodies are the prior, unless `prior` says otherwise.
+        The robot, of which joints and their places are known. Its bodies are the prior unless `prior` is given.
     records : Record or sequence of Record
         Measured motions.
     drives : DriveModel, optional
@@ -97,9 +91,9 @@ def identify(
         By which torques were measured later than positions, by default estimated for each record, and for a joint where
         it differs [s].
     cutoff : float, optional
-        Of the low-pass filter, by default chosen from the measurements [Hz].
+        Cut-off of the low-pass filter, by default chosen from the measurements [Hz].
     folds : int
-        Of the cross-validation, contiguous in time: each record is cut into `folds` / number of records, rounded up and
+        Blocks of time of the cross-validation: each record is cut into `folds` / number of records, rounded up and
         at least 2, each to be predicted from the others.
     hypotheses : sequence of Hypothesis
         Causes of residuals that are tried beside those that are known.
@@ -149,33 +143,31 @@ def identify(
         if given is not None and not consistent:
             raise ValueError(f"`{name}` is for the physically consistent fit: leave it out, or set `consistent=True`")
     known = prior_robot(robot, prior) if consistent else None
-    stds = PRIOR_STDS_OF_GUESS if isinstance(prior, str) else (PRIOR_STD,)
+    stds = thresholds.PRIOR_STDS_OF_GUESS if isinstance(prior, str) else (thresholds.PRIOR_STD,)
     stds = stds if prior_std is None else (positive_number("prior_std", prior_std),)
     options = {"minimum_velocity": minimum_velocity, "cutoff": cutoff, "folds": folds}
-    hypotheses = hypotheses_argument(hypotheses)
-    base, data, causes, modelled, declined = explained(robot, records, drives, delay, options, hypotheses)
+    tried = hypotheses_argument(hypotheses)
+    base, data, causes, modelled, declined = fit_with_delays(robot, records, drives, delay, options, tried)
     standard = base.standard
     guess, notes = (None, ()) if known is None else prior_bodies(known, standard, data.fitted)
     try:
         for std in stds:
-            method = Method(standard, base, guess, std**-2)
-            estimate, parameters = method.solved(data.fitted)
+            estimator = Estimator(base, guess, std**-2)
+            estimate, parameters = estimator.fit(data.fitted)
             if guess is None or plausible(parameters, guess, data.fitted):
                 break
-        errors = held_out(method, data.fitted, data.measured)
+        errors = held_out(estimator, data.fitted, data.measured)
     except IdentificationError as error:  # of torques that no bodies have, of which the causes say more
-        consistent, method, std = False, Method(standard, base, None, 1.0), stds[0]
+        consistent, estimator, std = False, Estimator(base, None, 1.0), stds[0]
         notes = (f"{NOT_CONSISTENT}: {error}",)
-        estimate, parameters = method.solved(data.fitted)
-        errors = held_out(method, data.fitted, data.measured)
-    correlation_time = data.correlation_time(base.back @ estimate.values)
+        estimate, parameters = estimator.fit(data.fitted)
+        errors = held_out(estimator, data.fitted, data.measured)
+    correlation_time = data.correlation_time(data.residuals(base.back @ estimate.values))
     estimate = with_correlation(estimate, data.fitted.mapped(base.back), correlation_time)
     if modelled:  # standard errors with those of the delays and Stribeck velocities that were estimated too
         rest = FitResiduals(robot, base, data, estimate.values, estimate.sigma, correlation_time)
         columns = np.concatenate([derivative_by(rest, cause) for cause in modelled], axis=-1)
-        covariance = estimate.covariance + rest.covariance_of(columns)
-        deviations = np.where(np.isinf(estimate.errors), np.inf, np.sqrt(np.diag(covariance)))
-        estimate = replace(estimate, covariance=covariance, errors=deviations)
+        estimate = estimate._with_covariance(estimate.covariance + rest.covariance_of(columns))
     lower, drift_error = data.at_lower_cutoff(base, estimate.sigma * np.sqrt(correlation_time))
     if std != stds[0]:
         notes += (
@@ -191,7 +183,7 @@ def identify(
     return found
 
 
-def explained(
+def fit_with_delays(
     robot: Robot,
     records: Sequence[Record],
     drives: DriveModel | None,
@@ -199,7 +191,10 @@ def explained(
     options: dict[str, Any],
     hypotheses: Sequence[Hypothesis],
 ) -> tuple[BaseParameters, RegressionData, tuple[Cause, ...], list[Cause], tuple[str, ...]]:
-    """The equations with delays, Stribeck effects and rotors as they show, what causes the rest, what is modelled."""
+    """The equations with delays, Stribeck effects and rotors as they show in the residuals, found in a few rounds.
+
+    Returns the base parameters, the equations, the causes of what is left, those that are modelled, and notes.
+    """
     delays = np.zeros((len(records), robot.n))
     if delay is not None:
         delays = delays + per_joint_array("delay", delay, robot.n)
@@ -209,12 +204,12 @@ def explained(
     drives = MEASURED if drives is None else drive_argument(drives)
     late: dict[tuple[Any, ...], Cause] = {}
     sharp: dict[tuple[str, ...], Cause] = {}
-    for k in range(ROUNDS + 1):
+    for k in range(thresholds.DELAY_ROUNDS + 1):
         base = robot.base_parameters(drives=drives)
         data = build_regression(robot, records, base, **options, delays=delays)
         estimate = least_squares(data.fitted.mapped(base.back))
         rest = FitResiduals(robot, base, data, estimate.values, estimate.sigma)
-        is_last = k == ROUNDS
+        is_last = k == thresholds.DELAY_ROUNDS
         found = [] if is_last or delay is not None else delays_of(rest.beyond_friction)
         if not found:
             causes, leading = likely_causes(rest, hypotheses)
@@ -246,16 +241,16 @@ def has_no_rotors(robot: Robot, base: BaseParameters, data: RegressionData, caus
         return False
     fitted = data.fitted.mapped(base.back)
     found = least_squares(fitted)
-    found = with_correlation(found, fitted, data.correlation_time(base.back @ found.values))
+    found = with_correlation(found, fitted, data.correlation_time(data.residuals(base.back @ found.values)))
     size = np.zeros(robot.model.nb)
-    size[list(robot.model.independent_joints)] = np.diag(robot.mass_matrix(np.zeros(robot.n)))
+    size[list(robot.model.independent_joints)] = np.diag(robot.mass_matrix(np.zeros((1, robot.n)))[0])
     joints = [int(base.names[k].removeprefix("Ia_")) - 1 for k in own]
-    doubt = BEYOND_DOUBT * found.errors[own]
-    return bool((found.values[own] < np.minimum(doubt, SMALL_ROTOR * size[joints] - doubt)).all())
+    doubt = thresholds.BEYOND_DOUBT * found.errors[own]
+    return bool((found.values[own] < np.minimum(doubt, thresholds.SMALL_ROTOR * size[joints] - doubt)).all())
 
 
 def taken_text(cause: Cause) -> str:
-    """What is taken into account, with its standard error."""
+    """A delay or Stribeck effect that is taken into account, with its standard error, in words."""
     if cause.kind == "delay":
         text = delay_text(cause.joints if np.isnan(cause.at) else ())(np.array([cause.value]))
         return f"delay of {1000 * cause.value:.3g} ms: {text} (+- {1000 * cause.error:.2g} ms); taken into account"
@@ -276,8 +271,8 @@ def negative_drives(robot: Robot, base: BaseParameters, estimate: LeastSquares) 
     bodies, found = PARAMETERS * robot.model.nb, []
     for k, name in enumerate(base.names):
         value, error = estimate.values[k], estimate.errors[k]
-        if base.independent[k] >= bodies and not name.startswith("tau0") and value < -BEYOND_DOUBT * error:
-            far = f", {IMPOSSIBLE}" if value < -IMPOSSIBLY * error else ""
+        if base.independent[k] >= bodies and not name.startswith("tau0") and value < -thresholds.BEYOND_DOUBT * error:
+            far = f", {IMPOSSIBLE}" if value < -thresholds.IMPOSSIBLY * error else ""
             found.append(f"{name} comes out negative, {value:.3g} with a standard error of {error:.2g}{far}")
     has_friction = any(name.startswith(("Fv", "Fc")) for name in found)
     return (*found, f"negative friction: {WRONG_SIGN}") if has_friction else tuple(found)
@@ -301,7 +296,7 @@ def prior_robot(robot: Robot, prior: Robot | str | None) -> Robot | str:
 
 
 def prior_bodies(known: Robot | str, standard: StandardParameters, fitted: Equations) -> tuple[Array, tuple[str, ...]]:
-    """Pseudo-inertias to start from, and what to say of them."""
+    """Pseudo-inertias of the prior, and notes on them."""
     if isinstance(known, str):
         bodies, drives = geometric_prior(standard.model), standard.count - PARAMETERS * standard.model.nb
         E = np.zeros((standard.count, 1 + drives))
@@ -321,4 +316,6 @@ def prior_bodies(known: Robot | str, standard: StandardParameters, fitted: Equat
 def plausible(parameters: Array, guess: Array, fitted: Equations) -> bool:
     """False if torques that are not explained make one body heavier than all together are guessed to be."""
     masses = parameters[: PARAMETERS * len(guess) : PARAMETERS]
-    return bool((fitted.shares(parameters) <= EXPLAINED).all() or masses.max(initial=0) <= guess[:, 3, 3].sum())
+    return bool(
+        (fitted.shares(parameters) <= thresholds.EXPLAINED).all() or masses.max(initial=0) <= guess[:, 3, 3].sum()
+    )

@@ -1,4 +1,4 @@
-"""What the gripper carries, from motions without and with the load.
+"""Mass, centre and inertia of a load in the gripper, from motions without and with it.
 
 The load is a rigid body: its ten parameters phi add to those of the body that it is fixed to, so that torques are
 Y pi without and Y (pi + S phi) with it. Both sets of measurements together give pi and phi by least squares (Khalil,
@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,14 +21,12 @@ from ..model.standard_parameters import BODY_SYMBOLS, DriveModel
 from ..model.topology import end_link
 from ..robot import Robot
 from ..simulation.scene import Payload
+from . import thresholds
 from .fit.consistent import consistent_fit
-from .fit.least_squares import BEYOND_DOUBT
 from .log.record import Record
 from .result import Identification
-from .two_sets import DOUBTFUL, OfTwoSets, load_map, two_sets
+from .two_sets import TwoSetsResult, load_map, two_sets
 
-DENSITY = 3000.0  # of a ball that a load is like where the motions say nothing [kg/m^3]
-PRIOR_STD = 3.0  # how far, relatively, a load may differ from it
 STEP = 1e-30  # of derivatives by complex numbers
 QUANTITIES = (
     "mass [kg]",
@@ -38,7 +36,7 @@ QUANTITIES = (
 
 
 @dataclass(frozen=True, eq=False)
-class PayloadEstimate(OfTwoSets):
+class PayloadEstimate(TwoSetsResult):
     """A load found by `rne.identify_payload`; a Scene takes it as its `payload`.
 
     Attributes
@@ -48,21 +46,21 @@ class PayloadEstimate(OfTwoSets):
     mass_error : float
         Standard error of the mass [kg].
     com_error : ndarray, shape (3,)
-        Of the centre of mass; infinite where the motions do not tell it [m].
+        Standard errors of the centre of mass; infinite where the motions do not tell it [m].
     inertia_error : ndarray, shape (3, 3)
-        Of the inertia about the centre of mass; infinite where the motions do not tell it [kg m^2].
+        Standard errors of the inertia about the centre of mass; infinite where the motions do not tell it [kg m^2].
     estimate : LeastSquares
-        Of the robot's base parameters and, last, the load's ten parameters m, m cx, m cy, m cz, Ixx, Ixy, Iyy, Ixz,
+        The robot's base parameters and, last, the load's ten parameters m, m cx, m cy, m cz, Ixx, Ixy, Iyy, Ixz,
         Iyz, Izz about the link's origin and in its axes.
     consistent : bool
-        True if the load is not that of least squares but the physically consistent one.
+        True if the load is the physically consistent one, where least squares give none that is possible.
     held_out : ndarray, shape (n,)
         |predicted - measured| / |measured| of each joint in motion, on blocks of time of which each was predicted by a
         fit to the others.
     notes : tuple of str
-        What was assumed, what errors of the drives are contained in the standard errors, and what looks wrong.
+        Assumptions, errors of the drives that the standard errors contain, and signs of mistakes.
     sets : TwoSets
-        The equations.
+        The equations of both sets of records.
     """
 
     payload: Payload
@@ -73,7 +71,7 @@ class PayloadEstimate(OfTwoSets):
 
     def _reasons(self) -> list[str]:
         share = self.mass_error / abs(self.mass)
-        return [f"the mass is known to {100 * share:.2g} % only"] if share > DOUBTFUL else []
+        return [f"the mass is known to {100 * share:.2g} % only"] if share > thresholds.DOUBTFUL else []
 
     @property
     def mass(self) -> float:
@@ -98,7 +96,7 @@ class PayloadEstimate(OfTwoSets):
         )
 
     def report(self) -> str:
-        """What the load is good for, its parameters with standard errors, and the notes.
+        """A text on the load: how well it is known, standard errors of its parameters, and notes.
 
         Returns
         -------
@@ -144,7 +142,7 @@ def identify_payload(
         Torques of the drives, by default rotors, viscous and Coulomb friction and offsets; not with an Identification,
         which has its own.
     cutoff : float, optional
-        As of `rne.identify` [Hz].
+        Cut-off of the low-pass filter, by default chosen from the measurements [Hz].
 
     Returns
     -------
@@ -192,14 +190,15 @@ def identify_payload(
     sets = two_sets(robot, without, with_load, drives, cutoff)
     model, K = sets.robot.model, sets.base.count
     name = end_link(model, axes_count=True) if link is None else link
-    fit = sets.fitted(load_map(sets.base.standard, name))
+    sets = replace(sets, S=load_map(sets.base.standard, name))
+    fit = sets.fitted()
     estimate = fit.estimate
     phi, errors = estimate.values[K:], estimate.errors[K:]
     if not errors[0] < np.inf:
         raise IdentificationError(
             "`with_load`: the motions do not tell the mass of the load from its centre: move the joints that lift it"
         )
-    if consistent and phi[0] < -BEYOND_DOUBT * errors[0]:
+    if consistent and phi[0] < -thresholds.BEYOND_DOUBT * errors[0]:
         raise IdentificationError(
             f"`with_load`: the torques ask for a mass of {phi[0]:.3g} kg, with a standard error of {errors[0]:.2g} kg: "
             "are the records exchanged, or the signs of torques or of gravity wrong?"
@@ -219,11 +218,11 @@ def identify_payload(
 
 
 def doubts(phi: Array, errors: Array) -> list[str]:
-    """What looks wrong with a load by least squares."""
+    """Notes on a load by least squares that is doubtful or impossible."""
     notes, mass = [], f"a mass of {phi[0]:.3g} kg with a standard error of {errors[0]:.2g} kg"
     if phi[0] <= 0:
         notes.append(f"least squares give {mass}: are the records exchanged?")
-    elif phi[0] < BEYOND_DOUBT * errors[0]:
+    elif phi[0] < thresholds.BEYOND_DOUBT * errors[0]:
         notes.append(f"the mass is hardly told from none, +- {errors[0]:.2g} kg: is it on another `link`?")
     unknown = [symbol for symbol, error in zip(BODY_SYMBOLS, errors, strict=True) if np.isinf(error)]
     if unknown:
@@ -236,12 +235,12 @@ def doubts(phi: Array, errors: Array) -> list[str]:
 def possible_load(factor: Array, phi: Array, errors: Array) -> Array:
     """Parameters of the physically consistent load that fits best, near a ball of the mass and centre found."""
     mass = max(phi[0], errors[0])
-    centre = phi[1:4] / mass if phi[0] > BEYOND_DOUBT * errors[0] else np.zeros(3)
+    centre = phi[1:4] / mass if phi[0] > thresholds.BEYOND_DOUBT * errors[0] else np.zeros(3)
     ball = np.eye(4)
-    ball[:3, :3] *= (3 * mass / (4 * np.pi * DENSITY)) ** (2 / 3) / 5
+    ball[:3, :3] *= (3 * mass / (4 * np.pi * thresholds.DENSITY)) ** (2 / 3) / 5
     ball[:3, :3] += np.outer(centre, centre)
     ball[:3, 3] = ball[3, :3] = centre
-    return consistent_fit(factor, mass * ball[None], PRIOR_STD**-2, np.zeros(0, bool), np.zeros(0))
+    return consistent_fit(factor, mass * ball[None], thresholds.LOAD_STD**-2, np.zeros(0, bool), np.zeros(0))
 
 
 def body_of(phi: Array) -> Array:

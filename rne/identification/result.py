@@ -1,7 +1,8 @@
-"""What an identification found, and how far to trust it."""
+"""The result of an identification, its report, and reasons to doubt it."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -18,31 +19,23 @@ from ..model.parameters import PARAMETERS, pseudo_inertia, with_parameters
 from ..model.standard_parameters import StandardParameters
 from ..robot import Robot
 from ..simulation.friction import SMOOTHING, Friction
+from . import thresholds
 from .diagnosis.checking import Check
 from .diagnosis.hypotheses import GEARS, Cause
 from .diagnosis.rigid_body_test import Consistency, certified
 from .fit.consistent import expected_sizes, model_prior
-from .fit.equations import Equations
+from .fit.equations import Equations, RegressionData, check_joints, delayed
 from .fit.least_squares import LeastSquares, Unexplained, believed_noise
-from .fit.regression import RegressionData, check_joints, delayed
 from .log.prepared import Prepared
 from .log.record import Record
-from .thresholds import EXPLAINED
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 NOT_CONSISTENT = "parameters are those of least squares, as with `consistent=False`"  # start of a note
-FARTHEST = 10.0  # part of a torque above which its size says nothing
-TOO_FAR = 1.0  # part of a joint's torque, held out: zero predicts it better
-UNEXPLAINED = 0.30  # part of a joint's torque in motion above which an identification warns
 NAMED = 3  # causes that a warning names
 WRONG_SIGN = "is the sign of the joint's torque right?"  # end of a note on negative friction
 IMPOSSIBLE = "which no drive has"  # end of a note on numbers that are not possible
-EXPLAINS = 0.5  # part of a joint's squares that a cause takes away if it explains them
-LITTLE = 0.05  # part of a joint's torque in motion: more of it, unexplained, is pointed at
-UNKNOWN_VALUE = 100.0  # per cent: a standard error as large as the value, from which it is not known
-WORSE = 1.2  # residuals of possible bodies, of those of least squares
 BASE_UNITS = (
     "Units: m in kg, mcx ... in kg m, Ixx ... and Ia in kg m^2, Fv in N m s/rad, Fc, Fs and tau0 in N m; of sliding "
     "joints Ia in kg, Fv in N s/m, the others in N."
@@ -63,9 +56,9 @@ class Identification(InNotebooks):
     initial : Robot
         The robot as it was given.
     standard : StandardParameters
-        What the torques are linear in, and the names.
+        The parameters that torques are linear in, their order and names.
     base : BaseParameters
-        Those combinations that torques depend on.
+        The combinations of parameters that torques depend on.
     data : RegressionData
         The measurements after the filter, and the equations from them.
     estimate : LeastSquares
@@ -82,14 +75,14 @@ class Identification(InNotebooks):
         Integrated autocorrelation time of the residuals, in rows; the number of rows over it is the effective sample
         size, by which standard errors are taken.
     drift, drift_error : ndarray, shape (base.count,)
-        By how much base parameters change when everything is filtered again with half the cut-off, and the standard
-        error of those with half the cut-off: where the change is beyond a few of these, one of the two cut-offs biases
+        Change of the base parameters when everything is filtered again with half the cut-off, and standard errors of
+        the parameters with half the cut-off. Where the change is beyond a few of these, one of the two cut-offs biases
         the parameter, or something else changes with frequency. NaN where the record is too short for it, or the joints
         stop too often.
     causes : tuple of Cause
-        What would explain the residuals better, the likeliest first.
+        Changes that would explain the residuals better, the likeliest first.
     notes : tuple of str
-        What was assumed, and what looks wrong.
+        Assumptions, and signs of mistakes.
     """
 
     initial: Robot
@@ -121,28 +114,27 @@ class Identification(InNotebooks):
 
     @property
     def delay(self) -> Array:
-        """How much later than positions the torques of each record were measured, shape (records, n) [s]."""
+        """Delay of the torques of each record behind the positions, shape (records, n) [s]."""
         return self.data.delays
 
     @cached_property
     def doubt(self) -> str:
         """Reasons not to believe the parameters, the likeliest causes first; empty if there is none."""
         left, names = self.unexplained.in_motion, self.initial.joint_names
-        poor = np.flatnonzero(left > UNEXPLAINED)
+        poor = np.flatnonzero(left > thresholds.UNEXPLAINED)
         impossible = [note for note in self.notes if note.endswith(IMPOSSIBLE)]
-        lines, causes = [], [cause for cause in self.causes if cause.kind not in GEARS][:NAMED]
+        lines = []
         moving = [names[j] for j in np.flatnonzero(np.isfinite(self.minimum_velocity))]
         if 2 * len(moving) < len(names) and not self.unexcited:
             lines.append(f"no joint but {listed(moving)} moves. {MOVE_ALL}")
         if self.unexcited:
             lines.append(self.unexcited)
-        elif len(poor):
-            shares = listed([f"{names[j]} {100 * left[j]:.0f} %" for j in poor])
-            lines.append(f"torques in motion that the model does not explain: {shares}")
-        if causes:
-            first = "likely causes" if len(causes) > 1 else "the likely cause"
-            lines.append(f"{first}: " + "; ".join(cause.text for cause in causes))
-        if not self.unexcited and any(all(cause.removed[j] < EXPLAINS for cause in self.causes) for j in poor):
+        else:
+            lines += unexplained_text(names, left)
+        lines += likely_text(self.causes)
+        if not self.unexcited and any(
+            all(cause.removed[j] < thresholds.EXPLAINS for cause in self.causes) for j in poor
+        ):
             lines.append(UNKNOWN)
         lines += [note for note in self.notes if note.startswith(NOT_CONSISTENT)]
         hint = [note for note in self.notes if impossible and note.endswith(WRONG_SIGN)]
@@ -150,8 +142,10 @@ class Identification(InNotebooks):
 
     @cached_property
     def unexcited(self) -> str:
-        """That the motion says too little, if parts of the log are fitted but not predicted from the others."""
-        far = (self.unexplained.in_motion > TOO_FAR) & (self.equations.shares(self.parameters) < UNEXPLAINED)
+        """A warning that the motion says too little: parts of the log are fitted but not predicted from the others."""
+        far = (self.unexplained.in_motion > thresholds.TOO_FAR) & (
+            self.equations.shares(self.parameters) < thresholds.UNEXPLAINED
+        )
         if not far.any():
             return ""
         names = listed([name for name, is_far in zip(self.initial.joint_names, far, strict=True) if is_far])
@@ -185,8 +179,8 @@ class Identification(InNotebooks):
     def excited(self) -> Array:
         """True for base parameters that the motion determines to better than their expected size, (base.count,).
 
-        That is the size of the bodies found, if they are consistent, otherwise of the given robot's; of a rotor or
-        friction what would take a tenth of the torque. Bodies without any mass are of unknown size.
+        The expected size is that of the bodies found, if they are consistent, otherwise of the given robot's. A rotor
+        or friction is expected to take a tenth of the torque. Bodies without any mass are of unknown size.
         """
         model, bodies = self.initial.model, self.parameters[self.standard.groups["bodies"]]
         if self.consistent:
@@ -318,7 +312,7 @@ class Identification(InNotebooks):
         return self._compared(self.data.names[0], self.records[0]).plot()
 
     def consistency(self) -> Consistency:
-        """Whether the measured torques can come from one rigid-body model at all.
+        """Test whether the measured torques can come from one rigid-body model at all.
 
         One set of parameters is fitted to all joints, and a set of its own to each. Torques of a rigid body leave the
         same in both fits, up to chance. The masses of `initial` do not matter, only its joints and their places.
@@ -349,7 +343,7 @@ class Identification(InNotebooks):
         return certified(self.base, self.data, self.unexplained.in_motion)
 
     def report(self) -> str:
-        """What was fitted, what was found and how far to trust it, as text.
+        """A text on the measurements, the parameters, and how far to trust them.
 
         Returns
         -------
@@ -361,8 +355,22 @@ class Identification(InNotebooks):
         return "\n\n".join([*(text(self) for text in texts), self.consistency().report()])
 
 
+def unexplained_text(names: Sequence[str], in_motion: Array) -> list[str]:
+    """Joints of whose torques in motion too much is not explained, if there are any."""
+    shares = zip(names, in_motion, strict=True)
+    poor = [f"{name} {100 * x:.0f} %" for name, x in shares if x > thresholds.UNEXPLAINED]
+    return [f"torques in motion that the model does not explain: {listed(poor)}"] * bool(poor)
+
+
+def likely_text(causes: Sequence[Cause]) -> list[str]:
+    """The likeliest causes but those that gears without a fault have, if there are any."""
+    texts = [cause.text for cause in causes if cause.kind not in GEARS][:NAMED]
+    first = "likely causes" if len(texts) > 1 else "the likely cause"
+    return [f"{first}: {'; '.join(texts)}"] * bool(texts)
+
+
 def fitted_text(found: Identification) -> str:
-    """What was fitted: the motions, their filter, the prior."""
+    """The motions, their filter and the prior."""
     e = found.estimate
     lines = [
         f"{counted(found.base.count, 'base parameter')} of {short(found.initial.model.name)} from "
@@ -384,7 +392,7 @@ def joints_text(found: Identification) -> str:
     for j, name in enumerate(found.initial.joint_names):
         count, noise = int(found.equations.rows[:, j].sum()), f"{found.estimate.sigma[j]:.4g}"
         shares = [
-            "-" if np.isnan(x) else f"{100 * x:.1f}" if x < FARTHEST else "> 1000"
+            "-" if np.isnan(x) else f"{100 * x:.1f}" if x < thresholds.FARTHEST_TOLD else "> 1000"
             for x in (fitted[j], left.in_motion[j], left.at_rest[j])
         ]
         rows.append(Row(f"  {short(name)}", [noise, *shares, str(count), f"{count / found.correlation_time[j]:.0f}"]))
@@ -396,20 +404,20 @@ def joints_text(found: Identification) -> str:
 
 
 def causes_text(found: Identification) -> str:
-    """What would explain the residuals, the likeliest first, and joints that are not explained."""
+    """Joints that are not explained, and causes of the residuals, the likeliest first."""
     lines: list[str] = []
     if found.unexcited:
         return found.unexcited
     for j, (name, left) in enumerate(zip(found.initial.joint_names, found.unexplained.in_motion, strict=True)):
-        if left > EXPLAINED:
-            own = [cause.text for cause in found.causes if cause.removed[j] > EXPLAINS]
+        if left > thresholds.EXPLAINED:
+            own = [cause.text for cause in found.causes if cause.removed[j] > thresholds.EXPLAINS]
             why = f": {own[0]}" if own else ": no single change of the log, the robot or the drives explains it"
             lines.append(f"  {short(name)} {100 * left:.0f} % in motion{why}")
     lines = ["not explained", *lines] if lines else []
     if found.causes:
         lines.append("likely causes of what is left, and how much of a joint's residual each takes away")
         lines += [f"  {100 * (1 - np.sqrt(max(1 - c.removed.max(), 0))):.0f} %: {c.text}" for c in found.causes]
-    if not lines and np.nanmax(found.unexplained.in_motion, initial=0) > LITTLE:
+    if not lines and np.nanmax(found.unexplained.in_motion, initial=0) > thresholds.LITTLE:
         lines = ["no single change of the log, the robot or the drives that was looked for explains what is left"]
     return "\n".join(lines or ["little is left: no change of the log, the robot or the drives is needed"])
 
@@ -437,7 +445,7 @@ def parameters_text(found: Identification) -> str:
         relative = 100 * e.errors[k] / max(abs(e.values[k]), np.finfo(float).tiny)
         numbers = [found.drift[k], found.drift_error[k], *[found.values[k]] * found.consistent]
         cells = ["-" if np.isnan(x) else f"{x:.5f}" for x in numbers]
-        share = f"{relative:.2g}" if relative < UNKNOWN_VALUE else "-"
+        share = f"{relative:.2g}" if relative < thresholds.UNKNOWN_VALUE else "-"
         rows.append(Row(f"  {name}", [f"{e.values[k]:.5f}", f"{e.errors[k]:.5f}", share, *cells]))
     lines = [
         *aligned(rows),
@@ -447,7 +455,7 @@ def parameters_text(found: Identification) -> str:
     combined = [text for name, text in zip(found.base.names, found.base.formulas, strict=True) if text != name]
     if combined:
         lines += ["Base parameters that stand for a combination of several:", *(f"  {text}" for text in combined)]
-    moved = [found.base.names[k] for k in np.flatnonzero(np.abs(found.drift) > 3 * found.drift_error)]
+    moved = [found.base.names[k] for k in np.flatnonzero(np.abs(found.drift) > thresholds.MOVED * found.drift_error)]
     if moved:
         lines.append(
             f"drift, the change with half the cut-off, beyond three standard errors: {', '.join(moved)}; one of the "
@@ -476,7 +484,7 @@ def bodies_text(found: Identification) -> str:
         f"nearest to the prior. It moves base parameters by up to {shift[k]:.1f} of their standard errors "
         f"({found.base.names[k]})."
     )
-    if growth > WORSE:
+    if growth > thresholds.GROWTH:
         worth = (
             f"No possible bodies fit as least squares do: residuals are {growth:.3g} times larger. Signs, units and "
             "zeros of the measurements may be wrong, friction or rotors missing, or the prior too narrow (`prior_std`)."

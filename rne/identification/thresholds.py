@@ -2,10 +2,153 @@
 
 Logs: FAULTS are the planted faults of `python -m benchmarks.identification_faults`, six robots with harmonic drives and
 1 % of noise; CLEAN are its logs without a fault; MODELS are the planted faults of tests/planted_faults.py, torques
-without noise; "statistics" and "numerics" need none.
+without noise; RECORDS are those of tests/test_identification_record.py, an IRB 140 sampled at 500 Hz with
+planted faults of the log, all of which are named, while its clean logs have no finding; PUBLIC are the three of
+`python -m benchmarks.public_logs`; PAYLOADS those of `python -m benchmarks.identification_payload`; EXCITATIONS the
+motions of tests/test_excitation.py. "Statistics" and "numerics" need none.
 """
 
 import numpy as np
+
+# Log: stamps -------------------------------------------------------------------------------------------------------
+REGULAR = 0.02  # of the period: a deviation of stamps from equal steps that is none; RECORDS: rounded stamps
+LONG_STEP = 1.5  # of the period: a longer step has missed a sample; half-way between one step and two
+LOST = 0.02  # share of steps over missing samples up to which stamps in whole periods are believed; RECORDS
+COUNTED_OVER = 1000  # samples over which the period of counted samples is taken: jitter of a step is divided by it
+PAUSES = 0.005  # share of steps from which pauses belong to the stamps, and are no gaps; RECORDS: readers' bursts
+GAP = 3.0  # of such pauses: a longer one is a gap; RECORDS
+KNOTS, KNOT_SAMPLES = 10.0, 1000  # [s] and samples between changes of a counted clock's rate: clocks drift slower
+VELOCITY_WINDOW = (9, 101)  # samples that velocities are averaged over where stamps are judged: more than a burst
+CLOSE = 0.3  # of the period: of two samples closer than this one is enough for a spline; numerics
+FEWEST_SAMPLES = 20  # samples from which anything can be said
+SLOWEST_RATE = 2.0  # samples per second, below which times are hardly in seconds: 1 kHz in milliseconds gives 1
+
+# Log: spikes, jumps and steps of the encoder -----------------------------------------------------------------------
+SPIKE = 10.0  # times the usual deviation of a sample from its neighbours; RECORDS: noise never reaches it
+LONGEST_SPIKE = 3  # samples of a spike: a longer one may be motion
+USUAL_OVER = 101  # samples whose median is the usual deviation: 0.2 s of RECORDS
+EXCEEDED = 95  # per cent of a record's deviations that are below twice the least usual one: noise may come and go
+COMMON = 0.05  # share of samples from which spikes are noise
+FREQUENT = 1.0  # jumps per second, above which they are noise
+BEND = 3.0  # times the change of velocity across a step that is no jump: the arm may brake there; RECORDS
+LATTICE = 0.15  # of a step: scatter of differences about its multiples; without a step it is 0.29 (uniform)
+NEGLIGIBLE = 1e-5  # of the median difference: a step that is rounding of numbers
+FEWEST_DIFFERENCES = 40  # differences from which a step is told; RECORDS
+NEAR_SAMPLES = 4  # samples on either side, through which a cubic interpolates
+
+# Log: torques at a limit -------------------------------------------------------------------------------------------
+CLIPPED = 10  # samples at a torque's limit, from which it is one: 20 ms of RECORDS
+CROWDED = 5  # times as many samples as in twice the width below: a smooth peak has 1.4 times as many
+CLIP_WIDTHS = (1e-6, 1e-3)  # of the torque's range: rounding of numbers, and a drive's own noise at its limit; RECORDS
+ONE_LEVEL, DIGITS = 0.75, 2.5  # steps of the torque: a limit of one level, and one whose last digit flickers
+MOST = 0.9  # share of the samples of the widest limit that a narrower one must have to be taken
+LEVELS = 50  # steps in the torque's range, from which a limit may spread over some
+QUIET = 0.3  # change from sample to sample at a limit, of the usual one in motion; RECORDS
+PLATEAUS = 3  # times that a limit is reached that is not quiet: a drive that accelerates steadily has its torque once
+IN_MOTION = 0.05  # velocity, of the joint's usual one: holding torques are no limit
+
+# Log: motion and velocities ----------------------------------------------------------------------------------------
+ONE_STEP = 1.5  # steps of the encoder, below which a position that flickers between two values stays
+LIKE_NOISE = 1.5  # scatter of positions about a line, over that of neighbours: white noise has 1
+TURNS = 20 * np.pi  # range of a position [rad] from which degrees are likely: ten turns
+VELOCITY_ERROR = 0.05  # relative deviation of measured velocities from the positions' that is named; RECORDS
+RESTING = 0.01  # of the fastest joint's motion: velocities of a joint that moves less are not compared
+COMPARED_OVER = 0.1  # [s], over which they are compared: longer than delays of drives
+
+# Log: the cut-off of the filter ------------------------------------------------------------------------------------
+SPECTRUM_SECONDS, SPECTRUM_SAMPLES = 4.0, 8  # length of one spectrum, at least so many samples; several are averaged
+LONG_ENOUGH = 0.7  # share of the samples in segments that are long enough for one
+MOTION_POWER = 0.99  # share of the velocities' power below the motion's bandwidth
+ABOVE_MOTION = 5.0  # cut-off over that bandwidth: the filter takes less than 1e-5 of it
+LEAST_ABOVE = 2.0  # the same where noise asks for a lower cut-off: the filter takes 0.4 %
+NOISE_OF_ACCELERATIONS = 1e-3  # power of their noise below the cut-off, of theirs: 3 % in size
+SIGNIFICANT = 10.0  # times the noise, above which a part of a spectrum is motion; statistics of few averages
+SLOW_JOINT = 0.05  # of the fastest joint's velocity: slower joints have no say
+HIGHEST_CUTOFF = 0.2  # of the sample rate: central differences lose 0.6 % there
+COHERENT_BY_CHANCE = 0.01  # probability that spectra of unrelated signals look coherent; statistics
+CROSSOVER_PERIODS = 2.0  # of the crossover in a segment, at least: positions measure what is slower
+HIGHEST_CROSSOVER = 0.25  # of the sample rate, from which the positions alone are used
+POSITION_CUTOFF = 5.0  # cut-off of the positions' filter, over the parallel filter's: it takes less than 1e-5 there
+HIGHEST_POSITION_CUTOFF = 0.25  # of the sample rate: central differences lose 3 % there
+PASS_BAND = 0.8  # cut-off, of half the reduced rows' rate (Gautier, Janot and Vandanjon 2013)
+PRINTED = 1.01  # a cut-off that was printed with three digits may be given back
+SINGULAR_COUPLING = 1e-10  # smallest singular value of motors' rows of unit length, of the largest; numerics
+
+# Fit: which equations ----------------------------------------------------------------------------------------------
+FOLDS = 10  # of the cross-validation, contiguous in time; the field's custom
+REST_PERIODS = 0.5  # of the cut-off, below which a joint turns back without resting
+SLOWEST_FITTED = 0.02  # of a joint's largest velocity: below it, Coulomb friction has no known direction
+STEPS_AT_REST = 2.0  # of the encoder about its mean position, within which a joint rests
+LIKE_NAMES = 0.8  # likeness of two names of joints from which one may be misspelt; difflib's default is 0.6
+
+# Fit: least squares ------------------------------------------------------------------------------------------------
+WEIGHTINGS, NOISE_SETTLED = 30, 1e-6  # rounds of weighting, and change of the noise at which they end: a few are taken
+FEWEST_FREE = 5  # degrees of freedom of a joint, from which its residual says what its noise is; statistics
+EXACT = 1e-13  # of the torques: noise of measurements without any, rounding
+NOTHING = 1e-12  # length of a column, of the longest, that is rounding
+DEPENDENT = 1e-10  # singular values of columns of unit length, of the largest, that are rounding
+UNDETERMINED = 1e-6  # share of an unknown in the directions that the equations leave free, from which it is free
+BEYOND_DOUBT = 4.0  # standard errors: 6e-5 by chance, a few hundred parameters are looked at; statistics
+RESPONSE_PERIODS = 8.0  # periods of the cut-off after which nothing is left of the filter's response; numerics
+SUM_WINDOW = 5.0  # the sum of autocorrelations ends at so many times itself (Sokal's rule)
+
+# Fit: possible bodies ----------------------------------------------------------------------------------------------
+HELD = 1e-4  # weight of the model's drives, of that of the measurements: they decide where these say nothing
+LEAST_NOISE = 1e-3  # of the torques: the consistent fit does not take measurements for more exact than this
+AT_BOUND = 1e-6  # of its usual size: a parameter of a drive below it is at its bound
+BOUND_ROUNDS, CONE_GAP = 20, 1e-9  # changes of the set of such, and gap of the objective per weight of the prior
+NEWTON_STEPS, HALVINGS, CONVERGED = 100, 40, 1e-16  # of Newton's method; CONVERGED is twice the gap it ends at
+PRIOR_STD = 0.3  # of the prior: that bodies differ from it by 30 % is as likely as one standard deviation of noise
+PRIOR_STDS_OF_GUESS = (3.0, 1.0, 0.3, 0.1)  # of bodies guessed from the geometry: the first with plausible masses
+THICKNESS = 0.2  # standard deviation of a guessed body's mass across its length, of the length: as of castings
+SHORTEST = 0.1  # length of a guessed body without extent, of the robot's mean distance between joints
+DEGENERATE, ADDED = 1e-3, 1e-2  # bodies of a model thinner than this in second moments of a guess, and what is added
+SHARE_OF_DRIVES = 0.1  # of a joint's torque, that its rotor or friction is expected to take
+GUESSED_LENGTH = 1.0  # [m], of the bodies of a robot whose joints are all at one point
+
+# Fit: delays, rotors, what is told ---------------------------------------------------------------------------------
+DELAY_ROUNDS = 6  # of taking delays and Stribeck effects into account: each may show another
+SMALL_ROTOR = 0.1  # of a joint's inertia, below which a rotor that is not told from zero is none
+IMPOSSIBLY = 8.0  # standard errors below zero from which identify warns: twice BEYOND_DOUBT
+UNEXPLAINED = 0.30  # part of a joint's torque in motion above which an identification warns: twice EXPLAINED
+TOO_FAR = 1.0  # part of a joint's torque, held out: zero predicts it better
+FARTHEST_TOLD = 10.0  # part of a torque above which its size says nothing
+EXPLAINS = 0.5  # part of a joint's squares that a cause takes away if it explains them
+LITTLE = 0.05  # part of a joint's torque in motion: more of it, unexplained, is pointed at
+UNKNOWN_VALUE = 100.0  # per cent: a standard error as large as the value, from which it is not known
+MOVED = 3.0  # standard errors of a drift that is named; statistics
+GROWTH = (
+    1.2  # residuals of possible bodies over those of least squares that are named: signs, units or the prior are wrong
+)
+
+# Fit: loads and gains ----------------------------------------------------------------------------------------------
+DOUBTFUL = 0.05  # relative standard error of a mass or gain from which a warning tells it
+FIRST_SPREAD, LEAST_SPREAD = 0.03, 1e-9  # of a kind of errors, of the torques: assumed first (PAYLOADS), and at least
+SPREAD_ROUNDS = 60  # of expectation and maximisation: slow where a kind is hardly there; PAYLOADS
+APART_FROM_OTHERS = 1e-6  # part of a column that others leave of it if its coefficient can be told; numerics
+TOLD_SPREAD = 0.01  # spread of a kind of errors, of the torques, from which it is told
+DENSITY, LOAD_STD = 3000.0, 3.0  # of a ball that a load is like where motions say nothing [kg/m^3]; prior_std of it
+GAIN_ROUNDS, GAINS_SETTLED = 30, 1e-7  # steps of gains and parameters together, and relative change at which they end
+GAIN_TRIALS = 12  # steps before gains of large errors are left out: the first may lead through poor ones
+BY_CHANCE = 2.5  # standard errors, up to which another load's change of a gain is chance; statistics
+GAIN_STEP, REFINED = 0.1, 6  # standard errors that a step with random errors changes at the end; such steps at most
+GAIN_GROWTH = 10.0  # times that a gain grows in one step at most
+CONTRADICTED = 0.1  # relative change of a gain by other parameters of the load, from which those given are refused
+
+# Exciting motions --------------------------------------------------------------------------------------------------
+GRID, FINE = 16, 64  # times per period of the highest harmonic: of the optimiser's limits, of the final check
+TORQUE_MARGIN = 0.01  # of the limits, which the optimiser leaves for torques between its samples; EXCITATIONS
+OBSERVED = (
+    20  # samples per period of the highest harmonic that the criterion takes; EXCITATIONS: within 2 % of 1000 times
+)
+SMOOTHING_SPEED = 0.05  # of the smallest velocity limit: where Coulomb friction changes its sign
+EXCITED = 1e8  # condition number, columns of unit norm, of a motion that leaves parameters unexcited; numerics
+GRAM = 1e3  # condition number up to which W^T W leaves nine digits; numerics
+SHRINK = 0.85  # factor of a random motion whose torques are too large
+POSES, HELD_EFFORT = 2000, 0.9  # random ones, if mid-range cannot be held; share of the efforts at rest, the rest moves
+LAST_CHANGE, COARSE_CHANGE = 1e-4, 1e-3  # of the criterion's log at which the optimiser stops: last stage, earlier ones
+BISECTIONS = 20  # towards the farthest motion that keeps its limits: 1e-6 of the way
+ACTIVE = 0.97  # share of a limit from which it is called active
 
 # Diagnosis: causes of residuals ------------------------------------------------------------------------------------
 EVIDENT = 8.0  # gain of log likelihood of a cause that is named: odds of 3000 to 1; CLEAN: 2 of 200 warn

@@ -66,6 +66,7 @@ class KernelCache:
         self._links: dict[tuple[str, ...], tuple[str, ...]] = {}  # of wrenches as given: in the model's order
         self._scenes: Recent[Any, Kernel] = Recent(SCENES)
         self._variants: Recent[Model, KernelCache] = Recent(VARIANTS)
+        self.base_parameters: Recent[str, Any] = Recent(VARIANTS)  # by their options: found once for a robot
 
     @cached_property
     def typical_inertia(self) -> Array:

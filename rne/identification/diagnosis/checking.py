@@ -108,9 +108,9 @@ class Check(InNotebooks):
                 plot_columns(ax, t, values[:, [j]], [label if j == 0 else HIDDEN], [color], linewidth=width)
             style_axes(ax, f"[{self.units[j]}]")
             ax.set_title(literal(short(self.joint_names[j])), loc="left", fontsize="small", pad=2)
-            sound = self.valid[:, j]
-            residual = (self.measured - self.predicted)[sound, j]
-            over_speed.plot(self.qd[sound, j], residual, ".", color=LOOK[2][0], markersize=2)
+            valid = self.valid[:, j]
+            residual = (self.measured - self.predicted)[valid, j]
+            over_speed.plot(self.qd[valid, j], residual, ".", color=LOOK[2][0], markersize=2)
             style_axes(over_speed, "")
             unit = "rad/s" if self.units[j] == "N m" else "m/s"
             over_speed.set_title(f"residual over velocity [{unit}]", loc="left", fontsize="small", pad=2)

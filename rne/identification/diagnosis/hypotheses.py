@@ -18,7 +18,6 @@ import numpy as np
 
 from ...basics.spatial import Array
 from ...basics.text import listed
-from ...dynamics.regressors import regressor
 from ...model.parameters import PARAMETERS
 from ...robot import Robot
 from .. import thresholds
@@ -282,10 +281,16 @@ def factors(rest: Discrepancy, torques: Array) -> Iterator[Hypothesis]:
         )
 
 
+def in_gravity(robot: Robot, gravity: Array) -> Robot:
+    """The robot in a given gravity, evaluated by NumPy: Numba would compile for longer than it saves."""
+    numeric = robot if robot.engine == "numpy" else Robot(robot.model, "numpy")
+    return numeric.with_model(replace(robot.model, gravity=gravity, notes={}))
+
+
 def gravity_columns(rest: Discrepancy, gravity: Array, *bodies: Array) -> Array:
-    """Torques of several sets of bodies at rest in a given gravity, one in each column."""
-    model, sets = replace(rest.robot.model, gravity=gravity, notes={}), np.stack(bodies, axis=-1)
-    return rest.smooth(lambda q, qd, qdd: regressor(model, q, 0 * q, 0 * q) @ sets)
+    """Torques of several sets of bodies in a given gravity, one in each column."""
+    alone = in_gravity(rest.robot, gravity)
+    return rest.smooth(lambda q, qd, qdd: np.stack([alone.gravity_torque(q, parameters=pi) for pi in bodies], axis=-1))
 
 
 def zero_columns(rest: Discrepancy, zero: Array | float = 0.0) -> Array:
@@ -586,8 +591,8 @@ def gravity_directions(rest: FitResiduals) -> Iterator[Cause]:
     if size == 0:
         return
     given = model.gravity / size
-    alone = [Robot(replace(model, gravity=size * e), "numpy") for e in (np.zeros(3), *np.eye(3))]
-    still, *pulled = (rest.smooth(robot.regressor) for robot in alone)
+    robots = [in_gravity(rest.robot, size * e) for e in (np.zeros(3), *np.eye(3))]
+    still, *pulled = (rest.smooth(robot.regressor) for robot in robots)
     pulls = np.array([rest.weighted(y - still) for y in pulled])
     still, friction = rest.weighted(still), rest.weighted(rest.Y[..., len(rest.bodies) :])
 

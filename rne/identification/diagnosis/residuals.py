@@ -17,7 +17,7 @@ from ...dynamics.base_inertial_parameters import BaseParameters
 from ...model.parameters import PARAMETERS
 from ...robot import Robot
 from .. import thresholds
-from ..fit.regression import RegressionData
+from ..fit.equations import RegressionData
 from ..log.filtering import low_pass
 from ..log.prepared import Prepared
 from ..log.screening import consecutive
@@ -131,16 +131,15 @@ class FitResiduals(Discrepancy):
         correlation_time: Array | None = None,
         known: Array | None = None,
     ) -> None:
-        rows, self.data, self.beta, self.known = data.rows, data, beta, known
-        sure = np.concatenate([r.sure for r in rows])
-        enough = sure.sum() > thresholds.FEWEST_ROWS * base.count
-        super().__init__(robot, sigma, sure if enough else np.concatenate([r.used for r in rows]))
+        enough = data.sure.sum() > thresholds.FEWEST_ROWS * base.count
+        super().__init__(robot, sigma, data.sure if enough else data.used)
+        self.data, self.beta, self.known = data, beta, known
         self.base, self.standard, self.records, self.x = base, base.standard, data.prepared, base.back @ beta
         self.bodies = self.x[: PARAMETERS * robot.model.nb]
-        self.correlation_time = data.correlation_time(self.x) if correlation_time is None else correlation_time
-        self.correlation = float(self.correlation_time.max(initial=1))
-        self.tau, self.Y = np.concatenate([r.tau for r in rows]), np.concatenate([r.Y for r in rows])
-        self.record = np.repeat(np.arange(len(rows)), [len(r.tau) for r in rows])  # number of each row's record
+        time = data.correlation_time(data.residuals(self.x)) if correlation_time is None else correlation_time
+        self.correlation_time, self.correlation = time, float(time.max(initial=1))
+        self.tau, self.Y, lengths = data.tau, data.Y, [len(record.times) for record in data.prepared]
+        self.record = np.repeat(np.arange(len(lengths)), lengths)  # number of each row's record
         self.A = self.weighted(self.Y @ base.back)
         self.Q = np.linalg.qr(self.A)[0]
         if known is not None:
@@ -169,7 +168,7 @@ class FitResiduals(Discrepancy):
         left[self.used] = first.left
         squares = np.maximum(first.squares, first.floor) / np.maximum(self.used.sum(0), 1)
         sigma = np.where(squares > 0, self.sigma * np.sqrt(squares), self.sigma)
-        time = self.data.correlation_time_of(left, self.used)
+        time = self.data.correlation_time(left, self.used)
         return FitResiduals(self.robot, self.base, self.data, self.beta, sigma, time, known)
 
     @cached_property

@@ -21,9 +21,8 @@ from ...dynamics.regressors import kinetic_energy_regressor, potential_energy_re
 from ...model.parameters import PARAMETERS
 from ...model.standard_parameters import StandardParameters
 from .. import thresholds
-from ..fit.equations import Equations
-from ..fit.least_squares import NOTHING, weighted_fit
-from ..fit.regression import RegressionData
+from ..fit.equations import Equations, RegressionData
+from ..fit.least_squares import weighted_fit
 from ..log.filtering import ORDER
 from ..log.prepared import Prepared
 from .residuals import TINY
@@ -138,7 +137,7 @@ def certified(base: BaseParameters, data: RegressionData, held_out: Array) -> Co
     rows, size = fitted.rows.sum(0), fitted.torques()
     least = thresholds.PRECISION**2 * np.maximum(size, thresholds.PRECISION**2 * size.max(initial=0)) + TINY
     own, squares, ranks = zip(*(single_joint_fit(fitted.of_joint(j)) for j in range(fitted.joints)), strict=True)
-    correlation_time = np.array([data.correlation_time(base.back @ x)[j] for j, x in enumerate(own)])
+    correlation_time = np.array([data.correlation_time(data.residuals(base.back @ x))[j] for j, x in enumerate(own)])
     squares, freedom = np.maximum(squares, least), np.maximum(rows - ranks, 1)
     sigma = np.sqrt(squares / freedom)
     x, spent = weighted_fit(fitted, sigma)
@@ -162,7 +161,7 @@ def single_joint_fit(equations: Equations) -> tuple[Array, float, int]:
     """Estimates of smallest length, |residual|^2 and rank of the equations of one joint."""
     factor = equations.weighted(np.ones(1))
     lengths = np.linalg.norm(factor[:, :-1], axis=0)
-    lengths[lengths <= NOTHING * lengths.max(initial=0)] = np.inf  # such columns are rounding, and get a zero
+    lengths[lengths <= thresholds.NOTHING * lengths.max(initial=0)] = np.inf  # columns of rounding, which get a zero
     x, _, rank, _ = np.linalg.lstsq(factor[:, :-1] / lengths, factor[:, -1], rcond=thresholds.BELIEVED)
     return x / lengths, float(equations.residuals(x / lengths)[0]), int(rank)
 
@@ -215,8 +214,9 @@ def energy_balance(standard: StandardParameters, data: RegressionData, x: Array)
 
     model, bodies = standard.model, PARAMETERS * standard.model.nb
     sums, energies = np.zeros((4, model.n)), np.zeros(2)  # squares of energy that is missing and of work, of all pieces
-    for record, residual in zip(data.prepared, data.residuals(x), strict=True):
-        velocity, torque = record.reduce(record.qd), record.reduce(record.tau)
+    residuals = data.residuals(x)
+    for record, rows in zip(data.prepared, data.parts, strict=True):
+        residual, velocity, torque = residuals[rows], record.reduce(record.qd), record.reduce(record.tau)
         power, total = residual * velocity * record.valid, torque * velocity * record.valid
         sums += [power.sum(0), np.abs(total).sum(0), (power**2).sum(0), (total**2).sum(0)]
         for part in record.segments:

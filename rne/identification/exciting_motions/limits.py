@@ -15,9 +15,8 @@ from ...basics.spatial import Array
 from ...model.modify import limit_array
 from ...model.standard_parameters import DriveModel, StandardParameters
 from ...robot import Robot
+from .. import thresholds
 
-GRID, FINE = 16, 64  # times per period of the highest harmonic: of the optimiser, of the final check
-TORQUE_MARGIN = 0.01  # of the limits, which the optimiser leaves for torques between its samples
 NAMES = ("lower", "upper", "velocity_limit", "acceleration_limit", "effort_limit")
 
 Locked = Mapping[Any, float] | Iterable[Any]  # joints by name or index, with their positions or without
@@ -52,7 +51,7 @@ class FourierBasis:
         return self.states(t[:, None], np.eye(2 * self.harmonics + 1))
 
     def grid_share(self, count: int) -> float:
-        """What part of its maximum over all times a series reaches at least on a grid of so many times.
+        """Smallest part of its maximum over all times that a series reaches on a grid of so many times.
 
         cos(pi H / count): next to a maximum a trigonometric polynomial of degree H falls no faster than the cosine of
         its highest harmonic (Bernstein and Szego; Ehlich and Zeller 1964).
@@ -177,7 +176,7 @@ class MotionLimits:
         """A of the optimiser's inequalities A x <= 1."""
         n, m = self.robot.n, self.free.shape[1]
         blocks = []
-        for A in self.linear(GRID * self.basis.harmonics).values():
+        for A in self.linear(thresholds.GRID * self.basis.harmonics).values():
             for j in np.flatnonzero(A.any((1, 2))):  # no rows of unlimited accelerations
                 block = np.zeros((A.shape[1], n, m))
                 block[:, j] = A[j]
@@ -215,12 +214,12 @@ class MotionLimits:
         return np.asarray(np.abs(tau).max(-2) + self.coulomb + bend)
 
     def torque_slack(self, x: Array, matrices: States) -> Array:
-        """What the optimiser keeps positive, of each joint with a limit, at each time, of either sign of the torque."""
-        limit, tau = 1 - TORQUE_MARGIN - self.coulomb, self.torques(self.states(x, matrices))
+        """Distances of torques from their limits, which the optimiser keeps positive: by sign, time and joint."""
+        limit, tau = 1 - thresholds.TORQUE_MARGIN - self.coulomb, self.torques(self.states(x, matrices))
         return np.concatenate([(limit + sign * tau)[:, self.driven].ravel() for sign in (-1, 1)])
 
     def torque_slack_slopes(self, x: Array, matrices: States) -> Array:
-        """Its derivatives by x, exact."""
+        """Exact derivatives of `torque_slack` by x."""
         dq, dqd, M = self.robot.inverse_dynamics_derivatives(*self.states(x, matrices))
         by_states = zip((dq, dqd + np.diag(self._friction[0]), M), matrices, strict=True)
         by_coefficients = sum(d[:, self.driven, :, None] * m[:, None, None, :] for d, m in by_states)
@@ -230,7 +229,7 @@ class MotionLimits:
 
     @cached_property
     def _fine(self) -> tuple[dict[str, Array], States]:
-        count = FINE * self.basis.harmonics
+        count = thresholds.FINE * self.basis.harmonics
         return self.linear(count), self.basis.grid(count)
 
     def linear_use(self, x: Array) -> dict[str, Array]:

@@ -1,4 +1,4 @@
-"""A motion that excites a robot's parameters: the condition number or the determinant, and the search for the best.
+"""Motions that excite a robot's parameters: criteria of how well they do, and the search for the best.
 
 Sequential quadratic programming from the best of many random motions, with exact gradients.
 """
@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from os import PathLike
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,7 +28,11 @@ from ...robot import Robot, robot_argument
 from ...simulation.motion_files import write_columns
 from ...trajectories import Samples
 from ...trajectories.profiles import ReferenceMotion
+from .. import thresholds
 from .limits import FourierBasis, Locked, MotionLimits, States, locked_positions, motion_limits
+
+if TYPE_CHECKING:
+    from scipy.optimize import OptimizeResult
 
 
 class BaseRegressor(NamedTuple):
@@ -55,7 +59,7 @@ class BaseRegressor(NamedTuple):
         return self._kept(model, regressor.core(model, q, qd, qdd), qd, qdd)
 
     def evaluate(self, model: Model, *args: Any, **kwargs: Any) -> tuple[Any, PrecisionStatus]:
-        """The columns of the function itself."""
+        """The columns by the function itself, with its verdict on their precision."""
         Y, verdict = regressor.evaluate(model, *args, **kwargs)
         return self._kept(model, Y, *args[1:]), verdict
 
@@ -65,33 +69,11 @@ class BaseRegressor(NamedTuple):
         return columns
 
 
-class Observation:
-    """The matrix W of a motion's samples: rows are torques over their noise, columns are base parameters."""
-
-    def __init__(self, robot: Robot, base: BaseParameters, noise: Array) -> None:
-        self.robot, self.count, self.noise = robot, base.count, noise
-        self.regressor = BaseRegressor.of(base)
-
-    def matrix(self, states: States) -> Array:
-        """W, shape (K n, number of base parameters)."""
-        Y = self.robot.kernel(self.regressor)(*states) / self.noise[:, None]
-        return np.asarray(Y.reshape(-1, self.count))
-
-    def slopes(self, states: States, G: Array) -> list[Array]:
-        """Derivatives by q, qd and qdd, shape (K, n) each, of a function of W, given those by the entries of W."""
-        K, n = states[0].shape
-        dY = self.robot.kernel(self.regressor, "q", "qd", "qdd")(*states)
-        by_columns = G.reshape(K, n, -1) / self.noise[:, None]
-        found = by_columns.reshape(K, 1, -1) @ dY.reshape(K, -1, 3 * n)
-        return np.split(found[:, 0], 3, axis=-1)
-
-
 Criterion = Callable[[Array], tuple[float, Array]]  # of singular values: value, derivatives by their logarithms
-GRAM = 1e3  # condition number up to which W^T W leaves nine digits
 
 
-class Spectrum:
-    """Singular values of W, and right singular vectors as columns of V.
+class SingularValues:
+    """Singular values s of W, and right singular vectors as columns of V.
 
     Where rounding allows they are those of W^T W, unless `exact`: an SVD of W takes many times as long.
     """
@@ -99,7 +81,7 @@ class Spectrum:
     def __init__(self, W: Array, *, exact: bool = False) -> None:
         self.W = W
         squares, self.V = np.linalg.eigh(W.T @ W)
-        if not exact and squares[0] * GRAM**2 > squares[-1]:
+        if not exact and squares[0] * thresholds.GRAM**2 > squares[-1]:
             self.s = np.sqrt(squares)
         else:
             _, self.s, Vt = np.linalg.svd(W, full_matrices=False)
@@ -133,22 +115,16 @@ def log_volume(s: Array) -> tuple[float, Array]:
     return float(-2 * np.log(s).mean()), np.full(len(s), -2 / len(s))
 
 
-ROUNDING = 1e-12  # relative
-SHRINK = 0.85  # of a random motion whose torques are too large
-POSES = 2000  # random ones, if the middle of the ranges cannot be held
-HELD = 0.9  # share of the efforts at rest that leaves some for motion
-
-
 def random_series(within: MotionLimits, count: int, rng: np.random.Generator) -> Array:
     """Random series x that touch some limit of each joint, less where torques are limited, shape (count, size)."""
     n = within.robot.n
     anchor = rest_pose(within, rng)
     x = rng.normal(size=(count, n, within.size // n))
     largest = np.max(list(within.linear_use(x.reshape(count, -1)).values()), axis=0)
-    x = (x / (1 + ROUNDING) / largest[..., None]).reshape(count, -1)
+    x = (x / (1 + 1e-12) / largest[..., None]).reshape(count, -1)
     too_large = within.torque_use(x).max(-1) > 1
     while too_large.any():
-        x[too_large] = anchor + SHRINK * (x[too_large] - anchor)
+        x[too_large] = anchor + thresholds.SHRINK * (x[too_large] - anchor)
         too_large[too_large] = within.torque_use(x[too_large]).max(-1) > 1
     return np.asarray(x)
 
@@ -156,15 +132,15 @@ def random_series(within: MotionLimits, count: int, rng: np.random.Generator) ->
 def rest_pose(within: MotionLimits, rng: np.random.Generator) -> Array:
     """The series that rests in mid-range, or in a random pose if the drives cannot hold that one."""
     robot = within.robot
-    poses = within.centre + (within.upper - within.centre) * rng.uniform(-0.9, 0.9, (POSES, robot.n))
+    poses = within.centre + (within.upper - within.centre) * rng.uniform(-0.9, 0.9, (thresholds.POSES, robot.n))
     poses[0] = within.centre
     use = np.abs(within.torques((poses, np.zeros_like(poses), np.zeros_like(poses)))) + within.coulomb
-    k = 0 if use[0].max() <= HELD else int(use.max(-1).argmin())
-    if use[k].max() > HELD:
+    k = 0 if use[0].max() <= thresholds.HELD_EFFORT else int(use.max(-1).argmin())
+    if use[k].max() > thresholds.HELD_EFFORT:
         j = int(use[k].argmax())
         raise ValueError(
-            f"`limits`: no pose is held with {HELD:.0%} of the efforts; the best of {POSES} takes {use[k, j]:.1e} "
-            f"times effort_limit of joint {robot.joint_names[j]!r}"
+            f"`limits`: no pose is held with {thresholds.HELD_EFFORT:.0%} of the efforts; the best of {len(poses)} "
+            f"takes {use[k, j]:.1e} times effort_limit of joint {robot.joint_names[j]!r}"
         )
     coefficients = np.zeros((robot.n, within.free.shape[0]))
     coefficients[:, 0] = (poses[k] - within.centre) / within.velocity_limit
@@ -172,76 +148,83 @@ def rest_pose(within: MotionLimits, rng: np.random.Generator) -> Array:
 
 
 LOGGER = logging.getLogger("rne")
-FTOL = 1e-4  # change of the criterion's log at which the optimiser stops
-COARSE = 1e-3  # the same, of stages before the last
-BISECTIONS = 20
 NOT_BETTER = "no run found a better motion than the best random ones"
 
 Progress = Callable[[int, int], Any]  # (done, total)
 
 
-class Found(NamedTuple):
-    """A series that keeps its limits, with the exact criterion and what the optimiser said when it found it."""
-
-    x: Array
-    value: float
-    converged: bool
-    message: str
-
-
 @dataclass(frozen=True, eq=False)
-class Search:
-    """Series x of least criterion within limits."""
+class MotionSearch:
+    """The search for the series x of least criterion within limits.
+
+    Criteria are those of W: its rows are torques of a motion's samples over their noise, its columns base parameters.
+    Results are those of `scipy.optimize`: a series `x` that keeps its limits, `fun`, the exact criterion, and `success`
+    and `message` of the run that found it.
+    """
 
     within: MotionLimits
-    observation: Observation
+    regressor: BaseRegressor
+    noise: Array  # of each joint's torques, shape (n,)
     samples: int  # times of one period at which W is taken
-    exact: Criterion  # what is to be minimised
-    stages: tuple[Criterion, ...]  # smooth ones that are minimised one after the other
-    iterations: int  # the most of each run
+    exact: Criterion  # that is to be minimised
+    stages: tuple[Criterion, ...]  # smooth criteria that are minimised one after the other
+    iterations: int  # of each run, at most
     progress: Progress | None
-    _last: dict[bytes, tuple[States, Spectrum]] = field(default_factory=dict, init=False)
+    _last: dict[bytes, tuple[States, SingularValues]] = field(default_factory=dict, init=False)
 
     @cached_property
     def _grid(self) -> States:
         return self.within.basis.grid(self.samples)
 
-    def _observed(self, x: Array) -> tuple[States, Spectrum]:
-        """States of a series and the spectrum of their W, kept until another series: values and gradients need both."""
+    def matrix(self, x: Array) -> Array:
+        """W of a series, shape (K n, number of base parameters)."""
+        return self._matrix(self.within.states(x, self._grid))
+
+    def _matrix(self, states: States) -> Array:
+        Y = self.within.robot.kernel(self.regressor)(*states) / self.noise[:, None]
+        return np.asarray(Y.reshape(-1, Y.shape[-1]))
+
+    def _observed(self, x: Array) -> tuple[States, SingularValues]:
+        """States of a series and singular values of its W, kept for the gradient that is asked for next."""
         key = x.tobytes()
         if key not in self._last:
             states = self.within.states(x, self._grid)
             self._last.clear()
-            self._last[key] = states, Spectrum(self.observation.matrix(states))
+            self._last[key] = states, SingularValues(self._matrix(states))
         return self._last[key]
-
-    def matrix(self, x: Array) -> Array:
-        """W of a series."""
-        return self.observation.matrix(self.within.states(x, self._grid))
 
     def value(self, criterion: Criterion, x: Array) -> float:
         """A criterion of a series."""
         return criterion(self._observed(x)[1].s)[0]
 
     def gradient(self, criterion: Criterion, x: Array) -> Array:
-        """Its derivatives by x, exact: W's by q, qd and qdd, which are linear in x."""
-        states, spectrum = self._observed(x)
-        slopes = self.observation.slopes(states, spectrum.gradient(criterion(spectrum.s)[1]))
+        """Exact derivatives of a criterion by x, from those of W by q, qd and qdd, which are linear in x."""
+        states, singular = self._observed(x)
+        K, n = states[0].shape
+        by_entries = singular.gradient(criterion(singular.s)[1]).reshape(K, n, -1) / self.noise[:, None]
+        dY = self.within.robot.kernel(self.regressor, "q", "qd", "qdd")(*states)
+        slopes = np.split((by_entries.reshape(K, 1, -1) @ dY.reshape(K, -1, 3 * n))[:, 0], 3, axis=-1)
         by_coefficients = sum(h.T @ m for h, m in zip(slopes, self._grid, strict=True))
         return self.within.gradient(np.asarray(by_coefficients))
 
-    def run(self, starts: Array) -> Found:
+    def run(self, starts: Array) -> OptimizeResult:
         """The best of several starts: each through the first stage, the best of them through the further ones."""
+        from scipy.optimize import OptimizeResult
+
         first, *further = self.stages
-        total, given = len(starts) + len(further), [(x, self.value(self.exact, x), False, NOT_BETTER) for x in starts]
-        runs = [self._minimise(first, Found(*start), k, (k, total)) for k, start in enumerate(given)]
-        best = min(range(len(runs)), key=lambda k: runs[k].value)
+        total, runs = len(starts) + len(further), []
+        for k, x in enumerate(starts):
+            start = OptimizeResult(x=x, fun=self.value(self.exact, x), success=False, message=NOT_BETTER)
+            runs.append(self._minimise(first, start, k, (k, total)))
+        best = min(range(len(runs)), key=lambda k: runs[k].fun)
         found = runs[best]
         for k, criterion in enumerate(further, start=len(runs)):
             found = self._minimise(criterion, found, best, (k, total))
         return found
 
-    def _minimise(self, criterion: Criterion, start: Found, number: int, runs: tuple[int, int]) -> Found:
+    def _minimise(
+        self, criterion: Criterion, start: OptimizeResult, number: int, runs: tuple[int, int]
+    ) -> OptimizeResult:
         """One run of SLSQP, the k-th of all; where it ends no better than it started, the start."""
         from scipy.optimize import minimize
 
@@ -265,17 +248,18 @@ class Search:
             constraints=[{"type": "ineq"} | limit for limit in limits],
             method="SLSQP",
             callback=tick,
-            options={"maxiter": self.iterations, "ftol": FTOL if criterion is self.stages[-1] else COARSE},
+            options={
+                "maxiter": self.iterations,
+                "ftol": thresholds.LAST_CHANGE if criterion is self.stages[-1] else thresholds.COARSE_CHANGE,
+            },
         )
         if done < end:  # what an early end saves counts as done
             done = end - 1
             tick()
-        x = self._held(start.x, run.x)
-        value = self.value(self.exact, x)
         LOGGER.info("excitation, start %d: %s after %d iterations", number, run.message, run.nit)
-        if x is start.x or not value <= start.value:
-            return start
-        return Found(x, value, bool(run.success), str(run.message))
+        run.x = self._held(start.x, run.x)
+        run.fun = self.value(self.exact, run.x)
+        return start if run.x is start.x or not run.fun <= start.fun else run
 
     def _held(self, start: Array, end: Array) -> Array:
         """The farthest series on the line from a start, which keeps its limits, to the optimiser's end that does."""
@@ -284,13 +268,10 @@ class Search:
         if self.within.holds(end):
             return end
         kept, broken = 0.0, 1.0
-        for _ in range(BISECTIONS):
+        for _ in range(thresholds.BISECTIONS):
             middle = (kept + broken) / 2
             kept, broken = (middle, broken) if self.within.holds(start + middle * (end - start)) else (kept, middle)
         return np.asarray(start + kept * (end - start)) if kept else start
-
-
-ACTIVE = 0.97  # share of a limit from which it is called active
 
 
 @dataclass(frozen=True, eq=False)
@@ -311,25 +292,25 @@ class Excitation(ReferenceMotion, InNotebooks):
     a, b : ndarray, shape (n, H)
         Amplitudes of the velocities' cosines and sines [rad/s or m/s].
     criterion : {"condition", "d-optimal"}
-        What was minimised.
+        The measure that was minimised.
     condition : float
         Condition number of W, whose rows are the torques of the samples and whose columns are the base parameters.
     log_det : float
         log det(W^T W), which grows as the confidence ellipsoid of the parameters shrinks.
     random : ndarray
-        What the criterion, `condition` or `log_det`, is of random motions within the same limits.
+        The criterion, `condition` or `log_det`, of random motions within the same limits.
     limit_use : mapping of str to ndarray, shape (n,)
         The largest share of the limits of "position", "velocity", "acceleration" and "torque" that the motion uses.
     converged : bool
         False if the optimiser stopped early or found nothing better than a random motion; the motion keeps its limits
         all the same.
     message : str
-        What the optimiser said when it found the motion.
+        The optimiser's message when it found the motion.
     locked : mapping of str to float
         Positions of joints that stay where they are. Their torques are not among the rows of W, parameters that only
         they excite not among its columns, and their shares of limits are zero [rad or m].
     notes : tuple of str
-        What the motion does not take into account.
+        What the motion does not take into account, in words.
     """
 
     robot: Robot
@@ -355,7 +336,7 @@ class Excitation(ReferenceMotion, InNotebooks):
     @property
     def active(self) -> tuple[str, ...]:
         """Limits that the motion uses to 97 % or more, such as "velocity of joint_2"."""
-        used = [(kind, k) for kind, use in self.limit_use.items() for k in np.flatnonzero(use > ACTIVE)]
+        used = [(kind, k) for kind, use in self.limit_use.items() for k in np.flatnonzero(use > thresholds.ACTIVE)]
         return tuple(f"{kind} of {self.robot.joint_names[k]}" for kind, k in used)
 
     def _at(self, t: Array) -> tuple[Array, Array, Array]:
@@ -432,9 +413,6 @@ class Excitation(ReferenceMotion, InNotebooks):
 
 CRITERIA = ("condition", "d-optimal")
 ORDERS = (8.0, 64.0)  # of the Schatten norms in place of the spectral norm, one stage each
-SAMPLES = 20  # per period of the highest harmonic
-SMOOTHING = 0.05  # of the smallest velocity limit: where Coulomb friction changes its sign
-EXCITED = 1e8  # condition number, columns of unit norm, of a motion that leaves parameters unexcited
 
 
 def excitation(
@@ -464,8 +442,8 @@ def excitation(
     harmonics : int
         Number H of harmonics of each joint's Fourier series.
     criterion : {"condition", "d-optimal"}
-        What is minimised: the condition number of W, whose rows are the torques of the samples and whose columns are
-        the base parameters; or -log det(W^T W), the volume of the parameters' confidence ellipsoid.
+        The measure that is minimised: the condition number of W, whose rows are the torques of the samples and whose
+        columns are the base parameters; or -log det(W^T W), the volume of the parameters' confidence ellipsoid.
     limits : mapping of str to array_like, shape (n,), optional
         Replaces limits of the robot: "lower", "upper", "velocity_limit", "acceleration_limit" and "effort_limit"; the
         last two may be infinite [rad or m; rad/s or m/s; rad/s^2 or m/s^2; N m or N].
@@ -484,9 +462,9 @@ def excitation(
     random_motions : int
         Number of random motions within the limits that the result is compared with.
     starts : int
-        How many of these, the best, are starts of the optimiser.
+        Number of starts of the optimiser, the best of the random motions.
     iterations : int
-        The most of each run of the optimiser.
+        Largest number of iterations of each run of the optimiser.
     progress : callable, optional
         A function progress(done, total), called with iterations of the optimiser, of which a run that ends early has
         done all. Each run's end is a line on the logger "rne".
@@ -549,11 +527,10 @@ def excitation(
     within = MotionLimits(numeric, basis, rest, **{name: limit[moving] for name, limit in values.items()})
     base = numeric.base_parameters(drives=_drives(robot, drives, moving, within.velocity_limit))
     sizes = np.ones(robot.n) if noise is None else vector("noise", noise, robot.n, sign="positive")
-    observation = Observation(numeric, base, sizes[moving])
     exact: Criterion = log_condition if criterion == "condition" else log_volume
     stages = tuple(partial(log_condition, p=p) for p in ORDERS) if criterion == "condition" else (log_volume,)
-    count, most = SAMPLES * harmonics, whole_number("iterations", iterations)
-    search = Search(within, observation, count, exact, stages, most, progress)
+    count, most = thresholds.OBSERVED * harmonics, whole_number("iterations", iterations)
+    search = MotionSearch(within, BaseRegressor.of(base), sizes[moving], count, exact, stages, most, progress)
     x = random_series(within, whole_number("random_motions", random_motions), np.random.default_rng(0))
     measures = _excited(search, x)
     values_of_random = measures[:, CRITERIA.index(criterion)]
@@ -563,30 +540,35 @@ def excitation(
 
 
 def _drives(robot: Robot, given: DriveModel | None, moving: list[int], velocity_limit: Array) -> DriveModel:
-    """Those of the joints that move, Coulomb friction smoothed."""
+    """The drives of the joints that move, with smooth Coulomb friction."""
     drives = drive_argument(given)
     motors = StandardParameters(robot.model, drives).motors[:, moving]
     velocities = None if drives.stribeck is None else np.asarray(drives.stribeck)[moving]
-    slow = SMOOTHING * float(velocity_limit.min()) if drives.smoothing is None else drives.smoothing
+    slow = thresholds.SMOOTHING_SPEED * float(velocity_limit.min()) if drives.smoothing is None else drives.smoothing
     return replace(drives, coupled_motors=motors[motors.any(1)], stribeck=velocities, smoothing=slow)
 
 
-def _excited(search: Search, x: Array) -> Array:
+def _excited(search: MotionSearch, x: Array) -> Array:
     """Both measures of random motions, or an error if they leave parameters unexcited."""
     matrices = [search.matrix(series) for series in x]
     with np.errstate(all="ignore"):
         scaled = [W / np.linalg.norm(W, axis=0) for W in matrices]
-        if not any(Spectrum(W).measures[0] < EXCITED for W in scaled):
-            rank = max(int(np.linalg.matrix_rank(W, 1 / EXCITED)) for W in scaled)
+        if not any(SingularValues(W).measures[0] < thresholds.EXCITED for W in scaled):
+            rank = max(int(np.linalg.matrix_rank(W, 1 / thresholds.EXCITED)) for W in scaled)
             raise ValueError(
                 f"{len(x)} random motions of {search.within.basis.harmonics} harmonics within the limits excite at "
-                f"most {rank} of {search.observation.count} base parameters; give more harmonics or wider limits"
+                f"most {rank} of {len(search.regressor.columns)} base parameters; give more harmonics or wider limits"
             )
-    return np.array([Spectrum(W).measures for W in matrices])
+    return np.array([SingularValues(W).measures for W in matrices])
 
 
 def _result(
-    robot: Robot, search: Search, found: Found, criterion: str, random: Array, positions: Mapping[int, float]
+    robot: Robot,
+    search: MotionSearch,
+    found: OptimizeResult,
+    criterion: str,
+    random: Array,
+    positions: Mapping[int, float],
 ) -> Excitation:
     within, n = search.within, robot.n
     moving = [k for k in range(n) if k not in positions]
@@ -600,16 +582,16 @@ def _result(
     coefficients = placed(within.coefficients(found.x))
     coefficients[list(positions), 0] = list(positions.values())
     q0, a, b = np.split(coefficients, [1, 1 + within.basis.harmonics], axis=1)
-    condition, log_det = Spectrum(search.matrix(found.x), exact=True).measures
+    condition, log_det = SingularValues(search.matrix(found.x), exact=True).measures
     use = {kind: placed(share) for kind, share in within.use(found.x).items()}
     locked = {robot.joint_names[k]: position for k, position in positions.items()}
-    ended = found.converged, found.message, locked, _notes(within, locked)
+    ended = bool(found.success), str(found.message), locked, _notes(within, locked)
     series = within.basis.duration, q0[:, 0], a, b
     return Excitation(robot, *series, criterion, condition, log_det, random, use, *ended)
 
 
 def _notes(within: MotionLimits, locked: Mapping[str, float]) -> tuple[str, ...]:
-    """What the motion does not take into account."""
+    """Notes on what the motion does not take into account."""
     notes = ["collisions of the arm with itself and its surroundings are not considered"]
     free = [name for k, name in enumerate(within.robot.joint_names) if k not in within.driven]
     if free:

@@ -13,8 +13,7 @@ and a few Newton steps find the others.
 
 from __future__ import annotations
 
-from itertools import pairwise
-from typing import Any, NamedTuple
+from collections.abc import Callable
 
 import numpy as np
 
@@ -23,37 +22,20 @@ from ...dynamics.base_inertial_parameters import BaseParameters
 from ...errors import IdentificationError
 from ...model.model import Model
 from ...model.parameters import PARAMETERS, parameters_of, parameters_of_pseudo_inertia, pseudo_inertia
+from .. import thresholds
 from .equations import Equations
 
 LOWER = [(i, j) for i in range(4) for j in range(i + 1)]  # entries of X and of Z, in the order of their variables
 DIAGONAL = [k for k, (i, j) in enumerate(LOWER) if i == j]
 ENTRIES = len(LOWER)
+TRACE = np.isin(range(ENTRIES), DIAGONAL).astype(float)  # tr X of the entries of X
 UNITS = np.zeros((ENTRIES, 4, 4))  # symmetric matrices that the entries of X multiply
 for k, (i, j) in enumerate(LOWER):
     UNITS[k, i, j] = UNITS[k, j, i] = 1
 ROOT_2 = np.sqrt(2.0)
-AT_BOUND = 1e-6  # of its size: a parameter of a drive below it is at its bound
-ROUNDS = 20  # of holding entries at their bound and letting them go
-GAP = 1e-9  # of the objective to its minimum, per unit of the prior's weight
 
-
-class Variables(NamedTuple):
-    """Places of the programme's variables."""
-
-    X: range  # ten per body
-    drives: range
-    Z: range  # ten per body
-    log: range  # four per body: log Z_ii
-    residual: range
-
-    @classmethod
-    def of(cls, nb: int, drives: int, rows: int) -> Variables:
-        ends = np.cumsum([0, ENTRIES * nb, drives, ENTRIES * nb, len(DIAGONAL) * nb, rows]).tolist()
-        return cls(*(range(a, b) for a, b in pairwise(ends)))
-
-    @property
-    def total(self) -> int:
-        return self.residual.stop
+Objective = Callable[[Array], float]
+Slopes = Callable[[Array], tuple[Array, Array]]  # gradient and Hessian
 
 
 def consistent_fit(factor: Array, prior: Array, weight: float, bounded: Array, size: Array) -> Array:
@@ -65,18 +47,13 @@ def consistent_fit(factor: Array, prior: Array, weight: float, bounded: Array, s
     """
     factor = factor[:-1]  # the last row is what no parameters explain
     scale = scaling(prior, size)
-    v = Variables.of(len(prior), len(size), len(factor))
-    linear = np.zeros(v.total)
-    diagonal = [v.X[ENTRIES * k + d] for k in range(len(prior)) for d in DIAGONAL]
-    linear[diagonal] = weight  # tr X
-    linear[v.log.start : v.log.stop] = -weight
-    R, b = factor[:, :-1] @ scale, factor[:, -1]
-    found, status = solve_cones(v, linear, constraints(v, R, b, bounded))
-    problem, drives = Barrier(R, b, weight, len(prior)), np.array(v.drives, int)[bounded]
-    of_prior = np.zeros(v.Z.start)  # the start where the cone solver ended far from the minimum
-    of_prior[diagonal] = 1
-    for start in (found[: v.Z.start], of_prior):
-        y = at_minimum(problem, start, drives)
+    R, b, nb = factor[:, :-1] @ scale, factor[:, -1], len(prior)
+    like_prior = np.append(np.tile(TRACE, nb), np.zeros(len(size)))  # X = 1, drives zero
+    by_cones, status = cone_solution(R, b, weight * like_prior, bounded)
+    gap, least = thresholds.CONE_GAP * weight, -thresholds.CONE_GAP * max(1.0, np.abs(b).max(initial=0))
+    for start in (by_cones, like_prior):  # where the cone solver ends far from the minimum
+        held = ENTRIES * nb + np.flatnonzero(bounded)
+        y = at_minimum(*barrier_objective(R, b, weight, nb), start, held, gap, least)
         if y is not None:
             return np.asarray(scale @ y)
     raise IdentificationError(
@@ -84,19 +61,24 @@ def consistent_fit(factor: Array, prior: Array, weight: float, bounded: Array, s
     )
 
 
-def at_minimum(problem: Barrier, y: Array, bounded: Array) -> Array | None:
-    """The minimum near a point, with those entries held at their bound that ask for it; None if it is not reached."""
-    y, held = y.copy(), set(bounded[y[bounded] < AT_BOUND].tolist())
-    for _ in range(ROUNDS):
+def at_minimum(
+    objective: Objective, slopes: Slopes, start: Array, bounded: Array, gap: float, least: float
+) -> Array | None:
+    """The minimum near a start to within a gap, with entries that are `bounded` at zero or above; None if not reached.
+
+    An entry at its bound is held there while its slope is at least `least`.
+    """
+    y, held = start.copy(), set(bounded[start[bounded] < thresholds.AT_BOUND].tolist())
+    for _ in range(thresholds.BOUND_ROUNDS):
         free = np.ones(len(y), bool)
         free[list(held)] = False
         y[~free] = 0.0
-        if not np.isfinite(problem.value(y)):
+        if not np.isfinite(objective(y)):
             break
-        y, gradient, decrement = refined(problem, y, free)
+        y, gradient, decrement = refined(objective, slopes, y, free)
         beyond = {k for k in bounded.tolist() if y[k] < 0}
-        pulled = {k for k in held if gradient[k] < -GAP * max(1.0, np.abs(problem.b).max(initial=0))}
-        if not beyond and not pulled and decrement <= GAP * problem.weight:
+        pulled = {k for k in held if gradient[k] < least}
+        if not beyond and not pulled and decrement <= gap:
             return y
         held = (held | beyond) - pulled
     return None
@@ -114,37 +96,12 @@ def scaling(prior: Array, size: Array) -> Array:
     return matrix
 
 
-def constraints(v: Variables, R: Array, b: Array, bounded: Array) -> list[tuple[str, Any, Array]]:
-    """Cones as (kind, matrix A, right-hand side c): c - A x lies in the cone."""
-    residual = np.zeros((len(b), v.total))
-    residual[:, : v.Z.start], residual[:, v.residual.start :] = -R, np.eye(len(b))
-    cones = [
-        ("zero", residual, -b),
-        ("not negative", -np.eye(v.total)[np.array(v.drives, int)[bounded]], 0 * b[: bounded.sum()]),
-    ]
-    for k in range(len(v.log) // len(DIAGONAL)):
-        own = slice(ENTRIES * k, ENTRIES * (k + 1))
-        cones.append(("semidefinite", -block_matrix(v.X[own], v.Z[own], v.total), np.zeros(36)))
-        for place, d in enumerate(DIAGONAL):  # exp(log_i) <= Z_ii
-            row = np.zeros((3, v.total))
-            row[0, v.log[len(DIAGONAL) * k + place]] = row[2, v.Z[own][d]] = -1
-            cones.append(("exponential", row, np.array([0.0, 1.0, 0.0])))
-    return cones
+def cone_solution(R: Array, b: Array, trace: Array, bounded: Array) -> tuple[Array, str]:
+    """The minimum by Clarabel, to a small gap of the objective, and how it ended; `trace` @ y is w times tr X.
 
-
-def block_matrix(X: range, Z: range, count: int) -> Array:
-    """[[X, Z], [Z^T, diag Z]] as a linear function of the variables: its upper triangle, column by column."""
-    dense = np.zeros((8, 8, count))
-    for k, (i, j) in enumerate(LOWER):
-        dense[i, j, X[k]] = dense[j, i, X[k]] = 1
-        dense[i, 4 + j, Z[k]] = 1
-        if i == j:
-            dense[4 + i, 4 + i, Z[k]] = 1
-    return np.array([dense[i, j] * (1 if i == j else ROOT_2) for j in range(8) for i in range(j + 1)])
-
-
-def solve_cones(v: Variables, linear: Array, cones: list[tuple[str, Any, Array]]) -> tuple[Array, str]:
-    """The minimum of 1/2 |residual|^2 + linear . x under the constraints, by Clarabel, and how it ended."""
+    Variables are the entries of X, the drives, the entries of Z, four log Z_ii per body, and the residual R y - b; the
+    objective is 1/2 |residual|^2 + w (tr X - sum of the log Z_ii).
+    """
     try:
         import clarabel
     except ModuleNotFoundError:
@@ -153,106 +110,104 @@ def solve_cones(v: Variables, linear: Array, cones: list[tuple[str, Any, Array]]
         ) from None
     from scipy import sparse
 
-    make = {
-        "zero": clarabel.ZeroConeT,
-        "not negative": clarabel.NonnegativeConeT,
-        "semidefinite": lambda rows: clarabel.PSDTriangleConeT(8),
-        "exponential": lambda rows: clarabel.ExponentialConeT(),
-    }
-    quadratic = np.zeros(v.total)
-    quadratic[v.residual.start :] = 1
+    nb = (R.shape[1] - len(bounded)) // ENTRIES
+    counts = [ENTRIES * nb, len(bounded), ENTRIES * nb, len(DIAGONAL) * nb, len(b)]
+    X, drives, Z, log, residual = np.split(np.arange(sum(counts)), np.cumsum(counts)[:-1])
+    unit = np.eye(sum(counts))  # rows that pick a variable
+    cones = [(clarabel.ZeroConeT(len(b)), unit[residual] - np.pad(R, ((0, 0), (0, len(unit) - R.shape[1]))), -b)]
+    if bounded.any():
+        held = drives[bounded]
+        cones.append((clarabel.NonnegativeConeT(len(held)), -unit[held], np.zeros(len(held))))
+    for k in range(nb):
+        own = slice(ENTRIES * k, ENTRIES * (k + 1))
+        cones.append((clarabel.PSDTriangleConeT(8), -block_matrix(unit[X[own]], unit[Z[own]]), np.zeros(36)))
+        for place, d in zip(log[len(DIAGONAL) * k :], DIAGONAL, strict=False):  # exp(log Z_ii) <= Z_ii
+            rows = np.array([unit[place], np.zeros(len(unit)), unit[Z[own][d]]])
+            cones.append((clarabel.ExponentialConeT(), -rows, np.array([0.0, 1.0, 0.0])))
+    linear, quadratic = np.zeros(len(unit)), np.zeros(len(unit))
+    linear[: R.shape[1]], linear[log], quadratic[residual] = trace, -trace.max(initial=0), 1
     settings = clarabel.DefaultSettings()
-    settings.verbose = False
-    settings.max_threads = 1
-    A = sparse.csc_matrix(np.concatenate([A for _, A, _ in cones]))
-    c = np.concatenate([c for _, _, c in cones])
-    kinds = [make[kind](len(c)) for kind, _, c in cones if len(c)]
-    found = clarabel.DefaultSolver(sparse.diags(quadratic).tocsc(), linear, A, c, kinds, settings).solve()
-    return np.array(found.x), str(found.status)
+    settings.verbose, settings.max_threads = False, 1
+    kinds, A, c = zip(*cones, strict=True)
+    P, A = sparse.diags(quadratic).tocsc(), sparse.csc_matrix(np.concatenate(A))
+    found = clarabel.DefaultSolver(P, linear, A, np.concatenate(c), kinds, settings).solve()
+    return np.array(found.x)[: R.shape[1]], str(found.status)
 
 
-STEPS = 100
-CONVERGED = 1e-16  # of the decrement, half of which is the gap of the objective to its minimum
-ATTEMPTS = 40  # halvings of a step
+def block_matrix(X: Array, Z: Array) -> Array:
+    """[[X, Z], [Z^T, diag Z]] of rows that pick the entries of X and Z: its upper triangle, column by column."""
+    dense = np.zeros((8, 8, X.shape[1]))
+    for k, (i, j) in enumerate(LOWER):
+        dense[i, j] = dense[j, i] = X[k]
+        dense[i, 4 + j] = Z[k]
+        if i == j:
+            dense[4 + i, 4 + i] = Z[k]
+    return np.array([dense[i, j] * (1 if i == j else ROOT_2) for j in range(8) for i in range(j + 1)])
 
 
-class Barrier(NamedTuple):
-    """1/2 |R y - b|^2 + w sum (tr X - log det X) of y = (entries of the nb matrices X, drives)."""
+def barrier_objective(R: Array, b: Array, w: float, nb: int) -> tuple[Objective, Slopes]:
+    """1/2 |R y - b|^2 + w sum (tr X - log det X) of y = (entries of nb matrices X, drives), and (gradient, Hessian)."""
 
-    R: Array
-    b: Array
-    weight: float  # w
-    nb: int
+    def bodies(y: Array) -> Array:
+        return np.asarray(np.tensordot(y[: ENTRIES * nb].reshape(nb, -1), UNITS, 1))
 
-    def bodies(self, y: Array) -> Array:
-        """The matrices X, shape (nb, 4, 4)."""
-        return np.asarray(np.tensordot(y[: ENTRIES * self.nb].reshape(self.nb, -1), UNITS, 1))
-
-    def value(self, y: Array) -> float:
-        """The objective; infinite outside the cone."""
-        X = self.bodies(y)
+    def objective(y: Array) -> float:
+        X = bodies(y)
         if np.linalg.eigvalsh(X).min(initial=np.inf) <= 0:
-            return float("inf")
+            return float("inf")  # outside the cone
         barrier = np.trace(X, axis1=1, axis2=2).sum() - np.linalg.slogdet(X)[1].sum()
-        return float(0.5 * ((self.R @ y - self.b) ** 2).sum() + self.weight * barrier)
+        return float(0.5 * ((R @ y - b) ** 2).sum() + w * barrier)
 
-    def slopes(self, y: Array) -> tuple[Array, Array]:
-        """Gradient and Hessian."""
-        gradient, hessian = self.R.T @ (self.R @ y - self.b), self.R.T @ self.R
-        for k, inverse in enumerate(np.linalg.inv(self.bodies(y))):
+    def slopes(y: Array) -> tuple[Array, Array]:
+        gradient, hessian = R.T @ (R @ y - b), R.T @ R
+        for k, inverse in enumerate(np.linalg.inv(bodies(y))):
             own = slice(ENTRIES * k, ENTRIES * (k + 1))
             turned = inverse @ UNITS
-            gradient[own] += self.weight * np.trace(UNITS - turned, axis1=1, axis2=2)
-            hessian[own, own] += self.weight * np.einsum("kab,lba->kl", turned, turned)
+            gradient[own] += w * np.trace(UNITS - turned, axis1=1, axis2=2)
+            hessian[own, own] += w * np.einsum("kab,lba->kl", turned, turned)
         return gradient, hessian
 
+    return objective, slopes
 
-def refined(problem: Barrier, start: Array, free: Array) -> tuple[Array, Array, float]:
-    """The minimum over the free entries of y, which starts inside the cone; the others stay as they are.
+
+def refined(objective: Objective, slopes: Slopes, start: Array, free: Array) -> tuple[Array, Array, float]:
+    """The minimum by Newton's method over the free entries of y, which starts inside the cone.
 
     With the gradient there, and the decrement, twice the estimated gap to the minimum.
     """
     y, decrement = start.copy(), np.inf
-    for _ in range(STEPS):
-        gradient, hessian = problem.slopes(y)
+    for _ in range(thresholds.NEWTON_STEPS):
+        gradient, hessian = slopes(y)
         step = np.zeros(len(y))
         step[free] = -np.linalg.lstsq(hessian[np.ix_(free, free)], gradient[free], rcond=None)[0]
         decrement = float(-gradient @ step)
-        lengths = 0.5 ** np.arange(ATTEMPTS)
-        value = problem.value(y)
-        length = next((a for a in lengths if problem.value(y + a * step) <= value - 1e-4 * a * decrement), 0.0)
+        lengths = 0.5 ** np.arange(thresholds.HALVINGS)
+        value = objective(y)
+        length = next((a for a in lengths if objective(y + a * step) <= value - 1e-4 * a * decrement), 0.0)
         y = y + length * step
-        if decrement <= CONVERGED or length == 0:
+        if decrement <= thresholds.CONVERGED or length == 0:
             break
-    return y, problem.slopes(y)[0], decrement
-
-
-THICKNESS = 0.2  # of a guessed body: standard deviation of its mass across its length, as a part of the length
-SHORTEST = 0.1  # length of a guessed body without extent, as a part of the robot's mean distance between joints
-DEGENERATE = 1e-3  # bodies of a model that are thinner than this in terms of the guess, in second moments, ...
-ADDED = 1e-2  # ... get this part of it
-SHARE_OF_DRIVES = 0.1  # of a joint's torque, that its rotor or friction is expected to take
-UNIT = 1.0  # [m], of a robot whose joints are all at one point
+    return y, slopes(y)[0], decrement
 
 
 def model_prior(model: Model) -> tuple[Array, tuple[str, ...]]:
     """Positive definite pseudo-inertias of bodies, (nb, 4, 4), and joints whose bodies had to be made thicker."""
     given, guess = pseudo_inertia(parameters_of(model)), geometric_prior(model)
     mean = model.mass.mean() if model.mass.any() else 1.0
-    mass = np.where(model.mass > 0, model.mass, ADDED * mean)
+    mass = np.where(model.mass > 0, model.mass, thresholds.ADDED * mean)
     guess = guess / guess[:, 3:, 3:] * mass[:, None, None]
     prior, changed = given.copy(), []
     for i, name in enumerate(model.moving_joints):
         L = np.linalg.inv(np.linalg.cholesky(guess[i]))
         thinnest = np.linalg.eigvalsh(L @ given[i] @ L.T)[0]
-        if thinnest < DEGENERATE:
-            prior[i] = given[i] + (ADDED + max(-thinnest, 0)) * guess[i]
+        if thinnest < thresholds.DEGENERATE:
+            prior[i] = given[i] + (thresholds.ADDED + max(-thinnest, 0)) * guess[i]
             changed.append(name)
     return prior, tuple(changed)
 
 
 def expected_sizes(P: Array, base: BaseParameters, equations: Equations) -> Array:
-    """How large base parameters may be: of bodies like these, and of drives that take a tenth of the torque.
+    """Expected sizes of base parameters: of bodies like these, and of drives that take a tenth of the torque.
 
     The pseudo-inertias P are infinite if nothing is known of the bodies; equations are those of standard parameters.
     """
@@ -261,7 +216,7 @@ def expected_sizes(P: Array, base: BaseParameters, equations: Equations) -> Arra
     bodies = np.concatenate([mass[:, None], np.repeat(first[:, None], 3, 1), np.repeat(second[:, None], 6, 1)], axis=1)
     columns = np.sqrt((equations.factors[..., bodies.size : -1] ** 2).sum((0, 2)))  # joints, drives
     shares = (columns / np.maximum(np.sqrt(equations.torques()), np.finfo(float).tiny)[:, None]).max(0, initial=0)
-    drives = np.divide(SHARE_OF_DRIVES, shares, out=np.zeros(len(shares)), where=shares > 0)
+    drives = np.divide(thresholds.SHARE_OF_DRIVES, shares, out=np.zeros(len(shares)), where=shares > 0)
     shown = np.where(base.matrix[:, : bodies.size] == 0, 0.0, bodies.ravel())
     of_bodies = np.linalg.norm(base.matrix[:, : bodies.size] * shown, axis=1)
     kept = np.array(base.independent, int)
@@ -274,7 +229,7 @@ def geometric_prior(model: Model) -> Array:
     ends = [body_ends(model, i) for i in range(model.nb)]
     lengths = [np.linalg.norm(end, axis=1) for end in ends]
     known = np.concatenate(lengths)[np.concatenate(lengths) > 0]
-    shortest = SHORTEST * (known.mean() if len(known) else UNIT)
+    shortest = thresholds.SHORTEST * (known.mean() if len(known) else thresholds.GUESSED_LENGTH)
     bodies = np.array([rods(end, np.maximum(length, shortest)) for end, length in zip(ends, lengths, strict=True)])
     bodies = bodies.reshape(-1, 4, 4)
     return np.asarray(bodies / max(bodies[:, 3, 3].sum(), np.finfo(float).tiny))
@@ -293,7 +248,7 @@ def body_ends(model: Model, i: int) -> Array:
 def rods(ends: Array, lengths: Array) -> Array:
     """Pseudo-inertia of rods from the origin to points, of unit density per length."""
     total = np.zeros((4, 4))
-    total[:3, :3] = (lengths * ends.T) @ ends / 3 + (THICKNESS**2 * lengths**3).sum() * np.eye(3)
+    total[:3, :3] = (lengths * ends.T) @ ends / 3 + (thresholds.THICKNESS**2 * lengths**3).sum() * np.eye(3)
     total[:3, 3] = total[3, :3] = lengths @ ends / 2
     total[3, 3] = lengths.sum()
     return total

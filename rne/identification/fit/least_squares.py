@@ -1,14 +1,11 @@
 """Weighted least squares: each joint's equations count by its own residual.
 
-Gautier 1997; Siciliano et al. 2009, section 7.3. The noise of a joint is its residual over its degrees of freedom,
-which depend on the fit, which depends on the noise: the fit is repeated until neither changes. Residuals that are like
-those of neighbouring equations carry less information than their number says: the number of rows over the integrated
-autocorrelation time, 1 + 2 sum rho_k, is the effective sample size (Sokal 1997, section 3).
+Gautier 1997; Siciliano et al. 2009, section 7.3. The noise of a joint is its residual over its degrees of freedom.
+These depend on the fit, and the fit on the noise: it is repeated until neither changes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -17,19 +14,9 @@ import numpy as np
 from ...basics.spatial import Array
 from ...dynamics.base_inertial_parameters import BaseParameters
 from ...model.parameters import PARAMETERS
-from ...model.standard_parameters import StandardParameters
-from ..log.filtering import low_pass
+from .. import thresholds
 from .consistent import consistent_fit
-from .equations import Equations, triangular
-
-ROUNDS = 30  # of weighting; it settles in a few
-SETTLED = 1e-6  # relative change of the noise at which weighting ends
-FEWEST = 5  # degrees of freedom of a joint, from which its residual says what its noise is
-ROUNDING = 1e-13  # of the torques: data without noise have this for it
-NOTHING = 1e-12  # length of a column, of the longest, that is rounding
-DEPENDENT = 1e-10  # singular values below this part of the largest, of columns of unit length, are rounding
-BEYOND_DOUBT = 4.0  # standard errors
-UNDETERMINED = 1e-6  # share of an unknown in the directions that the equations leave free
+from .equations import Equations, solve, with_prior
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,13 +29,13 @@ class LeastSquares:
         Estimates and their standard errors; an error is infinite where the motion says nothing of an unknown, and the
         estimate is then that of the smallest norm.
     covariance : ndarray, shape (P, P)
-        Of the part that the motion determines.
+        Covariance of the estimates, of the part that the motion determines.
     sigma : ndarray, shape (n,)
         Standard deviation of each joint's residual [N m or N].
     condition : float
         Condition number of the weighted equations; infinite if unknowns depend on each other.
     scaled_condition : float
-        The same with columns of unit length.
+        Condition number of the equations with columns of unit length.
     """
 
     values: Array
@@ -58,48 +45,34 @@ class LeastSquares:
     condition: float
     scaled_condition: float
 
-
-class Solution(NamedTuple):
-    """Solution x of A x = b with smallest residual; of those, with the smallest length per column."""
-
-    x: Array
-    inverse: Array  # G of shape (P, rank): x = G U^T b, its covariance is G G^T
-    singular: Array  # singular values of A with columns of unit length
-    free: Array  # true for unknowns that the equations do not determine
-
-
-def solve(factor: Array) -> Solution:
-    """The solution of triangular equations [A b]."""
-    A, b = factor[:, :-1], factor[:, -1]
-    lengths = np.linalg.norm(A, axis=0)
-    nothing = lengths <= NOTHING * lengths.max(initial=0)
-    A, lengths = np.where(nothing, 0.0, A), np.where(nothing, 1.0, lengths)
-    U, S, V = np.linalg.svd(A / lengths, full_matrices=False)
-    kept = DEPENDENT * S.max(initial=0) < S
-    inverse = (V[kept].T / S[kept]) / lengths[:, None]
-    free = np.linalg.norm(V[~kept], axis=0) > UNDETERMINED
-    return Solution(inverse @ (U.T[kept] @ b), inverse, S, free)
+    def _with_covariance(self, covariance: Array) -> LeastSquares:
+        """The estimates with another covariance; errors that are infinite stay so."""
+        errors = np.where(np.isinf(self.errors), np.inf, np.sqrt(np.diag(covariance)))
+        return replace(self, covariance=covariance, errors=errors)
 
 
 def weighted_fit(equations: Equations, sigma: Array) -> tuple[Array, Array]:
     """The solution of equations over the noise of their joint, and how many unknowns each joint determines."""
     solution = solve(equations.weighted(sigma))
-    spent = ((equations.factors[..., :-1] @ solution.inverse) ** 2).sum((0, 2, 3)) / sigma**2
-    return solution.x, spent
+    return solution.x, solution.spent(equations, sigma)
 
 
 def least_squares(equations: Equations) -> LeastSquares:
     """Estimates of all unknowns from the equations of all blocks and joints."""
     equations = equations.merged()
     size = equations.rms_torques()
-    least = np.maximum(ROUNDING * np.maximum(size, size.max(initial=0) * ROUNDING), np.finfo(float).tiny)
+    least = np.maximum(
+        thresholds.EXACT * np.maximum(size, size.max(initial=0) * thresholds.EXACT), np.finfo(float).tiny
+    )
     sigma = np.maximum(size, least)
-    for _ in range(ROUNDS):
+    for _ in range(thresholds.WEIGHTINGS):
         x, spent = weighted_fit(equations, sigma)
         freedom = equations.rows.sum(0) - spent
         found = np.sqrt(equations.residuals(x) / np.maximum(freedom, 1))
-        found = np.maximum(np.where(freedom < FEWEST, size, found), least)  # few equations leave no residual
-        settled = np.abs(found / sigma - 1).max(initial=0) <= SETTLED
+        found = np.maximum(
+            np.where(freedom < thresholds.FEWEST_FREE, size, found), least
+        )  # few equations leave no residual
+        settled = np.abs(found / sigma - 1).max(initial=0) <= thresholds.NOISE_SETTLED
         sigma = found
         if settled:
             break
@@ -108,7 +81,9 @@ def least_squares(equations: Equations) -> LeastSquares:
     covariance = solution.inverse @ solution.inverse.T
     errors = np.where(solution.free, np.inf, np.sqrt(np.diag(covariance)))
     singular = np.linalg.svd(factor[:, :-1], compute_uv=False)
-    conditions = [float(s[0] / s[-1]) if s[-1] > DEPENDENT * s[0] else np.inf for s in (singular, solution.singular)]
+    conditions = [
+        float(s[0] / s[-1]) if s[-1] > thresholds.DEPENDENT * s[0] else np.inf for s in (singular, solution.singular)
+    ]
     return LeastSquares(solution.x, errors, covariance, sigma, *conditions)
 
 
@@ -120,47 +95,40 @@ def with_correlation(estimate: LeastSquares, equations: Equations, correlation_t
     for j, factor in enumerate(equations.factors[0]):  # G (sum over joints of tau_j A_j^T A_j) G^T of the sandwich
         share = solution.inverse @ (factor[:, :-1] @ solution.inverse / estimate.sigma[j]).T
         covariance += correlation_time[j] * share @ share.T
-    errors = np.where(solution.free, np.inf, np.sqrt(np.diag(covariance)))
-    return replace(estimate, covariance=covariance, errors=errors)
-
-
-HELD = 1e-4  # weight of the model's drives, of that of the measurements
-LEAST_NOISE = 1e-3  # of the torques: the consistent fit does not take measurements for more exact than this
+    return estimate._with_covariance(covariance)
 
 
 def believed_noise(equations: Equations, sigma: Array) -> Array:
     """Noise of the joints: measurements are not taken for more exact than a thousandth of the torques."""
-    return np.maximum(sigma, LEAST_NOISE * equations.rms_torques())
+    return np.maximum(sigma, thresholds.LEAST_NOISE * equations.rms_torques())
 
 
-class Method(NamedTuple):
-    """What is unknown, and what is known beforehand."""
+class Estimator(NamedTuple):
+    """Estimates parameters from equations: base parameters by least squares, standard ones by the consistent fit."""
 
-    standard: StandardParameters
     base: BaseParameters
     prior: Array | None  # pseudo-inertias, shape (nb, 4, 4); None for least squares alone
     weight: float  # of the divergence from the prior
 
-    def solved(self, equations: Equations) -> tuple[LeastSquares, Array]:
+    def fit(self, equations: Equations) -> tuple[LeastSquares, Array]:
         """Base parameters, and standard parameters: consistent ones, or the nearest to the model's."""
         estimate = least_squares(equations.mapped(self.base.back))
         if self.prior is not None:
-            return estimate, self.consistent(equations, estimate.sigma)
-        model = self.standard.values
+            return estimate, self._consistent(equations, estimate.sigma, self.prior)
+        model = self.base.standard.values
         return estimate, model + self.base.back @ (estimate.values - self.base.matrix @ model)
 
-    def consistent(self, equations: Equations, sigma: Array) -> Array:
+    def _consistent(self, equations: Equations, sigma: Array, prior: Array) -> Array:
         """The physically consistent standard parameters."""
-        factor = equations.merged().weighted(believed_noise(equations, sigma))
-        bodies = PARAMETERS * self.standard.model.nb
+        standard, factor = self.base.standard, equations.merged().weighted(believed_noise(equations, sigma))
+        bodies = PARAMETERS * standard.model.nb
         lengths = np.linalg.norm(factor[:, bodies:-1], axis=0)
-        weights = np.where(lengths == 0, 1.0, HELD * lengths)  # of the model's drives, where the motion says nothing
-        held = np.zeros((len(lengths), factor.shape[1]))
-        held[:, bodies:-1], held[:, -1] = np.diag(weights), weights * np.maximum(self.standard.values[bodies:], 0)
-        factor = triangular(np.concatenate([factor, held]))
-        bounded = np.array([not name.startswith("tau0") for name in self.standard.names[bodies:]], bool)
-        assert self.prior is not None
-        return consistent_fit(factor, self.prior, self.weight, bounded, 1 / np.where(lengths == 0, 1, lengths))
+        weights = np.where(
+            lengths == 0, 1.0, thresholds.HELD * lengths
+        )  # of the model's drives, where the motion says nothing
+        factor = with_prior(factor, bodies, weights, np.maximum(standard.values[bodies:], 0))
+        bounded = np.array([not name.startswith("tau0") for name in standard.names[bodies:]], bool)
+        return consistent_fit(factor, prior, self.weight, bounded, 1 / np.where(lengths == 0, 1, lengths))
 
 
 class Unexplained(NamedTuple):
@@ -171,11 +139,11 @@ class Unexplained(NamedTuple):
     Attributes
     ----------
     everywhere : ndarray, shape (n,)
-        Of all torques.
+        The share of all torques.
     in_motion : ndarray, shape (n,)
-        Of torques at more than the minimum velocity, those fitted.
+        The share of torques at more than the minimum velocity, which are fitted.
     at_rest : ndarray, shape (n,)
-        Of the others.
+        The share of the slower torques.
     """
 
     everywhere: Array
@@ -183,47 +151,14 @@ class Unexplained(NamedTuple):
     at_rest: Array
 
 
-def held_out(method: Method, fitted: Equations, measured: Equations) -> Unexplained:
+def held_out(estimator: Estimator, fitted: Equations, measured: Equations) -> Unexplained:
     """The unexplained part of all measured torques, of those in motion, which are fitted, and of those at rest."""
     squares = np.zeros((2, fitted.joints))
     for k in range(len(fitted.factors)):
         others = np.arange(len(fitted.factors)) != k
-        _, x = method.solved(fitted.of_blocks(others))
+        _, x = estimator.fit(fitted.of_blocks(others))
         squares += [equations.of_blocks(~others).residuals(x) for equations in (measured, fitted)]
     torques, rows = (np.array([f(measured), f(fitted)]) for f in (Equations.torques, lambda e: e.rows.sum(0)))
     squares, torques, rows = (np.concatenate([x, [x[0] - x[1]]]) for x in (squares, torques, rows))
     shares = np.sqrt(np.maximum(squares, 0) / np.maximum(torques, np.finfo(float).tiny))
     return Unexplained(*np.where(rows == 0, np.nan, shares))
-
-
-RESPONSE = 8.0  # periods of the cut-off after which nothing is left of an impulse
-WINDOW = 5.0  # the sum ends at this many times itself (Sokal's rule)
-
-
-def correlation_time_of_residuals(residuals: Array, used: Array, parts: Sequence[slice]) -> Array:
-    """1 + 2 sum rho_k of each joint, at least 1, over the rows that are `used`; of `parts` none has a gap in it."""
-    from scipy.signal import correlate
-
-    lags = np.arange(max(part.stop - part.start for part in parts))
-    found = []
-    for x, flags in zip((residuals * used).T, used.T.astype(float), strict=True):
-        products, pairs = np.zeros((2, len(lags)))
-        for part in parts:
-            count = part.stop - part.start
-            products[:count] += correlate(x[part], x[part])[count - 1 :]
-            pairs[:count] += correlate(flags[part], flags[part])[count - 1 :]
-        covariances = products / np.maximum(np.rint(pairs), 1) * (1 - lags / len(lags))
-        sums = 2 * np.cumsum(covariances / (covariances[0] or 1.0)) - 1
-        ends = np.flatnonzero(lags >= WINDOW * sums)
-        found.append(max(sums[ends[0] if len(ends) else -1], 1.0))
-    return np.array(found)
-
-
-def correlation_time_of_filtered_noise(cutoff: float, sample_rate: float, decimation: int) -> float:
-    """The same for noise that was white before the filter, from the filter's response to an impulse."""
-    reach = decimation * int(np.ceil(RESPONSE * sample_rate / (cutoff * decimation)))
-    impulse = np.zeros((2 * reach + 1, 1))
-    impulse[reach] = 1
-    response = low_pass(impulse, cutoff, sample_rate)[:, 0]
-    covariances = np.correlate(response, response, "full")[len(response) - 1 :: decimation]
-    return float(2 * covariances.sum() / covariances[0] - 1)

@@ -12,11 +12,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import cache
-from typing import NamedTuple
 
 import numpy as np
 
 from ...basics.spatial import Array
+from .. import thresholds
 
 ORDER = 4  # of the Butterworth filter, which runs forwards and backwards
 SETTLING = 1.25  # periods of the cut-off from a step to where less than 1 % of it is left
@@ -71,35 +71,17 @@ def derivatives(x: Array, sample_rate: float) -> tuple[Array, Array]:
     return first * sample_rate, second * sample_rate**2
 
 
-WINDOW = 4.0  # seconds of one spectrum; several are averaged
-USED = 0.7  # share of the samples in segments that are long enough for one
-POWER = 0.99  # share of the velocities' power that makes up the motion's bandwidth
-FACTOR = 5.0  # times the motion's bandwidth, for the cut-off
-FEWEST = 8  # samples of a spectrum
-LEAST = 2.0  # times the motion's bandwidth, where noise asks for a lower cut-off
-NOISE = 1e-3  # power of the accelerations' noise below the cut-off, as a part of that of the accelerations
-SIGNIFICANT = 10.0  # times the noise, above which a part of a spectrum is motion
-MOVING = 0.05  # velocity as a part of the fastest joint's, above which a joint has a say
-FASTEST = 0.2  # largest cut-off, as a part of the sample rate
-CHANCE = 0.01  # that spectra which have nothing to do with each other look coherent
 AVERAGES = 1.6  # independent spectra per window, where windows overlap by half
-PERIODS = 2.0  # of the crossover in a segment, at least: positions measure what is slower
-HIGHEST = 0.25  # crossover as a part of the sample rate, from which the positions alone are used
-
-
-class Spectrum(NamedTuple):
-    """Power of the joint velocities over frequency, each from what measures better: positions or velocities."""
-
-    f: Array  # shape (F,) [Hz]
-    velocities: Array  # shape (F, n)
-    noise: Array  # in `velocities`, shape (F, n)
-    crossover: Array  # below which positions measure better, shape (n,) [Hz]; infinite where velocities are not used
 
 
 def motion_spectrum(
     q: Sequence[Array], sample_rate: float, integrals: Sequence[Array] = (), used: Array | None = None
-) -> Spectrum:
-    """Averaged over the segments that are long enough, shape (T, n) each; `integrals` are those of measured velocities.
+) -> tuple[Array, Array, Array, Array]:
+    """Power of the joint velocities over frequency, each from what measures better: positions or measured velocities.
+
+    Frequencies, shape (F,) [Hz], the power of the velocities and of their noise, shape (F, n), and the crossovers below
+    which positions measure better, shape (n,) [Hz], infinite where measured velocities are not used. Averaged over the
+    segments that are long enough, shape (T, n) each; `integrals` are those of measured velocities.
 
     Noise of the positions that is equal at all frequencies, as that of quantisation, has in differences the spectrum
     N (2 sin(pi f / f_s))^2; N is the median over the upper half of the frequencies, and the noise of the velocities the
@@ -112,22 +94,22 @@ def motion_spectrum(
     upper = f > sample_rate / 4
     level = np.median(velocities[upper] / shape[upper], axis=0)
     noise, crossover = level * shape, np.full(velocities.shape[1], np.inf)
-    plain = Spectrum(f, velocities, noise, crossover)
     if used is None or not used.any():
-        return plain
+        return f, velocities, noise, crossover
     off = [x - y for x, y in zip(q, integrals, strict=True)]
     measured, difference = (_power(x, x, sample_rate)[1].real for x in (integrals, off))
-    is_bounded = FACTOR * _bandwidths(plain)[1].max() < FASTEST * sample_rate
+    bandwidth = _bandwidths(f, velocities, noise)[1].max()
+    is_bounded = thresholds.ABOVE_MOTION * bandwidth < thresholds.HIGHEST_CUTOFF * sample_rate
     if not is_bounded:  # repeated positions have noise at single frequencies
         level = np.mean(velocities[upper] / shape[upper], axis=0)
-    unexplained = (difference > SIGNIFICANT * noise) & is_bounded
+    unexplained = (difference > thresholds.SIGNIFICANT * noise) & is_bounded
     late = np.where(unexplained, difference, 0.0).sum(0) / np.maximum(unexplained.sum(0), 1)
     measured_noise = np.maximum(np.median(measured[upper], axis=0), late)
     equal = sample_rate / (2 * np.pi) * np.sqrt(measured_noise / np.maximum(level, np.finfo(float).tiny))
-    better = used & (equal < HIGHEST * sample_rate)
-    crossover[better] = np.maximum(equal[better], PERIODS * sample_rate / max(len(x) for x in q))
+    better = used & (equal < thresholds.HIGHEST_CROSSOVER * sample_rate)
+    crossover[better] = np.maximum(equal[better], thresholds.CROSSOVER_PERIODS * sample_rate / max(len(x) for x in q))
     above = f[:, None] > crossover
-    return Spectrum(f, np.where(above, measured, velocities), np.where(above, measured_noise, noise), crossover)
+    return f, np.where(above, measured, velocities), np.where(above, measured_noise, noise), crossover
 
 
 def _power(x: Sequence[Array], y: Sequence[Array], sample_rate: float) -> tuple[Array, Array]:
@@ -148,9 +130,9 @@ def _power(x: Sequence[Array], y: Sequence[Array], sample_rate: float) -> tuple[
 def _window(x: Sequence[Array], sample_rate: float) -> int:
     """Samples of one spectrum, fewer than of the segments that have most of the samples."""
     lengths = np.sort([len(part) for part in x] or [0])
-    shortest = int(lengths[np.searchsorted(np.cumsum(lengths), (1 - USED) * lengths.sum())])
-    length = min(int(WINDOW * sample_rate), shortest - 1)
-    if length < FEWEST:
+    shortest = int(lengths[np.searchsorted(np.cumsum(lengths), (1 - thresholds.LONG_ENOUGH) * lengths.sum())])
+    length = min(int(thresholds.SPECTRUM_SECONDS * sample_rate), shortest - 1)
+    if length < thresholds.SPECTRUM_SAMPLES:
         raise ValueError("the segments are too short for a spectrum of the positions")
     return length
 
@@ -173,37 +155,38 @@ def complementary_filter(q: Array, integrals: Array, crossover: Array, sample_ra
 
 
 def choose_cutoff(
-    spectrum: Spectrum, sample_rate: float, q: Sequence[Array], tau: Sequence[Array]
+    spectrum: Sequence[Array], sample_rate: float, q: Sequence[Array], tau: Sequence[Array]
 ) -> tuple[float, tuple[str, ...]]:
-    """A cut-off [Hz] for the motion of these segments, shape (T, n) each, and the reason in words."""
-    highest, warned = FASTEST * sample_rate, []
-    cutoff, reason = _cutoff(spectrum)
+    """A cut-off [Hz] for the motion of these segments, shape (T, n) each, by its spectrum, and the reason in words."""
+    f, velocities, noise, crossover = spectrum
+    highest, warned = thresholds.HIGHEST_CUTOFF * sample_rate, []
+    cutoff, reason = _cutoff(f, velocities, noise)
     if cutoff > highest:  # noise may be taken for motion: only what torques and positions have in common counts
-        common = spectrum.velocities * _coherence(q, tau, sample_rate)
+        common = velocities * _coherence(q, tau, sample_rate)
         warned = [
             f"warning: the spectrum asks for a cut-off above {highest:.6g} Hz, a fifth of the sample rate: positions "
             "that repeat or jump, noise up to half the sample rate, or a sample rate that is too low"
         ]
-        if (common > SIGNIFICANT * spectrum.noise).any():
-            cutoff, reason = _cutoff(spectrum._replace(velocities=common))
+        if (common > thresholds.SIGNIFICANT * noise).any():
+            cutoff, reason = _cutoff(f, common, noise)
             reason = f"of what torques and positions have in common, {reason}"
     if cutoff > highest:
-        cutoff, reason = highest, f"{FASTEST:g} times the sample rate of {sample_rate:.6g} Hz"
-    source = "positions" if np.isinf(spectrum.crossover).all() else "positions and measured velocities"
+        cutoff, reason = highest, f"{thresholds.HIGHEST_CUTOFF:g} times the sample rate of {sample_rate:.6g} Hz"
+    source = "positions" if np.isinf(crossover).all() else "positions and measured velocities"
     return cutoff, (f"cut-off {cutoff:.3g} Hz, chosen from the spectrum of the {source}: {reason}", *warned)
 
 
-def _cutoff(spectrum: Spectrum) -> tuple[float, str]:
-    """From the bandwidths of the joints that move."""
-    speed, motions, noises = _bandwidths(spectrum)
+def _cutoff(f: Array, velocities: Array, noise_power: Array) -> tuple[float, str]:
+    """A cut-off from the bandwidths of the joints that move, and the reason in words."""
+    speed, motions, noises = _bandwidths(f, velocities, noise_power)
     if not speed.any():
         raise ValueError("the positions show no motion above their noise")
-    moving = speed >= MOVING * speed.max()
-    motion, noise = motions[moving].max(), noises[moving].min()
-    if noise < FACTOR * motion:
+    moving = speed >= thresholds.SLOW_JOINT * speed.max()
+    motion, noise, factor = motions[moving].max(), noises[moving].min(), thresholds.ABOVE_MOTION
+    if noise < factor * motion:
         reason = f"the motion's bandwidth is {motion:.3g} Hz, noise disturbs the accelerations from {noise:.3g} Hz on"
-        return float(max(noise, LEAST * motion)), reason
-    return float(FACTOR * motion), f"{FACTOR:g} times the motion's bandwidth of {motion:.3g} Hz"
+        return float(max(noise, thresholds.LEAST_ABOVE * motion)), reason
+    return float(factor * motion), f"{factor:g} times the motion's bandwidth of {motion:.3g} Hz"
 
 
 def _coherence(q: Sequence[Array], tau: Sequence[Array], sample_rate: float) -> Array:
@@ -213,20 +196,19 @@ def _coherence(q: Sequence[Array], tau: Sequence[Array], sample_rate: float) -> 
     squared: Array = np.abs(both) ** 2 / np.maximum(moved * torque, np.finfo(float).tiny)
     window = _window(q, sample_rate)
     averages = max(2.0, AVERAGES * sum(len(x) for x in q if len(x) > window) / window)
-    chance = squared < 1 - CHANCE ** (1 / (averages - 1))
+    chance = squared < 1 - thresholds.COHERENT_BY_CHANCE ** (1 / (averages - 1))
     chance[:-1] &= chance[1:]  # two neighbouring frequencies
     start = np.argmax(squared * moved / f[:, None] ** 2, axis=0)
     ended = np.cumsum(chance & (np.arange(len(f))[:, None] > start), axis=0) > 0
     return np.where(ended, 0.0, squared)
 
 
-def _bandwidths(spectrum: Spectrum) -> tuple[Array, Array, Array]:
-    """RMS velocities, the bandwidths below which `POWER` lies, and where accelerations are `NOISE`, shape (n,) each."""
-    f, velocities, noise = spectrum.f, spectrum.velocities, spectrum.noise
-    power = np.cumsum(np.where(velocities > SIGNIFICANT * noise, velocities - noise, 0.0), axis=0)
-    motion = (power < POWER * power[-1]).sum(axis=0)
+def _bandwidths(f: Array, velocities: Array, noise: Array) -> tuple[Array, Array, Array]:
+    """RMS velocities, bandwidths of the motion, and frequencies from which noise disturbs accelerations, (n,) each."""
+    power = np.cumsum(np.where(velocities > thresholds.SIGNIFICANT * noise, velocities - noise, 0.0), axis=0)
+    motion = (power < thresholds.MOTION_POWER * power[-1]).sum(axis=0)
     omega2 = (2 * np.pi * f[:, None]) ** 2
     moved = (omega2 * velocities * (np.arange(len(f))[:, None] <= motion)).sum(axis=0)
-    disturbed = np.cumsum(omega2 * noise, axis=0) > NOISE * moved
+    disturbed = np.cumsum(omega2 * noise, axis=0) > thresholds.NOISE_OF_ACCELERATIONS * moved
     beyond = np.where(disturbed.any(axis=0), np.argmax(disturbed, axis=0), -1)
     return np.sqrt(power[-1] * f[0]), f[motion], f[beyond]

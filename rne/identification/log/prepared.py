@@ -11,18 +11,8 @@ from numpy.typing import ArrayLike
 from ...basics.arrays import positive_number
 from ...basics.spatial import Array
 from ...basics.text import counted, summary
-from .filtering import (
-    FASTEST,
-    MARGIN,
-    Spectrum,
-    choose_cutoff,
-    complementary_filter,
-    derivatives,
-    integral,
-    low_pass,
-    motion_spectrum,
-    settling,
-)
+from .. import thresholds
+from . import filtering
 from .screening import Screened, consecutive
 
 
@@ -41,17 +31,17 @@ class Prepared:
     segments : tuple of slice
         The parts of the grid without gaps.
     sample_rate : float
-        Of the grid [Hz].
+        Samples of the grid per second [Hz].
     cutoff : float
-        Of the parallel filter that `reduce` applies, where its gain is 1/2 [Hz].
+        Cut-off of the parallel filter that `reduce` applies, where its gain is 1/2 [Hz].
     position_cutoff : float
-        Of the filter that the positions have passed [Hz].
+        Cut-off of the filter that the positions have passed [Hz].
     decimation : int
-        Samples of the grid per reduced row.
+        Samples of the grid per reduced row: the cut-off is at most 0.8 times half the rate of the rows.
     usable : ndarray, shape (T, n)
         False where a torque is measured but not to be used: a constant channel, a saturated drive.
     notes : tuple of str
-        What was done, in words: the cut-off's choice, what was cut, bridged and dropped.
+        Choice of the cut-off, and what was cut, bridged and dropped, in words.
     start : float
         First stamp of the record, from which texts count [s].
 
@@ -115,7 +105,9 @@ class Prepared:
         if not np.isfinite(values).all():
             raise ValueError("`columns` must be finite")
         parts = zip(self.segments, self._segment_rows, strict=True)
-        filtered = [low_pass(values[part], self.cutoff, self.sample_rate, rows - part.start) for part, rows in parts]
+        filtered = [
+            filtering.low_pass(values[part], self.cutoff, self.sample_rate, rows - part.start) for part, rows in parts
+        ]
         return np.concatenate(filtered)
 
     @property
@@ -164,7 +156,7 @@ class Prepared:
 
     @cached_property
     def _segment_rows(self) -> tuple[Array, ...]:
-        drop = settling(self.cutoff, self.sample_rate)
+        drop = filtering.settling(self.cutoff, self.sample_rate)
         return tuple(np.arange(part.start + drop, part.stop - drop, self.decimation) for part in self.segments)
 
 
@@ -174,14 +166,10 @@ def undisturbed(flags: Array, rows: Array, reach: int) -> Array:
     return np.asarray(count[rows + reach] == count[rows - reach])
 
 
-POSITIONS = 5.0  # cut-off of the positions' filter, as a multiple of the parallel filter's
-HIGHEST = 0.25  # of that, as a part of the sample rate
 ROUNDING = 1e-6  # of a ratio of rates
-ROUNDED = 1.01  # of a cut-off that was printed and is given back
-PASS_BAND = 0.8  # cut-off as a part of half the reduced rows' rate (Gautier, Janot and Vandanjon 2013)
 
 
-def prepare(name: str, screened: Screened, cutoff: float | None, decimation: int | None, start: float) -> Prepared:
+def prepare(name: str, screened: Screened, cutoff: float | None, start: float) -> Prepared:
     """Filter and differentiate the positions of every segment that is long enough."""
     rate, parts = 1 / screened.period, screened.segments
     positions, torques = [screened.q[part] for part in parts], [screened.tau[part] for part in parts]
@@ -189,20 +177,20 @@ def prepare(name: str, screened: Screened, cutoff: float | None, decimation: int
     if cutoff is None:
         try:
             if spectrum is None:
-                spectrum = motion_spectrum(positions, rate)
-            cutoff, reasons = choose_cutoff(spectrum, rate, positions, torques)
+                spectrum = filtering.motion_spectrum(positions, rate)
+            cutoff, reasons = filtering.choose_cutoff(spectrum, rate, positions, torques)
         except ValueError as error:
             raise ValueError(f"{name}: {error}; give `cutoff` [Hz]") from None
     else:
         cutoff = positive_number("cutoff", cutoff)
-        if cutoff > ROUNDED * FASTEST * rate:
-            most = f"{FASTEST * rate:.6g} Hz, a fifth of the sample rate"
+        if cutoff > thresholds.PRINTED * thresholds.HIGHEST_CUTOFF * rate:
+            most = f"{thresholds.HIGHEST_CUTOFF * rate:.6g} Hz, a fifth of the sample rate"
             raise ValueError(f"`cutoff` must be at most {most}, got {cutoff:.6g}")
         reasons = (f"cut-off {cutoff:.3g} Hz, as given",)
-    decimation = _decimation(decimation, cutoff, rate)
-    position_cutoff = min(POSITIONS * cutoff, HIGHEST * rate)
-    drop = max(2 * settling(position_cutoff, rate), MARGIN)  # twice, for the accelerations
-    needed = 2 * (drop + settling(cutoff, rate)) + decimation
+    decimation = max(1, int(thresholds.PASS_BAND * rate / (2 * cutoff) + ROUNDING))
+    position_cutoff = min(thresholds.POSITION_CUTOFF * cutoff, thresholds.HIGHEST_POSITION_CUTOFF * rate)
+    drop = max(2 * filtering.settling(position_cutoff, rate), filtering.MARGIN)  # twice, for the accelerations
+    needed = 2 * (drop + filtering.settling(cutoff, rate)) + decimation
     lengths = [len(q) for q in positions]
     kept = [k for k, length in enumerate(lengths) if length >= needed]
     if not kept:
@@ -230,43 +218,37 @@ def prepare(name: str, screened: Screened, cutoff: float | None, decimation: int
     )
 
 
-def _fused(screened: Screened, positions: list[Array], rate: float) -> tuple[list[Array], Spectrum | None, list[str]]:
-    """Positions with what measured velocities know better, the spectrum that told this, and where velocities enter."""
+def _fused(
+    screened: Screened, positions: list[Array], rate: float
+) -> tuple[list[Array], tuple[Array, ...] | None, list[str]]:
+    """Positions improved by measured velocities where these are better, the spectrum that tells this, and a note."""
     if screened.qd is None or not screened.believed.any():
         return positions, None, []
-    integrals = [integral(screened.qd[part], rate) for part in screened.segments]
+    integrals = [filtering.integral(screened.qd[part], rate) for part in screened.segments]
     try:
-        spectrum = motion_spectrum(positions, rate, integrals, screened.believed)
+        spectrum = filtering.motion_spectrum(positions, rate, integrals, screened.believed)
     except ValueError:  # too short a record for a spectrum
         return positions, None, []
-    crossover = spectrum.crossover
+    crossover = spectrum[-1]
     if np.isinf(crossover).all():
         return positions, spectrum, ["velocities from the positions: the measured ones are noisier, or late"]
-    fused = [complementary_filter(q, Q, crossover, rate) for q, Q in zip(positions, integrals, strict=True)]
+    fused = [filtering.complementary_filter(q, Q, crossover, rate) for q, Q in zip(positions, integrals, strict=True)]
     named = ", ".join(f"{f:.3g}" if np.isfinite(f) else "none" for f in crossover)
     note = f"velocities as measured above a crossover, from the positions below it: {named} Hz by joint"
     return fused, spectrum, [note]
 
 
-def _decimation(given: int | None, cutoff: float, rate: float) -> int:
-    most = int(rate / (2 * cutoff) + ROUNDING)
-    if given is None:
-        return max(1, int(PASS_BAND * rate / (2 * cutoff) + ROUNDING))
-    if isinstance(given, bool) or not isinstance(given, int | np.integer) or not 1 <= given <= most:
-        raise ValueError(
-            f"`decimation` must be an integer from 1 to {most}, to keep twice the cut-off or more, got {given!r}"
-        )
-    return int(given)
-
-
 def _differentiated(q: Array, cutoff: float, rate: float, drop: int) -> tuple[Array, Array, Array]:
     """Positions, velocities and accelerations, without `drop` samples at either end."""
-    filtered = low_pass(q, cutoff, rate)
-    qd, qdd = derivatives(filtered[drop - MARGIN : len(q) - drop + MARGIN], rate)
+    filtered = filtering.low_pass(q, cutoff, rate)
+    qd, qdd = filtering.derivatives(filtered[drop - filtering.MARGIN : len(q) - drop + filtering.MARGIN], rate)
     return filtered[drop : len(q) - drop], qd, qdd
 
 
 def rows_without(record: Prepared, flags: Array) -> Array:
     """True at reduced rows that no flagged sample enters; flags have shape (T, n), the result (R, n)."""
-    reach, parts = settling(record.cutoff, record.sample_rate), zip(record.segments, record._segment_rows, strict=True)
+    reach, parts = (
+        filtering.settling(record.cutoff, record.sample_rate),
+        zip(record.segments, record._segment_rows, strict=True),
+    )
     return np.concatenate([undisturbed(flags[part], rows - part.start, reach) for part, rows in parts])

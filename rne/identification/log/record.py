@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Self, get_args
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,14 +15,14 @@ from ...basics.spatial import Array
 from ...basics.text import counted
 from ...simulation.motion_files import numbered_joints
 from ...trajectories.csv_file import in_seconds, read_samples
+from .. import thresholds
 from .prepared import Prepared, prepare
-from .screening import RecordFinding, Stamps, screen
+from .screening import STAMPS, RecordFinding, screen
 
 if TYPE_CHECKING:
     from ...simulation.trajectory import Trajectory
 
 UNITS = {"rad": 1.0, "m": 1.0, "deg": np.pi / 180}
-SINGULAR = 1e-10  # smallest singular value as a part of the largest, with each motor's row scaled to one
 
 
 class Record:
@@ -61,7 +61,7 @@ class Record:
     qd : ndarray, shape (T, n), or None
         Velocities as given, in SI units [rad/s or m/s].
     findings : tuple of RecordFinding
-        What is wrong with the measurements and what is done about it; empty if nothing is.
+        Faults of the measurements and what is done about them; empty if there are none.
     encoder_step : ndarray, shape (n,)
         Smallest step of each position, of which all others are multiples [rad or m]; zero if there is none.
     sample_rate : float
@@ -106,10 +106,10 @@ class Record:
         name: str = "record",
         joint_names: Sequence[str] | None = None,
         unit: str | Sequence[str] = "rad",
-        stamps: Stamps = "auto",
+        stamps: str = "auto",
         bridge: int = 3,
     ) -> None:
-        if stamps not in get_args(Stamps):
+        if stamps not in STAMPS:
             raise ValueError(f'`stamps` must be "auto", "sampled" or "regular", got {stamps!r}')
         self.name, self._stamps, self._bridge = name, stamps, whole_number("bridge", bridge, least=0)
         self.q = samples_array("q", q, None)
@@ -122,6 +122,7 @@ class Record:
             raise ValueError(f"`joint_names` must have {n} names, got {len(self.joint_names)}")
         if twice := [name for name in self.joint_names if self.joint_names.count(name) > 1]:
             raise ValueError(f"`joint_names` must be different, got {twice[0]!r} {len(twice)} times")
+        self._has_names = self.joint_names != numbered_joints(n)
         units = [unit] * n if isinstance(unit, str) else list(unit)
         if len(units) != n or any(u not in UNITS for u in units):
             raise ValueError(f'`unit` must be "rad", "m" or "deg", or {n} of them, got {unit!r}')
@@ -132,7 +133,7 @@ class Record:
             if array is not None:
                 array.flags.writeable = False
         self._screened = screen(name, self.joint_names, self.t, self.q, self.tau, self.qd, self._bridge, stamps)
-        self.findings: tuple[RecordFinding, ...] = self._screened.findings
+        self.findings: tuple[RecordFinding, ...] = tuple(self._screened.findings)
         self.encoder_step: Array = self._screened.encoder_step
         self.sample_rate = 1 / self._screened.period
 
@@ -290,7 +291,7 @@ class Record:
         zero = 0.0 if offsets is None else vector("offsets", offsets, n)
         mixed = np.eye(n) if coupling is None else np.array(real_array("coupling", coupling, f"({n}, {n})"), np.float64)
         K, rows = _not_zero("ratios", ratios, n)[:, None] * mixed, np.linalg.norm(mixed, axis=1)
-        if (rows == 0).any() or np.linalg.cond(mixed / rows[:, None]) > 1 / SINGULAR:
+        if (rows == 0).any() or np.linalg.cond(mixed / rows[:, None]) > 1 / thresholds.SINGULAR_COUPLING:
             raise ValueError(
                 "`coupling` must be invertible: joint positions do not follow from the motors' through a singular "
                 "matrix"
@@ -345,7 +346,7 @@ class Record:
         q, tau = self.q[rows][:, joints], self.tau[rows][:, joints]
         return Record(self.t[rows], q, tau, qd, name=self.name, **options)
 
-    def prepare(self, cutoff: float | None = None, decimation: int | None = None) -> Prepared:
+    def prepare(self, cutoff: float | None = None) -> Prepared:
         """Positions, velocities, accelerations and torques on an equally spaced grid, and the filter for a fit.
 
         Parameters
@@ -354,8 +355,6 @@ class Record:
             Of the parallel filter [Hz], at most a fifth of the sample rate. If it is not given, five times the
             frequency below which 99 % of the power of the velocities lies, less where noise disturbs the accelerations.
             Were that more than a fifth of the sample rate, only what positions and torques have in common counts.
-        decimation : int, optional
-            Samples per reduced row; by default the cut-off is 0.8 times half the rate of the rows.
 
         Returns
         -------
@@ -381,7 +380,7 @@ class Record:
         if errors:
             more = f" ({len(errors) - 1} more errors in `findings`)" if len(errors) > 1 else ""
             raise ValueError(errors[0].message + more)
-        return prepare(self.name, self._screened, cutoff, decimation, float(self.t[0]))
+        return prepare(self.name, self._screened, cutoff, float(self.t[0]))
 
 
 def samples_array(name: str, value: ArrayLike, shape: tuple[int, ...] | None) -> Array:

@@ -1,13 +1,12 @@
 """Faults of measurements: found, named, and taken out where that is possible.
 
-Times that are not in order, samples that those beside them contradict, torques that do not follow the motion.
+Times that are not in order, samples that their neighbours contradict, torques that do not follow the motion.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Literal
 
@@ -16,6 +15,7 @@ import numpy as np
 from ...basics.spatial import Array
 from ...basics.text import counted, summary
 from ...trajectories.csv_file import guessed_unit
+from .. import thresholds
 
 NAMED = 3  # samples that a text names
 
@@ -38,11 +38,11 @@ class RecordFinding:
     joint : str
         The joint; empty if all are concerned.
     kind : str
-        What was found, such as "position spike" or "gap".
+        Kind of the fault, such as "position spike" or "gap".
     text : str
         Where, and by how much.
     cure : str
-        What is done about it, or what to do.
+        Its treatment, or advice.
     samples : tuple of int
         The samples concerned, as indices of the record's arrays.
 
@@ -74,13 +74,29 @@ class RecordFinding:
         return f"{self.record}: {joint}{self.kind} {self.text}; {self.cure}"
 
 
-class Findings:
-    """Collects the findings on one record; `rows` are the record's samples that indices refer to."""
+@dataclass
+class Screened:
+    """The measurements of a record on grids of equal steps, without what cannot be used, and what was found in them.
 
-    def __init__(self, record: str, joint_names: tuple[str, ...], t: Array) -> None:
-        self.record, self.joint_names, self.t = record, joint_names, t
-        self.rows: Array = np.arange(len(t))
-        self.found: list[RecordFinding] = []
+    Findings name samples of the record by `rows`, those of its samples that are left.
+    """
+
+    name: str
+    joint_names: tuple[str, ...]
+    t: Array  # the record's stamps, then the grid, all segments after each other, shape (T,) [s]
+    q: Array  # shape (T, n), single spikes and missing values interpolated; torques and velocities likewise
+    tau: Array
+    qd: Array | None
+    usable: Array = field(init=False)  # False where a torque is not to be used, shape (T, n)
+    believed: Array = field(init=False)  # True for joints whose measured velocities are those of the positions
+    encoder_step: Array = field(init=False)  # smallest step of the positions, shape (n,); zero where there is none
+    segments: tuple[slice, ...] = ()  # the parts of the grid between gaps
+    period: float = float("nan")  # from one sample to the next [s]
+    notes: tuple[str, ...] = ()  # what was done though nothing is wrong
+    findings: list[RecordFinding] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.stamps, self.rows = self.t, np.arange(len(self.t))
 
     def warning(
         self,
@@ -94,7 +110,7 @@ class Findings:
         """Add a finding; `joint` is None for all joints."""
         name = "" if joint is None else self.joint_names[joint]
         indices = tuple(int(self.rows[k]) for k in samples)
-        self.found.append(RecordFinding(severity, self.record, name, kind, text, cure, indices))
+        self.findings.append(RecordFinding(severity, self.name, name, kind, text, cure, indices))
 
     def error(self, kind: str, text: str, cure: str, samples: Iterable[int] = ()) -> None:
         """Add an error that concerns all joints."""
@@ -102,12 +118,13 @@ class Findings:
 
     @property
     def has_errors(self) -> bool:
-        """True if an error is among them."""
-        return any(finding.severity == "error" for finding in self.found)
+        """True if a finding is an error."""
+        return any(finding.severity == "error" for finding in self.findings)
 
     def at(self, samples: Array) -> str:
-        """Where these samples are, the first ones with their times from the first stamp."""
-        named = ", ".join(f"{k} (t = {seconds(self.t[k] - self.t[0])} s)" for k in self.rows[samples[:NAMED]])
+        """Places of samples in words, of the first ones with their times from the first stamp."""
+        rows = self.rows[samples[:NAMED]]
+        named = ", ".join(f"{k} (t = {seconds(self.stamps[k] - self.stamps[0])} s)" for k in rows)
         if len(samples) == 1:
             return f"at sample {named}"
         more = f" and {len(samples) - NAMED} more" if len(samples) > NAMED else ""
@@ -132,17 +149,15 @@ def consecutive(lengths: Iterable[int]) -> tuple[slice, ...]:
 
 # Times
 
-Stamps = Literal["auto", "sampled", "regular"]
-REGULAR = 0.02  # deviation of stamps from equal steps that is none, as a part of the period
-LOST = 0.02  # share of steps that are whole periods, of samples that the log has lost
-LAG = 1000  # samples over which the period of counted samples is taken
-PAUSES = 0.005  # share of steps from which pauses belong to the stamps, and are no gaps
-KNOTS = 10.0  # seconds, and
-KNOT_SAMPLES = 1000  # samples, between changes of the step that is fitted to stamps
-CLOSE = 0.3  # step as a part of the period, below which one of two samples is enough for a spline
+STAMPS = ("auto", "sampled", "regular")  # what the times of a record may be, as `Record` takes them
 
 
-def check_order(found: Findings, t: Array, rows: Array, stamps: Stamps) -> Array:
+def is_gap(t: Array, period: float, bridge: int) -> Array:
+    """True for steps over more missing samples than are bridged."""
+    return np.asarray(np.diff(t) > (bridge + thresholds.LONG_STEP) * period)
+
+
+def check_order(found: Screened, t: Array, rows: Array, stamps: str) -> Array:
     """True at samples to keep: times must ascend, and `rows` that are there twice are kept once."""
     kept = np.ones(len(t), dtype=bool)
     steps = np.diff(t)
@@ -159,12 +174,12 @@ def check_order(found: Findings, t: Array, rows: Array, stamps: Stamps) -> Array
     return kept
 
 
-def _refuse_same(found: Findings, same: Array) -> None:
+def _refuse_same(found: Screened, same: Array) -> None:
     cure = "give times with more digits, or the index divided by the sample rate"
     found.error("one time for different samples", found.at(same), cure, same)
 
 
-def check_stamps(found: Findings, t: Array, q: Array, bridge: int, stamps: Stamps) -> tuple[Array, float]:
+def check_stamps(found: Screened, t: Array, q: Array, bridge: int, stamps: str) -> tuple[Array, float]:
     """The times to use, and their period: the stamps, or equal steps where these were made by the reader of the log."""
     steps = np.diff(t)
     usual = np.abs(steps - np.median(steps)) <= np.median(steps) / 2
@@ -172,8 +187,9 @@ def check_stamps(found: Findings, t: Array, q: Array, bridge: int, stamps: Stamp
     counted_period, gap = _pauses(t, bridge)
     by_count = _equal_steps(t, gap, counted_period)
     whole = np.clip(np.rint(steps / period), 1, bridge + 1) if period else steps
-    is_grid = (whole > 1).mean() <= LOST and (np.abs(steps - whole * period) <= REGULAR * period).all()
-    if stamps == "sampled" or (period and (is_grid or np.abs(t - by_count).max() <= REGULAR * period)):
+    regular = thresholds.REGULAR * period
+    is_grid = (whole > 1).mean() <= thresholds.LOST and (np.abs(steps - whole * period) <= regular).all()
+    if stamps == "sampled" or (period and (is_grid or np.abs(t - by_count).max() <= regular)):
         reason = ""
     elif stamps == "regular":
         reason = "as `stamps` says"
@@ -188,18 +204,18 @@ def check_stamps(found: Findings, t: Array, q: Array, bridge: int, stamps: Stamp
     elif (same := np.flatnonzero(steps == 0) + 1).size:
         _refuse_same(found, same)
     else:
-        gap = steps > (bridge + 1.5) * period
+        gap = is_gap(t, period, bridge)
     _check_gaps(found, t, period, gap)
     return t, period
 
 
 def _pauses(t: Array, bridge: int) -> tuple[float, Array]:
     """Period of samples that are counted, and where the log has a gap: a step far above the usual pauses."""
-    lag = max(1, min(LAG, len(t) // 4))
+    lag = max(1, min(thresholds.COUNTED_OVER, len(t) // 4))
     period, steps = float(np.median(t[lag:] - t[:-lag])) / lag, np.diff(t)
-    pauses = steps[steps > 1.5 * period]
-    usual = float(np.median(pauses)) if len(pauses) > PAUSES * len(steps) else 0.0
-    return period, steps > max((bridge + 1.5) * period, 3 * usual)
+    pauses = steps[steps > thresholds.LONG_STEP * period]
+    usual = float(np.median(pauses)) if len(pauses) > thresholds.PAUSES * len(steps) else 0.0
+    return period, is_gap(t, period, bridge) & (steps > thresholds.GAP * usual)
 
 
 def _equal_steps(t: Array, gap: Array, period: float) -> Array:
@@ -208,7 +224,7 @@ def _equal_steps(t: Array, gap: Array, period: float) -> Array:
 
     equal = t.copy()
     for part in np.split(np.arange(len(t)), np.flatnonzero(gap) + 1):
-        count = int(len(part) / max(KNOTS / period, KNOT_SAMPLES)) if period > 0 else 1
+        count = int(len(part) / max(thresholds.KNOTS / period, thresholds.KNOT_SAMPLES)) if period > 0 else 1
         if len(part) > 2:
             index = np.arange(len(part), dtype=float)
             knots = np.linspace(0, index[-1], max(count, 1) + 1)
@@ -224,8 +240,8 @@ def _made_by_reader(t: Array, q: Array, equal: Array, gap: Array, period: float)
     """
     from scipy.ndimage import uniform_filter1d
 
-    pauses = max(1, int((np.diff(t) > 1.5 * period).sum()))
-    width = int(np.clip(2 * len(t) / pauses, 9, 101))  # of velocities: more than a burst
+    pauses = max(1, int(is_gap(t, period, 0).sum()))
+    width = int(np.clip(2 * len(t) / pauses, *thresholds.VELOCITY_WINDOW))  # more than a burst
     velocity = uniform_filter1d(np.gradient(q, axis=0), width, axis=0) / period
     group = np.concatenate([[0], np.cumsum(gap)])
     whole = group[4:] == group[:-4]
@@ -241,7 +257,7 @@ def _made_by_reader(t: Array, q: Array, equal: Array, gap: Array, period: float)
     return "for several have the same time" if (np.diff(t) == 0).any() and share - error < 0.5 else ""
 
 
-def _check_gaps(found: Findings, t: Array, period: float, gap: Array) -> None:
+def _check_gaps(found: Screened, t: Array, period: float, gap: Array) -> None:
     """Name gaps and missing samples, steps longer than by jitter."""
     steps = np.diff(t)
     after = np.flatnonzero(gap)
@@ -249,7 +265,7 @@ def _check_gaps(found: Findings, t: Array, period: float, gap: Array) -> None:
         text = f"{found.after(after)}; the longest lasts {steps[gap].max():.4g} s"
         found.warning(None, "gap", text, "the record is cut there", after)
     usual = steps[np.abs(steps - period) < period / 2]
-    lost = np.flatnonzero((steps > 1.5 * period + 3 * np.std(usual)) & ~gap)
+    lost = np.flatnonzero((steps > thresholds.LONG_STEP * period + 3 * np.std(usual)) & ~gap)
     if len(lost):
         missing = int((np.rint(steps[lost] / period) - 1).sum())
         text = f"{found.after(lost)}: {missing} in all"
@@ -258,25 +274,16 @@ def _check_gaps(found: Findings, t: Array, period: float, gap: Array) -> None:
 
 # Values
 
-BOUND = 10.0  # times the usual deviation from neighbours, above which a value is a spike
-LONGEST = 3  # samples of a spike
-WINDOW = 101  # samples from which the usual deviation is taken
 NORMAL = 1.4826  # standard deviation of normal noise, per median of its magnitude
-EXCEEDED = 95  # per cent of a record's deviations that are below twice the least usual one
-COMMON = 0.05  # share of samples from which spikes are noise
-FREQUENT = 1.0  # jumps per second, above which they are noise
-LATTICE = 0.15  # scatter of differences about multiples of a step, as a part of it; 0.29 without a step
-NEGLIGIBLE = 1e-5  # step as a part of the median difference, that is rounding of numbers
-FEWEST_DIFFERENCES = 40  # differences from which a step is told
 
 
 def encoder_step(x: Array) -> float:
     """The step of which all differences of neighbours are multiples; zero if there is none."""
     steps = np.abs(np.diff(x))
     steps = np.sort(steps[steps > 0])
-    if len(steps) < FEWEST_DIFFERENCES:
+    if len(steps) < thresholds.FEWEST_DIFFERENCES:
         return 0.0
-    step = float(np.median(steps[:FEWEST_DIFFERENCES]))
+    step = float(np.median(steps[: thresholds.FEWEST_DIFFERENCES]))
     for _ in range(5):
         small = steps[steps < 5 * step]
         multiples = np.rint(small / step)
@@ -284,11 +291,11 @@ def encoder_step(x: Array) -> float:
             return 0.0
         step = float(small @ multiples / (multiples @ multiples))
     scatter = np.sqrt(np.mean((small / step - multiples) ** 2))
-    return step if scatter < LATTICE and step > NEGLIGIBLE * np.median(steps) else 0.0
+    return step if scatter < thresholds.LATTICE and step > thresholds.NEGLIGIBLE * np.median(steps) else 0.0
 
 
 def deviations(x: Array, length: int) -> tuple[Array, Array]:
-    """Of `length` samples from the cubic through the two before and the two after, and what these allow for.
+    """Deviations of `length` samples from the cubic through two samples before and two after, and their allowance.
 
     For every start from 2 to len(x) - length - 2: the smallest magnitude among the samples, or the largest where all
     repeat the one before; and by how much the lines through the two before and the two after disagree in the middle,
@@ -316,19 +323,19 @@ def usual_deviation(x: Array, step: float) -> Array:
     About a sample the median, of the record the deviation that one in twenty exceeds; at least half a step.
     """
     deviation = np.pad(deviations(x, 1)[0], 2, mode="edge")
-    count = max(1, len(x) // WINDOW)
+    count = max(1, len(x) // thresholds.USUAL_OVER)
     blocks = deviation[: len(x) // count * count].reshape(count, -1)
     local = np.repeat(NORMAL * np.median(blocks, axis=1), blocks.shape[1])
     local = np.pad(local, (0, len(x) - len(local)), mode="edge")
-    return np.asarray(np.maximum(local, max(float(np.percentile(deviation, EXCEEDED)), step) / 2))
+    return np.asarray(np.maximum(local, max(float(np.percentile(deviation, thresholds.EXCEEDED)), step) / 2))
 
 
 def spikes(x: Array, usual: Array) -> Array:
-    """True at samples off the curve through their neighbours, up to `LONGEST` in a row (Hampel's identifier)."""
+    """True at samples off the curve through their neighbours, a few in a row (Hampel's identifier)."""
     found = np.zeros(len(x), dtype=bool)
-    for length in range(1, LONGEST + 1):
+    for length in range(1, thresholds.LONGEST_SPIKE + 1):
         deviation, allowed = deviations(x, length)
-        bound = BOUND * usual[2 : 2 + len(allowed)] + allowed + np.abs(x).max() * 1e-12
+        bound = thresholds.SPIKE * usual[2 : 2 + len(allowed)] + allowed + np.abs(x).max() * 1e-12
         for k in np.flatnonzero(deviation > bound) + 2:
             found[k : k + length] = True
     return found
@@ -340,71 +347,33 @@ def jumps(x: Array, usual: Array) -> Array:
     before, at, after = steps[:-2], steps[1:-1], steps[2:]
     level = np.maximum(usual[1:-2], usual[2:-1])
     smooth = np.maximum(np.abs(before), np.abs(after))
-    bound = 2 * BOUND * level + 3 * np.abs(after - before) + smooth
+    bound = 2 * thresholds.SPIKE * level + thresholds.BEND * np.abs(after - before) + smooth
     return np.asarray(np.flatnonzero(np.abs(at - (before + after) / 2) > bound) + 1)
-
-
-CLIPPED = 10  # samples at a torque's limit, from which it is one
-CROWDED = 5  # times as many samples as in twice the width below: a smooth peak has 1.4 times as many
-WIDTHS = 1e-6, 1e-3  # of the limit, as a part of the torque's range
-ONE_LEVEL, DIGITS = 0.75, 2.5  # of the limit, in steps of the torque
-MOST = 0.9  # share of the samples at a limit, which the width that is taken has
-LEVELS = 50  # of a torque, from which a limit may spread over some
-QUIET = 0.3  # change from sample to sample at a limit, as a part of the usual one in motion, or
-PLATEAUS = 3  # times that the limit is reached: a drive that accelerates steadily has its torque once
-MOVING = 0.05  # velocity as a part of the joint's usual one
 
 
 def clipped(x: Array, step: float, moving: Array, spike: Array) -> Array:
     """True where a torque is at a limit: its histogram ends with a peak, of samples in motion."""
     found = np.zeros(len(x), dtype=bool)
     size, changes = np.ptp(x[~spike]), np.abs(np.diff(x))
-    widths = sorted(max(part * size, ONE_LEVEL * step) for part in WIDTHS)
-    if size > LEVELS * step:
-        widths.append(DIGITS * step)
+    widths = sorted(max(part * size, thresholds.ONE_LEVEL * step) for part in thresholds.CLIP_WIDTHS)
+    if size > thresholds.LEVELS * step:
+        widths.append(thresholds.DIGITS * step)
     for y in (x, -x):
         top = y[~spike].max()
         peak = np.zeros(len(x), dtype=bool)
         for width in sorted(widths, reverse=True):
             near, below = (y >= top - width) & ~spike, (y < top - width) & (y >= top - 3 * width)
             count = int((near & moving).sum())
-            if count < CLIPPED or count <= CROWDED * (1 + (below & moving).sum()) or count < MOST * peak.sum():
+            crowd = thresholds.CROWDED * (1 + (below & moving).sum())
+            if count < thresholds.CLIPPED or count <= crowd or count < thresholds.MOST * peak.sum():
                 continue
             within, beyond = (near[1:] & near[:-1]), (moving & ~near)[1:]
             if within.any() and beyond.any():
-                is_quiet = np.median(changes[within]) < QUIET * np.median(changes[beyond])
-                if is_quiet or sum(b - a > 1 for a, b in runs(near)) >= PLATEAUS:
+                is_quiet = np.median(changes[within]) < thresholds.QUIET * np.median(changes[beyond])
+                if is_quiet or sum(b - a > 1 for a, b in runs(near)) >= thresholds.PLATEAUS:
                     peak = near
         found |= peak
     return found
-
-
-FEWEST = 20  # samples from which anything can be said
-SLOWEST = 2.0  # samples per second, below which times are hardly in seconds: 1 kHz in milliseconds gives 1
-VELOCITIES = 0.05  # deviation of measured velocities from those of the positions that is named
-RESTING = 0.01  # motion as a part of the fastest, of a joint whose velocities are not compared
-SPAN = 0.1  # seconds over which these are compared
-ONE_STEP = 1.5  # steps of the encoder, below which a position that flickers between two values stays
-ALIKE = 1.5  # scatter about a line, over that of neighbours: positions of less are noise
-TURNS = 20 * np.pi  # range of a position [rad] from which degrees are likely
-NEAR = 4  # samples on either side of a value that is interpolated
-
-
-@dataclass(frozen=True)
-class Screened:
-    """Measurements on an equally spaced grid, without the values that cannot be used."""
-
-    t: Array  # the grid, all segments after each other, shape (T,) [s]
-    q: Array  # shape (T, n), single spikes and missing values interpolated; torques and velocities likewise
-    tau: Array
-    qd: Array | None
-    usable: Array  # False where a torque is not to be used, shape (T, n)
-    believed: Array  # True for joints whose measured velocities are those of the positions, shape (n,)
-    segments: tuple[slice, ...]  # the parts of the grid between gaps
-    period: float  # from one sample to the next [s]
-    encoder_step: Array  # smallest step of the positions, shape (n,); zero where there is none
-    findings: tuple[RecordFinding, ...]
-    notes: tuple[str, ...] = ()  # what was done though nothing is wrong
 
 
 def screen(
@@ -415,37 +384,34 @@ def screen(
     tau: Array,
     qd: Array | None,
     bridge: int,
-    stamps: Stamps,
+    stamps: str,
 ) -> Screened:
     """Find what is wrong, take out or cut what can be, and put the rest on a grid of equal steps."""
-    found = Findings(name, joint_names, t)
-    n = q.shape[1]
+    found, n = Screened(name, joint_names, t, q, tau, qd), q.shape[1]
     tau = np.where(np.isfinite(tau).any(0), tau, 0.0)  # a torque that was never read is constant
     columns = {"position": q, "torque": tau} | ({} if qd is None else {"velocity": qd})
     measured = np.hstack(list(columns.values()))
     kept = check_order(found, t, measured, stamps) & _numbers(found, columns)
     steps = np.array([encoder_step(x[np.isfinite(x)]) for x in measured.T])
-    usable, believed = np.ones(q.shape, dtype=bool), np.zeros(n, dtype=bool)
+    found.usable, found.believed, found.encoder_step = np.ones(q.shape, bool), np.zeros(n, bool), steps[:n]
     if not np.nan_to_num(tau).any():
         found.error("no torque", "in any sample, all are zero or missing", "did the driver publish efforts?")
-    if not found.has_errors and kept.sum() < FEWEST:
-        why = "".join(f": {x.joint} has {x.kind} {x.text}" for x in found.found[:1] if x.joint)
-        found.error("too few samples:", f"{int(kept.sum())} are usable{why}", f"at least {FEWEST} are needed")
+    if not found.has_errors and kept.sum() < thresholds.FEWEST_SAMPLES:
+        why = "".join(f": {x.joint} has {x.kind} {x.text}" for x in found.findings[:1] if x.joint)
+        cure = f"at least {thresholds.FEWEST_SAMPLES} are needed"
+        found.error("too few samples:", f"{int(kept.sum())} are usable{why}", cure)
     if found.has_errors:
-        return Screened(t, q, tau, qd, usable, believed, (), float("nan"), steps[:n], tuple(found.found))
+        return found
     found.rows = np.flatnonzero(kept)
-    t, measured, usable = t[kept], np.asfortranarray(measured[kept]), usable[kept]
+    t, measured, usable = t[kept], np.asfortranarray(measured[kept]), found.usable[kept]
     q, tau = measured[:, :n], measured[:, n : 2 * n]  # views: what is interpolated in `measured` is so in these
-    times, period = check_stamps(found, t, q, bridge, stamps)
-    unit = guessed_unit(times, q, None if qd is None else measured[:, 2 * n :])
-    if unit is not None or 1 / period < SLOWEST:
-        tell = found.error if 1 / period < SLOWEST else partial(found.warning, None)
-        cure = "are the times in seconds?" if unit is None else f"`t` {unit.said}; divide it by {unit.divisor}"
-        tell("sample rate", f"of {1 / period:.4g} samples per second", cure)
+    times, found.period = check_stamps(found, t, q, bridge, stamps)
+    _check_unit_of_times(found, times, q, None if qd is None else measured[:, 2 * n :])
     usual = [usual_deviation(x, step) for x, step in zip(measured.T, steps, strict=True)]
     flags = np.column_stack([spikes(x, level) for x, level in zip(measured.T, usual, strict=True)])
-    for after in 1 + np.flatnonzero(np.diff(times) > (bridge + 1.5) * period):  # samples beside a gap: no neighbours
-        flags[max(after - LONGEST, 0) : after + LONGEST] = False
+    longest = thresholds.LONGEST_SPIKE
+    for after in 1 + np.flatnonzero(is_gap(times, found.period, bridge)):  # samples beside a gap: no neighbours
+        flags[max(after - longest, 0) : after + longest] = False
     usable &= _usable_torques(found, q, tau, steps[n:], flags[:, n : 2 * n])
     flags[:, n : 2 * n] &= usable
     cuts = _check_jumps(found, t, q, usual, flags)
@@ -455,17 +421,13 @@ def screen(
     long_runs = _interpolate(times, measured, flags, bridge)
     _check_motion(found, q, steps[:n])
     if qd is not None and not found.has_errors:
-        believed = _check_rates(found, t, q, measured[:, 2 * n :], period)
-    if found.has_errors:
-        return Screened(t, q, tau, qd, usable, believed, (), period, steps[:n], tuple(found.found))
-    t, measured, usable, segments, resampled = _on_grid(times, measured, usable, ~long_runs, cuts, period, bridge)
-    notes = (f"resampled by a cubic spline through the stamps, every {1e3 * period:.4g} ms",) if resampled else ()
-    qd = None if qd is None else measured[:, 2 * n :]
-    q, tau = measured[:, :n], measured[:, n : 2 * n]
-    return Screened(t, q, tau, qd, usable, believed, segments, period, steps[:n], tuple(found.found), notes)
+        found.believed = _check_velocities(found, t, q, measured[:, 2 * n :])
+    if not found.has_errors:
+        _put_on_grid(found, times, measured, usable, ~long_runs, cuts, bridge)
+    return found
 
 
-def _numbers(found: Findings, columns: dict[str, Array]) -> Array:
+def _numbers(found: Screened, columns: dict[str, Array]) -> Array:
     """True at samples of which all values are finite."""
     for name, values in columns.items():
         for j, x in enumerate(values.T):
@@ -475,7 +437,17 @@ def _numbers(found: Findings, columns: dict[str, Array]) -> Array:
     return np.asarray(np.isfinite(np.hstack(list(columns.values()))).all(axis=1))
 
 
-def _usable_torques(found: Findings, q: Array, tau: Array, steps: Array, spike: Array) -> Array:
+def _check_unit_of_times(found: Screened, t: Array, q: Array, qd: Array | None) -> None:
+    """Times that are hardly in seconds: a sample rate that is too low is an error, a likelier unit a warning."""
+    rate, unit = 1 / found.period, guessed_unit(t, q, qd)
+    is_slow = rate < thresholds.SLOWEST_RATE
+    if unit is not None or is_slow:
+        cure = "are the times in seconds?" if unit is None else f"`t` {unit.said}; divide it by {unit.divisor}"
+        severity: Literal["error", "warning"] = "error" if is_slow else "warning"
+        found.warning(None, "sample rate", f"of {rate:.4g} samples per second", cure, severity=severity)
+
+
+def _usable_torques(found: Screened, q: Array, tau: Array, steps: Array, spike: Array) -> Array:
     """False where a torque does not follow the motion: constant channels and torques at their limit."""
     usable = np.ones(tau.shape, dtype=bool)
     moved = np.abs(np.gradient(q, axis=0))
@@ -484,7 +456,8 @@ def _usable_torques(found: Findings, q: Array, tau: Array, steps: Array, spike: 
             found.warning(j, "constant torque", f"of {x[0]:.6g} in all samples", "no row of this joint is used")
             usable[:, j] = False
             continue
-        moving = np.convolve(moved[:, j], np.ones(9) / 9, "same") > MOVING * np.sqrt(np.mean(moved[:, j] ** 2))
+        usual = np.sqrt(np.mean(moved[:, j] ** 2))
+        moving = np.convolve(moved[:, j], np.ones(9) / 9, "same") > thresholds.IN_MOTION * usual
         samples = np.flatnonzero(clipped(x, steps[j], moving, spike[:, j]))
         if len(samples):
             usable[samples, j] = False
@@ -493,9 +466,9 @@ def _usable_torques(found: Findings, q: Array, tau: Array, steps: Array, spike: 
     return usable
 
 
-def _check_jumps(found: Findings, t: Array, q: Array, usual: list[Array], flags: Array) -> Array:
+def _check_jumps(found: Screened, t: Array, q: Array, usual: list[Array], flags: Array) -> Array:
     """Samples after which the positions jump, where the record is cut; frequent ones are noise."""
-    after_gap = np.flatnonzero(np.diff(t) > 1.5 * np.median(np.diff(t)))
+    after_gap = np.flatnonzero(is_gap(t, float(np.median(np.diff(t))), 0))
     found_jumps = []
     for j, x in enumerate(q.T):
         jumped = jumps(x, usual[j])
@@ -506,7 +479,7 @@ def _check_jumps(found: Findings, t: Array, q: Array, usual: list[Array], flags:
     if len(lost):
         text = f"{found.after(lost)}, where most positions jump at once, although the times show none"
         found.warning(None, "missing samples", text, "the record is cut there", lost)
-    is_noise = len(every) - len(lost) > FREQUENT * (t[-1] - t[0]) + 1
+    is_noise = len(every) - len(lost) > thresholds.FREQUENT * (t[-1] - t[0]) + 1
     for j, jumped in enumerate(found_jumps):
         jumped = np.setdiff1d(jumped, lost)
         if len(jumped):
@@ -517,7 +490,7 @@ def _check_jumps(found: Findings, t: Array, q: Array, usual: list[Array], flags:
     return lost if is_noise else every
 
 
-def _check_spikes(found: Findings, kind: str, values: Array, flags: Array, bridge: int) -> None:
+def _check_spikes(found: Screened, kind: str, values: Array, flags: Array, bridge: int) -> None:
     """Name spikes, and positions that repeat the one before in the midst of a motion; common ones are noise."""
     for j, x in enumerate(values.T):
         samples = np.flatnonzero(flags[:, j])
@@ -526,7 +499,7 @@ def _check_spikes(found: Findings, kind: str, values: Array, flags: Array, bridg
         spans = runs(flags[:, j])
         cut = sum(b - a > bridge for a, b in spans)
         cure = "interpolated" if not cut else f"interpolated up to {bridge} in a row, cut out at {cut} longer runs"
-        if len(samples) > COMMON * len(x):
+        if len(samples) > thresholds.COMMON * len(x):
             cure, flags[:, j] = "so many are noise", False
         elif not bridge:
             cure = "cut out"
@@ -543,7 +516,7 @@ def _interpolate(t: Array, values: Array, flags: Array, bridge: int) -> Array:
     long_runs = np.zeros(len(t), dtype=bool)
     for j, x in enumerate(values.T):
         for a, b in runs(flags[:, j]):
-            near = np.arange(max(a - NEAR, 0), min(b + NEAR, len(t)))
+            near = np.arange(max(a - thresholds.NEAR_SAMPLES, 0), min(b + thresholds.NEAR_SAMPLES, len(t)))
             near = near[~flags[near, j]]
             if b - a > bridge or len(near) < 4:
                 long_runs[a:b] = True
@@ -552,19 +525,20 @@ def _interpolate(t: Array, values: Array, flags: Array, bridge: int) -> Array:
     return long_runs
 
 
-def _check_motion(found: Findings, q: Array, steps: Array) -> None:
+def _check_motion(found: Screened, q: Array, steps: Array) -> None:
     """Joints must move by more than one step of their encoders and than noise, and by less than some turns."""
-    resting = [j for j, x in enumerate(q.T) if np.ptp(x) <= ONE_STEP * steps[j] or np.isin(x, (x.min(), x.max())).all()]
+    flickers = [np.isin(x, (x.min(), x.max())).all() for x in q.T]  # between two values
+    resting = np.flatnonzero(flickers | (np.ptp(q, axis=0) <= thresholds.ONE_STEP * steps))
     changes, t = np.diff(q, axis=0).std(0) / np.sqrt(2), np.linspace(-1, 1, len(q))
     scatter = np.sqrt(np.maximum(q.var(0) - 3 * np.mean(t[:, None] * (q - q.mean(0)), axis=0) ** 2, 0))
-    resting = np.union1d(resting, np.flatnonzero(scatter < ALIKE * changes)).astype(int).tolist()
+    resting = np.union1d(resting, np.flatnonzero(scatter < thresholds.LIKE_NOISE * changes)).astype(int).tolist()
     if len(resting) == q.shape[1]:
         found.error("no motion", "of any joint", "nothing can be found from one pose: measure while the joints move")
         return
     for j in resting:
         found.warning(j, "no motion", "at any time", "its friction and rotor cannot be found from this record")
     for j, x in enumerate(q.T):
-        if np.ptp(x) > TURNS:
+        if np.ptp(x) > thresholds.TURNS:
             text = f"of {np.ptp(x):.4g} rad or m, {np.ptp(x) / (2 * np.pi):.3g} turns of a rotating joint"
             cure = (
                 'pass unit="deg" for degrees, divide mm by 1000, and use `Record.from_motors` for positions of motors'
@@ -572,52 +546,54 @@ def _check_motion(found: Findings, q: Array, steps: Array) -> None:
             found.warning(j, "range of the positions", text, cure)
 
 
-def _check_rates(found: Findings, t: Array, q: Array, qd: Array, period: float) -> Array:
+def _check_velocities(found: Screened, t: Array, q: Array, qd: Array) -> Array:
     """True for joints whose measured velocities are those of the positions: their integrals over short spans agree."""
     from scipy.integrate import cumulative_trapezoid
 
-    width = max(1, int(SPAN / period))
+    width = max(1, int(thresholds.COMPARED_OVER / found.period))
     moved = np.asfortranarray(q[width:] - q[:-width])
     believed = np.zeros(q.shape[1], dtype=bool)
     for j, (x, velocity) in enumerate(zip(moved.T, qd.T, strict=True)):
         size = float(x @ x)
-        if size <= (RESTING * np.abs(moved).max(initial=0)) ** 2 * len(x):
+        if size <= (thresholds.RESTING * np.abs(moved).max(initial=0)) ** 2 * len(x):
             continue
         area = cumulative_trapezoid(velocity, t, initial=0)
         factor = float(x @ (area[width:] - area[:-width])) / size
-        believed[j] = abs(factor - 1) <= VELOCITIES
+        believed[j] = abs(factor - 1) <= thresholds.VELOCITY_ERROR
         if not believed[j]:
             cure = "the velocities are not used; check their unit, sign and joint"
             found.warning(j, "measured velocities", f"are {factor:.4g} times those of the positions", cure)
     return believed
 
 
-def _on_grid(
-    t: Array, values: Array, usable: Array, kept: Array, cuts: Array, period: float, bridge: int
-) -> tuple[Array, Array, Array, tuple[slice, ...], bool]:
-    """Times, values, where usable and segments on grids of equal steps, one between two gaps; whether resampled."""
+def _put_on_grid(
+    found: Screened, t: Array, values: Array, usable: Array, kept: Array, cuts: Array, bridge: int
+) -> None:
+    """Put the samples that are kept on grids of equal steps, one between two gaps or cuts."""
     from scipy.interpolate import CubicSpline
 
-    rows = np.flatnonzero(kept)
-    gap = np.diff(t[rows]) > (bridge + 1.5) * period
+    rows, period, n = np.flatnonzero(kept), found.period, usable.shape[1]
+    regular = thresholds.REGULAR * period
+    gap = is_gap(t[rows], period, bridge)
     gap |= np.searchsorted(cuts, rows[1:]) > np.searchsorted(cuts, rows[:-1])
-    parts, resampled = [], False
+    parts = [(t[:0], values[:0], usable[:0])]
     for part in np.split(rows, np.flatnonzero(gap) + 1):
         stamps = t[part]
-        apart = np.diff(stamps, prepend=-np.inf) > CLOSE * period
+        apart = np.diff(stamps, prepend=-np.inf) > thresholds.CLOSE * period
         if apart.sum() < 2:
             continue
         grid = period * np.arange(int(np.rint((stamps[-1] - stamps[0]) / period)) + 1)
         centred = grid + (stamps.mean() - grid.mean())
-        if len(grid) == len(part) and np.abs(stamps - centred).max() <= REGULAR * period:
+        if len(grid) == len(part) and np.abs(stamps - centred).max() <= regular:
             parts.append((centred, values[part], usable[part]))
             continue
-        resampled = True
-        grid = (grid + stamps[0])[grid <= stamps[-1] - stamps[0] + REGULAR * period]
+        found.notes = (f"resampled by a cubic spline through the stamps, every {1e3 * period:.4g} ms",)
+        grid = (grid + stamps[0])[grid <= stamps[-1] - stamps[0] + regular]
         after = np.clip(np.searchsorted(stamps, grid), 1, len(part) - 1)
         on_grid = CubicSpline(stamps[apart], values[part[apart]], axis=0)(grid)
         parts.append((grid, on_grid, usable[part[after]] & usable[part[after - 1]]))
-    if not parts:
-        return t[:0], values[:0], usable[:0], (), False
-    joined = [parts[0][k] if len(parts) == 1 else np.concatenate([part[k] for part in parts]) for k in range(3)]
-    return joined[0], joined[1], joined[2], consecutive(len(grid) for grid, _, _ in parts), resampled
+    found.segments = consecutive(len(grid) for grid, _, _ in parts[1:])
+    joined = parts[1] if len(parts) == 2 else [np.concatenate(arrays) for arrays in zip(*parts, strict=True)]
+    found.t, measured, found.usable = joined
+    found.q, found.tau = measured[:, :n], measured[:, n : 2 * n]
+    found.qd = None if found.qd is None else measured[:, 2 * n :]
