@@ -13,11 +13,25 @@ from benchmarks.bounds import ACCELERATION as ACCELERATIONS
 from benchmarks.bounds import RATE as RATES
 from benchmarks.bounds import outside, sampled, searched
 from rne.bounds.articulated import ArticulatedSearch, control_points, functions
-from rne.bounds.bounds import QUANTITIES, RobotPolynomials, about_first_angle, entry, torque_criteria
-from rne.bounds.branch_and_bound import CellSearch, Clock, largest, local_maximum, short_basis
+from rne.bounds.bounds import (
+    QUANTITIES,
+    UNKNOWN,
+    RobotPolynomials,
+    about_first_angle,
+    entry,
+    gravity_torques_of_full_turns,
+    torque_criteria,
+)
+from rne.bounds.branch_and_bound import (
+    CellSearch,
+    Clock,
+    largest,
+    local_maximum,
+    ratio_on_grid,
+    short_basis,
+    values_on_grid,
+)
 from rne.bounds.criteria import Coriolis, LargestOfInverse, Modulus, Norm, positive_definite
-from rne.bounds.gravity import UNKNOWN, gravity_torques_of_full_turns
-from rne.bounds.grids import ratio_on_grid, values_on_grid
 from rne.bounds.polynomials import Polynomial, box_argument
 from rne.dynamics.lagrange import christoffel
 from rne.kernels.cache import KernelCache
@@ -383,7 +397,10 @@ def test_a_matrix_mode_is_bounded_at_every_phase():
 def test_rounding_is_at_least_that_of_the_sum_of_modes():
     """Of 2000 operations, on a number as large as the quantity can be anywhere."""
     terms = RobotPolynomials(KernelCache(two_link().model), box_argument(two_link().model, "circle"))
-    for criterion in (Norm(terms.of(rne.dynamics.mass_matrix, 2)), Modulus(terms.of(rne.dynamics.gravity_torque, 1))):
+    for criterion in (
+        Norm(terms.polynomial(rne.dynamics.mass_matrix, 2)),
+        Modulus(terms.polynomial(rne.dynamics.gravity_torque, 1)),
+    ):
         assert criterion.size > 0
         assert criterion.rounding(0.0) >= 2000 * np.finfo(float).eps * criterion.size
 

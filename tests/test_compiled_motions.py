@@ -10,6 +10,8 @@ import pytest
 
 import rne
 from rne.integrators import compiled_methods, runge_kutta
+from rne.integrators.step_control import Interval, Problem, Storage
+from rne.integrators.tableaus import tableau
 from rne.kernels import Kernel
 from rne.kernels.program import NeedsRecursion
 from rne.kernels.python_backend import state_function
@@ -23,7 +25,7 @@ from rne.simulation.zero_order_hold import ZeroOrderHold
 from .helpers import kept
 from .random_robots import straight_chain
 
-TEXTS = "take_steps", "take_samples", "add_stages", "add_sampled_stages"
+TEXTS = "take_steps", "take_samples", "add_stages"
 EXACT = {"method": "DOP853", "rtol": 1e-13, "atol": 1e-14}
 
 
@@ -157,7 +159,7 @@ def test_joints_that_stick_and_slip(free, static, monkeypatch):
     how = {"method": "DOP853", "t_eval": np.linspace(0, 1.5, 40), "atol": 1e-11}
     expected = rne.simulate(scenes[0], *run, **how, rtol=1e-10)
     monkeypatch.setattr(
-        "rne.integrators.scipy_methods.AdaptiveSolver.steps", lambda self, most: pytest.fail("a step by SciPy")
+        "rne.integrators.scipy_methods.SciPySolver.steps", lambda self, max_steps: pytest.fail("a step by SciPy")
     )
     got = rne.simulate(scenes[1], *run, **how, rtol=1e-8)
     assert got.message.replace("; in machine code", "") == expected.message
@@ -283,8 +285,7 @@ def test_stages_of_interpolants_that_must_be_examined_are_left_to_the_recursion(
         return rne.simulate(scene, [0.5, 0.2], [0, 0], 0.3, method="DOP853", t_eval=[0.0, 0.3], rtol=1e-9)
 
     expected = run()
-    for name in ("add_stages", "add_sampled_stages"):
-        monkeypatch.setattr(compiled_methods, name, lambda *_: False)
+    monkeypatch.setattr(compiled_methods, "add_stages", lambda *_: False)
     got = run()
     np.testing.assert_allclose(got.dissipated["viscous"], expected.dissipated["viscous"], rtol=1e-12)
     assert got.evaluations == expected.evaluations
@@ -294,15 +295,16 @@ def test_a_step_that_is_cut_ends_exactly_at_the_end():
     """Where t + (end - t) is one rounding short of the end, no step of one rounding follows."""
     t, end = next((a, b) for a, b in np.random.default_rng(0).uniform(0, [0.1, 1.0], (10**4, 2)) if a + (b - a) < b)
     T, X, H = np.full(9, t), np.ones((9, 1)), np.full(9, 10.0)
-    K, count, method = np.zeros((8, 7, 1)), np.zeros(8, dtype=np.int64), (*runge_kutta.tableau("RK45"), np.zeros(1))
-    limits = runge_kutta.Limits(end, np.inf, 1e-6, 1e-9, -0.2, -np.inf, np.inf)
+    K, count, work = np.zeros((8, 7, 1)), np.zeros(8, dtype=np.int64), np.zeros(1)
+    interval = Interval(tableau("RK45"), t, end, -np.inf, np.inf, 1e-6, 1e-9, 1)
     arguments = np.zeros(1), np.zeros(1)
 
     def at_rest(t, x, rates):
         rates[:] = 0.0
         return True
 
-    assert runge_kutta.take_steps(at_rest, arguments, limits, runge_kutta.GO_ON, method, T, X, K, H, count) == 1
+    problem, steps = Problem(at_rest, arguments, interval), Storage(T, X, K, H, count, work)
+    assert runge_kutta.take_steps(problem, end, runge_kutta.GO_ON, steps) == 1
     assert T[1] == end
 
 

@@ -11,8 +11,9 @@ import pytest
 
 import rne
 from rne.integrators import lanes
-from rne.integrators.rows import Course, by_rows
-from rne.integrators.runge_kutta import FIXED, power, tableau
+from rne.integrators.rows import NEEDS_RECURSION, run_rows
+from rne.integrators.step_control import Interval
+from rne.integrators.tableaus import FIXED, tableau
 from rne.kernels import Kernel
 from rne.kernels.numpy_backend import BlockProgram
 from rne.simulation import ensembles
@@ -327,39 +328,28 @@ class TestLanes:
     @pytest.mark.parametrize("method", ["DOP853", "RK45", "rk4", "semi-implicit-euler"])
     def test_are_the_rows(self, plain, chain, starts, count, method):
         kernel, fixed = rne.Scene(chain).kernel, method in FIXED
-        norm = (4, 1e-4, 1e-7, 0.0 if fixed else power(method))
         times, grid = np.array([0.05, 0.07, 0.2]), np.linspace(0, 0.2, 21 if fixed else 0)
-        course = Course(
-            tableau(method),
-            0.0,
-            0.2,
-            -np.inf,
-            np.inf,
-            grid[[5, 7, 20]] if fixed else times,
-            grid,
-            norm,
-            2 * (method == FIXED[1]),
-        )
+        t_eval, positions = grid[[5, 7, 20]] if fixed else times, 2 * (method == FIXED[1])
+        options = {"t_eval": t_eval, "grid": grid, "positions": positions}
+        how = Interval(tableau(method), 0.0, 0.2, -np.inf, np.inf, 1e-4, 1e-7, 4, **options), kernel
         x = np.concatenate(starts, axis=1)[:count]
         X, expected = np.full((2, 3, count, 4), np.nan)
         told = []
-        code, evaluations, all_run = lanes.in_lanes(course, kernel, np.zeros((count, 0)), x, X, told.append)
-        assert all_run
-        assert sum(told) == count
-        rates = by_rows(course, kernel, np.zeros((count, 0)), np.arange(count), x, expected, lambda done: None)
-        assert not code.any()
+        found = lanes.run_lanes(*how, np.zeros((count, 0)), x, X, told.append)
+        assert found.is_done
+        assert sum(told) == count * max(1, len(grid) - 1)
+        by_rows = run_rows(*how, np.zeros((count, 0)), np.arange(count), x, expected, lambda done: None)
+        assert not found.code.any()
         np.testing.assert_allclose(X, expected, rtol=1e-9, atol=1e-9)  # rounding moves the estimates of errors
-        assert 0.9 * rates.evaluations <= evaluations <= 1.1 * rates.evaluations
+        assert 0.9 * by_rows.evaluations <= found.evaluations <= 1.1 * by_rows.evaluations
 
     def test_motions_to_be_examined_are_left(self, plain, chain, starts):
         kernel, x = rne.Scene(chain).kernel, np.concatenate(starts, axis=1)[:12]
-        course = Course(
-            tableau("RK45"), 0.0, 1e-9, -np.inf, np.inf, np.array([1e-9]), np.zeros(0), (4, 1e-3, 1e-6, -0.2)
-        )
+        interval = Interval(tableau("RK45"), 0.0, 1e-9, -np.inf, np.inf, 1e-3, 1e-6, 4, t_eval=np.array([1e-9]))
         x[[0, 7], 2:] = 3e8, -2e8
         x[11, 1] = np.inf
         X, told = np.full((1, 12, 4), np.nan), []
-        code, _, _ = lanes.in_lanes(course, kernel, np.zeros((12, 0)), x, X, told.append)
+        code = lanes.run_lanes(interval, kernel, np.zeros((12, 0)), x, X, told.append).code
         assert sum(told) == 9
         left = np.flatnonzero(code)
         assert left.tolist() == [0, 7, 11]
@@ -500,7 +490,7 @@ def test_a_first_step_that_is_no_number_is_named():
 @pytest.mark.parametrize("engine", ["numpy", "lanes"])
 def test_a_motion_without_end_is_given_up(chain, engine, monkeypatch):
     """Of 1e20 rad/s steps would be 1e-21 s long."""
-    course = Course(tableau("RK45"), 0.0, 1.0, -np.inf, np.inf, np.ones(1), np.zeros(0), (4, 1e-3, 1e-6, -0.2))
+    how = Interval(tableau("RK45"), 0.0, 1.0, -np.inf, np.inf, 1e-3, 1e-6, 4, t_eval=np.ones(1))
     x, X = np.array([[0, 0, 1.0, 1.0], [0, 0, 1e20, 0]]), np.full((1, 2, 4), np.nan)
     kernel = SimpleNamespace(names=("t", "x"), widths=(1, 4), operations={}, is_unrolled=True, engine="numpy")
     turning = lambda t, x: np.stack([x[:, 2], x[:, 3], -x[:, 2] * np.sin(x[:, 0]) * x[:, 2], 0 * x[:, 3]], axis=1)  # noqa: E731
@@ -515,7 +505,7 @@ def test_a_motion_without_end_is_given_up(chain, engine, monkeypatch):
             rne.NotFiniteError,
             match=r"^start 1 at t = \d\.\d+e-\d+ s: 100 steps came no further, and the motion would take more than 1e\+10$",
         ):
-            by_rows(course, kernel, np.zeros((2, 0)), np.arange(2), x, X, lambda count: None)
+            run_rows(how, kernel, np.zeros((2, 0)), np.arange(2), x, X, lambda count: None)
         return
     monkeypatch.setattr(lanes, "compiled", lambda text: text)
 
@@ -523,8 +513,8 @@ def test_a_motion_without_end_is_given_up(chain, engine, monkeypatch):
         return sound([t.reshape(1, -1).T, x.reshape(4, -1).T], out.reshape(4, -1).T).all()
 
     kernel.address = lambda lanes: function
-    code, _, _ = lanes.in_lanes(course, kernel, np.zeros((2, 0)), x, X, lambda count: None)
-    assert code.tolist() == [0, lanes.EXAMINE]
+    code = lanes.run_lanes(how, kernel, np.zeros((2, 0)), x, X, lambda count: None).code
+    assert code.tolist() == [0, NEEDS_RECURSION]
 
 
 @pytest.mark.long

@@ -14,9 +14,9 @@ import examples.thesis.__main__ as thesis
 import rne
 from rne.__main__ import main
 from rne.commands import pages
+from rne.commands.pages import BATCH, INVERSE, NUMPY, ONE, PINOCCHIO, Measured, Way, speed_tables
 from rne.commands.printing import quantities
 from rne.commands.shared import work
-from rne.commands.speed import BATCH, INVERSE, NUMPY, ONE, PINOCCHIO, Measured, Way, speed_tables
 from rne.plotting.html_page import Report
 from rne.validation.agreement import against_energies, validate
 
@@ -259,7 +259,7 @@ def test_ctrl_c_leaves_the_page_so_far(tmp_path, short, monkeypatch, capsys):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(Report, "film", lambda *_: None)
-    monkeypatch.setattr(pages, "measure", interrupt)
+    monkeypatch.setattr(pages, "measured_speed", interrupt)
     assert main(["--out", str(tmp_path)]) == 130
     assert f"interrupted: the page so far is {tmp_path / 'index.html'}\n" in capsys.readouterr().err
     page = (tmp_path / "index.html").read_text(encoding="utf-8")

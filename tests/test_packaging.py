@@ -143,8 +143,8 @@ def test_tests_fail_on_warnings_of_this_package_and_not_on_those_of_others():
     escape = 'x = "\\d"'
     compile(escape, "/rne/.venv/lib/python3.13/site-packages/toppra/constraint/joint_torque.py", "exec")
     with pytest.raises(SyntaxError, match="invalid escape sequence"):
-        compile(escape, "/home/rne/robot/robot.py", "exec")
+        compile(escape, "/home/rne/robot.py", "exec")
     warnings.warn_explicit("old", DeprecationWarning, "x.py", 1, module="trimesh.util")
-    for module in ("rne.robot.robot", "tests.test_robot", "benchmarks"):
+    for module in ("rne.robot", "tests.test_robot", "benchmarks"):
         with pytest.raises(DeprecationWarning):
             warnings.warn_explicit("old", DeprecationWarning, "x.py", 1, module=module)

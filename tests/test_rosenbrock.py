@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from rne.integrators import rosenbrock
+from rne.integrators.step_control import Interval, Problem, Storage
 
 
 class Wanted:
@@ -71,13 +72,13 @@ def steps(problem, x0, end, *, h=None, rtol=1e-6, atol=1e-9, most=2000, first=1e
     T, X, P = np.full(most + 1, begin), np.zeros((most + 1, problem.size)), np.zeros((most, 3, problem.size))
     H, count = np.full(most + 1, h if equal else first), np.zeros(2, dtype=np.int64)
     X[0] = x0
-    limits = (end, h, 1e9, 1e9) if equal else (end, np.inf, rtol, atol)
-    state, work = (np.zeros(1), np.zeros(problem.size)), rosenbrock.workspace(problem.n, problem.size)
+    tolerances, max_step = ((1e9, 1e9), h) if equal else ((rtol, atol), np.inf)
+    counted = getattr(problem, "counted", problem.size)
+    interval = Interval(rosenbrock.TABLEAU, begin, end, -np.inf, np.inf, *tolerances, counted, max_step)
+    state, work = (np.zeros(1), np.zeros(problem.size)), rosenbrock.workspace(problem.n, counted, problem.size)
     rates, slopes = functions or (problem.rates, problem.slopes)
-    point, span = (*state, np.zeros(problem.n)), (-np.inf, np.inf)
-    taken = rosenbrock.take_steps(
-        rates, slopes, state, point, (*limits, *span), rosenbrock.TABLEAU, T, X, P, H, count, work
-    )
+    given = Problem(rates, state, interval), (slopes, (*state, np.zeros(problem.n)))
+    taken = rosenbrock.take_steps(*given, Storage(T, X, P, H, count, work))
     return Run(T[: taken + 1], X[: taken + 1], P[:taken], H[: taken + 1], count, work[4])
 
 

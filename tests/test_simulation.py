@@ -10,7 +10,7 @@ import pytest
 import rne
 from rne.control import pd_gravity
 from rne.integrators.base import Steps
-from rne.integrators.scipy_methods import AdaptiveSolver
+from rne.integrators.scipy_methods import SciPySolver
 from rne.simulation.plant import Plant
 from rne.simulation.run import Recorder
 
@@ -79,7 +79,7 @@ AT_ONCE = {
 def test_steps_of_scipy_taken_at_once_are_those_taken_one_by_one(double, parts, method, t_eval, monkeypatch):
     """To the last bit, with fewer calls where nothing is asked between them; a failure keeps the steps before it."""
     scene = rne.Scene(double, **AT_ONCE[parts])
-    calls, steps = [], AdaptiveSolver.steps
+    calls, steps = [], SciPySolver.steps
 
     def run():
         calls.clear()
@@ -99,7 +99,7 @@ def test_steps_of_scipy_taken_at_once_are_those_taken_one_by_one(double, parts, 
 
     found = []
     for taken in (counted, alone):
-        monkeypatch.setattr(AdaptiveSolver, "steps", taken)
+        monkeypatch.setattr(SciPySolver, "steps", taken)
         found.append((run(), len(calls)))
     (one, few), (other, many) = found
     for name in ("t", "q", "qd", "qdd", "tau", "work", "energy"):
@@ -347,8 +347,7 @@ class TestFailures:
         assert caught.value.time < 10.0
 
     def test_singular_mass_matrix_is_named(self):
-        from rne.model.builder import Part, assemble
-
+        
         ghost = rne.Robot(assemble("ghost", [Part(link="b"), Part(link="a", joint="j", kind="revolute", parent=0)]))
         with pytest.raises(rne.SimulationError, match="M is singular: nothing with inertia moves with 'j'"):
             rne.simulate(ghost, [0.0], [0.0], 1.0)

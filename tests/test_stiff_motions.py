@@ -9,7 +9,7 @@ import pytest
 
 import rne
 from rne.integrators import compiled_methods
-from rne.integrators.base import Steps
+from rne.integrators.base import IntegrationOptions, Steps
 from rne.model.abb_irb140 import CLOSED_LOOPS, KD, KP
 from rne.simulation import run
 from rne.simulation.method_choice import CHECKED, MethodMonitor, work_per_step
@@ -204,7 +204,8 @@ def test_blocks_of_any_number_of_steps_are_the_same_steps(pair):
     solvers, times = [], []
     for most in (1, 100):
         plant = Plant(rne.Scene(pair[1], controller=of_time).dynamics, pair[1])
-        solvers.append(compiled_methods.RosenbrockSolver(1e-6, 1e-9, plant, plant.slopes, 2))
+        how = IntegrationOptions("Rodas5P", 1e-6, 1e-9), plant
+        solvers.append(compiled_methods.RosenbrockSolver(*how, plant.slopes, 2))
         solvers[-1].start(plant, 0.0, np.array([0.5, 0.2, 0, 1.0, 0]), 0.1)
         times.append([0.0])
         while solvers[-1].is_running:
@@ -216,8 +217,9 @@ def test_blocks_of_any_number_of_steps_are_the_same_steps(pair):
 def test_the_first_step_is_a_part_of_the_time_that_is_left(pair):
     """However much has passed before."""
     plant, lengths = Plant(rne.Scene(pair[1]).dynamics, pair[1]), []
+    how = IntegrationOptions("Rodas5P", 1e-6, 1e-9), plant
     for begin in (0.0, 1e3):
-        solver = compiled_methods.RosenbrockSolver(1e-6, 1e-9, plant, plant.slopes, 2)
+        solver = compiled_methods.RosenbrockSolver(*how, plant.slopes, 2)
         solver.start(plant, begin, np.array([0.5, 0.2, 0, 1.0]), begin + 0.1)
         lengths.append(np.diff(solver.steps(1).T)[0])
     assert lengths[0] == pytest.approx(0.1 * compiled_methods.FIRST)
@@ -229,7 +231,7 @@ def test_evaluations_are_calls_and_one_per_component_of_the_state_for_each_jacob
 
     def noted(*arguments):
         taken = run(*arguments)
-        counts.append(arguments[-2])
+        counts.append(arguments[-1].evaluations)
         return taken
 
     monkeypatch.setattr(compiled_methods, "take_stiff_steps", noted)

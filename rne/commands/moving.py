@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import csv
-import io
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -55,7 +53,7 @@ NOISY = 0.05  # torque made by noise, relative to the torque of the joint (rms),
 def add_simulate(commands: Any) -> None:
     """Register `rne simulate`."""
     title = "simulate a motion and write it to a file"
-    parser = add_parser(commands, "simulate", title, SIMULATION)
+    parser = add_parser(commands, "simulate", title, SIMULATION, run_simulate)
     add_robot(parser)
     joints = "one number per joint, separated by blanks or commas"
     parser.add_argument("--q0", metavar="Q", type=numbers, help=f"initial positions [rad or m], {joints}; else zero")
@@ -67,7 +65,6 @@ def add_simulate(commands: Any) -> None:
     parser.add_argument("--every", metavar="S", type=number, help="time between samples [s]; else the solver's steps")
     out = "file to write: .npz, for rne.Trajectory.load, or .csv, for other programs"
     parser.add_argument("--out", metavar="FILE", type=Path, required=True, help=out)
-    parser.set_defaults(run=run_simulate)
 
 
 def run_simulate(arguments: argparse.Namespace) -> int:
@@ -131,7 +128,7 @@ def _times(duration: float, every: float | None) -> list[float] | None:
 def add_torques(commands: Any) -> None:
     """Register `rne torques`."""
     title = "compute the torques of a motion in a CSV file"
-    parser = add_parser(commands, "torques", title, "rne torques irb140 motion.csv --out torques.csv")
+    parser = add_parser(commands, "torques", title, "rne torques irb140 motion.csv --out torques.csv", run_torques)
     add_robot(parser)
     columns = "CSV with columns t and q.<joint>, if known qd.<joint> and qdd.<joint>, in any order [s, rad or m]"
     parser.add_argument("motion", metavar="MOTION.csv", type=Path, help=columns)
@@ -140,12 +137,12 @@ def add_torques(commands: Any) -> None:
     parser.add_argument("--cutoff", metavar="HZ", type=number, help=cutoff)
     out = "CSV file to write, columns t and tau.<joint> (default: standard output)"
     parser.add_argument("--out", metavar="FILE", type=Path, help=out)
-    parser.set_defaults(run=run_torques)
 
 
 def run_torques(arguments: argparse.Namespace) -> int:
     """Write the torques, and say how they were computed: on standard error if the torques go to standard output."""
     from ..simulation.limits import limit_violations
+    from ..simulation.motion_files import csv_text
 
     check_file(arguments.out)
     if arguments.out and arguments.out.resolve() == arguments.motion.resolve():
@@ -176,7 +173,7 @@ def run_torques(arguments: argparse.Namespace) -> int:
     if exceeded and motion.t[0]:
         tell(f"times of limits count from the first row, t = {motion.t[0]:.13g} s")
     say_limits(tell, robot, exceeded)
-    text = _csv(robot, motion.t, tau)
+    text = csv_text(motion.t, {f"tau.{name}": tau[:, k] for k, name in enumerate(robot.joint_names)})
     if arguments.out is None:
         print(text, end="")
     else:
@@ -216,17 +213,9 @@ def _rms(x: Array) -> Array:
     return size
 
 
-def _csv(robot: rne.Robot, t: Array, tau: Array) -> str:
-    text = io.StringIO()
-    table = csv.writer(text, lineterminator="\n")
-    table.writerow(["t", *(f"tau.{joint}" for joint in robot.joint_names)])
-    table.writerows([time, *row] for time, row in zip(t.tolist(), tau.tolist(), strict=True))
-    return text.getvalue()
-
-
 def add_view(commands: Any) -> None:
     """Register `rne view`."""
-    parser = add_parser(commands, "view", "write a robot or its motion as an HTML page with a 3-D view", VIEW)
+    parser = add_parser(commands, "view", "write a robot or its motion as an HTML page with a 3-D view", VIEW, run_view)
     add_robot(parser)
     parser.add_argument("--motion", metavar="FILE", type=Path, help=f"{COLUMNS}; else the zero position")
     parser.add_argument("--other", metavar="FILE", type=Path, help="a second motion, shown half transparent")
@@ -235,7 +224,6 @@ def add_view(commands: Any) -> None:
     parser.add_argument("--speed", type=number, default=1.0, help="seconds of the motion per second (default: 1)")
     parser.add_argument("--frames", action="store_true", help="show the links' frames at first")
     parser.add_argument("--inertia", action="store_true", help="show masses as solids of their inertia at first")
-    parser.set_defaults(run=run_view)
 
 
 def run_view(arguments: argparse.Namespace) -> int:
@@ -284,7 +272,8 @@ def _motion(file: Path, robot: rne.Robot, arguments: argparse.Namespace) -> rne.
 
 def add_cycle(commands: Any) -> None:
     """Register `rne cycle`."""
-    parser = add_parser(commands, "cycle", "drive through via points in least time and report on the drives", CYCLE)
+    title = "drive through via points in least time and report on the drives"
+    parser = add_parser(commands, "cycle", title, CYCLE, run_cycle)
     add_robot(parser)
     columns = "CSV with columns q.<joint>, a row for each via point [rad or m]"
     parser.add_argument("via", metavar="VIA.csv", type=Path, help=columns)
@@ -303,7 +292,6 @@ def add_cycle(commands: Any) -> None:
         )
     folder = "folder for the page (default: rne-cycle)"
     parser.add_argument("--out", metavar="FOLDER", type=Path, default=Path("rne-cycle"), help=folder)
-    parser.set_defaults(run=run_cycle)
 
 
 def run_cycle(arguments: argparse.Namespace) -> int:

@@ -35,10 +35,9 @@ def quantities() -> list[str]:
 def add_check(commands: Any) -> None:
     """Register `rne check`."""
     title = "print errors and warnings about URDF files"
-    parser = add_parser(commands, "check", title, "rne check arm.urdf")
+    parser = add_parser(commands, "check", title, "rne check arm.urdf", run_check)
     parser.add_argument("robots", metavar="ROBOT", nargs="+", help=ROBOT)
     parser.add_argument("--all", action="store_true", help="print findings that are alike one by one")
-    parser.set_defaults(run=run_check)
 
 
 def run_check(arguments: argparse.Namespace) -> int:
@@ -70,9 +69,8 @@ def _refuse_other_files(robot: str) -> None:
 def add_urdf(commands: Any) -> None:
     """Register `rne urdf`."""
     title = "print a robot as URDF, without shapes that are meshes"
-    parser = add_parser(commands, "urdf", title, "rne urdf irb140 > irb140.urdf")
+    parser = add_parser(commands, "urdf", title, "rne urdf irb140 > irb140.urdf", run_urdf)
     parser.add_argument("robot", metavar="ROBOT", help=ROBOT)
-    parser.set_defaults(run=run_urdf)
 
 
 def run_urdf(arguments: argparse.Namespace) -> int:
@@ -85,8 +83,8 @@ def run_urdf(arguments: argparse.Namespace) -> int:
 
 def add_source(commands: Any) -> None:
     """Register `rne source`."""
-    title = "print a quantity as C, MATLAB, Python or NumPy code"
-    parser = add_parser(commands, "source", title, "rne source irb140 --quantity mass_matrix --language c > M.c")
+    title, example = "print a quantity as C, MATLAB, Python or NumPy code", "rne source irb140 --language c > tau.c"
+    parser = add_parser(commands, "source", title, example, run_source)
     parser.add_argument("robot", metavar="ROBOT", help=ROBOT)
     choices = quantities()
     default = f"{', '.join(choices)} (default: inverse_dynamics, or that of the element)"
@@ -94,7 +92,6 @@ def add_source(commands: Any) -> None:
     element = "one entry alone: m23 of M, c3 of C q', g2 of g, tau4, h1, qdd5; joints from 1, m2_13 beyond nine"
     parser.add_argument("--element", metavar="ELEMENT", help=element)
     parser.add_argument("--language", default="python", choices=LANGUAGES, help="(default: python)")
-    parser.set_defaults(run=run_source)
 
 
 def run_source(arguments: argparse.Namespace) -> int:
@@ -123,10 +120,9 @@ def add_out(parser: argparse.ArgumentParser, default: Any) -> None:
 
 def add_report(commands: Any) -> None:
     """Register `rne report`."""
-    parser = add_parser(commands, "report", "write a page on a robot", "rne report arm.urdf --out arm-page")
+    parser = add_parser(commands, "report", "write a page on a robot", "rne report arm.urdf --out arm-page", run_report)
     parser.add_argument("robot", metavar="ROBOT", help=ROBOT)
     add_out(parser, argparse.SUPPRESS)  # where it is not given here, that before the subcommand holds
-    parser.set_defaults(run=run_report)
 
 
 def run_main_page(arguments: argparse.Namespace) -> int:
@@ -155,9 +151,8 @@ def run_report(arguments: argparse.Namespace) -> int:
 def add_cache(commands: Any) -> None:
     """Register `rne cache`."""
     title = "show where object code of compiled kernels is kept, or remove it"
-    parser = add_parser(commands, "cache", title, "rne cache --clear")
+    parser = add_parser(commands, "cache", title, "rne cache --clear", run_cache)
     parser.add_argument("--clear", action="store_true", help="remove all of it")
-    parser.set_defaults(run=run_cache)
 
 
 def run_cache(arguments: argparse.Namespace) -> int:

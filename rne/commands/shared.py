@@ -49,8 +49,10 @@ class Parser(argparse.ArgumentParser):
         self.exit(2, f"error: {message}; {self.prog} --help shows what there is\n")
 
 
-def add_parser(commands: Any, name: str, title: str, example: str) -> argparse.ArgumentParser:
-    """The parser of a subcommand, whose help ends with an example."""
+def add_parser(
+    commands: Any, name: str, title: str, example: str, run: Callable[[argparse.Namespace], int]
+) -> argparse.ArgumentParser:
+    """The parser of a subcommand that `run` does, whose help ends with an example."""
     parser: argparse.ArgumentParser = commands.add_parser(
         name,
         help=title,
@@ -59,6 +61,7 @@ def add_parser(commands: Any, name: str, title: str, example: str) -> argparse.A
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
+    parser.set_defaults(run=run)
     return parser
 
 
@@ -153,7 +156,7 @@ def warnings_in_one_line() -> Iterator[None]:
         note(f"warning: {text}")
 
 
-def check_folder(folder: Path, option: str = "--out") -> None:
+def check_folder(folder: Path) -> None:
     """Make the folder and try to write into it."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -163,7 +166,7 @@ def check_folder(folder: Path, option: str = "--out") -> None:
         reason = "Not a directory"
     except OSError as error:
         reason = str(error.strerror)
-    raise CommandError(f"{option}: cannot write into {str(folder)!r}: {reason}")
+    raise CommandError(f"--out: cannot write into {str(folder)!r}: {reason}")
 
 
 def check_file(file: Path | None, option: str = "--out", suffixes: Sequence[str] = ()) -> None:

@@ -99,7 +99,7 @@ class Adaptive:
         return np.asarray(Z_dot[..., ROWS, COLUMNS].reshape(*z.shape[:-1], -1))
 
     def _share(self, u: Array) -> Array | float:
-        """1 as long as every torque is within its limit by the margin, falling to 0 at the limit."""
+        """Speed of adaptation: 1 while every torque is within its limit by a margin, falling to 0 at the limit."""
         if self.effort_limit is None:
             return 1.0
         used = np.abs(u) / self.effort_limit

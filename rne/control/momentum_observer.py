@@ -22,8 +22,7 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import check_function, per_joint_array, positive_number, real_array
 from ..basics.spatial import Array
 from ..basics.text import short, summary
-from ..robot import Robot
-from ..robot.robot import robot_argument
+from ..robot import Robot, robot_argument
 from .uncertainty import check_shared
 
 EXPLAINED = 0.98  # share of the residuals' squares that a payload explains, if it is one
@@ -212,46 +211,46 @@ class MomentumObserver:
         step = (times[-1] - times[0]) / (len(times) - 1)
         if not step > 0 or np.abs(np.diff(times) - step).max() > 1e-3 * step:
             raise ValueError("`t` must ascend at equal intervals; rne.identification.Record.prepare resamples")
-        impulses, doubts = self._impulses(positions, rates, torques, step, held)
-        found, threshold = self._seen(self._filtered(impulses, step), self._filtered(doubts, step, largest=True))
+        impulses, bounds = self._impulses(positions, rates, torques, step, held)
+        found, threshold = self._seen(self._filtered(impulses, step), self._filtered(bounds, step, largest=True))
         contact = np.flatnonzero((np.abs(found) > threshold).any(1))
         after = slice(contact[0], contact[0] + int(FITTED / step)) if len(contact) else slice(0)
         mass, share = self._payload(positions, rates, found, after, step)
         return Residuals(self.robot.joint_names, times, found, threshold, mass, share)
 
     def _impulses(self, q: Array, qd: Array, tau: Array, step: float, held: bool) -> tuple[Array, Array]:
-        """Impulses between samples that model and cases leave unexplained, (1 + cases, T - 1, n), and their doubt."""
+        """Impulses between samples that model and cases do not explain, (1 + cases, T - 1, n), and bounds of errors."""
         middle = _halfway(q, qd, step)
         robots = [_unexplained(robot, q, qd, middle, step) for robot in (self.robot, *self.cases)]
         found, errors = (np.stack(parts) for parts in zip(*robots, strict=True))
-        impulse, doubt = self._drives(qd, tau, middle[1], step, held)
-        doubt = doubt + errors.max(axis=0)
-        doubt[1:] = np.maximum(doubt[1:], doubt[:-1])  # a difference of two rules may pass through zero
-        return found - impulse, doubt
+        impulse, bound = self._drives(qd, tau, middle[1], step, held)
+        bound = bound + errors.max(axis=0)
+        bound[1:] = np.maximum(bound[1:], bound[:-1])  # a difference of two rules may pass through zero
+        return found - impulse, bound
 
     def _drives(self, qd: Array, tau: Array, middle: Array, step: float, held: bool) -> tuple[Array, Array]:
-        """Impulses of the drives and of friction between samples, and their doubt, both (T - 1, n)."""
+        """Impulses of the drives and of friction between samples, and bounds of their error, both (T - 1, n)."""
         f, model = self.friction, self.robot.model
         friction, halfway = (np.zeros_like(x) if f is None else f.torque(model, x) for x in (qd, middle))
         if held:
             slowed, error = _simpson(friction, halfway, step)
             size, of_size = _simpson(np.abs(friction), np.abs(halfway), step)
-            impulse, doubt = tau[:-1] * step - slowed, error + self.friction_error * (size + of_size)
+            impulse, bound = tau[:-1] * step - slowed, error + self.friction_error * (size + of_size)
         else:
-            impulse, doubt = _trapezoidal(tau - friction, step), _curvature(tau - friction) * SMOOTH * step
-            doubt = doubt + self.friction_error * _trapezoidal(np.abs(friction), step)
+            impulse, bound = _trapezoidal(tau - friction, step), _curvature(tau - friction) * SMOOTH * step
+            bound = bound + self.friction_error * _trapezoidal(np.abs(friction), step)
         if getattr(f, "sticks", False):
             largest = np.maximum(f.coulomb, f.coulomb_back) if f.static is None else f.static
             rests = qd == 0
             times = 2.0 * (rests[:-1] | rests[1:]) - (rests[:-1] & rests[1:])
-            doubt = doubt + step * (1 + self.friction_error) * largest * times
-        return impulse, doubt
+            bound = bound + step * (1 + self.friction_error) * largest * times
+        return impulse, bound
 
-    def _seen(self, filtered: Array, doubt: Array) -> tuple[Array, Array]:
+    def _seen(self, filtered: Array, bound: Array) -> tuple[Array, Array]:
         """Residuals of the model, and their thresholds."""
         found, *cases = filtered
         spread = np.max([np.abs(case - found) for case in cases], axis=0, initial=0.0)
-        return found, spread + doubt + self.floor
+        return found, spread + bound + self.floor
 
     def _coefficients(self, step: float) -> tuple[float, float]:
         """Coefficients (a, b) of the filter: r at a sample is a times r at the last one plus b times the impulse."""
@@ -387,9 +386,9 @@ class GuardedLaw:
         samples = [*self._samples, (q, qd, self._samples[-1][2])]
         positions, rates, torques = (np.stack(x) for x in zip(*samples, strict=True))
         keeps, takes = self.observer._coefficients(self.sample_time)
-        impulses, doubts = self.observer._impulses(positions, rates, torques, self.sample_time, True)
-        old, doubt = self._filters
-        self._filters = keeps * old + takes * impulses[:, -1], abs(keeps) * doubt + takes * doubts[-1]
+        impulses, bounds = self.observer._impulses(positions, rates, torques, self.sample_time, True)
+        old, bound = self._filters
+        self._filters = keeps * old + takes * impulses[:, -1], abs(keeps) * bound + takes * bounds[-1]
         found, threshold = self.observer._seen(*self._filters)
         if (np.abs(found) > threshold).any():
             self.contact = float(t)

@@ -56,7 +56,7 @@ class Cases:
 
     @cached_property
     def ball(self) -> Array:
-        """W, shape (10 nb, k): every mixture has the parameters pi_0 + W z with |z| <= 1; k is their dimension."""
+        """Matrix W of a ball that holds all mixtures: parameters pi_0 + W z with |z| <= 1, shape (10 nb, k)."""
         size = np.abs(self.deviations).max(axis=1)
         size = np.where(size == 0, 1.0, size)[:, None]
         U, singular, V = np.linalg.svd(self.deviations / size, full_matrices=False)

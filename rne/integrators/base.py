@@ -5,7 +5,9 @@ A system is dx/dt = f(t, x, u) whose inputs u may be held over a segment; `simul
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
@@ -13,14 +15,33 @@ import numpy as np
 from ..basics.spatial import Array
 from ..errors import NotFiniteError, SingularMassMatrixError
 from ..kernels.kernel import Kernel
+from .step_control import EPS, Interval
 
 Interpolant = Callable[[Array | float], Array]  # a time gives (size,), times of shape (m,) give (size, m)
 
 IMPLICIT = ("Radau", "BDF", "LSODA")
-EXPLICIT = ("RK45", "RK23", "DOP853")
 RODAS = "Rodas5P"  # the method that is not SciPy's
-SAME = 8 * float(np.finfo(np.float64).eps)  # relative: times that are equal up to rounding
+SAME = 8 * EPS  # relative: times that are equal up to rounding
 FAILURES = (NotFiniteError, SingularMassMatrixError, ArithmeticError)  # that end a run
+
+
+@dataclass(frozen=True)
+class IntegrationOptions:
+    """How an initial value problem is integrated.
+
+    Attributes
+    ----------
+    method : str
+    rtol, atol : float
+        Relative and absolute tolerance of the state, per step.
+    t_eval : ndarray, shape (S,), or None
+        Times to report, ascending; None for the ends of steps.
+    """
+
+    method: str
+    rtol: float
+    atol: float
+    t_eval: Array | None = None
 
 
 class System(Protocol):
@@ -34,6 +55,11 @@ class System(Protocol):
         Times within which f is evaluated: inside the segment, on this side of its breaks.
     evaluations : int
         Calls of f so far.
+    counted : int
+        Number of components of the state, the first ones, that are held to the tolerances. Those behind, such as
+        energies, are integrals: their rates depend on the others alone.
+    integral_scale : float
+        Size that is added to that of an integral, to which its error is relative.
     jacobian : callable or None
         df/dx at (t, x), where a solver may use it.
     kernel : Kernel
@@ -42,6 +68,12 @@ class System(Protocol):
 
     span: tuple[float, float]
     evaluations: int
+
+    @property
+    def counted(self) -> int: ...
+
+    @property
+    def integral_scale(self) -> float: ...
 
     @property
     def held(self) -> Array | None: ...
@@ -70,15 +102,15 @@ class Sampler(Protocol):
         Samples so far.
     state, next_state : ndarray, shape (m,)
         Of the law, at the last sample and the next.
-    traced : Any
-        The law as a kernel, `traced.kernel`, where it is traced; otherwise None.
+    traced : Kernel or None
+        The law, where it is traced.
     """
 
     period: float
     count: int
     state: Array
     next_state: Array
-    traced: Any
+    traced: Any  # a kernel or None
 
     @property
     def next(self) -> float:
@@ -128,3 +160,43 @@ class Steps:
             return states if times.ndim else states[:, 0]
 
         return interpolant
+
+
+class Solver(ABC):
+    """A method that steps along a system and can be restarted; a new one writes `steps`, and what `resume` needs more.
+
+    Parameters
+    ----------
+    options : IntegrationOptions
+    """
+
+    note = ""  # for the message of a run
+    tableau: Any = ()
+    takes_samples = False  # True if a law is sampled between the steps of one call
+
+    def __init__(self, options: IntegrationOptions) -> None:
+        self.options, self.h, self.max_step = options, 0.0, np.inf
+
+    def start(self, system: System, t: float, x: Array, end: float, max_step: float = np.inf) -> None:
+        """Begin at time t, where no step before says how long the first one is to be."""
+        self.resume(system, t, x, end)
+        self.h, self.max_step = 0.0, max_step
+
+    def resume(self, system: System, t: float, x: Array, end: float) -> None:
+        """Go on after a jump of the inputs with the length of the last step, or try the first as far as the end."""
+        self.system, self.t, self.x, self.end, self.h = system, t, x, end, self.h or end - t
+
+    @property
+    def is_running(self) -> bool:
+        """False when the end was reached."""
+        return self.t < self.end
+
+    def interval(self) -> Interval:
+        """The time to go, as loops take it."""
+        (first, last), options, system = map(float, self.system.span), self.options, self.system
+        tolerances = options.rtol, options.atol, system.counted, float(self.max_step), float(system.integral_scale)
+        return Interval(self.tableau, float(self.t), float(self.end), first, last, *tolerances)
+
+    @abstractmethod
+    def steps(self, max_steps: int) -> Steps:
+        """The next steps, at most so many; NotFiniteError if there is none."""

@@ -1,8 +1,8 @@
 """Many motions by an explicit method, LANES of them side by side in vector registers, as loops in machine code.
 
 Each motion has its own time and its own steps. One that has ended makes room for the next; its result does not depend
-on its neighbours. A motion with a state that must be examined is left, marked, to the caller. Arrays of the lanes are
-flat, component by component: entry i LANES + k is component i of lane k.
+on its neighbours. A motion with a state that needs the recursion is left, marked, to the caller. Arrays of the lanes
+are flat, component by component: entry i LANES + k is component i of lane k.
 """
 
 from __future__ import annotations
@@ -12,40 +12,38 @@ from typing import Any
 import numpy as np
 
 from ..basics.spatial import Array
+from ..dynamics.quantity import OK
 from ..kernels.kernel import Kernel
-from .loops import LANES, compiled, evaluate, inline
-from .rows import EARLY, EPS, LOOK, MOST_STEPS, SLOW, STIFF, Course, Tick, first_steps
-from .runge_kutta import LARGEST, SAFETY, SMALLEST, Tableau
+from .loops import LANES, combine, compiled, evaluate, inline
+from .rows import (
+    EARLY,
+    FAST_DECAY,
+    LOOK,
+    NEEDS_RECURSION,
+    SLOW,
+    STIFF,
+    BatchResult,
+    Progress,
+    run_rows,
+)
+from .step_control import MOST_STEPS, Interval, first_lengths, shortest_step, step_factor
+from .tableaus import Tableau
 
-NOBODY = -1  # in place of a motion's number
+EMPTY = -1  # in place of a motion's number
 OPERATIONS = 3 * 10**7  # of the kernel in one call, on LANES states: less than a tenth of a second
-EXAMINE, LEAVE = 1, 2  # codes of motions: with a state to be examined, and stiff
 # Rows of `lane`: the motion, its next time to report, its steps, whether the last was taken, whether that needs Q;
 # of `step`: begin, length and end of the step, its errors, the length to try next.
 MOTION, TIME, STEPS, TAKEN, WANTS, LANE_ROWS = 0, 1, 2, 3, 4, 5
-NOW, LENGTH, AHEAD, FIFTH, THIRD, NEXT, STEP_ROWS = 0, 1, 2, 3, 4, 5, 6
+NOW, LENGTH, END, FIFTH, THIRD, NEXT, STEP_ROWS = 0, 1, 2, 3, 4, 5, 6
 
 
-def workspace(widths: tuple[int, ...], table: Tableau) -> tuple[Any, ...]:
+def workspace(widths: tuple[int, ...], tableau: Tableau) -> tuple[Any, ...]:
     """Arrays for `run_all`, of a kernel's arguments of these widths, the second of which is the state."""
     inputs, saved = (tuple(np.zeros(width * LANES) for width in widths) for _ in range(2))
-    entries, rows = widths[1] * LANES, max(len(table.B) + 1, table.D.shape[1])
-    y, new, total, h, before = np.zeros((5, entries))
-    slopes = np.zeros((rows, entries)), np.zeros((max(1, len(table.D)), entries))
+    entries, rows = widths[1] * LANES, max(len(tableau.B) + 1, tableau.D.shape[1])
+    slopes = np.zeros((rows, entries)), np.zeros((max(1, len(tableau.D)), entries))
     numbers = np.zeros((LANE_ROWS, LANES), np.int64), np.zeros((STEP_ROWS, LANES))
-    return inputs, saved, (y, new, total, h, before), slopes, *numbers
-
-
-@inline
-def combine(weights: Any, K: Any, count: Any, total: Any) -> None:
-    """The sum of weights[j] K[j] over j < count."""
-    for e in range(len(total)):
-        total[e] = 0.0
-    for j in range(count):
-        w = weights[j]
-        if w != 0.0:
-            for e in range(len(total)):
-                total[e] += w * K[j, e]
+    return inputs, saved, tuple(np.zeros((5, entries))), slopes, *numbers
 
 
 @inline
@@ -64,8 +62,8 @@ def copy_lane(array: Any, source: Any, k: Any) -> None:
 
 
 @inline
-def mark_unsound(function: Any, inputs: Any, saved: Any, out: Any, lane: Any, code: Any, asks: Any) -> None:
-    """Evaluate each lane's inputs alone and mark the motions that must be examined.
+def mark_invalid(function: Any, inputs: Any, saved: Any, out: Any, lane: Any, code: Any, asks: Any) -> None:
+    """Evaluate each lane's inputs alone and mark the motions that need the recursion.
 
     If it `asks`, only those that want the result.
     """
@@ -78,8 +76,8 @@ def mark_unsound(function: Any, inputs: Any, saved: Any, out: Any, lane: Any, co
                 for e in range(len(inputs[a])):
                     inputs[a][e] = saved[a][e - e % LANES + k]
             if not evaluate(function, inputs, out):
-                code[lane[MOTION, k]] = EXAMINE
-                lane[MOTION, k] = NOBODY
+                code[lane[MOTION, k]] = NEEDS_RECURSION
+                lane[MOTION, k] = EMPTY
     for a in range(len(inputs)):
         for e in range(len(inputs[a])):
             inputs[a][e] = saved[a][e]
@@ -93,21 +91,21 @@ def rates_of_all(function: Any, sources: Any, F: Any, code: Any, work: Any) -> N
         for k in range(LANES):
             lane[MOTION, k] = min(begin + k, count - 1)
             put_motion(sources, lane[MOTION, k], inputs, k)
-        is_sound = evaluate(function, inputs, out)
+        is_valid = evaluate(function, inputs, out)
         for k in range(min(LANES, count - begin)):
             for i in range(F.shape[1]):
                 F[begin + k, i] = out[i * LANES + k]
-        if not is_sound:
-            mark_unsound(function, inputs, saved, out, lane, code, False)
+        if not is_valid:
+            mark_invalid(function, inputs, saved, out, lane, code, False)
 
 
 @inline
 def fill_lanes(waiting: Any, sources: Any, F: Any, H: Any, code: Any, work: Any) -> Any:
-    """Waiting motions into lanes without one, or a copy of another lane; who waits then, NOBODY at the end."""
+    """Waiting motions into lanes without one, or a copy of another lane; who waits then, EMPTY at the end."""
     inputs, _, (y, _, _, _, _), (K, _), lane, step = work
-    source = NOBODY
+    source = EMPTY
     for k in range(LANES):
-        while lane[MOTION, k] == NOBODY and waiting < len(F):
+        while lane[MOTION, k] == EMPTY and waiting < len(F):
             if not code[waiting]:
                 put_motion(sources, waiting, inputs, k)
                 for i in range(F.shape[1]):
@@ -118,58 +116,58 @@ def fill_lanes(waiting: Any, sources: Any, F: Any, H: Any, code: Any, work: Any)
         if lane[MOTION, k] >= 0:
             source = k
     for k in range(LANES):
-        if lane[MOTION, k] == NOBODY and source >= 0:
+        if lane[MOTION, k] == EMPTY and source >= 0:
             for a in range(len(inputs)):
                 copy_lane(inputs[a], source, k)
             copy_lane(y, source, k)
             copy_lane(K[0], source, k)
             step[NOW, k] = step[NOW, source]
-    return waiting if source >= 0 else NOBODY
+    return waiting if source >= 0 else EMPTY
 
 
 @inline
-def is_endless(course: Any, steps: Any, t: Any) -> bool:
+def is_endless(interval: Any, steps: Any, t: Any) -> bool:
     """As `rows.RowSteps`."""
-    return bool(steps >= EARLY and steps * (course.end - course.begin) > MOST_STEPS * (t - course.begin))
+    return bool(steps >= EARLY and steps * (interval.end - interval.begin) > MOST_STEPS * (t - interval.begin))
 
 
 @inline
-def choose_lengths(course: Any, lane: Any, step: Any, h: Any, code: Any) -> None:
+def choose_lengths(interval: Any, lane: Any, step: Any, h: Any, code: Any) -> None:
     """The end of each lane's step: that of the grid, or by the length to be tried; too short a step is marked."""
     for k in range(LANES):
         t, length, motion = step[NOW, k], step[NEXT, k], lane[MOTION, k]
-        step[AHEAD, k], smallest = t, 10 * EPS * abs(t)
+        step[END, k], smallest = t, shortest_step(t)
         if motion >= 0:
-            if len(course.grid):
-                step[AHEAD, k] = course.grid[lane[STEPS, k] + 1]
-            elif (not lane[TAKEN, k] and not length >= smallest) or is_endless(course, lane[STEPS, k], t):
-                code[motion], lane[MOTION, k] = EXAMINE, NOBODY
+            if len(interval.grid):
+                step[END, k] = interval.grid[lane[STEPS, k] + 1]
+            elif (not lane[TAKEN, k] and not length >= smallest) or is_endless(interval, lane[STEPS, k], t):
+                code[motion], lane[MOTION, k] = NEEDS_RECURSION, EMPTY
             else:
-                step[AHEAD, k] = min(t + max(length, smallest), course.end)
-        step[LENGTH, k] = step[AHEAD, k] - t
+                step[END, k] = min(t + max(length, smallest), interval.end)
+        step[LENGTH, k] = step[END, k] - t
     for i in range(0, len(h), LANES):
         for k in range(LANES):
             h[i + k] = step[LENGTH, k]
 
 
 @inline
-def put_stage(course: Any, y: Any, total: Any, h: Any, ahead: Any, inputs: Any, step: Any) -> None:
-    """Times and states of a stage: y + h total, `ahead` of a step later."""
+def put_stage(interval: Any, y: Any, total: Any, h: Any, c: Any, inputs: Any, step: Any) -> None:
+    """Times and states of a stage: y + h total, c steps later."""
     times, x = inputs[0], inputs[1]
     for e in range(len(y)):
         x[e] = y[e] + h[e] * total[e]
     for k in range(LANES):
-        times[k] = min(max(step[NOW, k] + ahead * step[LENGTH, k], course.first), course.last)
+        times[k] = min(max(step[NOW, k] + c * step[LENGTH, k], interval.first), interval.last)
 
 
 @inline
-def judge(course: Any, y: Any, new: Any, total: Any, K: Any, step: Any) -> None:
+def estimate_errors(interval: Any, y: Any, new: Any, total: Any, K: Any, step: Any) -> None:
     """The error of each lane's step."""
-    E, (count, rtol, atol, _) = course.table.E, course.norm
+    E, count, rtol, atol = interval.tableau.E, interval.counted, interval.rtol, interval.atol
     for k in range(LANES):
         step[THIRD, k] = 0.0
     for estimate in range(E.shape[0]):
-        combine(E[estimate], K, E.shape[1], total)
+        combine(E[estimate], E.shape[1], K, total)
         for e in range(len(y)):
             error = total[e] / (atol + rtol * max(abs(y[e]), abs(new[e])))
             total[e] = error * error
@@ -184,21 +182,21 @@ def judge(course: Any, y: Any, new: Any, total: Any, K: Any, step: Any) -> None:
 
 
 @inline
-def decide(course: Any, lane: Any, step: Any) -> bool:
+def accept(interval: Any, lane: Any, step: Any) -> bool:
     """Which steps are taken, and the lengths to try next; True if a time to report is inside of one."""
-    wants, times, power = False, course.times, course.norm[3]
+    wants, times, exponent = False, interval.t_eval, interval.tableau.exponent
     for k in range(LANES):
         error, was_taken = step[FIFTH, k], lane[TAKEN, k]
-        if len(course.grid):
+        if len(interval.grid):
             lane[TAKEN, k], lane[WANTS, k] = 1, 0
         elif error < 1:
-            factor = LARGEST if error == 0 else min(LARGEST, SAFETY * error**power)
+            factor = step_factor(error, exponent)
             step[NEXT, k] = step[LENGTH, k] * (factor if was_taken else min(1.0, factor))
             lane[TAKEN, k], time = 1, lane[TIME, k]
-            lane[WANTS, k] = lane[MOTION, k] >= 0 and time < len(times) and times[time] < step[AHEAD, k]
+            lane[WANTS, k] = lane[MOTION, k] >= 0 and time < len(times) and times[time] < step[END, k]
             wants = wants or lane[WANTS, k] == 1
         else:
-            step[NEXT, k] = step[LENGTH, k] * max(SMALLEST, SAFETY * error**power)
+            step[NEXT, k] = step[LENGTH, k] * step_factor(error, exponent)
             lane[TAKEN, k], lane[WANTS, k] = 0, 0
     return wants
 
@@ -207,11 +205,11 @@ def decide(course: Any, lane: Any, step: Any) -> bool:
 def report(times: Any, y: Any, new: Any, Q: Any, lane: Any, step: Any, k: Any, X: Any) -> None:
     """States of a lane at the times within its step, into X[time, motion]."""
     motion, time = lane[MOTION, k], lane[TIME, k]
-    while time < len(times) and times[time] <= step[AHEAD, k]:
+    while time < len(times) and times[time] <= step[END, k]:
         u = (times[time] - step[NOW, k]) / step[LENGTH, k]
         for i in range(X.shape[2]):
             e = i * LANES + k
-            if times[time] == step[AHEAD, k]:
+            if times[time] == step[END, k]:
                 X[time, motion, i] = new[e]
             else:  # Horner's scheme in u and 1 - u by turns
                 found = 0.0
@@ -223,17 +221,17 @@ def report(times: Any, y: Any, new: Any, Q: Any, lane: Any, step: Any, k: Any, X
 
 
 @inline
-def is_stiff(course: Any, slope: Any, other: Any, new: Any, before: Any, lane: Any, step: Any, k: Any) -> bool:
+def is_stiff(interval: Any, slope: Any, other: Any, new: Any, before: Any, lane: Any, step: Any, k: Any) -> bool:
     """As `rows.RowSteps`: from the slopes of the last two states, at the same time."""
-    steps, begin = lane[STEPS, k] + 1, course.begin
-    if steps % LOOK != 0 or not steps * (course.end - begin) > SLOW * (step[AHEAD, k] - begin):
+    steps, begin = lane[STEPS, k] + 1, interval.begin
+    if steps % LOOK != 0 or not steps * (interval.end - begin) > SLOW * (step[END, k] - begin):
         return False
     slopes, states = 0.0, 0.0
-    for i in range(course.norm[0]):
+    for i in range(interval.counted):
         e = i * LANES + k
         slopes += (slope[e] - other[e]) ** 2
         states += (new[e] - before[e]) ** 2
-    return bool(step[LENGTH, k] ** 2 * slopes > STIFF**2 * states)
+    return bool(step[LENGTH, k] ** 2 * slopes > FAST_DECAY**2 * states)
 
 
 @inline
@@ -244,10 +242,10 @@ def move_on(y: Any, new: Any, K: Any, last: Any, extra: Any, end: Any, lane: Any
         if lane[MOTION, k] >= 0:
             count[lane[MOTION, k]] += last + lane[WANTS, k] * extra
         if lane[TAKEN, k]:
-            step[NOW, k], lane[STEPS, k], taken = step[AHEAD, k], lane[STEPS, k] + 1, taken + 1
-            if step[AHEAD, k] >= end:
-                lane[MOTION, k] = NOBODY
-        vacant = vacant or lane[MOTION, k] == NOBODY
+            step[NOW, k], lane[STEPS, k], taken = step[END, k], lane[STEPS, k] + 1, taken + 1
+            if step[END, k] >= end:
+                lane[MOTION, k] = EMPTY
+        vacant = vacant or lane[MOTION, k] == EMPTY
     if taken == LANES:
         for e in range(len(y)):
             y[e], K[0, e] = new[e], K[last, e]
@@ -259,31 +257,31 @@ def move_on(y: Any, new: Any, K: Any, last: Any, extra: Any, end: Any, lane: Any
 
 
 def run_all(
-    function: Any, course: Any, sources: Any, F: Any, H: Any, code: Any, count: Any, X: Any, work: Any, go_on: Any
+    function: Any, interval: Any, sources: Any, F: Any, H: Any, code: Any, count: Any, X: Any, work: Any, go_on: Any
 ) -> int:
     """Every motion from its row of `sources` to the end; states at the times to report into X[time, motion].
 
     F and H have each motion's first slope and the length to try first; `count` takes evaluations. `go_on` has the
     motion that waits for a lane and the evaluations after which to return; the result is the next such motion, or
-    NOBODY at the end.
+    EMPTY at the end.
     """
-    A, B, C, _, A2, C2, D = course.table
+    A, B, C, _, A2, C2, D, _ = interval.tableau
     inputs, saved, (y, new, total, h, before), (K, Q), lane, step = work
-    stages, is_fixed, positions, (waiting, left) = len(B), len(course.grid) > 0, course.positions, go_on
+    stages, is_fixed, positions, (waiting, left) = len(B), len(interval.grid) > 0, interval.positions, go_on
     if waiting == 0:
-        lane[MOTION] = NOBODY
+        lane[MOTION] = EMPTY
     vacant = True
     while left > 0:
         left -= stages + 1
         if vacant:
             waiting = fill_lanes(waiting, sources, F, H, code, work)
-        if waiting == NOBODY:
+        if waiting == EMPTY:
             break
-        choose_lengths(course, lane, step, h, code)
-        is_sound = True
+        choose_lengths(interval, lane, step, h, code)
+        is_valid = True
         for s in range(0 if is_fixed else 1, stages + 1):
-            combine(A[s] if s < stages else B, K, s, total)
-            put_stage(course, y, total, h, C[s] if s < stages else 1.0, inputs, step)
+            combine(A[s] if s < stages else B, s, K, total)
+            put_stage(interval, y, total, h, C[s] if s < stages else 1.0, inputs, step)
             if s == stages:
                 for e in range(positions * LANES):
                     inputs[1][e] = y[e] + h[e] * inputs[1][positions * LANES + e]
@@ -293,62 +291,78 @@ def run_all(
                 for e in range(len(y)):
                     before[e] = inputs[1][e]
             if s < stages or not is_fixed:
-                is_sound = evaluate(function, inputs, K[s])
-            if not is_sound:
-                mark_unsound(function, inputs, saved, total, lane, code, False)
+                is_valid = evaluate(function, inputs, K[s])
+            if not is_valid:
+                mark_invalid(function, inputs, saved, total, lane, code, False)
                 vacant = True
                 break
-        if not is_sound:
+        if not is_valid:
             continue
         if not is_fixed:
-            judge(course, y, new, total, K, step)
-        if decide(course, lane, step):
+            estimate_errors(interval, y, new, total, K, step)
+        if accept(interval, lane, step):
             for s in range(len(C2)):
-                combine(A2[s], K, stages + 1 + s, total)
-                put_stage(course, y, total, h, C2[s], inputs, step)
+                combine(A2[s], stages + 1 + s, K, total)
+                put_stage(interval, y, total, h, C2[s], inputs, step)
                 if not evaluate(function, inputs, K[stages + 1 + s]):
-                    mark_unsound(function, inputs, saved, total, lane, code, True)
+                    mark_invalid(function, inputs, saved, total, lane, code, True)
             for j in range(len(D)):
-                combine(D[j], K, K.shape[0], Q[j])
+                combine(D[j], K.shape[0], K, Q[j])
         for k in range(LANES):
             if lane[MOTION, k] >= 0 and lane[TAKEN, k]:
-                report(course.times, y, new, Q, lane, step, k, X)
-                if course.watched and is_stiff(course, K[stages], K[stages - 1], new, before, lane, step, k):
-                    code[lane[MOTION, k]], lane[MOTION, k] = LEAVE, NOBODY
-        vacant = move_on(y, new, K, stages, len(C2), course.end, lane, step, count)
+                report(interval.t_eval, y, new, Q, lane, step, k, X)
+                if interval.watched and is_stiff(interval, K[stages], K[stages - 1], new, before, lane, step, k):
+                    code[lane[MOTION, k]], lane[MOTION, k] = STIFF, EMPTY
+        vacant = move_on(y, new, K, stages, len(C2), interval.end, lane, step, count)
     return int(waiting)
 
 
-def in_lanes(
-    course: Course, kernel: Kernel, parameters: Array, x: Array, X: Array, tick: Tick
-) -> tuple[Array, int, bool]:
-    """Motions from states x, shape (N, size), into X[time, motion]; their codes, evaluations, whether all were run.
+def run_lanes(
+    interval: Interval, kernel: Kernel, parameters: Array, x: Array, X: Array, progress: Progress
+) -> BatchResult:
+    """Motions from states x, shape (N, size), into X[time, motion], which is NaN where nothing is reported.
 
-    X is NaN where nothing is reported. Machine code returns to Python after some OPERATIONS, so that Ctrl-C is heard.
+    Machine code returns to Python after some OPERATIONS, so that Ctrl-C is heard.
     """
-    x, N = np.ascontiguousarray(x), len(x)
-    work, address = workspace(kernel.widths, course.table), kernel.address(LANES)
+    x, N, units = np.ascontiguousarray(x), len(x), max(len(interval.grid) - 1, 1)
+    work, address = workspace(kernel.widths, interval.tableau), kernel.address(LANES)
     more = (np.ascontiguousarray(parameters),)[: len(kernel.names) - 2]
     code, count, H, F = np.zeros(N, np.int64), np.zeros(N, np.int64), np.zeros(N), np.zeros_like(x)
 
     def rates(t: Array, states: Array, F: Array) -> Array:
-        times = np.clip(t, course.first, course.last)[:, None]
+        times = np.clip(t, interval.first, interval.last)[:, None]
         compiled(rates_of_all)(address, (times, np.ascontiguousarray(states), *more), F, code, work)
         return F
 
-    begin = np.full(N, course.begin)
-    if not len(course.grid):
+    begin = np.full(N, interval.begin)
+    if not len(interval.grid):
         rates(begin, x, F)
-        H = first_steps(lambda t, states: rates(t, states.T, np.zeros_like(x)).T, course, x.T, F.T)
+        H = first_lengths(lambda t, states: rates(t, states.T, np.zeros_like(x)).T, interval, x.T, F.T)
         count += 2
     most, waiting, done = max(1, OPERATIONS // max(1, sum(kernel.operations.values()))), 0, 0
-    given = address, course, (begin[:, None], x, *more), F, H, code, count, X, work
+    given = address, interval, (begin[:, None], x, *more), F, H, code, count, X, work
     try:
-        while waiting != NOBODY:
+        while waiting != EMPTY:
             waiting, before = compiled(run_all)(*given, (waiting, most)), done
             done = int(N - np.isnan(X[-1, :, :1]).any(axis=1).sum())
-            tick(done - before)
-        tick(int((code != EXAMINE).sum()) - done)
+            progress(units * (done - before))
+        progress(units * (int((code != NEEDS_RECURSION).sum()) - done))
     except KeyboardInterrupt:
-        return code, int(count.sum()), False
-    return code, int(count.sum()), True
+        return BatchResult(code, int(count.sum()), OK, is_done=False)
+    return BatchResult(code, int(count.sum()), OK, is_done=True)
+
+
+def run_batch(
+    interval: Interval, kernel: Kernel, parameters: Array, numbers: Array, x: Array, X: Array, progress: Progress
+) -> BatchResult:
+    """The same by machine code where the kernel is that, and by NumPy otherwise and for what needs the recursion."""
+    part, left = BatchResult(np.full(len(x), NEEDS_RECURSION), 0, OK, is_done=True), np.arange(len(x))
+    if kernel.engine == "numba" and kernel.is_unrolled and x.dtype == np.float64:
+        part = run_lanes(interval, kernel, parameters, x, X, progress)
+        left = np.flatnonzero(part.code == NEEDS_RECURSION)
+    if not len(left) or not part.is_done:
+        return part
+    some = np.full((len(X), len(left), x.shape[1]), np.nan, x.dtype)
+    rest = run_rows(interval, kernel, parameters[left], numbers[left], x[left], some, progress)
+    X[:, left], part.code[left] = some, rest.code
+    return rest._replace(code=part.code, evaluations=part.evaluations + rest.evaluations)

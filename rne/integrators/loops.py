@@ -53,6 +53,25 @@ def inline(text: Text) -> Text:
     return text
 
 
+@inline
+def combine(weights: Any, count: Any, K: Any, total: Any) -> None:
+    """The sum of weights[j] K[j] over j < count."""
+    for i in range(len(total)):
+        total[i] = 0.0
+    for j in range(count):
+        w = weights[j]
+        if w != 0.0:
+            for i in range(len(total)):
+                total[i] += w * K[j, i]
+
+
+@inline
+def copy(values: Any, into: Any) -> None:
+    """A vector into another one."""
+    for i in range(len(into)):
+        into[i] = values[i]
+
+
 @functools.cache
 def compiled(text: Callable[..., Any]) -> Callable[..., Any]:
     """A text in machine code, called like the text itself; compiled for the kinds of its arguments at a first call."""
@@ -105,8 +124,14 @@ def _compiled(text: Callable[..., Any], arguments: tuple[Any, ...], kind: str) -
     if text.__closure__:
         raise TypeError(f"{text.__qualname__} depends on variables of the function that it stands in")
     source = Path(inspect.getfile(text)).read_text(encoding="utf-8")
-    description = ("loop", numba_version(), source, text.__qualname__, kind)
+    description = ("loop", numba_version(), _sources(), source, text.__qualname__, kind)
     return python_function(library(["call"], description, lambda: _llvm_text(text, arguments), loops=True))
+
+
+@functools.cache
+def _sources() -> str:
+    """The files of this folder, whose texts call one another: a change in one makes void what is kept on disk."""
+    return "".join(path.read_text(encoding="utf-8") for path in sorted(Path(__file__).parent.glob("*.py")))
 
 
 @functools.cache

@@ -6,12 +6,15 @@ order 4 of the error and an interpolant of order 4. In the form of Hairer and Wa
 
     (1 / (h gamma) - f_x) u_i = f(t + alpha_i h, x + sum_j a_ij u_j) + sum_j c_ij u_j / h + gamma_i h f_t
 
-The state is x = (q, qd, z). K, D, Z, M and R_t are slopes of the equations of motion R(t, x, qdd) = 0 by q, qd, z, qdd
-and t. The rows of qd are multiplied by M, and those of q, u_q c - u_qd = b_q with c = 1 / (h gamma), eliminate u_qd:
+The state is x = (q, qd, z, e). K, D, Z, M and R_t are slopes of the equations of motion R(t, x, qdd) = 0 by q, qd, z,
+qdd and t. The rows of qd are multiplied by M, and those of q, u_q c - u_qd = b_q with c = 1 / (h gamma), eliminate
+u_qd:
 
     (c^2 M + c D + K) u_q + Z u_z = M b_qd + (c M + D) b_q,    u_qd = c u_q - b_q
 
-so that M is not inverted and the system has the size of (q, z).
+so that M is not inverted and the system has the size of (q, z). The last states e, such as energies, are integrals:
+their rates depend on the others, and neither on e nor on qdd. u_e follows from the slopes of these rates, without a
+system.
 """
 
 from __future__ import annotations
@@ -22,12 +25,11 @@ from typing import Any
 import numpy as np
 
 from ..basics.spatial import Array
-from .loops import evaluate, inline
+from .loops import combine, copy, evaluate, inline
+from .step_control import integral_errors, shortest_step, step_factor
 
-SAFETY, SMALLEST, LARGEST = 0.9, 0.2, 10.0  # factors between steps, as those of SciPy's methods
-POWER = -0.2  # of the error in such a factor: the estimate is of order 4
-ROUNDING, TINY = 2.3e-15, 1e-300  # of the time, and at time 0: the shortest steps
 STAGES = 8
+EXPONENT = -0.2  # of the error in the factor between two steps: the estimate is of order 4
 GAMMA = 0.21193756319429014
 # fmt: off
 STAGE = [  # a_ij, below the first stage, where it is the state itself
@@ -76,16 +78,13 @@ def _tableau() -> tuple[Array, Array, Array, Array]:
 
 
 A, C, ALPHA, GAMMAS = _tableau()
-
-
 TABLEAU = (A, C, ALPHA, GAMMAS, INTERPOLANT)
 
 
 @inline
-def set_up(S: Any, n: Any, c: Any, W: Any) -> None:
+def set_up(S: Any, n: Any, size: Any, c: Any, W: Any) -> None:
     """[matrix, factors of (b_q, b_qd, b_z) and of gamma_i h f_t] of the linear systems, from the slopes S."""
     rows = len(W)
-    size = n + rows
     for i in range(rows):
         for j in range(n):
             if i < n:
@@ -103,7 +102,7 @@ def set_up(S: Any, n: Any, c: Any, W: Any) -> None:
         if i >= n:
             W[i, i] += c
             W[i, rows + n + i] = 1.0
-        W[i, rows + size] = -S[i, size + n] if i < n else S[i, size + n]
+        W[i, 2 * rows + n] = -S[i, size + n] if i < n else S[i, size + n]
 
 
 @inline
@@ -135,14 +134,7 @@ def eliminate(W: Any, G: Any) -> bool:
 
 
 @inline
-def copy(values: Any, into: Any) -> None:
-    """A vector into another one."""
-    for i in range(len(into)):
-        into[i] = values[i]
-
-
-@inline
-def combine(weights: Any, count: Any, factor: Any, U: Any, total: Any) -> None:
+def add(weights: Any, count: Any, factor: Any, U: Any, total: Any) -> None:
     """Add the weighted sum of the first rows of U."""
     for j in range(count):
         weight, u = weights[j] * factor, U[j]
@@ -151,67 +143,50 @@ def combine(weights: Any, count: Any, factor: Any, U: Any, total: Any) -> None:
 
 
 @inline
-def solve_stage(G: Any, n: Any, c: Any, ahead: Any, f: Any, b: Any, u: Any) -> None:
-    """A stage from f, the right-hand side without f_t, whose factor gamma_i h is `ahead`."""
+def solve_stage(S: Any, G: Any, n: Any, c: Any, by_time: Any, f: Any, b: Any, u: Any) -> None:
+    """A stage from f, the right-hand side without f_t, whose factor gamma_i h is `by_time`."""
     rows, size = len(b), len(f)
+    counted = n + rows
     for i in range(rows):
-        b[i] = ahead * G[size, i]
-    combine(f, size, 1.0, G, b)
+        b[i] = by_time * G[counted, i]
+    add(f, counted, 1.0, G, b)
     for i in range(n):
         u[i] = b[i]
         u[n + i] = c * b[i] - f[i]
     for i in range(n, rows):
         u[n + i] = b[i]
+    for i in range(counted, size):
+        total = f[i] + by_time * S[i - n, size + n]
+        for j in range(counted):
+            total += S[i - n, j] * u[j]
+        u[i] = total / c
 
 
-@inline
-def next_length(h: Any, error: Any) -> Any:
-    """Length of the next trial; an error that is not a number shortens it most."""
-    if error == 0.0:
-        return LARGEST * h
-    factor = SAFETY * error**POWER
-    return h * (min(factor, LARGEST) if factor > SMALLEST else SMALLEST)
+def take_steps(problem: Any, slopes: Any, steps: Any) -> int:
+    """Steps into the storage from T[0] and X[0] on; how many.
 
-
-def take_steps(
-    rates: Any,
-    slopes: Any,
-    state: Any,
-    point: Any,
-    limits: Any,
-    tableau: Any,
-    T: Any,
-    X: Any,
-    P: Any,
-    H: Any,
-    count: Any,
-    work: Any,
-) -> int:
-    """Steps into T and X from T[0] and X[0], and their interpolants' vectors into P, (steps, 3, size); how many.
-
-    `rates` is a function of `state` (t, x, and torques where they are held), `slopes` of `point` (t, x, qdd, torques);
-    both share t and x, which are overwritten. `limits` has the end, the longest step, rtol, atol, and the times within
-    which torques are evaluated. H[k] is the length with which step k is tried first; count[0] and [1] gain the
-    evaluations of both. `work` is what `workspace` makes.
+    `slopes` is a function and its arguments t, x, qdd and inputs; it shares t and x with the right-hand side. In place
+    of slopes the storage has the interpolants' vectors P, (steps, 3, size), and count[0] and [1] gain the evaluations
+    of right-hand side and slopes. `work` is what `workspace` makes.
     """
-    end, longest, rtol, atol, first, last = limits
-    A, C, ahead, by_time, interpolant = tableau
-    S, W, G, b, U, start, f = work
-    time, x, qdd = state[0], state[1], point[2]
-    size, n = len(x), len(qdd)
+    rates, state, interval = problem
+    end, first, last, rtol, atol = interval.end, interval.first, interval.last, interval.rtol, interval.atol
+    A, C, alpha, gamma, interpolant = interval.tableau
+    T, X, P, H, count, (S, W, G, b, U, start, f) = steps
+    time, x, qdd = state[0], state[1], slopes[1][2]
+    size, n, counted = len(x), len(qdd), interval.counted
     for step in range(len(T) - 1):
         t, y = T[step], X[step]
-        smallest = ROUNDING * abs(t) + TINY
-        h = min(max(H[step], smallest), longest)
+        smallest = shortest_step(t)
+        h = min(max(H[step], smallest), interval.max_step)
         time[0] = min(max(t, first), last)
         copy(y, x)
         count[0] += 1
         if not evaluate(rates, state, start):
             return step
-        for i in range(n):
-            qdd[i] = start[n + i]
+        copy(start[n:], qdd)
         count[1] += 1
-        if not evaluate(slopes, point, S):
+        if not evaluate(slopes[0], slopes[1], S):
             return step
         rejected = False
         while True:
@@ -220,47 +195,46 @@ def take_steps(
             tried, reached = h, min(t + h, end)
             h = reached - t
             c = 1.0 / (h * GAMMA)
-            set_up(S, n, c, W)
+            set_up(S, n, size, c, W)
             error = math.inf
             if eliminate(W, G):
                 copy(start, f)
                 for s in range(STAGES):
                     if s > 0:
                         copy(y, x)
-                        combine(A[s], s, 1.0, U, x)
-                        time[0] = min(max(t + ahead[s] * h, first), last)
+                        add(A[s], s, 1.0, U, x)
+                        time[0] = min(max(t + alpha[s] * h, first), last)
                         count[0] += 1
                         if not evaluate(rates, state, f):
                             return step
-                        combine(C[s], s, 1.0 / h, U, f)
-                    solve_stage(G, n, c, by_time[s] * h, f, b, U[s])
-                error = 0.0
+                        add(C[s], s, 1.0 / h, U, f)
+                    solve_stage(S, G, n, c, gamma[s] * h, f, b, U[s])
                 for i in range(size):
                     x[i] += U[STAGES - 1, i]
+                error = integral_errors(U[STAGES - 1], y, x, interval)
+                for i in range(counted):
                     error += (U[STAGES - 1, i] / (atol + rtol * max(abs(y[i]), abs(x[i])))) ** 2
-                error = math.sqrt(error / size)
+                error = math.sqrt(error / counted)
             if error < 1:
                 break
-            h = next_length(h, error)
+            h *= step_factor(error, EXPONENT)
             rejected = True
-        longer = next_length(h, error)
+        longer = h * step_factor(error, EXPONENT)
         H[step + 1] = max(min(h, longer) if rejected else longer, tried if h < tried else 0.0)
         T[step + 1] = reached
         copy(x, X[step + 1])
         for k in range(len(interpolant)):
-            for i in range(size):
-                P[step, k, i] = 0.0
-            combine(interpolant[k], STAGES, 1.0, U, P[step, k])
+            combine(interpolant[k], STAGES, U, P[step, k])
         if reached >= end:
             return step + 1
     return len(T) - 1
 
 
-def workspace(n: int, size: int) -> tuple[Array, ...]:
-    """What `take_steps` overwrites, for n coordinates and a state of this size."""
-    rows = size - n
-    shapes = (rows, size + n + 1), (rows, rows + size + 1), (size + 1, rows), (rows,), (STAGES, size), (size,), (size,)
-    return tuple(np.zeros(shape) for shape in shapes)
+def workspace(n: int, counted: int, size: int) -> tuple[Array, ...]:
+    """What `take_steps` overwrites, for n coordinates and a state of this size, integrals from `counted` on."""
+    rows = counted - n
+    systems = (size - n, size + n + 1), (rows, rows + counted + 1), (counted + 1, rows), (rows,)
+    return tuple(np.zeros(shape) for shape in (*systems, (STAGES, size), (size,), (size,)))
 
 
 def inside(begin: Array, end: Array, vectors: Array, s: Array) -> Array:

@@ -11,53 +11,29 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..basics.spatial import Array
-from ..dynamics.quantity import OK
+from ..dynamics.quantity import OK, PrecisionStatus
 from ..errors import NotFiniteError, SingularMassMatrixError
 from ..kernels.kernel import Kernel
 from ..kernels.numpy_backend import BlockProgram
-from .runge_kutta import LARGEST, SAFETY, SMALLEST, Tableau
+from .step_control import LARGEST, MOST_STEPS, SAFETY, SMALLEST, THIRD, Interval, first_lengths, shortest_step, squares
+from .tableaus import Tableau
 
-EPS = float(np.finfo(np.float64).eps)
 EVERY = slice(None)
 FULL = 0.75  # part of the columns that are on their way, below which the others are dropped: a new width costs time
 LOOK = 500  # steps between two looks whether the motion is stiff
-SLOW, STIFF = 20_000, 3.0  # steps of the whole way at this pace, and time constants of the fastest mode in a step
-EARLY, MOST_STEPS = 100, 1e10  # after that many steps a motion is given up that at this pace would take so many
-Tick = Callable[[int], Any]
+SLOW, FAST_DECAY = 20_000, 3.0  # steps of the whole way at this pace, and time constants of the fastest mode in a step
+EARLY = 100  # steps before which no motion is given up for its pace
+NEEDS_RECURSION, STIFF = 1, 2  # codes of motions that are left: with a state that machine code cannot decide, and stiff
+Progress = Callable[[int], Any]  # is told units of work: motions, or steps of all motions where these are equal
 
 
-class Course(NamedTuple):
-    """How motions are run from one time to another.
+class BatchResult(NamedTuple):
+    """How motions were run: their codes, 0 of those that came to the end, and whether they were not interrupted."""
 
-    Attributes
-    ----------
-    table : Tableau
-        Of the method.
-    begin, end : float
-    first, last : float
-        Times within which torques are evaluated.
-    times : ndarray, shape (S,)
-        To report, ascending, the end as the last.
-    grid : ndarray
-        The begin, and the ends of steps that are not controlled; empty for those that are.
-    norm : (int, float, float, float)
-        The number of components whose errors count, rtol, atol, and the power of the error.
-    positions : int
-        The number of components that move with the rates at the end of the step.
-    watched : bool
-        True to leave motions in which a fast decay, not the error, holds the steps to short ones.
-    """
-
-    table: Tableau
-    begin: float
-    end: float
-    first: float
-    last: float
-    times: Array
-    grid: Array
-    norm: tuple[int, float, float, float]
-    positions: int = 0
-    watched: bool = False
+    code: Array
+    evaluations: int
+    verdict: PrecisionStatus
+    is_done: bool
 
 
 class Rates:
@@ -70,13 +46,12 @@ class Rates:
     parameters : ndarray, shape (N, 10 nb), or (N, 0)
     numbers : ndarray, shape (N,)
         Of the motions, for errors.
-    course : Course
+    interval : Interval
     """
 
-    def __init__(self, kernel: Kernel, parameters: Array, numbers: Array, course: Course) -> None:
-        self.kernel, self.parameters, self.numbers, self.course = kernel, parameters, numbers, course
-        self.evaluations, self.moving, self.verdict, self.is_done = 0, len(numbers), OK, True
-        self.stiff = np.zeros(len(numbers), dtype=bool)  # motions that were left
+    def __init__(self, kernel: Kernel, parameters: Array, numbers: Array, interval: Interval) -> None:
+        self.kernel, self.parameters, self.numbers, self.interval = kernel, parameters, numbers, interval
+        self.evaluations, self.moving, self.verdict = 0, len(numbers), OK
         self.program = None
         if kernel.is_unrolled:
             self.program = kernel.blocks if kernel.engine == "numpy" else BlockProgram(kernel.traced)
@@ -89,20 +64,20 @@ class Rates:
         """dx/dt at times t, of all motions or of some."""
         count, out = x.shape[1], np.empty_like(x) if out is None else out
         self.evaluations += self.moving if chosen is EVERY else count
-        within = np.clip(t, self.course.first, self.course.last)
+        within = np.clip(t, self.interval.first, self.interval.last)
         times = np.broadcast_to(within.astype(x.dtype), count)[:, None]
         states = [times, x.T, self.parameters[chosen]][: len(self.kernel.names)]
-        doubtful = np.arange(count) if self.program is None else np.flatnonzero(~self.program.sound(states, out.T))
-        if len(doubtful):
-            out[:, doubtful] = self._examined([a[doubtful] for a in states], self.numbers[chosen][doubtful])
+        to_check = np.arange(count) if self.program is None else np.flatnonzero(~self.program.sound(states, out.T))
+        if len(to_check):
+            out[:, to_check] = self._by_recursion([a[to_check] for a in states], self.numbers[chosen][to_check])
         return out
 
-    def _examined(self, states: Sequence[Array], numbers: Array) -> Array:
+    def _by_recursion(self, states: Sequence[Array], numbers: Array) -> Array:
         """The same by the recursion, which names what is wrong."""
         try:
             rates, verdict = self.kernel.by_recursion(*states)
         except NotFiniteError as error:
-            k, grid, cure = error.state[0], self.course.grid, ""
+            k, grid, cure = error.state[0], self.interval.grid, ""
             if len(grid):
                 cure = f"; steps of {grid[1] - grid[0]:g} s may be too long for the fastest decay: try shorter ones"
             t = float(states[0][k, 0])
@@ -124,52 +99,28 @@ def combine(weights: Array, K: Array) -> Array:
     return total
 
 
-def squares(values: Array) -> Array:
-    """The sum of each column's squares, in one order whatever the number of columns."""
-    total = np.zeros(values.shape[1])
-    for row in values:
-        total += row * row
-    return total
-
-
-def first_steps(rates: Callable[[Array, Array], Array], course: Course, x: Array, f: Array) -> Array:
-    """Lengths of the first steps: Hairer, Norsett and Wanner 1993, II.4, as SciPy's."""
-    (count, rtol, atol, order), longest = course.norm, course.end - course.begin
-    scale = atol + rtol * np.abs(x[:count])
-
-    def size(v: Array) -> Array:
-        return np.asarray(np.sqrt(squares(v[:count] / scale) / count))
-
-    with np.errstate(all="ignore"):
-        d0, d1 = size(x), size(f)
-        h0 = np.minimum(np.where((d0 < 1e-5) | (d1 < 1e-5), 1e-6, 0.01 * d0 / d1), longest)
-        d2 = size(rates(course.begin + h0, x + h0 * f) - f) / h0
-        largest = np.maximum(d1, d2)
-        h1 = np.where(largest <= 1e-15, np.maximum(1e-6, h0 * 1e-3), (0.01 / largest) ** -order)
-        return np.asarray(np.minimum(np.minimum(100 * h0, h1), longest))
-
-
 class RowSteps:
     """Steps of each motion's own lengths, or those of the grid; states at the times to report into X[time, motion]."""
 
-    def __init__(self, rates: Rates, course: Course, X: Array) -> None:
-        self.rates, self.course, self.X = rates, course, X
-        self.table, self.times, self.is_fixed = course.table, course.times, len(course.grid) > 0
+    def __init__(self, rates: Rates, X: Array) -> None:
+        self.rates, self.interval, self.X = rates, rates.interval, X
+        self.tableau: Tableau = self.interval.tableau
+        self.is_fixed, self.code = len(self.interval.grid) > 0, np.zeros(X.shape[1], dtype=np.int64)
 
-    def run(self, x: Array, tick: Tick) -> None:
+    def run(self, x: Array, progress: Progress) -> None:
         """From states x, shape (N, size), to the end."""
-        course, N = self.course, len(x)
-        self.x, self.t = x.T.copy(), np.full(N, course.begin)
+        interval, N = self.interval, len(x)
+        self.x, self.t = x.T.copy(), np.full(N, interval.begin)
         self.row, self.reported, self.steps = np.arange(N), np.zeros(N, dtype=int), np.zeros(N, dtype=int)
-        self.K = np.empty((self.table.D.shape[1], *self.x.shape), x.dtype)
+        self.K = np.empty((self.tableau.D.shape[1], *self.x.shape), x.dtype)
         self.rates(self.t, self.x, self.K[0])
-        self.h = np.zeros(N) if self.is_fixed else first_steps(self.rates, course, self.x, self.K[0])
+        self.h = np.zeros(N) if self.is_fixed else first_lengths(self.rates, interval, self.x, self.K[0])
         self.taken = np.ones(N, dtype=bool)  # the step before
         while self.rates.moving:
             self._step()
-            on_its_way = self.t < course.end
+            on_its_way = self.t < interval.end
             before, self.rates.moving = self.rates.moving, int(on_its_way.sum())
-            tick(N if self.is_fixed else before - self.rates.moving)
+            progress(N if self.is_fixed else before - self.rates.moving)
             if self.rates.moving <= FULL * len(on_its_way):
                 self._keep(on_its_way)
 
@@ -183,24 +134,24 @@ class RowSteps:
 
     def _step(self) -> None:
         """Try a step of every motion."""
-        ahead = self.course.grid[self.steps + 1] if self.is_fixed else self._ahead()
-        h = ahead - self.t
-        new = self._stages(ahead, h)
-        taken, factor = (self.taken, 1.0) if self.is_fixed else self._judge(h, new)
-        self._report(ahead, h, new, taken)
+        ends = self.interval.grid[self.steps + 1] if self.is_fixed else self._ends()
+        h = ends - self.t
+        new = self._stages(ends, h)
+        taken, factor = (self.taken, 1.0) if self.is_fixed else self._accept(h, new)
+        self._report(ends, h, new, taken)
         self.steps += taken
-        is_stiff = self._is_stiff(ahead, h, new) & taken if self.course.watched else None
+        is_stiff = self._is_stiff(ends, h, new) & taken if self.interval.watched else None
         self.x = new if taken.all() else np.where(taken, new, self.x)
-        np.copyto(self.K[0], self.K[len(self.table.B)], where=taken)
-        self.t, self.h, self.taken = np.where(taken, ahead, self.t), h * factor, taken
+        np.copyto(self.K[0], self.K[len(self.tableau.B)], where=taken)
+        self.t, self.h, self.taken = np.where(taken, ends, self.t), h * factor, taken
         if is_stiff is not None and is_stiff.any():
-            self.t[is_stiff] = self.course.end
-            self.rates.stiff[self.row[is_stiff]] = True
+            self.t[is_stiff] = self.interval.end
+            self.code[self.row[is_stiff]] = STIFF
 
-    def _ahead(self) -> Array:
+    def _ends(self) -> Array:
         """The ends of steps of the lengths to be tried."""
-        smallest, course = 10 * EPS * np.abs(self.t), self.course
-        endless = self.steps * (course.end - course.begin) > MOST_STEPS * (self.t - course.begin)
+        smallest, interval = shortest_step(self.t), self.interval
+        endless = self.steps * (interval.end - interval.begin) > MOST_STEPS * (self.t - interval.begin)
         short = ~(self.taken | (self.h >= smallest)) | np.isnan(self.h)
         for k in np.flatnonzero(short | endless & (self.steps >= EARLY)):
             where = f"start {self.rates.numbers[k]} at t = {self.t[k]:.6g} s"
@@ -208,58 +159,59 @@ class RowSteps:
                 text = f"{where}: {self.steps[k]} steps came no further, and the motion would take more than"
                 raise NotFiniteError(f"{text} {MOST_STEPS:g}", float(self.t[k]))
             raise NotFiniteError(f"{where}: the step needed is less than the spacing between numbers", float(self.t[k]))
-        return np.asarray(np.minimum(self.t + np.maximum(self.h, smallest), course.end))
+        return np.asarray(np.minimum(self.t + np.maximum(self.h, smallest), interval.end))
 
-    def _judge(self, h: Array, new: Array) -> tuple[Array, Array]:
+    def _accept(self, h: Array, new: Array) -> tuple[Array, Array]:
         """Which steps are taken, and the factors between their lengths and the next ones'."""
         error = self._error(h, new)
         with np.errstate(all="ignore"):
-            factor = SAFETY * error ** self.course.norm[3]
+            factor = SAFETY * error**self.tableau.exponent
         taken = error < 1
-        most = np.where(self.taken, LARGEST, 1.0)
-        return taken, np.where(taken, np.minimum(most, factor), np.fmax(SMALLEST, factor))
+        largest = np.where(self.taken, LARGEST, 1.0)
+        return taken, np.where(taken, np.minimum(largest, factor), np.fmax(SMALLEST, factor))
 
-    def _is_stiff(self, ahead: Array, h: Array, new: Array) -> Array:
+    def _is_stiff(self, ends: Array, h: Array, new: Array) -> Array:
         """By slopes of the last two states, which have one time: Hairer and Wanner 1996, IV.2."""
-        course, last, count = self.course, len(self.table.B), self.course.norm[0]
-        found = (self.steps % LOOK == 0) & (self.steps * (course.end - course.begin) > SLOW * (ahead - course.begin))
+        interval, last, count = self.interval, len(self.tableau.B), self.interval.counted
+        paces = self.steps * (interval.end - interval.begin) > SLOW * (ends - interval.begin)
+        found = (self.steps % LOOK == 0) & paces
         if found.any():
             slopes, states = self.K[last] - self.K[last - 1], new - self.before
             with np.errstate(all="ignore"):
-                found &= h * np.sqrt(squares(slopes[:count]) / squares(states[:count])) > STIFF
+                found &= h * np.sqrt(squares(slopes[:count]) / squares(states[:count])) > FAST_DECAY
         return np.asarray(found)
 
-    def _stages(self, ahead: Array, h: Array) -> Array:
+    def _stages(self, ends: Array, h: Array) -> Array:
         """The states after steps of lengths h, and the slopes."""
-        A, B, C = self.table.A, self.table.B, self.table.C
-        t, x, K, n = self.t, self.x, self.K, self.course.positions
+        A, B, C = self.tableau.A, self.tableau.B, self.tableau.C
+        t, x, K, n = self.t, self.x, self.K, self.interval.positions
         length = h.astype(x.dtype)
         for s in range(1, len(B)):
             self.before = x + length * combine(A[s, :s], K)  # in the end that before the new one, at the same time
             self.rates(t + C[s] * h, self.before, K[s])
         new = x + length * combine(B, K)
         new[:n] = x[:n] + length * new[n : 2 * n] if n else new[:n]
-        if not self.is_fixed or ahead.max(initial=0.0) < self.course.end:
-            self.rates(ahead, new, K[len(B)])
+        if not self.is_fixed or ends.max(initial=0.0) < self.interval.end:
+            self.rates(ends, new, K[len(B)])
         return np.asarray(new)
 
     def _error(self, h: Array, new: Array) -> Array:
-        count, rtol, atol, _ = self.course.norm
-        scale = atol + rtol * np.maximum(np.abs(self.x[:count]), np.abs(new[:count]))
-        fifth, *third = (squares(combine(e, self.K[:, :count]) / scale) for e in self.table.E)
-        both = np.sqrt((fifth + sum(0.01 * t for t in third)) * count)
+        count = self.interval.counted
+        scale = self.interval.atol + self.interval.rtol * np.maximum(np.abs(self.x[:count]), np.abs(new[:count]))
+        fifth, *third = (squares(combine(e, self.K[:, :count]) / scale) for e in self.tableau.E)
+        both = np.sqrt((fifth + sum(THIRD * t for t in third)) * count)
         return h * np.divide(fifth, both, out=np.zeros_like(both), where=fifth > 0)
 
-    def _report(self, ahead: Array, h: Array, new: Array, taken: Array) -> None:
+    def _report(self, ends: Array, h: Array, new: Array, taken: Array) -> None:
         """States at the times within the steps that are taken."""
-        times, before = self.times, self.reported
-        self.reported = np.where(taken, np.searchsorted(times, ahead, side="right"), before)
+        times, before = self.interval.t_eval, self.reported
+        self.reported = np.where(taken, np.searchsorted(times, ends, side="right"), before)
         many = self.reported - before
         if not many.any():
             return
         which = np.repeat(np.arange(len(many)), many)  # for each state its motion, and its time below
         time = np.arange(len(which)) - np.repeat(np.cumsum(many) - many - before, many)
-        inside = times[time] < ahead[which]
+        inside = times[time] < ends[which]
         states = new[:, which]
         if inside.any():
             chosen, place = np.unique(which[inside], return_inverse=True)
@@ -273,18 +225,21 @@ class RowSteps:
 
     def _interpolants(self, chosen: Array, h: Array) -> list[Array]:
         """Coefficients of the interpolants of some motions' steps."""
-        stages, (A, C, D) = len(self.table.B) + 1, self.table[4:7]
+        stages, (A, C, D) = len(self.tableau.B) + 1, self.tableau[4:7]
         t, x, h, K = self.t[chosen], self.x[:, chosen], h[chosen], self.K[:, :, chosen]
         for s in range(len(C)):
             self.rates(t + C[s] * h, x + h * combine(A[s], K[: stages + s]), K[stages + s], chosen)
         return [combine(d, K) for d in D]
 
 
-def by_rows(course: Course, kernel: Kernel, parameters: Array, numbers: Array, x: Array, X: Array, tick: Tick) -> Rates:
-    """Motions from states x into X[time, motion]; what was evaluated, how sound it was, and whether all were run."""
-    rates = Rates(kernel, parameters, numbers, course)
+def run_rows(
+    interval: Interval, kernel: Kernel, parameters: Array, numbers: Array, x: Array, X: Array, progress: Progress
+) -> BatchResult:
+    """Motions from states x, shape (N, size), into X[time, motion]."""
+    rates, is_done = Rates(kernel, parameters, numbers, interval), True
+    rows = RowSteps(rates, X)
     try:
-        RowSteps(rates, course, X).run(x, tick)
+        rows.run(x, progress)
     except KeyboardInterrupt:
-        rates.is_done = False
-    return rates
+        is_done = False
+    return BatchResult(rows.code, rates.evaluations, rates.verdict, is_done)

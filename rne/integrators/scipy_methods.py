@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections.abc import Sequence
-from functools import cached_property
-from itertools import chain, pairwise
+from functools import cached_property, partial
 from math import isfinite
 from typing import Any, Literal
 
@@ -13,9 +12,12 @@ import numpy as np
 
 from ..basics.spatial import Array
 from ..errors import NotFiniteError
-from .base import EXPLICIT, FAILURES, IMPLICIT, SAME, Interpolant, Steps
+from .base import FAILURES, IMPLICIT, SAME, IntegrationOptions, Interpolant, Solver, Steps, System
+from .step_control import EPS
+from .tableaus import scipy_class
 
 Keeps = Sequence[float] | Literal[True] | None
+SMALLEST_RTOL = 100 * EPS  # that SciPy's solvers take
 
 
 class SolverSteps(Steps):
@@ -39,37 +41,35 @@ class SolverSteps(Steps):
         return self.interpolants[k]  # type: ignore[no-any-return]
 
 
-class AdaptiveSolver:
-    """One of SciPy's solvers, that can be restarted.
+class SciPySolver(Solver):
+    """One of SciPy's solvers, or a tableau of one's own in its RK45.
 
     Parameters
     ----------
-    method : str
-        Name of a solver of `scipy.integrate`.
-    rtol, atol : float
+    options : IntegrationOptions
     keeps : sequence of float, True or None
         Times in whose steps interpolants are needed; True: in all; None: each step is returned before the next one.
     """
 
-    def __init__(self, method: str, rtol: float, atol: float, keeps: Keeps = None) -> None:
-        self.method, self.rtol, self.atol, self.keeps, self.note = method, rtol, atol, keeps, ""
+    def __init__(self, options: IntegrationOptions, keeps: Keeps = None) -> None:
+        super().__init__(options)
+        self.method, self.keeps, self.note = options.method, keeps, ""
         self.scipy: Any = None  # SciPy's
         self.failure: Exception | None = None  # of the step after those that were returned
 
     def start(
-        self, system: Any, t: float, x: Array, end: float, longest: float = np.inf, first: float | None = None
+        self, system: System, t: float, x: Array, end: float, max_step: float = np.inf, first: float | None = None
     ) -> None:
-        """Begin anew at time t; steps are at most `longest` long."""
-        import scipy.integrate
+        """Begin at time t; steps are at most `max_step` long."""
+        options: dict[str, Any] = {"max_step": max_step, "first_step": first}
+        options |= _tolerances(self.options, system, len(x))
+        if self.method in IMPLICIT and (system.jacobian is not None or system.counted < len(x)):
+            options["jac"] = system.jacobian or partial(differences, system)
+        self.scipy = scipy_class(self.method)(system, t, x, end, **options)
 
-        options: dict[str, Any] = {"rtol": self.rtol, "atol": self.atol, "max_step": longest, "first_step": first}
-        if self.method in IMPLICIT and system.jacobian is not None:
-            options["jac"] = system.jacobian
-        self.scipy = getattr(scipy.integrate, self.method)(system, t, x, end, **options)
-
-    def resume(self, system: Any, t: float, x: Array, end: float) -> None:
-        """Go on after a jump of the torques: an explicit solver with the length of its last step."""
-        if self.scipy is None or self.method not in EXPLICIT:
+    def resume(self, system: System, t: float, x: Array, end: float) -> None:
+        """Go on after a jump of the inputs: an explicit solver with the length of its last step."""
+        if self.scipy is None or self.method in IMPLICIT:
             first = end - t if self.scipy is None and self.method != "LSODA" else None  # its first step must be short
             return self.start(system, t, x, end, first=first)
         solver = self.scipy  # a Runge-Kutta method stores one slope
@@ -82,14 +82,14 @@ class AdaptiveSolver:
         """False when the end was reached."""
         return self.failure is not None or bool(self.scipy.status == "running")
 
-    def steps(self, most: int) -> Steps:
+    def steps(self, max_steps: int) -> Steps:
         """The next steps, at most so many. NotFiniteError if there is none or its end is not finite."""
         if self.failure is not None:
             raise self.failure
         solver, keeps = self.scipy, self.keeps
         asked = keeps if isinstance(keeps, list | tuple) else ()
         T, X, kept = [float(solver.t)], [np.array(solver.y)], []
-        while len(T) <= (1 if keeps is None else most) and (len(T) == 1 or solver.status == "running"):
+        while len(T) <= (1 if keeps is None else max_steps) and (len(T) == 1 or solver.status == "running"):
             try:
                 self._step()
                 first, last = (bisect_left(asked, t * (1 - SAME)) for t in (T[-1], float(solver.t)))
@@ -113,14 +113,29 @@ class AdaptiveSolver:
             raise NotFiniteError(f"state is not finite at t = {solver.t:.6g} s", float(solver.t))
 
 
-def states_at(times: Array, steps: Sequence[Steps], which: Array, k: Array) -> Array:
-    """States at ascending times, each within step k of one of some steps, shape (T, size)."""
-    if all(isinstance(one, SolverSteps) for one in steps):
-        polynomials = [one.interpolants for one in steps]  # type: ignore[attr-defined]
-        first = np.cumsum([0, *map(len, polynomials)])
-        return _on_polynomials(times, first[which] + k, [*chain(*polynomials)])
-    cuts = [0, *(1 + np.flatnonzero(which[1:] != which[:-1])).tolist(), len(times)]
-    return np.concatenate([steps[which[a]].states(times[a:b], k[a:b]) for a, b in pairwise(cuts)])
+def _tolerances(options: IntegrationOptions, system: System, size: int) -> dict[str, Any]:
+    """The tolerances of SciPy's solvers: those of integrals allow for `integral_scale`.
+
+    The norm is a root mean square over all components, which is made one over those that count, and LSODA's a maximum.
+    """
+    counted, allowed = system.counted, options.rtol * system.integral_scale
+    if counted == size:
+        return {"rtol": options.rtol, "atol": options.atol}
+    share = 1.0 if options.method == "LSODA" else (counted / size) ** 0.5
+    return {
+        "rtol": max(share * options.rtol, SMALLEST_RTOL),
+        "atol": np.append(np.full(counted, share * options.atol), np.full(size - counted, share * allowed)),
+    }
+
+
+def differences(system: System, t: float, x: Array) -> Array:
+    """df/dx by differences over the components that count; SciPy's would scale the others by their tolerance."""
+    slopes, f = np.zeros((len(x), len(x))), system(t, x)
+    for j in range(system.counted):
+        moved = np.array(x)
+        moved[j] += EPS**0.5 * max(abs(x[j]), 1.0)
+        slopes[:, j] = (system(t, moved) - f) / (moved[j] - x[j])
+    return slopes
 
 
 def _on_polynomials(times: Array, which: Array, given: Sequence[Any]) -> Array:

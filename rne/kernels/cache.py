@@ -27,6 +27,7 @@ from .trace import by_recursion, wrench_links
 FEW_JOINTS, MANY_JOINTS = 9, 20
 NOTHING: Mapping[str, Any] = {}
 SCENES, VARIANTS = 64, 16  # kernels of scenes and robots derived from one that are kept, those used last
+CALLED = 256  # quantities and functions of scenes that are known to have been evaluated once
 K = TypeVar("K")
 V = TypeVar("V")
 
@@ -61,10 +62,9 @@ class KernelCache:
         self.model, self.engine = model, engine_argument(engine)
         self._kernels: dict[Any, Kernel] = {}
         self._forward: dict[Any, Kernel] = {}  # of forward dynamics by the method chosen
-        self._called: set[Any] = set()  # quantities that one state was evaluated of
+        self._called: Recent[Any, bool] = Recent(CALLED)  # quantities that one state was evaluated of
         self._links: dict[tuple[str, ...], tuple[str, ...]] = {}  # of wrenches as given: in the model's order
         self._scenes: Recent[Any, Kernel] = Recent(SCENES)
-        self._seen: Recent[Any, bool] = Recent(SCENES)  # functions of scenes that were evaluated once
         self._variants: Recent[Model, KernelCache] = Recent(VARIANTS)
 
     def kernel(self, function: Declared, *wrt: str, **fixed: Any) -> Kernel:
@@ -88,9 +88,7 @@ class KernelCache:
     def evaluate_scene(self, function: Declared, wrt: Sequence[str], *arrays: Array) -> Array:
         """Derivatives of a function of a scene in one state; the first time by the recursion, which traces nothing."""
         key = function, tuple(wrt)
-        is_first = not self._seen.get_or_make(key, lambda: False)
-        self._seen[key] = True
-        if is_first and key not in self._scenes:
+        if key not in self._scenes and self._is_first_state(key, arrays):
             return by_recursion(function, self.model, arrays, wrt, {})[0]
         return self.scene_kernel(function, *wrt).evaluate(*arrays)[0]
 
@@ -170,7 +168,7 @@ class KernelCache:
         except ValueError:
             one_state = True  # no array: named where the function checks its arguments
         if one_state:
-            self._called.add(key)
+            self._called.get_or_make(key, lambda: True)
         return one_state
 
     def _with_inputs(

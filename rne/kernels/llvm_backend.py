@@ -36,9 +36,9 @@ FEW, MANY = 16, 1024  # states that the recursion examines together
 class Inputs:
     """A program's inputs, loaded where they are first read."""
 
-    def __init__(self, loads: Sequence[Callable[[], Any]]) -> None:
+    def __init__(self, loads: Sequence[Callable[[], ir.Value]]) -> None:
         self.loads = loads
-        self.values: dict[int, Any] = {}
+        self.values: dict[int, ir.Value] = {}
 
     def __getitem__(self, key: Any) -> Any:
         if isinstance(key, slice):
@@ -49,8 +49,8 @@ class Inputs:
 
 
 def emit_group(
-    emitter: Emitter, trace: Trace, loads: Sequence[Callable[[], Any]], store: Callable[[list[Any]], None]
-) -> Any:
+    emitter: Emitter, trace: Trace, loads: Sequence[Callable[[], ir.Value]], store: Callable[[list[ir.Value]], None]
+) -> ir.Value:
     """The program on the states in the lanes; a number with one bit for each lane, set where its results are sound.
 
     Results are stored before it is known whether they are sound; those that are not are computed anew.
@@ -62,7 +62,7 @@ def emit_group(
     return emitter.lanes_of(conditions + trace.sound_results(outputs, emitter.dtype, emitter))
 
 
-def emit_plain(module: Any, trace: Trace, lanes: int) -> Any:
+def emit_plain(module: ir.Module, trace: Trace, lanes: int) -> ir.Function:
     """int64 f(const double* a0, ..., double* out): 1 if the results are sound, else 0.
 
     Argument k has shape (width, lanes), out (entries, lanes), in C order.
@@ -72,13 +72,13 @@ def emit_plain(module: Any, trace: Trace, lanes: int) -> Any:
     builder = ir.IRBuilder(function.append_basic_block())
     emitter = Emitter(builder, "float64", lanes)
 
-    def place(array: Any, k: int) -> Any:
+    def place(array: ir.Value, k: int) -> ir.Value:
         return builder.bitcast(builder.gep(array, [ir.Constant(INTEGER, k * lanes)]), emitter.type.as_pointer())
 
-    def load(array: Any, k: int) -> Callable[[], Any]:
+    def load(array: ir.Value, k: int) -> Callable[[], ir.Value]:
         return lambda: builder.load(place(array, k), align=1)
 
-    def store(values: list[Any]) -> None:
+    def store(values: list[ir.Value]) -> None:
         for k, value in enumerate(values):
             builder.store(value, place(out, k), align=1)
 
@@ -93,20 +93,20 @@ def emit_plain(module: Any, trace: Trace, lanes: int) -> Any:
 class Rows:
     """Rows of a row-major array, one for each lane, by their addresses."""
 
-    def __init__(self, emitter: Emitter, addresses: Sequence[Any], width: int) -> None:
+    def __init__(self, emitter: Emitter, addresses: Sequence[ir.Value], width: int) -> None:
         self.emitter, self.addresses, self.width = emitter, addresses, width
 
-    def _pointer(self, lane: int, column: int, kind: Any) -> Any:
+    def _pointer(self, lane: int, column: int, kind: ir.Type) -> ir.Value:
         builder = self.emitter.builder
         offset = ir.Constant(INTEGER, column * np.dtype(self.emitter.dtype).itemsize)
         return builder.bitcast(builder.gep(self.addresses[lane], [offset]), kind.as_pointer())
 
-    def load(self, column: int) -> Any:
+    def load(self, column: int) -> ir.Value:
         """One column."""
         emitter, lanes = self.emitter, range(self.emitter.lanes)
         return emitter.pack([emitter.builder.load(self._pointer(k, column, emitter.number), align=1) for k in lanes])
 
-    def store(self, values: list[Any]) -> None:
+    def store(self, values: list[ir.Value]) -> None:
         """Set all columns, two at once: singly they would cost a mass matrix a third of its time."""
         emitter, builder = self.emitter, self.emitter.builder
         two, lanes = ir.VectorType(emitter.number, 2), emitter.lanes
@@ -122,13 +122,13 @@ class Rows:
                 builder.store(number, self._pointer(lane, self.width - 1, emitter.number), align=1)
 
 
-def shuffled(builder: Any, a: Any, b: Any, places: Sequence[int]) -> Any:
+def shuffled(builder: ir.IRBuilder, a: ir.Value, b: ir.Value, places: Sequence[int]) -> ir.Value:
     """The elements at some places of two vectors, one behind the other."""
     mask = ir.Constant(ir.VectorType(ir.IntType(32), len(places)), list(places))
     return builder.shuffle_vector(a, b, mask)
 
 
-def emit_rows(module: Any, trace: Trace, dtype: str) -> Any:
+def emit_rows(module: ir.Module, trace: Trace, dtype: str) -> ir.Function:
     """int64 f(const char* a0, int64 stride0, ..., number* out, int64 begin, int64 end) for rows of arrays.
 
     The number of the first state to be examined, or `end`. The last group overlaps the one before it, and of fewer
@@ -142,10 +142,10 @@ def emit_rows(module: Any, trace: Trace, dtype: str) -> Any:
     start, group, after, stop = (function.append_basic_block(name) for name in ("start", "group", "after", "stop"))
     builder = ir.IRBuilder(start)
 
-    def least(a: Any, b: Any) -> Any:
+    def least(a: ir.Value, b: ir.Value) -> ir.Value:
         return builder.select(builder.icmp_signed("<", a, b), a, b)
 
-    def number(k: int) -> Any:
+    def number(k: int) -> ir.Value:
         return ir.Constant(INTEGER, k)
 
     filled = least(number(lanes), builder.sub(end, begin))
@@ -192,7 +192,7 @@ def lanes_library(trace: Trace, lanes: int) -> Library:
 
 
 def _library(
-    trace: Trace, form: str, dtype: str, functions: tuple[str, ...], emit: Callable[[Any, Trace], Any]
+    trace: Trace, form: str, dtype: str, functions: tuple[str, ...], emit: Callable[[ir.Module, Trace], object]
 ) -> Library:
     """A form of the program. Programs that differ in numbers alone share the object code, with tables of their own."""
     began = time.perf_counter()
@@ -222,7 +222,7 @@ def _library(
 def state_function(trace: Trace) -> Callable[..., Array]:
     """A function of one float64 vector per argument, as `python_backend.state_function`."""
 
-    def emit(module: Any, trace: Trace) -> None:
+    def emit(module: ir.Module, trace: Trace) -> None:
         emit_state_call(module, emit_plain(module, trace, 1), trace.widths)
 
     found = _library(trace, "state", "float64", ("function", "call"), emit)
@@ -302,12 +302,12 @@ class BatchProgram:
     def __init__(self, trace: Trace) -> None:
         self.trace = trace
         self.seconds = 0.0  # that compilations took
-        self._functions: dict[np.dtype[Any], Any] = {}
+        self._functions: dict[np.dtype[Any], Callable[..., Any]] = {}
 
-    def compiled(self, dtype: np.dtype[Any]) -> Any:
+    def compiled(self, dtype: np.dtype[Any]) -> Callable[..., Any]:
         """f(*arguments, out, begin) -> number of the first state to be examined, or of states; None of others."""
 
-        def emit(module: Any, trace: Trace) -> None:
+        def emit(module: ir.Module, trace: Trace) -> None:
             function = emit_rows(module, trace, dtype.name)
             emit_rows_call(module, function, trace.widths, trace.entries, dtype.itemsize)
 

@@ -48,17 +48,17 @@ class Emitter:
     An operand has one number for each lane; of several lanes it is a vector.
     """
 
-    def __init__(self, builder: Any, dtype: str, lanes: int) -> None:
+    def __init__(self, builder: ir.IRBuilder, dtype: str, lanes: int) -> None:
         self.builder, self.dtype, self.lanes = builder, dtype, lanes
         self.number = NUMBERS[dtype]
         self.type = self.number if lanes == 1 else ir.VectorType(self.number, lanes)
 
-    def constant(self, value: float) -> Any:
+    def constant(self, value: float) -> ir.Value:
         """A number repeated in every lane."""
         one = ir.Constant(self.number, float(value))
         return one if self.lanes == 1 else ir.Constant(self.type, [one] * self.lanes)
 
-    def from_table(self, k: int) -> Any:
+    def from_table(self, k: int) -> ir.Value:
         """Number k of the module's table, which is filled when the code is loaded."""
         table = self.builder.module.globals["table"]
         zero = ir.Constant(INDEX, 0)
@@ -70,46 +70,46 @@ class Emitter:
             first, first, ir.Constant(ir.VectorType(INDEX, self.lanes), [0] * self.lanes)
         )
 
-    def pack(self, numbers: Sequence[Any]) -> Any:
+    def pack(self, numbers: Sequence[ir.Value]) -> ir.Value:
         """One operand of the numbers of all lanes."""
         if self.lanes == 1:
             return numbers[0]
-        vector: Any = ir.Constant(self.type, ir.Undefined)
+        vector: ir.Value = ir.Constant(self.type, ir.Undefined)
         for lane, number in enumerate(numbers):
             vector = self.builder.insert_element(vector, number, ir.Constant(INDEX, lane))
         return vector
 
-    def unpack(self, value: Any) -> list[Any]:
+    def unpack(self, value: ir.Value) -> list[ir.Value]:
         """The number in each lane of an operand."""
         if self.lanes == 1:
             return [value]
         return [self.builder.extract_element(value, ir.Constant(INDEX, lane)) for lane in range(self.lanes)]
 
-    def _declared(self, name: str, number: Any, count: int) -> Any:
+    def _declared(self, name: str, number: ir.Type, count: int) -> ir.Value:
         """A function of `count` numbers of a type, declared in the module once."""
         module = self.builder.module
         if name not in module.globals:
             ir.Function(module, ir.FunctionType(number, [number] * count), name)
         return module.globals[name]
 
-    def intrinsic(self, name: str, *args: Any) -> Any:
+    def intrinsic(self, name: str, *args: ir.Value) -> ir.Value:
         """A call of one of LLVM's own functions."""
         suffix = SUFFIXES[str(self.number)]
         full = f"llvm.{name}.{suffix if self.lanes == 1 else f'v{self.lanes}{suffix}'}"
         return self.builder.call(self._declared(full, self.type, len(args)), args)
 
-    def by_the_c_library(self, name: str, *args: Any) -> Any:
+    def by_the_c_library(self, name: str, *args: ir.Value) -> ir.Value:
         """A function that LLVM has no instruction for, state by state."""
         full = name if str(self.number) == "double" else f"{name}f"
         function = self._declared(full, self.number, len(args))
         return self.pack([self.builder.call(function, lane) for lane in zip(*map(self.unpack, args), strict=True)])
 
-    def outputs(self, program: Program, inputs: Any) -> list[Any]:
+    def outputs(self, program: Program, inputs: Any) -> list[ir.Value]:
         """The program's outputs. Sines of what no other sine is needed for come first, all at once."""
         early, needed = early_angles(program)
-        results: list[Any] = [None] * len(program.instructions)
+        results: list[ir.Value] = [None] * len(program.instructions)
 
-        def value(arg: Operand) -> Any:
+        def value(arg: Operand) -> ir.Value:
             if arg.kind == "constant":
                 return self.constant(arg.value)
             if arg.kind == "table":
@@ -126,7 +126,7 @@ class Emitter:
             else:
                 results[k] = self._result(kind, [value(arg) for arg in args])
 
-        pairs: dict[Operand, Any] = {}
+        pairs: dict[Operand, ir.Value] = {}
         for k in sorted(needed):
             append(k)
         pairs.update(zip(early, self.sines([value(angle) for angle in early]), strict=True))
@@ -135,11 +135,11 @@ class Emitter:
                 append(k)
         return [value(output) for output in program.outputs]
 
-    def sines(self, angles: Sequence[Any]) -> list[tuple[Any, Any]]:
+    def sines(self, angles: Sequence[ir.Value]) -> list[tuple[ir.Value, ir.Value]]:
         """Sine and cosine of each angle; those of one state are computed side by side."""
         if self.lanes > 1:
             return sines_and_cosines(self, angles)
-        pairs: list[tuple[Any, Any]] = []
+        pairs: list[tuple[ir.Value, ir.Value]] = []
         while len(pairs) < len(angles):
             some = angles[len(pairs) : len(pairs) + SIDE_BY_SIDE]
             lanes = next(lanes for lanes in (2, 4, SIDE_BY_SIDE) if lanes >= len(some))
@@ -148,7 +148,7 @@ class Emitter:
             pairs += list(zip(wide.unpack(sine), wide.unpack(cosine), strict=True))[: len(some)]
         return pairs
 
-    def _result(self, kind: str, args: list[Any]) -> Any:
+    def _result(self, kind: str, args: list[ir.Value]) -> ir.Value:
         builder = self.builder
         if kind in ARITHMETIC:
             return getattr(builder, ARITHMETIC[kind])(*args, flags=FAST)
@@ -166,37 +166,37 @@ class Emitter:
             return self.by_the_c_library("atan2", *args)
         return self.intrinsic("fabs" if kind == "abs" else kind, *args)
 
-    def total(self, values: Sequence[Any]) -> Any:
+    def total(self, values: Sequence[ir.Value]) -> ir.Value:
         """The sum of values."""
         result = self.constant(0.0)
         for value in values:
             result = self.builder.fadd(result, value)
         return result
 
-    def at_most(self, a: Any, b: Any) -> Any:
+    def at_most(self, a: ir.Value, b: ir.Value) -> ir.Value:
         """a <= b, in each lane."""
         return self.builder.fcmp_ordered("<=", a, b)
 
-    def finite(self, values: Sequence[Any]) -> Any:
+    def finite(self, values: Sequence[ir.Value]) -> ir.Value:
         """Every value is finite: x - x = 0 for their sum x."""
         x = self.total(values)
         return self.builder.fcmp_ordered("==", self.builder.fsub(x, x), self.constant(0.0))
 
-    def within(self, values: Sequence[Any], bound: float) -> Any:
+    def within(self, values: Sequence[ir.Value], bound: float) -> ir.Value:
         """The sum of squares is at most the bound's."""
         return self.at_most(self.total([self.builder.fmul(x, x) for x in values]), self.constant(bound**2))
 
-    def above(self, values: Sequence[Any], factor: float, others: Sequence[Any]) -> Any:
+    def above(self, values: Sequence[ir.Value], factor: float, others: Sequence[ir.Value]) -> ir.Value:
         """Each value exceeds the factor times its partner."""
         least = [self.builder.fmul(self.constant(factor), other) for other in others]
         pairs = zip(values, least, strict=True)
         return functools.reduce(self.builder.and_, [self.builder.fcmp_ordered(">", a, b) for a, b in pairs])
 
-    def lanes_of(self, conditions: Sequence[Any]) -> Any:
+    def lanes_of(self, conditions: Sequence[ir.Value]) -> ir.Value:
         """A number with one bit for each lane, set if all conditions hold there."""
         return self.builder.bitcast(functools.reduce(self.builder.and_, conditions), ir.IntType(self.lanes))
 
-    def all(self, conditions: Sequence[Any]) -> Any:
+    def all(self, conditions: Sequence[ir.Value]) -> ir.Value:
         """True if all conditions hold in all lanes."""
         bits = ir.Constant(ir.IntType(self.lanes), -1)
         return self.builder.icmp_unsigned("==", self.lanes_of(conditions), bits)
@@ -222,7 +222,7 @@ def early_angles(program: Program) -> tuple[list[Operand], set[int]]:
     return list(early), needed
 
 
-def sines_and_cosines(emitter: Emitter, angles: Sequence[Any]) -> list[tuple[Any, Any]]:
+def sines_and_cosines(emitter: Emitter, angles: Sequence[ir.Value]) -> list[tuple[ir.Value, ir.Value]]:
     """Sine and cosine of vectors of angles, by polynomials; where one exceeds LARGEST, by the C library."""
     if not angles:
         return []
@@ -244,7 +244,7 @@ def sines_and_cosines(emitter: Emitter, angles: Sequence[Any]) -> list[tuple[Any
     return chosen
 
 
-def _far(emitter: Emitter) -> Any:
+def _far(emitter: Emitter) -> ir.Value:
     """A function of angles, their sines and cosines, which replaces those of angles beyond LARGEST."""
     module, name = emitter.builder.module, f"far_{emitter.dtype}_{emitter.lanes}"
     if name in module.globals:
@@ -257,7 +257,7 @@ def _far(emitter: Emitter) -> Any:
     angle, *near = function.args
     own = Emitter(ir.IRBuilder(function.append_basic_block()), emitter.dtype, emitter.lanes)
     moderate = own.at_most(own.intrinsic("fabs", angle), own.constant(LARGEST))
-    result: Any = ir.Constant(pair, ir.Undefined)
+    result: ir.Value = ir.Constant(pair, ir.Undefined)
     for k, name in enumerate(("sin", "cos")):
         value = own.builder.select(moderate, near[k], own.by_the_c_library(name, angle))
         result = own.builder.insert_value(result, value, k)
@@ -265,7 +265,7 @@ def _far(emitter: Emitter) -> Any:
     return function
 
 
-def sine_and_cosine(emitter: Any, angle: Any) -> tuple[Any, Any]:
+def sine_and_cosine(emitter: Emitter, angle: ir.Value) -> tuple[ir.Value, ir.Value]:
     """Sine and cosine of a vector of angles without a branch, computed in float64.
 
     Reduction by pi/2 as Cody and Waite, in three parts with the rounding of the remainder kept; two polynomials on
@@ -280,16 +280,16 @@ def sine_and_cosine(emitter: Any, angle: Any) -> tuple[Any, Any]:
     return builder.fptrunc(sine, emitter.type), builder.fptrunc(cosine, emitter.type)
 
 
-def _in_float64(emitter: Any, angle: Any) -> tuple[Any, Any]:
+def _in_float64(emitter: Emitter, angle: ir.Value) -> tuple[ir.Value, ir.Value]:
     builder, constant = emitter.builder, emitter.constant
     quarter = emitter.intrinsic("rint", builder.fmul(angle, constant(2 / math.pi)))
     sine, cosine = _near_zero(emitter, *_remainder(emitter, angle, quarter))
     integers = ir.VectorType(ir.IntType(64), emitter.lanes)
 
-    def integer(k: int) -> Any:
+    def integer(k: int) -> ir.Value:
         return ir.Constant(integers, [k] * emitter.lanes)
 
-    def with_sign(value: Any, quadrant: Any) -> Any:
+    def with_sign(value: ir.Value, quadrant: ir.Value) -> ir.Value:
         """The negative where the second bit of the quadrant is set."""
         bit = builder.shl(builder.and_(quadrant, integer(2)), integer(62))
         return builder.bitcast(builder.xor(builder.bitcast(value, integers), bit), emitter.type)
@@ -302,7 +302,7 @@ def _in_float64(emitter: Any, angle: Any) -> tuple[Any, Any]:
     )
 
 
-def _remainder(emitter: Any, angle: Any, quarter: Any) -> tuple[Any, Any]:
+def _remainder(emitter: Emitter, angle: ir.Value, quarter: ir.Value) -> tuple[ir.Value, ir.Value]:
     """angle - quarter pi/2, as a number and what rounding took from it."""
     builder = emitter.builder
     first, second, third = (emitter.constant(-part) for part in HALF_PI)
@@ -314,7 +314,7 @@ def _remainder(emitter: Any, angle: Any, quarter: Any) -> tuple[Any, Any]:
     return r, builder.fsub(rest, builder.fsub(r, r2))
 
 
-def _near_zero(emitter: Any, r: Any, tail: Any) -> tuple[Any, Any]:
+def _near_zero(emitter: Emitter, r: ir.Value, tail: ir.Value) -> tuple[ir.Value, ir.Value]:
     """Sine and cosine of r + tail, |r| <= pi/4: r + r^3 S(r^2) + tail cos r, and 1 - r^2/2 + r^4 C(r^2) - tail r.
 
     The rounding of 1 - r^2/2 is kept. What is small is added up first.
@@ -329,7 +329,7 @@ def _near_zero(emitter: Any, r: Any, tail: Any) -> tuple[Any, Any]:
     return builder.fadd(r, small), builder.fadd(near, rest)
 
 
-def _polynomial(emitter: Any, coefficients: tuple[float, ...], x: Any) -> Any:
+def _polynomial(emitter: Emitter, coefficients: tuple[float, ...], x: ir.Value) -> ir.Value:
     """Polynomial by Horner's rule, lowest power first."""
     result = emitter.constant(coefficients[-1])
     for coefficient in coefficients[-2::-1]:

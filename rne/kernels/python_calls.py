@@ -7,7 +7,7 @@ Arguments of other types than the code was made for are refused: the result is t
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -34,19 +34,19 @@ class MethodDefinition(ctypes.Structure):
     )
 
 
-def python_function(library: Library, dtype: np.dtype[Any] = FLOAT64) -> Any:
+def python_function(library: Library, dtype: np.dtype[Any] = FLOAT64) -> Callable[..., Any]:
     """ "call" of a library as a function of Python's; arrays of numbers are of this dtype."""
     method = MethodDefinition(b"call", library.address["call"], FASTCALL, None)
     make = ctypes.pythonapi.PyCFunction_NewEx
     make.restype, make.argtypes = ctypes.py_object, (ctypes.c_void_p, ctypes.py_object, ctypes.c_void_p)
     # The last two are there to be kept as long as the function.
-    return make(ctypes.addressof(method), (*KNOWN[:-1], dtype, library, method), None)
+    return make(ctypes.addressof(method), (*KNOWN[:-1], dtype, library, method), None)  # type: ignore[no-any-return]
 
 
 class Call:
     """The body of "call" in a module: it takes its arguments one by one, and refuses those that it was not made for."""
 
-    def __init__(self, module: Any) -> None:
+    def __init__(self, module: ir.Module) -> None:
         self.module = module
         function = ir.Function(module, ir.FunctionType(BYTES, [BYTES, BYTES, INTEGER]), "call")
         self.own, self.given, _ = function.args
@@ -55,30 +55,30 @@ class Call:
         with self.builder.goto_block(self.refused):
             self.builder.ret(self.c_function("Py_NewRef", BYTES, self.known(None)))
 
-    def c_function(self, name: str, result: Any, *args: Any) -> Any:
+    def c_function(self, name: str, result: ir.Type, *args: ir.Value) -> ir.Value:
         """A call of one of Python's functions in C."""
         known = self.module.globals
         if name not in known:
             ir.Function(self.module, ir.FunctionType(result, [a.type for a in args]), name)
         return self.builder.call(known[name], args)
 
-    def field(self, address: Any, offset: int, kind: Any = BYTES) -> Any:
+    def field(self, address: ir.Value, offset: int, kind: ir.Type = BYTES) -> ir.Value:
         """A field of an object."""
         place = self.builder.gep(address, [ir.Constant(INTEGER, offset)])
         return self.builder.load(self.builder.bitcast(place, kind.as_pointer()))
 
-    def known(self, what: Any) -> Any:
+    def known(self, what: object) -> ir.Value:
         """The address of one of the objects of KNOWN."""
         return self.field(self.own, ITEMS + 8 * next(k for k, x in enumerate(KNOWN) if x is what))
 
-    def argument(self, k: int) -> Any:
+    def argument(self, k: int) -> ir.Value:
         """The address of an argument."""
         return self.field(self.given, 8 * k)
 
-    def require(self, a: Any, *choices: Any) -> None:
+    def require(self, a: ir.Value, *choices: ir.Value | int) -> None:
         """Refuse the call unless a is one of the choices: numbers or addresses."""
         builder = self.builder
-        equal: Any = ir.Constant(ir.IntType(1), 0)
+        equal: ir.Value = ir.Constant(ir.IntType(1), 0)
         for b in choices:
             b = ir.Constant(a.type, b) if isinstance(b, int) else b
             equal = builder.or_(equal, builder.icmp_unsigned("==", a, b))
@@ -86,38 +86,38 @@ class Call:
         builder.cbranch(equal, following, self.refused)
         builder.position_at_end(following)
 
-    def array(self, array: Any, dtype: Any, axes: int) -> tuple[Any, Any, Any]:
+    def array(self, array: ir.Value, dtype: object, axes: int) -> tuple[ir.Value, ir.Value, ir.Value]:
         """The addresses of an array's numbers, shape and strides."""
         self.require(self.field(array, HEAD - 8), self.known(np.ndarray))
         self.require(self.field(array, DTYPE), self.known(dtype))
         self.require(self.field(array, AXES, ir.IntType(32)), axes)
         return self.field(array, DATA), self.field(array, SHAPE), self.field(array, STRIDES)
 
-    def plain_array(self, array: Any, dtype: Any, axes: int) -> tuple[Any, list[Any]]:
+    def plain_array(self, array: ir.Value, dtype: object, axes: int) -> tuple[ir.Value, list[ir.Value]]:
         """The address of the numbers of an array in C order, and its shape."""
         data, shape, _ = self.array(array, dtype, axes)
         flags = self.builder.and_(self.field(array, FLAGS, ir.IntType(32)), ir.Constant(ir.IntType(32), PLAIN))
         self.require(flags, PLAIN)
         return data, [self.field(shape, 8 * k, INTEGER) for k in range(axes)]
 
-    def integer(self, value: Any) -> Any:
+    def integer(self, value: ir.Value) -> ir.Value:
         """The number of an int."""
         self.require(self.field(value, HEAD - 8), self.known(int))
         return self.c_function("PyLong_AsSsize_t", INTEGER, value)
 
-    def number(self, value: Any) -> Any:
+    def number(self, value: ir.Value) -> ir.Value:
         """The number of a float."""
         self.require(self.field(value, HEAD - 8), self.known(float), self.known(np.float64))
         return self.c_function("PyFloat_AsDouble", NUMBER, value)
 
-    def items(self, value: Any, count: int) -> list[Any]:
+    def items(self, value: ir.Value, count: int) -> list[ir.Value]:
         """The addresses of the items of a tuple, named or not."""
         flags = self.c_function("PyType_GetFlags", INTEGER, self.field(value, HEAD - 8))
         self.require(self.builder.and_(flags, ir.Constant(INTEGER, TUPLES)), TUPLES)
         self.require(self.field(value, HEAD, INTEGER), count)
         return [self.field(value, ITEMS + 8 * k) for k in range(count)]
 
-    def unlocked(self, function: Any, args: Sequence[Any]) -> Any:
+    def unlocked(self, function: ir.Function, args: Sequence[ir.Value]) -> ir.Value:
         """A call during which other threads may run Python."""
         thread = self.c_function("PyEval_SaveThread", BYTES)
         result = self.builder.call(function, args)
@@ -125,12 +125,12 @@ class Call:
         self.builder.call(ir.Function(self.module, restore, "PyEval_RestoreThread"), [thread])
         return result
 
-    def give(self, integer: Any) -> None:
+    def give(self, integer: ir.Value) -> None:
         """Return an int."""
         self.builder.ret(self.c_function("PyLong_FromSsize_t", BYTES, integer))
 
 
-def emit_state_call(module: Any, function: Any, widths: Sequence[int]) -> None:
+def emit_state_call(module: ir.Module, function: ir.Function, widths: Sequence[int]) -> None:
     """Add "call" of one float64 vector per argument, followed by `out`; its result is the function's."""
     call = Call(module)
     data = []
@@ -143,7 +143,7 @@ def emit_state_call(module: Any, function: Any, widths: Sequence[int]) -> None:
     call.give(call.builder.call(function, addresses))
 
 
-def emit_rows_call(module: Any, function: Any, widths: Sequence[int], entries: int, size: int) -> None:
+def emit_rows_call(module: ir.Module, function: ir.Function, widths: Sequence[int], entries: int, size: int) -> None:
     """Add "call" of one array of rows per argument, followed by `out` and the first row to begin with.
 
     Rows have any stride; numbers in a row follow one another. The interpreter's lock is released.
@@ -167,7 +167,7 @@ def emit_rows_call(module: Any, function: Any, widths: Sequence[int], entries: i
 RETURNED = {"int64": INTEGER, "float64": NUMBER, "bool": ir.IntType(8), "none": BYTES}
 
 
-def emit_loop_call(module: Any, name: str, arguments: Sequence[Any], returned: str) -> None:
+def emit_loop_call(module: ir.Module, name: str, arguments: Sequence[Any], returned: str) -> None:
     """Add "call" of a function that Numba made for such arguments, and that returns a type of RETURNED.
 
     Numba's convention (numba.core.callconv.CPUCallConv): int32 f(result*, error**, flattened arguments); an array is
@@ -188,7 +188,7 @@ def emit_loop_call(module: Any, name: str, arguments: Sequence[Any], returned: s
         call.give(found if returned == "int64" else ir.Constant(INTEGER, 0))
 
 
-def _flattened(call: Call, value: Any, kind: Any) -> list[Any]:
+def _flattened(call: Call, value: ir.Value, kind: Any) -> list[ir.Value]:
     """An argument like `kind` in Numba's form."""
     if isinstance(kind, tuple):
         pairs = zip(call.items(value, len(kind)), kind, strict=True)

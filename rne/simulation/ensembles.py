@@ -22,8 +22,10 @@ from ..basics.spatial import Array
 from ..basics.text import InNotebooks, counted, short
 from ..dynamics.quantity import OK, PrecisionStatus
 from ..errors import NotFiniteError, SimulationError, SimulationInterrupted
-from ..integrators.rows import Course, Tick, by_rows
-from ..integrators.runge_kutta import CONTROLLED, FIXED, power, tableau
+from ..integrators.lanes import run_batch
+from ..integrators.rows import STIFF, Progress
+from ..integrators.step_control import Interval
+from ..integrators.tableaus import EXPLICIT, FIXED, tableau
 from ..kernels.kernel import Kernel
 from ..model.model import Model, joint_array
 from ..model.parameters import PARAMETERS, at_parameters
@@ -38,8 +40,8 @@ if TYPE_CHECKING:
 
 QUANTITIES = ("q", "qd", "tau")  # of each motion
 CHUNK, SHARE = 8192, 250  # most motions side by side, and fewest of a share in NumPy, where few cost as much as many
+UserProgress = Callable[[int, int], Any]
 PATIENCE = 0.5  # s that Ctrl-C waits for what other threads and processes have begun
-Progress = Callable[[int, int], Any]
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,7 +170,7 @@ def ensemble(
     method: str = "auto",
     step: float | None = None,
     keep: int | None = None,
-    progress: Progress | None = None,
+    progress: UserProgress | None = None,
     executor: Executor | Any = None,
 ) -> Ensemble:
     """Simulate many initial states of one scene at once, each with its own steps.
@@ -251,7 +253,7 @@ def ensemble(
     times = _times(t_eval, keep, end)
     pi = None if parameters is None else _parameters(parameters, scene, len(q))
     plan = _plan(scene, method, step, times, end, tolerances(rtol, atol), with_parameters=pi is not None)
-    further = plan.dynamics.size - 2 * scene.n if isinstance(plan, SideBySide) else 0
+    further = plan.dynamics.size - 2 * scene.n if isinstance(plan, BatchRun) else 0
     x0 = np.concatenate([q, qd, np.zeros((len(q), further), q.dtype)], axis=1)
     starts = Chunk(x0, np.zeros((len(q), 0), q.dtype) if pi is None else pi.astype(q.dtype))
     part = run_all(plan, starts, progress, executor)
@@ -265,7 +267,7 @@ def ensemble(
         part.energies,
         scene.dynamics.ledger,
         ", ".join(part.methods),
-        float(plan.steps.max()) if isinstance(plan, SideBySide) and len(plan.steps) else None,
+        float(plan.steps.max()) if isinstance(plan, BatchRun) and len(plan.steps) else None,
         part.evaluations,
         part.end,
         part.status,
@@ -316,14 +318,14 @@ def _plan(
     dynamics = scene.dynamics
     is_called = dynamics.inputs == "called"
     rtol, atol = tolerated
-    otherwise = OneByOne(scene, end, times, {"method": method, "rtol": rtol, "atol": atol})
+    fallback = SequentialRun(scene, end, times, {"method": method, "rtol": rtol, "atol": atol})
     if step is None:
         if method not in ("auto", *METHODS):
             needs = "; equal steps need `step`" if method in FIXED else ""
             raise ValueError(f"`method` must be 'auto' or one of {list(METHODS)}, got {method!r}{needs}")
-        if has_events or is_called or method not in ("auto", *CONTROLLED) or not scene.n or not end:
-            return otherwise
-        chosen, longest = "DOP853" if method == "auto" else method, None
+        if has_events or is_called or method not in ("auto", *EXPLICIT) or not scene.n or not end:
+            return fallback
+        chosen, max_step = "DOP853" if method == "auto" else method, None
     else:
         if method not in ("auto", *FIXED):
             raise ValueError(f"`method` must be one of {list(FIXED)}, got {method!r}")
@@ -331,15 +333,17 @@ def _plan(
             raise ValueError("`step` is not for scenes with `sample_time`, `stops` or sticking friction: leave it out")
         if is_called:
             raise ValueError("the controller of an ensemble with `step` must be traceable (mark it with rne.traceable)")
-        chosen, longest = "rk4" if method == "auto" else method, positive_number("step", step)
+        chosen, max_step = "rk4" if method == "auto" else method, positive_number("step", step)
         if not scene.n or not end:  # nothing moves
-            return replace(otherwise, options=otherwise.options | {"method": "auto"})
-    norm = dynamics.counted, rtol, atol, power(chosen) if longest is None else 0.0
-    if longest is None:
-        parts = _between_breaks(chosen, times, end, law_breaks(scene.controller), norm, watched=method == "auto")
+            return replace(fallback, options=fallback.options | {"method": "auto"})
+    watched = method == "auto"
+    whole = Interval(tableau(chosen), 0.0, end, -np.inf, np.inf, rtol, atol, dynamics.counted, watched=watched)
+    if max_step is None:
+        intervals = _between_breaks(whole, times, law_breaks(scene.controller))
     else:
-        parts = (_in_equal_steps(chosen, times, end, longest, norm, scene.n),)
-    return SideBySide(chosen, dynamics, times, parts, with_parameters, otherwise)
+        positions = scene.n if chosen == "semi-implicit-euler" else 0
+        intervals = (_in_equal_steps(whole, times, max_step)._replace(positions=positions),)
+    return BatchRun(chosen, dynamics, times, intervals, with_parameters, fallback)
 
 
 def _parameters(parameters: ArrayLike, scene: Scene, count: int) -> Array:
@@ -377,29 +381,26 @@ class Motions(NamedTuple):
     interrupted: bool = False
 
 
-def _in_equal_steps(method: str, times: Array, end: float, step: float, norm: tuple[Any, ...], n: int) -> Course:
+def _in_equal_steps(whole: Interval, times: Array, step: float) -> Interval:
     """Equal steps between two times to report."""
-    edges = np.unique([0.0, *times, end]).tolist()
+    edges = np.unique([whole.begin, *times, whole.end]).tolist()
     counts = [max(1, ceil((b - a) / step * (1 - 1e-12))) for a, b in itertools.pairwise(edges)]
     parts = [np.linspace(a, b, k + 1)[1:] for (a, b), k in zip(itertools.pairwise(edges), counts, strict=True)]
-    grid, positions = np.concatenate([[0.0], *parts]), n if method == "semi-implicit-euler" else 0
-    return Course(tableau(method), 0.0, end, -np.inf, np.inf, np.array(edges[1:]), grid, norm, positions)
+    return whole._replace(t_eval=np.array(edges[1:]), grid=np.concatenate([[whole.begin], *parts]), watched=False)
 
 
-def _between_breaks(
-    method: str, times: Array, end: float, breaks: list[float], norm: tuple[Any, ...], *, watched: bool
-) -> tuple[Course, ...]:
+def _between_breaks(whole: Interval, times: Array, breaks: list[float]) -> tuple[Interval, ...]:
     """The parts of the time between breaks of the torques."""
-    inner, found = [b for b in breaks if 0 < b < end], []
-    for a, b in itertools.pairwise([0.0, *inner, end]):
+    inner, found = [b for b in breaks if 0 < b < whole.end], []
+    for a, b in itertools.pairwise([whole.begin, *inner, whole.end]):
         first, last = np.nextafter(a, np.inf) if a in inner else -np.inf, np.nextafter(b, 0.0) if b in inner else np.inf
-        asked, table = np.unique([*times[(times > a) & (times < b)], b]), tableau(method)
-        found.append(Course(table, a, b, float(first), float(last), asked, np.zeros(0), norm, watched=watched))
+        asked = np.unique([*times[(times > a) & (times < b)], b])
+        found.append(whole._replace(begin=a, end=b, first=float(first), last=float(last), t_eval=asked))
     return tuple(found)
 
 
 @dataclass(frozen=True, eq=False)
-class SideBySide:
+class BatchRun:
     """Motions by an explicit method, all at once.
 
     Attributes
@@ -408,31 +409,31 @@ class SideBySide:
     dynamics : SceneDynamics
     times : ndarray, shape (S,)
         To report.
-    courses : tuple of Course
+    intervals : tuple of Interval
         The parts of the time between which torques jump.
     with_parameters : bool
         True if each motion has its own inertial parameters.
-    otherwise : OneByOne
+    fallback : SequentialRun
         For motions that turn out to be stiff.
     """
 
     method: str
     dynamics: SceneDynamics
     times: Array
-    courses: tuple[Course, ...]
+    intervals: tuple[Interval, ...]
     with_parameters: bool
-    otherwise: OneByOne
+    fallback: SequentialRun
 
     @property
     def kernel(self) -> Kernel:
         """dx/dt, of the chunk's inertial parameters where it has some."""
         fixed = {"parameters": True} if self.with_parameters else {}
-        return self.otherwise.scene.resolved.robot._kernels.scene_kernel(self.dynamics.right_hand_side, **fixed)
+        return self.fallback.scene.resolved.robot._kernels.scene_kernel(self.dynamics.right_hand_side, **fixed)
 
     @property
     def steps(self) -> Array:
         """Lengths of steps that are not controlled."""
-        return np.diff(self.courses[0].grid)
+        return np.diff(self.intervals[0].grid)
 
     @property
     def work(self) -> int:
@@ -443,57 +444,49 @@ class SideBySide:
         """Into how many shares so many motions may be divided."""
         return size if self.kernel.engine == "numba" else max(2, size // SHARE)
 
-    def run(self, chunk: Chunk, tick: Tick) -> Motions:
+    def run(self, chunk: Chunk, advance: Progress) -> Motions:
         """The motions of a chunk."""
-        x, kernel, evaluations, verdict, goes_on = chunk.x, self.kernel, 0, OK, True
-        stiff = np.zeros(len(x), dtype=bool)
+        x, evaluations, verdict, is_done = chunk.x, 0, OK, True
+        numbers, stiff = chunk.first + np.arange(len(x)), np.zeros(len(x), dtype=bool)
         states, reported = np.full((len(self.times), *x.shape), np.nan, x.dtype), 0
         if 0.0 in self.times:
             states[0], reported = x, 1
-        in_machine_code = kernel.engine == "numba" and kernel.is_unrolled and x.dtype == np.float64
-        for course in self.courses:
-            told = partial(_told, tick, self.work if course is self.courses[-1] else 0)
-            X, left = np.full((len(course.times), *x.shape), np.nan, x.dtype), np.arange(len(x))
-            if in_machine_code:
-                from ..integrators.lanes import EXAMINE, LEAVE, in_lanes
-
-                code, evaluated, goes_on = in_lanes(course, kernel, chunk.parameters, x, X, told)
-                left, evaluations = np.flatnonzero(code == EXAMINE), evaluations + evaluated
-                stiff |= code == LEAVE
-            if len(left) and goes_on:
-                some = np.full((len(course.times), len(left), x.shape[1]), np.nan, x.dtype)
-                by_step = tick if course is self.courses[-1] else told
-                rates = by_rows(course, kernel, chunk.parameters[left], chunk.first + left, x[left], some, by_step)
-                X[:, left], goes_on = some, rates.is_done
-                stiff[left] |= rates.stiff
-                evaluations, verdict = evaluations + rates.evaluations, verdict.worse(rates.verdict)
-            X[:, stiff] = x[stiff] if goes_on else np.nan
-            x, kept = X[-1], X[np.isin(course.times, self.times)]
+        for interval in self.intervals:
+            is_last = interval is self.intervals[-1]
+            X = np.full((len(interval.t_eval), *x.shape), np.nan, x.dtype)
+            how = interval, self.kernel, chunk.parameters, numbers
+            part = run_batch(*how, x, X, advance if is_last else lambda _: advance(0))
+            stiff |= part.code == STIFF
+            evaluations, verdict, is_done = evaluations + part.evaluations, verdict.worse(part.verdict), part.is_done
+            X[:, stiff] = x[stiff] if is_done else np.nan
+            x, kept = X[-1], X[np.isin(interval.t_eval, self.times)]
             states[reported : reported + len(kept)], reported = kept, reported + len(kept)
-            if not goes_on:
+            if not is_done:
                 break
-        done = np.asarray(np.isfinite(x).all(axis=1)) & (course is self.courses[-1])
-        part = self._part(states, done, evaluations, verdict)._replace(interrupted=not goes_on)
-        return self.otherwise.replaced(part, chunk, np.flatnonzero(stiff), tick) if stiff.any() and goes_on else part
+        done = np.asarray(np.isfinite(x).all(axis=1)) & is_last
+        motions = self._part(states, done, evaluations, verdict)._replace(interrupted=not is_done)
+        if not stiff.any() or not is_done:
+            return motions
+        return self.fallback.replaced(motions, chunk, np.flatnonzero(stiff), advance)
 
     def _part(self, x: Array, done: Array, evaluations: int, verdict: PrecisionStatus) -> Motions:
         """States as positions, velocities, torques and energies, with NaN where there are none."""
         n, N, size = self.dynamics.n, x.shape[1], self.dynamics.counted
         t, states = np.repeat(self.times, N).astype(x.dtype), x[..., :size].reshape(len(self.times) * N, size)
         known = np.asarray(np.isfinite(states).all(axis=1))
-        plant = Plant(self.dynamics, self.otherwise.scene.resolved.robot)
+        plant = Plant(self.dynamics, self.fallback.scene.resolved.robot)
         q, qd, energies = x[..., :n], x[..., n : 2 * n], x[..., size:]
         tau = np.where(known[:, None], 0.0, np.nan).repeat(n, axis=1).astype(x.dtype)
         if "drives" in self.dynamics.ledger:
             tau[known] = plant.drive_torques(t[known], x.reshape(len(t), -1)[known])
         last = known.reshape(len(self.times), N).sum(axis=0)
-        end = np.where(done, self.courses[-1].end, np.append(0.0, self.times)[last])
+        end = np.where(done, self.intervals[-1].end, np.append(0.0, self.times)[last])
         status = np.where(done, 0, -1)
         return Motions(q, qd, tau.reshape(q.shape), energies, end, status, (self.method,), evaluations, verdict)
 
 
 @dataclass(frozen=True, eq=False)
-class OneByOne:
+class SequentialRun:
     """Motions as `rne.simulate` runs them, for scenes with events, samples or called laws.
 
     Attributes
@@ -515,18 +508,18 @@ class OneByOne:
         """Each motion may be one."""
         return size
 
-    def run(self, chunk: Chunk, tick: Tick) -> Motions:
+    def run(self, chunk: Chunk, advance: Progress) -> Motions:
         """The motions of a chunk."""
-        return self._motions(chunk, range(len(chunk.x)), tick)
+        return self._motions(chunk, range(len(chunk.x)), advance)
 
-    def _motions(self, chunk: Chunk, rows: Sequence[int], tick: Tick) -> Motions:
+    def _motions(self, chunk: Chunk, rows: Sequence[int], advance: Progress) -> Motions:
         parts, interrupted = [self.nothing(0)], False
         try:
             for k in rows:
-                parts.append(self._motion(chunk, k, lambda *_: tick(0)))
+                parts.append(self._motion(chunk, k, lambda *_: advance(0)))
                 if parts[-1].interrupted:
                     break
-                tick(1)
+                advance(1)
         except KeyboardInterrupt:
             interrupted = True
         found = joined([*parts, self.nothing(len(rows) + 1 - len(parts))])
@@ -538,9 +531,9 @@ class OneByOne:
         q, qd, tau, ledger = (np.full((S, count, k), np.nan, dtype) for k in (n, n, n, energies))
         return Motions(q, qd, tau, ledger, np.zeros(count), np.full(count, -1), (), 0, OK)
 
-    def replaced(self, part: Motions, chunk: Chunk, rows: Array, tick: Tick) -> Motions:
+    def replaced(self, part: Motions, chunk: Chunk, rows: Array, advance: Progress) -> Motions:
         """Some motions of a part run anew."""
-        others = self._motions(chunk, rows.tolist(), lambda _: tick(0))
+        others = self._motions(chunk, rows.tolist(), lambda _: advance(0))
         for name in ("q", "qd", "tau", "energies"):
             getattr(part, name)[:, rows] = getattr(others, name)
         part.end[rows], part.status[rows] = others.end, others.status
@@ -590,14 +583,10 @@ def at_parameters_of(scene: Scene, parameters: Array) -> Scene:
     return replace(scene, robot=robot, friction=parts.friction, effort_limit=parts.effort_limit, **contained)
 
 
-def _told(tick: Tick, factor: int, count: int) -> None:
-    tick(factor * count)
+Plan = BatchRun | SequentialRun
 
 
-Plan = SideBySide | OneByOne
-
-
-def run_all(plan: Plan, starts: Chunk, progress: Progress | None, executor: Executor | None) -> Motions:
+def run_all(plan: Plan, starts: Chunk, progress: UserProgress | None, executor: Executor | None) -> Motions:
     """All motions, in chunks."""
     size = len(starts.x)
     edges = [*range(0, max(size, 1), CHUNK), size]
@@ -607,17 +596,17 @@ def run_all(plan: Plan, starts: Chunk, progress: Progress | None, executor: Exec
     chunks = [starts.part(begin, end) for begin, end in itertools.pairwise(edges)]
     total, done = size * plan.work, 0
 
-    def tick(count: int) -> None:
+    def advance(count: int) -> None:
         nonlocal done
         done += count
         if progress is not None and count:
             progress(done, total)
 
-    blank = partial((plan if isinstance(plan, OneByOne) else plan.otherwise).nothing, dtype=starts.x.dtype)
+    blank = partial((plan if isinstance(plan, SequentialRun) else plan.fallback).nothing, dtype=starts.x.dtype)
     if executor is None:
         so_far = blank(0)
         for chunk in chunks:
-            so_far = joined([so_far, plan.run(chunk, tick)])
+            so_far = joined([so_far, plan.run(chunk, advance)])
             if so_far.interrupted:
                 break
         return joined([so_far, blank(size - len(so_far.end))])
@@ -629,14 +618,14 @@ def run_all(plan: Plan, starts: Chunk, progress: Progress | None, executor: Exec
             "`executor` must be a concurrent.futures.Executor or a distributed.Client, got " + type(executor).__name__
         )
     in_threads, stop = isinstance(executor, ThreadPoolExecutor), threading.Event()
-    if in_threads and isinstance(plan, SideBySide):
+    if in_threads and isinstance(plan, BatchRun):
         _ = plan.kernel  # traced before several threads ask for it at once
     run = partial(run_elsewhere, plan, stop=stop) if in_threads else partial(run_elsewhere, _pickled(plan))
     futures: list[Future[Motions]] = [executor.submit(run, chunk) for chunk in chunks]
     try:
         for future, chunk in zip(futures, chunks, strict=True):
             wait([future])
-            tick(len(chunk.x) * plan.work)
+            advance(len(chunk.x) * plan.work)
     except KeyboardInterrupt:
         stop.set()
         wait([future for future in futures if not future.cancel()], PATIENCE)
@@ -648,11 +637,11 @@ def run_all(plan: Plan, starts: Chunk, progress: Progress | None, executor: Exec
 def run_elsewhere(plan: Plan | bytes, chunk: Chunk, stop: threading.Event | None = None) -> Motions:
     """Plan.run in another thread or process; a thread is told when to stop."""
 
-    def tick(count: int) -> None:
+    def advance(count: int) -> None:
         if stop is not None and stop.is_set():
             raise KeyboardInterrupt
 
-    return (_unpickled(plan) if isinstance(plan, bytes) else plan).run(chunk, tick)
+    return (_unpickled(plan) if isinstance(plan, bytes) else plan).run(chunk, advance)
 
 
 def _pickled(plan: Plan) -> bytes:

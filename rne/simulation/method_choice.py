@@ -9,9 +9,10 @@ import numpy as np
 
 from ..basics.spatial import Array
 from ..errors import NotFiniteError, RneError
-from ..integrators.base import EXPLICIT, RODAS, Steps
+from ..integrators.base import RODAS, Steps
 from ..integrators.rosenbrock import STAGES
-from ..integrators.rows import MOST_STEPS
+from ..integrators.step_control import MOST_STEPS
+from ..integrators.tableaus import EXPLICIT, tableau
 from ..robot import Robot
 from .plant import Plant
 from .zero_order_hold import ZeroOrderHold
@@ -281,7 +282,7 @@ def work_per_step(plant: Plant, method: str) -> float:
     """Operations of a step of a compiled loop: evaluations, sums of stages, linear systems."""
     operations, size, n = sum(plant.kernel.operations.values()), plant.counted, plant.robot.n
     if method != RODAS:
-        stages = {"RK45": 6, "DOP853": 12}[method]
+        stages = len(tableau(method).B)
         return stages * operations + stages * (stages + 1) * size
     slopes, rows = sum(plant.slopes.operations.values()), size - n
     systems = 2 * rows**2 * (rows + size) + 2 * STAGES * rows * size

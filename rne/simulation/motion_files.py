@@ -79,13 +79,19 @@ def read_archive(file: Path, types: dict[str, str]) -> dict[str, Any]:
 
 
 def write_columns(path: str | PathLike[str], t: Array, columns: Mapping[str, Array]) -> Path:
-    """Write times and named columns, one row per sample, as comma-separated values."""
+    """Write times and named columns to a file of comma-separated values."""
     file = output_file(path)
-    with file.open("w", newline="", encoding="utf-8") as opened:
-        writer = csv.writer(opened, lineterminator="\n")
-        writer.writerow(["t", *columns])
-        writer.writerows(np.column_stack([t, *columns.values()]).tolist())
+    file.write_text(csv_text(t, columns), encoding="utf-8", newline="")
     return file
+
+
+def csv_text(t: Array, columns: Mapping[str, Array]) -> str:
+    """Times and named columns as comma-separated values, one row per sample, with all digits."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["t", *columns])
+    writer.writerows(np.column_stack([t, *columns.values()]).tolist())
+    return text.getvalue()
 
 
 def numbered_joints(n: int) -> tuple[str, ...]:

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..basics.arrays import real_array
 from ..basics.spatial import Array
+from ..dynamics.crba import mass_matrix
 from ..dynamics.quantity import OK, PrecisionStatus
 from ..errors import NotFiniteError
 from ..kernels.kernel import Kernel
@@ -44,7 +45,7 @@ class Plant:
         self, dynamics: SceneDynamics, robot: Robot, law: Callable[..., Any] | None = None, law_name: str = "controller"
     ) -> None:
         self.dynamics, self.robot, self.law, self.law_name = dynamics, robot, law, law_name
-        self.counted = dynamics.counted  # entries of the state whose errors are controlled
+        self.counted = dynamics.counted  # entries of the state that are held to the tolerances
         self.kernel = robot._kernels.scene_kernel(self._function)
         self.sampled: Array | None = None  # torques (n,) of a sampled controller since its last sample
         self.evaluations, self.status = 0, OK  # the status of the worst state so far
@@ -55,6 +56,12 @@ class Plant:
     @property
     def _function(self) -> Any:
         return self.dynamics.right_hand_side
+
+    @cached_property
+    def integral_scale(self) -> float:
+        """Kinetic energy of the robot whose joints move at 1 rad/s or m/s: smaller energies need not be exact [J]."""
+        inertia = np.diagonal(mass_matrix(self.robot.model, np.zeros(self.robot.n)))
+        return float(inertia.sum()) / 2 or 1.0
 
     @property
     def held(self) -> Array | None:
@@ -216,7 +223,8 @@ class Plant:
         """Torques of the law, traced, called or sampled, without limits, and the rates of its states."""
         if self.dynamics.law is None:
             return np.asarray(self.torque(t, x))
-        torques, rates = self.dynamics.law(t, x)
+        with np.errstate(all="ignore"):  # a traced law may pass through infinities, which its kernel does in silence
+            torques, rates = self.dynamics.law(t, x)
         return np.asarray(torques if rates is None else np.concatenate([torques, rates]))
 
     def _law_slopes(self, t: float, x: Array, u: Array) -> Array:

@@ -14,9 +14,10 @@ import numpy as np
 
 from ..basics.spatial import Array
 from ..errors import NotFiniteError, SingularMassMatrixError
-from ..integrators.base import FAILURES, RODAS, SAME, Steps
+from ..integrators.base import FAILURES, RODAS, SAME, IntegrationOptions, Solver, Steps
 from ..integrators.compiled_methods import CompiledSolver, RosenbrockSolver, SampledSolver
-from ..integrators.scipy_methods import AdaptiveSolver, Keeps
+from ..integrators.scipy_methods import Keeps, SciPySolver
+from ..integrators.tableaus import EXPLICIT
 from .dry_friction import DryPlant
 from .events import Event, Stop, first_crossing
 from .friction import creep
@@ -27,7 +28,6 @@ from .zero_order_hold import MAX_EVALUATIONS, Samples, ZeroOrderHold
 
 FEWEST = 8  # steps taken at first, where an event may throw them away or someone wants to know how far the run is
 LONGEST = 1000  # steps taken at once
-COMPILED = ("RK45", "DOP853")  # the methods with a loop in machine code
 LEAST = (2.3e-14, 1e-20)  # tolerances: 100 roundings in float64, as SciPy's solvers demand, and far below any state
 # Of the run that is compared with another one: times smaller tolerances; the other has an error too; comparisons a step
 FINER, MARGIN, COMPARED = 100.0, 1.1, 8
@@ -268,11 +268,6 @@ class Run:
     def _failure(self, error: Exception) -> Failure:
         return Failure(float(getattr(error, "time", None) or self.t), str(error))
 
-    @property
-    def _solver_samples(self) -> bool:
-        """True if the solver samples the controller between its steps."""
-        return isinstance(self.solver, SampledSolver)
-
     def _segment(self) -> None:
         """To the next sample, break, event or the end."""
         end, resumes = self._begin_segment()
@@ -281,12 +276,12 @@ class Run:
         else:
             self.solver.start(self.plant, self.t, self.x, end, self.plant.longest_step(self.task.duration))
         events: list[Event] = [*self.plant.events, *self.task.stops]
-        modes_may_change = self._solver_samples and self.plant.sticks  # at any sample
+        modes_may_change = self.solver.takes_samples and self.plant.sticks  # at any sample
         if not resumes:
             self.most = FEWEST if events or self.task.progress else LONGEST
         solver = self.solver  # of this segment: another one may take over at its end
         while solver.is_running:
-            steps = solver.steps(min(self.most, LONGEST if self._solver_samples else self.monitor.steps_to_look))
+            steps = solver.steps(min(self.most, LONGEST if self.solver.takes_samples else self.monitor.steps_to_look))
             self.most = 2 * self.most
             crossing = first_crossing(events, steps)
             count = len(steps.T) - 1 if crossing is None else crossing.step + 1
@@ -321,7 +316,7 @@ class Run:
     def _begin_segment(self) -> tuple[float, bool]:
         """Sample the controller if it is due, settle what sticks; the segment's end, and whether the solver goes on."""
         t, hold = self.t, self.hold
-        is_sample = hold is not None and t >= hold.next and not (self._solver_samples and not self.plant.sticks)
+        is_sample = hold is not None and t >= hold.next and not (self.solver.takes_samples and not self.plant.sticks)
         if hold is not None and is_sample:
             hold.sample(t, self.x)
         end = self._next_switch()
@@ -333,7 +328,7 @@ class Run:
     def _next_switch(self) -> float:
         """The next sample, the next break or the end."""
         duration, hold = self.task.duration, self.hold
-        if hold is not None and not self._solver_samples:
+        if hold is not None and not self.solver.takes_samples:
             return hold.next if hold.next < duration * (1 - 1e-12) else duration
         return next((b for b in self.breaks if b > self.t), duration)
 
@@ -377,7 +372,7 @@ class Run:
             count = self.hold.count
             parts.append(f"the controller was sampled {count} times, every {self.hold.period:g} s")
         went = "; ".join(part for part in parts if part) or "the end was reached"
-        words = [getattr(self.solver, "note", ""), went if self.stop is None else self.stop.message(self.t)]
+        words = [self.solver.note, went if self.stop is None else self.stop.message(self.t)]
         return "; ".join(word for word in words if word)
 
 
@@ -451,22 +446,22 @@ class Recorder:
         self.parts.append(Instants(t, x, plant.accelerations_at(t, x, self.same)))
 
 
-def _solver(plant: Plant, task: Task, method: str, hold: ZeroOrderHold | None) -> Any:
+def _solver(plant: Plant, task: Task, method: str, hold: ZeroOrderHold | None) -> Solver:
     """A method's loop in machine code where there is one, or SciPy's solver."""
+    options = IntegrationOptions(method, task.rtol, task.atol, task.t_eval)
     if method == RODAS:
-        return RosenbrockSolver(task.rtol, task.atol, plant, plant.slopes, plant.robot.n)
-    if method not in COMPILED or not plant.is_compiled:
+        return RosenbrockSolver(options, plant, plant.slopes, plant.robot.n)
+    if method not in EXPLICIT or not plant.is_compiled:
         keeps: Keeps = () if task.t_eval is None else task.t_eval.tolist()
         if plant.sticks or task.stops or plant.law is not None:  # that looks inside each step
             keeps = None
-        solver = AdaptiveSolver(method, task.rtol, task.atol, keeps)
-        if method in COMPILED and plant.robot.engine == "numba":
+        solver = SciPySolver(options, keeps)
+        if method in EXPLICIT and plant.robot.engine == "numba":
             why = "the law is called" if plant.law is not None else "the equations are too large to be written out"
             solver.note = f"by SciPy, as {why}"
         return solver
-    how = method, task.rtol, task.atol, plant.kernel
     if hold is None or hold.traced is None:
-        return CompiledSolver(*how)
+        return CompiledSolver(options, plant.kernel)
     if isinstance(plant, DryPlant):
         plant.samples = hold.samples
-    return SampledSolver(*how, hold)
+    return SampledSolver(options, plant.kernel, hold)

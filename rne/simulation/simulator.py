@@ -13,7 +13,8 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import check_function, positive_number, real_array
 from ..basics.spatial import Array
 from ..errors import SimulationError, SimulationInterrupted
-from ..integrators.base import EXPLICIT, IMPLICIT, RODAS
+from ..integrators.base import IMPLICIT, RODAS
+from ..integrators.tableaus import EXPLICIT
 from ..model.model import joint_array
 from ..robot import Robot
 from .control_law import check_law

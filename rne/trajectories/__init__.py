@@ -4,8 +4,7 @@ from typing import TYPE_CHECKING
 
 from ..basics import on_first_use
 from .csv_file import Samples, read_csv
-from .paths import Path, through
-from .profiles import Quintic, Spline, Trapezoidal, quintic, spline, trapezoidal
+from .profiles import Path, Quintic, Spline, Trapezoidal, quintic, spline, through, trapezoidal
 
 if TYPE_CHECKING:
     from .time_optimal import FastestMotion, fastest

@@ -1,9 +1,12 @@
-"""Reference motions: from rest to rest along polynomial and trapezoidal profiles, or through samples."""
+"""Reference motions from rest to rest along profiles, or through samples; paths, which are curves without times."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import wraps
+from itertools import pairwise
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,13 +15,32 @@ from ..basics.arrays import TIME_ROUNDING, plain_array, positive_number, real_ar
 from ..basics.spatial import Array
 from ..basics.text import summary
 from ..elementwise import clip, less, where
-from .paths import made_by
 
 DEGREE = 5  # of a spline: continuous third derivatives of q, so that accelerations have no corners
 MISMATCH = 1e-6  # of the largest |q|: by so much the spline may miss a sample before it is refused
+T = TypeVar("T")
 
 
-class _ReferenceMotion:
+def made_by(maker: str) -> Callable[[type[T]], type[T]]:
+    """Decorator of a class that a function makes: a call with other arguments names the function."""
+
+    def decorate(cls: type[T]) -> type[T]:
+        init: Any = cls.__init__
+
+        @wraps(init)
+        def checked(self: T, *args: Any, **options: Any) -> None:
+            try:
+                init(self, *args, **options)
+            except TypeError:
+                raise TypeError(f"{cls.__name__} is made by `rne.trajectories.{maker}`, call that instead") from None
+
+        cls.__init__ = checked  # type: ignore[assignment, method-assign]
+        return cls
+
+    return decorate
+
+
+class ReferenceMotion:
     """Base of the motions: a function of time."""
 
     def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
@@ -43,7 +65,10 @@ class _ReferenceMotion:
         TypeError
             If `t` is traced and the motion is a spline: a law that follows it is called.
         """
-        return self._at(broadcast_times(t))
+        times = plain_array("t", t)
+        if not is_traced(times):
+            times = real_numbers("t", times, "(T,)")
+        return self._at(times if times.ndim == 0 or times.shape[-1] == 1 else times[..., None])
 
     def _at(self, t: Array) -> tuple[Array, Array, Array]:
         raise NotImplementedError
@@ -51,7 +76,7 @@ class _ReferenceMotion:
 
 @made_by("quintic")
 @dataclass(frozen=True, eq=False)
-class Quintic(_ReferenceMotion):
+class Quintic(ReferenceMotion):
     """A motion along a polynomial of fifth degree, made by `quintic`; attributes are its arguments."""
 
     start: Array
@@ -110,7 +135,7 @@ def quintic(start: ArrayLike, end: ArrayLike, duration: float) -> Quintic:
 
 @made_by("trapezoidal")
 @dataclass(frozen=True, eq=False)
-class Trapezoidal(_ReferenceMotion):
+class Trapezoidal(ReferenceMotion):
     """Constant acceleration, velocity and deceleration, made by `trapezoidal`; attributes are its arguments."""
 
     start: Array
@@ -189,7 +214,7 @@ def _ends(start: ArrayLike, end: ArrayLike) -> tuple[Array, Array]:
     return a, b
 
 
-def _overflows(motion: _ReferenceMotion, t: ArrayLike) -> bool:
+def _overflows(motion: ReferenceMotion, t: ArrayLike) -> bool:
     with np.errstate(all="ignore"):
         return not all(np.isfinite(x).all() for x in motion(t))
 
@@ -205,7 +230,7 @@ def _refuse_overflow(motion: Quintic | Trapezoidal, t: float) -> None:
 
 @made_by("spline")
 @dataclass(frozen=True, eq=False)
-class Spline(_ReferenceMotion):
+class Spline(ReferenceMotion):
     """A motion through samples, made by `spline`.
 
     Its attributes are the arguments, and `degree`, of the polynomials: 5, or K - 1 if there are fewer than six samples.
@@ -319,9 +344,107 @@ def is_traced(times: Array) -> bool:
     return times.dtype == object and all(hasattr(x, "__truediv__") for x in times.flat)
 
 
-def broadcast_times(t: ArrayLike) -> Array:
-    """Times in a shape that broadcasts against (n,); traced numbers are passed on unchecked."""
-    times = plain_array("t", t)
-    if not is_traced(times):
-        times = real_numbers("t", times, "(T,)")
-    return times if times.ndim == 0 or times.shape[-1] == 1 else times[..., None]
+@made_by("through")
+@dataclass(frozen=True, eq=False)
+class Path:
+    """A curve through via points, made by `through`.
+
+    Attributes
+    ----------
+    points : ndarray, shape (K, n)
+        The via points [rad or m].
+    stops : tuple of int
+        Via points at which a motion along the path stands still, the first and the last included.
+    pieces : tuple of scipy.interpolate.CubicSpline
+        The curve between one stop and the next, each over a parameter from 0 to 1.
+
+    Examples
+    --------
+    >>> import rne
+    >>> path = rne.trajectories.through([[0, 0], [1, 0.5], [1, 1]])
+    >>> path.pieces[0](1.0).tolist()
+    [1.0, 1.0]
+    """
+
+    points: Array
+    stops: tuple[int, ...]
+    pieces: tuple[Any, ...]
+
+    def __repr__(self) -> str:
+        return f"Path({len(self.points)} points, stops={self.stops})"
+
+    def _via(self, piece: int, s: float) -> str:
+        """A place on the path in words: s is the parameter of a piece."""
+        knots = self.pieces[piece].x
+        k = int(np.clip(np.searchsorted(knots, s, side="right") - 1, 0, len(knots) - 2))
+        share, first = (s - knots[k]) / (knots[k + 1] - knots[k]), self.stops[piece] + k
+        at = first + round(share)
+        return f"at via point {at}" if abs(first + share - at) < 1e-3 else f"between via points {first} and {first + 1}"
+
+
+def through(points: ArrayLike, *, stops: bool | Sequence[int] = False) -> Path:
+    """A path through via points: a cubic spline, with continuous curvature.
+
+    Parameters
+    ----------
+    points : array_like, shape (K, n)
+        Joint positions, two at least. Samples of a Cartesian path, brought into joint space by any inverse kinematics,
+        are such points too [rad or m].
+    stops : bool or sequence of int, optional
+        True to stand still at every via point, which are then joined by straight lines in joint space; or the indices
+        of those to stand still at, with a spline in between.
+
+    Returns
+    -------
+    Path
+        For `rne.trajectories.fastest`.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than two points, a number is not finite, two neighbouring points are the same, or a stop is
+        no index.
+    TypeError
+        If `stops` is neither a bool nor a sequence.
+
+    Notes
+    -----
+    `scipy.interpolate.CubicSpline` with not-a-knot ends over the centripetal parameter: intervals are the square root
+    of the distance between points, which keeps the curve close to them where they are unevenly spaced (Lee 1989).
+
+    Examples
+    --------
+    >>> import rne
+    >>> path = rne.trajectories.through([[0, 0], [1, 0.5], [1, 1], [0, 1]], stops=[2])
+    >>> len(path.pieces), path.stops
+    (2, (0, 2, 3))
+    """
+    q = real_array("points", points, "(K, n)").astype(np.float64)
+    if q.ndim != 2 or len(q) < 2:
+        raise ValueError(f"`points` must have shape (K, n) with two points at least, got {q.shape}")
+    with np.errstate(over="ignore"):
+        lengths = np.linalg.norm(np.diff(q, axis=0), axis=1)
+    if not np.isfinite(lengths.sum()):
+        raise ValueError(
+            f"`points` are too far apart: the way exceeds the range of float64, got up to {np.abs(q).max():g}"
+        )
+    if not lengths.all():
+        k = int(np.argmin(lengths))
+        raise ValueError(f"`points` must differ from one to the next, got the same at index {k} and {k + 1}")
+    last = len(q) - 1
+    inner = range(last + 1) if stops is True else [] if stops is False else stops
+    if not np.iterable(inner) or isinstance(inner, str):
+        raise TypeError(f"`stops` must be True, False or a sequence of indices of points, got {inner!r}")
+    wrong = [k for k in inner if isinstance(k, bool) or not isinstance(k, int | np.integer) or not 0 <= k <= last]
+    if wrong:
+        raise ValueError(f"`stops` must be indices of points, 0 to {last}, got {wrong[0]!r}")
+    rests = tuple(sorted({0, last, *map(int, inner)}))
+    q.flags.writeable = False
+    return Path(q, rests, tuple(_centripetal_spline(q[a : b + 1]) for a, b in pairwise(rests)))
+
+
+def _centripetal_spline(q: Array) -> Any:
+    from scipy.interpolate import CubicSpline
+
+    steps = np.sqrt(np.linalg.norm(np.diff(q, axis=0), axis=1))
+    return CubicSpline(np.concatenate([[0.0], np.cumsum(steps) / steps.sum()]), q)

@@ -23,13 +23,11 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import positive_number
 from ..basics.spatial import Array
 from ..basics.text import column, listed, table
-from ..robot import Robot
-from ..robot.robot import robot_argument
+from ..robot import Robot, robot_argument
 from ..simulation.friction import Friction
 from ..simulation.limits import limit_shares, share_texts
 from ..simulation.scene import Payload, Scene
-from .paths import Path, made_by, through
-from .profiles import _ReferenceMotion, is_traced
+from .profiles import Path, ReferenceMotion, is_traced, made_by, through
 
 GRID = 100  # intervals of a piece at first
 ACCURACY = 5e-4  # of a limit: by so much it may be exceeded between grid points before they are set closer
@@ -143,7 +141,7 @@ class _Piece:
 
 
 def _largest_x(grid: Array, a: Array, b: Array, c: Array, largest: Array) -> Array | None:
-    """x at the grid points of the fastest motion from rest to rest, None if there is none."""
+    """Values of x at the grid points of the fastest motion from rest to rest; None if there is none."""
     with np.errstate(divide="ignore"):
         by_each = 1 / np.minimum(largest[1:], largest[:-1]), np.abs(a).max((0, 2)) * 4, np.abs(b).max((0, 2)) * 4
     usual, own = max(map(np.median, by_each)), np.max(by_each, axis=0)  # 1 / x, of all intervals and of each
@@ -158,7 +156,7 @@ def _largest_x(grid: Array, a: Array, b: Array, c: Array, largest: Array) -> Arr
 
 
 def _two_passes(grid: Array, a: Array, b: Array, c: Array, largest: Array, unit: Array) -> Array | None:
-    """The two passes of Pham and Pham 2018, Algorithm 1; toppra solves their linear programs in u and x.
+    """Values of x by the two passes of Pham and Pham 2018, Algorithm 1; toppra solves their linear programs.
 
     Inequalities hold at both ends of each interval, along which u is constant: |a u + b x + c| <= 1, with u and x in a
     unit of the interval's own. With toppra's own passes the same takes four times as long.
@@ -222,7 +220,7 @@ class _Profile:
 
     @cached_property
     def times(self) -> Array:
-        """When the grid points are passed."""
+        """Times at which the grid points are passed."""
         speed = np.sqrt(self.x)
         return np.concatenate([[0.0], np.cumsum(2 * np.diff(self.grid) / (speed[1:] + speed[:-1]))])
 
@@ -329,7 +327,7 @@ def _infeasible(piece: _Piece, grid: Array) -> str:
 
 
 def _finer(piece: _Piece, grid: Array, x: Array) -> Array:
-    """The grid, closer where the motion exceeds a limit between its points or uses none."""
+    """Grid with further points where the motion exceeds a limit between two points or uses none."""
     profile, h, inside = _Profile(grid, x), np.diff(grid), np.array([[0.01], [0.25], [0.5], [0.75], [0.99]])
     q, d1, d2 = piece.derivatives(grid[:-1] + inside * h)
     square = (x[:-1] + inside * np.diff(x))[..., None]
@@ -372,7 +370,7 @@ def _excess(piece: _Piece, profile: _Profile) -> Array:
 
 
 def _slowed(piece: _Piece, profile: _Profile, message: str) -> _Profile:
-    """The profile, driven as much slower as limits need that the solution does not keep."""
+    """Profile driven slower until it keeps all limits."""
     for _ in range(PASSES):
         excess = float(_excess(piece, profile).max())
         if excess <= 1 + 2 * ACCURACY:
@@ -383,7 +381,7 @@ def _slowed(piece: _Piece, profile: _Profile, message: str) -> _Profile:
 
 
 def _largest_within(x: Array, start: Array, end: Array) -> Array:
-    """Largest of x (2, K), which is at least 1, from start to before end; by those of powers of two of entries."""
+    """Largest entries of x (2, K), at least 1, in ranges from start to before end, by a table over powers of two."""
     power = np.log2(np.maximum(end - start, 1)).astype(int)
     largest = [np.pad(x, ((0, 0), (0, 1)), constant_values=1.0)]
     for k in range(power.max()):
@@ -393,7 +391,7 @@ def _largest_within(x: Array, start: Array, end: Array) -> Array:
 
 
 def _averaged(piece: _Piece, fastest: _Profile, window: float) -> _Profile:
-    """The profile averaged over a window, if it is not zero, driven slower where that would exceed a limit."""
+    """Profile averaged over a window, if there is one, and driven slower where it would exceed a limit."""
     allowed = np.ones((2, len(fastest.grid)))
     x, points = fastest.x, np.arange(len(fastest.grid))
     for _ in range(PASSES):
@@ -417,7 +415,7 @@ def _averaged(piece: _Piece, fastest: _Profile, window: float) -> _Profile:
 
 @made_by("fastest")
 @dataclass(frozen=True, eq=False)
-class FastestMotion(_ReferenceMotion):
+class FastestMotion(ReferenceMotion):
     """The fastest motion along a path, made by `fastest`; `print` shows which limits it uses and how smooth it is.
 
     Attributes
@@ -509,7 +507,7 @@ class FastestMotion(_ReferenceMotion):
         return np.unique(np.concatenate([start + profile.instants for start, profile in starts]))
 
     def shares(self) -> dict[str, Array]:
-        """Parts of their limits that the joints use.
+        """Shares of their limits that the joints use.
 
         Returns
         -------

@@ -17,7 +17,8 @@ from typing import Any, NamedTuple
 from ..basics.text import cut
 from .findings import ECHO, FindingsReport, echo, listed, near_path
 
-MAX_BYTES = 16 * 2**20
+Element = Any  # an element of lxml, which has no types
+MAX_BYTES = 16 * 2**20  # of a file
 MAX_DEPTH = 256  # libxml2's own limit, which `huge_tree` would lift
 XACRO = re.compile(r"(?:\{.*xacro\}|xacro:)(.*)", re.DOTALL)  # elements of all its versions, declared or not
 DEFINITIONS, BUILT_IN = ("property", "arg", "macro", "include"), ("if", "unless", "insert_block", "element", "call")
@@ -77,7 +78,7 @@ def read_bytes(path: str | os.PathLike[str], report: FindingsReport) -> bytes | 
         return stream.read(MAX_BYTES + 1)  # one more than allowed: `parse` refuses it
 
 
-def parse(data: bytes, report: FindingsReport) -> Any | None:
+def parse(data: bytes, report: FindingsReport) -> Element | None:
     """The root element without comments and processing instructions, or None with a finding."""
     from lxml import etree
 
@@ -132,7 +133,7 @@ def _report_syntax_error(data: bytes, log: Any, other: Any, report: FindingsRepo
         report.error(line, "file", f"is not well-formed XML ({reason})", cure)
 
 
-def check_expanded(root: Any, report: FindingsReport) -> bool:
+def check_expanded(root: Element, report: FindingsReport) -> bool:
     """Report what xacro has left and undeclared prefixes, as errors in what is read; False if that is not expanded."""
     names = {element: found.group(1) for element in root.iter() if (found := XACRO.fullmatch(element.tag))}
     moves = any(joint.get("type") != "fixed" for joint in root.findall("joint"))
@@ -232,13 +233,13 @@ UNREAD = frozenset(["material", "transmission", "gazebo", "collision", "calibrat
 UNREAD |= {"sphere", "mesh", "capsule"}
 
 
-def describe(element: Any) -> str:
+def describe(element: Element) -> str:
     """An element as messages name it: link 'arm', joint 'elbow', or just its tag."""
     name = element.get("name")
     return f"{element.tag} {echo(name)}" if name is not None else f"<{element.tag}>"
 
 
-def walk(root: Any) -> Iterator[tuple[Any, str, str, str]]:
+def walk(root: Element) -> Iterator[tuple[Element, str, str, str]]:
     """Every element, the link or joint it belongs to, and its use and its parent's; depth is up to the file."""
     stack = [(root, "robot", READ, READ)]
     while stack:
@@ -252,7 +253,7 @@ def walk(root: Any) -> Iterator[tuple[Any, str, str, str]]:
             stack.append((child, owner, (DRAWN if child.tag == "visual" else use) if is_used else "", use))
 
 
-def check_grammar(root: Any, report: FindingsReport) -> None:
+def check_grammar(root: Element, report: FindingsReport) -> None:
     """Warn of unknown elements and attributes; report duplicated elements where one is allowed as errors."""
     for element, owner, *_ in (step for step in walk(root) if step[2]):
         rule = RULES[element.tag]
@@ -283,7 +284,7 @@ def _cure(tag: str, known: Iterable[str]) -> str:
     return f"remove it, or write <{near[0]}> if that is meant" if near else "remove it"
 
 
-def checked_numbers(parent: Any, tag: str, owner: str, report: FindingsReport) -> dict[str, Any]:
+def checked_numbers(parent: Element, tag: str, owner: str, report: FindingsReport) -> dict[str, Any]:
     """Numbers of a child by attribute, finite ones alone; a finding for each of the others."""
     child = parent.find(tag)
     found: dict[str, Any] = {}
@@ -309,7 +310,7 @@ def checked_numbers(parent: Any, tag: str, owner: str, report: FindingsReport) -
     return found
 
 
-def attribute_numbers(element: Any | None, attribute: str, default: str = "") -> list[float]:
+def attribute_numbers(element: Element | None, attribute: str, default: str = "") -> list[float]:
     """The numbers of an attribute, or of the default if it or the element is missing; none if it is something else."""
     tokens = (default if element is None else element.get(attribute, default)).split()
     return [float(token) for token in tokens] if all(NUMBER.fullmatch(token) for token in tokens) else []

@@ -6,7 +6,7 @@ All of it loads as written; `rne.check` warns. The bounds are wide: what they re
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from ..dynamics import gravity_torque
 from ..model.builder import Part
 from ..model.checks import DRIVES, looks_like_degrees
 from ..model.model import Model
-from .document import attribute_numbers, describe
+from .document import Element, attribute_numbers, describe
 from .findings import FindingsReport, echo
 from .read import parts_of
 from .strict import MOVING, fixed_links
@@ -36,7 +36,7 @@ UNITS = "is the file in millimetres? give metres"
 PLACEHOLDER = 1e-3  # kg: lighter links are often there for their frame alone, with any shape and inertia
 
 
-def check_elements(root: Any, report: FindingsReport) -> None:
+def check_elements(root: Element, report: FindingsReport) -> None:
     """Warn of angles that look like degrees, and of drives that can do nothing."""
     for element in root:
         if element.tag not in ("link", "joint"):
@@ -52,7 +52,7 @@ def check_elements(root: Any, report: FindingsReport) -> None:
             _check_limit(element, limit, report)
 
 
-def _check_limit(joint: Any, limit: Any, report: FindingsReport) -> None:
+def _check_limit(joint: Element, limit: Element, report: FindingsReport) -> None:
     kind, owner = joint.get("type"), describe(joint)
     bounds = attribute_numbers(limit, "lower") + attribute_numbers(limit, "upper")
     if kind == "revolute" and looks_like_degrees(*bounds):
@@ -68,7 +68,7 @@ def _check_limit(joint: Any, limit: Any, report: FindingsReport) -> None:
         report.warning(limit, owner, what, "give what the drive can do; as written it can do nothing")
 
 
-def check_bodies(root: Any, model: Model, report: FindingsReport) -> None:
+def check_bodies(root: Element, model: Model, report: FindingsReport) -> None:
     """Warn of masses, centres, inertias and lengths that no body of this robot has; the file has no errors."""
     parts = parts_of(root)
     _check_subtrees(root, parts, report)
@@ -83,7 +83,7 @@ def check_bodies(root: Any, model: Model, report: FindingsReport) -> None:
                 _check_shapes(body, report)
 
 
-def _check_subtrees(root: Any, parts: list[Part], report: FindingsReport) -> None:
+def _check_subtrees(root: Element, parts: list[Part], report: FindingsReport) -> None:
     """Warn of joints that move no inertia: inverse dynamics and M exist, but forward dynamics does not."""
     massless = {part.joint for part in parts}
     heavy: set[int] = set()
@@ -97,7 +97,7 @@ def _check_subtrees(root: Any, parts: list[Part], report: FindingsReport) -> Non
             report.warning(joint, describe(joint), message, "give its links mass, or make the joint fixed")
 
 
-def _check_lengths_and_weight(root: Any, parts: list[Part], model: Model, report: FindingsReport) -> None:
+def _check_lengths_and_weight(root: Element, parts: list[Part], model: Model, report: FindingsReport) -> None:
     """Warn of links that are too long from their joint to the next, and of drives far too weak for the weight."""
     joints = {joint.get("name"): joint for joint in root.findall("joint")}
     fixed = fixed_links(root.findall("link"), root.findall("joint"))
@@ -167,7 +167,7 @@ class Shapes(NamedTuple):
 class LinkBody(NamedTuple):
     """The inertial numbers of a link."""
 
-    element: Any
+    element: Element
     owner: str
     part: int  # its place in tree order
     mass: float
@@ -179,7 +179,7 @@ class LinkBody(NamedTuple):
     shapes: Shapes | None  # None if there are none, or others too
 
 
-def bodies(root: Any, parts: list[Part]) -> list[LinkBody]:
+def bodies(root: Element, parts: list[Part]) -> list[LinkBody]:
     """The bodies of all links with <inertial>."""
     links = {link.get("name"): link for link in root.findall("link")}
     found = []
@@ -218,7 +218,7 @@ def _density(mass: float, moments: Array, flattest: float) -> float:
     return float(mass / (4 / 3 * np.pi * axes.prod()))
 
 
-def _shapes(link: Any) -> tuple[float, Shapes | None]:
+def _shapes(link: Element) -> tuple[float, Shapes | None]:
     """Reach of the primitive shapes, and their volumes if all are known."""
     groups = [[_extent(shape) for shape in link.findall(kind)] for kind in ("visual", "collision")]
     known = [[extent for extent in group if extent is not None] for group in groups]
@@ -236,7 +236,7 @@ def _shapes(link: Any) -> tuple[float, Shapes | None]:
     return reach, Shapes(largest, float(box.prod()), float(np.linalg.norm(box)) / 2)
 
 
-def _extent(shape: Any) -> tuple[Array, Array, float] | None:
+def _extent(shape: Element) -> tuple[Array, Array, float] | None:
     """Centre and half sides of the box around a visual or collision, in the link's axes, and its volume."""
     solid, origin = shape.find("geometry/*"), shape.find("origin")
     attributes = SOLIDS.get(solid.tag, ()) if solid is not None else ()

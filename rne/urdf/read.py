@@ -15,7 +15,7 @@ from ..model.builder import Extended, Mimic, Part, Pose, assemble
 from ..model.checks import DRIVES
 from ..model.model import STANDARD_GRAVITY, Model
 from ..model.solids import Box, Cylinder
-from .document import LARGEST, NO_LIMIT, parse, read_bytes
+from .document import LARGEST, NO_LIMIT, Element, parse, read_bytes
 from .far_origins import slide_far_origins
 from .findings import FindingsReport
 from .strict import link_of, mimics_of, shape_errors, validate
@@ -68,13 +68,13 @@ def read_urdf(path: str | os.PathLike[str], *, gravity: ArrayLike = STANDARD_GRA
         raise UrdfError(f"{report.file}: {error}") from error
 
 
-def validated(data: bytes | None, report: FindingsReport) -> Any | None:
+def validated(data: bytes | None, report: FindingsReport) -> Element | None:
     """The <robot> of a file's bytes, or None with a finding."""
     root = None if data is None else parse(data, report)
     return root if root is not None and validate(root, report) else None
 
 
-def model_of(root: Any, gravity: ArrayLike, source: str | None = None) -> Model:
+def model_of(root: Element, gravity: ArrayLike, source: str | None = None) -> Model:
     """The Model of a validated <robot>."""
     links, joints = _in_tree_order(root)
     unrounded = [(_origin(element, "rpy"), _axis(element)) for element in (root, *joints)]
@@ -83,7 +83,7 @@ def model_of(root: Any, gravity: ArrayLike, source: str | None = None) -> Model:
     return assemble(root.get("name", ""), parts, gravity=gravity, shapes=shapes, source=source)
 
 
-def parts_of(root: Any) -> list[Part]:
+def parts_of(root: Element) -> list[Part]:
     """The links of a validated <robot> in tree order, each with its joint, as the file places them."""
     links, joints = _in_tree_order(root)
     root_link = next(iter(links))
@@ -111,7 +111,7 @@ def parts_of(root: Any) -> list[Part]:
     return parts
 
 
-def _in_tree_order(root: Any) -> tuple[dict[str, Any], list[Any]]:
+def _in_tree_order(root: Element) -> tuple[dict[str, Element], list[Element]]:
     """Links by name, and joints: repeatedly the first joint in the file whose parent link is already placed."""
     links, joints = {link.get("name"): link for link in root.findall("link")}, root.findall("joint")
     children = {link_of(joint, "child") for joint in joints}
@@ -133,27 +133,27 @@ def _vector(text: str) -> Array:
     return np.array([float(token) for token in text.split()], dtype=Extended)
 
 
-def _number(element: Any | None, attribute: str, default: float) -> float:
+def _number(element: Element | None, attribute: str, default: float) -> float:
     return default if element is None else float(element.get(attribute, default))
 
 
-def _origin(element: Any, attribute: str) -> Array:
+def _origin(element: Element, attribute: str) -> Array:
     """xyz or rpy of the element's <origin>."""
     origin = element.find("origin")
     return _vector("0 0 0" if origin is None else origin.get(attribute, "0 0 0"))
 
 
-def _pose(element: Any) -> Pose:
+def _pose(element: Element) -> Pose:
     return Pose(rotation_from_rpy(_origin(element, "rpy")), _origin(element, "xyz"))
 
 
-def _axis(joint: Any) -> Array:
+def _axis(joint: Element) -> Array:
     """The unit vector of a joint's axis in long double."""
     axis = None if joint.get("type") == "fixed" else joint.find("axis")
     return unit_vector(_vector("1 0 0" if axis is None else axis.get("xyz")))
 
 
-def _inertial(link: Any) -> dict[str, Any]:
+def _inertial(link: Element) -> dict[str, Any]:
     """Mass, centre of mass, and inertia about it in the axes of the link."""
     inertial = link.find("inertial")
     if inertial is None:
@@ -165,7 +165,7 @@ def _inertial(link: Any) -> dict[str, Any]:
     return {"mass": mass, "com": centre.p, "inertia": (inertia + inertia.T) / 2}
 
 
-def _limits_and_friction(joint: Any) -> dict[str, Any]:
+def _limits_and_friction(joint: Element) -> dict[str, Any]:
     """Without <limit> there are none; <limit> without lower or upper means 0, as URDF defines."""
     limit, friction = joint.find("limit"), {x: _number(joint.find("dynamics"), x, 0.0) for x in ("damping", "friction")}
     if limit is None:
@@ -177,7 +177,7 @@ def _limits_and_friction(joint: Any) -> dict[str, Any]:
     return friction | {name: float(np.copysign(np.inf, x)) if abs(x) == LARGEST else x for name, x in values.items()}
 
 
-def _mimics(joints: list[Any]) -> dict[str, tuple[str, Any, Any]]:
+def _mimics(joints: list[Element]) -> dict[str, tuple[str, Any, Any]]:
     """The independent joint at the end of each mimic's chain, with multiplier and offset composed along it."""
     written = mimics_of(joints)
     composed: dict[str, tuple[str, Any, Any]] = {}
@@ -194,7 +194,7 @@ def _mimics(joints: list[Any]) -> dict[str, tuple[str, Any, Any]]:
     return composed
 
 
-def _shapes(link: Any) -> list[Cylinder | Box]:
+def _shapes(link: Element) -> list[Cylinder | Box]:
     """The cylinders and boxes of a link's visuals."""
     shapes: list[Cylinder | Box] = []
     for visual in link.findall("visual"):

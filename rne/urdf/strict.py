@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..model.checks import domain_error, inertia_error, triangle_excess
-from .document import NO_LIMIT, XACRO, check_expanded, check_grammar, checked_numbers, describe
+from .document import NO_LIMIT, XACRO, Element, check_expanded, check_grammar, checked_numbers, describe
 from .findings import Finding, FindingsReport, echo, listed
 
 MOVING = ("revolute", "continuous", "prismatic")
@@ -17,7 +17,7 @@ TYPES = (*MOVING, "fixed")
 TRIANGLE_TOLERANCE = 1e-6  # of the trace: files give about six decimals
 
 
-def validate(root: Any, report: FindingsReport) -> bool:
+def validate(root: Element, report: FindingsReport) -> bool:
     """Report everything wrong with the robot; False if it is none, or one that xacro has still to make.
 
     Elements that are neither an error nor said to be ignored are safe to read.
@@ -46,7 +46,7 @@ def validate(root: Any, report: FindingsReport) -> bool:
     return True
 
 
-def _is_robot(root: Any, report: FindingsReport) -> bool:
+def _is_robot(root: Element, report: FindingsReport) -> bool:
     """True for a <robot>, also in a default namespace, which has no meaning in URDF and is removed."""
     from lxml import etree
 
@@ -63,14 +63,14 @@ def _is_robot(root: Any, report: FindingsReport) -> bool:
     return bool(root.tag == "robot")
 
 
-def _check_name(element: Any, report: FindingsReport) -> str:
+def _check_name(element: Element, report: FindingsReport) -> str:
     if not element.get("name", "").strip():
         report.error(element, f"<{element.tag}>", "attribute 'name' is missing", "give every link and joint a name")
         return f"<{element.tag}>"
     return describe(element)
 
 
-def fixed_links(links: list[Any], joints: list[Any]) -> set[Any]:
+def fixed_links(links: list[Element], joints: list[Element]) -> set[Any]:
     """Names of the links that no joint moves: the roots, and what is fixed to them."""
     children, below = {link_of(joint, "child") for joint in joints}, defaultdict(list)
     for joint in joints:
@@ -82,7 +82,7 @@ def fixed_links(links: list[Any], joints: list[Any]) -> set[Any]:
     return set(found)
 
 
-def _check_link(link: Any, report: FindingsReport, *, is_moved: bool) -> None:
+def _check_link(link: Element, report: FindingsReport, *, is_moved: bool) -> None:
     owner = _check_name(link, report)
     inertial = link.find("inertial")
     if inertial is not None:
@@ -92,7 +92,7 @@ def _check_link(link: Any, report: FindingsReport, *, is_moved: bool) -> None:
             report.warning(finding.line, owner, f"visual ignored: {finding.message}", finding.cure)
 
 
-def shape_errors(visual: Any) -> list[Finding]:
+def shape_errors(visual: Element) -> list[Finding]:
     """Errors that keep a visual's cylinder or box from being drawn: nothing else of a visual is read."""
     trial = FindingsReport("")
     for kind in ("cylinder", "box"):
@@ -102,7 +102,7 @@ def shape_errors(visual: Any) -> list[Finding]:
     return trial.errors
 
 
-def _check_inertial(inertial: Any, owner: str, report: FindingsReport, *, is_moved: bool) -> None:
+def _check_inertial(inertial: Element, owner: str, report: FindingsReport, *, is_moved: bool) -> None:
     for tag in ("mass", "inertia"):
         if inertial.find(tag) is None:
             report.error(inertial, owner, f"<{tag}> is missing in <inertial>", "give it, or remove <inertial>")
@@ -125,7 +125,7 @@ def _check_inertial(inertial: Any, owner: str, report: FindingsReport, *, is_mov
             report.warning(inertial.find("inertia"), owner, f"<inertia>: {message}", cure)
 
 
-def _check_joint(joint: Any, report: FindingsReport) -> None:
+def _check_joint(joint: Element, report: FindingsReport) -> None:
     owner = _check_name(joint, report)
     kind = joint.get("type")
     if kind is None:
@@ -152,7 +152,7 @@ def _check_joint(joint: Any, report: FindingsReport) -> None:
         report.error(mimic, owner, "attribute 'joint' of <mimic> is missing", "give the joint that it follows")
 
 
-def _check_limit(joint: Any, kind: str | None, owner: str, report: FindingsReport) -> None:
+def _check_limit(joint: Element, kind: str | None, owner: str, report: FindingsReport) -> None:
     limit = joint.find("limit")
     if limit is None:
         if kind in ("revolute", "prismatic"):
@@ -179,20 +179,20 @@ def _check_limit(joint: Any, kind: str | None, owner: str, report: FindingsRepor
         report.warning(limit, owner, f"<limit>: lower and upper are both {lower:g}, a range of zero", "give the range")
 
 
-def link_of(joint: Any, end: str) -> str | None:
+def link_of(joint: Element, end: str) -> str | None:
     """The name of a joint's parent or child link."""
     element = joint.find(end)
     name: str | None = None if element is None else element.get("link")
     return name
 
 
-def mimics_of(joints: list[Any]) -> dict[str, Any]:
+def mimics_of(joints: list[Element]) -> dict[str, Element]:
     """The <mimic> of each joint that has one, by the joint's name; those of fixed joints are ignored."""
     found = {joint.get("name"): joint.find("mimic") for joint in joints if joint.get("type") != "fixed"}
     return {name: mimic for name, mimic in found.items() if mimic is not None}
 
 
-def _check_duplicates(elements: list[Any], report: FindingsReport) -> None:
+def _check_duplicates(elements: list[Element], report: FindingsReport) -> None:
     first: dict[str, Any] = {}
     for element in elements:
         name = element.get("name")
@@ -203,7 +203,7 @@ def _check_duplicates(elements: list[Any], report: FindingsReport) -> None:
             first[name] = element
 
 
-def _check_types(joints: list[Any], report: FindingsReport) -> None:
+def _check_types(joints: list[Element], report: FindingsReport) -> None:
     wrong = [j for j in joints if j.get("type") is not None and j.get("type") not in TYPES]
     if wrong:
         names = ", ".join(f"{describe(j)} of type {listed([j.get('type')])}" for j in wrong)
@@ -211,7 +211,7 @@ def _check_types(joints: list[Any], report: FindingsReport) -> None:
         report.error(wrong[0], describe(wrong[0]), f"unsupported joints: {names}", cure)
 
 
-def _check_tree(root: Any, links: list[Any], joints: list[Any], report: FindingsReport) -> None:
+def _check_tree(root: Element, links: list[Element], joints: list[Element], report: FindingsReport) -> None:
     """Report joints to links that do not exist, links with two parents, loops, and several roots."""
     names = {link.get("name") for link in links}
     above: dict[Any, Any] = {}  # the joint of each child link
@@ -243,7 +243,7 @@ def _check_tree(root: Any, links: list[Any], joints: list[Any], report: Findings
         report.error(root, "robot", f"several roots: links {listed(roots)}", "connect them, or remove all but one")
 
 
-def _check_mimics(joints: list[Any], report: FindingsReport) -> None:
+def _check_mimics(joints: list[Element], report: FindingsReport) -> None:
     by_name = {joint.get("name"): joint for joint in joints}
     for joint in joints:
         mimic, owner = joint.find("mimic"), describe(joint)

@@ -10,7 +10,7 @@ from ..basics.spatial import rpy_from_rotation
 from ..model.builder import Part, at_links, disassemble
 from ..model.model import Model, model_argument
 from ..model.solids import Box
-from .document import LARGEST
+from .document import LARGEST, Element
 
 
 def to_urdf(model: Model) -> str:
@@ -73,7 +73,7 @@ def to_urdf(model: Model) -> str:
     return '<?xml version="1.0"?>\n' + text
 
 
-def _add(parent: Any, tag: str, **attributes: Any) -> Any:
+def _add(parent: Element, tag: str, **attributes: Any) -> Element:
     """A new child of an element; numbers and vectors are written with all their digits."""
     child = parent.makeelement(tag, {name: x if isinstance(x, str) else _text(x) for name, x in attributes.items()})
     parent.append(child)
@@ -85,7 +85,7 @@ def _text(numbers: Any) -> str:
     return " ".join(repr(x).removesuffix(".0") for x in values.tolist())
 
 
-def _add_link(root: Any, model: Model, part: Part) -> None:
+def _add_link(root: Element, model: Model, part: Part) -> None:
     link = _add(root, "link", name=part.link)
     if part.mass or np.any(part.inertia):
         inertial = _add(link, "inertial")
@@ -104,7 +104,7 @@ def _add_link(root: Any, model: Model, part: Part) -> None:
                 _add(geometry, "cylinder", radius=shape.radius, length=shape.length)
 
 
-def _add_joint(root: Any, parts: list[Part], part: Part) -> None:
+def _add_joint(root: Element, parts: list[Part], part: Part) -> None:
     joint = _add(root, "joint", name=part.joint, type=part.kind)
     R, p = part.placement
     _add(joint, "origin", xyz=p, rpy=rpy_from_rotation(R.astype(np.float64)))

@@ -27,7 +27,7 @@ from ...model.standard_parameters import DriveModel, StandardParameters, drive_a
 from ...robot import Robot, robot_argument
 from ...simulation.motion_files import write_columns
 from ...trajectories import Samples
-from ...trajectories.profiles import broadcast_times
+from ...trajectories.profiles import ReferenceMotion
 from .limits import FourierBasis, Locked, MotionLimits, States, locked_positions, motion_limits
 
 
@@ -294,7 +294,7 @@ ACTIVE = 0.97  # share of a limit from which it is called active
 
 
 @dataclass(frozen=True, eq=False)
-class Excitation(InNotebooks):
+class Excitation(ReferenceMotion, InNotebooks):
     """A periodic motion for the identification of a robot, found by `rne.excitation`.
 
     q(t) = q0 + sum over k of a_k / (k w) sin(k w t) - b_k / (k w) cos(k w t), with w = 2 pi / duration. It is a
@@ -358,27 +358,9 @@ class Excitation(InNotebooks):
         used = [(kind, k) for kind, use in self.limit_use.items() for k in np.flatnonzero(use > ACTIVE)]
         return tuple(f"{kind} of {self.robot.joint_names[k]}" for kind, k in used)
 
-    def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
-        """Positions, velocities and accelerations at given times.
-
-        Parameters
-        ----------
-        t : float or array_like, shape (T,) or (..., 1)
-            Times [s]. An array whose last axis has length one holds one time per state, as in control laws: it is
-            broadcast against joint arrays of shape (..., n). Any other array is an array of times.
-
-        Returns
-        -------
-        q, qd, qdd : ndarray, shape (n,) for one time, (T, n) for T times, (..., n) for times of shape (..., 1)
-            [rad or m], [rad/s or m/s], [rad/s^2 or m/s^2].
-
-        Raises
-        ------
-        ValueError
-            If `t` is not real or not finite.
-        """
+    def _at(self, t: Array) -> tuple[Array, Array, Array]:
         series = np.column_stack([self.q0, self.a, self.b])
-        return FourierBasis(self.duration, self.harmonics).states(broadcast_times(t), series)
+        return FourierBasis(self.duration, self.harmonics).states(t, series)
 
     def sample(self, sample_rate: float, periods: int = 1) -> Samples:
         """The motion at equal intervals, as a robot's controller takes it.

@@ -9,25 +9,25 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
-from .. import dynamics
-from .. import model as models
-from ..basics.arrays import real_array
-from ..basics.spatial import Array
-from ..basics.text import InNotebooks, counted, short
-from ..dynamics.kinematics import ORIGIN
-from ..dynamics.precision import Diagnosis
-from ..dynamics.quantity import Declared
-from ..dynamics.rnea import External
-from ..model.model import Model
-from ..model.parameters import parameters_of, with_parameters
-from ..model.standard_parameters import DriveModel
+from . import dynamics
+from . import model as models
+from .basics.arrays import real_array
+from .basics.spatial import Array
+from .basics.text import InNotebooks, counted, short
+from .dynamics.kinematics import ORIGIN
+from .dynamics.precision import Diagnosis
+from .dynamics.quantity import Declared
+from .dynamics.rnea import External
+from .model.model import Model
+from .model.parameters import parameters_of, with_parameters
+from .model.standard_parameters import DriveModel
 
 if TYPE_CHECKING:
-    from ..bounds import Bounds
-    from ..dynamics.base_inertial_parameters import BaseParameters
-    from ..dynamics.recursion_record import Recursion
-    from ..kernels.kernel import Kernel
-    from ..model.modify import LimitValues
+    from .bounds import Bounds
+    from .dynamics.base_inertial_parameters import BaseParameters
+    from .dynamics.recursion_record import Recursion
+    from .kernels.kernel import Kernel
+    from .model.modify import LimitValues
 
 # compiled by Robot.compile without arguments, beside forward dynamics
 COMPILED = (dynamics.inverse_dynamics, dynamics.mass_matrix, dynamics.bias_torque, dynamics.gravity_torque)
@@ -38,7 +38,8 @@ class Robot(InNotebooks):
 
     Arrays of joint values have shape (..., n): leading axes are independent states. All quantities are in SI units,
     angles in radians. The first call of a method for a single state runs the recursion; later calls and batches run its
-    kernel, traced for this robot (see `compile`).
+    kernel, traced for this robot (see `compile`). A ValueError names an array that has the wrong shape or is not
+    finite, and a NotFiniteError, which is one too, a result that overflows; methods list what else they raise.
 
     Parameters
     ----------
@@ -70,7 +71,7 @@ class Robot(InNotebooks):
     def __init__(self, model: Model, engine: str = "numpy") -> None:
         if not isinstance(model, Model):
             raise TypeError(f"`model` must be an rne.Model, got {type(model).__name__}")
-        from ..kernels.cache import KernelCache  # loaded with the first robot
+        from .kernels.cache import KernelCache  # loaded with the first robot
 
         self._model = model
         self._kernels = KernelCache(model, engine)
@@ -191,7 +192,7 @@ class Robot(InNotebooks):
         """
         if library != "pinocchio":
             raise ValueError(f"`library` must be 'pinocchio', got {library!r}")
-        from ..model.topology import pinocchio_order
+        from .model.topology import pinocchio_order
 
         return pinocchio_order(self._model)
 
@@ -376,11 +377,6 @@ class Robot(InNotebooks):
         ndarray, shape (..., n, n)
             Full and exactly symmetric, the rotors' `armature` included [kg m^2, kg m or kg].
 
-        Raises
-        ------
-        ValueError
-            If `q` has the wrong shape or is not finite, or M overflows.
-
         Examples
         --------
         >>> import rne
@@ -508,11 +504,6 @@ class Robot(InNotebooks):
         ndarray, shape (..., n)
             Torques [N m or N]; the gradient of the potential energy.
 
-        Raises
-        ------
-        ValueError
-            If `q` has the wrong shape or is not finite.
-
         Examples
         --------
         >>> import math, rne
@@ -537,11 +528,6 @@ class Robot(InNotebooks):
         -------
         ndarray, shape (..., n)
             Torques [N m or N]; quadratic in the velocities.
-
-        Raises
-        ------
-        ValueError
-            If an array has the wrong shape or is not finite, or the torque overflows.
 
         Examples
         --------
@@ -569,11 +555,6 @@ class Robot(InNotebooks):
         ndarray, shape (..., n, n)
             Torque i per velocity j [N m s/rad, N s or N s/m].
 
-        Raises
-        ------
-        ValueError
-            If an array has the wrong shape or is not finite, or C overflows.
-
         Examples
         --------
         >>> import numpy as np, rne
@@ -600,11 +581,6 @@ class Robot(InNotebooks):
             By the velocities.
         M : ndarray, shape (..., n, n)
             By the accelerations: the mass matrix.
-
-        Raises
-        ------
-        ValueError
-            If an array has the wrong shape or is not finite, or a derivative overflows.
 
         Examples
         --------
@@ -723,11 +699,6 @@ class Robot(InNotebooks):
         -------
         ndarray, shape (..., n_links, 4, 4)
             Takes coordinates of a link's frame to those of the root link; links in `link_names` order [1, m].
-
-        Raises
-        ------
-        ValueError
-            If `q` has the wrong shape or is not finite.
 
         Examples
         --------
@@ -883,11 +854,6 @@ class Robot(InNotebooks):
         ndarray, shape (...)
             The energy [J].
 
-        Raises
-        ------
-        ValueError
-            If an array has the wrong shape or is not finite, or the energy overflows.
-
         Examples
         --------
         >>> import rne
@@ -913,11 +879,6 @@ class Robot(InNotebooks):
         ndarray, shape (...)
             The sum of -m g.c over the bodies [J].
 
-        Raises
-        ------
-        ValueError
-            If `q` has the wrong shape or is not finite.
-
         Examples
         --------
         >>> import rne
@@ -942,11 +903,6 @@ class Robot(InNotebooks):
         -------
         ndarray, shape (..., 6)
             [angular; linear] in the axes of the root link [kg m^2/s, kg m/s].
-
-        Raises
-        ------
-        ValueError
-            If an array has the wrong shape or is not finite, or the momentum overflows.
 
         Examples
         --------
@@ -980,11 +936,6 @@ class Robot(InNotebooks):
         ndarray, shape (..., n, 10 nb)
             Columns in the order of `parameters`. The torque of `armature` is not among them.
 
-        Raises
-        ------
-        ValueError
-            If an array has the wrong shape or is not finite, or an entry overflows.
-
         Examples
         --------
         >>> import numpy as np, rne
@@ -1012,11 +963,6 @@ class Robot(InNotebooks):
         -------
         ndarray, shape (..., n, 10 nb)
             Columns in the order of `parameters`. C is the matrix of the Christoffel symbols, as `coriolis_matrix`.
-
-        Raises
-        ------
-        ValueError
-            If an array has the wrong shape or is not finite, or an entry overflows.
 
         Examples
         --------
@@ -1129,7 +1075,7 @@ class Robot(InNotebooks):
         >>> bool(162.8 < found.attained <= found.upper < 171)
         True
         """
-        from ..bounds.bounds import robot_bounds
+        from .bounds.bounds import robot_bounds
 
         return robot_bounds(
             self._kernels, positions, rates, accelerations, payload, masses, tolerance, budget, seconds, quantities

@@ -1,0 +1,183 @@
+"""Control of steps by the estimate of their error, as texts of loops in machine code and for rows in NumPy.
+
+Norms, factors and first lengths are those of Hairer, Norsett and Wanner 1993, II.4 and II.5, as in `scipy.integrate`.
+The first `counted` components of a state are held to the tolerances. Those behind are integrals, such as energies: the
+tolerance of their error is the relative one of `integral_scale` and their size. So they hold back hardly a step but one
+on which the others are exact.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..basics.spatial import Array
+from .loops import combine, evaluate, inline
+
+SAFETY, SMALLEST, LARGEST = 0.9, 0.2, 10.0  # factors between steps, as SciPy's
+EPS = float(np.finfo(np.float64).eps)
+ROUNDINGS, TINY = 10 * EPS, 1e-300  # of the time, and at time 0: shorter steps are given up
+MOST_STEPS = 1e10  # a motion is given up that at its pace would take so many
+THIRD = 0.01  # of the second estimate of an error in the norm of both, DOP853's
+# Of the first length: sizes that say nothing, the length then; the part of the state or of its slope that a step may
+# change; slopes that are none; how far the length may exceed the guess.
+UNKNOWN, GUESS, CHANGE, FLAT, GROWTH = 1e-5, 1e-6, 0.01, 1e-15, 100
+
+
+class Interval(NamedTuple):
+    """A stretch of time without a switch, and how its steps are taken; the last four are of batches.
+
+    Attributes
+    ----------
+    tableau : tuple
+        Of the method.
+    begin, end : float
+    first, last : float
+        Times within which the right-hand side is evaluated.
+    rtol, atol : float
+    counted : int
+        Number of components of the state, the first ones, whose errors count.
+    max_step : float
+    t_eval : ndarray, shape (S,)
+        Times to report, ascending, the end as the last.
+    grid : ndarray
+        The begin, and the ends of steps that are not controlled; empty for those that are.
+    integral_scale : float
+        Size that is added to that of the components behind `counted`, to which their error is relative; infinite where
+        it does not count.
+    positions : int
+        The number of components that move with the rates at the end of the step.
+    watched : bool
+        True to leave motions in which a fast decay, not the error, holds the steps to short ones.
+    """
+
+    tableau: Any
+    begin: float
+    end: float
+    first: float
+    last: float
+    rtol: float
+    atol: float
+    counted: int
+    max_step: float = float("inf")
+    integral_scale: float = float("inf")
+    t_eval: Array = np.zeros(0)
+    grid: Array = np.zeros(0)
+    positions: int = 0
+    watched: bool = False
+
+
+class Problem(NamedTuple):
+    """dx/dt for loops: its address, arrays for t, x and what else it takes, which are overwritten, and the interval."""
+
+    rates: Any
+    arguments: Any
+    interval: Any
+
+
+class Storage(NamedTuple):
+    """Room for steps: ends, states, slopes, the lengths to try first, numbers of evaluations, and workspace."""
+
+    T: Array
+    X: Array
+    K: Array
+    H: Array
+    evaluations: Array
+    work: Any
+
+
+@inline
+def shortest_step(t: Any) -> Any:
+    """The length below which a step is given up."""
+    return ROUNDINGS * abs(t) + TINY
+
+
+@inline
+def step_factor(error: Any, exponent: Any) -> Any:
+    """The factor to the next length; an error that is not a number shortens it most."""
+    if error == 0.0:
+        return LARGEST
+    factor = SAFETY * error**exponent
+    return min(factor, LARGEST) if factor > SMALLEST else SMALLEST
+
+
+@inline
+def integral_errors(errors: Any, x: Any, y: Any, interval: Any) -> float:
+    """The sum of squares of the integrals' errors on a step from x to y, in units of their tolerance."""
+    total, scale = 0.0, interval.integral_scale
+    if scale == float("inf"):
+        return total
+    for i in range(interval.counted, len(x)):
+        total += (errors[i] / (interval.rtol * (scale + max(abs(x[i]), abs(y[i]))))) ** 2
+    return total
+
+
+@inline
+def error_norm(E: Any, K: Any, h: Any, x: Any, y: Any, interval: Any, work: Any) -> float:
+    """The estimated error of a step from x to y, in units of the tolerance: of two estimates, or of one, as E has."""
+    count, rtol, atol, sums = interval.counted, interval.rtol, interval.atol, (0.0, 0.0)
+    for e in range(len(E)):
+        combine(E[e], len(K), K, work)
+        total = integral_errors(work, x, y, interval)
+        for i in range(count):
+            total += (work[i] / (atol + rtol * max(abs(x[i]), abs(y[i])))) ** 2
+        sums = (total, sums[0])
+    if len(E) == 1:
+        return float(h * (sums[0] / count) ** 0.5)
+    third, fifth = sums
+    return float(h * fifth / ((fifth + THIRD * third) * count) ** 0.5) if fifth > 0 else 0.0
+
+
+@inline
+def first_length(problem: Any, t: Any, x: Any, K: Any) -> float:
+    """Length of the first step from the slope K[0]; 0 if that after a guess is not valid."""
+    rates, arguments, interval = problem
+    count, rtol, atol, longest = interval.counted, interval.rtol, interval.atol, interval.end - t
+    d0, d1, y = integral_errors(x, x, x, interval), integral_errors(K[0], x, x, interval), arguments[1]
+    for i in range(count):
+        scale = atol + rtol * abs(x[i])
+        d0 += (x[i] / scale) ** 2
+        d1 += (K[0, i] / scale) ** 2
+    d0, d1 = (d0 / count) ** 0.5, (d1 / count) ** 0.5
+    h = min(GUESS if d0 < UNKNOWN or d1 < UNKNOWN else CHANGE * d0 / d1, longest)
+    arguments[0][0] = min(max(t + h, interval.first), interval.last)
+    for i in range(len(x)):
+        y[i] = x[i] + h * K[0, i]
+    if not evaluate(rates, arguments, K[1]):
+        return 0.0
+    for i in range(len(x)):
+        K[1, i] -= K[0, i]
+    d2 = integral_errors(K[1], x, x, interval)
+    for i in range(count):
+        d2 += (K[1, i] / (atol + rtol * abs(x[i]))) ** 2
+    d2 = (d2 / count) ** 0.5 / h
+    steepest = max(d1, d2)
+    step = max(GUESS, h * 1e-3) if steepest <= FLAT else (CHANGE / steepest) ** -interval.tableau.exponent
+    return float(min(GROWTH * h, step, longest, interval.max_step))
+
+
+def squares(values: Array) -> Array:
+    """The sum of each column's squares, in one order whatever the number of columns."""
+    total = np.zeros(values.shape[1])
+    for row in values:
+        total += row * row
+    return total
+
+
+def first_lengths(rates: Callable[[Array, Array], Array], interval: Interval, x: Array, f: Array) -> Array:
+    """`first_length` of many motions, whose states and slopes are the columns of x and f."""
+    count, longest, exponent = interval.counted, interval.end - interval.begin, interval.tableau.exponent
+    scale = interval.atol + interval.rtol * np.abs(x[:count])
+
+    def size(v: Array) -> Array:
+        return np.asarray(np.sqrt(squares(v[:count] / scale) / count))
+
+    with np.errstate(all="ignore"):
+        d0, d1 = size(x), size(f)
+        h = np.minimum(np.where((d0 < UNKNOWN) | (d1 < UNKNOWN), GUESS, CHANGE * d0 / d1), longest)
+        d2 = size(rates(interval.begin + h, x + h * f) - f) / h
+        steepest = np.maximum(d1, d2)
+        step = np.where(steepest <= FLAT, np.maximum(GUESS, h * 1e-3), (CHANGE / steepest) ** -exponent)
+        return np.asarray(np.minimum(np.minimum(GROWTH * h, step), longest))
