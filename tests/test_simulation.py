@@ -347,7 +347,7 @@ class TestFailures:
         assert caught.value.time < 10.0
 
     def test_singular_mass_matrix_is_named(self):
-        
+
         ghost = rne.Robot(assemble("ghost", [Part(link="b"), Part(link="a", joint="j", kind="revolute", parent=0)]))
         with pytest.raises(rne.SimulationError, match="M is singular: nothing with inertia moves with 'j'"):
             rne.simulate(ghost, [0.0], [0.0], 1.0)
