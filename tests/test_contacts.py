@@ -126,8 +126,9 @@ def test_friction_that_is_known_is_no_contact_between_samples(arm, path):
     law = rne.control.computed_torque(arm, 400, 40, path)
     scene = rne.Scene(arm, controller=law, sample_time=0.01, friction=friction)
     motion = rne.simulate(scene, START[: arm.n] + 0.1, [0] * arm.n, 0.3, t_eval=t, method="RK45")
-    seen = MomentumObserver(arm, friction=friction).observe(t, motion.q, motion.qd, motion.tau, held=True)
-    assert seen.kind is None
+    observer = MomentumObserver(arm, friction=friction)
+    assert observer.observe(t, motion.q, motion.qd, motion.tau, held=True).kind is None
+    assert observer.observe(t, motion.q, motion.qd, motion.tau + 10.0, held=True).kind is not None
     assert MomentumObserver(arm).observe(t, motion.q, motion.qd, motion.tau, held=True).kind is not None
 
 
