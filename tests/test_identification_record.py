@@ -916,8 +916,8 @@ def test_a_record_that_jumps_cut_into_pieces_gets_a_cutoff_of_the_motion():
 def test_samples_lost_from_a_log_that_counts_them_on_are_found():
     """A logger numbers what it got: in 25 places all positions jump at once, and the record is cut there."""
     robot, rng = first_joints(), np.random.default_rng(0)
-    true = truth(robot, 10.0, seed=2)
-    kept, starts = np.ones(len(true.t), bool), np.sort(rng.choice(np.arange(100, 4900, 100), 25, replace=False))
+    true = truth(robot, 10.0, rate=250.0, seed=2)
+    kept, starts = np.ones(len(true.t), bool), np.sort(rng.choice(np.arange(50, 2450, 50), 25, replace=False))
     for start in starts:
         kept[start : start + 12] = False
     record = Record(true.t[: kept.sum()], true.q[kept], true.tau[kept])
