@@ -8,11 +8,13 @@ from scipy.signal import lfilter
 
 import rne
 from rne.identification import Record
-from rne.identification.log.filtering import MARGIN, choose_cutoff, derivatives, low_pass, motion_spectrum, settling
+from rne.identification.log.filtering import choose_cutoff, derivatives, low_pass, motion_spectrum, settling
 from rne.identification.log.screening import clipped, encoder_step
 
 from .helpers import first_joints, loaded
 from .measurements import measure, record, truth
+
+MARGIN = 4  # cut-offs
 
 RATE = 500.0
 LINEAR = 1e-12  # of the largest entry: rounding of a filter of fourth order, twice

@@ -9,9 +9,11 @@ import pytest
 import rne
 from rne.__main__ import main
 from rne.commands.motion_files import SampledMotion, filtered, noise, suggested_cutoff
-from rne.trajectories.csv_file import NAMES, UNITS
 
 from .helpers import kept, loaded
+
+NAMES = {"ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds"}
+UNITS = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}  # of a time, in a second
 
 END = np.array([1.0, -0.8, 0.6, 1.2, 0.5, -1.0])
 LINK = '<link name="{}"><inertial><mass value="1"/><origin xyz="1 0 0"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>'
