@@ -48,7 +48,8 @@ def torques(tmp_path, capsys):
         assert main(["torques", robot, str(file), "--out", str(out), *options]) == code
         said = capsys.readouterr()
         tau = np.loadtxt(out, delimiter=",", skiprows=1)[:, 1:] if code == 0 else None
-        return tau, said.out.splitlines(), said.err.splitlines()
+        warnings = [line for line in said.err.splitlines() if not line.startswith("  computing")]  # on a busy machine
+        return tau, said.out.splitlines(), warnings
 
     return run
 
