@@ -8,9 +8,8 @@ from collections.abc import Mapping
 import pytest
 
 import rne
-from rne.model.abb_irb140 import KD, KP
 
-from .helpers import Oracle, data_robots, kept, loaded
+from .helpers import KD, KP, Oracle, data_robots, kept, loaded
 from .random_robots import random_tree, straight_chain
 
 

@@ -16,6 +16,8 @@ from rne.validation.oracle import Oracle, each
 __all__ = [
     "EPS",
     "FIGURES",
+    "KD",
+    "KP",
     "ROOT",
     "Mimic",
     "Oracle",
@@ -34,6 +36,7 @@ __all__ = [
 
 ROOT = Path(__file__).parent.parent
 EPS = float(np.finfo(float).eps)
+KP, KD = (50.0,) * 5 + (60.0,), (20.0,) * 5 + (22.0,)  # the thesis's gains [N m/rad], [N m s/rad]
 FIGURES = [
     "6.2",
     "6.3",

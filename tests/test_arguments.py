@@ -20,7 +20,7 @@ from .random_robots import random_tree
 TREE = random_tree(3, seed=9)
 
 
-@settings(max_examples=40, deadline=None, derandomize=True)
+@settings(max_examples=20, deadline=None, derandomize=True)
 @given(mutually_broadcastable_shapes(num_shapes=3, max_dims=3, max_side=3), st.integers(0, 2**32 - 1))
 def test_leading_axes_broadcast_as_single_states_would(shapes, seed):
     rng = np.random.default_rng(seed)

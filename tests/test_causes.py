@@ -32,8 +32,9 @@ QUICK = {
     "ms": "gantry",
     "clipping": "gantry",
 }
-# of other short tests below, or found as others are: by time as "payload half-way", by unit as "ms"
+# of other short tests below, or found as others are: by time as "drift of friction", by unit as "ms"
 ELSEWHERE = {
+    "payload half-way",
     "swapped joints",
     "swapped torques",
     "gravity's direction",
@@ -279,7 +280,9 @@ def tilted(c):
         (interchanged, "joint order", (0, 1), r"are interchanged"),
         pytest.param(turned, "joint sign", (1,), r"turns the other way", marks=pytest.mark.long),
         (drifting, "offset drifts", (1,), r"drifts"),
-        (tilted, "gravity direction", (), r"along \(0\.[45]\d, -?0\.0\d, -0\.[89]\d\)"),
+        pytest.param(
+            tilted, "gravity direction", (), r"along \(0\.[45]\d, -?0\.0\d, -0\.[89]\d\)", marks=pytest.mark.long
+        ),
     ],
 )
 def test_the_likeliest_cause_of_a_kind_names_its_joints_and_direction(whole_log, fault, kind, joints, text):

@@ -120,6 +120,18 @@ def test_no_held_torque_without_a_contact_exceeds_the_threshold(arm, cases, path
     assert observer.observe(t, motion.q, motion.qd, motion.tau, held=True).kind is None
 
 
+def test_friction_that_is_known_is_no_contact_between_samples(arm, path):
+    """Rates bend between samples at which torques are held, and friction with them."""
+    friction, t = rne.Friction(viscous=20.0), np.linspace(0, 0.3, 31)
+    law = rne.control.computed_torque(arm, 400, 40, path)
+    scene = rne.Scene(arm, controller=law, sample_time=0.01, friction=friction)
+    motion = rne.simulate(scene, START[: arm.n] + 0.1, [0] * arm.n, 0.3, t_eval=t, method="RK45")
+    observer = MomentumObserver(arm, friction=friction)
+    assert observer.observe(t, motion.q, motion.qd, motion.tau, held=True).kind is None
+    assert observer.observe(t, motion.q, motion.qd, motion.tau + 10.0, held=True).kind is not None
+    assert MomentumObserver(arm).observe(t, motion.q, motion.qd, motion.tau, held=True).kind is not None
+
+
 def test_a_joint_that_dry_friction_holds_has_no_contact(two):
     """At rest friction may be anything up to the static one: pushes below it do not show, those above it do."""
     friction = rne.Friction(coulomb=2.0, static=3.0, smoothing=0)

@@ -118,6 +118,18 @@ class TestKernels:
         assert "another user owns it or may write to it" in caplog.text
 
     @pytest.mark.skipif(not OWN, reason="there are no owners")
+    @pytest.mark.parametrize("what", ["folder", "file"])
+    def test_a_folder_may_be_a_link_and_a_file_may_not(self, place, compilations, what):
+        """Whoever may write where a link leads could exchange the code."""
+        run_kernel()
+        (path,) = place.iterdir()
+        linked = place if what == "folder" else path
+        linked.rename(linked.with_name("elsewhere"))
+        linked.symlink_to(linked.with_name("elsewhere"))
+        run_kernel()
+        assert len(compilations) == (1 if what == "folder" else 2)
+
+    @pytest.mark.skipif(not OWN, reason="there are no owners")
     def test_what_another_user_owns_is_refused(self, place, compilations, monkeypatch):
         run_kernel()
         monkeypatch.setattr(os, "getuid", lambda: os.geteuid() + 1)

@@ -10,11 +10,20 @@ import pytest
 
 import rne
 from rne.__main__ import main
-from rne.kernels.source import LETTERS, entry_of_element, quantity_of_element
+from rne.kernels.source import entry_of_element, quantity_of_element
 from rne.kernels.trace import trace
 
 from .helpers import kept, states
 from .random_robots import straight_chain
+
+LETTERS = {
+    "mass_matrix": "m",
+    "coriolis_torque": "c",
+    "gravity_torque": "g",
+    "bias_torque": "h",
+    "inverse_dynamics": "tau",
+}
+LETTERS |= {"forward_dynamics": "qdd"}
 
 SAME = 1e-13  # of the largest entry: another order of a few operations
 APPENDIX_C = {

@@ -16,9 +16,9 @@ from examples.thesis.formulations import STARTS, THESIS
 from rne.basics.spatial import rotation_about
 from rne.control import pd_gravity
 from rne.model import cylinder_inertia
-from rne.model.abb_irb140 import CLOSED_LOOPS, KD, KP, LINKS, frame_rotation
+from rne.model.abb_irb140 import CLOSED_LOOPS, LINKS, frame_rotation
 
-from .helpers import ROOT, kept, relative, states
+from .helpers import KD, KP, ROOT, kept, relative, states
 from .test_closed_forms import planar_arm
 
 LAW = 1e-12  # of the largest entry

@@ -285,6 +285,17 @@ def test_a_stop_that_is_no_point_is_refused(stops, error, text):
         through([[0.0], [1.0]], stops=stops)
 
 
+def test_a_payload_that_is_given_is_one_on_the_robot(arm):
+    path = [[0.0] * 6, [0.5, 0.3, 0, 0, 0, 0]]
+    plain, loaded, on_robot = fastest(arm, path), fastest(arm, path, payload=3.0), fastest(arm.with_payload(3.0), path)
+    assert plain.duration < loaded.duration == on_robot.duration
+
+
+def test_at_every_time_some_joint_is_at_a_limit(arm):
+    rows = str(fastest(arm, [[0.0] * 6, [0.5, 0.3, 0, 0, 0, 0]], smoothing=0)).splitlines()[2:8]
+    assert sum(float(row.split()[4].rstrip("%")) for row in rows) >= 99
+
+
 def test_points_too_far_apart_for_numbers_are_refused():
     with pytest.raises(
         ValueError, match=r"^`points` are too far apart: the way exceeds the range of float64, got up to 1e"

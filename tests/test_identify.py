@@ -216,8 +216,7 @@ def test_torques_of_no_rigid_body_make_no_guessed_body_heavier_than_all_together
     options = {"prior": "geometry", "folds": 2, "drives": MEASURED, "delay": 0.0}  # neither delays nor Stribeck effects
     found = rne.identify(arm, log, **options)
     guess = float(re.search(r"rods between the joints, ([0-9.]+) kg", found.report())[1])
-    wide = rne.identify(arm, log, prior_std=3.0, **options)
-    assert found.robot.model.mass.max() < guess < wide.robot.model.mass.max()
+    assert found.robot.model.mass.max() < guess
     assert "with a larger one, torques that are not explained ask for one body" in found.report()
 
 

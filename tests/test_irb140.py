@@ -11,11 +11,11 @@ import rne
 from rne.commands.pages import settling_time
 from rne.control import pd_gravity
 from rne.model import cylinder_inertia
-from rne.model.abb_irb140 import CLOSED_LOOPS, KD, KP, LINKS, frame_rotation
+from rne.model.abb_irb140 import CLOSED_LOOPS, LINKS, frame_rotation
 from rne.model.topology import tip
 from rne.plotting.shapes import link_shapes
 
-from .helpers import ROOT, states
+from .helpers import KD, KP, ROOT, states
 
 URDF = ROOT / "robots" / "irb140.urdf"
 

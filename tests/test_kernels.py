@@ -450,6 +450,14 @@ def test_expressions_of_one_state_are_cut_where_they_are_nested_deeply(nested, l
     assert len(expressions(lower(graph, references(graph, objects([x])), 1))[0]) == lines
 
 
+def test_a_result_that_another_one_reads_too_is_written_once():
+    graph = Graph()
+    (x,) = inputs(graph, (1,), 0)
+    sine = x.sin()
+    lines, outputs = expressions(lower(graph, references(graph, objects([sine, sine * x])), 1))
+    assert "".join([*lines, *outputs]).count("sin(") == 1
+
+
 class TestRegisters:
     """Few registers are what lets large blocks stay in the cache."""
 

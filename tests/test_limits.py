@@ -8,10 +8,10 @@ import pytest
 
 import rne
 from rne.control import pd_gravity
-from rne.model.abb_irb140 import CLOSED_LOOPS, DATA_SHEET, KD, KP
+from rne.model.abb_irb140 import CLOSED_LOOPS, DATA_SHEET
 from rne.simulation.limits import Violation, limit_violations
 
-from .helpers import Mimic, Part, assemble, loaded
+from .helpers import KD, KP, Mimic, Part, assemble, loaded
 
 T = np.linspace(0, 10, 1001)
 

@@ -9,12 +9,13 @@ import rne
 from rne.identification import Record
 from rne.identification.fit.least_squares import least_squares
 from rne.identification.payload import body_of, doubts, possible_load
-from rne.identification.thresholds import DENSITY
 from rne.identification.two_sets import KINDS, load_map, two_sets
 from rne.model.standard_parameters import StandardParameters
 
 from .helpers import kept, loaded
 from .measurements import measure, truth
+
+DENSITY = 3000.0  # of the ball that a load is like where motions say nothing [kg/m^3]
 
 NOISE = 0.01  # of a joint's largest torque, standard deviation
 QUIET = 0.003  # of which three joints tell a load as well as six of NOISE

@@ -14,10 +14,11 @@ from PIL import Image
 
 import rne
 from rne.plotting.motions import motion_argument
-from rne.plotting.plots import DASHED
 
 from .helpers import EPS, kept
 from .random_robots import random_tree, straight_chain
+
+DASHED = (0, (4, 2))
 
 SAME = 1e-12  # relative to the largest value of a curve: polynomials through samples round
 UNITS = {"q": ("rad", "m"), "qd": ("rad/s", "m/s"), "qdd": ("rad/s²", "m/s²"), "tau": ("N m", "N")}

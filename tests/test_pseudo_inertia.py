@@ -7,16 +7,11 @@ import rne
 from rne.basics.spatial import point_mass_inertia
 from rne.kernels.graph import Graph
 from rne.kernels.scalar import inputs, is_traced
-from rne.model.parameters import (
-    DUALS,
-    PARAMETERS,
-    UNITS,
-    dual_of_gradient,
-    parameters_of_pseudo_inertia,
-    pseudo_inertia,
-)
+from rne.model.parameters import DUALS, UNITS, dual_of_gradient, parameters_of_pseudo_inertia, pseudo_inertia
 
 from .conftest import TREES
+
+PARAMETERS = 10  # of a body
 
 SAME = 1e-14  # of the largest entry: a few sums of products
 

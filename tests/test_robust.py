@@ -70,7 +70,7 @@ def largest_error_of_computed_torque(arm):
     return np.abs(run(exact, arm.with_payload(LARGEST, com=DEPTH), short_circle, duration=1.0)[1]).max()
 
 
-@pytest.mark.parametrize("name", ["robust", "passive", "sliding"])
+@pytest.mark.parametrize("name", kept(["robust", "passive", "sliding"], ["robust", "sliding"]))
 def test_error_keeps_the_stated_bound(arm, laws, name, largest_error_of_computed_torque):
     law = laws[name]
     _, error = run(law, arm.with_payload(LARGEST, com=DEPTH), short_circle, duration=1.0)

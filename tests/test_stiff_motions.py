@@ -10,12 +10,12 @@ import pytest
 import rne
 from rne.integrators import compiled_methods
 from rne.integrators.base import IntegrationOptions, Steps
-from rne.model.abb_irb140 import CLOSED_LOOPS, KD, KP
+from rne.model.abb_irb140 import CLOSED_LOOPS
 from rne.simulation import run
 from rne.simulation.method_choice import CHECKED, MethodMonitor, work_per_step
 from rne.simulation.plant import Plant
 
-from .helpers import kept
+from .helpers import KD, KP, kept
 from .random_robots import straight_chain
 from .test_compiled_motions import interpreted
 

@@ -8,9 +8,9 @@ from examples.thesis import appendix_c
 from examples.thesis.experiments import wrong_height
 from examples.thesis.formulations import irb140_mirrored, simulated
 from examples.thesis.loop_plots import inputs
-from rne.model.abb_irb140 import CLOSED_LOOPS, KD, KP
+from rne.model.abb_irb140 import CLOSED_LOOPS
 
-from .helpers import EPS, kept
+from .helpers import EPS, KD, KP, kept
 
 PI = np.pi
 STRETCHED_OUT = np.array([0, PI / 2, -PI / 2, 0, 0, 0])

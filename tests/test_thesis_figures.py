@@ -13,10 +13,12 @@ from examples.thesis.closed_loop import IDEAL, REST, VARIATIONS, loop_scene, out
 from examples.thesis.loop_plots import fine_grid, inputs, plot_errors
 from rne.model.abb_irb140 import CLOSED_LOOPS
 from rne.plotting import html_page
-from rne.plotting.plots import WIDTH, small_plots
+from rne.plotting.plots import small_plots
 from rne.plotting.robot_picture import small_picture
 
 from .helpers import FIGURES, kept
+
+WIDTH = 4.9  # of a figure [inch]
 
 PHONE = 358  # [px], width of a picture on a screen of 390 px
 READABLE = 11  # [px]

@@ -244,7 +244,7 @@ def test_generated_names_survive_a_round_trip(read):
     assert rne.to_urdf(loaded.model).count("<link") == 8
 
 
-@settings(max_examples=40, deadline=None, derandomize=True)
+@settings(max_examples=15, deadline=None, derandomize=True)
 @given(st.integers(0, 6), st.integers(0, 2**32 - 1), st.integers(0, 2))
 def test_written_robots_read_back(n, seed, mimics):
     import tempfile
@@ -276,7 +276,7 @@ def test_rpy_of_a_rotation_gives_the_rotation(rpy):
     np.testing.assert_allclose(rotation_from_rpy(rpy_from_rotation(R)), R, atol=1e-15 * 4)
 
 
-@settings(max_examples=100, deadline=None, derandomize=True)
+@settings(max_examples=60, deadline=None, derandomize=True)
 @given(st.data())
 def test_a_damaged_file_is_an_error_or_a_robot_never_a_crash(data):
     """Cut, repeat or replace pieces of a valid file: UrdfError or a Model, nothing else."""

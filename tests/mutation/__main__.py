@@ -40,7 +40,7 @@ class Run:
                 for m in broken:
                     (tree / m.file).write_bytes(m.broken(self.suite.tree))
                     os.utime(tree / m.file, (0, 0))  # another second than that of any bytecode
-                cpu = 30 + 5 * sum(map(self.suite.cost.get, order))
+                cpu = 15 + 5 * sum(map(self.suite.cost.get, order))
                 running[start(tree, log, order=order, cpu=cpu)] = broken, tree, log, stamps
             child, code, seconds = ended(running)
             broken, tree, log, stamps = running.pop(child)

@@ -8,7 +8,8 @@ import numpy as np
 
 import rne
 
-KP, KD = np.array([50.0] * 5 + [60.0]), np.array([20.0] * 5 + [22.0])  # the thesis's gains for the IRB 140
+from ..helpers import KD, KP
+
 SMALL = 1e-6  # [rad] away from the reference along the fastest mode
 STEPS = 100  # in which that must shrink
 HALVINGS = 6
@@ -32,7 +33,7 @@ class Loop(NamedTuple):
 
 def loop(robot, scale, q):
     """Of the thesis's gains times `scale`, with q as its reference."""
-    kp, kd = scale * KP, scale * KD
+    kp, kd = scale * np.array(KP), scale * np.array(KD)
     inverse = np.linalg.inv(robot.mass_matrix(q))
     A = np.block([[np.zeros((6, 6)), np.eye(6)], [-inverse * kp, -inverse * kd]])
     return Loop(rne.Scene(robot, controller=rne.control.pd_gravity(robot, kp, kd, q)), q, A)
