@@ -1,4 +1,4 @@
-"""Compare many random scenes: python -m tests.fuzz COUNT [START]."""
+"""Compare many random scenes: python -m tests.fuzz COUNT [START [ENGINE]]."""
 
 import os
 
@@ -11,11 +11,12 @@ import time
 from .comparison import check
 
 
-def main(count, start=0):
+def main(count, start=0, engine="numpy"):
     """Print every case that fails, and a summary."""
     kinds, reasons, begun = collections.Counter(), collections.Counter(), time.process_time()
-    for seed in range(start, start + count):
-        outcome = check(seed)
+    count = int(count)
+    for seed in range(int(start), int(start) + count):
+        outcome = check(seed, engine=engine)
         kinds[outcome.kind] += 1
         if outcome.kind == "failed":
             print(f"# seed {seed}: {outcome.words}\n{outcome.script}", flush=True)
@@ -28,4 +29,4 @@ def main(count, start=0):
 
 
 if __name__ == "__main__":
-    main(*map(int, sys.argv[1:]))
+    main(*sys.argv[1:])

@@ -85,11 +85,11 @@ class Case:
             return False
         return self.law["kind"] == "constant" or (self.law["kind"] in ("sines", "switch", "pd") and self.seed % 2 == 0)
 
-    def script(self):
+    def script(self, engine="numpy"):
         """A script of its own that runs the case by rne; the motion is `motion`."""
         lines = [HEAD, 'parts = [Part(link="root")]']
         lines += [f"parts += [{joint.text(k)}]" for k, joint in enumerate(self.joints)]
-        lines += [f'robot = rne.Robot(assemble("fuzz{self.seed}", parts, gravity={self.gravity}))']
+        lines += [f'robot = rne.Robot(assemble("fuzz{self.seed}", parts, gravity={self.gravity}), "{engine}")']
         base = self._base()
         if self.law is not None:
             law = LAWS["array" if self.as_torque and self.law["kind"] == "constant" else self.law["kind"]]

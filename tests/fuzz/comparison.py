@@ -30,29 +30,30 @@ class Outcome(NamedTuple):
     script: str = ""
 
 
-def check(seed, *, small=False):
+def check(seed, *, small=False, engine="numpy"):
     """Compare the motions of one seed."""
     case = draw(seed, small=small)
+    script = case.script(engine)
     exact, differs = _exact(case)
     try:
-        found, warned = simulated(case)
+        found, warned = simulated(script)
     except Exception as error:
         words = f"{type(error).__name__}: {error}"
-        return Outcome("chaotic" if exact is None else "failed", words, case.script())
+        return Outcome("chaotic" if exact is None else "failed", words, script)
     if exact is None:
         return Outcome("chaotic", differs)
     words = "; ".join(difference(found, exact))
     if words and warned:
-        return Outcome("refused", f"warned: {warned[0]}; {words}", case.script())
-    return Outcome("failed", words, case.script()) if words else Outcome("compared", "")
+        return Outcome("refused", f"warned: {warned[0]}; {words}", script)
+    return Outcome("failed", words, script) if words else Outcome("compared", "")
 
 
-def simulated(case):
-    """The motion by the case's own script, and the warnings it gave."""
+def simulated(script):
+    """The motion of a case's script, and the warnings it gave."""
     names: dict[str, Any] = {}
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        exec(case.script(), names)
+        exec(script, names)
     return names["motion"], [str(warning.message) for warning in caught]
 
 

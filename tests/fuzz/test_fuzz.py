@@ -1,6 +1,6 @@
 """Random scenes, every part of a scene with every other, against an integration that shares no code with rne's.
 
-Thousands of them: python -m tests.fuzz COUNT [START].
+Thousands of them: python -m tests.fuzz COUNT [START [ENGINE]].
 """
 
 from dataclasses import replace
@@ -46,7 +46,7 @@ def test_a_script_runs_alone_and_is_the_case(seed):
     case = draw(seed, small=True)
     names = {}
     exec(case.script(), names)
-    assert np.array_equal(names["motion"].q, simulated(case)[0].q)
+    assert np.array_equal(names["motion"].q, simulated(case.script())[0].q)
     assert names["robot"].model.nb == len(case.joints)
     assert names["motion"].q[0].tolist() == case.q0
 
