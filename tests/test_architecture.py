@@ -140,14 +140,10 @@ def test_every_entry_has_a_floor_and_there_are_few():
     assert len({name.split("/")[1] for name in listed.split()}) <= MAX_ENTRIES
 
 
-# Names that two classes still have.
-SHARED_NAMES = {"Residuals", "Samples", "Search", "Spectrum"}
-
-
 def test_class_names_occur_once():
     """A name that is read in an error or found by a search means one thing."""
     names = Counter(node.name for nodes in NODES.values() for node in nodes if isinstance(node, ast.ClassDef))
-    assert {name for name, count in names.items() if count > 1} <= SHARED_NAMES
+    assert {name for name, count in names.items() if count > 1} == set()
 
 
 def test_nothing_is_imported_that_is_not_installed():

@@ -12,7 +12,7 @@ from scipy.interpolate import CubicSpline
 import rne
 from rne.simulation.dry_friction import DryPlant
 from rne.simulation.plant import Plant
-from rne.simulation.zero_order_hold import Samples
+from rne.simulation.zero_order_hold import ControlSamples
 
 from .helpers import kept, relative, states
 from .random_robots import random_tree, straight_chain
@@ -630,7 +630,7 @@ class TestCornerCases:
         assert rne.simulate(scene, [0, 0], [0, 0], 0.0).tau[0] == pytest.approx([1.0, -1.0])
 
     def test_a_sample_is_held_from_its_time_on(self):
-        samples = Samples(np.array([0.0, 0.1, 0.2]), np.zeros((3, 4)), np.zeros((3, 2)), np.zeros((3, 0)))
+        samples = ControlSamples(np.array([0.0, 0.1, 0.2]), np.zeros((3, 4)), np.zeros((3, 2)), np.zeros((3, 0)))
         assert samples.held(np.array([0.0, 0.05, np.nextafter(0.1, 0), 0.1, 0.3])).tolist() == [0, 0, 0, 1, 2]
 
     def test_the_last_time_is_reached_whatever_the_sample_time(self, two):

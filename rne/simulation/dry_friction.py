@@ -19,7 +19,7 @@ from ..robot import Robot
 from .events import Event
 from .plant import Plant, state_function
 from .scene_dynamics import SceneDynamics
-from .zero_order_hold import Samples
+from .zero_order_hold import ControlSamples
 
 MAX_MODE_CHANGES, MAX_AT_ONE_TIME = 1000, 20
 AT_REST = 1e-12  # of the largest rate so far: rates below it count as zero
@@ -68,7 +68,7 @@ class DryPlant(Plant):
         self.frictionless = np.maximum(*self.statics) == 0  # without friction, never sticks
         self.fastest = 0.0  # largest rate so far [rad/s or m/s]
         self.changes, self.begun, self.at_once = 0, -np.inf, 0
-        self.samples: Callable[[], Samples] | None = None  # where they are taken between two steps
+        self.samples: Callable[[], ControlSamples] | None = None  # where they are taken between two steps
         self.overloaded: list[int] = []  # joints that broke away in the event that just happened
         self.asked, self.last_margins = np.zeros((0, n)), np.zeros((0, n))
 

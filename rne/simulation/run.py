@@ -24,7 +24,7 @@ from .friction import creep
 from .method_choice import MethodMonitor, fastest_joint
 from .plant import Plant
 from .trajectory import Trajectory, between
-from .zero_order_hold import MAX_EVALUATIONS, Samples, ZeroOrderHold
+from .zero_order_hold import MAX_EVALUATIONS, ControlSamples, ZeroOrderHold
 
 FEWEST = 8  # steps taken at first, where an event may throw them away or someone wants to know how far the run is
 LONGEST = 1000  # steps taken at once
@@ -77,7 +77,7 @@ class RunResult(NamedTuple):
     task: Task
     reported: Instants
     before: Instants | None  # just before what ends a segment; None where samples alone do
-    samples: Samples | None  # of a controller that is sampled
+    samples: ControlSamples | None  # of a controller that is sampled
     status: int
     ending: str
     failure: Failure | None

@@ -16,7 +16,7 @@ from .scene import Scene
 MAX_EVALUATIONS = 20_000  # of the right-hand side between two samples, some hundred times what a stable loop takes
 
 
-class Samples(NamedTuple):
+class ControlSamples(NamedTuple):
     """Samples of a controller: times (k,), states (k, 2 n), torques (k, n), and the controller's states (k, m)."""
 
     t: Array
@@ -49,7 +49,7 @@ class ZeroOrderHold:
         law = scene.traced_samples
         self.traced = None if law is None else plant.robot._kernels.scene_kernel(law.outputs)  # where it is traced
         none = np.zeros(0), np.zeros((0, 2 * scene.n)), np.zeros((0, scene.n)), np.zeros((0, len(self.state)))
-        self.table = [Samples(*none)]
+        self.table = [ControlSamples(*none)]
         self.count, self.evaluations_before = 0, 0  # samples, and evaluations before the last one
         self.limit, self.change = self.bounds()
         plant.law, plant.sampled = None, np.zeros(scene.n)  # the solver sees torques that are held
@@ -68,7 +68,7 @@ class ZeroOrderHold:
         self.plant.sampled = u
         if callable(getattr(self.scene.controller, "delivered", None)):
             self.scene.controller.delivered(u.copy())
-        self._append(Samples(np.array([t]), x[None, : 2 * n], u[None], self.state[None]))
+        self._append(ControlSamples(np.array([t]), x[None, : 2 * n], u[None], self.state[None]))
         self.evaluations_before = self.plant.evaluations
 
     def bounds(self) -> Array:
@@ -80,7 +80,7 @@ class ZeroOrderHold:
     def note(self, samples: tuple[Array, ...], states: Array, evaluations: int) -> None:
         """Samples were taken in machine code: with the controller's states at the last and the next one."""
         t, x, u, z = samples
-        self._append(Samples(t, x[:, : 2 * self.scene.n], u, z))
+        self._append(ControlSamples(t, x[:, : 2 * self.scene.n], u, z))
         self.state, self.next_state = states
         self.plant.sampled, self.evaluations_before = samples[2][-1], evaluations
 
@@ -99,19 +99,21 @@ class ZeroOrderHold:
             samples = self.samples()
             k = self.count = int(np.searchsorted(samples.t, t, side="right"))
             self.next_state, self.state, self.plant.sampled = samples.z[k], samples.z[k - 1], samples.u[k - 1]
-            self.table = [Samples(*(part[:k] for part in samples))]
+            self.table = [ControlSamples(*(part[:k] for part in samples))]
 
     def finish(self, t: float, x: Array) -> None:
         """The run ends at t: what was sampled behind it is void, and what follows a sample there counts."""
         self.rewind(t)
         if t >= self.next:
             u = np.asarray(self.plant.sampled)
-            self.table.append(Samples(np.array([t]), x[None, : 2 * self.scene.n], u[None], self.next_state[None]))
+            self.table.append(
+                ControlSamples(np.array([t]), x[None, : 2 * self.scene.n], u[None], self.next_state[None])
+            )
 
-    def samples(self) -> Samples:
+    def samples(self) -> ControlSamples:
         """All samples so far."""
         if len(self.table) > 1:
-            self.table = [Samples(*(np.concatenate(parts) for parts in zip(*self.table, strict=True)))]
+            self.table = [ControlSamples(*(np.concatenate(parts) for parts in zip(*self.table, strict=True)))]
         return self.table[0]
 
     def stability(self) -> str:
