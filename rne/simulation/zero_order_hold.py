@@ -84,7 +84,7 @@ class ZeroOrderHold:
         self.state, self.next_state = states
         self.plant.sampled, self.evaluations_before = samples[2][-1], evaluations
 
-    def _append(self, samples: Samples) -> None:
+    def _append(self, samples: ControlSamples) -> None:
         self.table.append(samples)
         self.count += len(samples.t)
 
