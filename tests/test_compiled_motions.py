@@ -304,7 +304,7 @@ def test_a_step_that_is_cut_ends_exactly_at_the_end():
         return True
 
     problem, steps = Problem(at_rest, arguments, interval), Storage(T, X, K, H, count, work)
-    assert runge_kutta.take_steps(problem, end, runge_kutta.GO_ON, steps) == 1
+    assert runge_kutta.take_steps(problem, end, runge_kutta.CONTINUE, steps) == 1
     assert T[1] == end
 
 

@@ -536,6 +536,26 @@ class TestDryFrictionOfSeveralJoints:
         assert motion.energy_drift <= 1e-6
 
 
+class Stribeck(rne.Friction):
+    """A friction law of a user's own."""
+
+    extra = 0.0
+
+    def coulomb_torque(self, qd):
+        return super().coulomb_torque(qd) * (1 + self.extra)
+
+
+def test_equal_parts_make_equal_scenes_and_a_friction_of_ones_own_is_its_own(two):
+    scenes = [rne.Scene(two, friction=rne.Friction(viscous=v, coulomb=1.0)) for v in (1.0, 1.0, 2.0)]
+    assert scenes[0].kernel is scenes[1].kernel is not scenes[2].kernel
+    ends = []
+    for extra in (0.0, 0.5, 1.0):
+        own = Stribeck(viscous=1.0, coulomb=1.0)
+        object.__setattr__(own, "extra", extra)
+        ends.append(rne.simulate(rne.Scene(two, friction=own), [1.0, 0.5], [0, 0], 0.5).dissipated["coulomb"][-1])
+    assert ends[0] < ends[1] < ends[2]
+
+
 class TestCornerCases:
     def test_drift_is_counted_from_the_start_not_the_first_sample(self, two):
         late = rne.simulate(

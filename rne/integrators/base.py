@@ -183,7 +183,7 @@ class Solver(ABC):
         self.h, self.max_step = 0.0, max_step
 
     def resume(self, system: System, t: float, x: Array, end: float) -> None:
-        """Go on after a jump of the inputs with the length of the last step, or try the first as far as the end."""
+        """Restart after the inputs changed, with the last step's length, or the whole interval's if there is none."""
         self.system, self.t, self.x, self.end, self.h = system, t, x, end, self.h or end - t
 
     @property

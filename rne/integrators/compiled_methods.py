@@ -20,7 +20,7 @@ from ..kernels.kernel import Kernel
 from . import rosenbrock, runge_kutta
 from .base import RODAS, IntegrationOptions, Interpolant, Sampler, Solver, Steps, System
 from .loops import compiled
-from .runge_kutta import AFTER_A_JUMP, ANEW, GO_ON
+from .runge_kutta import CONTINUE, KEEP_LENGTH, RESTART
 from .scipy_methods import SciPySolver
 from .step_control import Problem, Storage
 from .tableaus import tableau
@@ -98,17 +98,17 @@ class CompiledSolver(Solver):
     def __init__(self, options: IntegrationOptions, kernel: Kernel) -> None:
         super().__init__(options)
         self.rates, self.tableau = kernel.address(), tableau(options.method)
-        self.how, self.by_scipy = ANEW, 0
+        self.how, self.by_scipy = RESTART, 0
 
     def start(self, system: System, t: float, x: Array, end: float, max_step: float = np.inf) -> None:
         """Begin at time t, where no step before says how long the first one is to be."""
         super().start(system, t, x, end, max_step)
-        self.how = ANEW
+        self.how = RESTART
 
     def resume(self, system: System, t: float, x: Array, end: float) -> None:
-        """Go on after a jump of the inputs with the length of the last step, or try the first as far as the end."""
+        """Restart after the inputs changed, with the last step's length, or the whole interval's if there is none."""
         super().resume(system, t, x, end)
-        self.how, self.f = AFTER_A_JUMP, np.zeros(len(x))
+        self.how, self.f = KEEP_LENGTH, np.zeros(len(x))
 
     @property
     def note(self) -> str:  # type: ignore[override]
@@ -134,7 +134,7 @@ class CompiledSolver(Solver):
         """The block, behind which the next one begins."""
         T, X, K, H, count, _ = work
         self.system.evaluations += int(count.sum())
-        self.t, self.x, self.h, self.how = float(T[taken]), X[taken], float(H[taken]), GO_ON
+        self.t, self.x, self.h, self.how = float(T[taken]), X[taken], float(H[taken]), CONTINUE
         self.f = K[taken - 1, len(self.tableau.B)]
         return Block(self, T[: taken + 1], X[: taken + 1], K[:taken], u, U)
 
@@ -143,7 +143,7 @@ class CompiledSolver(Solver):
         solver = SciPySolver(self.options)
         solver.start(self.system, self.t, self.x, end, self.max_step, min(self.h, end - self.t) if self.h > 0 else None)
         steps = solver.steps(1)
-        self.t, self.x, self.h, self.how = float(steps.T[-1]), steps.X[-1], float(solver.scipy.h_abs), AFTER_A_JUMP
+        self.t, self.x, self.h, self.how = float(steps.T[-1]), steps.X[-1], float(solver.scipy.h_abs), KEEP_LENGTH
         return steps
 
     def extend(self, block: Block) -> None:

@@ -1,7 +1,7 @@
-"""Loops in machine code around kernels: what a loop's text may call, and its compilation.
+"""Loops in machine code around kernels: what a loop may call, and its compilation.
 
-A loop's text is Python that works on arrays of float64 or int64, C-contiguous, on numbers and on tuples of these, named
-or not. It allocates nothing, raises nothing, and calls only `evaluate`, texts marked by `inline` and functions of
+The source of a loop is Python that works on contiguous arrays of float64 or int64, numbers and tuples of these, named
+or not. It allocates nothing, raises nothing, and calls only `evaluate`, functions marked by `inline` and those of
 `math`. Run as it stands it is the same algorithm with functions in place of addresses. Numba translates it once; what
 LLVM makes of that is kept on disk, so that other processes need no Numba.
 """
@@ -48,7 +48,7 @@ def evaluate(function: Any, arguments: tuple[Array, ...], out: Array) -> bool:
 
 
 def inline(text: Text) -> Text:
-    """Mark a text that other texts call."""
+    """Mark a function that compiled loops may call."""
     INLINED.append(text)
     return text
 

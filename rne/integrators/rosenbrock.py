@@ -144,7 +144,7 @@ def add(weights: Any, count: Any, factor: Any, U: Any, total: Any) -> None:
 
 @inline
 def solve_stage(S: Any, G: Any, n: Any, c: Any, by_time: Any, f: Any, b: Any, u: Any) -> None:
-    """A stage from f, the right-hand side without f_t, whose factor gamma_i h is `by_time`."""
+    """Solve (I / (h gamma) - J) u = f + gamma_i h f_t for one stage; `by_time` is gamma_i h."""
     rows, size = len(b), len(f)
     counted = n + rows
     for i in range(rows):
@@ -165,9 +165,9 @@ def solve_stage(S: Any, G: Any, n: Any, c: Any, by_time: Any, f: Any, b: Any, u:
 def take_steps(problem: Any, slopes: Any, steps: Any) -> int:
     """Steps into the storage from T[0] and X[0] on; how many.
 
-    `slopes` is a function and its arguments t, x, qdd and inputs; it shares t and x with the right-hand side. In place
-    of slopes the storage has the interpolants' vectors P, (steps, 3, size), and count[0] and [1] gain the evaluations
-    of right-hand side and slopes. `work` is what `workspace` makes.
+    `slopes` is the function for the Jacobian of the equations of motion and its arguments t, x, qdd and inputs; it
+    shares t and x with the right-hand side. The storage has the vectors P of the interpolants, (steps, 3, size), and
+    count[0] and count[1] gain the evaluations of right-hand side and Jacobian. `work` is what `workspace` makes.
     """
     rates, state, interval = problem
     end, first, last, rtol, atol = interval.end, interval.first, interval.last, interval.rtol, interval.atol

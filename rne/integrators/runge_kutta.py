@@ -11,7 +11,7 @@ from typing import Any
 from .loops import combine, copy, evaluate, inline
 from .step_control import Storage, error_norm, first_length, shortest_step, step_factor
 
-GO_ON, AFTER_A_JUMP, ANEW = 0, 1, 2  # how the first step begins: with slope and length, with its length, with neither
+CONTINUE, KEEP_LENGTH, RESTART = 0, 1, 2  # the first step: slope and length are known, the length, neither
 
 
 @inline
@@ -29,13 +29,13 @@ def stage(problem: Any, t: Any, x: Any, h: Any, row: Any, K: Any, s: Any, c: Any
 @inline
 def begin(problem: Any, how: Any, steps: Any) -> bool:
     """The first slope and the first step's length, as far as `how` asks for them; True if they are valid."""
-    if how == GO_ON:
+    if how == CONTINUE:
         return True
     t, x, K = steps.T[0], steps.X[0], steps.K[0]
     steps.evaluations[0] += 1
     if not stage(problem, t, x, 0.0, problem.interval.tableau.B, K, 0, 0.0):
         return False
-    if how == ANEW:
+    if how == RESTART:
         steps.evaluations[0] += 1
         steps.H[0] = first_length(problem, t, x, K)
     return bool(steps.H[0] > 0)
@@ -133,7 +133,7 @@ def take_samples(law: Any, problem: Any, period: Any, how: Any, steps: Any, samp
             begun[number[1]] = step
             if number[0] == 0:
                 H[step] = period  # the first step is tried as far as the next sample
-            how = AFTER_A_JUMP if H[step] > 0 else ANEW
+            how = KEEP_LENGTH if H[step] > 0 else RESTART
             number[0] += 1
             number[1] += 1
         next_sample = number[0] * period

@@ -83,7 +83,7 @@ class Plant:
 
     @cached_property
     def slopes(self) -> Kernel:
-        """Exact derivatives of the equations of motion by x, a and t."""
+        """The Jacobian of the equations of motion R(t, x, a) = 0 by x, by the accelerations a and by t."""
         return self.robot._kernels.scene_kernel(self.dynamics.residual, "x", "a", "t")
 
     @property

@@ -26,9 +26,12 @@ from .plant import Plant
 from .trajectory import Trajectory, between
 from .zero_order_hold import MAX_EVALUATIONS, ControlSamples, ZeroOrderHold
 
-FEWEST = 8  # steps taken at first, where an event may throw them away or someone wants to know how far the run is
-LONGEST = 1000  # steps taken at once
-LEAST = (2.3e-14, 1e-20)  # tolerances: 100 roundings in float64, as SciPy's solvers demand, and far below any state
+# Steps per call of the solver: at first, where an event may throw them away or progress is reported, and at most
+FIRST_STEPS, MAX_STEPS = 8, 1000
+MIN_TOLERANCES = (
+    2.3e-14,
+    1e-20,
+)  # tolerances: 100 roundings in float64, as SciPy's solvers demand, and far below any state
 # Of the run that is compared with another one: times smaller tolerances; the other has an error too; comparisons a step
 FINER, MARGIN, COMPARED = 100.0, 1.1, 8
 EPS = float(np.finfo(np.float64).eps)
@@ -123,8 +126,8 @@ class RunResult(NamedTuple):
         steps = t if task.t_eval is None else self.repeat(task._replace(t_eval=None)).reported.t
         times = between(steps, COMPARED)
         run = self.repeat(task._replace(t_eval=times))
-        factor = 1 / FINER if task.rtol / FINER >= LEAST[0] else FINER
-        finer = task._replace(rtol=task.rtol * factor, atol=max(task.atol * factor, LEAST[1]), t_eval=times)
+        factor = 1 / FINER if task.rtol / FINER >= MIN_TOLERANCES[0] else FINER
+        finer = task._replace(rtol=task.rtol * factor, atol=max(task.atol * factor, MIN_TOLERANCES[1]), t_eval=times)
         again = self.repeat(finer._replace(x0=task.x0 * (1 + EPS), method=run.method, is_auto=False))
         count = min(len(run.reported.t), len(again.reported.t))  # a stop may have come earlier
         difference = np.abs(run.reported.x[:count, :n] - again.reported.x[:count, :n]).max(axis=1, initial=0.0)
@@ -235,7 +238,7 @@ class Run:
         self.solver = _solver(plant, task, task.method, hold)
         self.t, self.x = 0.0, task.x0.copy()
         self.stop: Stop | None = None
-        self.most = FEWEST  # steps taken at once
+        self.most = FIRST_STEPS  # steps taken at once
         self.monitor = MethodMonitor(plant, hold, task.method, task.duration, may_change=task.is_auto)
         self.record = Recorder(task.t_eval, len(task.x0))
         known = task.t_eval is not None or (hold is not None and not plant.sticks)  # from the samples
@@ -278,10 +281,10 @@ class Run:
         events: list[Event] = [*self.plant.events, *self.task.stops]
         modes_may_change = self.solver.takes_samples and self.plant.sticks  # at any sample
         if not resumes:
-            self.most = FEWEST if events or self.task.progress else LONGEST
+            self.most = FIRST_STEPS if events or self.task.progress else MAX_STEPS
         solver = self.solver  # of this segment: another one may take over at its end
         while solver.is_running:
-            steps = solver.steps(min(self.most, LONGEST if self.solver.takes_samples else self.monitor.steps_to_look))
+            steps = solver.steps(min(self.most, MAX_STEPS if self.solver.takes_samples else self.monitor.steps_to_look))
             self.most = 2 * self.most
             crossing = first_crossing(events, steps)
             count = len(steps.T) - 1 if crossing is None else crossing.step + 1

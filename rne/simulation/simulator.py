@@ -22,7 +22,7 @@ from .dry_friction import DryPlant
 from .events import check_within_stops, stops
 from .method_choice import choose_method, has_rodas5p
 from .plant import Plant
-from .run import LEAST, Run, RunResult, Task
+from .run import MIN_TOLERANCES, Run, RunResult, Task
 from .scene import Scene
 from .scene_dynamics import SceneDynamics
 from .trajectory import Trajectory
@@ -157,7 +157,7 @@ def _run(scene: Scene, dynamics: SceneDynamics, law_name: str, task: Task) -> Ru
 def tolerances(rtol: float, atol: float) -> tuple[float, float]:
     """Both tolerances; a ValueError for one that rounding exceeds, so that steps would shrink without end."""
     checked = positive_number("rtol", rtol), positive_number("atol", atol)
-    for name, value, least in zip(("rtol", "atol"), checked, LEAST, strict=True):
+    for name, value, least in zip(("rtol", "atol"), checked, MIN_TOLERANCES, strict=True):
         if value < least:
             raise ValueError(f"`{name}` must be at least {least:g}, as rounding errors exceed less, got {value:g}")
     return checked

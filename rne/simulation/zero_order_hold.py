@@ -94,7 +94,7 @@ class ZeroOrderHold:
         return self.count * self.period
 
     def rewind(self, t: float) -> None:
-        """What was sampled behind t is void."""
+        """Drop the samples after t."""
         if self.count and t < self.table[-1].t[-1]:
             samples = self.samples()
             k = self.count = int(np.searchsorted(samples.t, t, side="right"))

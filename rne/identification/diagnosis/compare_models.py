@@ -215,6 +215,8 @@ def linear_hypotheses(data: TorqueDifference) -> Iterator[Hypothesis]:
             return f"it has more {noun}: {listed(parts)}"
 
         yield Hypothesis(kind, columns, text, numbers="few")
+    together = {single for _, symbols in OF_FEW_JOINTS.values() for single in symbols}
+    yield from (h for h in singles if h.kind not in together)
     yield from other_inertias(data)
     yield from other_bodies(data)
 
@@ -413,7 +415,7 @@ def candidates(data: TorqueDifference, hypotheses: Sequence[Hypothesis]) -> list
     """All hypotheses, the best first; two at a time only where none alone explains the difference."""
     linear = [replace(h, columns=columns_of(data, h)) for h in (*linear_hypotheses(data), *hypotheses)]
     linear.sort(key=lambda h: h.numbers != "switches")
-    changes, left = without_numbers(data, [h for h in linear if h.numbers == "switches"])
+    changes, left = without_free_numbers(data, [h for h in linear if h.numbers == "switches"])
 
     def nearest(number: int, known: Hypothesis | None = None) -> Iterator[Candidate]:
         rest = left
@@ -434,10 +436,10 @@ def candidates(data: TorqueDifference, hypotheses: Sequence[Hypothesis]) -> list
     return sorted(filter(None, found), key=lambda c: (not c.explains, c.score))
 
 
-def without_numbers(
+def without_free_numbers(
     data: TorqueDifference, switches: Sequence[Hypothesis]
 ) -> tuple[list[tuple[float, Callable[[], Candidate]]], Array]:
-    """Conventions, and switches alone or all of a kind: alternatives, candidates, and what few states leave."""
+    """Hypotheses without free numbers, conventions and switches: alternatives, candidates, residuals at few states."""
 
     def judged(x: Convention) -> Candidate:
         return data.candidate(

@@ -165,9 +165,9 @@ def hypotheses_argument(given: Any) -> tuple[Hypothesis, ...]:
 
 
 def likely_causes(rest: FitResiduals, hypotheses: Sequence[Hypothesis] = ()) -> tuple[tuple[Cause, ...], Array | None]:
-    """Causes whose score is evident, of each kind and joints the best: first those that explain what friction cannot.
+    """The best cause of each kind and joints whose score is evident, and the columns of the best linear hypothesis.
 
-    With the columns of the likeliest of those that have columns.
+    Causes that explain what friction cannot come first.
     """
     beyond = rest.beyond_friction
     found = [judge(rest, h) for kind in (declined_drives, friction) for h in kind(rest)]
