@@ -232,7 +232,7 @@ def test_a_second_motion_is_drawn_dashed_in_the_same_colours(swing, sampled):
         assert (two.get_legend() is None) == (one.get_legend() is None)
         if one.get_legend() is not None:
             assert legend(two) == legend(one)
-    assert both.get_suptitle() == "Solid: motion, by RK45; dashed: other, by DOP853"
+    assert both.get_suptitle() == "Solid: motion, by Tsit5; dashed: other, by DOP853"
 
 
 def test_a_measurement_is_compared_where_it_has_the_quantity(swing):
