@@ -195,6 +195,21 @@ def test_report_and_check_name_joints_and_parameters(found, motions):
     assert repr(check).startswith("Check(motion ")
 
 
+def test_a_record_of_other_joints_is_no_motion_to_predict(found):
+    t = np.linspace(0, 5, 501)
+    with pytest.raises(
+        ValueError, match=r"^`record` must be of \d joints, as the robot, got one of 2: give the names of "
+    ):
+        found.check(Record(t, np.zeros((501, 2)), np.zeros((501, 2))))
+
+
+def test_parameters_that_stand_for_several_are_told_with_their_combination(found):
+    lines = found.report().splitlines()
+    where = lines.index("Base parameters that stand for a combination of several:")
+    combined = [text for name, text in zip(found.base.names, found.base.formulas, strict=True) if text != name]
+    assert [line.strip() for line in lines[where + 1 : where + 1 + len(combined)]] == combined
+
+
 def test_a_guess_from_the_geometry_is_prior_enough(scene):
     """Masses are not known at all; torques are predicted as well."""
     motion = truth(scene, 20.0, rate=250.0, seed=1)

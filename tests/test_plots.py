@@ -14,8 +14,10 @@ from PIL import Image
 
 import rne
 from rne.plotting.motions import motion_argument
+from rne.plotting.plots import small_plots
+from rne.plotting.robot_picture import small_picture
 
-from .helpers import EPS, kept
+from .helpers import EPS, first_joints, kept
 from .random_robots import random_tree, straight_chain
 
 DASHED = (0, (4, 2))
@@ -500,3 +502,26 @@ def test_names_are_shown_as_they_are(swing):
     figure.draw_without_rendering()
     (legend,) = {tuple(text.get_text() for text in ax.get_legend().get_texts()) for ax in figure.axes[:1]}
     assert [name.replace("\u200b", "").replace(r"\$", "$") for name in legend] == names
+
+
+@pytest.mark.parametrize("n", [1, 3])
+def test_torques_over_speeds_have_a_panel_for_each_joint_and_one_legend(n):
+    robot = first_joints(n).with_limits(effort=[250.0, 250, 150][:n])
+    figure = rne.plotting.torque_speed(rne.drives(robot, rne.trajectories.quintic([0.0] * n, [1.0] * n, 1.0)))
+    assert len(figure.axes) == n
+    (legend,) = figure.legends
+    assert {text.get_text() for text in legend.get_texts()} == {"cycle", "peak", "rms", "limits"}
+
+
+def test_pictures_for_narrow_pages_are_of_one_size(swing, spread):
+    for _, draw in small_plots(swing):
+        assert draw().get_size_inches().tolist() == [4.9, 2.9]
+    heights = [rne.plotting.quantile_plot(spread, joints=spread.model.joint_names[:n]).get_figheight() for n in (1, 2)]
+    assert heights[0] > heights[1]
+
+
+def test_the_legend_of_a_small_picture_is_below_the_robot(irb140):
+    figure = small_picture(irb140, np.zeros(6))
+    (legend,) = figure.legends or [ax.get_legend() for ax in figure.axes]
+    figure.draw_without_rendering()
+    assert legend.get_window_extent().y1 <= figure.bbox.height / 2

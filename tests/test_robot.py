@@ -87,3 +87,14 @@ def test_joint_order_without_the_parents_of_links(irb140):
             assert depth_first.index(tree.moving_joints[tree.parent[i]]) < depth_first.index(joint)
     with pytest.raises(rne.ModelError, match=r"^`link_parent` must have 8 entries, got 2$"):
         dataclasses.replace(irb140.model, link_parent=(-1, 0))
+
+
+def test_jacobians_of_a_point_are_those_of_the_link_and_its_turning(irb140):
+    """v + w x r of a point r beside the link's origin, and the rate along a motion by central differences."""
+    q, qd, point, h = *states(6, seed=3)[:2], np.array([0.1, -0.2, 0.3]), 1e-6
+    J, of_point = irb140.jacobian(q, "tool0"), irb140.jacobian(q, "tool0", point)
+    r = irb140.link_poses(q)[irb140.link_names.index("tool0"), :3, :3] @ point
+    np.testing.assert_allclose(of_point[:3], J[:3], atol=1e-14)
+    np.testing.assert_allclose(of_point[3:], J[3:] + np.cross(J[:3], r, axis=0), atol=1e-14)
+    ahead, behind = (irb140.jacobian(q + s * h * qd, "tool0", point) for s in (1, -1))
+    np.testing.assert_allclose(irb140.jacobian_rate(q, qd, "tool0", point), (ahead - behind) / (2 * h), atol=1e-7)
