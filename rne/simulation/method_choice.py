@@ -45,7 +45,7 @@ SAME_SPAN = 1e-4
 
 
 class MethodMonitor:
-    """Looks at a run every so many steps.
+    """Decides, every 100 steps or more, whether a run goes on with another method, and refuses laws that chatter.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ class MethodMonitor:
         return self.next_look - self.count
 
     def changes_method(self, steps: Steps) -> bool:
-        """Steps were taken, as far as the next look at most: True if the run goes on with another method."""
+        """Take note of steps; True if the run goes on with another method."""
         last = slice(max(1, len(steps.T) - CHECKED - 1), None)
         self.recent.extend(zip(steps.T[last].tolist(), steps.X[last], strict=True))
         self.count += len(steps.T) - 1
@@ -247,9 +247,10 @@ def choose_method(plant: Plant, x0: Array, duration: float, hold: ZeroOrderHold 
         method = stiff_method(plant)
         if method == "LSODA" and hold is not None and times > STIFF:
             method = "Radau"  # LSODA, which begins anew at each sample with short steps, needs more
-        why = f"stiff, the fastest mode at the start decays at {decay:.4g} 1/s, {times:.3g} {over} (> {bound:g})"
+        why = f"stiff, the largest decay rate at the start, {decay:.4g} 1/s, times {over} is {times:.3g} (> {bound:g})"
     else:
-        why = f"not stiff, no mode at the start decays faster than {decay:.4g} 1/s, {times:.3g} {over} (<= {bound:g})"
+        rate = f"the largest decay rate at the start, {decay:.4g} 1/s"
+        why = f"not stiff, {rate}, times {over} is {times:.3g} (<= {bound:g})"
     return method, f"{method}: {why}"
 
 
@@ -258,9 +259,9 @@ def stiffness(plant: Plant, hold: ZeroOrderHold | None, decay: float, left: floa
     if hold is not None:
         in_machine_code = plant.is_compiled and hold.traced is not None
         bound = STIFF_MACHINE_CODE if in_machine_code else STIFF_SAMPLE
-        return decay * hold.period, bound, "times between two samples"
+        return decay * hold.period, bound, "the sample time"
     sticks = plant.is_compiled and plant.sticks
-    return decay * left, STIFF_STICKING if sticks else STIFF, "times over the run"
+    return decay * left, STIFF_STICKING if sticks else STIFF, "the duration"
 
 
 def explicit_method(hold: ZeroOrderHold | None) -> str:
