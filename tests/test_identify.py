@@ -8,8 +8,8 @@ import pytest
 
 import rne
 from rne.identification import Record
-from rne.identification.diagnosis.checking import without_gaps
 from rne.identification.fit.least_squares import least_squares
+from rne.identification.result import without_gaps
 from rne.model.parameters import pseudo_inertia
 
 from . import faulty_logs as faults

@@ -1,6 +1,5 @@
 """From measurements to a model: motions that excite it, records of motions, their fit, and how far to trust it."""
 
-from .diagnosis.checking import Check
 from .diagnosis.compare_models import Candidate, ModelComparison, compare_models
 from .diagnosis.hypotheses import Cause, Hypothesis
 from .diagnosis.rigid_body_test import Consistency, EnergyBalance
@@ -12,7 +11,7 @@ from .log.record import Record
 from .log.screening import RecordFinding
 from .model_fit import identify
 from .payload import PayloadEstimate, identify_payload
-from .result import Identification
+from .result import Check, Identification
 
 __all__ = [
     "Candidate",
