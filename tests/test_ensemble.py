@@ -327,7 +327,8 @@ class TestLanes:
     @pytest.mark.parametrize("count", [3, lanes.LANES + 3])
     @pytest.mark.parametrize("method", ["DOP853", "RK45", "rk4", "semi-implicit-euler"])
     def test_are_the_rows(self, plain, chain, starts, count, method):
-        kernel, fixed = rne.Scene(chain).kernel, method in FIXED
+        law = rne.traceable(lambda t, q, qd: rne.elementwise.tanh(10 * t) + 0 * q)
+        kernel, fixed = rne.Scene(chain, controller=law).kernel, method in FIXED
         times, grid = np.array([0.05, 0.07, 0.2]), np.linspace(0, 0.2, 21 if fixed else 0)
         t_eval, positions = grid[[5, 7, 20]] if fixed else times, 2 * (method == FIXED[1])
         options = {"t_eval": t_eval, "grid": grid, "positions": positions}
@@ -355,6 +356,19 @@ class TestLanes:
         assert left.tolist() == [0, 7, 11]
         rest = np.delete(np.arange(12), left)
         np.testing.assert_allclose(X[0, rest], x[rest], atol=1e-7)
+
+    def test_states_to_be_examined_are_finished_by_rows(self, plain, chain, starts):
+        q, qd = (x[:3].copy() for x in starts)
+        qd[1] = 3e8, -2e8
+        runs, expected = (rne.ensemble(rne.Robot(chain.model, e), q, qd, 1e-9) for e in ("numba", "numpy"))
+        np.testing.assert_allclose(runs.q, expected.q, rtol=1e-9)  # rounding, as above
+        assert runs.evaluations <= 1.1 * expected.evaluations
+
+    def test_a_gentle_motion_is_not_taken_for_stiff(self, plain, chain, starts, monkeypatch):
+        monkeypatch.setattr(lanes, "LOOK", 1)  # at every step, whatever the pace
+        monkeypatch.setattr(lanes, "SLOW", 0)
+        runs = rne.ensemble(rne.Robot(chain.model, "numba"), *(x[:3] for x in starts), 0.05, method="RK45")
+        assert runs.method == "RK45"
 
     @pytest.mark.parametrize("method", ["RK45", "rk4"])
     def test_calls_of_few_evaluations_give_the_same_bits(self, plain, chain, starts, monkeypatch, method):

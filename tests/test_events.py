@@ -172,6 +172,16 @@ def test_a_joint_that_can_be_held_stays_when_another_turns_back():
     np.testing.assert_allclose(motion.q[-1], [0.0, -0.4375], atol=1e-9)
 
 
+def test_a_joint_that_can_be_held_stays_when_another_breaks_away():
+    """Blocks on crossed rails, held by 2 N: the first under -1 N, the second under 3 N, against which 0.5 N slide."""
+    parts = [Part(link="base")]
+    for k, axis in enumerate((X, (0.0, 1.0, 0.0))):
+        parts.append(Part(link=f"l{k}", joint=f"j{k}", kind="prismatic", parent=k, axis=axis, mass=1.0))
+    robot = rne.Robot(assemble("crossed", parts, gravity=(0, 0, 0)))
+    motion = rne.simulate(dry(robot, 0.5, 2.0), [0, 0], [0, 0], 1.0, torque=[-1.0, 3.0])
+    np.testing.assert_allclose(motion.q[-1], [0.0, 1.25], atol=1e-9)
+
+
 @pytest.mark.parametrize("duration", kept([0.06, 0.6], [0.06]))
 def test_an_arm_that_follows_small_sines_against_dry_friction(irb140, duration):
     """Stiff control, 50 mrad at 2 rad/s: every joint stops and breaks away; once 26 mrad wrong. The second way: breaks

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from ..basics.spatial import Array
+from ..basics.text import counted
 from ..errors import NotFiniteError
 from ..kernels.kernel import Kernel
 from . import rosenbrock, runge_kutta
@@ -113,7 +114,7 @@ class CompiledSolver(Solver):
     @property
     def note(self) -> str:  # type: ignore[override]
         """For the message of a run."""
-        return f"in machine code{f', {self.by_scipy} steps by SciPy' if self.by_scipy else ''}"
+        return "in machine code" + (f", {counted(self.by_scipy, 'step')} by SciPy" if self.by_scipy else "")
 
     def steps(self, max_steps: int) -> Steps:
         """The next steps, at most so many."""

@@ -178,7 +178,7 @@ class Plant:
         """Torques of the drives at many times, within their limits, zero without drives, shape (T, n)."""
         if self.dynamics.law is not None:
             found = self.robot._kernels.scene_kernel(self.dynamics.drive_torques).evaluate(t[:, None], X)[0]
-            return np.asarray(found, dtype=np.float64)
+            return np.asarray(found)
         drives, _ = self.dynamics.drives(t[:, None], X, self.torques_at(t, X) if u is None else u)
         return np.zeros((len(t), self.robot.n)) if drives is None else np.asarray(drives, dtype=np.float64)
 
