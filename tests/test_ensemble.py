@@ -11,7 +11,7 @@ import pytest
 
 import rne
 from rne.integrators import lanes
-from rne.integrators.rows import NEEDS_RECURSION, run_rows
+from rne.integrators.rows import NEEDS_RECURSION, STIFF, run_rows
 from rne.integrators.step_control import Interval
 from rne.integrators.tableaus import FIXED, tableau
 from rne.kernels import Kernel
@@ -102,6 +102,21 @@ def test_a_process_pool_gives_the_same(chain, starts):
     with ProcessPoolExecutor(2) as pool:
         there = rne.ensemble(chain, *starts, 0.1, step=0.01, executor=pool)
     assert np.abs(here.q - there.q).max() <= 1e-13
+
+
+def test_few_motions_make_two_shares_in_numpy(chain, starts):
+    """Side by side, 20 cost about as much as 40."""
+
+    class Counting(ThreadPoolExecutor):
+        count = 0
+
+        def submit(self, *arguments):
+            self.count += 1
+            return super().submit(*arguments)
+
+    with Counting(2) as pool:
+        rne.ensemble(chain, *starts, 0.01, step=0.01, executor=pool)
+    assert pool.count == 2
 
 
 def test_a_client_is_taken_for_its_executor(chain, starts):
@@ -364,11 +379,16 @@ class TestLanes:
         np.testing.assert_allclose(runs.q, expected.q, rtol=1e-9)  # rounding, as above
         assert runs.evaluations <= 1.1 * expected.evaluations
 
-    def test_a_gentle_motion_is_not_taken_for_stiff(self, plain, chain, starts, monkeypatch):
-        monkeypatch.setattr(lanes, "LOOK", 1)  # at every step, whatever the pace
+    @pytest.mark.parametrize(("viscous", "code"), [(0.1, 0), (5000.0, STIFF)])
+    def test_stiff_motions_alone_are_left(self, plain, chain, starts, monkeypatch, viscous, code):
+        monkeypatch.setattr(lanes, "LOOK", 10)  # steps, whatever the pace
         monkeypatch.setattr(lanes, "SLOW", 0)
-        runs = rne.ensemble(rne.Robot(chain.model, "numba"), *(x[:3] for x in starts), 0.05, method="RK45")
-        assert runs.method == "RK45"
+        x, X = np.concatenate(starts, axis=1)[:3], np.full((1, 3, 4), np.nan)
+        t_eval = np.array([min(0.2, 5 / viscous)])
+        interval = Interval(tableau("RK45"), 0.0, t_eval[0], -np.inf, np.inf, 1e-6, 1e-9, 4, t_eval=t_eval, watched=1)
+        kernel = rne.Scene(chain, friction=rne.Friction(viscous=viscous)).kernel
+        found = lanes.run_lanes(interval, kernel, np.zeros((3, 0)), x, X, lambda count: None)
+        assert found.code.tolist() == [code] * 3
 
     @pytest.mark.parametrize("method", ["RK45", "rk4"])
     def test_calls_of_few_evaluations_give_the_same_bits(self, plain, chain, starts, monkeypatch, method):
