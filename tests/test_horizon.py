@@ -110,6 +110,7 @@ def test_between_two_steps_the_horizon_is_where_an_exponential_passes_the_accura
     motion = replace(rne.simulate(irb140, Q0, 0 * Q0, 0.01), error_estimate=lambda: (t, 1e-8 * np.exp(2 * t)))
     for accuracy in (3e-8, 1e-6, 1e-4):
         assert motion.trusted_horizon(accuracy) == pytest.approx(np.log(accuracy / 1e-8) / 2, rel=1e-12)
+    assert motion.trusted_horizon(1e-9) == 0.0
     assert motion.trusted_horizon(1.0) == 5.0
 
 

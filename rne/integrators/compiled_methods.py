@@ -247,8 +247,8 @@ class RosenbrockSolver(Solver):
 
     def _take(self, max_steps: int, loop: Callable[..., int], functions: tuple[Any, Any]) -> Steps:
         system, n, size, count = self.system, self.n, len(self.x), np.zeros(2, dtype=np.int64)
-        T, X, P = np.empty(max_steps + 1), np.empty((max_steps + 1, size)), np.empty((max_steps, 3, size))
-        H, work = np.empty(max_steps + 1), rosenbrock.workspace(n, system.counted, size)
+        (T, H), X, P = np.empty((2, max_steps + 1)), np.empty((max_steps + 1, size)), np.empty((max_steps, 3, size))
+        work = rosenbrock.workspace(n, system.counted, size)
         T[0], X[0], H[0] = self.t, self.x, self.h or FIRST * (self.end - self.t)
         time, x, *held = arguments = _arguments(size, None if system.held is None else np.array(system.held))
         slopes = functions[1], (time, x, np.empty(n), *held)
