@@ -64,13 +64,17 @@ def free(request):
 
 @pytest.fixture(scope="module")
 def driven(free):
-    """All that a compiled right-hand side may have: a law of time and state, friction, limits."""
+    """All that a compiled right-hand side may have: a law of time and state, friction, limits.
+
+    Friction is smooth, so that accuracy, not stability, limits the steps: otherwise roundings place them.
+    """
 
     @rne.traceable
     def law(t, q, qd):
         return 3 * np.sin(5 * t) - 2 * q - 0.5 * qd
 
-    parts = {"controller": law, "friction": rne.Friction(viscous=0.1, coulomb=0.2), "effort_limit": [2.0] * 2}
+    parts = {"controller": law, "friction": rne.Friction(viscous=0.1, coulomb=0.2, smoothing=0.3)}
+    parts["effort_limit"] = [2.0] * 2
     return [rne.Scene(robot, **parts) for robot in free]
 
 
@@ -197,7 +201,8 @@ def test_samples_while_joints_stick_and_slip(free, method, monkeypatch):
         assert len(got.jumps) == len(expected.jumps)
         for name in ("t", "q", "qd", "qdd", "tau", "work", "controller_state", "jumps", "qdd_before", "tau_before"):
             one, other = (np.asarray(getattr(motion, name)) for motion in (got, expected))
-            np.testing.assert_allclose(one, other, rtol=1e-6, atol=1e-7 * np.abs(other).max(initial=0.0), err_msg=name)
+            tolerance = 2e-6 * np.abs(other).max(initial=0.0)  # twice that of the runs, at instants of events too
+            np.testing.assert_allclose(one, other, rtol=1e-6, atol=tolerance, err_msg=name)
 
 
 def test_evaluations_are_counted_from_the_last_sample(free, monkeypatch):

@@ -556,6 +556,75 @@ def test_equal_parts_make_equal_scenes_and_a_friction_of_ones_own_is_its_own(two
     assert ends[0] < ends[1] < ends[2]
 
 
+class Held:
+    """A law whose limit and gain can be changed."""
+
+    traceable = True
+
+    def __init__(self, gain=30.0, limit=100.0):
+        self.gain, self.limit = gain, limit
+
+    def __call__(self, t, q, qd):
+        return rne.elementwise.clip(-self.gain * q - 5 * qd, -self.limit, self.limit)
+
+
+@pytest.mark.parametrize("anew", [True, False], ids=["new scene", "same scene"])
+@pytest.mark.parametrize("sample_time", [None, 0.01])
+def test_a_law_that_was_changed_runs_as_it_is_now(two, sample_time, anew):
+    """Also where no torque of small states shows the change."""
+    law = Held()
+    scene = rne.Scene(two, controller=law, sample_time=sample_time)
+    largest = []
+    for limit in (100.0, 40.0, 30.0):
+        law.limit = limit
+        scene = rne.Scene(two, controller=law, sample_time=sample_time) if anew else scene
+        largest.append(np.abs(rne.simulate(scene, [4.0, 4.0], [0, 0], 0.05).tau).max())
+    assert largest == [100.0, 40.0, 30.0]
+
+
+def test_a_motion_remembers_the_law_that_it_ran_under(two):
+    law = Held(gain=10.0)
+    motion, same = (rne.simulate(rne.Scene(two, controller=law), [1.0, 0.0], [0, 0], 0.2) for _ in range(2))
+    expected = same.tau, same.error_estimate()[1]
+    law.gain = 1.0
+    rne.simulate(rne.Scene(two, controller=law), [1.0, 0.0], [0, 0], 0.2)
+    assert np.array_equal(motion.tau, expected[0])
+    assert np.array_equal(motion.error_estimate()[1], expected[1])
+
+
+@pytest.mark.parametrize("options", [{"t_eval": [0.2, 0.3]}, {}])
+@pytest.mark.parametrize("sample_time", [None, 0.01])
+def test_a_failure_before_the_first_report_is_told_where_joints_stick(two, options, sample_time):
+    begin = 0.1 if options else 0.0
+    scene = rne.Scene(
+        two,
+        friction=rne.Friction(coulomb=1.0, smoothing=0),
+        controller=lambda t, q, qd: np.full(2, np.nan if t >= begin else 5.0),
+        sample_time=sample_time,
+    )
+    with pytest.raises(rne.SimulationError, match="torque of 'joint0' is nan") as caught:
+        rne.simulate(scene, [0.1, 0.1], [0, 0], 0.3, **options)
+    assert caught.value.trajectory.tau.shape == (0, 2)
+
+
+def test_nothing_moves_where_all_joints_are_locked_and_friction_is_dry(two):
+    locked = dict.fromkeys(two.joint_names, 0.1)
+    scene = rne.Scene(
+        two, locked=locked, friction=rne.Friction(coulomb=1.0, smoothing=0), controller=lambda t, q, qd: q
+    )
+    assert rne.simulate(scene, [], [], 1.0).t.tolist() == [0, 1]
+
+
+@pytest.mark.parametrize("sample_time", [None, 0.01])
+def test_rates_of_a_controllers_states_that_become_nan_are_named(two, sample_time):
+    def law(t, q, qd, z):
+        return -q, np.array([0.0, np.nan if t > 0.05 else 1.0])
+
+    law.states = 2
+    with pytest.raises(rne.SimulationError, match=r"rate of state 1 of the controller is nan at t = 0\.0"):
+        rne.simulate(rne.Scene(two, controller=law, sample_time=sample_time), [0.1, 0.1], [0, 0], 0.2)
+
+
 class TestCornerCases:
     def test_drift_is_counted_from_the_start_not_the_first_sample(self, two):
         late = rne.simulate(

@@ -197,7 +197,10 @@ class SampledSolver(CompiledSolver):
             samples = work.T[begun], work.X[begun, : 2 * n], U[begun], Z[: len(begun)]
             sampler.note(samples, z, self.system.evaluations + int(work.evaluations[: begun[-1]].sum()))
         if taken:
-            return self._taken(taken, work, u, U[:taken])
+            block = self._taken(taken, work, u, U[:taken])
+            if len(begun) and begun[-1] == taken:  # the slope there is that before the sample
+                self.how = KEEP_LENGTH
+            return block
         if self.t >= sampler.next:
             sampler.sample(self.t, self.x)
         return self._step_by_scipy(min(sampler.next, self.end))

@@ -99,6 +99,12 @@ class KernelCache:
             return by_recursion(function, self.model, arrays, wrt, {})[0]
         return self.scene_kernel(function, *wrt).evaluate(*arrays)[0]
 
+    def keep_scene(self, kernel: Kernel) -> None:
+        """Keep a kernel of a scene under its function."""
+        key = kernel.function, kernel.wrt, *kernel.fixed.items()
+        self._scenes.pop(key, None)
+        self._scenes.get_or_make(key, lambda: kernel)
+
     def has_scene(self, function: Declared, *wrt: str) -> bool:
         """True if the kernel of a function of a scene, or of its derivatives, is kept."""
         return (function, wrt) in self._scenes

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from functools import cache, cached_property
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from functools import cache, cached_property, partial
+from types import FunctionType, MethodType, ModuleType
 from typing import Any
 
 import numpy as np
@@ -38,8 +41,40 @@ def call_law(law: Any, t: Any, x: Array, n: int) -> tuple[Any, Any]:
     return returned
 
 
+def state_of(value: Any, above: frozenset[int] = frozenset()) -> Any:
+    """What an object is now, to notice that it was changed: numbers and arrays by value, objects by what they hold.
+
+    Robots and all else of this package but laws and references never change. `above` has the objects that hold it.
+    """
+    if isinstance(value, np.ndarray):
+        return value.shape, value.dtype.str, value.tobytes() if value.dtype != object else repr(value)
+    if isinstance(value, bool | int | float | complex | str | bytes | None):
+        return repr(value)
+    of_package, *module = type(value).__module__.split(".")
+    if id(value) in above or (of_package == "rne" and module[0] not in ("control", "trajectories")):
+        return id(value)
+    above |= {id(value)}
+    if isinstance(value, list | tuple | set | frozenset):
+        return type(value), tuple(state_of(part, above) for part in value)
+    parts: dict[Any, Any] = dict(value) if isinstance(value, Mapping) else {}
+    if is_dataclass(value) and not isinstance(value, type):  # without what it keeps of its own accord
+        parts |= {field.name: getattr(value, field.name) for field in fields(value)}
+    elif isinstance(value, MethodType):
+        parts |= {"self": value.__self__, "function": value.__func__}
+    elif isinstance(value, partial):
+        parts |= {"function": value.func, "arguments": value.args, "named": value.keywords}
+    elif not isinstance(value, type | ModuleType):
+        parts |= getattr(value, "__dict__", {})
+    if isinstance(value, FunctionType):
+        cells = zip(value.__code__.co_freevars, value.__closure__ or (), strict=True)
+        parts |= {name: cell.cell_contents for name, cell in cells}
+        parts |= {name: value.__globals__.get(name) for name in value.__code__.co_names}
+        parts |= {"defaults": (value.__defaults__, value.__kwdefaults__)}
+    return id(value), tuple((str(name), state_of(part, above)) for name, part in parts.items())
+
+
 class TracedLaw:
-    """A law marked by `rne.traceable`, for the kernels of a scene; equal to that of the same law.
+    """A law marked by `rne.traceable`, for the kernels of a scene; equal to that of the same law in the same state.
 
     Parameters
     ----------
@@ -50,15 +85,18 @@ class TracedLaw:
 
     def __init__(self, law: Any, n: int) -> None:
         self.law, self.n, self.states = law, n, int(getattr(law, "states", 0))
+        self.state = hash(state_of(law))  # its parameters are constants of kernels
 
     def __reduce__(self) -> tuple[Any, ...]:
         return TracedLaw, (self.law, self.n)
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, TracedLaw) and self.law is other.law and self.n == other.n
+        if not isinstance(other, TracedLaw):
+            return NotImplemented
+        return self.law is other.law and (self.n, self.state) == (other.n, other.state)
 
     def __hash__(self) -> int:
-        return hash((id(self.law), self.n))
+        return hash((id(self.law), self.n, self.state))
 
     def __call__(self, t: Any, x: Array) -> tuple[Array, Array | None]:
         """(torques, dz/dt); times have shape (..., 1).
@@ -116,7 +154,7 @@ class TracedLaw:
     def why_not_traced(self, robot: Robot) -> str | None:
         """Why the law must be called: it cannot be traced, or its trace differs from calls. None if it is traced.
 
-        Its parameters are constants of kernels, which are forgotten where it has changed since they were traced.
+        Kernels are forgotten where a change of the law that its state does not show changes its torques.
         """
         kernels = robot._kernels
         was_traced = kernels.has_scene(self.outputs)
@@ -134,7 +172,10 @@ class TracedLaw:
     def _error_of_trace(self, robot: Robot) -> float:
         """Largest difference between traced and called torques in some states, relative where they exceed 1."""
         kernel, (t, x) = robot._kernels.scene_kernel(self.outputs), _trials(TRIALS, 2 * self.n + self.states)
-        called, _ = self.outputs.evaluate(robot.model, t, x)
+        with np.errstate(all="ignore"):
+            called = self._core(robot.model, t, x)
+        if called.dtype != np.float64 or not np.isfinite(called).all():
+            called, _ = self.outputs.evaluate(robot.model, t, x)  # names what is wrong
         scales = np.abs(called).max(axis=1, initial=1.0)
         return float((np.abs(kernel(t, x) - called).max(axis=1, initial=0.0) / scales).max())
 

@@ -47,6 +47,8 @@ class Plant:
         self.counted = dynamics.counted  # entries of the state that are held to the tolerances
         self.kernel = robot._kernels.scene_kernel(self._function)
         self.sampled: Array | None = None  # torques (n,) of a sampled controller since its last sample
+        # As it is now: a law may be changed before someone asks for torques.
+        self._law_kernel = None if dynamics.law is None else robot._kernels.scene_kernel(dynamics.law.outputs)
         self.evaluations, self.status = 0, OK  # the status of the worst state so far
         self.span = (-np.inf, np.inf)  # times at which torques are evaluated: inside the segment, between its breaks
         self._time = np.zeros(1)  # t as an argument of the kernel
@@ -85,6 +87,12 @@ class Plant:
     def slopes(self) -> Kernel:
         """The Jacobian of the equations of motion R(t, x, a) = 0 by x, by the accelerations a and by t."""
         return self.robot._kernels.scene_kernel(self.dynamics.residual, "x", "a", "t")
+
+    def keep_kernels(self) -> None:
+        """Have the cache find the kernels of this run, so that it is repeated with the law as it was."""
+        for kernel in (self.kernel, self._law_kernel):
+            if kernel is not None:
+                self.robot._kernels.keep_scene(kernel)
 
     @property
     def smooth(self) -> Plant:
@@ -132,7 +140,7 @@ class Plant:
         u, rates = call_law(self.law, t, x, self.robot.n)
         if rates is None:
             return checked_torques(self.law_name, u, self.robot, t)
-        slopes = real_array("rates of the controller's states", rates, f"({self.dynamics.states},)")
+        slopes = checked_state_rates(rates, self.dynamics.states, t)
         return np.concatenate([checked_torques(self.law_name, u, self.robot, t), slopes])
 
     def __call__(self, t: float, x: Array) -> Array:
@@ -176,9 +184,10 @@ class Plant:
 
     def drive_torques(self, t: Array, X: Array, u: Array | None = None) -> Array:
         """Torques of the drives at many times, within their limits, zero without drives, shape (T, n)."""
-        if self.dynamics.law is not None:
-            found = self.robot._kernels.scene_kernel(self.dynamics.drive_torques).evaluate(t[:, None], X)[0]
-            return np.asarray(found)
+        if self._law_kernel is not None:
+            found = self._law_kernel.evaluate(t[:, None], X[:, : self._law_kernel.widths[1]])[0][:, : self.robot.n]
+            limit = self.dynamics.effort_limit
+            return np.asarray(found if limit is None else np.clip(found, -np.array(limit), limit))
         drives, _ = self.dynamics.drives(t[:, None], X, self.torques_at(t, X) if u is None else u)
         return np.zeros((len(t), self.robot.n)) if drives is None else np.asarray(drives, dtype=np.float64)
 
@@ -272,6 +281,15 @@ def checked_torques(name: str, returned: Any, robot: Robot, t: float) -> Array:
     if error is not None:
         raise error
     return tau.astype(np.float64)
+
+
+def checked_state_rates(returned: Any, m: int, t: float) -> Array:
+    """What a law returned as the rates of its m states."""
+    rates = np.asarray(returned)
+    if rates.shape == (m,) and rates.dtype.kind == "f" and not np.isfinite(rates).all():
+        i = int(np.argmin(np.isfinite(rates)))
+        raise NotFiniteError(f"rate of state {i} of the controller is {rates[i]} at t = {t:.6g} s", t)
+    return real_array("rates of the controller's states", returned, f"({m},)")
 
 
 def _not_finite(tau: Array, robot: Robot, t: float) -> NotFiniteError | None:

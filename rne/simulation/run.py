@@ -121,6 +121,7 @@ class RunResult(NamedTuple):
         rounding already, they are coarser, and the difference is an upper bound.
         """
         assert self.repeat is not None
+        self.plant.keep_kernels()
         t, n, task = self.reported.t, self.plant.robot.n, self.task._replace(progress=None)
         task = task._replace(duration=float(t[-1]) if len(t) else 0.0)  # of a run that failed or was stopped
         steps = t if task.t_eval is None else self.repeat(task._replace(t_eval=None)).reported.t
@@ -206,6 +207,8 @@ def _torques_and_accelerations(
 ) -> tuple[Array, Array, Failure | None]:
     """Torques and accelerations of every instant up to the first that is not finite or where M is singular."""
     t, x, qdd = instants
+    if not len(t):
+        return np.zeros((0, plant.robot.n)), np.zeros((0, plant.robot.n)), None
     try:
         u = plant.torques_at(t, x) if u is None else u
         if qdd is None:

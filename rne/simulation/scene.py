@@ -214,7 +214,7 @@ class Scene:
 
     @cached_property
     def _dynamics_with_law(self) -> SceneDynamics:
-        return self._dynamics("none", self._law)
+        return self._dynamics("none", self.__dict__["_law_before"])
 
     @cached_property
     def _dynamics_without_law(self) -> SceneDynamics:
@@ -235,17 +235,25 @@ class Scene:
             None if limit is None or self.controller is None or is_held else inertia,
         )
 
-    @cached_property
+    @property
     def _law(self) -> TracedLaw:
-        return TracedLaw(self.controller, self.n)
+        """The controller as it is now."""
+        law = TracedLaw(self.controller, self.n)
+        before: TracedLaw | None = self.__dict__.get("_law_before")
+        if before == law:
+            return before
+        self.__dict__["_law_before"] = law
+        self.__dict__.pop("_dynamics_with_law", None)
+        return law
 
     def _traced_law(self) -> TracedLaw | None:
         """The controller, if it is traced; a line on the logger if it is marked as traceable but cannot be."""
         if not getattr(self.controller, "traceable", False):
             return None
-        reason = self._law.why_not_traced(self.resolved.robot)
+        law = self._law
+        reason = law.why_not_traced(self.resolved.robot)
         if reason is None:
-            return self._law
+            return law
         if self.sample_time is None and _announced.get(id(self.controller)) is not self.controller:
             LOGGER.warning("`controller` is called, not traced: %s", reason)
             with suppress(TypeError):  # an object without weak references

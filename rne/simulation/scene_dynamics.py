@@ -151,10 +151,6 @@ class SceneDynamics:
         needed = inverse_dynamics.core(model, x[..., : self.n], x[..., self.n : 2 * self.n], a)
         return np.concatenate([needed - net, *further], axis=-1)
 
-    def drive_torques_core(self, model: Model, t: Array, x: Array) -> Any:
-        """Torques of the drives under a traced law, within their limits, traced."""
-        return self.drives(t, x, None)[0]
-
     def _balance(self, model: Model, t: Array, x: Array, u: Array) -> tuple[Any, ...]:
         """Accelerations, loads, net torques without dry friction, rates of further states, M's diagonal, pivots.
 
@@ -211,7 +207,8 @@ class SceneDynamics:
         """One of the functions, with the lengths of its arguments: t, x, perhaps a, and u where there are inputs."""
         inputs = (self.n + self.states if self.torque_given else 0) + (2 * self.n if modes else 0)
         widths: dict[str, int | None] = {"t": 1, "x": self.size}
-        widths |= {name: width for name, width in (("a", self.n * a), ("u", inputs)) if width}
+        widths |= {"a": self.n} if a else {}
+        widths |= {"u": inputs} if modes or self.torque_given else {}
         how |= {"core": getattr(self, f"{name}_core"), "moments": True, "base_parameters": True}
         return MethodQuantity(self, Quantity(name=name, widths=widths, **how), title)
 
@@ -225,11 +222,6 @@ class SceneDynamics:
     def residual(self) -> MethodQuantity:
         """The equations of motion, whose slopes linearise the motion."""
         return self._declared("residual", "the equations of motion", a=True)
-
-    @cached_property
-    def drive_torques(self) -> MethodQuantity:
-        """Torques of the drives under a traced law."""
-        return self._declared("drive_torques", "the torque of the drives")
 
     @cached_property
     def right_hand_side_under_modes(self) -> MethodQuantity:

@@ -44,8 +44,9 @@ class Derived:
     def __get__(self, motion: Any, owner: type) -> Any:
         if motion is None:
             return self  # as the default of the field: not given
+        run = motion.run  # another thread may set it to None
         if self.name not in motion.__dict__:
-            motion.__dict__.update({**motion.run.derived(), **motion.__dict__, "run": None})
+            motion.__dict__.update({**run.derived(), **motion.__dict__, "run": None})
         return motion.__dict__[self.name]
 
     def __set__(self, motion: Any, value: Any) -> None:

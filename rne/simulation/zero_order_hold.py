@@ -6,11 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..basics.arrays import real_array
 from ..basics.spatial import Array
 from ..control.gains import check_gains
 from .control_law import call_law
-from .plant import Plant, checked_torques
+from .plant import Plant, checked_state_rates, checked_torques
 from .scene import Scene
 
 MAX_EVALUATIONS = 20_000  # of the right-hand side between two samples, some hundred times what a stable loop takes
@@ -60,8 +59,7 @@ class ZeroOrderHold:
         self.state = self.next_state
         returned, rates = call_law(self.scene.controller, t, np.concatenate([x[: 2 * n], self.state]), n)
         if rates is not None:
-            slopes = real_array("rates of the controller's states", rates, f"({len(self.state)},)")
-            self.next_state = self.state + self.period * slopes
+            self.next_state = self.state + self.period * checked_state_rates(rates, len(self.state), t)
         u = np.clip(checked_torques(self.plant.law_name, returned, self.plant.robot, t), -self.limit, self.limit)
         if self.count:
             u = np.clip(u, held - self.change, held + self.change)
