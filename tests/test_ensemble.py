@@ -318,7 +318,9 @@ class TestSequentialRun:
 
     def test_a_failure_is_named(self, chain):
         scene = rne.Scene(chain, controller=lambda t, q, qd: q * np.nan if q[0] > 1 else q)
-        with pytest.raises(rne.SimulationError, match=r"^start 1: simulation stopped at t = 0 s of 0.1 s: torque of") as e:
+        with pytest.raises(
+            rne.SimulationError, match=r"^start 1: simulation stopped at t = 0 s of 0.1 s: torque of"
+        ) as e:
             rne.ensemble(scene, [[0.5, 0], [1.5, 0]], np.zeros((2, 2)), 0.1)
         assert e.value.time == 0.0
         assert e.value.trajectory.q.shape[1] == 2
