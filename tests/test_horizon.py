@@ -82,7 +82,8 @@ def test_the_other_run_has_other_tolerances(rtol, factor):
     """Tighter by 100, or looser where tighter ones are below rounding."""
     asked, t = [], np.linspace(0, 1, 11)
     task = Task(np.ones(2), 1.0, "LSODA", rtol, 1e-9, is_auto=True)
-    of_plant = SimpleNamespace(robot=SimpleNamespace(n=1)), task, Instants(t, np.zeros((11, 2)))
+    plant = SimpleNamespace(robot=SimpleNamespace(n=1), keep_kernels=lambda: None)
+    of_plant = plant, task, Instants(t, np.zeros((11, 2)))
     run = RunResult(*of_plant, None, None, 0, "", None, "DOP853", repeat=lambda other: asked.append(other) or run)
     run.position_errors()
     again = asked[-1]
