@@ -97,6 +97,13 @@ def test_an_event_that_touches_zero_and_turns_back_has_not_happened():
     assert first_crossing([lambda t, X, u: event(t, X, u) + 1e-6], steps).t == pytest.approx(0.43, abs=1e-5)
 
 
+def test_a_value_that_a_sample_makes_positive_ends_the_step_before():
+    steps = TimeItself([0.0, 1.0, 2.0, 3.0])
+    steps.U = np.array([[0.0], [0.0], [1.0]])
+    found = first_crossing([lambda t, X, u: u[:, 0] - 0.5], steps)
+    assert (found.step, found.event, found.t, found.x.tolist()) == (1, None, 2.0, [2.0])
+
+
 def test_an_error_of_an_event_counts_before_a_crossing_only():
     def event(t, X, u):
         if (t > last).any():

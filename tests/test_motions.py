@@ -164,11 +164,12 @@ class TestJumps:
 
 
 def test_a_motion_of_which_no_jumps_are_told_is_a_curve(swing):
-    untold = {"jumps", "qdd_before", "tau_before", "run"}
+    untold = {"jumps", "qdd_before", "tau_before", "run", "at_steps"}
     told = [f.name for f in fields(rne.Trajectory) if f.name not in untold]
     motion = rne.Trajectory(**{name: getattr(swing, name) for name in told})
     np.testing.assert_array_equal(motion(0.51)[1], swing(0.51)[1])
     np.testing.assert_array_equal(motion.torques(0.51), swing.torques(0.51))
+    assert motion.at_steps
 
 
 @pytest.fixture(scope="module")
