@@ -50,7 +50,9 @@ def test_rates_and_torques_have_one_limit_for_both_directions(name, quantity, li
 
 
 def test_a_side_keeps_its_limit_just_after_a_worse_one_on_the_other():
-    found = violations(q=np.select([T == T[500], T == T[501]], [12.0, -1.5]))
+    q = np.zeros_like(T)
+    q[500:502] = 12.0, -1.5
+    found = violations(q=q)
     assert [(v.value, v.limit, v.worst_time) for v in found] == [(-1.5, -1.0, T[501]), (12.0, 2.0, T[500])]
 
 
