@@ -305,6 +305,29 @@ def test_least_eigenvalues_of_random_chains_are_proven_and_nothing_beyond(seed):
     assert criterion.values(search.higher[None]) > search.target
 
 
+def test_what_fails_in_a_narrow_box_is_found_beside_wide_ones():
+    """Of the second joint's range all is looked at, though at the place that is given nothing exceeds the target."""
+    robot = random_chain(1)
+    criterion, box = least_eigenvalue(robot, "limits")
+    line = np.linspace(box.lower, box.upper, 1000)
+    q = np.where(np.arange(robot.n) == 1, line, (box.lower + box.upper) / 2)
+    values = criterion.values(q)
+    search = ArticulatedSearch(criterion, box, q[0], (values.min() + values.max()) / 2, Clock())
+    x = (q[values.argmin()] - search.middle) / search.scale
+    half = np.array([[1e-8], [0.1]]) * np.ones(robot.n)  # narrow and wide
+    fails = np.ones((2, 25), dtype=bool)
+    search.halved(np.stack([x - half, x + half], axis=2), fails, x[[1, 1]])
+    assert criterion.values(search.higher[None]) > search.target
+
+
+def test_work_is_counted_up(monkeypatch):
+    counted, count = [], Clock.count
+    monkeypatch.setattr(Clock, "count", lambda clock, work: (counted.append(work), count(clock, work)))
+    pendulum = rne.Robot(planar([2.0], [1.0], [0.5], [0.1]))
+    pendulum.bounds(quantities=["torque"], rates=[1.0], accelerations=[1.0], tolerance=0.3)
+    assert min(counted) >= 0
+
+
 def test_rounding_of_a_pendulum_proves_nothing():
     """M - 1 / t of one joint, positive by a part in 1e14: that much is rounding."""
     criterion, box = least_eigenvalue(rne.Robot(planar([2.0], [1.0], [0.5], [0.1])), "circle")

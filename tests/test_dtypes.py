@@ -47,6 +47,13 @@ def test_mixed_dtypes_take_the_finer(irb140):
     assert irb140.inverse_dynamics(q.astype(np.float32), qd, qdd).dtype == np.float64
 
 
+def test_kernels_of_a_model_in_long_double_are_those_in_double(irb140):
+    """Tracing it ended in a RecursionError."""
+    q = states(6, 3)[0]
+    found = rne.compile(rne.dynamics.mass_matrix, irb140.model.astype(np.longdouble))(q)
+    assert relative(found, irb140.mass_matrix(q)) <= 100 * EPS
+
+
 def test_complex_arguments_give_exact_derivatives(irb140):
     q, qd, _ = states(6)
     h = 1e-6

@@ -11,7 +11,7 @@ import pytest
 
 import rne
 from rne.integrators import lanes
-from rne.integrators.rows import NEEDS_RECURSION, run_rows
+from rne.integrators.rows import NEEDS_RECURSION, STIFF, run_rows
 from rne.integrators.step_control import Interval
 from rne.integrators.tableaus import FIXED, tableau
 from rne.kernels import Kernel
@@ -102,6 +102,21 @@ def test_a_process_pool_gives_the_same(chain, starts):
     with ProcessPoolExecutor(2) as pool:
         there = rne.ensemble(chain, *starts, 0.1, step=0.01, executor=pool)
     assert np.abs(here.q - there.q).max() <= 1e-13
+
+
+def test_few_motions_make_two_shares_in_numpy(chain, starts):
+    """Side by side, 20 cost about as much as 40."""
+
+    class Counting(ThreadPoolExecutor):
+        count = 0
+
+        def submit(self, *arguments):
+            self.count += 1
+            return super().submit(*arguments)
+
+    with Counting(2) as pool:
+        rne.ensemble(chain, *starts, 0.01, step=0.01, executor=pool)
+    assert pool.count == 2
 
 
 def test_a_client_is_taken_for_its_executor(chain, starts):
@@ -303,8 +318,12 @@ class TestSequentialRun:
 
     def test_a_failure_is_named(self, chain):
         scene = rne.Scene(chain, controller=lambda t, q, qd: q * np.nan if q[0] > 1 else q)
-        with pytest.raises(rne.SimulationError, match=r"^start 1: simulation stopped at t = 0 s of 0.1 s: torque of"):
+        with pytest.raises(
+            rne.SimulationError, match=r"^start 1: simulation stopped at t = 0 s of 0.1 s: torque of"
+        ) as e:
             rne.ensemble(scene, [[0.5, 0], [1.5, 0]], np.zeros((2, 2)), 0.1)
+        assert e.value.time == 0.0
+        assert e.value.trajectory.q.shape[1] == 2
 
 
 class TestLanes:
@@ -327,7 +346,8 @@ class TestLanes:
     @pytest.mark.parametrize("count", [3, lanes.LANES + 3])
     @pytest.mark.parametrize("method", ["DOP853", "RK45", "rk4", "semi-implicit-euler"])
     def test_are_the_rows(self, plain, chain, starts, count, method):
-        kernel, fixed = rne.Scene(chain).kernel, method in FIXED
+        law = rne.traceable(lambda t, q, qd: rne.elementwise.tanh(10 * t) + 0 * q)
+        kernel, fixed = rne.Scene(chain, controller=law).kernel, method in FIXED
         times, grid = np.array([0.05, 0.07, 0.2]), np.linspace(0, 0.2, 21 if fixed else 0)
         t_eval, positions = grid[[5, 7, 20]] if fixed else times, 2 * (method == FIXED[1])
         options = {"t_eval": t_eval, "grid": grid, "positions": positions}
@@ -355,6 +375,24 @@ class TestLanes:
         assert left.tolist() == [0, 7, 11]
         rest = np.delete(np.arange(12), left)
         np.testing.assert_allclose(X[0, rest], x[rest], atol=1e-7)
+
+    def test_states_to_be_examined_are_finished_by_rows(self, plain, chain, starts):
+        q, qd = (x[:3].copy() for x in starts)
+        qd[1] = 3e8, -2e8
+        runs, expected = (rne.ensemble(rne.Robot(chain.model, e), q, qd, 1e-9) for e in ("numba", "numpy"))
+        np.testing.assert_allclose(runs.q, expected.q, rtol=1e-9)  # rounding, as above
+        assert runs.evaluations <= 1.1 * expected.evaluations
+
+    @pytest.mark.parametrize(("viscous", "code"), [(0.1, 0), (5000.0, STIFF)])
+    def test_stiff_motions_alone_are_left(self, plain, chain, starts, monkeypatch, viscous, code):
+        monkeypatch.setattr(lanes, "LOOK", 10)  # steps, whatever the pace
+        monkeypatch.setattr(lanes, "SLOW", 0)
+        x, X = np.concatenate(starts, axis=1)[:3], np.full((1, 3, 4), np.nan)
+        t_eval = np.array([min(0.2, 5 / viscous)])
+        interval = Interval(tableau("RK45"), 0.0, t_eval[0], -np.inf, np.inf, 1e-6, 1e-9, 4, t_eval=t_eval, watched=1)
+        kernel = rne.Scene(chain, friction=rne.Friction(viscous=viscous)).kernel
+        found = lanes.run_lanes(interval, kernel, np.zeros((3, 0)), x, X, lambda count: None)
+        assert found.code.tolist() == [code] * 3
 
     @pytest.mark.parametrize("method", ["RK45", "rk4"])
     def test_calls_of_few_evaluations_give_the_same_bits(self, plain, chain, starts, monkeypatch, method):

@@ -97,6 +97,13 @@ def test_an_event_that_touches_zero_and_turns_back_has_not_happened():
     assert first_crossing([lambda t, X, u: event(t, X, u) + 1e-6], steps).t == pytest.approx(0.43, abs=1e-5)
 
 
+def test_a_value_that_a_sample_makes_positive_ends_the_step_before():
+    steps = TimeItself([0.0, 1.0, 2.0, 3.0])
+    steps.U = np.array([[0.0], [0.0], [1.0]])
+    found = first_crossing([lambda t, X, u: u[:, 0] - 0.5], steps)
+    assert (found.step, found.event, found.t, found.x.tolist()) == (1, None, 2.0, [2.0])
+
+
 def test_an_error_of_an_event_counts_before_a_crossing_only():
     def event(t, X, u):
         if (t > last).any():
@@ -170,6 +177,16 @@ def test_a_joint_that_can_be_held_stays_when_another_turns_back():
     scene = rne.Scene(robot, friction=rne.Friction(coulomb=[0.5, 1.0], static=[2.0, 1.0], smoothing=0))
     motion = rne.simulate(scene, [0, 0], [0, 1], 1.0, torque=[-3.0, -3.0])
     np.testing.assert_allclose(motion.q[-1], [0.0, -0.4375], atol=1e-9)
+
+
+def test_a_joint_that_can_be_held_stays_when_another_breaks_away():
+    """Blocks on crossed rails, held by 2 N: the first under -1 N, the second under 3 N, against which 0.5 N slide."""
+    parts = [Part(link="base")]
+    for k, axis in enumerate((X, (0.0, 1.0, 0.0))):
+        parts.append(Part(link=f"l{k}", joint=f"j{k}", kind="prismatic", parent=k, axis=axis, mass=1.0))
+    robot = rne.Robot(assemble("crossed", parts, gravity=(0, 0, 0)))
+    motion = rne.simulate(dry(robot, 0.5, 2.0), [0, 0], [0, 0], 1.0, torque=[-1.0, 3.0])
+    np.testing.assert_allclose(motion.q[-1], [0.0, 1.25], atol=1e-9)
 
 
 @pytest.mark.parametrize("duration", kept([0.06, 0.6], [0.06]))

@@ -82,7 +82,8 @@ def test_the_other_run_has_other_tolerances(rtol, factor):
     """Tighter by 100, or looser where tighter ones are below rounding."""
     asked, t = [], np.linspace(0, 1, 11)
     task = Task(np.ones(2), 1.0, "LSODA", rtol, 1e-9, is_auto=True)
-    of_plant = SimpleNamespace(robot=SimpleNamespace(n=1)), task, Instants(t, np.zeros((11, 2)))
+    plant = SimpleNamespace(robot=SimpleNamespace(n=1), keep_kernels=lambda: None)
+    of_plant = plant, task, Instants(t, np.zeros((11, 2)))
     run = RunResult(*of_plant, None, None, 0, "", None, "DOP853", repeat=lambda other: asked.append(other) or run)
     run.position_errors()
     again = asked[-1]
@@ -110,6 +111,7 @@ def test_between_two_steps_the_horizon_is_where_an_exponential_passes_the_accura
     motion = replace(rne.simulate(irb140, Q0, 0 * Q0, 0.01), error_estimate=lambda: (t, 1e-8 * np.exp(2 * t)))
     for accuracy in (3e-8, 1e-6, 1e-4):
         assert motion.trusted_horizon(accuracy) == pytest.approx(np.log(accuracy / 1e-8) / 2, rel=1e-12)
+    assert motion.trusted_horizon(1e-9) == 0.0
     assert motion.trusted_horizon(1.0) == 5.0
 
 

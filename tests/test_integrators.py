@@ -250,6 +250,15 @@ class Sampler:
         self.count += len(samples[0])
 
 
+def test_a_step_from_a_slope_that_is_not_valid_is_left_to_scipy(interpreted):
+    system, answers = Oscillator(with_energy=False), iter([False])
+    system.kernel.address = lambda: lambda *arguments: system.function(*arguments) and next(answers, True)
+    solver = CompiledSolver(IntegrationOptions("RK45", 1e-6, 1e-9), system.kernel)
+    solver.start(system, 0.0, START, 1.0)
+    assert len(solver.steps(10).T) == 2
+    assert solver.note == "in machine code, 1 step by SciPy"
+
+
 def test_a_method_is_its_tableau(interpreted, monkeypatch):
     """Heun's method with Euler's in SciPy, in a loop, sampled, by rows and in lanes: the same steps."""
 

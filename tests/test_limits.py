@@ -49,6 +49,13 @@ def test_rates_and_torques_have_one_limit_for_both_directions(name, quantity, li
     assert violations(**{name: values}) == [Violation("j1", quantity, -limit - 2.0, -limit, unit, T[200], T[500])]
 
 
+def test_a_side_keeps_its_limit_just_after_a_worse_one_on_the_other():
+    q = np.zeros_like(T)
+    q[500:502] = 12.0, -1.5
+    found = violations(q=q)
+    assert [(v.value, v.limit, v.worst_time) for v in found] == [(-1.5, -1.0, T[501]), (12.0, 2.0, T[500])]
+
+
 def test_a_limit_that_is_reached_is_not_exceeded():
     assert violations(q=np.full_like(T, 2.0), qd=np.full_like(T, -3.0), tau=np.full_like(T, 4.0)) == []
     assert violations(q=np.full_like(T, 2.0 * (1 + 4e-16))) == []

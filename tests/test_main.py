@@ -14,10 +14,11 @@ import examples.thesis.__main__ as thesis
 import rne
 from rne.__main__ import main
 from rne.commands import pages
-from rne.commands.pages import BATCH, INVERSE, NUMPY, ONE, PINOCCHIO, Measured, Way, speed_tables
+from rne.commands.pages import BATCH, FORWARD, INVERSE, NUMPY, ONE, PINOCCHIO, Measured, Way, plot_speed, speed_tables
 from rne.commands.printing import quantities
 from rne.commands.shared import work
 from rne.plotting.html_page import Report
+from rne.plotting.notebook import BODIES
 from rne.validation.agreement import against_energies, validate
 
 from .helpers import ROOT
@@ -191,9 +192,9 @@ def test_python_dash_m(tmp_path):
 
 def test_output_that_nobody_reads_is_no_error(tmp_path):
     """Such as `rne source irb140 | head`."""
-    code = f"{sys.executable} -m rne urdf irb140 | true"
+    code = f"{sys.executable} -m rne urdf irb140 | true; exit ${{PIPESTATUS[0]}}"
     run = subprocess.run(["bash", "-c", code], capture_output=True, text=True, cwd=tmp_path, check=False)
-    assert run.stderr == ""
+    assert (run.returncode, run.stderr) == (1, "")
 
 
 def test_carried_mass_is_that_of_everything_beyond_the_joint(tree):
@@ -252,6 +253,7 @@ def test_main_job_without_matplotlib_says_so(tmp_path, short, monkeypatch, capsy
     assert main(["--out", str(tmp_path)]) == 0
     assert "matplotlib is not installed: no pictures" in capsys.readouterr().out
     assert [p.name for p in tmp_path.iterdir()] == ["index.html"]
+    assert f"<p>{BODIES}</p>" in (tmp_path / "index.html").read_text()
 
 
 def test_ctrl_c_leaves_the_page_so_far(tmp_path, short, monkeypatch, capsys):
@@ -296,6 +298,13 @@ def test_speed_stands_beside_the_faster_of_pinocchios_calls():
     found += [measured(ONE, PINOCCHIO, 2e-6), measured(BATCH, PINOCCHIO, 3e-6)]
     tables = speed_tables(found)
     assert [rows[1][1:3] for rows in tables.values()] == [["6", "3.0 times slower"], ["1", "2.0 times faster"]]
+
+
+def test_errors_over_times_are_drawn_on_logarithmic_axes():
+    found = [Measured(Way(q, BATCH, NUMPY, lambda: None, 1, lambda: None), 1e-6, 1e-15) for q in (INVERSE, FORWARD)]
+    panels = plot_speed(found).axes
+    assert [ax.get_title() for ax in panels] == [f"{q}: largest error, relative" for q in (INVERSE, FORWARD)]
+    assert {(ax.get_xscale(), ax.get_yscale()) for ax in panels} == {("log", "log")}
 
 
 @pytest.mark.long

@@ -6,9 +6,11 @@ import json
 import pickle
 import re
 from dataclasses import fields, replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
+from scipy.interpolate import PchipInterpolator
 
 import rne
 
@@ -76,6 +78,16 @@ class TestBetweenSamples:
         ends = np.vstack([motion.tau, motion.tau_before])
         assert (tau <= ends.max(axis=0) + 1e-12).all()
         assert (tau >= ends.min(axis=0) - 1e-12).all()
+
+    def test_torques_between_jumps_are_monotone_cubics(self, along_ramps):
+        _, motion = along_ramps
+        jumps = np.searchsorted(motion.t, motion.jumps)
+        for first, last in pairwise([0, *jumps, len(motion.t) - 1]):
+            before = motion.tau_before[jumps == last] if last in jumps else motion.tau[[last]]
+            times = motion.t[first : last + 1]
+            cubic = PchipInterpolator(times, np.vstack([motion.tau[first:last], before]))
+            inside = np.append(times[:-1] + np.diff(times) / 3, times[-1] - np.diff(times)[-1] / 3)
+            np.testing.assert_allclose(motion.torques(inside), cubic(inside), rtol=1e-12, atol=1e-12)  # rounding
 
     def test_a_motion_is_a_reference(self, irb140, swing):
         law = rne.control.computed_torque(irb140, *GAINS, swing)
@@ -152,11 +164,12 @@ class TestJumps:
 
 
 def test_a_motion_of_which_no_jumps_are_told_is_a_curve(swing):
-    untold = {"jumps", "qdd_before", "tau_before", "run"}
+    untold = {"jumps", "qdd_before", "tau_before", "run", "at_steps"}
     told = [f.name for f in fields(rne.Trajectory) if f.name not in untold]
     motion = rne.Trajectory(**{name: getattr(swing, name) for name in told})
     np.testing.assert_array_equal(motion(0.51)[1], swing(0.51)[1])
     np.testing.assert_array_equal(motion.torques(0.51), swing.torques(0.51))
+    assert motion.at_steps
 
 
 @pytest.fixture(scope="module")

@@ -349,6 +349,11 @@ def test_wrong_friction_is_named(arguments, text):
 
 
 class TestFriction:
+    def test_numbers_that_its_hash_is_made_of_are_read_only(self):
+        friction = rne.Friction(viscous=[1.0, 2.0])
+        with pytest.raises(ValueError, match=r"^assignment destination is read-only$"):
+            friction.viscous[0] = 3.0
+
     def test_each_direction_has_its_own(self, irb140):
         friction = rne.Friction(viscous=1.0, viscous_back=2.0, coulomb=3.0, coulomb_back=4.0, smoothing=0.01)
         ahead, back = (friction.torque(irb140.model, np.full(6, rate)) for rate in (0.5, -0.5))

@@ -384,6 +384,10 @@ class TestFailures:
         ),
         ({"torque": [1.0]}, "`torque` must have shape (2,), got (1,)"),
         ({"torque": lambda t, q, qd: [1.0]}, "`torque` must return shape (2,), got (1,) at t = 0 s"),
+        (
+            {"torque": lambda t, q, qd: [[1.0], [1.0, 2.0]]},
+            "`torque` must return shape (2,), got rows of unequal length at t = 0 s",
+        ),
         ({"t_eval": [0.5, 0.1]}, "`t_eval` must ascend within [0, 1], got 0.1 ... 0.5"),
         ({"t_eval": [0.0, 2.0]}, "`t_eval` must ascend within [0, 1], got 0 ... 2"),
         ({"t_eval": [[0.0]]}, "`t_eval` must have shape (T,), got (1, 1)"),

@@ -183,6 +183,18 @@ def test_longer_steps_of_an_explicit_method_must_be_worth_a_change():
     assert walk(1e-3, 1000) == "DOP853"
 
 
+def test_joints_that_stick_and_slip_without_end_are_refused():
+    """A thousand changes within 1e-4 of the time, not one less, nor in more time."""
+    monitor, text = (
+        MethodMonitor(Linear(), None, "DOP853", 100.0),
+        r"^1000 changes between sticking and slipping within ",
+    )
+    for t in np.concatenate([np.linspace(0, 1, 1000), 2 + 1e-5 * np.arange(999)]):
+        monitor.change(t)
+    with pytest.raises(rne.NotFiniteError, match=text + r"0\.00999 s at t = 2\.00999 s: the torques chatter"):
+        monitor.change(2.00999)
+
+
 @pytest.mark.parametrize(("compiled", "conservative", "looks"), [(False, True, 1), (True, False, 2), (True, True, 10)])
 def test_steps_that_cost_little_are_looked_at_less_often(compiled, conservative, looks):
     plant = Linear()

@@ -312,7 +312,7 @@ class Torque(Criterion):
     def error(self) -> float:
         """Bound of the rounding error of the torque."""
         g, fixed, c = self._parts(self.polynomial.terms[None])
-        return ROUNDING * float(g[0, 0] + fixed[0] + c.sum() * self.rates.max(initial=0.0) ** 2)
+        return ROUNDING * float(g[0, 0] + fixed[0] + c.sum() * self.rates.max() ** 2)
 
     @cached_property
     def _signs(self) -> Array:

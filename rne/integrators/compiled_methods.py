@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from ..basics.spatial import Array
+from ..basics.text import counted
 from ..errors import NotFiniteError
 from ..kernels.kernel import Kernel
 from . import rosenbrock, runge_kutta
@@ -113,7 +114,7 @@ class CompiledSolver(Solver):
     @property
     def note(self) -> str:  # type: ignore[override]
         """For the message of a run."""
-        return f"in machine code{f', {self.by_scipy} steps by SciPy' if self.by_scipy else ''}"
+        return "in machine code" + (f", {counted(self.by_scipy, 'step')} by SciPy" if self.by_scipy else "")
 
     def steps(self, max_steps: int) -> Steps:
         """The next steps, at most so many."""
@@ -249,8 +250,8 @@ class RosenbrockSolver(Solver):
 
     def _take(self, max_steps: int, loop: Callable[..., int], functions: tuple[Any, Any]) -> Steps:
         system, n, size, count = self.system, self.n, len(self.x), np.zeros(2, dtype=np.int64)
-        T, X, P = np.empty(max_steps + 1), np.empty((max_steps + 1, size)), np.empty((max_steps, 3, size))
-        H, work = np.empty(max_steps + 1), rosenbrock.workspace(n, system.counted, size)
+        (T, H), X, P = np.empty((2, max_steps + 1)), np.empty((max_steps + 1, size)), np.empty((max_steps, 3, size))
+        work = rosenbrock.workspace(n, system.counted, size)
         T[0], X[0], H[0] = self.t, self.x, self.h or FIRST * (self.end - self.t)
         time, x, *held = arguments = _arguments(size, None if system.held is None else np.array(system.held))
         slopes = functions[1], (time, x, np.empty(n), *held)

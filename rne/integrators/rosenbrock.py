@@ -62,19 +62,19 @@ INTERPOLANT = np.array([
 
 
 def _tableau() -> tuple[Array, Array, Array, Array]:
-    """a_ij with the step's end as the last row, c_ij, alpha_i and gamma_i.
+    """a_ij, c_ij, alpha_i and gamma_i.
 
     The last two are sums of the rows of alpha and Gamma, where a = alpha Gamma^-1 and c = 1 / gamma - Gamma^-1.
     """
-    A, C = np.zeros((STAGES + 1, STAGES)), np.zeros((STAGES, STAGES))
+    A, C = np.zeros((2, STAGES, STAGES))
     for s, row in enumerate(STAGE, start=1):
         A[s, :s] = row
-    for s in range(len(STAGE) + 1, STAGES + 1):
+    for s in range(len(STAGE) + 1, STAGES):
         A[s], A[s, s - 1] = A[s - 1], 1.0
     for s, row in enumerate(COUPLING, start=1):
         C[s, :s] = row
     sums = np.linalg.inv(np.eye(STAGES) / GAMMA - C).sum(axis=1)
-    return A, C, A[:STAGES] @ sums, sums
+    return A, C, A @ sums, sums
 
 
 A, C, ALPHA, GAMMAS = _tableau()

@@ -55,7 +55,7 @@ class Scalar:
         """NumPy's functions, entry by entry, by the methods below."""
         if method != "__call__" or options:
             return NotImplemented
-        return ufunc(*[_as_entry(x) if isinstance(x, Scalar) else x for x in inputs])
+        return ufunc(*[_as_entry(x) if isinstance(x, Scalar) else _in_double(x) for x in inputs])
 
     def _other(self, other: Any) -> int:
         if isinstance(other, Scalar):
@@ -126,6 +126,11 @@ def _as_entry(x: Scalar) -> Array:
     array = np.empty((), dtype=object)  # np.array would ask x for an array
     array[()] = x
     return array
+
+
+def _in_double(x: Any) -> Any:
+    """Long double numbers as doubles: as entries they would ask NumPy's function again, without end."""
+    return x.astype(np.float64) if getattr(x, "dtype", None) == np.longdouble else x
 
 
 def inputs(graph: Graph, shape: tuple[int, ...], start: int) -> Array:

@@ -190,8 +190,7 @@ class DryPlant(Plant):
         if self.friction.static is not None and self._wrong(t, x, rests).any():
             held = rests & (self.mode == 0)
             order = [*np.flatnonzero(held & ~stuck).tolist(), *np.flatnonzero(held & stuck).tolist()]
-            if self._release_fewest(t, x, rests, order):
-                return
+            self._release_fewest(t, x, rests, order)
         for _ in range(MAX_MODE_CHANGES):
             wrong = np.flatnonzero(self._wrong(t, x, rests))
             if not len(wrong):
@@ -207,7 +206,7 @@ class DryPlant(Plant):
         turns = rests & (qdd * self.mode < -ROUNDING * np.abs(qdd).max(initial=0.0))
         return np.asarray(breaks | turns)
 
-    def _release_fewest(self, t: float, x: Array, rests: Array, order: list[int]) -> bool:
+    def _release_fewest(self, t: float, x: Array, rests: Array, order: list[int]) -> None:
         """Let one joint of `order` slip, then two, ... until all fit, those that come first in it before others."""
         before = self.mode.copy()
         trials = (
@@ -220,9 +219,8 @@ class DryPlant(Plant):
             self.mode = before.copy()
             self.mode[list(joints)] = signs
             if not self._wrong(t, x, rests).any():
-                return True
+                return
         self.mode = before
-        return False
 
     def margins(self, t: Array, X: Array, u: Array | None) -> Array:
         """Static friction of each joint minus its load, in many states; those last asked for are kept."""

@@ -9,7 +9,7 @@ import itertools
 import pickle
 import threading
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial, reduce
 from math import ceil
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -99,8 +99,8 @@ class Ensemble(InNotebooks):
     evaluations: int
     end: Array
     status: Array
-    model: Model = field(repr=False)
-    parameters: Array | None = field(repr=False, default=None)
+    model: Model
+    parameters: Array | None = None
 
     def quantiles(self, probabilities: ArrayLike = (0.05, 0.5, 0.95), of: str = "q") -> Array:
         """Quantiles over the motions at each stored time, without those that Ctrl-C ended.

@@ -187,7 +187,7 @@ class Plant:
         if self._law_kernel is not None:
             found = self._law_kernel.evaluate(t[:, None], X[:, : self._law_kernel.widths[1]])[0][:, : self.robot.n]
             limit = self.dynamics.effort_limit
-            return np.asarray(found if limit is None else np.clip(found, -np.array(limit), limit), dtype=np.float64)
+            return np.asarray(found if limit is None else np.clip(found, -np.array(limit), limit))
         drives, _ = self.dynamics.drives(t[:, None], X, self.torques_at(t, X) if u is None else u)
         return np.zeros((len(t), self.robot.n)) if drives is None else np.asarray(drives, dtype=np.float64)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from itertools import pairwise
 from os import PathLike
@@ -157,10 +157,10 @@ class Trajectory(InNotebooks):
     qdd_before: Array = derived(lambda: np.zeros((0, 0)))
     tau_before: Array = derived(lambda: np.zeros((0, 0)))
     scene: str = derived(str)
-    error_estimate: Callable[[], tuple[Array, Array]] | None = field(default=None, repr=False)
-    model: Model | None = field(default=None, repr=False)
-    at_steps: bool = field(default=True, repr=False)
-    run: Any = field(default=None, repr=False)
+    error_estimate: Callable[[], tuple[Array, Array]] | None = None
+    model: Model | None = None
+    at_steps: bool = True
+    run: Any = None
 
     def __post_init__(self) -> None:
         for name, kind in vars(type(self)).items() if self.run is None else ():
