@@ -19,7 +19,7 @@ from rne.commands.printing import quantities
 from rne.commands.shared import work
 from rne.plotting.html_page import Report
 from rne.plotting.notebook import BODIES
-from rne.validation.agreement import against_energies, validate
+from rne.validation.agreement import against_energies, against_pinocchio, random_states, validate
 
 from .helpers import ROOT
 
@@ -217,6 +217,20 @@ def test_validation_without_pinocchio_keeps_every_bound(irb140, monkeypatch):
     assert source == "energy and Lagrange identities (package pin is not installed)"
     assert [row.quantity for row in rows] == [row.quantity for row in against_energies(irb140, 1)]
     assert all(row.worst <= row.bound for row in rows)
+
+
+@pytest.mark.parametrize("compare", [against_pinocchio, against_energies])
+def test_differences_are_relative_to_the_terms_only_if_asked_for(irb140, compare):
+    rows, by_terms = list(compare(irb140, 5)), list(compare(irb140, 5, by_terms=True))
+    assert rows == list(compare(irb140, 5, by_terms=False))
+    assert by_terms[0].worst < rows[0].worst  # no torque is larger than its terms
+
+
+@pytest.mark.parametrize("compare", [against_pinocchio, against_energies])
+def test_accelerations_have_the_bound_of_the_state_of_worst_condition(irb140, compare):
+    conditions = np.linalg.cond(irb140.mass_matrix(random_states(6, 20)[0]))
+    bounds = {row.quantity: row.bound for row in compare(irb140, 20)}
+    assert bounds["forward after inverse"] == np.finfo(float).eps * conditions.max() > 1e-13
 
 
 @pytest.fixture
