@@ -233,6 +233,25 @@ def test_accelerations_have_the_bound_of_the_state_of_worst_condition(irb140, co
     assert bounds["forward after inverse"] == np.finfo(float).eps * conditions.max() > 1e-13
 
 
+@pytest.mark.parametrize("compare", [against_pinocchio, against_energies])
+def test_sizes_of_accelerations_are_those_of_the_torques_that_cancel(irb140, compare):
+    """Of one joint |M^-1| (|tau| + |h|), in closed form."""
+    arm = irb140.locked({name: 0.0 for name in irb140.joint_names if name != "joint_2"})
+    q, qd, qdd = random_states(1, 50)
+    tau, M, bias = arm.inverse_dynamics(q, qd, qdd), arm.mass_matrix(q)[:, 0], arm.bias_torque(q, qd)
+    differences = np.abs(arm.forward_dynamics(q, qd, tau) - qdd) / ((np.abs(tau) + np.abs(bias)) / M)
+    rows = {row.quantity: row.worst for row in compare(arm, 50, by_terms=True)}
+    assert rows["forward after inverse"] == pytest.approx(differences.max(), rel=1e-12, abs=0)
+    assert rows["forward after inverse"] > 0
+
+
+@pytest.mark.parametrize("by_terms", [False, True])
+@pytest.mark.parametrize("compare", [against_pinocchio, against_energies])
+def test_a_robot_without_joints_keeps_every_bound(irb140, compare, by_terms):
+    still = irb140.locked(dict.fromkeys(irb140.joint_names, 0.0))
+    assert all(row.worst == 0 < row.bound <= 1e-12 for row in compare(still, 3, by_terms=by_terms))
+
+
 @pytest.fixture
 def short(monkeypatch):
     """The main job with a tenth of its free swing, and few frames; everything else as it is."""
