@@ -133,3 +133,26 @@ def test_conventions_are_tried_up_to_a_number_the_fewest_changes_first(irb140, m
     flipped = 6 + 15 + 20  # axes of at most three joints; of four it would be 15 more
     shifted = 3 * 6  # of two joints at once it would be 9 * 15 more
     assert counts == {"joint order": 15, "axis flipped": flipped, "joint zero": shifted, "angle unit": 4}
+
+
+def test_other_explanations_and_the_share_that_each_leaves_are_told():
+    """A SCARA has no torque of gravity but its slider's, so that its axis may be flipped as well."""
+    found = rne.compare_models(SCARA, planted(SCARA)["gravity sign"])
+    assert found.causes == ("gravity sign",)
+    assert found.equivalent == ("axis flipped",)
+    assert all((share < 1e-9) == c.explains for share, c in zip(found.shares, found.candidates, strict=True))
+
+
+def test_torques_are_compared_at_states_of_these_rates_and_accelerations(irb140):
+    """Deviations within three standard errors of those of so many normal numbers."""
+    states = []
+
+    def torques(*motion):
+        states.extend(motion)
+        return irb140.inverse_dynamics(*motion)
+
+    rne.compare_models(irb140, torques)
+    _, qd, qdd = states
+    error = 3 / np.sqrt(2 * qd.size)
+    assert qd.std() == pytest.approx(1.5, rel=error)
+    assert qdd.std() == pytest.approx(5.0, rel=error)
