@@ -10,8 +10,10 @@ import pytest
 
 import rne
 from rne.identification import Record
+from rne.identification.diagnosis.hypotheses import gravity_directions
 from rne.identification.diagnosis.residuals import FitResiduals
 from rne.identification.fit.equations import build_regression
+from rne.identification.fit.least_squares import least_squares
 
 from . import faulty_logs as faults
 from .helpers import first_joints, kept
@@ -305,6 +307,21 @@ def test_columns_add_to_the_covariance_what_a_fit_with_them_has_more():
     both = np.column_stack([res.A, res.weighted(X)])
     more = np.linalg.inv(both.T @ both)[: base.count, : base.count] - np.linalg.inv(res.A.T @ res.A)
     np.testing.assert_allclose(res.covariance_of(X), 2 * more, rtol=1e-6, atol=1e-9 * np.abs(more).max())
+
+
+@pytest.mark.parametrize("degrees", [0, 40])
+def test_a_base_that_is_turned_far_is_told_with_its_angle(degrees):
+    robot, t = faults.robots()["SCARA"], np.arange(0, 8, 0.01)
+    w, size = np.array([2.0, 2.9, 3.7, 4.3]), np.array([1, 1, 0.1, 1])
+    q, qd, qdd = size * np.sin(np.outer(t, w)), size * w * np.cos(np.outer(t, w)), -size * w**2 * np.sin(np.outer(t, w))
+    turned = rne.Robot(rne.model.mounted(robot.model, [np.deg2rad(degrees), 0, 0]))
+    tau = turned.inverse_dynamics(q, qd, qdd) + 0.01 * np.random.default_rng(0).normal(size=q.shape)
+    base, noise = robot.base_parameters(drives=FRICTION), np.full(robot.n, 0.01)
+    rows = build_regression(robot, Record(t, q, tau), base, None, 8.0, 2)
+    values = least_squares(rows.fitted.mapped(base.back)).values
+    rest = FitResiduals(robot, base, rows, values, noise, np.ones(robot.n))
+    told = [(cause.kind, round(cause.value)) for cause in gravity_directions(rest)]
+    assert told == ([("gravity direction", degrees)] if degrees else [])
 
 
 @pytest.mark.parametrize(

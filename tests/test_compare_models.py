@@ -1,5 +1,6 @@
 """The likely cause of a difference of torques: faults are planted, and named."""
 
+import collections
 import re
 from dataclasses import replace
 
@@ -7,6 +8,8 @@ import numpy as np
 import pytest
 
 import rne
+from rne.identification import thresholds
+from rne.identification.diagnosis.conventions import conventions
 
 from .faulty_logs import robots
 from .helpers import loaded
@@ -116,3 +119,40 @@ def test_two_faults_are_both_named_or_none_is():
     model = SCARA.model
     other = rne.Robot(replace(model, gravity=-model.gravity, armature=[0.1, 0.2, 0.3, 0], notes={}))
     assert set(rne.compare_models(SCARA, other).causes) == {"gravity sign", "armature"}
+
+
+def test_a_change_of_bodies_that_turn_alike_is_told_in_its_direction():
+    """The slider of a SCARA turns as the link before it, so that torques do not determine a number of each."""
+    found = rne.compare_models(SCARA, planted(SCARA)["inertia point"])
+    assert found.text == "the inertia about the joint is taken as one about the centre of mass, all bodies"
+
+
+def test_conventions_are_tried_up_to_a_number_the_fewest_changes_first(irb140, monkeypatch):
+    monkeypatch.setattr(thresholds, "CONVENTIONS", 50)
+    counts = collections.Counter(x.kind for x in conventions(irb140))
+    flipped = 6 + 15 + 20  # axes of at most three joints; of four it would be 15 more
+    shifted = 3 * 6  # of two joints at once it would be 9 * 15 more
+    assert counts == {"joint order": 15, "axis flipped": flipped, "joint zero": shifted, "angle unit": 4}
+
+
+def test_other_explanations_and_the_share_that_each_leaves_are_told():
+    """A SCARA has no torque of gravity but its slider's, so that its axis may be flipped as well."""
+    found = rne.compare_models(SCARA, planted(SCARA)["gravity sign"])
+    assert found.causes == ("gravity sign",)
+    assert found.equivalent == ("axis flipped",)
+    assert all((share < 1e-9) == c.explains for share, c in zip(found.shares, found.candidates, strict=True))
+
+
+def test_torques_are_compared_at_states_of_these_rates_and_accelerations(irb140):
+    """Deviations within three standard errors of those of so many normal numbers."""
+    states = []
+
+    def torques(*motion):
+        states.extend(motion)
+        return irb140.inverse_dynamics(*motion)
+
+    rne.compare_models(irb140, torques)
+    _, qd, qdd = states
+    error = 3 / np.sqrt(2 * qd.size)
+    assert qd.std() == pytest.approx(1.5, rel=error)
+    assert qdd.std() == pytest.approx(5.0, rel=error)

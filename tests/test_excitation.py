@@ -297,6 +297,11 @@ def test_schatten_norms_bound_the_condition_number(arm):
         assert 0 <= excess <= 2 * np.log(W.shape[1]) / p
 
 
+def test_accelerations_are_within_the_limits_of_either_direction(irb140):
+    robot = irb140.with_limits(acceleration=10, deceleration=[2, 20, 4, 5, 40, 7])
+    assert motion_limits(robot, None)["acceleration_limit"].tolist() == [2, 10, 4, 5, 10, 7]
+
+
 def test_sliding_joints(gantry):
     motion = rne.excitation(gantry, DURATION, 2, drives=rne.DriveModel(friction="viscous"), starts=1)
     q, qd, _ = fine(motion)

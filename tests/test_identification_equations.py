@@ -164,6 +164,14 @@ def test_friction_is_not_negative():
     assert free[-1] == pytest.approx(x[-1] - 5, abs=0.02)
 
 
+def test_equations_that_say_nothing_change_no_body():
+    robot, factor, _ = arm_problem()
+    prior = model_prior(robot.model)[0]
+    more = np.concatenate([factor[:-1], np.zeros((5, factor.shape[1])), factor[-1:]])
+    found, same = (consistent_fit(x, prior, 1.0, BOTH, np.ones(2)) for x in (factor, more))
+    np.testing.assert_allclose(same, found, atol=SOLVED * np.abs(found).max())
+
+
 def test_units_of_length_do_not_matter():
     """In millimetres second moments are a million times larger, and the fit is the same."""
     robot, factor, _ = arm_problem()

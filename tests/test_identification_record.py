@@ -9,7 +9,7 @@ from scipy.signal import lfilter
 import rne
 from rne.identification import Record
 from rne.identification.log.filtering import choose_cutoff, derivatives, low_pass, motion_spectrum, settling
-from rne.identification.log.screening import clipped, encoder_step
+from rne.identification.log.screening import clipped, encoder_step, equal_steps
 
 from .helpers import first_joints, loaded
 from .measurements import measure, record, truth
@@ -367,6 +367,14 @@ def test_stamps_made_by_the_reader_are_told_and_samples_are_counted(true, kind, 
     assert measured.findings[0].cure == "samples are counted, for the positions are smoother over equal steps"
     assert accelerations_off(measured, true) < 0.02  # a ms, of which times of bursts are uncertain, makes 0.004
     assert len(measured.prepare(cutoff=5.0).segments) == 1 + bool(lost)
+
+
+def test_counted_samples_of_some_seconds_have_one_rate():
+    """Clocks drift slower than that: the line through all stamps, whatever they scatter."""
+    true = np.arange(500) / 250
+    stamps = true + np.random.default_rng(4).uniform(-1e-3, 1e-3, len(true))
+    steps = np.diff(equal_steps(stamps, np.zeros(len(true) - 1, dtype=bool), 1 / 250))
+    np.testing.assert_allclose(steps, np.polyfit(np.arange(len(true)), stamps, 1)[0], rtol=1e-9)
 
 
 def test_stamps_are_judged_beyond_doubt():

@@ -188,6 +188,7 @@ def test_report_and_check_name_joints_and_parameters(found, motions):
     n = found.robot.n
     for part in (f"{found.base.count} base parameters of", f"joint_{n}", f"Fc_{n}", "nearest to the prior", "cut-off"):
         assert part in text
+    assert "> 1000" not in text
     check = found.check(record(motions[1], **sensors(found.robot.n, 5)))
     assert check.report().count("joint_") == n
     assert (check.relative < 0.2).all()

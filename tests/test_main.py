@@ -19,7 +19,7 @@ from rne.commands.printing import quantities
 from rne.commands.shared import work
 from rne.plotting.html_page import Report
 from rne.plotting.notebook import BODIES
-from rne.validation.agreement import against_energies, validate
+from rne.validation.agreement import against_energies, against_pinocchio, random_states, validate
 
 from .helpers import ROOT
 
@@ -217,6 +217,39 @@ def test_validation_without_pinocchio_keeps_every_bound(irb140, monkeypatch):
     assert source == "energy and Lagrange identities (package pin is not installed)"
     assert [row.quantity for row in rows] == [row.quantity for row in against_energies(irb140, 1)]
     assert all(row.worst <= row.bound for row in rows)
+
+
+@pytest.mark.parametrize("compare", [against_pinocchio, against_energies])
+def test_differences_are_relative_to_the_terms_only_if_asked_for(irb140, compare):
+    rows, by_terms = list(compare(irb140, 5)), list(compare(irb140, 5, by_terms=True))
+    assert rows == list(compare(irb140, 5, by_terms=False))
+    assert by_terms[0].worst < rows[0].worst  # no torque is larger than its terms
+
+
+@pytest.mark.parametrize("compare", [against_pinocchio, against_energies])
+def test_accelerations_have_the_bound_of_the_state_of_worst_condition(irb140, compare):
+    conditions = np.linalg.cond(irb140.mass_matrix(random_states(6, 20)[0]))
+    bounds = {row.quantity: row.bound for row in compare(irb140, 20)}
+    assert bounds["forward after inverse"] == np.finfo(float).eps * conditions.max() > 1e-13
+
+
+@pytest.mark.parametrize("compare", [against_pinocchio, against_energies])
+def test_sizes_of_accelerations_are_those_of_the_torques_that_cancel(irb140, compare):
+    """Of one joint |M^-1| (|tau| + |h|), in closed form."""
+    arm = irb140.locked({name: 0.0 for name in irb140.joint_names if name != "joint_2"})
+    q, qd, qdd = random_states(1, 50)
+    tau, M, bias = arm.inverse_dynamics(q, qd, qdd), arm.mass_matrix(q)[:, 0], arm.bias_torque(q, qd)
+    differences = np.abs(arm.forward_dynamics(q, qd, tau) - qdd) / ((np.abs(tau) + np.abs(bias)) / M)
+    rows = {row.quantity: row.worst for row in compare(arm, 50, by_terms=True)}
+    assert rows["forward after inverse"] == pytest.approx(differences.max(), rel=1e-12, abs=0)
+    assert rows["forward after inverse"] > 0
+
+
+@pytest.mark.parametrize("by_terms", [False, True])
+@pytest.mark.parametrize("compare", [against_pinocchio, against_energies])
+def test_a_robot_without_joints_keeps_every_bound(irb140, compare, by_terms):
+    still = irb140.locked(dict.fromkeys(irb140.joint_names, 0.0))
+    assert all(row.worst == 0 < row.bound <= 1e-12 for row in compare(still, 3, by_terms=by_terms))
 
 
 @pytest.fixture

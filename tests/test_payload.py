@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 import rne
-from rne.identification import Record
+from rne.identification import Record, thresholds
+from rne.identification.fit.equations import solve
 from rne.identification.fit.least_squares import least_squares
 from rne.identification.payload import body_of, doubts, possible_load
-from rne.identification.two_sets import KINDS, load_map, two_sets
+from rne.identification.two_sets import KINDS, eliminated, load_map, spreads, two_sets
 from rne.model.standard_parameters import StandardParameters
 
 from .helpers import kept, loaded
@@ -253,6 +254,21 @@ def test_numbers_of_the_load_do_not_depend_on_unknowns_that_are_nothing(robot, m
     none, ten = sets.assembled(sets.plain), loaded.assembled(sets.plain)
     assert least_squares(none).values.shape == (sets.base.count,)
     np.testing.assert_allclose(none.torques(), ten.torques(), rtol=1e-12)
+
+
+@pytest.mark.parametrize("first", [0, 3])
+def test_unknowns_that_are_eliminated_leave_the_others_as_they_are(first):
+    factor = np.random.default_rng(5).normal(size=(12, 7))  # six unknowns and the right side
+    np.testing.assert_allclose(solve(eliminated(factor, first)).x, solve(factor).x[first:], rtol=1e-12)
+
+
+def test_errors_of_drives_that_hardly_matter_keep_the_spread_assumed_first():
+    """As many rows as unknowns, all of them independent, and no torque that errors of so small a weight would explain."""
+    joints, others = 3, 2
+    factor = 1e-3 * np.eye(others + len(KINDS) * joints + 1)
+    factor[:, -1] = 0
+    students = np.sqrt(joints / (joints - 2))  # standard deviation of Student's t with so many degrees of freedom
+    np.testing.assert_allclose(spreads(factor, others, joints), thresholds.FIRST_SPREAD * students, rtol=1e-6)
 
 
 def used(values, tau):

@@ -21,7 +21,7 @@ from PIL import Image
 import rne
 from rne.__main__ import main
 from rne.model.abb_irb140 import LINKS
-from rne.plotting import viewer
+from rne.plotting import viewer, viewer_scene
 from rne.plotting.motions import motion_argument
 from rne.plotting.shapes import link_shapes, surface
 from rne.plotting.viewer import FOV, aim, frame_times, placed
@@ -60,15 +60,20 @@ def crane(folder, mesh="tetrahedron.obj", text=CRANE):
     return rne.load(file)
 
 
-def recording(page):
-    """Length [s] and messages (time, message) of a page, as viser's client decodes them."""
+def decoded(page):
+    """What a page records, as viser's client decodes it; arrays are numbers of buffers."""
     import msgspec
     import zstandard
 
     data = base64.b64decode(re.search(r'__VISER_EMBED_DATA__="([^"]*)"', page.html)[1])
     inner = zstandard.ZstdDecompressor().decompressobj().decompress(data[8:])
     length = int.from_bytes(inner[:8], "little")
-    content = msgspec.msgpack.decode(inner[8 : 8 + length])
+    return msgspec.msgpack.decode(inner[8 : 8 + length])
+
+
+def recording(page):
+    """Length [s] and messages (time, message) of a page."""
+    content = decoded(page)
     return content["durationSeconds"], content["messages"]
 
 
@@ -279,6 +284,30 @@ class TestRecording:
         assert sorted(nodes(messages, "ArrowMessage")) == [f"/joint axes/link_{i}/joint_{i}" for i in range(1, 7)]
         assert {f"/link frames/{link}/axes" for link in irb140.link_names} <= set(frames)
         assert "/floor" in nodes(messages, "GridMessage")
+
+    def test_the_floor_has_lines_of_bluish_grey_darker_where_sections_meet(self, both):
+        _, messages = recording(both)
+        (floor,) = [message["props"] for _, message in messages if message["type"] == "GridMessage"]
+        cells, sections = np.array([floor["cell_color"], floor["section_color"]])
+        assert (sections < cells).all()
+        assert all((np.diff(color) > 0).all() and np.ptp(color) < 30 for color in (cells, sections))
+
+    @pytest.mark.parametrize(("most", "shown"), [(1284, 1280), (321, 320)])
+    def test_meshes_of_more_faces_than_a_page_holds_are_simplified(self, tmp_path, monkeypatch, most, shown):
+        monkeypatch.setattr(viewer_scene, "MAX_FACES", most)
+        content = decoded(rne.view(crane(tmp_path)))
+        of_meshes = {m["name"]: m["props"]["faces"] for _, m in content["messages"] if m["type"] == "MeshMessage"}
+        of_links = {name: content["binaryBufferLengths"][k["__binary_index"]] / 12 for name, k in of_meshes.items()}
+        assert of_links == {"/robot/jib/sphere 1": pytest.approx(shown, abs=2), "/robot/hook/mesh 1": 4}
+
+    def test_the_solid_of_a_flat_body_has_a_thickness(self, tmp_path):
+        plate = 'ixx="0.1" iyy="0.2" izz="0.3"'  # I_z = I_x + I_y: all the mass is in the plane of x and y
+        robot = crane(tmp_path, text=CRANE.replace('ixx="0.1" iyy="0.1" izz="0.1"', plate))
+        _, messages = recording(rne.view(robot))
+        solids = {m["name"]: m["props"] for _, m in messages if m["type"] == "IcosphereMessage"}
+        half = solids["/solids of the same inertia/jib/solid"]["scale"]
+        np.testing.assert_allclose(half[:2], np.sqrt([0.5, 0.25]), rtol=1e-12)
+        assert 1e-3 < half[2] < 0.01  # [m], of a crane of more than a metre
 
     def test_frames_and_masses_are_hidden_unless_asked_for(self, irb140):
         hidden = {"/link frames", "/centres of mass", "/solids of the same inertia"}

@@ -55,6 +55,12 @@ def _terms(M: Array, qdd: Array, bias: Array, tau: Array) -> tuple[Array, Array]
     return of_torques, of_accelerations
 
 
+def _bound_of_accelerations(M: Array) -> float:
+    """eps cond(M) of the worst state, at least ROUNDING, which it is without joints."""
+    condition = np.linalg.cond(M).max() if M.size else 1.0
+    return max(ROUNDING, float(condition * np.finfo(float).eps))
+
+
 def validate(robot: Robot, samples: int = 1000, *, by_terms: bool = False) -> tuple[str, list[Match]]:
     """Compare inverse dynamics, M, gravity, bias and forward dynamics with an independent source.
 
@@ -111,7 +117,7 @@ def against_pinocchio(robot: Robot, samples: int, xml: str | None = None, *, by_
     yield Match("mass matrix", relative(M, each(oracle.mass_matrix, q)), ROUNDING, "M")
     yield Match("gravity", relative(gravity, each(oracle.gravity_torque, q)), ROUNDING, "g")
     yield Match("bias", relative(bias, each(oracle.bias_torque, q, qd)), ROUNDING, "C qd + g")
-    bound = max(ROUNDING, float(np.linalg.cond(M).max() * np.finfo(float).eps))
+    bound = _bound_of_accelerations(M)
     if not robot.model.has_mimics:
         theirs = each(oracle.forward_dynamics, q, qd, tau)
         yield Match("forward dynamics", relative(ours, theirs, of_qdd), bound, "qdd, bound eps cond(M), at least 1e-13")
@@ -153,5 +159,5 @@ def against_energies(robot: Robot, samples: int, *, by_terms: bool = False) -> I
     yield Match("bias", relative(robot.bias_torque(q, qd), bias), 1e-12, "C qd + g, from Euler-Lagrange")
     T = np.einsum("ni,nij,nj->n", qd, M, qd) / 2
     yield Match("mass matrix", relative(T[:, None], robot.kinetic_energy(q, qd)[:, None]), 1e-12, "qd.M qd / 2 = T")
-    bound = max(ROUNDING, float(np.linalg.cond(M).max() * np.finfo(float).eps))
+    bound = _bound_of_accelerations(M)
     yield Match("forward after inverse", relative(ours, qdd, of_qdd), bound, "qdd")

@@ -107,7 +107,7 @@ class TorqueDifference(Discrepancy):
         size = np.sqrt((tau**2).mean(0)) + np.sqrt((self.expected**2).mean(0))
         rounding = tolerance * np.maximum(size, max(thresholds.SMALLEST * size.max(initial=0), TINY))
         super().__init__(robot, rounding, np.ones(tau.shape, bool))
-        self.difference, self.bodies, self.tolerance = tau - self.expected, robot.parameters, tolerance
+        self.difference, self.bodies = tau - self.expected, robot.parameters
         self.left, self.Q = self.weighted(self.difference), np.zeros((tau.size, 0))
         self.floor = self.counts = np.full(robot.n, float(len(tau)))
 

@@ -68,8 +68,8 @@ class Prepared:
     position_cutoff: float
     decimation: int
     usable: Array
-    notes: tuple[str, ...] = ()
-    start: float = 0.0
+    notes: tuple[str, ...]
+    start: float
 
     __repr__ = summary
 

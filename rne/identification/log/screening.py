@@ -185,7 +185,7 @@ def check_stamps(found: Screened, t: Array, q: Array, bridge: int, stamps: str) 
     usual = np.abs(steps - np.median(steps)) <= np.median(steps) / 2
     period = float(steps[usual].mean())
     counted_period, gap = _pauses(t, bridge)
-    by_count = _equal_steps(t, gap, counted_period)
+    by_count = equal_steps(t, gap, counted_period)
     whole = np.clip(np.rint(steps / period), 1, bridge + 1) if period else steps
     regular = thresholds.REGULAR * period
     is_grid = (whole > 1).mean() <= thresholds.LOST and (np.abs(steps - whole * period) <= regular).all()
@@ -218,7 +218,7 @@ def _pauses(t: Array, bridge: int) -> tuple[float, Array]:
     return period, is_gap(t, period, bridge) & (steps > thresholds.GAP * usual)
 
 
-def _equal_steps(t: Array, gap: Array, period: float) -> Array:
+def equal_steps(t: Array, gap: Array, period: float) -> Array:
     """Equal steps between gaps, fitted to the stamps by lines of some seconds each."""
     from scipy.interpolate import make_lsq_spline
 
