@@ -272,7 +272,7 @@ def test_main_job_writes_page_and_pictures(tmp_path, short, capsys):
         assert (tmp_path / picture).read_bytes().startswith(b"\x89PNG")
     assert page.index('<img src="motion.gif"') < page.index("<p>An industrial arm") < page.index("<nav>")
     assert (tmp_path / "motion.gif").read_bytes().startswith(b"GIF89a")
-    assert "From 2.84 s on every joint stays within 0.01 rad of its target." in page
+    assert "From 2.81 s on every joint stays within 0.01 rad of its target." in page
     for form in ("one state", "1000 states"):
         assert f"<p>Inverse dynamics, {form} a call:</p>" in page
     for who in ("rne, NumPy", "rne, machine code", "Pinocchio"):

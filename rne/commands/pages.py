@@ -26,7 +26,7 @@ from ..plotting.plots import BELOW, WIDTH, blank_figure, small_plots
 from ..plotting.robot_picture import small_picture
 from ..robot import Robot
 from ..simulation.simulator import simulate
-from ..simulation.trajectory import Trajectory, trajectory_lines
+from ..simulation.trajectory import Trajectory, between, trajectory_lines
 from ..urdf.loading import load
 from ..urdf.write import to_urdf
 from ..validation.agreement import ROUNDING, Match, has_pinocchio, random_states, relative, validate
@@ -106,7 +106,7 @@ def _main_job(robot: Robot, page: Report) -> bool:
     page.heading("Comparison with an independent source")
     held = _compared(source, rows, False, page)
     page.heading("The motion above")
-    settled = settling_time(motion, loop.reference)
+    settled = settling_time(motion, loop.reference, between(motion.t))
     page.text(f"From {settled:.2f} s on every joint stays within {SETTLED:g} rad of its target.")
     page.lines("\n".join(trajectory_lines(motion)))
     page.text(FAST.format(*np.divide(KP, KD)[[3, 5]] * np.abs(loop.reference)[[3, 5]]))
@@ -280,10 +280,14 @@ def _share(most: float, effort: float) -> str:
     return f"{most / effort:.0%}" if effort < UNBOUNDED else "effort unknown"
 
 
-def settling_time(motion: Trajectory, reference: ArrayLike) -> float:
-    """First sample from which on every joint stays within 0.01 rad of its reference [s]; infinity if there is none."""
-    outside = np.flatnonzero((np.abs(motion.q - np.asarray(reference)) > SETTLED).any(axis=1))
-    return float(np.append(motion.t, np.inf)[outside[-1] + 1 if len(outside) else 0])
+def settling_time(motion: Trajectory, reference: ArrayLike, times: Array | None = None) -> float:
+    """First sample, or one of some times, from which on every joint stays within 0.01 rad of its reference [s].
+
+    Infinity if there is none.
+    """
+    t, q = (motion.t, motion.q) if times is None else (times, motion(times)[0])
+    outside = np.flatnonzero((np.abs(q - np.asarray(reference)) > SETTLED).any(axis=1))
+    return float(np.append(t, np.inf)[outside[-1] + 1 if len(outside) else 0])
 
 
 class Way(NamedTuple):
