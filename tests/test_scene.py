@@ -587,6 +587,23 @@ def test_a_law_that_was_changed_runs_as_it_is_now(two, sample_time, anew):
     assert largest == [100.0, 40.0, 30.0]
 
 
+def test_what_functions_call_is_looked_at_once(two):
+    """Of functions that call each other there are more ways from one to another than could be followed."""
+    numbers = {"gain": 1.0}
+
+    def made(others):
+        return lambda x: sum((other(x) for other in others), numbers["gain"] * x)
+
+    layers = [made([])]
+    for _ in range(60):
+        layers.append(made(layers[-2:]))
+    law = rne.traceable(lambda t, q, qd: -layers[3](q))
+    scene = rne.Scene(two, controller=law)
+    before = rne.simulate(scene, [0.5, 0.5], [0, 0], 0.01).tau[0]
+    numbers["gain"] = 2.0
+    np.testing.assert_allclose(rne.simulate(scene, [0.5, 0.5], [0, 0], 0.01).tau[0], 2 * before)
+
+
 def test_a_motion_remembers_the_law_that_it_ran_under(two):
     law = Held(gain=10.0)
     motion, same = (rne.simulate(rne.Scene(two, controller=law), [1.0, 0.0], [0, 0], 0.2) for _ in range(2))

@@ -41,36 +41,48 @@ def call_law(law: Any, t: Any, x: Array, n: int) -> tuple[Any, Any]:
     return returned
 
 
-def state_of(value: Any, above: frozenset[int] = frozenset()) -> Any:
-    """What an object is now, to notice that it was changed: numbers and arrays by value, objects by what they hold.
+def state_of(value: Any, seen: dict[int, Any] | None = None) -> Any:
+    """What a law holds, to notice that it was changed: numbers and arrays by value, each object once by its parts.
 
-    Robots and all else of this package but laws and references never change. `above` has the objects that hold it.
+    What a function reads counts as held: its closure, defaults and global names. Robots and all else of this package
+    but laws and references never change, nor do functions of installed packages. `seen` keeps the objects by their ids.
     """
     if isinstance(value, np.ndarray):
         return value.shape, value.dtype.str, value.tobytes() if value.dtype != object else repr(value)
     if isinstance(value, bool | int | float | complex | str | bytes | None):
         return repr(value)
-    of_package, *module = type(value).__module__.split(".")
-    if id(value) in above or (of_package == "rne" and module[0] not in ("control", "trajectories")):
+    seen = {} if seen is None else seen
+    if id(value) in seen or _never_changes(value):
         return id(value)
-    above |= {id(value)}
+    seen[id(value)] = value
     if isinstance(value, list | tuple | set | frozenset):
-        return type(value), tuple(state_of(part, above) for part in value)
+        return type(value), tuple(state_of(part, seen) for part in value)
     parts: dict[Any, Any] = dict(value) if isinstance(value, Mapping) else {}
-    if is_dataclass(value) and not isinstance(value, type):  # without what it keeps of its own accord
+    if is_dataclass(value):  # without what it keeps of its own accord
         parts |= {field.name: getattr(value, field.name) for field in fields(value)}
     elif isinstance(value, MethodType):
         parts |= {"self": value.__self__, "function": value.__func__}
     elif isinstance(value, partial):
         parts |= {"function": value.func, "arguments": value.args, "named": value.keywords}
-    elif not isinstance(value, type | ModuleType):
+    else:
         parts |= getattr(value, "__dict__", {})
     if isinstance(value, FunctionType):
         cells = zip(value.__code__.co_freevars, value.__closure__ or (), strict=True)
         parts |= {name: cell.cell_contents for name, cell in cells}
         parts |= {name: value.__globals__.get(name) for name in value.__code__.co_names}
         parts |= {"defaults": (value.__defaults__, value.__kwdefaults__)}
-    return id(value), tuple((str(name), state_of(part, above)) for name, part in parts.items())
+    return id(value), tuple((str(name), state_of(part, seen)) for name, part in parts.items())
+
+
+def _never_changes(value: Any) -> bool:
+    """True for classes, modules, functions of installed packages, and what this package has but laws and references."""
+    if isinstance(value, type | ModuleType):
+        return True
+    is_function = isinstance(value, FunctionType)
+    if is_function and "site-packages" in value.__code__.co_filename:
+        return True
+    package, _, module = str((value if is_function else type(value)).__module__).partition(".")
+    return package == "rne" and not module.startswith(("control", "trajectories"))
 
 
 class TracedLaw:

@@ -90,7 +90,7 @@ class Plant:
 
     def keep_kernels(self) -> None:
         """Have the cache find the kernels of this run, so that it is repeated with the law as it was."""
-        for kernel in (self.kernel, self._law_kernel):
+        for kernel in (self.kernel, self._law_kernel, self.__dict__.get("slopes")):
             if kernel is not None:
                 self.robot._kernels.keep_scene(kernel)
 

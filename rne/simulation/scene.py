@@ -221,18 +221,18 @@ class Scene:
         return self._dynamics("none" if self.controller is None else "called" if self.sample_time is None else "held")
 
     def _dynamics(self, inputs: str, law: TracedLaw | None = None) -> SceneDynamics:
-        parts, is_held = self.resolved, self.sample_time is not None
-        inertia = tuple(parts.robot._kernels.typical_inertia.tolist())
+        parts, is_held, kernels = self.resolved, self.sample_time is not None, self.resolved.robot._kernels
         limit, states = parts.effort_limit, 0 if is_held else int(getattr(self.controller, "states", 0))
+        has_impulses = limit is not None and self.controller is not None and not is_held
         return SceneDynamics(
             parts.robot.n,
-            parts.robot._kernels.forward_method(),
+            kernels.forward_method(),
             parts.friction,
             None if limit is None else tuple(limit.tolist()),
             law,
             inputs,
             states,
-            None if limit is None or self.controller is None or is_held else inertia,
+            tuple(kernels.typical_inertia.tolist()) if has_impulses else None,
         )
 
     @property
