@@ -5,7 +5,6 @@ Counted are scenes without a law or with one that is traced, and with a method t
 
 from __future__ import annotations
 
-import re
 import warnings
 from collections import Counter
 from typing import Any
@@ -40,11 +39,10 @@ def of_case(case: Any, engine: str) -> tuple[int, str]:
         return step(solver)
 
     OdeSolver.step = counted
-    script = re.sub(r"^(robot = .*)\)$", rf"\1, {engine!r})", case.script(), flags=re.MULTILINE)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            exec(script, names)
+            exec(case.script(engine), names)
         words = names["motion"].message
     except rne.SimulationError as error:
         words = str(error)

@@ -93,11 +93,10 @@ def errors_in_standard_errors(scene, motion, seeds, **options):
 
 
 def test_truth_lies_within_three_standard_errors(scene, motions):
-    *both, _ = errors_in_standard_errors(scene, motions[0], range({3: 7, 6: 3}[scene.n]), consistent=False)
+    *both, _ = errors_in_standard_errors(scene, motions[0], range(12), consistent=False)
     for z in both:
-        assert z.size >= 144
         assert np.mean(np.abs(z) < 3) > 0.985
-        assert np.sqrt(np.mean(z**2)) == pytest.approx(1, abs=0.18)  # 144 errors: three deviations
+        assert np.sqrt(np.mean(z**2)) == pytest.approx(1, abs=0.2)  # three deviations; those of a log are related
 
 
 @pytest.mark.long

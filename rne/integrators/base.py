@@ -25,6 +25,10 @@ SAME = 8 * EPS  # relative: times that are equal up to rounding
 FAILURES = (NotFiniteError, SingularMassMatrixError, ArithmeticError)  # that end a run
 
 
+class GaveUpError(NotFiniteError):
+    """A method that needs steps shorter than the rounding of times."""
+
+
 @dataclass(frozen=True)
 class IntegrationOptions:
     """How an initial value problem is integrated.

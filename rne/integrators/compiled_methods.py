@@ -16,10 +16,9 @@ import numpy as np
 
 from ..basics.spatial import Array
 from ..basics.text import counted
-from ..errors import NotFiniteError
 from ..kernels.kernel import Kernel
 from . import rosenbrock, runge_kutta
-from .base import RODAS, IntegrationOptions, Interpolant, Sampler, Solver, Steps, System
+from .base import RODAS, GaveUpError, IntegrationOptions, Interpolant, Sampler, Solver, Steps, System
 from .loops import compiled
 from .runge_kutta import CONTINUE, KEEP_LENGTH, RESTART
 from .scipy_methods import SciPySolver
@@ -245,7 +244,7 @@ class RosenbrockSolver(Solver):
             with np.errstate(all="ignore"):
                 steps = self._take(1, rosenbrock.take_steps, (self._rates, self._slopes))
         if len(steps.T) == 1:
-            raise NotFiniteError(f"{RODAS} gave up: steps would be shorter than the rounding of times", self.t)
+            raise GaveUpError(f"{RODAS} gave up: steps would be shorter than the rounding of times", self.t)
         return steps
 
     def _take(self, max_steps: int, loop: Callable[..., int], functions: tuple[Any, Any]) -> Steps:

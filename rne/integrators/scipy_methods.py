@@ -12,7 +12,7 @@ import numpy as np
 
 from ..basics.spatial import Array
 from ..errors import NotFiniteError
-from .base import FAILURES, IMPLICIT, SAME, IntegrationOptions, Interpolant, Solver, Steps, System
+from .base import FAILURES, IMPLICIT, SAME, GaveUpError, IntegrationOptions, Interpolant, Solver, Steps, System
 from .step_control import EPS
 from .tableaus import scipy_class
 
@@ -108,7 +108,7 @@ class SciPySolver(Solver):
         solver = self.scipy
         begin, message = float(solver.t), solver.step()
         if solver.status == "failed":
-            raise NotFiniteError(f"{self.method} gave up: {message}", begin)
+            raise GaveUpError(f"{self.method} gave up: {message}", begin)
         if not isfinite(sum(solver.y.tolist())) and not np.isfinite(solver.y).all():
             raise NotFiniteError(f"state is not finite at t = {solver.t:.6g} s", float(solver.t))
 

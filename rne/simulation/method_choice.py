@@ -108,7 +108,7 @@ class MethodMonitor:
             raise NotFiniteError(text, t)
         if self.plant.sampled is None and pace * SLOW < self.duration and self.count >= self.next_suspicion:
             self.next_suspicion = 2 * self.count
-            self._check_chatter()
+            self.check_chatter()
         h = pace / CHECKED
         if self.hold is not None and 2 * h > self.hold.period and self.method in EXPLICIT:
             return  # the samples cut the steps
@@ -172,7 +172,7 @@ class MethodMonitor:
                 t,
             )
 
-    def _check_chatter(self) -> None:
+    def check_chatter(self) -> None:
         """Refuse torques that jump right beside most of the last states: the motion is held at the jump."""
         self._check_repeats(*self.recent[-1])
         chosen = list(self.recent)[-EXAMINED - 1 :]

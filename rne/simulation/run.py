@@ -14,7 +14,7 @@ import numpy as np
 
 from ..basics.spatial import Array
 from ..errors import NotFiniteError, SingularMassMatrixError
-from ..integrators.base import FAILURES, RODAS, SAME, IntegrationOptions, Solver, Steps
+from ..integrators.base import FAILURES, RODAS, SAME, GaveUpError, IntegrationOptions, Solver, Steps
 from ..integrators.compiled_methods import CompiledSolver, RosenbrockSolver, SampledSolver
 from ..integrators.scipy_methods import Keeps, SciPySolver
 from ..integrators.tableaus import EXPLICIT
@@ -272,6 +272,11 @@ class Run:
         return self._result(failure)
 
     def _failure(self, error: Exception) -> Failure:
+        if isinstance(error, GaveUpError) and self.plant.sampled is None:
+            try:
+                self.monitor.check_chatter()
+            except NotFiniteError as cause:
+                error = cause
         return Failure(float(getattr(error, "time", None) or self.t), str(error))
 
     def _segment(self) -> None:

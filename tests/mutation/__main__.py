@@ -170,7 +170,7 @@ def main(arguments=None):
     parser.add_argument("--cache", type=Path, default=Path(tempfile.gettempdir()) / "rne-mutation")
     options = parser.parse_args(arguments)
     root = options.root.resolve()
-    seed = seed_of_commit(root) if options.seed is None else options.seed
+    seed = options.seed if options.seed is not None or options.mutants else seed_of_commit(root)
     if unknown := set(options.folder) - {None, *folders(root)}:
         parser.error(f"no folders of rne: {sorted(unknown)}; they are {list(folders(root))}")
     mutants = listed(root, options.mutants) if options.mutants else []
@@ -196,7 +196,7 @@ def main(arguments=None):
         )
 
     suite = Suite(root, options.cache, options.tests)
-    print(f"seed {seed}: {len(mutants)} mutants, {len(equivalent)} of them equivalent")
+    print(f"{options.mutants or f'seed {seed}'}: {len(mutants)} mutants, {len(equivalent)} of them equivalent")
     print(
         f"{len(suite.cost)} short tests, {sum(suite.cost.values()):.0f} s with coverage; failing without a mutant: {suite.failing or 0}",
         flush=True,
