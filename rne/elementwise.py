@@ -18,6 +18,12 @@ from .basics.arrays import plain_array
 from .basics.spatial import Array
 
 P = ParamSpec("P")
+OF_MPMATH = {
+    "tanh": "tanh",
+    "exp": "exp",
+    "arctan2": "atan2",
+}  # in mpmath, of whose numbers NumPy has none
+SHARED = ("tanh", "exp", "sign", "arctan2", "minimum", "maximum")  # functions of the names of operations of kernels
 SECTIONS = """Parameters
     ----------
     {names} : array_like
@@ -36,6 +42,9 @@ def _entry(name: str, *x: Any) -> Any:
     """One entry of a result: the method of a traced number, or NumPy's function of numbers."""
     if name == "less":
         return x[0] < x[1]
+    context = next((number.context for number in x if hasattr(number, "context")), None)  # mpmath's
+    if context is not None and name in OF_MPMATH:
+        return getattr(context, OF_MPMATH[name])(*x)
     if name in ("minimum", "maximum") and not hasattr(x[0], name):
         x = x[::-1]
     if name == "arctan2" and hasattr(x[1], name):
@@ -172,3 +181,15 @@ def clip(x: ArrayLike, lower: ArrayLike, upper: ArrayLike) -> Array:
     [-20.0, 5.0, 20.0]
     """
     return minimum(maximum(x, lower), upper)
+
+
+def linear_solution(solve: Callable[[Array], Array], product: Callable[[Array], Array], y: Array) -> Array:
+    """The solution x = solve(y) of M x = y, with a symmetric M that `product` multiplies a vector by, shape (..., n).
+
+    Derivatives of traced numbers are then those of M x = y, which lose fewer digits than those of the factors of M.
+    """
+    x = solve(y)
+    traced = next((entry for entry in x.flat if hasattr(entry, "graph")), None) if x.dtype == object else None
+    if traced is not None:
+        traced.graph.note_solution(solve, product, x, y)
+    return x

@@ -82,7 +82,7 @@ def _elementwise(name: str) -> Any:
     return np.frompyfunc(apply, 1, 1)
 
 
-_object_sin, _object_cos = _elementwise("sin"), _elementwise("cos")
+_object_sin, _object_cos, _object_sqrt = map(_elementwise, ("sin", "cos", "sqrt"))
 
 
 def sincos(angle: Array) -> tuple[Array, Array]:
@@ -90,6 +90,11 @@ def sincos(angle: Array) -> tuple[Array, Array]:
     if np.asarray(angle).dtype == object:
         return _object_sin(angle), _object_cos(angle)
     return np.sin(angle), np.cos(angle)
+
+
+def sqrt(x: Array) -> Array:
+    """Square root; np.sqrt itself fails on mpmath numbers."""
+    return np.asarray(_object_sqrt(x)) if np.asarray(x).dtype == object else np.sqrt(x)
 
 
 def rotation_about(axis: Array, angle: Array) -> Array:
