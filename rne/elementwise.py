@@ -49,7 +49,7 @@ def _entry(name: str, *x: Any) -> Any:
         x = x[::-1]
     if name == "arctan2" and hasattr(x[1], name):
         x = x[0] + 0 * x[1], x[1]
-    return getattr(x[0], name)(*x[1:]) if hasattr(x[0], name) else getattr(np, name)(*x)[()]
+    return getattr(x[0], name)(*x[1:]) if hasattr(x[0], name) else np.asarray(getattr(np, name)(*x))[()]
 
 
 def _apply(name: str, **x: ArrayLike) -> Array:

@@ -37,6 +37,7 @@ from .python_backend import state_function
 from .scalar import is_traced
 from .source import Printable, entry_of_element, heading, to_source
 from .trace import (
+    LIMIT,
     argument_widths,
     by_recursion,
     check_own,
@@ -125,7 +126,7 @@ class Kernel:
                 self._trace: Trace | None = trace(self.quantity, model, self._rest, self.wrt, order=self.order)
         except TooLarge as error:
             if self.order.startswith("hessian"):
-                raise TypeError(f"{self._title} takes {error}, which are not written out") from None
+                raise TypeError(f"the {self._title} takes {error}; at most {LIMIT} are written out") from None
             self._trace = None
         if self.function is not function and self._trace is not None:
             check_own(self.function, self.model)
