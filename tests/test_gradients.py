@@ -203,10 +203,13 @@ def test_forward_dynamics_against_the_recursion_in_50_digits(name):
     assert check_against_recursion(robot, rne.dynamics.forward_dynamics, False, 2) <= 100 * kappa
 
 
-def test_derivatives_lose_no_more_digits_than_forward_dynamics_where_m_is_nearly_singular():
-    """Two joints of one axis, a light body between them. Through M's factors a slope would lose twice as many."""
+FORWARD = [rne.dynamics.forward_dynamics, rne.dynamics.articulated_forward_dynamics]
+
+
+def coaxial(light):
+    """Two joints of one axis, a body of a given mass [kg] between them, and a third joint across."""
     z = np.eye(3)
-    bodies = [(z[1], 1e-8, [0.1, 0.05, 0.2]), (z[1], 2.0, [0.3, 0.1, 0.1]), (z[0], 1.0, [0.1, 0.2, 0.1])]
+    bodies = [(z[1], light, [0.1, 0.05, 0.2]), (z[1], 2.0, [0.3, 0.1, 0.1]), (z[0], 1.0, [0.1, 0.2, 0.1])]
     parts = [
         Part(
             link=f"l{k}",
@@ -220,18 +223,33 @@ def test_derivatives_lose_no_more_digits_than_forward_dynamics_where_m_is_nearly
         )
         for k, (axis, mass, com) in enumerate(bodies)
     ]
-    model = assemble("coaxial", [Part(link="base"), *parts])
+    return assemble("coaxial", [Part(link="base"), *parts])
+
+
+@pytest.mark.parametrize("function", FORWARD, ids=lambda f: f.__name__)
+def test_derivatives_keep_the_digits_of_forward_dynamics_where_m_is_nearly_singular(function):
+    """Through what solves for the accelerations, such as M's factors, a slope would lose twice as many."""
+    model = coaxial(1e-8)
     q, qd, tau = states(3, 5, seed=1, rate=1.0)
     weights = np.random.default_rng(0).normal(size=(5, 3))
     digits = rne.dynamics.diagnose(model, q, qd, tau).digits.min()
     assert 6 < digits < 8
     rows = np.concatenate([q, qd, tau, weights], axis=-1)
     for make, worst in ((gradient, digits - 0.5), (hessian, digits - 1.5)):
-        kernel = make(rne.dynamics.forward_dynamics, model)
+        kernel = make(function, model)
         program, entries = kernel.traced.program, kernel.traced.entries
         with mpmath.workdps(DIGITS):
             truth = nearest(evaluate(program, entries, exact(rows)))
         assert relative(kernel(q, qd, tau, weights).reshape(5, -1), truth) < 10**-worst
+
+
+def test_the_warning_of_few_digits_is_that_of_the_derivative():
+    q, qd, tau = states(3, seed=1, rate=1.0)
+    kernel = hessian(rne.dynamics.forward_dynamics, coaxial(2e-13))
+    with pytest.warns(
+        rne.PrecisionWarning, match=r"^the Hessian of forward_dynamics by q, qd, tau keeps about \d digits: "
+    ):
+        kernel(q, qd, tau, np.ones(3))
 
 
 @pytest.mark.parametrize("tree", kept(SMALL, ["pair"]))

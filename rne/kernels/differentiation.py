@@ -30,14 +30,15 @@ class Order(NamedTuple):
     title: str  # "" for the values and the Jacobian, which are named by the function
     inputs: tuple[str, ...] = ()  # behind those of the function
     axes: int = 0  # of the result that belong to the arguments to differentiate by
+    digits: float = 0.0  # decimal digits that it loses beyond those that the function does, at most, as measured
 
 
 ORDERS = {
     "values": Order(""),
     "jacobian": Order("", axes=1),
-    "gradient": Order("gradient of ", ("weights",), 1),
-    "hessian": Order("Hessian of ", ("weights",), 2),
-    "hessian_product": Order("Hessian times a vector of ", ("weights", "vector"), 1),
+    "gradient": Order("gradient of ", ("weights",), 1, 0.5),
+    "hessian": Order("Hessian of ", ("weights",), 2, 1.0),
+    "hessian_product": Order("Hessian times a vector of ", ("weights", "vector"), 1, 1.0),
 }
 
 
@@ -114,28 +115,27 @@ def differentiate(graph: Graph, order: str, outputs: Sequence[int], by: Sequence
 
 
 class _SystemNodes(NamedTuple):
-    """A solved system M x = y as references, and M x once more as a function of x, made of nodes behind x."""
+    """A linear system that was solved, with x and r(x) as references; r(x) is made of nodes of its own, behind x."""
 
     solve: Callable[[Any], Any]
     product: Callable[[Any], Any]
     x: list[int]
-    y: list[int]
-    Mx: list[int]
-    nodes: list[int]  # between x and M x, in order
-    before: list[int]  # nodes in front of x that M x is made of
+    residual: list[int]
+    nodes: list[int]  # between x and r(x), in order
+    before: list[int]  # nodes in front of x that r(x) is made of
 
     @property
     def first(self) -> int:
-        """The node of x that comes first; all that M and y are made of comes before it."""
+        """The node of x that comes first."""
         return min(ref >> 1 for ref in self.x)
 
 
 class Sweeps:
     """Sweeps through a graph, forwards and backwards.
 
-    No slope goes through the factors of M: where x solves M x = y, it changes by M^-1 (dy - dM x), and the slopes of y
-    are p = M^-1 (slopes of x), those of M -p x^T. Both are taken from M x by a recursion at constant x: the entries of
-    M would lose twice as many digits, as large parts of p and x cancel in p^T dM x where M is nearly singular.
+    No slope goes through what a linear system was solved by. A solution x of r(x) = 0 changes by -M^-1 dr at constant
+    x, and r has the slopes -M^-1 (slopes of x). With r = M qdd + h - tau by a recursion few digits are lost: through
+    the factors of M, or its entries, twice as many would be, as large terms cancel where M is nearly singular.
     """
 
     def __init__(self, graph: Graph) -> None:
@@ -149,7 +149,7 @@ class Sweeps:
         solved = self.solved.get(index)
         if solved is None:
             return self.graph.arguments(index)
-        return [solved.first] if index != solved.first else [*solved.before, *(ref >> 1 for ref in solved.y)]
+        return solved.before if index == solved.first else [solved.first]
 
     def _order(self, outputs: Sequence[int]) -> list[int]:
         return sorted(self.graph.needed(outputs, self._depends))
@@ -179,9 +179,7 @@ class Sweeps:
         g, inner = self.graph, {k: slopes[k] for k in solved.before if k in slopes}
         for index in solved.nodes:
             self._forward(index, inner)
-        changes = [
-            g.add(self._of(y, slopes), g.negate(self._of(Mx, inner))) for y, Mx in zip(solved.y, solved.Mx, strict=True)
-        ]
+        changes = [g.negate(self._of(ref, inner)) for ref in solved.residual]
         if any(change != self.zero for change in changes):
             for ref, slope in zip(solved.x, references(g, solved.solve(_row(g, changes))), strict=True):
                 slopes[ref >> 1] = g.negate(slope) if ref & 1 else slope
@@ -207,9 +205,8 @@ class Sweeps:
         is_taken = reduce(partial(g.binary, "maximum"), taken)
         right = _row(g, [self._of(ref, slopes.of) for ref in solved.x])
         p, inner = references(g, linear_solution(solved.solve, solved.product, right)), _Slopes(g)
-        for y, Mx, slope in zip(solved.y, solved.Mx, p, strict=True):
-            slopes.give(y, slope, is_taken)
-            inner.give(Mx, g.negate(slope), is_taken)
+        for ref, slope in zip(solved.residual, p, strict=True):
+            inner.give(ref, g.negate(slope), is_taken)
         for index in reversed(solved.nodes):
             inner.backward(index)
         for k in solved.before:
@@ -253,20 +250,21 @@ class _Slopes:
 
 
 def _nodes_of(g: Graph, system: LinearSystem) -> _SystemNodes | None:
-    """The references of a solved system; None where x has constants, or expressions that were there before y."""
-    x, y = references(g, system.x), references(g, system.y)
-    if any(g.value(ref) is not None for ref in x):
+    """The references of a linear system; None where entries of x are constant or one expression."""
+    x = references(g, system.x)
+    own = {ref >> 1 for ref in x}
+    if len(own) < len(x) or any(g.value(ref) is not None for ref in x):
         return None
-    first, nodes = min(ref >> 1 for ref in x), {ref >> 1 for ref in x}
-    Mx = references(g, system.product(_row(g, x)))
-    between = sorted(g.needed(Mx, lambda k: g.arguments(k) if k > first and k not in nodes else []))
-    operands = {
-        operand for k in (*between, *(ref >> 1 for ref in Mx)) for operand in (g.arguments(k) if k > first else [k])
-    }
-    before = sorted(k for k in operands if k < first and g.value(2 * k) is None)
-    if max(ref >> 1 for ref in y) >= first:
-        return None
-    return _SystemNodes(system.solve, system.product, x, y, Mx, between, before)
+    first = min(own)
+
+    def behind(index: int) -> list[int]:
+        return g.arguments(index) if index > first and index not in own else []
+
+    residual = references(g, system.residual(_row(g, x)))
+    nodes = sorted(g.needed(residual, behind))
+    read = {k for index in nodes for k in g.arguments(index)} | {ref >> 1 for ref in residual}
+    before = sorted(k for k in read if k < first and g.value(2 * k) is None)
+    return _SystemNodes(system.solve, system.product, x, residual, nodes, before)
 
 
 def _row(g: Graph, refs: Sequence[int]) -> Any:

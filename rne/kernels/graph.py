@@ -53,12 +53,12 @@ class Node(NamedTuple):
 
 
 class LinearSystem(NamedTuple):
-    """M x = y with a symmetric M: functions from y to x and from x to M x, and the arrays x and y."""
+    """A solution x of r(x) = 0 with the symmetric slope M: functions from y to M^-1 y, from y to M y, and r."""
 
+    x: Any
     solve: Callable[[Any], Any]
     product: Callable[[Any], Any]
-    x: Any
-    y: Any
+    residual: Callable[[Any], Any]
 
 
 class TooLarge(Exception):

@@ -394,6 +394,9 @@ class Kernel:
         named = zip(self.names, arguments, self.widths, strict=True)
         result = self._by_program([joint_array(name, a, self.model, width) for name, a, width in named])
         check_result(self._title, result, result.shape[: result.ndim - ORDERS[self.order].axes])
+        if status.loss is not None:
+            digits = max(0.0, status.loss.digits - ORDERS[self.order].digits)
+            status = PrecisionStatus(loss=status.loss._replace(digits=digits, what=f"the {self._title} keeps"))
         return result, status
 
     def _batch(
