@@ -181,22 +181,3 @@ def clip(x: ArrayLike, lower: ArrayLike, upper: ArrayLike) -> Array:
     [-20.0, 5.0, 20.0]
     """
     return minimum(maximum(x, lower), upper)
-
-
-def linear_solution(solve: Callable[[Array], Array], product: Callable[[Array], Array], y: Array) -> Array:
-    """The solution x = solve(y) of M x = y, shape (..., n), with a symmetric M, by which `product` multiplies."""
-    x = solve(y)
-    note_solution(x, solve, product, lambda x: product(x) - y)
-    return x
-
-
-def note_solution(
-    x: Array, solve: Callable[[Array], Array], product: Callable[[Array], Array], residual: Callable[[Array], Array]
-) -> None:
-    """Let derivatives of traced numbers x be those of residual(x) = 0, whose slope by x is M.
-
-    Derivatives of what x was computed by, such as the factors of M, would lose twice as many digits.
-    """
-    traced = next((entry for entry in x.flat if hasattr(entry, "graph")), None) if x.dtype == object else None
-    if traced is not None:
-        traced.graph.note_solution(x, solve, product, residual)

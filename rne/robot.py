@@ -728,7 +728,10 @@ class Robot(InNotebooks):
     def forward_dynamics_hessian(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike, weights: ArrayLike) -> Array:
         """Second derivatives of the weighted sum of the accelerations of forward dynamics.
 
-        Parameters, errors and warnings are those of `forward_dynamics_gradient`.
+        Parameters
+        ----------
+        q, qd, tau, weights : array_like, shape (..., n)
+            As of `forward_dynamics_gradient`, as are errors and warnings.
 
         Returns
         -------

@@ -7,6 +7,7 @@ or object arrays of mpmath numbers. Nothing here knows about robots.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -182,3 +183,15 @@ def combine_bodies(bodies: list[tuple[Any, Array, Array]]) -> tuple[Any, Array, 
     com = moment / mass if mass > 0 else 0 * moment
     inertia: Array = np.sum([I + point_mass_inertia(m, c - com) for m, c, I in bodies], axis=0)
     return mass, com, inertia
+
+
+def note_solution(
+    x: Array, solve: Callable[[Array], Array], product: Callable[[Array], Array], residual: Callable[[Array], Array]
+) -> None:
+    """Let derivatives of traced numbers x be those of residual(x) = 0, whose slope by x is M.
+
+    Derivatives of what x was computed by, such as the factors of M, would lose twice as many digits.
+    """
+    traced = next((entry for entry in x.flat if hasattr(entry, "graph")), None) if x.dtype == object else None
+    if traced is not None:
+        traced.graph.note_solution(x, solve, product, residual)

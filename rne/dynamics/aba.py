@@ -19,8 +19,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..basics.spatial import IDENTITY, Array, cross, cross_matrix, dot, outer, rotate, rotate_back, transpose, zeros
-from ..elementwise import note_solution
+from ..basics.spatial import (
+    IDENTITY,
+    Array,
+    cross,
+    cross_matrix,
+    dot,
+    note_solution,
+    outer,
+    rotate,
+    rotate_back,
+    transpose,
+    zeros,
+)
 from ..errors import ModelError
 from ..model.model import Model
 from .crba import composite_inertias, mass_diagonal

@@ -7,8 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from ..basics.spatial import Array, cross, cross_matrix, dot, mirrored, rotate, transpose, zeros
-from ..elementwise import linear_solution
+from ..basics.spatial import Array, cross, cross_matrix, dot, mirrored, note_solution, rotate, transpose, zeros
 from ..model.model import Model
 from ..model.solids import Moments
 from .kinematics import BASE, joint_transforms
@@ -110,7 +109,9 @@ def solve_with_pivots(
     `product`, from x to M x, is what derivatives of x are taken of. By a recursion it loses fewer digits than by M.
     """
     L, D = factorise(M, parent)
-    x = linear_solution(partial(solve_factored, L, D, parent), product or partial(rotate, M), y)
+    solve, product = partial(solve_factored, L, D, parent), product or partial(rotate, M)
+    x = solve(y)
+    note_solution(x, solve, product, lambda x: product(x) - y)
     return x, D, np.diagonal(M, axis1=-2, axis2=-1)
 
 

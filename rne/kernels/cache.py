@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from ..basics.spatial import Array
 from ..dynamics.aba import articulated_forward_dynamics
-from ..dynamics.crba import mass_matrix, solve_with_pivots
+from ..dynamics.crba import mass_matrix
 from ..dynamics.forward import forward_dynamics
 from ..dynamics.quantity import Declared, PrecisionStatus
 from ..dynamics.rnea import External, inverse_dynamics
@@ -242,18 +242,9 @@ class KernelCache:
         return dq, dqd, M if M.shape == dq.shape else np.broadcast_to(M, dq.shape).copy()
 
     def forward_derivatives(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> tuple[Array, PrecisionStatus]:
-        """Derivatives of forward dynamics by q, qd and tau side by side, (..., n, 3 n).
-
-        From M qdd + h = tau: M dqdd = -d(M qdd + h) at constant qdd. Carpentier and Mansard 2018.
-        """
-        qdd, status = self.forward_dynamics(q, qd, tau)
-        if status.error is not None:
-            return qdd, status
-        dq, dqd, M = self.inverse_derivatives(q, qd, qdd)
-        identity = np.broadcast_to(np.eye(self.model.n, dtype=qdd.dtype), dq.shape)
-        right = np.concatenate([-dq, -dqd, identity], axis=-1)
-        if M.dtype.char in "fdFD":
-            return np.linalg.solve(M, right), status
-        # LAPACK has no other types
-        rows, *_ = solve_with_pivots(M[..., None, :, :], self.model.coordinate_parent, np.swapaxes(right, -1, -2))
-        return np.swapaxes(rows, -1, -2), status
+        """Derivatives of forward dynamics by q, qd and tau side by side, (..., n, 3 n), and their status."""
+        function, wrt, arrays = self.forward_method(), ("q", "qd", "tau"), (q, qd, tau)
+        key = (function, *wrt)
+        if key not in self._kernels and self._is_first_state(key, arrays):
+            return by_recursion(function, self.model, arrays, wrt, NOTHING)
+        return self.kernel(function, *wrt).evaluate(*arrays)

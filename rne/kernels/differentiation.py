@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..elementwise import linear_solution
+from ..basics.spatial import note_solution
 from .graph import COMPARISONS, Graph, LinearSystem
 from .scalar import Scalar, references
 
@@ -84,20 +84,10 @@ def _choice(g: Graph, index: int) -> tuple[int, int, int] | None:
 
 
 def differentiate(graph: Graph, order: str, outputs: Sequence[int], by: Sequence[int], first: int) -> list[int]:
-    """References of derivatives of the outputs by some inputs, entry by entry.
+    """References of derivatives of the outputs, an order of ORDERS, by the inputs of numbers `by`, entry by entry.
 
-    Parameters
-    ----------
-    graph : Graph
-    order : str
-        One of ORDERS.
-    outputs : sequence of int
-        References.
-    by : sequence of int
-        Numbers of the inputs.
-    first : int
-        Number of the first input behind the function's own: the weights, one for each output, then the vector, one
-        entry for each of `by`.
+    `first` is the number of the first input behind the function's own: of the weights, one for each output, which the
+    vector follows, one for each of `by`.
     """
     one, sweeps = graph.constant(1.0), Sweeps(graph)
     if order == "jacobian":
@@ -203,9 +193,10 @@ class Sweeps:
         if not taken:
             return
         is_taken = reduce(partial(g.binary, "maximum"), taken)
-        right = _row(g, [self._of(ref, slopes.of) for ref in solved.x])
-        p, inner = references(g, linear_solution(solved.solve, solved.product, right)), _Slopes(g)
-        for ref, slope in zip(solved.residual, p, strict=True):
+        right, inner = _row(g, [self._of(ref, slopes.of) for ref in solved.x]), _Slopes(g)
+        p = solved.solve(right)
+        note_solution(p, solved.solve, solved.product, lambda p: solved.product(p) - right)
+        for ref, slope in zip(solved.residual, references(g, p), strict=True):
             inner.give(ref, g.negate(slope), is_taken)
         for index in reversed(solved.nodes):
             inner.backward(index)

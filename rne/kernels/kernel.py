@@ -603,7 +603,14 @@ def gradient(function: Declared, model: Model, *wrt: str, engine: str = "numpy",
 def hessian(function: Declared, model: Model, *wrt: str, engine: str = "numpy", **fixed: Any) -> Kernel:
     """Trace a function and the Hessian of a weighted sum of its entries: forwards through the gradient's sweep.
 
-    Parameters and errors are those of `gradient`. Where k is large, `hessian_product` takes far fewer operations.
+    Where k is large, `hessian_product` takes far fewer operations.
+
+    Parameters
+    ----------
+    function, model, *wrt, **fixed
+        As in `gradient`.
+    engine : {"numpy", "numba"}
+        Engine that runs the kernel.
 
     Returns
     -------
@@ -628,7 +635,12 @@ def hessian(function: Declared, model: Model, *wrt: str, engine: str = "numpy", 
 def hessian_product(function: Declared, model: Model, *wrt: str, engine: str = "numpy", **fixed: Any) -> Kernel:
     """Trace the Hessian of a weighted sum of a function's entries times a vector, some five times the function's work.
 
-    Parameters and errors are those of `hessian`.
+    Parameters
+    ----------
+    function, model, *wrt, **fixed
+        As in `gradient`.
+    engine : {"numpy", "numba"}
+        Engine that runs the kernel.
 
     Returns
     -------

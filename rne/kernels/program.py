@@ -76,25 +76,21 @@ class Program:
 def evaluate(program: Program, entries: int, inputs: Array) -> Array:
     """The first outputs, (states, entries), of inputs (states, width) of any type of number."""
     found = np.zeros((len(inputs), entries), dtype=inputs.dtype)
-    with np.errstate(all="ignore"):
-        for k in range(0, len(inputs), BLOCK):
-            _evaluate(program, inputs[k : k + BLOCK].T, found[k : k + BLOCK].T)
+    number: Any = np.asarray if inputs.dtype == object else inputs.dtype.type
+    for k in range(0, len(inputs), BLOCK):
+        rows, values = inputs[k : k + BLOCK].T, list[Array]()
+
+        def value(arg: Operand, rows: Array = rows, values: list[Array] = values) -> Any:
+            if arg.kind == "constant":
+                return number(arg.value)
+            return (rows if arg.kind == "input" else values)[int(arg.value)]
+
+        with np.errstate(all="ignore"):
+            for kind, args in program.instructions:
+                values.append(ON_ARRAYS[kind](*map(value, args)))
+        for row, output in zip(found[k : k + BLOCK].T, program.outputs, strict=False):
+            row[...] = value(output)
     return found
-
-
-def _evaluate(program: Program, inputs: Array, results: Array) -> None:
-    """Fill `results`, (entries, states)."""
-    values: list[Array] = []
-
-    def value(arg: Operand) -> Any:
-        if arg.kind == "constant":
-            return np.asarray(arg.value) if inputs.dtype == object else inputs.dtype.type(arg.value)
-        return inputs[int(arg.value)] if arg.kind == "input" else values[int(arg.value)]
-
-    for kind, args in program.instructions:
-        values.append(ON_ARRAYS[kind](*map(value, args)))
-    for row, output in zip(results, program.outputs, strict=False):
-        row[...] = value(output)
 
 
 def with_table(program: Program) -> tuple[Program, list[float]]:
