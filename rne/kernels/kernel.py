@@ -607,10 +607,16 @@ def hessian(function: Declared, model: Model, *wrt: str, engine: str = "numpy", 
 
     Parameters
     ----------
-    function, model, *wrt, **fixed
-        As in `gradient`.
+    function : callable
+        As in `gradient`, as are the other arguments.
+    model : Model
+        The robot's parameters.
+    *wrt : str
+        Names of arguments; by default all of them.
     engine : {"numpy", "numba"}
         Engine that runs the kernel.
+    **fixed
+        Arguments other than joint arrays.
 
     Returns
     -------
@@ -637,10 +643,16 @@ def hessian_product(function: Declared, model: Model, *wrt: str, engine: str = "
 
     Parameters
     ----------
-    function, model, *wrt, **fixed
-        As in `gradient`.
+    function : callable
+        As in `gradient`, as are the other arguments.
+    model : Model
+        The robot's parameters.
+    *wrt : str
+        Names of arguments; by default all of them.
     engine : {"numpy", "numba"}
         Engine that runs the kernel.
+    **fixed
+        Arguments other than joint arrays.
 
     Returns
     -------
