@@ -103,6 +103,8 @@ def test_what_where_does_not_take_contributes_nothing():
         lambda x: np.sqrt(x),
         lambda x: np.sqrt(abs(x)),
         lambda x: 1.0 / x,
+        lambda x: (1.0 / x) * (2.0 + x),
+        lambda x: elementwise.exp(1.0 / x)[()] * x,
         lambda x: elementwise.arctan2(x, x)[()],
     ):
 
