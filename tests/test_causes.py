@@ -52,9 +52,10 @@ FRICTION = rne.DriveModel(friction="viscous+coulomb")
 
 @pytest.fixture(autouse=True)
 def half_of_a_log(request, monkeypatch):
-    """Logs of short tests have half the length, unless they need all of it."""
+    """Logs of short tests have half the length and half the rate, unless they need all of it."""
     if "whole_log" not in request.fixturenames and not request.node.get_closest_marker("long"):
         monkeypatch.setattr(faults, "DURATION", 10.0)
+        monkeypatch.setattr(faults, "RATE", 250.0)
 
 
 @pytest.fixture
