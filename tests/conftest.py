@@ -3,6 +3,9 @@ import os
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy: threads cost more than matrices of six joints give
 
 import gc
+
+gc.disable()  # until all tests are collected: what imports make stays
+
 from collections.abc import Mapping
 
 import pytest
@@ -67,8 +70,8 @@ def pytest_collection_modifyitems(config, items):
 
 def pytest_collection_finish():
     """What is imported stays: collections of garbage need not visit it again and again."""
-    gc.collect()
     gc.freeze()
+    gc.enable()
     gc.set_threshold(200_000, 20, 100)
 
 
