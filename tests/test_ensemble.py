@@ -310,7 +310,7 @@ class TestSequentialRun:
         scene = rne.Scene(chain, controller=lambda t, q, qd: -3 * q - qd, sample_time=sample_time)
         q, told = np.array([[0.5, 0.2], [0.1, -0.4]]), []
         runs = rne.ensemble(scene, q, 0 * q, 0.1, progress=lambda *counts: told.append(counts))
-        one = rne.simulate(scene, q[1], [0, 0], 0.25)
+        one = rne.simulate(scene, q[1], [0, 0], 0.1)
         for name in ("q", "qd", "tau"):
             assert np.array_equal(getattr(runs, name)[-1, 1], getattr(one, name)[-1])
         assert runs.energies[-1, 1, 0] == one.work[-1]
