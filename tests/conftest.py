@@ -3,9 +3,6 @@ import os
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy: threads cost more than matrices of six joints give
 
 import gc
-
-gc.disable()  # until all tests are collected: what imports make stays
-
 from collections.abc import Mapping
 
 import pytest
@@ -50,6 +47,7 @@ def pytest_addoption(parser):
 
 def pytest_configure(config):
     """Make another engine the default of every function that has this argument."""
+    gc.disable()  # until all tests are collected: what imports make stays
     engine = config.getoption("--engine")
     if engine == "numpy":
         return

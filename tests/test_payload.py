@@ -149,7 +149,9 @@ def test_masses_of_100_loads_are_found_within_two_percent(name):
     for seed in range(100):
         rng = np.random.default_rng(seed)
         load = rne.Payload(rng.uniform(1, 5), rng.uniform(-0.1, 0.1, 3), rng.uniform(1e-3, 5e-3) * np.eye(3), link)
-        found = rne.identify_payload(robot, *logs(robot, load, seed, rate=250.0, duration=20.0, friction=(3.0, 2.0)), link=link)
+        found = rne.identify_payload(
+            robot, *logs(robot, load, seed, rate=250.0, duration=20.0, friction=(3.0, 2.0)), link=link
+        )
         inside.append(abs(found.mass - load.mass) < min(3 * found.mass_error, 0.02 * load.mass))
     assert np.mean(inside) >= 0.95
 
@@ -606,7 +608,9 @@ def test_gains_of_a_mass_alone_cover_the_truth(robot):
     z = []
     for seed, noise in ((s, x) for s in range(4) for x in (0.01, 0.03, 0.1)):
         load = rne.Payload(2.0, (0.05 * (seed % 3 - 1), 0.03, 0.08), 1e-3 * np.eye(3), "tool0")
-        found = rne.identify_drive_gains(robot, *logs(robot, load, seed, noise=noise, rate=250.0, duration=20.0, units=GAINS), 2.0)
+        found = rne.identify_drive_gains(
+            robot, *logs(robot, load, seed, noise=noise, rate=250.0, duration=20.0, units=GAINS), 2.0
+        )
         z += np.abs((found.gains - GAINS) / found.errors)[np.isfinite(found.gains)].tolist()
     assert len(z) > 60
     assert np.mean(np.array(z) < 3) >= 0.95
