@@ -6,6 +6,7 @@ import inspect
 import os
 import re
 from collections.abc import Callable
+from functools import cache
 from math import isfinite
 from numbers import Number
 from pathlib import Path
@@ -28,13 +29,19 @@ def real_array(name: str, value: ArrayLike, shape: str) -> Array:
     Letters stand for any length, "..." for any leading axes; words behind the parenthesis are for the error's text.
     """
     array = real_numbers(name, value, shape)
-    wanted = re.findall(r"[\w.]+", shape[: shape.index(")")])
+    wanted = _lengths(shape)
     got = [str(k) for k in array.shape]
     if wanted[:1] == ["..."]:
         wanted, got = wanted[1:], got[max(0, len(got) - len(wanted) + 1) :]
     if len(wanted) != len(got) or any(k.isdigit() and k != x for k, x in zip(wanted, got, strict=True)):
         raise ValueError(f"`{name}` must have shape {shape}, got {array.shape}")
     return array
+
+
+@cache
+def _lengths(shape: str) -> list[str]:
+    """The lengths in a shape such as "(n, 3)"."""
+    return re.findall(r"[\w.]+", shape[: shape.index(")")])
 
 
 def real_numbers(name: str, value: ArrayLike, shape: str) -> Array:
