@@ -54,8 +54,8 @@ def real_numbers(name: str, value: ArrayLike, shape: str) -> Array:
 
 def positive_number(name: str, value: float, *, zero_allowed: bool = False) -> float:
     """One finite real number above zero, or not below."""
-    if type(value) is float and value > 0 and isfinite(value):  # most are, and need no array
-        return value
+    if type(value) in (float, int) and value > 0 and isfinite(value):  # most are, and need no array
+        return float(value)
     if np.ndim(value):
         raise ValueError(f"`{name}` must be one number, got shape {np.shape(value)}")
     if not isinstance(value, Number) and plain_array(name, value).dtype.kind not in "fiu":

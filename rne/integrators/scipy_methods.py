@@ -142,7 +142,7 @@ def differences(system: System, t: float, x: Array) -> Array:
 
 
 def _on_polynomial(times: Array, p: Any) -> Array:
-    """States on one of SciPy's interpolants, to the bit those of `_on_polynomials`."""
+    """States on one of SciPy's interpolants, summed as by `_on_polynomials`."""
     if not hasattr(p, "yh"):
         return np.asarray(p(times).T)
     powers = ((times - p.t) / p.h)[:, None] ** np.arange(p.yh.shape[1])
