@@ -7,7 +7,6 @@ import os
 import re
 from collections.abc import Callable
 from functools import cache
-from math import isfinite
 from numbers import Number
 from pathlib import Path
 from typing import Any, Literal
@@ -20,6 +19,7 @@ from .spatial import Array
 FULL_TURN = 6.3  # rad
 Sign = Literal["any", "not negative", "positive"]
 UNBOUNDED = 1e300  # in place of infinity, which a kernel does not hold
+lengths = cache(lambda shape: re.findall(r"[\w.]+", shape[: shape.index(")")]))  # in a shape such as "(n, 3)"
 TIME_ROUNDING = 1e-12  # of the last time: by rounding, a solver's last step and its stages lie so far beyond it
 
 
@@ -29,19 +29,13 @@ def real_array(name: str, value: ArrayLike, shape: str) -> Array:
     Letters stand for any length, "..." for any leading axes; words behind the parenthesis are for the error's text.
     """
     array = real_numbers(name, value, shape)
-    wanted = _lengths(shape)
+    wanted = lengths(shape)
     got = [str(k) for k in array.shape]
     if wanted[:1] == ["..."]:
         wanted, got = wanted[1:], got[max(0, len(got) - len(wanted) + 1) :]
     if len(wanted) != len(got) or any(k.isdigit() and k != x for k, x in zip(wanted, got, strict=True)):
         raise ValueError(f"`{name}` must have shape {shape}, got {array.shape}")
     return array
-
-
-@cache
-def _lengths(shape: str) -> list[str]:
-    """The lengths in a shape such as "(n, 3)"."""
-    return re.findall(r"[\w.]+", shape[: shape.index(")")])
 
 
 def real_numbers(name: str, value: ArrayLike, shape: str) -> Array:
@@ -54,7 +48,7 @@ def real_numbers(name: str, value: ArrayLike, shape: str) -> Array:
 
 def positive_number(name: str, value: float, *, zero_allowed: bool = False) -> float:
     """One finite real number above zero, or not below."""
-    if type(value) in (float, int) and value > 0 and isfinite(value):  # most are, and need no array
+    if type(value) in (float, int) and 0 < value < UNBOUNDED:  # most are, and need no array
         return float(value)
     if np.ndim(value):
         raise ValueError(f"`{name}` must be one number, got shape {np.shape(value)}")

@@ -34,9 +34,13 @@ class SolverSteps(Steps):
 
     def states(self, times: Array, k: Array) -> Array:
         """States at ascending times within the steps k, shape (m, size)."""
-        if len(self.interpolants) == 1:
-            return _on_polynomial(times, self.interpolants[0])
-        return _on_polynomials(times, k, self.interpolants)
+        if len(self.interpolants) > 1:
+            return _on_polynomials(times, k, self.interpolants)
+        (p,) = self.interpolants
+        if not hasattr(p, "yh"):
+            return np.asarray(p(times).T)
+        powers = ((times - p.t) / p.h)[:, None] ** np.arange(p.yh.shape[1])  # of LSODA, summed as those of many steps
+        return np.asarray(np.einsum("nj,tj->tn", np.ascontiguousarray(p.yh), powers))
 
     def inside(self, k: int) -> Interpolant:
         """SciPy's interpolant itself."""
@@ -139,15 +143,6 @@ def differences(system: System, t: float, x: Array) -> Array:
         moved[j] += EPS**0.5 * max(abs(x[j]), 1.0)
         slopes[:, j] = (system(t, moved) - f) / (moved[j] - x[j])
     return slopes
-
-
-def _on_polynomial(times: Array, p: Any) -> Array:
-    """States on one of SciPy's interpolants, summed as by `_on_polynomials`."""
-    if not hasattr(p, "yh"):
-        return np.asarray(p(times).T)
-    powers = ((times - p.t) / p.h)[:, None] ** np.arange(p.yh.shape[1])
-    states: Array = np.einsum("nj,tj->tn", np.ascontiguousarray(p.yh), powers)
-    return states
 
 
 def _on_polynomials(times: Array, which: Array, given: Sequence[Any]) -> Array:

@@ -201,8 +201,9 @@ def _with_law(scene: Scene, torque: ArrayLike | TorqueLaw) -> Scene:
 
 def law_breaks(law: Any, further: Sequence[float] = ()) -> list[float]:
     """Instants at which a law's torques jump, and others."""
+    owners: dict[str, Any] = {"controller": law, "controller.reference": getattr(law, "reference", None)}
     given, found = [*further], list[float]()
-    for name, owner in ("controller", law), ("controller.reference", getattr(law, "reference", None)):
+    for name, owner in owners.items():
         if hasattr(owner, "breaks"):
             given += real_array(f"{name}.breaks", owner.breaks, "(k,)").tolist()
     for instant in sorted(set(given)):
