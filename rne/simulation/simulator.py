@@ -214,6 +214,8 @@ def law_breaks(law: Any, further: Sequence[float] = ()) -> list[float]:
 
 def _start(name: str, value: ArrayLike, robot: Robot) -> Array:
     array = joint_array(name, value, robot.model)
+    if array.ndim == 1 and array.dtype == np.float64:
+        return array
     return real_array(name, array, f"({robot.n},), one state").astype(np.float64)
 
 
