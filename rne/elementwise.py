@@ -18,6 +18,12 @@ from .basics.arrays import plain_array
 from .basics.spatial import Array
 
 P = ParamSpec("P")
+OF_MPMATH = {
+    "tanh": "tanh",
+    "exp": "exp",
+    "arctan2": "atan2",
+}  # in mpmath, of whose numbers NumPy has none
+SHARED = ("tanh", "exp", "sign", "arctan2", "minimum", "maximum")  # functions of the names of operations of kernels
 SECTIONS = """Parameters
     ----------
     {names} : array_like
@@ -36,11 +42,14 @@ def _entry(name: str, *x: Any) -> Any:
     """One entry of a result: the method of a traced number, or NumPy's function of numbers."""
     if name == "less":
         return x[0] < x[1]
+    context = next((number.context for number in x if hasattr(number, "context")), None)  # mpmath's
+    if context is not None and name in OF_MPMATH:
+        return getattr(context, OF_MPMATH[name])(*x)
     if name in ("minimum", "maximum") and not hasattr(x[0], name):
         x = x[::-1]
     if name == "arctan2" and hasattr(x[1], name):
         x = x[0] + 0 * x[1], x[1]
-    return getattr(x[0], name)(*x[1:]) if hasattr(x[0], name) else getattr(np, name)(*x)[()]
+    return getattr(x[0], name)(*x[1:]) if hasattr(x[0], name) else np.asarray(getattr(np, name)(*x))[()]
 
 
 def _apply(name: str, **x: ArrayLike) -> Array:

@@ -218,7 +218,7 @@ class Robot(InNotebooks):
         if not functions:
             self._kernels.forward_kernel()
 
-    def kernel(self, function: Declared, *wrt: str, **fixed: Any) -> Kernel:
+    def kernel(self, function: Declared, *wrt: str, order: str | None = None, **fixed: Any) -> Kernel:
         """The function traced on this robot, on first use, and kept.
 
         Parameters
@@ -227,6 +227,9 @@ class Robot(InNotebooks):
             One of this package's functions of a model, such as `rne.dynamics.mass_matrix`.
         *wrt : str
             Arguments to differentiate by; none for the function itself.
+        order : {"gradient", "hessian", "hessian_product"}, optional
+            Derivatives of a weighted sum of the function's entries, by all arguments if `wrt` names none; see
+            `rne.kernels.gradient`.
         **fixed
             Arguments other than joint arrays, such as `link="link_6"`, or `external=["link_6"]` for its wrench, or
             `parameters=True` for the inertial parameters as a further argument.
@@ -252,7 +255,7 @@ class Robot(InNotebooks):
         >>> slope[1, 1].round(2).item()  # [N m/rad]
         -135.2
         """
-        return self._kernels.kernel(function, *wrt, **fixed)
+        return self._kernels.kernel(function, *wrt, order=order, **fixed)
 
     def inverse_dynamics(
         self,
@@ -640,6 +643,115 @@ class Robot(InNotebooks):
         status.raise_or_warn(stacklevel=3)
         dqdd_dq, dqdd_dqd, dqdd_dtau = np.split(slopes, 3, axis=-1)
         return dqdd_dq, dqdd_dqd, dqdd_dtau
+
+    def inverse_dynamics_gradient(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, weights: ArrayLike) -> Array:
+        """Gradient of the weighted sum of the torques of inverse dynamics, exact, in two to three times their work.
+
+        Parameters
+        ----------
+        q, qd, qdd : array_like, shape (..., n)
+            Joint positions, velocities and accelerations [rad or m; rad/s or m/s; rad/s^2 or m/s^2].
+        weights : array_like, shape (..., n)
+            Of each torque.
+
+        Returns
+        -------
+        ndarray, shape (..., 3 n)
+            By positions, velocities and accelerations: weights^T (dtau/dq, dtau/dqd, M).
+
+        Examples
+        --------
+        >>> import numpy as np, rne
+        >>> robot, q, zero = rne.load("irb140"), np.full(6, 0.3), np.zeros(6)
+        >>> robot.inverse_dynamics_gradient(q, zero, zero, [0, 1, 0, 0, 0, 0])[1:3].round(1).tolist()
+        [-115.8, 13.4]
+        """
+        return self.kernel(dynamics.inverse_dynamics, order="gradient")(q, qd, qdd, weights)
+
+    def inverse_dynamics_hessian(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, weights: ArrayLike) -> Array:
+        """Second derivatives of the weighted sum of the torques of inverse dynamics.
+
+        Parameters
+        ----------
+        q, qd, qdd, weights : array_like, shape (..., n)
+            As of `inverse_dynamics_gradient`.
+
+        Returns
+        -------
+        ndarray, shape (..., 3 n, 3 n)
+            By positions, velocities and accelerations, exactly symmetric.
+
+        Examples
+        --------
+        >>> import numpy as np, rne
+        >>> robot, q, zero = rne.load("irb140"), np.full(6, 0.3), np.zeros(6)
+        >>> H = robot.inverse_dynamics_hessian(q, zero, zero, np.ones(6))
+        >>> H.shape, bool(H[12:, 12:].any())  # the torques are linear in the accelerations
+        ((18, 18), False)
+        """
+        return self.kernel(dynamics.inverse_dynamics, order="hessian")(q, qd, qdd, weights)
+
+    def forward_dynamics_gradient(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike, weights: ArrayLike) -> Array:
+        """Gradient of the weighted sum of the accelerations of forward dynamics.
+
+        Parameters
+        ----------
+        q, qd, tau : array_like, shape (..., n)
+            Joint positions, velocities and torques [rad or m; rad/s or m/s; N m or N].
+        weights : array_like, shape (..., n)
+            Of each acceleration.
+
+        Returns
+        -------
+        ndarray, shape (..., 3 n)
+            By positions, velocities and torques; the last are M^-1 weights.
+
+        Raises
+        ------
+        SingularMassMatrixError
+            If M is singular to working precision.
+
+        Warns
+        -----
+        PrecisionWarning
+            If fewer than 3 digits are left.
+
+        Examples
+        --------
+        >>> import numpy as np, rne
+        >>> robot, q, zero = rne.load("irb140"), np.full(6, 0.3), np.zeros(6)
+        >>> robot.forward_dynamics_gradient(q, zero, zero, [1, 0, 0, 0, 0, 0])[12].round(2).item()  # [rad/s^2 per N m]
+        0.3
+        """
+        return self._forward_weighted("gradient", q, qd, tau, weights)
+
+    def forward_dynamics_hessian(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike, weights: ArrayLike) -> Array:
+        """Second derivatives of the weighted sum of the accelerations of forward dynamics.
+
+        Parameters
+        ----------
+        q, qd, tau, weights : array_like, shape (..., n)
+            As of `forward_dynamics_gradient`, as are errors and warnings.
+
+        Returns
+        -------
+        ndarray, shape (..., 3 n, 3 n)
+            By positions, velocities and torques, exactly symmetric.
+
+        Examples
+        --------
+        >>> import numpy as np, rne
+        >>> robot, q, zero = rne.load("irb140"), np.full(6, 0.3), np.zeros(6)
+        >>> H = robot.forward_dynamics_hessian(q, zero, zero, np.ones(6))
+        >>> H.shape, bool(H[12:, 12:].any())  # accelerations are linear in the torques
+        ((18, 18), False)
+        """
+        return self._forward_weighted("hessian", q, qd, tau, weights)
+
+    def _forward_weighted(self, order: str, *arrays: ArrayLike) -> Array:
+        result, status = self.kernel(self._kernels.forward_method(), order=order).evaluate(*arrays)
+        status.raise_or_warn(stacklevel=3)
+        return result
 
     def linearize(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> tuple[Array, Array]:
         """The linearisation at a state: the derivative of (q, qd) changes by A d(q, qd) + B dtau.

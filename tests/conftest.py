@@ -50,7 +50,9 @@ def pytest_configure(config):
     engine = config.getoption("--engine")
     if engine == "numpy":
         return
-    for function in (rne.load, rne.compile, rne.kernels.derivative):
+    kernels = rne.kernels
+    makers = kernels.derivative, kernels.gradient, kernels.hessian, kernels.hessian_product
+    for function in (rne.load, rne.compile, *makers):
         function.__kwdefaults__["engine"] = engine
     rne.Robot.__init__.__defaults__ = (engine,)
     assert {rne.load("irb140").engine, rne.Robot(rne.irb140()).engine} == {engine}

@@ -6,7 +6,8 @@ import pinocchio as pin
 import pytest
 
 import rne
-from rne.kernels.graph import Graph, differentiate
+from rne.kernels.differentiation import differentiate
+from rne.kernels.graph import Graph
 from rne.kernels.program import Trace, lower
 from rne.kernels.python_backend import state_function
 from rne.kernels.scalar import inputs
@@ -85,7 +86,7 @@ def test_derivative_of_every_elementary_operation_is_that_of_the_textbook(name):
     operation, slopes = OPERATIONS[name]
     graph = Graph()
     result = operation(*inputs(graph, (2,), 0))
-    program = lower(graph, differentiate(graph, [result.ref], [0, 1]), 2)
+    program = lower(graph, differentiate(graph, "jacobian", [result.ref], [0, 1], 2), 2)
     function = state_function(Trace(program, (2,), (2,)))
     for x, y in np.random.default_rng(0).uniform(-2, 2, (20, 2)):
         np.testing.assert_allclose(function(np.array([x, y])), slopes(x, y), rtol=1e-13, atol=1e-15)

@@ -178,9 +178,9 @@ def traced(monkeypatch):
     """The links of each kernel that is traced from now on."""
     links, trace = [], kernel_module.trace
 
-    def listing(quantity, *arguments):
+    def listing(quantity, *arguments, **options):
         links.append(tuple(quantity.wrenches.values()))
-        return trace(quantity, *arguments)
+        return trace(quantity, *arguments, **options)
 
     monkeypatch.setattr(kernel_module, "trace", listing)
     return links

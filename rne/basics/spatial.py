@@ -7,6 +7,7 @@ or object arrays of mpmath numbers. Nothing here knows about robots.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -82,7 +83,7 @@ def _elementwise(name: str) -> Any:
     return np.frompyfunc(apply, 1, 1)
 
 
-_object_sin, _object_cos = _elementwise("sin"), _elementwise("cos")
+_object_sin, _object_cos, _object_sqrt = map(_elementwise, ("sin", "cos", "sqrt"))
 
 
 def sincos(angle: Array) -> tuple[Array, Array]:
@@ -90,6 +91,11 @@ def sincos(angle: Array) -> tuple[Array, Array]:
     if np.asarray(angle).dtype == object:
         return _object_sin(angle), _object_cos(angle)
     return np.sin(angle), np.cos(angle)
+
+
+def sqrt(x: Array) -> Array:
+    """Square root; np.sqrt itself fails on mpmath numbers."""
+    return np.asarray(_object_sqrt(x)) if np.asarray(x).dtype == object else np.sqrt(x)
 
 
 def rotation_about(axis: Array, angle: Array) -> Array:
@@ -177,3 +183,15 @@ def combine_bodies(bodies: list[tuple[Any, Array, Array]]) -> tuple[Any, Array, 
     com = moment / mass if mass > 0 else 0 * moment
     inertia: Array = np.sum([I + point_mass_inertia(m, c - com) for m, c, I in bodies], axis=0)
     return mass, com, inertia
+
+
+def note_solution(
+    x: Array, solve: Callable[[Array], Array], product: Callable[[Array], Array], residual: Callable[[Array], Array]
+) -> None:
+    """Let derivatives of traced numbers x be those of residual(x) = 0, whose slope by x is M.
+
+    Derivatives of what x was computed by, such as the factors of M, would lose twice as many digits.
+    """
+    traced = next((entry for entry in x.flat if hasattr(entry, "graph")), None) if x.dtype == object else None
+    if traced is not None:
+        traced.graph.note_solution(x, solve, product, residual)

@@ -14,16 +14,31 @@ Vectors and blocks instead of 6-vectors: the tracer then finds more zeros.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
-from ..basics.spatial import IDENTITY, Array, cross, cross_matrix, dot, outer, rotate, rotate_back, transpose, zeros
+import numpy as np
+
+from ..basics.spatial import (
+    IDENTITY,
+    Array,
+    cross,
+    cross_matrix,
+    dot,
+    note_solution,
+    outer,
+    rotate,
+    rotate_back,
+    transpose,
+    zeros,
+)
 from ..errors import ModelError
 from ..model.model import Model
 from .crba import composite_inertias, mass_diagonal
 from .kinematics import BASE, joint_transforms, velocities
 from .precision import check_accelerations
 from .quantity import checked_quantity
-from .rnea import External, applied_wrenches
+from .rnea import External, applied_wrenches, inertia_torque, inverse_dynamics
 
 
 class Inertia(NamedTuple):
@@ -143,5 +158,11 @@ def articulated_forward_dynamics(
         qdd_i = (joint.u - dot(joint.U.n, alpha_i)[..., None] - dot(joint.U.f, a_i)[..., None]) / joint.d
         alpha[i], a[i] = alpha_i + s[i] * qdd_i, a_i + t[i] * qdd_i
         qdd[..., i], pivots[..., i] = qdd_i[..., 0], joint.d[..., 0]
+    note_solution(
+        qdd,
+        lambda y: articulated_forward_dynamics.core(replace(model, gravity=np.zeros(3)), q, np.zeros_like(q), y)[0],
+        lambda y: inertia_torque(model, q, y),
+        lambda x: inverse_dynamics.core(model, q, qd, x, external=external) - tau,
+    )
     diagonal = mass_diagonal(model, composite_inertias(model, R, p), like=q)  # scale of the pivots d
     return qdd, pivots, diagonal

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
+
 import numpy as np
 
-from ..basics.spatial import Array, cross, cross_matrix, dot, mirrored, rotate, transpose, zeros
+from ..basics.spatial import Array, cross, cross_matrix, dot, mirrored, note_solution, rotate, transpose, zeros
 from ..model.model import Model
 from ..model.solids import Moments
 from .kinematics import BASE, joint_transforms
@@ -98,10 +101,18 @@ def factorise(M: Array, parent: tuple[int, ...]) -> tuple[Array, Array]:
     return L, D
 
 
-def solve_with_pivots(M: Array, parent: tuple[int, ...], y: Array) -> tuple[Array, Array, Array]:
-    """The solution x of M x = y, the pivots of M = L^T D L and the diagonal of M, shape (..., n) each."""
+def solve_with_pivots(
+    M: Array, parent: tuple[int, ...], y: Array, product: Callable[[Array], Array] | None = None
+) -> tuple[Array, Array, Array]:
+    """The solution x of M x = y, the pivots of M = L^T D L and the diagonal of M, shape (..., n) each.
+
+    `product`, from x to M x, is what derivatives of x are taken of. By a recursion it loses fewer digits than by M.
+    """
     L, D = factorise(M, parent)
-    return solve_factored(L, D, parent, y), D, np.diagonal(M, axis1=-2, axis2=-1)
+    solve, product = partial(solve_factored, L, D, parent), product or partial(rotate, M)
+    x = solve(y)
+    note_solution(x, solve, product, lambda x: product(x) - y)
+    return x, D, np.diagonal(M, axis1=-2, axis2=-1)
 
 
 def solve_factored(L: Array, D: Array, parent: tuple[int, ...], y: Array) -> Array:

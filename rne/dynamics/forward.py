@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from ..basics.spatial import Array
 from ..model.model import Model
 from .crba import mass_matrix, solve_with_pivots
 from .precision import check_accelerations, check_singularity
 from .quantity import checked_quantity
-from .rnea import External, bias_torque
+from .rnea import External, bias_torque, inertia_torque
 
 
 @checked_quantity(check_singularity)
 def solve_mass_matrix(model: Model, q: Array, tau: Array) -> tuple[Array, Array, Array]:
     """M^-1 tau: the accelerations that torques add, or the velocities of the momenta p = M qd, shape (..., n)."""
     M = mass_matrix.core(model, q)
-    return solve_with_pivots(M, model.coordinate_parent, tau)
+    return solve_with_pivots(M, model.coordinate_parent, tau, partial(inertia_torque, model, q))
 
 
 @checked_quantity(check_accelerations)
@@ -29,4 +31,4 @@ def forward_dynamics(
     """
     M = mass_matrix.core(model, q)
     h = bias_torque.core(model, q, qd, external=external)
-    return solve_with_pivots(M, model.coordinate_parent, tau - h)
+    return solve_with_pivots(M, model.coordinate_parent, tau - h, partial(inertia_torque, model, q))

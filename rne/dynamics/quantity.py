@@ -34,10 +34,11 @@ class PrecisionLoss(NamedTuple):
     digits: float
     state: BatchIndex
     cause: str
+    what: str = "forward dynamics keep"
 
     def __str__(self) -> str:
         where = f" at state {self.state}" if self.state else ""
-        return f"forward dynamics keep about {self.digits:.0f} digits{where}: {self.cause}; see Robot.diagnose"
+        return f"{self.what} about {self.digits:.0f} digits{where}: {self.cause}; see Robot.diagnose"
 
 
 class PrecisionStatus(NamedTuple):

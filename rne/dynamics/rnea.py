@@ -142,3 +142,8 @@ def coriolis_torque(model: Model, q: Array, qd: Array) -> Array:
     are those of `rne.Robot.coriolis_torque`, with the model first.
     """
     return newton_euler(model, q, qd, np.zeros_like(qd), np.zeros_like(model.gravity)).tau
+
+
+def inertia_torque(model: Model, q: Array, qdd: Array) -> Array:
+    """M qdd by the recursion: inverse dynamics at rest, without gravity."""
+    return newton_euler(model, q, np.zeros_like(qdd), qdd, np.zeros_like(model.gravity)).tau

@@ -1,7 +1,7 @@
 """From a recursion to a kernel: a function traced once on one robot, run as straight-line arithmetic.
 
 1. trace runs the core of a function on traced numbers (scalar), whose operations build a graph, once each;
-   derivatives are further operations of the graph.
+   derivatives are further operations of the graph (differentiation).
 2. program puts the operations in order, and states when a result is sound.
 3. An engine runs the program, or source prints it. The engine "numpy" is python_backend (one state as Python floats)
    and numpy_backend (blocks of states in registers); "numba" is llvm_backend (both as machine code: machine_code writes
@@ -9,6 +9,6 @@
 4. kernel checks the arguments of a call and chooses among these; cache keeps the kernels of a Robot.
 """
 
-from .kernel import Kernel, compile, derivative
+from .kernel import Kernel, compile, derivative, gradient, hessian, hessian_product
 
-__all__ = ["Kernel", "compile", "derivative"]
+__all__ = ["Kernel", "compile", "derivative", "gradient", "hessian", "hessian_product"]

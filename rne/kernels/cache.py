@@ -13,12 +13,12 @@ from numpy.typing import ArrayLike
 
 from ..basics.spatial import Array
 from ..dynamics.aba import articulated_forward_dynamics
-from ..dynamics.crba import mass_matrix, solve_with_pivots
+from ..dynamics.crba import mass_matrix
 from ..dynamics.forward import forward_dynamics
 from ..dynamics.quantity import Declared, PrecisionStatus
 from ..dynamics.rnea import External, inverse_dynamics
 from ..model.model import Model
-from .kernel import Kernel, compile, derivative, engine_argument
+from .kernel import Kernel, compile, derivative, engine_argument, gradient, hessian, hessian_product
 from .program import NeedsRecursion
 from .scalar import is_traced
 from .trace import by_recursion, wrench_links
@@ -29,6 +29,7 @@ FEW_JOINTS, MANY_JOINTS = 9, 20
 NOTHING: Mapping[str, Any] = {}
 SCENES, VARIANTS = 64, 16  # kernels of scenes and robots derived from one that are kept, those used last
 CALLED = 256  # quantities and functions of scenes that are known to have been evaluated once
+MAKERS = {"gradient": gradient, "hessian": hessian, "hessian_product": hessian_product}
 K = TypeVar("K")
 V = TypeVar("V")
 
@@ -74,16 +75,19 @@ class KernelCache:
         diagonal = np.diagonal(mass_matrix(self.model, np.zeros(self.model.n)))
         return np.where(diagonal > 0, diagonal, 1.0)
 
-    def kernel(self, function: Declared, *wrt: str, **fixed: Any) -> Kernel:
+    def kernel(self, function: Declared, *wrt: str, order: str | None = None, **fixed: Any) -> Kernel:
         """The kernel of a function, or of its derivatives by some arguments, traced on first use; see `compile`."""
         if "link" in fixed:
             self.model.link_index(fixed["link"])
         if fixed.get("external") is not None:
             fixed["external"] = wrench_links(self.model, fixed["external"])
         key = (function, *wrt, *fixed.items()) if wrt or fixed else function
+        key = key if order is None else (order, key)
         kernel = self._kernels.get(key)
         if kernel is None:
-            make = derivative if wrt else compile
+            if order not in (None, *MAKERS):
+                raise ValueError(f"`order` must be one of {list(MAKERS)}, got {order!r}")
+            make: Any = MAKERS[order] if order else derivative if wrt else compile
             kernel = self._kernels[key] = make(function, self.model, *wrt, engine=self.engine, **fixed)
         return kernel
 
@@ -238,18 +242,9 @@ class KernelCache:
         return dq, dqd, M if M.shape == dq.shape else np.broadcast_to(M, dq.shape).copy()
 
     def forward_derivatives(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> tuple[Array, PrecisionStatus]:
-        """Derivatives of forward dynamics by q, qd and tau side by side, (..., n, 3 n).
-
-        From M qdd + h = tau: M dqdd = -d(M qdd + h) at constant qdd. Carpentier and Mansard 2018.
-        """
-        qdd, status = self.forward_dynamics(q, qd, tau)
-        if status.error is not None:
-            return qdd, status
-        dq, dqd, M = self.inverse_derivatives(q, qd, qdd)
-        identity = np.broadcast_to(np.eye(self.model.n, dtype=qdd.dtype), dq.shape)
-        right = np.concatenate([-dq, -dqd, identity], axis=-1)
-        if M.dtype.char in "fdFD":
-            return np.linalg.solve(M, right), status
-        # LAPACK has no other types
-        rows, *_ = solve_with_pivots(M[..., None, :, :], self.model.coordinate_parent, np.swapaxes(right, -1, -2))
-        return np.swapaxes(rows, -1, -2), status
+        """Derivatives of forward dynamics by q, qd and tau side by side, (..., n, 3 n), and their status."""
+        function, wrt, arrays = self.forward_method(), ("q", "qd", "tau"), (q, qd, tau)
+        key = (function, *wrt)
+        if key not in self._kernels and self._is_first_state(key, arrays):
+            return by_recursion(function, self.model, arrays, wrt, NOTHING)
+        return self.kernel(function, *wrt).evaluate(*arrays)

@@ -1,4 +1,4 @@
-"""The expression graph: common subexpressions once, zeros and ones folded away, signs in the references; derivatives.
+"""The expression graph: common subexpressions once, zeros and ones folded away, signs in the references.
 
 A reference is a signed node: 2 * node + 1 denotes its negative. Signs move outwards through products, sums and odd
 functions, so that x - y and y - x are one node and no operation is spent on them. Folding changes a result in its last
@@ -52,6 +52,15 @@ class Node(NamedTuple):
     args: tuple[Any, ...]
 
 
+class LinearSystem(NamedTuple):
+    """A solution x of r(x) = 0 with the symmetric slope M: functions from y to M^-1 y, from y to M y, and r."""
+
+    x: Any
+    solve: Callable[[Any], Any]
+    product: Callable[[Any], Any]
+    residual: Callable[[Any], Any]
+
+
 class TooLarge(Exception):
     """Raised for more operations than can sensibly be written out."""
 
@@ -65,6 +74,7 @@ class Graph:
 
     def __init__(self, limit: int = 10**9, by_pivots: Iterable[bool] | None = None) -> None:
         self.nodes: list[Node] = []
+        self.systems: list[LinearSystem] = []  # that were solved
         self.limit = limit
         self._by_pivots = None if by_pivots is None else iter(by_pivots)
         self._divisors: list[int] = []  # of each division, the node
@@ -90,13 +100,21 @@ class Graph:
             self._index[key] = index
         return 2 * index
 
+    def note_solution(self, *system: Any) -> None:
+        """Take note of the parts of a LinearSystem that was solved, for derivatives."""
+        self.systems.append(LinearSystem(*system))
+
     def arguments(self, index: int) -> list[int]:
         """The nodes of an operation's operands."""
         node = self.nodes[index]
         return [] if node.kind in LEAVES else [ref >> 1 for ref in node.args]
 
-    def needed(self, outputs: list[int]) -> list[int]:
-        """Operations that outputs depend on, each after its operands and close before its first use."""
+    def needed(self, outputs: Iterable[int], arguments: Callable[[int], Iterable[int]] | None = None) -> list[int]:
+        """Operations that outputs depend on, each after its operands and close before its first use.
+
+        `arguments` gives the operands of a node, by default all of them.
+        """
+        arguments = arguments or self.arguments
         done: set[int] = set()
         order = []
         for output in outputs:
@@ -107,7 +125,7 @@ class Graph:
                     order.append(~k)
                 elif k not in done:
                     done.add(k)
-                    if operands := self.arguments(k):
+                    if operands := list(arguments(k)):
                         stack.append(~k)
                         stack += operands[::-1]
         return order
@@ -299,75 +317,3 @@ class Graph:
         ref = self.node("constant", x)
         self._values[ref], self._values[ref ^ 1] = x, -x
         return ref
-
-
-def differentiate(graph: Graph, outputs: list[int], inputs: list[int]) -> list[int]:
-    """References of d output / d input, output by output, each by all inputs, which are given by their numbers.
-
-    Forward mode: from each input through the operations that depend on it. Zeros and repeated terms are folded away.
-    """
-    operations = sorted(graph.needed(outputs))
-    columns = [_column(graph, operations, outputs, k) for k in inputs]
-    return [column[i] for i in range(len(outputs)) for column in columns]
-
-
-def _column(graph: Graph, operations: list[int], outputs: list[int], k: int) -> list[int]:
-    """Derivatives of the outputs by input k."""
-    zero = graph.constant(0.0)
-    slopes = {graph.input(k) >> 1: graph.constant(1.0)}  # of the nodes that depend on it
-    for index in operations:
-        args = graph.nodes[index].args
-        if any(ref >> 1 in slopes for ref in args):
-            slope = _slope(graph, index, [_signed(graph, slopes.get(ref >> 1, zero), ref) for ref in args])
-            if slope != zero:
-                slopes[index] = slope
-    return [_signed(graph, slopes.get(ref >> 1, zero), ref) for ref in outputs]
-
-
-def _signed(graph: Graph, slope: int, ref: int) -> int:
-    """The slope of a reference from that of its node."""
-    return graph.negate(slope) if ref & 1 else slope
-
-
-def _slope(graph: Graph, index: int, slopes: list[int]) -> int:
-    """The derivative of one operation from those of its arguments; 0 of signs and comparisons."""
-    kind, args = graph.nodes[index]
-    if kind == "where":
-        return graph.where(args[0], *slopes[1:])
-    if kind == "sign" or kind in COMPARISONS:
-        return graph.constant(0.0)
-    return DERIVATIVES[kind](graph, 2 * index, args[0], slopes[0], args[-1], slopes[-1])
-
-
-def _times(g: Graph, a: int, slope: int) -> int:
-    """a times a slope; of what does not depend on the input there is no term, whatever a is."""
-    return slope if g.value(slope) == 0 else g.multiply(a, slope)
-
-
-def _quotient(g: Graph, value: int, a: int, da: int, b: int, db: int) -> int:
-    return g.divide(g.add(da, g.negate(_times(g, value, db))), b)
-
-
-def _angle(g: Graph, value: int, y: int, dy: int, x: int, dx: int) -> int:
-    """(x dy - y dx) / (x^2 + y^2)."""
-    turn = g.add(_times(g, x, dy), g.negate(_times(g, y, dx)))
-    return g.divide(turn, g.add(g.multiply(x, x), g.multiply(y, y)))
-
-
-# d value of value = f(a, b), or f(a), from da and db
-DERIVATIVES: dict[str, Callable[[Graph, int, int, int, int, int], int]] = {
-    "add": lambda g, v, a, da, b, db: g.add(da, db),
-    "subtract": lambda g, v, a, da, b, db: g.add(da, g.negate(db)),
-    "multiply": lambda g, v, a, da, b, db: g.add(_times(g, b, da), _times(g, a, db)),
-    "divide": _quotient,
-    "arctan2": _angle,
-    "minimum": lambda g, v, a, da, b, db: g.where(g.binary("less", a, b), da, db),
-    "maximum": lambda g, v, a, da, b, db: g.where(g.binary("less", b, a), da, db),
-    "sin": lambda g, v, a, da, *_: g.multiply(g.unary("cos", a), da),
-    "cos": lambda g, v, a, da, *_: g.negate(g.multiply(g.unary("sin", a), da)),
-    "negative": lambda g, v, a, da, *_: g.negate(da),
-    "sqrt": lambda g, v, a, da, *_: g.divide(g.multiply(da, g.constant(0.5)), v),
-    "abs": lambda g, v, a, da, *_: g.multiply(g.unary("sign", a), da),
-    "tanh": lambda g, v, a, da, *_: g.multiply(g.add(g.constant(1.0), g.negate(g.multiply(v, v))), da),
-    "exp": lambda g, v, a, da, *_: g.multiply(v, da),
-}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import itertools
 import logging
+import re
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property
@@ -16,17 +17,37 @@ import numpy as np
 from ..basics.arrays import whole_number
 from ..basics.spatial import Array
 from ..basics.text import short, wrapped
-from ..dynamics.quantity import OK, BatchIndex, Declared, PrecisionStatus, common_dtype, common_leading_shape
+from ..dynamics.quantity import (
+    OK,
+    BatchIndex,
+    Declared,
+    PrecisionStatus,
+    check_result,
+    common_dtype,
+    common_leading_shape,
+)
 from ..errors import NotFiniteError
 from ..model.model import Model, joint_array, model_argument
 from . import array_layout
+from .differentiation import ORDERS
 from .graph import TooLarge
 from .numpy_backend import BlockProgram, check_out
-from .program import NeedsRecursion, Recursion, Trace
+from .program import NeedsRecursion, Recursion, Trace, evaluate
 from .python_backend import state_function
 from .scalar import is_traced
 from .source import Printable, entry_of_element, heading, to_source
-from .trace import argument_widths, by_recursion, inputs_as_arrays, named_by_function, trace, within_a_trace
+from .trace import (
+    LIMIT,
+    argument_widths,
+    by_recursion,
+    check_own,
+    declared,
+    inputs_as_arrays,
+    named_by_function,
+    run_core,
+    trace,
+    within_a_trace,
+)
 
 LOGGER = logging.getLogger("rne")
 ENGINES = ("numpy", "numba")
@@ -71,6 +92,8 @@ class Kernel:
         The arrays it takes, in order; wrenches are external_1, external_2, ..., inertial parameters `parameters`.
     wrt : tuple of str
         The arguments of the derivatives; empty for the function itself.
+    order : {"values", "jacobian", "gradient", "hessian", "hessian_product"}
+        What it gives of the function.
     engine : {"numpy", "numba"}
         Engine that runs it.
 
@@ -83,28 +106,52 @@ class Kernel:
     """
 
     def __init__(
-        self, function: Declared, model: Model, fixed: Mapping[str, Any], wrt: Sequence[str] = (), engine: str = "numpy"
+        self,
+        function: Declared,
+        model: Model,
+        fixed: Mapping[str, Any],
+        wrt: Sequence[str] = (),
+        engine: str = "numpy",
+        order: str = "jacobian",
     ) -> None:
-        self.function, self.fixed = function, dict(fixed)
+        self.function, self.fixed = declared(function), dict(fixed)
         self.quantity, self._rest = inputs_as_arrays(function, model, fixed)
         self.model = model_argument(model)
-        self.wrt = tuple(wrt)
+        self.wrt, self.order = tuple(wrt), order if wrt else "values"
         self.engine = engine_argument(engine)
         widths = argument_widths(self.quantity, model)
-        self.names, self.widths = tuple(widths), tuple(widths.values())
+        self.names = *widths, *ORDERS[self.order].inputs
         try:
             with np.errstate(all="ignore"):
-                self._trace: Trace | None = trace(self.quantity, model, self._rest, self.wrt)
-        except TooLarge:
+                self._trace: Trace | None = trace(self.quantity, model, self._rest, self.wrt, order=self.order)
+        except TooLarge as error:
+            if self.order.startswith("hessian"):
+                raise TypeError(f"the {self._title} takes {error}; at most {LIMIT} are written out") from None
             self._trace = None
+        if self.function is not function and self._trace is not None:
+            check_own(self.function, self.model)
+        self.widths = self._trace.widths if self._trace else self._widths_of_recursion(widths)
         self._libraries: dict[int, Any] = {}  # of `address`, by lanes
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Kernel, (self.function, self.model, self.fixed, self.wrt, self.engine)
+        return Kernel, (self.function, self.model, self.fixed, self.wrt, self.engine, self.order)
+
+    @property
+    def _title(self) -> str:
+        by = f" by {', '.join(self.wrt)}" if self.wrt else ""
+        return f"{ORDERS[self.order].title}{self.quantity.name}{by}"
+
+    def _widths_of_recursion(self, widths: Mapping[str, int]) -> tuple[int, ...]:
+        """The widths of the arguments, the weights among them, of a function that is too large to be traced."""
+        if self.order != "gradient":
+            return tuple(widths.values())
+        zeros = [np.zeros((1, width)) for width in widths.values()]
+        with np.errstate(all="ignore"):
+            found = run_core(self.quantity, self.model, zeros, self._rest)[0]
+        return *widths.values(), prod(np.shape(found)[1:])
 
     def __repr__(self) -> str:
         count = f"{sum(self.operations.values())} operations" if self._trace else "run as the recursion"
-        by = f" by {', '.join(self.wrt)}" if self.wrt else ""
         links = ", ".join(f"'{short(link)}'" for link in self.quantity.wrenches.values())
         under = f" under wrenches on {links}" if links else ""
         at = " at parameters given" if "parameters" in self.names else ""
@@ -112,7 +159,7 @@ class Kernel:
         forms = ("state_function", "state_function_unguarded", "blocks")
         seconds = sum(getattr(self.__dict__.get(form), "seconds", 0.0) for form in forms)
         engine += f", compiled in {seconds:.2g} s" if seconds else ""
-        return wrapped(f"Kernel {self.quantity.name}{by} of '{short(self.model.name)}'{under}{at}: {count}{engine}")
+        return wrapped(f"Kernel {self._title} of '{short(self.model.name)}'{under}{at}: {count}{engine}")
 
     @property
     def operations(self) -> dict[str, int]:
@@ -242,8 +289,10 @@ class Kernel:
                 return self.by_recursion(*arguments)
             if result is not None:
                 return result, OK
+        if self.order in ("gradient", "hessian") and len(arguments) == len(self.names) - 1 and self.widths[-1] == 1:
+            arguments = *arguments, np.ones(1, dtype=np.float32)  # a single entry needs no weight
         if any(is_traced(a) for a in arguments):  # within a law that is being traced itself
-            return within_a_trace(self.quantity, self.model, arguments, self._rest), OK
+            return self._within_a_trace(arguments), OK
         whole_number("workers", workers)
         if len(arguments) != len(self.names):
             raise TypeError(f"this kernel takes {', '.join(self.names)}; got {len(arguments)} arguments")
@@ -272,6 +321,19 @@ class Kernel:
             return result, status
         check_out(out, result.shape, result.dtype, self.names, arrays)[...] = result
         return out, status
+
+    def _within_a_trace(self, arguments: Sequence[Any]) -> Array:
+        """The result on traced numbers: of the function itself, or by the operations of its derivatives."""
+        if not self.wrt:
+            return within_a_trace(self.quantity, self.model, arguments, self._rest)
+        return self._by_program([np.asarray(a, dtype=object) for a in arguments])
+
+    def _by_program(self, arrays: Sequence[Array]) -> Array:
+        """The traced operations on arrays of any type of number."""
+        leading, dtype = np.broadcast_shapes(*(a.shape[:-1] for a in arrays)), common_dtype(arrays)
+        states = [np.broadcast_to(a, (*leading, a.shape[-1])).astype(dtype, copy=False) for a in arrays]
+        inputs = np.concatenate(states, axis=-1).reshape(prod(leading), -1)
+        return evaluate(self.traced.program, self.traced.entries, inputs).reshape(leading + self.traced.shape)
 
     def source(self, language: str = "python", element: str | None = None) -> str:
         """The kernel as source text of a function of one state; it does not check its arguments, nor M's pivots.
@@ -303,17 +365,39 @@ class Kernel:
         >>> rne.compile(rne.dynamics.gravity_torque, rne.irb140()).source("matlab", "g4").splitlines()[:2]
         ['function result = g4(q)', '% Entry 4 of gravity_torque of robot irb140']
         """
-        name = "_".join([self.quantity.name, *(["by", *self.wrt] if self.wrt else [])])
+        name = re.sub("[ ,]+", "_", self._title)
         traced, title, entry = self.traced, name, None
         if element is not None:
             entry = entry_of_element(element, name, traced.shape)
-            traced, title = trace(self.quantity, self.model, self._rest, self.wrt, entry), element
+            traced, title = trace(self.quantity, self.model, self._rest, self.wrt, entry, self.order), element
         lines = heading(self.model, name, self.names, entry, self.quantity.wrenches)
         return to_source(Printable(traced, title, self.names, lines), language)
 
     def by_recursion(self, *arguments: Any) -> tuple[Array, PrecisionStatus]:
-        """Result and status of states that the program leaves to the function itself, or to its complex steps."""
-        return by_recursion(self.function, self.model, arguments, self.wrt, self.fixed)
+        """Result and status of states that the program leaves to the function itself, or to its complex steps.
+
+        Of gradients and Hessians the function judges the state, and the program runs in the dtype of the arguments.
+        """
+        count = len(self.quantity.widths)
+        given, further = arguments[:count], arguments[count:]
+        if not further or self._trace is None:
+            slopes, status = by_recursion(self.function, self.model, given, self.wrt, self.fixed)
+            if not further or status.error is not None:
+                return slopes, status
+            weights = np.asarray(further[0])[..., None, :]
+            return (weights @ slopes.reshape(*slopes.shape[: np.ndim(given[0]) - 1], weights.shape[-1], -1))[
+                ..., 0, :
+            ], status
+        result, status = by_recursion(self.function, self.model, given, (), self.fixed)
+        if status.error is not None:
+            return result, status
+        named = zip(self.names, arguments, self.widths, strict=True)
+        result = self._by_program([joint_array(name, a, self.model, width) for name, a, width in named])
+        check_result(self._title, result, result.shape[: result.ndim - ORDERS[self.order].axes])
+        if status.loss is not None:
+            digits = max(0.0, status.loss.digits - ORDERS[self.order].digits)
+            status = PrecisionStatus(loss=status.loss._replace(digits=digits, what=f"the {self._title} keeps"))
+        return result, status
 
     def _batch(
         self, arrays: Sequence[Array], dtype: np.dtype[Any], out: Array | None, workers: int
@@ -472,11 +556,128 @@ def derivative(function: Declared, model: Model, *wrt: str, engine: str = "numpy
     >>> slopes.names
     ('q', 'parameters')
     """
+    return _derivative("jacobian", function, model, wrt, engine, fixed)
+
+
+def gradient(function: Declared, model: Model, *wrt: str, engine: str = "numpy", **fixed: Any) -> Kernel:
+    """Trace a function and the gradient of a weighted sum of its entries, by one sweep backwards.
+
+    It takes two to three times the operations of the function, however many arguments there are.
+
+    Parameters
+    ----------
+    function : callable
+        One of this package's functions of a model and joint arrays, such as `rne.dynamics.inverse_dynamics`, or your
+        own of one state, marked by `rne.traceable`. Its arguments are some of q, qd, qdd, qdr, qddr and tau, and it may
+        call methods of a Robot and functions of `rne.elementwise`.
+    model : Model
+        The robot's parameters.
+    *wrt : str
+        Names of arguments as in `derivative`; by default all of them.
+    engine : {"numpy", "numba"}
+        Engine that runs the kernel; see `compile`.
+    **fixed
+        Arguments other than joint arrays, as in `compile`.
+
+    Returns
+    -------
+    Kernel
+        `kernel(q, qd, ..., weights)`, with weights of shape (..., entries of the function's result in C order), which
+        may be left out if there is one entry. The result has shape (..., k), d(weights . function)/d wrt.
+
+    Raises
+    ------
+    ValueError
+        If a name is not one of the function's arguments.
+
+    Examples
+    --------
+    >>> import rne
+    >>> kernel = rne.kernels.gradient(rne.dynamics.inverse_dynamics, rne.irb140())
+    >>> kernel.names, kernel([0.1] * 6, [0.0] * 6, [0.0] * 6, [1.0] * 6).shape
+    (('q', 'qd', 'qdd', 'weights'), (18,))
+    """
+    return _derivative("gradient", function, model, wrt, engine, fixed)
+
+
+def hessian(function: Declared, model: Model, *wrt: str, engine: str = "numpy", **fixed: Any) -> Kernel:
+    """Trace a function and the Hessian of a weighted sum of its entries: forwards through the gradient's sweep.
+
+    Where k is large, `hessian_product` takes far fewer operations.
+
+    Parameters
+    ----------
+    function : callable
+        As in `gradient`, as are the other arguments.
+    model : Model
+        The robot's parameters.
+    *wrt : str
+        Names of arguments; by default all of them.
+    engine : {"numpy", "numba"}
+        Engine that runs the kernel.
+    **fixed
+        Arguments other than joint arrays.
+
+    Returns
+    -------
+    Kernel
+        As that of `gradient`; the result has shape (..., k, k) and is exactly symmetric.
+
+    Raises
+    ------
+    TypeError
+        If it takes more than 50,000 operations.
+
+    Examples
+    --------
+    >>> import rne
+    >>> kernel = rne.kernels.hessian(rne.dynamics.potential_energy, rne.irb140())
+    >>> kernel([0.1] * 6).shape
+    (6, 6)
+    """
+    return _derivative("hessian", function, model, wrt, engine, fixed)
+
+
+def hessian_product(function: Declared, model: Model, *wrt: str, engine: str = "numpy", **fixed: Any) -> Kernel:
+    """Trace the Hessian of a weighted sum of a function's entries times a vector, some five times the function's work.
+
+    Parameters
+    ----------
+    function : callable
+        As in `gradient`, as are the other arguments.
+    model : Model
+        The robot's parameters.
+    *wrt : str
+        Names of arguments; by default all of them.
+    engine : {"numpy", "numba"}
+        Engine that runs the kernel.
+    **fixed
+        Arguments other than joint arrays.
+
+    Returns
+    -------
+    Kernel
+        `kernel(q, qd, ..., weights, vector)`, with a vector of shape (..., k); the result has shape (..., k).
+
+    Examples
+    --------
+    >>> import rne
+    >>> kernel = rne.kernels.hessian_product(rne.dynamics.kinetic_energy, rne.irb140(), "qd")
+    >>> kernel([0.0] * 6, [0.0] * 6, [1.0], [0, 0, 0, 0, 0, 1.0]).round(3).tolist()  # the last column of M
+    [0.0, 0.0, 0.0, 0.001, 0.0, 0.001]
+    """
+    return _derivative("hessian_product", function, model, wrt, engine, fixed)
+
+
+def _derivative(
+    order: str, function: Declared, model: Model, wrt: Sequence[str], engine: str, fixed: Mapping[str, Any]
+) -> Kernel:
+    """The kernel of a derivative, by known arguments; by all of them if none is named and they may be left out."""
     names = tuple(inputs_as_arrays(function, model, fixed)[0].widths)
     for name in wrt:
         if name not in names:
             cure = "; `parameters=True` makes them one" if name == "parameters" else ""
             raise ValueError(f"`wrt` must name arguments of {list(names)}, got {name!r}{cure}")
-    if not wrt:
+    if not wrt and order == "jacobian":
         raise ValueError(f"`wrt` must name at least one argument of {list(names)}")
-    return Kernel(function, model, fixed, wrt, engine)
+    return Kernel(function, model, fixed, wrt or names, engine, order)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import operator
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -11,13 +12,29 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from ..basics.spatial import Array
+from .. import elementwise
+from ..basics.spatial import Array, sincos, sqrt
 from ..dynamics.precision import NEARLY_SINGULAR, pivot_bound, velocity_bound
 from ..dynamics.quantity import PrecisionStatus
 from .graph import Graph
 
 # Operations whose result is not finite if an operand is not. So is x / y if y is a pivot of M, which is checked.
 PROPAGATING = frozenset({"add", "subtract", "multiply", "negative", "sin", "cos", "sqrt", "abs"})
+# Every operation on arrays of any numbers: long double, complex, mpmath's, traced ones.
+ON_ARRAYS: dict[str, Callable[..., Any]] = {
+    "add": operator.add,
+    "subtract": operator.sub,
+    "multiply": operator.mul,
+    "divide": operator.truediv,
+    "negative": operator.neg,
+    "abs": lambda x: np.where(x.real < 0, -x, x) if x.dtype.kind == "c" else abs(x),
+    "sin": lambda x: sincos(x)[0],
+    "cos": lambda x: sincos(x)[1],
+    "sqrt": sqrt,
+    "less_equal": lambda a, b: elementwise.where(elementwise.less(b, a), 0.0, 1.0),
+}
+ON_ARRAYS |= {k: getattr(elementwise, k) for k in (*elementwise.SHARED, "less", "where")}
+BLOCK = 256  # states at once where every result is kept
 # What the recursion finds for states begin to end, counted in the whole batch.
 Recursion = Callable[[int, int], tuple[Array, PrecisionStatus]]
 
@@ -54,6 +71,26 @@ class Program:
         """True if every constant is finite; a product may overflow for a model with numbers near the largest."""
         args = [arg for instruction in self.instructions for arg in instruction.args]
         return all(math.isfinite(arg.value) for arg in (*args, *self.outputs) if arg.kind == "constant")
+
+
+def evaluate(program: Program, entries: int, inputs: Array) -> Array:
+    """The first outputs, (states, entries), of inputs (states, width) of any type of number."""
+    found = np.zeros((len(inputs), entries), dtype=inputs.dtype)
+    number: Any = np.asarray if inputs.dtype == object else inputs.dtype.type
+    for k in range(0, len(inputs), BLOCK):
+        rows, values = inputs[k : k + BLOCK].T, list[Array]()
+
+        def value(arg: Operand, rows: Array = rows, values: list[Array] = values) -> Any:
+            if arg.kind == "constant":
+                return number(arg.value)
+            return (rows if arg.kind == "input" else values)[int(arg.value)]
+
+        with np.errstate(all="ignore"):
+            for kind, args in program.instructions:
+                values.append(ON_ARRAYS[kind](*map(value, args)))
+        for row, output in zip(found[k : k + BLOCK].T, program.outputs, strict=False):
+            row[...] = value(output)
+    return found
 
 
 def with_table(program: Program) -> tuple[Program, list[float]]:

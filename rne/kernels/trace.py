@@ -7,34 +7,83 @@ A function takes wrenches as a mapping of links, and its model has the inertial 
 from __future__ import annotations
 
 import inspect
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from ..basics.spatial import Array
-from ..dynamics.quantity import Declared, PrecisionStatus, Quantity, check_arguments
+from ..dynamics.quantity import (
+    JOINT_ARGUMENTS,
+    Declared,
+    MethodQuantity,
+    PrecisionStatus,
+    Quantity,
+    check_arguments,
+)
 from ..errors import NotFiniteError
 from ..model.model import Model, model_argument
 from ..model.parameters import PARAMETERS, at_parameters, with_fewest_terms
-from .graph import Graph, TooLarge, differentiate
-from .program import Trace, lower
+from .differentiation import ORDERS, differentiate
+from .graph import Graph, TooLarge
+from .program import Trace, evaluate, lower
 from .scalar import inputs, references
 
 LIMIT = 50_000  # operations that are written out at most
+AGREEMENT = 1e-9  # relative: values that differ by less are the same
+TRIALS = 3  # random states in which a user's function must agree with its trace
 STEP = 1e-30  # of complex steps: its square vanishes beside 1, so nothing cancels and nothing is truncated
 
 
-def quantity_of(function: Declared) -> Quantity:
-    """The declaration of a function that can be traced; a TypeError for anything else."""
+def declared(function: Any) -> Declared:
+    """A function that can be traced, with its declaration; a TypeError for anything else.
+
+    One of this package's, or a user's own of joint arrays of one state, marked by `rne.traceable`.
+    """
     quantity = getattr(function, "quantity", None)
-    if not isinstance(quantity, Quantity):
-        raise TypeError(f"`function` must be one of rne's functions of a model, got {function!r}")
-    if not quantity.returns_array:
-        name = f"rne.dynamics.{quantity.name}"
-        raise TypeError(f"`function` must give an array; {name} gives a record, which is not compiled")
-    return quantity
+    if isinstance(quantity, Quantity):
+        if not quantity.returns_array:
+            name = f"rne.dynamics.{quantity.name}"
+            raise TypeError(f"`function` must give an array; {name} gives a record, which is not compiled")
+        return function  # type: ignore[no-any-return]
+    if not getattr(function, "traceable", False):
+        raise TypeError(
+            "`function` must be one of rne's functions of a model, or one of joint arrays marked by rne.traceable, "
+            f"got {function!r}"
+        )
+    names = list(inspect.signature(function).parameters)
+    if not names or not set(names) <= set(JOINT_ARGUMENTS):
+        raise TypeError(f"the arguments of `function` must have names of {list(JOINT_ARGUMENTS)}, got {names}")
+    name = re.sub(r"\W", "", function.__name__)
+    widths: dict[str, int | None] = dict.fromkeys(names)
+    core = partial(_one_by_one, function)
+    own = Quantity(name=name, core=core, widths=widths, moments=False, base_parameters=False)
+    return MethodQuantity(function, own, name)
+
+
+def _one_by_one(function: Callable[..., Any], model: Model, **arrays: Array) -> Array:
+    """A function of one state on a batch."""
+    leading = next(iter(arrays.values())).shape[:-1]
+    states = [{name: a[k].copy() for name, a in arrays.items()} for k in np.ndindex(leading)]
+    found = np.array([function(**state) for state in states])
+    return found.reshape(leading + found.shape[1:])
+
+
+def check_own(function: Declared, model: Model) -> None:
+    """Raise a TypeError if a user's function gives other values than its trace, in some random states."""
+    quantity = function.quantity
+    widths = argument_widths(quantity, model)
+    states = np.random.default_rng(0).uniform(-1, 1, (TRIALS, sum(widths.values())))
+    arrays = np.split(states, np.cumsum(list(widths.values()))[:-1], axis=-1)
+    called, _ = function.evaluate(model, *arrays)
+    found = trace(quantity, model, {})
+    traced = evaluate(found.program, found.entries, states).reshape(called.shape)
+    worst = float(np.abs(traced - called).max(initial=0.0)) / max(1.0, float(np.abs(called).max(initial=0.0)))
+    if not worst <= AGREEMENT:
+        raise TypeError(f"`function`, traced, differs by {worst:.3g} from a call: it has memory, noise or a branch")
 
 
 def trace(
@@ -43,8 +92,9 @@ def trace(
     fixed: Mapping[str, Any],
     wrt: Sequence[str] = (),
     entry: tuple[int, ...] | None = None,
+    order: str = "jacobian",
 ) -> Trace:
-    """Run the core on traced numbers, one state in a batch axis of length 1; differentiate by `wrt`.
+    """Run the core on traced numbers, one state in a batch axis of length 1; differentiate by `wrt`, as in ORDERS.
 
     For a single `entry` of the result only the operations that it needs are kept. Raises TooLarge if the program has
     too many operations or a constant that is not finite.
@@ -56,22 +106,27 @@ def trace(
         """The graph, the result and what judges it; of a second run where zeros were folded unsoundly."""
         graph = Graph(8 * LIMIT, by_pivots)
         arrays = [inputs(graph, (1, width), starts[name]) for name, width in widths.items()]
-        result, *judged = _run_core(quantity, model, arrays, fixed)
+        result, *judged = run_core(quantity, model, arrays, fixed)
         again = graph.divisions_by_pivots(references(graph, judged[0]) if judged else ())
         return (graph, result, judged) if again is None else run(again)
 
     graph, result, judged = run()
     shape, outputs = np.shape(result)[1:], references(graph, result)
+    by = [starts[name] + j for name in wrt for j in range(widths[name])]
     if wrt:
-        by = [starts[name] + j for name in wrt for j in range(widths[name])]
-        shape, outputs = (*shape, len(by)), differentiate(graph, outputs, by)
+        further = dict(zip(ORDERS[order].inputs, (len(outputs), len(by)), strict=False))
+        outputs = differentiate(graph, order, outputs, by, sum(widths.values()))
+        shape = (*(() if further else shape), *[len(by)] * ORDERS[order].axes)
+        widths |= further
     if entry is None:
         outputs += [ref for part in judged for ref in references(graph, part)]
     else:
         shape, outputs = (), [outputs[int(np.ravel_multi_index(entry, shape))]]
     program = lower(graph, outputs, sum(widths.values()))
-    if len(program.instructions) > LIMIT or not program.is_finite:
-        raise TooLarge("operations or constants")  # the recursion runs, and names what is wrong
+    if len(program.instructions) > LIMIT or not program.is_finite:  # the recursion runs, and names what is wrong
+        raise TooLarge(
+            f"{len(program.instructions)} operations" if program.is_finite else "constants that are not finite"
+        )
     velocities = range(0)
     if quantity.velocities is not None:
         name, entries = quantity.velocities
@@ -80,7 +135,7 @@ def trace(
     return Trace(program, tuple(widths.values()), shape, velocities, pivots)
 
 
-def _run_core(quantity: Quantity, model: Model, arrays: Sequence[Any], fixed: Mapping[str, Any]) -> tuple[Any, ...]:
+def run_core(quantity: Quantity, model: Model, arrays: Sequence[Any], fixed: Mapping[str, Any]) -> tuple[Any, ...]:
     """The core's results at given parameters, or with masses moved inwards, where that changes nothing."""
     given = by_link(quantity, arrays, fixed)
     model = with_fewest_terms(model) if quantity.base_parameters else model
@@ -94,7 +149,7 @@ def within_a_trace(quantity: Quantity, model: Model, arguments: Sequence[Any], f
     """The result on traced numbers, of a quantity that another one calls; the core needs a batch axis."""
     arrays = [np.asarray(a) for a in arguments]
     single = all(a.ndim < 2 for a in arrays)
-    result = _run_core(quantity, model, [np.atleast_2d(a) for a in arrays] if single else arrays, fixed)[0]
+    result = run_core(quantity, model, [np.atleast_2d(a) for a in arrays] if single else arrays, fixed)[0]
     return np.asarray(result[0] if single else result)
 
 
@@ -117,7 +172,7 @@ def inputs_as_arrays(function: Declared, model: Model, fixed: Mapping[str, Any])
     `parameters`, True or False, of shape (..., 10 nb); the rest of it is returned. A TypeError tells that the function
     takes no such input, or an argument is of another type, a ValueError that a link is unknown or named twice.
     """
-    quantity, rest = quantity_of(function), dict(fixed)
+    quantity, rest = declared(function).quantity, dict(fixed)
     external, parameters = rest.pop("external", None), rest.pop("parameters", False)
     wrenches: dict[str, str] = {}
     if external is not None:

@@ -202,8 +202,8 @@ class MotionSearch:
         states, singular = self._observed(x)
         K, n = states[0].shape
         by_entries = singular.gradient(criterion(singular.s)[1]).reshape(K, n, -1) / self.noise[:, None]
-        dY = self.within.robot.kernel(self.regressor, "q", "qd", "qdd")(*states)
-        slopes = np.split((by_entries.reshape(K, 1, -1) @ dY.reshape(K, -1, 3 * n))[:, 0], 3, axis=-1)
+        kernel = self.within.robot.kernel(self.regressor, order="gradient")
+        slopes = np.split(kernel(*states, by_entries.reshape(K, -1)), 3, axis=-1)
         by_coefficients = sum(h.T @ m for h, m in zip(slopes, self._grid, strict=True))
         return self.within.gradient(np.asarray(by_coefficients))
 

@@ -1,0 +1,289 @@
+"""Derivatives of a graph's outputs, as further operations of it: forwards, backwards, and both for the second order.
+
+Each operation has one rule for each operand: a function, linear in a slope, that carries it through the operation.
+Forwards (Jacobians) a slope goes from an operand to the result, and those of all operands are summed; backwards
+(gradients of a weighted sum of the outputs) from the result to an operand. See Griewank and Walther 2008, chapter 3.
+
+Where a slope jumps it is that of one side: minimum and maximum of equal operands have that of the constant if one is
+constant, of the one traced later otherwise; abs and sign have 0 at 0. What `where` does not take contributes nothing,
+even if its own slope is infinite.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial, reduce
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..basics.spatial import note_solution
+from .graph import COMPARISONS, Graph, LinearSystem
+from .scalar import Scalar, references
+
+Rule = Callable[[Graph, int, int, int, int], int]  # (graph, value, operands a and b, slope) -> slope
+
+
+class Order(NamedTuple):
+    """What a kernel gives of a function: its values, or derivatives of some kind."""
+
+    title: str  # "" for the values and the Jacobian, which are named by the function
+    inputs: tuple[str, ...] = ()  # behind those of the function
+    axes: int = 0  # of the result that belong to the arguments to differentiate by
+    digits: float = 0.0  # decimal digits that it loses beyond those that the function does, at most, as measured
+
+
+ORDERS = {
+    "values": Order(""),
+    "jacobian": Order("", axes=1),
+    "gradient": Order("gradient of ", ("weights",), 1, 0.5),
+    "hessian": Order("Hessian of ", ("weights",), 2, 1.0),
+    "hessian_product": Order("Hessian times a vector of ", ("weights", "vector"), 1, 1.0),
+}
+
+
+def _chain(factor: Callable[[Graph, int, int], int]) -> tuple[Rule]:
+    """The rule of a function of one operand, from its derivative by value and operand."""
+    return (lambda g, v, a, b, s: g.multiply(factor(g, v, a), s),)
+
+
+def _squares(g: Graph, y: int, x: int) -> int:
+    return g.add(g.multiply(x, x), g.multiply(y, y))
+
+
+RULES: dict[str, tuple[Rule, ...]] = {
+    "add": (lambda g, v, a, b, s: s, lambda g, v, a, b, s: s),
+    "subtract": (lambda g, v, a, b, s: s, lambda g, v, a, b, s: g.negate(s)),
+    "multiply": (lambda g, v, a, b, s: g.multiply(b, s), lambda g, v, a, b, s: g.multiply(a, s)),
+    "divide": (lambda g, v, a, b, s: g.divide(s, b), lambda g, v, a, b, s: g.negate(g.multiply(v, g.divide(s, b)))),
+    "arctan2": (
+        lambda g, v, y, x, s: g.multiply(x, g.divide(s, _squares(g, y, x))),
+        lambda g, v, y, x, s: g.negate(g.multiply(y, g.divide(s, _squares(g, y, x)))),
+    ),
+    "negative": (lambda g, v, a, b, s: g.negate(s),),
+    "sin": _chain(lambda g, v, a: g.unary("cos", a)),
+    "cos": _chain(lambda g, v, a: g.negate(g.unary("sin", a))),
+    "sqrt": (lambda g, v, a, b, s: g.divide(g.multiply(s, g.constant(0.5)), v),),
+    "abs": _chain(lambda g, v, a: g.unary("sign", a)),
+    "tanh": _chain(lambda g, v, a: g.add(g.constant(1.0), g.negate(g.multiply(v, v)))),
+    "exp": _chain(lambda g, v, a: v),
+}
+FLAT = {"sign", *COMPARISONS}  # their slope is 0
+SINGULAR = {"divide", "arctan2", "sqrt"}  # their slope may be infinite
+
+
+def _choice(g: Graph, index: int) -> tuple[int, int, int] | None:
+    """Of `where`, minimum and maximum: the condition, what it takes and what otherwise."""
+    kind, args = g.nodes[index]
+    if kind == "where":
+        return args
+    if kind not in ("minimum", "maximum"):
+        return None
+    a, b = args if g.value(args[0]) is None else args[::-1]
+    return g.binary("less", *((a, b) if kind == "minimum" else (b, a))), a, b
+
+
+def differentiate(graph: Graph, order: str, outputs: Sequence[int], by: Sequence[int], first: int) -> list[int]:
+    """References of derivatives of the outputs, an order of ORDERS, by the inputs of numbers `by`, entry by entry.
+
+    `first` is the number of the first input behind the function's own: of the weights, one for each output, which the
+    vector follows, one for each of `by`.
+    """
+    one, sweeps = graph.constant(1.0), Sweeps(graph)
+    if order == "jacobian":
+        columns = [sweeps.forwards(outputs, {k: one}) for k in by]
+        return [column[i] for i in range(len(outputs)) for column in columns]
+    weights = [graph.input(first + k) for k in range(len(outputs))]
+    slopes = sweeps.gradient(outputs, weights, by)
+    if order == "gradient":
+        return slopes
+    sweeps = Sweeps(graph)  # that knows the systems solved backwards
+    if order == "hessian_product":
+        return sweeps.forwards(slopes, {k: graph.input(first + len(outputs) + j) for j, k in enumerate(by)})
+    lower = [sweeps.forwards(slopes[j:], {k: one}) for j, k in enumerate(by)]
+    return [lower[min(i, j)][abs(i - j)] for i in range(len(by)) for j in range(len(by))]
+
+
+class _SystemNodes(NamedTuple):
+    """A linear system that was solved, with x and r(x) as references; r(x) is made of nodes of its own, behind x."""
+
+    solve: Callable[[Any], Any]
+    product: Callable[[Any], Any]
+    x: list[int]
+    residual: list[int]
+    nodes: list[int]  # between x and r(x), in order
+    before: list[int]  # nodes in front of x that r(x) is made of
+
+    @property
+    def first(self) -> int:
+        """The node of x that comes first."""
+        return min(ref >> 1 for ref in self.x)
+
+
+class Sweeps:
+    """Sweeps through a graph, forwards and backwards.
+
+    No slope goes through what a linear system was solved by. A solution x of r(x) = 0 changes by -M^-1 dr at constant
+    x, and r has the slopes -M^-1 (slopes of x). With r = M qdd + h - tau by a recursion few digits are lost: through
+    the factors of M, or its entries, twice as many would be, as large terms cancel where M is nearly singular.
+    """
+
+    def __init__(self, graph: Graph) -> None:
+        self.graph = graph
+        self.zero, self.one = graph.constant(0.0), graph.constant(1.0)
+        found = [solved for system in graph.systems if (solved := _nodes_of(graph, system)) is not None]
+        self.solved = {ref >> 1: solved for solved in found for ref in solved.x}
+
+    def _depends(self, index: int) -> list[int]:
+        """The nodes that the slopes of a node are made of."""
+        solved = self.solved.get(index)
+        if solved is None:
+            return self.graph.arguments(index)
+        return solved.before if index == solved.first else [solved.first]
+
+    def _order(self, outputs: Sequence[int]) -> list[int]:
+        return sorted(self.graph.needed(outputs, self._depends))
+
+    def forwards(self, outputs: Sequence[int], by: Mapping[int, int]) -> list[int]:
+        """Slopes of the outputs in a direction: of the inputs in `by`, which are given by their numbers, the slopes."""
+        slopes = {self.graph.input(k) >> 1: slope for k, slope in by.items()}  # of the nodes that depend on these
+        for index in self._order(outputs):
+            if index not in slopes and any(k in slopes for k in self._depends(index)):
+                if index in self.solved:
+                    self._solution_forwards(self.solved[index], slopes)
+                else:
+                    self._forward(index, slopes)
+        return [self._of(ref, slopes) for ref in outputs]
+
+    def _of(self, ref: int, slopes: Mapping[int, int]) -> int:
+        """The slope of a reference from that of its node."""
+        slope = slopes.get(ref >> 1, self.zero)
+        return self.graph.negate(slope) if ref & 1 else slope
+
+    def _forward(self, index: int, slopes: dict[int, int]) -> None:
+        slope = _forward(self.graph, index, lambda ref: self._of(ref, slopes))
+        if slope != self.zero:
+            slopes[index] = slope
+
+    def _solution_forwards(self, solved: _SystemNodes, slopes: dict[int, int]) -> None:
+        g, inner = self.graph, {k: slopes[k] for k in solved.before if k in slopes}
+        for index in solved.nodes:
+            self._forward(index, inner)
+        changes = [g.negate(self._of(ref, inner)) for ref in solved.residual]
+        if any(change != self.zero for change in changes):
+            for ref, slope in zip(solved.x, references(g, solved.solve(_row(g, changes))), strict=True):
+                slopes[ref >> 1] = g.negate(slope) if ref & 1 else slope
+
+    def gradient(self, outputs: Sequence[int], weights: Sequence[int], by: Sequence[int]) -> list[int]:
+        """References of d (weights . outputs) / d input, by one sweep from the outputs to the inputs."""
+        slopes = _Slopes(self.graph)
+        for ref, weight in zip(outputs, weights, strict=True):
+            slopes.give(ref, weight, self.one)
+        for index in reversed(self._order(outputs)):
+            solved = self.solved.get(index)
+            if solved is None:
+                slopes.backward(index)
+            elif index == solved.first:  # all that is made of x has been passed
+                self._solution_backwards(solved, slopes)
+        return [slopes.of.get(self.graph.input(k) >> 1, self.zero) for k in by]
+
+    def _solution_backwards(self, solved: _SystemNodes, slopes: _Slopes) -> None:
+        g, nodes = self.graph, {ref >> 1 for ref in solved.x}
+        taken = [slopes.taken[k] for k in nodes if k in slopes.taken]
+        if not taken:
+            return
+        is_taken = reduce(partial(g.binary, "maximum"), taken)
+        right, inner = _row(g, [self._of(ref, slopes.of) for ref in solved.x]), _Slopes(g)
+        p = solved.solve(right)
+        note_solution(p, solved.solve, solved.product, lambda p: solved.product(p) - right)
+        for ref, slope in zip(solved.residual, references(g, p), strict=True):
+            inner.give(ref, g.negate(slope), is_taken)
+        for index in reversed(solved.nodes):
+            inner.backward(index)
+        for k in solved.before:
+            if k in inner.of:
+                slopes.give(2 * k, inner.of[k], inner.taken[k])
+
+
+class _Slopes:
+    """Slopes of the weighted sum of the outputs by nodes, which their readers add up."""
+
+    def __init__(self, graph: Graph) -> None:
+        self.graph = graph
+        self.zero, self.one = graph.constant(0.0), graph.constant(1.0)
+        self.of: dict[int, int] = {}
+        self.taken: dict[int, int] = {}  # of each of these nodes: 1 if some output takes it, 0 if `where` takes others
+
+    def give(self, ref: int, slope: int, is_taken: int) -> None:
+        """Add a slope to that of a reference's node."""
+        g, k = self.graph, ref >> 1
+        if g.nodes[k].kind == "constant" or g.value(slope) == 0:
+            return
+        slope = g.negate(slope) if ref & 1 else slope
+        self.of[k] = g.add(self.of[k], slope) if k in self.of else slope
+        before = self.taken.get(k, self.zero)
+        self.taken[k] = self.one if self.one in (before, is_taken) else g.binary("maximum", before, is_taken)
+
+    def backward(self, index: int) -> None:
+        """Give the operands of a node their part of its slope, if it has one."""
+        if index not in self.of:
+            return
+        g, s, is_taken = self.graph, self.of[index], self.taken[index]
+        kind, args = g.nodes[index]
+        if choice := _choice(g, index):
+            condition, a, b = choice
+            self.give(a, g.where(condition, s, self.zero), g.where(condition, is_taken, self.zero))
+            self.give(b, g.where(condition, self.zero, s), g.where(condition, self.zero, is_taken))
+            return
+        for operand, rule in zip(args, RULES.get(kind, ()), strict=False):
+            slope = rule(g, 2 * index, args[0], args[-1], s)
+            self.give(operand, g.where(is_taken, slope, self.zero) if kind in SINGULAR else slope, is_taken)
+
+
+def _nodes_of(g: Graph, system: LinearSystem) -> _SystemNodes | None:
+    """The references of a linear system; None where entries of x are constant or one expression."""
+    x = references(g, system.x)
+    own = {ref >> 1 for ref in x}
+    if len(own) < len(x) or any(g.value(ref) is not None for ref in x):
+        return None
+    first = min(own)
+
+    def behind(index: int) -> list[int]:
+        return g.arguments(index) if index > first and index not in own else []
+
+    residual = references(g, system.residual(_row(g, x)))
+    nodes = sorted(g.needed(residual, behind))
+    read = {k for index in nodes for k in g.arguments(index)} | {ref >> 1 for ref in residual}
+    before = sorted(k for k in read if k < first and g.value(2 * k) is None)
+    return _SystemNodes(system.solve, system.product, x, residual, nodes, before)
+
+
+def _row(g: Graph, refs: Sequence[int]) -> Any:
+    """References as an array of traced numbers, shape (1, n)."""
+    return np.array([[Scalar(g, ref) for ref in refs]], dtype=object)
+
+
+def _forward(g: Graph, index: int, of: Callable[[int], int]) -> int:
+    """The slope of an operation from those of its operands."""
+    kind, args = g.nodes[index]
+    if kind in FLAT:
+        return g.constant(0.0)
+    if choice := _choice(g, index):
+        condition, a, b = choice
+        return g.where(condition, of(a), of(b))
+    v, a, b = 2 * index, args[0], args[-1]
+    if kind == "divide":  # one division instead of two
+        return g.divide(g.add(of(a), g.negate(_times(g, v, of(b)))), b)
+    if kind == "arctan2":
+        return g.divide(g.add(_times(g, b, of(a)), g.negate(_times(g, a, of(b)))), _squares(g, a, b))
+    slope = g.constant(0.0)
+    for operand, rule in zip(args, RULES[kind], strict=True):
+        s = of(operand)
+        if g.value(s) != 0:  # of what does not depend on the inputs there is no term, whatever it is multiplied by
+            slope = g.add(slope, rule(g, v, a, b, s))
+    return slope
+
+
+def _times(g: Graph, a: int, slope: int) -> int:
+    """a times a slope; of what does not depend on the input there is no term, whatever a is."""
+    return slope if g.value(slope) == 0 else g.multiply(a, slope)
