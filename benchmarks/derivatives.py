@@ -112,12 +112,13 @@ def error(got: np.ndarray, reference: np.ndarray) -> float:
 
 def tables(results: Results) -> dict[str, str]:
     """Every table of the page, by its name."""
-    head = ["robot, function", *(title for title in derivative_calls.TITLES.values())]
+    head = ["robot", "of", *derivative_calls.TITLES.values()]
     lines = []
     for case, counts in results["operations"].items():
         value = counts["values"]
         cells = [f"{count} ({count / value:.1f})" for count in counts.values()]
-        lines.append([case.replace("_", " "), *cells])
+        robot, function = case.split(" ", 1)
+        lines.append([robot, function.replace("_", " "), *cells])
     found = {"operations": table(head, lines)}
     head = ["call", "ns per state", "times the values'", "times Pinocchio's speed", "worst error"]
     for case, rows in results["robots"].items():
