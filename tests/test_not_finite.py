@@ -224,6 +224,7 @@ LAWS = {
     "0/0 of constants": lambda t, q, qd: (q - q) / (qd - qd),
     "0/0 at the start": lambda t, q, qd: 0 * q / q,
     "0 times what is infinite at the start": lambda t, q, qd: 0 * (1 / q) + qd,
+    "0 times a sum with a term that is infinite at the start": lambda t, q, qd: 0 * (1 / q + qd) + qd,
     "a difference of two that are infinite": lambda t, q, qd: 1 / abs(q) - 2 / abs(q) - qd,
 }
 
