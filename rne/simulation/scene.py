@@ -278,6 +278,75 @@ class Scene:
         dynamics = replace(self.dynamics, has_energies=False)
         return self.resolved.robot._kernels.scene_kernel(dynamics.right_hand_side)
 
+    def to_casadi(
+        self,
+        name: str | None = None,
+        *,
+        symbolic: str = "SX",
+        steps: int | None = None,
+        parameters: bool = False,
+    ) -> Any:
+        """The scene's equations of motion as a CasADi function, the controller included; it needs the extra `casadi`.
+
+        Parameters
+        ----------
+        name : str, optional
+            Name of the function; by default "scene".
+        symbolic : {"SX", "MX"}
+            Its expressions: scalar operations, or calls of functions of such.
+        steps : int, optional
+            For a function in discrete time: the number of classical Runge-Kutta steps in which it goes from t to t + h.
+        parameters : bool
+            True for the inertial parameters as an argument, in the order of `Robot.parameters`, payload included. Laws
+            keep those of their robot.
+
+        Returns
+        -------
+        casadi.Function
+            f(t, x) -> (dx, tau), with x = (q, qd, the law's states), dx its rate and tau the torques of the drives within
+            their limits; f(t, x, u) without a controller, where u are torques. With `parameters` these come next. With
+            `steps` it is f(t, x, ..., h) -> (x_next, tau), tau at t; u is held. It checks nothing.
+
+        Raises
+        ------
+        ValueError
+            If a part of the scene is not a function of time and state: a controller that is sampled or called, dry friction
+            with sticking, stops.
+        ImportError, TypeError
+            If CasADi is not installed, or the equations are too large to be written out.
+
+        Examples
+        --------
+        >>> import rne
+        >>> scene = rne.Scene(rne.load("irb140"), payload=2.0, friction=rne.Friction(viscous=1.0))
+        >>> scene.to_casadi(steps=1)  # doctest: +SKIP
+        Function(scene:(t,x[12],u[6],h)->(x_next[12],tau[6]) SXFunction)
+        """
+        from ..kernels.exports.casadi import scene_to_casadi
+
+        dynamics = self._exported()
+        kernels = self.resolved.robot._kernels
+        kernel = kernels.scene_kernel(dynamics.rates_and_drives, parameters=parameters)
+        return scene_to_casadi(kernel, "scene", name, symbolic, steps)
+
+    def _exported(self) -> SceneDynamics:
+        """The equations as a function of time, state and perhaps torques alone; an error names what is not."""
+        free = "leave it out, and the torques are an argument u"
+        if self.stops:
+            raise ValueError("`stops` end a run, which a function of the state cannot: set `stops` to False")
+        if self.sample_time is not None:
+            raise ValueError(f"a `controller` that is sampled is no function of time and state: {free}, held over h")
+        friction = self.resolved.friction
+        if friction is not None and friction.sticks:
+            raise ValueError(
+                "dry `friction` sticks and slips by events: give it a `smoothing` above 0, such as rne.Friction's own"
+            )
+        if self.controller is not None and not self.is_traced:
+            why = self._law.why_not_traced(self.resolved.robot) if getattr(self.controller, "traceable", False) else None
+            raise ValueError(f"`controller` is called: {why or 'it is not marked by rne.traceable'}; {free}")
+        inputs = "none" if self.controller is not None else "called"
+        return replace(self.dynamics, inputs=inputs, inertia=None, has_energies=False)
+
     def inverse_dynamics(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> Array:
         """Torques of the drives for given accelerations, friction included.
 
