@@ -324,9 +324,8 @@ class Scene:
         """
         from ..kernels.exports.casadi import scene_to_casadi
 
-        dynamics = self._exported()
-        kernels = self.resolved.robot._kernels
-        kernel = kernels.scene_kernel(dynamics.rates_and_drives, parameters=parameters)
+        rates, model = self._exported().rates_and_drives, self.resolved.robot.model
+        kernel = Kernel(rates, model, {"parameters": parameters})
         return scene_to_casadi(kernel, "scene", name, symbolic, steps)
 
     def _exported(self) -> SceneDynamics:
