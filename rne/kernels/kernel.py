@@ -374,35 +374,26 @@ class Kernel:
         return to_source(Printable(traced, title, self.names, lines), language)
 
     def to_casadi(self, name: str | None = None, symbolic: str = "SX") -> Any:
-        """The kernel as a CasADi function of one state, for optimal control; it needs the extra `casadi`.
-
-        CasADi differentiates it further, calls it on numbers and symbols, maps it, prints it as C, and saves it. Nothing
-        of this package is needed to load it.
+        """The kernel as a CasADi function of one state, which CasADi differentiates, prints as C and saves by itself.
 
         Parameters
         ----------
         name : str, optional
-            Name of the function; by default that of the quantity, such as inverse_dynamics.
+            Name of the function; by default the quantity's.
         symbolic : {"SX", "MX"}
-            Its expressions: scalar operations, or one call of a function of such. SX derivatives are the faster ones, MX
-            stays small where the function is called often.
+            Scalar operations, or one call of a function of such, which stays small where it is called often.
 
         Returns
         -------
         casadi.Function
-            Its arguments have the kernel's names, its result is `result`: a number or vector of the kernel's shape, or a
-            matrix. Of more than two axes all but the last are one, row by row: poses of links stand below each other, and
-            the derivative of M is that of its entries. Zeros of Jacobians and Hessians are structural. Weights are always
-            an argument. It checks nothing: NaN, overflow and a singular M are the caller's to find.
+            Its arguments have the kernel's names, weights always among them; its `result` has the shape for one state.
+            Of more than two axes all but the last are one, row by row: poses of links stand below each other. Zeros of
+            Jacobians and Hessians are structural. It checks nothing, neither NaN nor a singular M.
 
         Raises
         ------
-        ImportError
-            If CasADi is not installed.
-        TypeError
-            If the kernel is too large to be written out.
-        ValueError
-            If a name is not allowed in CasADi, or there is no such type of expressions.
+        ImportError, TypeError, ValueError
+            If CasADi is missing, the kernel too large to be written out, or CasADi allows no such name or type.
 
         Examples
         --------
@@ -412,7 +403,7 @@ class Kernel:
         """
         from .exports.casadi import to_casadi
 
-        return to_casadi(self, self._title, name, symbolic)
+        return to_casadi(self, re.sub(r"\W+", "_", self._title).strip("_") if name is None else name, symbolic)
 
     def by_recursion(self, *arguments: Any) -> tuple[Array, PrecisionStatus]:
         """Result and status of states that the program leaves to the function itself, or to its complex steps.

@@ -279,41 +279,35 @@ class Scene:
         return self.resolved.robot._kernels.scene_kernel(dynamics.right_hand_side)
 
     def to_casadi(
-        self,
-        name: str | None = None,
-        *,
-        symbolic: str = "SX",
-        steps: int | None = None,
-        parameters: bool = False,
+        self, name: str = "scene", *, symbolic: str = "SX", steps: int | None = None, parameters: bool = False
     ) -> Any:
-        """The scene's equations of motion as a CasADi function, the controller included; it needs the extra `casadi`.
+        """The equations of motion as a CasADi function, with friction, limits and a traced controller.
 
         Parameters
         ----------
-        name : str, optional
-            Name of the function; by default "scene".
+        name : str
+            Name of the function.
         symbolic : {"SX", "MX"}
-            Its expressions: scalar operations, or calls of functions of such.
+            Scalar operations, or calls of a function of such.
         steps : int, optional
-            For a function in discrete time: the number of classical Runge-Kutta steps in which it goes from t to t + h.
+            Runge-Kutta steps of order 4 from t to t + h, for a function in discrete time.
         parameters : bool
             True for the inertial parameters as an argument, in the order of `Robot.parameters`, payload included. Laws
-            keep those of their robot.
+            keep those of their own robot.
 
         Returns
         -------
         casadi.Function
-            f(t, x) -> (dx, tau), with x = (q, qd, the law's states), dx its rate and tau the torques of the drives within
-            their limits; f(t, x, u) without a controller, where u are torques. With `parameters` these come next. With
-            `steps` it is f(t, x, ..., h) -> (x_next, tau), tau at t; u is held. It checks nothing.
+            f(t, x) -> (dx, tau) with x = (q, qd, the law's states), its rate, and the drives' torques within their
+            limits. Without a controller f(t, x, u), with torques u; with `parameters` these come next. With `steps` h
+            comes last, u is held, and the results are (x_next, tau), the torques at t. It checks nothing.
 
         Raises
         ------
         ValueError
-            If a part of the scene is not a function of time and state: a controller that is sampled or called, dry friction
-            with sticking, stops.
+            If a part is no function of time and state: a sampled or called controller, dry friction that sticks, stops.
         ImportError, TypeError
-            If CasADi is not installed, or the equations are too large to be written out.
+            If CasADi is missing, or the equations are too large to be written out.
 
         Examples
         --------
@@ -325,25 +319,23 @@ class Scene:
         from ..kernels.exports.casadi import scene_to_casadi
 
         rates, model = self._exported().rates_and_drives, self.resolved.robot.model
-        kernel = Kernel(rates, model, {"parameters": parameters})
-        return scene_to_casadi(kernel, "scene", name, symbolic, steps)
+        return scene_to_casadi(Kernel(rates, model, {"parameters": parameters}), name, symbolic, steps)
 
     def _exported(self) -> SceneDynamics:
-        """The equations as a function of time, state and perhaps torques alone; an error names what is not."""
-        free = "leave it out, and the torques are an argument u"
+        """The equations as a function of time, state and perhaps torques alone; a ValueError names what is not."""
+        friction, controller, refused = self.resolved.friction, self.controller, ""
         if self.stops:
-            raise ValueError("`stops` end a run, which a function of the state cannot: set `stops` to False")
-        if self.sample_time is not None:
-            raise ValueError(f"a `controller` that is sampled is no function of time and state: {free}, held over h")
-        friction = self.resolved.friction
-        if friction is not None and friction.sticks:
-            raise ValueError(
-                "dry `friction` sticks and slips by events: give it a `smoothing` above 0, such as rne.Friction's own"
-            )
-        if self.controller is not None and not self.is_traced:
-            why = self._law.why_not_traced(self.resolved.robot) if getattr(self.controller, "traceable", False) else None
-            raise ValueError(f"`controller` is called: {why or 'it is not marked by rne.traceable'}; {free}")
-        inputs = "none" if self.controller is not None else "called"
+            refused = "`stops` end a run: set `stops` to False, and bound the positions"
+        elif friction is not None and friction.sticks:
+            refused = "dry `friction` sticks and slips by events: give it a `smoothing` above 0"
+        elif controller is not None and (self.sample_time is not None or not self.is_traced):
+            law = self._law if getattr(controller, "traceable", False) else None
+            why = law.why_not_traced(self.resolved.robot) if law else "it is not marked by rne.traceable"
+            how = "sampled" if self.sample_time is not None else f"called, as {why}"
+            refused = f"`controller` is {how}; without it the torques are an argument u"
+        if refused:
+            raise ValueError(f"no function of time and state: {refused}")
+        inputs = "called" if controller is None else "none"
         return replace(self.dynamics, inputs=inputs, inertia=None, has_energies=False)
 
     def inverse_dynamics(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> Array:

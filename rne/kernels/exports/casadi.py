@@ -2,36 +2,26 @@
 
 from __future__ import annotations
 
-import operator
-from collections.abc import Callable
 from math import prod
 from typing import TYPE_CHECKING, Any
 
 from ...basics.arrays import whole_number
-from ..program import Operand
+from ..program import ON_ARRAYS, Operand
 
 if TYPE_CHECKING:
     from ..kernel import Kernel
 
-OPERATORS: dict[str, Callable[..., Any]] = {
-    "add": operator.add,
-    "subtract": operator.sub,
-    "multiply": operator.mul,
-    "divide": operator.truediv,
-    "negative": operator.neg,
-    "less": operator.lt,
-    "less_equal": operator.le,
-}
-# Operations whose function has another name in CasADi; sin, cos, sqrt, tanh, exp and sign have the same.
+ARITHMETIC = ("add", "subtract", "multiply", "divide", "negative")  # by the operators of SX
+# Functions of another name in CasADi; sin, cos, sqrt, tanh, exp and sign have the same.
 NAMES = {"abs": "fabs", "arctan2": "atan2", "minimum": "fmin", "maximum": "fmax", "where": "if_else"}
+NAMES |= {"less": "lt", "less_equal": "le"}
 SPARSE = ("jacobian", "hessian")  # orders whose zeros are structural, as in CasADi's own derivatives
 
 
-def to_casadi(kernel: Kernel, title: str, name: str | None = None, symbolic: str = "SX") -> Any:
-    """The function of a kernel's arrays, called by its title unless a name is given; see `Kernel.to_casadi`."""
-    ca, trace = _casadi(), kernel.traced
-    name, kind = _name(ca, name, title), _kind(ca, symbolic)
-    inputs = [ca.SX.sym(argument, width) for argument, width in zip(kernel.names, kernel.widths, strict=True)]
+def to_casadi(kernel: Kernel, name: str, symbolic: str = "SX") -> Any:
+    """The function of a kernel's arrays; see `Kernel.to_casadi`."""
+    ca, trace = _casadi(name, symbolic), kernel.traced
+    inputs = _symbols(ca.SX, kernel)
     entries, results = ca.vertsplit(ca.vertcat(*inputs)), list[Any]()
 
     def value(arg: Operand) -> Any:
@@ -40,40 +30,35 @@ def to_casadi(kernel: Kernel, title: str, name: str | None = None, symbolic: str
         return (entries if arg.kind == "input" else results)[int(arg.value)]
 
     for operation, args in trace.program.instructions:
-        call = OPERATORS.get(operation) or getattr(ca, NAMES.get(operation, operation))
+        is_operator = operation in ARITHMETIC
+        call = ON_ARRAYS[operation] if is_operator else getattr(ca, NAMES.get(operation, operation))
         results.append(call(*map(value, args)))
     result = ca.vertcat(*map(value, trace.program.outputs[: trace.entries]))
     if len(trace.shape) > 1:  # CasADi counts the entries of a matrix column by column
         result = ca.reshape(result, trace.shape[-1], prod(trace.shape[:-1])).T
     if kernel.order in SPARSE:
         result = ca.sparsify(result)
-    if kind is ca.MX:  # a call of the function of scalars
-        function = ca.Function(f"{name}_of_scalars", inputs, [result])
-        inputs = [ca.MX.sym(argument, width) for argument, width in zip(kernel.names, kernel.widths, strict=True)]
-        result = function(*inputs)
+    if symbolic == "MX":
+        scalar = ca.Function(f"{name}_of_scalars", inputs, [result])
+        inputs = _symbols(ca.MX, kernel)
+        result = scalar(*inputs)
     return ca.Function(name, inputs, [result], list(kernel.names), ["result"])
 
 
-def scene_to_casadi(kernel: Kernel, title: str, name: str | None, symbolic: str, steps: int | None) -> Any:
-    """(dx/dt, torques) of a kernel of (t, x, ...) that gives both in one array, or (x(t + h), torques at t).
+def scene_to_casadi(kernel: Kernel, name: str, symbolic: str, steps: int | None) -> Any:
+    """The function of a kernel of (t, x, ...) that gives rates and torques in one array; see `Scene.to_casadi`."""
+    ca = _casadi(name, symbolic)
+    both, size, kind = to_casadi(kernel, f"{name}_in_one"), kernel.widths[1], getattr(ca, symbolic)
+    t, x, *further = inputs = _symbols(kind, kernel)
 
-    The latter is taken in `steps` classical Runge-Kutta steps, and h is the last argument; see `Scene.to_casadi`.
-    """
-    ca = _casadi()
-    name, kind = _name(ca, name, title), _kind(ca, symbolic)
-    both, size = to_casadi(kernel, f"{name}_rates_and_torques"), kernel.widths[1]
-    inputs = [kind.sym(argument, width) for argument, width in zip(kernel.names, kernel.widths, strict=True)]
-    t, x, *further = inputs
-
-    def rates(t: Any, x: Any) -> tuple[Any, Any]:
-        found = ca.vertsplit(both(t, x, *further), [0, size, kernel.traced.entries])
-        return found[0], found[1]
+    def rates(t: Any, x: Any) -> Any:
+        return ca.vertsplit(both(t, x, *further), [0, size, kernel.traced.entries])
 
     dx, tau = rates(t, x)
     if steps is None:
         return ca.Function(name, inputs, [dx, tau], list(kernel.names), ["dx", "tau"])
     duration = kind.sym("h")
-    h = duration / whole_number("steps", steps, least=1)
+    h = duration / whole_number("steps", steps)
     for k in range(steps):
         k1 = rates(t, x)[0] if k else dx
         k2 = rates(t + h / 2, x + h / 2 * k1)[0]
@@ -83,24 +68,18 @@ def scene_to_casadi(kernel: Kernel, title: str, name: str | None, symbolic: str,
     return ca.Function(name, [*inputs, duration], [x, tau], [*kernel.names, "h"], ["x_next", "tau"])
 
 
-def _casadi() -> Any:
-    """The package, or an ImportError with the cure."""
+def _casadi(name: str, symbolic: str) -> Any:
+    """The package, where it is installed and allows a function of this name and type."""
     try:
         import casadi
     except ImportError:
         raise ImportError("CasADi is not installed: pip install 'rne[casadi]'") from None
+    if not (isinstance(name, str) and casadi.Function.check_name(name)):
+        raise ValueError(f"`name` must be letters, digits and single underscores after a letter, got {name!r}")
+    if symbolic not in ("SX", "MX"):
+        raise ValueError(f"`symbolic` must be 'SX' or 'MX', got {symbolic!r}")
     return casadi
 
 
-def _name(ca: Any, name: str | None, title: str) -> str:
-    """The name of a function: the title with what CasADi does not allow in a name replaced, or the one that is given."""
-    if name is not None and not (isinstance(name, str) and ca.Function.check_name(name)):
-        raise ValueError(f"`name` must be letters, digits and single underscores after a letter, got {name!r}")
-    return name or str(ca.Function.fix_name(title))
-
-
-def _kind(ca: Any, symbolic: str) -> Any:
-    """CasADi's type of symbols."""
-    if symbolic not in ("SX", "MX"):
-        raise ValueError(f"`symbolic` must be 'SX' or 'MX', got {symbolic!r}")
-    return getattr(ca, symbolic)
+def _symbols(kind: Any, kernel: Kernel) -> list[Any]:
+    return [kind.sym(name, width) for name, width in zip(kernel.names, kernel.widths, strict=True)]
