@@ -298,9 +298,9 @@ class Scene:
         Returns
         -------
         casadi.Function
-            f(t, x) -> (dx, tau) with x = (q, qd, the law's states), its rate, and the drives' torques within their
-            limits. Without a controller f(t, x, u), with torques u; with `parameters` these come next. With `steps` h
-            comes last, u is held, and the results are (x_next, tau), the torques at t. It checks nothing.
+            Of (t, x) with x = (q, qd, the law's states); its results are dx, the rate of x, and tau, the drives' torques
+            within their limits. Without a controller torques u are an argument, then the `parameters` if asked for. With
+            `steps` h comes last, u is held, and the results are x_next and tau at t. It checks nothing.
 
         Raises
         ------

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 from math import prod
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ...basics.arrays import whole_number
 from ..program import ON_ARRAYS, Operand
-
-if TYPE_CHECKING:
-    from ..kernel import Kernel
 
 ARITHMETIC = ("add", "subtract", "multiply", "divide", "negative")  # by the operators of SX
 # Functions of another name in CasADi; sin, cos, sqrt, tanh, exp and sign have the same.
@@ -18,7 +15,7 @@ NAMES |= {"less": "lt", "less_equal": "le"}
 SPARSE = ("jacobian", "hessian")  # orders whose zeros are structural, as in CasADi's own derivatives
 
 
-def to_casadi(kernel: Kernel, name: str, symbolic: str = "SX") -> Any:
+def to_casadi(kernel: Any, name: str, symbolic: str = "SX") -> Any:
     """The function of a kernel's arrays; see `Kernel.to_casadi`."""
     ca, trace = _casadi(name, symbolic), kernel.traced
     inputs = _symbols(ca.SX, kernel)
@@ -45,7 +42,7 @@ def to_casadi(kernel: Kernel, name: str, symbolic: str = "SX") -> Any:
     return ca.Function(name, inputs, [result], list(kernel.names), ["result"])
 
 
-def scene_to_casadi(kernel: Kernel, name: str, symbolic: str, steps: int | None) -> Any:
+def scene_to_casadi(kernel: Any, name: str, symbolic: str, steps: int | None) -> Any:
     """The function of a kernel of (t, x, ...) that gives rates and torques in one array; see `Scene.to_casadi`."""
     ca = _casadi(name, symbolic)
     both, size, kind = to_casadi(kernel, f"{name}_in_one"), kernel.widths[1], getattr(ca, symbolic)
@@ -81,5 +78,5 @@ def _casadi(name: str, symbolic: str) -> Any:
     return casadi
 
 
-def _symbols(kind: Any, kernel: Kernel) -> list[Any]:
+def _symbols(kind: Any, kernel: Any) -> list[Any]:
     return [kind.sym(name, width) for name, width in zip(kernel.names, kernel.widths, strict=True)]
