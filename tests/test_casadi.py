@@ -1,5 +1,6 @@
 """Kernels and scenes as CasADi functions: values, CasADi's own derivatives of them, motions, saving, refusals."""
 
+import sys
 from types import SimpleNamespace
 
 import numpy as np
@@ -16,7 +17,7 @@ from .random_robots import random_tree
 ca = pytest.importorskip("casadi", reason="CasADi is not installed")
 
 ROBOTS = {
-    "mixed": lambda: rne.Robot(random_tree(3, seed=4)),
+    "mixed": lambda: rne.Robot(random_tree(2, seed=5, prismatic=0.5)),
     "mimics": lambda: rne.Robot(random_tree(2, seed=6, mimics=2)),
     **{name: lambda name=name: loaded(name) for name in ("irb140", "ur5", "panda", "kinova", "xarm7", "z1")},
 }
@@ -68,7 +69,13 @@ def test_values_and_slopes_are_those_of_the_kernels(robot, name):
     assert np.abs(found - matrix(kernel, expected)).max() <= bound * size
     derivative = robot.kernel(function, *wrt)
     if derivative.is_unrolled:
-        expected = derivative(*arguments).reshape(found.size, -1)
+        expected = derivative(*arguments)
+        own = derivative.to_casadi()(*arguments).full()
+        assert own.shape == matrix(derivative, expected).shape
+        expected = expected.reshape(found.size, -1)
+        assert np.abs(own.reshape(expected.shape) - expected).max() <= bound * loss(robot, arguments[0], name) * max(
+            np.abs(expected).max(), 1e-300
+        )
         size = max(np.abs(expected).max(), size)
         assert (
             np.abs(slopes(made, arguments) - expected).max() <= SLOPES * bound * loss(robot, arguments[0], name) * size
@@ -326,6 +333,10 @@ def test_arguments_are_checked(monkeypatch):
         rne.Scene(arm()).to_casadi(steps=0)
     with pytest.raises(TypeError, match="`parameters` of a kernel must be True or False"):
         rne.Scene(arm()).to_casadi(parameters=[1.0])
-    monkeypatch.setitem(__import__("sys").modules, "casadi", None)
+    monkeypatch.setattr("rne.kernels.trace.LIMIT", 50)
+    for large in (rne.compile(rne.dynamics.mass_matrix, loaded("irb140").model), rne.Scene(arm())):
+        with pytest.raises(TypeError, match="too large to be written out"):
+            large.to_casadi()
+    monkeypatch.setitem(sys.modules, "casadi", None)
     with pytest.raises(ImportError, match=r"CasADi is not installed: pip install 'rne\[casadi\]'"):
         kernel.to_casadi()

@@ -298,9 +298,9 @@ class Scene:
         Returns
         -------
         casadi.Function
-            Of (t, x) with x = (q, qd, the law's states); its results are dx, the rate of x, and tau, the drives' torques
-            within their limits. Without a controller torques u are an argument, then the `parameters` if asked for. With
-            `steps` h comes last, u is held, and the results are x_next and tau at t. It checks nothing.
+            Of t and x = (q, qd, the law's states), of torques u where there is no controller, and of `parameters`. It
+            gives dx, the rate of x, and tau, the drives' torques within their limits. With `steps` it has h as last
+            argument and gives x_next in place of dx, u being held. It checks nothing.
 
         Raises
         ------
