@@ -9,8 +9,8 @@ from ...basics.arrays import whole_number
 from ..program import ON_ARRAYS, Operand
 
 ARITHMETIC = ("add", "subtract", "multiply", "divide", "negative")  # by the operators of SX
-# Functions of another name in CasADi; sin, cos, sqrt, tanh, exp and sign have the same.
-NAMES = {"abs": "fabs", "arctan2": "atan2", "minimum": "fmin", "maximum": "fmax", "where": "if_else"}
+# Functions of another name in CasADi; the others have the same.
+NAMES = {"abs": "fabs", "minimum": "fmin", "maximum": "fmax", "where": "if_else"}
 NAMES |= {"less": "lt", "less_equal": "le"}
 SPARSE = ("jacobian", "hessian")  # orders whose zeros are structural, as in CasADi's own derivatives
 
