@@ -38,15 +38,20 @@ def is_quick(doc: str | None) -> bool:
     return bool(command_line(doc).parse_args().quick)
 
 
-def interleaved(calls: Mapping[str, Callable[[], Any]], repeats: int, warm_ups: int = 1) -> dict[str, list[float]]:
-    """Seconds of each call, run in turn `repeats` times after the warm-ups."""
+def interleaved(
+    calls: Mapping[str, Callable[[], Any]],
+    repeats: int,
+    warm_ups: int = 1,
+    clock: Callable[[], float] = time.perf_counter,
+) -> dict[str, list[float]]:
+    """Seconds of each call, run in turn `repeats` times after the warm-ups; of the processor by `time.process_time`."""
     seconds: dict[str, list[float]] = {name: [] for name in calls}
     for repeat in range(warm_ups + repeats):
         for name, call in calls.items():
-            start = time.perf_counter()
+            start = clock()
             call()
             if repeat >= warm_ups:
-                seconds[name].append(time.perf_counter() - start)
+                seconds[name].append(clock() - start)
     return seconds
 
 

@@ -373,6 +373,38 @@ class Kernel:
         lines = heading(self.model, name, self.names, entry, self.quantity.wrenches)
         return to_source(Printable(traced, title, self.names, lines), language)
 
+    def to_casadi(self, name: str | None = None, symbolic: str = "SX") -> Any:
+        """The kernel as a CasADi function of one state, which CasADi differentiates, prints as C and saves by itself.
+
+        Parameters
+        ----------
+        name : str, optional
+            Name of the function; by default the quantity's.
+        symbolic : {"SX", "MX"}
+            Scalar operations, or one call of a function of such, which stays small where it is called often.
+
+        Returns
+        -------
+        casadi.Function
+            Its arguments have the kernel's names, weights always among them; its `result` has the shape for one state.
+            Of more than two axes all but the last are one, row by row: poses of links stand below each other. Zeros of
+            Jacobians and Hessians are structural. It checks nothing, neither NaN nor a singular M.
+
+        Raises
+        ------
+        ImportError, TypeError, ValueError
+            If CasADi is missing, the kernel too large to be written out, or CasADi allows no such name or type.
+
+        Examples
+        --------
+        >>> import rne
+        >>> rne.compile(rne.dynamics.mass_matrix, rne.irb140()).to_casadi()  # doctest: +SKIP
+        Function(mass_matrix:(q[6])->(result[6x6]) SXFunction)
+        """
+        from .exports.casadi import to_casadi
+
+        return to_casadi(self, re.sub(r"\W+", "_", self._title).strip("_") if name is None else name, symbolic)
+
     def by_recursion(self, *arguments: Any) -> tuple[Array, PrecisionStatus]:
         """Result and status of states that the program leaves to the function itself, or to its complex steps.
 

@@ -1,0 +1,1 @@
+"""Ways out: a traced program as a function of another package, one file for each."""
