@@ -335,27 +335,32 @@ class Kernel:
         inputs = np.concatenate(states, axis=-1).reshape(prod(leading), -1)
         return evaluate(self.traced.program, self.traced.entries, inputs).reshape(leading + self.traced.shape)
 
-    def source(self, language: str = "python", element: str | None = None) -> str:
+    def source(self, language: str = "python", element: str | None = None, dtype: str = "float64") -> str:
         """The kernel as source text of a function of one state; it does not check its arguments, nor M's pivots.
 
         Parameters
         ----------
-        language : {"python", "numpy", "matlab", "c"}
-            MATLAB runs in Octave too; "numpy" takes batches.
+        language : {"python", "numpy", "matlab", "c", "rust"}
+            MATLAB runs in Octave too; "numpy" takes batches. Rust is of edition 2021, needs `core` alone, and calls
+            sin, cos, ... of libm.
         element : str, optional
             One entry alone, as in the thesis's appendix C, with the operations that it needs: "m23" of M, "c3" of
             C q', "g2" of g, "tau4" of inverse dynamics, "h1" of bias torques, "qdd5" of forward dynamics. Joints are
             counted from 1; beyond nine, "m2_13".
+        dtype : {"float64", "float32"}
+            Of arguments, constants and results; "float32" in C and Rust.
 
         Returns
         -------
         str
-            With the robot, the order of its joints and the units in a comment at the head.
+            With the robot, the order of its joints, the units and the operations in a comment at the head, in C and
+            Rust with the memory that the numbers take.
 
         Raises
         ------
         ValueError
-            For any other language, or an entry that the quantity does not have.
+            For any other language or dtype, an entry that the quantity does not have, or a constant that float32 cannot
+            hold.
         TypeError
             If the kernel is too large to be written out.
 
@@ -371,7 +376,7 @@ class Kernel:
             entry = entry_of_element(element, name, traced.shape)
             traced, title = trace(self.quantity, self.model, self._rest, self.wrt, entry, self.order), element
         lines = heading(self.model, name, self.names, entry, self.quantity.wrenches)
-        return to_source(Printable(traced, title, self.names, lines), language)
+        return to_source(Printable(traced, title, self.names, lines), language, dtype)
 
     def by_recursion(self, *arguments: Any) -> tuple[Array, PrecisionStatus]:
         """Result and status of states that the program leaves to the function itself, or to its complex steps.

@@ -1,4 +1,4 @@
-"""A program as source text in Python, NumPy, MATLAB (and Octave) or C, below a comment on robot, joints and units.
+"""A program as source text in Python, NumPy, MATLAB (and Octave), C or Rust, below a comment on robot and units.
 
 Joints are numbers in the program. Names come from a file, and the file may be anybody's: in the comment they are plain
 ASCII of a few harmless characters, so that no name can end the comment or continue its line, in any of the languages.
@@ -8,13 +8,17 @@ from __future__ import annotations
 
 import re
 import textwrap
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from itertools import product
+from functools import partial
+from itertools import accumulate, product
 from typing import NamedTuple
+
+import numpy as np
 
 from ..basics.text import UNITS
 from ..model.model import Model
-from .program import Trace
+from .program import Operand, Program, Trace, without_judged
 from .python_backend import FUNCTIONS, expressions
 
 MAX_NAME = 60  # characters
@@ -65,15 +69,42 @@ class Printable(NamedTuple):
         return list(product(*(range(size) for size in self.shape)))
 
 
-def to_source(printable: Printable, language: str) -> str:
-    """Source text of a function; a ValueError names the languages that there are."""
+def to_source(printable: Printable, language: str, dtype: str = "float64") -> str:
+    """Source text of a function; a ValueError names the languages that there are, and their numbers."""
     if language not in LANGUAGES:
         raise ValueError(f"`language` must be one of {list(LANGUAGES)}, got {language!r}")
-    entry, functions, text = LANGUAGES[language]
+    if dtype not in LANGUAGES[language]:
+        raise ValueError(f"`dtype` of language {language!r} must be one of {list(LANGUAGES[language])}, got {dtype!r}")
+    entry, functions, text, number, is_low_level = LANGUAGES[language][dtype]
+    program = without_judged(printable.trace.program, printable.trace.entries)
+    name = f"{printable.name}{'_' * (printable.name in RESERVED.split())}"
     pairs = zip(printable.arguments, printable.trace.widths, strict=True)
     inputs = [entry(name, k) for name, width in pairs for k in range(width)]
-    lines, outputs = expressions(printable.trace.program, inputs.__getitem__, FUNCTIONS | functions)
-    return "\n".join(text(printable, lines, outputs[: printable.trace.entries])) + "\n"
+    lines, outputs = expressions(program, inputs.__getitem__, FUNCTIONS | functions, number)
+    costs = [f"Operations - {', '.join(f'{count} {kind}' for kind, count in program.operations.items()) or 'none'}"]
+    if is_low_level:
+        choices = ", ".join(kind for kind in CHOICES if kind in program.operations)
+        costs += [f"No loop, no allocation, {f'choices in {choices} alone' if choices else 'no branch'}"]
+        alive = most_alive(program)
+        size = np.dtype(dtype).itemsize * alive
+        costs += [f"Stack - {alive} values at once at most in this order, {size} bytes, besides saved registers"]
+    if language == "matlab":
+        costs += [f"Save as {name}.m"]
+    printable = printable._replace(name=name, heading=[*printable.heading, *_wrapped(costs)])
+    return "\n".join(text(printable, lines, outputs)) + "\n"
+
+
+def most_alive(program: Program) -> int:
+    """Results that are kept at once at most, each from its instruction to its last reader."""
+    count = len(program.instructions)
+    last = {arg: k for k, instruction in enumerate(program.instructions) for arg in instruction.args}
+    last |= dict.fromkeys(program.outputs, count)
+    ended = Counter(last.get(Operand("result", k), k) for k in range(count))
+    return max(accumulate(1 - ended[k] for k in range(count)), default=0)
+
+
+def _wrapped(texts: Iterable[str]) -> list[str]:
+    return [line for text in texts for line in textwrap.wrap(text, WIDTH, subsequent_indent="  ")]
 
 
 def _python(p: Printable, lines: list[str], outputs: list[str]) -> list[str]:
@@ -111,12 +142,30 @@ def _matlab(p: Printable, lines: list[str], outputs: list[str]) -> list[str]:
     return [*head, *(f"  {line};" for line in body), "end", *_used([*body, *_used(body, MATLAB)], MATLAB)]
 
 
-def _c(p: Printable, lines: list[str], outputs: list[str]) -> list[str]:
-    size = f"{' x '.join(map(str, p.shape))} entries, row by row" if p.shape else "1 entry"
-    arguments = ", ".join([f"const double *{name}" for name in p.arguments] + ["double *result"])
-    body = [f"const double {line};" for line in lines] + [f"result[{k}] = {x};" for k, x in enumerate(outputs)]
-    head = [*(f"/* {line} */" for line in p.heading), "#include <math.h>", "", *_used(body, C, ""), f"/* {size}. */"]
-    return [*head, f"void {p.name}({arguments})", "{", *_indented(body), "}"]
+def _c(p: Printable, lines: list[str], outputs: list[str], real: str) -> list[str]:
+    arguments = ", ".join([f"const {real} *{name}" for name in p.arguments] + [f"{real} *result"])
+    body = [f"const {real} {line};" for line in lines] + [f"result[{k}] = {x};" for k, x in enumerate(outputs)]
+    head = [*(f"/* {line} */" for line in p.heading), "#include <math.h>", ""]
+    helpers = [line.replace("real", real) for line in _used(body, C, "")]
+    return [*head, *helpers, f"/* {_size(p)}. */", f"void {p.name}({arguments})", "{", *_indented(body), "}"]
+
+
+def _rust(p: Printable, lines: list[str], outputs: list[str], real: str) -> list[str]:
+    widths = zip(p.arguments, p.trace.widths, strict=True)
+    arguments = [f"{name}: &[{real}; {width}]" for name, width in widths] + [f"result: &mut [{real}; {len(outputs)}]"]
+    body = [f"let {line.replace(' =', f': {real} =', 1)};" for line in lines]
+    body += [f"result[{k}] = {x};" for k, x in enumerate(outputs)]
+    called = sorted({name for line in body for name in re.findall(r"unsafe { (\w+)\(", line)})
+    signatures = [f"fn {name}({'y: real, x' if 'atan2' in name else 'x'}: real) -> real;" for name in called]
+    libm = ['extern "C" {', *_indented(signatures), "}"] if called else []  # items of the function: no name outside
+    inner = [line.replace("real", real) for line in [*libm, *_used(body, RUST)]]
+    head = [*(f"// {line}" for line in p.heading), "", f"/// {_size(p)}."]
+    allow = "#[allow(non_snake_case, unused_parens, unused_variables, clippy::all)]"
+    return [*head, allow, f"pub fn {p.name}({', '.join(arguments)}) {{", *_indented([*inner, *body]), "}"]
+
+
+def _size(p: Printable) -> str:
+    return f"{' x '.join(map(str, p.shape))} entries, row by row" if p.shape else "1 entry"
 
 
 def _indented(lines: Sequence[str]) -> list[str]:
@@ -125,55 +174,104 @@ def _indented(lines: Sequence[str]) -> list[str]:
 
 # What a language has not, or has otherwise than NumPy where an operand is NaN or infinite.
 PYTHON = {"sign": ["def sign(x):", "    return 1.0 if x > 0 else -1.0 if x < 0 else x"]}
-C = {"sign": ["static double sign(double x) { return x > 0.0 ? 1.0 : x < 0.0 ? -1.0 : x; }"]}
+C = {"sign": ["static real sign(real x) { return x > 0 ? 1 : x < 0 ? -1 : x; }"]}
+RUST = {"sign": ["fn sign(x: real) -> real { if x > 0.0 { 1.0 } else if x < 0.0 { -1.0 } else { x } }"]}
 MATLAB = {"root": ["function y = root(x)", "  y = where(x < 0, NaN, sqrt(abs(x)));", "end"]}
 for _k, _sign in {"minimum": "<=", "maximum": ">="}.items():
     PYTHON[_k] = [f"def {_k}(a, b):", f"    return a if a {_sign} b or a != a else b"]
-    C[_k] = [f"static double {_k}(double a, double b) {{ return a {_sign} b || a != a ? a : b; }}"]
+    C[_k] = [f"static real {_k}(real a, real b) {{ return a {_sign} b || a != a ? a : b; }}"]
+    RUST[_k] = [f"fn {_k}(a: real, b: real) -> real {{ if a {_sign} b || a.is_nan() {{ a }} else {{ b }} }}"]
     MATLAB[_k] = [f"function x = {_k}(a, b)", f"  x = where(a {_sign} b || isnan(a), a, b);", "end"]
 MATLAB["where"] = ["function x = where(c, a, b)", "  if c ~= 0, x = a; else, x = b; end", "end"]
 
 
+CHOICES = ("minimum", "maximum", "sign", "less", "less_equal", "where")
+# Functions' names that are words of a language or of its mathematics, but not of Python's.
+RESERVED = (
+    "abs abstract auto become box case catch char const cos crate default do double dyn elseif end enum exp extern "
+    "false final float fn function goto impl inline int let long loop macro main match maximum minimum mod move mut "
+    "otherwise override parfor persistent priv pub ref register restrict result self short sign signed sin sizeof "
+    "sqrt static struct super switch tanh trait true type typedef typeof union unsafe unsigned unsized use virtual "
+    "void volatile where"
+)
+
+
 class Language(NamedTuple):
-    """Text of an argument's entry, of functions that differ from Python's, and of the whole function."""
+    """Text of an argument's entry, of functions that differ from Python's, of the whole function and of constants."""
 
     entry: Callable[[str, int], str]
     functions: dict[str, str]
     text: Callable[[Printable, list[str], list[str]], list[str]]
+    number: Callable[[float], str] = repr
+    is_low_level: bool = False  # the program's memory is known
 
 
-LANGUAGES = {
-    "python": Language("{}[{}]".format, {}, _python),
-    "numpy": Language(
-        "{}[..., {}]".format,
-        {
-            **{name: f"np.{name}({{}})" for name in ("sin", "cos", "sqrt", "tanh", "exp", "sign", "abs")},
-            **{name: f"np.{name}({{}}, {{}})" for name in ("minimum", "maximum", "arctan2")},
-            "less": "np.less({}, {}).astype(float)",
-            "less_equal": "np.less_equal({}, {}).astype(float)",
-            "where": "np.where({} != 0, {}, {})",
-            "inf": "np.inf",
-            "nan": "np.nan",
-        },
-        _numpy,
-    ),
-    "matlab": Language(
-        lambda name, k: f"{name}({k + 1})",
-        {"less": "double({} < {})", "less_equal": "double({} <= {})", "where": "where({}, {}, {})", "sqrt": "root({})"},
-        _matlab,
-    ),
-    "c": Language(
-        "{}[{}]".format,
-        {
-            "abs": "fabs({})",
-            "inf": "INFINITY",
-            "nan": "NAN",
-            "less": "(double)({} < {})",
-            "less_equal": "(double)({} <= {})",
-            "where": "({} != 0.0 ? {} : {})",
-        },
-        _c,
-    ),
+def _single(x: float) -> str:
+    """The shortest decimal number of which the nearest in single precision is that of x."""
+    with np.errstate(over="ignore"):
+        nearest = np.float32(x)
+    if np.isinf(nearest) and not np.isinf(x):
+        raise ValueError(f"`dtype` must be 'float64': the program has the constant {x!r}, which float32 cannot hold")
+    return str(nearest)
+
+
+NUMPY_FUNCTIONS = {
+    **{name: f"np.{name}({{}})" for name in ("sin", "cos", "sqrt", "tanh", "exp", "sign", "abs")},
+    **{name: f"np.{name}({{}}, {{}})" for name in ("minimum", "maximum", "arctan2")},
+    "less": "np.less({}, {}).astype(float)",
+    "less_equal": "np.less_equal({}, {}).astype(float)",
+    "where": "np.where({} != 0, {}, {})",
+    "inf": "np.inf",
+    "nan": "np.nan",
+}
+MATLAB_FUNCTIONS = {
+    "less": "double({} < {})",
+    "less_equal": "double({} <= {})",
+    "where": "where({}, {}, {})",
+    "sqrt": "root({})",
+}
+# In C and Rust `real` stands for the type of numbers, # for the end of libm's names.
+LIBM = {name: f"{name}#({{}})" for name in ("sin", "cos", "sqrt", "tanh", "exp")}
+LIBM |= {"abs": "fabs#({})", "arctan2": "atan2#({}, {})"}
+C_FUNCTIONS = LIBM | {
+    "less": "(real)({} < {})",
+    "less_equal": "(real)({} <= {})",
+    "where": "({} != 0 ? {} : {})",
+    "inf": "INFINITY",
+    "nan": "NAN",
+}
+RUST_FUNCTIONS = {kind: f"unsafe {{{{ {call} }}}}" for kind, call in LIBM.items()} | {
+    "less": "(if {} < {} {{ 1.0 }} else {{ 0.0 }})",
+    "less_equal": "(if {} <= {} {{ 1.0 }} else {{ 0.0 }})",
+    "where": "(if {} != 0.0 {{ {} }} else {{ {} }})",
+    "inf": "real::INFINITY",
+    "nan": "real::NAN",
+}
+
+
+def _low_level(
+    text: Callable[..., list[str]],
+    functions: Mapping[str, str],
+    real: str,
+    suffix: str = "",
+    number: Callable[[float], str] = repr,
+) -> Language:
+    written = {kind: call.replace("real", real).replace("#", suffix) for kind, call in functions.items()}
+    return Language("{}[{}]".format, written, partial(text, real=real), number, is_low_level=True)
+
+
+LANGUAGES = {  # by name and dtype
+    "python": {"float64": Language("{}[{}]".format, {}, _python)},
+    "numpy": {"float64": Language("{}[..., {}]".format, NUMPY_FUNCTIONS, _numpy)},
+    "matlab": {"float64": Language(lambda name, k: f"{name}({k + 1})", MATLAB_FUNCTIONS, _matlab)},
+    "c": {
+        "float64": _low_level(_c, C_FUNCTIONS, "double"),
+        "float32": _low_level(_c, C_FUNCTIONS, "float", "f", lambda x: f"{_single(x)}f"),
+    },
+    "rust": {
+        "float64": _low_level(_rust, RUST_FUNCTIONS, "f64"),
+        "float32": _low_level(_rust, RUST_FUNCTIONS, "f32", "f", _single),
+    },
 }
 
 
@@ -239,8 +337,7 @@ def heading(
     if any(ordered.values()):
         bodies = ", ".join(f"{k} {harmless(name)}" for k, name in enumerate(model.moving_joints, 1))
         texts.append(f"Bodies by their joints - {bodies or 'none'}")
-    wrapped = [line for text in texts for line in textwrap.wrap(text, WIDTH, subsequent_indent="  ")]
-    return [what, *wrapped, f"Unit of the result - {_unit(quantity, sliding, entry)}"]
+    return [what, *_wrapped(texts), f"Unit of the result - {_unit(quantity, sliding, entry)}"]
 
 
 def harmless(name: str) -> str:
