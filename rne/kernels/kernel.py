@@ -31,7 +31,7 @@ from ..model.model import Model, joint_array, model_argument
 from . import array_layout
 from .differentiation import ORDERS
 from .graph import TooLarge
-from .numpy_backend import BlockProgram, check_out
+from .numpy_backend import BlockProgram, check_array, check_out
 from .program import NeedsRecursion, Recursion, Trace, evaluate
 from .python_backend import state_function
 from .scalar import is_traced
@@ -277,6 +277,67 @@ class Kernel:
         if status is not OK:
             status.raise_or_warn(stacklevel=2)
         return result
+
+    def into(self, *arrays: Array) -> Array:
+        """Write the result into an array; with engine "numba" nothing is allocated.
+
+        The first call compiles; from the second on, `kernel.into` is machine code that Python calls directly.
+
+        Parameters
+        ----------
+        *arrays : ndarray
+            The arrays that the function takes, in order, then `out`. All are float64 and in C order, the inputs of
+            shape (..., n) with the same leading axes, `out` of the result's shape. It shares no memory with the inputs.
+
+        Returns
+        -------
+        ndarray
+            `out`. After an error its content is undefined.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If an array is missing, or is not as above: none is copied.
+        RneError
+            Errors of the function. It computes states that the program refuses, and warns as it does.
+
+        Examples
+        --------
+        >>> import numpy as np, rne
+        >>> kernel = rne.compile(rne.dynamics.gravity_torque, rne.irb140())
+        >>> q, out = np.zeros(6), np.empty(6)
+        >>> kernel.into(q, out) is out
+        True
+        """
+        if self.is_unrolled and self.engine == "numba":
+            from .llvm_backend import into
+
+            self.__dict__["into"] = into(self)  # is found before the method
+        return self.checked_into(*arrays)
+
+    def checked_into(self, *arrays: Array) -> Array:
+        """`into` in Python, of one state or many; the caller's caller is warned."""
+        if len(arrays) != len(self.names) + 1:
+            raise TypeError(f"`into` of this kernel takes {', '.join(self.names)}, out; got {len(arrays)} arrays")
+        given, out = arrays[:-1], arrays[-1]
+        leading = np.shape(given[0])[:-1]
+        for name, array, width in zip(self.names, given, self.widths, strict=True):
+            check_array(name, array, (*leading, width), FLOAT64)
+            if not array.flags.c_contiguous or not array.flags.aligned:
+                raise ValueError(f"`{name}` must be C-contiguous and aligned")
+        if leading or self._trace is None:
+            result, status = self.evaluate(*given, out=out)
+        else:
+            check_out(out, self.traced.shape, FLOAT64, self.names, given)
+            try:
+                out[...], status = self.state_function(*given), OK
+            except NeedsRecursion:
+                result, status = self.by_recursion(*given)
+                if status.error is None:
+                    out[...] = result
+        if status is not OK:
+            status.raise_or_warn(stacklevel=3)
+        return out
 
     def evaluate(
         self, *arguments: Any, out: Array | None = None, workers: int = ALONE

@@ -160,7 +160,7 @@ def _rust(p: Printable, lines: list[str], outputs: list[str], real: str) -> list
     libm = ['extern "C" {', *_indented(signatures), "}"] if called else []  # items of the function: no name outside
     inner = [line.replace("real", real) for line in [*libm, *_used(body, RUST)]]
     head = [*(f"// {line}" for line in p.heading), "", f"/// {_size(p)}."]
-    allow = "#[allow(non_snake_case, unused_parens, unused_variables, clippy::all)]"
+    allow = "#[allow(non_snake_case, unused_parens, unused_unsafe, unused_variables, clippy::all)]"
     return [*head, allow, f"pub fn {p.name}({', '.join(arguments)}) {{", *_indented([*inner, *body]), "}"]
 
 
