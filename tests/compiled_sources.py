@@ -43,7 +43,7 @@ def kernels(model):
         with contextlib.suppress(rne.ModelError):  # of articulated bodies if there are mimics
             found.append(rne.compile(function, model))
             found.append(rne.kernels.derivative(function, model, *function.quantity.widths))
-    return found
+    return [kernel for kernel in found if kernel.is_unrolled]
 
 
 def name_of(kernel):

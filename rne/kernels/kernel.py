@@ -439,6 +439,36 @@ class Kernel:
         lines = heading(self.model, name, self.names, entry, self.quantity.wrenches)
         return to_source(Printable(traced, title, self.names, lines), language, dtype)
 
+    def to_sympy(self) -> Any:
+        """Return the kernel as expressions of SymPy; needs the extra `sympy`.
+
+        Symbols are named by argument and place: q_1, qd_1, ...; the inertial parameters of body 1, where they are an
+        argument, m_1, mx_1, my_1, mz_1, Ixx_1, Ixy_1, Iyy_1, Ixz_1, Iyz_1, Izz_1, with mx_1 the first moment along x; a
+        wrench external_1 has nx_1, ny_1, nz_1, fx_1, fy_1, fz_1. Constants that are decimal numbers of at most 12
+        digits, up to rounding, are rational numbers.
+
+        Returns
+        -------
+        sympy.Expr, sympy.Matrix or sympy.ImmutableDenseNDimArray
+            Of the shape of the result; a vector is a column.
+
+        Raises
+        ------
+        ImportError
+            If SymPy is not installed.
+        TypeError
+            If the kernel is too large to be written out.
+
+        Examples
+        --------
+        >>> import rne
+        >>> rne.compile(rne.dynamics.gravity_torque, rne.irb140()).to_sympy()[3]
+        28449*(-sin(q_2)*sin(q_3) + cos(q_2)*cos(q_3))*sin(q_4)*sin(q_5)/100000
+        """
+        from .exports.sympy import to_sympy
+
+        return to_sympy(self)
+
     def by_recursion(self, *arguments: Any) -> tuple[Array, PrecisionStatus]:
         """Result and status of states that the program leaves to the function itself, or to its complex steps.
 
