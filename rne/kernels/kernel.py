@@ -281,13 +281,14 @@ class Kernel:
     def into(self, *arrays: Array) -> Array:
         """Write the result into an array; with engine "numba" nothing is allocated.
 
-        The first call compiles; from the second on, `kernel.into` is machine code that Python calls directly.
+        The first call compiles; from then on `kernel.into` is machine code that Python calls directly. States that the
+        program refuses are computed by the function, with its errors and warnings.
 
         Parameters
         ----------
         *arrays : ndarray
-            The arrays that the function takes, in order, then `out`. All are float64 and in C order, the inputs of
-            shape (..., n) with the same leading axes, `out` of the result's shape. It shares no memory with the inputs.
+            The arrays that the function takes, in order, then `out`: float64 in C order, the inputs of shape (..., n)
+            with the same leading axes, `out` of the result's shape and without common memory.
 
         Returns
         -------
@@ -298,8 +299,6 @@ class Kernel:
         ------
         TypeError, ValueError
             If an array is missing, or is not as above: none is copied.
-        RneError
-            Errors of the function. It computes states that the program refuses, and warns as it does.
 
         Examples
         --------
@@ -319,24 +318,14 @@ class Kernel:
         """`into` in Python, of one state or many; the caller's caller is warned."""
         if len(arrays) != len(self.names) + 1:
             raise TypeError(f"`into` of this kernel takes {', '.join(self.names)}, out; got {len(arrays)} arrays")
-        given, out = arrays[:-1], arrays[-1]
-        leading = np.shape(given[0])[:-1]
+        given, out, leading = arrays[:-1], arrays[-1], np.shape(arrays[0])[:-1]
         for name, array, width in zip(self.names, given, self.widths, strict=True):
             check_array(name, array, (*leading, width), FLOAT64)
-            if not array.flags.c_contiguous or not array.flags.aligned:
-                raise ValueError(f"`{name}` must be C-contiguous and aligned")
-        if leading or self._trace is None:
-            result, status = self.evaluate(*given, out=out)
-        else:
-            check_out(out, self.traced.shape, FLOAT64, self.names, given)
-            try:
-                out[...], status = self.state_function(*given), OK
-            except NeedsRecursion:
-                result, status = self.by_recursion(*given)
-                if status.error is None:
-                    out[...] = result
+        result, status = self.evaluate(*given, out=out if leading else None)
         if status is not OK:
             status.raise_or_warn(stacklevel=3)
+        if not leading:
+            check_out(out, np.shape(result), FLOAT64, self.names, given)[...] = result
         return out
 
     def evaluate(

@@ -112,17 +112,15 @@ def with_table(program: Program) -> tuple[Program, list[float]]:
 
 def without_judged(program: Program, entries: int) -> Program:
     """The program of the first outputs alone, which are the result, with the operations that these need."""
-    outputs, place = program.outputs[:entries], dict[Operand, Operand]()
+    outputs, place, kept = program.outputs[:entries], dict[Operand, Operand](), list[Instruction]()
     needed = set(outputs)
     for k, instruction in reversed([*enumerate(program.instructions)]):
-        if Operand("result", k) in needed:
-            needed |= set(instruction.args)
-    instructions: list[Instruction] = []
+        needed |= {*instruction.args} if Operand("result", k) in needed else set()
     for k, (kind, args) in enumerate(program.instructions):
         if Operand("result", k) in needed:
-            place[Operand("result", k)] = Operand("result", len(instructions))
-            instructions.append(Instruction(kind, tuple(place.get(arg, arg) for arg in args)))
-    return Program(tuple(instructions), tuple(place.get(arg, arg) for arg in outputs), program.inputs)
+            place[Operand("result", k)] = Operand("result", len(kept))
+            kept.append(Instruction(kind, tuple(place.get(arg, arg) for arg in args)))
+    return Program(tuple(kept), tuple(place.get(arg, arg) for arg in outputs), program.inputs)
 
 
 class NeedsRecursion(Exception):

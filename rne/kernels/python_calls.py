@@ -36,12 +36,9 @@ class MethodDefinition(ctypes.Structure):
 
 
 def python_function(
-    library: Library, dtype: np.dtype[Any] = FLOAT64, *, name: str = "call", otherwise: Any = None
+    library: Library, dtype: np.dtype[Any] = FLOAT64, name: str = "call", otherwise: Any = None
 ) -> Callable[..., Any]:
-    """ "call" of a library, or another, as a function of Python's.
-
-    Arrays of numbers are of this dtype; "into" calls `otherwise` where it cannot give the result.
-    """
+    """A function of a library as one of Python's; arrays are of this dtype, and "into" leaves others to `otherwise`."""
     method = MethodDefinition(name.encode(), library.address[name], FASTCALL, None)
     make = ctypes.pythonapi.PyCFunction_NewEx
     make.restype, make.argtypes = ctypes.py_object, (ctypes.c_void_p, ctypes.py_object, ctypes.c_void_p)
@@ -99,9 +96,7 @@ class Call:
         self.require(self.field(array, AXES, ir.IntType(32)), axes)
         return self.field(array, DATA), self.field(array, SHAPE), self.field(array, STRIDES)
 
-    def plain_array(
-        self, array: ir.Value, dtype: object, axes: int, needed: int = PLAIN
-    ) -> tuple[ir.Value, list[ir.Value]]:
+    def plain_array(self, array: ir.Value, dtype: object, axes: int, needed: int = PLAIN) -> tuple[Any, list[Any]]:
         """The address of the numbers of an array in C order, and its shape."""
         data, shape, _ = self.array(array, dtype, axes)
         flags = self.builder.and_(self.field(array, FLAGS, ir.IntType(32)), ir.Constant(ir.IntType(32), needed))
@@ -133,13 +128,6 @@ class Call:
         self.builder.call(ir.Function(self.module, restore, "PyEval_RestoreThread"), [thread])
         return result
 
-    def require_apart(self, a: ir.Value, size: int, b: ir.Value, other: int) -> None:
-        """Refuse the call if arrays of so many numbers overlap."""
-        first, second = (self.builder.ptrtoint(address, INTEGER) for address in (a, b))
-        ends = [self.builder.add(x, ir.Constant(INTEGER, 8 * n)) for x, n in ((first, size), (second, other))]
-        behind = [self.builder.icmp_unsigned("<=", x, y) for x, y in ((ends[0], second), (ends[1], first))]
-        self.require(self.builder.or_(*behind), 1)
-
     def call_otherwise(self) -> None:
         """Return what `otherwise` gives for the arguments."""
         given = [self.field(self.own, ITEMS + 8 * len(KNOWN)), self.given, self.count, ir.Constant(BYTES, None)]
@@ -168,24 +156,23 @@ def emit_state_call(module: ir.Module, function: ir.Function, widths: Sequence[i
 
 
 def emit_into(module: ir.Module, function: ir.Function, widths: Sequence[int], shape: Sequence[int]) -> None:
-    """Add "into" of one float64 vector per argument, followed by `out`, which it returns; of others `otherwise` judges.
-
-    Nothing is allocated, and nothing written before all arguments are known to be right.
-    """
+    """Add "into" of one float64 vector per argument, followed by `out`, which it returns, all without common memory."""
     call = Call(module, "into")
     call.require(call.count, len(widths) + 1)
-    out = call.argument(len(widths))
-    written, found = call.plain_array(out, FLOAT64, len(shape), PLAIN | WRITEABLE)
-    for size, stated in zip(found, shape, strict=True):
-        call.require(size, stated)
-    data = []
-    for k, width in enumerate(widths):
-        numbers, found = call.plain_array(call.argument(k), FLOAT64, 1)
-        call.require(found[0], width)
-        call.require_apart(numbers, width, written, prod(shape))
-        data.append(numbers)
-    addresses = [call.builder.bitcast(d, a.type) for d, a in zip([*data, written], function.args, strict=True)]
-    call.require(call.builder.call(function, addresses), 1)
+    builder, out, ends = call.builder, call.argument(len(widths)), []
+    for k, stated in enumerate([shape, *((width,) for width in widths)]):
+        array, needed = (out, PLAIN | WRITEABLE) if k == 0 else (call.argument(k - 1), PLAIN)
+        numbers, found = call.plain_array(array, FLOAT64, len(stated), needed)
+        for size, wanted in zip(found, stated, strict=True):
+            call.require(size, wanted)
+        ends.append((numbers, builder.gep(numbers, [ir.Constant(INTEGER, 8 * prod(stated))])))
+    (written, behind), *given = ends
+    for first, last in given:
+        apart = [builder.icmp_unsigned("<=", a, b) for a, b in ((last, written), (behind, first))]
+        call.require(builder.or_(*apart), 1)
+    places = [*(first for first, _ in given), written]
+    pointers = [builder.bitcast(place, a.type) for place, a in zip(places, function.args, strict=True)]
+    call.require(builder.call(function, pointers), 1)
     call.give_object(out)
 
 

@@ -10,7 +10,6 @@ import re
 import textwrap
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import partial
 from itertools import accumulate, product
 from typing import NamedTuple
 
@@ -73,25 +72,28 @@ def to_source(printable: Printable, language: str, dtype: str = "float64") -> st
     """Source text of a function; a ValueError names the languages that there are, and their numbers."""
     if language not in LANGUAGES:
         raise ValueError(f"`language` must be one of {list(LANGUAGES)}, got {language!r}")
-    if dtype not in LANGUAGES[language]:
-        raise ValueError(f"`dtype` of language {language!r} must be one of {list(LANGUAGES[language])}, got {dtype!r}")
-    entry, functions, text, number, is_low_level = LANGUAGES[language][dtype]
+    entry, functions, text, types, literal = LANGUAGES[language]
+    if dtype not in types:
+        raise ValueError(f"`dtype` of language {language!r} must be one of {list(types)}, got {dtype!r}")
     program = without_judged(printable.trace.program, printable.trace.entries)
-    name = f"{printable.name}{'_' * (printable.name in RESERVED.split())}"
     pairs = zip(printable.arguments, printable.trace.widths, strict=True)
     inputs = [entry(name, k) for name, width in pairs for k in range(width)]
-    lines, outputs = expressions(program, inputs.__getitem__, FUNCTIONS | functions, number)
+    number = repr if dtype == "float64" else _single
+    arguments = program, inputs.__getitem__, FUNCTIONS | functions, lambda x: literal.format(number(x))
     costs = [f"Operations - {', '.join(f'{count} {kind}' for kind, count in program.operations.items()) or 'none'}"]
-    if is_low_level:
+    if language in ("c", "rust"):
         choices = ", ".join(kind for kind in CHOICES if kind in program.operations)
         costs += [f"No loop, no allocation, {f'choices in {choices} alone' if choices else 'no branch'}"]
-        alive = most_alive(program)
-        size = np.dtype(dtype).itemsize * alive
-        costs += [f"Stack - {alive} values at once at most in this order, {size} bytes, besides saved registers"]
-    if language == "matlab":
-        costs += [f"Save as {name}.m"]
-    printable = printable._replace(name=name, heading=[*printable.heading, *_wrapped(costs)])
-    return "\n".join(text(printable, lines, outputs)) + "\n"
+        alive, size = most_alive(program), np.dtype(dtype).itemsize
+        costs += [
+            f"Stack - {alive} values at once at most in this order, {alive * size} bytes, besides saved registers"
+        ]
+    name = f"{printable.name}{'_' * (printable.name in RESERVED.split())}"
+    costs += [f"Save as {name}.m"] if language == "matlab" else []
+    printed = text(
+        printable._replace(name=name, heading=[*printable.heading, *_wrapped(costs)]), *expressions(*arguments)
+    )
+    return "\n".join([*printed, ""]).replace("@", types[dtype][0]).replace("$", types[dtype][1])
 
 
 def most_alive(program: Program) -> int:
@@ -142,26 +144,29 @@ def _matlab(p: Printable, lines: list[str], outputs: list[str]) -> list[str]:
     return [*head, *(f"  {line};" for line in body), "end", *_used([*body, *_used(body, MATLAB)], MATLAB)]
 
 
-def _c(p: Printable, lines: list[str], outputs: list[str], real: str) -> list[str]:
-    arguments = ", ".join([f"const {real} *{name}" for name in p.arguments] + [f"{real} *result"])
-    body = [f"const {real} {line};" for line in lines] + [f"result[{k}] = {x};" for k, x in enumerate(outputs)]
-    head = [*(f"/* {line} */" for line in p.heading), "#include <math.h>", ""]
-    helpers = [line.replace("real", real) for line in _used(body, C, "")]
-    return [*head, *helpers, f"/* {_size(p)}. */", f"void {p.name}({arguments})", "{", *_indented(body), "}"]
+def _c(p: Printable, lines: list[str], outputs: list[str]) -> list[str]:
+    arguments = ", ".join([f"const @ *{name}" for name in p.arguments] + ["@ *result"])
+    body = [f"const @ {line};" for line in lines] + [f"result[{k}] = {x};" for k, x in enumerate(outputs)]
+    head = [
+        *(f"/* {line} */" for line in p.heading),
+        "#include <math.h>",
+        "",
+        *_used(body, C, ""),
+        f"/* {_size(p)}. */",
+    ]
+    return [*head, f"void {p.name}({arguments})", "{", *_indented(body), "}"]
 
 
-def _rust(p: Printable, lines: list[str], outputs: list[str], real: str) -> list[str]:
-    widths = zip(p.arguments, p.trace.widths, strict=True)
-    arguments = [f"{name}: &[{real}; {width}]" for name, width in widths] + [f"result: &mut [{real}; {len(outputs)}]"]
-    body = [f"let {line.replace(' =', f': {real} =', 1)};" for line in lines]
+def _rust(p: Printable, lines: list[str], outputs: list[str]) -> list[str]:
+    arguments = [f"{name}: &[@; {width}]" for name, width in zip(p.arguments, p.trace.widths, strict=True)]
+    body = [f"let {line.replace(' =', ': @ =', 1)};" for line in lines]
     body += [f"result[{k}] = {x};" for k, x in enumerate(outputs)]
-    called = sorted({name for line in body for name in re.findall(r"unsafe { (\w+)\(", line)})
-    signatures = [f"fn {name}({'y: real, x' if 'atan2' in name else 'x'}: real) -> real;" for name in called]
-    libm = ['extern "C" {', *_indented(signatures), "}"] if called else []  # items of the function: no name outside
-    inner = [line.replace("real", real) for line in [*libm, *_used(body, RUST)]]
+    called = sorted({name for line in body for name in re.findall(r"unsafe { (\w+)\$", line)})
+    libm = [f'extern "C" {{ fn {name}$({"y: @, x" if name == "atan2" else "x"}: @) -> @; }}' for name in called]
     head = [*(f"// {line}" for line in p.heading), "", f"/// {_size(p)}."]
-    allow = "#[allow(non_snake_case, unused_parens, unused_unsafe, unused_variables, clippy::all)]"
-    return [*head, allow, f"pub fn {p.name}({', '.join(arguments)}) {{", *_indented([*inner, *body]), "}"]
+    head += ["#[allow(non_snake_case, unused_parens, unused_unsafe, unused_variables, clippy::all)]"]
+    head += [f"pub fn {p.name}({', '.join(arguments)}, result: &mut [@; {len(outputs)}]) {{"]
+    return [*head, *_indented([*libm, *_used(body, RUST), *body]), "}"]  # libm's names are known in the function alone
 
 
 def _size(p: Printable) -> str:
@@ -172,28 +177,34 @@ def _indented(lines: Sequence[str]) -> list[str]:
     return [f"    {line}" for line in lines]
 
 
-# What a language has not, or has otherwise than NumPy where an operand is NaN or infinite.
+# What a language has not, or has otherwise than NumPy where an operand is NaN or infinite. In C and Rust @ is the type
+# of numbers, $ the end of the names in libm.
 PYTHON = {"sign": ["def sign(x):", "    return 1.0 if x > 0 else -1.0 if x < 0 else x"]}
-C = {"sign": ["static real sign(real x) { return x > 0 ? 1 : x < 0 ? -1 : x; }"]}
-RUST = {"sign": ["fn sign(x: real) -> real { if x > 0.0 { 1.0 } else if x < 0.0 { -1.0 } else { x } }"]}
+C = {"sign": ["static @ sign(@ x) { return x > 0 ? 1 : x < 0 ? -1 : x; }"]}
+RUST = {"sign": ["fn sign(x: @) -> @ { if x > 0.0 { 1.0 } else if x < 0.0 { -1.0 } else { x } }"]}
 MATLAB = {"root": ["function y = root(x)", "  y = where(x < 0, NaN, sqrt(abs(x)));", "end"]}
 for _k, _sign in {"minimum": "<=", "maximum": ">="}.items():
     PYTHON[_k] = [f"def {_k}(a, b):", f"    return a if a {_sign} b or a != a else b"]
-    C[_k] = [f"static real {_k}(real a, real b) {{ return a {_sign} b || a != a ? a : b; }}"]
-    RUST[_k] = [f"fn {_k}(a: real, b: real) -> real {{ if a {_sign} b || a.is_nan() {{ a }} else {{ b }} }}"]
+    C[_k] = [f"static @ {_k}(@ a, @ b) {{ return a {_sign} b || a != a ? a : b; }}"]
+    RUST[_k] = [f"fn {_k}(a: @, b: @) -> @ {{ if a {_sign} b || a.is_nan() {{ a }} else {{ b }} }}"]
     MATLAB[_k] = [f"function x = {_k}(a, b)", f"  x = where(a {_sign} b || isnan(a), a, b);", "end"]
 MATLAB["where"] = ["function x = where(c, a, b)", "  if c ~= 0, x = a; else, x = b; end", "end"]
-
-
+LIBM = {name: f"{name}$({{}})" for name in ("sin", "cos", "sqrt", "tanh", "exp")}
+LIBM |= {"abs": "fabs$({})", "arctan2": "atan2$({}, {})"}
 CHOICES = ("minimum", "maximum", "sign", "less", "less_equal", "where")
 # Functions' names that are words of a language or of its mathematics, but not of Python's.
-RESERVED = (
-    "abs abstract auto become box case catch char const cos crate default do double dyn elseif end enum exp extern "
-    "false final float fn function goto impl inline int let long loop macro main match maximum minimum mod move mut "
-    "otherwise override parfor persistent priv pub ref register restrict result self short sign signed sin sizeof "
-    "sqrt static struct super switch tanh trait true type typedef typeof union unsafe unsigned unsized use virtual "
-    "void volatile where"
-)
+RESERVED = """abs abstract auto become box case catch char const cos crate default do double dyn elseif end enum exp
+    extern false final float fn function goto impl inline int let long loop macro main match maximum minimum
+    mod move mut otherwise override parfor persistent priv pub ref register restrict result self short sign
+    signed sin sizeof sqrt static struct super switch tanh trait true type typedef typeof union unsafe
+    unsigned unsized use virtual void volatile where"""
+
+
+def _single(x: float) -> str:
+    """The shortest decimal number of which the nearest in single precision is that of x."""
+    if float(np.finfo(np.float32).max) < x < float("inf"):
+        raise ValueError(f"`dtype` must be 'float64': the program has the constant {x!r}, which float32 cannot hold")
+    return str(np.float32(x))
 
 
 class Language(NamedTuple):
@@ -202,76 +213,57 @@ class Language(NamedTuple):
     entry: Callable[[str, int], str]
     functions: dict[str, str]
     text: Callable[[Printable, list[str], list[str]], list[str]]
-    number: Callable[[float], str] = repr
-    is_low_level: bool = False  # the program's memory is known
+    types: Mapping[str, tuple[str, str]] = {"float64": ("", "")}  # what @ and $ stand for, by dtype
+    literal: str = "{}"
 
 
-def _single(x: float) -> str:
-    """The shortest decimal number of which the nearest in single precision is that of x."""
-    with np.errstate(over="ignore"):
-        nearest = np.float32(x)
-    if np.isinf(nearest) and not np.isinf(x):
-        raise ValueError(f"`dtype` must be 'float64': the program has the constant {x!r}, which float32 cannot hold")
-    return str(nearest)
-
-
-NUMPY_FUNCTIONS = {
-    **{name: f"np.{name}({{}})" for name in ("sin", "cos", "sqrt", "tanh", "exp", "sign", "abs")},
-    **{name: f"np.{name}({{}}, {{}})" for name in ("minimum", "maximum", "arctan2")},
-    "less": "np.less({}, {}).astype(float)",
-    "less_equal": "np.less_equal({}, {}).astype(float)",
-    "where": "np.where({} != 0, {}, {})",
-    "inf": "np.inf",
-    "nan": "np.nan",
-}
-MATLAB_FUNCTIONS = {
-    "less": "double({} < {})",
-    "less_equal": "double({} <= {})",
-    "where": "where({}, {}, {})",
-    "sqrt": "root({})",
-}
-# In C and Rust `real` stands for the type of numbers, # for the end of libm's names.
-LIBM = {name: f"{name}#({{}})" for name in ("sin", "cos", "sqrt", "tanh", "exp")}
-LIBM |= {"abs": "fabs#({})", "arctan2": "atan2#({}, {})"}
-C_FUNCTIONS = LIBM | {
-    "less": "(real)({} < {})",
-    "less_equal": "(real)({} <= {})",
-    "where": "({} != 0 ? {} : {})",
-    "inf": "INFINITY",
-    "nan": "NAN",
-}
-RUST_FUNCTIONS = {kind: f"unsafe {{{{ {call} }}}}" for kind, call in LIBM.items()} | {
-    "less": "(if {} < {} {{ 1.0 }} else {{ 0.0 }})",
-    "less_equal": "(if {} <= {} {{ 1.0 }} else {{ 0.0 }})",
-    "where": "(if {} != 0.0 {{ {} }} else {{ {} }})",
-    "inf": "real::INFINITY",
-    "nan": "real::NAN",
-}
-
-
-def _low_level(
-    text: Callable[..., list[str]],
-    functions: Mapping[str, str],
-    real: str,
-    suffix: str = "",
-    number: Callable[[float], str] = repr,
-) -> Language:
-    written = {kind: call.replace("real", real).replace("#", suffix) for kind, call in functions.items()}
-    return Language("{}[{}]".format, written, partial(text, real=real), number, is_low_level=True)
-
-
-LANGUAGES = {  # by name and dtype
-    "python": {"float64": Language("{}[{}]".format, {}, _python)},
-    "numpy": {"float64": Language("{}[..., {}]".format, NUMPY_FUNCTIONS, _numpy)},
-    "matlab": {"float64": Language(lambda name, k: f"{name}({k + 1})", MATLAB_FUNCTIONS, _matlab)},
-    "c": {
-        "float64": _low_level(_c, C_FUNCTIONS, "double"),
-        "float32": _low_level(_c, C_FUNCTIONS, "float", "f", lambda x: f"{_single(x)}f"),
-    },
-    "rust": {
-        "float64": _low_level(_rust, RUST_FUNCTIONS, "f64"),
-        "float32": _low_level(_rust, RUST_FUNCTIONS, "f32", "f", _single),
-    },
+LANGUAGES = {
+    "python": Language("{}[{}]".format, {}, _python),
+    "numpy": Language(
+        "{}[..., {}]".format,
+        {
+            **{name: f"np.{name}({{}})" for name in ("sin", "cos", "sqrt", "tanh", "exp", "sign", "abs")},
+            **{name: f"np.{name}({{}}, {{}})" for name in ("minimum", "maximum", "arctan2")},
+            "less": "np.less({}, {}).astype(float)",
+            "less_equal": "np.less_equal({}, {}).astype(float)",
+            "where": "np.where({} != 0, {}, {})",
+            "inf": "np.inf",
+            "nan": "np.nan",
+        },
+        _numpy,
+    ),
+    "matlab": Language(
+        lambda name, k: f"{name}({k + 1})",
+        {"less": "double({} < {})", "less_equal": "double({} <= {})", "where": "where({}, {}, {})", "sqrt": "root({})"},
+        _matlab,
+    ),
+    "c": Language(
+        "{}[{}]".format,
+        {
+            **LIBM,
+            "inf": "INFINITY",
+            "nan": "NAN",
+            "less": "(@)({} < {})",
+            "less_equal": "(@)({} <= {})",
+            "where": "({} != 0 ? {} : {})",
+        },
+        _c,
+        {"float64": ("double", ""), "float32": ("float", "f")},
+        "{}$",
+    ),
+    "rust": Language(
+        "{}[{}]".format,
+        {
+            **{kind: f"unsafe {{{{ {call} }}}}" for kind, call in LIBM.items()},
+            "inf": "@::INFINITY",
+            "nan": "@::NAN",
+            "less": "(if {} < {} {{ 1.0 }} else {{ 0.0 }})",
+            "less_equal": "(if {} <= {} {{ 1.0 }} else {{ 0.0 }})",
+            "where": "(if {} != 0.0 {{ {} }} else {{ {} }})",
+        },
+        _rust,
+        {"float64": ("f64", ""), "float32": ("f32", "f")},
+    ),
 }
 
 
