@@ -312,9 +312,9 @@ class Kernel:
             from .llvm_backend import into
 
             self.__dict__["into"] = into(self)  # is found before the method
-        return self.checked_into(*arrays)
+        return self._checked_into(*arrays)
 
-    def checked_into(self, *arrays: Array) -> Array:
+    def _checked_into(self, *arrays: Array) -> Array:
         """`into` in Python, of one state or many; the caller's caller is warned."""
         if len(arrays) != len(self.names) + 1:
             raise TypeError(f"`into` of this kernel takes {', '.join(self.names)}, out; got {len(arrays)} arrays")

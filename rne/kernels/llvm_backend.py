@@ -239,7 +239,7 @@ def into(kernel: Any) -> Callable[..., Array]:
 
     def otherwise(*arrays: Any) -> Array:
         make, arguments = recipe
-        return (kept() or make(*arguments)).checked_into(*arrays)  # type: ignore[no-any-return]
+        return (kept() or make(*arguments))._checked_into(*arrays)  # type: ignore[no-any-return]
 
     return python_function(kernel.state_function.library, name="into", otherwise=otherwise)
 
