@@ -45,8 +45,9 @@ def _reads_right(a: Any) -> bool:
     axes, flags = (_at(id(a) + offset, ctypes.c_int32) for offset in (AXES, FLAGS))
     expected = [id(np.ndarray), a.ctypes.data, id(a.dtype)]
     stated = CONTIGUOUS * a.flags.c_contiguous + ALIGNED * a.flags.aligned + WRITEABLE * a.flags.writeable
+    is_flagged = flags & (PLAIN | WRITEABLE) == stated
     if (
-        found != expected or axes != a.ndim or flags & (PLAIN | WRITEABLE) != stated or strides - shape != 8 * a.ndim
+        found != expected or axes != a.ndim or not is_flagged or strides - shape != 8 * a.ndim
     ):  # NumPy has both in a row
         return False
     return [_at(shape + 8 * k) for k in range(2 * a.ndim)] == [*a.shape, *a.strides]

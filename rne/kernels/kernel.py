@@ -431,10 +431,9 @@ class Kernel:
     def to_sympy(self) -> Any:
         """Return the kernel as expressions of SymPy; needs the extra `sympy`.
 
-        Symbols are named by argument and place: q_1, qd_1, ...; the inertial parameters of body 1, where they are an
-        argument, m_1, mx_1, my_1, mz_1, Ixx_1, Ixy_1, Iyy_1, Ixz_1, Iyz_1, Izz_1, with mx_1 the first moment along x; a
-        wrench external_1 has nx_1, ny_1, nz_1, fx_1, fy_1, fz_1. Constants that are decimal numbers of at most 12
-        digits, up to rounding, are rational numbers.
+        Symbols are q_1, qd_1, ...; the inertial parameters of body 1, where they are an argument, are m_1, mx_1, ...,
+        Ixx_1, Ixy_1, Iyy_1, Ixz_1, Iyz_1, Izz_1; a wrench external_1 has nx_1, ..., fx_1, .... Constants that are
+        decimal numbers of at most 12 digits, up to rounding, are rational numbers.
 
         Returns
         -------

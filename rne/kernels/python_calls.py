@@ -56,7 +56,12 @@ class Call:
         self.builder = ir.IRBuilder(function.append_basic_block())
         self.refused = function.append_basic_block("refused")
         with self.builder.goto_block(self.refused):
-            self.give_object(self.known(None)) if name == "call" else self.call_otherwise()
+            if name == "into":
+                otherwise, nothing = self.field(self.own, ITEMS + 8 * len(KNOWN)), ir.Constant(BYTES, None)
+                given = otherwise, self.given, self.count, nothing
+                self.builder.ret(self.c_function("PyObject_Vectorcall", BYTES, *given))
+            else:
+                self.give_object(self.known(None))
 
     def c_function(self, name: str, result: ir.Type, *args: ir.Value) -> ir.Value:
         """A call of one of Python's functions in C."""
@@ -127,11 +132,6 @@ class Call:
         restore = ir.FunctionType(ir.VoidType(), [BYTES])
         self.builder.call(ir.Function(self.module, restore, "PyEval_RestoreThread"), [thread])
         return result
-
-    def call_otherwise(self) -> None:
-        """Return what `otherwise` gives for the arguments."""
-        given = [self.field(self.own, ITEMS + 8 * len(KNOWN)), self.given, self.count, ir.Constant(BYTES, None)]
-        self.builder.ret(self.c_function("PyObject_Vectorcall", BYTES, *given))
 
     def give_object(self, address: ir.Value) -> None:
         """Return an object."""
