@@ -8,6 +8,7 @@ from rne.elementwise import less, maximum, minimum, where
 
 from .helpers import EPS, kept, relative, states
 from .quantities import QUANTITIES
+from .random_robots import random_tree
 from .test_closed_forms import planar_arm
 
 sympy = pytest.importorskip("sympy", reason="SymPy is not installed")
@@ -36,6 +37,7 @@ def is_zero(expression):
 def test_torques_of_the_planar_arm_are_those_of_D_17_to_D_20(arm):
     """Exactly, in symbols: (D.17) as printed; (D.18) to (D.20) with the accelerations and forces of (D.11) to (D.16)."""
     tau_1, tau_2 = by_thesis(rne.dynamics.inverse_dynamics, arm)
+    assert not (tau_1 + tau_2).atoms(sympy.Float)
     x, i, k = sympy.Matrix.cross, sympy.Matrix([1, 0, 0]), sympy.Matrix([0, 0, 1])
     s1, c1, s2, c2, s12, c12 = (f(q) for q in (q1, q2, q1 + q2) for f in (sympy.sin, sympy.cos))
     printed = I2 * (a1 + a2) + m2 * L1 * lc2 * (s2 * w1**2 + c2 * a1) + m2 * lc2**2 * (a1 + a2) + m2 * lc2 * G * c12
@@ -100,6 +102,18 @@ def test_wrenches_weights_and_parameters_have_names(arm):
     assert {"weights_1", "weights_2", "q_1", "q_2"} == {symbol.name for symbol in work.free_symbols}
 
 
+def test_parameters_stand_where_their_names_say():
+    kernel = rne.compile(rne.dynamics.inverse_dynamics, random_tree(2, 3), parameters=True)
+    ten = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")  # as `Robot.parameters` has them
+    names = [
+        *(f"{name}_{k}" for name in ("q", "qd", "qdd") for k in (1, 2)),
+        *(f"{x}_{k}" for k in (1, 2) for x in ten),
+    ]
+    arrays = [*states(2, 1, seed=6), rne.Robot(kernel.model).parameters[None]]
+    found = sympy.lambdify(sympy.symbols(names), list(kernel.to_sympy()), cse=True)(*np.concatenate(arrays, axis=-1)[0])
+    assert relative(np.array(found), kernel(*arrays)[0]) <= 8 * 2 * EPS
+
+
 def test_a_wrench_is_the_moment_then_the_force_on_its_link(arm):
     kernel = rne.compile(rne.dynamics.inverse_dynamics, arm, external=["lower"])
     _, tau_2 = kernel.to_sympy()
@@ -123,7 +137,7 @@ OPERATIONS = {
 def test_every_operation(name):
     @rne.traceable
     def function(q):
-        return np.array([OPERATIONS[name](q[0], q[1]), 1 / 3 * q[0], 0.1 * 0.3 * q[1]])
+        return np.array([OPERATIONS[name](q[0], q[1]), 1 / 3 * q[0], 0.1 * 0.3 * q[1], 0.123456789012 * q[0]])
 
     kernel = rne.compile(function, planar_arm(0.7, 0.3, 2.0, 0.11, 0.25, 1.3, 0.07))
     points = np.array([[0.7, -1.5], [-1.2, 0.4], [0.5, 0.5], [-0.3, -0.4]])
@@ -131,6 +145,7 @@ def test_every_operation(name):
     assert relative(in_numbers(found, kernel, [points]), kernel(points)) <= 8 * EPS
     assert found[1].coeff(q1) == sympy.Float(1 / 3)
     assert found[2].coeff(q2) == sympy.Rational(3, 100)  # 0.1 * 0.3 is 0.03 up to rounding
+    assert found[3].coeff(q1) == sympy.Rational("0.123456789012")
 
 
 def test_what_is_missing_is_said(arm, monkeypatch):
