@@ -17,7 +17,7 @@ TREES = {
     "pair": {"n": 2, "seed": 5},
     "mixed": {"n": 3, "seed": 4},
     "mimics": {"n": 2, "seed": 6, "mimics": 2},
-    "bushy": {"n": 8, "seed": 5, "branching": 0.8},
+    "bushy": {"n": 5, "seed": 5, "branching": 0.8},
 }
 ARMS = ("irb140", "ur5", "panda", "talos_left_arm", "xarm7", "z1")
 INVERTING = ("forward_dynamics", "articulated_forward_dynamics")
