@@ -21,6 +21,7 @@ from rne.kernels.python_backend import state_function
 from rne.kernels.scalar import inputs, references
 from rne.kernels.source import Printable, to_source
 
+from .compiled_sources import call, rust_library
 from .helpers import kept
 from .random_robots import straight_chain
 
@@ -175,6 +176,14 @@ def test_printed_c(many, tmp_path):
     for x, row in zip(POINTS, found, strict=True):
         ctypes.CDLL(str(library)).law(ctypes.c_void_p(x.ctypes.data), ctypes.c_void_p(row.ctypes.data))
     check(found, expected)
+
+
+@pytest.mark.skipif(shutil.which("rustc") is None, reason="there is no Rust compiler here")
+def test_printed_rust(many, tmp_path):
+    trace, expected = many
+    types = [f"&[f64; {WIDTH}]", f"&mut [f64; {trace.entries}]"]
+    library = rust_library([printed(trace, "rust")], tmp_path, {"law": types})
+    check(call(library.c_law, [POINTS], trace.entries, "float64"), expected)
 
 
 @pytest.mark.skipif(shutil.which("octave-cli") is None, reason="GNU Octave is not here")

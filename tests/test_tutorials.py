@@ -15,7 +15,7 @@ TUTORIALS = sorted(path.stem for path in FOLDER.glob("[0-9]*.py"))
 SHORT = {"01_torques_along_a_path", "10_from_a_dh_table_to_a_simulation"}
 USES = {  # what in a script shows that it needs an extra
     "plot": r"matplotlib|rne\.plotting|\.plot\(",
-    "robots": r'load\("(ur5|panda)"\)',
+    "robots": r'load\("(ur5|panda|so101)"\)',
     "cluster": "distributed",
     "numba": 'engine="numba"',
     "view": r"rne\.view",
