@@ -373,6 +373,32 @@ class Kernel:
         lines = heading(self.model, name, self.names, entry, self.quantity.wrenches)
         return to_source(Printable(traced, title, self.names, lines), language)
 
+    def to_jax(self, mode: str = "reverse") -> Callable[..., Any]:
+        """The kernel as a function of JAX, for jit, vmap and derivatives of first and second order.
+
+        With engine "numba", XLA calls the kernel's machine code on a CPU (float32 and float64), and its derivatives are
+        those of `gradient`, `derivative`, `hessian` and `hessian_product`, compiled when they are first asked for. With
+        "numpy", or where JAX runs on another device, it is the program in jax.numpy, of which every transformation
+        works in either mode; compiling that and its derivatives takes some seconds.
+
+        | machine code     | grad, jacrev, vjp | jvp, jacfwd | grad of grad, jacrev of grad | hessian       |
+        |------------------|-------------------|-------------|------------------------------|---------------|
+        | mode "reverse"   | yes, fast         | no          | yes                          | jacrev of it  |
+
+        Parameters
+        ----------
+        mode : {"reverse", "forward"}
+        """
+        from .exports.jax import to_jax
+
+        return to_jax(self, mode)
+
+    def related(self, order: str, wrt: Sequence[str]) -> Kernel:
+        """The kernel of a derivative of the same function, or this one."""
+        if (order, tuple(wrt)) == (self.order, self.wrt):
+            return self
+        return Kernel(self.function, self.model, self.fixed, wrt, self.engine, order)
+
     def by_recursion(self, *arguments: Any) -> tuple[Array, PrecisionStatus]:
         """Result and status of states that the program leaves to the function itself, or to its complex steps.
 
