@@ -1,7 +1,7 @@
-"""Derivatives of kernels by other kernels, as packages of automatic differentiation ask for them.
+"""Derivatives of kernels by other kernels of the same function, as automatic differentiation asks for them.
 
-The derivatives of f(x) are its Jacobian J, backwards s J by the gradient kernel; those of the gradient w J(x) are the
-Hessian of w . f and, by w, J; those of J are the Hessians of all entries. Hessians have none.
+With f(x), its Jacobian J, slopes s and tangents t: backwards, f gives s J by the gradient kernel, and w J gives the
+Hessian of w . f times s, by w J s. Forwards, f gives J t, and J the Hessians of all entries times t.
 """
 
 from __future__ import annotations
@@ -15,74 +15,46 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from ..kernel import Kernel
 
-Function = Callable[..., Any]  # of arrays (..., width) of one leading shape
-WITH_RULES = ("values", "jacobian", "gradient")
+BACKWARDS, FORWARDS = ("values", "gradient"), ("values", "jacobian")  # orders that have a rule
 
 
 class Rules:
-    """The rules of a kernel and of the kernels that it leads to.
+    """The rules of a kernel and of those that it leads to, on arrays (..., width) of a package `numbers`.
 
-    `numbers` is the package of their arrays, as jax.numpy; `wrap` makes a function of a kernel and its rules.
+    `wrap` makes a function of arrays of a kernel and these rules.
     """
 
-    def __init__(self, kernel: Kernel, numbers: Any, wrap: Callable[[Kernel, Rules], Function]) -> None:
-        self.kernel, self.numbers = kernel, numbers
-        self.names = tuple(kernel.quantity.widths)
-        ends = [0, *accumulate(kernel.widths[: len(self.names)])]
-        self.places = dict(zip(self.names, pairwise(ends), strict=True))  # of arguments among all their entries
-        self.of = cache(lambda order: wrap(kernel.related(order, self.names), self))  # by all arguments
+    def __init__(self, kernel: Kernel, numbers: Any, wrap: Callable[[Kernel, Rules], Callable[..., Any]]) -> None:
+        self.numbers, self.names = numbers, tuple(kernel.quantity.widths)
+        self.ends = [0, *accumulate(kernel.widths[: len(self.names)])]
+        shape = kernel.traced.shape[: -1 if kernel.order == "jacobian" else None]
+        self.entries = kernel.widths[-1] if kernel.order == "gradient" else prod(shape)  # of f
+        self.of = cache(lambda order: wrap(kernel.related(order, self.names), self))
+
+    def apply(self, kernel: Kernel, orders: Sequence[str]) -> bool:
+        """True if the kernel is of one of these orders, and by all arguments."""
+        return kernel.order in orders and kernel.wrt in ((), self.names)
 
     def backwards(self, kernel: Kernel, arrays: Sequence[Any], slope: Any) -> tuple[Any, ...]:
-        """Slopes of a sum by the kernel's arrays, from those by its result."""
-        einsum, (x, further) = self.numbers.einsum, self._apart(arrays)
+        """Slopes by each array, of a sum of the kernel's results of which `slope` has those by the results."""
+        x, by_weights = arrays[: len(self.names)], list[Any]()
         if kernel.order == "values":
-            slope = slope.reshape((*x[0].shape[:-1], prod(kernel.traced.shape)))
-            return self._split(self.of("gradient")(*x, slope))
-        parts = dict(zip(kernel.wrt, self._split(slope, kernel.wrt), strict=True))
-        zeros = {
-            name: self.numbers.zeros((*slope.shape[:-1], j - i), dtype=slope.dtype)
-            for name, (i, j) in self.places.items()
-        }
-        slope = self.numbers.concatenate([(zeros | parts)[name] for name in self.names], -1)
-        if kernel.order == "gradient":
-            by_weights = einsum("...ek,...k->...e", self._jacobian(x, further[0].shape[-1]), slope)
-            return *self._split(self.of("hessian_product")(*x, *further, slope)), by_weights
-        entries = prod(kernel.traced.shape[:-1])
-        slope = slope.reshape((*x[0].shape[:-1], entries, slope.shape[-1]))
-        return self._split(einsum("...eij,...ej->...i", self._hessians(x, entries), slope))
-
-    def forwards(self, kernel: Kernel, arrays: Sequence[Any], tangents: Sequence[Any]) -> Any:
-        """The slope of the kernel's result along tangents of its arrays, linear in them."""
-        einsum, (x, further) = self.numbers.einsum, self._apart(arrays)
-        along, of_weights = self.numbers.concatenate(tangents[: len(x)], -1), tangents[len(x) :]
-        if kernel.order == "values":
-            found = einsum("...ek,...k->...e", self._jacobian(x, prod(kernel.traced.shape)), along)
-        elif kernel.order == "gradient":
-            J = self._jacobian(x, further[0].shape[-1])
-            found = einsum("...ij,...j->...i", self.of("hessian")(*x, *further), along)
-            found = self._picked(found + einsum("...ek,...e->...k", J, of_weights[0]), kernel.wrt)
+            slope = slope.reshape((*x[0].shape[:-1], self.entries))
         else:
-            hessians = self._hessians(x, prod(kernel.traced.shape[:-1]))
-            found = self._picked(einsum("...eij,...j->...ei", hessians, along), kernel.wrt)
+            by_weights = [self.numbers.einsum("...ek,...k->...e", self._jacobian(x), slope)]
+        found = self.of("hessian_product" if by_weights else "gradient")(*arrays, slope)
+        return *(found[..., i:j] for i, j in pairwise(self.ends)), *by_weights
+
+    def forwards(self, kernel: Kernel, x: Sequence[Any], tangents: Sequence[Any]) -> Any:
+        """The slope of the kernel's result along tangents, linear in them."""
+        along = self.numbers.concatenate(tangents, -1)
+        if kernel.order == "values":
+            found = self.numbers.einsum("...ek,...k->...e", self._jacobian(x), along)
+        else:
+            unit = self.numbers.eye(self.entries, dtype=x[0].dtype)
+            hessians = self.of("hessian")(*(a[..., None, :] for a in x), unit)
+            found = self.numbers.einsum("...eij,...j->...ei", hessians, along)
         return found.reshape((*x[0].shape[:-1], *kernel.traced.shape))
 
-    def _apart(self, arrays: Sequence[Any]) -> tuple[Sequence[Any], Sequence[Any]]:
-        """The function's own arrays and those behind them."""
-        return arrays[: len(self.names)], arrays[len(self.names) :]
-
-    def _split(self, array: Any, names: Sequence[str] = ()) -> tuple[Any, ...]:
-        """Entries along the last axis by argument."""
-        widths = [self.places[name][1] - self.places[name][0] for name in names or self.names]
-        return tuple(array[..., i:j] for i, j in pairwise([0, *accumulate(widths)]))
-
-    def _picked(self, array: Any, names: Sequence[str]) -> Any:
-        """Those entries along the last axis that belong to some arguments."""
-        return self.numbers.concatenate([array[..., slice(*self.places[name])] for name in names], -1)
-
-    def _jacobian(self, x: Sequence[Any], entries: int) -> Any:
-        found = self.of("jacobian")(*x)
-        return found.reshape((*x[0].shape[:-1], entries, found.shape[-1]))
-
-    def _hessians(self, x: Sequence[Any], entries: int) -> Any:
-        """Of each entry of the function, (..., entries, k, k)."""
-        return self.of("hessian")(*(a[..., None, :] for a in x), self.numbers.eye(entries, dtype=x[0].dtype))
+    def _jacobian(self, x: Sequence[Any]) -> Any:
+        return self.of("jacobian")(*x).reshape((*x[0].shape[:-1], self.entries, self.ends[-1]))
