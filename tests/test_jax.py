@@ -15,8 +15,18 @@ from .random_robots import random_tree
 
 jax = pytest.importorskip("jax", reason="JAX is not installed: pip install 'rne[jax]'")
 pytest.importorskip("numba", reason="Numba is not installed, of whose engine XLA calls the machine code")
+PLANAR = rne.dh_chain(
+    a=[0.5, 0.4],
+    alpha=[0, 0],
+    d=[0, 0],
+    theta=[0, 0],
+    masses=[2.0, 1.0],
+    centres=[[-0.2, 0, 0], [-0.3, 0.1, 0]],
+    inertias=[np.eye(3) * 0.1, np.eye(3) * 0.05],
+    gravity=[0, -9.81, 0],
+)
 TREES = {
-    "small": random_tree(2, seed=1),
+    "small": PLANAR,
     "sliders": random_tree(4, seed=3, prismatic=1),
     "bushy": random_tree(5, seed=5, branching=0.8),
     "mimics": random_tree(4, seed=6, mimics=3),
@@ -140,13 +150,13 @@ def test_shapes_and_errors():
     call, x = kernel.to_jax(), np.zeros((3, 2))
     assert call(x[:0], x[:0], x[:0]).shape == (0, 2)
     assert call(np.zeros((4, 1, 2)), [0, 0], x).shape == (4, 3, 2)
-    with pytest.raises(TypeError, match="^this function takes q, qd, qdd; got 1 arguments$"):
+    with pytest.raises(TypeError, match="^this function takes q, qd, qdd; got 1 arguments"):
         call(x)
-    with pytest.raises(ValueError, match=r"^`qd` must have shape \(..., 2\) for robot 'random', got \(3, 1\)$"):
+    with pytest.raises(ValueError, match=r"^`qd` must have shape \(..., 2\) for robot 'dh_chain', got \(3, 1\)$"):
         call(x, x[:, :1], x)
     with pytest.raises(ValueError, match="^leading shapes must broadcast against each other"):
         call(x, x[:2], x)
-    with pytest.raises(TypeError, match="^arguments must be real numbers, got complex128$"):
+    with pytest.raises(TypeError, match="^arguments must be real numbers, got complex128"):
         call(x, x, x + 1j)
     with pytest.raises(ValueError, match=r"^`mode` must be one of \['reverse', 'forward'\], got 'both'$"):
         kernel.to_jax("both")
@@ -155,7 +165,7 @@ def test_shapes_and_errors():
 def test_a_kernel_that_is_too_large_is_refused(monkeypatch):
     from rne.kernels import trace as module
 
-    monkeypatch.setattr(module, "LIMIT", 10)
+    monkeypatch.setattr(module, "LIMIT", 30)
     with pytest.raises(TypeError, match="too large to be written out"):
         rne.compile(rne.dynamics.inverse_dynamics, TREES["small"], engine="numba").to_jax()
 

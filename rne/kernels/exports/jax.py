@@ -104,14 +104,13 @@ def printed(trace: Trace, *arrays: Any) -> Any:
 
     for kind, args in trace.program.instructions:
         results.append((own[kind] if kind in own else getattr(jnp, kind))(*map(value, args)))
-    outputs = [jnp.broadcast_to(jnp.asarray(value(arg), dtype), leading) for arg in trace.program.outputs]
-    all_of = partial(reduce, operator.and_)
+    columns = [jnp.broadcast_to(jnp.asarray(value(arg), dtype), leading) for arg in trace.program.outputs]
+    outputs = jnp.stack(columns) if columns else jnp.zeros((0, *leading), dtype)  # XLA computes them once
     sound: Any = SimpleNamespace(
-        finite=lambda values: all_of(map(jnp.isfinite, values), True),
-        within=lambda values, bound: all_of([abs(a) <= bound for a in values], True),
-        above=lambda values, factor, others: all_of(map(lambda a, b: a > factor * b, values, others), True),
+        finite=lambda values: jnp.isfinite(jnp.asarray(values)).all(0),
+        within=lambda values, bound: (abs(jnp.asarray(values)) <= bound).all(0),
+        above=lambda values, factor, others: (values > factor * others).all(0),
     )
     conditions = trace.sound_inputs(inputs, dtype, sound) + trace.sound_results(outputs, dtype, sound)
-    factor = jnp.where(all_of(conditions, True), 1.0, jnp.nan).astype(dtype)  # by which slopes become NaN as well
-    columns = [jnp.zeros((*leading, 0), dtype), *((a * factor)[..., None] for a in outputs[: trace.entries])]
-    return jnp.concatenate(columns, axis=-1).reshape(leading + trace.shape)
+    factor = jnp.where(reduce(operator.and_, conditions), 1.0, jnp.nan).astype(dtype)  # slopes become NaN as well
+    return jnp.moveaxis(outputs[: trace.entries] * factor, 0, -1).reshape(leading + trace.shape)
