@@ -1,8 +1,8 @@
 """Dynamics inside JAX: python -m benchmarks.elsewhere_jax [--quick]
 
 The UR5's inverse dynamics in 20,000 states, and the gradient of a loss by positions, velocities and accelerations: our
-machine code called by XLA, the same program in jax.numpy, and frax where it is installed; one core, the CPU time of calls
-that take turns, errors against our recursion in NumPy and its gradient kernel. What a process waits for its first gradient.
+machine code called by XLA, the same program in jax.numpy, and frax where it is installed. One core, CPU times of calls
+that take turns, errors against our recursion in NumPy and its gradient kernel, CPU time up to the first gradient.
 """
 
 from __future__ import annotations
@@ -27,7 +27,6 @@ ONE_CORE = "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1"
 COUNT, REPEATS = 20_000, 15
 QUICK_COUNT, QUICK_REPEATS = 500, 2
 OURS, PRINTED, FRAX = "machine code", "program in jax.numpy", "frax"
-EXACT = 1e-12  # relative: larger differences are another result
 
 Results = dict[str, Any]
 

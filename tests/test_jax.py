@@ -9,7 +9,7 @@ import pytest
 
 import rne
 
-from .helpers import EPS, kept, loaded
+from .helpers import kept, loaded
 from .quantities import QUANTITIES, arguments_of
 from .random_robots import random_tree
 
@@ -90,8 +90,6 @@ def test_small_tree_with_every_transformation(engine, mode):
     agree(jax.vmap(call, (0, None, 0))(arrays[0], arrays[1][0], arrays[2])[0], value[0], tolerance)
     first = jax.jit(jax.vmap(jax.vmap(jax.grad(loss(call), (0, 1, 2)))))(*two)
     agree(np.concatenate(first, -1).reshape(6, -1), slopes, tolerance)
-    of_sums = jax.grad(lambda q: jax.grad(loss(call))(q, *arrays[1:]).sum())(arrays[0])
-    agree(of_sums, bends[:, :2, :2].sum(-1), tolerance)
     second = jax.jit(jax.jacrev(jax.grad(loss(call)), 1))(*(a[0] for a in arrays))
     agree(second, bends[0, :2, 2:4], tolerance)
     if mode == "forward" or engine == "numpy":
@@ -99,6 +97,8 @@ def test_small_tree_with_every_transformation(engine, mode):
         agree(jax.vmap(jax.jacfwd(call, 1))(*arrays), J[..., 2:4], tolerance)
         agree(jax.hessian(loss(call))(*(a[0] for a in arrays)), bends[0, :2, :2], tolerance)
     else:
+        of_sums = jax.grad(lambda q: jax.grad(loss(call))(q, *arrays[1:]).sum())(arrays[0])
+        agree(of_sums, bends[:, :2, :2].sum(-1), tolerance)
         with pytest.raises(TypeError, match="forward-mode"):
             jax.jvp(call, arrays, arrays)
 
@@ -150,13 +150,13 @@ def test_shapes_and_errors():
     call, x = kernel.to_jax(), np.zeros((3, 2))
     assert call(x[:0], x[:0], x[:0]).shape == (0, 2)
     assert call(np.zeros((4, 1, 2)), [0, 0], x).shape == (4, 3, 2)
-    with pytest.raises(TypeError, match="^this function takes q, qd, qdd; got 1 arguments"):
+    with pytest.raises(TypeError, match=r"^this function takes q, qd, qdd; got 1 arguments"):
         call(x)
-    with pytest.raises(ValueError, match=r"^`qd` must have shape \(..., 2\) for robot 'dh_chain', got \(3, 1\)$"):
+    with pytest.raises(ValueError, match=r"^`qd` must have shape \(..., 2\) for robot 'chain', got \(3, 1\)"):
         call(x, x[:, :1], x)
-    with pytest.raises(ValueError, match="^leading shapes must broadcast against each other"):
+    with pytest.raises(ValueError, match=r"^leading shapes must broadcast against each other"):
         call(x, x[:2], x)
-    with pytest.raises(TypeError, match="^arguments must be real numbers, got complex128"):
+    with pytest.raises(TypeError, match=r"^arguments must be real numbers, got complex128"):
         call(x, x, x + 1j)
     with pytest.raises(ValueError, match=r"^`mode` must be one of \['reverse', 'forward'\], got 'both'$"):
         kernel.to_jax("both")

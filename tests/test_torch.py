@@ -53,6 +53,7 @@ def test_errors_are_those_of_kernels():
     call = rne.compile(rne.dynamics.inverse_dynamics, TREE).to_torch()
     with pytest.raises(ValueError, match="`q` must be finite, got nan"):
         call(*[torch.full((3,), torch.nan)] * 3)
+    hessian = rne.kernels.hessian(rne.dynamics.potential_energy, TREE).to_torch()
+    total = hessian(*tensors([np.zeros(3)]), torch.ones(1)).sum()
     with pytest.raises(TypeError, match="has no further derivative"):
-        x = tensors([np.zeros(3)])
-        rne.kernels.hessian(rne.dynamics.potential_energy, TREE).to_torch()(*x, torch.ones(1)).sum().backward()
+        total.backward()
