@@ -47,6 +47,7 @@ def pytest_addoption(parser):
 
 def pytest_configure(config):
     """Make another engine the default of every function that has this argument."""
+    gc.disable()  # until all tests are collected: what imports make stays
     engine = config.getoption("--engine")
     if engine == "numpy":
         return
@@ -69,8 +70,8 @@ def pytest_collection_modifyitems(config, items):
 
 def pytest_collection_finish():
     """What is imported stays: collections of garbage need not visit it again and again."""
-    gc.collect()
     gc.freeze()
+    gc.enable()
     gc.set_threshold(200_000, 20, 100)
 
 

@@ -10,7 +10,7 @@ import pytest
 
 import rne
 from rne.identification import Record
-from rne.identification.diagnosis.hypotheses import gravity_directions
+from rne.identification.diagnosis.hypotheses import gravity_directions, ratio_columns, stribeck_columns
 from rne.identification.diagnosis.residuals import FitResiduals
 from rne.identification.fit.equations import build_regression
 from rne.identification.fit.least_squares import least_squares
@@ -52,9 +52,10 @@ FRICTION = rne.DriveModel(friction="viscous+coulomb")
 
 @pytest.fixture(autouse=True)
 def half_of_a_log(request, monkeypatch):
-    """Logs of short tests have half the length, unless they need all of it."""
+    """Logs of short tests have half the length and half the rate, unless they need all of it."""
     if "whole_log" not in request.fixturenames and not request.node.get_closest_marker("long"):
         monkeypatch.setattr(faults, "DURATION", 10.0)
+        monkeypatch.setattr(faults, "RATE", 250.0)
 
 
 @pytest.fixture
@@ -296,13 +297,31 @@ def test_the_likeliest_cause_of_a_kind_names_its_joints_and_direction(whole_log,
     assert fault is not drifting or cause.value > 0
 
 
-def test_columns_add_to_the_covariance_what_a_fit_with_them_has_more():
+def residuals():
+    """What the true masses and no friction leave of a clean log."""
     c = case("gantry", 3)
     data, robot = faults.clean(c), c.arm.robot
     base = robot.base_parameters(drives=FRICTION)
     rows = build_regression(robot, Record(data.t, data.q, data.tau), base, None, 5.0, 2)
     unit = np.ones(robot.n)
-    res = FitResiduals(robot, base, rows, np.zeros(base.count), unit, 2 * unit)
+    return FitResiduals(robot, base, rows, base.matrix @ base.standard.values, unit, 2 * unit)
+
+
+def test_columns_of_each_joint_are_those_of_that_joint():
+    """A gear ratio multiplies the motion and the torque of its joint; friction acts on its joint alone."""
+    res, h = residuals(), 1e-3
+    of_ratios, of_friction = ratio_columns(res), stribeck_columns(res, 0.2)
+    for j, unit in enumerate(np.eye(res.robot.n)):
+        both = [res.smooth(lambda *x, k=1 + s * h * unit: k * res.load(*(k * y for y in x))) for s in (1, -1)]
+        expected = (both[0] - both[1]) / (2 * h)
+        np.testing.assert_allclose(of_ratios[..., j], expected, atol=1e-4 * np.abs(expected).max())
+        alone = res.sampled(lambda q, qd, qdd, j=j: np.sign(qd[:, j]) * np.exp(-np.abs(qd[:, j]) / 0.2))
+        np.testing.assert_array_equal(of_friction[..., j], alone[:, None] * unit)
+
+
+def test_columns_add_to_the_covariance_what_a_fit_with_them_has_more():
+    res = residuals()
+    base = res.base
     X = np.random.default_rng(0).normal(size=(*res.tau.shape, 2)) + 3 * (res.Y @ base.back)[..., :2]
     both = np.column_stack([res.A, res.weighted(X)])
     more = np.linalg.inv(both.T @ both)[: base.count, : base.count] - np.linalg.inv(res.A.T @ res.A)

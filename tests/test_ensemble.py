@@ -596,7 +596,7 @@ def test_a_motion_that_diverges_is_named(chain, options):
     rates = starts.copy()
     rates[13, 0] = 1.0
     with pytest.raises(rne.NotFiniteError, match=r"^start 13 at t = \S+ s: the (step needed|right-hand side)"):
-        rne.ensemble(scene, starts, rates, 0.5, **options)
+        rne.ensemble(scene, starts, rates, 0.1, **options)
 
 
 def test_no_starts_give_no_motions(chain):

@@ -37,8 +37,8 @@ def scene(request):
 
 @pytest.fixture(scope="module")
 def motions(scene):
-    """One to fit and one to predict, 10 s at 250 Hz."""
-    return truth(scene, seed=1, rate=250.0), truth(scene, seed=2, rate=250.0)
+    """One to fit and one to predict, 10 s at 125 Hz."""
+    return truth(scene, seed=1, rate=125.0), truth(scene, seed=2, rate=125.0)
 
 
 def true_values(found):
@@ -224,7 +224,7 @@ def test_a_guess_from_the_geometry_is_prior_enough(scene):
 def test_torques_of_no_rigid_body_make_no_guessed_body_heavier_than_all_together():
     """A quarter of the torques is of nothing that is modelled: bodies stay near the guess, and the report says so."""
     arm = loaded("panda_description/panda").locked({"panda_finger_joint1": 0, "panda_joint1": 0, "panda_joint6": 0.5})
-    true, rng = truth(arm, 10.0, 250.0, seed=1), np.random.default_rng(0)
+    true, rng = truth(arm, 10.0, 125.0, seed=1), np.random.default_rng(0)
     size = np.sqrt((true.tau**2).mean(0)) + 1
     tau = true.tau * rng.uniform(0.75, 1.25, 5) + 0.25 * size * np.sin(3 * true.q + 1)
     log = Record(true.t, true.q, tau + 0.01 * size * rng.normal(size=tau.shape))

@@ -13,7 +13,7 @@ from rne.dynamics.quantity import quantity
 from rne.model.parameters import at_parameters
 
 from .conftest import TREES
-from .helpers import kept
+from .helpers import first_joints, kept
 from .random_robots import random_tree
 
 SAME = 1e-13  # of the largest entry: another order of operations, and centres of mass divided out and multiplied back
@@ -333,7 +333,7 @@ class TestEnsembles:
 
     def scenes(self, robot, given):
         """Two scenes: free with friction, and under a law that keeps the parameters of `robot`."""
-        control = rne.control.pd_gravity(robot, np.full(6, 2.0), np.full(6, 0.2), np.full(6, 0.2))
+        control = rne.control.pd_gravity(robot, *(np.full(robot.n, x) for x in (2.0, 0.2, 0.2)))
         return {
             "friction": rne.Scene(given, friction=rne.Friction(viscous=0.3, coulomb=0.1, smoothing=0.1)),
             "law": rne.Scene(given, controller=control),
@@ -346,15 +346,14 @@ class TestEnsembles:
             [("friction", "rk4"), ("law", "semi-implicit-euler")],
         ),
     )
-    def test_motions_are_those_of_robots_with_these_parameters(self, irb140, kind, method):
-        (q0, qd0, duration), options = self.arguments(irb140)
-        pi = variants(irb140, len(q0))
-        found = rne.ensemble(
-            self.scenes(irb140, irb140)[kind], q0, qd0, duration, parameters=pi, method=method, **options
-        )
+    def test_motions_are_those_of_robots_with_these_parameters(self, kind, method):
+        arm = first_joints()
+        (q0, qd0, duration), options = self.arguments(arm)
+        pi = variants(arm, len(q0))
+        found = rne.ensemble(self.scenes(arm, arm)[kind], q0, qd0, duration, parameters=pi, method=method, **options)
         assert (found.parameters == pi).all()
         for k in (0, 4):
-            scene = self.scenes(irb140, irb140.with_parameters(pi[k]))[kind]
+            scene = self.scenes(arm, arm.with_parameters(pi[k]))[kind]
             alone = rne.ensemble(scene, q0[k : k + 1], qd0[k : k + 1], duration, method=method, **options)
             for name in ("q", "qd", "tau", "energies"):
                 close(getattr(found, name)[:, k], getattr(alone, name)[:, 0], 1e-11)  # errors grow along the motion

@@ -34,7 +34,7 @@ def double():
 def test_every_step_is_reported_however_many_are_taken_at_once(count):
     T = np.arange(6.0)
     record, steps = Recorder(None, 1), Steps(T, T[:, None])
-    system = SimpleNamespace(stuck=None, accelerations_at=lambda *_: None)
+    system = SimpleNamespace(modes=None, reported=lambda x: x)
     record.begin(0.0, T[:1], system)
     record.take(steps, count, T[count], T[count, None], system)
     record.begin(T[count], np.array([7.0]), system)  # the next segment, after a jump of the state

@@ -6,7 +6,7 @@ import inspect
 import os
 import re
 from collections.abc import Callable
-from math import isfinite
+from functools import cache
 from numbers import Number
 from pathlib import Path
 from typing import Any, Literal
@@ -19,6 +19,7 @@ from .spatial import Array
 FULL_TURN = 6.3  # rad
 Sign = Literal["any", "not negative", "positive"]
 UNBOUNDED = 1e300  # in place of infinity, which a kernel does not hold
+lengths = cache(lambda shape: re.findall(r"[\w.]+", shape[: shape.index(")")]))  # in a shape such as "(n, 3)"
 TIME_ROUNDING = 1e-12  # of the last time: by rounding, a solver's last step and its stages lie so far beyond it
 
 
@@ -28,7 +29,7 @@ def real_array(name: str, value: ArrayLike, shape: str) -> Array:
     Letters stand for any length, "..." for any leading axes; words behind the parenthesis are for the error's text.
     """
     array = real_numbers(name, value, shape)
-    wanted = re.findall(r"[\w.]+", shape[: shape.index(")")])
+    wanted = lengths(shape)
     got = [str(k) for k in array.shape]
     if wanted[:1] == ["..."]:
         wanted, got = wanted[1:], got[max(0, len(got) - len(wanted) + 1) :]
@@ -47,8 +48,8 @@ def real_numbers(name: str, value: ArrayLike, shape: str) -> Array:
 
 def positive_number(name: str, value: float, *, zero_allowed: bool = False) -> float:
     """One finite real number above zero, or not below."""
-    if type(value) is float and value > 0 and isfinite(value):  # most are, and need no array
-        return value
+    if type(value) in (float, int) and 0 < value < UNBOUNDED:  # most are, and need no array
+        return float(value)
     if np.ndim(value):
         raise ValueError(f"`{name}` must be one number, got shape {np.shape(value)}")
     if not isinstance(value, Number) and plain_array(name, value).dtype.kind not in "fiu":

@@ -69,7 +69,7 @@ RULES: dict[str, tuple[Rule, ...]] = {
     "exp": _chain(lambda g, v, a: v),
 }
 FLAT = {"sign", *COMPARISONS}  # their slope is 0
-SINGULAR = {"divide", "arctan2", "sqrt"}  # their slope may be infinite
+SINGULAR = {"divide", "arctan2", "sqrt"}  # their slope may be infinite where their value is not
 
 
 def _choice(g: Graph, index: int) -> tuple[int, int, int] | None:
@@ -235,9 +235,10 @@ class _Slopes:
             self.give(a, g.where(condition, s, self.zero), g.where(condition, is_taken, self.zero))
             self.give(b, g.where(condition, self.zero, s), g.where(condition, self.zero, is_taken))
             return
+        may_be_infinite = kind in SINGULAR or g.is_doubtful(index)
         for operand, rule in zip(args, RULES.get(kind, ()), strict=False):
             slope = rule(g, 2 * index, args[0], args[-1], s)
-            self.give(operand, g.where(is_taken, slope, self.zero) if kind in SINGULAR else slope, is_taken)
+            self.give(operand, g.where(is_taken, slope, self.zero) if may_be_infinite else slope, is_taken)
 
 
 def _nodes_of(g: Graph, system: LinearSystem) -> _SystemNodes | None:

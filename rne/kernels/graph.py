@@ -135,11 +135,11 @@ class Graph:
         if self._by_pivots is not None:
             return None
         self._pivots = {ref >> 1 for ref in pivots}
-        if self._not_zero <= self._pivots and not any(map(self._is_doubtful, self._finite)):
+        if self._not_zero <= self._pivots and not any(map(self.is_doubtful, self._finite)):
             return None
         return [divisor in self._pivots for divisor in self._divisors]
 
-    def _is_doubtful(self, index: int) -> bool:
+    def is_doubtful(self, index: int) -> bool:
         """True if a node may be infinite or NaN although inputs are finite."""
         found = self._doubtful
         for k in range(len(found), len(self.nodes)):
@@ -155,7 +155,7 @@ class Graph:
     def _takes_as_finite(self, ref: int) -> bool:
         """True if this may be taken to be finite."""
         if self._by_pivots is not None:
-            return not self._is_doubtful(ref >> 1)
+            return not self.is_doubtful(ref >> 1)
         self._finite.add(ref >> 1)
         return True
 

@@ -454,10 +454,9 @@ class Kernel:
             slopes, status = by_recursion(self.function, self.model, given, self.wrt, self.fixed)
             if not further or status.error is not None:
                 return slopes, status
-            weights = np.asarray(further[0])[..., None, :]
-            return (weights @ slopes.reshape(*slopes.shape[: np.ndim(given[0]) - 1], weights.shape[-1], -1))[
-                ..., 0, :
-            ], status
+            leading, weights = np.broadcast_shapes(*(np.shape(a)[:-1] for a in given)), np.asarray(further[0])
+            slopes = slopes.reshape(*leading, weights.shape[-1], slopes.shape[-1])
+            return (weights[..., None, :] @ slopes)[..., 0, :], status
         result, status = by_recursion(self.function, self.model, given, (), self.fixed)
         if status.error is not None:
             return result, status

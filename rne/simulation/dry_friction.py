@@ -17,9 +17,8 @@ from ..basics.spatial import Array
 from ..errors import NotFiniteError
 from ..robot import Robot
 from .events import Event
-from .plant import Plant, state_function
+from .plant import Plant, state_function, with_modes
 from .scene_dynamics import SceneDynamics
-from .zero_order_hold import ControlSamples
 
 MAX_MODE_CHANGES, MAX_AT_ONE_TIME = 1000, 20
 AT_REST = 1e-12  # of the largest rate so far: rates below it count as zero
@@ -64,11 +63,10 @@ class DryPlant(Plant):
         self.coulomb = np.full(n, friction.coulomb, dtype=float), np.full(n, friction.coulomb_back, dtype=float)
         self.statics = self.coulomb if friction.static is None else (np.full(n, friction.static, dtype=float),) * 2
         self.mode, self.has_changed = np.full(n, -2), True  # no modes yet
-        self.modes: dict[bytes, Array] = {}  # as the equations take them
+        self.known_modes: dict[bytes, Array] = {}  # by the bytes of `mode`
         self.frictionless = np.maximum(*self.statics) == 0  # without friction, never sticks
         self.fastest = 0.0  # largest rate so far [rad/s or m/s]
         self.changes, self.begun, self.at_once = 0, -np.inf, 0
-        self.samples: Callable[[], ControlSamples] | None = None  # where they are taken between two steps
         self.overloaded: list[int] = []  # joints that broke away in the event that just happened
         self.asked, self.last_margins = np.zeros((0, n)), np.zeros((0, n))
 
@@ -91,18 +89,16 @@ class DryPlant(Plant):
     @property
     def held(self) -> Array:
         """What the equations take beside time and state: torques that are held, and the modes."""
-        return self._with_modes(self.sampled)
+        return np.asarray(with_modes(self.sampled, self.modes))
 
-    def _with_modes(self, u: Array | None) -> Array:
-        """Torques, if there are any, and the modes behind them."""
-        modes = self.modes.get(key := self.mode.tobytes())
+    @property
+    def modes(self) -> Array:  # type: ignore[override]
+        """Of each joint, as the equations take them: whether it slips; its dry friction torque."""
+        modes = self.known_modes.get(key := self.mode.tobytes())
         if modes is None:
             slips, (forward, back) = self.mode != 0, self.coulomb
-            self.modes[key] = modes = np.concatenate([slips, np.where(self.mode > 0, forward, -back) * slips])
-        if u is None:
-            return modes
-        modes = modes if u.ndim == 1 else np.broadcast_to(modes, (len(u), len(modes)))
-        return np.concatenate([u, modes], axis=-1)
+            self.known_modes[key] = modes = np.concatenate([slips, np.where(self.mode > 0, forward, -back) * slips])
+        return modes
 
     def begin(self, t: float, x: Array, span: tuple[float, float]) -> None:
         """Settle the modes, just after t; further on if the torques jump here without being declared."""
@@ -116,7 +112,6 @@ class DryPlant(Plant):
         self.settle(t, x, self.overloaded)
         self.overloaded = []
         self.has_changed = not np.array_equal(before, self.mode)
-        self.stuck = self.n + np.flatnonzero(self.mode == 0)
         self.note = f"{self.changes} changes between sticking and slipping"
         self.events = [ModeChange(self, i) for i in np.flatnonzero(~self.frictionless).tolist()]
 
@@ -136,18 +131,13 @@ class DryPlant(Plant):
     def reported(self, x: Array) -> Array:
         """The state with the rates of sticking joints at zero."""
         x = np.array(x)
-        x[..., self.n : 2 * self.n] *= self.mode != 0
+        x[..., self.n : 2 * self.n][..., self.mode == 0] = 0.0
         return x
-
-    def accelerations_at(self, t: Array, X: Array, same: float) -> Array:
-        """Accelerations under the present modes."""
-        samples = None if self.samples is None else self.samples()
-        qdd, _, _ = self.loads_at(t, X, None if samples is None else samples.u[samples.held(t, same)])
-        return np.asarray(qdd)
 
     def inputs(self, t: float, x: Array) -> Array:
         """The torques, held or those that a law returns, and the modes."""
-        return self._with_modes(self.torque(t, self.reported(x)))
+        u = self.sampled if self.law is None else self.torque(t, self.reported(x))
+        return np.asarray(with_modes(u, self.modes))
 
     def loads(self, t: float, x: Array, u: Array | None = None) -> Array:
         """Accelerations, dry friction or the loads of sticking joints, net torques without dry friction, shape (3, n).
@@ -155,7 +145,7 @@ class DryPlant(Plant):
         Under the torques that are held or returned by a law, or others.
         """
         t = self.within(t)
-        inputs = self.inputs(t, x) if u is None else self._with_modes(u)
+        inputs = self.inputs(t, x) if u is None else with_modes(u, self.modes)
         found = self._evaluate(self.dynamics.loads_under_modes, self._loads_function, t, x, inputs)
         return np.reshape(found, (3, self.n))
 
@@ -166,9 +156,10 @@ class DryPlant(Plant):
         t = np.clip(t, *self.span)
         if u is None:
             u = self.torques_at(t, self.reported(X)) if self.law is not None else self.sampled
-        found, status = self.loads_kernel.evaluate(t[:, None], X, self._with_modes(u))
+        modes = self.modes if u is None or u.ndim == 1 else np.repeat(self.modes[None], len(t), axis=0)
+        found, status = self.loads_kernel.evaluate(t[:, None], X, with_modes(u, modes))
         self.note_loss(status)
-        return np.stack(np.split(found, 3, axis=1))
+        return found.reshape(len(t), 3, self.n).swapaxes(0, 1)
 
     def settle(self, t: float, x: Array, overloaded: list[int]) -> None:
         """Set the modes of the joints from their rates, and of those at rest from their loads.
@@ -191,6 +182,8 @@ class DryPlant(Plant):
             held = rests & (self.mode == 0)
             order = [*np.flatnonzero(held & ~stuck).tolist(), *np.flatnonzero(held & stuck).tolist()]
             self._release_fewest(t, x, rests, order)
+        if not rests.any():
+            return
         for _ in range(MAX_MODE_CHANGES):
             wrong = np.flatnonzero(self._wrong(t, x, rests))
             if not len(wrong):

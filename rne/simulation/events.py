@@ -60,9 +60,12 @@ def first_crossing(events: Sequence[Event], steps: Steps, first: int = 0, last: 
     values = values.reshape(*times.shape, len(events))
     rises, peaks = _passages(values)
     suspects = np.asarray((rises | peaks).any(axis=1))
-    for row in range(len(numbers)):
+    jumped = np.zeros(len(numbers), dtype=bool)
+    if steps.U is not None:
+        jumped[1:] = (values[1:, 0] > 0).any(axis=1)
+    for row in np.flatnonzero(jumped | suspects.any(axis=1)).tolist():
         k = first + row
-        if row and steps.U is not None and (values[row, 0] > 0).any():
+        if jumped[row]:
             return Crossing(k - 1, None, float(steps.T[k]), steps.X[k])
         found, interpolant = [], steps.inside(k)
         for j in np.flatnonzero(suspects[row]).tolist():
@@ -120,17 +123,18 @@ class Stop:
     """
 
     def __init__(self, model: Model, i: int, bound: float, sign: float) -> None:
-        self.joint, self.bound, self.sign = model.moving_joints[i], bound, sign
+        self.joint, self.bound = model.moving_joints[i], bound
         self.coordinate = int(model.coordinate[i])
         self.multiplier, self.offset = float(model.multiplier[i]), float(model.offset[i])
-        self.slack = 4 * EPS * max(1.0, abs(bound))  # a joint at rest on its stop has not just reached it
+        slack = 4 * EPS * max(1.0, abs(bound))  # a joint at rest on its stop has not just reached it
+        self.slope, self.constant = sign * self.multiplier, sign * (self.offset - bound) - slack
 
     def position(self, X: Array) -> Array:
         """The joint's position in states of shape (..., size) [rad or m]."""
         return self.multiplier * X[..., self.coordinate] + self.offset
 
     def __call__(self, t: Array, X: Array, u: Array | None = None) -> Array:
-        return self.sign * (self.position(X) - self.bound) - self.slack
+        return self.slope * X[..., self.coordinate] + self.constant
 
     def message(self, t: float) -> str:
         """The message of a run that ended here."""

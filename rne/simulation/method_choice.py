@@ -291,9 +291,13 @@ def work_per_step(plant: Plant, method: str) -> float:
 
 
 def modes(plant: Plant, t: float, x: Array) -> Array:
-    """Eigenvalues of the motion linearised in one state [1/s]; NaN where it cannot be linearised."""
+    """Eigenvalues of the motion linearised in one state [1/s]; NaN where it cannot be linearised.
+
+    Those of (q, qd, z): impulses and energies are integrals, whose eigenvalues are zero.
+    """
+    moving = 2 * plant.robot.n + plant.dynamics.states
     try:
-        A = plant.linearised(t, x)[: plant.counted, : plant.counted]
+        A = plant.linearised(t, x)[:moving, :moving]
     except RneError:
         return np.full(1, np.nan)
     if not np.isfinite(A).all():

@@ -36,7 +36,7 @@ class Plant:
     """
 
     events: Sequence[Event] = ()  # what ends a segment, beside samples, breaks and stops
-    stuck: Array | None = None  # entries of the state that are held at zero
+    modes: Array | None = None  # of friction that sticks, (2 n,): inputs of the equations behind the torques
     has_changed = False  # at the beginning of the segment, so that the solver starts anew
     note = ""  # for the message of a run
 
@@ -114,13 +114,6 @@ class Plant:
     def reported(self, x: Array) -> Array:
         """The state to report of a solver's state."""
         return x
-
-    def accelerations_at(self, t: Array, X: Array, same: float) -> Array | None:
-        """Accelerations to report, (T, n), at times (T,), where they do not follow from time, state and torques.
-
-        Times up to a relative rounding `same` before a sample count as being there.
-        """
-        return None
 
     def within(self, t: float) -> float:
         """The time of `span` closest to t."""
@@ -260,6 +253,13 @@ class Plant:
 def state_function(kernel: Kernel) -> Callable[..., Array] | None:
     """A kernel's function of one state without the check of joint velocities; None if the recursion itself runs."""
     return kernel.state_function_unguarded if kernel.is_unrolled else None
+
+
+def with_modes(u: Array | None, modes: Array | None) -> Array | None:
+    """Inputs of the equations: torques, and the modes of friction that sticks behind them, if there are any."""
+    if u is None or modes is None:
+        return modes if u is None else u
+    return np.concatenate([u, modes], axis=-1)
 
 
 def checked_torques(name: str, returned: Any, robot: Robot, t: float) -> Array:

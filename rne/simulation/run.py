@@ -18,11 +18,10 @@ from ..integrators.base import FAILURES, RODAS, SAME, GaveUpError, IntegrationOp
 from ..integrators.compiled_methods import CompiledSolver, RosenbrockSolver, SampledSolver
 from ..integrators.scipy_methods import Keeps, SciPySolver
 from ..integrators.tableaus import EXPLICIT
-from .dry_friction import DryPlant
 from .events import Event, Stop, first_crossing
 from .friction import creep
 from .method_choice import MethodMonitor, fastest_joint
-from .plant import Plant
+from .plant import Plant, with_modes
 from .trajectory import Trajectory, between
 from .zero_order_hold import MAX_EVALUATIONS, ControlSamples, ZeroOrderHold
 
@@ -62,15 +61,15 @@ class Failure(NamedTuple):
 
 
 class Instants(NamedTuple):
-    """Times (T,) and states (T, size) of a run, with accelerations (T, n) where they do not follow from these."""
+    """Times (T,) and states (T, size) of a run, with the modes (T, 2 n) of friction that sticks."""
 
     t: Array
     x: Array
-    qdd: Array | None = None
+    modes: Array | None = None
 
     def first(self, count: int) -> Instants:
         """The first of them."""
-        return Instants(self.t[:count], self.x[:count], None if self.qdd is None else self.qdd[:count])
+        return Instants(self.t[:count], self.x[:count], None if self.modes is None else self.modes[:count])
 
 
 class RunResult(NamedTuple):
@@ -206,20 +205,21 @@ def _torques_and_accelerations(
     plant: Plant, instants: Instants, u: Array | None
 ) -> tuple[Array, Array, Failure | None]:
     """Torques and accelerations of every instant up to the first that is not finite or where M is singular."""
-    t, x, qdd = instants
+    (t, x, modes), n = instants, plant.robot.n
     if not len(t):
-        return np.zeros((0, plant.robot.n)), np.zeros((0, plant.robot.n)), None
+        return np.zeros((0, n)), np.zeros((0, n)), None
     try:
         u = plant.torques_at(t, x) if u is None else u
-        if qdd is None:
-            qdd = plant.all_rates(t, x, u)[:, plant.robot.n : 2 * plant.robot.n]
+        qdd = plant.all_rates(t, x, with_modes(u, modes))[:, n : 2 * n]
+        qdd = qdd if modes is None else np.where(modes[:, :n], qdd, 0.0)
         return plant.drive_torques(t, x, u), qdd, None
     except (NotFiniteError, SingularMassMatrixError) as error:
         k = error.state[0] if error.state else int(np.searchsorted(t, getattr(error, "time", None) or 0.0))
         tau, qdd, _ = _torques_and_accelerations(plant, instants.first(k), None if u is None else u[:k])
         try:
             time = float(t[k])
-            plant.rates(time, x[k], plant.torque(time, x[k]) if u is None else u[k])
+            held = plant.torque(time, x[k]) if u is None else u[k]
+            plant.rates(time, x[k], with_modes(held, None if modes is None else modes[k]))
         except (NotFiniteError, SingularMassMatrixError) as same:  # told with its time
             error = same
         return tau, qdd, Failure(float(t[k]), str(error))
@@ -245,7 +245,7 @@ class Run:
         self.monitor = MethodMonitor(plant, hold, task.method, task.duration, may_change=task.is_auto)
         self.record = Recorder(task.t_eval, len(task.x0))
         known = task.t_eval is not None or (hold is not None and not plant.sticks)  # from the samples
-        self.ends = None if known else Recorder(None, len(task.x0), same=0.0)  # of segments, before what may jump there
+        self.ends = None if known else Recorder(None, len(task.x0))  # of segments, before what may jump there
         self.breaks = sorted({b for b in task.breaks if 0 < b < task.duration}) if hold is None else []
 
     def result(self) -> RunResult:
@@ -396,12 +396,10 @@ class Recorder:
         Times to report; None for the beginnings of segments and the ends of steps.
     size : int
         Length of the state.
-    same : float
-        Relative: times that far before a sample are there.
     """
 
-    def __init__(self, t_eval: Array | None, size: int, same: float = SAME) -> None:
-        self.t_eval, self.size, self.same = t_eval, size, same
+    def __init__(self, t_eval: Array | None, size: int) -> None:
+        self.t_eval, self.size = t_eval, size
         self.parts: list[Instants] = []
         self.asked = 0  # times of `t_eval` that were reported
 
@@ -414,8 +412,8 @@ class Recorder:
         """All of them."""
         if not self.parts:
             return Instants(np.zeros(0), np.zeros((0, self.size)))
-        t, x, qdd = zip(*self.parts, strict=True)
-        return Instants(np.concatenate(t), np.concatenate(x), None if qdd[0] is None else np.concatenate(qdd))
+        t, x, modes = zip(*self.parts, strict=True)
+        return Instants(np.concatenate(t), np.concatenate(x), None if modes[0] is None else np.concatenate(modes))
 
     def begin(self, t: float, x: Array, plant: Plant) -> None:
         """A segment begins."""
@@ -448,13 +446,11 @@ class Recorder:
     def add(self, t: Array, x: Array, plant: Plant) -> None:
         """Instants that follow those before, of which the last gives way if it is not earlier."""
         while self.parts and self.last >= t[0]:
-            before, states, qdd = self.parts.pop()
-            if len(before) > 1:
-                self.parts.append(Instants(before, states, qdd).first(-1))
-        if plant.stuck is not None:
-            x = x.copy()
-            x[:, plant.stuck] = 0.0
-        self.parts.append(Instants(t, x, plant.accelerations_at(t, x, self.same)))
+            before = self.parts.pop()
+            if len(before.t) > 1:
+                self.parts.append(before.first(-1))
+        modes = None if plant.modes is None else np.repeat(plant.modes[None], len(t), axis=0)
+        self.parts.append(Instants(t, plant.reported(x), modes))
 
 
 def _solver(plant: Plant, task: Task, method: str, hold: ZeroOrderHold | None) -> Solver:
@@ -473,6 +469,4 @@ def _solver(plant: Plant, task: Task, method: str, hold: ZeroOrderHold | None) -
         return solver
     if hold is None or hold.traced is None:
         return CompiledSolver(options, plant.kernel)
-    if isinstance(plant, DryPlant):
-        plant.samples = hold.samples
     return SampledSolver(options, plant.kernel, hold)

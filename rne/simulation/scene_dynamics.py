@@ -71,6 +71,13 @@ class SceneDynamics:
     inertia: tuple[float, ...] | None = None
     has_energies: bool = True
 
+    @cached_property
+    def _hash(self) -> int:
+        return hash(tuple(getattr(self, f.name) for f in fields(self)))
+
+    def __hash__(self) -> int:  # several times a run, to find kernels
+        return self._hash
+
     def __getstate__(self) -> dict[str, Any]:
         return {f.name: getattr(self, f.name) for f in fields(self)}
 

@@ -201,11 +201,12 @@ def _with_law(scene: Scene, torque: ArrayLike | TorqueLaw) -> Scene:
 
 def law_breaks(law: Any, further: Sequence[float] = ()) -> list[float]:
     """Instants at which a law's torques jump, and others."""
-    owners = ("controller", law), ("controller.reference", getattr(law, "reference", None))
-    given = [real_array(f"{name}.breaks", getattr(owner, "breaks", ()), "(k,)") for name, owner in owners]
-    of_law = np.concatenate(given).tolist()
-    found: list[float] = []
-    for instant in sorted({*further, *of_law}):
+    owners: dict[str, Any] = {"controller": law, "controller.reference": getattr(law, "reference", None)}
+    given, found = [*further], list[float]()
+    for name, owner in owners.items():
+        if hasattr(owner, "breaks"):
+            given += real_array(f"{name}.breaks", owner.breaks, "(k,)").tolist()
+    for instant in sorted(set(given)):
         if not found or instant - found[-1] > 1e-12 * max(1.0, abs(instant)):  # equal up to rounding
             found.append(float(instant))
     return found
@@ -213,6 +214,8 @@ def law_breaks(law: Any, further: Sequence[float] = ()) -> list[float]:
 
 def _start(name: str, value: ArrayLike, robot: Robot) -> Array:
     array = joint_array(name, value, robot.model)
+    if array.ndim == 1 and array.dtype == np.float64:
+        return array
     return real_array(name, array, f"({robot.n},), one state").astype(np.float64)
 
 

@@ -29,11 +29,11 @@ LOAD = "payload changed"
 GEARS = ("friction under load", "friction by direction", "pre-sliding friction", STRIBECK)  # which sound gears have
 DRIVES = {"Ia": "rotor", "Fv": "viscous friction", "Fc": "Coulomb friction", "tau0": "offset"}  # kinds of symbols
 NOT_ASKED = "the drive of {} has %s of {:.3g}, which was not asked for"
-OF_JOINTS: dict[str, tuple[str, Torques, float]] = {  # kind: text, torque of one joint, scale of the number told
+OF_JOINTS: dict[str, tuple[str, Torques, float]] = {  # kind: text, torque of each joint, scale of the number told
     "rotor": (NOT_ASKED % "a rotor", lambda q, qd, qdd: qdd, 1.0),
     "viscous friction": (NOT_ASKED % "viscous friction", lambda q, qd, qdd: qd, 1.0),
     "Coulomb friction": (NOT_ASKED % "Coulomb friction", lambda q, qd, qdd: np.sign(qd), 1.0),
-    "offset": (NOT_ASKED % "an offset", lambda q, qd, qdd: np.ones(len(qd)), 1.0),
+    "offset": (NOT_ASKED % "an offset", lambda q, qd, qdd: np.ones(qd.shape), 1.0),
     "friction by direction": (
         "viscous friction of {} differs by {:.3g} between both directions",
         lambda q, qd, qdd: np.abs(qd),
@@ -41,7 +41,7 @@ OF_JOINTS: dict[str, tuple[str, Torques, float]] = {  # kind: text, torque of on
     ),
     "spring": (  # slack anywhere, beside an offset
         "something pulls {0} as a spring of {1:.3g} {3} per {2}",
-        lambda q, qd, qdd: q - q.mean(),
+        lambda q, qd, qdd: q - q.mean(0),
         1.0,
     ),
 }
@@ -266,10 +266,11 @@ def units(robot: Robot, j: int) -> tuple[str, str]:
 
 def of_joints(rest: Discrepancy, kinds: Iterable[str]) -> Iterator[Hypothesis]:
     """Torques of single joints, of some kinds."""
-    for kind, (text, torque, scale) in ((kind, OF_JOINTS[kind]) for kind in kinds):
+    for kind, (text, torques, scale) in ((kind, OF_JOINTS[kind]) for kind in kinds):
+        columns = rest.of_each_joint(torques)
         for j, name in enumerate(rest.names):
             numbers = words(text, name, *units(rest.robot, j), scale=scale)
-            yield Hypothesis(kind, rest.column_of(j, torque), numbers, (name,))
+            yield Hypothesis(kind, columns[..., [j]], numbers, (name,))
 
 
 def factors(rest: Discrepancy, torques: Array) -> Iterator[Hypothesis]:
@@ -349,33 +350,33 @@ def delays(rest: FitResiduals) -> Iterator[Hypothesis]:
 
 def joints(rest: FitResiduals) -> Iterator[Hypothesis]:
     """Zeros, gear ratios, springs and gains of torques."""
-    zeros = zero_columns(rest)
+    zeros, ratios = zero_columns(rest), ratio_columns(rest)
     for j, name in enumerate(rest.names):
         zero = words("the zero of {} is off by {:.3g} {}", name, units(rest.robot, j)[0])
         yield Hypothesis("joint zero", zeros[..., [j]], zero, (name,))
         ratio = signed("the gear ratio given for {} is {:.3g} % too {}", "large", "small", name, scale=100)
-        yield Hypothesis("gear ratio", ratio_column(rest, j), ratio, (name,))
+        yield Hypothesis("gear ratio", ratios[..., [j]], ratio, (name,))
     yield from of_joints(rest, ["spring"])
     yield from factors(rest, rest.Y @ rest.x)
 
 
-def ratio_column(rest: FitResiduals, j: int) -> Array:
-    """Measured torques per unit of a joint's gear ratio, to which motions and its torque are proportional."""
-    unit = np.eye(rest.robot.n)[j]  # drives of the joint stay what they are
+def ratio_columns(rest: FitResiduals) -> Array:
+    """Measured torques per unit of each joint's gear ratio, to which motions and its torque are proportional."""
+    steps = np.eye(rest.robot.n)[:, None]  # drives of the joint stay what they are
 
     def torques(k: Array, motion: tuple[Array, ...]) -> Array:
         return np.asarray(k * rest.load(*(k * x for x in motion)))
 
-    return rest.smooth(lambda *motion: slope(lambda h: torques(1 + h * unit, motion)))[..., None]
+    return rest.smooth(lambda *motion: np.moveaxis(slope(lambda h: torques(1 + h * steps, motion)), 0, -1))
 
 
 def changing(rest: FitResiduals) -> Iterator[Hypothesis]:
     """Friction that changes during the log; torques whose zero drifts."""
     ramp = progress(rest) - progress(rest).mean()
     courses = (ramp, ramp**2)
+    terms = [rest.of_each_joint(OF_JOINTS[kind][1]) for kind in ("viscous friction", "Coulomb friction")]
     for j, name in enumerate(rest.names):
-        terms = [rest.column_of(j, OF_JOINTS[kind][1]) for kind in ("viscous friction", "Coulomb friction")]
-        columns = np.concatenate([term * course for term in terms for course in courses], axis=-1)
+        columns = np.concatenate([term[..., [j]] * course for term in terms for course in courses], axis=-1)
         yield Hypothesis("friction changed", columns, words("friction of {} changes during the log", name), (name,))
         drift = np.eye(len(rest.names))[j][:, None] * ramp
         yield Hypothesis("offset drifts", drift, words("the zero of the torque of {} drifts", name), (name,))
@@ -388,17 +389,24 @@ def friction(rest: FitResiduals) -> Iterator[Hypothesis]:
     for j, name in enumerate(rest.names):
         text = words("friction of {} changes by {:.3g} % of its load", name, scale=100)
         yield Hypothesis("friction under load", loads[..., [j]], text, (name,))
-        for share in thresholds.STRIBECK_SPEEDS if rest.fastest[j] > 0 else ():
-            yield stribeck(rest, j, share * rest.fastest[j])
+    for share in thresholds.STRIBECK_SPEEDS:
+        vs = share * rest.fastest
+        columns = stribeck_columns(rest, np.maximum(vs, TINY))
+        for j in np.flatnonzero(vs).tolist():
+            yield stribeck(rest, j, float(vs[j]), columns)
 
 
-def stribeck(rest: FitResiduals, j: int, vs: float) -> Hypothesis:
-    """The Stribeck effect of a joint, of one velocity vs."""
+def stribeck_columns(rest: FitResiduals, vs: Array | float) -> Array:
+    """Torques of the Stribeck effect of each joint, of velocities vs, shape (rows, n, n)."""
+    return rest.of_each_joint(lambda q, qd, qdd: np.sign(qd) * np.exp(-np.abs(qd) / vs))
+
+
+def stribeck(rest: FitResiduals, j: int, vs: float, columns: Array) -> Hypothesis:
+    """The Stribeck effect of a joint, of one velocity vs, among the columns of all."""
     name, (unit, torque) = rest.names[j], units(rest.robot, j)
-    column = rest.column_of(j, lambda q, qd, qdd: np.sign(qd) * np.exp(-np.abs(qd) / vs))
     size = "friction of {0} is {1:.3g} {3} {2} at rest than above {4:.2g} {5}/s"
     text = signed(size, "more", "less", name, torque, 2 * vs, unit)
-    return Hypothesis(STRIBECK, column, text, (name,), vs, len(thresholds.STRIBECK_SPEEDS))
+    return Hypothesis(STRIBECK, columns[..., [j]], text, (name,), vs, len(thresholds.STRIBECK_SPEEDS))
 
 
 def refine(rest: FitResiduals, cause: Cause) -> Cause:
@@ -407,11 +415,12 @@ def refine(rest: FitResiduals, cause: Cause) -> Cause:
 
     j, middle = rest.names.index(cause.joints[0]), np.log(cause.at)
 
-    def loss(log: float) -> float:
-        return -judge(rest, stribeck(rest, j, float(np.exp(log)))).score
+    def judged(log: float) -> Cause:
+        vs = float(np.exp(log))
+        return judge(rest, stribeck(rest, j, vs, stribeck_columns(rest, vs)))
 
-    best = minimize_scalar(loss, bounds=(middle - 1, middle + 1), method="bounded", options={"maxiter": 15}).x
-    return judge(rest, stribeck(rest, j, float(np.exp(best))))
+    bounds, options = (middle - 1, middle + 1), {"maxiter": 15}
+    return judged(minimize_scalar(lambda log: -judged(log).score, bounds=bounds, method="bounded", options=options).x)
 
 
 def derivative_by(rest: FitResiduals, cause: Cause) -> Array:
@@ -422,7 +431,7 @@ def derivative_by(rest: FitResiduals, cause: Cause) -> Array:
         return np.asarray(rest.delay_column * late * of_record[:, None, None])
     j, vs = rest.names.index(cause.joints[0]), cause.at
     size = rest.x[rest.standard.groups["Fs"].start + j]
-    return np.asarray(size / vs * slope(lambda h: columns_of(rest, stribeck(rest, j, (1 + h) * vs))))
+    return np.asarray(size / vs * slope(lambda h: stribeck_columns(rest, (1 + h) * vs)[..., [j]]))
 
 
 # Events during a log
@@ -465,9 +474,9 @@ def payloads(rest: FitResiduals) -> Iterator[Hypothesis]:
 
 def slips(rest: FitResiduals) -> Iterator[Hypothesis]:
     """Another zero of a joint from some time on."""
-    zeros = zero_columns(rest)
+    zeros, times = zero_columns(rest), list(starts(rest))
     for j, name in enumerate(rest.names):
-        for time, on in starts(rest):
+        for time, on in times:
             text = words("the encoder of {} slips by {:.3g} {} near {}", name, units(rest.robot, j)[0], time)
             yield Hypothesis("encoder slip", zeros[..., [j]] * on, text, (name,), alternatives=thresholds.PLACES)
 

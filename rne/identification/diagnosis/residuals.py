@@ -55,10 +55,9 @@ class Discrepancy:
         torques: Array = self.robot.inverse_dynamics(q, qd, qdd, parameters=self.bodies)
         return torques
 
-    def column_of(self, j: int, torque: Torques) -> Array:
-        """The torque of one joint, a function of its q, qd and qdd, as a column, shape (rows, n, 1)."""
-        found = self.sampled(lambda *motion: torque(*(x[:, j] for x in motion)))
-        return np.asarray((found[:, None] * np.eye(self.robot.n)[j])[..., None])
+    def of_each_joint(self, torques: Torques) -> Array:
+        """The torque of each joint, a function of its own q, qd and qdd, as a column, shape (rows, n, n)."""
+        return by_joint(self.sampled(torques)[..., None])
 
     @cached_property
     def of_joint(self) -> Array:

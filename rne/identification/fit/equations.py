@@ -95,10 +95,10 @@ class Equations:
 
 def triangular(rows: Array) -> Array:
     """The triangular factor of a matrix or of several, shape (..., P, P): zero rows where there are few."""
-    width = rows.shape[-1]
-    missing = max(width - rows.shape[-2], 0)
-    padding = [(0, 0)] * (rows.ndim - 2) + [(0, missing), (0, 0)]
-    return np.asarray(np.linalg.qr(np.pad(rows, padding), mode="r"))
+    *shape, count, width = rows.shape
+    if count < width:
+        rows = np.concatenate([rows, np.zeros((*shape, width - count, width))], axis=-2)
+    return np.asarray(np.linalg.qr(rows, mode="r"))
 
 
 def equations(Y: Array, tau: Array, used: Array, blocks: Sequence[slice]) -> Equations:

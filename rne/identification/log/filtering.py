@@ -33,26 +33,34 @@ def low_pass(x: Array, cutoff: float, sample_rate: float, kept: Array | None = N
 
     A Butterworth filter forwards and backwards: the gain is 1 / (1 + (f / cutoff)^8), but for the bilinear transform.
     """
-    from scipy.signal import sosfiltfilt
+    from scipy.signal import sosfilt
 
-    sections = _butterworth(cutoff / sample_rate)
+    sections, settled = _butterworth(cutoff / sample_rate)
     padding = min(settling(cutoff, sample_rate), len(x) - 1)
     rows: Array = np.arange(len(x)) if kept is None else kept
     columns = x.reshape(len(x), -1)
     filtered = np.empty((len(rows), columns.shape[1]))
     width = max(1, BLOCK // len(x))
     for k in range(0, columns.shape[1], width):
-        part = slice(k, k + width)
-        filtered[:, part] = sosfiltfilt(sections, columns[:, part], axis=0, padlen=padding)[rows]
+        part = columns[:, k : k + width]
+        before, after = 2 * part[0] - part[padding:0:-1], 2 * part[-1] - part[-2 : -2 - padding : -1]
+        y = np.concatenate([before, part, after])
+        for _ in range(2):  # forwards, then backwards, from a steady state at the first value
+            y = sosfilt(sections, y, axis=0, zi=settled * y[0])[0][::-1]
+        filtered[:, k : k + width] = y[padding + rows]
     return filtered.reshape(len(rows), *x.shape[1:])
 
 
 @cache
-def _butterworth(cutoff: float) -> Array:
-    """Second-order sections for a cut-off as a part of the sample rate, kept: a design takes longer than a column."""
-    from scipy.signal import butter
+def _butterworth(cutoff: float) -> tuple[Array, Array]:
+    """Second-order sections for a cut-off as a part of the sample rate, and their state at rest at 1, (sections, 2, 1).
 
-    return np.asarray(butter(ORDER, 2 * cutoff, output="sos"))
+    Kept: a design takes longer than a column.
+    """
+    from scipy.signal import butter, sosfilt_zi
+
+    sections = np.asarray(butter(ORDER, 2 * cutoff, output="sos"))
+    return sections, np.asarray(sosfilt_zi(sections))[..., None]
 
 
 def settling(cutoff: float, sample_rate: float) -> int:

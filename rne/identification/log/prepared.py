@@ -110,7 +110,7 @@ class Prepared:
         ]
         return np.concatenate(filtered)
 
-    @property
+    @cached_property
     def times(self) -> Array:
         """Times of the reduced rows, shape (R,) [s]."""
         return np.asarray(self.t[np.concatenate(self._segment_rows)])

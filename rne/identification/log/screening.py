@@ -5,6 +5,7 @@ Times that are not in order, samples that their neighbours contradict, torques t
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -303,10 +304,10 @@ def deviations(x: Array, length: int) -> tuple[Array, Array]:
     """
     count = len(x) - length - 3
     a, b, c, d = (x[k : k + count] for k in (0, 1, 2 + length, 3 + length))
-    ends = np.array([-2.0, -1.0, length, length + 1.0])
+    ends = (-2.0, -1.0, length, length + 1.0)
     smallest, largest, repeats = np.full(count, np.inf), np.zeros(count), np.ones(count, dtype=bool)
     for k in range(length):
-        weights = [np.prod([(k - o) / (e - o) for o in ends if o != e]) for e in ends]  # Lagrange's polynomials
+        weights = [math.prod((k - o) / (e - o) for o in ends if o != e) for e in ends]  # Lagrange's polynomials
         expected = weights[0] * a + weights[1] * b + weights[2] * c + weights[3] * d
         sample = x[2 + k : 2 + k + count]
         off = np.abs(sample - expected)
