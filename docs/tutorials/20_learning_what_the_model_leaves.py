@@ -23,8 +23,8 @@ rng = np.random.default_rng(0)
 # %%
 # Measurements
 # ------------
-# The robot that we measure is a simulated one: with a load, with friction that falls as the
-# motion sets in (Stribeck's effect), and with noise. Only the data below are used later.
+# The robot that we measure is simulated: with a load, with friction that falls as the
+# motion sets in (Stribeck's effect), and with noise.
 
 real = robot.with_payload(3.0, [0.05, 0.0, 0.12], link="link_6")
 strength = np.array([8.0, 10.0, 7.0, 2.0, 2.0, 1.0])  # [N m]
@@ -58,10 +58,8 @@ test = measured()
 # the gradient kernel. The load is a point mass m at c, added to the last body's mass,
 # moments m c and moments of inertia, in the order of ``Robot.parameters``.
 
-model = rne.compile(
-    rne.dynamics.inverse_dynamics, robot.model, engine="numba", parameters=True
-)
-torques = model.to_jax()
+function, options = rne.dynamics.inverse_dynamics, {"parameters": True}
+torques = rne.compile(function, robot.model, engine="numba", **options).to_jax()
 
 
 def with_load(load):
@@ -113,8 +111,7 @@ def step(state, k):
 
 
 zeros = jax.tree.map(jnp.zeros_like, start)
-run = jax.jit(lambda state: jax.lax.scan(step, state, jnp.arange(3000)))
-(found, *_), history = run((start, zeros, zeros))
+(found, *_), history = jax.lax.scan(step, (start, zeros, zeros), jnp.arange(3000))
 print(
     f"loss: {history[0]:.3f} at first, {history[-1]:.5f} at last; noise {0.02**2:.5f}"
 )
@@ -125,8 +122,7 @@ np.testing.assert_allclose(found["load"], [3.0, 0.05, 0.0, 0.12], atol=0.05)
 # %%
 # On a motion that was not learned
 # --------------------------------
-# The root mean squares of what is left [N m], joint by joint: by the model as it was, with
-# the learned load, and with the networks too. The last row is the noise.
+# The root mean squares of what is left [N m], joint by joint.
 
 q, qd, qdd, tau = test
 plain = tau - robot.inverse_dynamics(q, qd, qdd)
@@ -147,7 +143,7 @@ curves, rests = figure.subplots(1, 2)
 speeds = np.linspace(-3, 3, 601)[:, None] * np.ones(6)
 curves.plot(speeds[:, :4], network(found, speeds)[:, :4], label=robot.joint_names[:4])
 curves.plot(speeds[:, :4], friction(speeds)[:, :4], "k:", linewidth=1)
-curves.set(title="friction [N m], true: dotted", xlabel="speed [rad/s]")
+curves.set(title="friction, true: dotted", xlabel="speed [rad/s]", ylabel="[N m]")
 curves.legend(frameon=False)
 for name, rest in rows.items():
     rests.plot(np.linspace(0, 10, 500), rest[:, 1], label=name, linewidth=1)

@@ -437,12 +437,6 @@ class Kernel:
 
         return to_torch(self)
 
-    def related(self, order: str, wrt: Sequence[str]) -> Kernel:
-        """The kernel of a derivative of the same function, or this one."""
-        if (order, tuple(wrt)) == (self.order, self.wrt):
-            return self
-        return Kernel(self.function, self.model, self.fixed, wrt, self.engine, order)
-
     def by_recursion(self, *arguments: Any) -> tuple[Array, PrecisionStatus]:
         """Result and status of states that the program leaves to the function itself, or to its complex steps.
 

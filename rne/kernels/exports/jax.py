@@ -7,19 +7,16 @@ import operator
 from collections.abc import Callable, Sequence
 from functools import partial, reduce
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ...dynamics.quantity import common_leading_shape
 from ..program import Operand, Trace
 from .rules import BACKWARDS, FORWARDS, Rules
 
-if TYPE_CHECKING:
-    from ..kernel import Kernel
-
 MODES = ("reverse", "forward")
 
 
-def to_jax(kernel: Kernel, mode: str) -> Callable[..., Any]:
+def to_jax(kernel: Any, mode: str) -> Callable[..., Any]:
     """See `Kernel.to_jax`."""
     if mode not in MODES:
         raise ValueError(f"`mode` must be one of {list(MODES)}, got {mode!r}")
@@ -40,7 +37,7 @@ def to_jax(kernel: Kernel, mode: str) -> Callable[..., Any]:
     return jax.jit(function)  # type: ignore[no-any-return]
 
 
-def _arrays(kernel: Kernel, arguments: Sequence[Any]) -> tuple[list[Any], Any]:
+def _arrays(kernel: Any, arguments: Sequence[Any]) -> tuple[list[Any], Any]:
     """Arguments of one leading shape, in the dtype to compute in; the dtype of the result, which may be shorter."""
     import jax.numpy as jnp
 
@@ -59,7 +56,7 @@ def _arrays(kernel: Kernel, arguments: Sequence[Any]) -> tuple[list[Any], Any]:
     return [jnp.broadcast_to(a, (*leading, a.shape[-1])).astype(number) for a in arrays], dtype
 
 
-def _with_rules(mode: str, kernel: Kernel, rules: Rules) -> Callable[..., Any]:
+def _with_rules(mode: str, kernel: Any, rules: Rules) -> Callable[..., Any]:
     """The machine code as a function of arrays, with its derivatives by the rules."""
     import jax
 

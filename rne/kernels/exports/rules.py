@@ -10,10 +10,7 @@ from collections.abc import Callable, Sequence
 from functools import cache
 from itertools import accumulate, pairwise
 from math import prod
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from ..kernel import Kernel
+from typing import Any
 
 BACKWARDS, FORWARDS = ("values", "gradient"), ("values", "jacobian")  # orders that have a rule
 
@@ -24,18 +21,19 @@ class Rules:
     `wrap` makes a function of arrays of a kernel and these rules.
     """
 
-    def __init__(self, kernel: Kernel, numbers: Any, wrap: Callable[[Kernel, Rules], Callable[..., Any]]) -> None:
+    def __init__(self, kernel: Any, numbers: Any, wrap: Callable[[Any, Rules], Callable[..., Any]]) -> None:
         self.numbers, self.names = numbers, tuple(kernel.quantity.widths)
         self.ends = [0, *accumulate(kernel.widths[: len(self.names)])]
         shape = kernel.traced.shape[: -1 if kernel.order == "jacobian" else None]
         self.entries = kernel.widths[-1] if kernel.order == "gradient" else prod(shape)  # of f
-        self.of = cache(lambda order: wrap(kernel.related(order, self.names), self))
+        own = kernel.function, kernel.model, kernel.fixed, self.names, kernel.engine
+        self.of = cache(lambda order: wrap(type(kernel)(*own, order), self))
 
-    def apply(self, kernel: Kernel, orders: Sequence[str]) -> bool:
+    def apply(self, kernel: Any, orders: Sequence[str]) -> bool:
         """True if the kernel is of one of these orders, and by all arguments."""
         return kernel.order in orders and kernel.wrt in ((), self.names)
 
-    def backwards(self, kernel: Kernel, arrays: Sequence[Any], slope: Any) -> tuple[Any, ...]:
+    def backwards(self, kernel: Any, arrays: Sequence[Any], slope: Any) -> tuple[Any, ...]:
         """Slopes by each array, of a sum of the kernel's results of which `slope` has those by the results."""
         x, by_weights = arrays[: len(self.names)], list[Any]()
         if kernel.order == "values":
@@ -45,7 +43,7 @@ class Rules:
         found = self.of("hessian_product" if by_weights else "gradient")(*arrays, slope)
         return *(found[..., i:j] for i, j in pairwise(self.ends)), *by_weights
 
-    def forwards(self, kernel: Kernel, x: Sequence[Any], tangents: Sequence[Any]) -> Any:
+    def forwards(self, kernel: Any, x: Sequence[Any], tangents: Sequence[Any]) -> Any:
         """The slope of the kernel's result along tangents, linear in them."""
         along = self.numbers.concatenate(tangents, -1)
         if kernel.order == "values":

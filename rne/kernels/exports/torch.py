@@ -5,15 +5,12 @@ from __future__ import annotations
 import importlib.util
 from collections.abc import Callable
 from functools import reduce
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from .rules import BACKWARDS, Rules
 
-if TYPE_CHECKING:
-    from ..kernel import Kernel
 
-
-def to_torch(kernel: Kernel) -> Callable[..., Any]:
+def to_torch(kernel: Any) -> Callable[..., Any]:
     """See `Kernel.to_torch`."""
     if importlib.util.find_spec("torch") is None:
         raise ImportError("`to_torch` needs PyTorch, which is not installed: see pytorch.org for its installation")
@@ -29,7 +26,7 @@ def to_torch(kernel: Kernel) -> Callable[..., Any]:
     return function
 
 
-def differentiable(kernel: Kernel, rules: Rules) -> Callable[..., Any]:
+def differentiable(kernel: Any, rules: Rules) -> Callable[..., Any]:
     """The kernel as a function of CPU tensors of one leading shape, with its slopes by the rules."""
     import torch
 
