@@ -22,6 +22,7 @@ USES = {  # what in a script shows that it needs an extra
     "identify": r"rne\.identify\(",
     "fastest": r"trajectories\.fastest\(",
     "casadi": "import casadi",
+    "jax": "import jax",
 }
 
 
@@ -30,6 +31,8 @@ def test_tutorial_runs(name, tmp_path, monkeypatch):
     """Without warnings, which are errors here, and without files left in the working folder."""
     if "import casadi" in (FOLDER / f"{name}.py").read_text(encoding="utf-8"):
         pytest.importorskip("casadi", reason="CasADi is not installed, which the tutorial uses")
+    if "import jax" in (FOLDER / f"{name}.py").read_text(encoding="utf-8"):
+        pytest.importorskip("jax", reason="JAX is not installed, which the tutorial is about")
     work = tmp_path / "work"
     work.mkdir()
     monkeypatch.chdir(work)

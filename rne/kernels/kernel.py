@@ -489,6 +489,70 @@ class Kernel:
 
         return to_casadi(self, re.sub(r"\W+", "_", self._title).strip("_") if name is None else name, symbolic)
 
+    def to_jax(self, mode: str = "reverse") -> Callable[..., Any]:
+        """The kernel as a function of JAX, for jit, vmap and derivatives of first and second order.
+
+        By engine "numba", XLA calls machine code on a CPU, and derivatives are kernels of their own, compiled when they
+        are first asked for. By "numpy", and on other devices, it is the program in jax.numpy: every transformation
+        works in both modes, but its compilation takes seconds, that of its derivatives more.
+
+        ==================  =====================  ===========  =========================  ====================
+        machine code        grad, vjp, jacrev      jvp, jacfwd  grad of grad, jacrev of    hessian, other mixes
+                                                                grad
+        ==================  =====================  ===========  =========================  ====================
+        mode="reverse"      by the gradient        no           by Hessian times vector    no
+        mode="forward"      by the Jacobian        yes          by Hessians                yes
+        ==================  =====================  ===========  =========================  ====================
+
+        Parameters
+        ----------
+        mode : {"reverse", "forward"}
+            "reverse" is the faster one for slopes of a loss, "forward" for Jacobians.
+
+        Returns
+        -------
+        callable
+            Of arrays (..., width) in the order of `names`, as a call of the kernel, in their dtype: float32, or float64
+            with JAX's option jax_enable_x64. States that the kernel would refuse or examine, such as those of a
+            singular M or of joint velocities above eps^(-1/4), are NaN.
+
+        Raises
+        ------
+        TypeError, ValueError, ImportError
+            If the kernel is too large to be written out, there is no such mode, or JAX is not installed.
+
+        Examples
+        --------
+        >>> import rne
+        >>> torques = rne.compile(rne.dynamics.gravity_torque, rne.irb140()).to_jax()  # doctest: +SKIP
+        """
+        from .exports.jax import to_jax
+
+        return to_jax(self, mode)
+
+    def to_torch(self) -> Callable[..., Any]:
+        """The kernel as a function of PyTorch, with derivatives of first and second order by further kernels.
+
+        Returns
+        -------
+        callable
+            Of tensors (..., width) on the CPU, float64 or float32, in the order of `names`. The kernel reads and
+            writes their memory, without copies if they are contiguous. Its errors are those of a call.
+
+        Raises
+        ------
+        TypeError, ImportError
+            If the kernel is too large to be written out, or PyTorch is not installed.
+
+        Examples
+        --------
+        >>> import rne
+        >>> torques = rne.compile(rne.dynamics.gravity_torque, rne.irb140()).to_torch()  # doctest: +SKIP
+        """
+        from .exports.torch import to_torch
+
+        return to_torch(self)
+
     def by_recursion(self, *arguments: Any) -> tuple[Array, PrecisionStatus]:
         """Result and status of states that the program leaves to the function itself, or to its complex steps.
 

@@ -188,10 +188,10 @@ def emit_rows(module: ir.Module, trace: Trace, dtype: str) -> ir.Function:
 
 def lanes_library(trace: Trace, lanes: int) -> Library:
     """The program on states side by side: "function" by the interface of loops."""
-    return _library(trace, f"{lanes} lanes", "float64", ("function",), partial(emit_plain, lanes=lanes))
+    return trace_library(trace, f"{lanes} lanes", "float64", ("function",), partial(emit_plain, lanes=lanes))
 
 
-def _library(
+def trace_library(
     trace: Trace, form: str, dtype: str, functions: tuple[str, ...], emit: Callable[[ir.Module, Trace], object]
 ) -> Library:
     """A form of the program. Programs that differ in numbers alone share the object code, with tables of their own."""
@@ -227,7 +227,7 @@ def state_function(trace: Trace) -> Callable[..., Array]:
         emit_state_call(module, plain, trace.widths)
         emit_into(module, plain, trace.widths, trace.shape)
 
-    found = _library(trace, "state", "float64", ("function", "call", "into"), emit)
+    found = trace_library(trace, "state", "float64", ("function", "call", "into"), emit)
     function = from_text(STATE, trace, state=python_function(found))
     function.seconds, function.library = found.seconds, found
     return function  # type: ignore[no-any-return]
@@ -327,7 +327,7 @@ class BatchProgram:
         if dtype not in self._functions:
             with LOCK:
                 if dtype not in self._functions:
-                    found = _library(self.trace, "rows", dtype.name, ("call",), emit)
+                    found = trace_library(self.trace, "rows", dtype.name, ("call",), emit)
                     self.seconds += found.seconds
                     self._functions[dtype] = python_function(found, dtype)
         return self._functions[dtype]
