@@ -190,3 +190,14 @@ def test_kernels_that_are_not_written_out(engine, monkeypatch):
     for q in states(N, seed=2)[:1], states(N, 4, seed=2)[:1]:
         out = np.empty(q[0].shape)
         np.testing.assert_array_equal(kernel.into(*q, out), gravity_torque(MODEL, *q))
+
+
+def test_out_may_be_given_by_name(kernel):
+    q, out = np.linspace(-0.2, 0.3, N), np.empty(N)
+    for _ in range(3):  # compiled at the first call
+        assert kernel.into(q, out=out) is out
+        np.testing.assert_allclose(out, kernel(q), rtol=1e-14)
+        with pytest.raises(TypeError, match="takes q, out; got 3 arrays"):
+            kernel.into(q, out, out=out)
+        with pytest.raises(TypeError, match="keyword argument 'other'"):
+            kernel.into(q, other=out)

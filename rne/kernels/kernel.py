@@ -278,7 +278,7 @@ class Kernel:
             status.raise_or_warn(stacklevel=2)
         return result
 
-    def into(self, *arrays: Array) -> Array:
+    def into(self, *arrays: Array, out: Array | None = None) -> Array:
         """Write the result into an array; with engine "numba" nothing is allocated.
 
         The first call compiles; from then on `kernel.into` is machine code that Python calls directly. States that the
@@ -287,8 +287,10 @@ class Kernel:
         Parameters
         ----------
         *arrays : ndarray
-            The arrays that the function takes, in order, then `out`: float64 in C order, the inputs of shape (..., n)
-            with the same leading axes, `out` of the result's shape and without common memory.
+            The arrays that the function takes, in order, of shape (..., n) with the same leading axes, float64 in C
+            order; then `out`, if it is not given by name.
+        out : ndarray
+            Of the result's shape, float64 in C order, without common memory.
 
         Returns
         -------
@@ -312,10 +314,11 @@ class Kernel:
             from .llvm_backend import into
 
             self.__dict__["into"] = into(self)  # is found before the method
-        return self._checked_into(*arrays)
+        return self._checked_into(*arrays, out=out)
 
-    def _checked_into(self, *arrays: Array) -> Array:
+    def _checked_into(self, *arrays: Array, out: Array | None = None) -> Array:
         """`into` in Python, of one state or many; the caller's caller is warned."""
+        arrays = arrays if out is None else (*arrays, out)
         if len(arrays) != len(self.names) + 1:
             raise TypeError(f"`into` of this kernel takes {', '.join(self.names)}, out; got {len(arrays)} arrays")
         given, out, leading = arrays[:-1], arrays[-1], np.shape(arrays[0])[:-1]

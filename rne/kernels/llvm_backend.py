@@ -237,9 +237,9 @@ def into(kernel: Any) -> Callable[..., Array]:
     """`Kernel.into` in machine code, which leaves all but sound results of right arguments to Python."""
     kept, recipe = weakref.ref(kernel), kernel.__reduce__()  # a cycle would keep machine code until it is looked for
 
-    def otherwise(*arrays: Any) -> Array:
+    def otherwise(*arrays: Any, out: Array | None = None) -> Array:
         make, arguments = recipe
-        return (kept() or make(*arguments))._checked_into(*arrays)  # type: ignore[no-any-return]
+        return (kept() or make(*arguments))._checked_into(*arrays, out=out)  # type: ignore[no-any-return]
 
     return python_function(kernel.state_function.library, name="into", otherwise=otherwise)
 

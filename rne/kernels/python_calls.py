@@ -7,6 +7,7 @@ Arguments of other types than the code was made for are refused: the result is t
 from __future__ import annotations
 
 import ctypes
+import sys
 from collections.abc import Callable, Sequence
 from math import prod
 from typing import Any
@@ -19,6 +20,8 @@ from .object_code import Library
 
 INTEGER, NUMBER, BYTES = ir.IntType(64), ir.DoubleType(), ir.IntType(8).as_pointer()
 FASTCALL = 0x80  # METH_FASTCALL: f(self, arguments, their number)
+KEYWORDS = 0x02  # METH_KEYWORDS: and the names of those at the end that are given by name, or NULL
+OUT = sys.intern("out")
 # What `self` holds, in this order, for comparisons.
 FLOAT64, INT64 = np.dtype("float64"), np.dtype("int64")
 KNOWN = (None, np.ndarray, int, float, np.float64, INT64, FLOAT64)
@@ -39,11 +42,13 @@ def python_function(
     library: Library, dtype: np.dtype[Any] = FLOAT64, name: str = "call", otherwise: Any = None
 ) -> Callable[..., Any]:
     """A function of a library as one of Python's; arrays are of this dtype, and "into" leaves others to `otherwise`."""
-    method = MethodDefinition(name.encode(), library.address[name], FASTCALL, None)
+    flags = FASTCALL | (KEYWORDS if name == "into" else 0)
+    method = MethodDefinition(name.encode(), library.address[name], flags, None)
     make = ctypes.pythonapi.PyCFunction_NewEx
     make.restype, make.argtypes = ctypes.py_object, (ctypes.c_void_p, ctypes.py_object, ctypes.c_void_p)
     # The last two are there to be kept as long as the function.
-    return make(ctypes.addressof(method), (*KNOWN[:-1], dtype, otherwise, library, method), None)  # type: ignore[no-any-return]
+    own = *KNOWN[:-1], dtype, otherwise, OUT, library, method
+    return make(ctypes.addressof(method), own, None)  # type: ignore[no-any-return]
 
 
 class Call:
@@ -51,14 +56,14 @@ class Call:
 
     def __init__(self, module: ir.Module, name: str = "call") -> None:
         self.module = module
-        function = ir.Function(module, ir.FunctionType(BYTES, [BYTES, BYTES, INTEGER]), name)
-        self.own, self.given, self.count = function.args
+        kind = [BYTES, BYTES, INTEGER, *([BYTES] if name == "into" else [])]
+        function = ir.Function(module, ir.FunctionType(BYTES, kind), name)
+        self.own, self.given, self.count, *self.names = function.args
         self.builder = ir.IRBuilder(function.append_basic_block())
         self.refused = function.append_basic_block("refused")
         with self.builder.goto_block(self.refused):
             if name == "into":
-                otherwise, nothing = self.field(self.own, ITEMS + 8 * len(KNOWN)), ir.Constant(BYTES, None)
-                given = otherwise, self.given, self.count, nothing
+                given = self.field(self.own, ITEMS + 8 * len(KNOWN)), self.given, self.count, *self.names
                 self.builder.ret(self.c_function("PyObject_Vectorcall", BYTES, *given))
             else:
                 self.give_object(self.known(None))
@@ -92,6 +97,21 @@ class Call:
             equal = builder.or_(equal, builder.icmp_unsigned("==", a, b))
         following = builder.append_basic_block()
         builder.cbranch(equal, following, self.refused)
+        builder.position_at_end(following)
+
+    def require_out(self, count: int) -> None:
+        """Refuse the call unless there is one argument more than `count`, by name or not; it lies behind the others."""
+        builder, (names,) = self.builder, self.names
+        by_name, by_place, following = (builder.append_basic_block() for _ in range(3))
+        builder.cbranch(builder.icmp_unsigned("==", names, ir.Constant(BYTES, None)), by_place, by_name)
+        builder.position_at_end(by_place)
+        self.require(self.count, count + 1)
+        builder.branch(following)
+        builder.position_at_end(by_name)
+        self.require(self.count, count)
+        self.require(self.field(names, HEAD, INTEGER), 1)
+        self.require(self.field(names, ITEMS), self.field(self.own, ITEMS + 8 * (len(KNOWN) + 1)))
+        builder.branch(following)
         builder.position_at_end(following)
 
     def array(self, array: ir.Value, dtype: object, axes: int) -> tuple[ir.Value, ir.Value, ir.Value]:
@@ -158,7 +178,7 @@ def emit_state_call(module: ir.Module, function: ir.Function, widths: Sequence[i
 def emit_into(module: ir.Module, function: ir.Function, widths: Sequence[int], shape: Sequence[int]) -> None:
     """Add "into" of one float64 vector per argument, followed by `out`, which it returns, all without common memory."""
     call = Call(module, "into")
-    call.require(call.count, len(widths) + 1)
+    call.require_out(len(widths))
     builder, out, ends = call.builder, call.argument(len(widths)), []
     for k, stated in enumerate([shape, *((width,) for width in widths)]):
         array, needed = (out, PLAIN | WRITEABLE) if k == 0 else (call.argument(k - 1), PLAIN)
