@@ -34,7 +34,7 @@ if TYPE_CHECKING:
         identify_payload,
     )
     from .identification.diagnosis.compare_models import ModelComparison, compare_models
-    from .kernels.kernel import compile
+    from .kernels.compilation import compile
     from .model.standard_parameters import DriveModel
     from .plotting.viewer import view
     from .simulation.drive_report import BearingPeaks, DriveReport, bearing_peaks, drives
@@ -57,7 +57,7 @@ else:
             "identification": "Consistency Excitation Identification "
             "excitation identify identify_drive_gains identify_payload",
             "kernels": "",
-            "kernels.kernel": "compile",
+            "kernels.compilation": "compile",
             "model.standard_parameters": "DriveModel",
             "plotting": "",
             "plotting.viewer": "view",

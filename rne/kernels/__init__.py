@@ -6,9 +6,11 @@
 3. An engine runs the program, or source prints it. The engine "numpy" is python_backend (one state as Python floats)
    and numpy_backend (blocks of states in registers); "numba" is llvm_backend (both as machine code: machine_code writes
    LLVM's instructions, object_code compiles them, python_calls lets Python call them if array_layout knows its arrays).
-4. kernel checks the arguments of a call and chooses among these; cache keeps the kernels of a Robot.
+4. kernel checks the arguments of a call and chooses among these; compilation makes kernels, cache keeps those of a
+   Robot, exports leads to other packages.
 """
 
-from .kernel import Kernel, compile, derivative, gradient, hessian, hessian_product
+from .compilation import compile, derivative, gradient, hessian, hessian_product
+from .kernel import Kernel
 
 __all__ = ["Kernel", "compile", "derivative", "gradient", "hessian", "hessian_product"]

@@ -18,7 +18,8 @@ from ..dynamics.forward import forward_dynamics
 from ..dynamics.quantity import Declared, PrecisionStatus
 from ..dynamics.rnea import External, inverse_dynamics
 from ..model.model import Model
-from .kernel import Kernel, compile, derivative, engine_argument, gradient, hessian, hessian_product
+from .compilation import compile, derivative, gradient, hessian, hessian_product
+from .kernel import Kernel, engine_argument
 from .program import NeedsRecursion
 from .scalar import is_traced
 from .trace import by_recursion, wrench_links
