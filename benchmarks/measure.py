@@ -55,9 +55,11 @@ def interleaved(
     return seconds
 
 
-def per_state(calls: Mapping[str, tuple[Callable[[], Any], int]], repeats: int) -> dict[str, list[float]]:
+def per_state(
+    calls: Mapping[str, tuple[Callable[[], Any], int]], repeats: int, clock: Callable[[], float] = time.perf_counter
+) -> dict[str, list[float]]:
     """Seconds per state of calls that each compute a number of states, run in turn."""
-    seconds = interleaved({name: call for name, (call, _) in calls.items()}, repeats)
+    seconds = interleaved({name: call for name, (call, _) in calls.items()}, repeats, clock=clock)
     return {name: [s / calls[name][1] for s in runs] for name, runs in seconds.items()}
 
 

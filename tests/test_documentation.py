@@ -38,6 +38,8 @@ def test_examples_of_a_page_run_and_print_what_it_says(page, tmp_path):
         pytest.importorskip("pinocchio", reason="Pinocchio is not installed, which an example compares with")
     if any("import casadi" in code for code, _ in blocks(page)):
         pytest.importorskip("casadi", reason="CasADi is not installed, which an example uses")
+    if any("import jax" in code for code, _ in blocks(page)):
+        pytest.importorskip("jax", reason="JAX is not installed, in which an example runs")
     program = "".join(f"{code}\nprint({END_OF_BLOCK!r}, end='')\n" for code, _ in blocks(page))
     (tmp_path / "page.py").write_text(program, encoding="utf-8")
     command = [sys.executable, "-W", "error", "page.py"]

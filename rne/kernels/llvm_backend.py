@@ -24,7 +24,7 @@ from ..dynamics.quantity import OK, PrecisionStatus
 from .machine_code import NUMBERS, Emitter
 from .object_code import REGISTER_BITS, Library, library
 from .program import NeedsRecursion, Recursion, Trace, with_table
-from .python_calls import BYTES, FLOAT64, INTEGER, emit_rows_call, emit_state_call, python_function
+from .python_calls import BYTES, FLOAT64, INTEGER, emit_into, emit_rows_call, emit_state_call, python_function
 
 LOGGER = logging.getLogger("rne")
 LOCK = threading.Lock()  # of the compilation of batches: threads of an ensemble ask for the same one at once
@@ -188,10 +188,10 @@ def emit_rows(module: ir.Module, trace: Trace, dtype: str) -> ir.Function:
 
 def lanes_library(trace: Trace, lanes: int) -> Library:
     """The program on states side by side: "function" by the interface of loops."""
-    return _library(trace, f"{lanes} lanes", "float64", ("function",), partial(emit_plain, lanes=lanes))
+    return trace_library(trace, f"{lanes} lanes", "float64", ("function",), partial(emit_plain, lanes=lanes))
 
 
-def _library(
+def trace_library(
     trace: Trace, form: str, dtype: str, functions: tuple[str, ...], emit: Callable[[ir.Module, Trace], object]
 ) -> Library:
     """A form of the program. Programs that differ in numbers alone share the object code, with tables of their own."""
@@ -223,12 +223,25 @@ def state_function(trace: Trace) -> Callable[..., Array]:
     """A function of one float64 vector per argument, as `python_backend.state_function`."""
 
     def emit(module: ir.Module, trace: Trace) -> None:
-        emit_state_call(module, emit_plain(module, trace, 1), trace.widths)
+        plain = emit_plain(module, trace, 1)
+        emit_state_call(module, plain, trace.widths)
+        emit_into(module, plain, trace.widths, trace.shape)
 
-    found = _library(trace, "state", "float64", ("function", "call"), emit)
+    found = trace_library(trace, "state", "float64", ("function", "call", "into"), emit)
     function = from_text(STATE, trace, state=python_function(found))
     function.seconds, function.library = found.seconds, found
     return function  # type: ignore[no-any-return]
+
+
+def into(kernel: Any) -> Callable[..., Array]:
+    """`Kernel.into` in machine code, which leaves all but sound results of right arguments to Python."""
+    kept, recipe = weakref.ref(kernel), kernel.__reduce__()  # a cycle would keep machine code until it is looked for
+
+    def otherwise(*arrays: Any, out: Array | None = None) -> Array:
+        make, arguments = recipe
+        return (kept() or make(*arguments))._checked_into(*arrays, out=out)  # type: ignore[no-any-return]
+
+    return python_function(kernel.state_function.library, name="into", otherwise=otherwise)
 
 
 def fast_call(kernel: Any) -> Callable[..., Array | None]:
@@ -314,7 +327,7 @@ class BatchProgram:
         if dtype not in self._functions:
             with LOCK:
                 if dtype not in self._functions:
-                    found = _library(self.trace, "rows", dtype.name, ("call",), emit)
+                    found = trace_library(self.trace, "rows", dtype.name, ("call",), emit)
                     self.seconds += found.seconds
                     self._functions[dtype] = python_function(found, dtype)
         return self._functions[dtype]

@@ -33,8 +33,8 @@ def host() -> tuple[str, str]:
 
 @functools.cache
 def versions() -> str:
-    """Versions of packages and of the files here, on which object code depends besides program and processor."""
-    files = b"".join(path.read_bytes() for path in sorted(Path(__file__).parent.glob("*.py")))
+    """Versions of packages and of the files here and below, on which object code depends besides the program."""
+    files = b"".join(path.read_bytes() for path in sorted(Path(__file__).parent.rglob("*.py")))
     others = f"llvmlite {llvmlite.__version__} LLVM {binding.llvm_version_info} numpy {np.__version__} {sys.version}"
     return f"{hashlib.sha256(files).hexdigest()} {others} {sys.platform}"
 

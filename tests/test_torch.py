@@ -1,0 +1,59 @@
+"""Kernels as functions of PyTorch: their values and slopes are the kernels' own."""
+
+import numpy as np
+import pytest
+
+import rne
+
+from .quantities import QUANTITIES, arguments_of
+from .random_robots import random_tree
+
+torch = pytest.importorskip("torch", reason="PyTorch is not installed: no extra has it")
+TREE = random_tree(3, seed=4)
+NAMES = ["inverse_dynamics", "forward_dynamics", "mass_matrix", "kinetic_energy"]
+
+
+def tensors(arrays, **options):
+    return [torch.tensor(a, requires_grad=True, **options) for a in arrays]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_values_and_slopes_are_those_of_kernels(name):
+    """The first derivatives along random slopes, and both second ones, by autograd's own differences."""
+    function = QUANTITIES[name]
+    kernel = rne.compile(function, TREE)
+    call, arrays = kernel.to_torch(), arguments_of(function, 3, 4, rate=1.0, acceleration=1.0)
+    x = tensors(arrays)
+    found = call(*x)
+    np.testing.assert_array_equal(found.detach().numpy(), kernel(*arrays))
+    slope = torch.tensor(np.random.default_rng(0).uniform(-1, 1, found.shape))
+    slopes = torch.autograd.grad(found, x, slope)
+    expected = rne.kernels.gradient(function, TREE)(*arrays, slope.numpy().reshape(4, -1))
+    np.testing.assert_array_equal(torch.concatenate(slopes, -1).numpy(), expected)
+    assert torch.autograd.gradcheck(call, x)
+    assert torch.autograd.gradgradcheck(call, x)
+
+
+def test_arrays_are_broadcast_and_shared():
+    kernel = rne.compile(rne.dynamics.inverse_dynamics, TREE)
+    call = kernel.to_torch()
+    q, qd = np.random.default_rng(0).uniform(-1, 1, (2, 5, 2, 3))
+    x = [torch.from_numpy(q).requires_grad_(), torch.from_numpy(qd[0]).requires_grad_(), torch.zeros(3)]
+    found = call(*x)
+    np.testing.assert_array_equal(found.detach(), kernel(q, qd[0], np.zeros(3)))
+    found.sum().backward()
+    assert x[1].grad.shape == (2, 3)
+    each = torch.vmap(torch.func.jacrev(call), (0, None, None))(*x)
+    assert each.shape == (5, 2, 3, 2, 3)
+    single = call(*(a.detach().float() for a in x))
+    assert single.dtype == torch.float32
+
+
+def test_errors_are_those_of_kernels():
+    call = rne.compile(rne.dynamics.inverse_dynamics, TREE).to_torch()
+    with pytest.raises(ValueError, match="`q` must be finite, got nan"):
+        call(*[torch.full((3,), torch.nan)] * 3)
+    hessian = rne.kernels.hessian(rne.dynamics.potential_energy, TREE).to_torch()
+    total = hessian(*tensors([np.zeros(3)]), torch.ones(1)).sum()
+    with pytest.raises(TypeError, match="has no further derivative"):
+        total.backward()
