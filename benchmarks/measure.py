@@ -38,21 +38,28 @@ def is_quick(doc: str | None) -> bool:
     return bool(command_line(doc).parse_args().quick)
 
 
-def interleaved(calls: Mapping[str, Callable[[], Any]], repeats: int, warm_ups: int = 1) -> dict[str, list[float]]:
-    """Seconds of each call, run in turn `repeats` times after the warm-ups."""
+def interleaved(
+    calls: Mapping[str, Callable[[], Any]],
+    repeats: int,
+    warm_ups: int = 1,
+    clock: Callable[[], float] = time.perf_counter,
+) -> dict[str, list[float]]:
+    """Seconds of each call, run in turn `repeats` times after the warm-ups; of the processor by `time.process_time`."""
     seconds: dict[str, list[float]] = {name: [] for name in calls}
     for repeat in range(warm_ups + repeats):
         for name, call in calls.items():
-            start = time.perf_counter()
+            start = clock()
             call()
             if repeat >= warm_ups:
-                seconds[name].append(time.perf_counter() - start)
+                seconds[name].append(clock() - start)
     return seconds
 
 
-def per_state(calls: Mapping[str, tuple[Callable[[], Any], int]], repeats: int) -> dict[str, list[float]]:
+def per_state(
+    calls: Mapping[str, tuple[Callable[[], Any], int]], repeats: int, clock: Callable[[], float] = time.perf_counter
+) -> dict[str, list[float]]:
     """Seconds per state of calls that each compute a number of states, run in turn."""
-    seconds = interleaved({name: call for name, (call, _) in calls.items()}, repeats)
+    seconds = interleaved({name: call for name, (call, _) in calls.items()}, repeats, clock=clock)
     return {name: [s / calls[name][1] for s in runs] for name, runs in seconds.items()}
 
 

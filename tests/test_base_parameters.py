@@ -339,10 +339,11 @@ def test_methods_have_the_defaults_of_the_functions():
 
 
 def test_a_robot_keeps_its_base_parameters():
-    """By value of the options; another robot, and other options, have their own."""
+    """By value of the options, with the robot's own regressor; another robot, and other options, have their own."""
     robot, shaft = loaded("irb140"), [[0, 0, 0, 0, 1, 1]]
     base = robot.base_parameters(drives=rne.DriveModel(rotor=True, coupled_motors=shaft))
     assert base is robot.base_parameters(drives=rne.DriveModel(rotor=True, coupled_motors=np.array(shaft)))
+    assert base.body_regressor == robot.regressor
     assert base is not robot.base_parameters(drives=rne.DriveModel(rotor=True))
     assert base.standard.model is robot.model is not robot.with_payload(1.0).base_parameters().standard.model
     with pytest.raises(ValueError, match="read-only"):

@@ -12,9 +12,12 @@ import rne
 from benchmarks.bounds import ACCELERATION as ACCELERATIONS
 from benchmarks.bounds import RATE as RATES
 from benchmarks.bounds import outside, sampled, searched
-from rne.bounds.articulated import ArticulatedSearch, control_points, functions
+from rne.bounds import branch_and_bound
+from rne.bounds.articulated import ArticulatedSearch, applies, control_points, functions
 from rne.bounds.bounds import (
     UNKNOWN,
+    Bound,
+    Bounds,
     RobotPolynomials,
     about_first_angle,
     entry,
@@ -288,6 +291,12 @@ def test_articulated_pivots_at_a_position_are_those_of_the_matrix(seed):
     holds = search.holds(np.stack([x, x], axis=-1))[0]
     np.testing.assert_array_equal(holds.all(axis=1), values <= search.target)
     np.testing.assert_array_equal(holds.all(axis=1), holds.any(axis=1))
+
+
+def test_articulated_pivots_are_searched_for_the_least_eigenvalue_alone():
+    criterion, box = least_eigenvalue(two_link(), "circle")
+    assert applies(criterion, box)
+    assert not applies(replace(criterion, projection=np.diag([1.0, 0.0])), box)
 
 
 @pytest.mark.parametrize("seed", kept(range(4), [3]))
@@ -630,6 +639,27 @@ def test_work_that_is_too_little_leaves_honest_bounds(arm):
     assert np.isinf(table.mass_eigenvalues.gap[0])
     assert not table.mass_eigenvalues.is_tight[0]
     assert "not proven" in str(table)
+
+
+def test_the_work_is_shared_evenly_by_proofs_that_are_open(monkeypatch):
+    """Each search uses up its share, of 1 of 3 parts, of 1 of 2 that are left, and so on; the widest gap comes first."""
+
+    class Search:
+        def __init__(self, criterion, box, tolerance, clock, upper):
+            self.gap, self.clock, self.cost, self.is_open, self.result = criterion, clock, 0.0, True, []
+
+        def step(self, work):
+            self.clock.work += work
+            self.result.append(work)
+            self.is_open = False
+
+    monkeypatch.setattr(branch_and_bound, "Proof", Search)
+    assert largest([1.0, 3.0, 2.0], None, 0.1, 6.0, Clock()) == [[2.0], [2.0], [2.0]]
+
+
+def test_columns_of_the_table_are_as_wide_as_their_texts():
+    stiffness = Bound(np.array(1.75), np.array(2.25), np.array(2.0), np.zeros(1), 0.5)
+    assert str(Bounds(gravity_stiffness=stiffness)) == " gap   proven  attained\n25 %  <= 2.25         2  norm of dg/dq"
 
 
 def test_bounds_do_not_depend_on_the_speed_of_the_machine(monkeypatch):

@@ -9,6 +9,7 @@ import pytest
 
 import rne
 from rne.identification import thresholds
+from rne.identification.diagnosis.compare_models import states_in_range
 from rne.identification.diagnosis.conventions import conventions
 
 from .faulty_logs import robots
@@ -141,7 +142,16 @@ def test_other_explanations_and_the_share_that_each_leaves_are_told():
     found = rne.compare_models(SCARA, OF_SCARA["gravity sign"])
     assert found.causes == ("gravity sign",)
     assert found.equivalent == ("axis flipped",)
+    assert "\ncannot be told apart from: axis flipped\n" in found.report()
     assert all((share < 1e-9) == c.explains for share, c in zip(found.shares, found.candidates, strict=True))
+
+
+def test_joints_without_limits_are_compared_over_a_turn_and_sliders_over_0_6_m():
+    arm = rne.dh_chain(a=[0, 0], alpha=[0, 0], d=[0, 0], theta=[0, 0], types=["revolute", "prismatic"])
+    q, _, _ = states_in_range(rne.Robot(arm), 0)
+    reach = np.array([np.pi, 0.3])
+    assert (np.abs(q) <= reach).all()
+    assert (np.abs(q).max(axis=0) > 0.9 * reach).all()
 
 
 def test_torques_are_compared_at_states_of_these_rates_and_accelerations(irb140):

@@ -4,6 +4,7 @@ import re
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import nullcontext
 from dataclasses import replace
+from threading import Event
 from types import SimpleNamespace
 
 import numpy as np
@@ -325,6 +326,11 @@ class TestSequentialRun:
         assert e.value.time == 0.0
         assert e.value.trajectory.q.shape[1] == 2
 
+    def test_a_wrong_law_is_named_with_its_start(self, chain):
+        scene = rne.Scene(chain, controller=lambda t, q, qd: q[:1] if q[0] > 1 else q)
+        with pytest.raises(ValueError, match=r"^start 1: `controller` must return"):
+            rne.ensemble(scene, [[0.5, 0], [1.5, 0]], np.zeros((2, 2)), 0.1)
+
 
 class TestLanes:
     """The loop for machine code, its text run by Python, beside NumPy's rows."""
@@ -505,6 +511,19 @@ class TestInterrupt:
         with ThreadPoolExecutor(2) as executor:
             runs = check_interrupt(chain, starts, after=5, executor=executor)
         assert (runs.status == 0).sum() >= 5
+
+    def test_a_thread_ends_at_its_next_report_after_it_is_told_to_stop(self):
+        stop, reported = Event(), []
+
+        def run(chunk, advance):
+            for k in range(3):
+                advance(1)
+                reported.append(k)
+                stop.set()
+
+        with pytest.raises(KeyboardInterrupt):
+            ensembles.run_elsewhere(SimpleNamespace(run=run), None, stop)
+        assert reported == [0]
 
 
 @pytest.mark.parametrize("engine", ["numpy", "numba"])

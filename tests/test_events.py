@@ -44,12 +44,12 @@ def test_the_stops_of_a_mimic_joint_bind():
     parts = [Part(link="base")]
     parts.append(Part(link="a", joint="ja", kind="prismatic", parent=0, axis=X, mass=1.0, lower=-1.0, upper=1.0))
     parts.append(
-        Part(link="b", joint="jb", kind="prismatic", parent=1, axis=X, mass=1.0, upper=0.2, mimic=Mimic(1, 1.0, 0.0))
+        Part(link="b", joint="jb", kind="prismatic", parent=1, axis=X, mass=1.0, upper=0.5, mimic=Mimic(1, 2.0, 0.1))
     )
     robot = rne.Robot(assemble("gripper", parts, gravity=(0, 0, 0)))
     motion = rne.simulate(rne.Scene(robot, stops=True), [0.0], [1.0], 2.0)
     assert motion.t[-1] == pytest.approx(0.2, abs=1e-12)
-    assert motion.message.endswith("'jb' reached its stop at 0.2 at t = 0.2 s")
+    assert motion.message.endswith("'jb' reached its stop at 0.5 at t = 0.2 s")
 
 
 def test_a_start_beyond_a_stop_is_refused():

@@ -193,6 +193,9 @@ def smooth(arm, path):
 def test_smoothing_stays_on_the_path_and_within_limits_and_ends_steps(arm, path, smooth):
     sharp = fastest(arm, path, friction=friction_of(arm), payload=2.0, smoothing=0)
     assert smooth.unsmoothed_duration == sharp.duration < smooth.duration
+    before, after = (sharp(np.array(sharp.breaks[1:-1]) + step)[2] for step in (-1e-9, 1e-9))
+    jumps = np.abs(after - before).max(axis=1)  # between switches accelerations change by far less in 2 ns
+    assert (jumps > 1e-3 * np.abs(sharp(sharp.breaks)[2]).max()).all()
     assert all(share.max() <= 1 + EXCEEDED for share in smooth.shares().values())
     turns = 2 * friction_of(arm).coulomb  # where a joint turns, its friction jumps at any speed
     assert (smooth.steps()[0] < 0.15 * sharp.steps()[0] + turns).all()
@@ -210,6 +213,8 @@ def test_velocities_and_accelerations_are_derivatives_and_stops_are_rests(path, 
     q, qd, _ = smooth([-1.0, smooth.breaks[1], smooth.duration + 1])
     np.testing.assert_allclose(q, path.points[[0, 2, 3]], atol=1e-9)
     np.testing.assert_allclose(qd, 0, atol=1e-9)
+    with pytest.raises(ValueError, match="read-only"):
+        path.points[0, 0] = 1.0
     assert smooth(0.3)[0].shape == (6,)
     assert smooth(np.zeros((5, 1)))[2].shape == (5, 6)
 

@@ -445,6 +445,11 @@ def test_gains_without_damping_are_legal():
         assert ((exact_radius(M, G, kp, np.zeros(2), T) < 1) == (verdict == "stable")).all()
 
 
+def test_sample_times_are_looked_at_up_to_half_a_period_of_the_fastest_mode_of_gravity():
+    M, none = np.eye(2), np.zeros(2)
+    assert LinearLoop(*gravity_modes(M, np.diag([1.0, 400.0]), none, none)).horizon == pytest.approx(np.pi / 20)
+
+
 def random_case(seed):
     """A robot of one to five joints, and gains of any ratio, often lightly damped."""
     rng = np.random.default_rng(seed)

@@ -193,6 +193,7 @@ def test_report_and_check_name_joints_and_parameters(found, motions):
     assert (check.relative < 0.2).all()
     assert repr(found).startswith("Identification(")
     assert repr(check).startswith("Check(motion ")
+    assert f"error at most {100 * check.relative.max():.3g} %" in " ".join(repr(check).split())
 
 
 def test_a_record_of_other_joints_is_no_motion_to_predict(found):

@@ -248,6 +248,7 @@ class Sampler:
     def note(self, samples, states, evaluations):
         self.system.held = samples[2][-1]
         self.count += len(samples[0])
+        self.next = self.period * self.count
 
 
 def test_a_step_from_a_slope_that_is_not_valid_is_left_to_scipy(interpreted):
@@ -257,6 +258,16 @@ def test_a_step_from_a_slope_that_is_not_valid_is_left_to_scipy(interpreted):
     solver.start(system, 0.0, START, 1.0)
     assert len(solver.steps(10).T) == 2
     assert solver.note == "in machine code, 1 step by SciPy"
+
+
+def test_the_torque_of_a_sample_is_told_where_its_first_step_is_left_to_scipy(interpreted):
+    system, answers = Oscillator(with_energy=False), iter([False])
+    system.kernel.address = lambda: lambda *arguments: system.function(*arguments) and next(answers, True)
+    system.held, sampler = np.full(1, 9.0), Sampler(system)
+    solver = SampledSolver(IntegrationOptions("RK45", 1e-6, 1e-9), system.kernel, sampler)
+    solver.start(system, 0.0, START, 1.0)
+    assert len(solver.steps(10).T) == 2
+    assert system.held == -2 * START[0]
 
 
 def test_a_method_is_its_tableau(interpreted, monkeypatch):

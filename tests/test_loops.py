@@ -13,6 +13,9 @@ from .helpers import EPS, relative, states
 from .random_robots import random_tree, straight_chain
 
 pytest.importorskip("numba", reason="Numba is not installed")
+from llvmlite import binding, ir
+
+from rne.kernels.python_calls import RETURNED, emit_loop_call
 
 
 @pytest.fixture(scope="module")
@@ -119,6 +122,13 @@ def beside(x, k):
 @pytest.mark.long
 def test_functions_of_math(kernel):
     assert loops.compiled(beside)(3.0, 3) == beside(3.0, 3)
+
+
+@pytest.mark.parametrize("returned", RETURNED)
+def test_a_call_is_machine_code_for_every_type_of_result(returned):
+    module = ir.Module("call")
+    emit_loop_call(module, "loop", (1, 2.0), returned)
+    binding.parse_assembly(str(module)).verify()
 
 
 def test_a_compiled_text_returns_what_the_text_returns_and_takes_other_kinds_of_arguments(caplog):

@@ -1,5 +1,6 @@
 """The command line."""
 
+import os
 import re
 import shutil
 import subprocess
@@ -12,7 +13,7 @@ import pytest
 
 import examples.thesis.__main__ as thesis
 import rne
-from rne.__main__ import main
+from rne.__main__ import main, parser
 from rne.commands import pages
 from rne.commands.pages import BATCH, FORWARD, INVERSE, NUMPY, ONE, PINOCCHIO, Measured, Way, plot_speed, speed_tables
 from rne.commands.printing import quantities
@@ -183,6 +184,17 @@ def test_usage_names_the_program_as_it_was_called(argv0, name, monkeypatch, caps
     assert capsys.readouterr().out.startswith(f"usage: {name} [")
 
 
+def test_every_argument_of_every_command_is_explained():
+    (commands,) = (action for action in parser()._actions if isinstance(action.choices, dict))
+    unexplained = [
+        (name, action.dest)
+        for name, command in commands.choices.items()
+        for action in command._actions
+        if not action.help
+    ]
+    assert unexplained == []
+
+
 def test_python_dash_m(tmp_path):
     run = subprocess.run(
         [sys.executable, "-m", "rne", "check", IRB140], capture_output=True, text=True, cwd=tmp_path, check=False
@@ -197,6 +209,15 @@ def test_output_that_nobody_reads_is_no_error(tmp_path):
     assert (run.returncode, run.stderr) == (1, "")
 
 
+def test_a_reader_that_is_gone_before_a_short_output_is_noticed(monkeypatch):
+    """Which waits in the buffer until it is flushed."""
+    reader, writer = os.pipe()
+    os.close(reader)
+    with os.fdopen(writer, "w") as gone:
+        monkeypatch.setattr(sys, "stdout", gone)
+        assert main(["check", IRB140]) == 1
+
+
 def test_carried_mass_is_that_of_everything_beyond_the_joint(tree):
     def carried_by(joint):
         beyond = (k for k in range(tree.nb) if tree.parent[k] == joint)
@@ -208,6 +229,7 @@ def test_carried_mass_is_that_of_everything_beyond_the_joint(tree):
 def test_validation_keeps_every_bound_against_pinocchio(irb140):
     source, rows = validate(irb140, samples=50)
     assert source.startswith("Pinocchio")
+    assert "forward dynamics" in {row.quantity for row in rows}
     assert all(row.worst <= row.bound for row in rows)
 
 

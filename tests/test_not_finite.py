@@ -21,6 +21,7 @@ from rne.kernels.python_backend import state_function
 from rne.kernels.scalar import inputs, references
 from rne.kernels.source import Printable, to_source
 
+from .compiled_sources import call, rust_library
 from .helpers import kept
 from .random_robots import straight_chain
 
@@ -177,6 +178,14 @@ def test_printed_c(many, tmp_path):
     check(found, expected)
 
 
+@pytest.mark.skipif(shutil.which("rustc") is None, reason="there is no Rust compiler here")
+def test_printed_rust(many, tmp_path):
+    trace, expected = many
+    types = [f"&[f64; {WIDTH}]", f"&mut [f64; {trace.entries}]"]
+    library = rust_library([printed(trace, "rust")], tmp_path, {"law": types})
+    check(call(library.c_law, [POINTS], trace.entries, "float64"), expected)
+
+
 @pytest.mark.skipif(shutil.which("octave-cli") is None, reason="GNU Octave is not here")
 def test_printed_matlab(many, tmp_path):
     trace, expected = many
@@ -224,6 +233,7 @@ LAWS = {
     "0/0 of constants": lambda t, q, qd: (q - q) / (qd - qd),
     "0/0 at the start": lambda t, q, qd: 0 * q / q,
     "0 times what is infinite at the start": lambda t, q, qd: 0 * (1 / q) + qd,
+    "0 times a sum with a term that is infinite at the start": lambda t, q, qd: 0 * (1 / q + qd) + qd,
     "a difference of two that are infinite": lambda t, q, qd: 1 / abs(q) - 2 / abs(q) - qd,
 }
 

@@ -13,12 +13,14 @@ import rne
 from rne.__main__ import main
 from rne.commands.printing import LANGUAGES, quantities
 from rne.kernels.graph import Graph
-from rne.kernels.program import Trace, lower
+from rne.kernels.program import Instruction, Operand, Program, Trace, lower
 from rne.kernels.scalar import inputs, references
 from rne.kernels.source import LANGUAGES as PRINTED
-from rne.kernels.source import Printable, harmless, to_source
+from rne.kernels.source import Printable, harmless, most_alive, to_source
 
-from .helpers import states
+from .compiled_sources import ARMS, TREES, c_library, call, check_all, kernels, model_of
+from .helpers import kept, states
+from .random_robots import random_tree
 
 SAME = 1e-13  # of the largest entry: another order of a few operations
 NAMES = ("inverse_dynamics", "mass_matrix", "forward_dynamics", "kinetic_energy")
@@ -94,22 +96,38 @@ def test_printed_matlab_is_the_kernel_in_octave(kernel, tmp_path):
     same([[float(x) for x in line.split()] for line in run.stdout.strip().splitlines()], kernel, arguments)
 
 
-@pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler here")
-def test_printed_c_is_the_kernel(kernel, tmp_path):
-    import ctypes
+WITH_CC = pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler here")
 
-    (tmp_path / "kernel.c").write_text(kernel.source("c"))
-    library = tmp_path / "kernel.so"
-    subprocess.run(["cc", "-O1", "-shared", "-fPIC", "-o", library, tmp_path / "kernel.c", "-lm"], check=True)
-    function = getattr(ctypes.CDLL(str(library)), kernel.quantity.name)
+
+@WITH_CC
+def test_printed_c_is_the_kernel(kernel, tmp_path):
+    library = c_library([kernel.source("c")], tmp_path)
     arguments = values(kernel)
-    pointer = ctypes.POINTER(ctypes.c_double)
-    results = []
-    for k in range(3):
-        out = np.zeros(kernel.traced.shape)
-        function(*(np.ascontiguousarray(x).ctypes.data_as(pointer) for x in (*(a[k] for a in arguments), out)))
-        results.append(out)
-    same(results, kernel, arguments)
+    same(call(library[kernel.quantity.name], arguments, kernel.traced.entries, "float64"), kernel, arguments)
+
+
+@WITH_CC
+@pytest.mark.parametrize(
+    ("name", "dtype"), kept([(k, d) for k in (*TREES, *ARMS) for d in ("float64", "float32")], [("pair", "float32")])
+)
+def test_every_quantity_and_its_derivatives_in_c(name, dtype, tmp_path):
+    model = model_of(name)
+    made = kernels(model)
+    library = c_library([kernel.source("c", dtype=dtype) for kernel in made], tmp_path)
+    check_all(model, made, library.__getitem__, dtype)
+
+
+@WITH_CC
+def test_gradients_and_hessians_in_c(tmp_path):
+    model = random_tree(**TREES["pair"])
+    makers = rne.kernels.gradient, rne.kernels.hessian, rne.kernels.hessian_product
+    made = [make(rne.dynamics.gravity_torque, model) for make in makers]
+    names = [f"{title}_of_gravity_torque_by_q" for title in ("gradient", "Hessian", "Hessian_times_a_vector")]
+    library = c_library([kernel.source("c") for kernel in made], tmp_path)
+    arrays = np.random.default_rng(5).uniform(-1, 1, (3, 4, model.n))
+    for kernel, name in zip(made, names, strict=True):
+        given = arrays[: len(kernel.names)]
+        same(call(library[name], given, kernel.traced.entries, "float64"), kernel, given)
 
 
 @pytest.fixture(scope="module")
@@ -123,8 +141,8 @@ def every_operation():
     outputs[:] = parts
     program = lower(graph, references(graph, outputs), 2)
 
-    def printed(language):
-        return to_source(Printable(Trace(program, (2,), (len(parts),)), "every", ("a",), ["all"]), language)
+    def printed(language, dtype="float64"):
+        return to_source(Printable(Trace(program, (2,), (len(parts),)), "every", ("a",), ["all"]), language, dtype)
 
     points = np.array([[0.7, -1.5], [-1.5, 0.7], [2.0, 2.0], [-0.3, -0.4]])
     x, y = points.T
@@ -144,19 +162,13 @@ class TestEveryOperation:
         printed, points, expected = every_operation
         np.testing.assert_allclose(namespace(printed("numpy"))["every"](points), expected, rtol=SAME)
 
-    @pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler here")
-    def test_in_c(self, every_operation, tmp_path):
-        import ctypes
-
+    @WITH_CC
+    @pytest.mark.parametrize("dtype", ["float64", "float32"])
+    def test_in_c(self, every_operation, dtype, tmp_path):
         printed, points, expected = every_operation
-        (tmp_path / "every.c").write_text(printed("c"))
-        library = tmp_path / "every.so"
-        subprocess.run(["cc", "-shared", "-fPIC", "-o", library, tmp_path / "every.c", "-lm"], check=True)
-        function, pointer = ctypes.CDLL(str(library)).every, ctypes.POINTER(ctypes.c_double)
-        for point, row in zip(points, expected, strict=True):
-            out = np.zeros(expected.shape[1])
-            function(*(x.ctypes.data_as(pointer) for x in (point, out)))
-            np.testing.assert_allclose(out, row, rtol=SAME)
+        library = c_library([printed("c", dtype)], tmp_path)
+        got = call(library.every, [points], expected.shape[1], dtype)
+        np.testing.assert_allclose(got, expected.astype(dtype), rtol=8 * np.finfo(dtype).eps)
 
     @pytest.mark.skipif(shutil.which("octave-cli") is None, reason="GNU Octave is not here")
     def test_in_octave(self, every_operation, tmp_path):
@@ -178,12 +190,12 @@ def test_names_of_python_are_imported_where_they_are_used():
 
 def test_another_language_is_refused(irb140):
     with pytest.raises(
-        ValueError, match=r"^`language` must be one of \['python', 'numpy', 'matlab', 'c'\], got 'fortran'$"
+        ValueError, match=r"^`language` must be one of \['python', 'numpy', 'matlab', 'c', 'rust'\], got 'fortran'$"
     ):
         irb140.kernel(rne.dynamics.mass_matrix).source("fortran")
 
 
-COMMENTS = {"python": "#", "numpy": "#", "matlab": "%", "c": "/*"}
+COMMENTS = {"python": "#", "numpy": "#", "matlab": "%", "c": "/*", "rust": "//"}
 
 
 def code_and_comments(text, language):
@@ -222,7 +234,7 @@ def test_no_name_can_leave_its_comment(irb140, language):
         )
         code, comments = code_and_comments(rne.compile(rne.dynamics.gravity_torque, renamed).source(language), language)
         assert code == plain
-        text = " ".join(line.removeprefix("/* ").removesuffix(" */").lstrip("#% ") for line in comments)
+        text = " ".join(line.removeprefix("/* ").removesuffix(" */").lstrip("#%/ ") for line in comments)
         assert re.fullmatch(r"[A-Za-z0-9_.+ ,<>^-]*", text), text
 
 
@@ -233,7 +245,66 @@ def test_heading_names_robot_joints_and_units(irb140):
         "# Joints in order - 1 joint_1, 2 joint_2, 3 joint_3, 4 joint_4, 5 joint_5, 6 joint_6",
         "# Units - q rad, qd rad/s, qdd rad/s^2",
         "# Unit of the result - N m",
+        "# Operations - 61 add, 5 cos, 159 multiply, 5 sin, 50 subtract",
     ]
+
+
+def test_heading_of_c_says_what_a_worst_case_needs(irb140):
+    """No loop and no branch: the operations are those of every call. Values of single precision take half the bytes."""
+    kernel = irb140.kernel(rne.dynamics.inverse_dynamics)
+    stated = [["No loop, no allocation, no branch", f"Stack - 51 values at once at most in this order, {size} bytes, besides saved registers"]
+              for size in (408, 204)]  # fmt: skip
+    for dtype, expected in zip(("float64", "float32"), stated, strict=True):
+        for language, around in {"c": "/* {} */", "rust": "// {}"}.items():
+            _, comments = code_and_comments(kernel.source(language, dtype=dtype), language)
+            assert comments[5:7] == [around.format(text) for text in expected]
+
+
+def test_values_are_kept_from_their_instruction_to_their_last_reader():
+    x, a, b, c = (Operand("input", 0), *(Operand("result", k) for k in range(3)))
+    steps = Instruction("sin", (x,)), Instruction("cos", (x,)), Instruction("add", (a, b))
+    assert most_alive(Program(steps, (c,), 1)) == 2  # the sum takes a place of its operands
+    assert most_alive(Program(steps, (a, c), 1)) == 2
+    assert most_alive(Program(steps, (a, b, c), 1)) == 3
+    assert most_alive(Program((), (x,), 1)) == 0
+
+
+def test_heading_of_choices_names_them(every_operation):
+    printed, _, _ = every_operation
+    assert "No loop, no allocation, choices in minimum, maximum, sign, less, less_equal, where alone" in printed("c")
+
+
+def test_operations_that_only_the_check_of_m_needs_are_not_printed():
+    kernel = rne.compile(rne.dynamics.articulated_forward_dynamics, random_tree(**TREES["pair"]))
+    counted = re.search(r"Operations - (.*)", kernel.source("python"))[1]
+    assert sum(map(int, re.findall(r"\d+", counted))) < sum(kernel.operations.values())
+
+
+def test_constants_are_the_nearest_of_single_precision():
+    third = rne.compile(rne.traceable(lambda_times(1 / 3)), rne.irb140())
+    assert "result[0] = (0.33333334f * q[0]);" in third.source("c", dtype="float32")
+    assert "result[0] = (0.33333334 * q[0]);" in third.source("rust", dtype="float32")
+    huge = rne.compile(rne.traceable(lambda_times(1e300)), rne.irb140())
+    with pytest.raises(
+        ValueError,
+        match=r"^`dtype` must be 'float64': the program has the constant 1e\+300, which float32 cannot hold$",
+    ):
+        huge.source("c", dtype="float32")
+
+
+def lambda_times(factor):
+    def times(q):
+        return factor * q
+
+    return times
+
+
+@pytest.mark.parametrize("language", ["python", "numpy", "matlab"])
+def test_single_precision_is_of_c_and_rust(irb140, language):
+    with pytest.raises(
+        ValueError, match=rf"^`dtype` of language '{language}' must be one of \['float64'\], got 'float32'$"
+    ):
+        irb140.kernel(rne.dynamics.gravity_torque).source(language, dtype="float32")
 
 
 def test_heading_says_on_which_links_wrenches_act(irb140):
@@ -257,7 +328,7 @@ def test_no_name_of_a_link_can_leave_its_comment(irb140, language):
         text = rne.compile(rne.dynamics.bias_torque, renamed, external=names).source(language)
         code, comments = code_and_comments(text, language)
         assert code == plain
-        text = " ".join(line.removeprefix("/* ").removesuffix(" */").lstrip("#% ") for line in comments)
+        text = " ".join(line.removeprefix("/* ").removesuffix(" */").lstrip("#%/ ") for line in comments)
         assert re.fullmatch(r"[A-Za-z0-9_.+ ,<>^/-]*", text), text
 
 
@@ -274,6 +345,8 @@ def test_heading_of_sliding_joints_has_their_units():
         "% Units of rotating joints 2 - q rad",
         "% Units of sliding joints 1, 3 - q m",
         "% Unit of the result - kg or kg m or kg m^2",
+        "% Operations - 26 add, 1 cos, 57 multiply, 1 sin, 19 subtract",
+        "% Save as mass_matrix.m",
     ]
     units = [kernel.source("c", element).splitlines()[4] for element in ("m11", "m12", "m22", "m31")]
     assert units == [f"/* Unit of the result - {unit} */" for unit in ("kg", "kg m", "kg m^2", "kg")]
@@ -301,6 +374,10 @@ def test_heading_of_many_joints_is_wrapped_and_of_none_says_so():
 def test_command_line_prints_source_or_says_why_not(capsys):
     assert main(["source", "irb140", "--quantity", "mass_matrix", "--language", "matlab"]) == 0
     assert capsys.readouterr().out.startswith("function result = mass_matrix(q)\n")
+    assert main(["source", "irb140", "--element", "g4", "--language", "rust", "--dtype", "float32"]) == 0
+    assert "\npub fn g4(q: &[f32; 6], result: &mut [f32; 1]) {\n" in capsys.readouterr().out
+    assert main(["source", "irb140", "--dtype", "float32"]) == 2
+    assert capsys.readouterr().err == "error: --dtype of language 'python' must be one of ['float64'], got 'float32'\n"
     assert main(["source", "nobody"]) == 2
     assert capsys.readouterr().err == "error: 'nobody' is neither a file nor one of rne.robots()\n"
     assert tuple(PRINTED) == LANGUAGES

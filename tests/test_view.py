@@ -281,6 +281,8 @@ class TestRecording:
         shapes = nodes(messages, "CylinderMessage") + nodes(messages, "BoxMessage")
         for group in ("robot", "other"):
             assert sum(name.startswith(f"/{group}/") for name in shapes) == len(irb140.model.shapes)
+        scales = [m["props"]["scale"] for _, m in messages if m["type"] in ("CylinderMessage", "BoxMessage")]
+        assert min(scales) == 1 < max(scales) < 1.01  # where both motions agree, the other one is just outside
         assert sorted(nodes(messages, "ArrowMessage")) == [f"/joint axes/link_{i}/joint_{i}" for i in range(1, 7)]
         assert {f"/link frames/{link}/axes" for link in irb140.link_names} <= set(frames)
         assert "/floor" in nodes(messages, "GridMessage")
@@ -384,6 +386,8 @@ class TestRecording:
     def test_the_camera_sees_all_points(self, aspect):
         points = np.random.default_rng(0).uniform([-1, -2, 0], [0.5, 1, 3], (200, 3))
         target, away = aim(points)
+        moved = aim(points + [5, -3, 2])
+        np.testing.assert_allclose(moved, (target + [5, -3, 2], away), rtol=1e-12)  # rounding
         position, side = target + away / min(aspect, 1), away / np.linalg.norm(away)
         right = np.cross([0, 0, 1], side)
         right /= np.linalg.norm(right)

@@ -64,7 +64,7 @@ GROUPS = {
     },
     "Scene": {
         "Dynamics": "n inverse_dynamics forward_dynamics",
-        "The kernel": "kernel is_traced traced_samples cost",
+        "The kernel": "kernel is_traced traced_samples cost to_casadi",
     },
 }
 FEWEST = 3  # members that make a list worth its lines

@@ -6,6 +6,7 @@ import argparse
 import inspect
 import io
 import os
+import re
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from .shared import ROBOT, CommandError, add_parser, check_folder, fail, in_one_
 FIRST = 4096  # bytes that are looked at
 MARK = 8  # bytes that may precede "<": the mark of an encoding
 FOLDER = Path("rne-report")
-LANGUAGES = ("python", "numpy", "matlab", "c")
+LANGUAGES, TYPES = ("python", "numpy", "matlab", "c", "rust"), ("float64", "float32")
 
 
 def quantities() -> list[str]:
@@ -83,7 +84,7 @@ def run_urdf(arguments: argparse.Namespace) -> int:
 
 def add_source(commands: Any) -> None:
     """Register `rne source`."""
-    title, example = "print a quantity as C, MATLAB, Python or NumPy code", "rne source irb140 --language c > tau.c"
+    title, example = "print a quantity as C, Rust, MATLAB, Python or NumPy", "rne source irb140 --language c > tau.c"
     parser = add_parser(commands, "source", title, example, run_source)
     parser.add_argument("robot", metavar="ROBOT", help=ROBOT)
     choices = quantities()
@@ -92,6 +93,7 @@ def add_source(commands: Any) -> None:
     element = "one entry alone: m23 of M, c3 of C q', g2 of g, tau4, h1, qdd5; joints from 1, m2_13 beyond nine"
     parser.add_argument("--element", metavar="ELEMENT", help=element)
     parser.add_argument("--language", default="python", choices=LANGUAGES, help="(default: python)")
+    parser.add_argument("--dtype", default="float64", choices=TYPES, help="numbers of C and Rust (default: float64)")
 
 
 def run_source(arguments: argparse.Namespace) -> int:
@@ -105,9 +107,9 @@ def run_source(arguments: argparse.Namespace) -> int:
         if arguments.element is not None and arguments.quantity is None:
             quantity = quantity_of_element(arguments.element)
         kernel = rne.load(arguments.robot).kernel(getattr(rne.dynamics, quantity))
-        text = kernel.source(arguments.language, arguments.element)
+        text = kernel.source(arguments.language, arguments.element, arguments.dtype)
     except (rne.RneError, ValueError, TypeError) as error:  # TypeError: the kernel is too large to be written out
-        raise CommandError(str(error).replace("`element`", "--element")) from error
+        raise CommandError(re.sub("`(element|dtype)`", r"--\1", str(error))) from error
     print(text, end="")
     return 0
 

@@ -169,23 +169,23 @@ def check_folder(folder: Path) -> None:
     raise CommandError(f"--out: cannot write into {str(folder)!r}: {reason}")
 
 
-def check_file(file: Path | None, suffixes: Sequence[str] = ()) -> None:
+def check_file(file: Path | None, option: str = "--out", suffixes: Sequence[str] = ()) -> None:
     """Refuse a file that cannot be written; the file itself is not touched."""
     if file is None:
         return
     if file.is_dir():
-        raise CommandError(f"--out: {str(file)!r} is a folder, not a file")
+        raise CommandError(f"{option}: {str(file)!r} is a folder, not a file")
     if suffixes and file.suffix.lower() not in suffixes:
-        raise CommandError(f"--out: must end in {' or '.join(suffixes)}, got {str(file)!r}")
+        raise CommandError(f"{option}: must end in {' or '.join(suffixes)}, got {str(file)!r}")
     if not file.parent.is_dir():
-        raise CommandError(f"--out: there is no folder {str(file.parent)!r}")
+        raise CommandError(f"{option}: there is no folder {str(file.parent)!r}")
     try:
         if file.exists():
             file.open("ab").close()
         else:
             tempfile.TemporaryFile(dir=file.parent).close()
     except OSError as error:
-        raise CommandError(f"--out: cannot write {str(file)!r}: {error.strerror}") from None
+        raise CommandError(f"{option}: cannot write {str(file)!r}: {error.strerror}") from None
 
 
 def say(line: str) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 
 HEAD = object.__basicsize__  # ends with the type
 DATA, AXES, SHAPE, STRIDES, DTYPE, FLAGS = (HEAD + k for k in (0, 8, 16, 24, 40, 48))
-CONTIGUOUS, ALIGNED = 0x1, 0x100  # NPY_ARRAY_C_CONTIGUOUS, NPY_ARRAY_ALIGNED
+CONTIGUOUS, ALIGNED, WRITEABLE = 0x1, 0x100, 0x400  # NPY_ARRAY_C_CONTIGUOUS, NPY_ARRAY_ALIGNED, NPY_ARRAY_WRITEABLE
 PLAIN = CONTIGUOUS | ALIGNED
 ITEMS = tuple.__basicsize__
 TUPLES = 1 << 26  # Py_TPFLAGS_TUPLE_SUBCLASS
@@ -27,7 +27,8 @@ def is_known() -> bool:
     if sysconfig.get_config_var("Py_GIL_DISABLED") or np.ndarray.__basicsize__ < FLAGS + 4:
         return False
     a, misaligned = np.arange(24.0).reshape(4, 6), np.zeros(17, np.uint8)[1:].view(np.float64)
-    arrays = a, a[1:, ::2], a.T, a[0], a.reshape(2, 3, 4), np.arange(3), a.astype(np.float32), misaligned
+    arrays = a, a[1:, ::2], a.T, a[0], a.reshape(2, 3, 4), np.arange(3), a.astype(np.float32), misaligned, a[1]
+    arrays[-1].flags.writeable = False
     items = [len(arrays), *map(id, arrays)]
     is_tuple = [_at(id(arrays) + HEAD), *(_at(id(arrays) + ITEMS + 8 * k) for k in range(len(arrays)))] == items
     return is_tuple and bool(tuple.__flags__ & TUPLES) and all(map(_reads_right, arrays))
@@ -43,7 +44,10 @@ def _reads_right(a: Any) -> bool:
     found = [_at(id(a) + offset) for offset in (HEAD - 8, DATA, DTYPE)]
     axes, flags = (_at(id(a) + offset, ctypes.c_int32) for offset in (AXES, FLAGS))
     expected = [id(np.ndarray), a.ctypes.data, id(a.dtype)]
-    is_flat = flags & PLAIN == CONTIGUOUS * a.flags.c_contiguous + ALIGNED * a.flags.aligned
-    if found != expected or axes != a.ndim or not is_flat or strides - shape != 8 * a.ndim:  # NumPy has both in a row
+    stated = CONTIGUOUS * a.flags.c_contiguous + ALIGNED * a.flags.aligned + WRITEABLE * a.flags.writeable
+    is_flagged = flags & (PLAIN | WRITEABLE) == stated
+    if (
+        found != expected or axes != a.ndim or not is_flagged or strides - shape != 8 * a.ndim
+    ):  # NumPy has both in a row
         return False
     return [_at(shape + 8 * k) for k in range(2 * a.ndim)] == [*a.shape, *a.strides]

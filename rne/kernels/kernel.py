@@ -31,7 +31,7 @@ from ..model.model import Model, joint_array, model_argument
 from . import array_layout
 from .differentiation import ORDERS
 from .graph import TooLarge
-from .numpy_backend import BlockProgram, check_out
+from .numpy_backend import BlockProgram, check_array, check_out
 from .program import NeedsRecursion, Recursion, Trace, evaluate
 from .python_backend import state_function
 from .scalar import is_traced
@@ -278,6 +278,59 @@ class Kernel:
             status.raise_or_warn(stacklevel=2)
         return result
 
+    def into(self, *arrays: Array, out: Array | None = None) -> Array:
+        """Write the result into an array; with engine "numba" nothing is allocated.
+
+        The first call compiles; from then on `kernel.into` is machine code that Python calls directly. States that the
+        program refuses are computed by the function, with its errors and warnings.
+
+        Parameters
+        ----------
+        *arrays : ndarray
+            The arrays that the function takes, in order, of shape (..., n) with the same leading axes, float64 in C
+            order; then `out`, if it is not given by name.
+        out : ndarray
+            Of the result's shape, float64 in C order, without common memory.
+
+        Returns
+        -------
+        ndarray
+            `out`. After an error its content is undefined.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If an array is missing, or is not as above: none is copied.
+
+        Examples
+        --------
+        >>> import numpy as np, rne
+        >>> kernel = rne.compile(rne.dynamics.gravity_torque, rne.irb140())
+        >>> q, out = np.zeros(6), np.empty(6)
+        >>> kernel.into(q, out) is out
+        True
+        """
+        if self.is_unrolled and self.engine == "numba":
+            from .llvm_backend import into
+
+            self.__dict__["into"] = into(self)  # is found before the method
+        return self._checked_into(*arrays, out=out)
+
+    def _checked_into(self, *arrays: Array, out: Array | None = None) -> Array:
+        """`into` in Python, of one state or many; the caller's caller is warned."""
+        arrays = arrays if out is None else (*arrays, out)
+        if len(arrays) != len(self.names) + 1:
+            raise TypeError(f"`into` of this kernel takes {', '.join(self.names)}, out; got {len(arrays)} arrays")
+        given, out, leading = arrays[:-1], arrays[-1], np.shape(arrays[0])[:-1]
+        for name, array, width in zip(self.names, given, self.widths, strict=True):
+            check_array(name, array, (*leading, width), FLOAT64)
+        result, status = self.evaluate(*given, out=out if leading else None)
+        if status is not OK:
+            status.raise_or_warn(stacklevel=3)
+        if not leading:
+            check_out(out, np.shape(result), FLOAT64, self.names, given)[...] = result
+        return out
+
     def evaluate(
         self, *arguments: Any, out: Array | None = None, workers: int = ALONE
     ) -> tuple[Array, PrecisionStatus]:
@@ -335,27 +388,32 @@ class Kernel:
         inputs = np.concatenate(states, axis=-1).reshape(prod(leading), -1)
         return evaluate(self.traced.program, self.traced.entries, inputs).reshape(leading + self.traced.shape)
 
-    def source(self, language: str = "python", element: str | None = None) -> str:
+    def source(self, language: str = "python", element: str | None = None, dtype: str = "float64") -> str:
         """The kernel as source text of a function of one state; it does not check its arguments, nor M's pivots.
 
         Parameters
         ----------
-        language : {"python", "numpy", "matlab", "c"}
-            MATLAB runs in Octave too; "numpy" takes batches.
+        language : {"python", "numpy", "matlab", "c", "rust"}
+            MATLAB runs in Octave too; "numpy" takes batches. Rust is of edition 2021, needs `core` alone, and calls
+            sin, cos, ... of libm.
         element : str, optional
             One entry alone, as in the thesis's appendix C, with the operations that it needs: "m23" of M, "c3" of
             C q', "g2" of g, "tau4" of inverse dynamics, "h1" of bias torques, "qdd5" of forward dynamics. Joints are
             counted from 1; beyond nine, "m2_13".
+        dtype : {"float64", "float32"}
+            Of arguments, constants and results; "float32" in C and Rust.
 
         Returns
         -------
         str
-            With the robot, the order of its joints and the units in a comment at the head.
+            With the robot, the order of its joints, the units and the operations in a comment at the head, in C and
+            Rust with the memory that the numbers take.
 
         Raises
         ------
         ValueError
-            For any other language, or an entry that the quantity does not have.
+            For any other language or dtype, an entry that the quantity does not have, or a constant that float32 cannot
+            hold.
         TypeError
             If the kernel is too large to be written out.
 
@@ -371,7 +429,68 @@ class Kernel:
             entry = entry_of_element(element, name, traced.shape)
             traced, title = trace(self.quantity, self.model, self._rest, self.wrt, entry, self.order), element
         lines = heading(self.model, name, self.names, entry, self.quantity.wrenches)
-        return to_source(Printable(traced, title, self.names, lines), language)
+        return to_source(Printable(traced, title, self.names, lines), language, dtype)
+
+    def to_sympy(self) -> Any:
+        """Return the kernel as expressions of SymPy; needs the extra `sympy`.
+
+        Symbols are q_1, qd_1, ...; the inertial parameters of body 1, where they are an argument, are m_1, mx_1, ...,
+        Ixx_1, Ixy_1, Iyy_1, Ixz_1, Iyz_1, Izz_1; a wrench external_1 has nx_1, ..., fx_1, .... Constants that are
+        decimal numbers of at most 12 digits, up to rounding, are rational numbers.
+
+        Returns
+        -------
+        sympy.Expr, sympy.Matrix or sympy.ImmutableDenseNDimArray
+            Of the shape of the result; a vector is a column.
+
+        Raises
+        ------
+        ImportError
+            If SymPy is not installed.
+        TypeError
+            If the kernel is too large to be written out.
+
+        Examples
+        --------
+        >>> import rne
+        >>> rne.compile(rne.dynamics.gravity_torque, rne.irb140()).to_sympy()[3]
+        28449*(-sin(q_2)*sin(q_3) + cos(q_2)*cos(q_3))*sin(q_4)*sin(q_5)/100000
+        """
+        from .exports.sympy import to_sympy
+
+        return to_sympy(self)
+
+    def to_casadi(self, name: str | None = None, symbolic: str = "SX") -> Any:
+        """The kernel as a CasADi function of one state, which CasADi differentiates, prints as C and saves by itself.
+
+        Parameters
+        ----------
+        name : str, optional
+            Name of the function; by default the quantity's.
+        symbolic : {"SX", "MX"}
+            Scalar operations, or one call of a function of such, which stays small where it is called often.
+
+        Returns
+        -------
+        casadi.Function
+            Its arguments have the kernel's names, weights always among them; its `result` has the shape for one state.
+            Of more than two axes all but the last are one, row by row: poses of links stand below each other. Zeros of
+            Jacobians and Hessians are structural. It checks nothing, neither NaN nor a singular M.
+
+        Raises
+        ------
+        ImportError, TypeError, ValueError
+            If CasADi is missing, the kernel too large to be written out, or CasADi allows no such name or type.
+
+        Examples
+        --------
+        >>> import rne
+        >>> rne.compile(rne.dynamics.mass_matrix, rne.irb140()).to_casadi()  # doctest: +SKIP
+        Function(mass_matrix:(q[6])->(result[6x6]) SXFunction)
+        """
+        from .exports.casadi import to_casadi
+
+        return to_casadi(self, re.sub(r"\W+", "_", self._title).strip("_") if name is None else name, symbolic)
 
     def to_jax(self, mode: str = "reverse") -> Callable[..., Any]:
         """The kernel as a function of JAX, for jit, vmap and derivatives of first and second order.

@@ -24,7 +24,7 @@ from ..dynamics.quantity import OK, PrecisionStatus
 from .machine_code import NUMBERS, Emitter
 from .object_code import REGISTER_BITS, Library, library
 from .program import NeedsRecursion, Recursion, Trace, with_table
-from .python_calls import BYTES, FLOAT64, INTEGER, emit_rows_call, emit_state_call, python_function
+from .python_calls import BYTES, FLOAT64, INTEGER, emit_into, emit_rows_call, emit_state_call, python_function
 
 LOGGER = logging.getLogger("rne")
 LOCK = threading.Lock()  # of the compilation of batches: threads of an ensemble ask for the same one at once
@@ -223,12 +223,25 @@ def state_function(trace: Trace) -> Callable[..., Array]:
     """A function of one float64 vector per argument, as `python_backend.state_function`."""
 
     def emit(module: ir.Module, trace: Trace) -> None:
-        emit_state_call(module, emit_plain(module, trace, 1), trace.widths)
+        plain = emit_plain(module, trace, 1)
+        emit_state_call(module, plain, trace.widths)
+        emit_into(module, plain, trace.widths, trace.shape)
 
-    found = trace_library(trace, "state", "float64", ("function", "call"), emit)
+    found = trace_library(trace, "state", "float64", ("function", "call", "into"), emit)
     function = from_text(STATE, trace, state=python_function(found))
     function.seconds, function.library = found.seconds, found
     return function  # type: ignore[no-any-return]
+
+
+def into(kernel: Any) -> Callable[..., Array]:
+    """`Kernel.into` in machine code, which leaves all but sound results of right arguments to Python."""
+    kept, recipe = weakref.ref(kernel), kernel.__reduce__()  # a cycle would keep machine code until it is looked for
+
+    def otherwise(*arrays: Any, out: Array | None = None) -> Array:
+        make, arguments = recipe
+        return (kept() or make(*arguments))._checked_into(*arrays, out=out)  # type: ignore[no-any-return]
+
+    return python_function(kernel.state_function.library, name="into", otherwise=otherwise)
 
 
 def fast_call(kernel: Any) -> Callable[..., Array | None]:

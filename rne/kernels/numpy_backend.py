@@ -279,15 +279,20 @@ def check_out(
     out: Array, shape: tuple[int, ...], dtype: np.dtype[Any], names: Sequence[str], arrays: Sequence[Array]
 ) -> Array:
     """Refuse an `out` of another shape or dtype, or one that overlaps an input."""
-    if not isinstance(out, np.ndarray) or out.shape != shape or out.dtype != dtype:
-        got = f"{out.dtype} {out.shape}" if isinstance(out, np.ndarray) else type(out).__name__
-        raise ValueError(f"`out` must be a {dtype} array of shape {shape}, got {got}")
-    if not out.flags.c_contiguous or not out.flags.writeable:
-        raise ValueError("`out` must be C-contiguous and writeable")
+    check_array("out", out, shape, dtype, "writeable")
     for name, array in zip(names, arrays, strict=True):
         if np.may_share_memory(out, array):
             raise ValueError(f"`out` must not share memory with `{name}`")
     return out
+
+
+def check_array(name: str, array: Any, shape: tuple[int, ...], dtype: np.dtype[Any], flag: str = "aligned") -> None:
+    """Refuse what is no array of this shape and dtype in C order."""
+    if not isinstance(array, np.ndarray) or array.shape != shape or array.dtype != dtype:
+        got = f"{array.dtype} {array.shape}" if isinstance(array, np.ndarray) else type(array).__name__
+        raise ValueError(f"`{name}` must be a {dtype} array of shape {shape}, got {got}")
+    if not array.flags.c_contiguous or not getattr(array.flags, flag):
+        raise ValueError(f"`{name}` must be C-contiguous and {flag}")
 
 
 def by_tangent(angle: Array, sin: Array, cos: Array, number: Callable[[float], Array]) -> list[Call]:

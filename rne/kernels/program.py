@@ -110,6 +110,19 @@ def with_table(program: Program) -> tuple[Program, list[float]]:
     return Program(instructions, place(program.outputs), program.inputs), table
 
 
+def without_judged(program: Program, entries: int) -> Program:
+    """The program of the first outputs alone, which are the result, with the operations that these need."""
+    outputs, place, kept = program.outputs[:entries], dict[Operand, Operand](), list[Instruction]()
+    needed = set(outputs)
+    for k, instruction in reversed([*enumerate(program.instructions)]):
+        needed |= {*instruction.args} if Operand("result", k) in needed else set()
+    for k, (kind, args) in enumerate(program.instructions):
+        if Operand("result", k) in needed:
+            place[Operand("result", k)] = Operand("result", len(kept))
+            kept.append(Instruction(kind, tuple(place.get(arg, arg) for arg in args)))
+    return Program(tuple(kept), tuple(place.get(arg, arg) for arg in outputs), program.inputs)
+
+
 class NeedsRecursion(Exception):
     """Raised for a state that the recursion must compute, since the program's result is not known to be sound."""
 

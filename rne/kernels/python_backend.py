@@ -37,11 +37,15 @@ FUNCTION_NAMES: dict[str, Any] = {name: getattr(math, name) for name in IMPORTED
 
 
 def expressions(
-    program: Program, entry: Callable[[int], str] = "x{}".format, functions: Mapping[str, str] = FUNCTIONS
+    program: Program,
+    entry: Callable[[int], str] = "x{}".format,
+    functions: Mapping[str, str] = FUNCTIONS,
+    number: Callable[[float], str] = repr,
 ) -> tuple[list[str], list[str]]:
     """Assignments in order, and an expression for each output; a result that is read once is written inline.
 
-    `entry` gives the text of an input, `functions` that of operations other than + - * /, of infinity and of NaN.
+    `entry` gives the text of an input, `functions` that of operations other than + - * /, of infinity and of NaN,
+    `number` that of other constants.
     """
     uses = Counter(arg for instruction in program.instructions for arg in instruction.args)
     uses.update(program.outputs)
@@ -52,8 +56,8 @@ def expressions(
         if arg.kind == "input":
             return entry(int(arg.value)), 0
         if arg.kind == "constant":
-            size = repr(abs(arg.value))
-            return f"{'-' if arg.value < 0 else ''}{functions.get(size, size)}", 0
+            size = abs(arg.value)
+            return f"{'-' if arg.value < 0 else ''}{functions.get(repr(size)) or number(size)}", 0
         return texts[arg]
 
     for k, instruction in enumerate(program.instructions):

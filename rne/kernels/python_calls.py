@@ -7,17 +7,21 @@ Arguments of other types than the code was made for are refused: the result is t
 from __future__ import annotations
 
 import ctypes
+import sys
 from collections.abc import Callable, Sequence
+from math import prod
 from typing import Any
 
 import numpy as np
 from llvmlite import ir
 
-from .array_layout import AXES, DATA, DTYPE, FLAGS, HEAD, ITEMS, PLAIN, SHAPE, STRIDES, TUPLES
+from .array_layout import AXES, DATA, DTYPE, FLAGS, HEAD, ITEMS, PLAIN, SHAPE, STRIDES, TUPLES, WRITEABLE
 from .object_code import Library
 
 INTEGER, NUMBER, BYTES = ir.IntType(64), ir.DoubleType(), ir.IntType(8).as_pointer()
 FASTCALL = 0x80  # METH_FASTCALL: f(self, arguments, their number)
+KEYWORDS = 0x02  # METH_KEYWORDS: and the names of those at the end that are given by name, or NULL
+OUT = sys.intern("out")
 # What `self` holds, in this order, for comparisons.
 FLOAT64, INT64 = np.dtype("float64"), np.dtype("int64")
 KNOWN = (None, np.ndarray, int, float, np.float64, INT64, FLOAT64)
@@ -34,26 +38,35 @@ class MethodDefinition(ctypes.Structure):
     )
 
 
-def python_function(library: Library, dtype: np.dtype[Any] = FLOAT64) -> Callable[..., Any]:
-    """ "call" of a library as a function of Python's; arrays of numbers are of this dtype."""
-    method = MethodDefinition(b"call", library.address["call"], FASTCALL, None)
+def python_function(
+    library: Library, dtype: np.dtype[Any] = FLOAT64, name: str = "call", otherwise: Any = None
+) -> Callable[..., Any]:
+    """A function of a library as one of Python's; arrays are of this dtype, and "into" leaves others to `otherwise`."""
+    flags = FASTCALL | (KEYWORDS if name == "into" else 0)
+    method = MethodDefinition(name.encode(), library.address[name], flags, None)
     make = ctypes.pythonapi.PyCFunction_NewEx
     make.restype, make.argtypes = ctypes.py_object, (ctypes.c_void_p, ctypes.py_object, ctypes.c_void_p)
     # The last two are there to be kept as long as the function.
-    return make(ctypes.addressof(method), (*KNOWN[:-1], dtype, library, method), None)  # type: ignore[no-any-return]
+    own = *KNOWN[:-1], dtype, otherwise, OUT, library, method
+    return make(ctypes.addressof(method), own, None)  # type: ignore[no-any-return]
 
 
 class Call:
     """The body of "call" in a module: it takes its arguments one by one, and refuses those that it was not made for."""
 
-    def __init__(self, module: ir.Module) -> None:
+    def __init__(self, module: ir.Module, name: str = "call") -> None:
         self.module = module
-        function = ir.Function(module, ir.FunctionType(BYTES, [BYTES, BYTES, INTEGER]), "call")
-        self.own, self.given, _ = function.args
+        kind = [BYTES, BYTES, INTEGER, *([BYTES] if name == "into" else [])]
+        function = ir.Function(module, ir.FunctionType(BYTES, kind), name)
+        self.own, self.given, self.count, *self.names = function.args
         self.builder = ir.IRBuilder(function.append_basic_block())
         self.refused = function.append_basic_block("refused")
         with self.builder.goto_block(self.refused):
-            self.builder.ret(self.c_function("Py_NewRef", BYTES, self.known(None)))
+            if name == "into":
+                given = self.field(self.own, ITEMS + 8 * len(KNOWN)), self.given, self.count, *self.names
+                self.builder.ret(self.c_function("PyObject_Vectorcall", BYTES, *given))
+            else:
+                self.give_object(self.known(None))
 
     def c_function(self, name: str, result: ir.Type, *args: ir.Value) -> ir.Value:
         """A call of one of Python's functions in C."""
@@ -86,6 +99,21 @@ class Call:
         builder.cbranch(equal, following, self.refused)
         builder.position_at_end(following)
 
+    def require_out(self, count: int) -> None:
+        """Refuse the call unless there is one argument more than `count`, by name or not; it lies behind the others."""
+        builder, (names,) = self.builder, self.names
+        by_name, by_place, following = (builder.append_basic_block() for _ in range(3))
+        builder.cbranch(builder.icmp_unsigned("==", names, ir.Constant(BYTES, None)), by_place, by_name)
+        builder.position_at_end(by_place)
+        self.require(self.count, count + 1)
+        builder.branch(following)
+        builder.position_at_end(by_name)
+        self.require(self.count, count)
+        self.require(self.field(names, HEAD, INTEGER), 1)
+        self.require(self.field(names, ITEMS), self.field(self.own, ITEMS + 8 * (len(KNOWN) + 1)))
+        builder.branch(following)
+        builder.position_at_end(following)
+
     def array(self, array: ir.Value, dtype: object, axes: int) -> tuple[ir.Value, ir.Value, ir.Value]:
         """The addresses of an array's numbers, shape and strides."""
         self.require(self.field(array, HEAD - 8), self.known(np.ndarray))
@@ -93,11 +121,11 @@ class Call:
         self.require(self.field(array, AXES, ir.IntType(32)), axes)
         return self.field(array, DATA), self.field(array, SHAPE), self.field(array, STRIDES)
 
-    def plain_array(self, array: ir.Value, dtype: object, axes: int) -> tuple[ir.Value, list[ir.Value]]:
+    def plain_array(self, array: ir.Value, dtype: object, axes: int, needed: int = PLAIN) -> tuple[Any, list[Any]]:
         """The address of the numbers of an array in C order, and its shape."""
         data, shape, _ = self.array(array, dtype, axes)
-        flags = self.builder.and_(self.field(array, FLAGS, ir.IntType(32)), ir.Constant(ir.IntType(32), PLAIN))
-        self.require(flags, PLAIN)
+        flags = self.builder.and_(self.field(array, FLAGS, ir.IntType(32)), ir.Constant(ir.IntType(32), needed))
+        self.require(flags, needed)
         return data, [self.field(shape, 8 * k, INTEGER) for k in range(axes)]
 
     def integer(self, value: ir.Value) -> ir.Value:
@@ -125,6 +153,10 @@ class Call:
         self.builder.call(ir.Function(self.module, restore, "PyEval_RestoreThread"), [thread])
         return result
 
+    def give_object(self, address: ir.Value) -> None:
+        """Return an object."""
+        self.builder.ret(self.c_function("Py_NewRef", BYTES, address))
+
     def give(self, integer: ir.Value) -> None:
         """Return an int."""
         self.builder.ret(self.c_function("PyLong_FromSsize_t", BYTES, integer))
@@ -141,6 +173,27 @@ def emit_state_call(module: ir.Module, function: ir.Function, widths: Sequence[i
     data.append(call.field(call.argument(len(widths)), DATA))
     addresses = [call.builder.bitcast(d, a.type) for d, a in zip(data, function.args, strict=True)]
     call.give(call.builder.call(function, addresses))
+
+
+def emit_into(module: ir.Module, function: ir.Function, widths: Sequence[int], shape: Sequence[int]) -> None:
+    """Add "into" of one float64 vector per argument, followed by `out`, which it returns, all without common memory."""
+    call = Call(module, "into")
+    call.require_out(len(widths))
+    builder, out, ends = call.builder, call.argument(len(widths)), []
+    for k, stated in enumerate([shape, *((width,) for width in widths)]):
+        array, needed = (out, PLAIN | WRITEABLE) if k == 0 else (call.argument(k - 1), PLAIN)
+        numbers, found = call.plain_array(array, FLOAT64, len(stated), needed)
+        for size, wanted in zip(found, stated, strict=True):
+            call.require(size, wanted)
+        ends.append((numbers, builder.gep(numbers, [ir.Constant(INTEGER, 8 * prod(stated))])))
+    (written, behind), *given = ends
+    for first, last in given:
+        apart = [builder.icmp_unsigned("<=", a, b) for a, b in ((last, written), (behind, first))]
+        call.require(builder.or_(*apart), 1)
+    places = [*(first for first, _ in given), written]
+    pointers = [builder.bitcast(place, a.type) for place, a in zip(places, function.args, strict=True)]
+    call.require(builder.call(function, pointers), 1)
+    call.give_object(out)
 
 
 def emit_rows_call(module: ir.Module, function: ir.Function, widths: Sequence[int], entries: int, size: int) -> None:

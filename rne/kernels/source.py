@@ -1,4 +1,4 @@
-"""A program as source text in Python, NumPy, MATLAB (and Octave) or C, below a comment on robot, joints and units.
+"""A program as source text in Python, NumPy, MATLAB (and Octave), C or Rust, below a comment on robot and units.
 
 Joints are numbers in the program. Names come from a file, and the file may be anybody's: in the comment they are plain
 ASCII of a few harmless characters, so that no name can end the comment or continue its line, in any of the languages.
@@ -8,13 +8,16 @@ from __future__ import annotations
 
 import re
 import textwrap
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from itertools import product
+from itertools import accumulate, product
 from typing import NamedTuple
+
+import numpy as np
 
 from ..basics.text import UNITS
 from ..model.model import Model
-from .program import Trace
+from .program import Operand, Program, Trace, without_judged
 from .python_backend import FUNCTIONS, expressions
 
 MAX_NAME = 60  # characters
@@ -65,15 +68,45 @@ class Printable(NamedTuple):
         return list(product(*(range(size) for size in self.shape)))
 
 
-def to_source(printable: Printable, language: str) -> str:
-    """Source text of a function; a ValueError names the languages that there are."""
+def to_source(printable: Printable, language: str, dtype: str = "float64") -> str:
+    """Source text of a function; a ValueError names the languages that there are, and their numbers."""
     if language not in LANGUAGES:
         raise ValueError(f"`language` must be one of {list(LANGUAGES)}, got {language!r}")
-    entry, functions, text = LANGUAGES[language]
+    entry, functions, text, types, literal = LANGUAGES[language]
+    if dtype not in types:
+        raise ValueError(f"`dtype` of language {language!r} must be one of {list(types)}, got {dtype!r}")
+    program = without_judged(printable.trace.program, printable.trace.entries)
     pairs = zip(printable.arguments, printable.trace.widths, strict=True)
     inputs = [entry(name, k) for name, width in pairs for k in range(width)]
-    lines, outputs = expressions(printable.trace.program, inputs.__getitem__, FUNCTIONS | functions)
-    return "\n".join(text(printable, lines, outputs[: printable.trace.entries])) + "\n"
+    number = repr if dtype == "float64" else _single
+    arguments = program, inputs.__getitem__, FUNCTIONS | functions, lambda x: literal.format(number(x))
+    costs = [f"Operations - {', '.join(f'{count} {kind}' for kind, count in program.operations.items()) or 'none'}"]
+    if language in ("c", "rust"):
+        choices = ", ".join(kind for kind in CHOICES if kind in program.operations)
+        costs += [f"No loop, no allocation, {f'choices in {choices} alone' if choices else 'no branch'}"]
+        alive, size = most_alive(program), np.dtype(dtype).itemsize
+        costs += [
+            f"Stack - {alive} values at once at most in this order, {alive * size} bytes, besides saved registers"
+        ]
+    name = f"{printable.name}{'_' * (printable.name in RESERVED.split())}"
+    costs += [f"Save as {name}.m"] if language == "matlab" else []
+    printed = text(
+        printable._replace(name=name, heading=[*printable.heading, *_wrapped(costs)]), *expressions(*arguments)
+    )
+    return "\n".join([*printed, ""]).replace("@", types[dtype][0]).replace("$", types[dtype][1])
+
+
+def most_alive(program: Program) -> int:
+    """Results that are kept at once at most, each from its instruction to its last reader."""
+    count = len(program.instructions)
+    last = {arg: k for k, instruction in enumerate(program.instructions) for arg in instruction.args}
+    last |= dict.fromkeys(program.outputs, count)
+    ended = Counter(last.get(Operand("result", k), k) for k in range(count))
+    return max(accumulate(1 - ended[k] for k in range(count)), default=0)
+
+
+def _wrapped(texts: Iterable[str]) -> list[str]:
+    return [line for text in texts for line in textwrap.wrap(text, WIDTH, subsequent_indent="  ")]
 
 
 def _python(p: Printable, lines: list[str], outputs: list[str]) -> list[str]:
@@ -112,34 +145,76 @@ def _matlab(p: Printable, lines: list[str], outputs: list[str]) -> list[str]:
 
 
 def _c(p: Printable, lines: list[str], outputs: list[str]) -> list[str]:
-    size = f"{' x '.join(map(str, p.shape))} entries, row by row" if p.shape else "1 entry"
-    arguments = ", ".join([f"const double *{name}" for name in p.arguments] + ["double *result"])
-    body = [f"const double {line};" for line in lines] + [f"result[{k}] = {x};" for k, x in enumerate(outputs)]
-    head = [*(f"/* {line} */" for line in p.heading), "#include <math.h>", "", *_used(body, C, ""), f"/* {size}. */"]
+    arguments = ", ".join([f"const @ *{name}" for name in p.arguments] + ["@ *result"])
+    body = [f"const @ {line};" for line in lines] + [f"result[{k}] = {x};" for k, x in enumerate(outputs)]
+    head = [
+        *(f"/* {line} */" for line in p.heading),
+        "#include <math.h>",
+        "",
+        *_used(body, C, ""),
+        f"/* {_size(p)}. */",
+    ]
     return [*head, f"void {p.name}({arguments})", "{", *_indented(body), "}"]
+
+
+def _rust(p: Printable, lines: list[str], outputs: list[str]) -> list[str]:
+    arguments = [f"{name}: &[@; {width}]" for name, width in zip(p.arguments, p.trace.widths, strict=True)]
+    body = [f"let {line.replace(' =', ': @ =', 1)};" for line in lines]
+    body += [f"result[{k}] = {x};" for k, x in enumerate(outputs)]
+    called = sorted({name for line in body for name in re.findall(r"unsafe { (\w+)\$", line)})
+    libm = [f'extern "C" {{ fn {name}$({"y: @, x" if name == "atan2" else "x"}: @) -> @; }}' for name in called]
+    head = [*(f"// {line}" for line in p.heading), "", f"/// {_size(p)}."]
+    head += ["#[allow(non_snake_case, unused_parens, unused_unsafe, unused_variables, clippy::all)]"]
+    head += [f"pub fn {p.name}({', '.join(arguments)}, result: &mut [@; {len(outputs)}]) {{"]
+    return [*head, *_indented([*libm, *_used(body, RUST), *body]), "}"]  # libm's names are known in the function alone
+
+
+def _size(p: Printable) -> str:
+    return f"{' x '.join(map(str, p.shape))} entries, row by row" if p.shape else "1 entry"
 
 
 def _indented(lines: Sequence[str]) -> list[str]:
     return [f"    {line}" for line in lines]
 
 
-# What a language has not, or has otherwise than NumPy where an operand is NaN or infinite.
+# What a language has not, or has otherwise than NumPy where an operand is NaN or infinite. In C and Rust @ is the type
+# of numbers, $ the end of the names in libm.
 PYTHON = {"sign": ["def sign(x):", "    return 1.0 if x > 0 else -1.0 if x < 0 else x"]}
-C = {"sign": ["static double sign(double x) { return x > 0.0 ? 1.0 : x < 0.0 ? -1.0 : x; }"]}
+C = {"sign": ["static @ sign(@ x) { return x > 0 ? 1 : x < 0 ? -1 : x; }"]}
+RUST = {"sign": ["fn sign(x: @) -> @ { if x > 0.0 { 1.0 } else if x < 0.0 { -1.0 } else { x } }"]}
 MATLAB = {"root": ["function y = root(x)", "  y = where(x < 0, NaN, sqrt(abs(x)));", "end"]}
 for _k, _sign in {"minimum": "<=", "maximum": ">="}.items():
     PYTHON[_k] = [f"def {_k}(a, b):", f"    return a if a {_sign} b or a != a else b"]
-    C[_k] = [f"static double {_k}(double a, double b) {{ return a {_sign} b || a != a ? a : b; }}"]
+    C[_k] = [f"static @ {_k}(@ a, @ b) {{ return a {_sign} b || a != a ? a : b; }}"]
+    RUST[_k] = [f"fn {_k}(a: @, b: @) -> @ {{ if a {_sign} b || a.is_nan() {{ a }} else {{ b }} }}"]
     MATLAB[_k] = [f"function x = {_k}(a, b)", f"  x = where(a {_sign} b || isnan(a), a, b);", "end"]
 MATLAB["where"] = ["function x = where(c, a, b)", "  if c ~= 0, x = a; else, x = b; end", "end"]
+LIBM = {name: f"{name}$({{}})" for name in ("sin", "cos", "sqrt", "tanh", "exp")}
+LIBM |= {"abs": "fabs$({})", "arctan2": "atan2$({}, {})"}
+CHOICES = ("minimum", "maximum", "sign", "less", "less_equal", "where")
+# Functions' names that are words of a language or of its mathematics, but not of Python's.
+RESERVED = """abs abstract auto become box case catch char const cos crate default do double dyn elseif end enum exp
+    extern false final float fn function goto impl inline int let long loop macro main match maximum minimum
+    mod move mut otherwise override parfor persistent priv pub ref register restrict result self short sign
+    signed sin sizeof sqrt static struct super switch tanh trait true type typedef typeof union unsafe
+    unsigned unsized use virtual void volatile where"""
+
+
+def _single(x: float) -> str:
+    """The shortest decimal number of which the nearest in single precision is that of x."""
+    if float(np.finfo(np.float32).max) < x < float("inf"):
+        raise ValueError(f"`dtype` must be 'float64': the program has the constant {x!r}, which float32 cannot hold")
+    return str(np.float32(x))
 
 
 class Language(NamedTuple):
-    """Text of an argument's entry, of functions that differ from Python's, and of the whole function."""
+    """Text of an argument's entry, of functions that differ from Python's, of the whole function and of constants."""
 
     entry: Callable[[str, int], str]
     functions: dict[str, str]
     text: Callable[[Printable, list[str], list[str]], list[str]]
+    types: Mapping[str, tuple[str, str]] = {"float64": ("", "")}  # what @ and $ stand for, by dtype
+    literal: str = "{}"
 
 
 LANGUAGES = {
@@ -165,14 +240,29 @@ LANGUAGES = {
     "c": Language(
         "{}[{}]".format,
         {
-            "abs": "fabs({})",
+            **LIBM,
             "inf": "INFINITY",
             "nan": "NAN",
-            "less": "(double)({} < {})",
-            "less_equal": "(double)({} <= {})",
-            "where": "({} != 0.0 ? {} : {})",
+            "less": "(@)({} < {})",
+            "less_equal": "(@)({} <= {})",
+            "where": "({} != 0 ? {} : {})",
         },
         _c,
+        {"float64": ("double", ""), "float32": ("float", "f")},
+        "{}$",
+    ),
+    "rust": Language(
+        "{}[{}]".format,
+        {
+            **{kind: f"unsafe {{{{ {call} }}}}" for kind, call in LIBM.items()},
+            "inf": "@::INFINITY",
+            "nan": "@::NAN",
+            "less": "(if {} < {} {{ 1.0 }} else {{ 0.0 }})",
+            "less_equal": "(if {} <= {} {{ 1.0 }} else {{ 0.0 }})",
+            "where": "(if {} != 0.0 {{ {} }} else {{ {} }})",
+        },
+        _rust,
+        {"float64": ("f64", ""), "float32": ("f32", "f")},
     ),
 }
 
@@ -239,8 +329,7 @@ def heading(
     if any(ordered.values()):
         bodies = ", ".join(f"{k} {harmless(name)}" for k, name in enumerate(model.moving_joints, 1))
         texts.append(f"Bodies by their joints - {bodies or 'none'}")
-    wrapped = [line for text in texts for line in textwrap.wrap(text, WIDTH, subsequent_indent="  ")]
-    return [what, *wrapped, f"Unit of the result - {_unit(quantity, sliding, entry)}"]
+    return [what, *_wrapped(texts), f"Unit of the result - {_unit(quantity, sliding, entry)}"]
 
 
 def harmless(name: str) -> str:

@@ -287,7 +287,6 @@ class Run:
         else:
             self.solver.start(self.plant, self.t, self.x, end, self.plant.longest_step(self.task.duration))
         events: list[Event] = [*self.plant.events, *self.task.stops]
-        modes_may_change = self.solver.takes_samples and self.plant.sticks  # at any sample
         if not resumes:
             self.most = FIRST_STEPS if events or self.task.progress else MAX_STEPS
         solver = self.solver  # of this segment: another one may take over at its end
@@ -300,13 +299,13 @@ class Run:
             self.record.take(steps, count, self.t, self.x, self.plant)
             if self.task.progress is not None:
                 self.task.progress(self.t, self.task.duration)
-            if modes_may_change:
+            if self.plant.sticks:
                 self._leave_samples(steps, count)
             if crossing is not None and self.hold is not None:
                 self.hold.rewind(self.t)
             if crossing is not None and crossing.event is not None:
                 return self._happen(events[crossing.event])
-            sample_is_due = modes_may_change and self.hold is not None and self.t >= self.hold.next
+            sample_is_due = self.plant.sticks and self.hold is not None and self.t >= self.hold.next
             if crossing is not None or (self._looks_further(steps) and self.t < end) or sample_is_due:
                 break
         self.x = self.plant.reported(self.x)

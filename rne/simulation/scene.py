@@ -278,6 +278,66 @@ class Scene:
         dynamics = replace(self.dynamics, has_energies=False)
         return self.resolved.robot._kernels.scene_kernel(dynamics.right_hand_side)
 
+    def to_casadi(
+        self, name: str = "scene", *, symbolic: str = "SX", steps: int | None = None, parameters: bool = False
+    ) -> Any:
+        """The equations of motion as a CasADi function, with friction, limits and a traced controller.
+
+        Parameters
+        ----------
+        name : str
+            Name of the function.
+        symbolic : {"SX", "MX"}
+            Scalar operations, or calls of a function of such.
+        steps : int, optional
+            Runge-Kutta steps of order 4 from t to t + h, for a function in discrete time.
+        parameters : bool
+            True for the inertial parameters as an argument, in the order of `Robot.parameters`, payload included. Laws
+            keep those of their own robot.
+
+        Returns
+        -------
+        casadi.Function
+            Of t and x = (q, qd, the law's states), of torques u where there is no controller, and of `parameters`. It
+            gives dx, the rate of x, and tau, the drives' torques within their limits. With `steps` it has h as last
+            argument and gives x_next in place of dx, u being held. It checks nothing.
+
+        Raises
+        ------
+        ValueError
+            If a part is no function of time and state: a sampled or called controller, dry friction that sticks, stops.
+        ImportError, TypeError
+            If CasADi is missing, or the equations are too large to be written out.
+
+        Examples
+        --------
+        >>> import rne
+        >>> scene = rne.Scene(rne.load("irb140"), payload=2.0, friction=rne.Friction(viscous=1.0))
+        >>> scene.to_casadi(steps=1)  # doctest: +SKIP
+        Function(scene:(t,x[12],u[6],h)->(x_next[12],tau[6]) SXFunction)
+        """
+        from ..kernels.exports.casadi import scene_to_casadi
+
+        rates, model = self._exported().rates_and_drives, self.resolved.robot.model
+        return scene_to_casadi(Kernel(rates, model, {"parameters": parameters}), name, symbolic, steps)
+
+    def _exported(self) -> SceneDynamics:
+        """The equations as a function of time, state and perhaps torques alone; a ValueError names what is not."""
+        friction, controller, refused = self.resolved.friction, self.controller, ""
+        if self.stops:
+            refused = "`stops` end a run: set `stops` to False, and bound the positions"
+        elif friction is not None and friction.sticks:
+            refused = "dry `friction` sticks and slips by events: give it a `smoothing` above 0"
+        elif controller is not None and (self.sample_time is not None or not self.is_traced):
+            law = self._law if getattr(controller, "traceable", False) else None
+            why = law.why_not_traced(self.resolved.robot) if law else "it is not marked by rne.traceable"
+            how = "sampled" if self.sample_time is not None else f"called, as {why}"
+            refused = f"`controller` is {how}; without it the torques are an argument u"
+        if refused:
+            raise ValueError(f"no function of time and state: {refused}")
+        inputs = "called" if controller is None else "none"
+        return replace(self.dynamics, inputs=inputs, inertia=None, has_energies=False)
+
     def inverse_dynamics(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> Array:
         """Torques of the drives for given accelerations, friction included.
 

@@ -152,6 +152,12 @@ class SceneDynamics:
         qdd, pivots, diagonal = self.forward.quantity.core(model, q, qd, net)
         return np.concatenate([qd, qdd, *further], axis=-1), pivots, diagonal
 
+    def rates_and_drives_core(self, model: Model, t: Array, x: Array, u: Array | None = None) -> Any:
+        """([dx/dt, torques of the drives], pivots, diagonal of M), traced."""
+        rates, pivots, diagonal = self.right_hand_side_core(model, t, x, u)
+        drives, _ = self.drives(t, x, u)
+        return np.concatenate([rates, 0 * x[..., : self.n] if drives is None else drives], axis=-1), pivots, diagonal
+
     def residual_core(self, model: Model, t: Array, x: Array, a: Array, u: Array | None = None) -> Any:
         """[M a + C qd + g - net torques, rates of the states behind (q, qd)] at accelerations a, traced."""
         net, further = self._acting(t, x, u)
@@ -224,6 +230,11 @@ class SceneDynamics:
         """dx/dt."""
         velocities = ("x", slice(self.n, 2 * self.n))
         return self._declared("right_hand_side", "the right-hand side", check=self._check_rates, velocities=velocities)
+
+    @cached_property
+    def rates_and_drives(self) -> MethodQuantity:
+        """dx/dt, then the torques of the drives within their limits."""
+        return self._declared("rates_and_drives", "the right-hand side", check=self._check_rates)
 
     @cached_property
     def residual(self) -> MethodQuantity:

@@ -285,7 +285,7 @@ def factors(rest: Discrepancy, torques: Array) -> Iterator[Hypothesis]:
 def in_gravity(robot: Robot, gravity: Array) -> Robot:
     """The robot in a given gravity, evaluated by NumPy: Numba would compile for longer than it saves."""
     numeric = robot if robot.engine == "numpy" else Robot(robot.model, "numpy")
-    return numeric.with_model(replace(robot.model, gravity=gravity, notes={}))
+    return numeric.with_model(replace(robot.model, gravity=gravity))
 
 
 def gravity_columns(rest: Discrepancy, gravity: Array, *bodies: Array) -> Array:

@@ -1,1 +1,1 @@
-"""Ways out: a kernel as a function of another package, a file for each, named after what it leads to."""
+"""Ways out: a traced program as a function of another package, one file for each."""

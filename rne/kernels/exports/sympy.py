@@ -1,0 +1,57 @@
+"""A kernel as SymPy's expressions, with the inertial parameters by name where they are inputs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from ..program import ON_ARRAYS, Operand, without_judged
+
+PARAMETERS = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")  # of a body
+WRENCH = ("nx", "ny", "nz", "fx", "fy", "fz")
+DIGITS = 12  # a decimal number of so few, up to rounding, is meant exactly
+ROUNDING = 4 * 2.0**-52  # relative, of a product of a few numbers
+NAMES = {"abs": "Abs", "arctan2": "atan2", "minimum": "Min", "maximum": "Max"}
+NAMES |= {name: name for name in ("sin", "cos", "sqrt", "tanh", "exp", "sign")}
+
+
+def to_sympy(kernel: Any) -> Any:
+    """`Kernel.to_sympy`."""
+    try:
+        import sympy
+    except ImportError:
+        raise ImportError("`to_sympy` needs SymPy, which is not installed: pip install 'rne[sympy]'") from None
+    functions = ON_ARRAYS | {kind: getattr(sympy, name) for kind, name in NAMES.items()}  # + - * / are those of Python
+    functions["less"] = lambda a, b: sympy.Piecewise((1, sympy.Lt(a, b)), (0, True))
+    functions["less_equal"] = lambda a, b: sympy.Piecewise((1, sympy.Le(a, b)), (0, True))
+    functions["where"] = lambda c, a, b: sympy.Piecewise((a, sympy.Ne(c, 0)), (b, True))
+    pairs = zip(kernel.names, kernel.widths, strict=True)
+    symbols = [sympy.Symbol(name) for argument, width in pairs for name in _names(argument, width)]
+    shape, values = kernel.traced.shape, list[Any]()
+    program = without_judged(kernel.traced.program, kernel.traced.entries)
+
+    def value(arg: Operand) -> Any:
+        if arg.kind == "constant":
+            return _number(sympy, arg.value)
+        return (symbols if arg.kind == "input" else values)[int(arg.value)]
+
+    for kind, args in program.instructions:
+        values.append(functions[kind](*map(value, args)))
+    entries = [value(output) for output in program.outputs]
+    if len(shape) > 2:
+        return sympy.ImmutableDenseNDimArray(entries, shape)
+    return sympy.Matrix(*(*shape, 1)[:2], entries) if shape else entries[0]
+
+
+def _names(argument: str, width: int) -> Sequence[str]:
+    if argument == "parameters":
+        return [f"{name}_{body + 1}" for body in range(width // len(PARAMETERS)) for name in PARAMETERS]
+    kind, _, number = argument.partition("_")
+    return [f"{name}_{number}" for name in WRENCH] if number else [f"{kind}_{k + 1}" for k in range(width)]
+
+
+def _number(sympy: Any, x: float) -> Any:
+    """A rational number if x is a short decimal one, up to rounding; otherwise x."""
+    text = f"{x:.{DIGITS}g}"
+    return sympy.Rational(text) if math.isfinite(x) and abs(float(text) - x) <= ROUNDING * abs(x) else sympy.Float(x)
