@@ -135,8 +135,7 @@ print(f"{'noise':14}", 0.02 * strength)
 assert ((learned**2).mean(0) < (0.05 * strength) ** 2).all()
 
 # %%
-# The networks found the curves, the fall behind the start included. Beyond the speeds of
-# the data they know nothing, whereas the load holds for every motion.
+# Beyond the speeds of the data networks know nothing; the load holds for every motion.
 
 figure = Figure(figsize=(9, 3.4), layout="constrained")
 curves, rests = figure.subplots(1, 2)

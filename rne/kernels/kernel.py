@@ -499,13 +499,15 @@ class Kernel:
         are first asked for. By "numpy", and on other devices, it is the program in jax.numpy: every transformation
         works in both modes, but its compilation takes seconds, that of its derivatives more.
 
-        ==================  =====================  ===========  =========================  ====================
-        machine code        grad, vjp, jacrev      jvp, jacfwd  grad of grad, jacrev of    hessian, other mixes
-                                                                grad
-        ==================  =====================  ===========  =========================  ====================
-        mode="reverse"      by the gradient        no           by Hessian times vector    no
-        mode="forward"      by the Jacobian        yes          by Hessians                yes
-        ==================  =====================  ===========  =========================  ====================
+        ==============  =====================  =======  =================================  ======================
+        machine code    grad, vjp, jacrev      jvp,     second order                       the same of a lax.scan
+                                               jacfwd
+        ==============  =====================  =======  =================================  ======================
+        mode="reverse"  by the gradient        no       grad of grad, jacrev of grad       the same
+        mode="forward"  by the Jacobian        yes      hessian and any mix                of jacfwd only
+        ==============  =====================  =======  =================================  ======================
+
+        What does not work is an error of JAX's.
 
         Parameters
         ----------
