@@ -52,7 +52,7 @@ def picture(results: dict[str, Any]) -> Any:
     theirs = (elsewhere_jax.FRAX, elsewhere_casadi.BY_HAND, elsewhere_casadi.ADAM, elsewhere_c.CASADI)
     for ax, (title, found) in zip(grid, panels.items(), strict=True):
         times = [time for time, _, _ in found]
-        ax.set(xscale="log", yscale="log", xlim=(min(times) / 4, 8 * max(times)), ylim=ERRORS)
+        ax.set(xscale="log", yscale="log", xlim=(min(times) / 1.7, 2.6 * max(times)), ylim=ERRORS)
         ax.set_title(title, fontsize="medium")
         ax.set_xlabel("CPU time per state [ns]")
         ax.grid(True, alpha=0.25)
