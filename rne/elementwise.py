@@ -18,11 +18,8 @@ from .basics.arrays import plain_array
 from .basics.spatial import Array
 
 P = ParamSpec("P")
-OF_MPMATH = {
-    "tanh": "tanh",
-    "exp": "exp",
-    "arctan2": "atan2",
-}  # in mpmath, of whose numbers NumPy has none
+# Functions that NumPy lacks for mpmath's numbers, with their names there.
+OF_MPMATH = {"tanh": "tanh", "exp": "exp", "arctan2": "atan2"}
 SHARED = ("tanh", "exp", "sign", "arctan2", "minimum", "maximum")  # functions of the names of operations of kernels
 SECTIONS = """Parameters
     ----------

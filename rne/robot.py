@@ -245,7 +245,7 @@ class Robot(InNotebooks):
         TypeError
             If the function is not one of this package's, or an argument is not one of its.
         ValueError
-            If there is no such link.
+            If there is no such link or order.
 
         Examples
         --------

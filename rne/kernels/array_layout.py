@@ -46,8 +46,7 @@ def _reads_right(a: Any) -> bool:
     expected = [id(np.ndarray), a.ctypes.data, id(a.dtype)]
     stated = CONTIGUOUS * a.flags.c_contiguous + ALIGNED * a.flags.aligned + WRITEABLE * a.flags.writeable
     is_flagged = flags & (PLAIN | WRITEABLE) == stated
-    if (
-        found != expected or axes != a.ndim or not is_flagged or strides - shape != 8 * a.ndim
-    ):  # NumPy has both in a row
+    in_a_row = strides - shape == 8 * a.ndim  # as NumPy has them
+    if found != expected or axes != a.ndim or not is_flagged or not in_a_row:
         return False
     return [_at(shape + 8 * k) for k in range(2 * a.ndim)] == [*a.shape, *a.strides]

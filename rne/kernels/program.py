@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import operator
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple, Protocol
@@ -73,23 +73,31 @@ class Program:
         return all(math.isfinite(arg.value) for arg in (*args, *self.outputs) if arg.kind == "constant")
 
 
+def interpret(
+    program: Program, inputs: Any, operations: Mapping[str, Callable[..., Any]], constant: Callable[..., Any]
+) -> list[Any]:
+    """The outputs on any kind of inputs, by operations on it; `constant` makes one of a number."""
+    results: list[Any] = []
+
+    def value(arg: Operand) -> Any:
+        if arg.kind == "constant":
+            return constant(arg.value)
+        return (inputs if arg.kind == "input" else results)[int(arg.value)]
+
+    for kind, args in program.instructions:
+        results.append(operations[kind](*map(value, args)))
+    return list(map(value, program.outputs))
+
+
 def evaluate(program: Program, entries: int, inputs: Array) -> Array:
     """The first outputs, (states, entries), of inputs (states, width) of any type of number."""
     found = np.zeros((len(inputs), entries), dtype=inputs.dtype)
     number: Any = np.asarray if inputs.dtype == object else inputs.dtype.type
-    for k in range(0, len(inputs), BLOCK):
-        rows, values = inputs[k : k + BLOCK].T, list[Array]()
-
-        def value(arg: Operand, rows: Array = rows, values: list[Array] = values) -> Any:
-            if arg.kind == "constant":
-                return number(arg.value)
-            return (rows if arg.kind == "input" else values)[int(arg.value)]
-
-        with np.errstate(all="ignore"):
-            for kind, args in program.instructions:
-                values.append(ON_ARRAYS[kind](*map(value, args)))
-        for row, output in zip(found[k : k + BLOCK].T, program.outputs, strict=False):
-            row[...] = value(output)
+    with np.errstate(all="ignore"):
+        for k in range(0, len(inputs), BLOCK):
+            outputs = interpret(program, inputs[k : k + BLOCK].T, ON_ARRAYS, number)
+            for row, output in zip(found[k : k + BLOCK].T, outputs, strict=False):
+                row[...] = output
     return found
 
 

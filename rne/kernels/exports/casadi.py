@@ -6,7 +6,7 @@ from math import prod
 from typing import Any
 
 from ...basics.arrays import whole_number
-from ..program import ON_ARRAYS, Operand
+from ..program import ON_ARRAYS, interpret
 
 ARITHMETIC = ("add", "subtract", "multiply", "divide", "negative")  # by the operators of SX
 # Functions of another name in CasADi; the others have the same.
@@ -19,18 +19,10 @@ def to_casadi(kernel: Any, name: str, symbolic: str = "SX") -> Any:
     """The function of a kernel's arrays; see `Kernel.to_casadi`."""
     ca, trace = _casadi(name, symbolic), kernel.traced
     inputs = _symbols(ca.SX, kernel)
-    entries, results = ca.vertsplit(ca.vertcat(*inputs)), list[Any]()
-
-    def value(arg: Operand) -> Any:
-        if arg.kind == "constant":
-            return ca.SX(arg.value)
-        return (entries if arg.kind == "input" else results)[int(arg.value)]
-
-    for operation, args in trace.program.instructions:
-        is_operator = operation in ARITHMETIC
-        call = ON_ARRAYS[operation] if is_operator else getattr(ca, NAMES.get(operation, operation))
-        results.append(call(*map(value, args)))
-    result = ca.vertcat(*map(value, trace.program.outputs[: trace.entries]))
+    functions = {kind: getattr(ca, NAMES.get(kind, kind)) for kind in ON_ARRAYS if kind not in ARITHMETIC}
+    operations = ON_ARRAYS | functions
+    outputs = interpret(trace.program, ca.vertsplit(ca.vertcat(*inputs)), operations, ca.SX)
+    result = ca.vertcat(*outputs[: trace.entries])
     if len(trace.shape) > 1:  # CasADi counts the entries of a matrix column by column
         result = ca.reshape(result, trace.shape[-1], prod(trace.shape[:-1])).T
     if kernel.order in SPARSE:

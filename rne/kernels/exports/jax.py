@@ -10,7 +10,7 @@ from types import SimpleNamespace
 from typing import Any
 
 from ...dynamics.quantity import common_leading_shape
-from ..program import Operand, Trace
+from ..program import ON_ARRAYS, Trace, interpret
 from .rules import BACKWARDS, FORWARDS, Rules
 
 MODES = ("reverse", "forward")
@@ -94,14 +94,10 @@ def printed(trace: Trace, *arrays: Any) -> Any:
         "where": lambda condition, a, b: jnp.where(condition != 0, a, b),
     }
     leading, dtype = arrays[0].shape[:-1], arrays[0].dtype
-    inputs, results = [a[..., k] for a in arrays for k in range(a.shape[-1])], list[Any]()
-
-    def value(arg: Operand) -> Any:
-        return arg.value if arg.kind == "constant" else (inputs if arg.kind == "input" else results)[int(arg.value)]
-
-    for kind, args in trace.program.instructions:
-        results.append((own[kind] if kind in own else getattr(jnp, kind))(*map(value, args)))
-    columns = [jnp.broadcast_to(jnp.asarray(value(arg), dtype), leading) for arg in trace.program.outputs]
+    inputs = [a[..., k] for a in arrays for k in range(a.shape[-1])]
+    operations = {kind: own.get(kind) or getattr(jnp, kind) for kind in ON_ARRAYS}
+    found = interpret(trace.program, inputs, operations, float)
+    columns = [jnp.broadcast_to(jnp.asarray(x, dtype), leading) for x in found]
     outputs = jnp.stack(columns) if columns else jnp.zeros((0, *leading), dtype)  # XLA computes them once
     sound: Any = SimpleNamespace(
         finite=lambda values: jnp.isfinite(jnp.asarray(values)).all(0),

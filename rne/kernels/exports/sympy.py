@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
-from ..program import ON_ARRAYS, Operand, without_judged
+from ..program import ON_ARRAYS, interpret, without_judged
 
 PARAMETERS = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")  # of a body
 WRENCH = ("nx", "ny", "nz", "fx", "fy", "fz")
@@ -28,17 +29,8 @@ def to_sympy(kernel: Any) -> Any:
     functions["where"] = lambda c, a, b: sympy.Piecewise((a, sympy.Ne(c, 0)), (b, True))
     pairs = zip(kernel.names, kernel.widths, strict=True)
     symbols = [sympy.Symbol(name) for argument, width in pairs for name in _names(argument, width)]
-    shape, values = kernel.traced.shape, list[Any]()
-    program = without_judged(kernel.traced.program, kernel.traced.entries)
-
-    def value(arg: Operand) -> Any:
-        if arg.kind == "constant":
-            return _number(sympy, arg.value)
-        return (symbols if arg.kind == "input" else values)[int(arg.value)]
-
-    for kind, args in program.instructions:
-        values.append(functions[kind](*map(value, args)))
-    entries = [value(output) for output in program.outputs]
+    shape, program = kernel.traced.shape, without_judged(kernel.traced.program, kernel.traced.entries)
+    entries = interpret(program, symbols, functions, partial(_number, sympy))
     if len(shape) > 2:
         return sympy.ImmutableDenseNDimArray(entries, shape)
     return sympy.Matrix(*(*shape, 1)[:2], entries) if shape else entries[0]
