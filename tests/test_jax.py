@@ -149,7 +149,7 @@ def test_shapes_and_errors():
     call, x = kernel.to_jax(), np.zeros((3, 2))
     assert call(x[:0], x[:0], x[:0]).shape == (0, 2)
     assert call(np.zeros((4, 1, 2)), [0, 0], x).shape == (4, 3, 2)
-    with pytest.raises(TypeError, match=r"^this function takes q, qd, qdd; got 1 arguments"):
+    with pytest.raises(TypeError, match=r"^inverse_dynamics takes q, qd, qdd; got 1 arguments"):
         call(x)
     with pytest.raises(ValueError, match=r"^`qd` must have shape \(..., 2\) for robot 'chain', got \(3, 1\)"):
         call(x, x[:, :1], x)
