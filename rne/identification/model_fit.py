@@ -32,10 +32,10 @@ from .diagnosis.hypotheses import (
     merged_by_kind,
     refine,
 )
-from .diagnosis.residuals import FitResiduals
+from .diagnosis.residuals import TINY, FitResiduals
 from .fit.consistent import geometric_prior, model_prior
 from .fit.equations import Equations, RegressionData, build_regression, of_named_joints
-from .fit.least_squares import Estimator, LeastSquares, held_out, least_squares, with_correlation
+from .fit.least_squares import Estimator, LeastSquares, held_out, least_squares, weighted_fit, with_correlation
 from .log.record import Record
 from .result import IMPOSSIBLE, NOT_CONSISTENT, WRONG_SIGN, Identification
 
@@ -58,6 +58,7 @@ def identify(
     cutoff: float | None = None,
     folds: int = thresholds.FOLDS,
     hypotheses: Sequence[Hypothesis] = (),
+    causes: bool = True,
 ) -> Identification:
     """Parameters of a robot's bodies, rotors and friction from measured motions.
 
@@ -91,12 +92,17 @@ def identify(
         By which torques were measured later than positions, by default estimated for each record, and for a joint where
         it differs [s].
     cutoff : float, optional
-        Cut-off of the low-pass filter, by default chosen from the measurements [Hz].
+        Cut-off of the low-pass filter [Hz]. By default that of the spectrum, as `Record.prepare` chooses it; where more
+        than 5 % of a torque is then left, it is halved as long as the fit predicts blocks of time better that it has
+        not seen: noise that a controller feeds back is in torques and positions alike, and no spectrum tells it.
     folds : int
         Blocks of time of the cross-validation: each record is cut into `folds` / number of records, rounded up and
         at least 2, each to be predicted from the others.
     hypotheses : sequence of Hypothesis
         Causes of residuals that are tried beside those that are known.
+    causes : bool
+        False to look for no causes of what is left, which takes most of the time where much is left. Delays, the
+        Stribeck effect and missing rotors are found in any case.
 
     Returns
     -------
@@ -146,8 +152,8 @@ def identify(
     stds = thresholds.PRIOR_STDS_OF_GUESS if isinstance(prior, str) else (thresholds.PRIOR_STD,)
     stds = stds if prior_std is None else (positive_number("prior_std", prior_std),)
     options = {"minimum_velocity": minimum_velocity, "cutoff": cutoff, "folds": folds}
-    tried = hypotheses_argument(hypotheses)
-    base, data, causes, modelled, declined = fit_with_delays(robot, records, drives, delay, options, tried)
+    tried = hypotheses_argument(hypotheses) if causes else None
+    base, data, likely, modelled, declined = fit_with_delays(robot, records, drives, delay, options, tried)
     standard = base.standard
     guess, notes = (None, ()) if known is None else prior_bodies(known, standard, data.fitted)
     try:
@@ -176,7 +182,7 @@ def identify(
         )
     notes = (*matched, *data.notes, *map(taken_text, modelled), *declined, *notes)
     notes += (*ignored_drives(standard), *negative_drives(robot, base, estimate))
-    trust = errors, correlation_time, lower - estimate.values, drift_error, merged_by_kind(causes)
+    trust = errors, correlation_time, lower - estimate.values, drift_error, merged_by_kind(likely)
     found = Identification(robot, standard, base, data, estimate, parameters, consistent, *trust, notes)
     if found.doubt:
         warnings.warn(found.doubt, IdentificationWarning, stacklevel=2)
@@ -189,11 +195,12 @@ def fit_with_delays(
     drives: DriveModel | None,
     delay: ArrayLike | None,
     options: dict[str, Any],
-    hypotheses: Sequence[Hypothesis],
+    hypotheses: Sequence[Hypothesis] | None,
 ) -> tuple[BaseParameters, RegressionData, tuple[Cause, ...], list[Cause], tuple[str, ...]]:
     """The equations with delays, Stribeck effects and rotors as they show in the residuals, found in a few rounds.
 
-    Returns the base parameters, the equations, the causes of what is left, those that are modelled, and notes.
+    Returns the base parameters, the equations, the causes of what is left, those that are modelled, and notes. Without
+    `hypotheses`, no causes but those that may be modelled are looked for.
     """
     delays = np.zeros((len(records), robot.n))
     if delay is not None:
@@ -207,6 +214,10 @@ def fit_with_delays(
     for k in range(thresholds.DELAY_ROUNDS + 1):
         base = robot.base_parameters(drives=drives)
         data = build_regression(robot, records, base, **options, delays=delays)
+        if not k:
+            if options["cutoff"] is None:
+                data = with_lower_cutoff(robot, records, base, data, options)
+            options, notes = options | {"cutoff": [r.cutoff for r in data.prepared]}, [r.notes for r in data.prepared]
         estimate = least_squares(data.fitted.mapped(base.back))
         rest = FitResiduals(robot, base, data, estimate.values, estimate.sigma)
         is_last = k == thresholds.DELAY_ROUNDS
@@ -231,7 +242,66 @@ def fit_with_delays(
                 break
             drives = replace(drives, rotor=False)
     declined = (NO_ROTORS,) if is_open and not drives.rotor else ()
-    return base, data, causes, [*late.values(), *sharp.values()], declined
+    prepared = tuple(replace(record, notes=text) for record, text in zip(data.prepared, notes, strict=True))
+    causes = causes if hypotheses is not None else ()
+    return base, replace(data, prepared=prepared), causes, [*late.values(), *sharp.values()], declined
+
+
+def with_lower_cutoff(
+    robot: Robot, records: Sequence[Record], base: BaseParameters, data: RegressionData, options: dict[str, Any]
+) -> RegressionData:
+    """The equations with the cut-offs of the spectra, halved where that predicts what was not fitted better.
+
+    Of two fits that with the lower cut-off is taken if it predicts blocks of time that neither has seen better, on
+    signals below that cut-off; where much is left also if it is as good there, and better on its own signals. There a
+    half that does not help may be followed by one that does.
+    """
+    first, failed = data, 0
+    estimate = base.back @ least_squares(data.fitted.mapped(base.back)).values
+    errors = data.fitted.shares(estimate)
+    if errors.max(initial=0) < thresholds.LITTLE:
+        return data
+    errors = [held_out_errors(base, data, data)]
+    for k in range(1, thresholds.HALVINGS + 1):
+        cutoffs = [record.cutoff / 2**k for record in first.prepared]
+        try:
+            lower = build_regression(robot, records, base, **options | {"cutoff": cutoffs}, delays=data.delays)
+        except ValueError:  # the record is too short for this filter
+            break
+        if lower.used.sum() < thresholds.FEWEST_ROWS * base.count:
+            break
+        own, other = (held_out_errors(base, fitted, lower) for fitted in (lower, data))
+        ratio, fallen = (float(np.exp(np.log(own / x).mean())) for x in (other, errors[-1]))
+        is_poor, least = errors[-1].max() > thresholds.EXPLAINED, 1 - thresholds.LOWER
+        if ratio < least or (is_poor and fallen < least and ratio < 1 / least):
+            data, failed = lower, 0
+            errors.append(own)
+        elif is_poor and not failed:
+            failed = 1
+        else:
+            break
+    if data is first:
+        return data
+    before, after = (", ".join(f"{100 * x:.3g}" for x in e) for e in (errors[0], errors[-1]))
+    prepared = []
+    for record, given in zip(data.prepared, first.prepared, strict=True):
+        text = (
+            f"cut-off {record.cutoff:.3g} Hz, with which blocks of time that were not fitted are predicted better than "
+            f"with {given.cutoff:.3g} Hz, chosen from the spectrum: what is left is {after} % by joint instead of "
+            f"{before} %, as where noise is fed back"
+        )
+        prepared.append(replace(record, notes=(text, *record.notes[1:])))
+    return replace(data, prepared=tuple(prepared))
+
+
+def held_out_errors(base: BaseParameters, fitted: RegressionData, judged: RegressionData) -> Array:
+    """|predicted - measured| / |measured| of each joint, blocks of `judged` by least squares of the others."""
+    equations, others = (data.fitted.mapped(base.back) for data in (fitted, judged))
+    sigma, squares, blocks = least_squares(equations).sigma, np.zeros(judged.fitted.joints), range(len(others.factors))
+    for k in blocks:
+        x, _ = weighted_fit(equations.of_blocks(np.arange(len(blocks)) != k), sigma)
+        squares += others.of_blocks([k]).residuals(x)
+    return np.sqrt(np.maximum(squares, TINY) / np.maximum(others.torques(), TINY))
 
 
 def has_no_rotors(robot: Robot, base: BaseParameters, data: RegressionData, causes: Sequence[Cause]) -> bool:

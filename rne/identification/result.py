@@ -275,7 +275,8 @@ class Identification(InNotebooks):
         Parameters
         ----------
         record : Record
-            Of the same robot; it is filtered with the lowest cut-off of those of the fit, and its torques are taken as
+            Of the same robot; it is filtered with the lowest cut-off of those of the fit, or a fifth of
+            its sample rate if that is less, and its torques are taken as
             late as those of the fit's records were on average. Torques of joints at rest count, which Coulomb friction
             does not determine.
 
@@ -294,7 +295,8 @@ class Identification(InNotebooks):
         if set(self.initial.joint_names) <= set(record.joint_names):
             record = record._part(slice(None), self.initial.joint_names)
         check_joints(self.initial, record, "record")
-        prepared = record.prepare(min(fitted.cutoff for fitted in self.records))
+        cutoff = min(fitted.cutoff for fitted in self.records)
+        prepared = record.prepare(min(cutoff, thresholds.HIGHEST_CUTOFF * record.sample_rate))
         return self._compared(record.name, delayed(prepared, self.delay.mean(0)))
 
     def _compared(self, name: str, prepared: Prepared) -> Check:
@@ -366,7 +368,8 @@ def unexplained_text(names: Sequence[str], in_motion: Array) -> list[str]:
 
 def likely_text(causes: Sequence[Cause]) -> list[str]:
     """The likeliest causes but those that gears without a fault have, if there are any."""
-    texts = [cause.text for cause in causes if cause.kind not in GEARS][:NAMED]
+    told = [cause for cause in causes if cause.kind not in GEARS][:NAMED]
+    texts = [f"{cause.text} (held out: {cause.effect})" if cause.effect else cause.text for cause in told]
     first = "likely causes" if len(texts) > 1 else "the likely cause"
     return [f"{first}: {'; '.join(texts)}"] * bool(texts)
 
@@ -417,8 +420,8 @@ def causes_text(found: Identification) -> str:
             lines.append(f"  {short(name)} {100 * left:.0f} % in motion{why}")
     lines = ["not explained", *lines] if lines else []
     if found.causes:
-        lines.append("likely causes of what is left, and how much of a joint's residual each takes away")
-        lines += [f"  {100 * (1 - np.sqrt(max(1 - c.removed.max(), 0))):.0f} %: {c.text}" for c in found.causes]
+        lines.append("likely causes of what is left, and what the errors held out would become with each")
+        lines += [f"  {cause.text}{f': {cause.effect}' * bool(cause.effect)}" for cause in found.causes]
     if not lines and np.nanmax(found.unexplained.in_motion, initial=0) > thresholds.LITTLE:
         lines = ["no single change of the log, the robot or the drives that was looked for explains what is left"]
     return "\n".join(lines or ["little is left: no change of the log, the robot or the drives is needed"])

@@ -17,7 +17,7 @@ from ...dynamics.base_inertial_parameters import BaseParameters
 from ...model.parameters import PARAMETERS
 from ...robot import Robot
 from .. import thresholds
-from ..fit.equations import RegressionData
+from ..fit.equations import RegressionData, blocks_of_time
 from ..log.filtering import low_pass
 from ..log.prepared import Prepared
 from ..log.screening import consecutive
@@ -198,19 +198,28 @@ class FitResiduals(Discrepancy):
         b = self.weighted(tau)
         return self.by_joint(b - Q @ (Q.T @ b))
 
-    def squares_moved(self, J: Array, tau: Array) -> Array:
-        """Squares that a fit leaves of torques where the joints are J q, with friction that is known so too."""
-        bodies = self.standard.groups["bodies"].stop
-        states = [(few.q @ J.T, few.qd @ J.T, few.qdd @ J.T) for few in self.thinned]
-        Y = [self.robot.regressor(*x) @ self.base.back[:bodies] for x in states]
-        drives = [self.standard.drive_columns(*x[1:]) @ self.base.back[bodies:] for x in states]
-        A = self.weighted(self.reduced([y + d for y, d in zip(Y, drives, strict=True)]))
-        Q = np.linalg.qr(A)[0]
-        if self.known is not None:
-            beta = np.linalg.lstsq(A, self.weighted(tau), rcond=thresholds.INDEPENDENT)[0]
-            curves = [self.friction_curves(y @ beta, x[1]) for y, x in zip(Y, states, strict=True)]
-            Q = extended(Q, self.weighted(by_joint(self.reduced(curves))))
-        return self.squares_of(Q, tau)
+    @cached_property
+    def blocks(self) -> Array:
+        """Number of the block of time of each value, shape (rows,): those that the fit holds out."""
+        each = len(self.data.fitted.factors) // len(self.records)
+        lengths = [block.stop - block.start for block in blocks_of_time(self.records, each)]
+        return np.repeat(np.arange(len(lengths)), lengths)
+
+    @cached_property
+    def short_blocks(self) -> Array:
+        """The same of short blocks in turn, for what happens at one time."""
+        rows = int(np.ceil(thresholds.SHORT_BLOCK * self.correlation_time.max(initial=1)))
+        return np.arange(len(self.tau)) // rows % thresholds.FOLDS
+
+    def held_out(self, blocks: Array, columns: Array | None = None, tau: Array | None = None) -> Array:
+        """|predicted - measured| / |measured| of each joint on blocks not fitted, with other columns or torques."""
+        Q = self.Q if columns is None else extended(self.Q, self.weighted(columns))
+        return held_out_shares(Q, self.weighted(self.tau if tau is None else tau), self.used, blocks)
+
+    @cached_property
+    def coarse(self) -> CoarseRows:
+        """Some of the rows, for changes that are fitted again."""
+        return CoarseRows(self)
 
     def covariance_of(self, columns: Array) -> Array:
         """Covariance of the base parameters that the coefficients of these columns bring, where they are found too."""
@@ -266,6 +275,61 @@ class FitResiduals(Discrepancy):
             slopes = [np.gradient(values[part], record.t[part], axis=0) for part in record.segments]
             parts.append(record.reduce(np.concatenate(slopes)))
         return -np.concatenate(parts)[..., None]
+
+
+class CoarseRows:
+    """Some rows of residuals with the motion there, as the filter leaves it: enough for changes of all columns."""
+
+    def __init__(self, rest: FitResiduals) -> None:
+        self.rest = rest
+        self.rows = slice(None, None, max(1, int(rest.used.sum() / (thresholds.COARSE * rest.base.count))))
+        self.used, self.tau = rest.used[self.rows], rest.tau[self.rows]
+        names = ("q", "qd", "qdd")
+        self.motion = [np.concatenate([r.reduce(getattr(r, x)) for r in rest.records])[self.rows] for x in names]
+
+    def weighted(self, columns: Array) -> Array:
+        """Values of the used rows, shape (rows, n, ...), over the noise of their joint, shape (R, ...)."""
+        scale = self.rest.sigma.reshape(-1, *(1 for _ in columns.shape[2:]))
+        return np.asarray((columns / scale)[self.used])
+
+    def columns(self, Y: Array, motion: Sequence[Array], tau: Array) -> Array:
+        """Orthonormal columns of the parameters for a regressor of the bodies, and of friction that is known."""
+        rest, bodies = self.rest, self.rest.standard.groups["bodies"].stop
+        drives = rest.standard.drive_columns(*motion[1:]) @ rest.base.back[bodies:]
+        A = self.weighted(Y @ rest.base.back[:bodies] + drives)
+        Q = np.linalg.qr(A)[0]
+        if rest.known is None:
+            return Q
+        beta = np.linalg.lstsq(A, self.weighted(tau), rcond=thresholds.INDEPENDENT)[0]
+        curves = rest.friction_curves(Y @ (rest.base.back[:bodies] @ beta), motion[1])
+        return extended(Q, self.weighted(by_joint(curves)))
+
+    def moved(self, J: Array, tau: Array) -> Array:
+        """The same where the joints are J q."""
+        motion = [x @ J.T for x in self.motion]
+        return self.columns(self.rest.robot.regressor(*motion), motion, tau)
+
+    def squares(self, Q: Array, tau: Array) -> Array:
+        """Squares that a fit by orthonormal columns leaves of torques, as of all rows, shape (n,)."""
+        b, joint = self.weighted(tau), np.nonzero(self.used)[1]
+        left = np.bincount(joint, (b - Q @ (Q.T @ b)) ** 2, minlength=self.rest.robot.n)
+        return np.asarray(left * self.rest.used.sum() / max(self.used.sum(), 1))
+
+    def held_out(self, Q: Array, tau: Array) -> Array:
+        """|predicted - measured| / |measured| of each joint on blocks that were not fitted."""
+        return held_out_shares(Q, self.weighted(tau), self.used, self.rest.blocks[self.rows])
+
+
+def held_out_shares(Q: Array, b: Array, used: Array, blocks: Array) -> Array:
+    """|predicted - measured| / |measured| of each joint, of used values b by orthonormal columns, block by block."""
+    (row, joint), n = np.nonzero(used), used.shape[1]
+    squares, whole, unit = np.zeros(n), Q.T @ b, np.eye(Q.shape[1])
+    for k in np.unique(blocks):
+        part = blocks[row] == k
+        own, values = Q[part], b[part]
+        x = np.linalg.solve((1 + thresholds.DEPENDENT) * unit - own.T @ own, whole - own.T @ values)
+        squares += np.bincount(joint[part], (values - own @ x) ** 2, minlength=n)
+    return np.asarray(np.sqrt(squares / np.maximum(np.bincount(joint, b**2, minlength=n), TINY)))
 
 
 def at_samples(record: Prepared, few: Prepared, values: Array) -> Array:
