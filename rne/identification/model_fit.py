@@ -253,8 +253,8 @@ def with_lower_cutoff(
     """The equations with the cut-offs of the spectra, halved where that predicts what was not fitted better.
 
     Of two fits that with the lower cut-off is taken if it predicts blocks of time that neither has seen better, on
-    signals below that cut-off; where much is left also if it is as good there, and better on its own signals. There a
-    half that does not help may be followed by one that does.
+    signals below that cut-off; where much is left also if it is as good there, and better on its own signals. There
+    some halves that do not help may be followed by one that does.
     """
     first, failed = data, 0
     estimate = base.back @ least_squares(data.fitted.mapped(base.back)).values
@@ -272,12 +272,12 @@ def with_lower_cutoff(
             break
         own, other = (held_out_errors(base, fitted, lower) for fitted in (lower, data))
         ratio, fallen = (float(np.exp(np.log(own / x).mean())) for x in (other, errors[-1]))
-        is_poor, least = errors[-1].max() > thresholds.EXPLAINED, 1 - thresholds.LOWER
+        is_poor, least = np.median(errors[-1]) > thresholds.EXPLAINED, 1 - thresholds.LOWER
         if ratio < least or (is_poor and fallen < least and ratio < 1 / least):
             data, failed = lower, 0
             errors.append(own)
-        elif is_poor and not failed:
-            failed = 1
+        elif is_poor and failed < thresholds.FAILED:
+            failed += 1
         else:
             break
     if data is first:

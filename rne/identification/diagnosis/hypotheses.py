@@ -23,7 +23,7 @@ from ...model.parameters import PARAMETERS
 from ...robot import Robot
 from .. import thresholds
 from ..log.screening import seconds
-from .residuals import TINY, Discrepancy, FitResiduals, Torques, by_joint
+from .residuals import TINY, Discrepancy, FitResiduals, Torques, by_joint, extended
 
 LOGGER = logging.getLogger("rne")
 STRIBECK, SIZE, DIRECTION, GAIN = "Stribeck friction", "gravity magnitude", "gravity direction", "torque factor"
@@ -264,10 +264,11 @@ def merged_by_kind(causes: Sequence[Cause]) -> tuple[Cause, ...]:
 
 def merged_text(texts: Sequence[str]) -> str:
     """One text of several that differ in names and numbers."""
-    words = [text.split(" ") for text in texts]
-    if len({len(x) for x in words}) > 1:
+    places = list(zip(*(text.split(" ") for text in texts), strict=False))
+    differ = sum(len(set(words)) > 1 for words in places)
+    if len({text.count(" ") for text in texts}) > 1 or 2 * differ > len(places):
         return "; ".join(texts)
-    return " ".join(x[0] if len(set(x)) == 1 else ", ".join(x) for x in zip(*words, strict=True))
+    return " ".join(words[0] if len(set(words)) == 1 else ", ".join(words) for words in places)
 
 
 # Words
@@ -663,19 +664,19 @@ def gravity_directions(rest: FitResiduals) -> Iterator[tuple[Cause, Trial]]:
     robots = [in_gravity(rest.robot, size * e) for e in (np.zeros(3), *np.eye(3))]
     still, *pulled = (robot.regressor(*coarse.motion) for robot in robots)
     pulls = np.array([y - still for y in pulled])
+    drives = coarse.weighted(rest.standard.drive_columns(*coarse.motion[1:]))
 
-    def columns(gravity: Array) -> Array:
-        return coarse.columns(still + np.tensordot(gravity, pulls, 1), coarse.motion, coarse.tau)
+    def bodies(gravity: Array) -> Array:  # which other parameters are felt in
+        return coarse.weighted(still + np.tensordot(gravity, pulls, 1))
 
     def squares(gravity: Array) -> Array:
-        return coarse.squares(columns(gravity), coarse.tau)
+        return coarse.squares(np.linalg.qr(np.concatenate([bodies(gravity), drives], axis=1))[0], coarse.tau)
 
     def loss(gravity: Array) -> float:  # of those that fit equally well, the nearest to the model's
         return thresholds.KEPT * float(((gravity - given) ** 2).sum()) - rest.gain(squares(gravity))[0]
 
-    def trial(gravity: Array) -> tuple[Array, Array]:
-        before, after = (coarse.held_out(columns(x), coarse.tau) for x in (given, gravity))
-        return before, after
+    def held_out(gravity: Array) -> Array:
+        return coarse.held_out(extended(extended(drives[:, :0], drives), bodies(gravity)), coarse.tau)
 
     starts = [given, *(s * e for e in np.eye(3) for s in (1, -1)), *(given + s * e for e in np.eye(3) for s in (1, -1))]
     before = squares(given)
@@ -690,4 +691,4 @@ def gravity_directions(rest: FitResiduals) -> Iterator[tuple[Cause, Trial]]:
         if abs(length - 1) <= thresholds.SCALED:
             return
         kind, text, value = SIZE, size_text(length), length
-    yield Cause(kind, (), text, gain - rest.penalty(3), removed, value), lambda: trial(found)
+    yield Cause(kind, (), text, gain - rest.penalty(3), removed, value), lambda: (held_out(given), held_out(found))

@@ -292,22 +292,17 @@ class CoarseRows:
         scale = self.rest.sigma.reshape(-1, *(1 for _ in columns.shape[2:]))
         return np.asarray((columns / scale)[self.used])
 
-    def columns(self, Y: Array, motion: Sequence[Array], tau: Array) -> Array:
-        """Orthonormal columns of the parameters for a regressor of the bodies, and of friction that is known."""
-        rest, bodies = self.rest, self.rest.standard.groups["bodies"].stop
-        drives = rest.standard.drive_columns(*motion[1:]) @ rest.base.back[bodies:]
-        A = self.weighted(Y @ rest.base.back[:bodies] + drives)
+    def moved(self, J: Array, tau: Array) -> Array:
+        """Orthonormal columns of the parameters where the joints are J q, and of friction that is known so too."""
+        rest, bodies, motion = self.rest, self.rest.standard.groups["bodies"].stop, [x @ J.T for x in self.motion]
+        Y, drives = rest.robot.regressor(*motion), rest.standard.drive_columns(*motion[1:])
+        A = self.weighted(Y @ rest.base.back[:bodies] + drives @ rest.base.back[bodies:])
         Q = np.linalg.qr(A)[0]
         if rest.known is None:
             return Q
         beta = np.linalg.lstsq(A, self.weighted(tau), rcond=thresholds.INDEPENDENT)[0]
         curves = rest.friction_curves(Y @ (rest.base.back[:bodies] @ beta), motion[1])
         return extended(Q, self.weighted(by_joint(curves)))
-
-    def moved(self, J: Array, tau: Array) -> Array:
-        """The same where the joints are J q."""
-        motion = [x @ J.T for x in self.motion]
-        return self.columns(self.rest.robot.regressor(*motion), motion, tau)
 
     def squares(self, Q: Array, tau: Array) -> Array:
         """Squares that a fit by orthonormal columns leaves of torques, as of all rows, shape (n,)."""
