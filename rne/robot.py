@@ -1313,8 +1313,6 @@ class Robot(InNotebooks):
     def with_armature(self, armature: LimitValues) -> Robot:
         """The robot with other rotors: a rotor of inertia J behind a gear of ratio r adds r^2 J at its joint to M.
 
-        Siciliano et al. 2009, section 7.2.1, without the gyroscopic torques of rotors.
-
         Parameters
         ----------
         armature : float, array_like of shape (nb,), or mapping
@@ -1324,7 +1322,7 @@ class Robot(InNotebooks):
         Returns
         -------
         Robot
-            With these as `model.armature`, part of M, torques and energies.
+            With these as `model.armature`: Siciliano et al. 2009, section 7.1.1, without gyroscopic torques of rotors.
 
         Raises
         ------

@@ -104,7 +104,7 @@ class Scene:
         "urdf" takes the damping and friction of the file's `<dynamics>`. Under Coulomb friction that is smoothed, as
         by default, joints at rest creep: `Friction(..., smoothing=0)` holds them.
     armature : float, array_like of shape (nb,), or mapping, optional
-        Inertias of rotors at the joints that move, in place of the robot's, as for `Robot.with_armature` [kg m^2 or kg].
+        Inertias of rotors at the joints that move, in place of the robot's: see `Robot.with_armature` [kg m^2 or kg].
     effort_limit : float or array_like, shape (n,), or "urdf", optional
         Largest torque of each drive; "urdf" takes the file's `effort`, as far as it limits any [N m or N].
     torque_rate : float or array_like, shape (n,), optional

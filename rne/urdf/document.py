@@ -25,8 +25,7 @@ DEFINITIONS, BUILT_IN = ("property", "arg", "macro", "include"), ("if", "unless"
 # Elements and names of other programs, for which there is no finding; names with an undeclared prefix have their own.
 EXTENSIONS = frozenset(["gazebo", "transmission", "ros2_control", "mujoco", "sensor", "contact", "frame"])
 FOREIGN = re.compile(r"\{[^}]*(?:drake|xacro|w3\.org/(?!2001/XInclude))|[^{:]+:")
-DRAKE = "{http://drake.mit.edu}"
-ROTOR, GEAR = f"{DRAKE}rotor_inertia", f"{DRAKE}gear_ratio"
+DRAKE, ROTOR, GEAR = (f"{{http://drake.mit.edu}}{name}" for name in ("", "rotor_inertia", "gear_ratio"))
 READ, DRAWN = "read", "drawn"  # uses of an element: for dynamics, and for pictures alone
 LARGEST = sys.float_info.max  # written for a limit that does not exist
 NO_LIMIT = -1.0  # what makers write for it
@@ -229,9 +228,7 @@ NUMBERS: dict[str, dict[str, tuple[int, str | None]]] = {
     "mimic": {"multiplier": (1, "1"), "offset": (1, "0")},
     "cylinder": dict.fromkeys(RULES["cylinder"].attributes.split(), (1, None)),
     "box": {"size": (3, None)},
-    ROTOR: {"value": (1, None)},
-    GEAR: {"value": (1, None)},
-}
+} | {tag: {"value": (1, None)} for tag in (ROTOR, GEAR)}
 # Known, but used neither for dynamics nor for drawing: their content is not checked.
 UNREAD = frozenset(["material", "transmission", "gazebo", "collision", "calibration", "safety_controller"])
 UNREAD |= {"sphere", "mesh", "capsule"}

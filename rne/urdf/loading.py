@@ -138,8 +138,7 @@ def load(
     FileNotFoundError
         If it is neither a file nor a robot's name; suggests names that are near.
     ValueError
-        If `gravity` is not three finite numbers, a limit or rotor is negative or not one per joint, or there is
-        no such engine.
+        If `gravity` is not three finite numbers, a limit or rotor negative or not one per joint, or the engine none.
     ImportError
         If the engine is "numba" and Numba is not installed.
 
@@ -170,7 +169,8 @@ def check(source: str | os.PathLike[str], *, out: TextIO | None = None, grouped:
 
     Errors are what keeps the file from loading. Warnings are what is ignored, and what probably is not meant: degrees
     or millimetres, centres of mass far outside the robot, masses and inertias of impossible bodies, drives without
-    torque or speed. What other programs add, such as `<gazebo>` and `<ros2_control>`, is no finding.
+    torque or speed. Rotors are named as they add to M. What other programs add, such as `<gazebo>` and
+    `<ros2_control>`, is no finding.
 
     Parameters
     ----------

@@ -41,12 +41,12 @@ def rotors_of(root: Element, report: FindingsReport) -> dict[Any, float]:
 def _armature(actuator: Element, owner: str, report: FindingsReport) -> float:
     J, ratio = (checked_numbers(actuator, tag, owner, report).get("value", 1.0) for tag in (ROTOR, GEAR))
     for tag, is_wrong, need in ((ROTOR, J < 0, "must not be negative"), (GEAR, ratio == 0, "must not be 0")):
-        element, written = actuator.find(tag), tag.replace(DRAKE, "drake:")
-        if element is None:
-            report.warning(actuator, owner, f"<{written}> is missing, taken as 1", "give it")
-        elif is_wrong:
-            message = f"attribute 'value' of <{written}> {need}, got {echo(element.get('value'))}"
-            report.error(element, owner, message, "fix the attribute")
+        if is_wrong:
+            got = f"{need}, got {echo(actuator.find(tag).get('value'))}"
+            message = f"attribute 'value' of <{tag.replace(DRAKE, 'drake:')}> {got}"
+            report.error(actuator.find(tag), owner, message, "fix the attribute")
+    if actuator.find(GEAR) is None:
+        report.warning(actuator, owner, "<drake:gear_ratio> is missing, taken as 1", "give it")
     armature, cure = float(J * ratio * ratio), "give Pinocchio and MuJoCo this armature, as they read no rotors"
     report.warning(actuator, owner, "<drake:rotor_inertia> is read, and adds to M", cure, detail=f"{armature:.6g}")
     return armature

@@ -26,9 +26,8 @@ def to_urdf(model: Model) -> str:
     -------
     str
         Numbers have all their digits. Merged links are written as fixed joints, their inertia on the body's first
-        link. Rotors are written as Drake reads them, in a `<transmission>` with `armature` as `<drake:rotor_inertia>`
-        and a `<drake:gear_ratio>` of 1. URDF has no element for gravity: other than (0, 0, -9.81) it is written as a
-        comment, which a reader passes over.
+        link. Rotors are written for Drake: `armature` as `<drake:rotor_inertia>` with a `<drake:gear_ratio>` of 1. URDF
+        has no element for gravity: other than (0, 0, -9.81) it is written as a comment, which a reader passes over.
 
     Raises
     ------
