@@ -1316,7 +1316,7 @@ class Robot(InNotebooks):
         Parameters
         ----------
         armature : float, array_like of shape (nb,), or mapping
-            r^2 J: one number for all moving joints, one for each of `model.moving_joints`, those that mimic others
+            Inertias r^2 J: one for all moving joints, one for each of `model.moving_joints`, those that mimic others
             included, or some by name [kg m^2, or kg of joints that slide].
 
         Returns

@@ -178,13 +178,12 @@ def test_urdf_of_the_robot_found(found, tmp_path):
     path = tmp_path / "found.urdf"
     path.write_text(rne.to_urdf(found.robot.model), encoding="utf-8")
     loaded = rne.load(path)
-    np.testing.assert_allclose(loaded.parameters, found.robot.parameters, atol=1e-12 * np.abs(found.parameters).max())
-    np.testing.assert_array_equal(loaded.model.friction, found.robot.model.friction)
     assert found.robot.model.armature.any()
-    assert (
-        loaded.with_model(dataclasses.replace(loaded.model, gravity=found.robot.model.gravity)).model
-        == found.robot.model
-    )
+    for name in ("mass", "com", "inertia", "rotation", "translation", "axis", "armature", "damping", "friction"):
+        np.testing.assert_array_equal(getattr(loaded.model, name), getattr(found.robot.model, name))
+    motion = np.random.default_rng(4).uniform(-1, 1, (3, 20, loaded.n))
+    np.testing.assert_array_equal(loaded.mass_matrix(motion[0]), found.robot.mass_matrix(motion[0]))
+    np.testing.assert_array_equal(loaded.inverse_dynamics(*motion), found.robot.inverse_dynamics(*motion))
 
 
 def test_rotors_that_the_model_has_are_not_counted_twice(scene, motions):

@@ -228,7 +228,8 @@ NUMBERS: dict[str, dict[str, tuple[int, str | None]]] = {
     "mimic": {"multiplier": (1, "1"), "offset": (1, "0")},
     "cylinder": dict.fromkeys(RULES["cylinder"].attributes.split(), (1, None)),
     "box": {"size": (3, None)},
-} | {tag: {"value": (1, None)} for tag in (ROTOR, GEAR)}
+    **{tag: {"value": (1, None)} for tag in (ROTOR, GEAR)},
+}
 # Known, but used neither for dynamics nor for drawing: their content is not checked.
 UNREAD = frozenset(["material", "transmission", "gazebo", "collision", "calibration", "safety_controller"])
 UNREAD |= {"sphere", "mesh", "capsule"}
