@@ -26,6 +26,7 @@ DEFINITIONS, BUILT_IN = ("property", "arg", "macro", "include"), ("if", "unless"
 EXTENSIONS = frozenset(["gazebo", "transmission", "ros2_control", "mujoco", "sensor", "contact", "frame"])
 FOREIGN = re.compile(r"\{[^}]*(?:drake|xacro|w3\.org/(?!2001/XInclude))|[^{:]+:")
 DRAKE, ROTOR, GEAR = (f"{{http://drake.mit.edu}}{name}" for name in ("", "rotor_inertia", "gear_ratio"))
+SIMPLE = "SimpleTransmission"  # the type of a gear between one motor and one joint
 READ, DRAWN = "read", "drawn"  # uses of an element: for dynamics, and for pictures alone
 LARGEST = sys.float_info.max  # written for a limit that does not exist
 NO_LIMIT = -1.0  # what makers write for it

@@ -5,10 +5,8 @@ from __future__ import annotations
 import re
 from typing import Any
 
-from .document import DRAKE, GEAR, ROTOR, Element, checked_numbers, describe
+from .document import DRAKE, GEAR, ROTOR, SIMPLE, Element, checked_numbers, describe
 from .findings import FindingsReport, echo, listed
-
-SIMPLE = "SimpleTransmission"  # the type of a gear between one motor and one joint
 
 
 def name_rotors(root: Element) -> Element:

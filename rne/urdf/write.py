@@ -10,8 +10,7 @@ from ..basics.spatial import rpy_from_rotation
 from ..model.builder import Part, at_links, disassemble
 from ..model.model import Model, model_argument
 from ..model.solids import Box
-from .document import DRAKE, GEAR, LARGEST, ROTOR, Element
-from .rotors import SIMPLE
+from .document import DRAKE, GEAR, LARGEST, ROTOR, SIMPLE, Element
 
 
 def to_urdf(model: Model) -> str:
