@@ -37,7 +37,11 @@ LOAD = 0.03, 0.08  # friction per load of a harmonic drive
 SATURATING = 0.5, 1.5  # of the largest speed, at which viscous friction saturates
 LATE = 0.0, 0.008  # delay of the torques [s]
 LOOP, FED_BACK = 4.0, 0.3  # bandwidth of the controller [Hz]; accelerations by noise, of those of the motion
-DRIFT, JITTER = 0.02, 0.3  # [s] by which samples come late, slowly; of the period, by which each one does
+DRIFT, JITTER, READ = (
+    0.02,
+    0.3,
+    2.0,
+)  # [s] by which samples are late, slowly; periods by which one is; by which it is read
 FEEDBACK, CLOCKS = "feedback", ("samples", "reader")  # a clock's stamps are those of the samples, or of the reader
 LOGGED = ("", FEEDBACK, *CLOCKS)
 
@@ -201,19 +205,16 @@ def uneven(t: np.ndarray, seed: int) -> np.ndarray:
 
 
 def fed_back(states: tuple[np.ndarray, ...], t: np.ndarray, seed: int) -> tuple[tuple[np.ndarray, ...], np.ndarray]:
-    """The motion with what a PD controller of each joint makes of noise of its position, and that noise."""
+    """The motion with what a controller of each joint makes of noise of its position, and that noise."""
     rng, w = np.random.default_rng([seed, 3]), 2 * np.pi * LOOP
-    noise = rng.normal(size=states[0].shape)
-    A, B = np.array([[0, 1], [-w * w, -1.4 * w]]), np.array([[1.0], [0.0]])
-    moved = []
-    for e, size in zip(noise.T, FED_BACK * np.sqrt((states[2] ** 2).mean(0)), strict=True):
-        x = lsim((A, [[-1.4 * w], [1.4 * 1.4 * w * w - w * w]], np.eye(2), np.zeros((2, 1))), e, t)[1]
-        dq, dqd = x.T  # (s^2 + 1.4 w s + w^2) dq = -(1.4 w s + w^2) e
-        moved.append([dq, dqd + 1.4 * w * e, A[1] @ x.T + (1.4 * 1.4 * w * w - w * w) * e])
-        scale = size / moved[-1][2].std()
-        moved[-1] = [scale * y for y in moved[-1]]
-        e *= scale
-    return tuple(x + np.column_stack(y) for x, y in zip(states, zip(*moved, strict=True), strict=True)), noise
+    A, B = np.array([[0, 1], [-w * w, -1.4 * w]]), np.array([[0.0], [-w * w]])
+    noise, moved = rng.normal(size=states[0].shape), np.zeros((3, *states[0].shape))
+    for j, e in enumerate(noise.T):  # qdd = -1.4 w qd - w^2 (q + e)
+        x = lsim((A, B, np.eye(2), np.zeros((2, 1))), e, t)[1]
+        change = np.array([*x.T, x @ A[1] - w * w * e])
+        size = FED_BACK * np.sqrt((states[2][:, j] ** 2).mean()) / change[2].std()
+        moved[..., j], noise[:, j] = size * change, size * e
+    return tuple(x + y for x, y in zip(states, moved, strict=True)), noise
 
 
 def case(name: str, seed: int, linear: bool = False, logged: str = "") -> Case:
@@ -443,7 +444,8 @@ def run(fault: str, name: str, seed: int, logged: str = "") -> Outcome:
     c, (make, names) = case(name, seed, logged=logged), FAULTS.get(fault, (clean, ()))
     data, known = make(c), given_robot(c.arm.robot, c.rng)
     qd = np.gradient(data.q, data.t, axis=0) if logged in CLOCKS else None
-    t = uneven(data.t, seed) if logged == "reader" else data.t
+    read = READ / RATE * np.random.default_rng([seed, 4]).uniform(-0.5, 0.5, len(data.t))
+    t = np.sort(data.t + read) if logged == "reader" else data.t
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
         try:

@@ -32,10 +32,10 @@ from .diagnosis.hypotheses import (
     merged_by_kind,
     refine,
 )
-from .diagnosis.residuals import TINY, FitResiduals
+from .diagnosis.residuals import FitResiduals
 from .fit.consistent import geometric_prior, model_prior
 from .fit.equations import Equations, RegressionData, build_regression, of_named_joints
-from .fit.least_squares import Estimator, LeastSquares, held_out, least_squares, weighted_fit, with_correlation
+from .fit.least_squares import Estimator, LeastSquares, held_out, least_squares, with_correlation
 from .log.record import Record
 from .result import IMPOSSIBLE, NOT_CONSISTENT, WRONG_SIGN, Identification
 
@@ -257,11 +257,10 @@ def with_lower_cutoff(
     some halves that do not help may be followed by one that does.
     """
     first, failed = data, 0
-    estimate = base.back @ least_squares(data.fitted.mapped(base.back)).values
-    errors = data.fitted.shares(estimate)
-    if errors.max(initial=0) < thresholds.LITTLE:
+    estimator = Estimator(base, None, 1.0)
+    if data.fitted.shares(estimator.fit(data.fitted)[1]).max(initial=0) < thresholds.LITTLE:
         return data
-    errors = [held_out_errors(base, data, data)]
+    errors = [held_out(estimator, data.fitted, data.fitted).everywhere]
     for k in range(1, thresholds.HALVINGS + 1):
         cutoffs = [record.cutoff / 2**k for record in first.prepared]
         try:
@@ -270,9 +269,9 @@ def with_lower_cutoff(
             break
         if lower.used.sum() < thresholds.FEWEST_ROWS * base.count:
             break
-        own, other = (held_out_errors(base, fitted, lower) for fitted in (lower, data))
-        ratio, fallen = (float(np.exp(np.log(own / x).mean())) for x in (other, errors[-1]))
-        is_poor, least = np.median(errors[-1]) > thresholds.EXPLAINED, 1 - thresholds.LOWER
+        own, other = (held_out(estimator, part.fitted, lower.fitted).everywhere for part in (lower, data))
+        ratio, fallen = (float(np.exp(np.nanmean(np.log(own / x)))) for x in (other, errors[-1]))
+        is_poor, least = np.nanmedian(errors[-1]) > thresholds.EXPLAINED, 1 - thresholds.LOWER
         if ratio < least or (is_poor and fallen < least and ratio < 1 / least):
             data, failed = lower, 0
             errors.append(own)
@@ -292,16 +291,6 @@ def with_lower_cutoff(
         )
         prepared.append(replace(record, notes=(text, *record.notes[1:])))
     return replace(data, prepared=tuple(prepared))
-
-
-def held_out_errors(base: BaseParameters, fitted: RegressionData, judged: RegressionData) -> Array:
-    """|predicted - measured| / |measured| of each joint, blocks of `judged` by least squares of the others."""
-    equations, others = (data.fitted.mapped(base.back) for data in (fitted, judged))
-    sigma, squares, blocks = least_squares(equations).sigma, np.zeros(judged.fitted.joints), range(len(others.factors))
-    for k in blocks:
-        x, _ = weighted_fit(equations.of_blocks(np.arange(len(blocks)) != k), sigma)
-        squares += others.of_blocks([k]).residuals(x)
-    return np.sqrt(np.maximum(squares, TINY) / np.maximum(others.torques(), TINY))
 
 
 def has_no_rotors(robot: Robot, base: BaseParameters, data: RegressionData, causes: Sequence[Cause]) -> bool:

@@ -176,7 +176,6 @@ LEAST = 1e-3  # residuals below this part of the torques need no cause; FAULTS: 
 APART = 5e-3  # part of a joint's column that its values on a thinned grid may be off by; numerics
 INDEPENDENT = 1e-6  # part of a column below which nothing of it is independent of the others; numerics
 SLOW = 0.1  # of a joint's largest speed, up to which friction rises or falls towards rest; FAULTS: 0.03 to 0.1
-THINNED = 10.0  # samples per period of the cut-off at which smooth columns are evaluated; numerics, see APART
 FEWEST_ROWS = 3  # equations per unknown below which equations beside a rest are used too; statistics
 
 # Diagnosis: one rigid-body model or none ---------------------------------------------------------------------------

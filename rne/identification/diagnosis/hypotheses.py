@@ -12,6 +12,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import combinations
 from typing import Any, Literal, NamedTuple
 
@@ -64,34 +65,30 @@ class Cause(NamedTuple):
         In words, with its size.
     score : float
         Gain of log likelihood, less log(N) / 2 per free number and the logarithm of how many were tried.
+    effect : str
+        What becomes of errors on blocks of time that were not fitted, such as "10.2 to 3.1 % on joint_2"; empty for a
+        unit or sign of all torques, which no fit tells.
     removed : ndarray, shape (n,)
-        Part of the squares of each joint's residuals that it takes away.
+        Part of the squares of each joint's errors there that it takes away.
     value, error : float
         Its size and the standard error of that, where it is one number, otherwise NaN: a delay [s], a zero [rad or m],
         a ratio relative to one, friction, an inertia or an offset in the units of its joint.
     at : float
         The record's number of a delay, or the Stribeck velocity [rad/s or m/s]; otherwise NaN.
-    before, after : ndarray, shape (n,)
-        |predicted - measured| / |measured| of each joint on blocks of time that were not fitted, by least squares
-        without the cause and with it; empty for a unit or sign of all torques, which no fit tells.
-    effect : str
-        The largest of these changes in words, such as "10.2 to 3.1 % on joint_2".
     """
 
     kind: str
     joints: tuple[str, ...]
     text: str
     score: float
-    removed: Array
     value: float = float("nan")
     error: float = float("nan")
     at: float = float("nan")
-    before: Array = np.zeros(0)
-    after: Array = np.zeros(0)
     effect: str = ""
+    removed: Array = np.zeros(0)
 
 
-Trial = Callable[[], tuple[Array, Array]]  # errors held out without a change and with it, shape (n,) each
+Trial = Callable[[FitResiduals], tuple[Array, ...]]  # errors held out without a change and with it, (n,) each
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,12 +160,11 @@ def columns_of(rest: Discrepancy, h: Hypothesis) -> Array:
 def judge(rest: Discrepancy, h: Hypothesis, columns: Array | None = None) -> Cause:
     """The cause with its score."""
     c, error, left, _ = rest.with_columns(columns_of(rest, h) if columns is None else columns)
-    gain, removed = rest.gain(rest.by_joint(left))
     size = (float(c[0]), float(error[0])) if len(c) == 1 else (float("nan"), float("nan"))
     kind = "pre-sliding friction" if h.kind == STRIBECK and c[0] < 0 else h.kind
     kind = "torque sign" if kind == GAIN and c[0] < -1 else kind
-    score = gain - rest.penalty(len(c)) - float(np.log(h.alternatives))
-    return Cause(kind, h.joints, text_of(h, c), score, removed, *size, h.at)
+    score = rest.gain(rest.by_joint(left)) - rest.penalty(len(c)) - float(np.log(h.alternatives))
+    return Cause(kind, h.joints, text_of(h, c), score, *size, h.at)
 
 
 def hypotheses_argument(given: Any) -> tuple[Hypothesis, ...]:
@@ -195,36 +191,44 @@ def likely_causes(
         linear += [(beyond, h) for kind in kinds for h in kind(beyond)]
     for left, h in linear:
         columns = columns_of(left, h)
-        cause, blocks = judge(left, h, columns), rest.short_blocks if h.kind in EVENTS else rest.blocks
+        cause = judge(left, h, columns)
         if cause.score > thresholds.EVIDENT:
-            found.append((cause, lambda x=columns, k=blocks: (rest.held_out(k), rest.held_out(k, x))))
+            found.append((cause, partial(of_columns, columns, h.kind in EVENTS)))
             if cause.kind not in GEARS and cause.score > best_score and h.kind != "delay":
                 best_score, leading = cause.score, columns
     if hypotheses is not None:
-        found += [*torque_scale(rest), *other_torques(rest, beyond)]
-    if hypotheses is not None and rest.share > thresholds.POOR:
-        found += [*gravity_directions(rest), *other_joints(rest, beyond)]
+        found += [*torque_scale(rest), *gravity_directions(rest), *other_conventions(rest, beyond)]
     best: dict[tuple[str, tuple[str, ...]], tuple[Cause, Trial | None]] = {}
     for cause, trial in sorted(found, key=lambda pair: (pair[0].kind in GEARS, -pair[0].score)):
         if cause.score > thresholds.EVIDENT:
             best.setdefault((cause.kind, cause.joints), (cause, trial))
-    tried = [cause if trial is None else with_effect(rest, cause, *trial()) for cause, trial in best.values()]
+    tried = [with_effect(rest, cause, trial) for cause, trial in best.values()]
     causes = tuple(cause for cause in tried if cause is not None)
     LOGGER.info("%d changes tried, %d evident, %d improve what is held out", len(linear), len(tried), len(causes))
     return causes, leading
 
 
-def with_effect(rest: FitResiduals, cause: Cause, before: Array, after: Array) -> Cause | None:
-    """The cause with its effect on what was held out, unless it improves no joint or makes one worse."""
-    least = np.maximum(before, thresholds.LEAST)
-    ratio = np.maximum(after, thresholds.LEAST) / least
-    if ratio.min() > 1 - thresholds.BETTER or (ratio > 1 + thresholds.WORSE).any():
+def of_columns(columns: Array, is_event: bool, rest: FitResiduals) -> tuple[Array, ...]:
+    """Errors held out without further columns and with them."""
+    blocks = rest.short_blocks if is_event else rest.blocks
+    return tuple(rest.held_out(Q, rest.tau, blocks) for Q in (rest.Q, extended(rest.Q, rest.weighted(columns))))
+
+
+def with_effect(rest: FitResiduals, cause: Cause, trial: Trial | None) -> Cause | None:
+    """The cause with its effect on what was held out, unless it improves no joint or makes one worse.
+
+    It has to improve them beside friction that gears without a fault have, and without it as the fit does.
+    """
+    if trial is None:
+        return cause._replace(removed=np.zeros(rest.robot.n))
+    left = rest if cause.kind in GEARS else rest.beyond_friction
+    ratio, told = (np.divide(*(np.maximum(x, thresholds.LEAST) for x in trial(r)[::-1])) for r in (left, rest))
+    if max(ratio.min(), told.min()) > 1 - thresholds.BETTER or ratio.max() > 1 + thresholds.WORSE:
         return None
-    whole = rest.held_out(rest.blocks)
-    order = np.argsort(whole**2 * (ratio**2 - 1))[: thresholds.EFFECTS]
-    shown = [f"{100 * whole[j]:.3g} to {100 * whole[j] * ratio[j]:.3g} % on {rest.names[j]}" for j in order
-             if ratio[j] < 1 - thresholds.BETTER]
-    return cause._replace(before=whole, after=whole * ratio, effect=", ".join(shown))
+    errors = 100 * rest.held_out(rest.Q, rest.tau, rest.blocks)
+    largest = [j for j in np.argsort(errors**2 * (told**2 - 1)) if told[j] < 1 - thresholds.BETTER]
+    shown = [f"{errors[j]:.3g} to {errors[j] * told[j]:.3g} % on {rest.names[j]}" for j in largest]
+    return cause._replace(effect=", ".join(shown[: thresholds.EFFECTS]), removed=1 - told**2)
 
 
 def delays_of(rest: FitResiduals) -> list[Cause]:
@@ -233,7 +237,7 @@ def delays_of(rest: FitResiduals) -> list[Cause]:
     chosen: list[tuple[tuple[str, ...], Array]] = []
     while options:
         fits = [left.with_columns(columns) for _, columns in options]
-        gains = [left.gain(left.by_joint(values))[0] - left.penalty(len(c)) for c, _, values, _ in fits]
+        gains = [left.gain(left.by_joint(values)) - left.penalty(len(c)) for c, _, values, _ in fits]
         scores = [x if np.abs(c).max() < thresholds.LATEST else -np.inf for x, (c, *_) in zip(gains, fits, strict=True)]
         if max(scores) <= thresholds.EVIDENT:
             break
@@ -244,7 +248,7 @@ def delays_of(rest: FitResiduals) -> list[Cause]:
     c, errors, *_ = rest.with_columns(np.concatenate([columns for _, columns in chosen], axis=-1))
     places = [(joints, k if joints is names else np.nan) for joints, x in chosen for k in range(x.shape[-1])]
     sizes = zip(places, c.tolist(), errors.tolist(), strict=True)
-    return [Cause("delay", joints, "", np.nan, np.zeros(len(names)), x, e, at) for (joints, at), x, e in sizes]
+    return [Cause("delay", joints, "", np.nan, x, e, at) for (joints, at), x, e in sizes]
 
 
 def merged_by_kind(causes: Sequence[Cause]) -> tuple[Cause, ...]:
@@ -342,7 +346,7 @@ def in_gravity(robot: Robot, gravity: Array) -> Robot:
 def gravity_columns(rest: Discrepancy, gravity: Array, *bodies: Array) -> Array:
     """Torques of several sets of bodies in a given gravity, one in each column."""
     alone = in_gravity(rest.robot, gravity)
-    return rest.smooth(lambda q, qd, qdd: np.stack([alone.gravity_torque(q, parameters=pi) for pi in bodies], axis=-1))
+    return rest.sampled(lambda q, qd, qdd: np.stack([alone.gravity_torque(q, parameters=pi) for pi in bodies], axis=-1))
 
 
 def zero_columns(rest: Discrepancy, zero: Array | float = 0.0) -> Array:
@@ -353,7 +357,7 @@ def zero_columns(rest: Discrepancy, zero: Array | float = 0.0) -> Array:
         states = [np.broadcast_to(x, (rest.robot.n, *q.shape)) for x in (qd, qdd)]
         return np.moveaxis(slope(lambda h: rest.load(q + zero + h * steps, *states)), 0, -1)
 
-    return rest.smooth(torques)
+    return rest.sampled(torques)
 
 
 def slope(function: Callable[[float], Array]) -> Array:
@@ -418,7 +422,7 @@ def ratio_columns(rest: FitResiduals) -> Array:
     def torques(k: Array, motion: tuple[Array, ...]) -> Array:
         return np.asarray(k * rest.load(*(k * x for x in motion)))
 
-    return rest.smooth(lambda *motion: np.moveaxis(slope(lambda h: torques(1 + h * steps, motion)), 0, -1))
+    return rest.sampled(lambda *motion: np.moveaxis(slope(lambda h: torques(1 + h * steps, motion)), 0, -1))
 
 
 def changing(rest: FitResiduals) -> Iterator[Hypothesis]:
@@ -536,7 +540,7 @@ def contacts(rest: FitResiduals) -> Iterator[Hypothesis]:
     """A force on the last link for a while."""
     model, place = rest.robot.model, progress(rest)
     link = [name for name, k in zip(model.link_names, model.link_body, strict=True) if k == model.nb - 1][-1]
-    force = rest.smooth(lambda q, qd, qdd: np.swapaxes(rest.robot.jacobian(q, link)[..., 3:, :], -1, -2))
+    force = rest.sampled(lambda q, qd, qdd: np.swapaxes(rest.robot.jacobian(q, link)[..., 3:, :], -1, -2))
     edges = np.quantile(place, np.linspace(0, 1, 2 * thresholds.PLACES + 1))
     for a, width in (
         (a, w) for a in range(2 * thresholds.PLACES) for w in thresholds.WIDTHS if a + w <= 2 * thresholds.PLACES
@@ -571,50 +575,51 @@ def dissipates(rest: FitResiduals) -> Array:
     return np.asarray(power > 0)
 
 
-def other_torques(rest: FitResiduals, beyond: FitResiduals) -> Iterator[tuple[Cause, Trial]]:
-    """Torques of other signs and in another order."""
-    names, n = rest.names, rest.robot.n
-    changes = [
-        ("torque sign", (names[j],), f"the torque of {names[j]} has the wrong sign", np.where(np.arange(n) == j, -1, 1))
-        for j in np.flatnonzero(~dissipates(rest)).tolist()
-    ]
-    changed = [(kind, which, text, rest.tau * signs) for kind, which, text, signs in changes]
-    for i, j in combinations(np.flatnonzero(rest.counts).tolist(), 2):
+def other_conventions(rest: FitResiduals, beyond: FitResiduals) -> Iterator[tuple[Cause, Trial]]:
+    """Torques of other signs and in another order; if much is left, joints too, or coupled, or in degrees.
+
+    Joints are J q, and their torques T tau.
+    """
+    names, n, unit, changes = rest.names, rest.robot.n, np.eye(rest.robot.n), []
+    for j in np.flatnonzero(~dissipates(rest)).tolist():
+        text = f"the torque of {names[j]} has the wrong sign"
+        changes.append(("torque sign", names[j : j + 1], text, unit, unit - 2 * np.diag(unit[j])))
+    pairs = list(combinations(np.flatnonzero(rest.counts).tolist(), 2))
+    for i, j in pairs:
         text = f"the torques of {names[i]} and {names[j]} are interchanged"
-        changed.append(("torque order", (names[i], names[j]), text, rest.tau[:, interchanged(n, i, j)]))
-    for kind, which, text, tau in changed:
-        cause = Cause(kind, which, text, *beyond.gain(beyond.squares_of(beyond.Q, tau)))
-        yield cause, lambda x=tau: (rest.held_out(rest.blocks), rest.held_out(rest.blocks, tau=x))
-
-
-def other_joints(rest: FitResiduals, beyond: FitResiduals) -> Iterator[tuple[Cause, Trial]]:
-    """Joints in another order, coupled, of other directions, in degrees: joints J q, whose torques are J^-T tau."""
-    names, n, unit = rest.names, rest.robot.n, np.eye(rest.robot.n)
-    changes: list[tuple[str, tuple[str, ...], str, Array]] = []
-    for i, j in combinations(np.flatnonzero(rest.counts).tolist(), 2):
-        text = f"{names[i]} and {names[j]} are interchanged"
-        changes.append(("joint order", (names[i], names[j]), text, unit[interchanged(n, i, j)]))
+        changes.append(("torque order", (names[i], names[j]), text, unit, unit[interchanged(n, i, j)]))
     coupled = (rest.standard.motors != 0).astype(int)
     known = coupled.T @ coupled  # pairs of joints that a motor of the drives turns with
-    for j, k in ((j, k) for j in range(1, n) for k in (1, -1) if not known[j, j - 1]):
+    is_poor = rest.share > thresholds.POOR
+    for i, j in pairs * is_poor:
+        text, J = f"{names[i]} and {names[j]} are interchanged", unit[interchanged(n, i, j)]
+        changes.append(("joint order", (names[i], names[j]), text, J, J))
+    for j, k in ((j, k) for j in range(1, n * is_poor) for k in (1, -1) if not known[j, j - 1]):
         text = f"the motor of {names[j]} turns with {names[j - 1]} too: a coupling is missing"
         J = unit - k * np.outer(unit[j], unit[j - 1])  # positions read as those of motors
-        changes.append(("coupling", (names[j - 1], names[j]), text, J))
-    for j, name in enumerate(names):
-        changes.append(("joint sign", (name,), f"{name} turns the other way", unit - 2 * np.diag(unit[j])))
+        changes.append(("coupling", (names[j - 1], names[j]), text, J, np.linalg.inv(J).T))
+    for j in range(n * is_poor):
+        J = unit - 2 * np.diag(unit[j])
+        changes.append(("joint sign", names[j : j + 1], f"{names[j]} turns the other way", J, J))
     turns = rest.robot.model.is_revolute[list(rest.robot.model.independent_joints)]
-    if max(np.ptp(record.q[:, turns], axis=0).max(initial=0) for record in rest.records) > 1:
-        changes.append(("degrees", names, "positions are in degrees", np.diag(np.where(turns, np.pi / 180, 1.0))))
+    if is_poor and max(np.ptp(record.q[:, turns], axis=0).max(initial=0) for record in rest.records) > 1:
+        J = np.diag(np.where(turns, np.pi / 180, 1.0))
+        changes.append(("degrees", names, "positions are in degrees", J, unit))
+    before = beyond.coarse.squares_of(beyond.coarse.moved(unit, rest.tau), rest.tau) if is_poor else beyond.squares
+    for kind, which, text, J, T in changes:
+        tau, is_same = rest.tau @ T.T, J is unit
+        left, start = (beyond, beyond.squares) if is_same else (beyond.coarse, before)
+        squares = left.squares_of(beyond.Q if is_same else left.moved(J, tau), tau)
+        yield Cause(kind, which, text, left.gain(squares, start)), partial(of_convention, J, tau)
 
-    def held_out(J: Array, tau: Array) -> Array:
-        return rest.coarse.held_out(rest.coarse.moved(J, tau), tau)
 
-    coarse, tau = beyond.coarse, beyond.coarse.tau
-    before = coarse.squares(coarse.moved(unit, tau), tau)
-    for kind, which, text, J in changes:
-        torques = tau if kind == "degrees" else tau @ np.linalg.inv(J)
-        gain = beyond.gain(coarse.squares(coarse.moved(J, torques), torques), before)
-        yield Cause(kind, which, text, *gain), lambda J=J, x=torques: (held_out(unit, tau), held_out(J, x))
+def of_convention(J: Array, tau: Array, rest: FitResiduals) -> tuple[Array, ...]:
+    """Errors held out with joints q and torques as measured, and with joints J q and torques tau."""
+    unit, left = np.eye(len(J)), rest.coarse
+    if np.array_equal(J, unit):
+        return tuple(rest.held_out(rest.Q, torques, rest.blocks) for torques in (rest.tau, tau))
+    pairs = ((unit, rest.tau), (J, tau))
+    return tuple(left.held_out(left.moved(*pair), pair[1], left.blocks) for pair in pairs)
 
 
 def torque_scale(rest: FitResiduals) -> Iterator[tuple[Cause, None]]:
@@ -636,11 +641,11 @@ def torque_scale(rest: FitResiduals) -> Iterator[tuple[Cause, None]]:
     alike = cosines > thresholds.ALIKE
     usual = np.median(factors[alike]) if alike.any() else 1.0
     odd = alike & (np.abs(np.log(np.where(alike, factors, usual) / usual)) > thresholds.UNIT)
-    certain, none = float(rest.counts.sum()), np.zeros(rest.robot.n)
+    certain = float(rest.counts.sum())
     for j in np.flatnonzero(odd).tolist():
         what = f"{factors[j]:.3g} times that of the robot given"
         text = f"the torque of {names[j]} is {what}: N mm, mA, at the motor, or is a mass given wrong?"
-        yield Cause("torque unit", names[j : j + 1], text, certain, none, factors[j]), None
+        yield Cause("torque unit", names[j : j + 1], text, certain, factors[j]), None
     size = float(given @ given)
     factor = float(found @ given) / max(size, TINY)
     whole = factor * float(found @ given) / max(float(found @ found), TINY)  # squared cosine
@@ -650,7 +655,7 @@ def torque_scale(rest: FitResiduals) -> Iterator[tuple[Cause, None]]:
     if factor < 0:
         kind, text = "torque sign", "the torques of all joints have the wrong sign"
     score = certain if rest.share < thresholds.POOR else 2 * thresholds.EVIDENT  # a fit that fails tells of no factor
-    yield Cause(kind, names, text, score, none, factor), None
+    yield Cause(kind, names, text, score, factor), None
 
 
 def gravity_directions(rest: FitResiduals) -> Iterator[tuple[Cause, Trial]]:
@@ -658,7 +663,7 @@ def gravity_directions(rest: FitResiduals) -> Iterator[tuple[Cause, Trial]]:
     from scipy.optimize import minimize
 
     model, size = rest.robot.model, float(np.linalg.norm(rest.robot.model.gravity))
-    if size == 0:
+    if size == 0 or rest.share <= thresholds.POOR:
         return
     given, coarse = model.gravity / size, rest.coarse
     robots = [in_gravity(rest.robot, size * e) for e in (np.zeros(3), *np.eye(3))]
@@ -670,25 +675,25 @@ def gravity_directions(rest: FitResiduals) -> Iterator[tuple[Cause, Trial]]:
         return coarse.weighted(still + np.tensordot(gravity, pulls, 1))
 
     def squares(gravity: Array) -> Array:
-        return coarse.squares(np.linalg.qr(np.concatenate([bodies(gravity), drives], axis=1))[0], coarse.tau)
+        return coarse.squares_of(np.linalg.qr(np.concatenate([bodies(gravity), drives], axis=1))[0], coarse.tau)
 
     def loss(gravity: Array) -> float:  # of those that fit equally well, the nearest to the model's
-        return thresholds.KEPT * float(((gravity - given) ** 2).sum()) - rest.gain(squares(gravity))[0]
+        return thresholds.KEPT * float(((gravity - given) ** 2).sum()) - coarse.gain(squares(gravity))
 
     def held_out(gravity: Array) -> Array:
-        return coarse.held_out(extended(extended(drives[:, :0], drives), bodies(gravity)), coarse.tau)
+        Q = extended(extended(drives[:, :0], drives), bodies(gravity))
+        return coarse.held_out(Q, coarse.tau, coarse.blocks)
 
     starts = [given, *(s * e for e in np.eye(3) for s in (1, -1)), *(given + s * e for e in np.eye(3) for s in (1, -1))]
-    before = squares(given)
     start = min((x for x in starts if x.any()), key=loss)
     simplex = start + np.vstack([np.zeros(3), thresholds.TILT * np.eye(3)])
     options = {"maxfev": 100, "xatol": 3e-3, "fatol": 0.3, "initial_simplex": simplex}
     found = minimize(loss, start, method="Nelder-Mead", options=options).x
     length, angle = float(np.linalg.norm(found)), angle_between(found, given)
-    gain, removed = rest.gain(squares(found), before)
-    kind, text, value = (DIRECTION, direction_text(found, given), angle)
+    kind, text, value = DIRECTION, direction_text(found, given), angle
     if angle <= thresholds.TURNED:
         if abs(length - 1) <= thresholds.SCALED:
             return
         kind, text, value = SIZE, size_text(length), length
-    yield Cause(kind, (), text, gain - rest.penalty(3), removed, value), lambda: (held_out(given), held_out(found))
+    score = coarse.gain(squares(found), squares(given)) - rest.penalty(3)
+    yield Cause(kind, (), text, score, value), lambda _: (held_out(given), held_out(found))

@@ -600,14 +600,17 @@ def _put_on_grid(
     for part in np.split(rows, np.flatnonzero(gap) + 1):
         stamps = t[part]
         apart = np.diff(stamps, prepend=-np.inf) > thresholds.CLOSE * period
-        if apart.sum() < 2:
+        if apart.sum() < 2 or np.ptp(stamps) < period:
             continue
         grid = period * np.arange(int(np.rint((stamps[-1] - stamps[0]) / period)) + 1)
         centred = grid + (stamps.mean() - grid.mean())
         if len(grid) == len(part) and np.abs(stamps - centred).max() <= regular:
             parts.append((centred, values[part], usable[part]))
             continue
-        found.notes = (*found.notes[:1], f"resampled by a cubic spline through the stamps, every {1e3 * period:.4g} ms",)
+        found.notes = (
+            *found.notes[:1],
+            f"resampled by a cubic spline through the stamps, every {1e3 * period:.4g} ms",
+        )
         grid = (grid + stamps[0])[grid <= stamps[-1] - stamps[0] + regular]
         after = np.clip(np.searchsorted(stamps, grid), 1, len(part) - 1)
         on_grid = CubicSpline(stamps[apart], values[part[apart]], axis=0)(grid)
