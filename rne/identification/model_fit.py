@@ -253,8 +253,8 @@ def with_lower_cutoff(
     """The equations with the cut-offs of the spectra, halved where that predicts what was not fitted better.
 
     Of two fits that with the lower cut-off is taken if it predicts blocks of time that neither has seen better, on
-    signals below that cut-off; where much is left also if it is as good there, and better on its own signals. There
-    some halves that do not help may be followed by one that does.
+    signals below that cut-off, and less is left of its own signals than of the other's; where much is left also if it
+    is as good there, and clearly less is left. There some halves that do not help may be followed by one that does.
     """
     first, failed = data, 0
     estimator = Estimator(base, None, 1.0)
@@ -270,9 +270,9 @@ def with_lower_cutoff(
         if lower.used.sum() < thresholds.FEWEST_ROWS * base.count:
             break
         own, other = (held_out(estimator, part.fitted, lower.fitted).everywhere for part in (lower, data))
-        ratio, fallen = (float(np.exp(np.nanmean(np.log(own / x)))) for x in (other, errors[-1]))
+        ratio, fallen = (float(np.sqrt(np.nansum(own**2) / np.nansum(x**2))) for x in (other, errors[-1]))
         is_poor, least = np.nanmedian(errors[-1]) > thresholds.EXPLAINED, 1 - thresholds.LOWER
-        if ratio < least or (is_poor and fallen < least and ratio < 1 / least):
+        if (ratio < least and fallen < 1) or (is_poor and fallen < least and ratio < 1 / least):
             data, failed = lower, 0
             errors.append(own)
         elif is_poor and failed < thresholds.FAILED:

@@ -223,7 +223,8 @@ def with_effect(rest: FitResiduals, cause: Cause, trial: Trial | None) -> Cause 
         return cause._replace(removed=np.zeros(rest.robot.n))
     left = rest if cause.kind in GEARS else rest.beyond_friction
     ratio, told = (np.divide(*(np.maximum(x, thresholds.LEAST) for x in trial(r)[::-1])) for r in (left, rest))
-    if max(ratio.min(), told.min()) > 1 - thresholds.BETTER or ratio.max() > 1 + thresholds.WORSE:
+    gains = -left.counts * np.log(ratio)
+    if max(ratio.min(), told.min()) > 1 - thresholds.BETTER or gains.min() < -thresholds.WORSE * gains.sum():
         return None
     errors = 100 * rest.held_out(rest.Q, rest.tau, rest.blocks)
     largest = [j for j in np.argsort(errors**2 * (told**2 - 1)) if told[j] < 1 - thresholds.BETTER]
@@ -610,16 +611,17 @@ def other_conventions(rest: FitResiduals, beyond: FitResiduals) -> Iterator[tupl
         tau, is_same = rest.tau @ T.T, J is unit
         left, start = (beyond, beyond.squares) if is_same else (beyond.coarse, before)
         squares = left.squares_of(beyond.Q if is_same else left.moved(J, tau), tau)
-        yield Cause(kind, which, text, left.gain(squares, start)), partial(of_convention, J, tau)
+        yield Cause(kind, which, text, left.gain(squares, start)), partial(of_convention, J, T)
 
 
-def of_convention(J: Array, tau: Array, rest: FitResiduals) -> tuple[Array, ...]:
-    """Errors held out with joints q and torques as measured, and with joints J q and torques tau."""
-    unit, left = np.eye(len(J)), rest.coarse
+def of_convention(J: Array, T: Array, rest: FitResiduals) -> tuple[Array, ...]:
+    """Errors held out of the torques measured, with joints q, and with joints J q and their torques T tau."""
+    unit, tau, left = np.eye(len(J)), rest.tau @ T.T, rest.coarse
     if np.array_equal(J, unit):
-        return tuple(rest.held_out(rest.Q, torques, rest.blocks) for torques in (rest.tau, tau))
-    pairs = ((unit, rest.tau), (J, tau))
-    return tuple(left.held_out(left.moved(*pair), pair[1], left.blocks) for pair in pairs)
+        before, after = (rest.held_out(rest.Q, x, rest.blocks) for x in (rest.tau, tau))
+    else:
+        before, after = (left.held_out(left.moved(*x), x[1], left.blocks) for x in ((unit, rest.tau), (J, tau)))
+    return before, after[np.argmax(np.abs(T) + unit / 2, axis=0)]
 
 
 def torque_scale(rest: FitResiduals) -> Iterator[tuple[Cause, None]]:
