@@ -37,7 +37,7 @@ from .fit.consistent import geometric_prior, model_prior
 from .fit.equations import Equations, RegressionData, build_regression, of_named_joints
 from .fit.least_squares import Estimator, LeastSquares, held_out, least_squares, with_correlation
 from .log.record import Record
-from .result import IMPOSSIBLE, NOT_CONSISTENT, WRONG_SIGN, Identification
+from .result import IMPOSSIBLE, NOT_CONSISTENT, NOT_SOUGHT, WRONG_SIGN, Identification
 
 NO_ROTORS = (
     "rotors are not fitted: none is told from zero, or reaches 10 % of its joint's inertia, as where torques are "
@@ -153,6 +153,8 @@ def identify(
     stds = stds if prior_std is None else (positive_number("prior_std", prior_std),)
     options = {"minimum_velocity": minimum_velocity, "cutoff": cutoff, "folds": folds}
     tried = hypotheses_argument(hypotheses) if causes else None
+    if hypotheses and not causes:
+        raise ValueError("`hypotheses` are tried as causes: leave them out, or set `causes=True`")
     base, data, likely, modelled, declined = fit_with_delays(robot, records, drives, delay, options, tried)
     standard = base.standard
     guess, notes = (None, ()) if known is None else prior_bodies(known, standard, data.fitted)
@@ -181,7 +183,7 @@ def identify(
             "above the guess of all",
         )
     notes = (*matched, *data.notes, *map(taken_text, modelled), *declined, *notes)
-    notes += (*ignored_drives(standard), *negative_drives(robot, base, estimate))
+    notes += (*ignored_drives(standard), *negative_drives(robot, base, estimate), *[NOT_SOUGHT] * (not causes))
     trust = errors, correlation_time, lower - estimate.values, drift_error, merged_by_kind(likely)
     found = Identification(robot, standard, base, data, estimate, parameters, consistent, *trust, notes)
     if found.doubt:

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 LOOK = (("0.7", 3.0), ("C0", 1.2), ("C3", 1.0))  # colour and width of measured, predicted and residual torques
 GAP = 1.5  # times the usual step, over which no line is drawn
 NOT_CONSISTENT = "parameters are those of least squares, as with `consistent=False`"  # start of a note
+NOT_SOUGHT = "causes of what is left were not looked for, as `causes` says"  # a note
 NAMED = 3  # causes that a warning names
 WRONG_SIGN = "is the sign of the joint's torque right?"  # end of a note on negative friction
 IMPOSSIBLE = "which no drive has"  # end of a note on numbers that are not possible
@@ -134,8 +135,10 @@ class Identification(InNotebooks):
         else:
             lines += unexplained_text(names, left)
         lines += likely_text(self.causes)
-        if not self.unexcited and any(
-            all(cause.removed[j] < thresholds.EXPLAINS for cause in self.causes) for j in poor
+        if (
+            not self.unexcited
+            and NOT_SOUGHT not in self.notes
+            and any(all(cause.removed[j] < thresholds.EXPLAINS for cause in self.causes) for j in poor)
         ):
             lines.append(UNKNOWN)
         lines += [note for note in self.notes if note.startswith(NOT_CONSISTENT)]
@@ -385,7 +388,7 @@ def fitted_text(found: Identification) -> str:
         lines.append(f"motion {short(name)}: {len(record.t) / record.sample_rate:.3g} s at {record.sample_rate:.6g} Hz")
         samples = f"{record.decimation} samples to an equation of each moving joint: the filter leaves nothing faster"
         lines += [f"  {note}" for note in (samples, *record.notes)]
-    return "\n".join([*lines, *found.notes])
+    return "\n".join([*lines, *(note for note in found.notes if note != NOT_SOUGHT)])
 
 
 def joints_text(found: Identification) -> str:
@@ -415,14 +418,21 @@ def causes_text(found: Identification) -> str:
     for j, (name, left) in enumerate(zip(found.initial.joint_names, found.unexplained.in_motion, strict=True)):
         if left > thresholds.EXPLAINED:
             own = [cause.text for cause in found.causes if cause.removed[j] > thresholds.EXPLAINS]
-            why = f": {own[0]}" if own else ": no single change of the log, the robot or the drives explains it"
+            none = (
+                ""
+                if NOT_SOUGHT in found.notes
+                else ": no single change of the log, the robot or the drives explains it"
+            )
+            why = f": {own[0]}" if own else none
             lines.append(f"  {short(name)} {100 * left:.0f} % in motion{why}")
     lines = ["not explained", *lines] if lines else []
     if found.causes:
         lines.append("likely causes of what is left, and what the errors held out would become with each")
         lines += [f"  {cause.text}{f': {cause.effect}' * bool(cause.effect)}" for cause in found.causes]
-    if not lines and np.nanmax(found.unexplained.in_motion, initial=0) > thresholds.LITTLE:
-        lines = ["no single change of the log, the robot or the drives that was looked for explains what is left"]
+    if NOT_SOUGHT in found.notes:
+        lines.append(NOT_SOUGHT)
+    elif not lines and np.nanmax(found.unexplained.in_motion, initial=0) > thresholds.LITTLE:
+        lines = ["no single change of the log, the robot or the drives that was looked for improves what was held out"]
     return "\n".join(lines or ["little is left: no change of the log, the robot or the drives is needed"])
 
 

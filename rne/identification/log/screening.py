@@ -600,7 +600,7 @@ def _put_on_grid(
     for part in np.split(rows, np.flatnonzero(gap) + 1):
         stamps = t[part]
         apart = np.diff(stamps, prepend=-np.inf) > thresholds.CLOSE * period
-        if apart.sum() < 2 or np.ptp(stamps) < period:
+        if apart.sum() < 2 or np.ptp(stamps) < period - regular:
             continue
         grid = period * np.arange(int(np.rint((stamps[-1] - stamps[0]) / period)) + 1)
         centred = grid + (stamps.mean() - grid.mean())
