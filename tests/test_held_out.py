@@ -43,7 +43,7 @@ def test_the_cutoff_is_halved_where_noise_is_fed_back_and_torques_without_it_are
     plain = rne.identify(known, record, consistent=False, causes=False, cutoff=given)
     assert found.records[0].cutoff == given / 2
     note = found.records[0].notes[0]
-    assert note.startswith(f"cut-off {given / 2:.3g} Hz, with which blocks of time that were not fitted are predicted")
+    assert note.startswith(f"cut-off {given / 2:.3g} Hz: of blocks not fitted ")
     assert note in found.report()
     far, size = (
         [np.linalg.norm(x.predict(*c.states) - c.tau, axis=0) for x in (found, plain)],

@@ -284,15 +284,11 @@ def with_lower_cutoff(
     if data is first:
         return data
     before, after = (", ".join(f"{100 * x:.3g}" for x in e) for e in (errors[0], errors[-1]))
-    prepared = []
-    for record, given in zip(data.prepared, first.prepared, strict=True):
-        text = (
-            f"cut-off {record.cutoff:.3g} Hz, with which blocks of time that were not fitted are predicted better than "
-            f"with {given.cutoff:.3g} Hz, chosen from the spectrum: what is left is {after} % by joint instead of "
-            f"{before} %, as where noise is fed back"
-        )
-        prepared.append(replace(record, notes=(text, *record.notes[1:])))
-    return replace(data, prepared=tuple(prepared))
+    why = f"of blocks not fitted {after} % is left by joint, with that of the spectrum, {{:.3g}} Hz, {before} %: "
+    why += "noise may be fed back"
+    pairs = zip(data.prepared, (record.cutoff for record in first.prepared), strict=True)
+    told = ((record, f"cut-off {record.cutoff:.3g} Hz: {why.format(given)}") for record, given in pairs)
+    return replace(data, prepared=tuple(replace(record, notes=(text, *record.notes[1:])) for record, text in told))
 
 
 def has_no_rotors(robot: Robot, base: BaseParameters, data: RegressionData, causes: Sequence[Cause]) -> bool:

@@ -20,6 +20,7 @@ import numpy as np
 
 from ...basics.spatial import Array
 from ...basics.text import listed
+from ...dynamics.regressors import regressor
 from ...model.parameters import PARAMETERS
 from ...robot import Robot
 from .. import thresholds
@@ -668,8 +669,8 @@ def gravity_directions(rest: FitResiduals) -> Iterator[tuple[Cause, Trial]]:
     if size == 0 or rest.share <= thresholds.POOR:
         return
     given, coarse = model.gravity / size, rest.coarse
-    robots = [in_gravity(rest.robot, size * e) for e in (np.zeros(3), *np.eye(3))]
-    still, *pulled = (robot.regressor(*coarse.motion) for robot in robots)
+    pulling = (replace(model, gravity=size * e) for e in (np.zeros(3), *np.eye(3)))
+    still, *pulled = (regressor(m, *coarse.motion) for m in pulling)  # kernels take longer to trace
     pulls = np.array([y - still for y in pulled])
     drives = coarse.weighted(rest.standard.drive_columns(*coarse.motion[1:]))
 
