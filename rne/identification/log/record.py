@@ -15,15 +15,15 @@ from ...basics.spatial import Array
 from ...basics.text import counted
 from ...simulation.motion_files import numbered_joints
 from ...trajectories.csv_file import in_seconds, read_samples
+from ...trajectories.log_columns import measured
 from .. import thresholds
-from .columns import measured
 from .prepared import Prepared, prepare
 from .screening import STAMPS, RecordFinding, screen
 
 if TYPE_CHECKING:
     from ...simulation.trajectory import Trajectory
 
-REST = 0.005  # of a joint's range: less is rest
+REST, PAUSE = 0.005, 0.2  # of a joint's range, to which rest is less; shortest rest that is cut off [s]
 GUESS = "guess"  # kind of the findings on what a log does not say
 UNITS = {"rad": 1.0, "m": 1.0, "deg": np.pi / 180}
 
@@ -278,23 +278,11 @@ class Record:
         """
         if "unit" in options or "joint_names" in options:
             raise ValueError("give `units` and `joints` in place of `unit` and `joint_names`")
-        read = measured(
-            path,
-            {
-                "joints": joints,
-                "columns": columns,
-                "units": units or {},
-                "time_unit": time_unit,
-                "sample_rate": sample_rate,
-                "gains": gains,
-                "offsets": offsets,
-                "separator": separator,
-                "decimal": decimal,
-                "topic": topic,
-                "episode": episode,
-                "quantity": "",
-            },
-        )
+        if isinstance(joints, str) or isinstance(columns, str):
+            raise TypeError("`joints` and `columns` must be sequences of names, such as robot.joint_names, got str")
+        given = {"joints": joints, "columns": columns, "units": units or {}, "gains": gains, "offsets": offsets}
+        given |= {"time_unit": time_unit, "sample_rate": sample_rate, "separator": separator, "decimal": decimal}
+        read = measured(path, given | {"topic": topic, "episode": episode, "quantity": ""})
         first = next(iter(path.values())) if isinstance(path, Mapping) else path
         given = {"name": Path(first).name, "joint_names": read.joint_names} | options
         record = cls(read.t, read.q, read.tau, read.qd, **given)
@@ -471,7 +459,8 @@ class Record:
     def in_motion(self) -> Record:
         """The record without rest at its start and end.
 
-        Rest lasts until the first joint leaves its position by half a per cent of its range, or by what noise makes.
+        Rest is longer than 0.2 s and lasts until the first joint leaves its position by half a per cent of its range, or
+        more where noise makes more.
 
         Returns
         -------
@@ -493,9 +482,11 @@ class Record:
         if not len(start):
             raise ValueError(f"{self.name}: no joint moves")
         first, last = max(start[0] - 1, 0), min(end[-1] + 1, len(q) - 1)
-        part = self._part(slice(first, last + 1), self.joint_names)
         before, after = self.t[first] - self.t[0], self.t[-1] - self.t[last]
-        part._tell(f"rest of {before:.4g} s at the start and {after:.4g} s at the end cut off", ())
+        first, last = first * (before > PAUSE), last if after > PAUSE else len(q) - 1
+        part = self._part(slice(first, last + 1), self.joint_names)
+        cut = [f"{x:.4g} s at the {end}" for x, end in ((before, "start"), (after, "end")) if x > PAUSE]
+        part._tell(f"rest cut off: {', '.join(cut)}" * bool(cut), ())
         return part
 
     def prepare(self, cutoff: float | None = None) -> Prepared:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import math
 import os
@@ -12,9 +13,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...basics.spatial import Array
-from ...basics.text import MAX_NAME, cut
-from ...trajectories.csv_file import as_number, csv_rows, listed_names, text_of
+from ..basics.spatial import Array
+from ..basics.text import MAX_NAME, cut
+from .csv_file import as_number, csv_rows, listed_names, text_of
 
 Message = tuple[int, Sequence[str], Sequence[Sequence[float]]]  # time [ns], joints, and their q, qd, tau
 
@@ -52,7 +53,9 @@ class Log(NamedTuple):
         for k in np.flatnonzero(~np.isfinite(values)):
             if x[k].strip().lower() not in ("", "nan"):
                 got = repr(cut(str(x[k]), MAX_NAME))
-                raise ValueError(f"{place}, row {self.rows[k]}, column {name!r}: must be a finite number, got {got}")
+                raise ValueError(
+                    f"{place}, row {self.rows[int(k)]}, column {name!r}: must be a finite number, got {got}"
+                )
         return values
 
 
@@ -67,7 +70,7 @@ def read_log(path: Path, options: Mapping[str, Any]) -> Log:
     with open(path, "rb") as stream:
         first, suffix = stream.read(16), path.suffix.lower()
     if suffix == ".npz":
-        return Log(_columns(_whole(path, lambda: dict(np.load(path, allow_pickle=False)))))
+        return Log(_columns(_whole(path, lambda: dict(np.load(io.BytesIO(path.read_bytes()))))))
     for mark, what in OTHERS.items():
         if first.startswith(mark):
             raise ValueError(f"{path}: is {what}")
