@@ -288,7 +288,7 @@ def test_arguments_that_do_not_belong_are_refused(tmp_path):
         with exactly(text):
             Record.from_log(path, **options)
     with pytest.raises(
-        TypeError, match="^`joints` and `columns` must be sequences of names, such as robot.joint_names, got str$"
+        TypeError, match=r"^`joints` and `columns` must be sequences of names, such as robot\.joint_names, got str$"
     ):
         Record.from_log(path, joints="shoulder")
     with pytest.raises(FileNotFoundError):
@@ -422,7 +422,7 @@ def test_matlab_and_numpy_files(tmp_path):
     with exactly(f"{path}: there are 200 times and 199 samples of tau"):
         Record.from_log(path)
     np.savez(path, t=T, q=np.array([{}], dtype=object))
-    with pytest.raises(ValueError, match="is damaged or cut off .*allow_pickle"):
+    with pytest.raises(ValueError, match=r"is damaged or cut off .*allow_pickle"):
         Record.from_log(path)
 
 

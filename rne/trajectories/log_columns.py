@@ -40,7 +40,7 @@ ORDER = "else name the columns alike"
 Columns = dict[str, dict[str, str]]  # names of columns by quantity and joint
 
 
-class Measured(NamedTuple):
+class LogSamples(NamedTuple):
     """Samples of a log in SI units, how it was read, and what was guessed, with the cure where it is not so."""
 
     t: Array
@@ -52,7 +52,7 @@ class Measured(NamedTuple):
     guesses: list[tuple[str, str]]
 
 
-def measured(path: Any, options: Mapping[str, Any]) -> Measured:
+def measured(path: Any, options: Mapping[str, Any]) -> LogSamples:
     """The samples of a log, or of a file for each quantity, in units that are given, named in the log, or guessed."""
     place = os.fspath(next(iter(path.values()), "") if isinstance(path, Mapping) else path)
     log = _joined(path, options) if isinstance(path, Mapping) else read_log(Path(place), options)
@@ -92,7 +92,7 @@ def measured(path: Any, options: Mapping[str, Any]) -> Measured:
         said.append(f"times from the first sample on, at {t[0]:.3f} s")
         t = t - t[0]
     said += [f"{kind}: {_span(own)}" for kind, own in {"t": [] if rate else stamps, **kinds}.items() if own]
-    return Measured(t, q, tau, qd, names, said, guesses)
+    return LogSamples(t, q, tau, qd, names, said, guesses)
 
 
 def _meaning(name: str) -> tuple[str, str, str]:

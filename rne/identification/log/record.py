@@ -280,9 +280,9 @@ class Record:
             raise ValueError("give `units` and `joints` in place of `unit` and `joint_names`")
         if isinstance(joints, str) or isinstance(columns, str):
             raise TypeError("`joints` and `columns` must be sequences of names, such as robot.joint_names, got str")
-        given = {"joints": joints, "columns": columns, "units": units or {}, "gains": gains, "offsets": offsets}
-        given |= {"time_unit": time_unit, "sample_rate": sample_rate, "separator": separator, "decimal": decimal}
-        read = measured(path, given | {"topic": topic, "episode": episode, "quantity": ""})
+        reading = {"joints": joints, "columns": columns, "units": units or {}, "gains": gains, "offsets": offsets}
+        reading |= {"time_unit": time_unit, "sample_rate": sample_rate, "separator": separator, "decimal": decimal}
+        read = measured(path, reading | {"topic": topic, "episode": episode, "quantity": ""})
         first = next(iter(path.values())) if isinstance(path, Mapping) else path
         given = {"name": Path(first).name, "joint_names": read.joint_names} | options
         record = cls(read.t, read.q, read.tau, read.qd, **given)
@@ -459,18 +459,25 @@ class Record:
     def in_motion(self) -> Record:
         """The record without rest at its start and end.
 
-        Rest is longer than 0.2 s and lasts until the first joint leaves its position by half a per cent of its range, or
-        more where noise makes more.
+        Rest lasts more than 0.2 s, until a joint leaves its position by half a per cent of its range, or by more
+        than noise.
 
         Returns
         -------
         Record
-                From the last sample before the motion to the first after it; `source` says what was cut.
+            From the last sample before the motion to the first after it; `source` says what was cut.
 
         Raises
         ------
         ValueError
             If no joint moves.
+
+        Examples
+        --------
+        >>> import numpy as np, rne
+        >>> q = np.concatenate([np.zeros((300, 1)), np.sin(np.arange(500) / 50)[:, None]])
+        >>> rne.identification.Record(np.arange(800) / 100, q, q).in_motion().source
+        'rest cut off: 3 s at the start'
         """
         from scipy.ndimage import median_filter
 
