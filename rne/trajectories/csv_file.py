@@ -100,7 +100,7 @@ def read_csv(
     >>> import pathlib, tempfile
     >>> import rne
     >>> file = pathlib.Path(tempfile.mkdtemp()) / "motion.csv"
-    >>> _ = file.writetext_of("t,q.lift,q.turn\\n0,0.1,1\\n0.5,0.2,1.5\\n")
+    >>> _ = file.write_text("t,q.lift,q.turn\\n0,0.1,1\\n0.5,0.2,1.5\\n")
     >>> samples = rne.trajectories.read_csv(file, ["turn", "lift"])
     >>> samples.q.tolist(), samples.qd
     ([[1.0, 0.1], [1.5, 0.2]], None)

@@ -477,7 +477,7 @@ class Record:
         >>> import numpy as np, rne
         >>> q = np.concatenate([np.zeros((300, 1)), np.sin(np.arange(500) / 50)[:, None]])
         >>> rne.identification.Record(np.arange(800) / 100, q, q).in_motion().source
-        'rest cut off: 3 s at the start'
+        'rest cut off: 3.01 s at the start'
         """
         from scipy.ndimage import median_filter
 
