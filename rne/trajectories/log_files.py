@@ -163,12 +163,13 @@ def _is_numeric(row: Sequence[str], decimal: str) -> bool:
 
 def _echoed(name: str, body: Iterable[tuple[int, list[str]]]) -> Iterator[Message]:
     """Of `ros2 topic echo --csv`: seconds, nanoseconds, frame, names, positions, velocities, efforts."""
-    for at, (seconds, ns, _, *fields) in body:
+    for at, row in body:
+        (*stamp, _), fields = row[:3], row[3:]
         n, numbers = len(fields) // 4, [as_number(x) for x in fields]
-        if len(fields) % 4 or not (seconds + ns).isdigit() or any(map(math.isfinite, numbers[:n])):
+        if not n or len(fields) % 4 or not "".join(stamp).isdigit() or any(map(math.isfinite, numbers[:n])):
             what = "as many names of joints, positions, velocities and efforts"
             raise ValueError(f"{name}, row {at}: must be seconds, nanoseconds, frame, and {what}")
-        yield int(seconds) * 10**9 + int(ns), fields[:n], np.reshape(numbers[n:], (3, n)).tolist()
+        yield int(stamp[0]) * 10**9 + int(stamp[1]), fields[:n], np.reshape(numbers[n:], (3, n)).tolist()
 
 
 def _rostopic(name: str, heading: Sequence[str], body: Iterable[tuple[int, list[str]]]) -> Iterator[Message]:
