@@ -318,6 +318,13 @@ def test_ros_2_echo(tmp_path):
         "as of ros2 topic echo --csv, times from the first message on, at 1700000000.123 s; t: "
     )
     same(Record.from_log(echoed(tmp_path / "log.csv", lambda k: np.roll([0, 1, 2], k).tolist())))
+    bare = tmp_path / "bare.csv"  # without velocities, of which an empty entry is left
+    bare.write_text(
+        "\n".join(
+            ",".join([*(x := line.split(","))[:9], "", *x[12:]]) for line in echoed(bare).read_text().splitlines()
+        )
+    )
+    same(Record.from_log(bare), velocities=False)
     gripper = "1700000000,0,,finger,0.1,0,1"
     mixed = tmp_path / "log.csv"
     mixed.write_text("\n".join(f"{line}\n{gripper}" for line in mixed.read_text().splitlines()))
@@ -393,7 +400,7 @@ def test_mcap_of_other_topics(tmp_path):
     with exactly(f"{path}: there is no topic /up of sensor_msgs/msg/JointState; there is {there}"):
         Record.from_log(path, topic="/up")
     path = mcap(tmp_path / "short.mcap", names=JOINTS[:2])
-    with exactly(f"{path}: message 1 has 2 names, and 3 3 3 positions, velocities, efforts"):
+    with exactly(f"{path}: message 1 has 2 different names, and 3, 3, 3 positions, velocities and efforts"):
         Record.from_log(path)
 
 

@@ -6,7 +6,7 @@ import os
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -40,20 +40,11 @@ ORDER = "else name the columns alike"
 Columns = dict[str, dict[str, str]]  # names of columns by quantity and joint
 
 
-class LogSamples(NamedTuple):
-    """Samples of a log in SI units, how it was read, and what was guessed, with the cure where it is not so."""
+def measured(path: Any, options: Mapping[str, Any]) -> tuple[dict[str, Any], list[str], list[tuple[str, str]]]:
+    """The samples of a log, or of a file for each quantity, in units that are given, named in the log, or guessed.
 
-    t: Array
-    q: Array
-    tau: Array
-    qd: Array | None
-    joint_names: tuple[str, ...]
-    said: list[str]
-    guesses: list[tuple[str, str]]
-
-
-def measured(path: Any, options: Mapping[str, Any]) -> LogSamples:
-    """The samples of a log, or of a file for each quantity, in units that are given, named in the log, or guessed."""
+    Returns t, q, tau, qd in SI units and the names of the joints, how the log was read, and guesses with their cures.
+    """
     place = os.fspath(next(iter(path.values()), "") if isinstance(path, Mapping) else path)
     log = _joined(path, options) if isinstance(path, Mapping) else read_log(Path(place), options)
     found = _by_joint(place, log, options["columns"] if isinstance(options["columns"], Mapping) else {})
@@ -92,7 +83,7 @@ def measured(path: Any, options: Mapping[str, Any]) -> LogSamples:
         said.append(f"times from the first sample on, at {t[0]:.3f} s")
         t = t - t[0]
     said += [f"{kind}: {_span(own)}" for kind, own in {"t": [] if rate else stamps, **kinds}.items() if own]
-    return LogSamples(t, q, tau, qd, names, said, guesses)
+    return {"t": t, "q": q, "tau": tau, "qd": qd, "joint_names": names}, said, guesses
 
 
 def _meaning(name: str) -> tuple[str, str, str]:
@@ -182,7 +173,8 @@ def _same_joints(
         guesses.append((f"{_span([*tau.values()])} are of the joints of {_span([*q.values()])} in this order", ORDER))
         tau, qd = dict(zip(q, tau.values(), strict=True)), dict(zip(q, qd.values(), strict=False))
     common = [joint for joint in q if joint in tau]
-    if joints and len(joints) == len(common) and not set(joints) & set(common) and _are_numbered(common):
+    are_numbered = len({joint.rstrip("0123456789") for joint in common}) == 1  # and alike but for that
+    if joints and are_numbered and len(joints) == len(common) and not set(joints) & set(common):
         guesses.append((f"{_span([*q.values()])} are of {_span(joints)} in this order", ORDER))
     elif joints:
         if missing := [joint for joint in joints if joint not in common]:
@@ -197,11 +189,6 @@ def _same_joints(
     kinds = {"q": q, "tau": tau} | ({"qd": qd} if set(common) <= qd.keys() else {})
     names = joints or (numbered_joints(len(common)) if all(x.isdigit() or not x for x in common) else common)
     return {kind: [own[joint] for joint in common] for kind, own in kinds.items()}, tuple(names)
-
-
-def _are_numbered(joints: Sequence[str]) -> bool:
-    """True for names that are alike but for a number at the end."""
-    return len({joint.rstrip("0123456789") for joint in joints}) == 1
 
 
 def _units(place: str, kinds: Mapping[str, Sequence[str]], given: Mapping[str, Any]) -> dict[str, Any]:

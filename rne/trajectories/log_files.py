@@ -20,6 +20,7 @@ from .csv_file import as_number, csv_rows, listed_names, text_of
 Message = tuple[int, Sequence[str], Sequence[Sequence[float]]]  # time [ns], joints, and their q, qd, tau
 
 LISTED = 12  # columns that an error lists
+LARGEST = 2**30  # bytes of a chunk of an MCAP file
 SNIFFED = 20  # rows from which separator and decimal sign are guessed
 FORMATS = [(";", "."), (";", ","), ("\t", "."), ("\t", ","), (",", "."), (" ", "."), (" ", ",")]
 JOINT_STATE = "sensor_msgs/msg/JointState"
@@ -90,7 +91,7 @@ def _whole(path: Path, read: Callable[[], Any]) -> Any:
     try:
         return read()
     except Exception as error:  # each library has its own
-        if isinstance(error, ImportError | MemoryError) or getattr(error, "errno", None):
+        if isinstance(error, ImportError) or getattr(error, "errno", None):
             raise
         reason = cut(" ".join(str(error).split()), 3 * MAX_NAME) or type(error).__name__
         raise ValueError(f"{path}: is damaged or cut off ({reason})") from None
@@ -164,12 +165,17 @@ def _is_numeric(row: Sequence[str], decimal: str) -> bool:
 def _echoed(name: str, body: Iterable[tuple[int, list[str]]]) -> Iterator[Message]:
     """Of `ros2 topic echo --csv`: seconds, nanoseconds, frame, names, positions, velocities, efforts."""
     for at, row in body:
-        (*stamp, _), fields = row[:3], row[3:]
-        n, numbers = len(fields) // 4, [as_number(x) for x in fields]
-        if not n or len(fields) % 4 or not "".join(stamp).isdigit() or any(map(math.isfinite, numbers[:n])):
+        (*stamp, _), fields, parts = row[:3], row[3:], list[list[float]]()
+        n = next((k for k, x in enumerate(fields) if x in ("", "nan") or math.isfinite(as_number(x))), 0)
+        names, rest = fields[:n], fields[n:]
+        for _ in range(3):  # an array without entries is an entry left out
+            count = n if rest[:1] != [""] else 1
+            parts.append([as_number(x) for x in rest[:count] if x])
+            rest = rest[count:]
+        if rest or {len(part) for part in parts} - {0, n} or not n or not "".join(stamp).isdigit():
             what = "as many names of joints, positions, velocities and efforts"
             raise ValueError(f"{name}, row {at}: must be seconds, nanoseconds, frame, and {what}")
-        yield int(stamp[0]) * 10**9 + int(stamp[1]), fields[:n], np.reshape(numbers[n:], (3, n)).tolist()
+        yield int(stamp[0]) * 10**9 + int(stamp[1]), names, parts
 
 
 def _rostopic(name: str, heading: Sequence[str], body: Iterable[tuple[int, list[str]]]) -> Iterator[Message]:
@@ -192,11 +198,9 @@ def _states(place: str, messages: Iterable[Message], joints: Sequence[str] | Non
     for k, (ns, names, values) in enumerate(messages):
         group = tuple(sorted(names))
         groups[group] = groups.get(group, 0) + 1
-        if any(len(part) not in (0, len(names)) for part in values):
-            sizes = " ".join(str(len(part)) for part in values)
-            raise ValueError(
-                f"{place}: message {k + 1} has {len(names)} names, and {sizes} positions, velocities, efforts"
-            )
+        if any(len(part) not in (0, len(names)) for part in values) or len(set(names)) < len(names):
+            sizes = f"{len(set(names))} different names, and {', '.join(str(len(part)) for part in values)}"
+            raise ValueError(f"{place}: message {k + 1} has {sizes} positions, velocities and efforts")
         if joints is None or set(joints) <= set(group):
             found.append((ns, {name: j for j, name in enumerate(names)}, values))
     if joints is None and len(groups) > 1:
@@ -231,11 +235,13 @@ def _mcap(paths: Sequence[Path], options: Mapping[str, Any]) -> Log:
             reader = make_reader(stream, validate_crcs=True, decoder_factories=[DecoderFactory()])
             if (summary := reader.get_summary()) is None:
                 raise ValueError("it has no summary; mend it: mcap recover FILE")
+            if (size := max((x.uncompressed_size for x in summary.chunk_indexes), default=0)) > LARGEST:
+                raise ValueError(f"a chunk is said to have {size} bytes")
             schemas = {k: schema.name for k, schema in summary.schemas.items()}
             topics.update({x.topic: schemas.get(x.schema_id, "unknown") for x in summary.channels.values()})
-            for *_, message in reader.iter_decoded_messages(topics=[wanted]) if wanted else ():
-                stamp, values = message.header.stamp, [message.position, message.velocity, message.effort]
-                messages.append((stamp.sec * 10**9 + stamp.nanosec, message.name, values))
+            for *_, raw, state in reader.iter_decoded_messages(topics=[wanted]) if wanted else ():
+                ns = state.header.stamp.sec * 10**9 + state.header.stamp.nanosec or raw.log_time
+                messages.append((ns, state.name, [state.position, state.velocity, state.effort]))
 
     for path in paths:
         _whole(path, lambda path=path: read(path, None))  # type: ignore[misc]
@@ -274,24 +280,30 @@ def _parquet(paths: Sequence[Path], info: Path | None, options: Mapping[str, Any
         import pyarrow.parquet as parquet
     except ImportError:
         raise ImportError("reading LeRobot data sets needs pyarrow: pip install 'rne[lerobot]'") from None
-    names: dict[str, Sequence[str]] = {}
-    if info is not None:
-        features = _whole(info, lambda: dict(json.loads(info.read_text(encoding="utf-8"))["features"]))
-        for name, feature in features.items():
-            own = feature.get("names")  # a list, or one in a mapping
-            names[name] = [str(x) for part in (own.values() if isinstance(own, dict) else [own or []]) for x in part]
-        if not paths:
-            raise ValueError(f"{info}: the data set has no files data/*/*.parquet")
-    there: set[int] = set()
-    parts, wanted = [], options["episode"]
-    for path in paths:
-        table = _whole(path, lambda path=path: parquet.read_table(path, partitioning=None))  # type: ignore[misc]
-        kept = [x.name for x in table.schema if NUMBERS.fullmatch(str(x.type))]
-        part = {x: np.array(table[x].to_pylist(), dtype=np.float64) for x in kept}
-        of = part.get("episode_index", np.zeros(table.num_rows))
-        there |= set(of.astype(int).tolist())
-        parts.append({x: values[(of == wanted) | (wanted is None)] for x, values in part.items()})
-    if (len(there) > 1 and wanted is None) or wanted not in (None, *there):
-        raise ValueError(f"{paths[0]}: there are episodes {min(there)} to {max(there)}; give one as `episode`")
-    arrays = {x: np.concatenate([part[x] for part in parts]) for x in parts[0]}
-    return Log(_columns(arrays, names), (f"episode {min(there) if wanted is None else wanted}",), "s", is_lerobot=True)
+
+    def arrays_of(path: Path) -> dict[str, Array]:
+        table = parquet.read_table(path, partitioning=None)
+        kept = [column.name for column in table.schema if NUMBERS.fullmatch(str(column.type))]
+        return {name: np.array(table[name].to_pylist(), dtype=np.float64) for name in kept}
+
+    if not paths:
+        raise ValueError(f"{info}: the data set has no files data/*/*.parquet")
+    names = {} if info is None else _whole(info, lambda: _names_of_features(info))
+    parts = [_whole(path, lambda path=path: arrays_of(path)) for path in paths]  # type: ignore[misc]
+    arrays = {x: np.concatenate([part[x] for part in parts]) for x in parts[0] if all(x in part for part in parts)}
+    episodes, wanted = arrays.get("episode_index", np.zeros(1)), options["episode"]
+    if wanted not in episodes if wanted is not None else np.ptp(episodes):
+        low, high = f"{episodes.min():g}", f"{episodes.max():g}"
+        raise ValueError(f"{paths[0]}: there are episodes {low} to {high}; give one as `episode`")
+    if wanted is not None:
+        arrays = {name: x[episodes == wanted] for name, x in arrays.items()}
+    return Log(_columns(arrays, names), (f"episode {wanted or 0}",), "s", is_lerobot=True)
+
+
+def _names_of_features(info: Path) -> dict[str, list[str]]:
+    """Names of the entries of each array: those of a list, or of a list in a mapping."""
+    names = {}
+    for name, feature in json.loads(info.read_text(encoding="utf-8"))["features"].items():
+        own = feature.get("names") or []
+        names[name] = [str(x) for part in (own.values() if isinstance(own, dict) else [own]) for x in part]
+    return names

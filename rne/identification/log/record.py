@@ -282,14 +282,11 @@ class Record:
             raise TypeError("`joints` and `columns` must be sequences of names, such as robot.joint_names, got str")
         reading = {"joints": joints, "columns": columns, "units": units or {}, "gains": gains, "offsets": offsets}
         reading |= {"time_unit": time_unit, "sample_rate": sample_rate, "separator": separator, "decimal": decimal}
-        read = measured(path, reading | {"topic": topic, "episode": episode, "quantity": ""})
+        samples, said, guessed = measured(path, reading | {"topic": topic, "episode": episode, "quantity": ""})
         first = next(iter(path.values())) if isinstance(path, Mapping) else path
-        given = {"name": Path(first).name, "joint_names": read.joint_names} | options
-        record = cls(read.t, read.q, read.tau, read.qd, **given)
-        guesses = [
-            RecordFinding("warning", record.name, "", GUESS, f"that {text}", cure) for text, cure in read.guesses
-        ]
-        record._tell("; ".join(read.said), guesses)
+        record = cls(**(samples | {"name": Path(first).name} | options))
+        guesses = [RecordFinding("warning", record.name, "", GUESS, f"that {text}", cure) for text, cure in guessed]
+        record._tell("; ".join(said), guesses)
         return record
 
     @classmethod
