@@ -157,7 +157,8 @@ def test_units_are_read_from_names_and_given(tmp_path):
             {"q": ["deg"]},
             "`units` of q must be 'rad', 'deg', 'm', 'mm', or a number of SI units, for all or 3 joints, got ['deg']",
         ),
-        ({"torque": "Nm"}, '`units` must be of "q", "qd" and "tau", got \'torque\''),
+        ({"torque": "Nm"}, '`units` must be a mapping of "q", "qd" and "tau", got {\'torque\': \'Nm\'}'),
+        ("deg", '`units` must be a mapping of "q", "qd" and "tau", got \'deg\''),
     ):
         with exactly(text):
             Record.from_log(path, units=units)
@@ -243,8 +244,21 @@ def test_currents_need_gains(tmp_path):
         Record.from_log(path)
     same(Record.from_log(path, gains=gains), tolerance=1e3 * ROUNDED, velocities=False)
     assert abs(Record.from_log(path, gains=1).tau - TAU / gains).max() < ROUNDED
-    with exactly("`gains` must have shape (3,), got (2,)"):
-        Record.from_log(path, gains=[1, 2])
+    for wrong, text in (([1, 2], "have shape (3,), got (2,)"), (0, "not be zero, got 0")):
+        with exactly(f"`gains` must {text}"):
+            Record.from_log(path, gains=wrong)
+
+
+@pytest.mark.parametrize(
+    "lines", ["t,q,tau\n[ms],deg,Nm\n", "t [ms],q [deg],tau [N m]\n", "Log 7\n\n# t_ms,q_deg,tau_Nm\n"]
+)
+def test_units_stand_beside_or_below_names(lines, tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text(lines + "".join(f"{10 * k},{180 + k},{k}\n" for k in range(20)))
+    record = Record.from_log(path)
+    assert guesses(record) == []
+    assert (record.t[1], record.tau[2, 0]) == (0.01, 2)
+    assert abs(record.q[0, 0] - np.pi) < ROUNDED
 
 
 @pytest.mark.parametrize(
@@ -256,6 +270,7 @@ def test_currents_need_gains(tmp_path):
         ("t,q1,tau1\n0,1,2\n1,1\n", f", row 3: must have 3 entries, got 2; {CUT}"),
         ("t,q1,tau1\n0,1,2\n1,one,3\n", ", row 3, column 'q1': must be a finite number, got 'one'"),
         ("t,q1,tau1\n0,1,2\n1,inf,3\n", ", row 3, column 'q1': must be a finite number, got 'inf'"),
+        ("t,q1,tau1\n0,1,2\n,2,3\n", ": the time of sample 1 is missing"),
         ("t,q1,q1\n0,1,2\n1,2,3\n", ": column 'q1' is there twice"),
         ("t,q1,pos1,tau1\n0,1,2,3\n", ": columns 'q1' and 'pos1' are both q of 1; say which in columns={\"q\": ...}"),
         ("t,q1,q2\n0,1,2\n1,2,3\n", ": there are no torques or currents; there are 't', 'q1', 'q2'; if some are, give columns={\"tau\": ...}"),
@@ -266,6 +281,7 @@ def test_currents_need_gains(tmp_path):
         ("#ROSBAG V2.0\n", ": is a ROS 1 bag; write the topic as text: rostopic echo -b FILE -p /joint_states > log.csv"),
         ("SQLite format 3\0", ": is a ROS 2 bag in SQLite; convert it to MCAP: ros2 bag convert"),
         ("MATLAB 7.3 MAT-file", ": is a MATLAB file of version 7.3; save it by save(file, ..., '-v7')"),
+        ("1700000000,5\n2,3\n", ": the names of its 2 columns are missing; give them, such as columns=[\"t\", \"q.shoulder\", \"tau.shoulder\"], with \"\" for one to ignore"),
         ("PK\3\4xl/", ": is a ZIP archive or a spreadsheet; write it as text"),
     ],
 )  # fmt: skip

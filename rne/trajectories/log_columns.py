@@ -45,7 +45,7 @@ def measured(path: Any, options: Mapping[str, Any]) -> tuple[dict[str, Any], lis
 
     Returns t, q, tau, qd in SI units and the names of the joints, how the log was read, and guesses with their cures.
     """
-    place = os.fspath(next(iter(path.values()), "") if isinstance(path, Mapping) else path)
+    place = os.fspath(next(iter(path.values()), "`path`") if isinstance(path, Mapping) else path)
     log = _joined(path, options) if isinstance(path, Mapping) else read_log(Path(place), options)
     found = _by_joint(place, log, options["columns"] if isinstance(options["columns"], Mapping) else {})
     said, guesses = list(log.said), list[tuple[str, str]]()
@@ -56,6 +56,8 @@ def measured(path: Any, options: Mapping[str, Any]) -> tuple[dict[str, Any], lis
         there = listed_names(list(log.columns), LISTED)
         raise ValueError(f'{place}: there are no times; there are {there}; give columns={{"t": ...}} or `sample_rate`')
     t = np.arange(len(x["q"])) / positive_number("sample_rate", rate) if rate else log.numbers(place, stamps[0])
+    if missing := np.flatnonzero(~np.isfinite(t)).tolist():
+        raise ValueError(f"{place}: the time of sample {missing[0]} is missing")
     for kind, array in x.items():
         if len(array) != len(t):
             raise ValueError(f"{place}: there are {len(t)} times and {len(array)} samples of {kind}")
@@ -63,7 +65,7 @@ def measured(path: Any, options: Mapping[str, Any]) -> tuple[dict[str, Any], lis
     if log.is_lerobot and "q" not in options["units"]:
         cure = 'give units={"q": "deg"}, or rad per unit of each joint and `offsets`'
         raise ValueError(f"{place}: positions of LeRobot data sets are in degrees or normalised; {cure}")
-    if not units["q"] and np.median(np.nanmax(np.abs(x["q"]), axis=0, initial=0)) > 2 * np.pi:
+    if units["q"] is None and np.median(np.nanmax(np.abs(x["q"]), axis=0, initial=0)) > 2 * np.pi:
         guesses.append(("positions are in degrees, as most pass a turn", 'else give units={"q": "rad"}'))
         units["q"] = "deg"
     gains, n = options["gains"], len(names)
@@ -71,9 +73,13 @@ def measured(path: Any, options: Mapping[str, Any]) -> tuple[dict[str, Any], lis
     if gains is None and (named or _meaning(kinds["tau"][0])[0] == "current"):
         cure = "give `gains` [N m/A]; gains=1 keeps currents, for `rne.identify_drive_gains`"
         raise ValueError(f"{place}: {_span(kinds['tau'])} are currents, not torques; {cure}")
-    q = x["q"] * _in_si("q", units["q"] or "rad", n) + per_joint_array("offsets", options["offsets"], n)
-    qd = x["qd"] * _in_si("qd", units["qd"] or units["q"] or "rad", n) if "qd" in x else None
-    tau = x["tau"] * _in_si("tau", units["tau"] or "Nm", n) * per_joint_array("gains", 1 if gains is None else gains, n)
+    factors = per_joint_array("gains", 1 if gains is None else gains, n)
+    if not factors.all():
+        raise ValueError(f"`gains` must not be zero, got {gains!r}")
+    units["qd"] = units["q"] if units["qd"] is None else units["qd"]
+    q = x["q"] * _in_si("q", units["q"], n) + per_joint_array("offsets", options["offsets"], n)
+    qd = x["qd"] * _in_si("qd", units["qd"], n) if "qd" in x else None
+    tau = x["tau"] * _in_si("tau", units["tau"], n) * factors
     unit = options["time_unit"] or log.time_unit or ("s" if rate else _meaning(stamps[0])[2])
     if not unit and (seems := guessed_unit(t, q, qd)) is not None:
         guesses.append((f"column {stamps[0]!r} {seems.said}", 'else give time_unit="s"'))
@@ -111,7 +117,7 @@ def _meaning(name: str) -> tuple[str, str, str]:
 
 def _joined(files: Mapping[str, Any], options: Mapping[str, Any]) -> Log:
     """The columns of a log of a file for each quantity, of which one has the times, or all the same."""
-    columns: dict[str, Array] = {}
+    columns, log = dict[str, Array](), Log({})
     times: dict[str, Array] = {}
     for kind, path in files.items():
         if kind not in ("t", "q", "qd", "tau"):
@@ -174,9 +180,9 @@ def _same_joints(
         tau, qd = dict(zip(q, tau.values(), strict=True)), dict(zip(q, qd.values(), strict=False))
     common = [joint for joint in q if joint in tau]
     are_numbered = len({joint.rstrip("0123456789") for joint in common}) == 1  # and alike but for that
-    if joints and are_numbered and len(joints) == len(common) and not set(joints) & set(common):
+    if joints is not None and are_numbered and len(joints) == len(common) and not set(joints) & set(common):
         guesses.append((f"{_span([*q.values()])} are of {_span(joints)} in this order", ORDER))
-    elif joints:
+    elif joints is not None:
         if missing := [joint for joint in joints if joint not in common]:
             hint = did_you_mean(missing[0], common) or f"; there are {listed_names(common, LISTED)}"
             raise ValueError(f"{place}: there are no positions and torques of joint {missing[0]!r}{hint}")
@@ -193,8 +199,8 @@ def _same_joints(
 
 def _units(place: str, kinds: Mapping[str, Sequence[str]], given: Mapping[str, Any]) -> dict[str, Any]:
     """Units that are given, or that the names of all columns of a quantity have, or None; currents are in A or mA."""
-    if unknown := [kind for kind in given if kind not in SI]:
-        raise ValueError(f'`units` must be of "q", "qd" and "tau", got {unknown[0]!r}')
+    if not isinstance(given, Mapping) or set(given) - set(SI):
+        raise ValueError(f'`units` must be a mapping of "q", "qd" and "tau", got {given!r}')
     units: dict[str, Any] = dict.fromkeys(SI) | dict(given)
     for kind in kinds.keys() - given.keys():
         meanings = [_meaning(name) for name in kinds[kind]]
@@ -208,7 +214,9 @@ def _units(place: str, kinds: Mapping[str, Sequence[str]], given: Mapping[str, A
 
 
 def _in_si(kind: str, unit: Any, n: int) -> Array:
-    """A unit of all joints, or one of each, by name or as a number, in SI units."""
+    """A unit of all joints, or one of each, by name or as a number, in SI units; ones for None."""
+    if unit is None:
+        return np.ones(n)
     known = SI["q"] | SI["qd"] if kind == "qd" else SI[kind]
     units = [unit] * n if isinstance(unit, str | int | float) else list(unit)
     names = ", ".join(map(repr, SI[kind]))

@@ -7,6 +7,8 @@ import json
 import math
 import os
 import re
+import struct
+import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,6 +23,9 @@ Message = tuple[int, Sequence[str], Sequence[Sequence[float]]]  # time [ns], joi
 
 LISTED = 12  # columns that an error lists
 LARGEST = 2**30  # bytes of a chunk of an MCAP file
+UNIT = re.compile(
+    r"[\[(]?(s|ms|us|ns|rad|deg|°|m|mm|rad/s|deg/s|°/s|m/s|rpm|N ?m|mN ?m|N|A|mA)[\])]?"
+)  # in a row below names
 SNIFFED = 20  # rows from which separator and decimal sign are guessed
 FORMATS = [(";", "."), (";", ","), ("\t", "."), ("\t", ","), (",", "."), (" ", "."), (" ", ",")]
 JOINT_STATE = "sensor_msgs/msg/JointState"
@@ -32,6 +37,8 @@ OTHERS = {  # first bytes of files that are not read, what they are, and the cur
     b"PK\x03\x04": "a ZIP archive or a spreadsheet; write it as text",
     b"\x1f\x8b": "compressed; decompress it first",
 }
+NUMERIC = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}  # of MATLAB
+COMPRESSED, STRUCTURE = 15, 2  # kinds of elements and of arrays
 NUMBERS = re.compile(r"((fixed_size_|large_)?list<.*)?\b(halffloat|float|double|u?int\d+)\b(>.*)?")  # types of Arrow
 
 
@@ -75,10 +82,10 @@ def read_log(path: Path, options: Mapping[str, Any]) -> Log:
     for mark, what in OTHERS.items():
         if first.startswith(mark):
             raise ValueError(f"{path}: is {what}")
-    if suffix == ".mat":
-        from scipy.io import loadmat
-
-        return Log(_columns(_whole(path, lambda: loadmat(path, simplify_cells=True))))
+    if first.startswith(b"MATLAB 5") or suffix == ".mat":
+        data = memoryview(path.read_bytes())
+        order = "<" if bytes(data[126:128]) == b"IM" else ">"
+        return Log(_columns(_whole(path, lambda: _matlab(data[128:], order))))
     if first.startswith(b"\x89MCAP") or suffix == ".mcap":
         return _mcap([path], options)
     if first.startswith(b"PAR1") or suffix == ".parquet":
@@ -114,6 +121,8 @@ def _text(path: Path, options: Mapping[str, Any]) -> Log:
     elif heading:
         heading = [entry.strip().lstrip("#% ") for entry in heading]
         heading = heading[len(heading) == width + 1 and not heading[0] :]  # "# t q1", separated by blanks
+        if first > 1 and all(map(UNIT.fullmatch, heading)) and len(above := rows[first - 2][1]) == len(heading):
+            heading = [f"{x.strip()} [{unit.strip('[]() ')}]" for x, unit in zip(above, heading, strict=True)]
     elif width > 4 and body[0][1][1].isdigit() and math.isnan(as_number(body[0][1][3])):
         return _states(name, _echoed(name, body), options["joints"], "as of ros2 topic echo --csv")
     elif given is not None or options["quantity"]:
@@ -272,6 +281,48 @@ def _columns(arrays: Mapping[str, Any], names: Mapping[str, Sequence[str]] | Non
             own = own if len(own) == len(x) else [str(k + 1) for k in range(len(x))]
             columns |= {name if np.ndim(value) == 1 else f"{name}.{k}": row for k, row in zip(own, x, strict=True)}
     return columns
+
+
+def _matlab(data: memoryview, order: str) -> dict[str, Any]:
+    """Arrays of numbers, and structures of them, of a MATLAB file of version 5 to 7; SciPy crashes on damaged ones."""
+    arrays: dict[str, Any] = {}
+    for kind, body in _elements(data, order):
+        if kind == COMPRESSED:
+            arrays |= _matlab(memoryview(zlib.decompressobj().decompress(body, LARGEST)), order)
+        else:
+            name, value = _matrix(body, order)
+            arrays |= {} if value is None else {name: value}
+    return arrays
+
+
+def _elements(data: memoryview, order: str) -> Iterator[tuple[int, memoryview]]:
+    """Kind and bytes of each element: after eight bytes and up to the next multiple of eight, or within eight bytes."""
+    at = 0
+    while at < len(data):
+        kind, size = struct.unpack_from(f"{order}II", data, at)
+        start, end = at + 8, at + 8 + (size if kind == COMPRESSED else -(-size // 8) * 8)
+        if kind >> 16:
+            kind, size, start, end = kind & 0xFFFF, kind >> 16, at + 4, at + 8
+        if end > len(data) or start + size > end:
+            raise ValueError("an element ends beyond the file")
+        yield kind, data[start : start + size]
+        at = end
+
+
+def _matrix(body: memoryview, order: str) -> tuple[str, Any]:
+    """Name and value of an array: real numbers, the fields of a structure, or None."""
+    if not body:
+        return "", None
+    (_, flags), (_, sizes), (_, name), *parts = _elements(body, order)
+    shape, kind = np.frombuffer(sizes, f"{order}i4"), flags[0 if order == "<" else 3]
+    value: Any = None
+    if kind == STRUCTURE and shape.prod() == 1:
+        (_, length), (_, fields), *values = parts
+        names = np.frombuffer(fields, f"S{int(np.frombuffer(length, f'{order}i4')[0])}").tolist()
+        value = {x.decode(): _matrix(part, order)[1] for x, (_, part) in zip(names, values, strict=True)}
+    elif len(parts) == 1 and parts[0][0] in NUMERIC and kind in range(6, 16):
+        value = np.frombuffer(parts[0][1], order + NUMERIC[parts[0][0]]).reshape(shape, order="F").squeeze()
+    return bytes(name).decode(), value
 
 
 def _parquet(paths: Sequence[Path], info: Path | None, options: Mapping[str, Any]) -> Log:
