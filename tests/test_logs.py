@@ -107,7 +107,7 @@ def test_separators_and_decimal_commas_are_found(separator, decimal, tmp_path):
         ("left_arm_q1", ("q", "left_arm_1", "")),
         ("jointPosition1", ("q", "joint_1", "")),
         ("q[2]", ("q", "2", "")),
-        *((name, ("", "", "")) for name in ("target_q_0", "q_d_1", "tau_ext_3", "action.elbow.pos", "temperature_1", "index")),
+        *((name, ("", "", "")) for name in ("target_q_0", "q_d_1", "tau_ext_3", "action.elbow.pos", "temperature_1", "index", "loop_time")),
     ],
 )  # fmt: skip
 def test_names_of_columns(name, expected):
@@ -164,6 +164,23 @@ def test_units_are_read_from_names_and_given(tmp_path):
             Record.from_log(path, units=units)
     path = table(tmp_path / "log.csv", ["t", "q1 [deg]", "q2 [rad]", "tau1", "tau2"], T, Q[:, :2], TAU[:, :2])
     with exactly(f"{path}: columns 'q1 [deg]' to 'q2 [rad]' name different units; give units={{'q': ...}}"):
+        Record.from_log(path)
+
+
+def test_times_since_1970_count_from_the_first(tmp_path):
+    path = table(tmp_path / "log.csv", ["t", *names_of("q", "tau")], T + 1.7e9, Q, TAU)
+    record = Record.from_log(path)
+    assert abs(record.t - T).max() < 1e-6  # double precision
+    assert record.source.startswith("times from the first sample on, at 1700000000.000 s; t: 't'")
+
+
+def test_a_text_with_a_long_head_and_thousands(tmp_path):
+    path = table(
+        tmp_path / "log.csv", ["t", *names_of("q", "tau")], T, Q, TAU, separator=";", decimal=",", heading="a, b\n" * 30
+    )
+    same(Record.from_log(path), velocities=False)
+    path.write_text(path.read_text().replace("5,0;5,0;5,0", "1.005,0;5,0;5,0"))
+    with exactly(f"{path}, row 32, column 'tau.shoulder': must be a finite number, got '1.005,0'"):
         Record.from_log(path)
 
 
@@ -372,7 +389,7 @@ def test_ros_1_echo(stamped, tmp_path):
         Record.from_log(path)
 
 
-def mcap(path, topics=("/joint_states",), names=JOINTS, kind="sensor_msgs/msg/JointState"):
+def mcap(path, topics=("/joint_states",), names=JOINTS, kind="sensor_msgs/msg/JointState", stamped=True):
     writer = pytest.importorskip(
         "mcap_ros2.writer", reason="mcap-ros2-support is not installed, which reads MCAP files"
     )
@@ -382,7 +399,7 @@ def mcap(path, topics=("/joint_states",), names=JOINTS, kind="sensor_msgs/msg/Jo
             log.register_msgdef("std_msgs/msg/String", "string data\n"),
         )
         for k, ns in enumerate(NS):
-            header = {"stamp": {"sec": ns // 10**9, "nanosec": ns % 10**9}, "frame_id": ""}
+            header = {"stamp": {"sec": ns // 10**9 * stamped, "nanosec": ns % 10**9 * stamped}, "frame_id": ""}
             values = dict(zip(("position", "velocity", "effort"), (x[k].tolist() for x in (Q, QD, TAU)), strict=True))
             for topic in topics:
                 log.write_message(topic, state, {"header": header, "name": list(names), **values}, ns, ns)
@@ -390,7 +407,7 @@ def mcap(path, topics=("/joint_states",), names=JOINTS, kind="sensor_msgs/msg/Jo
     return path
 
 
-def test_mcap(tmp_path):
+def test_mcap(tmp_path, monkeypatch):
     path = mcap(tmp_path / "log.mcap")
     record = Record.from_log(path)
     same(record)
@@ -398,6 +415,11 @@ def test_mcap(tmp_path):
         "topic /joint_states, times from the first message on, at 1700000000.123 s; t: 't'; q: "
     )
     same(Record.from_log(tmp_path))  # the folder of a bag
+    same(Record.from_log(mcap(path, stamped=False)))  # times are those of the recorder
+    monkeypatch.setattr("rne.trajectories.log_files.LARGEST", 8000)
+    with pytest.raises(ValueError, match=r"is damaged or cut off \(a chunk is said to have \d+ bytes\)$"):
+        Record.from_log(path)
+    monkeypatch.undo()
     whole = path.read_bytes()
     for part in (b"", whole[:5], whole[:100], whole[: len(whole) // 2], whole[:-4], whole[: len(whole) // 2] + b"\xff" * 9 + whole[len(whole) // 2 + 9 :]):  # fmt: skip
         path.write_bytes(part)
@@ -415,6 +437,9 @@ def test_mcap_of_other_topics(tmp_path):
     there = "/chatter (std_msgs/msg/String), /left/joint_states (sensor_msgs/msg/JointState), /right/joint_states (sensor_msgs/msg/JointState)"
     with exactly(f"{path}: there is no topic /up of sensor_msgs/msg/JointState; there is {there}"):
         Record.from_log(path, topic="/up")
+    path = mcap(tmp_path / "twice.mcap", names=("elbow", "elbow", "wrist"))
+    with exactly(f"{path}: message 1 has 2 different names, and 3, 3, 3 positions, velocities and efforts"):
+        Record.from_log(path)
     path = mcap(tmp_path / "short.mcap", names=JOINTS[:2])
     with exactly(f"{path}: message 1 has 2 different names, and 3, 3, 3 positions, velocities and efforts"):
         Record.from_log(path)
@@ -530,6 +555,9 @@ def test_rest_at_both_ends_is_cut(tmp_path):
     assert abs(part.t[0] - 1.5) <= 0.02
     assert abs(part.t[-1] - 3.49) <= 0.02
     assert re.fullmatch(r"rest cut off: 1\.\d+ s at the start, 0\.\d+ s at the end", part.source)
+    t, steps = np.arange(600) / 100, 0.01 * (np.arange(600) // 7 % 2)[:, None]  # an encoder that flickers at rest
+    flicker = 0.01 * np.rint(np.clip(t - 3, 0, 2)[:, None] / 0.01) + steps * (t < 3)[:, None]
+    assert abs(Record(t, flicker, flicker).in_motion().t[0] - 3) < 0.1
     whole = Record(T, Q, TAU).in_motion()
     assert (len(whole.t), whole.source) == (len(T), "")
     with exactly("still: no joint moves"):

@@ -98,7 +98,7 @@ def _meaning(name: str) -> tuple[str, str, str]:
     if bracket := BRACKETS.search(name):
         unit, name = bracket[1].replace(" ", "").replace("°", "deg"), name[: bracket.start()]
     own, _, joint = name.partition(".")
-    if own in ("q", "qd", "tau") and joint and not joint.isdigit():
+    if own in ("q", "qd", "tau") and joint:
         return own, joint, unit
     if not unit and (suffix := SUFFIX.search(name)):
         unit, name = suffix[1], name[: suffix.start()]

@@ -303,7 +303,7 @@ def _elements(data: memoryview, order: str) -> Iterator[tuple[int, memoryview]]:
         start, end = at + 8, at + 8 + (size if kind == COMPRESSED else -(-size // 8) * 8)
         if kind >> 16:
             kind, size, start, end = kind & 0xFFFF, kind >> 16, at + 4, at + 8
-        if end > len(data) or start + size > end:
+        if end > len(data):
             raise ValueError("an element ends beyond the file")
         yield kind, data[start : start + size]
         at = end
