@@ -126,7 +126,9 @@ def test_logs_of_a_controller_by_numbers(tmp_path):
     assert abs(record.q - 60 * Q).max() <= 60 * ROUNDED
     assert abs(record.t - T).max() <= ROUNDED
     degrees, stamps = guesses(record)
-    assert degrees == 'ur.csv: guess that positions are in degrees, as most pass a turn; else give units={"q": "rad"}'
+    assert (
+        degrees == 'ur.csv: guess that positions are in degrees, as most pass two turns; else give units={"q": "rad"}'
+    )
     assert re.fullmatch(
         r"ur\.csv: guess that column 'timestamp' looks like milliseconds, .*; else give time_unit=\"s\"", stamps
     )
@@ -316,7 +318,7 @@ def test_arguments_that_do_not_belong_are_refused(tmp_path):
         ({"columns": {"torque": 1}}, '`columns` must be of "t", "q", "qd" and "tau", got \'torque\''),
         ({"columns": {"tau": "effort"}}, f"{path}: there is no column 'effort', which `columns` asks for; there are 't', 'q.shoulder', 'q.elbow', 'q.wrist', 'tau.shoulder', 'tau.elbow', 'tau.wrist'"),
         ({"time_unit": "min"}, '`time_unit` must be "s", "ms", "us" or "ns", got \'min\''),
-        ({"sample_rate": -1}, "`sample_rate` must be positive, got -1.0"),
+        ({"sample_rate": 0}, "`sample_rate` must be positive, got 0.0"),
     ):  # fmt: skip
         with exactly(text):
             Record.from_log(path, **options)

@@ -50,23 +50,25 @@ def measured(path: Any, options: Mapping[str, Any]) -> tuple[dict[str, Any], lis
     found = _by_joint(place, log, options["columns"] if isinstance(options["columns"], Mapping) else {})
     said, guesses = list(log.said), list[tuple[str, str]]()
     kinds, names = _same_joints(place, found, options["joints"], said, guesses)
-    x = {kind: np.column_stack([log.numbers(place, name) for name in own]) for kind, own in kinds.items()}
+    read = {kind: [log.numbers(place, name) for name in own] for kind, own in kinds.items()}
     rate, stamps = options["sample_rate"], list(found["t"].values())[:1]
     if rate is None and not stamps:
         there = listed_names(list(log.columns), LISTED)
         raise ValueError(f'{place}: there are no times; there are {there}; give columns={{"t": ...}} or `sample_rate`')
-    t = np.arange(len(x["q"])) / positive_number("sample_rate", rate) if rate else log.numbers(place, stamps[0])
+    timed = rate is None
+    t = log.numbers(place, stamps[0]) if timed else np.arange(len(read["q"][0])) / positive_number("sample_rate", rate)
     if missing := np.flatnonzero(~np.isfinite(t)).tolist():
         raise ValueError(f"{place}: the time of sample {missing[0]} is missing")
-    for kind, array in x.items():
-        if len(array) != len(t):
-            raise ValueError(f"{place}: there are {len(t)} times and {len(array)} samples of {kind}")
+    for kind, columns in read.items():
+        if sizes := {len(column) for column in columns} - {len(t)}:
+            raise ValueError(f"{place}: there are {len(t)} times and {min(sizes)} samples of {kind}")
+    x = {kind: np.column_stack(columns) for kind, columns in read.items()}
     units = _units(place, kinds, options["units"])
     if log.is_lerobot and "q" not in options["units"]:
         cure = 'give units={"q": "deg"}, or rad per unit of each joint and `offsets`'
         raise ValueError(f"{place}: positions of LeRobot data sets are in degrees or normalised; {cure}")
-    if units["q"] is None and np.median(np.nanmax(np.abs(x["q"]), axis=0, initial=0)) > 2 * np.pi:
-        guesses.append(("positions are in degrees, as most pass a turn", 'else give units={"q": "rad"}'))
+    if units["q"] is None and np.median(np.nanmax(np.abs(x["q"]), axis=0, initial=0)) > 4 * np.pi:
+        guesses.append(("positions are in degrees, as most pass two turns", 'else give units={"q": "rad"}'))
         units["q"] = "deg"
     gains, n = options["gains"], len(names)
     named = np.isin(np.asarray(units["tau"], dtype=object), ["A", "mA"]).any()
@@ -80,7 +82,7 @@ def measured(path: Any, options: Mapping[str, Any]) -> tuple[dict[str, Any], lis
     q = x["q"] * _in_si("q", units["q"], n) + per_joint_array("offsets", options["offsets"], n)
     qd = x["qd"] * _in_si("qd", units["qd"], n) if "qd" in x else None
     tau = x["tau"] * _in_si("tau", units["tau"], n) * factors
-    unit = options["time_unit"] or log.time_unit or ("s" if rate else _meaning(stamps[0])[2])
+    unit = options["time_unit"] or log.time_unit or (_meaning(stamps[0])[2] if timed else "s")
     if not unit and (seems := guessed_unit(t, q, qd)) is not None:
         guesses.append((f"column {stamps[0]!r} {seems.said}", 'else give time_unit="s"'))
         unit = seems.symbol
@@ -88,7 +90,7 @@ def measured(path: Any, options: Mapping[str, Any]) -> tuple[dict[str, Any], lis
     if t[0] > SINCE:
         said.append(f"times from the first sample on, at {t[0]:.3f} s")
         t = t - t[0]
-    said += [f"{kind}: {_span(own)}" for kind, own in {"t": [] if rate else stamps, **kinds}.items() if own]
+    said += [f"{kind}: {_span(own)}" for kind, own in {"t": stamps[:timed], **kinds}.items() if own]
     return {"t": t, "q": q, "tau": tau, "qd": qd, "joint_names": names}, said, guesses
 
 
