@@ -594,4 +594,7 @@ def test_rne_identify(tmp_path, monkeypatch, capsys):
     assert capsys.readouterr().err.endswith(
         "there are no positions and torques of joint 'knee'; there are 'joint_1', 'joint_2', 'joint_3'\n"
     )
+    table(tmp_path / "a.csv", ["t", "q.joint_1", "current.joint_1"], t, t, t)
+    assert main([*call, *out]) == 2
+    assert "are currents, not torques; give --gains [N m/A]" in capsys.readouterr().err
     assert main([*call, "--out", str(tmp_path / "no" / "found.urdf")]) == 2

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import re
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from .moving import add_units
+from .moving import add_units, rotating
 from .shared import (
     CommandError,
     add_parser,
@@ -23,6 +24,9 @@ from .shared import (
     warnings_in_one_line,
     work,
 )
+
+if TYPE_CHECKING:
+    import rne
 
 IDENTIFY = "rne identify ur5 run1.mcap run2.mcap --check run3.mcap --out ur5.urdf"
 
@@ -57,29 +61,28 @@ def run_identify(arguments: argparse.Namespace) -> int:
 
     check_file(arguments.out)
     check_folder(arguments.page)
-    robot = robot_of(arguments)
+    robot, held_out = robot_of(arguments), [arguments.check] * (arguments.check is not None)
     try:
         work.begin("reading the logs")
-        *records, other = [_record(file, arguments) for file in (*arguments.logs, arguments.check or arguments.logs[0])]
-        for record in (*records, other)[: len(records) + bool(arguments.check)]:
+        records = [_record(file, robot, arguments) for file in (*arguments.logs, *held_out)]
+        for record in records:
             say(f"{record.name}: {record.source}")
         work.begin("identifying")
         with warnings_in_one_line():
-            found = rne.identify(robot, records, cutoff=arguments.cutoff)
+            found = rne.identify(robot, records[: len(arguments.logs)], cutoff=arguments.cutoff)
         page = Report(f"{robot.model.name} identified", say, arguments.page)
         page.text(used(robot, arguments))
         page.lines(found.report())
-        shown = [(record, "fitted") for record in records] + [(other, "predicted")] * (arguments.check is not None)
-        for k, (record, how) in enumerate(shown):
-            check = found.check(record)
+        for k, record in enumerate(records):
+            check, how = found.check(record), "fitted" if k < len(arguments.logs) else "predicted"
             page.heading(f"{record.name}, {how}")
             page.lines(check.report())
             page.figure(
-                f"torques_{k}", check.plot, f"Measured torques of {record.name}, {how} ones, and their difference"
+                f"torques_{k}", check.plot, f"{record.name}: measured torques, {how} ones, and their difference"
             )
         say(f"page: {page.write()}")
     except (ValueError, ImportError) as error:
-        raise CommandError(in_one_line(error).replace("`cutoff`", "--cutoff")) from None
+        raise CommandError(re.sub("`(cutoff|gains|joints|columns|topic)`", r"--\1", in_one_line(error))) from None
     try:
         urdf = rne.to_urdf(found.robot.model)
     except rne.IdentificationError as error:
@@ -91,11 +94,16 @@ def run_identify(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _record(file: Path, arguments: argparse.Namespace) -> Any:
+def _record(file: Path, robot: rne.Robot, arguments: argparse.Namespace) -> rne.identification.Record:
     """The record of a log, in the units of `add_units`, without rest at its ends."""
     import rne
 
-    units = {"q": "deg", "qd": "deg/s"} if arguments.degrees else None
     given = {name: getattr(arguments, name) for name in ("time_unit", "joints", "columns", "topic")}
+    if arguments.degrees:
+        turns = dict(zip(robot.joint_names, rotating(robot), strict=True))
+        if not all(turns.values()):  # the joints of the log have to be known
+            given["joints"] = given["joints"] or robot.joint_names
+        unit = ["deg" if turns.get(joint, True) else "m" for joint in given["joints"] or ()] or "deg"
+        given["units"] = {"q": unit, "qd": unit}
     gains = arguments.gains if arguments.gains is None or len(arguments.gains) > 1 else arguments.gains[0]
-    return rne.identification.Record.from_log(file, units=units, gains=gains, **given).in_motion()
+    return rne.identification.Record.from_log(file, gains=gains, **given).in_motion()
