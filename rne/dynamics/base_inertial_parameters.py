@@ -14,7 +14,7 @@ along gravity. The argument for trees is that of Wensing, Niemeyer and Slotine 2
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property, partial
 from typing import NamedTuple
 
@@ -26,7 +26,7 @@ from ..basics.spatial import Array, cross, cross_matrix, rotate, symmetric, tran
 from ..basics.text import counted, listed, short, six_digits, wrapped
 from ..model.model import Model, model_argument, unchecked_model
 from ..model.parameters import PARAMETERS, UNITS
-from ..model.standard_parameters import DriveModel, StandardParameters, drive_argument
+from ..model.standard_parameters import DriveModel, SpringColumns, StandardParameters, drive_argument
 from ..model.topology import joint_groups
 from .kinematics import BASE, joint_transforms
 from .regressors import regressor
@@ -196,7 +196,8 @@ class BaseParameters:
         """
         bodies = self.body_regressor(*(np.asarray(x) for x in (q, qd, qdd)))
         drives = self.standard.drive_columns(np.asarray(qd), np.asarray(qdd))
-        return np.asarray(np.concatenate([bodies, drives], axis=-1)[..., list(self.independent)])
+        springs = self.standard.spring_columns(np.asarray(q))
+        return np.asarray(np.concatenate([bodies, drives, springs], axis=-1)[..., list(self.independent)])
 
     def __repr__(self) -> str:
         return wrapped(
@@ -221,6 +222,15 @@ def base_parameters(model: Model, *, drives: DriveModel | None = None, tolerance
         raise ValueError(f"`tolerance` must be below {COARSEST}, got {tolerance!r}")
     kept, matrix = regrouped(standard, tolerance)
     return BaseParameters(standard, kept, matrix, partial(regressor, model))
+
+
+def with_springs(base: BaseParameters, springs: SpringColumns) -> BaseParameters:
+    """Base parameters and those of springs, each of which is one of its own."""
+    standard = replace(base.standard, springs=springs)
+    places = range(base.standard.count, standard.count)
+    matrix = np.pad(base.matrix, (0, len(places)))
+    matrix[range(base.count, len(matrix)), places] = 1
+    return replace(base, standard=standard, independent=(*base.independent, *places), matrix=matrix)
 
 
 def regrouped(standard: StandardParameters, tolerance: float) -> tuple[tuple[int, ...], Array]:

@@ -7,7 +7,7 @@ which in a scene without drives acts as minus that torque. With k l0 + F = c the
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -126,6 +126,22 @@ class Spring:
         """False if its tension is proportional to the distance, so that its ends may meet."""
         return bool(self.length or self.force or self.damping)
 
+    @property
+    def symbols(self) -> tuple[str, ...]:
+        """Numbers that torques are linear in: k, and c = k length + force if it has a length."""
+        return ("k", "c") if self.has_length else ("k",)
+
+    def columns(self, model: Model, q: Array) -> Array:
+        """Torques that drives must supply per unit of each, (..., n, 2) or (..., n, 1)."""
+        d, J = self.offset(model, q)
+        pull = rotate(J, d)
+        return np.stack([pull, -pull / sqrt(dot(d, d))[..., None]][: len(self.symbols)], axis=-1)
+
+    def at(self, k: float, c: float = 0.0) -> Spring:
+        """The spring of these numbers: of its force and not negative length, or else of length 0."""
+        length = max((c - self.force) / k, 0.0) if k and self.has_length else 0.0
+        return replace(self, stiffness=k, length=length, force=c - k * length)
+
     def bodies(self, model: Model) -> list[list[int]]:
         """The bodies that carry each end but not the other, from the base to the tips."""
         paths = []
@@ -193,6 +209,19 @@ class JointSpring:
     def __str__(self) -> str:
         return f"spring at {short(self.joint)!r}"
 
+    @property
+    def symbols(self) -> tuple[str, ...]:
+        """The number that torques are linear in; another rest is an offset of the drive."""
+        return ("k",)
+
+    def columns(self, model: Model, q: Array) -> Array:
+        """Torques that drives must supply per unit of the stiffness, (..., n, 1)."""
+        return replace(self, stiffness=1.0).elastic(model, q)[..., None]
+
+    def at(self, k: float) -> JointSpring:
+        """The spring of this stiffness."""
+        return replace(self, stiffness=k)
+
     def stretch(self, model: Model, q: Array) -> tuple[Array, Array]:
         """Position l of the joint and its slope dl/dq, (...) and (..., n)."""
         i = model.moving_joints.index(self.joint)
@@ -241,6 +270,20 @@ class Springs:
         """Potential energy, traced."""
         total: Array = sum((spring.energy(model, q) for spring in self.each), 0 * q.sum(-1))
         return total
+
+    @property
+    def symbols(self) -> tuple[str, ...]:
+        """What torques are linear in, spring by spring."""
+        return tuple(f"{symbol}_spring{k}" for k, spring in enumerate(self.each, 1) for symbol in spring.symbols)
+
+    def columns(self, model: Model, q: Array) -> Array:
+        """Torques that drives must supply per unit of each, (..., n, k)."""
+        return np.concatenate([spring.columns(model, q) for spring in self.each], axis=-1)
+
+    def at(self, numbers: Array) -> tuple[Spring | JointSpring, ...]:
+        """The springs of these numbers."""
+        left = iter(numbers.tolist())
+        return tuple(spring.at(*(next(left) for _ in spring.symbols)) for spring in self.each)
 
     def torque(self, robot: Robot, q: ArrayLike, qd: ArrayLike) -> Array:
         """What the drives of a robot must supply against the springs, (..., n) [N m or N]."""
