@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,7 +26,7 @@ from ..basics.spatial import Array, cross, cross_matrix, rotate, symmetric, tran
 from ..basics.text import counted, listed, short, six_digits, wrapped
 from ..model.model import Model, model_argument, unchecked_model
 from ..model.parameters import PARAMETERS, UNITS
-from ..model.standard_parameters import DriveModel, SpringColumns, StandardParameters, drive_argument
+from ..model.standard_parameters import DriveModel, StandardParameters, drive_argument
 from ..model.topology import joint_groups
 from .kinematics import BASE, joint_transforms
 from .regressors import regressor
@@ -224,7 +224,7 @@ def base_parameters(model: Model, *, drives: DriveModel | None = None, tolerance
     return BaseParameters(standard, kept, matrix, partial(regressor, model))
 
 
-def with_springs(base: BaseParameters, springs: SpringColumns) -> BaseParameters:
+def with_springs(base: BaseParameters, springs: Any) -> BaseParameters:
     """Base parameters and those of springs, each of which is one of its own."""
     standard = replace(base.standard, springs=springs)
     places = range(base.standard.count, standard.count)

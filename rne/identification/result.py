@@ -250,14 +250,12 @@ class Identification(InNotebooks):
         if self.standard.springs is None:
             return ()
         place = self.standard.groups["springs"]
-        count = place.stop - place.start
-        for name, value, error in zip(
-            self.base.names[-count:], self.parameters[place], self.estimate.errors[-count:], strict=True
-        ):
+        rows = zip(self.base.names, self.values, self.estimate.errors, strict=True)
+        for name, value, error in list(rows)[place.start - place.stop :]:
             if np.isinf(error):
-                raise IdentificationError(f"the motion does not tell {name} from gravity and other springs")
+                raise IdentificationError(f"the motion does not tell {name} from gravity, drives and other springs")
             if value < 0 and name.startswith("k"):
-                raise IdentificationError(f"the stiffness {name} came out negative, {value:.4g}: {self._cure}")
+                raise IdentificationError(f"the stiffness {name} comes out negative, {value:.4g}: {self._cure}")
         return self.standard.springs.at(self.parameters[place])
 
     @property
@@ -269,7 +267,7 @@ class Identification(InNotebooks):
             place -= (count := len(spring.symbols))
             C = covariance[place : place + count, place : place + count]
             row[0] = np.sqrt(C[0, 0])
-            if count > 1 and spring.length:  # of (c - force) / k
+            if isinstance(spring, Spring) and spring.length:  # (c - force) / k
                 slope = np.array([-spring.length, 1.0]) / spring.stiffness
                 row[1] = np.sqrt(slope @ C @ slope)
         return errors
@@ -521,12 +519,11 @@ def springs_text(found: Identification) -> str:
     except IdentificationError as error:
         return f"springs: {error}"
     lines = ["springs, with standard errors"]
-    for spring, (error, of_length) in pairs:
-        is_line = isinstance(spring, Spring)
-        unit = "N/m" if is_line else "N m/rad, or N/m if it slides"
-        length = f", length {spring.length:.4g} +- {of_length:.2g} m" if is_line and np.isfinite(of_length) else ""
-        force = f", force {spring.force:.4g} N" if is_line and spring.force else ""
-        lines.append(f"  {spring}: stiffness {spring.stiffness:.5g} +- {error:.2g} {unit}{length}{force}")
+    for spring, (of_stiffness, of_length) in pairs:
+        text = f"  {spring}: stiffness {spring.stiffness:.5g} +- {of_stiffness:.2g}"
+        if isinstance(spring, Spring):
+            text += f" N/m, length {spring.length:.4g} +- {of_length:.2g} m, force {spring.force:.4g} N"
+        lines.append(text if isinstance(spring, Spring) else f"{text} N m/rad, or N/m of a sliding joint")
     return "\n".join(lines)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -75,17 +75,6 @@ class DriveModel:
             positive_number("smoothing", self.smoothing, zero_allowed=True)
 
 
-class SpringColumns(Protocol):
-    """Springs, as far as a fit needs them."""
-
-    @property
-    def symbols(self) -> tuple[str, ...]: ...
-
-    def columns(self, model: Model, q: Array) -> Array: ...
-
-    def at(self, numbers: Array) -> tuple[Any, ...]: ...
-
-
 MEASURED = DriveModel(rotor=True, friction="viscous+coulomb", offset=True)  # what drives of real robots have
 
 
@@ -111,7 +100,7 @@ class StandardParameters:
         The robot's parameters.
     drives : DriveModel
         Which torques of the drives are modelled.
-    springs : SpringColumns or None
+    springs : Springs or None
         Springs whose parameters follow those of drives and coupled motors.
 
     Examples
@@ -125,7 +114,7 @@ class StandardParameters:
 
     model: Model
     drives: DriveModel = DriveModel()
-    springs: SpringColumns | None = None
+    springs: Any = None
 
     __repr__ = summary
 

@@ -190,7 +190,8 @@ class Scene:
         robot = self._resolved_robot()
         friction = resolved_friction(self.friction, robot)
         effort, rate = (resolved_limits(k, getattr(self, k), robot) for k in ("effort_limit", "torque_rate"))
-        return ResolvedScene(robot, friction, effort, rate, resolved_springs(self.springs, self.robot, robot))
+        springs = resolved_springs(self.springs or (), self.robot, robot)
+        return ResolvedScene(robot, friction, effort, rate, springs)
 
     def _resolved_robot(self) -> Robot:
         robot = self.robot
@@ -424,9 +425,9 @@ class Scene:
         Returns
         -------
         dict
-            "total"; for payload, friction, springs, armature, effort_limit, controller (where given) and gravity, the operations
-            saved without it; "law", whether the controller is "traced", "called" or "none". The cost of a called
-            controller is not known, nor that of a robot too large to be written out: then "total" is None.
+            "total"; for payload, friction, springs, armature, effort_limit, controller (where given) and gravity, the
+            operations saved without it; "law", whether the controller is "traced", "called" or "none". The cost of a
+            called controller is not known, nor that of a robot too large to be written out: then "total" is None.
 
         Examples
         --------

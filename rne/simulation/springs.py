@@ -19,14 +19,44 @@ from ..basics.text import did_you_mean, listed, short
 from ..dynamics.kinematics import BASE, joint_positions, joint_transforms, point_of_body
 from ..dynamics.quantity import MethodQuantity, Quantity
 from ..errors import NotFiniteError
-from ..model.model import Model
+from ..model.model import Model, joint_array
 from ..robot import Robot
 
-Point = tuple[float, float, float]
+
+class Elastic:
+    """What springs between links and at joints share."""
+
+    stiffness: float
+    damping: float
+    length: float
+    force: float
+
+    def stretch(self, model: Model, q: Array) -> tuple[Array, Array]:
+        """Length l and its slope dl/dq, (...) and (..., n)."""
+        raise NotImplementedError
+
+    def elastic(self, model: Model, q: Array) -> Array:
+        """Torques of stiffness and force, the slope of the energy, (..., n)."""
+        l, slope = self.stretch(model, q)
+        return (self.stiffness * (l - self.length) - self.force)[..., None] * slope
+
+    def energy(self, model: Model, q: Array) -> Array:
+        """Potential energy, of the force from length 0 on, (...)."""
+        l, _ = self.stretch(model, q)
+        return self.stiffness / 2 * (l - self.length) * (l - self.length) - self.force * l
+
+    def _set(self, texts: Sequence[str], signed: str, *not_negative: str) -> None:
+        """Check fields: names, a number of any sign, and numbers that are not negative; as floats."""
+        for name in texts:
+            if not isinstance(getattr(self, name), str):
+                raise TypeError(f"`{name}` must be a name, got {type(getattr(self, name)).__name__}")
+        object.__setattr__(self, signed, float(real_array(signed, getattr(self, signed), "()")))
+        for name in not_negative:
+            object.__setattr__(self, name, positive_number(name, getattr(self, name), zero_allowed=True))
 
 
 @dataclass(frozen=True)
-class Spring:
+class Spring(Elastic):
     """A spring between a point of a link and a point of another, for a Scene; equal by value.
 
     Its tension is stiffness (l - length) - force + damping dl/dt, where l is the distance of the points: it pulls
@@ -68,21 +98,18 @@ class Spring:
     """
 
     link: str
-    point: ArrayLike
+    point: Any  # a tuple
     other: str
-    other_point: ArrayLike
+    other_point: Any
     stiffness: float
     length: float
     force: float = 0.0
     damping: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("link", "other"):
-            if not isinstance(getattr(self, name), str):
-                raise TypeError(f"`{name}` must be the name of a link, got {type(getattr(self, name)).__name__}")
+        self._set(["link", "other"], "force", "stiffness", "length", "damping")
         for name in ("point", "other_point"):
             object.__setattr__(self, name, tuple(vector(name, getattr(self, name), 3).tolist()))
-        _set_numbers(self, "force", stiffness=self.stiffness, length=self.length, damping=self.damping)
 
     @staticmethod
     def at_joint(joint: str, stiffness: float, rest: float, damping: float = 0.0) -> JointSpring:
@@ -134,23 +161,30 @@ class Spring:
     def columns(self, model: Model, q: Array) -> Array:
         """Torques that drives must supply per unit of each, (..., n, 2) or (..., n, 1)."""
         d, J = self.offset(model, q)
-        pull = rotate(J, d)
-        return np.stack([pull, -pull / sqrt(dot(d, d))[..., None]][: len(self.symbols)], axis=-1)
+        return np.stack([rotate(J, d), -self.stretch(model, q)[1]][: len(self.symbols)], axis=-1)
 
     def at(self, k: float, c: float = 0.0) -> Spring:
-        """The spring of these numbers: of its force and not negative length, or else of length 0."""
+        """The spring of these numbers: of its force and a length that is not negative, or else of length 0."""
         length = max((c - self.force) / k, 0.0) if k and self.has_length else 0.0
         return replace(self, stiffness=k, length=length, force=c - k * length)
 
+    def places(self, model: Model) -> dict[str, tuple[str, tuple[str, ...]]]:
+        """What it names, and what there is of that."""
+        return {"link": (self.link, model.link_names), "other": (self.other, model.link_names)}
+
     def bodies(self, model: Model) -> list[list[int]]:
-        """The bodies that carry each end but not the other, from the base to the tips."""
+        """The bodies that carry each end but not the other, from the base to the tips; none that stretch it: []."""
         paths = []
         for link in (self.link, self.other):
-            path, body = [], model.link_body[model.link_index(link)]
-            while body != BASE:
-                path, body = [body, *path], model.parent[body]
+            path = [model.link_body[model.link_index(link)]]
+            while path[0] != BASE:
+                path.insert(0, model.parent[path[0]])
             paths.append(path)
         return [[i for i in path if i not in other] for path, other in (paths, paths[::-1])]
+
+    def is_moved(self, model: Model) -> bool:
+        """True if a joint stretches it."""
+        return any(self.bodies(model))
 
     def offset(self, model: Model, q: Array) -> tuple[Array, Array]:
         """The vector d from one end to the other, and dd/dq, shape (..., n, 3), in the axes of what carries both."""
@@ -158,14 +192,14 @@ class Spring:
         ends, J = [], zeros((*q.shape[:-1], model.nb, 3), like=q)
         sides = (-1, self.link, self.point), (1, self.other, self.other_point)
         for path, (sign, link, point) in zip(self.bodies(model), sides, strict=True):
-            axes, origin = {BASE: IDENTITY}, {BASE: zeros((3,), like=q)}
-            for i, before in zip(path, [BASE, *path], strict=False):
-                origin[i], axes[i] = origin[before] + rotate(axes[before], p[i]), axes[before] @ R[i]
-            tip = path[-1] if path else BASE
-            end = origin[tip] + rotate(axes[tip], point_of_body(model, link, point)[1].astype(model.mass.dtype))
+            axes, origin = [IDENTITY], [zeros((3,), like=q)]  # of what carries both, then of each body
             for i in path:
-                turned = cross(rotate(axes[i], model.angular_axis[i]), end - origin[i])
-                J[..., i, :] = sign * (turned + rotate(axes[i], model.linear_axis[i]))
+                origin.append(origin[-1] + rotate(axes[-1], p[i]))
+                axes.append(axes[-1] @ R[i])
+            end = origin[-1] + rotate(axes[-1], point_of_body(model, link, point)[1].astype(model.mass.dtype))
+            for i, R0, p0 in zip(path, axes[1:], origin[1:], strict=True):
+                turned = cross(rotate(R0, model.angular_axis[i]), end - p0)
+                J[..., i, :] = sign * (turned + rotate(R0, model.linear_axis[i]))
             ends.append(end)
         return ends[1] - ends[0], by_coordinates(model, J)
 
@@ -176,51 +210,51 @@ class Spring:
         return l, rotate(J, d) / l[..., None]
 
     def elastic(self, model: Model, q: Array) -> Array:
-        """Torques of stiffness and force, the slope of the energy, (..., n)."""
-        if not self.has_length:
-            d, J = self.offset(model, q)
-            return self.stiffness * rotate(J, d)
-        l, slope = self.stretch(model, q)
-        return (self.stiffness * (l - self.length) - self.force)[..., None] * slope
-
-    def energy(self, model: Model, q: Array) -> Array:
-        """Potential energy, of the force from length 0 on, (...)."""
-        d, _ = self.offset(model, q)
-        if not self.has_length:
-            return self.stiffness / 2 * dot(d, d)
-        l = sqrt(dot(d, d))
-        return self.stiffness / 2 * (l - self.length) * (l - self.length) - self.force * l
+        """Torques of stiffness and force, without the square root where the ends may meet, (..., n)."""
+        if self.has_length:
+            return super().elastic(model, q)
+        d, J = self.offset(model, q)
+        return self.stiffness * rotate(J, d)
 
 
 @dataclass(frozen=True)
-class JointSpring:
+class JointSpring(Elastic):
     """A spring at a joint, made by `Spring.at_joint`, with its arguments."""
 
     joint: str
     stiffness: float
     rest: float
     damping: float = 0.0
+    force = 0.0
+    symbols = ("k",)  # what torques are linear in; another rest is an offset of the drive
+    has_length = False
 
     def __post_init__(self) -> None:
-        if not isinstance(self.joint, str):
-            raise TypeError(f"`joint` must be the name of a joint, got {type(self.joint).__name__}")
-        _set_numbers(self, "rest", stiffness=self.stiffness, damping=self.damping)
+        self._set(["joint"], "rest", "stiffness", "damping")
 
     def __str__(self) -> str:
         return f"spring at {short(self.joint)!r}"
 
     @property
-    def symbols(self) -> tuple[str, ...]:
-        """The number that torques are linear in; another rest is an offset of the drive."""
-        return ("k",)
+    def length(self) -> float:  # type: ignore[override]
+        """Its position without torque."""
+        return self.rest
 
     def columns(self, model: Model, q: Array) -> Array:
-        """Torques that drives must supply per unit of the stiffness, (..., n, 1)."""
-        return replace(self, stiffness=1.0).elastic(model, q)[..., None]
+        """Torques that drives must supply per unit of stiffness, (..., n, 1)."""
+        return self.at(1.0).elastic(model, q)[..., None]
 
     def at(self, k: float) -> JointSpring:
         """The spring of this stiffness."""
         return replace(self, stiffness=k)
+
+    def places(self, model: Model) -> dict[str, tuple[str, tuple[str, ...]]]:
+        """What it names, and what there is of that."""
+        return {"joint": (self.joint, model.moving_joints)}
+
+    def is_moved(self, model: Model) -> bool:
+        """True if the joint moves."""
+        return self.joint in model.moving_joints
 
     def stretch(self, model: Model, q: Array) -> tuple[Array, Array]:
         """Position l of the joint and its slope dl/dq, (...) and (..., n)."""
@@ -228,16 +262,6 @@ class JointSpring:
         unit = zeros((*q.shape[:-1], model.nb, 1), like=q)
         unit[..., i, 0] = 1
         return joint_positions(model, q)[..., i], by_coordinates(model, unit)[..., 0]
-
-    def elastic(self, model: Model, q: Array) -> Array:
-        """Torques of the stiffness, the slope of the energy, (..., n)."""
-        l, slope = self.stretch(model, q)
-        return (self.stiffness * (l - self.rest))[..., None] * slope
-
-    def energy(self, model: Model, q: Array) -> Array:
-        """Potential energy, (...)."""
-        l, _ = self.stretch(model, q)
-        return self.stiffness / 2 * (l - self.rest) * (l - self.rest)
 
 
 @dataclass(frozen=True)
@@ -253,23 +277,13 @@ class Springs:
 
     def torques(self, model: Model, q: Array, qd: Array) -> tuple[Array, Array | None]:
         """What drives must supply against the springs, and the part of it against damping, None without, (..., n)."""
-        elastic, damping = 0 * q, None
+        total, damping = sum((spring.elastic(model, q) for spring in self.each), 0 * q), None
         for spring in self.each:
-            elastic = elastic + spring.elastic(model, q)
             if spring.damping:
                 _, slope = spring.stretch(model, q)
                 torque = spring.damping * dot(slope, qd)[..., None] * slope
-                damping = torque if damping is None else damping + torque
-        return elastic if damping is None else elastic + damping, damping
-
-    def torque_core(self, model: Model, q: Array, qd: Array) -> Array:
-        """What drives must supply against the springs, traced."""
-        return self.torques(model, q, qd)[0]
-
-    def energy_core(self, model: Model, q: Array) -> Array:
-        """Potential energy, traced."""
-        total: Array = sum((spring.energy(model, q) for spring in self.each), 0 * q.sum(-1))
-        return total
+                total, damping = total + torque, torque if damping is None else damping + torque
+        return total, damping
 
     @property
     def symbols(self) -> tuple[str, ...]:
@@ -287,34 +301,30 @@ class Springs:
 
     def torque(self, robot: Robot, q: ArrayLike, qd: ArrayLike) -> Array:
         """What the drives of a robot must supply against the springs, (..., n) [N m or N]."""
-        return self._evaluate("torque", robot, q, qd)
+        return self._evaluate(robot, lambda model, q, qd: self.torques(model, q, qd)[0], "torque", q=q, qd=qd)
 
     def energy(self, robot: Robot, q: ArrayLike) -> Array:
         """Potential energy, (...) [J]."""
-        return self._evaluate("energy", robot, q)
+        return self._evaluate(robot, lambda model, q: sum(s.energy(model, q) for s in self.each), "energy", q=q)
 
-    def _evaluate(self, name: str, robot: Robot, *arrays: ArrayLike) -> Array:
-        widths = dict.fromkeys(("q", "qd")[: len(arrays)])
-        how = Quantity(
-            name=name, core=getattr(self, f"{name}_core"), widths=widths, moments=False, base_parameters=False
-        )
+    def _evaluate(self, robot: Robot, core: Any, name: str, **arrays: ArrayLike) -> Array:
+        given = {key: joint_array(key, x, robot.model) for key, x in arrays.items()}
+        how = Quantity(name=name, core=core, widths=dict.fromkeys(given), moments=False, base_parameters=False)
         try:
-            return robot._kernels.evaluate_scene(MethodQuantity(self, how, f"{name} of the springs"), (), *arrays)
+            return robot._kernels.evaluate_scene(MethodQuantity(self, how, "the springs"), (), *given.values())
         except NotFiniteError:
-            self.check_ends(robot.model, np.asarray(arrays[0]))
+            self.check_ends(robot.model, given["q"])
             raise
 
     def check_ends(self, model: Model, q: Array) -> None:
         """Raise an error that names a spring whose ends meet, as its tension has no direction there."""
         for spring in self.each:
-            if isinstance(spring, Spring) and spring.has_length:
-                d, _ = spring.offset(model, q)
-                if (meet := ~d.any(axis=-1)).any():
-                    text = (
-                        f"the ends of the {spring} meet, where its tension has no direction; only one of length, force "
-                        "and damping 0 may pass there"
-                    )
-                    raise NotFiniteError(text, state=tuple(np.argwhere(meet)[0].tolist()))
+            meet = spring.has_length & (spring.stretch(model, q)[0] == 0)
+            if meet.any():
+                text = f"the ends of the {spring} meet, where its tension has no direction: only one without length, "
+                raise NotFiniteError(
+                    f"{text}force and damping may pass there", state=tuple(np.argwhere(meet)[0].tolist())
+                )
 
 
 def by_coordinates(model: Model, rows: Array) -> Array:
@@ -322,42 +332,18 @@ def by_coordinates(model: Model, rows: Array) -> Array:
     return model.coordinate_map.T @ rows if model.has_mimics else rows
 
 
-def resolved_springs(springs: Sequence[Spring | JointSpring] | None, robot: Robot, scene: Robot) -> Springs | None:
+def resolved_springs(springs: Any, robot: Robot, scene: Robot) -> Springs | None:
     """The springs given for a robot, checked, that act in a scene whose robot may have locked joints."""
-    if springs is None:
-        return None
-    if isinstance(springs, Spring | JointSpring | str) or not isinstance(springs, Sequence):
+    if not isinstance(springs, Sequence) or isinstance(springs, str):
         raise TypeError(f"`springs` must be a sequence of rne.Spring, got {type(springs).__name__}")
     for k, spring in enumerate(springs):
-        _check_places(f"springs[{k}]", spring, robot.model)
-    moving = [s for s in springs if acts_on(s, scene.model)]
-    return Springs(tuple(moving)) if moving else None
-
-
-def acts_on(spring: Spring | JointSpring, model: Model) -> bool:
-    """True if a joint that moves stretches the spring."""
-    return spring.joint in model.moving_joints if isinstance(spring, JointSpring) else any(spring.bodies(model))
-
-
-def _check_places(name: str, spring: Any, model: Model) -> None:
-    """Refuse what is no spring, or is at links or joints that the robot does not have or that do not stretch it."""
-    if isinstance(spring, JointSpring):
-        asked, known, what = {"joint": spring.joint}, model.moving_joints, "moving joints"
-    elif isinstance(spring, Spring):
-        asked, known, what = {"link": spring.link, "other": spring.other}, model.link_names, "links"
-    else:
-        raise TypeError(f"`{name}` must be an rne.Spring, got {type(spring).__name__}")
-    for part, given in asked.items():
-        if given not in known:
-            near = did_you_mean(given, known)
-            raise ValueError(f"`{name}.{part}` must be one of the {what} {listed(known)}, got {given!r}{near}")
-    if not acts_on(spring, model):
-        raise ValueError(f"`{name}` joins {spring.link!r} and {spring.other!r}, between which no joint moves")
-
-
-def _set_numbers(spring: Any, signed: str, **not_negative: float) -> None:
-    """The numbers of a spring as floats, checked: one of any sign, the others not negative."""
-    value = real_array(signed, getattr(spring, signed), "()")
-    object.__setattr__(spring, signed, float(value))
-    for name, number in not_negative.items():
-        object.__setattr__(spring, name, positive_number(name, number, zero_allowed=True))
+        if not isinstance(spring, Spring | JointSpring):
+            raise TypeError(f"`springs[{k}]` must be an rne.Spring, got {type(spring).__name__}")
+        for part, (given, known) in spring.places(robot.model).items():
+            if given not in known:
+                of = f"{listed(known)}, got {given!r}{did_you_mean(given, known)}"
+                raise ValueError(f"`springs[{k}].{part}` must be one of {of}")
+        if not spring.is_moved(robot.model):
+            raise ValueError(f"`springs[{k}]`: no joint moves between the ends of the {spring}")
+    moving = tuple(spring for spring in springs if spring.is_moved(scene.model))
+    return Springs(moving) if moving else None
