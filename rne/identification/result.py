@@ -20,7 +20,7 @@ from ..model.standard_parameters import StandardParameters
 from ..plotting.plots import HIDDEN, figure_of, legend_beside, literal, panels, plot_columns, style_axes
 from ..robot import Robot
 from ..simulation.friction import SMOOTHING, Friction
-from ..simulation.springs import JointSpring, Spring
+from ..simulation.springs import JointSpring, Spring, Springs
 from . import thresholds
 from .diagnosis.hypotheses import GEARS, Cause
 from .diagnosis.rigid_body_test import Consistency, certified
@@ -256,7 +256,8 @@ class Identification(InNotebooks):
                 raise IdentificationError(f"the motion does not tell {name} from gravity, drives and other springs")
             if value < 0 and name.startswith("k"):
                 raise IdentificationError(f"the stiffness {name} comes out negative, {value:.4g}: {self._cure}")
-        return self.standard.springs.at(self.parameters[place])
+        springs: Springs = self.standard.springs
+        return springs.at(self.parameters[place])
 
     @property
     def spring_errors(self) -> Array:

@@ -165,7 +165,7 @@ class RunResult(NamedTuple):
         }
         found |= {"jumps": jumps, "qdd_before": qdd_before, "tau_before": tau_before}
         rest = None if "drives" in dynamics.ledger or x0[n : 2 * n].any() else x0[:n]
-        crept = "" if dynamics.friction is None else creep(dynamics.friction, robot, q, qd, qdd, rest)
+        crept = "" if dynamics.friction is None else creep(dynamics.friction, robot, q, qd, qdd, rest, dynamics.springs)
         return found | {"message": f"{crept}; {self.ending}" if crept else self.ending}, self.failure or failure
 
     def _after_breaks(self) -> Instants:

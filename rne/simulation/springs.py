@@ -14,11 +14,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import positive_number, real_array, vector
-from ..basics.spatial import IDENTITY, Array, cross, dot, rotate, sqrt, zeros
+from ..basics.spatial import IDENTITY, Array, cross, dot, rotate, rotate_back, sqrt, zeros
 from ..basics.text import did_you_mean, listed, short
 from ..dynamics.kinematics import BASE, joint_positions, joint_transforms, point_of_body
 from ..dynamics.quantity import MethodQuantity, Quantity
 from ..errors import NotFiniteError
+from ..kernels.scalar import is_traced
 from ..model.model import Model, joint_array
 from ..robot import Robot
 
@@ -149,6 +150,11 @@ class Spring(Elastic):
         return f"spring between {short(self.link)!r} and {short(self.other)!r}"
 
     @property
+    def ends(self) -> tuple[tuple[str, Any], tuple[str, Any]]:
+        """Link and point of either end."""
+        return (self.link, self.point), (self.other, self.other_point)
+
+    @property
     def has_length(self) -> bool:
         """False if its tension is proportional to the distance, so that its ends may meet."""
         return bool(self.length or self.force or self.damping)
@@ -190,8 +196,7 @@ class Spring(Elastic):
         """The vector d from one end to the other, and dd/dq, shape (..., n, 3), in the axes of what carries both."""
         R, p = joint_transforms(model, q)
         ends, J = [], zeros((*q.shape[:-1], model.nb, 3), like=q)
-        sides = (-1, self.link, self.point), (1, self.other, self.other_point)
-        for path, (sign, link, point) in zip(self.bodies(model), sides, strict=True):
+        for sign, path, (link, point) in zip((-1, 1), self.bodies(model), self.ends, strict=True):
             axes, origin = [IDENTITY], [zeros((3,), like=q)]  # of what carries both, then of each body
             for i in path:
                 origin.append(origin[-1] + rotate(axes[-1], p[i]))
@@ -209,12 +214,17 @@ class Spring(Elastic):
         l = sqrt(dot(d, d))
         return l, rotate(J, d) / l[..., None]
 
+    def pull(self, d: Array) -> Array:
+        """Force towards the other end, at d from the first one, of stiffness and `force`, (..., 3)."""
+        if not self.has_length:
+            return self.stiffness * d
+        l = sqrt(dot(d, d))[..., None]
+        return (self.stiffness * (l - self.length) - self.force) * (d / l)
+
     def elastic(self, model: Model, q: Array) -> Array:
-        """Torques of stiffness and force, without the square root where the ends may meet, (..., n)."""
-        if self.has_length:
-            return super().elastic(model, q)
+        """Torques of stiffness and force, the slope of the energy, (..., n)."""
         d, J = self.offset(model, q)
-        return self.stiffness * rotate(J, d)
+        return rotate(J, self.pull(d))
 
 
 @dataclass(frozen=True)
@@ -227,7 +237,6 @@ class JointSpring(Elastic):
     damping: float = 0.0
     force = 0.0
     symbols = ("k",)  # what torques are linear in; another rest is an offset of the drive
-    has_length = False
 
     def __post_init__(self) -> None:
         self._set(["joint"], "rest", "stiffness", "damping")
@@ -308,7 +317,7 @@ class Springs:
         return self._evaluate(robot, lambda model, q: sum(s.energy(model, q) for s in self.each), "energy", q=q)
 
     def _evaluate(self, robot: Robot, core: Any, name: str, **arrays: ArrayLike) -> Array:
-        given = {key: joint_array(key, x, robot.model) for key, x in arrays.items()}
+        given = {k: x if is_traced(x) else joint_array(k, x, robot.model) for k, x in arrays.items()}
         how = Quantity(name=name, core=core, widths=dict.fromkeys(given), moments=False, base_parameters=False)
         try:
             return robot._kernels.evaluate_scene(MethodQuantity(self, how, "the springs"), (), *given.values())
@@ -316,10 +325,25 @@ class Springs:
             self.check_ends(robot.model, given["q"])
             raise
 
+    def wrenches(self, robot: Robot, q: Array) -> dict[str, Array]:
+        """What springs between links do to these, without damping, as `external` of the robot's recursion."""
+        T, found = robot.link_poses(q), dict[str, Array]()
+        for spring in self.each:
+            if isinstance(spring, Spring):
+                sides = [(link, robot.model.link_index(link), np.array(x)) for link, x in spring.ends]
+                start, end = (rotate(T[..., k, :3, :3], x) + T[..., k, :3, 3] for _, k, x in sides)
+                pull = spring.pull(end - start)
+                for sign, (link, k, x) in zip((1, -1), sides, strict=True):
+                    force = sign * rotate_back(T[..., k, :3, :3], pull)
+                    found[link] = found.get(link, 0) + np.concatenate([cross(x, force), force], axis=-1)
+        return found
+
     def check_ends(self, model: Model, q: Array) -> None:
         """Raise an error that names a spring whose ends meet, as its tension has no direction there."""
         for spring in self.each:
-            meet = spring.has_length & (spring.stretch(model, q)[0] == 0)
+            if not isinstance(spring, Spring) or not spring.has_length:
+                continue
+            meet = ~spring.offset(model, q)[0].any(-1)
             if meet.any():
                 text = f"the ends of the {spring} meet, where its tension has no direction: only one without length, "
                 raise NotFiniteError(
