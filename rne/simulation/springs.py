@@ -88,14 +88,15 @@ class Spring(Elastic):
 
     Examples
     --------
-    A counterbalance: the upper end is fixed to link 1, the lower one moves with link 2.
+    A gas spring in front of the arm pushes it back, and takes most of the load off joint 2.
 
     >>> import rne
-    >>> spring = rne.Spring("link_1", [0.1, 0, 0.5], "link_2", [0, 0.1, 0.2], stiffness=2000, length=0.3)
     >>> arm = rne.load("irb140")
-    >>> held = rne.Scene(arm, springs=[spring]).inverse_dynamics([0] * 6, [0] * 6, [0] * 6)
-    >>> (held - arm.gravity_torque([0] * 6)).round(3).tolist()  # at joint 2 alone [N m]
-    [0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+    >>> gas = rne.Spring("link_1", [0.3, -0.2, 0], "link_2", [0.2, 0.05, 0], stiffness=1000, length=0.3, force=500)
+    >>> leaning = [0, 0.6, 0, 0, 0, 0]
+    >>> held = rne.Scene(arm, springs=[gas]).inverse_dynamics(leaning, [0] * 6, [0] * 6)
+    >>> arm.gravity_torque(leaning)[1].round(1).item(), held[1].round(1).item()
+    (-95.8, -3.7)
     """
 
     link: str
