@@ -32,18 +32,18 @@ class Elastic:
     length: float
     force: float
 
-    def stretch(self, model: Model, q: Array) -> tuple[Array, Array]:
+    def _stretch(self, model: Model, q: Array) -> tuple[Array, Array]:
         """Length l and its slope dl/dq, (...) and (..., n)."""
         raise NotImplementedError
 
-    def elastic(self, model: Model, q: Array) -> Array:
+    def _elastic(self, model: Model, q: Array) -> Array:
         """Torques of stiffness and force, the slope of the energy, (..., n)."""
-        l, slope = self.stretch(model, q)
+        l, slope = self._stretch(model, q)
         return (self.stiffness * (l - self.length) - self.force)[..., None] * slope
 
-    def energy(self, model: Model, q: Array) -> Array:
+    def _energy(self, model: Model, q: Array) -> Array:
         """Potential energy, of the force from length 0 on, (...)."""
-        l, _ = self.stretch(model, q)
+        l, _ = self._stretch(model, q)
         return self.stiffness / 2 * (l - self.length) * (l - self.length) - self.force * l
 
     def _set(self, texts: Sequence[str], signed: str, *not_negative: str) -> None:
@@ -65,10 +65,12 @@ class Spring(Elastic):
 
     Parameters
     ----------
-    link, other : str
-        The links that it joins; one may be the root link.
-    point, other_point : array_like, shape (3,)
-        Its ends, each in the frame of its link [m].
+    link : str
+        A link that it joins, or the root link.
+    point : array_like, shape (3,)
+        Its end there, in the frame of that link [m].
+    other, other_point : str, and array_like of shape (3,)
+        Link and point of its other end [m].
     stiffness : float
         Tension per length [N/m].
     length : float
@@ -165,21 +167,21 @@ class Spring(Elastic):
         """Numbers that torques are linear in: k, and c = k length + force if it has a length."""
         return ("k", "c") if self.has_length else ("k",)
 
-    def columns(self, model: Model, q: Array) -> Array:
+    def _columns(self, model: Model, q: Array) -> Array:
         """Torques that drives must supply per unit of each, (..., n, 2) or (..., n, 1)."""
-        d, J = self.offset(model, q)
-        return np.stack([rotate(J, d), -self.stretch(model, q)[1]][: len(self.symbols)], axis=-1)
+        d, J = self._offset(model, q)
+        return np.stack([rotate(J, d), -self._stretch(model, q)[1]][: len(self.symbols)], axis=-1)
 
-    def at(self, k: float, c: float = 0.0) -> Spring:
+    def _at(self, k: float, c: float = 0.0) -> Spring:
         """The spring of these numbers: of its force and a length that is not negative, or else of length 0."""
         length = max((c - self.force) / k, 0.0) if k and self.has_length else 0.0
         return replace(self, stiffness=k, length=length, force=c - k * length)
 
-    def places(self, model: Model) -> dict[str, tuple[str, tuple[str, ...]]]:
+    def _places(self, model: Model) -> dict[str, tuple[str, tuple[str, ...]]]:
         """What it names, and what there is of that."""
         return {"link": (self.link, model.link_names), "other": (self.other, model.link_names)}
 
-    def bodies(self, model: Model) -> list[list[int]]:
+    def _bodies(self, model: Model) -> list[list[int]]:
         """The bodies that carry each end but not the other, from the base to the tips; none that stretch it: []."""
         paths = []
         for link in (self.link, self.other):
@@ -189,15 +191,15 @@ class Spring(Elastic):
             paths.append(path)
         return [[i for i in path if i not in other] for path, other in (paths, paths[::-1])]
 
-    def is_moved(self, model: Model) -> bool:
+    def _is_moved(self, model: Model) -> bool:
         """True if a joint stretches it."""
-        return any(self.bodies(model))
+        return any(self._bodies(model))
 
-    def offset(self, model: Model, q: Array) -> tuple[Array, Array]:
+    def _offset(self, model: Model, q: Array) -> tuple[Array, Array]:
         """The vector d from one end to the other, and dd/dq, shape (..., n, 3), in the axes of what carries both."""
         R, p = joint_transforms(model, q)
         ends, J = [], zeros((*q.shape[:-1], model.nb, 3), like=q)
-        for sign, path, (link, point) in zip((-1, 1), self.bodies(model), self.ends, strict=True):
+        for sign, path, (link, point) in zip((-1, 1), self._bodies(model), self.ends, strict=True):
             axes, origin = [IDENTITY], [zeros((3,), like=q)]  # of what carries both, then of each body
             for i in path:
                 origin.append(origin[-1] + rotate(axes[-1], p[i]))
@@ -209,23 +211,23 @@ class Spring(Elastic):
             ends.append(end)
         return ends[1] - ends[0], by_coordinates(model, J)
 
-    def stretch(self, model: Model, q: Array) -> tuple[Array, Array]:
+    def _stretch(self, model: Model, q: Array) -> tuple[Array, Array]:
         """Length l and its slope dl/dq, (...) and (..., n)."""
-        d, J = self.offset(model, q)
+        d, J = self._offset(model, q)
         l = sqrt(dot(d, d))
         return l, rotate(J, d) / l[..., None]
 
-    def pull(self, d: Array) -> Array:
+    def _pull(self, d: Array) -> Array:
         """Force towards the other end, at d from the first one, of stiffness and `force`, (..., 3)."""
         if not self.has_length:
             return self.stiffness * d
         l = sqrt(dot(d, d))[..., None]
         return (self.stiffness * (l - self.length) - self.force) * (d / l)
 
-    def elastic(self, model: Model, q: Array) -> Array:
+    def _elastic(self, model: Model, q: Array) -> Array:
         """Torques of stiffness and force, the slope of the energy, (..., n)."""
-        d, J = self.offset(model, q)
-        return rotate(J, self.pull(d))
+        d, J = self._offset(model, q)
+        return rotate(J, self._pull(d))
 
 
 @dataclass(frozen=True)
@@ -250,23 +252,23 @@ class JointSpring(Elastic):
         """Its position without torque."""
         return self.rest
 
-    def columns(self, model: Model, q: Array) -> Array:
+    def _columns(self, model: Model, q: Array) -> Array:
         """Torques that drives must supply per unit of stiffness, (..., n, 1)."""
-        return self.at(1.0).elastic(model, q)[..., None]
+        return self._at(1.0)._elastic(model, q)[..., None]
 
-    def at(self, k: float) -> JointSpring:
+    def _at(self, k: float) -> JointSpring:
         """The spring of this stiffness."""
         return replace(self, stiffness=k)
 
-    def places(self, model: Model) -> dict[str, tuple[str, tuple[str, ...]]]:
+    def _places(self, model: Model) -> dict[str, tuple[str, tuple[str, ...]]]:
         """What it names, and what there is of that."""
         return {"joint": (self.joint, model.moving_joints)}
 
-    def is_moved(self, model: Model) -> bool:
+    def _is_moved(self, model: Model) -> bool:
         """True if the joint moves."""
         return self.joint in model.moving_joints
 
-    def stretch(self, model: Model, q: Array) -> tuple[Array, Array]:
+    def _stretch(self, model: Model, q: Array) -> tuple[Array, Array]:
         """Position l of the joint and its slope dl/dq, (...) and (..., n)."""
         i = model.moving_joints.index(self.joint)
         unit = zeros((*q.shape[:-1], model.nb, 1), like=q)
@@ -287,10 +289,10 @@ class Springs:
 
     def torques(self, model: Model, q: Array, qd: Array) -> tuple[Array, Array | None]:
         """What drives must supply against the springs, and the part of it against damping, None without, (..., n)."""
-        total, damping = sum((spring.elastic(model, q) for spring in self.each), 0 * q), None
+        total, damping = sum((spring._elastic(model, q) for spring in self.each), 0 * q), None
         for spring in self.each:
             if spring.damping:
-                _, slope = spring.stretch(model, q)
+                _, slope = spring._stretch(model, q)
                 torque = spring.damping * dot(slope, qd)[..., None] * slope
                 total, damping = total + torque, torque if damping is None else damping + torque
         return total, damping
@@ -302,12 +304,12 @@ class Springs:
 
     def columns(self, model: Model, q: Array) -> Array:
         """Torques that drives must supply per unit of each, (..., n, k)."""
-        return np.concatenate([spring.columns(model, q) for spring in self.each], axis=-1)
+        return np.concatenate([spring._columns(model, q) for spring in self.each], axis=-1)
 
     def at(self, numbers: Array) -> tuple[Spring | JointSpring, ...]:
         """The springs of these numbers."""
         left = iter(numbers.tolist())
-        return tuple(spring.at(*(next(left) for _ in spring.symbols)) for spring in self.each)
+        return tuple(spring._at(*(next(left) for _ in spring.symbols)) for spring in self.each)
 
     def torque(self, robot: Robot, q: ArrayLike, qd: ArrayLike) -> Array:
         """What the drives of a robot must supply against the springs, (..., n) [N m or N]."""
@@ -315,10 +317,10 @@ class Springs:
 
     def energy(self, robot: Robot, q: ArrayLike) -> Array:
         """Potential energy, (...) [J]."""
-        return self._evaluate(robot, lambda model, q: sum(s.energy(model, q) for s in self.each), "energy", q=q)
+        return self._evaluate(robot, lambda model, q: sum(s._energy(model, q) for s in self.each), "energy", q=q)
 
     def _evaluate(self, robot: Robot, core: Any, name: str, **arrays: ArrayLike) -> Array:
-        given = {k: x if is_traced(x) else joint_array(k, x, robot.model) for k, x in arrays.items()}
+        given: dict[str, Any] = {k: x if is_traced(x) else joint_array(k, x, robot.model) for k, x in arrays.items()}
         how = Quantity(name=name, core=core, widths=dict.fromkeys(given), moments=False, base_parameters=False)
         try:
             return robot._kernels.evaluate_scene(MethodQuantity(self, how, "the springs"), (), *given.values())
@@ -333,7 +335,7 @@ class Springs:
             if isinstance(spring, Spring):
                 sides = [(link, robot.model.link_index(link), np.array(x)) for link, x in spring.ends]
                 start, end = (rotate(T[..., k, :3, :3], x) + T[..., k, :3, 3] for _, k, x in sides)
-                pull = spring.pull(end - start)
+                pull = spring._pull(end - start)
                 for sign, (link, k, x) in zip((1, -1), sides, strict=True):
                     force = sign * rotate_back(T[..., k, :3, :3], pull)
                     found[link] = found.get(link, 0) + np.concatenate([cross(x, force), force], axis=-1)
@@ -344,7 +346,7 @@ class Springs:
         for spring in self.each:
             if not isinstance(spring, Spring) or not spring.has_length:
                 continue
-            meet = ~spring.offset(model, q)[0].any(-1)
+            meet = ~spring._offset(model, q)[0].any(-1)
             if meet.any():
                 text = f"the ends of the {spring} meet, where its tension has no direction: only one without length, "
                 raise NotFiniteError(
@@ -364,11 +366,11 @@ def resolved_springs(springs: Any, robot: Robot, scene: Robot) -> Springs | None
     for k, spring in enumerate(springs):
         if not isinstance(spring, Spring | JointSpring):
             raise TypeError(f"`springs[{k}]` must be an rne.Spring, got {type(spring).__name__}")
-        for part, (given, known) in spring.places(robot.model).items():
+        for part, (given, known) in spring._places(robot.model).items():
             if given not in known:
                 of = f"{listed(known)}, got {given!r}{did_you_mean(given, known)}"
                 raise ValueError(f"`springs[{k}].{part}` must be one of {of}")
-        if not spring.is_moved(robot.model):
+        if not spring._is_moved(robot.model):
             raise ValueError(f"`springs[{k}]`: no joint moves between the ends of the {spring}")
-    moving = tuple(spring for spring in springs if spring.is_moved(scene.model))
+    moving = tuple(spring for spring in springs if spring._is_moved(scene.model))
     return Springs(moving) if moving else None
