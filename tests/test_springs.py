@@ -204,6 +204,11 @@ class TestMotions:
         assert "nothing damps the motion" in motion.message
         assert motion.energy_drift <= 1e-7 * np.ptp(motion.potential)
 
+    @pytest.mark.long
+    def test_energy_of_a_long_swing(self, arm):
+        motion = rne.simulate(rne.Scene(arm, springs=FEW[:2]), [0.3] * 3, [0] * 3, 20.0, rtol=1e-12, atol=1e-14)
+        assert motion.energy_drift <= 1e-10 * np.ptp(motion.potential)
+
     def test_slopes_are_exact(self, irb140, sprung):
         """The Jacobian of implicit methods against the complex step of the right-hand side."""
         plant = Plant(sprung.dynamics, irb140)
@@ -436,6 +441,13 @@ class TestIdentification:
         assert relative(found.predict(q, qd, qdd), found.base.regressor(q, qd, qdd) @ found.values) <= 1e-12
         assert found.check(record).relative.max() < 0.05
         assert rne.Scene(arm, springs=found.springs).resolved.springs.each == (spring,)
+        assert rne.identify_payload(found, None, record).payload.mass == pytest.approx(0, abs=1)
+
+    def test_numbers_become_springs(self):
+        """Lengths that are not negative; preloads that pull have a force instead."""
+        assert GAS._at(100.0, 350.0) == rne.Spring("link_1", GAS.point, "link_2", GAS.other_point, 100, 0.5, force=300)
+        assert GAS._at(100.0, -50.0) == rne.Spring("link_1", GAS.point, "link_2", GAS.other_point, 100, 0, force=-50)
+        assert MANY[1]._at(7.0).length == MANY[1]._at(7.0).force == 0
 
     @pytest.mark.long
     def test_within_three_standard_errors(self, irb140):

@@ -518,7 +518,7 @@ def springs_text(found: Identification) -> str:
         pairs = zip(found.springs, found.spring_errors, strict=True)
     except IdentificationError as error:
         return f"springs: {error}"
-    lines = ["springs, with standard errors"]
+    lines = ["springs, with standard errors; k is the stiffness, c is k length + force [N]"]
     for spring, (of_stiffness, of_length) in pairs:
         text = f"  {spring}: stiffness {spring.stiffness:.5g} +- {of_stiffness:.2g}"
         if isinstance(spring, Spring):

@@ -24,40 +24,8 @@ from ..model.model import Model, joint_array
 from ..robot import Robot
 
 
-class Elastic:
-    """What springs between links and at joints share."""
-
-    stiffness: float
-    damping: float
-    length: float
-    force: float
-
-    def _stretch(self, model: Model, q: Array) -> tuple[Array, Array]:
-        """Length l and its slope dl/dq, (...) and (..., n)."""
-        raise NotImplementedError
-
-    def _elastic(self, model: Model, q: Array) -> Array:
-        """Torques of stiffness and force, the slope of the energy, (..., n)."""
-        l, slope = self._stretch(model, q)
-        return (self.stiffness * (l - self.length) - self.force)[..., None] * slope
-
-    def _energy(self, model: Model, q: Array) -> Array:
-        """Potential energy, of the force from length 0 on, (...)."""
-        l, _ = self._stretch(model, q)
-        return self.stiffness / 2 * (l - self.length) * (l - self.length) - self.force * l
-
-    def _set(self, texts: Sequence[str], signed: str, *not_negative: str) -> None:
-        """Check fields: names, a number of any sign, and numbers that are not negative; as floats."""
-        for name in texts:
-            if not isinstance(getattr(self, name), str):
-                raise TypeError(f"`{name}` must be a name, got {type(getattr(self, name)).__name__}")
-        object.__setattr__(self, signed, float(real_array(signed, getattr(self, signed), "()")))
-        for name in not_negative:
-            object.__setattr__(self, name, positive_number(name, getattr(self, name), zero_allowed=True))
-
-
 @dataclass(frozen=True)
-class Spring(Elastic):
+class Spring:
     """A spring between a point of a link and a point of another, for a Scene; equal by value.
 
     Its tension is stiffness (l - length) - force + damping dl/dt, where l is the distance of the points: it pulls
@@ -111,7 +79,7 @@ class Spring(Elastic):
     damping: float = 0.0
 
     def __post_init__(self) -> None:
-        self._set(["link", "other"], "force", "stiffness", "length", "damping")
+        _check(self, ("link", "other"), "force", "stiffness", "length", "damping")
         for name in ("point", "other_point"):
             object.__setattr__(self, name, tuple(vector(name, getattr(self, name), 3).tolist()))
 
@@ -175,7 +143,7 @@ class Spring(Elastic):
     def _at(self, k: float, c: float = 0.0) -> Spring:
         """The spring of these numbers: of its force and a length that is not negative, or else of length 0."""
         length = max((c - self.force) / k, 0.0) if k and self.has_length else 0.0
-        return replace(self, stiffness=k, length=length, force=c - k * length)
+        return replace(self, stiffness=k, length=length, force=self.force if length else c)
 
     def _places(self, model: Model) -> dict[str, tuple[str, tuple[str, ...]]]:
         """What it names, and what there is of that."""
@@ -229,28 +197,28 @@ class Spring(Elastic):
         d, J = self._offset(model, q)
         return rotate(J, self._pull(d))
 
+    def _energy(self, model: Model, q: Array) -> Array:
+        """Potential energy, of the force from length 0 on, (...)."""
+        d, _ = self._offset(model, q)
+        l = sqrt(dot(d, d))
+        return self.stiffness / 2 * (l - self.length) * (l - self.length) - self.force * l
+
 
 @dataclass(frozen=True)
-class JointSpring(Elastic):
+class JointSpring:
     """A spring at a joint, made by `Spring.at_joint`, with its arguments."""
 
     joint: str
     stiffness: float
     rest: float
     damping: float = 0.0
-    force = 0.0
     symbols = ("k",)  # what torques are linear in; another rest is an offset of the drive
 
     def __post_init__(self) -> None:
-        self._set(["joint"], "rest", "stiffness", "damping")
+        _check(self, ("joint",), "rest", "stiffness", "damping")
 
     def __str__(self) -> str:
         return f"spring at {short(self.joint)!r}"
-
-    @property
-    def length(self) -> float:  # type: ignore[override]
-        """Its position without torque."""
-        return self.rest
 
     def _columns(self, model: Model, q: Array) -> Array:
         """Torques that drives must supply per unit of stiffness, (..., n, 1)."""
@@ -274,6 +242,16 @@ class JointSpring(Elastic):
         unit = zeros((*q.shape[:-1], model.nb, 1), like=q)
         unit[..., i, 0] = 1
         return joint_positions(model, q)[..., i], by_coordinates(model, unit)[..., 0]
+
+    def _elastic(self, model: Model, q: Array) -> Array:
+        """Torques of the stiffness, the slope of the energy, (..., n)."""
+        l, slope = self._stretch(model, q)
+        return (self.stiffness * (l - self.rest))[..., None] * slope
+
+    def _energy(self, model: Model, q: Array) -> Array:
+        """Potential energy, (...)."""
+        stretch = self._stretch(model, q)[0] - self.rest
+        return self.stiffness / 2 * stretch * stretch
 
 
 @dataclass(frozen=True)
@@ -352,6 +330,16 @@ class Springs:
                 raise NotFiniteError(
                     f"{text}force and damping may pass there", state=tuple(np.argwhere(meet)[0].tolist())
                 )
+
+
+def _check(spring: Any, texts: Sequence[str], signed: str, *not_negative: str) -> None:
+    """Check fields of a spring: names, a number of any sign, and numbers that are not negative, which become floats."""
+    for name in texts:
+        if not isinstance(getattr(spring, name), str):
+            raise TypeError(f"`{name}` must be a name, got {type(getattr(spring, name)).__name__}")
+    object.__setattr__(spring, signed, float(real_array(signed, getattr(spring, signed), "()")))
+    for name in not_negative:
+        object.__setattr__(spring, name, positive_number(name, getattr(spring, name), zero_allowed=True))
 
 
 def by_coordinates(model: Model, rows: Array) -> Array:
