@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -218,16 +219,18 @@ class Friction:
         return self.viscous_torque(rates) + self.coulomb_torque(rates)
 
 
-def creep(friction: Friction, robot: Robot, q: Array, qd: Array, qdd: Array, rest: Array | None) -> str:
+def creep(
+    friction: Friction, robot: Robot, q: Array, qd: Array, qdd: Array, inverse: Callable[[Array], Array], rest: Array | None
+) -> str:
     """How far joints crept along samples (T, n) while dry friction would have held them; empty where that is little.
 
-    A robot without drives that starts at rest does so in the positions `rest`; otherwise these are None.
+    `inverse` gives the diagonal of M^-1. A robot without drives that starts at rest does so in the positions `rest`;
+    otherwise these are None.
     """
     forward, back = np.asarray(friction.coulomb, dtype=float), np.asarray(friction.coulomb_back, dtype=float)
     if friction.smoothing == 0 or not (forward.any() or back.any()) or len(q) < 2:
         return ""
-    diagonal = np.diagonal(np.linalg.inv(robot.mass_matrix(q)), axis1=-2, axis2=-1)
-    load = friction.torque(robot.model, qd) + qdd / diagonal  # that would keep each joint from accelerating
+    load = friction.torque(robot.model, qd) + qdd / inverse(q)  # that would keep each joint from accelerating
     releases = np.abs(load) >= np.where(load < 0, back, forward)
     sample = np.arange(len(q))[:, None]
     caught, released = (

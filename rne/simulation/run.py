@@ -8,6 +8,7 @@ begins, or the run ends at a stop. States at times to report come from the steps
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -89,7 +90,7 @@ class RunResult(NamedTuple):
 
     def trajectory(self) -> tuple[Trajectory, Failure | None]:
         """The motion as far as it is finite, and the failure; torques and energies later, where no law is called."""
-        n, failure, T = self.plant.robot.n, self.failure, len(self.reported.t)
+        n, N, failure, T = self.plant.robot.n, self.plant.dynamics.n, self.failure, len(self.reported.t)
         found: dict[str, Any] = {}
         if failure is not None or self.plant.law is not None:
             found, failure = self.quantities()
@@ -101,7 +102,7 @@ class RunResult(NamedTuple):
         motion = Trajectory(
             t,
             x[:, :n],
-            x[:, n : 2 * n],
+            x[:, N : N + n],
             self.plant.evaluations,
             self.method,
             -1 if failure else self.status,
@@ -142,18 +143,21 @@ class RunResult(NamedTuple):
 
     def quantities(self) -> tuple[dict[str, Any], Failure | None]:
         """Torques, accelerations and energies of the motion, and its jumps, as far as they are finite; the failure."""
-        plant, n, dynamics = self.plant, self.plant.robot.n, self.plant.dynamics
-        tau, qdd, failure = _torques_and_accelerations(plant, self._after_breaks(), self._held(self.reported.t))
-        instants = self.reported.first(len(tau))
-        t, q, qd = instants.t, instants.x[:, :n], instants.x[:, n : 2 * n]
+        plant, dynamics, N, driven = self.plant, self.plant.dynamics, self.plant.dynamics.n, self.plant.dynamics.driven
+        tau, accelerations, failure = _torques_and_accelerations(
+            plant, self._after_breaks(), self._held(self.reported.t)
+        )
+        instants, qdd = self.reported.first(len(tau)), accelerations[:, : plant.robot.n]
+        t, moved, velocities = instants.t, instants.x[:, :N], instants.x[:, N : 2 * N]
+        motor_q, motor_qd = (np.asarray(part[:, driven]) for part in (moved, velocities))
         energies = dict(zip(dynamics.energies, instants.x[:, dynamics.counted :].T, strict=True))
-        work, z = energies.pop("drives", np.zeros(len(t))), instants.x[:, 2 * n : 2 * n + dynamics.states]
+        work, z = energies.pop("drives", np.zeros(len(t))), instants.x[:, 2 * N : 2 * N + dynamics.states]
         if self.samples is not None:
             number = self.samples.held(t, SAME)
-            z, work = self.samples.z[number], self.samples.work(q, number)
+            z, work = self.samples.z[number], self.samples.work(motor_q, number, driven)
         robot, x0 = plant.robot, self.task.x0
-        kinetic, potential = robot.kinetic_energy(q, qd), robot.potential_energy(q)
-        start = float(robot.kinetic_energy(x0[:n], x0[n : 2 * n]) + robot.potential_energy(x0[:n]))
+        kinetic, potential = dynamics.energies_of(robot, instants.x)
+        start = float(sum(dynamics.energies_of(robot, x0)))
         balance = kinetic + potential - start - work + sum(energies.values(), np.zeros(len(t)))
         jumps, qdd_before, tau_before = self._jumps(t, qdd, tau)
         found: dict[str, Any] = {"qdd": qdd, "tau": tau, "kinetic": kinetic, "potential": potential}
@@ -164,8 +168,10 @@ class RunResult(NamedTuple):
             "scene": repr(self.scene),
         }
         found |= {"jumps": jumps, "qdd_before": qdd_before, "tau_before": tau_before}
-        rest = None if "drives" in dynamics.ledger or x0[n : 2 * n].any() else x0[:n]
-        crept = "" if dynamics.friction is None else creep(dynamics.friction, robot, q, qd, qdd, rest)
+        found |= {} if N == robot.n else {"motor_q": motor_q, "motor_qd": motor_qd}
+        rest = None if "drives" in dynamics.ledger or x0[N : 2 * N].any() or N > robot.n else x0[:N]
+        moving, inverse = (motor_q, motor_qd, accelerations[:, driven]), partial(dynamics.inverse_inertia, robot)
+        crept = "" if dynamics.friction is None else creep(dynamics.friction, robot, *moving, inverse, rest)
         return found | {"message": f"{crept}; {self.ending}" if crept else self.ending}, self.failure or failure
 
     def _after_breaks(self) -> Instants:
@@ -192,6 +198,7 @@ class RunResult(NamedTuple):
         if before is None or not len(before.t) or not len(t):
             return np.zeros(0), none, none
         tau_before, qdd_before, _ = _torques_and_accelerations(self.plant, before, self._held(before.t, 0.0))
+        qdd_before = qdd_before[:, : qdd.shape[1]]
         place = np.searchsorted(t, before.t[: len(tau_before)], side="right")
         is_reported = place < len(t)
         place, tau_before, qdd_before = place[is_reported], tau_before[is_reported], qdd_before[is_reported]
@@ -205,9 +212,9 @@ def _torques_and_accelerations(
     plant: Plant, instants: Instants, u: Array | None
 ) -> tuple[Array, Array, Failure | None]:
     """Torques and accelerations of every instant up to the first that is not finite or where M is singular."""
-    (t, x, modes), n = instants, plant.robot.n
+    (t, x, modes), n = instants, plant.dynamics.n
     if not len(t):
-        return np.zeros((0, n)), np.zeros((0, n)), None
+        return np.zeros((0, plant.robot.n)), np.zeros((0, n)), None
     try:
         u = plant.torques_at(t, x) if u is None else u
         qdd = plant.all_rates(t, x, with_modes(u, modes))[:, n : 2 * n]
@@ -361,7 +368,7 @@ class Run:
 
     def _diverged(self, hold: ZeroOrderHold) -> NotFiniteError:
         """The error of a sampled loop that diverges, whose steps become ever shorter."""
-        where = fastest_joint(self.plant.robot, self.x)
+        where = fastest_joint(self.plant, self.x)
         return NotFiniteError(
             f"more than {MAX_EVALUATIONS} evaluations within one sample at t = {self.t:.6g} s, {where}: the sampled "
             f"loop is unstable; {hold.stability()}",
@@ -456,7 +463,7 @@ def _solver(plant: Plant, task: Task, method: str, hold: ZeroOrderHold | None) -
     """A method's loop in machine code where there is one, or SciPy's solver."""
     options = IntegrationOptions(method, task.rtol, task.atol, task.t_eval)
     if method == RODAS:
-        return RosenbrockSolver(options, plant, plant.slopes, plant.robot.n)
+        return RosenbrockSolver(options, plant, plant.slopes, plant.dynamics.n)
     if method not in EXPLICIT or not plant.is_compiled:
         keeps: Keeps = () if task.t_eval is None else task.t_eval.tolist()
         if plant.sticks or task.stops or plant.law is not None:  # that looks inside each step

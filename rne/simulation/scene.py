@@ -21,6 +21,7 @@ from ..model.model import joint_array
 from ..model.modify import limit_array
 from ..robot import Robot
 from .control_law import TracedLaw, check_law
+from .elastic_joints import ElasticDynamics, ElasticJoints, MotorSide
 from .friction import Friction, urdf_friction
 from .scene_dynamics import SceneDynamics
 
@@ -81,6 +82,7 @@ class ResolvedScene:
     friction: Friction | None
     effort_limit: Array | None  # (n,), largest torque of each drive; None if none is limited [N m or N]
     torque_rate: Array | None  # (n,), largest change of a held torque per second [N m/s or N/s]
+    motor_side: MotorSide | None  # of elastic joints, whose robot has no rotors
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,6 +119,8 @@ class Scene:
         Marked by `rne.traceable` it becomes part of the kernel if it can, otherwise it is called.
     sample_time : float, optional
         The controller is evaluated every `sample_time`, and its torque is held in between [s].
+    elastic : ElasticJoints, optional
+        Joints that yield between motor and link.
 
     Raises
     ------
@@ -145,6 +149,7 @@ class Scene:
     stops: bool = False
     controller: Any = None
     sample_time: float | None = None
+    elastic: ElasticJoints | None = None
 
     __repr__ = summary
 
@@ -153,6 +158,8 @@ class Scene:
             raise TypeError(f"`robot` must be an rne.Robot, got {type(self.robot).__name__}")
         if not isinstance(self.stops, bool | np.bool_):
             raise TypeError(f"`stops` must be True or False, got {type(self.stops).__name__}")
+        if not isinstance(self.elastic, ElasticJoints | None):
+            raise TypeError(f"`elastic` must be an rne.ElasticJoints, got {type(self.elastic).__name__}")
         if self.controller is not None:
             check_law("controller", self.controller)
         if self.sample_time is not None:
@@ -179,10 +186,12 @@ class Scene:
     @cached_property
     def resolved(self) -> ResolvedScene:
         """The scene in numbers."""
-        robot = self._resolved_robot()
+        robot, motor_side = self._resolved_robot(), None
+        if self.elastic is not None:
+            robot, motor_side = self.elastic.resolved(robot)
         friction = resolved_friction(self.friction, robot)
         effort, rate = (resolved_limits(k, getattr(self, k), robot) for k in ("effort_limit", "torque_rate"))
-        return ResolvedScene(robot, friction, effort, rate)
+        return ResolvedScene(robot, friction, effort, rate, motor_side)
 
     def _resolved_robot(self) -> Robot:
         robot = self.robot
@@ -223,22 +232,25 @@ class Scene:
     def _dynamics(self, inputs: str, law: TracedLaw | None = None) -> SceneDynamics:
         parts, is_held, kernels = self.resolved, self.sample_time is not None, self.resolved.robot._kernels
         limit, states = parts.effort_limit, 0 if is_held else int(getattr(self.controller, "states", 0))
-        has_impulses = limit is not None and self.controller is not None and not is_held
-        return SceneDynamics(
-            parts.robot.n,
+        has_impulses, side = limit is not None and self.controller is not None and not is_held, parts.motor_side
+        inertia = kernels.typical_inertia.tolist() if side is None else side.rotor
+        common = (
             kernels.forward_method(),
             parts.friction,
             None if limit is None else tuple(limit.tolist()),
             law,
             inputs,
             states,
-            tuple(kernels.typical_inertia.tolist()) if has_impulses else None,
+            tuple(inertia) if has_impulses else None,
         )
+        n = parts.robot.n
+        return SceneDynamics(n, *common) if side is None else ElasticDynamics(2 * n, *common, motor_side=side)
 
     @property
     def _law(self) -> TracedLaw:
         """The controller as it is now."""
-        law = TracedLaw(self.controller, self.n)
+        side = self.resolved.motor_side
+        law = TracedLaw(self.controller, self.n, None if side is None else side.law_inputs)
         before: TracedLaw | None = self.__dict__.get("_law_before")
         if before == law:
             return before

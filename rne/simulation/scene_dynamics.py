@@ -25,6 +25,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..basics.spatial import Array, rotate
 from ..dynamics.crba import mass_matrix, solve_with_pivots
@@ -32,8 +33,9 @@ from ..dynamics.precision import check_accelerations, check_singularity
 from ..dynamics.quantity import Declared, MethodQuantity, PrecisionStatus, Quantity
 from ..dynamics.rnea import bias_torque, inverse_dynamics
 from ..elementwise import clip
-from ..model.model import Model
-from .control_law import TracedLaw
+from ..model.model import Model, joint_array
+from ..robot import Robot
+from .control_law import LawInputs, TracedLaw
 from .friction import Friction
 
 
@@ -44,7 +46,7 @@ class SceneDynamics:
     Attributes
     ----------
     n : int
-        Number of joint coordinates.
+        Number of coordinates, all of which the drives act on here.
     forward : Declared
         The function for accelerations under net torques.
     friction : Friction or None
@@ -97,12 +99,27 @@ class SceneDynamics:
     @cached_property
     def counted(self) -> int:
         """Length of the state without the energies: the entries whose errors are controlled."""
-        return 2 * self.n + self.states + (self.n if self.inertia else 0)
+        return 2 * self.n + self.states + len(self.inertia or ())
 
     @cached_property
     def size(self) -> int:
         """Length of the state."""
         return self.counted + len(self.energies)
+
+    @property
+    def joints(self) -> int:
+        """Number of joints and of drives; the joints' coordinates come first."""
+        return self.n
+
+    @property
+    def driven(self) -> slice:
+        """The coordinates that the drives act on."""
+        return slice(self.n)
+
+    @property
+    def law_inputs(self) -> LawInputs:
+        """The coordinates that the controller is given."""
+        return LawInputs(0, self.n, self.n)
 
     @property
     def torque_given(self) -> bool:
@@ -115,7 +132,7 @@ class SceneDynamics:
 
     def drives(self, t: Any, x: Array, u: Array | None) -> tuple[Array | None, list[Array]]:
         """Torques of the drives within their limits, and the rates of the states behind (q, qd), without energies."""
-        n, rates = self.n, None
+        n, rates = self.joints, None
         if self.law is not None:
             u, rates = self.law(t, x)
         elif u is not None and self.states:
@@ -128,14 +145,27 @@ class SceneDynamics:
         limit = np.array(self.effort_limit)
         return clip(u, -limit, limit), further
 
+    def start(self, robot: Robot, q0: ArrayLike, qd0: ArrayLike) -> tuple[Array, Array]:
+        """Coordinates and their velocities where joints start, checked."""
+        return joint_array("q0", q0, robot.model), joint_array("qd0", qd0, robot.model)
+
+    def energies_of(self, robot: Robot, x: Array) -> tuple[Array, Array]:
+        """Kinetic and potential energy in states [J]."""
+        q = x[..., : self.joints]
+        return robot.kinetic_energy(q, x[..., self.n : self.n + self.joints]), robot.potential_energy(q)
+
+    def inverse_inertia(self, robot: Robot, q: Array) -> Array:
+        """Acceleration of each driven coordinate per torque of its drive, where nothing else is moved."""
+        return np.diagonal(np.linalg.inv(robot.mass_matrix(q)), axis1=-2, axis2=-1)
+
     def _powers(self, qd: Array, torques: dict[str, Array | None]) -> list[Array]:
         """Rates of the energies under given torques."""
-        given = {name: torque for name, torque in torques.items() if torque is not None}
-        return [(given[name] * qd).sum(-1, keepdims=True) for name in self.energies]
+        given = {name: torque for name, torque in torques.items() if torque is not None and name in self.energies}
+        return [(torque * qd).sum(-1, keepdims=True) for torque in given.values()]
 
-    def _acting(self, t: Any, x: Array, u: Array | None) -> tuple[Array, list[Array]]:
+    def _acting(self, model: Model, t: Any, x: Array, u: Array | None) -> tuple[Array, list[Array]]:
         """Net torques, and the rates of the states behind (q, qd)."""
-        qd = x[..., self.n : 2 * self.n]
+        qd = x[..., self.n : 2 * self.n][..., self.driven]
         drives, further = self.drives(t, x, u)
         torques: dict[str, Array | None] = {"drives": drives}
         net = 0 * qd if drives is None else drives
@@ -148,20 +178,28 @@ class SceneDynamics:
     def right_hand_side_core(self, model: Model, t: Array, x: Array, u: Array | None = None) -> Any:
         """(dx/dt, pivots, diagonal of M), traced."""
         q, qd = x[..., : self.n], x[..., self.n : 2 * self.n]
-        net, further = self._acting(t, x, u)
-        qdd, pivots, diagonal = self.forward.quantity.core(model, q, qd, net)
+        net, further = self._acting(model, t, x, u)
+        qdd, pivots, diagonal = self._accelerations(model, q, qd, net)
         return np.concatenate([qd, qdd, *further], axis=-1), pivots, diagonal
+
+    def _accelerations(self, model: Model, q: Array, qd: Array, net: Array) -> Any:
+        """(Accelerations under net torques, pivots, diagonal of M)."""
+        return self.forward.quantity.core(model, q, qd, net)
+
+    def _needed(self, model: Model, q: Array, qd: Array, a: Array) -> Array:
+        """Net torques that accelerations need."""
+        return inverse_dynamics.core(model, q, qd, a)
 
     def rates_and_drives_core(self, model: Model, t: Array, x: Array, u: Array | None = None) -> Any:
         """([dx/dt, torques of the drives], pivots, diagonal of M), traced."""
         rates, pivots, diagonal = self.right_hand_side_core(model, t, x, u)
         drives, _ = self.drives(t, x, u)
-        return np.concatenate([rates, 0 * x[..., : self.n] if drives is None else drives], axis=-1), pivots, diagonal
+        return np.concatenate([rates, 0 * x[..., : self.joints] if drives is None else drives], axis=-1), pivots, diagonal
 
     def residual_core(self, model: Model, t: Array, x: Array, a: Array, u: Array | None = None) -> Any:
         """[M a + C qd + g - net torques, rates of the states behind (q, qd)] at accelerations a, traced."""
-        net, further = self._acting(t, x, u)
-        needed = inverse_dynamics.core(model, x[..., : self.n], x[..., self.n : 2 * self.n], a)
+        net, further = self._acting(model, t, x, u)
+        needed = self._needed(model, x[..., : self.n], x[..., self.n : 2 * self.n], a)
         return np.concatenate([needed - net, *further], axis=-1)
 
     def _balance(self, model: Model, t: Array, x: Array, u: Array) -> tuple[Any, ...]:
@@ -206,19 +244,20 @@ class SceneDynamics:
     def _check_rates(
         self, model: Model, arguments: Any, rates: Array, pivots: Array, diagonal: Array
     ) -> PrecisionStatus:
-        n, t, x = self.n, arguments["t"], arguments["x"]
-        net, _ = self._acting(t, x, arguments.get("u"))
-        state = {"q": x[..., :n], "qd": x[..., n : 2 * n], "tau": np.broadcast_to(net, x[..., :n].shape)}
-        return check_accelerations(model, state, np.asarray(rates[..., n : 2 * n]), pivots, diagonal)
+        t, x, joints = arguments["t"], arguments["x"], slice(self.n, self.n + self.joints)
+        net, _ = self._acting(model, t, x, arguments.get("u"))
+        q, qd = x[..., : self.joints], x[..., joints]
+        state = {"q": q, "qd": qd, "tau": np.broadcast_to(net[..., : self.joints], q.shape)}
+        return check_accelerations(model, state, np.asarray(rates[..., joints]), pivots, diagonal)
 
     def _check_balance(
         self, model: Model, arguments: Any, rates: Array, pivots: Array, diagonal: Array
     ) -> PrecisionStatus:
-        return check_singularity(model, {"q": arguments["x"][..., : self.n]}, rates, pivots, diagonal)
+        return check_singularity(model, {"q": arguments["x"][..., : self.joints]}, rates, pivots, diagonal)
 
     def _declared(self, name: str, title: str, *, a: bool = False, modes: bool = False, **how: Any) -> MethodQuantity:
         """One of the functions, with the lengths of its arguments: t, x, perhaps a, and u where there are inputs."""
-        inputs = (self.n + self.states if self.torque_given else 0) + (2 * self.n if modes else 0)
+        inputs = (self.joints + self.states if self.torque_given else 0) + (2 * self.n if modes else 0)
         widths: dict[str, int | None] = {"t": 1, "x": self.size}
         widths |= {"a": self.n} if a else {}
         widths |= {"u": inputs} if modes or self.torque_given else {}
@@ -228,7 +267,7 @@ class SceneDynamics:
     @cached_property
     def right_hand_side(self) -> MethodQuantity:
         """dx/dt."""
-        velocities = ("x", slice(self.n, 2 * self.n))
+        velocities = ("x", slice(self.n, self.n + self.joints))
         return self._declared("right_hand_side", "the right-hand side", check=self._check_rates, velocities=velocities)
 
     @cached_property

@@ -116,6 +116,9 @@ class Trajectory(InNotebooks):
         Empty if `t_eval` was given.
     qdd_before, tau_before : ndarray, shape (K, n)
         Accelerations and torques just before each of these times [rad/s^2 or m/s^2; N m or N].
+    motor_q, motor_qd : ndarray, shape (T, n)
+        Positions and velocities of the motors behind elastic joints, reflected through the gears; of shape (0, 0) where
+        joints do not yield, so that the motors move with them [rad or m; rad/s or m/s].
     scene : str
         What was simulated, in words.
     at_steps : bool
@@ -156,6 +159,8 @@ class Trajectory(InNotebooks):
     jumps: Array = derived(lambda: np.zeros(0))
     qdd_before: Array = derived(lambda: np.zeros((0, 0)))
     tau_before: Array = derived(lambda: np.zeros((0, 0)))
+    motor_q: Array = derived(lambda: np.zeros((0, 0)))
+    motor_qd: Array = derived(lambda: np.zeros((0, 0)))
     scene: str = derived(str)
     error_estimate: Callable[[], tuple[Array, Array]] | None = None
     model: Model | None = None

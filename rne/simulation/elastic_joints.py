@@ -1,0 +1,234 @@
+"""Elastic joints: a spring and a damper between each motor, seen through its gear, and its link.
+
+Spong 1987, Modeling and control of elastic joint robots, J. Dyn. Sys., Meas., Control 109, (15) and (16): rotors turn
+about their own axes fast enough for the rest of their motion to be left out, their masses belong to the links. With
+torsion K (theta - q) + D (theta' - q') of the joints,
+
+    M(q) q'' + C q' + g = K (theta - q) + D (theta' - q')
+    B theta'' + K (theta - q) + D (theta' - q') = torque of the drives - friction(theta')
+
+The state is x = (q, theta, q', theta', z, energies), so that a scene of n joints has 2 n coordinates.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..basics.arrays import per_joint_array, real_numbers
+from ..basics.spatial import Array
+from ..basics.text import listed, summary
+from ..model.model import Model, joint_array
+from ..robot import Robot
+from .control_law import LawInputs
+from .scene_dynamics import SceneDynamics
+
+JointNumbers = ArrayLike | Mapping[str, float]
+READS = ("motor", "link", "both")
+DAMPING = "joint_damping"  # its name among the energies
+
+
+@dataclass(frozen=True, eq=False)
+class ElasticJoints:
+    """Joints that yield between motor and link, for a Scene (Spong's model); every joint of the scene has a motor.
+
+    Parameters
+    ----------
+    stiffness : float, array_like of shape (n,), or mapping of str to float
+        Of the spring in each joint, gear included: one number for all joints, one each, or each by name
+        [N m/rad or N/m].
+    damping : float, array_like of shape (n,), or mapping of str to float
+        Of the damper beside each spring [N m s/rad or N s/m].
+    rotor : float, array_like of shape (n,), or mapping of str to float, optional
+        Inertia of each rotor reflected through its gear; that of the robot or scene, their armature, if it is not given
+        [kg m^2 or kg].
+    reads : {"motor", "link", "both"}
+        What positions and velocities control laws are given: those of the motors, reflected through the gears, those of
+        the links, or both in arrays of length 2 n, the links first.
+
+    Notes
+    -----
+    Rotors turn about the axes of their joints; what else their motion adds to M of a slow gear is left out, and their
+    masses belong to the links. Friction and limits of torque are the motors', ranges the links'. A scene checks the
+    numbers.
+
+    Examples
+    --------
+    >>> import rne
+    >>> elastic = rne.ElasticJoints(stiffness=2e4, damping=5.0, rotor=1.5)
+    >>> scene = rne.Scene(rne.load("irb140"), elastic=elastic)
+    >>> motion = rne.simulate(scene, [0] * 6, [0] * 6, 0.1, torque=[0] * 6)
+    >>> bool(motion.motor_q[0, 1] > 0), motion.energy_drift < 1e-4  # joint 2 holds its arm by the torsion
+    (False, True)
+    """
+
+    stiffness: JointNumbers
+    damping: JointNumbers = 0.0
+    rotor: JointNumbers | None = None
+    reads: str = "motor"
+
+    __repr__ = summary
+
+    def __post_init__(self) -> None:
+        if self.reads not in READS:
+            raise ValueError(f"`reads` must be one of {list(READS)}, got {self.reads!r}")
+        for name in ("stiffness", "damping", "rotor"):  # the caller may change them later
+            value = getattr(self, name)
+            if isinstance(value, np.ndarray | Mapping):
+                object.__setattr__(self, name, value.copy() if isinstance(value, np.ndarray) else dict(value))
+
+    def resolved(self, robot: Robot) -> tuple[Robot, MotorSide]:
+        """The robot without its rotors, and what is behind the joints, in numbers."""
+        if robot.model.has_mimics:
+            driven = [name for k, name in enumerate(robot.model.moving_joints) if k not in robot.model.independent_joints]
+            raise ValueError(f"`elastic` is not for joints that follow others, got a robot with {listed(driven)}")
+        stiffness = _numbers("stiffness", self.stiffness, robot.joint_names)
+        damping = _numbers("damping", self.damping, robot.joint_names, zero_allowed=True)
+        armature = robot.model.armature
+        if self.rotor is not None and armature.any():
+            raise ValueError("`rotor` of the elastic joints is given, and the robot or scene has an armature: give one")
+        if self.rotor is None and (missing := [j for j, a in zip(robot.joint_names, armature, strict=True) if a == 0]):
+            raise ValueError(f"elastic joints need rotors: give `rotor`, or an armature to {listed(missing)}")
+        rotor = _numbers("rotor", armature if self.rotor is None else self.rotor, robot.joint_names)
+        links = robot.with_model(replace(robot.model, armature=0 * armature)) if armature.any() else robot
+        return links, MotorSide(stiffness, damping, rotor, self.reads)
+
+
+class MotorSide(NamedTuple):
+    """What is behind elastic joints, one number per joint, and what laws read."""
+
+    stiffness: tuple[float, ...]
+    damping: tuple[float, ...]
+    rotor: tuple[float, ...]
+    reads: str
+
+    @property
+    def law_inputs(self) -> LawInputs:
+        """The coordinates that laws are given."""
+        n = len(self.rotor)
+        return LawInputs(n if self.reads == "motor" else 0, n if self.reads == "link" else 2 * n, 2 * n)
+
+
+def _numbers(name: str, value: JointNumbers, joints: tuple[str, ...], *, zero_allowed: bool = False) -> tuple[float, ...]:
+    """Positive numbers, one per joint; a ValueError names the joint at fault."""
+    if isinstance(value, Mapping):
+        for joint in [*(set(joints) - set(value)), *(set(value) - set(joints))][:1]:
+            raise ValueError(f"`{name}` must have a number for each joint of {list(joints)}, got {list(value)}")
+        value = [value[joint] for joint in joints]
+    array = real_numbers(name, value, f"({len(joints)},)")
+    found = per_joint_array(name, array, len(joints))
+    for joint, number in zip(joints, found.tolist(), strict=True):
+        if number < 0 or (number == 0 and not zero_allowed):
+            kind = "not be negative" if zero_allowed else "be positive"
+            raise ValueError(f"`{name}` of joint {joint!r} must {kind}, got {number:g}")
+    return tuple(found.tolist())
+
+
+@dataclass(frozen=True)
+class ElasticDynamics(SceneDynamics):
+    """The equations of motion of a scene with elastic joints; `n` counts the coordinates of links and motors.
+
+    Attributes
+    ----------
+    motor_side : MotorSide
+    """
+
+    motor_side: MotorSide = MotorSide((), (), (), "motor")
+
+    __hash__ = SceneDynamics.__hash__
+
+    @property
+    def joints(self) -> int:
+        """Number of joints and of drives."""
+        return self.n // 2
+
+    @property
+    def driven(self) -> slice:
+        """The motors' coordinates."""
+        return slice(self.joints, self.n)
+
+    @property
+    def law_inputs(self) -> LawInputs:
+        """The coordinates that the controller is given."""
+        return self.motor_side.law_inputs
+
+    @property
+    def ledger(self) -> tuple[str, ...]:  # type: ignore[override]
+        """Names of the energies that the scene exchanges."""
+        return (*super().ledger, DAMPING) if any(self.motor_side.damping) else super().ledger
+
+    def start(self, robot: Robot, q0: ArrayLike, qd0: ArrayLike) -> tuple[Array, Array]:
+        """Coordinates and velocities of links and motors: as given, or with joints at rest under gravity."""
+        q, qd = (self._given(robot, name, value) for name, value in (("q0", q0), ("qd0", qd0)))
+        if q.shape[-1] == robot.n:
+            q = np.concatenate([q, q + robot.gravity_torque(q) / np.array(self.motor_side.stiffness)], axis=-1)
+        return q, np.concatenate([qd, qd], axis=-1) if qd.shape[-1] == robot.n else qd
+
+    def _given(self, robot: Robot, name: str, value: ArrayLike) -> Array:
+        array = real_numbers(name, value, f"(..., {robot.n}), or (..., {self.n}) with the motors' behind them")
+        return joint_array(name, array, robot.model, self.n if array.shape[-1:] == (self.n,) else None)
+
+    def energies_of(self, robot: Robot, x: Array) -> tuple[Array, Array]:
+        """Kinetic and potential energy in states, those of rotors and torsion included [J]."""
+        kinetic, potential = super().energies_of(robot, x)
+        q, motor_q, _, motor_qd = self._parts(x)
+        kinetic = kinetic + 0.5 * (np.array(self.motor_side.rotor) * motor_qd**2).sum(-1)
+        return kinetic, potential + 0.5 * (np.array(self.motor_side.stiffness) * (motor_q - q) ** 2).sum(-1)
+
+    def inverse_inertia(self, robot: Robot, q: Array) -> Array:
+        """Acceleration of each motor per torque of its drive."""
+        return 1 / np.array(self.motor_side.rotor)
+
+    def _parts(self, x: Array) -> list[Array]:
+        """q, theta, q', theta'."""
+        return [x[..., k * self.joints : (k + 1) * self.joints] for k in range(4)]
+
+    def _torsion(self, x: Array) -> tuple[Array, list[Array]]:
+        """Torque of the joints on the links, and the power that their damping takes, where energies are states."""
+        q, motor_q, qd, motor_qd = self._parts(x)
+        torque = np.array(self.motor_side.stiffness) * (motor_q - q)
+        if not any(self.motor_side.damping):
+            return torque, []
+        rate = motor_qd - qd
+        damped = np.array(self.motor_side.damping) * rate
+        return torque + damped, [(damped * rate).sum(-1, keepdims=True)] if DAMPING in self.energies else []
+
+    def _acting(self, model: Model, t: Any, x: Array, u: Array | None) -> tuple[Array, list[Array]]:
+        """Net torques on links and motors, and the rates of the states behind (q, theta, q', theta')."""
+        net, further = super()._acting(model, t, x, u)
+        torsion, lost = self._torsion(x)
+        return np.concatenate([torsion, net - torsion], axis=-1), [*further, *lost]
+
+    def _accelerations(self, model: Model, q: Array, qd: Array, net: Array) -> Any:
+        """(Accelerations of links and motors under net torques, pivots, diagonal of the links' M)."""
+        m = self.joints
+        qdd, pivots, diagonal = super()._accelerations(model, q[..., :m], qd[..., :m], net[..., :m])
+        return np.concatenate([qdd, net[..., m:] / np.array(self.motor_side.rotor)], axis=-1), pivots, diagonal
+
+    def _needed(self, model: Model, q: Array, qd: Array, a: Array) -> Array:
+        """Net torques on links and motors that accelerations need."""
+        m = self.joints
+        links = super()._needed(model, q[..., :m], qd[..., :m], a[..., :m])
+        return np.concatenate([links, a[..., m:] * np.array(self.motor_side.rotor)], axis=-1)
+
+    def _balance(self, model: Model, t: Array, x: Array, u: Array) -> tuple[Any, ...]:
+        """As of rigid joints: links always move, motors are accelerated by what drives, friction and torsion leave."""
+        assert self.friction is not None
+        n, m, rotor = self.n, self.joints, np.array(self.motor_side.rotor)
+        slips, dry = u[..., -2 * n + m : -n], u[..., -m:]
+        motor_qd = slips * x[..., n + m : 2 * n]
+        moving = np.concatenate([x[..., : n + m], motor_qd, x[..., 2 * n :]], axis=-1)
+        drives, further = self.drives(t, moving, u[..., : -2 * n] if self.torque_given else None)
+        viscous, (torsion, lost) = self.friction.viscous_torque(motor_qd), self._torsion(moving)
+        resisting = torsion + viscous
+        net = -resisting if drives is None else drives - resisting
+        qdd, pivots, diagonal = super()._accelerations(model, x[..., :m], x[..., n : n + m], torsion)
+        loads = slips * dry + (1 - slips) * net
+        further += [*self._powers(motor_qd, {"drives": drives, "viscous": viscous, "coulomb": dry}), *lost]
+        found = [qdd, slips * (net - dry) / rotor], [0 * qdd, loads], [torsion, net], [0 * qdd + 1, 0 * qdd + rotor]
+        accelerations, loads, net, inertia = (np.concatenate(part, axis=-1) for part in found)
+        return accelerations, loads, net, further, inertia, pivots, diagonal
