@@ -17,6 +17,7 @@ from ..simulation.motion_files import numbered_joints
 from ..simulation.trajectory import Trajectory, samples_of
 
 JOINT_ARRAYS = ("q", "qd", "qdd", "tau")
+MOTORS = ("motor_q", "motor_qd")
 POINTS = 600  # of a curve between samples, more where the solver's steps are shorter
 EXPECTED = "an rne.Trajectory or a tuple of arrays (t, q)"
 
@@ -41,9 +42,11 @@ class Motion:
             return self.t, self.samples[quantity]
         if quantity == "energy error":
             return motion.t, motion.balance[:, None]
-        if quantity == "energy" and (motion.model is None or not 1 < len(motion.t) <= POINTS):
+        if quantity == "energy" and (motion.model is None or motion.motor_q.size or not 1 < len(motion.t) <= POINTS):
             return motion.t, np.stack([motion.kinetic, motion.potential, motion.energy], axis=1)
         t, *values = samples_of(motion, np.linspace(motion.t[0], motion.t[-1], POINTS + 1))
+        if quantity in MOTORS:
+            return t, motion.motors(t)[MOTORS.index(quantity)]
         if quantity != "energy":
             return t, values[JOINT_ARRAYS.index(quantity)]
         assert motion.model is not None
@@ -64,7 +67,8 @@ def motion_argument(name: str, given: Any) -> Motion:
     or not finite.
     """
     if isinstance(given, Trajectory):
-        motion = Motion(np.asarray(given.t), {key: getattr(given, key) for key in JOINT_ARRAYS}, given)
+        keys = (*JOINT_ARRAYS, *(MOTORS if given.motor_q.size else ()))
+        motion = Motion(np.asarray(given.t), {key: getattr(given, key) for key in keys}, given)
     elif isinstance(given, tuple | list) and 2 <= len(given) <= 1 + len(JOINT_ARRAYS):
         motion = arrays_argument([f"{name}[{k}]" for k in range(len(given))], given[0], given[1:])
         if not motion.samples:

@@ -30,6 +30,7 @@ from ..kernels.kernel import Kernel
 from ..model.model import Model
 from ..model.parameters import PARAMETERS, at_parameters
 from ..robot import Robot
+from .elastic_joints import ElasticJoints
 from .plant import Plant
 from .scene import Scene
 from .scene_dynamics import SceneDynamics
@@ -582,6 +583,8 @@ def at_parameters_of(scene: Scene, parameters: Array) -> Scene:
     parts = scene.resolved
     robot = Robot(at_parameters(parts.robot.model, parameters), parts.robot.engine)
     contained: dict[str, Any] = dict.fromkeys(("mounting", "gravity", "payload", "locked", "armature"))
+    if parts.motor_side is not None:
+        contained["elastic"] = ElasticJoints(**parts.motor_side._asdict())
     return replace(scene, robot=robot, friction=parts.friction, effort_limit=parts.effort_limit, **contained)
 
 

@@ -310,7 +310,7 @@ class Scene:
         Returns
         -------
         casadi.Function
-            Of t and x = (q, qd, the law's states), of torques u where there is no controller, and of `parameters`. It
+            Of t and x = (q, qd, the law's states), with elastic joints (q, motor_q, qd, motor_qd, ...), of torques u where there is no controller, and of `parameters`. It
             gives dx, the rate of x, and tau, the drives' torques within their limits. With `steps` it has h as last
             argument and gives x_next in place of dx, u being held. It checks nothing.
 
@@ -376,6 +376,7 @@ class Scene:
         2.0
         """
         robot, friction = self.resolved.robot, self.resolved.friction
+        self._refuse_elastic("inverse_dynamics", "torques of drives also depend on how accelerations change")
         tau = robot.inverse_dynamics(q, qd, qdd)
         return tau if friction is None else tau + friction.torque(robot.model, qd)
 
@@ -409,10 +410,15 @@ class Scene:
         [3.0, 3.0, 3.0, 3.0, 3.0, 3.0]
         """
         robot, friction = self.resolved.robot, self.resolved.friction
+        self._refuse_elastic("forward_dynamics", "accelerations follow from the torsion, not from the drives' torques")
         net = joint_array("tau", tau, robot.model)
         if friction is not None:
             net = net - friction.torque(robot.model, qd)
         return robot.forward_dynamics(q, qd, net)
+
+    def _refuse_elastic(self, name: str, why: str) -> None:
+        if self.elastic is not None:
+            raise ValueError(f"`{name}` is not for elastic joints: {why}; use scene.resolved.robot for the links alone")
 
     def cost(self) -> dict[str, int | str | None]:
         """Operations per call of the right-hand side, and what each part adds to them.
@@ -420,8 +426,8 @@ class Scene:
         Returns
         -------
         dict
-            "total"; for payload, friction, armature, effort_limit, controller (where given) and gravity, the operations
-            saved without it; "law", whether the controller is "traced", "called" or "none". The cost of a called
+            "total"; for payload, friction, armature, effort_limit, controller, elastic (where given) and gravity, the
+            operations saved without it; "law", whether the controller is "traced", "called" or "none". The cost of a called
             controller is not known, nor that of a robot too large to be written out: then "total" is None.
 
         Examples
@@ -439,10 +445,13 @@ class Scene:
 
         total = sum(self.kernel.operations.values())
         costs: dict[str, int | str | None] = {"total": total}
+        of_law = ("sample_time", "torque_rate", "effort_limit", "controller")
         for part in ("payload", "friction", "armature", "effort_limit", "controller"):
-            if getattr(self, part) is not None:
-                needing = ("sample_time", "torque_rate", "effort_limit") if part == "controller" else ()
-                costs[part] = total - operations(**dict.fromkeys((part, *needing)))
+            if getattr(self, part) is not None and (part != "armature" or self.elastic is None):
+                costs[part] = total - operations(**dict.fromkeys(of_law if part == "controller" else (part,)))
+        if self.elastic is not None:  # without the law, which may read what only elastic joints have
+            without = dict.fromkeys(of_law)
+            costs["elastic"] = operations(**without) - operations(**without, elastic=None)
         if np.any(self.resolved.robot.model.gravity):
             costs["gravity"] = total - operations(gravity=np.zeros(3))
         return costs | {"law": law}

@@ -104,7 +104,8 @@ class Trajectory(InNotebooks):
     message : str
         Why this method, and how the run ended.
     dissipated : mapping of str to ndarray, shape (T,)
-        Energy dissipated since the start by "viscous" and "coulomb" friction, where the scene has it [J].
+        Energy dissipated since the start by "viscous" and "coulomb" friction and by "joint_damping" of elastic joints,
+        where the scene has them [J].
     controller_state : ndarray, shape (T, m)
         States of the controller, such as the integral of a PID.
     energy_start : float
@@ -251,6 +252,39 @@ class Trajectory(InNotebooks):
         """
         return self._at(t, "tau")[0]
 
+    def motors(self, t: ArrayLike) -> tuple[Array, Array]:
+        """Positions and velocities of the motors between the samples, where joints are elastic.
+
+        Parameters
+        ----------
+        t : float or array_like, shape (T,) or (..., 1)
+            Times within the motion [s].
+
+        Returns
+        -------
+        motor_q, motor_qd : ndarray, of the shapes that a call of the motion returns
+            Reflected through the gears; of joints that do not yield those of the joints [rad or m; rad/s or m/s].
+
+        Raises
+        ------
+        ValueError
+            If the motion has no samples, or a time is outside the motion or not finite.
+
+        Notes
+        -----
+        In each step the cubic polynomial through the positions and velocities of both samples.
+
+        Examples
+        --------
+        >>> import rne
+        >>> scene = rne.Scene(rne.load("irb140"), elastic=rne.ElasticJoints(stiffness=1e4, rotor=1.0))
+        >>> motor_q, motor_qd = rne.simulate(scene, [0] * 6, [0] * 6, 0.1).motors(0.05)
+        >>> motor_q.shape
+        (6,)
+        """
+        motor_q, motor_qd = self._at(t, "motor_q", "motor_qd") if self.motor_q.size else self(t)[:2]
+        return motor_q, motor_qd
+
     def _at(self, t: ArrayLike, *names: str) -> list[Array]:
         """Some quantities at times within the motion; a ValueError for others."""
         if not len(self.t):
@@ -273,14 +307,17 @@ class Trajectory(InNotebooks):
         keep = np.append(True, np.diff(self.t) > 0)
         t, q, qd, qdd, tau = (x[keep] for x in (self.t, self.q, self.qd, self.qdd, self.tau))
         names = "q", "qd", "qdd", "tau", "qdd of reports"
+        motors = {k: x[keep] for k, x in (("motor_q", self.motor_q), ("motor_qd", self.motor_qd)) if x.size}
         if len(t) == 1:
-            return {name: _constant(x) for name, x in zip(names, (q, qd, qdd, tau, qdd), strict=True)}
+            of_joints = dict(zip(names, (q, qd, qdd, tau, qdd), strict=True))
+            return {name: _constant(x) for name, x in (of_joints | motors).items()}
         jumps = np.searchsorted(t, self.jumps)
         positions = _quintic(t, q, qd, *_step_ends(qdd, jumps, self.qdd_before))
         velocities = positions.derivative()
         pairs = (tau, self.tau_before), (qdd, self.qdd_before)
         others = (_monotone(t, *_step_ends(after, jumps, before), jumps) for after, before in pairs)
-        return dict(zip(names, (positions, velocities, velocities.derivative(), *others), strict=True))
+        curves = dict(zip(names, (positions, velocities, velocities.derivative(), *others), strict=True))
+        return curves | _hermite(t, **motors)
 
     @property
     def breaks(self) -> tuple[float, ...]:
@@ -432,7 +469,8 @@ class Trajectory(InNotebooks):
         -------
         pathlib.Path
             The file written: a heading `t`, `q.<joint>`, `qd.<joint>`, `qdd.<joint>`, `tau.<joint>`, then one row per
-            sample in SI units, with all digits. `rne.trajectories.read_csv` reads it.
+            sample in SI units, with all digits, with elastic joints `motor_q.<joint>` and `motor_qd.<joint>` behind.
+            `rne.trajectories.read_csv` reads what belongs to the joints.
 
         Raises
         ------
@@ -453,7 +491,7 @@ class Trajectory(InNotebooks):
         Returns
         -------
         pandas.DataFrame
-            Indexed by the time `t` [s], with columns `q.<joint>`, `qd.<joint>`, `qdd.<joint>`, `tau.<joint>`.
+            Indexed by the time `t` [s], with the columns that `to_csv` writes.
 
         Raises
         ------
@@ -474,7 +512,7 @@ class Trajectory(InNotebooks):
 
     def _columns(self) -> dict[str, Array]:
         names = numbered_joints(self.q.shape[1]) if self.model is None else self.model.joint_names
-        parts = ("q", "qd", "qdd", "tau")
+        parts = ("q", "qd", "qdd", "tau", *(("motor_q", "motor_qd") if self.motor_q.size else ()))
         return {f"{part}.{name}": getattr(self, part)[:, k] for part in parts for k, name in enumerate(names)}
 
 
@@ -541,6 +579,16 @@ def _quintic(t: Array, q: Array, qd: Array, a0: Array, a1: Array) -> Any:
     begin = [q0, q0 + h * v0 / 5, q0 + 2 * h * v0 / 5 + h * h * a0 / 20]
     end = [q1 - 2 * h * v1 / 5 + h * h * a1 / 20, q1 - h * v1 / 5, q1]
     return BPoly(np.array([*begin, *end]), t)
+
+
+def _hermite(t: Array, motor_q: Array | None = None, motor_qd: Array | None = None) -> dict[str, Any]:
+    """Cubic polynomials through positions and velocities, where there are any, and their derivatives."""
+    from scipy.interpolate import CubicHermiteSpline
+
+    if motor_q is None:
+        return {}
+    positions = CubicHermiteSpline(t, motor_q, motor_qd)
+    return {"motor_q": positions, "motor_qd": positions.derivative()}
 
 
 def _monotone(t: Array, begin: Array, end: Array, jumps: Array) -> Any:

@@ -116,6 +116,8 @@ class ZeroOrderHold:
 
     def stability(self) -> str:
         """What check_gains says of the controller, for the error of a loop that diverges."""
+        if self.scene.elastic is not None:
+            return "rne.check_gains tells only what rigid joints need"
         gains = [getattr(self.scene.controller, name, None) for name in ("kp", "kd")]
         try:
             limit = check_gains(self.scene.resolved.robot, *gains).sample_time_limit  # type: ignore[arg-type]

@@ -200,7 +200,7 @@ class Record:
         Returns
         -------
         Record
-            Positions, velocities and torques of the drives.
+            Positions, velocities and torques of the drives, behind elastic joints those of the motors.
 
         Raises
         ------
@@ -216,7 +216,7 @@ class Record:
         """
         rate = positive_number("sample_rate", sample_rate)
         t = np.arange(int((motion.t[-1] - motion.t[0]) * rate + 1e-9) + 1) / rate + motion.t[0]
-        q, qd, _ = motion(t)
+        q, qd = motion.motors(t)
         names = {} if motion.model is None else {"joint_names": motion.model.joint_names}
         return cls(t, q, motion.torques(t), qd, **(names | options))
 
