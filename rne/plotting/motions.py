@@ -14,7 +14,7 @@ from ..dynamics.energy import kinetic_energy, potential_energy
 from ..model.model import Model
 from ..robot import Robot
 from ..simulation.motion_files import numbered_joints
-from ..simulation.trajectory import Trajectory, samples_of
+from ..simulation.trajectory import Trajectory, motors_at, samples_of
 
 JOINT_ARRAYS = ("q", "qd", "qdd", "tau")
 MOTORS = ("motor_q", "motor_qd")
@@ -46,7 +46,7 @@ class Motion:
             return motion.t, np.stack([motion.kinetic, motion.potential, motion.energy], axis=1)
         t, *values = samples_of(motion, np.linspace(motion.t[0], motion.t[-1], POINTS + 1))
         if quantity in MOTORS:
-            return t, motion.motors(t)[MOTORS.index(quantity)]
+            return t, motors_at(motion, t)[MOTORS.index(quantity)]
         if quantity != "energy":
             return t, values[JOINT_ARRAYS.index(quantity)]
         assert motion.model is not None

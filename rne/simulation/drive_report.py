@@ -16,7 +16,7 @@ from ..dynamics.recursion_record import bearing_loads
 from ..robot import Robot
 from .limits import limit_shares, share_texts
 from .scene import Scene
-from .trajectory import MOST_LOADS, Trajectory, between, samples_of
+from .trajectory import MOST_LOADS, Trajectory, between, motors_at, samples_of
 
 EVERY = 1e-3  # [s] between the instants of a motion that is a function of time
 MOVING = 0.01  # of a joint's largest speed, above which its drive is on duty
@@ -349,7 +349,7 @@ def drives(
         raise ValueError(f"`efficiency` must be at most 1, got {efficiencies.max():g}")
     if not isinstance(motion, Trajectory):
         return DriveReport(moved, t, q, qd, qdd, tau, gears, rotors, efficiencies)
-    motor_qd = motion.motors(t)[1] if motion.motor_q.size else None
+    motor_qd = motors_at(motion, t)[1] if motion.motor_q.size else None
     if motor_qd is not None and rotors.any():
         raise ValueError("`rotor` must be 0 for a motion with elastic joints: the rotors are in its torques")
     error = _work_error(motion, t, (tau * (qd if motor_qd is None else motor_qd)).sum(1))

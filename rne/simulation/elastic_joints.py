@@ -81,22 +81,6 @@ class ElasticJoints:
             if isinstance(value, np.ndarray | Mapping):
                 object.__setattr__(self, name, value.copy() if isinstance(value, np.ndarray) else dict(value))
 
-    def resolved(self, robot: Robot) -> tuple[Robot, MotorSide]:
-        """The robot without its rotors, and what is behind the joints, in numbers."""
-        if robot.model.has_mimics:
-            driven = [name for k, name in enumerate(robot.model.moving_joints) if k not in robot.model.independent_joints]
-            raise ValueError(f"`elastic` is not for joints that follow others, got a robot with {listed(driven)}")
-        stiffness = _numbers("stiffness", self.stiffness, robot.joint_names)
-        damping = _numbers("damping", self.damping, robot.joint_names, zero_allowed=True)
-        armature = robot.model.armature
-        if self.rotor is not None and armature.any():
-            raise ValueError("`rotor` of the elastic joints is given, and the robot or scene has an armature: give one")
-        if self.rotor is None and (missing := [j for j, a in zip(robot.joint_names, armature, strict=True) if a == 0]):
-            raise ValueError(f"elastic joints need rotors: give `rotor`, or an armature to {listed(missing)}")
-        rotor = _numbers("rotor", armature if self.rotor is None else self.rotor, robot.joint_names)
-        links = robot.with_model(replace(robot.model, armature=0 * armature)) if armature.any() else robot
-        return links, MotorSide(stiffness, damping, rotor, self.reads)
-
 
 class MotorSide(NamedTuple):
     """What is behind elastic joints, one number per joint, and what laws read."""
@@ -113,19 +97,35 @@ class MotorSide(NamedTuple):
         return LawInputs(n if self.reads == "motor" else 0, n if self.reads == "link" else 2 * n, 2 * n)
 
 
-def _numbers(name: str, value: JointNumbers, joints: tuple[str, ...], *, zero_allowed: bool = False) -> tuple[float, ...]:
-    """Positive numbers, one per joint; a ValueError names the joint at fault."""
+def part_at_joints(robot: Robot, elastic: ElasticJoints) -> tuple[Robot, MotorSide]:
+    """The links, without rotors, and what is behind the joints; a ValueError where the two do not fit."""
+    model, names = robot.model, robot.joint_names
+    if model.has_mimics:
+        driven = [name for k, name in enumerate(model.moving_joints) if k not in model.independent_joints]
+        raise ValueError(f"`elastic` is not for joints that follow others, got {listed(driven)}")
+    if elastic.rotor is not None and model.armature.any():
+        raise ValueError("`rotor` of the elastic joints is given, and so is an armature: give one of them")
+    missing = [name for name, inertia in zip(names, model.armature, strict=True) if not inertia]
+    if elastic.rotor is None and missing:
+        raise ValueError(f"elastic joints need a `rotor`, or an armature, got none for {listed(missing)}")
+    given = {"stiffness": elastic.stiffness, "damping": elastic.damping, "rotor": elastic.rotor}
+    given["rotor"] = model.armature if elastic.rotor is None else elastic.rotor
+    side = MotorSide(*(_numbers(name, value, names) for name, value in given.items()), elastic.reads)
+    return robot.with_model(replace(model, armature=0 * model.armature)), side
+
+
+def _numbers(name: str, value: Any, joints: tuple[str, ...]) -> tuple[float, ...]:
+    """One number per joint, positive, or not negative of damping; a ValueError names the joint at fault."""
     if isinstance(value, Mapping):
-        for joint in [*(set(joints) - set(value)), *(set(value) - set(joints))][:1]:
-            raise ValueError(f"`{name}` must have a number for each joint of {list(joints)}, got {list(value)}")
+        if set(value) != set(joints):
+            raise ValueError(f"`{name}` must have one number for each of {list(joints)}, got some for {list(value)}")
         value = [value[joint] for joint in joints]
-    array = real_numbers(name, value, f"({len(joints)},)")
-    found = per_joint_array(name, array, len(joints))
-    for joint, number in zip(joints, found.tolist(), strict=True):
-        if number < 0 or (number == 0 and not zero_allowed):
-            kind = "not be negative" if zero_allowed else "be positive"
-            raise ValueError(f"`{name}` of joint {joint!r} must {kind}, got {number:g}")
-    return tuple(found.tolist())
+    found = per_joint_array(name, value, len(joints)).tolist()
+    for joint, number in zip(joints, found, strict=True):
+        if number < 0 or (number == 0 and name != "damping"):
+            least = "not be negative" if name == "damping" else "be positive"
+            raise ValueError(f"`{name}` of joint {joint!r} must {least}, got {number:g}")
+    return tuple(found)
 
 
 @dataclass(frozen=True)

@@ -168,7 +168,8 @@ class RunResult(NamedTuple):
             "scene": repr(self.scene),
         }
         found |= {"jumps": jumps, "qdd_before": qdd_before, "tau_before": tau_before}
-        found |= {} if N == robot.n else {"motor_q": motor_q, "motor_qd": motor_qd}
+        own = (motor_q, motor_qd) if N > robot.n else (np.zeros((0, 0)),) * 2
+        found |= dict(zip(("motor_q", "motor_qd"), own, strict=True))
         rest = None if "drives" in dynamics.ledger or x0[N : 2 * N].any() or N > robot.n else x0[:N]
         moving, inverse = (motor_q, motor_qd, accelerations[:, driven]), partial(dynamics.inverse_inertia, robot)
         crept = "" if dynamics.friction is None else creep(dynamics.friction, robot, *moving, inverse, rest)

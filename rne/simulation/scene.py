@@ -21,7 +21,7 @@ from ..model.model import joint_array
 from ..model.modify import limit_array
 from ..robot import Robot
 from .control_law import TracedLaw, check_law
-from .elastic_joints import ElasticDynamics, ElasticJoints, MotorSide
+from .elastic_joints import ElasticDynamics, ElasticJoints, MotorSide, part_at_joints
 from .friction import Friction, urdf_friction
 from .scene_dynamics import SceneDynamics
 
@@ -188,7 +188,7 @@ class Scene:
         """The scene in numbers."""
         robot, motor_side = self._resolved_robot(), None
         if self.elastic is not None:
-            robot, motor_side = self.elastic.resolved(robot)
+            robot, motor_side = part_at_joints(robot, self.elastic)
         friction = resolved_friction(self.friction, robot)
         effort, rate = (resolved_limits(k, getattr(self, k), robot) for k in ("effort_limit", "torque_rate"))
         return ResolvedScene(robot, friction, effort, rate, motor_side)

@@ -252,39 +252,6 @@ class Trajectory(InNotebooks):
         """
         return self._at(t, "tau")[0]
 
-    def motors(self, t: ArrayLike) -> tuple[Array, Array]:
-        """Positions and velocities of the motors between the samples, where joints are elastic.
-
-        Parameters
-        ----------
-        t : float or array_like, shape (T,) or (..., 1)
-            Times within the motion [s].
-
-        Returns
-        -------
-        motor_q, motor_qd : ndarray, of the shapes that a call of the motion returns
-            Reflected through the gears; of joints that do not yield those of the joints [rad or m; rad/s or m/s].
-
-        Raises
-        ------
-        ValueError
-            If the motion has no samples, or a time is outside the motion or not finite.
-
-        Notes
-        -----
-        In each step the cubic polynomial through the positions and velocities of both samples.
-
-        Examples
-        --------
-        >>> import rne
-        >>> scene = rne.Scene(rne.load("irb140"), elastic=rne.ElasticJoints(stiffness=1e4, rotor=1.0))
-        >>> motor_q, motor_qd = rne.simulate(scene, [0] * 6, [0] * 6, 0.1).motors(0.05)
-        >>> motor_q.shape
-        (6,)
-        """
-        motor_q, motor_qd = self._at(t, "motor_q", "motor_qd") if self.motor_q.size else self(t)[:2]
-        return motor_q, motor_qd
-
     def _at(self, t: ArrayLike, *names: str) -> list[Array]:
         """Some quantities at times within the motion; a ValueError for others."""
         if not len(self.t):
@@ -304,6 +271,8 @@ class Trajectory(InNotebooks):
     @cached_property
     def _curves(self) -> dict[str, Callable[[Array], Array]]:
         """Positions, velocities, accelerations and torques as functions of times (T,); none reaches across a jump."""
+        from scipy.interpolate import CubicHermiteSpline
+
         keep = np.append(True, np.diff(self.t) > 0)
         t, q, qd, qdd, tau = (x[keep] for x in (self.t, self.q, self.qd, self.qdd, self.tau))
         names = "q", "qd", "qdd", "tau", "qdd of reports"
@@ -317,7 +286,10 @@ class Trajectory(InNotebooks):
         pairs = (tau, self.tau_before), (qdd, self.qdd_before)
         others = (_monotone(t, *_step_ends(after, jumps, before), jumps) for after, before in pairs)
         curves = dict(zip(names, (positions, velocities, velocities.derivative(), *others), strict=True))
-        return curves | _hermite(t, **motors)
+        if motors:
+            curves["motor_q"] = CubicHermiteSpline(t, *motors.values())
+            curves["motor_qd"] = curves["motor_q"].derivative()
+        return curves
 
     @property
     def breaks(self) -> tuple[float, ...]:
@@ -550,6 +522,12 @@ def samples_of(motion: Trajectory, times: Array) -> tuple[Array, Array, Array, A
     return t[order], q, qd, qdd, tau
 
 
+def motors_at(motion: Trajectory, t: Array) -> tuple[Array, Array]:
+    """Positions and velocities of the motors at times within a motion; of rigid joints those of the joints."""
+    q, qd = motion._at(t, *(("motor_q", "motor_qd") if motion.motor_q.size else ("q", "qd")))
+    return q, qd
+
+
 def between(t: Array, most: int = PARTS, samples: int = MOST) -> Array:
     """The times of samples and further ones between them, each step in up to 16 parts, or `most`, `samples` in all."""
     if len(t) < 2:
@@ -579,16 +557,6 @@ def _quintic(t: Array, q: Array, qd: Array, a0: Array, a1: Array) -> Any:
     begin = [q0, q0 + h * v0 / 5, q0 + 2 * h * v0 / 5 + h * h * a0 / 20]
     end = [q1 - 2 * h * v1 / 5 + h * h * a1 / 20, q1 - h * v1 / 5, q1]
     return BPoly(np.array([*begin, *end]), t)
-
-
-def _hermite(t: Array, motor_q: Array | None = None, motor_qd: Array | None = None) -> dict[str, Any]:
-    """Cubic polynomials through positions and velocities, where there are any, and their derivatives."""
-    from scipy.interpolate import CubicHermiteSpline
-
-    if motor_q is None:
-        return {}
-    positions = CubicHermiteSpline(t, motor_q, motor_qd)
-    return {"motor_q": positions, "motor_qd": positions.derivative()}
 
 
 def _monotone(t: Array, begin: Array, end: Array, jumps: Array) -> Any:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,13 +14,12 @@ from ...basics.arrays import convert_numbers, positive_number, real_array, vecto
 from ...basics.spatial import Array
 from ...basics.text import counted
 from ...simulation.motion_files import numbered_joints
+from ...simulation.trajectory import Trajectory, motors_at
 from ...trajectories.csv_file import in_seconds, read_samples
 from .. import thresholds
 from .prepared import Prepared, prepare
 from .screening import STAMPS, RecordFinding, screen
 
-if TYPE_CHECKING:
-    from ...simulation.trajectory import Trajectory
 
 UNITS = {"rad": 1.0, "m": 1.0, "deg": np.pi / 180}
 
@@ -216,7 +215,7 @@ class Record:
         """
         rate = positive_number("sample_rate", sample_rate)
         t = np.arange(int((motion.t[-1] - motion.t[0]) * rate + 1e-9) + 1) / rate + motion.t[0]
-        q, qd = motion.motors(t)
+        q, qd = motors_at(motion, t)
         names = {} if motion.model is None else {"joint_names": motion.model.joint_names}
         return cls(t, q, motion.torques(t), qd, **(names | options))
 
