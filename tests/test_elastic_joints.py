@@ -39,7 +39,9 @@ def two_masses(damping, viscous=0.0, kp=0.0, kd=0.0):
     return np.block([[np.zeros((2, 2)), np.eye(2)], [-inverse @ K, -inverse @ D]])
 
 
-@pytest.mark.parametrize(("method", "damping"), kept([("DOP853", 0.0), ("DOP853", 3.0), ("Radau", 3.0)], [("DOP853", 0.0), ("DOP853", 3.0)]))
+@pytest.mark.parametrize(
+    ("method", "damping"), kept([("DOP853", 0.0), ("DOP853", 3.0), ("Radau", 3.0)], [("DOP853", 0.0), ("DOP853", 3.0)])
+)
 def test_a_joint_between_two_masses_moves_as_the_exponential_of_its_matrix(block, method, damping):
     """Also under friction of the motor and a law that reads it; errors of 1e-11 a step, for some hundred steps."""
     scene = rne.Scene(
@@ -76,7 +78,9 @@ def test_the_distance_from_rigid_joints_falls_as_the_compliance(arm):
     for stiffness in (1e4, 1e5):
         elastic = rne.ElasticJoints(stiffness, damping=np.sqrt(stiffness) / 10)
         scene = rne.Scene(arm, armature=rotor, elastic=elastic, controller=law)
-        distances.append(np.abs(rne.simulate(scene, [0.5, 0.2], [0, 0], 0.3, rtol=1e-9, atol=1e-12).q[-1] - rigid).max())
+        distances.append(
+            np.abs(rne.simulate(scene, [0.5, 0.2], [0, 0], 0.3, rtol=1e-9, atol=1e-12).q[-1] - rigid).max()
+        )
     assert distances[0] / distances[1] == pytest.approx(10, rel=0.05), distances
 
 
@@ -91,13 +95,17 @@ def test_an_arm_at_rest_stays_where_its_motors_hold_it(arm):
 
 @pytest.mark.parametrize("seed", kept(range(50), range(4)))
 def test_random_scenes_agree_with_an_integration_of_the_equations_with_pinocchio(seed):
-    """Errors grow with the motion: by less than a thousandfold within 0.3 s, from 1e-11 a step."""
+    """Within 0.3 s errors of 1e-11 a step grow less than a thousandfold, and ten times as much where limits begin."""
     rng = np.random.default_rng(seed)
     n = int(rng.integers(1, 4))
     model = random_tree(n, seed)
     own = Oracle(model, rne.to_urdf(model))
     inertia = np.diag(rne.dynamics.mass_matrix(model, np.zeros(n)))
-    rotor, viscous, coulomb = inertia * rng.uniform(0.5, 2, n), inertia * rng.uniform(0, 3, n), inertia * rng.uniform(0, 2, n)
+    rotor, viscous, coulomb = (
+        inertia * rng.uniform(0.5, 2, n),
+        inertia * rng.uniform(0, 3, n),
+        inertia * rng.uniform(0, 2, n),
+    )
     stiffness = inertia * rng.uniform(20, 60, n) ** 2
     damping = inertia * rng.uniform(0, 10, n) if seed % 2 else np.zeros(n)
     gains, limit = inertia * 100, inertia * 30
@@ -112,10 +120,14 @@ def test_random_scenes_agree_with_an_integration_of_the_equations_with_pinocchio
         torsion = stiffness * (theta - q) + damping * (motor_qd - qd)
         drives = np.clip(law(t, theta, motor_qd), -limit, limit)
         resisting = viscous * motor_qd + coulomb * np.tanh(motor_qd / 0.3)
-        return np.concatenate([qd, motor_qd, own.forward_dynamics(q, qd, torsion), (drives - resisting - torsion) / rotor])
+        return np.concatenate(
+            [qd, motor_qd, own.forward_dynamics(q, qd, torsion), (drives - resisting - torsion) / rotor]
+        )
 
     theta0 = q0 + own.gravity_torque(q0) / stiffness
-    x = solve_ivp(rates, (0, 0.3), np.concatenate([q0, theta0, qd0, qd0]), method="DOP853", rtol=1e-11, atol=1e-13).y[:, -1]
+    x = solve_ivp(rates, (0, 0.3), np.concatenate([q0, theta0, qd0, qd0]), method="DOP853", rtol=1e-11, atol=1e-13).y[
+        :, -1
+    ]
     scene = rne.Scene(
         rne.Robot(model),
         elastic=rne.ElasticJoints(stiffness, damping, rotor),
@@ -125,7 +137,7 @@ def test_random_scenes_agree_with_an_integration_of_the_equations_with_pinocchio
     )
     motion = rne.simulate(scene, q0, qd0, 0.3, method="DOP853", **TIGHT)
     found = np.concatenate([motion.q[-1], motion.motor_q[-1], motion.qd[-1], motion.motor_qd[-1]])
-    np.testing.assert_allclose(found, x, rtol=0, atol=1e-8 * np.abs(x).max())
+    np.testing.assert_allclose(found, x, rtol=0, atol=1e-7 * np.abs(x).max())
     assert motion.energy_drift <= 1e-8 * max(np.abs(motion.energy).max(), np.abs(motion.work).max())
 
 
@@ -244,9 +256,7 @@ def test_ensembles_move_as_single_motions(arm, engine):
     other = rne.simulate(replace(scene, robot=robot.with_parameters(heavier)), q0[0], qd0[0], 0.1, **TIGHT)
     start = np.concatenate([q0[0], other.motor_q[0]])
     for stops in (False, True):
-        found = rne.ensemble(
-            replace(scene, stops=stops), start[None], qd0[:1], 0.1, parameters=heavier[None], **TIGHT
-        )
+        found = rne.ensemble(replace(scene, stops=stops), start[None], qd0[:1], 0.1, parameters=heavier[None], **TIGHT)
         np.testing.assert_allclose(found.q[-1, 0], other.q[-1], rtol=0, atol=1e-9)
 
 
@@ -274,7 +284,7 @@ def test_a_motion_is_kept_shown_and_told_with_its_motors(arm, tmp_path):
     np.testing.assert_allclose(record.q, fine.motor_q, rtol=0, atol=1e-4)
     report = rne.drives(scene, motion)
     assert report.work.sum() == pytest.approx(motion.work[-1], rel=1e-4)
-    assert np.array_equal(report.peak_speed, np.abs(report.motor_qd).max(axis=0))
+    assert np.array_equal(report.peak_speed, np.abs(report.speed).max(axis=0))
     assert report.work_error < 1e-2 * np.abs(motion.work).max()
     rigid = rne.simulate(rne.Scene(arm), [0.5, 0.2], [0, 0], 0.1)
     assert rigid.motor_q.shape == rigid.motor_qd.shape == (0, 0)
@@ -301,10 +311,12 @@ def test_the_function_of_casadi_is_the_right_hand_side(arm):
     assert np.array(tau).ravel().tolist() == [1.0, 2.0]
 
 
-def test_what_elastic_joints_cost_and_the_torsion_alone_is_linear(arm):
+def test_a_scene_tells_what_it_costs(arm):
+    """Two torsions with damping, two rotors: at most nine operations a joint more than the links alone."""
     scene = rne.Scene(arm, elastic=rne.ElasticJoints(500.0, 1.0, 0.2, "both"), controller=rne.traceable(LAWS["both"]))
-    cost = scene.cost()
-    assert 0 < cost["elastic"] <= 2 * 9 and cost["law"] == "traced"  # two torsions, two accelerations of rotors
+    assert scene.cost().keys() == {"total", "controller", "gravity", "law"}
+    links = sum(rne.Scene(arm).kernel.operations.values())
+    assert 0 < sum(replace(scene, controller=None).kernel.operations.values()) - links <= 2 * 9
 
 
 MIMIC = rne.Robot(random_tree(2, 0, mimics=1))

@@ -87,9 +87,8 @@ class DriveReport:
         [rad or m; rad/s or m/s; rad/s^2 or m/s^2; N m or N].
     gear, rotor, efficiency : ndarray, shape (n,)
         Arguments of `drives`, for each drive.
-    motor_qd : ndarray, shape (T, n), or None
-        Velocities of the motors behind elastic joints, reflected through the gears; None where joints do not yield
-        [rad/s or m/s].
+    speed : ndarray, shape (T, n)
+        Velocities of the drives behind their gears: `qd`, or behind elastic joints the motors' [rad/s or m/s].
     work_error : float or None
         Differences of the work of all drives by these samples from the `work` of a simulated motion, summed over the
         steps from one of its samples to the next [J].
@@ -116,7 +115,7 @@ class DriveReport:
     gear: Array
     rotor: Array
     efficiency: Array
-    motor_qd: Array | None = None
+    speed: Array
     work_error: float | None = None
 
     def __repr__(self) -> str:
@@ -150,11 +149,6 @@ class DriveReport:
     def duration(self) -> float:
         """Time from the first to the last sample [s]."""
         return float(self.t[-1] - self.t[0])
-
-    @property
-    def speed(self) -> Array:
-        """Velocity of each drive behind its gear: of its joint, or its motor if that is elastic [rad/s or m/s]."""
-        return self.qd if self.motor_qd is None else self.motor_qd
 
     @property
     def power(self) -> Array:
@@ -347,13 +341,12 @@ def drives(
     efficiencies = per_joint_array("efficiency", efficiency, moved.n, sign="positive")
     if (efficiencies > 1).any():
         raise ValueError(f"`efficiency` must be at most 1, got {efficiencies.max():g}")
-    if not isinstance(motion, Trajectory):
-        return DriveReport(moved, t, q, qd, qdd, tau, gears, rotors, efficiencies)
-    motor_qd = motors_at(motion, t)[1] if motion.motor_q.size else None
-    if motor_qd is not None and rotors.any():
+    is_elastic = isinstance(motion, Trajectory) and motion.motor_q.size > 0
+    if is_elastic and rotors.any():
         raise ValueError("`rotor` must be 0 for a motion with elastic joints: the rotors are in its torques")
-    error = _work_error(motion, t, (tau * (qd if motor_qd is None else motor_qd)).sum(1))
-    return DriveReport(moved, t, q, qd, qdd, tau, gears, rotors, efficiencies, motor_qd, error)
+    speed = motors_at(motion, t)[1] if is_elastic else qd
+    error = _work_error(motion, t, (tau * speed).sum(1)) if isinstance(motion, Trajectory) else None
+    return DriveReport(moved, t, q, qd, qdd, tau, gears, rotors, efficiencies, speed, error)
 
 
 def bearing_peaks(robot: Robot | Scene, motion: Any) -> BearingPeaks:

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,10 +22,10 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import per_joint_array, real_numbers
 from ..basics.spatial import Array
 from ..basics.text import listed, summary
+from ..dynamics.rnea import inverse_dynamics
 from ..model.model import Model, joint_array
 from ..robot import Robot
-from .control_law import LawInputs
-from .scene_dynamics import SceneDynamics
+from .scene_dynamics import MotorSide, SceneDynamics
 
 JointNumbers = ArrayLike | Mapping[str, float]
 READS = ("motor", "link", "both")
@@ -59,11 +59,12 @@ class ElasticJoints:
     Examples
     --------
     >>> import rne
-    >>> elastic = rne.ElasticJoints(stiffness=2e4, damping=5.0, rotor=1.5)
-    >>> scene = rne.Scene(rne.load("irb140"), elastic=elastic)
-    >>> motion = rne.simulate(scene, [0] * 6, [0] * 6, 0.1, torque=[0] * 6)
-    >>> bool(motion.motor_q[0, 1] > 0), motion.energy_drift < 1e-4  # joint 2 holds its arm by the torsion
-    (False, True)
+    >>> robot = rne.load("irb140")
+    >>> scene = rne.Scene(robot, elastic=rne.ElasticJoints(stiffness=2e4, damping=5.0, rotor=1.5))
+    >>> motion = rne.simulate(scene, [0] * 6, [0] * 6, 0.1)
+    >>> torsion = 2e4 * (motion.motor_q - motion.q)
+    >>> bool(abs(torsion[0] - robot.gravity_torque([0] * 6)).max() < 1e-9)  # it holds the links at first [N m]
+    True
     """
 
     stiffness: JointNumbers
@@ -82,21 +83,6 @@ class ElasticJoints:
                 object.__setattr__(self, name, value.copy() if isinstance(value, np.ndarray) else dict(value))
 
 
-class MotorSide(NamedTuple):
-    """What is behind elastic joints, one number per joint, and what laws read."""
-
-    stiffness: tuple[float, ...]
-    damping: tuple[float, ...]
-    rotor: tuple[float, ...]
-    reads: str
-
-    @property
-    def law_inputs(self) -> LawInputs:
-        """The coordinates that laws are given."""
-        n = len(self.rotor)
-        return LawInputs(n if self.reads == "motor" else 0, n if self.reads == "link" else 2 * n, 2 * n)
-
-
 def part_at_joints(robot: Robot, elastic: ElasticJoints) -> tuple[Robot, MotorSide]:
     """The links, without rotors, and what is behind the joints; a ValueError where the two do not fit."""
     model, names = robot.model, robot.joint_names
@@ -108,8 +94,8 @@ def part_at_joints(robot: Robot, elastic: ElasticJoints) -> tuple[Robot, MotorSi
     missing = [name for name, inertia in zip(names, model.armature, strict=True) if not inertia]
     if elastic.rotor is None and missing:
         raise ValueError(f"elastic joints need a `rotor`, or an armature, got none for {listed(missing)}")
-    given = {"stiffness": elastic.stiffness, "damping": elastic.damping, "rotor": elastic.rotor}
-    given["rotor"] = model.armature if elastic.rotor is None else elastic.rotor
+    rotor = model.armature if elastic.rotor is None else elastic.rotor
+    given = {"stiffness": elastic.stiffness, "damping": elastic.damping, "rotor": rotor}
     side = MotorSide(*(_numbers(name, value, names) for name, value in given.items()), elastic.reads)
     return robot.with_model(replace(model, armature=0 * model.armature)), side
 
@@ -128,74 +114,50 @@ def _numbers(name: str, value: Any, joints: tuple[str, ...]) -> tuple[float, ...
     return tuple(found)
 
 
-@dataclass(frozen=True)
 class ElasticDynamics(SceneDynamics):
-    """The equations of motion of a scene with elastic joints; `n` counts the coordinates of links and motors.
-
-    Attributes
-    ----------
-    motor_side : MotorSide
-    """
-
-    motor_side: MotorSide = MotorSide((), (), (), "motor")
-
-    __hash__ = SceneDynamics.__hash__
-
-    @property
-    def joints(self) -> int:
-        """Number of joints and of drives."""
-        return self.n // 2
-
-    @property
-    def driven(self) -> slice:
-        """The motors' coordinates."""
-        return slice(self.joints, self.n)
-
-    @property
-    def law_inputs(self) -> LawInputs:
-        """The coordinates that the controller is given."""
-        return self.motor_side.law_inputs
+    """The equations of motion of a scene with elastic joints; `n` counts the coordinates of links and motors."""
 
     @property
     def ledger(self) -> tuple[str, ...]:  # type: ignore[override]
         """Names of the energies that the scene exchanges."""
-        return (*super().ledger, DAMPING) if any(self.motor_side.damping) else super().ledger
+        return (*super().ledger, DAMPING) if any(self._side.damping) else super().ledger
 
-    def start(self, robot: Robot, q0: ArrayLike, qd0: ArrayLike) -> tuple[Array, Array]:
-        """Coordinates and velocities of links and motors: as given, or with joints at rest under gravity."""
-        q, qd = (self._given(robot, name, value) for name, value in (("q0", q0), ("qd0", qd0)))
-        if q.shape[-1] == robot.n:
-            q = np.concatenate([q, q + robot.gravity_torque(q) / np.array(self.motor_side.stiffness)], axis=-1)
-        return q, np.concatenate([qd, qd], axis=-1) if qd.shape[-1] == robot.n else qd
-
-    def _given(self, robot: Robot, name: str, value: ArrayLike) -> Array:
-        array = real_numbers(name, value, f"(..., {robot.n}), or (..., {self.n}) with the motors' behind them")
-        return joint_array(name, array, robot.model, self.n if array.shape[-1:] == (self.n,) else None)
-
-    def energies_of(self, robot: Robot, x: Array) -> tuple[Array, Array]:
-        """Kinetic and potential energy in states, those of rotors and torsion included [J]."""
-        kinetic, potential = super().energies_of(robot, x)
-        q, motor_q, _, motor_qd = self._parts(x)
-        kinetic = kinetic + 0.5 * (np.array(self.motor_side.rotor) * motor_qd**2).sum(-1)
-        return kinetic, potential + 0.5 * (np.array(self.motor_side.stiffness) * (motor_q - q) ** 2).sum(-1)
-
-    def inverse_inertia(self, robot: Robot, q: Array) -> Array:
-        """Acceleration of each motor per torque of its drive."""
-        return 1 / np.array(self.motor_side.rotor)
+    @property
+    def _side(self) -> MotorSide:
+        assert self.motor_side is not None
+        return self.motor_side
 
     def _parts(self, x: Array) -> list[Array]:
         """q, theta, q', theta'."""
         return [x[..., k * self.joints : (k + 1) * self.joints] for k in range(4)]
 
+    def start(self, robot: Robot, q0: ArrayLike, qd0: ArrayLike) -> tuple[Array, Array]:
+        """Coordinates and velocities of links and motors: as given, or where torsion holds the links at rest."""
+        width, given = f"(..., {robot.n}), or (..., {self.n}) with the motors' behind them", []
+        for name, value in (("q0", q0), ("qd0", qd0)):
+            array = real_numbers(name, value, width)
+            given.append(joint_array(name, array, robot.model, self.n if array.shape[-1:] == (self.n,) else None))
+        q, qd = given
+        if q.shape[-1] == robot.n:
+            q = np.concatenate([q, q + robot.gravity_torque(q) / np.array(self._side.stiffness)], axis=-1)
+        return q, np.concatenate([qd, qd], axis=-1) if qd.shape[-1] == robot.n else qd
+
+    def energies_of(self, robot: Robot, x: Array) -> tuple[Array, Array]:
+        """Kinetic and potential energy in states, those of rotors and torsion included [J]."""
+        kinetic, potential = super().energies_of(robot, x)
+        q, motor_q, _, motor_qd = self._parts(x)
+        kinetic = kinetic + (np.array(self._side.rotor) * motor_qd**2).sum(-1) / 2
+        return kinetic, potential + (np.array(self._side.stiffness) * (motor_q - q) ** 2).sum(-1) / 2
+
     def _torsion(self, x: Array) -> tuple[Array, list[Array]]:
         """Torque of the joints on the links, and the power that their damping takes, where energies are states."""
         q, motor_q, qd, motor_qd = self._parts(x)
-        torque = np.array(self.motor_side.stiffness) * (motor_q - q)
-        if not any(self.motor_side.damping):
+        torque = np.array(self._side.stiffness) * (motor_q - q)
+        if not any(self._side.damping):
             return torque, []
-        rate = motor_qd - qd
-        damped = np.array(self.motor_side.damping) * rate
-        return torque + damped, [(damped * rate).sum(-1, keepdims=True)] if DAMPING in self.energies else []
+        damped = np.array(self._side.damping) * (motor_qd - qd)
+        power = [(damped * (motor_qd - qd)).sum(-1, keepdims=True)] if DAMPING in self.energies else []
+        return torque + damped, power
 
     def _acting(self, model: Model, t: Any, x: Array, u: Array | None) -> tuple[Array, list[Array]]:
         """Net torques on links and motors, and the rates of the states behind (q, theta, q', theta')."""
@@ -203,22 +165,26 @@ class ElasticDynamics(SceneDynamics):
         torsion, lost = self._torsion(x)
         return np.concatenate([torsion, net - torsion], axis=-1), [*further, *lost]
 
-    def _accelerations(self, model: Model, q: Array, qd: Array, net: Array) -> Any:
-        """(Accelerations of links and motors under net torques, pivots, diagonal of the links' M)."""
-        m = self.joints
-        qdd, pivots, diagonal = super()._accelerations(model, q[..., :m], qd[..., :m], net[..., :m])
-        return np.concatenate([qdd, net[..., m:] / np.array(self.motor_side.rotor)], axis=-1), pivots, diagonal
+    def right_hand_side_core(self, model: Model, t: Array, x: Array, u: Array | None = None) -> Any:
+        """(dx/dt, pivots, diagonal of the links' M), traced."""
+        (q, _, qd, motor_qd), m = self._parts(x), self.joints
+        net, further = self._acting(model, t, x, u)
+        qdd, pivots, diagonal = self.forward.quantity.core(model, q, qd, net[..., :m])
+        motor_qdd = net[..., m:] * (1 / np.array(self._side.rotor))
+        return np.concatenate([qd, motor_qd, qdd, motor_qdd, *further], axis=-1), pivots, diagonal
 
-    def _needed(self, model: Model, q: Array, qd: Array, a: Array) -> Array:
-        """Net torques on links and motors that accelerations need."""
-        m = self.joints
-        links = super()._needed(model, q[..., :m], qd[..., :m], a[..., :m])
-        return np.concatenate([links, a[..., m:] * np.array(self.motor_side.rotor)], axis=-1)
+    def residual_core(self, model: Model, t: Array, x: Array, a: Array, u: Array | None = None) -> Any:
+        """[M a + C q' + g, B a of the motors] - net torques, rates of the states behind, at accelerations a, traced."""
+        (q, _, qd, _), m = self._parts(x), self.joints
+        net, further = self._acting(model, t, x, u)
+        links = inverse_dynamics.core(model, q, qd, a[..., :m])
+        motors = np.array(self._side.rotor) * a[..., m:]
+        return np.concatenate([np.concatenate([links, motors], axis=-1) - net, *further], axis=-1)
 
     def _balance(self, model: Model, t: Array, x: Array, u: Array) -> tuple[Any, ...]:
         """As of rigid joints: links always move, motors are accelerated by what drives, friction and torsion leave."""
         assert self.friction is not None
-        n, m, rotor = self.n, self.joints, np.array(self.motor_side.rotor)
+        n, m, rotor = self.n, self.joints, np.array(self._side.rotor)
         slips, dry = u[..., -2 * n + m : -n], u[..., -m:]
         motor_qd = slips * x[..., n + m : 2 * n]
         moving = np.concatenate([x[..., : n + m], motor_qd, x[..., 2 * n :]], axis=-1)
@@ -226,7 +192,7 @@ class ElasticDynamics(SceneDynamics):
         viscous, (torsion, lost) = self.friction.viscous_torque(motor_qd), self._torsion(moving)
         resisting = torsion + viscous
         net = -resisting if drives is None else drives - resisting
-        qdd, pivots, diagonal = super()._accelerations(model, x[..., :m], x[..., n : n + m], torsion)
+        qdd, pivots, diagonal = self.forward.quantity.core(model, x[..., :m], x[..., n : n + m], torsion)
         loads = slips * dry + (1 - slips) * net
         further += [*self._powers(motor_qd, {"drives": drives, "viscous": viscous, "coulomb": dry}), *lost]
         found = [qdd, slips * (net - dry) / rotor], [0 * qdd, loads], [torsion, net], [0 * qdd + 1, 0 * qdd + rotor]

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -219,18 +220,20 @@ class Friction:
         return self.viscous_torque(rates) + self.coulomb_torque(rates)
 
 
-def creep(
-    friction: Friction, robot: Robot, q: Array, qd: Array, qdd: Array, inverse: Callable[[Array], Array], rest: Array | None
-) -> str:
+def creep(friction: Friction, robot: Robot, motion: Sequence[Array], rest: Array | None, rotor: Any = None) -> str:
     """How far joints crept along samples (T, n) while dry friction would have held them; empty where that is little.
 
-    `inverse` gives the diagonal of M^-1. A robot without drives that starts at rest does so in the positions `rest`;
-    otherwise these are None.
+    A robot without drives that starts at rest does so in the positions `rest`; otherwise these are None. `motion` is
+    (q, qd, qdd), behind elastic joints of the motors, with their `rotor`.
     """
+    q, qd, qdd = motion
     forward, back = np.asarray(friction.coulomb, dtype=float), np.asarray(friction.coulomb_back, dtype=float)
     if friction.smoothing == 0 or not (forward.any() or back.any()) or len(q) < 2:
         return ""
-    load = friction.torque(robot.model, qd) + qdd / inverse(q)  # that would keep each joint from accelerating
+    inverse = np.linalg.inv(robot.mass_matrix(q) if rotor is None else np.diag(rotor))
+    load = friction.torque(robot.model, qd) + qdd / np.diagonal(
+        inverse, axis1=-2, axis2=-1
+    )  # that would keep each joint from accelerating
     releases = np.abs(load) >= np.where(load < 0, back, forward)
     sample = np.arange(len(q))[:, None]
     caught, released = (

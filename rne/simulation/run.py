@@ -8,7 +8,6 @@ begins, or the run ends at a stop. States at times to report come from the steps
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -143,20 +142,18 @@ class RunResult(NamedTuple):
 
     def quantities(self) -> tuple[dict[str, Any], Failure | None]:
         """Torques, accelerations and energies of the motion, and its jumps, as far as they are finite; the failure."""
-        plant, dynamics, N, driven = self.plant, self.plant.dynamics, self.plant.dynamics.n, self.plant.dynamics.driven
-        tau, accelerations, failure = _torques_and_accelerations(
-            plant, self._after_breaks(), self._held(self.reported.t)
-        )
-        instants, qdd = self.reported.first(len(tau)), accelerations[:, : plant.robot.n]
-        t, moved, velocities = instants.t, instants.x[:, :N], instants.x[:, N : 2 * N]
-        motor_q, motor_qd = (np.asarray(part[:, driven]) for part in (moved, velocities))
-        energies = dict(zip(dynamics.energies, instants.x[:, dynamics.counted :].T, strict=True))
-        work, z = energies.pop("drives", np.zeros(len(t))), instants.x[:, 2 * N : 2 * N + dynamics.states]
+        plant, dynamics, n, N = self.plant, self.plant.dynamics, self.plant.robot.n, self.plant.dynamics.n
+        tau, rates, failure = _torques_and_accelerations(plant, self._after_breaks(), self._held(self.reported.t))
+        instants, qdd = self.reported.first(len(tau)), rates[:, :n]
+        t, x, driven = instants.t, instants.x, dynamics.driven
+        moved = x[:, :N][:, driven], x[:, N : 2 * N][:, driven], rates[:, driven]  # by the drives
+        energies = dict(zip(dynamics.energies, x[:, dynamics.counted :].T, strict=True))
+        work, z = energies.pop("drives", np.zeros(len(t))), x[:, 2 * N : 2 * N + dynamics.states]
         if self.samples is not None:
             number = self.samples.held(t, SAME)
-            z, work = self.samples.z[number], self.samples.work(motor_q, number, driven)
-        robot, x0 = plant.robot, self.task.x0
-        kinetic, potential = dynamics.energies_of(robot, instants.x)
+            z, work = self.samples.z[number], self.samples.work(moved[0], number, driven)
+        robot, x0, side = plant.robot, self.task.x0, dynamics.motor_side
+        kinetic, potential = dynamics.energies_of(robot, x)
         start = float(sum(dynamics.energies_of(robot, x0)))
         balance = kinetic + potential - start - work + sum(energies.values(), np.zeros(len(t)))
         jumps, qdd_before, tau_before = self._jumps(t, qdd, tau)
@@ -167,12 +164,11 @@ class RunResult(NamedTuple):
             "controller_state": z,
             "scene": repr(self.scene),
         }
+        found |= dict(zip(("motor_q", "motor_qd"), moved if side else 2 * (np.zeros((0, 0)),), strict=False))
         found |= {"jumps": jumps, "qdd_before": qdd_before, "tau_before": tau_before}
-        own = (motor_q, motor_qd) if N > robot.n else (np.zeros((0, 0)),) * 2
-        found |= dict(zip(("motor_q", "motor_qd"), own, strict=True))
-        rest = None if "drives" in dynamics.ledger or x0[N : 2 * N].any() or N > robot.n else x0[:N]
-        moving, inverse = (motor_q, motor_qd, accelerations[:, driven]), partial(dynamics.inverse_inertia, robot)
-        crept = "" if dynamics.friction is None else creep(dynamics.friction, robot, *moving, inverse, rest)
+        rest = None if side or "drives" in dynamics.ledger or x0[N : 2 * N].any() else x0[:N]
+        rotor = side.rotor if side else None
+        crept = "" if dynamics.friction is None else creep(dynamics.friction, robot, moved, rest, rotor)
         return found | {"message": f"{crept}; {self.ending}" if crept else self.ending}, self.failure or failure
 
     def _after_breaks(self) -> Instants:

@@ -21,9 +21,9 @@ from ..model.model import joint_array
 from ..model.modify import limit_array
 from ..robot import Robot
 from .control_law import TracedLaw, check_law
-from .elastic_joints import ElasticDynamics, ElasticJoints, MotorSide, part_at_joints
+from .elastic_joints import ElasticDynamics, ElasticJoints, part_at_joints
 from .friction import Friction, urdf_friction
-from .scene_dynamics import SceneDynamics
+from .scene_dynamics import MotorSide, SceneDynamics
 
 LOGGER = logging.getLogger("rne")
 _announced: weakref.WeakValueDictionary[int, Any] = weakref.WeakValueDictionary()  # laws that are called, by id
@@ -234,7 +234,8 @@ class Scene:
         limit, states = parts.effort_limit, 0 if is_held else int(getattr(self.controller, "states", 0))
         has_impulses, side = limit is not None and self.controller is not None and not is_held, parts.motor_side
         inertia = kernels.typical_inertia.tolist() if side is None else side.rotor
-        common = (
+        return (SceneDynamics if side is None else ElasticDynamics)(
+            parts.robot.n * (1 if side is None else 2),
             kernels.forward_method(),
             parts.friction,
             None if limit is None else tuple(limit.tolist()),
@@ -242,15 +243,13 @@ class Scene:
             inputs,
             states,
             tuple(inertia) if has_impulses else None,
+            motor_side=side,
         )
-        n = parts.robot.n
-        return SceneDynamics(n, *common) if side is None else ElasticDynamics(2 * n, *common, motor_side=side)
 
     @property
     def _law(self) -> TracedLaw:
         """The controller as it is now."""
-        side = self.resolved.motor_side
-        law = TracedLaw(self.controller, self.n, None if side is None else side.law_inputs)
+        law = TracedLaw(self.controller, self.n, self._dynamics_without_law.law_inputs)
         before: TracedLaw | None = self.__dict__.get("_law_before")
         if before == law:
             return before
@@ -312,7 +311,8 @@ class Scene:
         Returns
         -------
         casadi.Function
-            Of t and x = (q, qd, the law's states), with elastic joints (q, motor_q, qd, motor_qd, ...), of torques u where there is no controller, and of `parameters`. It
+            Of t and x = (q, qd, the law's states), with elastic joints (q, motor_q, qd, motor_qd, ...), of torques u
+            where there is no controller, and of `parameters`. It
             gives dx, the rate of x, and tau, the drives' torques within their limits. With `steps` it has h as last
             argument and gives x_next in place of dx, u being held. It checks nothing.
 
@@ -430,8 +430,8 @@ class Scene:
         Returns
         -------
         dict
-            "total"; for payload, friction, armature, effort_limit, controller, elastic (where given) and gravity, the
-            operations saved without it; "law", whether the controller is "traced", "called" or "none". The cost of a called
+            "total"; for payload, friction, armature, effort_limit, controller (where given) and gravity, the operations
+            saved without it; "law", whether the controller is "traced", "called" or "none". The cost of a called
             controller is not known, nor that of a robot too large to be written out: then "total" is None.
 
         Examples
@@ -449,13 +449,10 @@ class Scene:
 
         total = sum(self.kernel.operations.values())
         costs: dict[str, int | str | None] = {"total": total}
-        of_law = ("sample_time", "torque_rate", "effort_limit", "controller")
         for part in ("payload", "friction", "armature", "effort_limit", "controller"):
             if getattr(self, part) is not None and (part != "armature" or self.elastic is None):
-                costs[part] = total - operations(**dict.fromkeys(of_law if part == "controller" else (part,)))
-        if self.elastic is not None:  # without the law, which may read what only elastic joints have
-            without = dict.fromkeys(of_law)
-            costs["elastic"] = operations(**without) - operations(**without, elastic=None)
+                needing = ("sample_time", "torque_rate", "effort_limit") if part == "controller" else ()
+                costs[part] = total - operations(**dict.fromkeys((part, *needing)))
         if np.any(self.resolved.robot.model.gravity):
             costs["gravity"] = total - operations(gravity=np.zeros(3))
         return costs | {"law": law}

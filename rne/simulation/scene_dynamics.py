@@ -22,7 +22,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -39,6 +39,15 @@ from .control_law import LawInputs, TracedLaw
 from .friction import Friction
 
 
+class MotorSide(NamedTuple):
+    """What is behind elastic joints, one number per joint, and what laws read."""
+
+    stiffness: tuple[float, ...]
+    damping: tuple[float, ...]
+    rotor: tuple[float, ...]
+    reads: str
+
+
 @dataclass(frozen=True)
 class SceneDynamics:
     """What moves a robot in a scene beside its own dynamics, in numbers; equal by value, laws by identity.
@@ -46,7 +55,7 @@ class SceneDynamics:
     Attributes
     ----------
     n : int
-        Number of coordinates, all of which the drives act on here.
+        Number of coordinates.
     forward : Declared
         The function for accelerations under net torques.
     friction : Friction or None
@@ -61,6 +70,8 @@ class SceneDynamics:
         Constant inertia that makes rates of impulses; None if the state has no impulses [kg m^2 or kg].
     has_energies : bool
         False without the energies as states.
+    motor_side : MotorSide or None
+        What is behind elastic joints.
     """
 
     n: int
@@ -72,6 +83,7 @@ class SceneDynamics:
     states: int = 0
     inertia: tuple[float, ...] | None = None
     has_energies: bool = True
+    motor_side: MotorSide | None = None
 
     @cached_property
     def _hash(self) -> int:
@@ -109,17 +121,18 @@ class SceneDynamics:
     @property
     def joints(self) -> int:
         """Number of joints and of drives; the joints' coordinates come first."""
-        return self.n
+        return self.n if self.motor_side is None else len(self.motor_side.rotor)
 
     @property
     def driven(self) -> slice:
-        """The coordinates that the drives act on."""
-        return slice(self.n)
+        """The coordinates that the drives act on, the last ones."""
+        return slice(self.n - self.joints, self.n)
 
     @property
     def law_inputs(self) -> LawInputs:
         """The coordinates that the controller is given."""
-        return LawInputs(0, self.n, self.n)
+        reads = "both" if self.motor_side is None else self.motor_side.reads
+        return LawInputs(self.joints if reads == "motor" else 0, self.joints if reads == "link" else self.n, self.n)
 
     @property
     def torque_given(self) -> bool:
@@ -154,10 +167,6 @@ class SceneDynamics:
         q = x[..., : self.joints]
         return robot.kinetic_energy(q, x[..., self.n : self.n + self.joints]), robot.potential_energy(q)
 
-    def inverse_inertia(self, robot: Robot, q: Array) -> Array:
-        """Acceleration of each driven coordinate per torque of its drive, where nothing else is moved."""
-        return np.diagonal(np.linalg.inv(robot.mass_matrix(q)), axis1=-2, axis2=-1)
-
     def _powers(self, qd: Array, torques: dict[str, Array | None]) -> list[Array]:
         """Rates of the energies under given torques."""
         given = {name: torque for name, torque in torques.items() if torque is not None and name in self.energies}
@@ -179,27 +188,23 @@ class SceneDynamics:
         """(dx/dt, pivots, diagonal of M), traced."""
         q, qd = x[..., : self.n], x[..., self.n : 2 * self.n]
         net, further = self._acting(model, t, x, u)
-        qdd, pivots, diagonal = self._accelerations(model, q, qd, net)
+        qdd, pivots, diagonal = self.forward.quantity.core(model, q, qd, net)
         return np.concatenate([qd, qdd, *further], axis=-1), pivots, diagonal
-
-    def _accelerations(self, model: Model, q: Array, qd: Array, net: Array) -> Any:
-        """(Accelerations under net torques, pivots, diagonal of M)."""
-        return self.forward.quantity.core(model, q, qd, net)
-
-    def _needed(self, model: Model, q: Array, qd: Array, a: Array) -> Array:
-        """Net torques that accelerations need."""
-        return inverse_dynamics.core(model, q, qd, a)
 
     def rates_and_drives_core(self, model: Model, t: Array, x: Array, u: Array | None = None) -> Any:
         """([dx/dt, torques of the drives], pivots, diagonal of M), traced."""
         rates, pivots, diagonal = self.right_hand_side_core(model, t, x, u)
         drives, _ = self.drives(t, x, u)
-        return np.concatenate([rates, 0 * x[..., : self.joints] if drives is None else drives], axis=-1), pivots, diagonal
+        return (
+            np.concatenate([rates, 0 * x[..., : self.joints] if drives is None else drives], axis=-1),
+            pivots,
+            diagonal,
+        )
 
     def residual_core(self, model: Model, t: Array, x: Array, a: Array, u: Array | None = None) -> Any:
         """[M a + C qd + g - net torques, rates of the states behind (q, qd)] at accelerations a, traced."""
         net, further = self._acting(model, t, x, u)
-        needed = self._needed(model, x[..., : self.n], x[..., self.n : 2 * self.n], a)
+        needed = inverse_dynamics.core(model, x[..., : self.n], x[..., self.n : 2 * self.n], a)
         return np.concatenate([needed - net, *further], axis=-1)
 
     def _balance(self, model: Model, t: Array, x: Array, u: Array) -> tuple[Any, ...]:
