@@ -167,7 +167,8 @@ def test_a_law_reads_what_the_joints_say_however_it_is_run(arm, reads, sampled, 
     given = {"motor": (motion.motor_q, motion.motor_qd), "link": (motion.q, motion.qd)}
     given["both"] = tuple(np.concatenate(pair, axis=1) for pair in zip(given["link"], given["motor"], strict=True))
     at_samples = slice(None) if sampled is None else np.isin(motion.t, 0.002 * np.arange(100))
-    assert at_samples is not None and len(motion.t[at_samples]) > 20
+    assert at_samples is not None
+    assert len(motion.t[at_samples]) > 20
     for t, q, qd, tau in zip(*(x[at_samples] for x in (motion.t, *given[reads], motion.tau)), strict=True):
         np.testing.assert_allclose(tau, law(t, q, qd), atol=1e-12)
     assert max(motion.energy_drift, other.energy_drift) <= 1e-9
@@ -206,9 +207,11 @@ def test_links_vibrate_behind_motors_that_stick_and_motors_break_away_under_the_
     t = np.linspace(0, 0.3, 7)
     held = rne.simulate(scene, [0.02, 0.0], [0.0], 0.3, t_eval=t, **TIGHT)
     np.testing.assert_allclose(held.q[:, 0], 0.02 * np.cos(np.sqrt(STIFFNESS / MASS) * t), rtol=0, atol=1e-9)
-    assert not held.motor_q.any() and not held.motor_qd.any()
+    assert not held.motor_q.any()
+    assert not held.motor_qd.any()
     pulled = rne.simulate(scene, [0.0, 0.0], [1.0, 0.0], 0.3, **TIGHT)
-    assert pulled.energy_drift <= 1e-9 and pulled.dissipated["coulomb"][-1] > 0.01
+    assert pulled.energy_drift <= 1e-9
+    assert pulled.dissipated["coulomb"][-1] > 0.01
     first = np.flatnonzero(pulled.motor_q[:, 0])[0] - 1
     assert STIFFNESS * pulled.q[first, 0] == pytest.approx(12.0, abs=1e-6)
 
@@ -217,7 +220,8 @@ def test_stops_are_those_of_links(arm):
     model = replace(arm.model, upper=np.array([0.6, np.inf]))
     scene = rne.Scene(rne.Robot(model), elastic=rne.ElasticJoints(200.0, rotor=0.2), stops=True)
     motion = rne.simulate(scene, [0.5, 0.2], [3.0, 0.0], 1.0)
-    assert motion.status == 1 and motion.q[-1, 0] == pytest.approx(0.6, abs=1e-9)
+    assert motion.status == 1
+    assert motion.q[-1, 0] == pytest.approx(0.6, abs=1e-9)
     assert abs(motion.motor_q[-1, 0] - 0.6) > 1e-4
 
 
@@ -227,7 +231,8 @@ def test_impulses_of_limited_torques_are_of_the_motors(arm):
         arm, elastic=rne.ElasticJoints(1e3, 0.5, 0.2), effort_limit=[2.0, 1.0], controller=rne.traceable(LAWS["motor"])
     )
     motion = rne.simulate(scene, [0.5, 0.9], [0.0, 0.0], 0.1, **TIGHT)
-    assert np.abs(motion.tau).max(axis=0).tolist() == [2.0, 1.0] and motion.energy_drift <= 1e-9
+    assert np.abs(motion.tau).max(axis=0).tolist() == [2.0, 1.0]
+    assert motion.energy_drift <= 1e-9
 
 
 @pytest.mark.parametrize("engine", kept(["numpy", "numba"], ["numpy"]))
@@ -274,7 +279,8 @@ def test_a_motion_is_kept_shown_and_told_with_its_motors(arm, tmp_path):
     scene = rne.Scene(arm, elastic=rne.ElasticJoints(500.0, 1.0, 0.2), controller=rne.traceable(LAWS["motor"]))
     motion = rne.simulate(scene, [0.5, 0.2], [0, 0], 0.5, rtol=1e-9)
     for other in (rne.Trajectory.load(motion.save(tmp_path / "m.npz")), pickle.loads(pickle.dumps(motion))):
-        assert np.array_equal(other.motor_q, motion.motor_q) and np.array_equal(other.motor_qd, motion.motor_qd)
+        assert np.array_equal(other.motor_q, motion.motor_q)
+        assert np.array_equal(other.motor_qd, motion.motor_qd)
         assert other.dissipated.keys() == {"joint_damping"}
     file = motion.to_csv(tmp_path / "m.csv")
     assert "motor_q.joint0,motor_q.joint1,motor_qd.joint0" in file.read_text()
@@ -390,7 +396,8 @@ def test_what_does_not_fit_is_refused(arm, call, text):
 def test_numbers_by_name_and_rotors_of_the_robot(arm):
     by_name = {"joint1": 2e3, "joint0": 1e3}
     side = rne.Scene(arm, armature=[0.2, 0.1], elastic=rne.ElasticJoints(by_name)).resolved
-    assert side.motor_side == ((1e3, 2e3), (0.0, 0.0), (0.2, 0.1), "motor") and not side.robot.model.armature.any()
+    assert side.motor_side == ((1e3, 2e3), (0.0, 0.0), (0.2, 0.1), "motor")
+    assert not side.robot.model.armature.any()
     locked = rne.Scene(arm, locked={"joint0": 0.3}, elastic=rne.ElasticJoints(2e3, rotor=0.1))
     assert locked.resolved.motor_side.stiffness == (2e3,)
     stiffness = np.array([1e3, 1e3])

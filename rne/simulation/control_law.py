@@ -29,11 +29,11 @@ def check_law(name: str, law: Any) -> None:
 
 
 class LawInputs(NamedTuple):
-    """The coordinates of a state that a law is given, from `first` to before `last` of `count`."""
+    """The coordinates of a state that a law is given, from `first` to before `last` of `coordinates`."""
 
     first: int
     last: int
-    count: int
+    coordinates: int
 
 
 def call_law(law: Any, t: Any, x: Array, given: LawInputs) -> tuple[Any, Any]:
@@ -109,7 +109,7 @@ class TracedLaw:
     def __init__(self, law: Any, n: int, given: LawInputs | None = None) -> None:
         self.law, self.n, self.states = law, n, int(getattr(law, "states", 0))
         self.given = given or LawInputs(0, n, n)
-        self.size = 2 * self.given.count + self.states
+        self.size = 2 * self.given.coordinates + self.states
         self.state = hash(state_of(law))  # its parameters are constants of kernels
 
     def __reduce__(self) -> tuple[Any, ...]:

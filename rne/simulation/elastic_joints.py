@@ -29,7 +29,6 @@ from .scene_dynamics import MotorSide, SceneDynamics
 
 JointNumbers = ArrayLike | Mapping[str, float]
 READS = ("motor", "link", "both")
-DAMPING = "joint_damping"  # its name among the energies
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,13 +90,13 @@ def part_at_joints(robot: Robot, elastic: ElasticJoints) -> tuple[Robot, MotorSi
         raise ValueError(f"`elastic` is not for joints that follow others, got {listed(driven)}")
     if elastic.rotor is not None and model.armature.any():
         raise ValueError("`rotor` of the elastic joints is given, and so is an armature: give one of them")
-    missing = [name for name, inertia in zip(names, model.armature, strict=True) if not inertia]
+    missing = [name for name, rotor in zip(names, model.armature, strict=True) if not rotor]
     if elastic.rotor is None and missing:
         raise ValueError(f"elastic joints need a `rotor`, or an armature, got none for {listed(missing)}")
-    rotor = model.armature if elastic.rotor is None else elastic.rotor
-    given = {"stiffness": elastic.stiffness, "damping": elastic.damping, "rotor": rotor}
-    side = MotorSide(*(_numbers(name, value, names) for name, value in given.items()), elastic.reads)
-    return robot.with_model(replace(model, armature=0 * model.armature)), side
+    stiffness, damping = (_numbers(name, getattr(elastic, name), names) for name in ("stiffness", "damping"))
+    inertia = _numbers("rotor", model.armature if elastic.rotor is None else elastic.rotor, names)
+    links = robot.with_model(replace(model, armature=0 * model.armature))
+    return links, MotorSide(stiffness, damping, inertia, elastic.reads)
 
 
 def _numbers(name: str, value: Any, joints: tuple[str, ...]) -> tuple[float, ...]:
@@ -116,11 +115,6 @@ def _numbers(name: str, value: Any, joints: tuple[str, ...]) -> tuple[float, ...
 
 class ElasticDynamics(SceneDynamics):
     """The equations of motion of a scene with elastic joints; `n` counts the coordinates of links and motors."""
-
-    @property
-    def ledger(self) -> tuple[str, ...]:  # type: ignore[override]
-        """Names of the energies that the scene exchanges."""
-        return (*super().ledger, DAMPING) if any(self._side.damping) else super().ledger
 
     @property
     def _side(self) -> MotorSide:
@@ -156,7 +150,7 @@ class ElasticDynamics(SceneDynamics):
         if not any(self._side.damping):
             return torque, []
         damped = np.array(self._side.damping) * (motor_qd - qd)
-        power = [(damped * (motor_qd - qd)).sum(-1, keepdims=True)] if DAMPING in self.energies else []
+        power = [(damped * (motor_qd - qd)).sum(-1, keepdims=True)] if "joint_damping" in self.energies else []
         return torque + damped, power
 
     def _acting(self, model: Model, t: Any, x: Array, u: Array | None) -> tuple[Array, list[Array]]:

@@ -100,6 +100,7 @@ class SceneDynamics:
         """Names of the energies that the scene exchanges."""
         f, names = self.friction, ["drives"] if self.law is not None or self.inputs != "none" else []
         names += [k for k in ("viscous", "coulomb") if np.any(getattr(f, k, 0)) or np.any(getattr(f, f"{k}_back", 0))]
+        names += ["joint_damping"] if self.motor_side is not None and any(self.motor_side.damping) else []
         return tuple(names)
 
     @cached_property

@@ -20,7 +20,6 @@ from .. import thresholds
 from .prepared import Prepared, prepare
 from .screening import STAMPS, RecordFinding, screen
 
-
 UNITS = {"rad": 1.0, "m": 1.0, "deg": np.pi / 180}
 
 
