@@ -343,23 +343,35 @@ REFUSED = [
     ),
     (
         lambda arm: rne.Scene(arm, elastic=rne.ElasticJoints([1.0, 0.0], rotor=1.0)),
-        "`stiffness` of joint 'joint1' must be positive, got 0",
+        "`stiffness` of joint 'joint1' must be positive and finite, got 0",
     ),
     (
         lambda arm: rne.Scene(arm, elastic=rne.ElasticJoints({"joint0": 1.0, "j": 2.0}, rotor=1.0)),
-        "`stiffness` must have one number for each of ['joint0', 'joint1'], got some for ['joint0', 'j']",
+        "`stiffness` must name joints of ['joint0', 'joint1'], got 'j'",
+    ),
+    (
+        lambda arm: rne.Scene(arm, elastic=rne.ElasticJoints({"joint1": 2.0}, rotor=1.0)),
+        "`stiffness` of joint 'joint0' must be positive and finite, got 0",
+    ),
+    (
+        lambda arm: rne.Scene(arm, elastic=rne.ElasticJoints([1.0, np.nan], rotor=1.0)),
+        "`stiffness[1]` of joint 'joint1' must be a number, got nan",
+    ),
+    (
+        lambda arm: rne.Scene(arm, elastic=rne.ElasticJoints(1.0, np.inf, rotor=1.0)),
+        "`damping` of joint 'joint0' must be finite, got inf",
     ),
     (
         lambda arm: rne.Scene(arm, elastic=rne.ElasticJoints(1.0, -1.0, rotor=1.0)),
-        "`damping` of joint 'joint0' must not be negative, got -1",
+        "`damping[0]` of joint 'joint0' must not be negative, got -1.0",
     ),
     (
         lambda arm: rne.Scene(arm, elastic=rne.ElasticJoints(1.0, rotor=[1.0, -2.0])),
-        "`rotor` of joint 'joint1' must be positive, got -2",
+        "`rotor[1]` of joint 'joint1' must not be negative, got -2.0",
     ),
     (
         lambda arm: rne.Scene(arm, elastic=rne.ElasticJoints([np.inf, 1.0], rotor=1.0)),
-        "`stiffness` must be finite, got inf at index (0,)",
+        "`stiffness` of joint 'joint0' must be positive and finite, got inf",
     ),
     (lambda arm: rne.Scene(arm, elastic=rne.ElasticJoints([1.0] * 3, rotor=1.0)), "`stiffness` must have shape (2,), got (3,)"),
     (lambda arm: rne.Scene(MIMIC, elastic=rne.ElasticJoints(1.0, rotor=1.0)), "`elastic` is not for joints that follow others, got joint2"),
@@ -398,6 +410,8 @@ def test_numbers_by_name_and_rotors_of_the_robot(arm):
     side = rne.Scene(arm, armature=[0.2, 0.1], elastic=rne.ElasticJoints(by_name)).resolved
     assert side.motor_side == ((1e3, 2e3), (0.0, 0.0), (0.2, 0.1), "motor")
     assert not side.robot.model.armature.any()
+    of_robot = rne.Scene(arm.with_armature([0.2, 0.1]), elastic=rne.ElasticJoints(by_name)).resolved
+    assert of_robot.motor_side == side.motor_side
     locked = rne.Scene(arm, locked={"joint0": 0.3}, elastic=rne.ElasticJoints(2e3, rotor=0.1))
     assert locked.resolved.motor_side.stiffness == (2e3,)
     stiffness = np.array([1e3, 1e3])

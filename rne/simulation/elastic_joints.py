@@ -19,15 +19,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import per_joint_array, real_numbers
+from ..basics.arrays import real_numbers
 from ..basics.spatial import Array
 from ..basics.text import listed, summary
 from ..dynamics.rnea import inverse_dynamics
 from ..model.model import Model, joint_array
+from ..model.modify import LimitValues, limit_array
 from ..robot import Robot
 from .scene_dynamics import MotorSide, SceneDynamics
 
-JointNumbers = ArrayLike | Mapping[str, float]
 READS = ("motor", "link", "both")
 
 
@@ -37,14 +37,12 @@ class ElasticJoints:
 
     Parameters
     ----------
-    stiffness : float, array_like of shape (n,), or mapping of str to float
-        Of the spring in each joint, gear included: one number for all joints, one each, or each by name
-        [N m/rad or N/m].
-    damping : float, array_like of shape (n,), or mapping of str to float
-        Of the damper beside each spring [N m s/rad or N s/m].
-    rotor : float, array_like of shape (n,), or mapping of str to float, optional
-        Inertia of each rotor reflected through its gear; that of the robot or scene, their armature, if it is not given
-        [kg m^2 or kg].
+    stiffness : float, array_like of shape (n,), or mapping
+        Of the spring in each joint, gear included: one number for all joints, one each, or by name [N m/rad or N/m].
+    damping : float, array_like of shape (n,), or mapping
+        Of the damper beside each spring; 0 where a mapping does not name the joint [N m s/rad or N s/m].
+    rotor : float, array_like of shape (n,), or mapping, optional
+        Inertias of rotors reflected through their gears; the armature of robot or scene if not given [kg m^2 or kg].
     reads : {"motor", "link", "both"}
         What positions and velocities control laws are given: those of the motors, reflected through the gears, those of
         the links, or both in arrays of length 2 n, the links first.
@@ -66,9 +64,9 @@ class ElasticJoints:
     True
     """
 
-    stiffness: JointNumbers
-    damping: JointNumbers = 0.0
-    rotor: JointNumbers | None = None
+    stiffness: LimitValues
+    damping: LimitValues = 0.0
+    rotor: LimitValues | None = None
     reads: str = "motor"
 
     __repr__ = summary
@@ -99,17 +97,13 @@ def part_at_joints(robot: Robot, elastic: ElasticJoints) -> tuple[Robot, MotorSi
     return links, MotorSide(stiffness, damping, inertia, elastic.reads)
 
 
-def _numbers(name: str, value: Any, joints: tuple[str, ...]) -> tuple[float, ...]:
+def _numbers(name: str, value: LimitValues, joints: tuple[str, ...]) -> tuple[float, ...]:
     """One number per joint, positive, or not negative of damping; a ValueError names the joint at fault."""
-    if isinstance(value, Mapping):
-        if set(value) != set(joints):
-            raise ValueError(f"`{name}` must have one number for each of {list(joints)}, got some for {list(value)}")
-        value = [value[joint] for joint in joints]
-    found = per_joint_array(name, value, len(joints)).tolist()
+    found = limit_array("armature", value, joints, np.zeros(len(joints)), name).tolist()
     for joint, number in zip(joints, found, strict=True):
-        if number < 0 or (number == 0 and name != "damping"):
-            least = "not be negative" if name == "damping" else "be positive"
-            raise ValueError(f"`{name}` of joint {joint!r} must {least}, got {number:g}")
+        if number == np.inf or (number == 0 and name != "damping"):
+            need = "finite" if name == "damping" else "positive and finite"
+            raise ValueError(f"`{name}` of joint {joint!r} must be {need}, got {number:g}")
     return tuple(found)
 
 
