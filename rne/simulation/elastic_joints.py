@@ -49,9 +49,8 @@ class ElasticJoints:
 
     Notes
     -----
-    Rotors turn about the axes of their joints; what else their motion adds to M of a slow gear is left out, and their
-    masses belong to the links. Friction and limits of torque are the motors', ranges the links'. A scene checks the
-    numbers.
+    Friction and limits of torque are the motors', ranges the links'. Rotors turn about the axes of their joints alone,
+    and their masses belong to the links. The scene checks the numbers.
 
     Examples
     --------

@@ -196,11 +196,8 @@ class SceneDynamics:
         """([dx/dt, torques of the drives], pivots, diagonal of M), traced."""
         rates, pivots, diagonal = self.right_hand_side_core(model, t, x, u)
         drives, _ = self.drives(t, x, u)
-        return (
-            np.concatenate([rates, 0 * x[..., : self.joints] if drives is None else drives], axis=-1),
-            pivots,
-            diagonal,
-        )
+        drives = 0 * x[..., : self.joints] if drives is None else drives
+        return np.concatenate([rates, drives], axis=-1), pivots, diagonal
 
     def residual_core(self, model: Model, t: Array, x: Array, a: Array, u: Array | None = None) -> Any:
         """[M a + C qd + g - net torques, rates of the states behind (q, qd)] at accelerations a, traced."""

@@ -275,21 +275,18 @@ class Trajectory(InNotebooks):
 
         keep = np.append(True, np.diff(self.t) > 0)
         t, q, qd, qdd, tau = (x[keep] for x in (self.t, self.q, self.qd, self.qdd, self.tau))
-        names = "q", "qd", "qdd", "tau", "qdd of reports"
-        motors = {k: x[keep] for k, x in (("motor_q", self.motor_q), ("motor_qd", self.motor_qd)) if x.size}
+        motors = (self.motor_q[keep], self.motor_qd[keep]) if self.motor_q.size else (q, qd)
+        names = "q", "qd", "qdd", "tau", "qdd of reports", "motor_q", "motor_qd"
         if len(t) == 1:
-            of_joints = dict(zip(names, (q, qd, qdd, tau, qdd), strict=True))
-            return {name: _constant(x) for name, x in (of_joints | motors).items()}
+            return {name: _constant(x) for name, x in zip(names, (q, qd, qdd, tau, qdd, *motors), strict=True)}
         jumps = np.searchsorted(t, self.jumps)
         positions = _quintic(t, q, qd, *_step_ends(qdd, jumps, self.qdd_before))
         velocities = positions.derivative()
         pairs = (tau, self.tau_before), (qdd, self.qdd_before)
         others = (_monotone(t, *_step_ends(after, jumps, before), jumps) for after, before in pairs)
-        curves = dict(zip(names, (positions, velocities, velocities.derivative(), *others), strict=True))
-        if motors:
-            curves["motor_q"] = CubicHermiteSpline(t, *motors.values())
-            curves["motor_qd"] = curves["motor_q"].derivative()
-        return curves
+        motor = CubicHermiteSpline(t, *motors) if self.motor_q.size else positions
+        curves = positions, velocities, velocities.derivative(), *others, motor, motor.derivative()
+        return dict(zip(names, curves, strict=True))
 
     @property
     def breaks(self) -> tuple[float, ...]:
@@ -524,8 +521,8 @@ def samples_of(motion: Trajectory, times: Array) -> tuple[Array, Array, Array, A
 
 def motors_at(motion: Trajectory, t: Array) -> tuple[Array, Array]:
     """Positions and velocities of the motors at times within a motion; of rigid joints those of the joints."""
-    q, qd = motion._at(t, *(("motor_q", "motor_qd") if motion.motor_q.size else ("q", "qd")))
-    return q, qd
+    motor_q, motor_qd = motion._at(t, "motor_q", "motor_qd")
+    return motor_q, motor_qd
 
 
 def between(t: Array, most: int = PARTS, samples: int = MOST) -> Array:
