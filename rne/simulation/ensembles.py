@@ -60,8 +60,8 @@ class Ensemble(InNotebooks):
     energies : ndarray, shape (S, N, k)
         Work of the drives and losses by friction since the start, in the order of `ledger` [J].
     ledger : tuple of str, length k
-        Names of the energies: work of the "drives", and what "viscous" and "coulomb" friction dissipate, those that
-        the scene has.
+        Names of the energies: work of the "drives", and what "viscous" and "coulomb" friction and the "joint_damping"
+        of elastic joints dissipate, those that the scene has.
     method : str
         The method that ran; several are joined by commas.
     step : float or None
@@ -182,8 +182,8 @@ def ensemble(
         What moves. Without stops, friction that sticks, samples and called controllers all motions run side by side;
         with them one after another, as `rne.simulate` runs them.
     q0, qd0 : array_like, shape (N, n)
-        Initial positions and velocities [rad or m; rad/s or m/s]. If both are float32 and `step` is given, so is the
-        computation; see docs/stability.md.
+        Initial positions and velocities, of elastic joints as `rne.simulate` takes them [rad or m; rad/s or m/s]. If
+        both are float32 and `step` is given, so is the computation; see docs/stability.md.
     duration : float
         Time to simulate [s].
     rtol, atol : float

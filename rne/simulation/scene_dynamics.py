@@ -8,10 +8,10 @@
 |                              | and the rates of its states           |        |           |
 | sampled                      | by ZeroOrderHold; its torques are `u` | None   | "held"    |
 
-The state x is q, qd, the controller's states z, and energies since the start: the work of the drives and what viscous
-and Coulomb friction dissipate, as far as the scene has them. Energies are integrated with the motion; their errors are
-controlled loosely, so that they hold back no step that the motion does not. The work of torques that are held follows
-from the positions.
+The state x is q, qd (`elastic_joints` has more), the controller's states z, and energies since the start: the work of
+the drives and what viscous and Coulomb friction dissipate, as far as the scene has them. Energies are integrated with
+the motion; their errors are controlled loosely, so that they hold back no step that the motion does not. The work of
+torques that are held follows from the positions.
 
 While a drive is at its limit, the motion tells a solver nothing of the law, and steps grow until they jump over the
 time at which the torque leaves the limit. The error control therefore follows the law as well: the impulses of the

@@ -91,7 +91,8 @@ class Trajectory(InNotebooks):
     q, qd, qdd, tau : ndarray, shape (T, n)
         Positions, velocities, accelerations and drive torques [rad or m; rad/s or m/s; rad/s^2 or m/s^2; N m or N].
     kinetic, potential, energy, work : ndarray, shape (T,)
-        Energies, their sum, and the work the drives have done since the start [J].
+        Energies, with those of rotors and torsion behind elastic joints, their sum, and the work the drives have done
+        since the start [J].
     energy_drift : float
         Largest magnitude of energy - energy at the start - work + dissipated [J]: energy created or lost by the
         solver's errors.
