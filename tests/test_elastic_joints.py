@@ -236,6 +236,25 @@ def test_impulses_of_limited_torques_are_of_the_motors(arm):
     assert motion.energy_drift <= 1e-9
 
 
+@pytest.mark.parametrize("smoothing", [0.01, 0.0])
+def test_springs_pull_at_links(arm, smoothing):
+    """The torsion holds weight and springs at first; the ledger closes, and equals that of Spong's equations."""
+    springs = [rne.Spring.at_joint("joint1", 5.0, 1.0, damping=0.3), rne.Spring.at_joint("joint0", 3.0, -1.0)]
+    dry = rne.Friction(coulomb=0.5, smoothing=smoothing)
+    scene = rne.Scene(arm, elastic=rne.ElasticJoints(500.0, 1.0, 0.2), springs=springs, friction=dry)
+    q0 = np.array([0.5, 0.2])
+    motion = rne.simulate(scene, q0, [0, 0], 0.5, **TIGHT)
+    weight = arm.gravity_torque(q0) + [3.0 * (0.5 + 1.0), 5.0 * (0.2 - 1.0)]
+    np.testing.assert_allclose(500.0 * (motion.motor_q[0] - q0), weight, rtol=0, atol=1e-11)
+    assert motion.energy_drift <= 1e-9
+    assert list(motion.dissipated) == ["coulomb", "springs", "joint_damping"]
+    assert min(energy[-1] for energy in motion.dissipated.values()) > 1e-4
+    torsion = 500.0 * (motion.motor_q - motion.q) + motion.motor_qd - motion.qd
+    held = np.stack([3.0 * (motion.q[:, 0] + 1.0), 5.0 * (motion.q[:, 1] - 1.0) + 0.3 * motion.qd[:, 1]], axis=1)
+    qdd = arm.forward_dynamics(motion.q, motion.qd, torsion - held)
+    np.testing.assert_allclose(motion.qdd, qdd, rtol=0, atol=1e-10 * np.abs(qdd).max())
+
+
 @pytest.mark.parametrize("engine", kept(["numpy", "numba"], ["numpy"]))
 def test_ensembles_move_as_single_motions(arm, engine):
     """Side by side, by equal steps, and one after another; with other inertial parameters too."""

@@ -126,7 +126,9 @@ class ElasticDynamics(SceneDynamics):
             given.append(joint_array(name, array, robot.model, self.n if array.shape[-1:] == (self.n,) else None))
         q, qd = given
         if q.shape[-1] == robot.n:
-            q = np.concatenate([q, q + robot.gravity_torque(q) / np.array(self._side.stiffness)], axis=-1)
+            weight = robot.gravity_torque(q)
+            weight = weight if self.springs is None else weight + self.springs.torque(robot, q, 0 * q)
+            q = np.concatenate([q, q + weight / np.array(self._side.stiffness)], axis=-1)
         return q, np.concatenate([qd, qd], axis=-1) if qd.shape[-1] == robot.n else qd
 
     def energies_of(self, robot: Robot, x: Array) -> tuple[Array, Array]:
@@ -136,21 +138,23 @@ class ElasticDynamics(SceneDynamics):
         kinetic = kinetic + (np.array(self._side.rotor) * motor_qd**2).sum(-1) / 2
         return kinetic, potential + (np.array(self._side.stiffness) * (motor_q - q) ** 2).sum(-1) / 2
 
-    def _torsion(self, x: Array) -> tuple[Array, list[Array]]:
-        """Torque of the joints on the links, and the power that their damping takes, where energies are states."""
+    def _torsion(self, model: Model, x: Array) -> tuple[Array, Array, list[Array]]:
+        """Torsion of the joints, the links' net torques, and the powers that are lost, where energies are states."""
         q, motor_q, qd, motor_qd = self._parts(x)
-        torque = np.array(self._side.stiffness) * (motor_q - q)
-        if not any(self._side.damping):
-            return torque, []
-        damped = np.array(self._side.damping) * (motor_qd - qd)
-        power = [(damped * (motor_qd - qd)).sum(-1, keepdims=True)] if "joint_damping" in self.energies else []
-        return torque + damped, power
+        torsion, lost = np.array(self._side.stiffness) * (motor_q - q), list[Array]()
+        if any(self._side.damping):
+            damped = np.array(self._side.damping) * (motor_qd - qd)
+            torsion, lost = torsion + damped, self._powers(motor_qd - qd, {"joint_damping": damped})
+        if self.springs is None:
+            return torsion, torsion, lost
+        held, by_springs = self._held(model, x)
+        return torsion, torsion - held, [*by_springs, *lost]
 
     def _acting(self, model: Model, t: Any, x: Array, u: Array | None) -> tuple[Array, list[Array]]:
         """Net torques on links and motors, and the rates of the states behind (q, theta, q', theta')."""
-        net, further = super()._acting(model, t, x, u)
-        torsion, lost = self._torsion(x)
-        return np.concatenate([torsion, net - torsion], axis=-1), [*further, *lost]
+        net, further = self._driving(t, x, u)
+        torsion, links, lost = self._torsion(model, x)
+        return np.concatenate([links, net - torsion], axis=-1), [*further, *lost]
 
     def right_hand_side_core(self, model: Model, t: Array, x: Array, u: Array | None = None) -> Any:
         """(dx/dt, pivots, diagonal of the links' M), traced."""
@@ -176,12 +180,12 @@ class ElasticDynamics(SceneDynamics):
         motor_qd = slips * x[..., n + m : 2 * n]
         moving = np.concatenate([x[..., : n + m], motor_qd, x[..., 2 * n :]], axis=-1)
         drives, further = self.drives(t, moving, u[..., : -2 * n] if self.torque_given else None)
-        viscous, (torsion, lost) = self.friction.viscous_torque(motor_qd), self._torsion(moving)
+        viscous, (torsion, links, lost) = self.friction.viscous_torque(motor_qd), self._torsion(model, moving)
         resisting = torsion + viscous
         net = -resisting if drives is None else drives - resisting
-        qdd, pivots, diagonal = self.forward.quantity.core(model, x[..., :m], x[..., n : n + m], torsion)
+        qdd, pivots, diagonal = self.forward.quantity.core(model, x[..., :m], x[..., n : n + m], links)
         loads = slips * dry + (1 - slips) * net
         further += [*self._powers(motor_qd, {"drives": drives, "viscous": viscous, "coulomb": dry}), *lost]
-        found = [qdd, slips * (net - dry) / rotor], [0 * qdd, loads], [torsion, net], [0 * qdd + 1, 0 * qdd + rotor]
+        found = [qdd, slips * (net - dry) / rotor], [0 * qdd, loads], [links, net], [0 * qdd + 1, 0 * qdd + rotor]
         accelerations, loads, net, inertia = (np.concatenate(part, axis=-1) for part in found)
         return accelerations, loads, net, further, inertia, pivots, diagonal

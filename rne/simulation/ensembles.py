@@ -58,10 +58,10 @@ class Ensemble(InNotebooks):
     tau : ndarray, shape (S, N, n)
         Torques of the drives at these times, zero without a controller [N m or N].
     energies : ndarray, shape (S, N, k)
-        Work of the drives and losses by friction since the start, in the order of `ledger` [J].
+        Work of the drives and losses by friction and in springs since the start, in the order of `ledger` [J].
     ledger : tuple of str, length k
-        Names of the energies: work of the "drives", and what "viscous" and "coulomb" friction and the "joint_damping"
-        of elastic joints dissipate, those that the scene has.
+        Names of the energies: work of the "drives", and what "viscous" and "coulomb" friction, the damping of "springs"
+        and the "joint_damping" of elastic joints dissipate, those that the scene has.
     method : str
         The method that ran; several are joined by commas.
     step : float or None
@@ -585,7 +585,9 @@ def at_parameters_of(scene: Scene, parameters: Array) -> Scene:
     contained: dict[str, Any] = dict.fromkeys(("mounting", "gravity", "payload", "locked", "armature"))
     if parts.motor_side is not None:
         contained["elastic"] = ElasticJoints(**parts.motor_side._asdict())
-    return replace(scene, robot=robot, friction=parts.friction, effort_limit=parts.effort_limit, **contained)
+    springs = parts.springs.each if parts.springs else None
+    kept: dict[str, Any] = {"friction": parts.friction, "effort_limit": parts.effort_limit, "springs": springs}
+    return replace(scene, robot=robot, **kept, **contained)
 
 
 Plan = BatchRun | SequentialRun

@@ -220,7 +220,9 @@ class Friction:
         return self.viscous_torque(rates) + self.coulomb_torque(rates)
 
 
-def creep(friction: Friction, robot: Robot, motion: Sequence[Array], rest: Array | None, rotor: Any = None) -> str:
+def creep(
+    friction: Friction, robot: Robot, motion: Sequence[Array], rest: Array | None, springs: Any, rotor: Any
+) -> str:
     """How far joints crept along samples (T, n) while dry friction would have held them; empty where that is little.
 
     A robot without drives that starts at rest does so in the positions `rest`; otherwise these are None. `motion` is
@@ -231,9 +233,8 @@ def creep(friction: Friction, robot: Robot, motion: Sequence[Array], rest: Array
     if friction.smoothing == 0 or not (forward.any() or back.any()) or len(q) < 2:
         return ""
     inverse = np.linalg.inv(robot.mass_matrix(q) if rotor is None else np.diag(rotor))
-    load = friction.torque(robot.model, qd) + qdd / np.diagonal(
-        inverse, axis1=-2, axis2=-1
-    )  # that would keep each joint from accelerating
+    # Friction that would keep each joint from accelerating
+    load = friction.torque(robot.model, qd) + qdd / np.diagonal(inverse, axis1=-2, axis2=-1)
     releases = np.abs(load) >= np.where(load < 0, back, forward)
     sample = np.arange(len(q))[:, None]
     caught, released = (
@@ -243,6 +244,8 @@ def creep(friction: Friction, robot: Robot, motion: Sequence[Array], rest: Array
     held = caught > released
     moved = (np.abs(np.diff(q, axis=0)) * (held[1:] & held[:-1])).sum(axis=0)
     weight = None if rest is None else robot.gravity_torque(rest)
+    if weight is not None and rest is not None and springs is not None:
+        weight = weight + springs.torque(robot, rest, 0 * rest)
     if weight is not None and (np.abs(weight) < np.where(weight > 0, back, forward)).all():
         moved = np.abs(q - rest).max(axis=0)
     units = ["rad" if robot.model.is_revolute[k] else "m" for k in robot.model.independent_joints]

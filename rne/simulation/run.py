@@ -167,8 +167,8 @@ class RunResult(NamedTuple):
         found |= dict(zip(("motor_q", "motor_qd"), moved if side else 2 * (np.zeros((0, 0)),), strict=False))
         found |= {"jumps": jumps, "qdd_before": qdd_before, "tau_before": tau_before}
         rest = None if side or "drives" in dynamics.ledger or x0[N : 2 * N].any() else x0[:N]
-        rotor = side.rotor if side else None
-        crept = "" if dynamics.friction is None else creep(dynamics.friction, robot, moved, rest, rotor)
+        how = rest, dynamics.springs, side.rotor if side else None
+        crept = "" if dynamics.friction is None else creep(dynamics.friction, robot, moved, *how)
         return found | {"message": f"{crept}; {self.ending}" if crept else self.ending}, self.failure or failure
 
     def _after_breaks(self) -> Instants:

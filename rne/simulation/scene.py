@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import weakref
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -24,6 +24,7 @@ from .control_law import TracedLaw, check_law
 from .elastic_joints import ElasticDynamics, ElasticJoints, part_at_joints
 from .friction import Friction, urdf_friction
 from .scene_dynamics import MotorSide, SceneDynamics
+from .springs import JointSpring, Spring, Springs, resolved_springs
 
 LOGGER = logging.getLogger("rne")
 _announced: weakref.WeakValueDictionary[int, Any] = weakref.WeakValueDictionary()  # laws that are called, by id
@@ -83,11 +84,12 @@ class ResolvedScene:
     effort_limit: Array | None  # (n,), largest torque of each drive; None if none is limited [N m or N]
     torque_rate: Array | None  # (n,), largest change of a held torque per second [N m/s or N/s]
     motor_side: MotorSide | None  # of elastic joints, whose robot has no rotors
+    springs: Springs | None  # those that move
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A robot with all that a simulation models: payload, friction, limits, stops, a controller.
+    """A robot with all that a simulation models: payload, friction, springs, limits, stops, a controller.
 
     Parameters
     ----------
@@ -121,6 +123,9 @@ class Scene:
         The controller is evaluated every `sample_time`, and its torque is held in between [s].
     elastic : ElasticJoints, optional
         Joints that yield between motor and link.
+    springs : sequence of Spring, optional
+        Springs between links or at joints. Their energy counts as potential energy; those at or between what locked
+        joints hold do nothing.
 
     Raises
     ------
@@ -150,6 +155,7 @@ class Scene:
     controller: Any = None
     sample_time: float | None = None
     elastic: ElasticJoints | None = None
+    springs: Sequence[Spring | JointSpring] | None = None
 
     __repr__ = summary
 
@@ -173,6 +179,8 @@ class Scene:
         for name in ("mounting", "gravity", "armature", "effort_limit", "torque_rate"):
             if isinstance(getattr(self, name), np.ndarray):  # the caller may change the array later
                 object.__setattr__(self, name, getattr(self, name).copy())
+        if isinstance(self.springs, list):
+            object.__setattr__(self, "springs", tuple(self.springs))
         _ = self.resolved  # raises the errors in the parts
         meant_for = getattr(self.controller, "robot", None)
         if not isinstance(meant_for, Robot):
@@ -191,7 +199,8 @@ class Scene:
             robot, motor_side = part_at_joints(robot, self.elastic)
         friction = resolved_friction(self.friction, robot)
         effort, rate = (resolved_limits(k, getattr(self, k), robot) for k in ("effort_limit", "torque_rate"))
-        return ResolvedScene(robot, friction, effort, rate, motor_side)
+        springs = resolved_springs(self.springs or (), self.robot, robot)
+        return ResolvedScene(robot, friction, effort, rate, motor_side, springs)
 
     def _resolved_robot(self) -> Robot:
         robot = self.robot
@@ -239,6 +248,7 @@ class Scene:
             states,
             tuple(inertia) if has_impulses else None,
             motor_side=side,
+            springs=parts.springs,
         )
 
     @property
@@ -350,7 +360,7 @@ class Scene:
         return replace(self.dynamics, inputs=inputs, inertia=None, has_energies=False)
 
     def inverse_dynamics(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> Array:
-        """Torques of the drives for given accelerations, friction included.
+        """Torques of the drives for given accelerations, friction and springs included.
 
         Parameters
         ----------
@@ -374,13 +384,13 @@ class Scene:
         >>> scene.inverse_dynamics([0] * 6, [0, 0, 0, 0, 0, 1], [0] * 6).round(9)[5].item()
         2.0
         """
-        robot, friction = self.resolved.robot, self.resolved.friction
         self._refuse_elastic("inverse_dynamics", "torques of drives also depend on how accelerations change")
-        tau = robot.inverse_dynamics(q, qd, qdd)
-        return tau if friction is None else tau + friction.torque(robot.model, qd)
+        tau = self.resolved.robot.inverse_dynamics(q, qd, qdd)
+        resisting = self._resisting(q, qd)
+        return tau if resisting is None else tau + resisting
 
     def forward_dynamics(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> Array:
-        """Accelerations under the drives' torques, friction included.
+        """Accelerations under the drives' torques, friction and springs included.
 
         Parameters
         ----------
@@ -408,12 +418,19 @@ class Scene:
         >>> scene.forward_dynamics([0] * 6, [1] * 6, tau).round(9).tolist()
         [3.0, 3.0, 3.0, 3.0, 3.0, 3.0]
         """
-        robot, friction = self.resolved.robot, self.resolved.friction
         self._refuse_elastic("forward_dynamics", "accelerations follow from the torsion, not from the drives' torques")
+        robot, resisting = self.resolved.robot, self._resisting(q, qd)
         net = joint_array("tau", tau, robot.model)
-        if friction is not None:
-            net = net - friction.torque(robot.model, qd)
-        return robot.forward_dynamics(q, qd, net)
+        return robot.forward_dynamics(q, qd, net if resisting is None else net - resisting)
+
+    def _resisting(self, q: ArrayLike, qd: ArrayLike) -> Array | None:
+        """Torques that drives must supply against friction and springs; None without either."""
+        robot, friction, springs = self.resolved.robot, self.resolved.friction, self.resolved.springs
+        resisting = None if friction is None else friction.torque(robot.model, qd)
+        if springs is None:
+            return resisting
+        held = springs.torque(robot, q, qd)
+        return held if resisting is None else resisting + held
 
     def _refuse_elastic(self, name: str, why: str) -> None:
         if self.elastic is not None:
@@ -425,9 +442,9 @@ class Scene:
         Returns
         -------
         dict
-            "total"; for payload, friction, effort_limit, controller (where given), armature and gravity, the operations
-            saved without it; "law", whether the controller is "traced", "called" or "none". The cost of a called
-            controller is not known, nor that of a robot too large to be written out: then "total" is None.
+            "total"; for payload, friction, springs, effort_limit, controller (where given), armature and gravity, the
+            operations saved without it; "law", whether the controller is "traced", "called" or "none". The cost of a
+            called controller is not known, nor that of a robot too large to be written out: then "total" is None.
 
         Examples
         --------
@@ -444,7 +461,7 @@ class Scene:
 
         total = sum(self.kernel.operations.values())
         costs: dict[str, int | str | None] = {"total": total}
-        for part in ("payload", "friction", "effort_limit", "controller"):
+        for part in ("payload", "friction", "springs", "effort_limit", "controller"):
             if getattr(self, part) is not None:
                 needing = ("sample_time", "torque_rate", "effort_limit") if part == "controller" else ()
                 costs[part] = total - operations(**dict.fromkeys((part, *needing)))

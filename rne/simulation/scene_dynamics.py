@@ -9,8 +9,8 @@
 | sampled                      | by ZeroOrderHold; its torques are `u` | None   | "held"    |
 
 The state x is q, qd (`elastic_joints` has more), the controller's states z, and energies since the start: the work of
-the drives and what viscous and Coulomb friction dissipate, as far as the scene has them. Energies are integrated with
-the motion; their errors are controlled loosely, so that they hold back no step that the motion does not. The work of
+the drives and what friction and damping dissipate, as far as the scene has them. Energies are integrated with the
+motion; their errors are controlled loosely, so that they hold back no step that the motion does not. The work of
 torques that are held follows from the positions.
 
 While a drive is at its limit, the motion tells a solver nothing of the law, and steps grow until they jump over the
@@ -37,6 +37,7 @@ from ..model.model import Model, joint_array
 from ..robot import Robot
 from .control_law import LawInputs, TracedLaw
 from .friction import Friction
+from .springs import Springs
 
 
 class MotorSide(NamedTuple):
@@ -84,6 +85,7 @@ class SceneDynamics:
     inertia: tuple[float, ...] | None = None
     has_energies: bool = True
     motor_side: MotorSide | None = None
+    springs: Springs | None = None
 
     @cached_property
     def _hash(self) -> int:
@@ -100,6 +102,7 @@ class SceneDynamics:
         """Names of the energies that the scene exchanges."""
         f, names = self.friction, ["drives"] if self.law is not None or self.inputs != "none" else []
         names += [k for k in ("viscous", "coulomb") if np.any(getattr(f, k, 0)) or np.any(getattr(f, f"{k}_back", 0))]
+        names += ["springs"] if self.springs is not None and self.springs.dissipates else []
         names += ["joint_damping"] if self.motor_side is not None and any(self.motor_side.damping) else []
         return tuple(names)
 
@@ -166,7 +169,9 @@ class SceneDynamics:
     def energies_of(self, robot: Robot, x: Array) -> tuple[Array, Array]:
         """Kinetic and potential energy in states [J]."""
         q = x[..., : self.joints]
-        return robot.kinetic_energy(q, x[..., self.n : self.n + self.joints]), robot.potential_energy(q)
+        potential = robot.potential_energy(q)
+        potential = potential if self.springs is None else potential + self.springs.energy(robot, q)
+        return robot.kinetic_energy(q, x[..., self.n : self.n + self.joints]), potential
 
     def _powers(self, qd: Array, torques: dict[str, Array | None]) -> list[Array]:
         """Rates of the energies under given torques."""
@@ -175,6 +180,21 @@ class SceneDynamics:
 
     def _acting(self, model: Model, t: Any, x: Array, u: Array | None) -> tuple[Array, list[Array]]:
         """Net torques, and the rates of the states behind (q, qd)."""
+        net, further = self._driving(t, x, u)
+        if self.springs is None:
+            return net, further
+        held, lost = self._held(model, x)
+        return net - held, [*further, *lost]
+
+    def _held(self, model: Model, x: Array) -> tuple[Array, list[Array]]:
+        """Torques that springs need of the joints, and the power that they take, where energies are states."""
+        assert self.springs is not None
+        qd = x[..., self.n : self.n + self.joints]
+        held, damped = self.springs.torques(model, x[..., : self.joints], qd)
+        return held, [] if damped is None else self._powers(qd, {"springs": damped})
+
+    def _driving(self, t: Any, x: Array, u: Array | None) -> tuple[Array, list[Array]]:
+        """Torques of drives and friction on what the drives move, and the rates of the states but for other losses."""
         qd = x[..., self.n : 2 * self.n][..., self.driven]
         drives, further = self.drives(t, x, u)
         torques: dict[str, Array | None] = {"drives": drives}
@@ -218,12 +238,16 @@ class SceneDynamics:
         drives, further = self.drives(t, moving, given if self.torque_given else None)
         viscous = self.friction.viscous_torque(qd)
         resisting = bias_torque.core(model, q, qd) + viscous
+        torques = {"drives": drives, "viscous": viscous, "coulomb": dry}
+        if self.springs is not None:
+            torque, torques["springs"] = self.springs.torques(model, q, qd)
+            resisting = resisting + torque
         net = -resisting if drives is None else drives - resisting
         M = mass_matrix.core(model, q)
         among = M * slips[..., :, None] * slips[..., None, :] + np.eye(n) * (1 - slips)[..., None]
         qdd, pivots, diagonal = solve_with_pivots(among, model.coordinate_parent, slips * (net - dry))
         loads = slips * dry + (1 - slips) * (net - rotate(M, qdd))
-        further += self._powers(qd, {"drives": drives, "viscous": viscous, "coulomb": dry})
+        further += self._powers(qd, torques)
         return qdd, loads, net, further, np.diagonal(M, axis1=-2, axis2=-1), pivots, diagonal
 
     def right_hand_side_under_modes_core(self, model: Model, t: Array, x: Array, u: Array) -> Any:
@@ -248,6 +272,7 @@ class SceneDynamics:
         self, model: Model, arguments: Any, rates: Array, pivots: Array, diagonal: Array
     ) -> PrecisionStatus:
         t, x, joints = arguments["t"], arguments["x"], slice(self.n, self.n + self.joints)
+        self._check_springs(model, x)
         net, _ = self._acting(model, t, x, arguments.get("u"))
         q, qd = x[..., : self.joints], x[..., joints]
         state = {"q": q, "qd": qd, "tau": np.broadcast_to(net[..., : self.joints], q.shape)}
@@ -256,7 +281,12 @@ class SceneDynamics:
     def _check_balance(
         self, model: Model, arguments: Any, rates: Array, pivots: Array, diagonal: Array
     ) -> PrecisionStatus:
+        self._check_springs(model, arguments["x"])
         return check_singularity(model, {"q": arguments["x"][..., : self.joints]}, rates, pivots, diagonal)
+
+    def _check_springs(self, model: Model, x: Array) -> None:
+        if self.springs is not None:
+            self.springs.check_ends(model, x[..., : self.joints])
 
     def _declared(self, name: str, title: str, *, a: bool = False, modes: bool = False, **how: Any) -> MethodQuantity:
         """One of the functions, with the lengths of its arguments: t, x, perhaps a, and u where there are inputs."""

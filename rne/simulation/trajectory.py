@@ -91,8 +91,8 @@ class Trajectory(InNotebooks):
     q, qd, qdd, tau : ndarray, shape (T, n)
         Positions, velocities, accelerations and drive torques [rad or m; rad/s or m/s; rad/s^2 or m/s^2; N m or N].
     kinetic, potential, energy, work : ndarray, shape (T,)
-        Energies, with those of rotors and torsion behind elastic joints, their sum, and the work the drives have done
-        since the start [J].
+        Energies, springs and the rotors and torsion of elastic joints included, their sum, and the work the drives have
+        done since the start [J].
     energy_drift : float
         Largest magnitude of energy - energy at the start - work + dissipated [J]: energy created or lost by the
         solver's errors.
@@ -105,8 +105,8 @@ class Trajectory(InNotebooks):
     message : str
         Why this method, and how the run ended.
     dissipated : mapping of str to ndarray, shape (T,)
-        Energy dissipated since the start by "viscous" and "coulomb" friction and by "joint_damping" of elastic joints,
-        where the scene has them [J].
+        Energy dissipated since the start by "viscous" and "coulomb" friction, the damping of "springs" and the
+        "joint_damping" of elastic joints, where the scene has them [J].
     controller_state : ndarray, shape (T, m)
         States of the controller, such as the integral of a PID.
     energy_start : float

@@ -119,6 +119,8 @@ class ZeroOrderHold:
         if self.scene.elastic is not None:
             return "rne.check_gains tells only what rigid joints need"
         gains = [getattr(self.scene.controller, name, None) for name in ("kp", "kd")]
+        if self.scene.resolved.springs is not None:
+            return "springs, which rne.check_gains does not know, may need shorter sample times"
         try:
             limit = check_gains(self.scene.resolved.robot, *gains).sample_time_limit  # type: ignore[arg-type]
         except (ValueError, TypeError):
