@@ -231,9 +231,8 @@ def creep(friction: Friction, robot: Robot, motion: Sequence[Array], rest: Array
     if friction.smoothing == 0 or not (forward.any() or back.any()) or len(q) < 2:
         return ""
     inverse = np.linalg.inv(robot.mass_matrix(q) if rotor is None else np.diag(rotor))
-    load = friction.torque(robot.model, qd) + qdd / np.diagonal(
-        inverse, axis1=-2, axis2=-1
-    )  # that would keep each joint from accelerating
+    # Friction that would keep each joint from accelerating
+    load = friction.torque(robot.model, qd) + qdd / np.diagonal(inverse, axis1=-2, axis2=-1)
     releases = np.abs(load) >= np.where(load < 0, back, forward)
     sample = np.arange(len(q))[:, None]
     caught, released = (
