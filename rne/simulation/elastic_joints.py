@@ -82,8 +82,7 @@ class ElasticJoints:
 def part_at_joints(robot: Robot, elastic: ElasticJoints) -> tuple[Robot, MotorSide]:
     """The links, without rotors, and what is behind the joints; a ValueError where the two do not fit."""
     model, names = robot.model, robot.joint_names
-    if model.has_mimics:
-        driven = [name for k, name in enumerate(model.moving_joints) if k not in model.independent_joints]
+    if driven := [name for k, name in enumerate(model.moving_joints) if k not in model.independent_joints]:
         raise ValueError(f"`elastic` is not for joints that follow others, got {listed(driven)}")
     if elastic.rotor is not None and model.armature.any():
         raise ValueError("`rotor` of the elastic joints is given, and so is an armature: give one of them")
@@ -109,10 +108,7 @@ def _numbers(name: str, value: LimitValues, joints: tuple[str, ...]) -> tuple[fl
 class ElasticDynamics(SceneDynamics):
     """The equations of motion of a scene with elastic joints; `n` counts the coordinates of links and motors."""
 
-    @property
-    def _side(self) -> MotorSide:
-        assert self.motor_side is not None
-        return self.motor_side
+    motor_side: MotorSide
 
     def _parts(self, x: Array) -> list[Array]:
         """q, theta, q', theta'."""
@@ -128,22 +124,22 @@ class ElasticDynamics(SceneDynamics):
         if q.shape[-1] == robot.n:
             weight = robot.gravity_torque(q)
             weight = weight if self.springs is None else weight + self.springs.torque(robot, q, 0 * q)
-            q = np.concatenate([q, q + weight / np.array(self._side.stiffness)], axis=-1)
+            q = np.concatenate([q, q + weight / np.array(self.motor_side.stiffness)], axis=-1)
         return q, np.concatenate([qd, qd], axis=-1) if qd.shape[-1] == robot.n else qd
 
     def energies_of(self, robot: Robot, x: Array) -> tuple[Array, Array]:
         """Kinetic and potential energy in states, those of rotors and torsion included [J]."""
         kinetic, potential = super().energies_of(robot, x)
         q, motor_q, _, motor_qd = self._parts(x)
-        kinetic = kinetic + (np.array(self._side.rotor) * motor_qd**2).sum(-1) / 2
-        return kinetic, potential + (np.array(self._side.stiffness) * (motor_q - q) ** 2).sum(-1) / 2
+        kinetic = kinetic + (np.array(self.motor_side.rotor) * motor_qd**2).sum(-1) / 2
+        return kinetic, potential + (np.array(self.motor_side.stiffness) * (motor_q - q) ** 2).sum(-1) / 2
 
     def _torsion(self, model: Model, x: Array) -> tuple[Array, Array, list[Array]]:
         """Torsion of the joints, the links' net torques, and the powers that are lost, where energies are states."""
         q, motor_q, qd, motor_qd = self._parts(x)
-        torsion, lost = np.array(self._side.stiffness) * (motor_q - q), list[Array]()
-        if any(self._side.damping):
-            damped = np.array(self._side.damping) * (motor_qd - qd)
+        torsion, lost = np.array(self.motor_side.stiffness) * (motor_q - q), list[Array]()
+        if any(self.motor_side.damping):
+            damped = np.array(self.motor_side.damping) * (motor_qd - qd)
             torsion, lost = torsion + damped, self._powers(motor_qd - qd, {"joint_damping": damped})
         if self.springs is None:
             return torsion, torsion, lost
@@ -161,7 +157,7 @@ class ElasticDynamics(SceneDynamics):
         (q, _, qd, motor_qd), m = self._parts(x), self.joints
         net, further = self._acting(model, t, x, u)
         qdd, pivots, diagonal = self.forward.quantity.core(model, q, qd, net[..., :m])
-        motor_qdd = net[..., m:] * (1 / np.array(self._side.rotor))
+        motor_qdd = net[..., m:] * (1 / np.array(self.motor_side.rotor))
         return np.concatenate([qd, motor_qd, qdd, motor_qdd, *further], axis=-1), pivots, diagonal
 
     def residual_core(self, model: Model, t: Array, x: Array, a: Array, u: Array | None = None) -> Any:
@@ -169,13 +165,13 @@ class ElasticDynamics(SceneDynamics):
         (q, _, qd, _), m = self._parts(x), self.joints
         net, further = self._acting(model, t, x, u)
         links = inverse_dynamics.core(model, q, qd, a[..., :m])
-        motors = np.array(self._side.rotor) * a[..., m:]
+        motors = np.array(self.motor_side.rotor) * a[..., m:]
         return np.concatenate([np.concatenate([links, motors], axis=-1) - net, *further], axis=-1)
 
     def _balance(self, model: Model, t: Array, x: Array, u: Array) -> tuple[Any, ...]:
         """As of rigid joints: links always move, motors are accelerated by what drives, friction and torsion leave."""
         assert self.friction is not None
-        n, m, rotor = self.n, self.joints, np.array(self._side.rotor)
+        n, m, rotor = self.n, self.joints, np.array(self.motor_side.rotor)
         slips, dry = u[..., -2 * n + m : -n], u[..., -m:]
         motor_qd = slips * x[..., n + m : 2 * n]
         moving = np.concatenate([x[..., : n + m], motor_qd, x[..., 2 * n :]], axis=-1)
