@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import rne
+from rne.identification.diagnosis.residuals import FitResiduals
 from rne.simulation.plant import Plant
 
 from .helpers import relative, states
@@ -280,12 +281,15 @@ class TestMotions:
         ]
         assert "crept" in swings[0].message
         assert "crept" not in swings[1].message
+        pulled = rne.Scene(pendulum(), friction=friction, springs=[rne.Spring.at_joint("swing", 9.4, 0)])
+        assert "crept" not in rne.simulate(pulled, [0.5], [0], 0.2).message  # it moves, as it should
 
 
 class TestReports:
     def test_fastest_motion_keeps_the_limits(self, arm):
         pytest.importorskip("toppra")
-        robot, springs = arm.with_limits(effort=[250, 250, 150]), [FEW[0], *FEW[2:]]
+        robot = arm.with_limits(effort=[250, 250, 150])
+        springs = [FEW[0], *FEW[2:], rne.Spring.at_joint("joint_1", 0, 0, damping=40)]
         path = [[0] * 3, [1, 0.5, 0.3]]
         motion, alone = (rne.trajectories.fastest(robot, path, springs=s) for s in (springs, None))
         shares = motion.shares()["torque"]
@@ -435,13 +439,17 @@ class TestIdentification:
     def test_a_spring_is_found(self, arm):
         found, record, off = found_again(arm, 0)
         assert (off <= 3).all()
+        k, c = found.estimate.values[-2:]
+        moved = [[found.springs[0]._at(*x).length for x in ((k + s, c), (k, c + s))] for s in (1e-3, -1e-3)]
+        slopes = np.array([[1, 0], np.subtract(*moved) / 2e-3])
+        covariance = slopes @ found.estimate.covariance[-2:, -2:] @ slopes.T
+        assert found.spring_errors[0] == pytest.approx(np.sqrt(np.diag(covariance)), rel=1e-5)
         assert "spring between 'link_1' and 'link_2': stiffness " in found.report()
         (spring,) = found.springs
         q, qd, qdd = states(3, 5)
         assert relative(found.predict(q, qd, qdd), found.base.regressor(q, qd, qdd) @ found.values) <= 1e-12
         assert found.check(record).relative.max() < 0.05
         assert rne.Scene(arm, springs=found.springs).resolved.springs.each == (spring,)
-        assert rne.identify_payload(found, None, record).payload.mass == pytest.approx(0, abs=1)
 
     def test_numbers_become_springs(self):
         """Lengths that are not negative; preloads that pull have a force instead."""
@@ -464,6 +472,31 @@ class TestIdentification:
         found = rne.identify(arm, record, springs=[given], consistent=False, drives=rne.DriveModel(offset=True))
         assert found.springs[0].stiffness == pytest.approx(300, rel=1e-2)
         assert found.offset[2] == pytest.approx(-150, rel=1e-2)
+
+    def test_a_payload_beside_a_spring(self, arm):
+        """A fit that knows the spring finds what is lifted."""
+        logs = []
+        for payload, seed in ((None, 3), (rne.Payload(5.0, [0, 0, 0.1]), 4)):
+            t, q, qd, qdd = multisine(3, 10, 100, seed)
+            scene = rne.Scene(arm, springs=[GAS], payload=payload)
+            logs.append(rne.identification.Record(t, q, scene.inverse_dynamics(q, qd, qdd)))
+        found = rne.identify(arm, logs[0], springs=[GAS], consistent=False, drives=rne.DriveModel())
+        assert found.springs[0].length == pytest.approx(0.45, rel=1e-5)
+        assert found.consistency().energy.missing <= 1e-3
+        rest = FitResiduals(arm, found.base, found.data, found.estimate.values, found.estimate.sigma)
+        assert relative(rest.load(q, qd, qdd), found.predict(q, qd, qdd)) <= 1e-9  # what gears transmit
+        assert rne.identify_payload(found, None, logs[1]).payload.mass == pytest.approx(5, rel=5e-3)
+
+    def test_a_preload_that_pulls(self, arm):
+        """Beside possible bodies: c is negative, which no friction is."""
+        pytest.importorskip("clarabel")
+        t, q, qd, qdd = multisine(3, 10, 100, 6)
+        true = rne.Spring("link_1", GAS.point, "link_2", GAS.other_point, 2000, 0, force=-900)
+        record = rne.identification.Record(t, q, rne.Scene(arm, springs=[true]).inverse_dynamics(q, qd, qdd))
+        given = rne.Spring("link_1", GAS.point, "link_2", GAS.other_point, 1, 1)
+        (found,) = rne.identify(arm, record, springs=[given], drives=rne.DriveModel()).springs
+        assert found.length == 0
+        assert found.force == pytest.approx(-900, rel=0.05)
 
     def test_what_cannot_be_told(self):
         """A spring without length between the wall and a pendulum pulls as gravity does."""
