@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,14 +14,12 @@ from ...basics.arrays import convert_numbers, positive_number, real_array, vecto
 from ...basics.spatial import Array
 from ...basics.text import counted
 from ...simulation.motion_files import numbered_joints
+from ...simulation.trajectory import Trajectory, motors_at
 from ...trajectories.csv_file import in_seconds, read_samples
 from ...trajectories.log_columns import measured
 from .. import thresholds
 from .prepared import Prepared, prepare
 from .screening import STAMPS, RecordFinding, screen
-
-if TYPE_CHECKING:
-    from ...simulation.trajectory import Trajectory
 
 REST, PAUSE = 0.005, 0.2  # of a joint's range, to which rest is less; shortest rest that is cut off [s]
 GUESS = "guess"  # kind of the findings on what a log does not say
@@ -305,7 +303,7 @@ class Record:
         Returns
         -------
         Record
-            Positions, velocities and torques of the drives.
+            Positions, velocities and torques of the drives, behind elastic joints those of the motors.
 
         Raises
         ------
@@ -321,7 +319,7 @@ class Record:
         """
         rate = positive_number("sample_rate", sample_rate)
         t = np.arange(int((motion.t[-1] - motion.t[0]) * rate + 1e-9) + 1) / rate + motion.t[0]
-        q, qd, _ = motion(t)
+        q, qd = motors_at(motion, t)
         names = {} if motion.model is None else {"joint_names": motion.model.joint_names}
         return cls(t, q, motion.torques(t), qd, **(names | options))
 
