@@ -4,6 +4,7 @@ from .adaptive_law import Adaptive, adaptive
 from .laws import PD, PID, ComputedTorque, Reference, computed_torque, pd, pd_gravity, pid, traceable
 from .momentum_observer import GuardedLaw, MomentumObserver, Residuals
 from .robust_laws import Robust, RobustPassive, SlidingMode, robust, robust_passive, sliding_mode
+from .task_space import Impedance, OperationalSpace, impedance, operational_space
 from .uncertainty import Cases, uncertainty_bound
 
 __all__ = [
@@ -13,7 +14,9 @@ __all__ = [
     "Cases",
     "ComputedTorque",
     "GuardedLaw",
+    "Impedance",
     "MomentumObserver",
+    "OperationalSpace",
     "Reference",
     "Residuals",
     "Robust",
@@ -21,6 +24,8 @@ __all__ = [
     "SlidingMode",
     "adaptive",
     "computed_torque",
+    "impedance",
+    "operational_space",
     "pd",
     "pd_gravity",
     "pid",
