@@ -195,8 +195,7 @@ def impedance(
         True for the part of the posture's torques that does not accelerate the link, `Robot.null_space`. The energy of
         the closed loop need not fall then.
     inertia : array_like, shape (6, 6), optional
-        For critical damping, such as `robot.task_inertia(q, link)`, in the root link's axes at the target's pose at
-        t = 0; by default that at the posture's positions.
+        For critical damping: `robot.task_inertia(q, link)` at the target, in the root link's axes.
     axes : {"target", "base"}
         Axes of stiffness and damping: the target's or the root link's.
 
@@ -229,27 +228,19 @@ def impedance(
     robot.model.link_index(link)
     if axes not in ("target", "base"):
         raise ValueError(f"`axes` must be 'target' or 'base', got {axes!r}")
-    K, target, held = (
-        task_matrix("stiffness", stiffness, blocks=True),
-        pose_argument(pose),
-        posture_argument(robot, posture),
-    )
-    if isinstance(damping, str):
-        if damping != "critical":
-            raise ValueError(f"`damping` must be an array or 'critical', got {damping!r}")
-        if inertia is None and held is None:
+    K, target = task_matrix("stiffness", stiffness, blocks=True), pose_argument(pose)
+    held = posture_argument(robot, posture)
+    if not isinstance(damping, str):
+        if inertia is not None:
+            raise ValueError("`inertia` is for damping 'critical' only")
+        D = task_matrix("damping", damping, blocks=False)
+    elif damping == "critical":
+        if inertia is None:
             raise ValueError("`inertia` must be given for critical damping, such as robot.task_inertia(q, link)")
-        at_target = target_values(target, 0.0)[0]
-        L = (
-            robot.task_inertia(held.reference, link)
-            if inertia is None
-            else task_matrix("inertia", inertia, blocks=False)
-        )
-        L = in_base_axes(L, np.linalg.inv(at_target), axes)
-        return Impedance(robot, link, K, critical_damping(K, L), target, axes, held, bool(projector))
-    if inertia is not None:
-        raise ValueError("`inertia` is for damping 'critical' only")
-    D = task_matrix("damping", damping, blocks=False)
+        L = task_matrix("inertia", inertia, blocks=False)
+        D = critical_damping(K, in_base_axes(L, np.linalg.inv(target_values(target, 0.0)[0]), axes))
+    else:
+        raise ValueError(f"`damping` must be an array or 'critical', got {damping!r}")
     return Impedance(robot, link, K, D, target, axes, held, bool(projector))
 
 
