@@ -137,7 +137,7 @@ def test_wrenches_are_pinocchios_external_forces(name):
     q, qd = rng.uniform(-1, 1, (2, robot.n))
     force, moment, point = rng.uniform(-50, 50, (3, 3))
     point = point / 100
-    frame = oracle.theirs.getFrameId(link)
+    frame = oracle.theirs.getFrameId(link, pin.FrameType.BODY)
     place, theirs = oracle.theirs.frames[frame], oracle.theirs.createData()
     pin.framesForwardKinematics(oracle.theirs, theirs, oracle.q(q))
     R = theirs.oMf[frame].rotation

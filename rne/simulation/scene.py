@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,6 +23,9 @@ from ..robot import Robot
 from .control_law import TracedLaw, check_law
 from .friction import Friction, urdf_friction
 from .scene_dynamics import SceneDynamics
+
+if TYPE_CHECKING:
+    from .linearised_loop import LinearisedLoop
 
 LOGGER = logging.getLogger("rne")
 _announced: weakref.WeakValueDictionary[int, Any] = weakref.WeakValueDictionary()  # laws that are called, by id
@@ -401,6 +404,43 @@ class Scene:
         if friction is not None:
             net = net - friction.torque(robot.model, qd)
         return robot.forward_dynamics(q, qd, net)
+
+    def check_gains(self, q: ArrayLike) -> LinearisedLoop:
+        """Stability of the closed loop near a target, for any controller: linearised there.
+
+        PD gains over the whole workspace are `rne.check_gains`.
+
+        Parameters
+        ----------
+        q : array_like, shape (n,)
+            The target, at which the scene is at rest [rad or m].
+
+        Returns
+        -------
+        LinearisedLoop
+            Poles, the smallest unstable sample time that was found, and whether the target is an equilibrium.
+
+        Raises
+        ------
+        ValueError
+            If there is no controller, friction sticks, or `q` has the wrong shape or is not finite.
+
+        Examples
+        --------
+        >>> import numpy as np, rne
+        >>> arm, q = rne.load("irb140"), np.array([0, 0, 0, 0, 1.0, 0])
+        >>> law = rne.control.impedance(arm, "tool0", [50] * 3 + [1000] * 3, [5] * 3 + [80] * 3, arm.link_poses(q)[-1])
+        >>> rne.Scene(arm, controller=law, sample_time=1e-3).check_gains(q).stable
+        True
+        """
+        from .linearised_loop import linearised_loop
+
+        target, friction = per_joint_array("q", q, self.n), self.resolved.friction
+        if self.controller is None:
+            raise ValueError("`controller` of the scene must be given")
+        if friction is not None and friction.sticks:
+            raise ValueError("dry `friction` holds the joints at the target: give it a `smoothing` above 0")
+        return linearised_loop(self, target)
 
     def cost(self) -> dict[str, int | str | None]:
         """Operations per call of the right-hand side, and what each part adds to them.
