@@ -16,7 +16,7 @@ from rne.kernels import Kernel
 from rne.kernels.program import NeedsRecursion
 from rne.kernels.python_backend import state_function
 from rne.simulation import run
-from rne.simulation.control_law import TracedLaw
+from rne.control.traced_law import TracedLaw
 from rne.simulation.dry_friction import DryPlant
 from rne.simulation.method_choice import choose_method
 from rne.simulation.plant import Plant

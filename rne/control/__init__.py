@@ -1,6 +1,7 @@
 """Control laws: functions of (t, q, qd) that return joint torques; the stability of PD gains, and contacts."""
 
 from .adaptive_law import Adaptive, adaptive
+from .compiled_law import compiled
 from .laws import PD, PID, ComputedTorque, Reference, computed_torque, pd, pd_gravity, pid, traceable
 from .momentum_observer import GuardedLaw, MomentumObserver, Residuals
 from .robust_laws import Robust, RobustPassive, SlidingMode, robust, robust_passive, sliding_mode
@@ -23,6 +24,7 @@ __all__ = [
     "RobustPassive",
     "SlidingMode",
     "adaptive",
+    "compiled",
     "computed_torque",
     "impedance",
     "operational_space",

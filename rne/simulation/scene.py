@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import UNBOUNDED, positive_number, vector
+from ..basics.arrays import UNBOUNDED, per_joint_array, positive_number, vector
 from ..basics.spatial import Array
 from ..basics.text import listed, summary
+from ..control.traced_law import TracedLaw, check_law
 from ..kernels.kernel import Kernel
 from ..model.model import joint_array
 from ..model.modify import LimitValues, limit_array
 from ..robot import Robot
-from .control_law import TracedLaw, check_law
 from .friction import Friction, urdf_friction
 from .scene_dynamics import SceneDynamics
 

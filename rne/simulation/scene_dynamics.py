@@ -27,13 +27,13 @@ from typing import Any
 import numpy as np
 
 from ..basics.spatial import Array, rotate
+from ..control.traced_law import TracedLaw
 from ..dynamics.crba import mass_matrix, solve_with_pivots
 from ..dynamics.precision import check_accelerations, check_singularity
 from ..dynamics.quantity import Declared, MethodQuantity, PrecisionStatus, Quantity
 from ..dynamics.rnea import bias_torque, inverse_dynamics
 from ..elementwise import clip
 from ..model.model import Model
-from .control_law import TracedLaw
 from .friction import Friction
 
 
