@@ -902,8 +902,7 @@ class Robot(InNotebooks):
         q: ArrayLike,
         link: str,
         point: ArrayLike = ORIGIN,
-        *,
-        rows: str | Sequence[int] | None = None,
+        rows: str | Sequence[int] | None = ROWS,
         damping: float = 0.0,
         axes: str = "base",
     ) -> Array:
@@ -955,8 +954,7 @@ class Robot(InNotebooks):
         qd: ArrayLike,
         link: str,
         point: ArrayLike = ORIGIN,
-        *,
-        rows: str | Sequence[int] | None = None,
+        rows: str | Sequence[int] | None = ROWS,
         damping: float = 0.0,
         axes: str = "base",
     ) -> Array:
@@ -968,8 +966,8 @@ class Robot(InNotebooks):
         ----------
         q, qd : array_like, shape (..., n)
             Joint positions and velocities [rad or m; rad/s or m/s].
-        link, point, rows, damping, axes
-            As of `task_inertia`, as are the errors.
+        link, point, rows, damping, axes : arguments of `task_inertia`
+            Its errors are raised as well.
 
         Returns
         -------
@@ -990,8 +988,7 @@ class Robot(InNotebooks):
         q: ArrayLike,
         link: str,
         point: ArrayLike = ORIGIN,
-        *,
-        rows: str | Sequence[int] | None = None,
+        rows: str | Sequence[int] | None = ROWS,
         damping: float = 0.0,
         axes: str = "base",
     ) -> Array:
@@ -1003,8 +1000,8 @@ class Robot(InNotebooks):
         ----------
         q : array_like, shape (..., n)
             Joint positions [rad or m].
-        link, point, rows, damping, axes
-            As of `task_inertia`, as are the errors.
+        link, point, rows, damping, axes : arguments of `task_inertia`
+            Its errors are raised as well.
 
         Returns
         -------
@@ -1025,8 +1022,7 @@ class Robot(InNotebooks):
         q: ArrayLike,
         link: str,
         point: ArrayLike = ORIGIN,
-        *,
-        rows: str | Sequence[int] | None = None,
+        rows: str | Sequence[int] | None = ROWS,
         damping: float = 0.0,
         axes: str = "base",
     ) -> Array:
@@ -1036,12 +1032,13 @@ class Robot(InNotebooks):
         ----------
         q : array_like, shape (..., n)
             Joint positions [rad or m].
-        link, point, rows, damping, axes
-            As of `task_inertia`, as are the errors.
+        link, point, rows, damping, axes : arguments of `task_inertia`
+            Its errors are raised as well.
 
         Returns
         -------
         ndarray, shape (..., n, n)
+            Times torques, those of the null space.
 
         Examples
         --------
@@ -1608,6 +1605,7 @@ def wrench(
     Parameters
     ----------
     robot : Robot
+        The robot.
     q : array_like, shape (..., n)
         Joint positions, which axes "base" need [rad or m].
     link : str
@@ -1637,8 +1635,8 @@ def wrench(
     >>> import rne
     >>> robot, q = rne.load("irb140"), [0, 0, 0, 0, 1, 0]
     >>> up = rne.wrench(robot, q, "tool0", force=[0, 0, 50])
-    >>> (robot.bias_torque(q, [0] * 6, external=up) - robot.gravity_torque(q)).round(1).tolist()
-    [0.0, 20.8, 20.8, 0.0, 1.8, 0.0]
+    >>> (robot.bias_torque(q, [0] * 6, external=up) - robot.gravity_torque(q))[1:5].round(1).tolist()
+    [20.8, 20.8, 0.0, 1.8]
     """
     model, R = robot_argument(robot).model, robot.link_poses(q)[..., robot.model.link_index(link), :3, :3]
     if force is None and moment is None:

@@ -6,7 +6,7 @@ import pytest
 import rne
 from rne.validation.agreement import euler_lagrange
 
-from .helpers import loaded, EPS, relative, states
+from .helpers import EPS, loaded, relative, states
 
 LAW = 1e-12  # of the largest entry
 STEP = 1e-30  # of the complex step: exact derivatives
@@ -312,7 +312,7 @@ def test_shares_of_gravity_and_friction_ahead():
     robot = loaded("irb140")
     q, friction = np.full(6, 0.3), rne.Friction(viscous=2.0, coulomb=1.0)
     led = rne.control.pd_gravity(robot, 0, 0, 0, scale=0.8)
-    np.testing.assert_array_equal(led(0.0, q, 0 * q), 0.8 * robot.gravity_torque(q))
+    np.testing.assert_allclose(led(0.0, q, 0 * q), 0.8 * robot.gravity_torque(q), atol=1e-14)
 
     def moving(t):
         return q + t, q, 0 * q

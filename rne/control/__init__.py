@@ -2,6 +2,7 @@
 
 from .adaptive_law import Adaptive, adaptive
 from .compiled_law import compiled
+from .gains import LinearisedLoop
 from .laws import PD, PID, ComputedTorque, Reference, computed_torque, pd, pd_gravity, pid, traceable
 from .momentum_observer import GuardedLaw, MomentumObserver, Residuals
 from .robust_laws import Robust, RobustPassive, SlidingMode, robust, robust_passive, sliding_mode
@@ -16,6 +17,7 @@ __all__ = [
     "ComputedTorque",
     "GuardedLaw",
     "Impedance",
+    "LinearisedLoop",
     "MomentumObserver",
     "OperationalSpace",
     "Reference",

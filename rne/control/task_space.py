@@ -59,7 +59,28 @@ class Impedance:
         return with_posture(self, torques, t, q, qd)
 
     def potential_energy(self, t: float, q: ArrayLike) -> Array:
-        """Energy in the springs at time t [s] and positions q, shape (..., n), the posture's included [J]."""
+        """Energy in the springs, those of the posture included.
+
+        Parameters
+        ----------
+        t : float
+            Time, for a target that moves [s].
+        q : array_like, shape (..., n)
+            Joint positions [rad or m].
+
+        Returns
+        -------
+        ndarray, shape (...)
+            Zero where link and joints are where they are held [J].
+
+        Examples
+        --------
+        >>> import rne
+        >>> arm, q = rne.load("irb140"), [0, 0, 0, 0, 1.0, 0]
+        >>> law = rne.control.impedance(arm, "tool0", [50] * 3 + [800] * 3, [5] * 3 + [80] * 3, arm.link_poses(q)[-1])
+        >>> law.potential_energy(0.0, q).round(12).item() == 0
+        True
+        """
         q = np.asarray(q, dtype=float)
         (target, _), T = target_values(self.pose, t), link_pose(self.robot, q, self.link)
         K, e = in_base_axes(self.stiffness, target, self.axes), T[..., :3, 3] - target[:3, 3]
@@ -149,7 +170,7 @@ def task_matrix(name: str, value: ArrayLike, *, blocks: bool) -> Array:
 def critical_damping(stiffness: Array, inertia: Array) -> Array:
     """Damping that is critical in every mode of an inertia with a stiffness, shape (6, 6).
 
-    With K = Q diag(w^2) Q^T and Lambda = Q Q^T it is 2 Q diag(w) Q^T (Albu-Schaeffer et al. 2003, section 3.2).
+    With K = Q diag(w^2) Q^T and Lambda = Q Q^T it is 2 Q diag(w) Q^T (Albu-Schäffer et al. 2003, section III).
     """
     from scipy.linalg import eigh
 

@@ -2,72 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from scipy.linalg import expm
 
 from ..basics.spatial import Array
-from ..basics.text import summary
+from ..control.gains import LinearisedLoop
 from .plant import Plant
-
-if TYPE_CHECKING:
-    from .scene import Scene
 
 AT_REST = 1e-6  # accelerations at the target that are no motion, of those that the torques alone give
 SLOWEST, FASTEST, COUNT = 1e3, 1e-2, 400  # sample times examined, over the fastest mode's time
 MARGIN = 1e-9  # of a spectral radius beyond 1, or a pole beyond 0 over the fastest: less is rounding
 
 
-@dataclass(frozen=True, eq=False)
-class LinearisedLoop:
-    """Stability of a closed loop near a target, as found by `Scene.check_gains`.
-
-    It holds near the target; no theorem says how near.
-
-    Attributes
-    ----------
-    poles : ndarray of complex, shape (2 n + states,)
-        Of the loop in continuous time [1/s].
-    sample_time_limit : float
-        Smallest sample time found at which the loop with held torques is unstable; infinite if none was, 0 if it is in
-        continuous time [s].
-    sample_time : float or None
-        The scene's own [s].
-    stable : bool
-        True if the loop is stable near the target, with torques held if the scene holds them.
-    is_rest : bool
-        True if the target is an equilibrium: otherwise the motion leaves it, whatever the poles.
-
-    Examples
-    --------
-    >>> import rne
-    >>> arm = rne.load("irb140")
-    >>> loop = rne.Scene(arm, controller=rne.control.pd_gravity(arm, 50, 20, 0)).check_gains([0] * 6)
-    >>> loop.stable, loop.is_rest
-    (True, True)
-    """
-
-    poles: Array
-    sample_time_limit: float
-    sample_time: float | None
-    stable: bool
-    is_rest: bool
-
-    __repr__ = summary
-
-    def __str__(self) -> str:
-        held = "" if self.sample_time is None else f" with torques held for {self.sample_time:g} s"
-        rest = "" if self.is_rest else "\nthe target is no equilibrium: the motion leaves it"
-        return (
-            f"linearised at the target, which holds near it only: {'' if self.stable else 'NOT '}stable"
-            f"{held}\nslowest pole {self.poles.real.max():.6g} 1/s, fastest {self.poles.real.min():.6g} 1/s; "
-            f"smallest unstable sample time {self.sample_time_limit:.4g} s{rest}"
-        )
-
-
-def linearised_loop(scene: Scene, q: Array) -> LinearisedLoop:
+def linearised_loop(scene: Any, q: Array) -> LinearisedLoop:
     """The loop of a scene with a controller, at rest in q with the controller's states zero."""
     n, sample_time, law = scene.n, scene.sample_time, scene.controller
     free = replace(scene, sample_time=None, torque_rate=None)
@@ -90,7 +40,7 @@ def linearised_loop(scene: Scene, q: Array) -> LinearisedLoop:
     return LinearisedLoop(poles, limit, sample_time, stable, is_rest)
 
 
-def _slopes(scene: Scene, q: Array) -> tuple[Array, Array]:
+def _slopes(scene: Any, q: Array) -> tuple[Array, Array]:
     """The slopes of the state's rates without energies and impulses, at rest in q, and that state."""
     dynamics = scene.dynamics
     plant = Plant(dynamics, scene.resolved.robot, scene.controller if dynamics.inputs == "called" else None)
