@@ -323,3 +323,85 @@ def test_operational_space_follows_its_reference():
     motion = rne.simulate(scene, POSE_Q, qd, 1.0, rtol=1e-9)
     end = robot.link_poses(motion.q[-1])[k]
     np.testing.assert_allclose(end, np.asarray(circle(1.0)[0], float), atol=1e-7)  # of the integration
+
+
+class TestCompiledLaws:
+    @pytest.mark.parametrize("engine", ["numpy", "numba"])
+    def test_kernels_are_the_laws(self, engine):
+        robot, link = rne.load("ur5", engine=engine), "tool0"
+        laws = [
+            soft(robot, link, posture=(POSE_Q, 5, 1), projector=True),
+            rne.control.pd_gravity(robot, 50, 20, POSE_Q),
+            rne.control.pid(robot, 50, 10, 20, POSE_Q),
+            rne.traceable(lambda t, q, qd: t - q * qd),
+        ]
+        q, qd = np.random.default_rng(7).uniform(-1, 1, (2, 6))
+        for law in laws[2 if engine == "numba" else 0 :]:
+            kernel = rne.control.compiled(law, robot)
+            z = [np.full(6, 0.2)] if hasattr(law, "states") else []
+            expected = np.concatenate(law(0.5, q, qd, *z)) if z else law(0.5, q, qd)
+            out = np.empty_like(expected)
+            assert kernel.into(np.array([0.5]), q, qd, *z, out) is out
+            np.testing.assert_allclose(out, expected, rtol=1e-11, atol=1e-11)
+            assert kernel.names == ("t", "q", "qd", "z")[: 3 + len(z)]
+            assert "float control_law" in kernel.source("c", dtype="float32") or "void" in kernel.source("c")
+
+    def test_errors(self):
+        robot = loaded("irb140")
+        for law, text in (
+            (lambda t, q, qd: q, "`robot` must be an rne.Robot, got NoneType"),
+            (lambda t: t, "`law` must"),
+        ):
+            with pytest.raises(TypeError, match=text):
+                rne.control.compiled(law)
+        with pytest.raises(TypeError, match=r"^`law` must be marked by rne\.traceable$"):
+            rne.control.compiled(lambda t, q, qd: q, robot)
+        branch = rne.traceable(lambda t, q, qd: q if q[0] > 0 else -q)
+        with pytest.raises(TypeError, match=r"^`law` cannot be traced: TypeError: a traced number has no value"):
+            rne.control.compiled(branch, robot)
+
+
+class TestLinearisedLoops:
+    Q = np.array([0, 0, 0, 0, 1.0, 0])
+
+    def test_pd_gains_are_those_of_the_closed_form(self):
+        robot, kp, kd = loaded("irb140"), [50.0] * 5 + [60.0], [20.0] * 5 + [22.0]
+        proven = rne.check_gains(robot, kp, kd, q=self.Q)
+        law = rne.control.pd_gravity(robot, kp, kd, self.Q)
+        for factor, stable in ((0.99, True), (1.01, False)):
+            scene = rne.Scene(robot, controller=law, sample_time=factor * proven.sample_time_limit)
+            found = scene.check_gains(self.Q)
+            assert found.stable is stable
+            assert found.is_rest
+            np.testing.assert_allclose(found.sample_time_limit, proven.sample_time_limit, rtol=1e-4)
+            np.testing.assert_allclose(-found.poles.real.min(), proven.fastest_pole, rtol=1e-9)
+
+    @pytest.mark.parametrize("carried", [0.0, 4.0])
+    def test_sampled_impedances_diverge_where_it_says_so(self, carried):
+        robot, link = arm("irb140")
+        pose = robot.link_poses(self.Q)[robot.link_names.index(link)]
+        law = rne.control.impedance(robot.with_payload(carried), link, [50] * 3 + [800] * 3, [5] * 3 + [80] * 3, pose)
+        parts = {"controller": law, "payload": carried}
+        limit = rne.Scene(robot, **parts).check_gains(self.Q).sample_time_limit
+        for factor, stable in ((0.9, True), (1.1, False)):
+            scene = rne.Scene(robot, **parts, sample_time=factor * limit)
+            assert scene.check_gains(self.Q).stable is stable
+            motion = rne.simulate(scene, self.Q + 1e-6, np.zeros(6), 300 * scene.sample_time, method="Tsit5")
+            assert bool(abs(motion.q[-1] - self.Q).max() < 1e-5) is stable
+
+    def test_what_is_no_rest_and_what_is_refused(self):
+        robot = loaded("irb140")
+        found = rne.Scene(robot, controller=rne.control.pd(robot, 500, 20, 0.0)).check_gains(self.Q)
+        assert not found.is_rest
+        assert str(found).endswith("the target is no equilibrium: the motion leaves it")
+        with pytest.raises(ValueError, match="`controller` of the scene must be given"):
+            rne.Scene(robot).check_gains(self.Q)
+        law = rne.control.pd(robot, 500, 20, 0.0)
+        with pytest.raises(ValueError, match="holds the joints at the target"):
+            rne.Scene(robot, controller=law, friction=rne.Friction(coulomb=1, smoothing=0)).check_gains(self.Q)
+
+    def test_laws_with_states(self):
+        robot = loaded("irb140")
+        for ki, stable in ((5.0, True), (1e5, False)):
+            law = rne.control.pid(robot, 50, ki, 20, self.Q, gravity=True)
+            assert rne.Scene(robot, controller=law).check_gains(self.Q).stable is stable
