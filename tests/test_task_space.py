@@ -383,11 +383,11 @@ class TestLinearisedLoops:
         law = rne.control.impedance(robot.with_payload(carried), link, [50] * 3 + [800] * 3, [5] * 3 + [80] * 3, pose)
         parts = {"controller": law, "payload": carried}
         limit = rne.Scene(robot, **parts).check_gains(self.Q).sample_time_limit
-        for factor, stable in ((0.9, True), (1.1, False)):
+        for factor, stable in ((0.97, True), (1.03, False)):
             scene = rne.Scene(robot, **parts, sample_time=factor * limit)
             assert scene.check_gains(self.Q).stable is stable
-            motion = rne.simulate(scene, self.Q + 1e-6, np.zeros(6), 300 * scene.sample_time, method="Tsit5")
-            assert bool(abs(motion.q[-1] - self.Q).max() < 1e-5) is stable
+            motion = rne.simulate(scene, self.Q + 1e-4, np.zeros(6), 150 * scene.sample_time)
+            assert bool(abs(motion.q[-1] - self.Q).max() < 1e-4) is stable
 
     def test_what_is_no_rest_and_what_is_refused(self):
         robot = loaded("irb140")
