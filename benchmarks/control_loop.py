@@ -2,8 +2,8 @@
 
 CPU time of a single call of inverse dynamics of the UR5, and of an impedance law, many times in a row, calls in turn;
 then a loop of 1 kHz that sleeps until each tick, and times one call behind it: how late the tick came, and how long the
-call took on the clock. The collection of garbage is off. Writes benchmarks/results/control_loop.json, the tables of docs/in-a-control-loop.md,
-with those of benchmarks.elsewhere_c as they were kept, and its picture.
+call took on the clock. The collection of garbage is off. Writes benchmarks/results/control_loop.json, the tables of
+docs/in-a-control-loop.md, with those of benchmarks.elsewhere_c as they were kept, and its picture.
 """
 
 from __future__ import annotations
