@@ -18,7 +18,7 @@ from .errors import (
     UrdfError,
 )
 from .model import Model, dh_chain, irb140
-from .robot import Robot
+from .robot import Robot, wrench
 
 if TYPE_CHECKING:
     from . import bounds, control, elementwise, identification, kernels, plotting, trajectories
@@ -147,6 +147,7 @@ __all__ = [
     "traceable",
     "trajectories",
     "view",
+    "wrench",
 ]
 
 

@@ -216,7 +216,7 @@ class Friction:
         [1.0, 1.0, 1.0, 1.0, 1.0, 1.0]
         """
         self.check(model)
-        rates = joint_array("qd", qd, model)
+        rates = joint_array("qd", qd, model) if np.asarray(qd).dtype != object else np.asarray(qd)  # traced, in a law
         return self.viscous_torque(rates) + self.coulomb_torque(rates)
 
 

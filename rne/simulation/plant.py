@@ -11,12 +11,12 @@ import numpy as np
 
 from ..basics.arrays import real_array
 from ..basics.spatial import Array
+from ..control.traced_law import call_law
 from ..dynamics.quantity import OK, MethodQuantity, PrecisionStatus
 from ..errors import NotFiniteError
 from ..kernels.kernel import Kernel
 from ..kernels.program import NeedsRecursion
 from ..robot import Robot
-from .control_law import call_law
 from .events import Event
 from .scene_dynamics import SceneDynamics
 

@@ -13,14 +13,15 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import UNBOUNDED, positive_number, vector
+from ..basics.arrays import UNBOUNDED, per_joint_array, positive_number, vector
 from ..basics.spatial import Array
 from ..basics.text import listed, summary
+from ..control.gains import LinearisedLoop
+from ..control.traced_law import TracedLaw, check_law
 from ..kernels.kernel import Kernel
 from ..model.model import joint_array
 from ..model.modify import LimitValues, limit_array
 from ..robot import Robot
-from .control_law import TracedLaw, check_law
 from .elastic_joints import ElasticDynamics, ElasticJoints, part_at_joints
 from .friction import Friction, urdf_friction
 from .scene_dynamics import MotorSide, SceneDynamics
@@ -435,6 +436,44 @@ class Scene:
     def _refuse_elastic(self, name: str, why: str) -> None:
         if self.elastic is not None:
             raise ValueError(f"`{name}` is not for elastic joints: {why}; use scene.resolved.robot for the links alone")
+
+    def check_gains(self, q: ArrayLike) -> LinearisedLoop:
+        """Stability of the closed loop near a target, for any controller: linearised there.
+
+        PD gains over the whole workspace are `rne.check_gains`.
+
+        Parameters
+        ----------
+        q : array_like, shape (n,)
+            The target, at which the scene is at rest [rad or m].
+
+        Returns
+        -------
+        LinearisedLoop
+            Poles, the smallest unstable sample time that was found, and whether the target is an equilibrium.
+
+        Raises
+        ------
+        ValueError
+            If there is no controller, joints are elastic, friction sticks, or `q` has the wrong shape or is not finite.
+
+        Examples
+        --------
+        >>> import numpy as np, rne
+        >>> arm, q = rne.load("irb140"), np.array([0, 0, 0, 0, 1.0, 0])
+        >>> law = rne.control.impedance(arm, "tool0", [50] * 3 + [1000] * 3, [5] * 3 + [80] * 3, arm.link_poses(q)[-1])
+        >>> rne.Scene(arm, controller=law, sample_time=1e-3).check_gains(q).stable
+        False
+        """
+        from .linearised_loop import linearised_loop
+
+        target, friction = per_joint_array("q", q, self.n), self.resolved.friction
+        self._refuse_elastic("check_gains", "the motors move as well")
+        if self.controller is None:
+            raise ValueError("`controller` of the scene must be given")
+        if friction is not None and friction.sticks:
+            raise ValueError("dry `friction` holds the joints at the target: give it a `smoothing` above 0")
+        return linearised_loop(self, target)
 
     def cost(self) -> dict[str, int | str | None]:
         """Operations per call of the right-hand side, and what each part adds to them.

@@ -28,6 +28,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.spatial import Array, rotate
+from ..control.traced_law import LawInputs, TracedLaw
 from ..dynamics.crba import mass_matrix, solve_with_pivots
 from ..dynamics.precision import check_accelerations, check_singularity
 from ..dynamics.quantity import Declared, MethodQuantity, PrecisionStatus, Quantity
@@ -35,7 +36,6 @@ from ..dynamics.rnea import bias_torque, inverse_dynamics
 from ..elementwise import clip
 from ..model.model import Model, joint_array
 from ..robot import Robot
-from .control_law import LawInputs, TracedLaw
 from .friction import Friction
 from .springs import Springs
 

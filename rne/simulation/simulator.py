@@ -12,11 +12,11 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import check_function, positive_number, real_array
 from ..basics.spatial import Array
+from ..control.traced_law import check_law
 from ..errors import SimulationError, SimulationInterrupted
 from ..integrators.base import IMPLICIT, RODAS
 from ..integrators.tableaus import EXPLICIT
 from ..robot import Robot
-from .control_law import check_law
 from .dry_friction import DryPlant
 from .events import check_within_stops, stops
 from .method_choice import choose_method, has_rodas5p

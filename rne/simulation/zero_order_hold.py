@@ -8,7 +8,7 @@ import numpy as np
 
 from ..basics.spatial import Array
 from ..control.gains import check_gains
-from .control_law import call_law
+from ..control.traced_law import call_law
 from .plant import Plant, checked_state_rates, checked_torques
 from .scene import Scene
 
