@@ -5,11 +5,11 @@ from __future__ import annotations
 import os
 import sys
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import TextIO
+from typing import Any, TextIO
 
 from numpy.typing import ArrayLike
 
@@ -20,11 +20,14 @@ from ..model.abb_irb140 import irb140
 from ..model.model import STANDARD_GRAVITY, Model
 from ..model.modify import LimitValues, with_limits
 from ..robot import Robot
-from .document import read_bytes
+from .document import Element, parse, read_bytes
 from .findings import Finding, FindingsReport, written
+from .mjcf import mjcf_model
 from .plausibility import check_bodies, check_elements
-from .read import model_of, read_urdf, validated
+from .read import model_of, validated
+from .strict import validate
 from .write import to_urdf
+from .xacro import expanded
 
 PACKAGE = "example-robot-data"
 BUILDERS: dict[str, Callable[[], Model]] = {"irb140": irb140}  # the built-in robots, for which no file is read
@@ -100,8 +103,10 @@ def unknown(name: str) -> str:
 def load(
     source: str | os.PathLike[str],
     *,
-    gravity: ArrayLike = STANDARD_GRAVITY,
+    gravity: ArrayLike | None = None,
     engine: str = "numpy",
+    arguments: Mapping[str, Any] | None = None,
+    packages: Mapping[str, str | os.PathLike[str]] | None = None,
     effort: LimitValues = None,
     velocity: LimitValues = None,
     acceleration: LimitValues = None,
@@ -146,22 +151,59 @@ def load(
     >>> robot.joint_names[0], robot.effort_limit[0].item()
     ('joint_1', 300.0)
     """
-    g = real_array("gravity", gravity, "(3,)")
+    g = None if gravity is None else real_array("gravity", gravity, "(3,)")
     found = resolve(source)
     try:
-        model = replace(found, gravity=g) if isinstance(found, Model) else read_urdf(found, gravity=g)
+        model = _model_of_file(found, arguments, packages) if isinstance(found, str) else found
     except UrdfError as error:
         name = os.fspath(source)
         if name == found:
             raise
         other = f"; {name + '_robot'!r} is another one" if f"{name}_robot" in library() else ""
         raise UrdfError(f"the file of {PACKAGE} has an error: {error}{other}", error.finding) from None
+    model = model if g is None else replace(model, gravity=g)
     rates = {"velocity": velocity, "acceleration": acceleration, "deceleration": deceleration, "jerk": jerk}
     model = with_limits(model, effort=effort, **rates)
     return Robot(model, engine)
 
 
-def check(source: str | os.PathLike[str], *, out: TextIO | None = None, grouped: bool = True) -> list[Finding]:
+def described(
+    path: str, report: FindingsReport, arguments: Mapping[str, Any] | None, packages: Mapping[str, Any] | None
+) -> tuple[Element | Model | None, str]:
+    """The <robot> of a URDF or xacro file, or the Model of an MJCF file, or None with an error; and its source."""
+    text = None
+    if path.endswith(".xacro"):
+        text = expanded(report, arguments, packages)
+        report.has_lines = text is None
+    elif arguments or packages:
+        raise ValueError(f"`arguments` and `packages` are for files that end in .xacro, got {path!r}")
+    data = None if report.errors else read_bytes(path, report) if text is None else text.encode()
+    root = None if data is None else parse(data, report)
+    if root is not None and root.tag == "mujoco":
+        return mjcf_model(root, report), os.path.abspath(path)
+    return (root if root is not None and validate(root, report) else None), text or os.path.abspath(path)
+
+
+def _model_of_file(path: str, arguments: Mapping[str, Any] | None, packages: Mapping[str, Any] | None) -> Model:
+    report = FindingsReport(path)
+    try:
+        found, source = described(path, report, arguments, packages)
+        report.raise_first_error()
+        return found if isinstance(found, Model) else model_of(found, STANDARD_GRAVITY, source)
+    except UrdfError:
+        raise
+    except ModelError as error:
+        raise UrdfError(f"{path}: {error}") from error
+
+
+def check(
+    source: str | os.PathLike[str],
+    *,
+    arguments: Mapping[str, Any] | None = None,
+    packages: Mapping[str, str | os.PathLike[str]] | None = None,
+    out: TextIO | None = None,
+    grouped: bool = True,
+) -> list[Finding]:
     """Print all errors and warnings about a URDF file, and return them.
 
     Errors are what keeps the file from loading. Warnings are what is ignored, and what probably is not meant: degrees
@@ -207,8 +249,10 @@ def check(source: str | os.PathLike[str], *, out: TextIO | None = None, grouped:
     """
     found = resolve(source)
     report = FindingsReport(os.fspath(source if isinstance(found, Model) else found))
-    data = to_urdf(found).encode() if isinstance(found, Model) else read_bytes(found, report)
-    root = validated(data, report)
+    root = found if isinstance(found, Model) else described(found, report, arguments, packages)[0]
+    if isinstance(root, Model):  # what is examined is the URDF that it becomes
+        report.has_lines = isinstance(found, Model)
+        root = validated(to_urdf(root).encode(), report)
     if root is not None:
         check_elements(root, report)
     if root is not None and not report.errors:

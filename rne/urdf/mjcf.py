@@ -44,8 +44,8 @@ def mujoco_module() -> Any:
     return mujoco
 
 
-def mjcf_model(root: Element, report: FindingsReport, gravity: Array | None) -> Model | None:
-    """The Model of a <mujoco>, with the file's gravity if none is given, or None with an error in the report."""
+def mjcf_model(root: Element, report: FindingsReport) -> Model | None:
+    """The Model of a <mujoco>, with the file's gravity, or None with an error in the report."""
     mujoco = mujoco_module()
     name = root.get("model") or Path(report.file).stem
     m = _compiled(_for_dynamics(included(root, report), report), report)
@@ -59,12 +59,12 @@ def mjcf_model(root: Element, report: FindingsReport, gravity: Array | None) -> 
     if report.errors:
         return None
     _report_left(m, links, joints, report)
-    own = m.opt.gravity * (not m.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_GRAVITY))
+    gravity = m.opt.gravity * (not m.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_GRAVITY))
     with np.errstate(all="ignore"):  # the Model reports what overflows
         parts = _parts(m, links, joints, report)
     if report.errors:
         return None
-    return assemble(name, parts, gravity=own if gravity is None else gravity, source=os.path.abspath(report.file))
+    return assemble(name, parts, gravity=gravity, source=os.path.abspath(report.file))
 
 
 def included(root: Element, report: FindingsReport) -> Element:
