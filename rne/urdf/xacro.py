@@ -38,7 +38,8 @@ def expanded(
     files, environment variables, packages of ROS.
     """
     try:
-        from xacrodoc import packages as finders, xacrodoc
+        from xacrodoc import packages as finders
+        from xacrodoc import xacrodoc
     except ImportError:
         return None
     path = os.path.abspath(report.file)
