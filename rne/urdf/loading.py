@@ -76,12 +76,14 @@ def robots() -> tuple[str, ...]:
     return (*BUILDERS, *(name for name in library() if name not in BUILDERS))
 
 
-def resolve(source: str | os.PathLike[str]) -> Model | str:
+def resolve(source: str | os.PathLike[str], *given: Mapping[str, Any] | None) -> Model | str:
     """The built-in robot of a name, or the path of a URDF file, which goes before a name of example-robot-data.
 
-    Raises FileNotFoundError if it is neither a file nor a robot's name.
+    Raises FileNotFoundError if it is neither a file nor a robot's name, ValueError if what is given is not for it.
     """
     name = os.fspath(source)
+    if any(given) and not name.endswith(".xacro"):
+        raise ValueError(f"`arguments` and `packages` are for files that end in .xacro, got {name!r}")
     if isinstance(source, str) and source in BUILDERS:
         return BUILDERS[source]()
     if not os.path.isfile(source) and name in library():
@@ -152,7 +154,7 @@ def load(
     ('joint_1', 300.0)
     """
     g = None if gravity is None else real_array("gravity", gravity, "(3,)")
-    found = resolve(source)
+    found = resolve(source, arguments, packages)
     try:
         model = _model_of_file(found, arguments, packages) if isinstance(found, str) else found
     except UrdfError as error:
@@ -175,8 +177,6 @@ def described(
     if path.endswith(".xacro"):
         text = expanded(report, arguments, packages)
         report.has_lines = text is None
-    elif arguments or packages:
-        raise ValueError(f"`arguments` and `packages` are for files that end in .xacro, got {path!r}")
     data = None if report.errors else read_bytes(path, report) if text is None else text.encode()
     root = None if data is None else parse(data, report)
     if root is not None and root.tag == "mujoco":
@@ -247,7 +247,7 @@ def check(
     robots/irb140.urdf: no findings
     []
     """
-    found = resolve(source)
+    found = resolve(source, arguments, packages)
     report = FindingsReport(os.fspath(source if isinstance(found, Model) else found))
     root = found if isinstance(found, Model) else described(found, report, arguments, packages)[0]
     if isinstance(root, Model):  # what is examined is the URDF that it becomes
