@@ -290,10 +290,12 @@ class Scene:
         symbolic : {"SX", "MX"}
             Scalar operations, or calls of a function of such.
         steps : int, optional
-            Runge-Kutta steps of order 4 from t to t + h, for a function in discrete time.
+            Runge-Kutta steps of order 4 from t to t + h, for a function in discrete time. They diverge, which a solver
+            may not notice, where something decays faster than 2.7 steps / h: friction at a joint of inertia m decays at
+            (viscous + coulomb / smoothing) / m, which is thousands per second at the default smoothing.
         parameters : bool
-            True for the inertial parameters as an argument, in the order of `Robot.parameters`, payload included. Laws
-            keep those of their own robot.
+            True for the inertial parameters as an argument, those of the robot with its payload, which are
+            `scene.resolved.robot.parameters`. Laws keep those of their own robot.
 
         Returns
         -------
@@ -327,7 +329,9 @@ class Scene:
         if self.stops:
             refused = "`stops` end a run: set `stops` to False, and bound the positions"
         elif friction is not None and friction.sticks:
-            refused = "dry `friction` sticks and slips by events: give it a `smoothing` above 0"
+            refused = (
+                "dry `friction` sticks and slips by events: give it a `smoothing` above 0, a large one for `steps`"
+            )
         elif controller is not None and (self.sample_time is not None or not self.is_traced):
             law = self._law if getattr(controller, "traceable", False) else None
             why = law.why_not_traced(self.resolved.robot) if law else "it is not marked by rne.traceable"
