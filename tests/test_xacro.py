@@ -77,7 +77,7 @@ def test_packages_above_the_file_are_found(arm, tmp_path):
 
 
 ERRORS = {
-    "undefined argument": (ARM.replace('default="2"', ""), "Undefined substitution argument mass"),
+    "undefined argument": (ARM.replace('<xacro:arg name="mass" default="2"/>', ""), "Undefined substitution argument mass"),
     "no such property": (ARM.replace("2 * length", "2 * lengt"), "name 'lengt' is not defined"),
     "division by zero": (ARM.replace("2 * length", "1 / 0"), "division by zero"),
     "no such file": (ARM.replace("parts/links", "links"), "No such file or directory"),

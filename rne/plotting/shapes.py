@@ -16,7 +16,7 @@ import numpy as np
 from ..basics.spatial import Array, rotate, rotation_from_rpy
 from ..model.model import Model
 from ..model.solids import Box, Cylinder
-from ..urdf.mjcf import drawn, names, rotation_of
+from ..urdf.mjcf import drawn, names_of, rotation_of
 
 if TYPE_CHECKING:
     from trimesh import Trimesh
@@ -147,7 +147,7 @@ def _from_mjcf(file: str) -> tuple[tuple[Shape, ...], tuple[str, ...]]:
     from trimesh.creation import icosphere
 
     m, lost = drawn(file)
-    links, shapes = names(m, "body"), list[Shape]()
+    links, shapes = names_of(m, "body"), list[Shape]()
     shown = [g for g in range(m.ngeom) if m.geom_group[g] < SHOWN]
     touched = {g: bool(m.geom_contype[g] or m.geom_conaffinity[g]) for g in shown}
     untouched = {m.geom_bodyid[g] for g in shown if not touched[g]}
@@ -155,23 +155,21 @@ def _from_mjcf(file: str) -> tuple[tuple[Shape, ...], tuple[str, ...]]:
         pose, size, material, color = np.eye(4), m.geom_size[g], m.geom_matid[g], m.geom_rgba[g]
         pose[:3, :3], pose[:3, 3] = rotation_of(m.geom_quat[g]), m.geom_pos[g]
         color = _rgba(m.mat_rgba[material] if material >= 0 and np.allclose(color, NO_COLOR) else color)
-        kind = GEOMS.get(int(m.geom_type[g]), "")
-        at: dict[str, Any] = {"link": links[m.geom_bodyid[g]], "pose": pose, "color": color, "kind": kind}
+        kind, link = GEOMS.get(int(m.geom_type[g]), ""), links[m.geom_bodyid[g]]
         if kind == "box":
-            shapes.append(Shape(**at, size=tuple((2 * size).tolist())))
+            shapes.append(Shape(link, kind, pose, color, size=tuple((2 * size).tolist())))
         elif kind == "cylinder":
-            shapes.append(Shape(**at, radius=float(size[0]), length=float(2 * size[1])))
+            shapes.append(Shape(link, kind, pose, color, float(size[0]), float(2 * size[1])))
         elif kind == "mesh":
             k = m.geom_dataid[g]
-            vertices = m.mesh_vert[m.mesh_vertadr[k] :][: m.mesh_vertnum[k]]
+            corners = m.mesh_vert[m.mesh_vertadr[k] :][: m.mesh_vertnum[k]]
             faces = m.mesh_face[m.mesh_faceadr[k] :][: m.mesh_facenum[k]]
-            shapes.append(Shape(**at, mesh=Trimesh(vertices, faces)))
-        elif kind:
+            shapes.append(Shape(link, kind, pose, color, mesh=Trimesh(corners, faces)))
+        elif kind:  # a ball, stretched
             ball = icosphere()
-            is_ellipsoid = kind == "ellipsoid"
-            ball.vertices = ball.vertices * (size if is_ellipsoid else size[0])
-            ball.vertices[:, 2] += (kind == "capsule") * size[1] * np.sign(ball.vertices[:, 2])
-            shapes.append(Shape(**(at | {"kind": "sphere"}), mesh=ball))
+            corners = ball.vertices * (size if kind == "ellipsoid" else size[0])
+            corners[:, 2] += (kind == "capsule") * size[1] * np.sign(corners[:, 2])
+            shapes.append(Shape(link, "sphere", pose, color, mesh=Trimesh(corners, ball.faces)))
     return tuple(shapes), tuple(f"mesh {name!r} is no file below that of the MJCF file" for name in lost)
 
 

@@ -115,17 +115,22 @@ def load(
     deceleration: LimitValues = None,
     jerk: LimitValues = None,
 ) -> Robot:
-    """Load a robot by name or from a URDF file.
+    """Load a robot by name or from a URDF, MJCF or xacro file.
 
     Parameters
     ----------
     source : str or path-like
-        A name of `rne.robots()`, such as "irb140", or the path of a URDF file, which goes before a name. For "irb140"
-        no file is read; the others are files of example-robot-data.
-    gravity : array_like, shape (3,)
-        In the axes of the root link [m/s^2].
+        A name of `rne.robots()`, such as "irb140", or the path of a file, which goes before a name. For "irb140"
+        no file is read; the others are files of example-robot-data. A file whose root element is `<mujoco>` is MJCF.
+        A file that ends in .xacro is run: it is a program that may read other files and the environment.
+    gravity : array_like, shape (3,), optional
+        In the axes of the root link [m/s^2]; that of an MJCF file if not given, and (0, 0, -9.81) of all others.
     engine : {"numpy", "numba"}
         Engine of the robot's kernels; see `rne.compile`.
+    arguments : mapping of str, optional
+        Values of the arguments of a xacro file, by name.
+    packages : mapping of str to path-like, optional
+        Folders of the ROS packages that a xacro file names, beside those that xacrodoc finds.
     effort, velocity, acceleration, deceleration, jerk : float, array_like of shape (n,), or mapping, optional
         Limits in place of those of the file, as for `Robot.with_limits`: one number for all joints, one for each, or
         some by the joint's name [N m or N; rad/s or m/s; rad/s^2 or m/s^2, twice; rad/s^3 or m/s^3].
@@ -142,9 +147,10 @@ def load(
     FileNotFoundError
         If it is neither a file nor a robot's name; suggests names that are near.
     ValueError
-        If `gravity` is not three finite numbers, a limit is negative or not one per joint, or there is no such engine.
+        If `gravity` is not three finite numbers, a limit is negative or not one per joint, there is no such engine,
+        or `arguments` are not those of a xacro file.
     ImportError
-        If the engine is "numba" and Numba is not installed.
+        If the engine is "numba" and Numba is not installed, or the file is MJCF and MuJoCo is not.
 
     Examples
     --------
@@ -204,7 +210,7 @@ def check(
     out: TextIO | None = None,
     grouped: bool = True,
 ) -> list[Finding]:
-    """Print all errors and warnings about a URDF file, and return them.
+    """Print all errors and warnings about a URDF, MJCF or xacro file, and return them.
 
     Errors are what keeps the file from loading. Warnings are what is ignored, and what probably is not meant: degrees
     or millimetres, centres of mass far outside the robot, masses and inertias of impossible bodies, drives without
@@ -213,7 +219,10 @@ def check(
     Parameters
     ----------
     source : str or path-like
-        The path of a URDF file, or a name of `rne.robots()`; of a built-in robot the file that `to_urdf` writes.
+        The path of a file as for `rne.load`, or a name of `rne.robots()`; of a built-in robot and of MJCF, the URDF
+        that `to_urdf` writes is examined.
+    arguments, packages : mapping of str, optional
+        Of a xacro file, as for `rne.load`.
     out : text stream, optional
         Where to print; standard output by default.
     grouped : bool
@@ -228,6 +237,10 @@ def check(
     ------
     FileNotFoundError
         If it is neither a file nor a robot's name.
+    ValueError
+        If `arguments` or `packages` are given for a file that does not end in .xacro, or it does not use an argument.
+    ImportError
+        If the file is MJCF and MuJoCo is not installed.
 
     Notes
     -----

@@ -34,9 +34,8 @@ NOT_COMPILED = (
 NAN = re.compile(r"(?:.*\s)?[+-]?nan(?:\s.*)?", re.IGNORECASE | re.DOTALL)
 COMPILER = re.compile(r"(?:XML )?(?:Error: )?(.*?)(?:\nElement.* line (\d+))?\s*", re.DOTALL)  # its errors
 LEFT = {  # numbers of compiled joints and bodies that are not read
-    "jnt_stiffness": ("joint", "its spring ('stiffness') is not read", "add it to the scene"),
-    "jnt_stiffnesspoly": ("joint", "the polynomial of its spring is not read", "add it to the scene"),
-    "dof_dampingpoly": ("joint", "the polynomial of its damping is not read", "add it to the scene"),
+    "jnt_stiffnesspoly": ("joint", "the polynomial of its spring is not read", "torques of it are missing"),
+    "dof_dampingpoly": ("joint", "the polynomial of its damping is not read", "torques of it are missing"),
     "body_gravcomp": ("body", "'gravcomp' is not read", "gravity acts on it in full"),
 }
 
@@ -44,14 +43,12 @@ LEFT = {  # numbers of compiled joints and bodies that are not read
 def mjcf_model(root: Element, report: FindingsReport) -> Model | None:
     """The Model of a <mujoco>, with the file's gravity, or None with an error in the report."""
     name = root.get("model") or Path(report.file).stem
-    _check(included(root, report), report)
-    m = None if report.errors else _compiled(_for_dynamics(root, report), report)
+    m = _compiled(_for_dynamics(included(root, report), report), report)
     if m is None:
         return None
     _report_left(m, report)
-    mujoco, g = _mujoco(), m.opt.gravity
-    if m.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_GRAVITY):
-        g = np.zeros(3)
+    is_off = m.opt.disableflags & int(_mujoco().mjtDisableBit.mjDSBL_GRAVITY)
+    g = np.zeros(3) if is_off else m.opt.gravity
     with np.errstate(all="ignore"):  # the Model reports what overflows
         parts = [] if report.errors else _parts(m, report)
         return None if report.errors else assemble(name, parts, gravity=g, source=os.path.abspath(report.file))
@@ -60,7 +57,7 @@ def mjcf_model(root: Element, report: FindingsReport) -> Model | None:
 def drawn(file: str) -> tuple[Any, list[str]]:
     """MuJoCo's compiled model of a file with its geoms, and the meshes that are not there."""
     report = FindingsReport(file)
-    root = parse(read_bytes(file, report) or b"", report)
+    root: Any = parse(read_bytes(file, report) or b"", report)
     report.raise_first_error()
     included(root, report)
     lost = [mesh.get("name") for mesh in _without_files(root, report)]
@@ -75,8 +72,8 @@ def _mujoco() -> Any:
     try:
         import mujoco
     except ImportError as error:
-        cure = "pip install 'rne[mjcf]'"
-        raise ImportError(f"MJCF files are compiled by MuJoCo, which is not installed: {cure}", name="mujoco") from error
+        message = "MJCF files are compiled by MuJoCo, which is not installed: pip install 'rne[mjcf]'"
+        raise ImportError(message, name="mujoco") from error
     return mujoco
 
 
@@ -117,20 +114,16 @@ def _below(main: Path, folder: Path, name: str) -> Path | None:
         return None
 
 
-def _check(root: Element, report: FindingsReport) -> None:
-    """Report numbers that are none, and elements that make bodies, of which the file cannot tell how many."""
+def _for_dynamics(root: Element, report: FindingsReport) -> Element:
+    """The <mujoco> without what has no bearing on the tree's dynamics; no file is needed of which it is independent."""
     for element in root.iter():
+        if element.tag in MAKERS:
+            cure = "load what mujoco.mj_saveLastXML writes of the compiled file"
+            report.error(element, describe(element), f"<{element.tag}> makes bodies when it is compiled", cure)
         for attribute, text in element.attrib.items():
             if NAN.fullmatch(text):
                 message = f"attribute {attribute!r} must be finite, got {echo(text)}"
                 report.error(element, describe(element), message, "fix the attribute")
-        if element.tag in MAKERS:
-            cure = "load what mujoco.mj_saveLastXML writes of the compiled file"
-            report.error(element, describe(element), f"<{element.tag}> makes bodies when it is compiled", cure)
-
-
-def _for_dynamics(root: Element, report: FindingsReport) -> Element:
-    """The <mujoco> without what has no bearing on the tree's dynamics; no file is needed of which it is independent."""
     by_geoms = any(x.get("inertiafromgeom") == "true" for x in root.findall("compiler"))
     for geom in list(root.iterfind("worldbody//geom")):
         body = next(geom.iterancestors("body", "worldbody"))
@@ -143,11 +136,11 @@ def _for_dynamics(root: Element, report: FindingsReport) -> Element:
 
 
 def _without_files(root: Element, report: FindingsReport) -> list[Element]:
-    """Remove what is not compiled, and give meshes that geoms use the paths of their files; those that are not there."""
+    """Remove what is not compiled, and give meshes of geoms the paths of their files; those that are not there."""
     others = [x for x in root if x.tag not in SECTIONS]
     acting = [*root.iterfind("equality/*"), *root.iterfind("actuator/*")]
     others += [x for x in acting if x.tag != "joint" and not {"joint", "jointinparent"} & {*x.attrib}]
-    others = [*others, *root.iter("site", "camera", "light", "plugin", *UNUSED)]
+    others += root.iter("site", "camera", "light", "plugin", *UNUSED)
     left = Counter[str]()
     for element in dict.fromkeys(others):
         left[element.tag] += (len(element) or 1) * (element.tag not in UNUSED)
@@ -183,7 +176,7 @@ def _compiled(root: Element, report: FindingsReport) -> Any | None:
         element.tail = "\n" if element.getnext() is not None else None
     try:
         return None if report.errors else _mujoco().MjModel.from_xml_string(etree.tostring(root, encoding="unicode"))
-    except ValueError as error:
+    except (ValueError, RuntimeError, MemoryError) as error:
         found = COMPILER.fullmatch(str(error))
         text, line = found.groups() if found else (str(error), None)
         element = elements[int(line) - 1] if line else None
@@ -192,16 +185,18 @@ def _compiled(root: Element, report: FindingsReport) -> Any | None:
     return None
 
 
-def names(m: Any, kind: str) -> list[str]:
+def names_of(m: Any, kind: str) -> list[str]:
     """Names of a compiled model's bodies or joints; those without have their number."""
     count = m.nbody if kind == "body" else m.njnt
     return [getattr(m, kind)(k).name or f"{kind}_{k}" for k in range(count)]
 
 
 def rotation_of(quaternion: Array) -> Array:
+    """The rotation matrix of a quaternion w, x, y, z of any length, in long double."""
     w, v = np.split(unit_vector(quaternion.astype(Extended)), [1])
     V = cross_matrix(v)
-    return np.eye(3) + 2 * (w * V + V @ V)
+    R: Array = np.eye(3) + 2 * (w * V + V @ V)
+    return R
 
 
 def _parts(m: Any, report: FindingsReport) -> list[Part]:
@@ -210,7 +205,7 @@ def _parts(m: Any, report: FindingsReport) -> list[Part]:
     A joint's frame has its origin on the joint's axis, nearest to the body's. If that is another point than the
     body's origin, the body is a part of its own that is fixed to the joint's.
     """
-    links, joints = names(m, "body"), names(m, "joint")
+    links, joints = names_of(m, "body"), names_of(m, "joint")
     parts, part_of, part_of_joint = [Part(link=links[0])], [0], list[int]()
     for b in range(1, m.nbody):
         parent, place = part_of[m.body_parentid[b]], pose(rotation_of(m.body_quat[b]), m.body_pos[b])
@@ -238,7 +233,7 @@ def _parts(m: Any, report: FindingsReport) -> list[Part]:
 
 def _joint(m: Any, j: int, name: str, report: FindingsReport) -> tuple[Array, Pose, dict[str, Any]]:
     """Of a hinge or slide: the foot of its axis, its pose at q = 0 seen from that at q = `ref`, fields of its Part."""
-    axis, ref = unit_vector(m.jnt_axis[j].astype(Extended)), Extended(m.qpos0[j])
+    axis, ref = unit_vector(m.jnt_axis[j].astype(Extended)), m.qpos0[j].astype(Extended)
     lower, upper = m.jnt_range[j].tolist() if m.jnt_limited[j] else (-np.inf, np.inf)
     drives = [a for a in range(len(m.actuator_trnid)) if m.actuator_trnid[a, 0] == j]
     joint = {"joint": name, "axis": snap(axis.astype(np.float64)), "lower": lower, "upper": upper}
@@ -298,7 +293,7 @@ def _mimics(m: Any, joints: list[str], report: FindingsReport) -> dict[int, tupl
 
 def _report_left(m: Any, report: FindingsReport) -> None:
     """Report what the compiled model has and a robot cannot have, or has not."""
-    own = {"joint": names(m, "joint"), "body": names(m, "body")}
+    own = {"joint": names_of(m, "joint"), "body": names_of(m, "body")}
     kinds = _mujoco().mjtJoint
     for joint, kind in zip(own["joint"], m.jnt_type, strict=True):
         if kind not in (int(kinds.mjJNT_HINGE), int(kinds.mjJNT_SLIDE)):
@@ -308,6 +303,9 @@ def _report_left(m: Any, report: FindingsReport) -> None:
         for name, values in zip(own[kind], getattr(m, array, ()), strict=False):
             if np.any(values):
                 report.warning(None, f"{kind.replace('body', 'link')} {echo(name)}", message, cure)
+    for j in np.flatnonzero(m.jnt_stiffness).tolist():
+        spring = f"rne.Spring.at_joint({own['joint'][j]!r}, {m.jnt_stiffness[j].item()}, {m.qpos_spring[j].item()})"
+        report.warning(None, f"joint {echo(own['joint'][j])}", "its spring is not read", f"add {spring} to a scene")
     for j in sorted({*m.actuator_trnid[:, 0].tolist()}):
         message = "gear, gains and dynamics of its actuator are not read"
         report.warning(None, f"joint {echo(own['joint'][j])}", message, "torques are those of the joint")
