@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 import rne
+from rne.__main__ import main
+from rne.plotting.shapes import link_shapes
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -190,6 +192,7 @@ def test_links_have_the_frames_of_the_bodies_and_joints_the_order_of_qpos(tmp_pa
     robot = rne.load(written(tmp_path, ARMS["joint pos off the origin"]))
     assert robot.joint_names == ("j", "k", "l")
     assert robot.link_names == ("world", "a/j", "a", "b/k", "b/l", "b")
+    assert rne.load(written(tmp_path, one_joint('axis="0 1 0" pos="0 3 0"'))).link_names == ("world", "a")
     assert rne.load(written(tmp_path, ARMS["static bodies"])).link_names == ("world", "stand", "a", "tool", "body_4")
 
 
@@ -352,10 +355,14 @@ def test_errors_name_the_element_and_the_cure(name, tmp_path, monkeypatch):
 
 
 def test_includes_are_read_below_the_folder(tmp_path):
-    """Relative to the file that includes, or to the first; lines of errors are those of the include there."""
+    """Relative to the first file, or else to the one that includes; lines of errors are those of the include there."""
     written(tmp_path / "parts", '<include file="joint.xml"/>', "more.xml")
     written(tmp_path / "parts", ARM, "joint.xml")
     assert rne.load(written(tmp_path, '<include file="parts/more.xml"/>')).joint_names == ("j",)
+    first = written(tmp_path, ARM.replace('"j"', '"first"'), "joint.xml")
+    assert rne.load(tmp_path / "arm.xml").joint_names == ("first",)
+    assert mujoco.MjModel.from_xml_path(str(tmp_path / "arm.xml")).joint(0).name == "first"
+    first.unlink()
     written(tmp_path / "parts", ARM.replace("axis", "axs"), "joint.xml")
     file = written(tmp_path, '\n\n<include file="parts/more.xml"/>')
     with pytest.raises(rne.UrdfError, match=f"^{re.escape(str(file))}:3: joint 'j': MuJoCo's compiler says: Schema"):
@@ -368,7 +375,9 @@ def test_includes_are_read_below_the_folder(tmp_path):
 def test_meshes_are_needed_for_inertias_alone(tmp_path):
     """A mesh that is not there matters where a body has no <inertial>."""
     trimesh = pytest.importorskip("trimesh")
-    assert rne.load(written(tmp_path, MESH.format("../m.stl", INERTIAL))).model.mass.tolist() == [1]
+    stand = '<worldbody><geom type="mesh" mesh="m"/>'
+    missing = MESH.format("../m.stl", INERTIAL).replace("<worldbody>", stand)
+    assert rne.load(written(tmp_path, missing)).model.mass.tolist() == [1]
     (tmp_path / "shapes").mkdir()
     trimesh.creation.box((0.1, 0.2, 0.3)).export(tmp_path / "shapes" / "m.stl")
     by_mesh = '<compiler meshdir="shapes"/>' + MESH.format("m.stl", "")
@@ -376,9 +385,48 @@ def test_meshes_are_needed_for_inertias_alone(tmp_path):
     compare(written(tmp_path, by_mesh), 2)
 
 
-def test_without_mujoco_the_cure_is_said(tmp_path, monkeypatch):
+GEOMS = """<asset><material name="green" rgba="0 1 0 1" texture="t"/><texture name="t" type="2d" file="no.png"/>
+    <mesh name="wedge" vertex="0 0 0 0.1 0 0 0 0.1 0 0 0 0.2"/><mesh name="lost" file="lost.stl"/></asset>
+    <default><default class="seen"><geom contype="0" conaffinity="0"/></default></default>
+    <worldbody><geom type="plane" size="1 1 1"/><body name="a"><joint name="j"/>{0}
+    <geom type="box" size="0.1 0.2 0.3" pos="1 0 0" rgba="1 0 0 0.5" group="{1}"/><geom type="sphere" size="0.1" group="3"/>
+    <body name="b">{0}<geom type="box" size="1 1 1"/><geom class="seen" type="cylinder" size="0.1 0.3" euler="90 0 0"/>
+    <geom class="seen" type="capsule" size="0.1 0.3" material="green"/><geom class="seen" type="ellipsoid" size="0.1 0.2 0.3"/>
+    <geom class="seen" type="mesh" mesh="wedge" pos="0 0 1"/><geom class="seen" type="mesh" mesh="lost"/></body></body></worldbody>"""
+
+
+def test_shapes_are_the_geoms_that_mujoco_shows(tmp_path):
+    """Of a link with geoms that nothing touches, those alone; none of groups from 3 on; not the floor."""
+    pytest.importorskip("trimesh")
+    model = rne.load(written(tmp_path, GEOMS.format(INERTIAL, 2))).model
+    lost = "robot 'arm': visual shapes are not shown: mesh 'lost' is no file below that of the MJCF file; links without shapes are drawn as lines"
+    with pytest.warns(UserWarning, match=f"^{lost}$"):
+        box, cylinder, capsule, ellipsoid, wedge = link_shapes(model)
+    assert [box.link, box.kind, box.color, box.pose[:3, 3].tolist()] == ["a", "box", (1, 0, 0, 0.5), [1, 0, 0]]
+    assert box.size == pytest.approx((0.2, 0.4, 0.6))
+    assert {x.link for x in (cylinder, capsule, ellipsoid, wedge)} == {"b"}
+    assert [cylinder.kind, cylinder.radius, cylinder.length] == ["cylinder", 0.1, 0.6]
+    assert cylinder.pose[:3, 2] == pytest.approx([0, -1, 0])  # turned about x by 90 degrees
+    assert capsule.color == (0, 1, 0, 1)
+    assert capsule.mesh.bounds == pytest.approx(np.array([[-0.1, -0.1, -0.4], [0.1, 0.1, 0.4]]))
+    assert ellipsoid.mesh.bounds == pytest.approx(np.array([[-0.1, -0.2, -0.3], [0.1, 0.2, 0.3]]), abs=0.01)
+    assert np.concatenate(wedge.faces()).min(axis=0) == pytest.approx([0, 0, 1], abs=1e-7)  # of float32
+    assert np.concatenate(wedge.faces()).max(axis=0) == pytest.approx([0.1, 0.1, 1.2])
+    assert rne.plotting.draw(rne.Robot(rne.load(written(tmp_path, ARM)).model), [0]).axes[0].name == "3d"
+
+
+def test_without_trimesh_what_is_missing_is_said(tmp_path, monkeypatch):
+    model = rne.load(written(tmp_path, GEOMS.format(INERTIAL, 2), "other.xml")).model
+    monkeypatch.setitem(sys.modules, "trimesh", None)
+    with pytest.warns(UserWarning, match=r"<geom> need trimesh, which is not installed: pip install 'rne\[view\]'"):
+        assert link_shapes(model) == []
+
+
+def test_without_mujoco_the_cure_is_said(tmp_path, monkeypatch, capsys):
+    file = written(tmp_path, ARM)
     monkeypatch.setitem(sys.modules, "mujoco", None)
-    with pytest.raises(
-        ImportError, match=r"^MJCF files are compiled by MuJoCo, which is not installed: pip install 'rne\[mjcf\]'$"
-    ):
-        rne.load(written(tmp_path, ARM))
+    text = "MJCF files are compiled by MuJoCo, which is not installed: pip install 'rne[mjcf]'"
+    with pytest.raises(ImportError, match=f"^{re.escape(text)}$"):
+        rne.load(file)
+    assert main(["check", str(file)]) == 2
+    assert capsys.readouterr().err == f"error: {text}\n"

@@ -83,7 +83,7 @@ def included(root: Element, report: FindingsReport) -> Element:
     folders, seen = {root: file.parent}, {file}
     while (include := root.find(".//include")) is not None:
         near = next(folders[x] for x in (include, *include.iterancestors()) if x in folders)
-        places = (_below(file.parent, folder, include.get("file", "")) for folder in (near, file.parent))
+        places = (_below(file.parent, folder, include.get("file", "")) for folder in (file.parent, near))
         found = next(filter(None, places), None)
         if found is None or found in seen or len(seen) > MAX_INCLUDES:
             what = "is no file below that of the MJCF file" if found is None else "is included twice"
@@ -109,7 +109,7 @@ def _below(main: Path, folder: Path, name: str) -> Path | None:
     """The file of a name relative to a folder, if it is there and below the main folder, links followed."""
     try:
         found = (folder / name).resolve()
-        return found if not os.path.isabs(name) and found.is_relative_to(main) and found.is_file() else None
+        return found if found.is_relative_to(main) and found.is_file() else None
     except (OSError, ValueError):  # names that no file can have
         return None
 
@@ -154,7 +154,7 @@ def _without_files(root: Element, report: FindingsReport) -> list[Element]:
     for mesh in root.findall("asset/mesh[@file]"):
         place = re.split(r"[/\\]", mesh.get("file"))[-1] if compiler.get("strippath") == "true" else mesh.get("file")
         mesh.set("name", mesh.get("name") or Path(place).stem)
-        found = None if os.path.isabs(folder) else _below(main, main, os.path.join(folder, place))
+        found = _below(main, main / folder, place)
         if mesh.get("name") in used and found is not None:
             mesh.set("file", str(found))
             continue

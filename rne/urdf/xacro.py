@@ -51,7 +51,7 @@ def expanded(
         xacrodoc.xacro.init_stacks(path)  # includes are relative to the file
         text: str = xacrodoc.XacroDoc.from_file(path, subargs=given).to_urdf_string()
     except Exception as error:  # whatever its expressions raise
-        message = cut(" ".join(str(error).split()) or type(error).__name__, LONG)
+        message = cut(" ".join(f"{type(error).__name__}: {error}".split()), LONG)
         cure = "fix the file, or give what it needs by `arguments` and `packages`"
         report.error(None, "file", f"xacro says: {message}", cure)
         return None
