@@ -128,6 +128,11 @@ def test_other_files_have_no_arguments(given):
                 function(source, **given)
 
 
+def test_arguments_are_mappings(arm):
+    with pytest.raises(TypeError, match=r"^`arguments` and `packages` must be mappings from names, got list$"):
+        rne.load(arm(), arguments=["mass:=3"])
+
+
 def test_only_a_file_that_ends_in_xacro_is_run(arm):
     """A program in a file of another name is not."""
     with pytest.raises(rne.UrdfError, match="is a xacro file, not yet a URDF"):

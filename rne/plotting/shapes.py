@@ -116,7 +116,8 @@ def _beyond_the_model(source: str, package: str | None) -> tuple[str, ...]:
     root = _root(source)
     kinds = {geometry.tag for geometry in root.iterfind("link/visual/geometry/*")} - {"cylinder", "box"}
     found = ", ".join(f"<{kind}>" for kind in sorted(str(kind) for kind in kinds | {x.tag for x in root.iter("geom")}))
-    return (f"{found} need {package}, which is not installed: {INSTALL}",) if found else ()
+    cure = "pip install 'rne[mjcf]'" if package == "mujoco" else INSTALL
+    return (f"{found} need {package}, which is not installed: {cure}",) if found else ()
 
 
 @lru_cache(maxsize=8)

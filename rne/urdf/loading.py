@@ -82,6 +82,9 @@ def resolve(source: str | os.PathLike[str], *given: Mapping[str, Any] | None) ->
     Raises FileNotFoundError if it is neither a file nor a robot's name, ValueError if what is given is not for it.
     """
     name = os.fspath(source)
+    for values in given:
+        if not isinstance(values, Mapping | None):
+            raise TypeError(f"`arguments` and `packages` must be mappings from names, got {type(values).__name__}")
     if any(given) and not name.endswith(".xacro"):
         raise ValueError(f"`arguments` and `packages` are for files that end in .xacro, got {name!r}")
     if isinstance(source, str) and source in BUILDERS:

@@ -299,6 +299,8 @@ def _report_left(m: Any, report: FindingsReport) -> None:
         if kind not in (int(kinds.mjJNT_HINGE), int(kinds.mjJNT_SLIDE)):
             message, cure = "is a free or ball joint, which is not covered", "fix the body, or write hinges and slides"
             report.error(None, f"joint {echo(joint)}", message, cure)
+    if report.errors:  # numbers of joints are then not those of positions
+        return
     for array, (kind, message, cure) in LEFT.items():
         for name, values in zip(own[kind], getattr(m, array, ()), strict=False):
             if np.any(values):
