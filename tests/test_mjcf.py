@@ -1,5 +1,6 @@
 """MJCF files: the robot read has MuJoCo's own M, bias, gravity and accelerations; what is not read is named."""
 
+import io
 import re
 import sys
 
@@ -155,6 +156,11 @@ DRIVES = {
     "force": ("", '<position joint="j" kp="9" gear="3" forcerange="-5 5" ctrlrange="-1 1"/>', 15),
     "gain": ("", '<general joint="j" gainprm="3" ctrlrange="-2 2"/>', 6),
     "servo without a limit of force": ("", '<position joint="j" kp="9" ctrlrange="-1 1"/>', np.inf),
+    "two drives and a limit of both": (
+        'actuatorfrcrange="-7 7"',
+        '<motor joint="j" ctrlrange="-5 5"/><motor joint="j" ctrlrange="-5 5"/>',
+        7,
+    ),
     "one side": ("", '<motor joint="j" ctrlrange="0 2"/>', np.inf),
     "two drives": ("", '<motor joint="j" ctrlrange="-2 2"/><motor joint="j" ctrlrange="-2 2"/>', np.inf),
 }
@@ -295,7 +301,7 @@ ERRORS = {
     ),
     "circle": (
         ARMS["equality"].replace('joint1="s" joint2="j"', 'joint1="j" joint2="l"'),
-        ": joint 'l': <equality> couples joints in a circle; remove one of them",
+        ": joint 'l': <equality> couples joints in a circle; remove one",
     ),
     "truncated": ("<?xml version='1.0'?><mujoco><worldbody><body", ":1: file: is not well-formed XML ("),
     "entities": (
@@ -319,7 +325,10 @@ ERRORS = {
         ARM.replace("0 1 0", "0 nan 0"),
         ":1: joint 'j': attribute 'axis' must be finite, got '0 nan 0'; fix the attribute",
     ),
-    "huge": (ARM.replace("0 1 0", "1e300 1 0"), ": `axis` must be finite"),
+    "huge": (
+        ARM.replace("0 1 0", "1e300 1 0"),
+        ": robot: `axis` must be finite, got nan at index (0, 0); fix the file",
+    ),
     "infinite": (
         ARM.replace('mass="1"', 'mass="1e999"'),
         ":1: <inertial>: MuJoCo's compiler says: number is too large in attribute 'mass'; fix the file",
@@ -355,8 +364,9 @@ def test_errors_name_the_element_and_the_cure(name, tmp_path, monkeypatch):
     file = written(folder, text)
     (folder / "link.xml").symlink_to(other)
     monkeypatch.chdir(folder)
-    with pytest.raises(rne.UrdfError, match="^" + re.escape(f"{file}{expected}")):
+    with pytest.raises(rne.UrdfError, match="^" + re.escape(f"{file}{expected}")) as caught:
         rne.load(file)
+    assert caught.value.finding in rne.check(file, out=io.StringIO())
     assert name == "huge" or not (folder / "MUJOCO_LOG.TXT").exists()  # in which it writes warnings
 
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from ..basics.spatial import Array, cross_matrix, rotation_about, snap, transpose, unit_vector
 from ..basics.text import cut
+from ..errors import ModelError
 from ..model.builder import Extended, Mimic, Part, Pose, assemble, pose
 from ..model.model import Model
 from .document import Element, describe, parse, read_bytes
@@ -49,9 +50,13 @@ def mjcf_model(root: Element, report: FindingsReport) -> Model | None:
     _report_left(m, report)
     is_off = m.opt.disableflags & int(_mujoco().mjtDisableBit.mjDSBL_GRAVITY)
     g = np.zeros(3) if is_off else m.opt.gravity
-    with np.errstate(all="ignore"):  # the Model reports what overflows
-        parts = [] if report.errors else _parts(m, report)
+    try:
+        with np.errstate(all="ignore"):  # the Model reports what overflows
+            parts = [] if report.errors else _parts(m, report)
         return None if report.errors else assemble(name, parts, gravity=g, source=os.path.abspath(report.file))
+    except ModelError as error:
+        report.error(None, "robot", str(error), "fix the file")
+    return None
 
 
 def drawn(file: str) -> tuple[Any, list[str]]:
@@ -250,7 +255,7 @@ def _joint(m: Any, j: int, name: str, report: FindingsReport) -> tuple[Array, Po
 def _effort(m: Any, j: int, drives: list[int], name: str, report: FindingsReport) -> float:
     """The largest torque or force of a joint's drive where the file says one, otherwise infinite."""
     ranges = [m.jnt_actfrcrange[j]] if m.jnt_actfrclimited[j] else []
-    for a in drives:
+    for a in drives if len(drives) == 1 else ():
         gear, is_motor = m.actuator_gear[a, 0], not (m.actuator_gaintype[a] or m.actuator_biastype[a])  # fixed, none
         if m.actuator_forcelimited[a]:
             ranges.append(gear * m.actuator_forcerange[a])
@@ -284,9 +289,7 @@ def _mimics(m: Any, joints: list[str], report: FindingsReport) -> dict[int, tupl
             x, inner, constant = written[x]
             factor, offset = factor * inner, factor * constant + offset
         if x in passed:
-            report.error(
-                None, f"joint {echo(joints[y])}", "<equality> couples joints in a circle", "remove one of them"
-            )
+            report.error(None, f"joint {echo(joints[y])}", "<equality> couples joints in a circle", "remove one")
         composed[y] = x, float(factor), float(offset)
     return composed
 
