@@ -228,6 +228,22 @@ def test_equalities_other_than_straight_lines_are_left(tmp_path, capsys):
     assert expected in capsys.readouterr().out
 
 
+def test_springs_that_check_names_have_the_torques_of_mujoco(tmp_path):
+    """At a hinge and a slide with `ref`, each by the line of Python that the finding gives."""
+    joints = '<joint name="j" axis="0 1 0" ref="20" stiffness="30" springref="-10"/>'
+    joints += '<joint name="s" type="slide" axis="1 0 0" ref="0.2" stiffness="500" springref="0.3"/>'
+    file = written(tmp_path, f'<worldbody><body name="a">{joints}{INERTIAL}</body></worldbody>')
+    lines = [re.search(r"add (rne\.Spring.*) to a scene", x.cure) for x in rne.check(file, out=io.StringIO())]
+    springs = [eval(line[1]) for line in lines if line]
+    assert len(springs) == 2
+    robot, m = rne.load(file), mujoco.MjModel.from_xml_path(str(file))
+    d, q, zero = mujoco.MjData(m), np.array([0.4, -0.3]), np.zeros(2)
+    d.qpos[:] = q
+    mujoco.mj_forward(m, d)
+    held = rne.Scene(robot, springs=springs).inverse_dynamics(q, zero, zero) - robot.gravity_torque(q)
+    assert held == pytest.approx(-d.qfrc_passive, rel=TOLERANCE)
+
+
 def test_positions_of_coupled_joints_are_those_that_mujoco_holds(tmp_path):
     """Its constraint y - y0 = a0 + a1 (x - x0) + ... is met at q_joints = G q + offset."""
     file = written(tmp_path, ARMS["equality"])
