@@ -107,7 +107,7 @@ class TestTorques:
         names = tree.link_names
         pairs = [(a, b) for k, a in enumerate(names) for b in names[:k]]
         springs = [rne.Spring(a, rng.normal(size=3), b, rng.normal(size=3), *rng.uniform(0, 9, 3)) for a, b in pairs]
-        springs = [s for s in springs if s._is_moved(tree.model)] + [
+        springs = [s for s in springs if any(s._bodies(tree.model))] + [
             rne.Spring.at_joint(tree.model.moving_joints[-1], 3, 1)
         ]
         found = rne.Scene(tree, springs=springs).resolved.springs
