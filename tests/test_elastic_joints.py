@@ -262,7 +262,7 @@ def test_ensembles_move_as_single_motions(arm, engine):
     rng, law = np.random.default_rng(0), rne.traceable(LAWS["both"])
     elastic = rne.ElasticJoints(500.0, 1.0, reads="both")
     scene = rne.Scene(robot, elastic=elastic, controller=law)
-    q0, qd0 = rng.uniform(-1, 1, (3, 2)), np.zeros((3, 2))
+    q0, qd0 = rng.uniform(-1, 1, (2, 2)), np.zeros((2, 2))
     single = [rne.simulate(scene, q, qd, 0.1, **TIGHT) for q, qd in zip(q0, qd0, strict=True)]
     ends = np.array([motion.q[-1] for motion in single])
     together = rne.ensemble(scene, q0, qd0, 0.1, **TIGHT)

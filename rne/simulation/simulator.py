@@ -54,7 +54,7 @@ def simulate(
         What moves.
     q0, qd0 : array_like, shape (n,)
         Initial joint positions and velocities [rad or m; rad/s or m/s]. Behind elastic joints motors start with the
-        links' velocities, where torsion holds the links against gravity; or as given behind the links', shape (2 n,).
+        links' velocities, where torsion holds the links at rest; or as given behind the links', shape (2 n,).
     duration : float
         Time to simulate [s].
     torque : array_like, shape (n,), or callable f(t, q, qd) -> (n,), optional
