@@ -69,6 +69,20 @@ def test_recursion_kernel_and_engines_agree():
                 np.testing.assert_allclose(kernel(*arrays), expected, rtol=1e-10)
 
 
+@pytest.mark.parametrize("name", ["task_inertia", "task_bias", "task_inverse"])
+def test_derivatives_are_complex_steps(name):
+    robot, link = arm("ur5")
+    function = getattr(rne.dynamics, name)
+    arrays = [np.array([[0.1, -1.0, 1.2, 0.3, 1.1, 0.2]]), np.full((1, 6), 0.5)][: len(function.quantity.widths)]
+    wrt = tuple(function.quantity.widths)
+    slopes = rne.kernels.derivative(function, robot.model, *wrt, link=link)(*arrays)
+    steps, _ = rne.kernels.trace.by_recursion(function, robot.model, arrays, wrt, {"link": link})
+    assert abs(slopes - steps).max() <= 1e-10 * abs(steps).max()  # of the conditions of M and of the pose, 1e5
+    weights = np.ones((1, slopes[..., 0].size))
+    gradient = rne.kernels.gradient(function, robot.model, *wrt, link=link)(*arrays, weights)
+    np.testing.assert_allclose(gradient, slopes.reshape(1, -1, slopes.shape[-1]).sum(1), rtol=1e-9, atol=1e-9)
+
+
 def test_axes_and_points():
     robot, link = arm("irb140")
     q, point = np.random.default_rng(3).uniform(-1, 1, (3, 6)), [0.1, -0.2, 0.3]
