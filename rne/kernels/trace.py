@@ -25,12 +25,13 @@ from ..dynamics.quantity import (
     check_arguments,
 )
 from ..errors import NotFiniteError
+from ..graph.differentiation import ORDERS, differentiate
+from ..graph.graph import Graph, TooLarge
+from ..graph.program import evaluate, lower
+from ..graph.scalar import inputs, references
 from ..model.model import Model, model_argument
 from ..model.parameters import PARAMETERS, at_parameters, with_fewest_terms
-from .differentiation import ORDERS, differentiate
-from .graph import Graph, TooLarge
-from .program import Trace, evaluate, lower
-from .scalar import inputs, references
+from .soundness import Trace
 
 LIMIT = 50_000  # operations that are written out at most
 AGREEMENT = 1e-9  # relative: values that differ by less are the same

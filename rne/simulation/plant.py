@@ -14,7 +14,7 @@ from ..basics.spatial import Array
 from ..dynamics.quantity import OK, MethodQuantity, PrecisionStatus
 from ..errors import NotFiniteError
 from ..kernels.kernel import Kernel
-from ..kernels.program import NeedsRecursion
+from ..kernels.soundness import NeedsRecursion
 from ..robot import Robot
 from .control_law import call_law
 from .events import Event
