@@ -42,7 +42,8 @@ class Conditions(Protocol):
 class Trace:
     """A quantity traced on one model, as the engines run it.
 
-    The program's outputs are the entries of the result, then the pivots of M, then M's diagonal, if there are pivots.
+    The program's outputs are the entries of the result, then the pivots of M, then M's diagonal, if there are pivots,
+    then further values that must be finite: of couplings.
     """
 
     program: Program
@@ -91,4 +92,6 @@ class Trace:
         if n:
             pivots, diagonal = outputs[first : first + n], outputs[first + n : first + 2 * n]
             conditions.append(write.above(pivots, pivot_bound(NEARLY_SINGULAR, n, dtype), diagonal))
+        if len(further := outputs[first + 2 * n :]):
+            conditions.append(write.finite(further))
         return conditions

@@ -123,6 +123,8 @@ def trace(
         outputs += [ref for part in judged for ref in references(graph, part)]
     else:
         shape, outputs = (), [outputs[int(np.ravel_multi_index(entry, shape))]]
+    needed = {*graph.needed(outputs)} if graph.checked else set()
+    outputs += [2 * k for k in graph.checked if k in needed]
     program = lower(graph, outputs, sum(widths.values()))
     if len(program.instructions) > LIMIT or not program.is_finite:  # the recursion runs, and names what is wrong
         raise TooLarge(

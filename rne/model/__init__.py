@@ -1,5 +1,8 @@
 """The Model of a robot, its validation, its construction and modification, built-in robots."""
 
+from typing import TYPE_CHECKING
+
+from ..basics import on_first_use
 from .abb_irb140 import irb140
 from .chains import chain, dh_chain
 from .model import Model
@@ -7,16 +10,29 @@ from .modify import locked, mounted, with_limits, with_payload
 from .parameters import with_parameters
 from .solids import Box, Cylinder, cylinder_inertia
 
+if TYPE_CHECKING:
+    from .following import coupled
+    from .linkages import cylinder, four_bar, parallelogram, slider_crank
+else:
+    __getattr__ = on_first_use(
+        __name__, {"following": "coupled", "linkages": "cylinder four_bar parallelogram slider_crank"}
+    )
+
 __all__ = [
     "Box",
     "Cylinder",
     "Model",
     "chain",
+    "coupled",
+    "cylinder",
     "cylinder_inertia",
     "dh_chain",
+    "four_bar",
     "irb140",
     "locked",
     "mounted",
+    "parallelogram",
+    "slider_crank",
     "with_limits",
     "with_parameters",
     "with_payload",

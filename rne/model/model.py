@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
@@ -14,8 +14,12 @@ from numpy.typing import ArrayLike, DTypeLike
 from ..basics.arrays import convert_array, convert_numbers, is_equal, number_array, plain_array
 from ..basics.spatial import Array, point_mass_inertia
 from ..basics.text import brief_array, counted, listed, short, wrapped
+from ..errors import ModelError, NotFiniteError
 from .checks import LIMITS, check_model
 from .solids import Box, Cylinder, Moments
+
+if TYPE_CHECKING:
+    from .coupling import Coupling
 
 STANDARD_GRAVITY = (0.0, 0.0, -9.81)  # [m/s^2], the thesis's value
 REVOLUTE_TYPES = ("revolute", "continuous")
@@ -61,7 +65,10 @@ class Model:
     coordinate, multiplier, offset : shapes (nb,)
         The position of joint i is `multiplier[i] * q[coordinate[i]] + offset[i]` (URDF's mimic) [rad or m].
     independent_joints : tuple of int, length n
-        The joint that coordinate k belongs to; all other joints mimic one of these.
+        The joint that coordinate k belongs to; all other joints mimic one of these, or follow some by a coupling.
+    couplings : tuple of Coupling
+        Joints whose positions are other functions of the coordinates, in their order in `moving_joints`, made by
+        `rne.model.coupled` and the linkages beside it; their multipliers and offsets are 0.
     gravity : ndarray, shape (3,)
         In the axes of the root link [m/s^2].
     link_names : tuple of str
@@ -131,6 +138,7 @@ class Model:
     independent_joints: tuple[int, ...] = UNSET
     multiplier: Array = UNSET
     offset: Array = UNSET
+    couplings: tuple[Coupling, ...] = ()
     base_mass: float = 0.0
     base_com: Array = field(default_factory=lambda: np.zeros(3))
     base_inertia: Array = field(default_factory=lambda: np.zeros((3, 3)))
@@ -198,7 +206,7 @@ class Model:
 
     @cached_property
     def n(self) -> int:
-        """Number of coordinates: moving joints that mimic no other."""
+        """Number of coordinates: moving joints that follow no other."""
         return len(self.independent_joints)
 
     @cached_property
@@ -208,15 +216,56 @@ class Model:
 
     @cached_property
     def has_mimics(self) -> bool:
-        """True if some joint mimics another, so that q is not the list of the joints' positions."""
+        """True if some joint mimics or follows others, so that q is not the list of the joints' positions."""
         return self.n != self.nb
 
     @cached_property
     def coordinate_map(self) -> Array:
-        """The matrix G of q_joints = G q + offset, shape (nb, n)."""
+        """The matrix G of q_joints = G q + offset, shape (nb, n); a ModelError where couplings make it depend on q."""
+        self.refuse_couplings("a constant map of its coordinates")
+        return self.mimic_map
+
+    @cached_property
+    def mimic_map(self) -> Array:
+        """The matrix of `coordinate_map`, with rows of zeros for the joints that follow by couplings."""
         G = np.zeros((self.nb, self.n), dtype=self.multiplier.dtype)
         G[range(self.nb), self.coordinate] = self.multiplier
         return G
+
+    @cached_property
+    def coupled_joints(self) -> tuple[tuple[int, list[int], Coupling], ...]:
+        """Of each coupling the joint, its drivers' places among the coordinates, and itself."""
+        place, joints = self.moving_joints.index, self.joint_names
+        return tuple((place(c.joint), [joints.index(name) for name in c.drivers], c) for c in self.couplings)
+
+    @cached_property
+    def rest(self) -> Array:
+        """Positions of the moving joints where the coordinates are 0, shape (nb,)."""
+        rest = self.offset.copy()
+        for i, drivers, coupling in self.coupled_joints:
+            rest[i] = coupling.position(np.zeros(len(drivers), dtype=rest.dtype))
+        return rest
+
+    def check_closure(self, q: Array) -> None:
+        """Raise a NotFiniteError where a joint has no position or velocity, which names it, its drivers and ranges."""
+        for i, drivers, coupling in self.coupled_joints:
+            given = q[..., drivers].real.astype(np.float64)
+            bad = ~np.isfinite(coupling.derivatives(given)[0]).all(-1)
+            if bad.any():
+                state = tuple(np.argwhere(bad)[0].tolist())
+                own = [self.independent_joints[k] for k in drivers]
+                places = (
+                    f"{x:.6g} of {self.moving_joints[j]!r} ({self.lower[j]:.6g} ... {self.upper[j]:.6g})"
+                    for x, j in zip(given[state].tolist(), own, strict=True)
+                )
+                text = f"joint {self.moving_joints[i]!r} cannot follow its drivers beyond their ranges, got {', '.join(places)}"
+                raise NotFiniteError(text, state=state)
+
+    def refuse_couplings(self, what: str) -> None:
+        """Raise a ModelError that names the first coupling, if there is one; `what` is that which takes none."""
+        if self.couplings:
+            joint, drivers = self.couplings[0].joint, listed(self.couplings[0].drivers)
+            raise ModelError(f"robot {self.name!r}: joint {joint!r} follows {drivers} by a coupling, unlike {what}")
 
     def coordinate_limits(self) -> dict[str, Array]:
         """Limits of the coordinates, those of the joints that mimic them included.
