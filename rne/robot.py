@@ -159,7 +159,8 @@ class Robot(InNotebooks):
         ]
         if model.has_mimics:
             further = model.nb - model.n
-            lines.append(f"  {counted(further, 'further joint')} mimic{'s' * (further == 1)} these")
+            verb = "follow" if model.couplings else "mimic"
+            lines.append(f"  {counted(further, 'further joint')} {verb}{'s' * (further == 1)} these")
         if model.damping.any() or model.friction.any():
             lines.append("  damping and friction of its <dynamics> are on record, not applied")
         return "\n".join(lines)

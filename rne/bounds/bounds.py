@@ -175,6 +175,7 @@ def robot_bounds(
     model = cache.model
     if not model.n:
         raise ValueError(f"bounds need a robot that moves, {model.name!r} has no joints")
+    model.refuse_couplings("bounds take")
     tolerance, budget = positive_number("tolerance", tolerance), positive_number("budget", budget)
     seconds = np.inf if seconds is None else positive_number("seconds", seconds)
     known = model.coordinate_limits()

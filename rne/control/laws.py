@@ -119,7 +119,9 @@ def composite_error(
 def model_torques(robot: Robot, Y: Array, parameters: Array, qddr: Array) -> Array:
     """M qddr + C qdr + g: Y pi of the parameters, and the torque of the rotors, which are known."""
     model = robot.model
-    rotors = model.coordinate_map.T @ (model.armature[:, None] * model.coordinate_map)
+    if model.couplings and model.armature.any():
+        model.refuse_couplings("adaptive and robust laws of robots with armature take")
+    rotors = model.mimic_map.T @ (model.armature[:, None] * model.mimic_map)
     torques: Array = (Y @ parameters[..., None])[..., 0] + qddr @ rotors
     return torques
 

@@ -117,8 +117,8 @@ def articulated_forward_dynamics(
     """Joint accelerations that the torques tau give, without forming M.
 
     Featherstone 2008, table 7.1, in blocks of three. O(n). Joints that follow others are a ModelError: their
-    articulated inertia is not that of one joint. `articulated_forward_dynamics.core` returns (qdd, pivots, diagonal of M). Parameters,
-    result and errors are those of `rne.Robot.forward_dynamics`, with the model first.
+    articulated inertia is not that of one joint. `articulated_forward_dynamics.core` returns (qdd, pivots, diagonal of
+    M). Parameters, result and errors are those of `rne.Robot.forward_dynamics`, with the model first.
     """
     if model.has_mimics:
         raise ModelError(

@@ -46,7 +46,7 @@ def joint_accelerations(model: Model, q: Array, qd: Array, qdd: Array, qdr: Arra
 
 
 def coordinate_map(model: Model, q: Array) -> Array:
-    """G = d phi/dq of the positions phi of the moving joints, shape (nb, n), or (..., nb, n) where couplings vary it."""
+    """G = d phi/dq of the positions phi of the moving joints, shape (nb, n); with couplings (..., nb, n)."""
     if not model.couplings:
         return model.coordinate_map
     G = zeros((*q.shape[:-1], model.nb, model.n), like=q) + model.mimic_map
@@ -113,7 +113,10 @@ def link_poses(model: Model, q: Array) -> Array:
 
 
 def velocities(model: Model, R: list[Array], p: list[Array], qd: Array) -> tuple[dict[int, Array], dict[int, Array]]:
-    """Angular velocity of every body and of its frame's origin, in its own axes, at the joints' velocities (..., nb)."""
+    """Angular velocity of every body and velocity of its frame's origin, in its own axes.
+
+    `qd` (..., nb) are the velocities of the moving joints.
+    """
     zero = zeros((*qd.shape[:-1], 3), like=qd)
     omega, v = {BASE: zero}, {BASE: zero}
     for i, parent in enumerate(model.parent):

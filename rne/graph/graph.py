@@ -7,8 +7,9 @@ of constants and inputs comes to overflow, the recursion computes the state.
 
 Inputs are finite, and products and sums of them are taken to be. Then 0 x is 0, but not for an x that may be infinite
 or NaN otherwise: a root, an exponential, a quotient whose divisor may be 0, or a constant that is not finite. Pivots of
-M are not 0 and positions of coupled joints are finite, since they are checked; but which divisors are pivots is known only when all is traced. So a first graph
-folds all zeros and notes what that rests on; if some of it is unsound, a second one is made that knows the pivots.
+M are not 0, and what couplings give is finite, since both are checked; but which divisors are pivots is known only when
+all is traced. So a first graph folds all zeros and notes what that rests on; if some of it is unsound, a second one is
+made that knows the pivots.
 """
 
 from __future__ import annotations

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -30,6 +31,16 @@ class Coupling:
         """The joint's position, shape (...), from those of the drivers, (..., d), of any type of number."""
         return _run(self.program, drivers)[..., 0]
 
+    def at(self, values: Mapping[str, float]) -> tuple[tuple[str, ...], Callable[..., Any]]:
+        """The drivers that have no value here, and the position as a function of theirs."""
+        free = tuple(name for name in self.drivers if name not in values)
+
+        def position(*given: Any) -> Any:
+            known = {**values, **dict(zip(free, given, strict=True))}
+            return self.position(np.array([[known[name] for name in self.drivers]], dtype=object))[0]
+
+        return free, position
+
     def derivatives(self, drivers: Array) -> tuple[Array, Array]:
         """Derivatives of the position by the drivers: the first, shape (..., d), and the second, (..., d, d)."""
         d, found = len(self.drivers), _run(self._derivatives, drivers)
@@ -44,7 +55,7 @@ class Coupling:
 
 
 def _run(program: Program, given: Array) -> Array:
-    """The outputs, shape (..., outputs), of inputs (..., width); traced ones are taken to be finite, which is checked."""
+    """The outputs, shape (..., outputs), of inputs (..., width); kernels check those that are traced to be finite."""
     number: Any = np.asarray if given.dtype == object else given.dtype.type
     found = zeros((*given.shape[:-1], len(program.outputs)), like=given)
     with np.errstate(all="ignore"):

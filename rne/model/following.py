@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..basics.spatial import Array
+from ..basics.text import listed
 from ..errors import ModelError
 from ..graph.differentiation import differentiate
 from ..graph.graph import Graph
@@ -110,7 +111,7 @@ def _position(
         return function(*map(of, drivers))
     for coupling in model.couplings:
         if coupling.joint == joint:
-            return coupling.position(np.array([[of(name) for name in coupling.drivers]], dtype=object))[0]
+            return coupling.at({})[1](*map(of, coupling.drivers))
     i = model.moving_joints.index(joint)
     return of(model.joint_names[model.coordinate[i]]) * float(model.multiplier[i]) + float(model.offset[i])
 
@@ -163,7 +164,8 @@ def _with_range_cut(model: Model, driver: str) -> Model:
             found.append(failing(np.array([outside]))[1])
     if not found:
         return model
-    text = f"range cut from {low:.6g} ... {high:.6g} to {ends[0]:.6g} ... {ends[1]:.6g} by {' and '.join(map(repr, dict.fromkeys(found)))}"
+    joints = listed(list(dict.fromkeys(found)))
+    text = f"range cut from {low:.6g} ... {high:.6g} to {ends[0]:.6g} ... {ends[1]:.6g} by {joints}, which follows it"
     LOGGER.warning("joint %r: %s", driver, text)
     lower_, upper = model.lower.copy(), model.upper.copy()
     lower_[k], upper[k] = ends

@@ -94,23 +94,32 @@ def four_bar(model: Model, driver: str, closing: Closing) -> Model:
 
 
 def parallelogram(model: Model, driver: str, closing: Closing) -> Model:
-    """The robot with a parallelogram closed: two joints mimic the driver, by 1 or -1.
+    """The robot with a parallelogram closed, whose joints follow by multipliers of 1 or -1.
 
-    Parameters, result and errors are those of `rne.model.four_bar`; opposite sides must be equal to 1e-9 of its size.
+    With three joints in the loop two of them mimic the driver. With four, of which the driver and the one before it have
+    one axis, as shoulder and elbow drive of a palletiser, these two drive and the others follow the difference.
 
     Parameters
     ----------
     model : Model
+        The robot as a tree, with the loop open at one pivot.
     driver : str
+        A joint of the loop, all rotating and with parallel axes.
     closing : ((str, array_like), (str, array_like))
+        The pivot that closes the loop: two links, and its place in the frame of each [m].
 
     Returns
     -------
     Model
+        Without the joints that follow among its coordinates.
 
     Raises
     ------
     ModelError
+        If the loop has other joints, is not plane, does not close at the zero pose or has opposite sides that differ, by
+        more than 1e-9 of its size.
+    ValueError, TypeError
+        If an argument is of another form, or names no joint or link.
 
     Examples
     --------
@@ -121,11 +130,18 @@ def parallelogram(model: Model, driver: str, closing: Closing) -> Model:
     >>> arm.multiplier.tolist()
     [1.0, -1.0, 1.0]
     """
-    D, X, Y, Z = loop = _loop(model, driver, closing, "RRRR")
+    loop = _loop(model, driver, closing, "RRRR", "RRRRR")
+    D, X, Y, Z = loop[:4]
     gap = float(np.abs(X.place - D.place - Y.place + Z.place).max())
+    gap = max(gap, *(float(np.abs(E.place - D.place).max()) for E in loop[4:]), 0.0)
     if gap > CLOSED * float(np.abs(Y.place - D.place).max()):
-        raise ModelError(f"the four-bar of {driver!r} is no parallelogram: opposite sides differ by {gap:.3g} m")
-    return _closed(model, driver, loop, lambda position: D.sense * position * np.array([1, -1, 1, -1]))
+        raise ModelError(f"the linkage of {driver!r} is no parallelogram: opposite sides differ by {gap:.3g} m")
+
+    def motions(position: Any, *other: Any) -> tuple[Any, ...]:
+        turn = D.sense * position + sum(E.sense * x for E, x in zip(loop[4:], other, strict=True))
+        return turn, -turn, turn, -turn
+
+    return _closed(model, driver, loop, motions, *(E.joint for E in loop[4:]))
 
 
 def cylinder(model: Model, driver: str, closing: Closing) -> Model:
@@ -270,8 +286,8 @@ def slider_crank(driver: str, *, crank: float, rod: float, angle: float = 0.0) -
     return SliderCrank(driver, r, l, start)
 
 
-def _loop(model: Model, driver: str, closing: Closing, kinds: str) -> list[Pivot]:
-    """The joints of a loop and its pivot, in order from the driver, or so that the kinds, R or P, are these."""
+def _loop(model: Model, driver: str, closing: Closing, *kinds: str) -> list[Pivot]:
+    """The joints of a loop and its pivot, in order from the driver, or so that the kinds, R or P, are some of these."""
     if driver not in model_argument(model).moving_joints:
         raise ValueError(f"`driver` must be one of {list(model.moving_joints)}, got {driver!r}")
     R, p = _zero_pose(model)
@@ -285,13 +301,14 @@ def _loop(model: Model, driver: str, closing: Closing, kinds: str) -> list[Pivot
     start = next((place for place, (i, _) in enumerate(loop) if i == k), 0)
     loop = loop[start:] + loop[:start]
     form = "".join("R" if i < 0 or model.is_revolute[i] else "P" for i, _ in loop)
-    if form == kinds[2:] + kinds[:2]:
-        form, loop = kinds, loop[2:] + loop[:2]
+    if form not in kinds and form[2:] + form[:2] in kinds:
+        form, loop = form[2:] + form[:2], loop[2:] + loop[:2]
     free = [name for name in names if name == driver or name in model.joint_names]
-    if form != kinds or driver not in names or free != names:
+    if form not in kinds or driver not in names or free != names:
+        need = " or ".join(kinds).replace("R", "rotating ").replace("P", "sliding ")
         raise ModelError(
-            f"the loop that `closing` closes must have the driver {driver!r} and two joints that follow nothing, "
-            f"{'all rotating' if kinds == 'RRRR' else 'one of them the slide, next to or opposite'}, got {names}"
+            f"the loop that `closing` closes must be, from {driver!r} on and with its pivot, {need}joints that follow no "
+            f"others, got {names}"
         )
     return _in_plane(model, loop, R, p, a[1], b[1])
 
@@ -354,14 +371,20 @@ def _carriers(model: Model, body: int) -> list[int]:
     return [] if body < 0 else [body, *_carriers(model, model.parent[body])]
 
 
-def _closed(model: Model, driver: str, loop: Sequence[Pivot], motions: Callable[[Any], Sequence[Any]]) -> Model:
-    """The robot with the joints of a loop following the driver by their motions since the zero pose."""
-    rest = float(model.rest[model.moving_joints.index(driver)])
+def _closed(
+    model: Model, driver: str, loop: Sequence[Pivot], motions: Callable[..., Sequence[Any]], *others: str
+) -> Model:
+    """The robot with joints of a loop following the driver, and others, by their motions since the zero pose."""
+    drivers = (driver, *others)
+    rest = [float(model.rest[model.moving_joints.index(name)]) for name in drivers]
 
     def following(k: int, pivot: Pivot) -> Followed:
-        return (driver,), lambda position: pivot.sense * motions(position - rest)[k]
+        def position(*given: Any) -> Any:
+            return pivot.sense * motions(*(x - x0 for x, x0 in zip(given, rest, strict=True)))[k]
 
-    names = {k: pivot.joint for k, pivot in enumerate(loop) if pivot.joint not in ("", driver)}
+        return drivers, position
+
+    names = {k: pivot.joint for k, pivot in enumerate(loop) if pivot.joint not in ("", *drivers)}
     return coupled(model, {name: following(k, loop[k]) for k, name in names.items()})
 
 

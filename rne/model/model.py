@@ -222,7 +222,7 @@ class Model:
     @cached_property
     def coordinate_map(self) -> Array:
         """The matrix G of q_joints = G q + offset, shape (nb, n); a ModelError where couplings make it depend on q."""
-        self.refuse_couplings("a constant map of its coordinates")
+        self.refuse_couplings("a constant map of coordinates has")
         return self.mimic_map
 
     @cached_property
@@ -258,14 +258,16 @@ class Model:
                     f"{x:.6g} of {self.moving_joints[j]!r} ({self.lower[j]:.6g} ... {self.upper[j]:.6g})"
                     for x, j in zip(given[state].tolist(), own, strict=True)
                 )
-                text = f"joint {self.moving_joints[i]!r} cannot follow its drivers beyond their ranges, got {', '.join(places)}"
+                text = (
+                    f"joint {self.moving_joints[i]!r} cannot follow beyond its drivers' ranges, got {', '.join(places)}"
+                )
                 raise NotFiniteError(text, state=state)
 
     def refuse_couplings(self, what: str) -> None:
         """Raise a ModelError that names the first coupling, if there is one; `what` is that which takes none."""
         if self.couplings:
             joint, drivers = self.couplings[0].joint, listed(self.couplings[0].drivers)
-            raise ModelError(f"robot {self.name!r}: joint {joint!r} follows {drivers} by a coupling, unlike {what}")
+            raise ModelError(f"{what} no couplings, but joint {joint!r} of robot {self.name!r} follows {drivers}")
 
     def coordinate_limits(self) -> dict[str, Array]:
         """Limits of the coordinates, those of the joints that mimic them included.

@@ -117,6 +117,7 @@ class StandardParameters:
 
     def __post_init__(self) -> None:
         n = model_argument(self.model).n
+        self.model.refuse_couplings("standard parameters, base parameters and identification take")
         drive_argument(self.drives)
         if self.drives.stribeck is not None:
             vector("stribeck", self.drives.stribeck, n, sign="not negative")

@@ -20,7 +20,8 @@ def end_link(model: Model, *, axes_count: bool = False) -> str:
     if not _is_chain(model):
         reason = "its moving joints branch"
     elif mimics:
-        reason = f"its joint {mimics[0]!r} mimics another"
+        follows = "follows others" if any(c.joint == mimics[0] for c in model.couplings) else "mimics another"
+        reason = f"its joint {mimics[0]!r} {follows}"
     elif not _all_same(model.link_translation[ends]):
         reason = "its last body ends at several points"
     elif axes_count and not _all_same(model.link_rotation[ends]):

@@ -126,8 +126,8 @@ class Stop:
         self.joint, self.bound = model.moving_joints[i], bound
         self.coordinate = int(model.coordinate[i])
         self.multiplier, self.offset = float(model.multiplier[i]), float(model.offset[i])
-        slack = 4 * EPS * max(1.0, abs(bound))  # a joint at rest on its stop has not just reached it
-        self.slope, self.constant = sign * self.multiplier, sign * (self.offset - bound) - slack
+        self.sign, self.slack = sign, 4 * EPS * max(1.0, abs(bound))  # one at rest on its stop has not just reached it
+        self.slope, self.constant = sign * self.multiplier, sign * (self.offset - bound) - self.slack
 
     def position(self, X: Array) -> Array:
         """The joint's position in states of shape (..., size) [rad or m]."""
@@ -141,11 +141,26 @@ class Stop:
         return f"{self.joint!r} reached its stop at {self.bound:.6g} at t = {t:.6g} s"
 
 
+class CoupledStop(Stop):
+    """One end of the range of a joint that follows others by a coupling."""
+
+    def __init__(self, model: Model, i: int, bound: float, sign: float) -> None:
+        super().__init__(model, i, bound, sign)
+        self.drivers, self.coupling = next((drivers, c) for k, drivers, c in model.coupled_joints if k == i)
+
+    def position(self, X: Array) -> Array:
+        return self.coupling.position(X[..., self.drivers])
+
+    def __call__(self, t: Array, X: Array, u: Array | None = None) -> Array:
+        return self.sign * (self.position(X) - self.bound) - self.slack
+
+
 def stops(model: Model) -> list[Stop]:
     """The stops of every moving joint."""
     ends = [(i, model.upper[i], 1.0) for i in range(len(model.moving_joints))]
     ends += [(i, model.lower[i], -1.0) for i in range(len(model.moving_joints))]
-    return [Stop(model, i, float(bound), sign) for i, bound, sign in ends if np.isfinite(bound)]
+    kinds = {i: CoupledStop for i, *_ in model.coupled_joints}
+    return [kinds.get(i, Stop)(model, i, float(bound), sign) for i, bound, sign in ends if np.isfinite(bound)]
 
 
 def check_within_stops(found: Sequence[Stop], x0: Array) -> None:
