@@ -20,7 +20,9 @@ def part(name, parent, at, axis=Y, **given):
     given = {"kind": "revolute", "lower": -3.0, "upper": 3.0, "armature": 0.1} | given
     body = {"mass": 2.0, "com": np.array([0.1, 0.03, 0.05]), "inertia": 2 * INERTIA}
     axis = np.array(axis) / np.linalg.norm(axis)
-    return Part(link=name, joint=name, parent=parent, placement=pose(np.eye(3), np.array(at)), axis=axis, **body, **given)
+    return Part(
+        link=name, joint=name, parent=parent, placement=pose(np.eye(3), np.array(at)), axis=axis, **body, **given
+    )
 
 
 def tree(*parts):
@@ -30,7 +32,9 @@ def tree(*parts):
 def four_bar():
     """Crank, coupler and rocker of 0.35, 0.838 and 0.6 m on a base of 0.8 m, and an arm on the rocker."""
     arm = part("arm", 3, (0, 0, 0.65), (0.6, 0, 0.8))
-    open_tree = tree(part("crank", 0, (0, 0, 0)), part("coupler", 1, (0, 0.1, 0.35)), part("rocker", 0, (0.8, 0, 0)), arm)
+    open_tree = tree(
+        part("crank", 0, (0, 0, 0)), part("coupler", 1, (0, 0.1, 0.35)), part("rocker", 0, (0.8, 0, 0)), arm
+    )
     closing = (("coupler", (0.8, 0, 0.25)), ("rocker", (0, 0.1, 0.6)))
     return rne.model.four_bar(open_tree, "crank", closing), open_tree, [closing]
 
@@ -68,8 +72,12 @@ def palletiser():
     links = part("upper", 0, (0, 0, 0)), part("forearm", 1, (0, 0, 0.6)), part("lever", 0, (0, 0.1, 0))
     open_tree = tree(*links, part("rod", 3, (-0.2, 0, 0)), part("tool", 2, (0.7, 0, 0)))
     closing = (("rod", (0, 0, 0.6)), ("forearm", (-0.2, 0.1, 0)))
-    closed = rne.model.parallelogram(open_tree, "upper", closing)
-    return rne.model.coupled(closed, {"tool": (("lever",), lambda x: -x)}), open_tree, [closing, {"tool": 1, "lever": 1}]
+    closed = rne.model.four_bar(open_tree, "upper", closing)
+    return (
+        rne.model.coupled(closed, {"tool": (("lever",), lambda x: -x)}),
+        open_tree,
+        [closing, {"tool": 1, "lever": 1}],
+    )
 
 
 def wrist():
@@ -89,7 +97,10 @@ linkage = cache(lambda name: ROBOTS[name]())
 
 def drawn(model, samples, seed=0):
     """Random states in the ranges of the coordinates, 2 % away from the ends."""
-    rng, low, high = np.random.default_rng(seed), *(np.clip(model.coordinate_limits()[k], -3, 3) for k in ("lower", "upper"))
+    rng, low, high = (
+        np.random.default_rng(seed),
+        *(np.clip(model.coordinate_limits()[k], -3, 3) for k in ("lower", "upper")),
+    )
     margin = 0.02 * (high - low)
     return rng.uniform(low + margin, high - margin, (samples, model.n)), *rng.normal(size=(3, samples, model.n))
 
@@ -105,7 +116,8 @@ def constraints(robot, conditions, q, qd):
         J, dJ = (
             first - second
             for first, second in zip(
-                *((robot.jacobian(q, l, point=p), robot.jacobian_rate(q, qd, l, point=p)) for l, p in condition), strict=True
+                *((robot.jacobian(q, l, point=p), robot.jacobian_rate(q, qd, l, point=p)) for l, p in condition),
+                strict=True,
             )
         )
         A += [*J[[3, 5]]]
@@ -137,5 +149,5 @@ def test_motion_is_that_of_multipliers_on_the_open_tree(name, samples):
         bound = MULTIPLIERS * np.linalg.cond(robot.mass_matrix(q[k])) * np.abs(wanted).max()
         for own in (qdd[k], rne.dynamics.forward_dynamics(model, q[k], qd[k], u[k])) if k < 10 else (qdd[k],):
             found = G[k] @ own + dG[k] @ qd[k]
-            print(name, np.abs(found - wanted).max() / np.abs(wanted).max()) if k<3 else 0
+            print(name, np.abs(found - wanted).max() / np.abs(wanted).max()) if k < 3 else 0
             assert np.abs(found - wanted).max() < bound

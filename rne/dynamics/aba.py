@@ -122,7 +122,7 @@ def articulated_forward_dynamics(
     """
     if model.has_mimics:
         raise ModelError(
-            f"robot {model.name!r} has joints that follow others; use forward_dynamics, which reduces M to q"
+            f"robot {model.name!r} has joints that mimic or follow others; use forward_dynamics, which reduces M to q"
         )
     R, p = joint_transforms(model, q)
     s, t = model.angular_axis, model.linear_axis

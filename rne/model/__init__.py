@@ -11,12 +11,10 @@ from .parameters import with_parameters
 from .solids import Box, Cylinder, cylinder_inertia
 
 if TYPE_CHECKING:
-    from .following import coupled
-    from .linkages import cylinder, four_bar, parallelogram, slider_crank
+    from .coupling import coupled
+    from .linkages import cylinder, four_bar, slider_crank
 else:
-    __getattr__ = on_first_use(
-        __name__, {"following": "coupled", "linkages": "cylinder four_bar parallelogram slider_crank"}
-    )
+    __getattr__ = on_first_use(__name__, {"coupling": "coupled", "linkages": "cylinder four_bar slider_crank"})
 
 __all__ = [
     "Box",
@@ -31,7 +29,6 @@ __all__ = [
     "irb140",
     "locked",
     "mounted",
-    "parallelogram",
     "slider_crank",
     "with_limits",
     "with_parameters",

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
@@ -17,9 +17,6 @@ from ..basics.text import brief_array, counted, listed, short, wrapped
 from ..errors import ModelError, NotFiniteError
 from .checks import LIMITS, check_model
 from .solids import Box, Cylinder, Moments
-
-if TYPE_CHECKING:
-    from .coupling import Coupling
 
 STANDARD_GRAVITY = (0.0, 0.0, -9.81)  # [m/s^2], the thesis's value
 REVOLUTE_TYPES = ("revolute", "continuous")
@@ -138,7 +135,7 @@ class Model:
     independent_joints: tuple[int, ...] = UNSET
     multiplier: Array = UNSET
     offset: Array = UNSET
-    couplings: tuple[Coupling, ...] = ()
+    couplings: tuple[Any, ...] = ()
     base_mass: float = 0.0
     base_com: Array = field(default_factory=lambda: np.zeros(3))
     base_inertia: Array = field(default_factory=lambda: np.zeros((3, 3)))
@@ -233,7 +230,7 @@ class Model:
         return G
 
     @cached_property
-    def coupled_joints(self) -> tuple[tuple[int, list[int], Coupling], ...]:
+    def coupled_joints(self) -> tuple[tuple[int, list[int], Any], ...]:
         """Of each coupling the joint, its drivers' places among the coordinates, and itself."""
         place, joints = self.moving_joints.index, self.joint_names
         return tuple((place(c.joint), [joints.index(name) for name in c.drivers], c) for c in self.couplings)
@@ -247,21 +244,16 @@ class Model:
         return rest
 
     def check_closure(self, q: Array) -> None:
-        """Raise a NotFiniteError where a joint has no position or velocity, which names it, its drivers and ranges."""
+        """Raise a NotFiniteError where a joint cannot follow its drivers, which names them and their ranges."""
         for i, drivers, coupling in self.coupled_joints:
             given = q[..., drivers].real.astype(np.float64)
             bad = ~np.isfinite(coupling.derivatives(given)[0]).all(-1)
             if bad.any():
                 state = tuple(np.argwhere(bad)[0].tolist())
-                own = [self.independent_joints[k] for k in drivers]
-                places = (
-                    f"{x:.6g} of {self.moving_joints[j]!r} ({self.lower[j]:.6g} ... {self.upper[j]:.6g})"
-                    for x, j in zip(given[state].tolist(), own, strict=True)
-                )
-                text = (
-                    f"joint {self.moving_joints[i]!r} cannot follow beyond its drivers' ranges, got {', '.join(places)}"
-                )
-                raise NotFiniteError(text, state=state)
+                own = (self.independent_joints[k] for k in drivers)
+                pairs = zip(coupling.drivers, given[state].tolist(), own, strict=True)
+                at = (f"{name!r} at {x:.6g}, range {self.lower[j]:.6g} ... {self.upper[j]:.6g}" for name, x, j in pairs)
+                raise NotFiniteError(f"joint {self.moving_joints[i]!r} cannot follow {', '.join(at)}", state=state)
 
     def refuse_couplings(self, what: str) -> None:
         """Raise a ModelError that names the first coupling, if there is one; `what` is that which takes none."""

@@ -102,7 +102,7 @@ def locked(model: Model, positions: Mapping[str, float]) -> Model:
     smaller = assemble(model.name, edited, gravity=model.gravity, shapes=model.shapes, notes=model.notes)
     smaller = replace(smaller, link_parent=model.link_parent, source=model.source)
     if couplings:
-        from .following import coupled  # loaded where there are couplings
+        from .coupling import coupled  # loaded where there are couplings
 
         return coupled(smaller, {joint: coupling.at(values) for joint, coupling in couplings.items()})
     return smaller
