@@ -303,7 +303,7 @@ REFUSED = {
     "stops": ({"stops": True}, "`stops` end a run: set `stops` to False, and bound the positions"),
     "dry": (
         {"friction": rne.Friction(coulomb=1.0, smoothing=0)},
-        "dry `friction` sticks and slips by events: give it a `smoothing` above 0",
+        "dry `friction` sticks and slips by events: give it a `smoothing` above 0, a large one for `steps`",
     ),
     "sampled": ({"controller": unmarked, "sample_time": 0.01}, f"`controller` is sampled{GIVEN}"),
     "called": (

@@ -149,7 +149,7 @@ def test_shapes_and_errors():
     call, x = kernel.to_jax(), np.zeros((3, 2))
     assert call(x[:0], x[:0], x[:0]).shape == (0, 2)
     assert call(np.zeros((4, 1, 2)), [0, 0], x).shape == (4, 3, 2)
-    with pytest.raises(TypeError, match=r"^this function takes q, qd, qdd; got 1 arguments"):
+    with pytest.raises(TypeError, match=r"^inverse_dynamics takes q, qd, qdd; got 1 arguments"):
         call(x)
     with pytest.raises(ValueError, match=r"^`qd` must have shape \(..., 2\) for robot 'chain', got \(3, 1\)"):
         call(x, x[:, :1], x)
@@ -217,7 +217,7 @@ def test_every_quantity_on_trees(tree, name, mode):
         return
     arrays = slow(function, model)
     value, J, slopes, bends = derivatives(function, model, arrays)
-    call, tolerance = rne.compile(function, model, engine="numba").to_jax(mode), 8 * bound(function, model, arrays)
+    call, tolerance = rne.compile(function, model, engine="numba").to_jax(mode), bound(function, model, arrays)
     agree(call(*arrays), value, tolerance)
     places = tuple(range(len(arrays)))
     agree(np.concatenate(jax.grad(loss(call), places)(*arrays), -1), slopes, tolerance)
@@ -225,7 +225,7 @@ def test_every_quantity_on_trees(tree, name, mode):
     agree(np.concatenate(jacobian(*arrays), -1), J, tolerance)
     if "regressor" not in name:
         second = jax.vmap(jax.jacrev(jax.grad(loss(call), places), places))(*arrays)
-        agree(np.concatenate([np.concatenate(row, -1) for row in second], -2), bends, tolerance)
+        agree(np.concatenate([np.concatenate(row, -1) for row in second], -2), bends, 8 * tolerance)
 
 
 @pytest.mark.long
@@ -234,7 +234,7 @@ def test_every_quantity_in_jax_numpy(name):
     function, model = QUANTITIES[name], TREES["bushy"]
     arrays = slow(function, model)
     call = rne.compile(function, model).to_jax()
-    agree(call(*arrays), rne.compile(function, model)(*arrays), 8 * bound(function, model, arrays))
+    agree(call(*arrays), rne.compile(function, model)(*arrays), bound(function, model, arrays))
 
 
 @pytest.mark.long
@@ -251,7 +251,7 @@ def test_every_quantity_on_robots(robot, name):
         with pytest.raises(TypeError, match="too large"):
             kernel.to_jax()
         return
-    call, tolerance = kernel.to_jax(), 8 * bound(function, model, arrays)
+    call, tolerance = kernel.to_jax(), bound(function, model, arrays)
     value = rne.compile(function, model)(*arrays)
     agree(call(*arrays), value, tolerance)
     weights = np.random.default_rng(1).uniform(-1, 1, value.shape)

@@ -305,7 +305,7 @@ class TestErrors:
             rail.forward_dynamics(q, 0 * q, np.ones(3))
 
     def test_a_function_of_ones_own_that_is_not_marked_is_refused(self):
-        with pytest.raises(TypeError, match=r"^`function` must be one of rne's functions of a model, or one of joint "):
+        with pytest.raises(TypeError, match=r"^`function` must be one of rne's functions of a model, such as "):
             rne.compile(lambda model, q: q, rne.irb140())
 
     def test_too_few_arguments_are_refused(self):
@@ -610,3 +610,13 @@ class TestScalars:
             for call, arguments in workspace.calls(2):
                 call(*arguments)
             assert workspace.rows[2:8, 1].tolist() == expected
+
+
+def test_what_a_kernel_cannot_take_is_named():
+    robot = rne.load("irb140")
+    with pytest.raises(TypeError, match=r"^rne.dynamics.jacobian needs a link by name: link='tool0'$"):
+        robot.kernel(rne.dynamics.jacobian)
+    with pytest.raises(TypeError, match=r"^`parameters` of a kernel must be True or False, got ndarray"):
+        robot.kernel(rne.dynamics.gravity_torque, parameters=robot.parameters)
+    with pytest.raises(TypeError, match=r"such as rne.dynamics.mass_matrix, .*, got 'mass_matrix'$"):
+        robot.kernel("mass_matrix")

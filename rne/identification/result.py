@@ -195,8 +195,7 @@ class Identification(InNotebooks):
     def robot(self) -> Robot:
         """The robot with the bodies found, `armature` from the rotors, and `damping` and `friction` of its joints.
 
-        Offsets and coupled motors are not part of a robot, and a URDF has no element for rotors: load it again with
-        ``Scene(..., armature=...)``.
+        Offsets and coupled motors are not part of a robot. All the rest is in the URDF that `rne.to_urdf` writes.
 
         Raises
         ------

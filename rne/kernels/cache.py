@@ -84,7 +84,10 @@ class KernelCache:
             fixed["external"] = wrench_links(self.model, fixed["external"])
         key = (function, *wrt, *fixed.items()) if wrt or fixed else function
         key = key if order is None else (order, key)
-        kernel = self._kernels.get(key)
+        try:
+            kernel = self._kernels.get(key)
+        except TypeError:  # an array or a list, which the function takes or refuses by its name
+            return compile(function, self.model, engine=self.engine, **fixed)
         if kernel is None:
             if order not in (None, *MAKERS):
                 raise ValueError(f"`order` must be one of {list(MAKERS)}, got {order!r}")

@@ -52,7 +52,8 @@ def declared(function: Any) -> Declared:
         return function  # type: ignore[no-any-return]
     if not getattr(function, "traceable", False):
         raise TypeError(
-            "`function` must be one of rne's functions of a model, or one of joint arrays marked by rne.traceable, "
+            "`function` must be one of rne's functions of a model, such as rne.dynamics.mass_matrix, or one of joint "
+            "arrays marked by rne.traceable, "
             f"got {function!r}"
         )
     names = list(inspect.signature(function).parameters)
@@ -183,6 +184,11 @@ def inputs_as_arrays(function: Declared, model: Model, fixed: Mapping[str, Any])
             raise TypeError(f"rne.dynamics.{quantity.name} takes no external wrenches")
         links = wrench_links(model_argument(model), external)
         wrenches = {f"external_{k}": link for k, link in enumerate(links, 1)}
+    taken = inspect.signature(quantity.core).parameters
+    if "link" in taken and taken["link"].default is inspect.Parameter.empty and "link" not in rest:
+        raise TypeError(
+            f"rne.dynamics.{quantity.name} needs a link by name: link={model_argument(model).link_names[-1]!r}"
+        )
     if not isinstance(parameters, bool):
         raise TypeError(
             f"`parameters` of a kernel must be True or False, got {type(parameters).__name__}; the parameters "

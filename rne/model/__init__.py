@@ -6,7 +6,7 @@ from ..basics import on_first_use
 from .abb_irb140 import irb140
 from .chains import chain, dh_chain
 from .model import Model
-from .modify import locked, mounted, with_limits, with_payload
+from .modify import locked, mounted, with_armature, with_limits, with_payload
 from .parameters import with_parameters
 from .solids import Box, Cylinder, cylinder_inertia
 
@@ -30,6 +30,7 @@ __all__ = [
     "locked",
     "mounted",
     "slider_crank",
+    "with_armature",
     "with_limits",
     "with_parameters",
     "with_payload",

@@ -104,8 +104,8 @@ def coupled(model: Model, couplings: Mapping[str, Followed]) -> Model:
 
     Notes
     -----
-    With positions phi(q) of the joints and G = dphi/dq their torques are G^T tau(phi, G q', G q'' + G' q'), M is G^T M G:
-    Siciliano et al. 2009, section 4.
+    With the joints' positions phi(q) and G = dphi/dq, torques are G^T tau(phi, G q', G q'' + G' q') and M is G^T M G, by
+    virtual work.
 
     Examples
     --------

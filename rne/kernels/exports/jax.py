@@ -43,7 +43,7 @@ def _arrays(kernel: Any, arguments: Sequence[Any]) -> tuple[list[Any], Any]:
     import jax.numpy as jnp
 
     if len(arguments) != len(kernel.names):
-        raise TypeError(f"this function takes {', '.join(kernel.names)}; got {len(arguments)} arguments")
+        raise TypeError(f"{kernel.quantity.name} takes {', '.join(kernel.names)}; got {len(arguments)} arguments")
     arrays = [jnp.asarray(a) for a in arguments]
     for name, array, width in zip(kernel.names, arrays, kernel.widths, strict=True):
         if array.shape[-1:] != (width,):
@@ -102,7 +102,7 @@ def printed(trace: Trace, *arrays: Any) -> Any:
     outputs = jnp.stack(columns) if columns else jnp.zeros((0, *leading), dtype)  # XLA computes them once
     sound: Any = SimpleNamespace(
         finite=lambda values: jnp.isfinite(jnp.asarray(values)).all(0),
-        within=lambda values, bound: (abs(jnp.asarray(values)) <= bound).all(0),
+        within=lambda values, bound: (jnp.asarray(values) ** 2).sum(0) <= bound**2,  # as machine code has it
         above=lambda values, factor, others: (values > factor * others).all(0),
     )
     conditions = trace.sound_inputs(inputs, dtype, sound) + trace.sound_results(outputs, dtype, sound)
