@@ -196,7 +196,7 @@ def _traced(model: Model, followers: Mapping[str, Followed], coordinates: Sequen
 def _with_range_cut(model: Model, driver: str) -> Model:
     """The robot with a driver's range cut to where all joints that follow it have a position within their ranges."""
     k = model.moving_joints.index(driver)
-    ends, zero = [float(model.lower[k]), float(model.upper[k])], np.clip(0.0, model.lower, model.upper)
+    ends, zero = [float(model.lower[k]), float(model.upper[k])], np.minimum(np.maximum(0.0, model.lower), model.upper)
 
     def fails(x: Array) -> Array:
         """Which of the joints that follow fail, shape (joints, ...)."""
@@ -208,12 +208,10 @@ def _with_range_cut(model: Model, driver: str) -> Model:
             failing.append(~fine & (driver in coupling.drivers))
         return np.array(failing)
 
-    reach = 2 * np.pi if model.is_revolute[k] else FARTHEST
-    values = np.clip(
-        np.linspace(-reach, reach, SAMPLES) if np.isinf(ends).any() else np.linspace(*ends, SAMPLES), *ends
-    )
+    far = 2 * np.pi if model.is_revolute[k] else FARTHEST
+    values = np.linspace(max(ends[0], zero[k] - far), min(ends[1], zero[k] + far), SAMPLES)
     values = np.sort(np.append(values, zero[k]))
-    bad, by = fails(values).any(0), dict[str, None]()
+    bad, by = np.asarray(fails(values).any(0)), dict[str, None]()
     if bad.all():
         raise ModelError(f"the joints that follow {driver!r} have no positions within their ranges, wherever it is")
     start = int(np.argmin(np.where(bad, np.inf, np.abs(values - zero[k]))))

@@ -149,7 +149,8 @@ class CoupledStop(Stop):
         self.drivers, self.coupling = next((drivers, c) for k, drivers, c in model.coupled_joints if k == i)
 
     def position(self, X: Array) -> Array:
-        return self.coupling.position(X[..., self.drivers])
+        position: Array = self.coupling.position(X[..., self.drivers])
+        return position
 
     def __call__(self, t: Array, X: Array, u: Array | None = None) -> Array:
         return self.sign * (self.position(X) - self.bound) - self.slack
