@@ -80,9 +80,10 @@ def check_own(function: Declared, model: Model) -> None:
     widths = argument_widths(quantity, model)
     states = np.random.default_rng(0).uniform(-1, 1, (TRIALS, sum(widths.values())))
     arrays = np.split(states, np.cumsum(list(widths.values()))[:-1], axis=-1)
+    arrays = [model.inside(a) if name == "q" else a for name, a in zip(widths, arrays, strict=True)]
     called, _ = function.evaluate(model, *arrays)
     found = trace(quantity, model, {})
-    traced = evaluate(found.program, found.entries, states).reshape(called.shape)
+    traced = evaluate(found.program, found.entries, np.concatenate(arrays, axis=-1)).reshape(called.shape)
     worst = float(np.abs(traced - called).max(initial=0.0)) / max(1.0, float(np.abs(called).max(initial=0.0)))
     if not worst <= AGREEMENT:
         raise TypeError(f"`function`, traced, differs by {worst:.3g} from a call: it has memory, noise or a branch")

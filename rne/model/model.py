@@ -243,6 +243,14 @@ class Model:
             rest[i] = coupling.position(np.zeros(len(drivers), dtype=rest.dtype))
         return rest
 
+    def inside(self, q: Array) -> Array:
+        """Random coordinates moved well inside their ranges, where couplings need that; others as they are."""
+        if not self.couplings:
+            return q
+        low, high = (np.clip(self.coordinate_limits()[name], -np.pi, np.pi) for name in ("lower", "upper"))
+        inner: Array = (low + high) / 2 + 0.4 * (high - low) * np.sin(q)
+        return inner
+
     def check_closure(self, q: Array) -> None:
         """Raise a NotFiniteError where a joint cannot follow its drivers, which names them and their ranges."""
         for i, drivers, coupling in self.coupled_joints:

@@ -184,6 +184,7 @@ class TracedLaw:
     def _error_of_trace(self, robot: Robot) -> float:
         """Largest difference between traced and called torques in some states, relative where they exceed 1."""
         kernel, (t, x) = robot._kernels.scene_kernel(self.outputs), _trials(TRIALS, 2 * self.n + self.states)
+        x = np.concatenate([robot.model.inside(x[:, : self.n]), x[:, self.n :]], axis=1)
         with np.errstate(all="ignore"):
             called = self._core(robot.model, t, x)
         if called.dtype != np.float64 or not np.isfinite(called).all():

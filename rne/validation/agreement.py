@@ -7,8 +7,10 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from ..basics.spatial import Array
+from ..basics.arrays import real_array
+from ..basics.spatial import Array, rotate
 from ..dynamics.energy import kinetic_energy, potential_energy
 from ..model.model import Model
 from ..robot import Robot, robot_argument
@@ -31,6 +33,49 @@ class Match(NamedTuple):
 def has_pinocchio() -> bool:
     """True if the package `pin` is installed."""
     return importlib.util.find_spec("pinocchio") is not None
+
+
+def loop_gap(robot: Robot, *ends: tuple[str, ArrayLike]) -> tuple[float, Array]:
+    """The largest distance between a point of one link and a point of another over the ranges, and the coordinates.
+
+    It tells whether a loop that mimics or couplings close stays closed.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    *ends : (str, array_like)
+        Two links, each with the place of the point in its frame [m].
+
+    Returns
+    -------
+    gap : float
+        Of 2000 random configurations and that of zeros [m].
+    q : ndarray, shape (n,)
+        Where it is [rad or m].
+
+    Raises
+    ------
+    ValueError
+        If there are not two ends, or a link does not exist.
+
+    Examples
+    --------
+    >>> import rne
+    >>> from rne.validation.agreement import loop_gap
+    >>> loop_gap(rne.load("irb140"), ("link_6", [0, 0, 0.065]), ("tool0", [0, 0, 0]))[0] < 1e-12
+    True
+    """
+    if len(ends) != 2:
+        raise ValueError(f"`ends` must be two pairs of a link and a point, got {len(ends)}")
+    points = [real_array(f"ends[{k}][1]", point, "(3,)") for k, (_, point) in enumerate(ends)]
+    low, high = (np.clip(x, -np.pi, np.pi) for x in (robot.lower, robot.upper))
+    drawn = np.random.default_rng(0).uniform(np.minimum(low, high), np.maximum(low, high), (2000, robot.n))
+    q = np.vstack([np.clip(0.0, low, high), drawn])
+    T = robot.link_poses(q)[:, [robot.model.link_index(link) for link, _ in ends]]
+    a, b = (rotate(T[:, k, :3, :3], points[k]) + T[:, k, :3, 3] for k in (0, 1))
+    gaps = np.sqrt(((a - b) ** 2).sum(-1))
+    return float(gaps.max()), q[gaps.argmax()]
 
 
 def random_states(n: int, samples: int, seed: int = 0) -> tuple[Array, Array, Array]:
@@ -147,10 +192,7 @@ def euler_lagrange(model: Model, q: Array, qd: Array, qdd: Array) -> Array:
 def against_energies(robot: Robot, samples: int, *, by_terms: bool = False) -> Iterator[Match]:
     """Differences from torques that follow from the kinetic and potential energies alone."""
     q, qd, qdd = random_states(robot.n, samples)
-    if robot.model.couplings:  # in the inner part of the ranges, where loops close
-        low, high = np.clip(robot.lower, -np.pi, np.pi), np.clip(robot.upper, -np.pi, np.pi)
-        q = (low + high) / 2 + 0.8 * (high - low) / 2 * np.sin(q)
-    still = np.zeros_like(q)
+    q, still = robot.model.inside(q), np.zeros_like(q)
     tau = robot.inverse_dynamics(q, qd, qdd)
     M = robot.mass_matrix(q)
     ours = robot.forward_dynamics(q, qd, tau)  # before M is inverted: the error names the joints of a singular M
