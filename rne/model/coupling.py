@@ -104,8 +104,7 @@ def coupled(model: Model, couplings: Mapping[str, Followed]) -> Model:
 
     Notes
     -----
-    With the joints' positions phi(q) and G = dphi/dq, torques are G^T tau(phi, G q', G q'' + G' q') and M is G^T M G, by
-    virtual work.
+    With the joints' positions phi(q) and G = dphi/dq, torques are G^T tau(phi, G q', G q'' + G' q') and M is G^T M G.
 
     Examples
     --------
