@@ -14,6 +14,7 @@ from ..basics.arrays import UNBOUNDED, check_function, convert_numbers, per_join
 from ..basics.spatial import Array
 from ..basics.text import summary
 from ..elementwise import clip
+from ..model.topology import refuse_couplings
 from ..robot import Robot, robot_argument
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -120,7 +121,7 @@ def model_torques(robot: Robot, Y: Array, parameters: Array, qddr: Array) -> Arr
     """M qddr + C qdr + g: Y pi of the parameters, and the torque of the rotors, which are known."""
     model = robot.model
     if model.couplings and model.armature.any():
-        model.refuse_couplings("adaptive and robust laws of robots with armature take")
+        refuse_couplings(model, "adaptive and robust laws of robots with armature take")
     rotors = model.mimic_map.T @ (model.armature[:, None] * model.mimic_map)
     torques: Array = (Y @ parameters[..., None])[..., 0] + qddr @ rotors
     return torques

@@ -31,6 +31,7 @@ from ..graph.program import evaluate, lower
 from ..graph.scalar import inputs, references
 from ..model.model import Model, model_argument
 from ..model.parameters import PARAMETERS, at_parameters, with_fewest_terms
+from ..model.topology import where_loops_close
 from .soundness import Trace
 
 LIMIT = 50_000  # operations that are written out at most
@@ -80,7 +81,7 @@ def check_own(function: Declared, model: Model) -> None:
     widths = argument_widths(quantity, model)
     states = np.random.default_rng(0).uniform(-1, 1, (TRIALS, sum(widths.values())))
     arrays = np.split(states, np.cumsum(list(widths.values()))[:-1], axis=-1)
-    arrays = [model.inside(a) if name == "q" else a for name, a in zip(widths, arrays, strict=True)]
+    arrays = [where_loops_close(model, a) if name == "q" else a for name, a in zip(widths, arrays, strict=True)]
     called, _ = function.evaluate(model, *arrays)
     found = trace(quantity, model, {})
     traced = evaluate(found.program, found.entries, np.concatenate(arrays, axis=-1)).reshape(called.shape)

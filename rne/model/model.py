@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, DTypeLike
 from ..basics.arrays import convert_array, convert_numbers, is_equal, number_array, plain_array
 from ..basics.spatial import Array, point_mass_inertia
 from ..basics.text import brief_array, counted, listed, short, wrapped
-from ..errors import ModelError, NotFiniteError
+from ..errors import ModelError
 from .checks import LIMITS, check_model
 from .solids import Box, Cylinder, Moments
 
@@ -219,7 +219,8 @@ class Model:
     @cached_property
     def coordinate_map(self) -> Array:
         """The matrix G of q_joints = G q + offset, shape (nb, n); a ModelError where couplings make it depend on q."""
-        self.refuse_couplings("a constant map of coordinates has")
+        if self.couplings:
+            raise ModelError(f"joint {self.couplings[0].joint!r} of robot {self.name!r} follows others by no constant")
         return self.mimic_map
 
     @cached_property
@@ -242,32 +243,6 @@ class Model:
         for i, drivers, coupling in self.coupled_joints:
             rest[i] = coupling.position(np.zeros(len(drivers), dtype=rest.dtype))
         return rest
-
-    def inside(self, q: Array) -> Array:
-        """Random coordinates moved well inside their ranges, where couplings need that; others as they are."""
-        if not self.couplings:
-            return q
-        low, high = (np.clip(self.coordinate_limits()[name], -np.pi, np.pi) for name in ("lower", "upper"))
-        inner: Array = (low + high) / 2 + 0.4 * (high - low) * np.sin(q)
-        return inner
-
-    def check_closure(self, q: Array) -> None:
-        """Raise a NotFiniteError where a joint cannot follow its drivers, which names them and their ranges."""
-        for i, drivers, coupling in self.coupled_joints:
-            given = q[..., drivers].real.astype(np.float64)
-            bad = ~np.isfinite(coupling.derivatives(given)[0]).all(-1)
-            if bad.any():
-                state = tuple(np.argwhere(bad)[0].tolist())
-                own = (self.independent_joints[k] for k in drivers)
-                pairs = zip(coupling.drivers, given[state].tolist(), own, strict=True)
-                at = (f"{name!r} at {x:.6g}, range {self.lower[j]:.6g} ... {self.upper[j]:.6g}" for name, x, j in pairs)
-                raise NotFiniteError(f"joint {self.moving_joints[i]!r} cannot follow {', '.join(at)}", state=state)
-
-    def refuse_couplings(self, what: str) -> None:
-        """Raise a ModelError that names the first coupling, if there is one; `what` is that which takes none."""
-        if self.couplings:
-            joint, drivers = self.couplings[0].joint, listed(self.couplings[0].drivers)
-            raise ModelError(f"{what} no couplings, but joint {joint!r} of robot {self.name!r} follows {drivers}")
 
     def coordinate_limits(self) -> dict[str, Array]:
         """Limits of the coordinates, those of the joints that mimic them included.

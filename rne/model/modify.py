@@ -22,7 +22,7 @@ from ..basics.spatial import (
 from .builder import Part, Pose, assemble, disassemble, pose
 from .checks import DRIVES, domain_error, inertia_error, symmetric_up_to_rounding, triangle_excess
 from .model import Model, model_argument
-from .topology import end_link
+from .topology import check_closure, end_link
 
 LimitValues = ArrayLike | Mapping[str, float] | None
 TRIANGLE = 1e-12  # of the trace: rounding error of principal moments
@@ -85,7 +85,7 @@ def locked(model: Model, positions: Mapping[str, float]) -> Model:
     parts = disassemble(model)
     fixed = {}
     couplings = {c.joint: c for c in model.couplings}
-    model.check_closure(np.array([values.get(name, 0.0) for name in model.joint_names]))
+    check_closure(model, np.array([values.get(name, 0.0) for name in model.joint_names]))
     for k, part in enumerate(parts):
         coupling = couplings.get(part.joint)
         if coupling and all(driver in values for driver in coupling.drivers):

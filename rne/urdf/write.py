@@ -11,6 +11,7 @@ from ..basics.spatial import rpy_from_rotation
 from ..model.builder import Part, at_links, disassemble
 from ..model.model import Model, model_argument
 from ..model.solids import Box
+from ..model.topology import refuse_couplings
 from .document import DRAKE, GEAR, LARGEST, ROTOR, SIMPLE, Element
 
 LOGGER = logging.getLogger("rne")
@@ -58,7 +59,7 @@ def to_urdf(model: Model, *, couplings: Literal["raise", "drop"] = "raise") -> s
     if couplings not in ("raise", "drop"):
         raise ValueError(f'`couplings` must be "raise" or "drop", got {couplings!r}')
     if couplings == "raise":
-        model_argument(model).refuse_couplings('a URDF has mimics and, unless couplings="drop" leaves them out,')
+        refuse_couplings(model_argument(model), 'a URDF has mimics and, unless couplings="drop" leaves them out,')
     dropped = {c.joint: f"joint {c.joint} follows {', '.join(c.drivers)} by a coupling" for c in model.couplings}
     for name in (model_argument(model).name, *model.link_names, *model.joint_names):
         if not all(c in "\t\n\r" or c >= " " for c in name) or any("\ud800" <= c <= "\udfff" for c in name):

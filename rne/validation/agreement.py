@@ -13,6 +13,7 @@ from ..basics.arrays import real_array
 from ..basics.spatial import Array, rotate
 from ..dynamics.energy import kinetic_energy, potential_energy
 from ..model.model import Model
+from ..model.topology import where_loops_close
 from ..robot import Robot, robot_argument
 from ..urdf import to_urdf
 from .oracle import Oracle, each
@@ -192,7 +193,7 @@ def euler_lagrange(model: Model, q: Array, qd: Array, qdd: Array) -> Array:
 def against_energies(robot: Robot, samples: int, *, by_terms: bool = False) -> Iterator[Match]:
     """Differences from torques that follow from the kinetic and potential energies alone."""
     q, qd, qdd = random_states(robot.n, samples)
-    q, still = robot.model.inside(q), np.zeros_like(q)
+    q, still = where_loops_close(robot.model, q), np.zeros_like(q)
     tau = robot.inverse_dynamics(q, qd, qdd)
     M = robot.mass_matrix(q)
     ours = robot.forward_dynamics(q, qd, tau)  # before M is inverted: the error names the joints of a singular M
