@@ -534,6 +534,11 @@ ERRORS = {
         rne.ModelError,
         "`friction` 'urdf' takes no couplings, but joint 'coupler' of robot 'linkage' follows crank",
     ),
+    "files of motions": (
+        lambda m: rne.simulate(rne.Robot(linkage("bar")[0]), [0, 0], [0, 0], 0.01).save("motion.npz"),
+        rne.ModelError,
+        "files of motions take no couplings, but joint 'coupler' of robot 'linkage' follows crank",
+    ),
     "articulated bodies": (
         lambda m: rne.dynamics.articulated_forward_dynamics(linkage("bar")[0], [0, 0], [0, 0], [0, 0]),
         rne.ModelError,
