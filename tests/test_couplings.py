@@ -408,8 +408,40 @@ def test_validation_by_energies():
     assert all(row.worst <= row.bound for row in rows)
 
 
+def test_check_measures_loops(tmp_path, capsys):
+    links = part("upper", 0, (0, 0, 0)), part("rod", 1, (0, 0, 0.6)), part("lever", 0, (0.3, 0, 0))
+    closing = (("rod", (0.3, 0, 0)), ("lever", (0, 0, 0.6)))
+    closed = four_bar(tree(*links), "upper", closing)
+    (tmp_path / "arm.urdf").write_text(rne.to_urdf(closed))
+    points = "rod,0.3,0,0", "lever,0,0,0.6"
+    assert main(["check", str(tmp_path / "arm.urdf"), "--loops", *points]) == 0
+    gap = float(re.search("come (.*) m apart", capsys.readouterr().out)[1])
+    assert gap < 1e-14
+    assert loop_gap(rne.Robot(tree(*links)), *closing)[0] > 0.5  # open, it moves apart
+    assert main(["check", str(tmp_path / "arm.urdf"), "--loops", "rod,0,0", "lever,0,0,0"]) == 2
+    assert capsys.readouterr().err == "error: --loops: `ends[0][1]` must have shape (3,), got (2,)\n"
+
+
+def test_complex_steps_of_arctan2():
+    y, x = np.random.default_rng(0).normal(size=(2, 100))
+    wanted = x / (x * x + y * y), -y / (x * x + y * y)
+    for found, slope in zip((arctan2(y + 1j * STEP, x), arctan2(y, x + 1j * STEP)), wanted, strict=True):
+        assert np.abs(found.real - np.arctan2(y, x)).max() < 4 * EPS
+        assert np.abs(found.imag / STEP - slope).max() < 1e-14 * np.abs(slope).max()
+
+
 SINE = np.sin
 ERRORS = {
+    "fields that do not fit": (
+        lambda m: replace(linkage("bar")[0], moving_joints=("crank", "x", "rocker", "arm")),
+        rne.ModelError,
+        "joint 'x': no link of body 1 is carried by it",
+    ),
+    "couplings alone": (
+        lambda m: replace(m, couplings=linkage("bar")[0].couplings),
+        rne.ModelError,
+        "`couplings` must lead from independent joints to others, got ['crank'] to 'coupler'",
+    ),
     "no mapping": (
         lambda m: coupled(m, [1]),
         TypeError,

@@ -83,22 +83,21 @@ def coupled(model: Model, couplings: Mapping[str, Followed]) -> Model:
     model : Model
         The robot's parameters.
     couplings : mapping of str to (sequence of str, callable)
-        By the joint that is to follow: the names of its drivers, which may follow others themselves, and its position
-        as a function of theirs, one number each: arithmetic, NumPy's sin, cos, sqrt and the functions of
-        `rne.elementwise`. It is traced once. Or a value of `rne.model.slider_crank`.
+        By the joint that is to follow: its drivers, which may follow others themselves, and its position as a function
+        of theirs, traced once: arithmetic, NumPy's sin, cos, sqrt, `rne.elementwise`. Or what `slider_crank` returns.
 
     Returns
     -------
     Model
-        With fewer coordinates. A multiple of one driver's position, plus a constant, is a mimic. The ranges of drivers
-        are cut to where the joints that follow, other drivers at rest, have positions and velocities, within their own
-        ranges; a line on the logger "rne", and a note on the driver, say so.
+        With fewer coordinates. A linear function of one driver is a mimic. The ranges of drivers are cut to where the
+        joints that follow, other drivers at zero, have positions within their own ranges; a line on the logger "rne" and
+        a note say so.
 
     Raises
     ------
     ValueError, TypeError
-        If the mapping has another form, names no joint or one that follows already, or joints follow in a circle; if a
-        function is constant or returns something else than one number.
+        If the mapping has another form, names no joint, one that follows already or a circle; if a function is constant
+        or returns something else than one number.
     ModelError
         If a joint has no position within its range, wherever its driver is.
 
@@ -116,12 +115,8 @@ def coupled(model: Model, couplings: Mapping[str, Followed]) -> Model:
     followers = _checked(model_argument(model), couplings)
     coordinates = [name for name in model.joint_names if name not in followers]
     place = [model.joint_names[k] for k in model.coordinate]  # a coordinate of each joint
-    multiplier, offset, found, before = (
-        model.multiplier.copy(),
-        model.offset.copy(),
-        [],
-        {c.joint for c in model.couplings},
-    )
+    multiplier, offset, found = model.multiplier.copy(), model.offset.copy(), list[Coupling]()
+    before = [c.joint for c in model.couplings]
     for i, joint in enumerate(model.moving_joints):
         if place[i] not in coordinates or joint in before:
             coupling = _traced(model, followers, coordinates, joint)

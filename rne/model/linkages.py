@@ -60,8 +60,8 @@ def four_bar(model: Model, driver: str, closing: Closing) -> Model:
     Raises
     ------
     ModelError
-        If the loop has other joints, is not plane, does not close at the zero pose to 1e-9 of its size, or is at a dead
-        point there, where its branches meet.
+        If the loop has other joints, is not plane, or at the zero pose does not close to 1e-9 of its size or is at a
+        dead point, where its branches meet.
     ValueError, TypeError
         If an argument is of another form, or names no joint or link.
 

@@ -119,21 +119,27 @@ def _first_passage(value: Callable[[float], float], times: Sequence[float], rise
 class Stop:
     """One end of a joint's range, for a joint at `multiplier * q[coordinate] + offset`: mimic joints have stops too.
 
-    As an event it is the distance beyond the stop.
+    So have joints that follow by a coupling. As an event it is the distance beyond the stop.
     """
 
     def __init__(self, model: Model, i: int, bound: float, sign: float) -> None:
-        self.joint, self.bound = model.moving_joints[i], bound
+        self.joint, self.bound, self.sign = model.moving_joints[i], bound, sign
         self.coordinate = int(model.coordinate[i])
         self.multiplier, self.offset = float(model.multiplier[i]), float(model.offset[i])
-        self.sign, self.slack = sign, 4 * EPS * max(1.0, abs(bound))  # one at rest on its stop has not just reached it
+        self.follows = next(((drivers, coupling) for k, drivers, coupling in model.coupled_joints if k == i), None)
+        self.slack = 4 * EPS * max(1.0, abs(bound))  # a joint at rest on its stop has not just reached it
         self.slope, self.constant = sign * self.multiplier, sign * (self.offset - bound) - self.slack
 
     def position(self, X: Array) -> Array:
         """The joint's position in states of shape (..., size) [rad or m]."""
+        if self.follows:
+            drivers, coupling = self.follows
+            return np.asarray(coupling.position(X[..., drivers]))
         return self.multiplier * X[..., self.coordinate] + self.offset
 
     def __call__(self, t: Array, X: Array, u: Array | None = None) -> Array:
+        if self.follows:
+            return self.sign * (self.position(X) - self.bound) - self.slack
         return self.slope * X[..., self.coordinate] + self.constant
 
     def message(self, t: float) -> str:
@@ -141,27 +147,11 @@ class Stop:
         return f"{self.joint!r} reached its stop at {self.bound:.6g} at t = {t:.6g} s"
 
 
-class CoupledStop(Stop):
-    """One end of the range of a joint that follows others by a coupling."""
-
-    def __init__(self, model: Model, i: int, bound: float, sign: float) -> None:
-        super().__init__(model, i, bound, sign)
-        self.drivers, self.coupling = next((drivers, c) for k, drivers, c in model.coupled_joints if k == i)
-
-    def position(self, X: Array) -> Array:
-        position: Array = self.coupling.position(X[..., self.drivers])
-        return position
-
-    def __call__(self, t: Array, X: Array, u: Array | None = None) -> Array:
-        return self.sign * (self.position(X) - self.bound) - self.slack
-
-
 def stops(model: Model) -> list[Stop]:
     """The stops of every moving joint."""
     ends = [(i, model.upper[i], 1.0) for i in range(len(model.moving_joints))]
     ends += [(i, model.lower[i], -1.0) for i in range(len(model.moving_joints))]
-    kinds = {i: CoupledStop for i, *_ in model.coupled_joints}
-    return [kinds.get(i, Stop)(model, i, float(bound), sign) for i, bound, sign in ends if np.isfinite(bound)]
+    return [Stop(model, i, float(bound), sign) for i, bound, sign in ends if np.isfinite(bound)]
 
 
 def check_within_stops(found: Sequence[Stop], x0: Array) -> None:
