@@ -2,6 +2,7 @@
 
 import copy
 import pickle
+import re
 from dataclasses import replace
 from functools import cache
 
@@ -9,7 +10,9 @@ import numpy as np
 import pytest
 
 import rne
+from rne.__main__ import main
 from rne.dynamics.kinematics import coordinate_map, coordinate_map_rate, joint_positions, joint_velocities
+from rne.elementwise import arctan2
 from rne.graph.program import evaluate
 from rne.kernels.trace import by_recursion
 from rne.model import coupled, cylinder, four_bar, slider_crank

@@ -90,8 +90,8 @@ def coupled(model: Model, couplings: Mapping[str, Followed]) -> Model:
     -------
     Model
         With fewer coordinates. A linear function of one driver is a mimic. The ranges of drivers are cut to where the
-        joints that follow, other drivers at zero, have positions within their own ranges; a line on the logger "rne" and
-        a note say so.
+        joints that follow, other drivers at zero, have positions within their own ranges; a line on the logger "rne"
+        and a note say so.
 
     Raises
     ------

@@ -150,6 +150,11 @@ class FitResiduals(Discrepancy):
         self.torques = np.maximum(self.by_joint(b), TINY)
         self.floor = thresholds.LEAST**2 * self.torques
 
+    def load(self, q: Array, qd: Array, qdd: Array) -> Array:
+        """Torques of bodies and springs, which the gears transmit, shape (T, n)."""
+        bodies = super().load(q, qd, qdd)
+        return bodies if self.standard.springs is None else bodies + self.standard.spring_torques(q, self.x)
+
     def with_known(self, columns: Array) -> FitResiduals:
         """The residuals with more columns fitted in any case."""
         known = columns if self.known is None else np.concatenate([self.known, columns], axis=-1)
@@ -204,8 +209,11 @@ class FitResiduals(Discrepancy):
         bodies = self.standard.groups["bodies"].stop
         states = [(few.q @ J.T, few.qd @ J.T, few.qdd @ J.T) for few in self.thinned]
         Y = [self.robot.regressor(*x) @ self.base.back[:bodies] for x in states]
-        drives = [self.standard.drive_columns(*x[1:]) @ self.base.back[bodies:] for x in states]
-        A = self.weighted(self.reduced([y + d for y, d in zip(Y, drives, strict=True)]))
+        others = [
+            np.concatenate([self.standard.drive_columns(*x[1:]), self.standard.spring_columns(x[0])], -1)
+            for x in states
+        ]
+        A = self.weighted(self.reduced([y + z @ self.base.back[bodies:] for y, z in zip(Y, others, strict=True)]))
         Q = np.linalg.qr(A)[0]
         if self.known is not None:
             beta = np.linalg.lstsq(A, self.weighted(tau), rcond=thresholds.INDEPENDENT)[0]
