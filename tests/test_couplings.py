@@ -376,6 +376,18 @@ def test_locked_joints():
     assert half.offset[list(half.moving_joints).index("turn")] == 0.25
 
 
+def test_springs_on_joints_that_follow():
+    """A spring between links of a loop, and one at a joint that follows: energies and torques agree, and are kept."""
+    model, *_ = linkage("bar")
+    robot = rne.Robot(model)
+    springs = [rne.Spring("base", (0, 0, 1), "rocker", (0, 0.1, 0.4), stiffness=300.0, length=0.3)]
+    springs += [rne.Spring.at_joint("coupler", stiffness=20.0, rest=0.5)]
+    scene = rne.Scene(robot, springs=springs)
+    motion = rne.simulate(scene, [0.3, 0.2], [0.0, 0.0], 1.0, rtol=1e-11, atol=1e-12)
+    assert motion.energy_drift < 1e-9
+    assert np.ptp(motion.kinetic) > 1
+
+
 def test_stops_of_joints_that_follow():
     model, *_ = linkage("palletiser")
     motion = rne.simulate(rne.Scene(rne.Robot(model), stops=True), [0.5, -0.5], [4.0, -4.0], 2.0)
