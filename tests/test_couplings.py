@@ -336,6 +336,13 @@ def test_ranges_are_cut_to_where_the_loop_closes(caplog):
         rne.simulate(robot, [0.0, 0.0], [20.0, 0.0], 1.0)
 
 
+def test_ranges_end_where_those_of_joints_that_follow_do():
+    model, *_ = linkage("bar")
+    coupler = joint_positions(model, np.array([[model.upper[0], 0.0], [model.upper[0] + 1e-9, 0.0]]))[:, 1]
+    assert coupler[0] == pytest.approx(-3, abs=1e-14)
+    assert coupler[1] < -3
+
+
 def test_drivers_may_follow_others():
     """A six-bar: a second four-bar on the rocker of the first; a mimic of a joint that follows; linear ones are mimics."""
     _, open_tree, (closing,) = linkage("bar")
@@ -416,8 +423,57 @@ def test_urdf(tmp_path):
     assert rne.read_urdf(tmp_path / "open.urdf").joint_names == open_tree.joint_names
 
 
-def test_validation_by_energies():
-    model, *_ = linkage("bar")
+def test_laws_are_traced_where_the_loop_closes():
+    robot = rne.Robot(linkage("engine")[0])
+    assert rne.Scene(robot, controller=rne.control.pd_gravity(robot, 100.0, 10.0, -0.05)).cost()["law"] == "traced"
+
+
+def test_zeros_cost_nothing():
+    """Positions and slopes of couplings are checked to be finite, so that products of them with zeros are left out."""
+    operations = {name: rne.compile(rne.dynamics.inverse_dynamics, linkage(name)[0]).operations for name in ROBOTS}
+    counts = {"bar": 393, "press": 103, "engine": 141, "crane": 186, "palletiser": 133, "wrist": 277, "boom": 136}
+    assert {name: sum(given.values()) for name, given in operations.items()} == counts
+
+
+@pytest.mark.parametrize("name", ["bar", "wrist"])
+def test_rates_of_jacobians_and_references(name):
+    model, *_ = linkage(name)
+    q, qd, qdr, qddr = drawn(model, 5)
+    link = model.link_names[-1]
+    rate = rne.dynamics.jacobian(model, q + 1j * STEP * qd, link, point=(0.1, 0.2, 0.3)).imag / STEP
+    found = rne.dynamics.jacobian_rate(model, q, qd, link, point=(0.1, 0.2, 0.3))
+    assert np.abs(found - rate).max() < 1e-12 * np.abs(rate).max()
+    bare = rne.Robot(replace(model, armature=np.zeros(model.nb)))
+    torques = bare.control_regressor(q, qd, qdr, qddr) @ bare.parameters - bare.gravity_torque(q)
+    wanted = bare.mass_matrix(q) @ qddr[..., None] + bare.coriolis_matrix(q, qd) @ qdr[..., None]
+    assert np.abs(torques - wanted[..., 0]).max() < 1e-12 * np.abs(torques).max()
+
+
+@pytest.mark.parametrize("driver", ["joint_1", "joint_2", "joint_3"])
+@pytest.mark.parametrize(("lengths", "end"), [((0.3, 0.8, 0.4), -0.1), ((0.3, 0.8, 0.3), 0.0)])
+def test_any_joint_of_a_loop_drives_it(driver, lengths, end):
+    """Three joints in series, closed at the base: a four-bar and a parallelogram."""
+    right = np.pi / 2
+    chain = rne.dh_chain(a=lengths, alpha=[0] * 3, d=[0] * 3, theta=[right, -right, -right])
+    closing = ("tool0", (0, 0, 0)), ("base_link", (0.8, end, 0))
+    model = four_bar(chain, driver, closing)
+    assert model.joint_names == (driver,)
+    assert bool(model.couplings) == (end != 0)
+    assert loop_gap(rne.Robot(model), *closing)[0] < 1e-6
+
+
+def test_rods_axis_may_point_the_other_way():
+    _, open_tree, (closing,) = linkage("press")
+    turned = replace(
+        open_tree, axis=open_tree.axis * np.where(np.array(open_tree.moving_joints) == "rod", -1, 1)[:, None]
+    )
+    value = slider_crank("crank", crank=0.1, rod=0.5)
+    assert loop_gap(rne.Robot(coupled(turned, {"rod": value, "slider": value})), *closing)[0] < 1e-12
+
+
+@pytest.mark.parametrize("name", ["bar", "engine"])
+def test_validation_by_energies(name):
+    model, *_ = linkage(name)
     source, rows = validate(rne.Robot(model), samples=20)
     assert source == "energy and Lagrange identities (its URDF has no couplings)"
     assert all(row.worst <= row.bound for row in rows)
