@@ -196,7 +196,7 @@ def test_free_swing_keeps_its_energy(name, duration):
     assert np.ptp(motion.kinetic) > 1
 
 
-@pytest.mark.parametrize("name", ["bar", "engine", "crane", "wrist"])
+@pytest.mark.parametrize("name", kept(["bar", "engine", "crane", "wrist"], ["engine", "crane"]))
 def test_derivatives_are_those_of_complex_steps(name):
     model, *_ = linkage(name)
     q, qd, u, weights = drawn(model, 5)
@@ -471,7 +471,7 @@ def test_rods_axis_may_point_the_other_way():
     assert loop_gap(rne.Robot(coupled(turned, {"rod": value, "slider": value})), *closing)[0] < 1e-12
 
 
-@pytest.mark.parametrize("name", ["bar", "engine"])
+@pytest.mark.parametrize("name", kept(["bar", "engine"], ["engine"]))
 def test_validation_by_energies(name):
     model, *_ = linkage(name)
     source, rows = validate(rne.Robot(model), samples=20)
