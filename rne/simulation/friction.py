@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,7 +18,6 @@ from ..model.checks import domain_error
 from ..model.model import Model, joint_array
 from ..model.topology import refuse_couplings
 from ..robot import Robot
-from .springs import Springs
 
 SIZES = ("viscous", "coulomb", "viscous_back", "coulomb_back", "static")
 TOLD = {"rad": 0.01, "m": 0.001}  # of creep, from which on the message of a run names it
@@ -216,22 +217,25 @@ class Friction:
         [1.0, 1.0, 1.0, 1.0, 1.0, 1.0]
         """
         self.check(model)
-        rates = joint_array("qd", qd, model)
+        rates = joint_array("qd", qd, model) if np.asarray(qd).dtype != object else np.asarray(qd)  # traced, in a law
         return self.viscous_torque(rates) + self.coulomb_torque(rates)
 
 
 def creep(
-    friction: Friction, robot: Robot, q: Array, qd: Array, qdd: Array, rest: Array | None, springs: Springs | None
+    friction: Friction, robot: Robot, motion: Sequence[Array], rest: Array | None, springs: Any, rotor: Any
 ) -> str:
     """How far joints crept along samples (T, n) while dry friction would have held them; empty where that is little.
 
-    A robot without drives that starts at rest does so in the positions `rest`; otherwise these are None.
+    A robot without drives that starts at rest does so in the positions `rest`; otherwise these are None. `motion` is
+    (q, qd, qdd), behind elastic joints of the motors, with their `rotor`.
     """
+    q, qd, qdd = motion
     forward, back = np.asarray(friction.coulomb, dtype=float), np.asarray(friction.coulomb_back, dtype=float)
     if friction.smoothing == 0 or not (forward.any() or back.any()) or len(q) < 2:
         return ""
-    diagonal = np.diagonal(np.linalg.inv(robot.mass_matrix(q)), axis1=-2, axis2=-1)
-    load = friction.torque(robot.model, qd) + qdd / diagonal  # that would keep each joint from accelerating
+    inverse = np.linalg.inv(robot.mass_matrix(q) if rotor is None else np.diag(rotor))
+    # Friction that would keep each joint from accelerating
+    load = friction.torque(robot.model, qd) + qdd / np.diagonal(inverse, axis1=-2, axis2=-1)
     releases = np.abs(load) >= np.where(load < 0, back, forward)
     sample = np.arange(len(q))[:, None]
     caught, released = (
