@@ -15,6 +15,7 @@ from ..basics.spatial import Array
 from ..basics.text import summary
 from .model import Model, model_argument
 from .parameters import PARAMETERS, parameters_of
+from .topology import refuse_couplings
 
 BODY_SYMBOLS = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 FRICTION = (None, "viscous", "coulomb", "viscous+coulomb")
@@ -120,6 +121,7 @@ class StandardParameters:
 
     def __post_init__(self) -> None:
         n = model_argument(self.model).n
+        refuse_couplings(self.model, "standard parameters, base parameters and identification take")
         drive_argument(self.drives)
         if self.drives.stribeck is not None:
             vector("stribeck", self.drives.stribeck, n, sign="not negative")
