@@ -18,7 +18,7 @@ from .errors import (
     UrdfError,
 )
 from .model import Model, dh_chain, irb140
-from .robot import Robot
+from .robot import Robot, wrench
 
 if TYPE_CHECKING:
     from . import bounds, control, elementwise, identification, kernels, plotting, trajectories
@@ -38,10 +38,12 @@ if TYPE_CHECKING:
     from .model.standard_parameters import DriveModel
     from .plotting.viewer import view
     from .simulation.drive_report import BearingPeaks, DriveReport, bearing_peaks, drives
+    from .simulation.elastic_joints import ElasticJoints
     from .simulation.ensembles import Ensemble, ensemble
     from .simulation.friction import Friction
     from .simulation.scene import Payload, Scene
     from .simulation.simulator import simulate
+    from .simulation.springs import Spring
     from .simulation.trajectory import Trajectory
     from .urdf import Finding, check, read_urdf, to_urdf
     from .urdf.loading import load, robots
@@ -62,10 +64,12 @@ else:
             "plotting": "",
             "plotting.viewer": "view",
             "simulation.drive_report": "BearingPeaks DriveReport bearing_peaks drives",
+            "simulation.elastic_joints": "ElasticJoints",
             "simulation.ensembles": "Ensemble ensemble",
             "simulation.friction": "Friction",
             "simulation.scene": "Payload Scene",
             "simulation.simulator": "simulate",
+            "simulation.springs": "Spring",
             "simulation.trajectory": "Trajectory",
             "trajectories": "",
             "urdf": "Finding check read_urdf to_urdf",
@@ -90,6 +94,7 @@ __all__ = [
     "Consistency",
     "DriveModel",
     "DriveReport",
+    "ElasticJoints",
     "Ensemble",
     "Excitation",
     "Finding",
@@ -110,6 +115,7 @@ __all__ = [
     "SimulationError",
     "SimulationInterrupted",
     "SingularMassMatrixError",
+    "Spring",
     "Trajectory",
     "UrdfError",
     "bearing_peaks",
@@ -141,6 +147,7 @@ __all__ = [
     "traceable",
     "trajectories",
     "view",
+    "wrench",
 ]
 
 

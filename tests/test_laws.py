@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 import rne
+from rne.dynamics.kinematics import coordinate_map, joint_accelerations, on_coordinates
 from rne.validation.agreement import euler_lagrange
 
-from .helpers import EPS, relative, states
+from .helpers import EPS, loaded, relative, states
 
 LAW = 1e-12  # of the largest entry
 STEP = 1e-30  # of the complex step: exact derivatives
@@ -196,9 +197,11 @@ def test_armature_adds_to_the_diagonal_and_to_the_energy(tree):
     q, qd, qdd = states(tree.n, 5)
     armature = np.linspace(0.1, 1.0, tree.nb)
     geared = replace(tree, armature=armature)
-    added = tree.coordinate_map.T @ np.diag(armature) @ tree.coordinate_map  # a mimic's drive turns with its driver
+    G = coordinate_map(tree, q)  # the drive of a joint that follows others turns with them
+    added = np.swapaxes(G, -1, -2) @ np.diag(armature) @ G
     assert relative(rne.dynamics.mass_matrix(geared, q), rne.dynamics.mass_matrix(tree, q) + added) <= LAW
-    tau = rne.dynamics.inverse_dynamics(tree, q, qd, qdd) + qdd @ added
+    rotors = on_coordinates(tree, q, armature * joint_accelerations(tree, q, qd, qdd))
+    tau = rne.dynamics.inverse_dynamics(tree, q, qd, qdd) + rotors
     assert relative(rne.dynamics.inverse_dynamics(geared, q, qd, qdd), tau) <= LAW
     forward = rne.dynamics.forward_dynamics if tree.has_mimics else rne.dynamics.articulated_forward_dynamics
     kappa = np.linalg.cond(rne.dynamics.mass_matrix(geared, q)).max()
@@ -306,3 +309,25 @@ def test_wrench_on_a_link_appears_as_minus_J_transposed_F(tree):
         plain = rne.dynamics.inverse_dynamics(tree, q, qd, qdd)
         got = rne.dynamics.inverse_dynamics(tree, q, qd, qdd, external={link: F})
         assert np.abs(plain - JtF - got).max() <= LAW * np.abs(plain).max()
+
+
+def test_shares_of_gravity_and_friction_ahead():
+    robot = loaded("irb140")
+    q, friction = np.full(6, 0.3), rne.Friction(viscous=2.0, coulomb=1.0)
+    led = rne.control.pd_gravity(robot, 0, 0, 0, scale=0.8)
+    np.testing.assert_allclose(led(0.0, q, 0 * q), 0.8 * robot.gravity_torque(q), atol=1e-14)
+
+    def moving(t):
+        return q + t, q, 0 * q
+
+    for make in (rne.control.pd_gravity, rne.control.computed_torque):
+        plain, ahead = (make(robot, 10, 5, moving, feedforward=f) for f in (None, friction))
+        added = ahead(0.0, q, q) - plain(0.0, q, q)
+        np.testing.assert_allclose(added, friction.torque(robot.model, q), rtol=1e-9)
+        assert rne.Scene(robot, controller=ahead).is_traced
+        with pytest.raises(TypeError, match=r"^`feedforward` must be an rne\.Friction, got float$"):
+            make(robot, 10, 5, moving, feedforward=1.0)
+        with pytest.raises(ValueError, match="`viscous`"):
+            make(robot, 10, 5, moving, feedforward=rne.Friction(viscous=[1.0, 2.0]))
+    with pytest.raises(ValueError, match="`scale` must not be negative"):
+        rne.control.pd_gravity(robot, 0, 0, 0, scale=-1)

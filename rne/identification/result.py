@@ -20,6 +20,7 @@ from ..model.standard_parameters import StandardParameters
 from ..plotting.plots import HIDDEN, figure_of, legend_beside, literal, panels, plot_columns, style_axes
 from ..robot import Robot
 from ..simulation.friction import SMOOTHING, Friction
+from ..simulation.springs import JointSpring, Spring, Springs
 from . import thresholds
 from .diagnosis.hypotheses import GEARS, Cause
 from .diagnosis.rigid_body_test import Consistency, certified
@@ -38,7 +39,7 @@ NOT_CONSISTENT = "parameters are those of least squares, as with `consistent=Fal
 NOT_SOUGHT = "causes of what is left were not looked for, as `causes` says"  # a note
 NAMED = 3  # causes that a warning names
 WRONG_SIGN = "is the sign of the joint's torque right?"  # end of a note on negative friction
-IMPOSSIBLE = "which no drive has"  # end of a note on numbers that are not possible
+IMPOSSIBLE = "which no drive has", "which no spring has"  # ends of notes on numbers that are not possible
 BASE_UNITS = (
     "Units: m in kg, mcx ... in kg m, Ixx ... and Ia in kg m^2, Fv in N m s/rad, Fc, Fs and tau0 in N m; of sliding "
     "joints Ia in kg, Fv in N s/m, the others in N."
@@ -240,6 +241,41 @@ class Identification(InNotebooks):
             )
 
     @property
+    def springs(self) -> tuple[Spring | JointSpring, ...]:
+        """The springs that were asked for, with the stiffness and length found, for a Scene.
+
+        Raises
+        ------
+        IdentificationError
+            If a number is negative or the motion does not tell it.
+        """
+        if self.standard.springs is None:
+            return ()
+        place = self.standard.groups["springs"]
+        rows = zip(self.base.names, self.values, self.estimate.errors, strict=True)
+        for name, value, error in list(rows)[place.start - place.stop :]:
+            if np.isinf(error):
+                raise IdentificationError(f"the motion does not tell {name} from gravity, drives and other springs")
+            if value < 0 and name.startswith("k"):
+                raise IdentificationError(f"the stiffness {name} comes out negative, {value:.4g}: {self._cure}")
+        springs: Springs = self.standard.springs
+        return springs.at(self.parameters[place])
+
+    @property
+    def spring_errors(self) -> Array:
+        """Standard errors of stiffness and length of each of `springs`; NaN for a length that is not found, (k, 2)."""
+        found, errors = self.springs, np.full((len(self.springs), 2), np.nan)
+        place, covariance = self.base.count, self.estimate.covariance
+        for row, spring in zip(errors[::-1], found[::-1], strict=True):
+            place -= (count := len(spring.symbols))
+            C = covariance[place : place + count, place : place + count]
+            row[0] = np.sqrt(C[0, 0])
+            if isinstance(spring, Spring) and spring.length:  # (c - force) / k
+                slope = np.array([-spring.length, 1.0]) / spring.stiffness
+                row[1] = np.sqrt(slope @ C @ slope)
+        return errors
+
+    @property
     def offset(self) -> Array:
         """Constant torques of the drives, shape (n,); zero where they were not asked for [N m or N]."""
         return self._of_drives("tau0")
@@ -259,7 +295,7 @@ class Identification(InNotebooks):
         Returns
         -------
         ndarray, shape (..., n)
-            With rotors, friction, offsets and coupled motors [N m or N].
+            With rotors, friction, offsets, coupled motors and springs [N m or N].
 
         Raises
         ------
@@ -269,6 +305,7 @@ class Identification(InNotebooks):
         model, bodies = self.initial.model, PARAMETERS * self.initial.model.nb
         velocities, accelerations = joint_array("qd", qd, model), joint_array("qdd", qdd, model)
         drives = self.standard.drive_torques(velocities, accelerations, self.parameters[bodies:])
+        drives = drives + self.standard.spring_torques(joint_array("q", q, model), self.parameters)
         return np.asarray(self.initial.regressor(q, velocities, accelerations) @ self.parameters[:bodies] + drives)
 
     def check(self, record: Record) -> Check:
@@ -357,7 +394,14 @@ class Identification(InNotebooks):
             Paragraphs on the measurements, the joints, the base parameters and the bodies, and the report of
             `consistency`.
         """
-        texts = [fitted_text, joints_text, causes_text, parameters_text, *[bodies_text] * self.consistent]
+        texts = [
+            fitted_text,
+            joints_text,
+            causes_text,
+            parameters_text,
+            *[springs_text] * (self.standard.springs is not None),
+        ]
+        texts += [bodies_text] * self.consistent
         return "\n\n".join([*(text(self) for text in texts), self.consistency().report()])
 
 
@@ -478,6 +522,21 @@ def parameters_text(found: Identification) -> str:
     weak = [name for name, seen in zip(found.base.names, found.excited, strict=True) if not seen]
     if weak:
         lines.append(f"not excited, with a standard error above the expected size: {', '.join(weak)}")
+    return "\n".join(lines)
+
+
+def springs_text(found: Identification) -> str:
+    """Stiffness and length of the springs with standard errors."""
+    try:
+        pairs = zip(found.springs, found.spring_errors, strict=True)
+    except IdentificationError as error:
+        return f"springs: {error}"
+    lines = ["springs, with standard errors; k is the stiffness, c is k length + force [N]"]
+    for spring, (of_stiffness, of_length) in pairs:
+        text = f"  {spring}: stiffness {spring.stiffness:.5g} +- {of_stiffness:.2g}"
+        if isinstance(spring, Spring):
+            text += f" N/m, length {spring.length:.4g} +- {of_length:.2g} m, force {spring.force:.4g} N"
+        lines.append(text if isinstance(spring, Spring) else f"{text} N m/rad, or N/m of a sliding joint")
     return "\n".join(lines)
 
 

@@ -15,6 +15,7 @@ from ..basics.spatial import Array
 from ..basics.text import summary
 from .model import Model, model_argument
 from .parameters import PARAMETERS, parameters_of
+from .topology import refuse_couplings
 
 BODY_SYMBOLS = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 FRICTION = (None, "viscous", "coulomb", "viscous+coulomb")
@@ -92,7 +93,7 @@ class StandardParameters:
     """The parameters that the torques of the drives are a linear function of, and their order.
 
     tau = Y pi + Ia qdd + Fv qd + Fc sign(qd) + Fs sign(qd) exp(-|qd| / vs) + tau0, and for each coupled motor, which
-    turns at a^T qd, the terms of rotor and friction in a^T qd, times a.
+    turns at a^T qd, the terms of rotor and friction in a^T qd, times a. Springs add functions of the positions.
 
     Attributes
     ----------
@@ -100,6 +101,8 @@ class StandardParameters:
         The robot's parameters.
     drives : DriveModel
         Which torques of the drives are modelled.
+    springs : Springs or None
+        Springs whose parameters follow those of drives and coupled motors.
 
     Examples
     --------
@@ -112,11 +115,13 @@ class StandardParameters:
 
     model: Model
     drives: DriveModel = DriveModel()
+    springs: Any = None
 
     __repr__ = summary
 
     def __post_init__(self) -> None:
         n = model_argument(self.model).n
+        refuse_couplings(self.model, "standard parameters, base parameters and identification take")
         drive_argument(self.drives)
         if self.drives.stribeck is not None:
             vector("stribeck", self.drives.stribeck, n, sign="not negative")
@@ -147,6 +152,7 @@ class StandardParameters:
         groups = {"bodies": slice(0, PARAMETERS * self.model.nb)}
         widths = {symbol: self.model.n for symbol in self.terms}
         widths |= {f"{symbol} of coupled motors": len(self.motors) for symbol in self.terms if symbol in OF_MOTORS}
+        widths |= {} if self.springs is None else {"springs": len(self.springs.symbols)}
         start = groups["bodies"].stop
         for name, width in widths.items():
             groups[name] = slice(start, start + width)
@@ -163,12 +169,14 @@ class StandardParameters:
         """Symbol and number of each parameter.
 
         The number is that of the moving joint, counted from 1 in the order of `model.moving_joints`; s1, s2, ... are
-        the coupled motors. m is the mass, mcx the first moment, Ixx ... the inertia about the joint's origin.
+        the coupled motors. m is the mass, mcx the first moment, Ixx ... the inertia about the joint's origin. Springs
+        are counted from 1.
         """
         names = [f"{symbol}_{i + 1}" for i in range(self.model.nb) for symbol in BODY_SYMBOLS]
         names += [f"{symbol}_{i + 1}" for symbol in self.terms for i in self.model.independent_joints]
         motors = range(1, len(self.motors) + 1)
-        return (*names, *(f"{symbol}_s{k}" for symbol in self.terms if symbol in OF_MOTORS for k in motors))
+        names += [f"{symbol}_s{k}" for symbol in self.terms if symbol in OF_MOTORS for k in motors]
+        return (*names, *(() if self.springs is None else self.springs.symbols))
 
     @cached_property
     def values(self) -> Array:
@@ -186,13 +194,21 @@ class StandardParameters:
         return found
 
     def drive_columns(self, qd: Array, qdd: Array) -> Array:
-        """Torques of the drives per unit of each parameter behind those of the bodies, shape (..., n, count - 10 nb).
+        """Torques of the drives per unit of each parameter of theirs, behind those of the bodies, shape (..., n, k).
 
         `qd` and `qdd` (..., n) are joint velocities and accelerations [rad/s or m/s; rad/s^2 or m/s^2].
         """
         found = sorted(self._shafts(qd, qdd), key=lambda part: part[0].start)
         blocks = [shafts.T * factor[..., None, :] for _, shafts, factor in found]
         return np.concatenate([np.zeros((*qd.shape, 0)), *blocks], axis=-1)
+
+    def spring_columns(self, q: Array) -> Array:
+        """Torques of the drives per unit of each parameter of the springs, the last ones, shape (..., n, k)."""
+        return np.zeros((*q.shape, 0)) if self.springs is None else self.springs.columns(self.model, q)
+
+    def spring_torques(self, q: Array, pi: Array) -> Array:
+        """Torques of the drives against springs, of standard parameters pi, shape (..., n)."""
+        return np.asarray(self.spring_columns(q) @ pi[self.groups.get("springs", slice(0))])
 
     def drive_torques(self, qd: Array, qdd: Array, x: Array) -> Array:
         """Torques of the drives with parameters x, those behind the bodies', shape (..., n)."""

@@ -65,13 +65,14 @@ def _(motion: Trajectory) -> str:
         images = [_image(draw(), label) for label, draw in small_plots(motion)]
         pieces.append(f'<div style="display:flex;flex-wrap:wrap;gap:.4em">{"".join(images)}</div>')
     lost = [f"{name} {six_digits(energy[-1])} J" for name, energy in (motion.dissipated or {}).items() if len(energy)]
-    return _page(*pieces, *([_text(f"Dissipated by friction: {', '.join(lost)}")] if lost else []))
+    return _page(*pieces, *([_text(f"Dissipated: {', '.join(lost)}")] if lost else []))
 
 
 def joint_table(model: Model) -> list[tuple[str, ...]]:
     """The joints of a robot, the titles of the columns first."""
     parts = disassemble(model)
-    rows = [_joint_row(part, parts) for part in parts if part.joint]
+    followed = {c.joint: f", follows {', '.join(map(short, c.drivers))}" for c in model.couplings}
+    rows = [_joint_row(part, parts, followed.get(part.joint, "")) for part in parts if part.joint]
     return [("joint", "type", "parent → child", "range", "speed", "effort"), *rows]
 
 
@@ -81,9 +82,9 @@ def body_table(model: Model) -> list[tuple[str, ...]]:
     return [("link", "mass [kg]", "centre of mass [m]", "inertia about it: xx, yy, zz, xy, xz, yz [kg m²]"), *rows]
 
 
-def _joint_row(part: Part, parts: Sequence[Part]) -> tuple[str, ...]:
+def _joint_row(part: Part, parts: Sequence[Part], follows: str) -> tuple[str, ...]:
     unit, speed, effort = (UNITS[name][part.kind not in REVOLUTE_TYPES] for name in ("q", "qd", "tau"))
-    kind, limits = part.kind, ("-", "-", "-")
+    kind, limits = part.kind + follows, ("-", "-", "-")
     if part.mimic is not None:
         source = short(parts[part.mimic.independent].joint)
         kind = f"{kind}, mimics {source}: {part.mimic.multiplier:.6g} q + {part.mimic.offset:.6g}"

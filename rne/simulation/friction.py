@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,6 +16,7 @@ from ..basics.text import listed, short, summary
 from ..elementwise import less, tanh, where
 from ..model.checks import domain_error
 from ..model.model import Model, joint_array
+from ..model.topology import refuse_couplings
 from ..robot import Robot
 
 SIZES = ("viscous", "coulomb", "viscous_back", "coulomb_back", "static")
@@ -214,20 +217,25 @@ class Friction:
         [1.0, 1.0, 1.0, 1.0, 1.0, 1.0]
         """
         self.check(model)
-        rates = joint_array("qd", qd, model)
+        rates = joint_array("qd", qd, model) if np.asarray(qd).dtype != object else np.asarray(qd)  # traced, in a law
         return self.viscous_torque(rates) + self.coulomb_torque(rates)
 
 
-def creep(friction: Friction, robot: Robot, q: Array, qd: Array, qdd: Array, rest: Array | None) -> str:
+def creep(
+    friction: Friction, robot: Robot, motion: Sequence[Array], rest: Array | None, springs: Any, rotor: Any
+) -> str:
     """How far joints crept along samples (T, n) while dry friction would have held them; empty where that is little.
 
-    A robot without drives that starts at rest does so in the positions `rest`; otherwise these are None.
+    A robot without drives that starts at rest does so in the positions `rest`; otherwise these are None. `motion` is
+    (q, qd, qdd), behind elastic joints of the motors, with their `rotor`.
     """
+    q, qd, qdd = motion
     forward, back = np.asarray(friction.coulomb, dtype=float), np.asarray(friction.coulomb_back, dtype=float)
     if friction.smoothing == 0 or not (forward.any() or back.any()) or len(q) < 2:
         return ""
-    diagonal = np.diagonal(np.linalg.inv(robot.mass_matrix(q)), axis1=-2, axis2=-1)
-    load = friction.torque(robot.model, qd) + qdd / diagonal  # that would keep each joint from accelerating
+    inverse = np.linalg.inv(robot.mass_matrix(q) if rotor is None else np.diag(rotor))
+    # Friction that would keep each joint from accelerating
+    load = friction.torque(robot.model, qd) + qdd / np.diagonal(inverse, axis1=-2, axis2=-1)
     releases = np.abs(load) >= np.where(load < 0, back, forward)
     sample = np.arange(len(q))[:, None]
     caught, released = (
@@ -237,6 +245,8 @@ def creep(friction: Friction, robot: Robot, q: Array, qd: Array, qdd: Array, res
     held = caught > released
     moved = (np.abs(np.diff(q, axis=0)) * (held[1:] & held[:-1])).sum(axis=0)
     weight = None if rest is None else robot.gravity_torque(rest)
+    if weight is not None and rest is not None and springs is not None:
+        weight = weight + springs.torque(robot, rest, 0 * rest)
     if weight is not None and (np.abs(weight) < np.where(weight > 0, back, forward)).all():
         moved = np.abs(q - rest).max(axis=0)
     units = ["rad" if robot.model.is_revolute[k] else "m" for k in robot.model.independent_joints]
@@ -251,7 +261,9 @@ def urdf_friction(model: Model) -> Friction:
         for joint, value in zip(model.moving_joints, getattr(model, name).tolist(), strict=True):
             if error := domain_error(name, value):
                 raise ValueError(f"`friction` 'urdf': {name} of joint {joint!r} {error}, got {value!r}")
-    G = np.abs(np.asarray(model.coordinate_map, dtype=float)) if model.has_mimics else np.eye(model.nb)
+    if any(model.damping[i] or model.friction[i] for i, *_ in model.coupled_joints):
+        refuse_couplings(model, "`friction` 'urdf' takes")
+    G = np.abs(np.asarray(model.mimic_map, dtype=float)) if model.has_mimics else np.eye(model.nb)
     return Friction(viscous=model.damping @ G**2, coulomb=model.friction @ G)
 
 

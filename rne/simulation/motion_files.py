@@ -22,6 +22,7 @@ from ..basics.spatial import Array
 from ..errors import ModelError
 from ..model.model import Model
 from ..model.solids import Box, Cylinder
+from ..model.topology import refuse_couplings
 
 # What NumPy, zlib and JSON raise for other files and damaged ones.
 DAMAGED = (
@@ -31,9 +32,11 @@ DAMAGED = (
 TEXTS = "texts"  # entry of the archive: what is not an array, as JSON
 FORM = "rne motion 1"
 NOT_KEPT = ("error_estimate", "run")  # fields that may hold laws
+MOTORS = ("motor_q", "motor_qd")  # which files from before there were elastic joints do not have
+OF_MODEL = {f.name: str(f.type) for f in fields(Model) if f.name != "couplings"}  # which have programs
 SHAPES: dict[str, tuple[str, ...]] = {
     **dict.fromkeys(("t", "kinetic", "potential", "energy", "work"), ("T",)),
-    **dict.fromkeys(("q", "qd", "qdd", "tau"), ("T", "n")),
+    **dict.fromkeys(("q", "qd", "qdd", "tau", *MOTORS), ("T", "n")),
     "controller_state": ("T", "m"),
     "jumps": ("K",),
     **dict.fromkeys(("qdd_before", "tau_before"), ("K", "n")),
@@ -67,6 +70,7 @@ def write_archive(file: Path, values: dict[str, Any]) -> Path:
 def read_archive(file: Path, types: dict[str, str]) -> dict[str, Any]:
     """The fields of a Trajectory in an archive, checked; `types` names the type of each field."""
     arrays, texts = _contents(file)
+    arrays = dict.fromkeys(MOTORS, np.zeros((0, 0))) | arrays
     try:
         _check_entries(arrays, texts, types)
         dissipated = {name: arrays.pop(f"dissipated.{name}") for name in texts.pop("dissipated")}
@@ -105,7 +109,8 @@ def _parted(values: dict[str, Any]) -> tuple[dict[str, Array], dict[str, Any]]:
     model, dissipated = values.pop("model"), values.pop("dissipated")
     values |= {f"dissipated.{name}": energy for name, energy in dissipated.items()}
     if model is not None:
-        values |= {f"model.{f.name}": getattr(model, f.name) for f in fields(model)}
+        refuse_couplings(model, "files of motions take")
+        values |= {f"model.{name}": getattr(model, name) for name in OF_MODEL}
         values["model.notes"] = dict(model.notes)
     arrays = {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
     texts = {name: value for name, value in values.items() if name not in arrays}
@@ -132,7 +137,7 @@ def _check_entries(arrays: dict[str, Array], texts: dict[str, Any], types: dict[
     types = {name: kind for name, kind in types.items() if name not in ("model", *NOT_KEPT)}
     _check_kinds(arrays, texts, types)
     further = {f"dissipated.{name}": "Array" for name in texts["dissipated"]}
-    further |= {f"model.{f.name}": str(f.type) for f in fields(Model)} if texts["has_model"] else {}
+    further |= {f"model.{name}": kind for name, kind in OF_MODEL.items()} if texts["has_model"] else {}
     _check_kinds(arrays, texts, further)
     for name in (*arrays, *texts):
         if (types | further).get(name) is None or name in arrays.keys() & texts.keys():
@@ -169,7 +174,7 @@ def _check(motion: Any) -> None:
 
 def _check_array(name: str, value: Array, shape: tuple[str, ...], sizes: dict[str, int]) -> None:
     """Check an array; letters of its shape that are not among the `sizes` yet are added to them."""
-    if value.shape == (0, 0) and (shape[1] == "m" or sizes["K"] == 0):  # as where none is given
+    if value.shape == (0, 0) and (shape[1] == "m" or name in MOTORS or sizes["K"] == 0):  # as where none is given
         return
     expected = ", ".join(str(sizes.get(letter, letter)) for letter in shape)
     same = (sizes.setdefault(letter, length) == length for letter, length in zip(shape, value.shape, strict=False))

@@ -672,7 +672,7 @@ def gravity_directions(rest: FitResiduals) -> Iterator[tuple[Cause, Trial]]:
     pulling = (replace(model, gravity=size * e) for e in (np.zeros(3), *np.eye(3)))
     still, *pulled = (regressor(m, *coarse.motion) for m in pulling)  # kernels take longer to trace
     pulls = np.array([y - still for y in pulled])
-    drives = coarse.weighted(rest.standard.drive_columns(*coarse.motion[1:]))
+    drives = coarse.weighted(rest.Y[..., len(rest.bodies) :])
 
     def bodies(gravity: Array) -> Array:  # which other parameters are felt in
         return coarse.weighted(still + np.tensordot(gravity, pulls, 1))

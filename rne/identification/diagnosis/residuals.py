@@ -142,6 +142,11 @@ class FitResiduals(Discrepancy):
         self.torques = np.maximum(self.by_joint(b), TINY)
         self.floor = thresholds.LEAST**2 * self.torques
 
+    def load(self, q: Array, qd: Array, qdd: Array) -> Array:
+        """Torques of bodies and springs, which the gears transmit, shape (T, n)."""
+        bodies = super().load(q, qd, qdd)
+        return bodies if self.standard.springs is None else bodies + self.standard.spring_torques(q, self.x)
+
     def with_known(self, columns: Array) -> FitResiduals:
         """The residuals with more columns fitted in any case."""
         known = columns if self.known is None else np.concatenate([self.known, columns], axis=-1)
@@ -229,6 +234,7 @@ class FitResiduals(Discrepancy):
         """Orthonormal columns of a fit to torques where the joints are J q, with friction that is known so too."""
         bodies, motion = self.standard.groups["bodies"].stop, [x @ J.T for x in self.motion]
         Y, drives = self.robot.regressor(*motion), self.standard.drive_columns(*motion[1:])
+        drives = np.concatenate([drives, self.standard.spring_columns(motion[0])], axis=-1)
         A = self.weighted(Y @ self.base.back[:bodies] + drives @ self.base.back[bodies:])
         Q = np.linalg.qr(A)[0]
         if self.known is None:

@@ -276,6 +276,8 @@ def rows_of(
         places, drives = standard.drive_columns_of(j, qd, qdd)
         columns = np.concatenate([bodies[:, j, felt], drives], axis=1)
         Y[:, j, np.append(felt, first + places)] = record.reduce(columns)
+    if standard.springs is not None:
+        Y[..., standard.groups["springs"]] = record.reduce(standard.spring_columns(record.q))
     used = record.valid & ((record.reduce(np.abs(qd)) > minimum_velocity) | (minimum_velocity == 0))
     sure = used & rows_without(record, resting(record, minimum_velocity))
     return Y, record.reduce(record.tau), record.valid, used, sure
