@@ -268,8 +268,7 @@ def with_lower_cutoff(
     signals below that cut-off, and less is left of its own signals than of the other's; where much is left also if it
     is as good there, and clearly less is left. There some halves that do not help may be followed by one that does.
     """
-    first, failed = data, 0
-    estimator = Estimator(base, None, 1.0)
+    first, failed, estimator = data, 0, Estimator(base, None, 1.0)
     if data.fitted.shares(estimator.fit(data.fitted)[1]).max(initial=0) < thresholds.LITTLE:
         return data
     errors = [held_out(estimator, data.fitted, data.fitted).everywhere]

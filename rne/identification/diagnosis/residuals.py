@@ -201,6 +201,7 @@ class FitResiduals(Discrepancy):
     def blocks(self) -> Array:
         """The block of time of each row that is held out, as many as the fit's or more, shape (rows,)."""
         each = max(len(self.data.fitted.factors), thresholds.FOLDS) // len(self.records)
+        each = min(each, *(len(record.times) for record in self.records))
         lengths = [block.stop - block.start for block in blocks_of_time(self.records, each)]
         return np.repeat(np.arange(len(lengths)), lengths)
 

@@ -607,10 +607,8 @@ def _put_on_grid(
         if len(grid) == len(part) and np.abs(stamps - centred).max() <= regular:
             parts.append((centred, values[part], usable[part]))
             continue
-        found.notes = (
-            *found.notes[:1],
-            f"resampled by a cubic spline through the stamps, every {1e3 * period:.4g} ms",
-        )
+        resampled = f"resampled by a cubic spline through the stamps, every {1e3 * period:.4g} ms"
+        found.notes = (*found.notes[:1], resampled)
         grid = (grid + stamps[0])[grid <= stamps[-1] - stamps[0] + regular]
         after = np.clip(np.searchsorted(stamps, grid), 1, len(part) - 1)
         on_grid = CubicSpline(stamps[apart], values[part[apart]], axis=0)(grid)
