@@ -1,8 +1,8 @@
-"""Joint friction: viscous and Coulomb, which may differ between the two directions of motion."""
+"""Joint friction: viscous, Coulomb, the Stribeck effect, friction under load; and a constant torque of the drives."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -13,10 +13,13 @@ from ..basics.spatial import Array
 from ..basics.text import listed, short, summary
 from ..elementwise import less, tanh, where
 from ..model.checks import domain_error
+from ..model.friction_laws import direction, magnitude, saturating, stribeck_effect, transmitted
 from ..model.model import Model, joint_array
 from ..robot import Robot
 
-SIZES = ("viscous", "coulomb", "viscous_back", "coulomb_back", "static")
+SIZES = ("viscous", "coulomb", "viscous_back", "coulomb_back", "static", "load", "saturation", "stribeck")
+SIGNED = ("stribeck_rise", "offset")  # sizes that may be negative
+OPTIONAL = ("static", "saturation", "stribeck")
 TOLD = {"rad": 0.01, "m": 0.001}  # of creep, from which on the message of a run names it
 SMOOTHING = 0.01  # [rad/s or m/s]: velocity at which smoothed Coulomb friction reaches tanh(1) = 76 % of its value
 
@@ -37,11 +40,25 @@ class Friction:
         slips by events [rad/s or m/s].
     static : ndarray, shape (n,), or a number, optional
         Torque at which a sticking joint breaks away, at least `coulomb`, which is its default [N m or N].
+    stribeck_rise, stribeck : ndarray, shape (n,), or a number, optional
+        The Stribeck effect: by how much Coulomb friction rises towards rest, and the velocity at which that has fallen
+        to 1/e, s exp(-|qd| / vs); a negative rise, of at most `coulomb`, is pre-sliding friction [N m or N; rad/s or
+        m/s].
+    saturation : ndarray, shape (n,), or a number, optional
+        Velocity vs at which viscous friction saturates, Fv vs tanh(qd / vs), or 0 for a joint where it is Fv qd [rad/s
+        or m/s].
+    load : ndarray, shape (n,), or a number
+        Part of the transmitted torque that friction takes, below 1: of a torque L of inverse dynamics, rotors included,
+        it is load |L| s, s being the direction of motion, tanh(qd / smoothing).
+    offset : ndarray, shape (n,), or a number
+        Constant torque that the drive must supply beside, as of a torque sensor whose zero is wrong. While a joint
+        moves, Coulomb friction that differs by direction is the same as the mean of both and an offset [N m or N].
 
     Raises
     ------
     ValueError
-        For negative or non-finite numbers, `static` below `coulomb`, or `static` with smoothed friction.
+        For negative or non-finite numbers, `static` below `coulomb`, `static` with smoothed friction, a `load` of 1 or
+        more, or a Stribeck effect without its velocity or of more than `coulomb` below zero.
 
     Notes
     -----
@@ -65,6 +82,11 @@ class Friction:
     coulomb_back: ArrayLike | None = None
     smoothing: float = SMOOTHING
     static: ArrayLike | None = None
+    stribeck_rise: ArrayLike = 0.0
+    stribeck: ArrayLike | None = None
+    saturation: ArrayLike | None = None
+    load: ArrayLike = 0.0
+    offset: ArrayLike = 0.0
 
     def __repr__(self) -> str:
         return summary(self, **{f"{name}_back": None for name in ("viscous", "coulomb") if self._same_back(name)})
@@ -90,13 +112,23 @@ class Friction:
             value = getattr(self, name)
             if value is None and name.endswith("_back"):
                 value = getattr(self, name.removesuffix("_back"))
-            if value is not None or name != "static":
+            if value is not None or name not in OPTIONAL:
                 object.__setattr__(self, name, _not_negative(name, value))
+        for name in SIGNED:
+            object.__setattr__(self, name, _read_only(name, getattr(self, name)))
         if _not_negative("smoothing", self.smoothing).ndim:
             raise ValueError("`smoothing` must be one number")
         shapes = {size.shape for size in self._given().values() if size.ndim}
         if len(shapes) > 1 or any(len(shape) > 1 for shape in shapes):
             raise ValueError(f"friction must be numbers or arrays of one shape (n,), got {sorted(shapes)}")
+        if np.any(np.asarray(self.load) >= 1):
+            raise ValueError(f"`load` must be below 1, the part of the torque that friction takes, got {self.load}")
+        rise, slow = np.asarray(self.stribeck_rise), np.asarray(0.0 if self.stribeck is None else self.stribeck)
+        if np.any((rise != 0) & (slow == 0)):
+            raise ValueError("`stribeck_rise` needs `stribeck`, the velocity at which it has fallen to 1/e, above 0")
+        least = np.minimum(self.coulomb, self.coulomb_back)  # type: ignore[arg-type]
+        if np.any(least + rise < 0):
+            raise ValueError("`stribeck_rise` must be at least -`coulomb`: friction does not drive a joint")
         if self.static is None:
             return
         if np.any(np.asarray(self.static) < np.maximum(self.coulomb, self.coulomb_back)):  # type: ignore[arg-type]
@@ -105,12 +137,25 @@ class Friction:
             raise ValueError("`static` needs dry friction: set `smoothing` to 0")
 
     def _given(self) -> dict[str, Array]:
-        return {name: np.asarray(size) for name in SIZES if (size := getattr(self, name)) is not None}
+        return {name: np.asarray(size) for name in (*SIZES, *SIGNED) if (size := getattr(self, name)) is not None}
 
     @property
     def sticks(self) -> bool:
         """True for dry friction, under which a joint can stick."""
-        return self.smoothing == 0 and any(size.any() for k, size in self._given().items() if "viscous" not in k)
+        dry = ("coulomb", "coulomb_back", "static", "stribeck_rise", "load")
+        return self.smoothing == 0 and any(size.any() for k, size in self._given().items() if k in dry)
+
+    @property
+    def varying(self) -> str:
+        """The names of what makes Coulomb friction change with speed or load; empty for none."""
+        return " and ".join(f"`{name}`" for name in ("stribeck_rise", "load") if np.any(getattr(self, name)))
+
+    @cached_property
+    def losses(self) -> tuple[str, ...]:
+        """Names of the torques that are not zero: "viscous", "coulomb", "offset" and "load"."""
+        sizes = {"viscous": ("viscous", "viscous_back"), "coulomb": ("coulomb", "coulomb_back", "stribeck_rise")}
+        sizes |= {"offset": ("offset",), "load": ("load",)}
+        return tuple(name for name, of in sizes.items() if any(np.any(getattr(self, size)) for size in of))
 
     def check(self, model: Model) -> None:
         """Refuse arrays that do not have one entry per joint.
@@ -156,12 +201,15 @@ class Friction:
         >>> rne.Friction(viscous=2.0, viscous_back=3.0).viscous_torque(np.array([0.5, -0.5])).tolist()
         [1.0, -1.5]
         """
+        qd = saturating(qd, self.saturation)
         if self._same_back("viscous"):
             return np.asarray(self.viscous) * qd
         return where(less(qd, 0), np.asarray(self.viscous_back) * qd, np.asarray(self.viscous) * qd)
 
     def coulomb_torque(self, qd: Array) -> Array:
-        """Coulomb friction at joint velocities, smoothed around zero; dry friction as when slipping, zero at rest.
+        """Coulomb friction at joint velocities with its Stribeck effect, smoothed around zero.
+
+        Dry friction is as when slipping, and zero at rest.
 
         Parameters
         ----------
@@ -180,6 +228,9 @@ class Friction:
         [2.0, -2.0, 0.0]
         """
         forward, back = np.asarray(self.coulomb, dtype=float), np.asarray(self.coulomb_back, dtype=float)
+        if self.stribeck is not None and np.any(self.stribeck_rise):
+            effect = np.asarray(self.stribeck_rise) * stribeck_effect(qd, self.stribeck, self.smoothing)
+            return replace(self, stribeck_rise=0.0).coulomb_torque(qd) + effect
         if not (forward.any() or back.any()):
             return 0 * qd
         if self.smoothing == 0:
@@ -187,8 +238,20 @@ class Friction:
         size = forward if self._same_back("coulomb") else where(less(qd, 0), back, forward)
         return size * tanh(qd * (1 / self.smoothing))
 
-    def torque(self, model: Model, qd: ArrayLike) -> Array:
-        """Friction torque of a robot's joints, viscous and Coulomb.
+    def offset_torque(self, qd: Array) -> Array:
+        """The constant torque, shape of qd (..., n) [N m or N]."""
+        return 0 * qd + np.asarray(self.offset)
+
+    def transmitted(self, tau: Array, qd: Array) -> Array:
+        """Torque that reaches the bodies of the torque of the drives without other friction, both (..., n) [N m or N].
+
+        With load-dependent friction, tau = L + load |L| s is solved for L joint by joint, so that the accelerations that
+        L depends on are not needed.
+        """
+        return transmitted(tau, self.load, direction(qd, self.smoothing))  # type: ignore[arg-type]
+
+    def torque(self, model: Model, qd: ArrayLike, load: ArrayLike | None = None) -> Array:
+        """Friction torque of a robot's joints, and the constant torque.
 
         Parameters
         ----------
@@ -196,16 +259,19 @@ class Friction:
             The robot, for the number of its joints.
         qd : array_like, shape (..., n)
             Joint velocities [rad/s or m/s].
+        load : array_like, shape (..., n), optional
+            Torques of inverse dynamics, for friction under load [N m or N].
 
         Returns
         -------
         ndarray, shape (..., n)
-            Torque that the drives must supply, with the sign of the velocity [N m or N].
+            Torque that the drives must supply, that of friction with the sign of the velocity [N m or N].
 
         Raises
         ------
         ValueError
-            If `qd` or a coefficient has the wrong shape, or `qd` is not finite.
+            If `qd` or a coefficient has the wrong shape, `qd` is not finite, or friction depends on a `load` that is
+            not given.
 
         Examples
         --------
@@ -215,7 +281,15 @@ class Friction:
         """
         self.check(model)
         rates = joint_array("qd", qd, model)
-        return self.viscous_torque(rates) + self.coulomb_torque(rates)
+        total = self.viscous_torque(rates) + self.coulomb_torque(rates)
+        if "offset" in self.losses:
+            total = total + self.offset_torque(rates)
+        if "load" not in self.losses:
+            return total
+        if load is None:
+            raise ValueError("friction under load needs `load`, the torques of inverse dynamics")
+        size = np.asarray(self.load) * magnitude(joint_array("load", load, model))
+        return total + size * direction(rates, self.smoothing)
 
 
 def creep(friction: Friction, robot: Robot, q: Array, qd: Array, qdd: Array, rest: Array | None) -> str:
@@ -227,8 +301,11 @@ def creep(friction: Friction, robot: Robot, q: Array, qd: Array, qdd: Array, res
     if friction.smoothing == 0 or not (forward.any() or back.any()) or len(q) < 2:
         return ""
     diagonal = np.diagonal(np.linalg.inv(robot.mass_matrix(q)), axis1=-2, axis2=-1)
-    load = friction.torque(robot.model, qd) + qdd / diagonal  # that would keep each joint from accelerating
-    releases = np.abs(load) >= np.where(load < 0, back, forward)
+    moved_by = np.asarray(friction.load) * np.abs(robot.inverse_dynamics(q, qd, qdd)) if np.any(friction.load) else 0.0
+    resisting = friction.viscous_torque(qd) + friction.coulomb_torque(qd) + moved_by * direction(qd, friction.smoothing)
+    load = resisting + qdd / diagonal  # that would keep each joint from accelerating
+    rise = np.asarray(friction.stribeck_rise) + moved_by
+    releases = np.abs(load) >= np.where(load < 0, back, forward) + rise
     sample = np.arange(len(q))[:, None]
     caught, released = (
         np.maximum.accumulate(np.where(now, sample, -1))
@@ -256,8 +333,13 @@ def urdf_friction(model: Model) -> Friction:
 
 
 def _not_negative(name: str, value: ArrayLike) -> Array:
-    array = real_numbers(name, value, "(n,)").astype(np.float64)
+    array = _read_only(name, value)
     if (array < 0).any():
         raise ValueError(f"`{name}` must not be negative, got {array.min()}")
+    return array
+
+
+def _read_only(name: str, value: ArrayLike) -> Array:
+    array = real_numbers(name, value, "(n,)").astype(np.float64)
     array.flags.writeable = False
     return array

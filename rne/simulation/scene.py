@@ -369,7 +369,7 @@ class Scene:
         """
         robot, friction = self.resolved.robot, self.resolved.friction
         tau = robot.inverse_dynamics(q, qd, qdd)
-        return tau if friction is None else tau + friction.torque(robot.model, qd)
+        return tau if friction is None else tau + friction.torque(robot.model, qd, tau)
 
     def forward_dynamics(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> Array:
         """Accelerations under the drives' torques, friction included.
@@ -403,7 +403,8 @@ class Scene:
         robot, friction = self.resolved.robot, self.resolved.friction
         net = joint_array("tau", tau, robot.model)
         if friction is not None:
-            net = net - friction.torque(robot.model, qd)
+            net = net - friction.torque(robot.model, qd, np.zeros(robot.n))
+            net = friction.transmitted(net, joint_array("qd", qd, robot.model)) if "load" in friction.losses else net
         return robot.forward_dynamics(q, qd, net)
 
     def cost(self) -> dict[str, int | str | None]:
@@ -448,6 +449,11 @@ def resolved_friction(friction: Friction | str | None, robot: Robot) -> Friction
         return urdf_friction(robot.model)
     if isinstance(friction, Friction):
         friction.check(robot.model)
+        if friction.sticks and friction.varying:
+            raise ValueError(
+                f"`friction` with {friction.varying} needs a `smoothing` above 0: dry friction that sticks and slips by "
+                "events is constant while slipping"
+            )
     elif friction is not None:
         raise TypeError(f"`friction` must be an rne.Friction or 'urdf', got {type(friction).__name__}")
     return friction

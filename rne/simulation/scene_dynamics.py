@@ -84,9 +84,8 @@ class SceneDynamics:
     @cached_property
     def ledger(self) -> tuple[str, ...]:
         """Names of the energies that the scene exchanges."""
-        f, names = self.friction, ["drives"] if self.law is not None or self.inputs != "none" else []
-        names += [k for k in ("viscous", "coulomb") if np.any(getattr(f, k, 0)) or np.any(getattr(f, f"{k}_back", 0))]
-        return tuple(names)
+        drives = ("drives",) if self.law is not None or self.inputs != "none" else ()
+        return drives if self.friction is None else drives + self.friction.losses
 
     @cached_property
     def energies(self) -> tuple[str, ...]:
@@ -139,10 +138,13 @@ class SceneDynamics:
         drives, further = self.drives(t, x, u)
         torques: dict[str, Array | None] = {"drives": drives}
         net = 0 * qd if drives is None else drives
-        for name in ("viscous", "coulomb"):
+        for name in ("viscous", "coulomb", "offset"):
             if self.friction is not None and name in self.ledger:
                 torques[name] = torque = getattr(self.friction, f"{name}_torque")(qd)
                 net = net - torque
+        if self.friction is not None and "load" in self.ledger:
+            passed = self.friction.transmitted(net, qd)
+            torques["load"], net = net - passed, passed
         return net, [*further, *self._powers(qd, torques)]
 
     def right_hand_side_core(self, model: Model, t: Array, x: Array, u: Array | None = None) -> Any:
@@ -176,13 +178,15 @@ class SceneDynamics:
         moving = np.concatenate([q, qd, x[..., 2 * n :]], axis=-1)
         drives, further = self.drives(t, moving, given if self.torque_given else None)
         viscous = self.friction.viscous_torque(qd)
+        offset = self.friction.offset_torque(qd) if "offset" in self.ledger else None
         resisting = bias_torque.core(model, q, qd) + viscous
+        resisting = resisting if offset is None else resisting + offset
         net = -resisting if drives is None else drives - resisting
         M = mass_matrix.core(model, q)
         among = M * slips[..., :, None] * slips[..., None, :] + np.eye(n) * (1 - slips)[..., None]
         qdd, pivots, diagonal = solve_with_pivots(among, model.coordinate_parent, slips * (net - dry))
         loads = slips * dry + (1 - slips) * (net - rotate(M, qdd))
-        further += self._powers(qd, {"drives": drives, "viscous": viscous, "coulomb": dry})
+        further += self._powers(qd, {"drives": drives, "viscous": viscous, "coulomb": dry, "offset": offset})
         return qdd, loads, net, further, np.diagonal(M, axis1=-2, axis2=-1), pivots, diagonal
 
     def right_hand_side_under_modes_core(self, model: Model, t: Array, x: Array, u: Array) -> Any:

@@ -202,8 +202,10 @@ class FitResiduals(Discrepancy):
         """Squares that a fit leaves of torques where the joints are J q, with friction that is known so too."""
         bodies = self.standard.groups["bodies"].stop
         states = [(few.q @ J.T, few.qd @ J.T, few.qdd @ J.T) for few in self.thinned]
-        Y = [self.robot.regressor(*x) @ self.base.back[:bodies] for x in states]
-        drives = [self.standard.drive_columns(*x[1:]) @ self.base.back[bodies:] for x in states]
+        moved = [self.robot.regressor(*x) for x in states]
+        loads = [self.standard.load(y, x[2], self.x) for y, x in zip(moved, states, strict=True)]
+        pairs, Y = zip(states, loads, strict=True), [y @ self.base.back[:bodies] for y in moved]
+        drives = [self.standard.drive_columns(*x[1:], load) @ self.base.back[bodies:] for x, load in pairs]
         A = self.weighted(self.reduced([y + d for y, d in zip(Y, drives, strict=True)]))
         Q = np.linalg.qr(A)[0]
         if self.known is not None:
@@ -261,8 +263,9 @@ class FitResiduals(Discrepancy):
         """Torques per second by which they are measured later than positions, shape (rows, n, 1)."""
         parts = []
         for record, few, load in zip(self.records, self.thinned, self.loads, strict=True):
-            drives = self.standard.drive_torques(record.qd, record.qdd, self.x[len(self.bodies) :])
-            values = at_samples(record, few, load) + drives
+            bodies = at_samples(record, few, load)
+            full = bodies + self.x[self.standard.groups["Ia"]] * record.qdd if "Ia" in self.standard.terms else bodies
+            values = bodies + self.standard.drive_torques(record.qd, record.qdd, self.x[len(self.bodies) :], full)
             slopes = [np.gradient(values[part], record.t[part], axis=0) for part in record.segments]
             parts.append(record.reduce(np.concatenate(slopes)))
         return -np.concatenate(parts)[..., None]
