@@ -4,7 +4,9 @@ from .diagnosis.compare_models import Candidate, ModelComparison, compare_models
 from .diagnosis.hypotheses import Cause, Hypothesis
 from .diagnosis.rigid_body_test import Consistency, EnergyBalance
 from .drive_gains import DriveGains, identify_drive_gains
+from .essential_parameters import EssentialParameters
 from .exciting_motions.motion import Excitation, excitation
+from .files import load
 from .fit.least_squares import LeastSquares, Unexplained
 from .log.prepared import Prepared
 from .log.record import Record
@@ -20,6 +22,7 @@ __all__ = [
     "Consistency",
     "DriveGains",
     "EnergyBalance",
+    "EssentialParameters",
     "Excitation",
     "Hypothesis",
     "Identification",
@@ -35,6 +38,7 @@ __all__ = [
     "identify",
     "identify_drive_gains",
     "identify_payload",
+    "load",
 ]
 
 

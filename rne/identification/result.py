@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..basics.arrays import positive_number
 from ..basics.spatial import Array
 from ..basics.text import InNotebooks, Row, aligned, counted, listed, short, wrapped
 from ..dynamics.base_inertial_parameters import BaseParameters
@@ -20,9 +23,12 @@ from ..model.standard_parameters import StandardParameters
 from ..plotting.plots import HIDDEN, figure_of, legend_beside, literal, panels, plot_columns, style_axes
 from ..robot import Robot
 from ..simulation.friction import SMOOTHING, Friction
+from ..simulation.scene import Scene
+from ..urdf.write import to_urdf
 from . import thresholds
 from .diagnosis.hypotheses import GEARS, Cause
 from .diagnosis.rigid_body_test import Consistency, certified
+from .essential_parameters import EssentialParameters, essential_parameters
 from .fit.consistent import expected_sizes, model_prior
 from .fit.equations import Equations, RegressionData, check_joints, delayed
 from .fit.least_squares import LeastSquares, Unexplained, believed_noise
@@ -195,8 +201,7 @@ class Identification(InNotebooks):
     def robot(self) -> Robot:
         """The robot with the bodies found, `armature` from the rotors, and `damping` and `friction` of its joints.
 
-        Offsets and coupled motors are not part of a robot, and a URDF has no element for rotors: load it again with
-        ``Scene(..., armature=...)``.
+        Its methods are without friction and offsets; those of `scene` have them.
 
         Raises
         ------
@@ -209,18 +214,139 @@ class Identification(InNotebooks):
         except ValueError as error:
             raise IdentificationError(f"least squares gave no possible bodies: {self._cure}; {error}") from None
         rotors, damping, friction = drives = np.zeros((3, model.nb))  # zero for joints that mimic others
-        drives[:, list(model.independent_joints)] = [self._of_drives(symbol) for symbol in ("Ia", "Fv", "Fc")]
+        both = (np.asarray(self.friction.viscous) + np.asarray(self.friction.viscous_back)) / 2
+        drives[:, list(model.independent_joints)] = [self._of_drives("Ia"), both, self._of_drives("Fc")]
         return Robot(replace(model, armature=rotors, damping=damping, friction=friction), self.initial.engine)
 
     @property
     def friction(self) -> Friction:
-        """Friction of the joints, for a Scene; zero where it was not asked for.
+        """Friction and offsets of the drives, for a Scene; zero where they were not asked for.
 
         Its `smoothing` is that of the fit, or the default of Friction where the fit had a step, sign(qd).
         """
         self._check_consistent()
-        smoothing = self.standard.smoothing or SMOOTHING
-        return Friction(viscous=self._of_drives("Fv"), coulomb=self._of_drives("Fc"), smoothing=smoothing)
+        viscous, asked, drives = self._of_drives("Fv"), self.standard.asked, self.standard.drives
+        return Friction(
+            viscous=viscous,
+            viscous_back=np.where(asked["Fvb"], self._of_drives("Fvb"), viscous),
+            coulomb=self._of_drives("Fc"),
+            smoothing=self._law.smoothing,
+            stribeck_rise=self._of_drives("Fs"),
+            stribeck=drives.stribeck,
+            saturation=drives.saturation,
+            load=self._of_drives("Fl"),
+            offset=self.offset,
+        )
+
+    def scene(self, **parts: Any) -> Scene:
+        """The robot found as a Scene, with the friction and offsets of its drives: what `predict` predicts.
+
+        Parameters
+        ----------
+        **parts
+            Further parts of `rne.Scene`, such as `payload` or `controller`; one that is given takes the place of the
+            one found, as `friction=replace(found.friction, smoothing=0)` for friction that sticks.
+
+        Returns
+        -------
+        Scene
+            For simulation; its inverse dynamics are those of `predict`.
+
+        Raises
+        ------
+        IdentificationError
+            As for `robot`, and of a fit with coupled motors, which a Scene does not have.
+
+        Examples
+        --------
+        >>> found.scene(payload=2.0)  # doctest: +SKIP
+        """
+        if len(self.standard.motors):
+            raise IdentificationError("a scene has no coupled motors: use `predict` for the torques of the drives")
+        return Scene(self.robot, **({"friction": self.friction} | parts))
+
+    def to_urdf(self) -> str:
+        """The robot found as URDF: bodies, rotors, and `<dynamics>` with viscous and Coulomb friction.
+
+        Returns
+        -------
+        str
+            Torques of the drives that a URDF has no element for, such as offsets, are in a comment.
+
+        Raises
+        ------
+        IdentificationError
+            As for `robot`.
+
+        Examples
+        --------
+        >>> text = found.to_urdf()  # doctest: +SKIP
+        """
+        model, parts = self.robot.model, ("Fvb", "Fs", "Fl", "tau0")
+        symbols = [name for name in self.standard.names if name.startswith(tuple(f"{part}_" for part in parts))]
+        symbols += [name for name in self.standard.names if "_s" in name]
+        values = dict(zip(self.standard.names, self.parameters, strict=True))
+        others = ", ".join(f"{name} {values[name]:.6g}" for name in symbols if values[name])
+        note = f"identified, of the joints {listed(model.joint_names)}, not in this file: {others}" if others else ""
+        notes = dict(model.notes) | {"robot": "; ".join(filter(None, (model.notes.get("robot"), note)))}
+        return to_urdf(replace(model, notes=notes))
+
+    def save(self, path: str | PathLike[str]) -> Path:
+        """Write all of it to a NumPy archive, which `rne.identification.load` reads in this version and later ones.
+
+        Parameters
+        ----------
+        path : str or path-like
+            Of a file ``.npz``, which is overwritten.
+
+        Returns
+        -------
+        Path
+            The file.
+
+        Raises
+        ------
+        ValueError, FileNotFoundError
+            If the path has another ending, or its folder does not exist.
+
+        Examples
+        --------
+        >>> found.save("found.npz")  # doctest: +SKIP
+        """
+        from .files import save
+
+        return save(self, path)
+
+    def essential_parameters(self, limit: float = 0.3) -> EssentialParameters:
+        """The base parameters that are left when those of large relative standard errors are set to zero, one by one.
+
+        Parameters
+        ----------
+        limit : float
+            Largest relative standard error of those that are kept.
+
+        Returns
+        -------
+        EssentialParameters
+            Their estimates, and what the model of them alone loses on held-out blocks.
+
+        Raises
+        ------
+        ValueError
+            If `limit` is not positive.
+
+        Notes
+        -----
+        Pressé and Gautier 1991.
+
+        Examples
+        --------
+        >>> found.essential_parameters()  # doctest: +SKIP
+        38 of 61 base parameters are essential, at a cost of 0.1 %
+        """
+        return essential_parameters(
+            self.base, self.data, self.correlation_time, self.initial.joint_names, positive_number("limit", limit)
+        )
 
     @property
     def _cure(self) -> str:
@@ -229,7 +355,7 @@ class Identification(InNotebooks):
 
     def _check_consistent(self) -> None:
         """Refuse to make a robot or its friction from least squares that came out negative."""
-        of_drives_and_masses = [name.split("_")[0] in ("m", "Ia", "Fv", "Fc") for name in self.standard.names]
+        of_drives_and_masses = [name.split("_")[0] in ("m", "Ia", "Fv", "Fvb", "Fc", "Fl") for name in self.standard.names]
         negative = [self.standard.names[k] for k in np.flatnonzero(of_drives_and_masses & (self.parameters < 0))]
         if negative and not self.consistent:
             raise IdentificationError(
@@ -257,7 +383,8 @@ class Identification(InNotebooks):
         Returns
         -------
         ndarray, shape (..., n)
-            With rotors, friction, offsets and coupled motors [N m or N].
+            With rotors, friction, offsets and coupled motors; the direction of friction is smoothed as in `scene`, whose
+            inverse dynamics are the same [N m or N].
 
         Raises
         ------
@@ -266,8 +393,16 @@ class Identification(InNotebooks):
         """
         model, bodies = self.initial.model, PARAMETERS * self.initial.model.nb
         velocities, accelerations = joint_array("qd", qd, model), joint_array("qdd", qdd, model)
-        drives = self.standard.drive_torques(velocities, accelerations, self.parameters[bodies:])
-        return np.asarray(self.initial.regressor(q, velocities, accelerations) @ self.parameters[:bodies] + drives)
+        Y = self.initial.regressor(q, velocities, accelerations)
+        load = self._law.load(Y, accelerations, self.parameters)
+        drives = self._law.drive_torques(velocities, accelerations, self.parameters[bodies:], load)
+        return np.asarray(Y @ self.parameters[:bodies] + drives)
+
+    @cached_property
+    def _law(self) -> StandardParameters:
+        """The drives as they are simulated: the direction of friction is smoothed where it was a step in the fit."""
+        smoothing = self.standard.smoothing or SMOOTHING
+        return replace(self.standard, drives=replace(self.standard.drives, smoothing=smoothing))
 
     def check(self, record: Record) -> Check:
         """The torques predicted for another measured motion beside the measured ones.
