@@ -176,6 +176,10 @@ class MomentumObserver:
             raise TypeError(f"`friction` must be an rne.Friction or None, got {type(self.friction).__name__}")
         if self.friction is not None:
             self.friction.check(self.robot.model)
+            if np.any(self.friction.load):
+                raise ValueError(
+                    "`friction` must not depend on the load, which an observer does not know; set `load` to 0"
+                )
         positive_number("gain", self.gain)
         positive_number("friction_error", self.friction_error, zero_allowed=True)
         object.__setattr__(self, "cases", tuple(self.cases))
@@ -240,7 +244,8 @@ class MomentumObserver:
             impulse, bound = _trapezoidal(tau - friction, step), _curvature(tau - friction) * SMOOTH * step
             bound = bound + self.friction_error * _trapezoidal(np.abs(friction), step)
         if getattr(f, "sticks", False):
-            largest = np.maximum(f.coulomb, f.coulomb_back) if f.static is None else f.static
+            slipping = np.maximum(f.coulomb, f.coulomb_back) + np.maximum(f.stribeck_rise, 0)
+            largest = slipping if f.static is None else f.static
             rests = qd == 0
             times = 2.0 * (rests[:-1] | rests[1:]) - (rests[:-1] & rests[1:])
             bound = bound + step * (1 + self.friction_error) * largest * times

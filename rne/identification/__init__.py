@@ -6,14 +6,13 @@ from .diagnosis.rigid_body_test import Consistency, EnergyBalance
 from .drive_gains import DriveGains, identify_drive_gains
 from .essential_parameters import EssentialParameters
 from .exciting_motions.motion import Excitation, excitation
-from .files import load
 from .fit.least_squares import LeastSquares, Unexplained
 from .log.prepared import Prepared
 from .log.record import Record
 from .log.screening import RecordFinding
 from .model_fit import identify
 from .payload import PayloadEstimate, identify_payload
-from .result import Check, Identification
+from .result import Check, Identification, load
 
 __all__ = [
     "Candidate",

@@ -17,9 +17,10 @@ from ..basics.spatial import Array
 from ..basics.text import InNotebooks, Row, aligned, counted, listed, short, wrapped
 from ..dynamics.base_inertial_parameters import BaseParameters
 from ..errors import IdentificationError
-from ..model.model import joint_array
+from ..model.model import Model, joint_array
 from ..model.parameters import PARAMETERS, pseudo_inertia, with_parameters
-from ..model.standard_parameters import StandardParameters
+from ..model.solids import Box, Cylinder
+from ..model.standard_parameters import DriveModel, StandardParameters
 from ..plotting.plots import HIDDEN, figure_of, legend_beside, literal, panels, plot_columns, style_axes
 from ..robot import Robot
 from ..simulation.friction import SMOOTHING, Friction
@@ -29,6 +30,7 @@ from . import thresholds
 from .diagnosis.hypotheses import GEARS, Cause
 from .diagnosis.rigid_body_test import Consistency, certified
 from .essential_parameters import EssentialParameters, essential_parameters
+from .files import Kind, kind_of, read, write
 from .fit.consistent import expected_sizes, model_prior
 from .fit.equations import Equations, RegressionData, check_joints, delayed
 from .fit.least_squares import LeastSquares, Unexplained, believed_noise
@@ -45,9 +47,11 @@ NAMED = 3  # causes that a warning names
 WRONG_SIGN = "is the sign of the joint's torque right?"  # end of a note on negative friction
 IMPOSSIBLE = "which no drive has"  # end of a note on numbers that are not possible
 BASE_UNITS = (
-    "Units: m in kg, mcx ... in kg m, Ixx ... and Ia in kg m^2, Fv in N m s/rad, Fc, Fs and tau0 in N m; of sliding "
-    "joints Ia in kg, Fv in N s/m, the others in N."
+    "Units: m in kg, mcx ... in kg m, Ixx ... and Ia in kg m^2, Fv and Fvb in N m s/rad, Fc, Fs and tau0 in N m; of "
+    "sliding joints Ia in kg, Fv and Fvb in N s/m, the others in N; Fl is a part of the load."
 )
+LONGEST = 40  # lines of a report below its verdict
+MORE = "`report(details=True)`: filters, base parameters with standard errors, bodies, the test for one rigid body"
 MOVE_ALL = "Move all joints farther and faster: `rne.excitation` finds a motion"
 UNKNOWN = (
     "no single change explains all of it: look at the joints' residuals over time and speed (`plot`), and check "
@@ -259,7 +263,14 @@ class Identification(InNotebooks):
 
         Examples
         --------
-        >>> found.scene(payload=2.0)  # doctest: +SKIP
+        >>> import numpy as np, rne
+        >>> arm = rne.load("irb140").locked({"joint_4": 0, "joint_5": 0, "joint_6": 0})
+        >>> t, w = np.arange(0, 10, 0.01), 2 * np.pi * np.array([0.3, 0.4, 0.5])
+        >>> q, qd, qdd = np.sin(np.outer(t, w)), w * np.cos(np.outer(t, w)), -(w**2) * np.sin(np.outer(t, w))
+        >>> record = rne.identification.Record(t, q, arm.inverse_dynamics(q, qd, qdd) + 5 * qd)
+        >>> found = rne.identify(arm, record, drives=rne.DriveModel(friction="viscous"), consistent=False)
+        >>> found.scene(payload=2.0).friction.viscous.round(2).tolist()
+        [5.0, 5.0, 5.0]
         """
         if len(self.standard.motors):
             raise IdentificationError("a scene has no coupled motors: use `predict` for the torques of the drives")
@@ -313,9 +324,7 @@ class Identification(InNotebooks):
         --------
         >>> found.save("found.npz")  # doctest: +SKIP
         """
-        from .files import save
-
-        return save(self, path)
+        return write(path, KINDS, self, form=FORM, version=VERSION)
 
     def essential_parameters(self, limit: float = 0.3) -> EssentialParameters:
         """The base parameters that are left when those of large relative standard errors are set to zero, one by one.
@@ -342,11 +351,10 @@ class Identification(InNotebooks):
         Examples
         --------
         >>> found.essential_parameters()  # doctest: +SKIP
-        38 of 61 base parameters are essential, at a cost of 0.1 %
+        38 of 61 base parameters are essential: with these alone held-out errors rise by up to 0.1 %
         """
-        return essential_parameters(
-            self.base, self.data, self.correlation_time, self.initial.joint_names, positive_number("limit", limit)
-        )
+        fit, names = (self.base, self.data, self.estimate, self.correlation_time), self.initial.joint_names
+        return essential_parameters(*fit, names, positive_number("limit", limit))
 
     @property
     def _cure(self) -> str:
@@ -355,7 +363,9 @@ class Identification(InNotebooks):
 
     def _check_consistent(self) -> None:
         """Refuse to make a robot or its friction from least squares that came out negative."""
-        of_drives_and_masses = [name.split("_")[0] in ("m", "Ia", "Fv", "Fvb", "Fc", "Fl") for name in self.standard.names]
+        of_drives_and_masses = [
+            name.split("_")[0] in ("m", "Ia", "Fv", "Fvb", "Fc", "Fl") for name in self.standard.names
+        ]
         negative = [self.standard.names[k] for k in np.flatnonzero(of_drives_and_masses & (self.parameters < 0))]
         if negative and not self.consistent:
             raise IdentificationError(
@@ -383,8 +393,8 @@ class Identification(InNotebooks):
         Returns
         -------
         ndarray, shape (..., n)
-            With rotors, friction, offsets and coupled motors; the direction of friction is smoothed as in `scene`, whose
-            inverse dynamics are the same [N m or N].
+            With rotors, friction, offsets and coupled motors; the direction of friction is smoothed as in `scene`,
+            whose inverse dynamics are the same [N m or N].
 
         Raises
         ------
@@ -479,17 +489,107 @@ class Identification(InNotebooks):
         """
         return certified(self.base, self.data, self.unexplained.in_motion)
 
-    def report(self) -> str:
+    @cached_property
+    def r_squared(self) -> Array:
+        """Coefficient of determination of each joint's torques in motion on held-out blocks, NaN without any, (n,)."""
+        means = [
+            x[used].mean() if used.any() else np.nan for x, used in zip(self.data.tau.T, self.data.used.T, strict=True)
+        ]
+        size = self.equations.rms_torques()
+        variance = np.maximum(size**2 - np.square(means), np.finfo(float).tiny)
+        return np.asarray(1 - (self.unexplained.in_motion * size) ** 2 / variance)
+
+    @property
+    def verdict(self) -> str:
+        """What the model is good for, in one sentence: joints predicted within 15 % on held-out blocks are good."""
+        names, left = self.initial.joint_names, self.unexplained.in_motion
+        good = left <= thresholds.EXPLAINED
+        use = "simulation and feed-forward" if self.consistent else "feed-forward, not simulation (least squares alone)"
+        told = np.where(np.isnan(left), -1, 100 * np.minimum(left, thresholds.FARTHEST_TOLD))
+        other = listed(
+            [f"{names[j]} ({f'{told[j]:.0f} %' if told[j] >= 0 else 'does not move'})" for j in np.flatnonzero(~good)]
+        )
+        if self.unexcited or not good.any():
+            return (
+                f"not good for simulation or feed-forward: {self.unexcited or f'of held-out torques is left {other}'}"
+            )
+        which = "all joints" + (f" but {other}" if other else "")
+        return f"good for {use} of {which}: {told[good].max():.2g} % or less of held-out torques in motion are left"
+
+    @cached_property
+    def _essential(self) -> EssentialParameters:
+        return self.essential_parameters()
+
+    def report(self, *, details: bool = False) -> str:
         """A text on the measurements, the parameters, and how far to trust them.
+
+        Parameters
+        ----------
+        details : bool
+            True for all of it: filters, base parameters, bodies, and the report of `consistency`.
 
         Returns
         -------
         str
-            Paragraphs on the measurements, the joints, the base parameters and the bodies, and the report of
-            `consistency`.
+            First what the model is good for, then the errors of each joint, likely causes of what is left and how many
+            parameters are essential, in at most 41 lines without details.
         """
-        texts = [fitted_text, joints_text, causes_text, parameters_text, *[bodies_text] * self.consistent]
-        return "\n\n".join([*(text(self) for text in texts), self.consistency().report()])
+        if details:
+            texts = [fitted_text, joints_text, causes_text, parameters_text, *[bodies_text] * self.consistent]
+            tables = self._essential.report(), self.consistency().report()
+            return "\n\n".join([self.verdict, *(text(self) for text in texts), *tables])
+        data, causes = fitted_text(self).split("\n"), causes_text(self).split("\n")
+        last = [str(self._essential), self.consistency().report().split("\n")[0]]
+        room, table = LONGEST - len(last) - 1, joints_text(self).split("\n")
+        parts = [first_of(table, room // 2), first_of(causes, room // 6)]
+        parts = [first_of(data, room - sum(map(len, parts))), *parts, last]
+        return "\n".join([self.verdict, *(line for part in parts for line in part), MORE])
+
+
+def first_of(lines: Sequence[str], most: int) -> list[str]:
+    """The first lines, with their number if there are more."""
+    return [*lines] if len(lines) <= most else [*lines[: most - 1], f"  ... {len(lines) - most + 1} more lines"]
+
+
+DATACLASSES = (Identification, RegressionData, Equations, Prepared, LeastSquares, StandardParameters, DriveModel)
+TUPLES_AND_MODELS = (Unexplained, Cause, Model, Box, Cylinder)
+FORM, VERSION = "rne identification", 1  # the version is another one when a field changes its meaning
+KINDS: dict[type, Kind] = dict(map(kind_of, (*DATACLASSES, *TUPLES_AND_MODELS)))
+KINDS[Robot] = Kind(("model", "engine"), frozenset(["model"]), Robot)
+OF_BASE = ("standard", "independent", "matrix")
+KINDS[BaseParameters] = Kind(
+    OF_BASE,
+    frozenset(OF_BASE),
+    lambda standard, **others: BaseParameters(standard, body_regressor=Robot(standard.model).regressor, **others),
+)
+
+
+def load(path: str | PathLike[str]) -> Identification:
+    """Read an identification that was written by `Identification.save`.
+
+    Parameters
+    ----------
+    path : str or path-like
+        A NumPy archive, ``.npz``.
+
+    Returns
+    -------
+    Identification
+        As it was saved, with all that was measured and fitted.
+
+    Raises
+    ------
+    ValueError
+        If the file is another one or damaged, of another version, or has a field that this version does not know.
+    OSError
+        If the file cannot be read.
+
+    Examples
+    --------
+    >>> found = rne.identification.load("found.npz")  # doctest: +SKIP
+    """
+    found: Identification = read(path, KINDS, Identification, form=FORM, version=VERSION)
+    return found
 
 
 def unexplained_text(names: Sequence[str], in_motion: Array) -> list[str]:
@@ -516,23 +616,34 @@ def fitted_text(found: Identification) -> str:
     ]
     for name, record in zip(found.data.names, found.records, strict=True):
         lines.append(f"motion {short(name)}: {len(record.t) / record.sample_rate:.3g} s at {record.sample_rate:.6g} Hz")
-        samples = f"{record.decimation} samples to an equation of each moving joint: the filter leaves nothing faster"
-        lines += [f"  {note}" for note in (samples, *record.notes)]
+        lines += [f"  {note}" for note in (f"decimated by {record.decimation} after the filter", *record.notes)]
     return "\n".join([*lines, *found.notes])
 
 
 def joints_text(found: Identification) -> str:
     """Errors of each joint."""
-    columns = ("noise [N m or N]", "fitted [%]", "held out: in motion", "at rest", "equations", "independent")
-    rows, left = [Row("errors", columns, words=True)], found.unexplained
+    columns = (
+        "held out: in motion",
+        "[N m or N]",
+        "R^2",
+        "at rest",
+        "fitted",
+        "noise [N m or N]",
+        "equations",
+        "independent",
+    )
+    rows, left = [Row("errors [%]", columns, words=True)], found.unexplained
     fitted = np.where(np.isnan(left.everywhere), np.nan, found.equations.shares(found.parameters))
+    in_torque = left.in_motion * found.equations.rms_torques()
     for j, name in enumerate(found.initial.joint_names):
-        count, noise = int(found.equations.rows[:, j].sum()), f"{found.estimate.sigma[j]:.4g}"
-        shares = [
+        count = int(found.equations.rows[:, j].sum())
+        motion, rest, fit = (
             "-" if np.isnan(x) else f"{100 * x:.1f}" if x < thresholds.FARTHEST_TOLD else "> 1000"
-            for x in (fitted[j], left.in_motion[j], left.at_rest[j])
-        ]
-        rows.append(Row(f"  {short(name)}", [noise, *shares, str(count), f"{count / found.correlation_time[j]:.0f}"]))
+            for x in (left.in_motion[j], left.at_rest[j], fitted[j])
+        )
+        torque, r2 = ("-" if np.isnan(x) else f"{x:.4{f}}" for x, f in ((in_torque[j], "g"), (found.r_squared[j], "f")))
+        noise, independent = f"{found.estimate.sigma[j]:.4g}", f"{count / found.correlation_time[j]:.0f}"
+        rows.append(Row(f"  {short(name)}", [motion, torque, r2, rest, fit, noise, str(count), independent]))
     close = (
         f"Held out: each of {len(found.equations.factors)} blocks of the measurements, predicted by a fit to the rest. "
         "At rest: torques of slow joints, which are not fitted because Coulomb friction then has no known direction."
@@ -690,6 +801,14 @@ class Check(InNotebooks):
         size = np.sqrt(((self.measured * self.valid) ** 2).sum(0) / rows)
         return np.asarray(self.rms / np.maximum(size, np.finfo(float).tiny))
 
+    @property
+    def r_squared(self) -> Array:
+        """Coefficient of determination of each joint, NaN without any torque, shape (n,)."""
+        rows = np.where(self.valid.any(0), self.valid.sum(0), np.nan)
+        mean = (self.measured * self.valid).sum(0) / rows
+        variance = (((self.measured - mean) * self.valid) ** 2).sum(0) / rows
+        return np.asarray(1 - self.rms**2 / np.maximum(variance, np.finfo(float).tiny))
+
     def report(self) -> str:
         """A table of the errors, joint by joint.
 
@@ -698,9 +817,9 @@ class Check(InNotebooks):
         str
             A line for each joint.
         """
-        rows = [Row(f"motion {short(self.name)}", ("rms error [N m or N]", "relative [%]"), words=True)]
-        for joint, rms, relative in zip(self.joint_names, self.rms, self.relative, strict=True):
-            rows.append(Row(f"  {short(joint)}", (f"{rms:.4g}", f"{100 * relative:.1f}")))
+        rows = [Row(f"motion {short(self.name)}", ("rms error [N m or N]", "relative [%]", "R^2"), words=True)]
+        for joint, rms, relative, r2 in zip(self.joint_names, self.rms, self.relative, self.r_squared, strict=True):
+            rows.append(Row(f"  {short(joint)}", (f"{rms:.4g}", f"{100 * relative:.1f}", f"{r2:.4f}")))
         return "\n".join(aligned(rows))
 
     def plot(self) -> Figure:

@@ -25,24 +25,18 @@ def saturating(qd: Array, velocity: ArrayLike | None) -> Array:
     if velocity is None:
         return qd
     given = np.asarray(velocity, np.float64)
-    return where(given > 0, given * tanh(qd / np.where(given > 0, given, 1.0)), qd)
+    saturated: Array = where(given > 0, given * tanh(qd / np.where(given > 0, given, 1.0)), qd)
+    return saturated
 
 
 def stribeck_effect(qd: Array, velocity: ArrayLike, smoothing: float) -> Array:
     """The direction of motion times exp(-|qd| / velocity), 0 where the velocity is 0."""
     given = np.asarray(velocity, np.float64)
     falling = exp(-magnitude(qd) / np.where(given > 0, given, 1.0))
-    return (given > 0) * (direction(qd, smoothing) * falling)
+    effect: Array = (given > 0) * (direction(qd, smoothing) * falling)
+    return effect
 
 
 def magnitude(x: Any) -> Array:
     """|x|."""
     return where(less(x, 0), -x, x)
-
-
-def transmitted(tau: Array, load: ArrayLike, way: Array) -> Array:
-    """The torque L that reaches the bodies of a drive's torque tau, where friction takes load |L| way of it.
-
-    L + load |L| way = tau has one solution for load below 1 and |way| <= 1; L has the sign of tau.
-    """
-    return tau / (1 + np.asarray(load) * where(less(tau, 0), -way, way))

@@ -79,11 +79,13 @@ class DriveModel:
     def __post_init__(self) -> None:
         by_joint = self.friction if isinstance(self.friction, Mapping) else {"": self.friction}
         for words in by_joint.values():
-            if not isinstance(words, str | None) or words is not None and not set(words.split("+")) <= FRICTION.keys():
+            if words is None:
+                continue
+            if not isinstance(words, str) or not set(words.split("+")) <= FRICTION.keys():
                 known = ", ".join(f'"{word}"' for word in FRICTION)
                 raise ValueError(f"`friction` must be of the words {known}, joined by '+', got {words!r}")
             if words is not None and "asymmetric" in words.split("+") and "viscous" not in words.split("+"):
-                raise ValueError(f"`friction` \"asymmetric\" is of viscous friction, and needs \"viscous\", got {words!r}")
+                raise ValueError(f'`friction` "asymmetric" is of viscous friction, and needs "viscous", got {words!r}')
         if not all(isinstance(x, bool | np.bool_) for x in (self.rotor, self.offset)):
             raise ValueError(f"`rotor` and `offset` must be True or False, got {self.rotor!r} and {self.offset!r}")
         if self.smoothing is not None:
@@ -106,9 +108,9 @@ def drive_argument(drives: Any) -> DriveModel:
 class StandardParameters:
     """The parameters that the torques of the drives are a linear function of, and their order.
 
-    tau = L + Fv qd + Fc sign(qd) + Fs sign(qd) exp(-|qd| / vs) + Fl |L| sign(qd) + tau0, with L = Y pi + Ia qdd, and for
-    each coupled motor, which turns at a^T qd, the terms of rotor, viscous and Coulomb friction in a^T qd, times a. The
-    load L in the term of Fl has parameters of its own, so that the equations are linear: those of the last fit.
+    tau = L + Fv qd + Fc sign(qd) + Fs sign(qd) exp(-|qd| / vs) + Fl |L| sign(qd) + tau0, with L = Y pi + Ia qdd, and
+    for each coupled motor, which turns at a^T qd, the terms of rotor, viscous and Coulomb friction in a^T qd, times a.
+    The load L in the term of Fl has parameters of its own, so that the equations are linear: those of the last fit.
 
     Attributes
     ----------

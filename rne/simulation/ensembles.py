@@ -59,7 +59,7 @@ class Ensemble(InNotebooks):
     energies : ndarray, shape (S, N, k)
         Work of the drives and losses by friction since the start, in the order of `ledger` [J].
     ledger : tuple of str, length k
-        Names of the energies: work of the "drives", and what "viscous" and "coulomb" friction dissipate, those that
+        Names of the energies: work of the "drives", and those of `Trajectory.dissipated`, those that
         the scene has.
     method : str
         The method that ran; several are joined by commas.

@@ -13,7 +13,7 @@ from ..basics.spatial import Array
 from ..basics.text import listed, short, summary
 from ..elementwise import less, tanh, where
 from ..model.checks import domain_error
-from ..model.friction_laws import direction, magnitude, saturating, stribeck_effect, transmitted
+from ..model.friction_laws import direction, magnitude, saturating, stribeck_effect
 from ..model.model import Model, joint_array
 from ..robot import Robot
 
@@ -230,7 +230,8 @@ class Friction:
         forward, back = np.asarray(self.coulomb, dtype=float), np.asarray(self.coulomb_back, dtype=float)
         if self.stribeck is not None and np.any(self.stribeck_rise):
             effect = np.asarray(self.stribeck_rise) * stribeck_effect(qd, self.stribeck, self.smoothing)
-            return replace(self, stribeck_rise=0.0).coulomb_torque(qd) + effect
+            both: Array = replace(self, stribeck_rise=0.0).coulomb_torque(qd) + effect
+            return both
         if not (forward.any() or back.any()):
             return 0 * qd
         if self.smoothing == 0:
@@ -238,17 +239,30 @@ class Friction:
         size = forward if self._same_back("coulomb") else where(less(qd, 0), back, forward)
         return size * tanh(qd * (1 / self.smoothing))
 
-    def offset_torque(self, qd: Array) -> Array:
-        """The constant torque, shape of qd (..., n) [N m or N]."""
-        return 0 * qd + np.asarray(self.offset)
-
     def transmitted(self, tau: Array, qd: Array) -> Array:
-        """Torque that reaches the bodies of the torque of the drives without other friction, both (..., n) [N m or N].
+        """Torque that reaches the bodies where friction takes a part of it: L of tau = L + load |L| s.
 
-        With load-dependent friction, tau = L + load |L| s is solved for L joint by joint, so that the accelerations that
-        L depends on are not needed.
+        It is solved joint by joint, and needs no accelerations; L has the sign of tau.
+
+        Parameters
+        ----------
+        tau, qd : ndarray, shape (..., n)
+            Torques of the drives less all other friction, and joint velocities [N m or N; rad/s or m/s].
+
+        Returns
+        -------
+        ndarray, shape (..., n)
+            Those of inverse dynamics [N m or N].
+
+        Examples
+        --------
+        >>> import numpy as np, rne
+        >>> rne.Friction(load=0.1, smoothing=0).transmitted(np.array([11.0, -9.0]), np.array([1.0, 1.0])).tolist()
+        [10.0, -10.0]
         """
-        return transmitted(tau, self.load, direction(qd, self.smoothing))  # type: ignore[arg-type]
+        way = direction(qd, self.smoothing)
+        reaching: Array = tau / (1 + np.asarray(self.load) * where(less(tau, 0), -way, way))
+        return reaching
 
     def torque(self, model: Model, qd: ArrayLike, load: ArrayLike | None = None) -> Array:
         """Friction torque of a robot's joints, and the constant torque.
@@ -283,13 +297,14 @@ class Friction:
         rates = joint_array("qd", qd, model)
         total = self.viscous_torque(rates) + self.coulomb_torque(rates)
         if "offset" in self.losses:
-            total = total + self.offset_torque(rates)
+            total = total + np.asarray(self.offset)
         if "load" not in self.losses:
             return total
         if load is None:
             raise ValueError("friction under load needs `load`, the torques of inverse dynamics")
         size = np.asarray(self.load) * magnitude(joint_array("load", load, model))
-        return total + size * direction(rates, self.smoothing)
+        with_load: Array = total + size * direction(rates, self.smoothing)
+        return with_load
 
 
 def creep(friction: Friction, robot: Robot, q: Array, qd: Array, qdd: Array, rest: Array | None) -> str:
@@ -313,7 +328,7 @@ def creep(friction: Friction, robot: Robot, q: Array, qd: Array, qdd: Array, res
     )
     held = caught > released
     moved = (np.abs(np.diff(q, axis=0)) * (held[1:] & held[:-1])).sum(axis=0)
-    weight = None if rest is None else robot.gravity_torque(rest)
+    weight = None if rest is None else robot.gravity_torque(rest) + np.asarray(friction.offset)
     if weight is not None and (np.abs(weight) < np.where(weight > 0, back, forward)).all():
         moved = np.abs(q - rest).max(axis=0)
     units = ["rad" if robot.model.is_revolute[k] else "m" for k in robot.model.independent_joints]

@@ -451,8 +451,8 @@ def resolved_friction(friction: Friction | str | None, robot: Robot) -> Friction
         friction.check(robot.model)
         if friction.sticks and friction.varying:
             raise ValueError(
-                f"`friction` with {friction.varying} needs a `smoothing` above 0: dry friction that sticks and slips by "
-                "events is constant while slipping"
+                f"`friction` with {friction.varying} needs a `smoothing` above 0: of dry friction that sticks and "
+                "slips by events, Coulomb friction is constant"
             )
     elif friction is not None:
         raise TypeError(f"`friction` must be an rne.Friction or 'urdf', got {type(friction).__name__}")

@@ -138,10 +138,13 @@ class SceneDynamics:
         drives, further = self.drives(t, x, u)
         torques: dict[str, Array | None] = {"drives": drives}
         net = 0 * qd if drives is None else drives
-        for name in ("viscous", "coulomb", "offset"):
+        for name in ("viscous", "coulomb"):
             if self.friction is not None and name in self.ledger:
                 torques[name] = torque = getattr(self.friction, f"{name}_torque")(qd)
                 net = net - torque
+        if self.friction is not None and "offset" in self.ledger:
+            torques["offset"] = np.asarray(self.friction.offset)
+            net = net - torques["offset"]
         if self.friction is not None and "load" in self.ledger:
             passed = self.friction.transmitted(net, qd)
             torques["load"], net = net - passed, passed
@@ -178,9 +181,8 @@ class SceneDynamics:
         moving = np.concatenate([q, qd, x[..., 2 * n :]], axis=-1)
         drives, further = self.drives(t, moving, given if self.torque_given else None)
         viscous = self.friction.viscous_torque(qd)
-        offset = self.friction.offset_torque(qd) if "offset" in self.ledger else None
-        resisting = bias_torque.core(model, q, qd) + viscous
-        resisting = resisting if offset is None else resisting + offset
+        offset = np.asarray(self.friction.offset)
+        resisting = bias_torque.core(model, q, qd) + viscous + offset
         net = -resisting if drives is None else drives - resisting
         M = mass_matrix.core(model, q)
         among = M * slips[..., :, None] * slips[..., None, :] + np.eye(n) * (1 - slips)[..., None]

@@ -104,7 +104,8 @@ class Trajectory(InNotebooks):
     message : str
         Why this method, and how the run ended.
     dissipated : mapping of str to ndarray, shape (T,)
-        Energy dissipated since the start by "viscous" and "coulomb" friction, where the scene has it [J].
+        Energy dissipated since the start by "viscous" and "coulomb" friction and friction under "load", and the work
+        against the "offset" of drives, where the scene has them [J].
     controller_state : ndarray, shape (T, m)
         States of the controller, such as the integral of a PID.
     energy_start : float

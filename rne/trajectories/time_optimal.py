@@ -127,7 +127,7 @@ class _Piece:
         ends = [rows(part, by) for part, by in ((ac - c, d1), (bc - c, d2), (c, zero))]
         a, b, c = (np.stack([x[:-1], x[1:]]) for x in ends)
         nothing = np.zeros_like(inside)
-        c = c + rows(limits.friction.coulomb_torque(inside), nothing)
+        c = c + rows(limits.friction.coulomb_torque(inside) + np.asarray(limits.friction.offset), nothing)
         sign = np.sign(inside)
         along = np.concatenate([np.ones_like(sign), sign, sign], axis=1)  # accelerations in the direction of motion
         a, b = a * along, b * along
@@ -612,8 +612,11 @@ def fastest(
     0.341
     """
     scene = Scene(robot_argument(robot), friction=friction, payload=payload)
-    if scene.resolved.friction is not None:
-        scene = replace(scene, friction=replace(scene.resolved.friction, smoothing=0.0))
+    if (resisting := scene.resolved.friction) is not None:
+        if resisting.varying or resisting.saturation is not None:
+            other = resisting.varying or "`saturation`"
+            raise ValueError(f"`friction` must be viscous and Coulomb friction and an offset, got {other}")
+        scene = replace(scene, friction=replace(resisting, smoothing=0.0))
     given = path if isinstance(path, Path) else through(path)
     limits = _checked_limits(scene, given)
     pieces = [_Piece(limits, given, k) for k in range(len(given.pieces))]

@@ -48,7 +48,9 @@ class BaseRegressor(NamedTuple):
         rows = tuple(map(tuple, base.standard.motors.tolist())) or None
         given = drives.friction
         friction = tuple(given.items()) if isinstance(given, Mapping) else given
-        velocities = (None if x is None else tuple(np.asarray(x, float).tolist()) for x in (drives.stribeck, drives.saturation))
+        velocities = (
+            None if x is None else tuple(np.asarray(x, float).tolist()) for x in (drives.stribeck, drives.saturation)
+        )
         return cls(base.independent, (drives.rotor, friction, drives.offset, rows, drives.smoothing, *velocities))
 
     @property
@@ -555,8 +557,8 @@ def _drives(robot: Robot, given: DriveModel | None, moving: list[int], velocity_
     velocities = [None if x is None else np.asarray(x)[moving] for x in (drives.stribeck, drives.saturation)]
     motors, (stribeck, saturation) = standard.motors[:, moving], velocities
     slow = thresholds.SMOOTHING_SPEED * float(velocity_limit.min()) if drives.smoothing is None else drives.smoothing
-    changed = {"friction": friction, "stribeck": stribeck, "saturation": saturation, "smoothing": slow}
-    return replace(drives, coupled_motors=motors[motors.any(1)], **changed)
+    drives = replace(drives, coupled_motors=motors[motors.any(1)], friction=friction, smoothing=slow)
+    return replace(drives, stribeck=stribeck, saturation=saturation)
 
 
 def _excited(search: MotionSearch, x: Array) -> Array:

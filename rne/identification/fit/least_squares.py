@@ -7,7 +7,7 @@ These depend on the fit, and the fit on the noise: it is repeated until neither 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -151,7 +151,13 @@ class Unexplained(NamedTuple):
     at_rest: Array
 
 
-def held_out(estimator: Estimator, fitted: Equations, measured: Equations) -> Unexplained:
+class Fit(Protocol):
+    """What estimates parameters from equations, such as an Estimator."""
+
+    def fit(self, equations: Equations) -> tuple[LeastSquares, Array]: ...
+
+
+def held_out(estimator: Fit, fitted: Equations, measured: Equations) -> Unexplained:
     """The unexplained part of all measured torques, of those in motion, which are fitted, and of those at rest."""
     squares = np.zeros((2, fitted.joints))
     for k in range(len(fitted.factors)):
