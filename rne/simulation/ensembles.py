@@ -59,8 +59,8 @@ class Ensemble(InNotebooks):
     energies : ndarray, shape (S, N, k)
         Work of the drives and losses by friction since the start, in the order of `ledger` [J].
     ledger : tuple of str, length k
-        Names of the energies: work of the "drives", and those of `Trajectory.dissipated`, those that
-        the scene has.
+        Names of the energies: work of the "drives", and those of `Trajectory.dissipated`, as far as the scene
+        has them.
     method : str
         The method that ran; several are joined by commas.
     step : float or None
