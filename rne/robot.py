@@ -13,7 +13,7 @@ from . import dynamics
 from . import model as models
 from .basics.arrays import real_array
 from .basics.spatial import Array
-from .basics.text import InNotebooks, counted, short
+from .basics.text import InNotebooks, brief_array, counted, short
 from .dynamics.kinematics import ORIGIN
 from .dynamics.precision import Diagnosis
 from .dynamics.quantity import Declared
@@ -160,6 +160,8 @@ class Robot(InNotebooks):
         if model.has_mimics:
             further = model.nb - model.n
             lines.append(f"  {counted(further, 'further joint')} mimic{'s' * (further == 1)} these")
+        if model.armature.any():
+            lines.append(f"  rotors: armature {brief_array(model.armature)}, part of M")
         if model.damping.any() or model.friction.any():
             lines.append("  damping and friction of its <dynamics> are on record, not applied")
         return "\n".join(lines)
@@ -1307,6 +1309,34 @@ class Robot(InNotebooks):
         rates = {"velocity": velocity, "acceleration": acceleration, "deceleration": deceleration, "jerk": jerk}
         model = models.with_limits(self._model, effort=effort, **rates)
         return self.with_model(model)
+
+    def with_armature(self, armature: LimitValues) -> Robot:
+        """The robot with other rotors: a rotor of inertia J behind a gear of ratio r adds r^2 J at its joint to M.
+
+        Parameters
+        ----------
+        armature : float, array_like of shape (nb,), or mapping
+            Inertias r^2 J: one for all moving joints, one for each of `model.moving_joints`, those that mimic others
+            included, or some by name [kg m^2, or kg of joints that slide].
+
+        Returns
+        -------
+        Robot
+            With these as `model.armature`: Siciliano et al. 2009, section 7.1.1, without gyroscopic torques of rotors.
+
+        Raises
+        ------
+        ValueError
+            If there are not as many numbers as moving joints, one is negative or not finite, or a name is no joint's.
+
+        Examples
+        --------
+        >>> import rne
+        >>> robot = rne.load("irb140").with_armature({"joint_6": 100**2 * 1e-5})  # a gear of 100
+        >>> robot.mass_matrix([0] * 6)[5, 5].round(3).item()  # 0.001 without
+        0.101
+        """
+        return self.with_model(models.with_armature(self._model, armature))
 
     def locked(self, positions: Mapping[str, float]) -> Robot:
         """The robot with some joints fixed at a position: a smaller robot with fewer coordinates.

@@ -278,11 +278,9 @@ def test_what_drives_lose_is_written_and_read(changes, tmp_path):
     file = tmp_path / "pair.urdf"
     file.write_text(rne.to_urdf(model))
     again = rne.read_urdf(file, gravity=model.gravity)
-    for name in ("damping", "friction"):
+    for name in ("damping", "friction", "armature"):
         np.testing.assert_array_equal(getattr(again, name), getattr(model, name))
-    assert again.armature.tolist() == [0, 0, 0]
-    said = "armature of the joints is 0 0 3" in file.read_text()
-    assert said == ("armature" in changes)
+    assert ("xmlns:drake" in file.read_text()) == ("armature" in changes)
     assert (
         f"gravity is {' '.join(map(repr, PAIR.gravity.tolist()))} m/s^2 in the axes of the root link"
         in file.read_text()

@@ -178,8 +178,26 @@ def test_urdf_of_the_robot_found(found, tmp_path):
     path = tmp_path / "found.urdf"
     path.write_text(rne.to_urdf(found.robot.model), encoding="utf-8")
     loaded = rne.load(path)
-    np.testing.assert_allclose(loaded.parameters, found.robot.parameters, atol=1e-12 * np.abs(found.parameters).max())
-    np.testing.assert_array_equal(loaded.model.friction, found.robot.model.friction)
+    assert found.robot.model.armature.any()
+    for name in ("mass", "com", "inertia", "rotation", "translation", "axis", "armature", "damping", "friction"):
+        np.testing.assert_array_equal(getattr(loaded.model, name), getattr(found.robot.model, name))
+    motion = np.random.default_rng(4).uniform(-1, 1, (3, 20, loaded.n))
+    np.testing.assert_array_equal(loaded.mass_matrix(motion[0]), found.robot.mass_matrix(motion[0]))
+    np.testing.assert_array_equal(loaded.inverse_dynamics(*motion), found.robot.inverse_dynamics(*motion))
+
+
+def test_rotors_that_the_model_has_are_not_counted_twice(scene, motions):
+    """What is said of a fit, delays and causes among it, is the same for a robot that has rotors already."""
+    t, q, *_, tau = motions[0]
+    record = Record(t, q, np.roll(tau, 5, axis=0))
+    drives = rne.DriveModel(rotor=True, friction="viscous+coulomb", offset=True)
+    bare, geared = (
+        rne.identify(robot, record, drives=drives, consistent=False, folds=2)
+        for robot in (scene.robot.with_armature(0.0), scene.robot.with_armature(3.0))
+    )
+    assert [cause.kind for cause in bare.causes] == [cause.kind for cause in geared.causes]
+    np.testing.assert_allclose(geared.delay, bare.delay, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(geared.values, bare.values, rtol=1e-6, atol=1e-9 * np.abs(bare.values).max())
 
 
 def test_report_and_check_name_joints_and_parameters(found, motions):

@@ -315,7 +315,7 @@ class TestLimits:
             "`viscous` of the friction must be a number or of shape (6,), got (2,)",
         ),
         ({"armature": [1]}, ValueError, "`armature` must have shape (6,), got (1,)"),
-        ({"armature": [-1] * 6}, ValueError, "`armature` must not be negative, got -1.0"),
+        ({"armature": [-1] * 6}, ValueError, "`armature[0]` of joint 'joint_1' must not be negative, got -1.0"),
         ({"effort_limit": "file"}, ValueError, "`effort_limit` must be an array or 'urdf', got 'file'"),
         ({"effort_limit": True}, ValueError, "`effort_limit` must be an array or 'urdf', got True"),
         ({"controller": 3}, TypeError, "`controller` must be a function of (t, q, qd), got int"),

@@ -121,8 +121,9 @@ figure = check.plot()
 # %%
 # The URDF
 # --------
-# ``found.robot`` has the bodies, and friction as ``<dynamics>``. Every other program
-# can read the URDF.
+# ``found.robot`` has the bodies, friction as ``<dynamics>``, and rotors, where they
+# were fitted, as Drake reads them. Every other program can read the URDF; most pass
+# over rotors.
 
 urdf = Path(folder.name) / "irb140_identified.urdf"
 urdf.write_text(rne.to_urdf(found.robot.model), encoding="utf-8")

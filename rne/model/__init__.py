@@ -3,7 +3,7 @@
 from .abb_irb140 import irb140
 from .chains import chain, dh_chain
 from .model import Model
-from .modify import locked, mounted, with_limits, with_payload
+from .modify import locked, mounted, with_armature, with_limits, with_payload
 from .parameters import with_parameters
 from .solids import Box, Cylinder, cylinder_inertia
 
@@ -17,6 +17,7 @@ __all__ = [
     "irb140",
     "locked",
     "mounted",
+    "with_armature",
     "with_limits",
     "with_parameters",
     "with_payload",

@@ -57,7 +57,7 @@ class Model:
     damping, friction : ndarray, shape (nb,)
         From the URDF's <dynamics>. Dynamics ignore them; a Scene can apply them [N m s/rad or N s/m; N m or N].
     armature : ndarray, shape (nb,)
-        Inertia of the drive reflected to the joint, added to the diagonal of M; zero after loading [kg m^2 or kg].
+        Inertia of each joint's rotor reflected through its gear, part of M; zero unless the file has it [kg m^2 or kg].
     coordinate, multiplier, offset : shapes (nb,)
         The position of joint i is `multiplier[i] * q[coordinate[i]] + offset[i]` (URDF's mimic) [rad or m].
     independent_joints : tuple of int, length n

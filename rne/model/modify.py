@@ -137,6 +137,15 @@ def with_limits(
     return replace(model, **changed) if changed else model
 
 
+def with_armature(model: Model, armature: LimitValues) -> Model:
+    """The robot with other inertias of its rotors, reflected through the gears to the joints.
+
+    The result is a Model; parameters and errors are those of `rne.Robot.with_armature`, with the model first.
+    """
+    rotors = limit_array("armature", armature, model_argument(model).moving_joints, model.armature)
+    return model if armature is None else replace(model, armature=rotors)
+
+
 def limit_array(name: str, value: LimitValues, joints: Sequence[str], present: Array, argument: str = "") -> Array:
     """One number per joint, infinite ones allowed, from one for all joints, one each, or some by name."""
     n, argument = len(joints), argument or name

@@ -13,12 +13,12 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import UNBOUNDED, per_joint_array, positive_number, vector
+from ..basics.arrays import UNBOUNDED, positive_number, vector
 from ..basics.spatial import Array
 from ..basics.text import listed, summary
 from ..kernels.kernel import Kernel
 from ..model.model import joint_array
-from ..model.modify import limit_array
+from ..model.modify import LimitValues, limit_array
 from ..robot import Robot
 from .control_law import TracedLaw, check_law
 from .friction import Friction, urdf_friction
@@ -103,8 +103,8 @@ class Scene:
     friction : Friction or "urdf", optional
         "urdf" takes the damping and friction of the file's `<dynamics>`. Under Coulomb friction that is smoothed, as
         by default, joints at rest creep: `Friction(..., smoothing=0)` holds them.
-    armature : float or array_like, shape (n,), optional
-        Inertia of the drives reflected to the joints [kg m^2 or kg].
+    armature : float, array_like of shape (nb,), or mapping, optional
+        Inertias of rotors at the joints that move, in place of the robot's: see `Robot.with_armature` [kg m^2 or kg].
     effort_limit : float or array_like, shape (n,), or "urdf", optional
         Largest torque of each drive; "urdf" takes the file's `effort`, as far as it limits any [N m or N].
     torque_rate : float or array_like, shape (n,), optional
@@ -139,7 +139,7 @@ class Scene:
     payload: Payload | HasPayload | float | None = None
     locked: Mapping[str, float] | None = None
     friction: Friction | str | None = None
-    armature: ArrayLike | None = None
+    armature: LimitValues = None
     effort_limit: ArrayLike | str | None = None
     torque_rate: ArrayLike | None = None
     stops: bool = False
@@ -194,12 +194,7 @@ class Scene:
             robot = robot.with_payload(*payload_argument(self.payload))
         if self.locked is not None:
             robot = robot.locked(self.locked)
-        if self.armature is not None:
-            if robot.model.has_mimics:
-                raise ValueError("`armature` of a robot with mimicking joints belongs to its Model, joint by joint")
-            armature = per_joint_array("armature", self.armature, robot.n, sign="not negative")
-            robot = robot.with_model(replace(robot.model, armature=armature))
-        return robot
+        return robot.with_armature(self.armature)
 
     @property
     def n(self) -> int:
@@ -413,7 +408,7 @@ class Scene:
         Returns
         -------
         dict
-            "total"; for payload, friction, armature, effort_limit, controller (where given) and gravity, the operations
+            "total"; for payload, friction, effort_limit, controller (where given), armature and gravity, the operations
             saved without it; "law", whether the controller is "traced", "called" or "none". The cost of a called
             controller is not known, nor that of a robot too large to be written out: then "total" is None.
 
@@ -432,12 +427,13 @@ class Scene:
 
         total = sum(self.kernel.operations.values())
         costs: dict[str, int | str | None] = {"total": total}
-        for part in ("payload", "friction", "armature", "effort_limit", "controller"):
+        for part in ("payload", "friction", "effort_limit", "controller"):
             if getattr(self, part) is not None:
                 needing = ("sample_time", "torque_rate", "effort_limit") if part == "controller" else ()
                 costs[part] = total - operations(**dict.fromkeys((part, *needing)))
-        if np.any(self.resolved.robot.model.gravity):
-            costs["gravity"] = total - operations(gravity=np.zeros(3))
+        for part, nothing in (("armature", 0.0), ("gravity", np.zeros(3))):
+            if np.any(getattr(self.resolved.robot.model, part)):
+                costs[part] = total - operations(**{part: nothing})
         return costs | {"law": law}
 
 

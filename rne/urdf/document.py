@@ -25,6 +25,8 @@ DEFINITIONS, BUILT_IN = ("property", "arg", "macro", "include"), ("if", "unless"
 # Elements and names of other programs, for which there is no finding; names with an undeclared prefix have their own.
 EXTENSIONS = frozenset(["gazebo", "transmission", "ros2_control", "mujoco", "sensor", "contact", "frame"])
 FOREIGN = re.compile(r"\{[^}]*(?:drake|xacro|w3\.org/(?!2001/XInclude))|[^{:]+:")
+DRAKE, ROTOR, GEAR = (f"{{http://drake.mit.edu}}{name}" for name in ("", "rotor_inertia", "gear_ratio"))
+SIMPLE = "SimpleTransmission"  # the type of a gear between one motor and one joint
 READ, DRAWN = "read", "drawn"  # uses of an element: for dynamics, and for pictures alone
 LARGEST = sys.float_info.max  # written for a limit that does not exist
 NO_LIMIT = -1.0  # what makers write for it
@@ -159,7 +161,7 @@ def check_expanded(root: Element, report: FindingsReport) -> bool:
         what, place = (f"<xacro:{cut(name, ECHO)}>", around) if name else (echo(values[0]), use)
         if name in DEFINITIONS and (name != "include" or moves):
             report.warning(element, owner, f"{what} is left over from xacro and not read", "remove it")
-        elif place != READ:
+        elif place != READ and element.tag not in (ROTOR, GEAR):
             where = f"in <{element.getparent().tag}>" if name else f"of <{element.tag}>"
             report.warning(element, owner, f"{what} {where} is not expanded, and not read", "expand it for others")
         else:
@@ -227,6 +229,7 @@ NUMBERS: dict[str, dict[str, tuple[int, str | None]]] = {
     "mimic": {"multiplier": (1, "1"), "offset": (1, "0")},
     "cylinder": dict.fromkeys(RULES["cylinder"].attributes.split(), (1, None)),
     "box": {"size": (3, None)},
+    **{tag: {"value": (1, None)} for tag in (ROTOR, GEAR)},
 }
 # Known, but used neither for dynamics nor for drawing: their content is not checked.
 UNREAD = frozenset(["material", "transmission", "gazebo", "collision", "calibration", "safety_controller"])
@@ -292,7 +295,8 @@ def checked_numbers(parent: Element, tag: str, owner: str, report: FindingsRepor
         text = default if child is None else child.get(attribute, default)
         if text is None and child is None:
             continue
-        what, amount = f"attribute {attribute!r} of <{tag}>", "one number" if count == 1 else f"{count} numbers"
+        amount = "one number" if count == 1 else f"{count} numbers"
+        what = f"attribute {attribute!r} of <{tag.replace(DRAKE, 'drake:')}>"
         values = attribute_numbers(child, attribute, default or "")
         if text is None:
             report.error(child, owner, f"{what} is missing", f"give {amount}")

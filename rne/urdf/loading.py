@@ -18,7 +18,7 @@ from ..basics.text import did_you_mean
 from ..errors import ModelError, UrdfError
 from ..model.abb_irb140 import irb140
 from ..model.model import STANDARD_GRAVITY, Model
-from ..model.modify import LimitValues, with_limits
+from ..model.modify import LimitValues, with_armature, with_limits
 from ..robot import Robot
 from .document import read_bytes
 from .findings import Finding, FindingsReport, written
@@ -107,6 +107,7 @@ def load(
     acceleration: LimitValues = None,
     deceleration: LimitValues = None,
     jerk: LimitValues = None,
+    armature: LimitValues = None,
 ) -> Robot:
     """Load a robot by name or from a URDF file.
 
@@ -122,6 +123,8 @@ def load(
     effort, velocity, acceleration, deceleration, jerk : float, array_like of shape (n,), or mapping, optional
         Limits in place of those of the file, as for `Robot.with_limits`: one number for all joints, one for each, or
         some by the joint's name [N m or N; rad/s or m/s; rad/s^2 or m/s^2, twice; rad/s^3 or m/s^3].
+    armature : float, array_like of shape (nb,), or mapping, optional
+        Inertias of the rotors at the joints in place of those of the file, as for `Robot.with_armature` [kg m^2 or kg].
 
     Returns
     -------
@@ -135,7 +138,7 @@ def load(
     FileNotFoundError
         If it is neither a file nor a robot's name; suggests names that are near.
     ValueError
-        If `gravity` is not three finite numbers, a limit is negative or not one per joint, or there is no such engine.
+        If `gravity` is not three finite numbers, a limit or rotor negative or not one per joint, or the engine none.
     ImportError
         If the engine is "numba" and Numba is not installed.
 
@@ -157,7 +160,7 @@ def load(
         other = f"; {name + '_robot'!r} is another one" if f"{name}_robot" in library() else ""
         raise UrdfError(f"the file of {PACKAGE} has an error: {error}{other}", error.finding) from None
     rates = {"velocity": velocity, "acceleration": acceleration, "deceleration": deceleration, "jerk": jerk}
-    model = with_limits(model, effort=effort, **rates)
+    model = with_armature(with_limits(model, effort=effort, **rates), armature)
     return Robot(model, engine)
 
 
@@ -166,7 +169,8 @@ def check(source: str | os.PathLike[str], *, out: TextIO | None = None, grouped:
 
     Errors are what keeps the file from loading. Warnings are what is ignored, and what probably is not meant: degrees
     or millimetres, centres of mass far outside the robot, masses and inertias of impossible bodies, drives without
-    torque or speed. What other programs add, such as `<gazebo>` and `<ros2_control>`, is no finding.
+    torque or speed. Rotors are named as they add to M. What other programs add, such as `<gazebo>` and
+    `<ros2_control>`, is no finding.
 
     Parameters
     ----------

@@ -19,6 +19,7 @@ from ..model.model import REVOLUTE_TYPES, STANDARD_GRAVITY, Model
 from ..model.solids import Box, Cylinder
 from .document import LARGEST, NO_LIMIT, Element, parse, read_bytes
 from .findings import FindingsReport
+from .rotors import rotors_of
 from .strict import link_of, mimics_of, shape_errors, validate
 
 # Origins stay where they are unless one is farther out along its axis than this many times the robot's size; then all
@@ -98,6 +99,7 @@ def parts_of(root: Element) -> list[Part]:
         name: Mimic(part_of_joint[independent], float(multiplier), float(offset))
         for name, (independent, multiplier, offset) in _mimics(joints).items()
     }
+    rotors = rotors_of(root, FindingsReport(""))
     parts = [Part(link=root_link, **_inertial(links[root_link]))]
     for joint in joints:
         child = str(link_of(joint, "child"))
@@ -109,6 +111,7 @@ def parts_of(root: Element) -> list[Part]:
             placement=_pose(joint),
             axis=snap(_axis(joint).astype(np.float64)),
             mimic=mimics.get(joint.get("name")),
+            armature=rotors.get(joint.get("name"), 0.0),
             **_limits_and_friction(joint),
             **_inertial(links[child]),
         )

@@ -11,6 +11,7 @@ import numpy as np
 from ..model.checks import domain_error, inertia_error, triangle_excess
 from .document import NO_LIMIT, XACRO, Element, check_expanded, check_grammar, checked_numbers, describe
 from .findings import Finding, FindingsReport, echo, listed
+from .rotors import name_rotors, rotors_of
 
 MOVING = ("revolute", "continuous", "prismatic")
 TYPES = (*MOVING, "fixed")
@@ -22,7 +23,7 @@ def validate(root: Element, report: FindingsReport) -> bool:
 
     Elements that are neither an error nor said to be ignored are safe to read.
     """
-    if not (_is_robot(root, report) and check_expanded(root, report)):
+    if not (_is_robot(root, report) and check_expanded(name_rotors(root), report)):
         return False
     check_grammar(root, report)
     if not root.get("name", "").strip():
@@ -43,6 +44,7 @@ def validate(root: Element, report: FindingsReport) -> bool:
     _check_types(joints, report)
     _check_tree(root, links, joints, report)
     _check_mimics(joints, report)
+    rotors_of(root, report)
     return True
 
 

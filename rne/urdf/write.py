@@ -10,11 +10,11 @@ from ..basics.spatial import rpy_from_rotation
 from ..model.builder import Part, at_links, disassemble
 from ..model.model import Model, model_argument
 from ..model.solids import Box
-from .document import LARGEST, Element
+from .document import DRAKE, GEAR, LARGEST, ROTOR, SIMPLE, Element
 
 
 def to_urdf(model: Model) -> str:
-    """Write a robot as URDF text; reading it back gives the same Model but for gravity and armature.
+    """Write a robot as URDF text; reading it back gives the same Model but for gravity.
 
     Parameters
     ----------
@@ -25,8 +25,8 @@ def to_urdf(model: Model) -> str:
     -------
     str
         Numbers have all their digits. Merged links are written as fixed joints, their inertia on the body's first
-        link. URDF has no element for gravity and armature: gravity other than (0, 0, -9.81), and armature other than
-        zero, are written as comments, which a reader passes over.
+        link. Rotors are written for Drake: `armature` as `<drake:rotor_inertia>` with a `<drake:gear_ratio>` of 1. URDF
+        has no element for gravity: other than (0, 0, -9.81) it is written as a comment, which a reader passes over.
 
     Raises
     ------
@@ -50,7 +50,7 @@ def to_urdf(model: Model) -> str:
     for name in (model_argument(model).name, *model.link_names, *model.joint_names):
         if not all(c in "\t\n\r" or c >= " " for c in name) or any("\ud800" <= c <= "\udfff" for c in name):
             raise ValueError(f"{name!r} cannot be written to XML, which has no control characters; rename it")
-    root = etree.Element("robot", name=model.name)
+    root = etree.Element("robot", name=model.name, nsmap={"drake": DRAKE[1:-1]} if model.armature.any() else None)
 
     def comment(text: str | None) -> None:
         if text:
@@ -59,8 +59,6 @@ def to_urdf(model: Model) -> str:
     comment(model.notes.get("robot"))
     if model.gravity.tolist() != [0.0, 0.0, -9.81]:
         comment(f"gravity is {_text(model.gravity)} m/s^2 in the axes of the root link")
-    if model.armature.any():
-        comment(f"armature of the joints is {_text(model.armature)}")
     parts = at_links(disassemble(model))
     for part in parts:
         comment(model.notes.get(part.link))
@@ -68,6 +66,8 @@ def to_urdf(model: Model) -> str:
         if part.joint:
             comment(model.notes.get(part.joint))
             _add_joint(root, parts, part)
+        if part.armature:
+            _add_rotor(root, part)
     etree.indent(root)
     text: str = etree.tostring(root, encoding="unicode", pretty_print=True)
     return '<?xml version="1.0"?>\n' + text
@@ -122,3 +122,12 @@ def _add_joint(root: Element, parts: list[Part], part: Part) -> None:
     if part.mimic:
         independent, multiplier, offset = part.mimic
         _add(joint, "mimic", joint=parts[independent].joint, multiplier=multiplier, offset=offset)
+
+
+def _add_rotor(root: Element, part: Part) -> None:
+    transmission = _add(root, "transmission", name=f"{part.joint}_transmission")
+    _add(transmission, "type").text = f"transmission_interface/{SIMPLE}"
+    _add(transmission, "joint", name=part.joint)
+    actuator = _add(transmission, "actuator", name=f"{part.joint}_motor")
+    _add(actuator, ROTOR, value=part.armature)
+    _add(actuator, GEAR, value=1)

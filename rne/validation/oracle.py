@@ -25,9 +25,10 @@ class Oracle:
         self.model = model
         self.theirs = pinocchio.buildModelFromXML(xml)
         self.theirs.gravity.linear = np.array(model.gravity)
-        self.data = self.theirs.createData()
         self.joint_ids = [self.theirs.getJointId(name) for name in model.moving_joints]
         self.v = np.array([self.theirs.joints[k].idx_v for k in self.joint_ids], dtype=int)
+        self.theirs.armature[self.v] = model.armature  # of a URDF it reads none
+        self.data = self.theirs.createData()
 
     def q(self, q: Array) -> Array:
         """Joint positions as Pinocchio's configuration vector, shape (nq,)."""

@@ -131,7 +131,8 @@ class FitResiduals(Discrepancy):
         known: Array | None = None,
     ) -> None:
         enough = data.sure.sum() > thresholds.FEWEST_ROWS * base.count
-        super().__init__(robot, sigma, data.sure if enough else data.used)
+        alone = robot.with_armature(0.0)  # rotors are among the drives' parameters
+        super().__init__(alone, sigma, data.sure if enough else data.used)
         self.data, self.beta, self.known = data, beta, known
         self.base, self.standard, self.records, self.x = base, base.standard, data.prepared, base.back @ beta
         self.bodies = self.x[: PARAMETERS * robot.model.nb]
