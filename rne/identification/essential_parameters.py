@@ -91,8 +91,9 @@ def essential_parameters(
     kept, every = list(range(base.count)), data.fitted.merged().mapped(base.back)
     while True:
         equations = Equations(every.factors[..., [*kept, -1]], every.rows)
-        x = solve(equations.weighted(estimate.sigma)).x
-        of_kept = replace(estimate, values=x, errors=0 * x, covariance=np.zeros((len(kept), len(kept))))
+        solution = solve(equations.weighted(estimate.sigma))
+        x, unknown = solution.x, np.where(solution.free, np.inf, 0.0)
+        of_kept = replace(estimate, values=x, errors=unknown, covariance=np.zeros((len(kept), len(kept))))
         found = with_correlation(of_kept, equations, correlation_time)
         relative = found.errors / np.maximum(np.abs(x), np.finfo(float).tiny)
         if relative.max(initial=0) <= limit:

@@ -535,9 +535,10 @@ class Identification(InNotebooks):
             parameters are essential, in at most 41 lines without details.
         """
         if details:
-            texts = [fitted_text, joints_text, causes_text, parameters_text, *[bodies_text] * self.consistent]
-            tables = self._essential.report(), self.consistency().report()
-            return "\n\n".join([self.verdict, *(text(self) for text in texts), *tables])
+            first = [text(self) for text in (fitted_text, joints_text, causes_text)]
+            tables = [text(self) for text in (parameters_text, *[bodies_text] * self.consistent)]
+            parts = [*first, self._essential.report(), *tables, self.consistency().report()]
+            return "\n\n".join([self.verdict, *parts])
         data, causes = fitted_text(self).split("\n"), causes_text(self).split("\n")
         last = [str(self._essential), self.consistency().report().split("\n")[0]]
         room, table = LONGEST - len(last) - 1, joints_text(self).split("\n")

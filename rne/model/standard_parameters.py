@@ -82,7 +82,7 @@ class DriveModel:
             if words is None:
                 continue
             if not isinstance(words, str) or not set(words.split("+")) <= FRICTION.keys():
-                known = ", ".join(f'"{word}"' for word in FRICTION)
+                known = ", ".join(repr(word) for word in FRICTION)
                 raise ValueError(f"`friction` must be of the words {known}, joined by '+', got {words!r}")
             if words is not None and "asymmetric" in words.split("+") and "viscous" not in words.split("+"):
                 raise ValueError(f'`friction` "asymmetric" is of viscous friction, and needs "viscous", got {words!r}')
@@ -139,7 +139,7 @@ class StandardParameters:
         for name in ("stribeck", "saturation"):
             if getattr(self.drives, name) is not None:
                 vector(name, getattr(self.drives, name), n, sign="not negative")
-        if self.asked["Fvb"].any() and len(self.motors):
+        if len(self.motors) and self.asked["Fvb"].any():
             raise ValueError('`friction` "asymmetric" is of drives without `coupled_motors`')
 
     @cached_property
