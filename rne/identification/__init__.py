@@ -4,7 +4,6 @@ from .diagnosis.compare_models import Candidate, ModelComparison, compare_models
 from .diagnosis.hypotheses import Cause, Hypothesis
 from .diagnosis.rigid_body_test import Consistency, EnergyBalance
 from .drive_gains import DriveGains, identify_drive_gains
-from .essential_parameters import EssentialParameters
 from .exciting_motions.motion import Excitation, excitation
 from .fit.least_squares import LeastSquares, Unexplained
 from .log.prepared import Prepared
@@ -21,7 +20,6 @@ __all__ = [
     "Consistency",
     "DriveGains",
     "EnergyBalance",
-    "EssentialParameters",
     "Excitation",
     "Hypothesis",
     "Identification",

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..basics.archive import Kinds, names_of, read, write
 from ..basics.arrays import positive_number
 from ..basics.spatial import Array
 from ..basics.text import InNotebooks, Row, aligned, counted, listed, short, wrapped
@@ -29,11 +30,9 @@ from ..urdf.write import to_urdf
 from . import thresholds
 from .diagnosis.hypotheses import GEARS, Cause
 from .diagnosis.rigid_body_test import Consistency, certified
-from .essential_parameters import EssentialParameters, essential_parameters
-from .files import Kind, kind_of, read, write
 from .fit.consistent import expected_sizes, model_prior
-from .fit.equations import Equations, RegressionData, check_joints, delayed
-from .fit.least_squares import LeastSquares, Unexplained, believed_noise
+from .fit.equations import Equations, RegressionData, check_joints, delayed, solve
+from .fit.least_squares import Estimator, LeastSquares, Unexplained, believed_noise, held_out, with_correlation
 from .log.prepared import Prepared
 from .log.record import Record
 
@@ -324,20 +323,23 @@ class Identification(InNotebooks):
         --------
         >>> found.save("found.npz")  # doctest: +SKIP
         """
-        return write(path, KINDS, self, form=FORM, version=VERSION)
+        return write(path, KINDS, self, VERSION)
 
-    def essential_parameters(self, limit: float = 0.3) -> EssentialParameters:
-        """The base parameters that are left when those of large relative standard errors are set to zero, one by one.
+    def essential(self, limit: float = 0.3) -> Identification:
+        """The model of the essential parameters alone, the base parameters that the log determines well.
+
+        The base parameter of the largest relative standard error is set to zero and the others are fitted again, by
+        least squares with the noise of the joints as it is, until no relative standard error is above the limit.
 
         Parameters
         ----------
         limit : float
-            Largest relative standard error of those that are kept.
+            Largest relative standard error of a base parameter that is kept.
 
         Returns
         -------
-        EssentialParameters
-            Their estimates, and what the model of them alone loses on held-out blocks.
+        Identification
+            Of fewer base parameters; its `unexplained` says what they lose on held-out blocks.
 
         Raises
         ------
@@ -346,15 +348,31 @@ class Identification(InNotebooks):
 
         Notes
         -----
-        Pressé and Gautier 1991.
+        Pressé and Gautier 1991; Gautier, Janot and Vandanjon 2013, section III.
 
         Examples
         --------
-        >>> found.essential_parameters()  # doctest: +SKIP
-        38 of 61 base parameters are essential: with these alone held-out errors rise by up to 0.1 %
+        >>> found.essential().base.names  # doctest: +SKIP
         """
-        fit, names = (self.base, self.data, self.estimate, self.correlation_time), self.initial.joint_names
-        return essential_parameters(*fit, names, positive_number("limit", limit))
+        positive_number("limit", limit)
+        kept, every = list(range(self.base.count)), self.equations.merged().mapped(self.base.back)
+        while True:
+            equations = Equations(every.factors[..., [*kept, -1]], every.rows)
+            solution = solve(equations.weighted(self.estimate.sigma))
+            x, unknown = solution.x, np.where(solution.free, np.inf, 0.0)
+            found = replace(self.estimate, values=x, errors=unknown, covariance=np.zeros((len(kept), len(kept))))
+            found = with_correlation(found, equations, self.correlation_time)
+            relative = found.errors / np.maximum(np.abs(x), np.finfo(float).tiny)
+            if relative.max(initial=0) <= limit:
+                break
+            kept.pop(int(relative.argmax()))
+        names = tuple(self.base.independent[k] for k in kept)
+        base = replace(self.base, independent=names, matrix=self.base.matrix[kept])
+        others = self.standard.values - self.base.back @ self.base.values  # of which torques do not depend
+        left = held_out(Estimator(base, None, 0.0, others), self.equations, self.data.measured)
+        reduced = replace(self, base=base, estimate=found, unexplained=left, consistent=False)
+        drift, error = self.drift[kept], self.drift_error[kept]
+        return replace(reduced, parameters=others + base.back @ x, drift=drift, drift_error=error)
 
     @property
     def _cure(self) -> str:
@@ -517,8 +535,11 @@ class Identification(InNotebooks):
         return f"good for {use} of {which}: {told[good].max():.2g} % or less of held-out torques in motion are left"
 
     @cached_property
-    def _essential(self) -> EssentialParameters:
-        return self.essential_parameters()
+    def _essential(self) -> str:
+        """How many base parameters are essential, and what is lost without the others."""
+        few, count = self.essential(), counted(self.base.count, "base parameter")
+        lost = 100 * np.nanmax(few.unexplained.in_motion - self.unexplained.in_motion, initial=0)
+        return f"{few.base.count} of {count} are essential: with these alone held-out errors rise by up to {lost:.1f} %"
 
     def report(self, *, details: bool = False) -> str:
         """A text on the measurements, the parameters, and how far to trust them.
@@ -535,12 +556,11 @@ class Identification(InNotebooks):
             parameters are essential, in at most 41 lines without details.
         """
         if details:
-            first = [text(self) for text in (fitted_text, joints_text, causes_text)]
-            tables = [text(self) for text in (parameters_text, *[bodies_text] * self.consistent)]
-            parts = [*first, self._essential.report(), *tables, self.consistency().report()]
-            return "\n\n".join([self.verdict, *parts])
+            texts = (fitted_text, joints_text, causes_text, parameters_text, *[bodies_text] * self.consistent)
+            told = [text(self) for text in texts]
+            return "\n\n".join([self.verdict, *told, self._essential, self.consistency().report()])
         data, causes = fitted_text(self).split("\n"), causes_text(self).split("\n")
-        last = [str(self._essential), self.consistency().report().split("\n")[0]]
+        last = [self._essential, self.consistency().report().split("\n")[0]]
         room, table = LONGEST - len(last) - 1, joints_text(self).split("\n")
         parts = [first_of(table, room // 2), first_of(causes, room // 6)]
         parts = [first_of(data, room - sum(map(len, parts))), *parts, last]
@@ -552,17 +572,16 @@ def first_of(lines: Sequence[str], most: int) -> list[str]:
     return [*lines] if len(lines) <= most else [*lines[: most - 1], f"  ... {len(lines) - most + 1} more lines"]
 
 
-DATACLASSES = (Identification, RegressionData, Equations, Prepared, LeastSquares, StandardParameters, DriveModel)
-TUPLES_AND_MODELS = (Unexplained, Cause, Model, Box, Cylinder)
-FORM, VERSION = "rne identification", 1  # the version is another one when a field changes its meaning
-KINDS: dict[type, Kind] = dict(map(kind_of, (*DATACLASSES, *TUPLES_AND_MODELS)))
-KINDS[Robot] = Kind(("model", "engine"), frozenset(["model"]), Robot)
-OF_BASE = ("standard", "independent", "matrix")
-KINDS[BaseParameters] = Kind(
-    OF_BASE,
-    frozenset(OF_BASE),
-    lambda standard, **others: BaseParameters(standard, body_regressor=Robot(standard.model).regressor, **others),
-)
+VERSION = 1  # of files: another one when a field changes its meaning
+OF_MODELS = (Model, Box, Cylinder, StandardParameters, DriveModel)
+OF_FITS = (Identification, RegressionData, Equations, Prepared, LeastSquares, Unexplained, Cause)
+KINDS: Kinds = {kind: (names_of(kind), kind) for kind in (*OF_MODELS, *OF_FITS)} | {
+    Robot: (("model", "engine"), Robot),
+    BaseParameters: (
+        ("standard", "independent", "matrix"),
+        lambda standard, **others: BaseParameters(standard, body_regressor=Robot(standard.model).regressor, **others),
+    ),
+}
 
 
 def load(path: str | PathLike[str]) -> Identification:
@@ -589,7 +608,7 @@ def load(path: str | PathLike[str]) -> Identification:
     --------
     >>> found = rne.identification.load("found.npz")  # doctest: +SKIP
     """
-    found: Identification = read(path, KINDS, Identification, form=FORM, version=VERSION)
+    found: Identification = read(path, KINDS, Identification, VERSION)
     return found
 
 

@@ -7,7 +7,7 @@ These depend on the fit, and the fit on the noise: it is repeated until neither 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
@@ -109,6 +109,7 @@ class Estimator(NamedTuple):
     base: BaseParameters
     prior: Array | None  # pseudo-inertias, shape (nb, 4, 4); None for least squares alone
     weight: float  # of the divergence from the prior
+    others: Array | None = None  # standard parameters beside E beta, by default those of the model
 
     def fit(self, equations: Equations) -> tuple[LeastSquares, Array]:
         """Base parameters, and standard parameters: consistent ones, or the nearest to the model's."""
@@ -116,7 +117,8 @@ class Estimator(NamedTuple):
         if self.prior is not None:
             return estimate, self._consistent(equations, estimate.sigma, self.prior)
         model = self.base.standard.values
-        return estimate, model + self.base.back @ (estimate.values - self.base.matrix @ model)
+        others = model - self.base.back @ (self.base.matrix @ model) if self.others is None else self.others
+        return estimate, others + self.base.back @ estimate.values
 
     def _consistent(self, equations: Equations, sigma: Array, prior: Array) -> Array:
         """The physically consistent standard parameters."""
@@ -151,13 +153,7 @@ class Unexplained(NamedTuple):
     at_rest: Array
 
 
-class Fit(Protocol):
-    """What estimates parameters from equations, such as an Estimator."""
-
-    def fit(self, equations: Equations) -> tuple[LeastSquares, Array]: ...
-
-
-def held_out(estimator: Fit, fitted: Equations, measured: Equations) -> Unexplained:
+def held_out(estimator: Estimator, fitted: Equations, measured: Equations) -> Unexplained:
     """The unexplained part of all measured torques, of those in motion, which are fitted, and of those at rest."""
     squares = np.zeros((2, fitted.joints))
     for k in range(len(fitted.factors)):

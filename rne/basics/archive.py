@@ -4,56 +4,59 @@ from __future__ import annotations
 
 import io
 import json
+import zipfile
+import zlib
 from collections.abc import Callable, Mapping
-from dataclasses import MISSING, fields, is_dataclass
+from dataclasses import fields, is_dataclass
 from os import PathLike
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from ..basics.arrays import output_file
-from ..simulation.motion_files import DAMAGED, TEXTS
+from .arrays import output_file
+
+# What NumPy, zlib and JSON raise for other files and damaged ones.
+DAMAGED = (
+    *(ValueError, KeyError, EOFError, AttributeError, TypeError, NotImplementedError),
+    *(zipfile.BadZipFile, zlib.error),
+)
+TEXTS = "texts"  # entry of the archive: what is not an array, as JSON
 
 
-class Kind(NamedTuple):
-    """A type of objects in files: the names of its fields, those without a default, what makes it of them."""
-
-    names: tuple[str, ...]
-    needed: frozenset[str]
-    make: Callable[..., Any]
+Kinds = dict[Any, tuple[tuple[str, ...], Callable[..., Any]]]  # of each type in files its fields, and what makes it
 
 
-Kinds = Mapping[type, Kind]
-
-
-def write(path: str | PathLike[str], kinds: Kinds, value: Any, **header: Any) -> Path:
-    """Write an object of one of the kinds to an archive, below a header."""
-    file, arrays = output_file(path, ".npz"), dict[str, Any]()
-    texts = header | {"value": _encoded(value, kinds, arrays)}
-    np.savez_compressed(file, allow_pickle=False, **arrays, **{TEXTS: np.array(json.dumps(texts))})
-    return file
-
-
-def read(path: str | PathLike[str], kinds: Kinds, wanted: type, **header: Any) -> Any:
-    """The object in an archive; a ValueError names what is not as expected."""
-    file = Path(path)
+def contents(file: Path, what: str) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Arrays and the rest of an archive; a ValueError for any other file, which is not `what` it should be."""
     data = file.read_bytes()  # NumPy leaves a damaged file open
     try:
         with np.load(io.BytesIO(data), allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files}
-        texts = dict(json.loads(str(arrays.pop(TEXTS))))
+        return arrays, dict(json.loads(str(arrays.pop(TEXTS))).items())
     except DAMAGED:
-        raise ValueError(f"{str(file)!r} is no archive of this package, or damaged") from None
-    for name, expected in header.items():
-        if texts.get(name) != expected:
-            raise ValueError(f"{str(file)!r}: `{name}` must be {expected!r}, got {texts.get(name)!r}")
+        raise ValueError(f"{str(file)!r} is not {what}") from None
+
+
+def write(path: str | PathLike[str], kinds: Kinds, value: Any, version: int) -> Path:
+    """Write an object of one of the kinds to an archive."""
+    file, arrays = output_file(path, ".npz"), dict[str, Any]()
+    texts = {"version": version, "value": _encoded(value, kinds, arrays)}
+    np.savez_compressed(file, allow_pickle=False, **arrays, **{TEXTS: np.array(json.dumps(texts))})
+    return file
+
+
+def read(path: str | PathLike[str], kinds: Kinds, wanted: type, version: int) -> Any:
+    """The object in an archive; a ValueError names what is not as expected."""
+    arrays, texts = contents(file := Path(path), f"written by {wanted.__name__}.save")
     try:
+        if texts.get("version") != version:
+            raise ValueError(f"`version` must be {version}, got {texts.get('version')!r}")
         found = _decoded(texts.get("value"), {kind.__name__: kind for kind in kinds}, kinds, arrays, wanted.__name__)
+        if not isinstance(found, wanted):
+            raise ValueError(f"the object must be of type {wanted.__name__}, got {type(found).__name__}")
     except DAMAGED as error:
         raise ValueError(f"{str(file)!r}: {error}") from None
-    if not isinstance(found, wanted):
-        raise ValueError(f"{str(file)!r} must have a value of type {wanted.__name__}, got {type(found).__name__}")
     return found
 
 
@@ -71,7 +74,7 @@ def _encoded(value: Any, kinds: Kinds, arrays: dict[str, Any]) -> Any:
     if isinstance(value, Mapping):
         return {"mapping": {name: _encoded(x, kinds, arrays) for name, x in value.items()}}
     if type(value) in kinds:
-        names = kinds[type(value)].names
+        names, _ = kinds[type(value)]
         return {"type": type(value).__name__} | {
             "fields": {n: _encoded(getattr(value, n), kinds, arrays) for n in names}
         }
@@ -100,19 +103,12 @@ def _decoded(value: Any, types: Mapping[str, type], kinds: Kinds, arrays: Mappin
         return {name: inner(x, f".{name}") for name, x in value["mapping"].items()}
     if value.get("type") not in types:
         raise ValueError(f"`{place}` is of a type that is not known to this version, {value.get('type')!r}")
-    kind = kinds[types[value["type"]]]
-    for name in value["fields"].keys() - kind.names:
+    names, make = kinds[types[value["type"]]]
+    for name in value["fields"].keys() - names:
         raise ValueError(f"`{place}.{name}` is not known to this version")
-    for name in kind.needed - value["fields"].keys():
-        raise ValueError(f"`{place}.{name}` is missing")
-    return kind.make(**{name: inner(x, f".{name}") for name, x in value["fields"].items()})
+    return make(**{name: inner(x, f".{name}") for name, x in value["fields"].items()})
 
 
-def kind_of(made: type) -> tuple[type, Kind]:
-    """The kind of a dataclass or NamedTuple, with all of its fields."""
-    if is_dataclass(made):
-        own = [f for f in fields(made) if f.init]
-        needed = [f.name for f in own if f.default is MISSING and f.default_factory is MISSING]
-        return made, Kind(tuple(f.name for f in own), frozenset(needed), made)
-    given: Any = made
-    return made, Kind(given._fields, frozenset(given._fields) - given._field_defaults.keys(), made)
+def names_of(made: Any) -> tuple[str, ...]:
+    """Names of the fields of a dataclass or a NamedTuple."""
+    return tuple(f.name for f in fields(made)) if is_dataclass(made) else tuple(made._fields)
