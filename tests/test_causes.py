@@ -552,7 +552,9 @@ def test_a_joint_at_rest_takes_the_drift_of_its_own_parameters_alone():
 
 def test_the_report_tells_which_parameters_are_known_and_notebooks_show_it():
     found = identified(faults.clean)
-    rows = {line.split()[0]: line.split()[3] for line in found.report(details=True).splitlines() if line.startswith("  Fc_")}
+    rows = {
+        line.split()[0]: line.split()[3] for line in found.report(details=True).splitlines() if line.startswith("  Fc_")
+    }
     shares = dict(zip(found.base.names, 100 * found.estimate.errors / np.abs(found.estimate.values), strict=True))
     assert rows == {name: f"{shares[name]:.2g}" for name in rows}
     assert len(rows) == 4

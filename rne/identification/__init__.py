@@ -11,7 +11,7 @@ from .log.record import Record
 from .log.screening import RecordFinding
 from .model_fit import identify
 from .payload import PayloadEstimate, identify_payload
-from .result import Check, Identification, load
+from .result import Check, Identification
 
 __all__ = [
     "Candidate",
@@ -35,7 +35,6 @@ __all__ = [
     "identify",
     "identify_drive_gains",
     "identify_payload",
-    "load",
 ]
 
 

@@ -302,7 +302,7 @@ class Identification(InNotebooks):
         return to_urdf(replace(model, notes=notes))
 
     def save(self, path: str | PathLike[str]) -> Path:
-        """Write all of it to a NumPy archive, which `rne.identification.load` reads in this version and later ones.
+        """Write all of it to a NumPy archive, which `load` reads in this version and later ones.
 
         Parameters
         ----------
@@ -324,6 +324,34 @@ class Identification(InNotebooks):
         >>> found.save("found.npz")  # doctest: +SKIP
         """
         return write(path, KINDS, self, VERSION)
+
+    @classmethod
+    def load(cls, path: str | PathLike[str]) -> Identification:
+        """Read an identification that was written by `save`.
+
+        Parameters
+        ----------
+        path : str or path-like
+            A NumPy archive, ``.npz``.
+
+        Returns
+        -------
+        Identification
+            As it was saved, with all that was measured and fitted.
+
+        Raises
+        ------
+        ValueError
+            If the file is another one or damaged, of another version, or has a field that this version does not know.
+        OSError
+            If the file cannot be read.
+
+        Examples
+        --------
+        >>> found = rne.Identification.load("found.npz")  # doctest: +SKIP
+        """
+        found: Identification = read(path, KINDS, cls, VERSION)
+        return found
 
     def essential(self, limit: float = 0.3) -> Identification:
         """The model of the essential parameters alone, the base parameters that the log determines well.
@@ -582,34 +610,6 @@ KINDS: Kinds = {kind: (names_of(kind), kind) for kind in (*OF_MODELS, *OF_FITS)}
         lambda standard, **others: BaseParameters(standard, body_regressor=Robot(standard.model).regressor, **others),
     ),
 }
-
-
-def load(path: str | PathLike[str]) -> Identification:
-    """Read an identification that was written by `Identification.save`.
-
-    Parameters
-    ----------
-    path : str or path-like
-        A NumPy archive, ``.npz``.
-
-    Returns
-    -------
-    Identification
-        As it was saved, with all that was measured and fitted.
-
-    Raises
-    ------
-    ValueError
-        If the file is another one or damaged, of another version, or has a field that this version does not know.
-    OSError
-        If the file cannot be read.
-
-    Examples
-    --------
-    >>> found = rne.identification.load("found.npz")  # doctest: +SKIP
-    """
-    found: Identification = read(path, KINDS, Identification, VERSION)
-    return found
 
 
 def unexplained_text(names: Sequence[str], in_motion: Array) -> list[str]:

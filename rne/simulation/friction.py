@@ -242,23 +242,8 @@ class Friction:
     def transmitted(self, tau: Array, qd: Array) -> Array:
         """Torque that reaches the bodies where friction takes a part of it: L of tau = L + load |L| s.
 
-        It is solved joint by joint, and needs no accelerations; L has the sign of tau.
-
-        Parameters
-        ----------
-        tau, qd : ndarray, shape (..., n)
-            Torques of the drives less all other friction, and joint velocities [N m or N; rad/s or m/s].
-
-        Returns
-        -------
-        ndarray, shape (..., n)
-            Those of inverse dynamics [N m or N].
-
-        Examples
-        --------
-        >>> import numpy as np, rne
-        >>> rne.Friction(load=0.1, smoothing=0).transmitted(np.array([11.0, -9.0]), np.array([1.0, 1.0])).tolist()
-        [10.0, -10.0]
+        It is solved joint by joint, and needs no accelerations; L has the sign of tau, the torques of the drives less
+        all other friction, both of shape (..., n) [N m or N].
         """
         way = direction(qd, self.smoothing)
         reaching: Array = tau / (1 + np.asarray(self.load) * where(less(tau, 0), -way, way))
