@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from .simulation.friction import Friction
     from .simulation.scene import Payload, Scene
     from .simulation.simulator import simulate
+    from .simulation.springs import Spring
     from .simulation.trajectory import Trajectory
     from .urdf import Finding, check, read_urdf, to_urdf
     from .urdf.loading import load, robots
@@ -66,6 +67,7 @@ else:
             "simulation.friction": "Friction",
             "simulation.scene": "Payload Scene",
             "simulation.simulator": "simulate",
+            "simulation.springs": "Spring",
             "simulation.trajectory": "Trajectory",
             "trajectories": "",
             "urdf": "Finding check read_urdf to_urdf",
@@ -110,6 +112,7 @@ __all__ = [
     "SimulationError",
     "SimulationInterrupted",
     "SingularMassMatrixError",
+    "Spring",
     "Trajectory",
     "UrdfError",
     "bearing_peaks",

@@ -14,9 +14,9 @@ along gravity. The argument for trees is that of Wensing, Niemeyer and Slotine 2
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property, partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -195,10 +195,11 @@ class BaseParameters:
         True
         """
         bodies = self.body_regressor(*(np.asarray(x) for x in (q, qd, qdd)))
-        rates, accelerations, x = np.asarray(qd), np.asarray(qdd), self.standard.values
-        load = self.standard.load(np.asarray(bodies), accelerations, x) if "Fl" in self.standard.terms else None
+        at, rates, accelerations = (np.asarray(x) for x in (q, qd, qdd))
+        load = self.standard.load(np.asarray(bodies), at, accelerations, self.standard.values)
         drives = self.standard.drive_columns(rates, accelerations, load)
-        return np.asarray(np.concatenate([bodies, drives], axis=-1)[..., list(self.independent)])
+        springs = self.standard.spring_columns(at)
+        return np.asarray(np.concatenate([bodies, drives, springs], axis=-1)[..., list(self.independent)])
 
     def __repr__(self) -> str:
         return wrapped(
@@ -223,6 +224,15 @@ def base_parameters(model: Model, *, drives: DriveModel | None = None, tolerance
         raise ValueError(f"`tolerance` must be below {COARSEST}, got {tolerance!r}")
     kept, matrix = regrouped(standard, tolerance)
     return BaseParameters(standard, kept, matrix, partial(regressor, model))
+
+
+def with_springs(base: BaseParameters, springs: Any) -> BaseParameters:
+    """Base parameters and those of springs, each of which is one of its own."""
+    standard = replace(base.standard, springs=springs)
+    places = range(base.standard.count, standard.count)
+    matrix = np.pad(base.matrix, (0, len(places)))
+    matrix[range(base.count, len(matrix)), places] = 1
+    return replace(base, standard=standard, independent=(*base.independent, *places), matrix=matrix)
 
 
 def regrouped(standard: StandardParameters, tolerance: float) -> tuple[tuple[int, ...], Array]:

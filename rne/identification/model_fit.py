@@ -12,11 +12,12 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import per_joint_array, positive_number
 from ..basics.spatial import Array
-from ..dynamics.base_inertial_parameters import BaseParameters
+from ..dynamics.base_inertial_parameters import BaseParameters, with_springs
 from ..errors import IdentificationError, IdentificationWarning
 from ..model.parameters import PARAMETERS, parameters_of_pseudo_inertia
 from ..model.standard_parameters import MEASURED, DriveModel, StandardParameters, drive_argument
 from ..robot import Robot, robot_argument
+from ..simulation.springs import JointSpring, Spring, Springs, resolved_springs
 from . import thresholds
 from .diagnosis.hypotheses import (
     DRIVES,
@@ -58,6 +59,7 @@ def identify(
     cutoff: float | None = None,
     folds: int = thresholds.FOLDS,
     hypotheses: Sequence[Hypothesis] = (),
+    springs: Sequence[Spring | JointSpring] = (),
 ) -> Identification:
     """Parameters of a robot's bodies, rotors and friction from measured motions.
 
@@ -97,6 +99,10 @@ def identify(
         at least 2, each to be predicted from the others.
     hypotheses : sequence of Hypothesis
         Causes of residuals that are tried beside those that are known.
+    springs : sequence of Spring
+        Springs whose places are known and whose stiffness and length are found, whatever numbers they are given, at
+        their given force; of springs at joints, and of those without length, the stiffness alone. A rest of a joint
+        that is given wrongly is found as an offset.
 
     Returns
     -------
@@ -138,7 +144,9 @@ def identify(
     >>> found.check(record).measured.shape[1], len(found.plot().axes)
     (6, 12)
     """
-    robot, records, matched = of_named_joints(robot_argument(robot), records)
+    whole = robot_argument(robot)
+    robot, records, matched = of_named_joints(whole, records)
+    fitted = fitted_springs(springs, whole, robot)
     for name, given in (("prior", prior), ("prior_std", prior_std)):
         if given is not None and not consistent:
             raise ValueError(f"`{name}` is for the physically consistent fit: leave it out, or set `consistent=True`")
@@ -147,7 +155,7 @@ def identify(
     stds = stds if prior_std is None else (positive_number("prior_std", prior_std),)
     options = {"minimum_velocity": minimum_velocity, "cutoff": cutoff, "folds": folds}
     tried = hypotheses_argument(hypotheses)
-    base, data, causes, modelled, declined = fit_with_delays(robot, records, drives, delay, options, tried)
+    base, data, causes, modelled, declined = fit_with_delays(robot, records, drives, delay, options, tried, fitted)
     standard = base.standard
     guess, notes = (None, ()) if known is None else prior_bodies(known, standard, data.fitted)
     try:
@@ -190,6 +198,7 @@ def fit_with_delays(
     delay: ArrayLike | None,
     options: dict[str, Any],
     hypotheses: Sequence[Hypothesis],
+    springs: Springs | None = None,
 ) -> tuple[BaseParameters, RegressionData, tuple[Cause, ...], list[Cause], tuple[str, ...]]:
     """The equations with delays, Stribeck effects and rotors as they show in the residuals, found in a few rounds.
 
@@ -206,6 +215,7 @@ def fit_with_delays(
     sharp: dict[tuple[str, ...], Cause] = {}
     for k in range(thresholds.DELAY_ROUNDS + 1):
         base = robot.base_parameters(drives=drives)
+        base = base if springs is None else with_springs(base, springs)
         data, estimate = fit_with_loads(robot, records, base, options | {"delays": delays})
         rest = FitResiduals(robot, base, data, estimate.values, estimate.sigma)
         is_last = k == thresholds.DELAY_ROUNDS
@@ -250,6 +260,15 @@ def fit_with_loads(
     return data, estimate
 
 
+def fitted_springs(springs: Sequence[Spring | JointSpring], robot: Robot, moved: Robot) -> Springs | None:
+    """The springs that are to be found, of which joints that are not locked move, checked."""
+    found = resolved_springs(springs, robot, moved)
+    for k, spring in enumerate(springs):
+        if spring.damping:
+            raise ValueError(f"`springs[{k}]` must have no damping, which is not found, got {spring.damping:g}")
+    return found
+
+
 def has_no_rotors(robot: Robot, base: BaseParameters, data: RegressionData, causes: Sequence[Cause]) -> bool:
     """True if no rotor is felt where it could be, as by torque sensors behind the gears; other causes hide rotors."""
     own = [k for k, name in enumerate(base.names) if name.startswith("Ia_") and base.formulas[k] == name]
@@ -287,8 +306,9 @@ def negative_drives(robot: Robot, base: BaseParameters, estimate: LeastSquares) 
     bodies, found = PARAMETERS * robot.model.nb, []
     for k, name in enumerate(base.names):
         value, error = estimate.values[k], estimate.errors[k]
-        if base.independent[k] >= bodies and not name.startswith("tau0") and value < -thresholds.BEYOND_DOUBT * error:
-            far = f", {IMPOSSIBLE}" if value < -thresholds.IMPOSSIBLY * error else ""
+        free = name.startswith(("tau0", "c_"))  # of any sign
+        if base.independent[k] >= bodies and not free and value < -thresholds.BEYOND_DOUBT * error:
+            far = f", {IMPOSSIBLE[name.startswith('k_')]}" if value < -thresholds.IMPOSSIBLY * error else ""
             found.append(f"{name} comes out negative, {value:.3g} with a standard error of {error:.2g}{far}")
     has_friction = any(name.startswith(("Fv", "Fc", "Fl")) for name in found)
     return (*found, f"negative friction: {WRONG_SIGN}") if has_friction else tuple(found)

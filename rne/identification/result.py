@@ -26,6 +26,7 @@ from ..plotting.plots import HIDDEN, figure_of, legend_beside, literal, panels, 
 from ..robot import Robot
 from ..simulation.friction import SMOOTHING, Friction
 from ..simulation.scene import Scene
+from ..simulation.springs import JointSpring, Spring, Springs
 from ..urdf.write import to_urdf
 from . import thresholds
 from .diagnosis.hypotheses import GEARS, Cause
@@ -44,7 +45,7 @@ GAP = 1.5  # times the usual step, over which no line is drawn
 NOT_CONSISTENT = "parameters are those of least squares, as with `consistent=False`"  # start of a note
 NAMED = 3  # causes that a warning names
 WRONG_SIGN = "is the sign of the joint's torque right?"  # end of a note on negative friction
-IMPOSSIBLE = "which no drive has"  # end of a note on numbers that are not possible
+IMPOSSIBLE = "which no drive has", "which no spring has"  # ends of notes on numbers that are not possible
 BASE_UNITS = (
     "Units: m in kg, mcx ... in kg m, Ixx ... and Ia in kg m^2, Fv and Fvb in N m s/rad, Fc, Fs and tau0 in N m; of "
     "sliding joints Ia in kg, Fv and Fvb in N s/m, the others in N; Fl is a part of the load."
@@ -242,7 +243,7 @@ class Identification(InNotebooks):
         )
 
     def scene(self, **parts: Any) -> Scene:
-        """The robot found as a Scene, with the friction and offsets of its drives: what `predict` predicts.
+        """The robot found as a Scene, with friction and offsets of its drives, and springs: what `predict` predicts.
 
         Parameters
         ----------
@@ -258,7 +259,7 @@ class Identification(InNotebooks):
         Raises
         ------
         IdentificationError
-            As for `robot`, and of a fit with coupled motors, which a Scene does not have.
+            As for `robot` and `springs`, and of a fit with coupled motors, which a Scene does not have.
 
         Examples
         --------
@@ -273,7 +274,8 @@ class Identification(InNotebooks):
         """
         if len(self.standard.motors):
             raise IdentificationError("a scene has no coupled motors: use `predict` for the torques of the drives")
-        return Scene(self.robot, **({"friction": self.friction} | parts))
+        drives: dict[str, Any] = {"friction": self.friction, "springs": self.springs}
+        return Scene(self.robot, **(drives | parts))
 
     def to_urdf(self) -> str:
         """The robot found as URDF: bodies, rotors, and `<dynamics>` with viscous and Coulomb friction.
@@ -294,7 +296,7 @@ class Identification(InNotebooks):
         """
         model, parts = self.robot.model, ("Fvb", "Fs", "Fl", "tau0")
         symbols = [name for name in self.standard.names if name.startswith(tuple(f"{part}_" for part in parts))]
-        symbols += [name for name in self.standard.names if "_s" in name]
+        symbols += [name for name in self.standard.names if "_s" in name]  # coupled motors and springs
         values = dict(zip(self.standard.names, self.parameters, strict=True))
         others = ", ".join(f"{name} {values[name]:.6g}" for name in symbols if values[name])
         note = f"identified, of the joints {listed(model.joint_names)}, not in this file: {others}" if others else ""
@@ -383,6 +385,7 @@ class Identification(InNotebooks):
         >>> found.essential().base.names  # doctest: +SKIP
         """
         positive_number("limit", limit)
+        springs = self.standard.groups.get("springs", slice(0))  # the last ones, which are kept
         kept, every = list(range(self.base.count)), self.equations.merged().mapped(self.base.back)
         while True:
             equations = Equations(every.factors[..., [*kept, -1]], every.rows)
@@ -391,6 +394,7 @@ class Identification(InNotebooks):
             found = replace(self.estimate, values=x, errors=unknown, covariance=np.zeros((len(kept), len(kept))))
             found = with_correlation(found, equations, self.correlation_time)
             relative = found.errors / np.maximum(np.abs(x), np.finfo(float).tiny)
+            relative = relative[: len(kept) - (springs.stop - (springs.start or 0))]
             if relative.max(initial=0) <= limit:
                 break
             kept.pop(int(relative.argmax()))
@@ -420,6 +424,41 @@ class Identification(InNotebooks):
             )
 
     @property
+    def springs(self) -> tuple[Spring | JointSpring, ...]:
+        """The springs that were asked for, with the stiffness and length found, for a Scene.
+
+        Raises
+        ------
+        IdentificationError
+            If a number is negative or the motion does not tell it.
+        """
+        if self.standard.springs is None:
+            return ()
+        place = self.standard.groups["springs"]
+        rows = zip(self.base.names, self.values, self.estimate.errors, strict=True)
+        for name, value, error in list(rows)[place.start - place.stop :]:
+            if np.isinf(error):
+                raise IdentificationError(f"the motion does not tell {name} from gravity, drives and other springs")
+            if value < 0 and name.startswith("k"):
+                raise IdentificationError(f"the stiffness {name} comes out negative, {value:.4g}: {self._cure}")
+        springs: Springs = self.standard.springs
+        return springs.at(self.parameters[place])
+
+    @property
+    def spring_errors(self) -> Array:
+        """Standard errors of stiffness and length of each of `springs`; NaN for a length that is not found, (k, 2)."""
+        found, errors = self.springs, np.full((len(self.springs), 2), np.nan)
+        place, covariance = self.base.count, self.estimate.covariance
+        for row, spring in zip(errors[::-1], found[::-1], strict=True):
+            place -= (count := len(spring.symbols))
+            C = covariance[place : place + count, place : place + count]
+            row[0] = np.sqrt(C[0, 0])
+            if isinstance(spring, Spring) and spring.length:  # (c - force) / k
+                slope = np.array([-spring.length, 1.0]) / spring.stiffness
+                row[1] = np.sqrt(slope @ C @ slope)
+        return errors
+
+    @property
     def offset(self) -> Array:
         """Constant torques of the drives, shape (n,); zero where they were not asked for [N m or N]."""
         return self._of_drives("tau0")
@@ -439,8 +478,8 @@ class Identification(InNotebooks):
         Returns
         -------
         ndarray, shape (..., n)
-            With rotors, friction, offsets and coupled motors; the direction of friction is smoothed as in `scene`,
-            whose inverse dynamics are the same [N m or N].
+            With rotors, friction, offsets, coupled motors and springs; the direction of friction is smoothed as in
+            `scene`, whose inverse dynamics are the same [N m or N].
 
         Raises
         ------
@@ -450,9 +489,10 @@ class Identification(InNotebooks):
         model, bodies = self.initial.model, PARAMETERS * self.initial.model.nb
         velocities, accelerations = joint_array("qd", qd, model), joint_array("qdd", qdd, model)
         Y = self.initial.regressor(q, velocities, accelerations)
-        load = self._law.load(Y, accelerations, self.parameters)
+        at = joint_array("q", q, model)
+        load = self._law.load(Y, at, accelerations, self.parameters)
         drives = self._law.drive_torques(velocities, accelerations, self.parameters[bodies:], load)
-        return np.asarray(Y @ self.parameters[:bodies] + drives)
+        return np.asarray(Y @ self.parameters[:bodies] + drives + self._law.spring_torques(at, self.parameters))
 
     @cached_property
     def _law(self) -> StandardParameters:
@@ -584,8 +624,8 @@ class Identification(InNotebooks):
             parameters are essential, in at most 41 lines without details.
         """
         if details:
-            texts = (fitted_text, joints_text, causes_text, parameters_text, *[bodies_text] * self.consistent)
-            told = [text(self) for text in texts]
+            further = [springs_text] * (self.standard.springs is not None) + [bodies_text] * self.consistent
+            told = [text(self) for text in (fitted_text, joints_text, causes_text, parameters_text, *further)]
             return "\n\n".join([self.verdict, *told, self._essential, self.consistency().report()])
         data, causes = fitted_text(self).split("\n"), causes_text(self).split("\n")
         last = [self._essential, self.consistency().report().split("\n")[0]]
@@ -601,7 +641,7 @@ def first_of(lines: Sequence[str], most: int) -> list[str]:
 
 
 VERSION = 1  # of files: another one when a field changes its meaning
-OF_MODELS = (Model, Box, Cylinder, StandardParameters, DriveModel)
+OF_MODELS = (Model, Box, Cylinder, StandardParameters, DriveModel, Springs, Spring, JointSpring)
 OF_FITS = (Identification, RegressionData, Equations, Prepared, LeastSquares, Unexplained, Cause)
 KINDS: Kinds = {kind: (names_of(kind), kind) for kind in (*OF_MODELS, *OF_FITS)} | {
     Robot: (("model", "engine"), Robot),
@@ -732,6 +772,21 @@ def parameters_text(found: Identification) -> str:
     weak = [name for name, seen in zip(found.base.names, found.excited, strict=True) if not seen]
     if weak:
         lines.append(f"not excited, with a standard error above the expected size: {', '.join(weak)}")
+    return "\n".join(lines)
+
+
+def springs_text(found: Identification) -> str:
+    """Stiffness and length of the springs with standard errors."""
+    try:
+        pairs = zip(found.springs, found.spring_errors, strict=True)
+    except IdentificationError as error:
+        return f"springs: {error}"
+    lines = ["springs, with standard errors; k is the stiffness, c is k length + force [N]"]
+    for spring, (of_stiffness, of_length) in pairs:
+        text = f"  {spring}: stiffness {spring.stiffness:.5g} +- {of_stiffness:.2g}"
+        if isinstance(spring, Spring):
+            text += f" N/m, length {spring.length:.4g} +- {of_length:.2g} m, force {spring.force:.4g} N"
+        lines.append(text if isinstance(spring, Spring) else f"{text} N m/rad, or N/m of a sliding joint")
     return "\n".join(lines)
 
 

@@ -110,7 +110,8 @@ class StandardParameters:
 
     tau = L + Fv qd + Fc sign(qd) + Fs sign(qd) exp(-|qd| / vs) + Fl |L| sign(qd) + tau0, with L = Y pi + Ia qdd, and
     for each coupled motor, which turns at a^T qd, the terms of rotor, viscous and Coulomb friction in a^T qd, times a.
-    The load L in the term of Fl has parameters of its own, so that the equations are linear: those of the last fit.
+    Springs add functions of the positions to L. The load L in the term of Fl has parameters of its own, so that the
+    equations are linear: those of the last fit.
 
     Attributes
     ----------
@@ -118,6 +119,8 @@ class StandardParameters:
         The robot's parameters.
     drives : DriveModel
         Which torques of the drives are modelled.
+    springs : Springs or None
+        Springs whose parameters follow those of drives and coupled motors.
 
     Examples
     --------
@@ -130,6 +133,7 @@ class StandardParameters:
 
     model: Model
     drives: DriveModel = DriveModel()
+    springs: Any = None
 
     __repr__ = summary
 
@@ -176,6 +180,7 @@ class StandardParameters:
         groups = {"bodies": slice(0, PARAMETERS * self.model.nb)}
         widths = {symbol: self.model.n for symbol in self.terms}
         widths |= {f"{symbol} of coupled motors": len(self.motors) for symbol in self.terms if symbol in OF_MOTORS}
+        widths |= {} if self.springs is None else {"springs": len(self.springs.symbols)}
         start = groups["bodies"].stop
         for name, width in widths.items():
             groups[name] = slice(start, start + width)
@@ -192,12 +197,14 @@ class StandardParameters:
         """Symbol and number of each parameter.
 
         The number is that of the moving joint, counted from 1 in the order of `model.moving_joints`; s1, s2, ... are
-        the coupled motors. m is the mass, mcx the first moment, Ixx ... the inertia about the joint's origin.
+        the coupled motors. m is the mass, mcx the first moment, Ixx ... the inertia about the joint's origin. Springs
+        are counted from 1.
         """
         names = [f"{symbol}_{i + 1}" for i in range(self.model.nb) for symbol in BODY_SYMBOLS]
         names += [f"{symbol}_{i + 1}" for symbol in self.terms for i in self.model.independent_joints]
         motors = range(1, len(self.motors) + 1)
-        return (*names, *(f"{symbol}_s{k}" for symbol in self.terms if symbol in OF_MOTORS for k in motors))
+        names += [f"{symbol}_s{k}" for symbol in self.terms if symbol in OF_MOTORS for k in motors]
+        return (*names, *(() if self.springs is None else self.springs.symbols))
 
     @cached_property
     def values(self) -> Array:
@@ -211,14 +218,19 @@ class StandardParameters:
             found[self.groups[name]] = known[name]
         return found
 
-    def load(self, Y: Array, qdd: Array, x: Array) -> Array:
-        """The loads L of friction under load, (..., n), of bodies with the regressor Y and rotors; parameters are x."""
+    def load(self, Y: Array, q: Array, qdd: Array, x: Array) -> Array | None:
+        """The loads L of friction under load, (..., n), of bodies with the regressor Y, rotors and springs; else None.
+
+        Their parameters are x.
+        """
+        if "Fl" not in self.terms:
+            return None
         place = self.groups.get("Ia")
         rotors = 0.0 if place is None else x[place] * qdd
-        return np.asarray(Y @ x[self.groups["bodies"]] + rotors)
+        return np.asarray(Y @ x[self.groups["bodies"]] + rotors + self.spring_torques(q, x))
 
     def drive_columns(self, qd: Array, qdd: Array, load: Array | None = None) -> Array:
-        """Torques of the drives per unit of each parameter behind those of the bodies, shape (..., n, count - 10 nb).
+        """Torques of the drives per unit of each parameter of theirs, behind those of the bodies, shape (..., n, k).
 
         `qd` and `qdd` (..., n) are joint velocities and accelerations, and `load` the torques L where friction depends
         on them [rad/s or m/s; rad/s^2 or m/s^2; N m or N].
@@ -226,6 +238,14 @@ class StandardParameters:
         found = sorted(self._shafts(qd, qdd, load), key=lambda part: part[0].start)
         blocks = [shafts.T * factor[..., None, :] for _, shafts, factor in found]
         return np.concatenate([np.zeros((*qd.shape, 0)), *blocks], axis=-1)
+
+    def spring_columns(self, q: Array) -> Array:
+        """Torques of the drives per unit of each parameter of the springs, the last ones, shape (..., n, k)."""
+        return np.zeros((*q.shape, 0)) if self.springs is None else self.springs.columns(self.model, q)
+
+    def spring_torques(self, q: Array, pi: Array) -> Array:
+        """Torques of the drives against springs, of standard parameters pi, shape (..., n)."""
+        return np.asarray(self.spring_columns(q) @ pi[self.groups.get("springs", slice(0))])
 
     def drive_torques(self, qd: Array, qdd: Array, x: Array, load: Array | None = None) -> Array:
         """Torques of the drives with parameters x, those behind the bodies', shape (..., n)."""

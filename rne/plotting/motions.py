@@ -41,7 +41,7 @@ class Motion:
             return self.t, self.samples[quantity]
         if quantity == "energy error":
             return motion.t, motion.balance[:, None]
-        if quantity == "energy" and (motion.model is None or not 1 < len(motion.t) <= POINTS):
+        if quantity == "energy" and not self._has_model_energies:
             return motion.t, np.stack([motion.kinetic, motion.potential, motion.energy], axis=1)
         t, *values = samples_of(motion, np.linspace(motion.t[0], motion.t[-1], POINTS + 1))
         if quantity != "energy":
@@ -49,6 +49,14 @@ class Motion:
         assert motion.model is not None
         parts = kinetic_energy(motion.model, *values[:2]), potential_energy(motion.model, values[0])
         return t, np.stack([*parts, sum(parts)], axis=1)
+
+    @property
+    def _has_model_energies(self) -> bool:
+        """True if energies between the samples are those of the model, which knows no springs."""
+        motion = self.trajectory
+        if motion is None or motion.model is None or not 1 < len(motion.t) <= POINTS:
+            return False
+        return np.allclose(potential_energy(motion.model, motion.q), motion.potential, atol=1e-9 * motion.energy.max())
 
     def positions(self, t: Array) -> Array:
         """Joint positions at times within the motion, shape (frames, n) [rad or m]."""

@@ -65,7 +65,7 @@ def _(motion: Trajectory) -> str:
         images = [_image(draw(), label) for label, draw in small_plots(motion)]
         pieces.append(f'<div style="display:flex;flex-wrap:wrap;gap:.4em">{"".join(images)}</div>')
     lost = [f"{name} {six_digits(energy[-1])} J" for name, energy in (motion.dissipated or {}).items() if len(energy)]
-    return _page(*pieces, *([_text(f"Dissipated by friction: {', '.join(lost)}")] if lost else []))
+    return _page(*pieces, *([_text(f"Dissipated: {', '.join(lost)}")] if lost else []))
 
 
 def joint_table(model: Model) -> list[tuple[str, ...]]:

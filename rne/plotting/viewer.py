@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import output_file, positive_number, real_numbers
 from ..basics.spatial import Array
 from ..robot import Robot
+from ..simulation.springs import JointSpring, Spring, resolved_springs
 from ..simulation.trajectory import Trajectory
 from .motions import Motion, arrays_argument, check_positions, motion_argument
 from .shapes import INSTALL, PosedRobot
@@ -70,6 +71,7 @@ def view(
     speed: float = 1.0,
     frames: bool = False,
     inertia: bool = False,
+    springs: Sequence[Spring | JointSpring] = (),
 ) -> Page:
     """Write a robot or its motion as one HTML page with a 3-D view, for any browser, without network or server.
 
@@ -94,6 +96,8 @@ def view(
         True if the links' frames, or centres of mass and solids of the bodies' inertias, are to be visible at first,
         with the links half transparent. The list of the scene's parts in the page shows and hides them in any case, and
         a switch shows the masses in place of the links.
+    springs : sequence of Spring
+        Springs between links of the robot, shown as red lines.
 
     Returns
     -------
@@ -141,6 +145,7 @@ def view(
     shown = [_first(robot, q, t)]
     if other is not None:
         shown.append(_second(other, shown[0][0]))
+    lines = resolved_springs(springs, shown[0][0], shown[0][0])
     times = frame_times(shown, rate)
     with _scene_server() as server:
         main = placed(*shown[0], times)
@@ -150,7 +155,7 @@ def view(
         camera, (target, away) = server.initial_camera, aim(points)
         camera.position, camera.look_at, camera.up, camera.fov = target + away, target, (0.0, 0.0, 1.0), FOV
         cell = add_floor(server.scene, points)
-        groups = build(server.scene, main, ghost, frames=frames, inertia=inertia)
+        groups = build(server.scene, main, ghost, lines, frames=frames, inertia=inertia)
         recording = server.get_scene_serializer()
         for k, pause in enumerate(np.diff(times) / rate, 1):
             recording.insert_sleep(float(pause))

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..basics.spatial import Array, rotate, rotate_back
 from ..model.model import Model
+from ..simulation.springs import Spring, Springs
 from .shapes import PosedRobot
 
 if TYPE_CHECKING:
@@ -25,7 +26,7 @@ GHOST_OPACITY = 0.4
 GHOST_SCALE = 1.004  # where both motions agree, the surfaces of the other one are just outside
 GLASS = 0.35  # opacity of the links where what is inside them is to be seen
 MASSES = ("centres of mass", "solids of the same inertia")  # the groups that show what the model weighs
-AXIS, CENTRE, SOLID, LINE = (176, 48, 176), (30, 30, 30), (20, 140, 140), (90, 100, 115)
+AXIS, CENTRE, SOLID, LINE, SPRING = (176, 48, 176), (30, 30, 30), (20, 140, 140), (90, 100, 115), (200, 30, 30)
 FLOOR: dict[str, Any] = {"cell_color": (172, 180, 190), "section_color": (140, 150, 163), "fade_strength": 0.0}
 MAX_FACES = 20_000  # of a robot's meshes; with more, all are simplified alike
 SMALL = 60  # faces of a mesh that is never simplified
@@ -58,10 +59,33 @@ class SceneGroup:
                 node.wxyz, node.position = self.wxyz[frame, link], self.position[frame, link]
 
 
+class SpringLines:
+    """Springs between links as lines, whose ends move with these."""
+
+    def __init__(self, scene: SceneApi, robot: PosedRobot, springs: Springs, size: float) -> None:
+        lines = []
+        for spring in springs.each:
+            if isinstance(spring, Spring):
+                ends = [(robot.model.link_index(link), np.array(x)) for link, x in spring.ends]
+                lines.append(np.stack([rotate(robot.R[:, k], x) + robot.p[:, k] for k, x in ends], axis=1))
+        self.points = np.stack(lines, axis=1).astype(np.float32)  # (frames, springs, 2, 3)
+        self.node = scene.add_line_segments("/springs", self.points[0], SPRING, thickness=0.012 * size)
+
+    def place(self, frame: int) -> None:
+        """Move the ends to a frame."""
+        self.node.points = self.points[frame]
+
+
 def build(
-    scene: SceneApi, robot: PosedRobot, other: PosedRobot | None, *, frames: bool, inertia: bool
-) -> list[SceneGroup]:
-    """Add the robots to viser's scene, at the first frame."""
+    scene: SceneApi,
+    robot: PosedRobot,
+    other: PosedRobot | None,
+    springs: Springs | None,
+    *,
+    frames: bool,
+    inertia: bool,
+) -> list[SceneGroup | SpringLines]:
+    """Add the robots and springs to viser's scene, at the first frame."""
     size = float(np.ptp(corners(robot, np.array([0])), axis=0).max()) or 1.0
     groups = [SceneGroup(scene, "robot", robot)]
     _add_robot(groups[0], size, opacity=GLASS if frames or inertia else None)
@@ -74,7 +98,8 @@ def build(
         scene.add_frame(groups[-1].on(k, "axes"), axes_length=0.09 * size, axes_radius=0.003 * size, origin_radius=0.0)
     groups += [SceneGroup(scene, name, robot, inertia) for name in MASSES]
     _add_masses(groups[-2], groups[-1], size)
-    return groups
+    has_lines = springs is not None and any(isinstance(spring, Spring) for spring in springs.each)
+    return [*groups, SpringLines(scene, robot, springs, size)] if springs is not None and has_lines else [*groups]
 
 
 def add_floor(scene: SceneApi, points: Array) -> float:

@@ -16,6 +16,7 @@ from ..dynamics.recursion_record import bearing_loads
 from ..robot import Robot
 from .limits import limit_shares, share_texts
 from .scene import Scene
+from .springs import Springs
 from .trajectory import MOST_LOADS, Trajectory, between, samples_of
 
 EVERY = 1e-3  # [s] between the instants of a motion that is a function of time
@@ -90,6 +91,8 @@ class DriveReport:
     work_error : float or None
         Differences of the work of all drives by these samples from the `work` of a simulated motion, summed over the
         steps from one of its samples to the next [J].
+    springs : Springs or None
+        Those of the scene, which load the bearings.
 
     Examples
     --------
@@ -114,6 +117,7 @@ class DriveReport:
     rotor: Array
     efficiency: Array
     work_error: float | None = None
+    springs: Springs | None = None
 
     def __repr__(self) -> str:
         return f"DriveReport({len(self.joints)} joints, {self.t[0]:g} to {self.t[-1]:g} s, {len(self.t)} samples)"
@@ -136,7 +140,7 @@ class DriveReport:
     @cached_property
     def bearings(self) -> BearingPeaks:
         """Largest loads on the bearings."""
-        return _bearing_peaks(self.robot, self.t, self.q, self.qd, self.qdd)
+        return _bearing_peaks(self.robot, self.springs, self.t, self.q, self.qd, self.qdd)
 
     @cached_property
     def _shares(self) -> dict[str, Array]:
@@ -286,8 +290,8 @@ def drives(
     Parameters
     ----------
     robot : Robot or Scene
-        Robot that moves; a Scene with its payload and friction, which count for planned motions, in place of those that
-        were planned for, and where a motion brings no torques of its own.
+        Robot that moves; a Scene with its payload, friction and springs, which count for planned motions, in place of
+        those that were planned for, and where a motion brings no torques of its own.
     motion : FastestMotion, Trajectory, Record or function of time
         Planned, simulated or measured: a function of time with a `duration`, such as a `Quintic`, taken every
         millisecond, at its `t` and `instants` and on both sides of its `breaks`, where it has them; or anything with
@@ -339,7 +343,7 @@ def drives(
     if (efficiencies > 1).any():
         raise ValueError(f"`efficiency` must be at most 1, got {efficiencies.max():g}")
     error = _work_error(motion, t, (tau * qd).sum(1)) if isinstance(motion, Trajectory) else None
-    return DriveReport(moved, t, q, qd, qdd, tau, gears, rotors, efficiencies, error)
+    return DriveReport(moved, t, q, qd, qdd, tau, gears, rotors, efficiencies, error, scene.resolved.springs)
 
 
 def bearing_peaks(robot: Robot | Scene, motion: Any) -> BearingPeaks:
@@ -348,7 +352,8 @@ def bearing_peaks(robot: Robot | Scene, motion: Any) -> BearingPeaks:
     Parameters
     ----------
     robot : Robot or Scene
-        Robot that moved; of a Scene, its robot with mounting, payload and locked joints.
+        Robot that moved; of a Scene, its robot with mounting, payload and locked joints, and its springs but for their
+        damping.
     motion : Trajectory, FastestMotion, Record or function of time
         Any motion that `rne.drives` takes, and of one sample at least.
 
@@ -378,12 +383,14 @@ def bearing_peaks(robot: Robot | Scene, motion: Any) -> BearingPeaks:
     ('joint_1', 686.9)
     """
     scene = _scene_of(robot, motion)
-    return _bearing_peaks(scene.resolved.robot, *_samples(scene, motion, instant=True)[:4])
+    parts = scene.resolved
+    return _bearing_peaks(parts.robot, parts.springs, *_samples(scene, motion, instant=True)[:4])
 
 
-def _bearing_peaks(robot: Robot, t: Array, q: Array, qd: Array, qdd: Array) -> BearingPeaks:
+def _bearing_peaks(robot: Robot, springs: Springs | None, t: Array, q: Array, qd: Array, qdd: Array) -> BearingPeaks:
     """Largest loads over samples of a robot's motion."""
-    force, torque = bearing_loads(robot.recursion(q, qd, qdd), robot.model)
+    external = None if springs is None else springs.wrenches(robot, q)
+    force, torque = bearing_loads(robot.recursion(q, qd, qdd, external=external), robot.model)
     return BearingPeaks(
         joints=robot.model.moving_joints,
         force=force.max(axis=0),

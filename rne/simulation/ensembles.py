@@ -57,7 +57,7 @@ class Ensemble(InNotebooks):
     tau : ndarray, shape (S, N, n)
         Torques of the drives at these times, zero without a controller [N m or N].
     energies : ndarray, shape (S, N, k)
-        Work of the drives and losses by friction since the start, in the order of `ledger` [J].
+        Work of the drives and losses by friction and in springs since the start, in the order of `ledger` [J].
     ledger : tuple of str, length k
         Names of the energies: work of the "drives", and those of `Trajectory.dissipated`, as far as the scene
         has them.
@@ -580,7 +580,9 @@ def at_parameters_of(scene: Scene, parameters: Array) -> Scene:
     parts = scene.resolved
     robot = Robot(at_parameters(parts.robot.model, parameters), parts.robot.engine)
     contained: dict[str, Any] = dict.fromkeys(("mounting", "gravity", "payload", "locked", "armature"))
-    return replace(scene, robot=robot, friction=parts.friction, effort_limit=parts.effort_limit, **contained)
+    springs = parts.springs.each if parts.springs else None
+    kept: dict[str, Any] = {"friction": parts.friction, "effort_limit": parts.effort_limit, "springs": springs}
+    return replace(scene, robot=robot, **kept, **contained)
 
 
 Plan = BatchRun | SequentialRun

@@ -16,6 +16,7 @@ from ..model.checks import domain_error
 from ..model.friction_laws import direction, magnitude, saturating, stribeck_effect
 from ..model.model import Model, joint_array
 from ..robot import Robot
+from .springs import Springs
 
 SIZES = ("viscous", "coulomb", "viscous_back", "coulomb_back", "static", "load", "saturation", "stribeck")
 SIGNED = ("stribeck_rise", "offset")  # sizes that may be negative
@@ -292,7 +293,9 @@ class Friction:
         return with_load
 
 
-def creep(friction: Friction, robot: Robot, q: Array, qd: Array, qdd: Array, rest: Array | None) -> str:
+def creep(
+    friction: Friction, robot: Robot, q: Array, qd: Array, qdd: Array, rest: Array | None, springs: Springs | None
+) -> str:
     """How far joints crept along samples (T, n) while dry friction would have held them; empty where that is little.
 
     A robot without drives that starts at rest does so in the positions `rest`; otherwise these are None.
@@ -314,6 +317,8 @@ def creep(friction: Friction, robot: Robot, q: Array, qd: Array, qdd: Array, res
     held = caught > released
     moved = (np.abs(np.diff(q, axis=0)) * (held[1:] & held[:-1])).sum(axis=0)
     weight = None if rest is None else robot.gravity_torque(rest) + np.asarray(friction.offset)
+    if weight is not None and rest is not None and springs is not None:
+        weight = weight + springs.torque(robot, rest, 0 * rest)
     if weight is not None and (np.abs(weight) < np.where(weight > 0, back, forward)).all():
         moved = np.abs(q - rest).max(axis=0)
     units = ["rad" if robot.model.is_revolute[k] else "m" for k in robot.model.independent_joints]

@@ -83,6 +83,11 @@ class Plant:
         """True if friction can hold joints."""
         return self.dynamics.friction is not None and self.dynamics.friction.sticks
 
+    def potential_energy(self, q: Array) -> Array:
+        """Potential energy in gravity and springs, (...)."""
+        energy, springs = self.robot.potential_energy(q), self.dynamics.springs
+        return energy if springs is None else energy + springs.energy(self.robot, q)
+
     @cached_property
     def slopes(self) -> Kernel:
         """The Jacobian of the equations of motion R(t, x, a) = 0 by x, by the accelerations a and by t."""

@@ -152,8 +152,8 @@ class RunResult(NamedTuple):
             number = self.samples.held(t, SAME)
             z, work = self.samples.z[number], self.samples.work(q, number)
         robot, x0 = plant.robot, self.task.x0
-        kinetic, potential = robot.kinetic_energy(q, qd), robot.potential_energy(q)
-        start = float(robot.kinetic_energy(x0[:n], x0[n : 2 * n]) + robot.potential_energy(x0[:n]))
+        kinetic, potential = robot.kinetic_energy(q, qd), plant.potential_energy(q)
+        start = float(robot.kinetic_energy(x0[:n], x0[n : 2 * n]) + plant.potential_energy(x0[:n]))
         balance = kinetic + potential - start - work + sum(energies.values(), np.zeros(len(t)))
         jumps, qdd_before, tau_before = self._jumps(t, qdd, tau)
         found: dict[str, Any] = {"qdd": qdd, "tau": tau, "kinetic": kinetic, "potential": potential}
@@ -165,7 +165,7 @@ class RunResult(NamedTuple):
         }
         found |= {"jumps": jumps, "qdd_before": qdd_before, "tau_before": tau_before}
         rest = None if "drives" in dynamics.ledger or x0[n : 2 * n].any() else x0[:n]
-        crept = "" if dynamics.friction is None else creep(dynamics.friction, robot, q, qd, qdd, rest)
+        crept = "" if dynamics.friction is None else creep(dynamics.friction, robot, q, qd, qdd, rest, dynamics.springs)
         return found | {"message": f"{crept}; {self.ending}" if crept else self.ending}, self.failure or failure
 
     def _after_breaks(self) -> Instants:

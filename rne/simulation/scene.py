@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import weakref
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -23,6 +23,7 @@ from ..robot import Robot
 from .control_law import TracedLaw, check_law
 from .friction import Friction, urdf_friction
 from .scene_dynamics import SceneDynamics
+from .springs import JointSpring, Spring, Springs, resolved_springs
 
 LOGGER = logging.getLogger("rne")
 _announced: weakref.WeakValueDictionary[int, Any] = weakref.WeakValueDictionary()  # laws that are called, by id
@@ -81,11 +82,12 @@ class ResolvedScene:
     friction: Friction | None
     effort_limit: Array | None  # (n,), largest torque of each drive; None if none is limited [N m or N]
     torque_rate: Array | None  # (n,), largest change of a held torque per second [N m/s or N/s]
+    springs: Springs | None  # those that move
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A robot with all that a simulation models: payload, friction, limits, stops, a controller.
+    """A robot with all that a simulation models: payload, friction, springs, limits, stops, a controller.
 
     Parameters
     ----------
@@ -117,6 +119,9 @@ class Scene:
         Marked by `rne.traceable` it becomes part of the kernel if it can, otherwise it is called.
     sample_time : float, optional
         The controller is evaluated every `sample_time`, and its torque is held in between [s].
+    springs : sequence of Spring, optional
+        Springs between links or at joints. Their energy counts as potential energy; those at or between what locked
+        joints hold do nothing.
 
     Raises
     ------
@@ -145,6 +150,7 @@ class Scene:
     stops: bool = False
     controller: Any = None
     sample_time: float | None = None
+    springs: Sequence[Spring | JointSpring] | None = None
 
     __repr__ = summary
 
@@ -166,6 +172,8 @@ class Scene:
         for name in ("mounting", "gravity", "armature", "effort_limit", "torque_rate"):
             if isinstance(getattr(self, name), np.ndarray):  # the caller may change the array later
                 object.__setattr__(self, name, getattr(self, name).copy())
+        if isinstance(self.springs, list):
+            object.__setattr__(self, "springs", tuple(self.springs))
         _ = self.resolved  # raises the errors in the parts
         meant_for = getattr(self.controller, "robot", None)
         if not isinstance(meant_for, Robot):
@@ -182,7 +190,8 @@ class Scene:
         robot = self._resolved_robot()
         friction = resolved_friction(self.friction, robot)
         effort, rate = (resolved_limits(k, getattr(self, k), robot) for k in ("effort_limit", "torque_rate"))
-        return ResolvedScene(robot, friction, effort, rate)
+        springs = resolved_springs(self.springs or (), self.robot, robot)
+        return ResolvedScene(robot, friction, effort, rate, springs)
 
     def _resolved_robot(self) -> Robot:
         robot = self.robot
@@ -228,6 +237,7 @@ class Scene:
             inputs,
             states,
             tuple(kernels.typical_inertia.tolist()) if has_impulses else None,
+            springs=parts.springs,
         )
 
     @property
@@ -338,7 +348,7 @@ class Scene:
         return replace(self.dynamics, inputs=inputs, inertia=None, has_energies=False)
 
     def inverse_dynamics(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> Array:
-        """Torques of the drives for given accelerations, friction included.
+        """Torques of the drives for given accelerations, friction and springs included.
 
         Parameters
         ----------
@@ -363,11 +373,13 @@ class Scene:
         2.0
         """
         robot, friction = self.resolved.robot, self.resolved.friction
-        tau = robot.inverse_dynamics(q, qd, qdd)
-        return tau if friction is None else tau + friction.torque(robot.model, qd, tau)
+        load = robot.inverse_dynamics(q, qd, qdd)
+        if self.resolved.springs is not None:
+            load = load + self.resolved.springs.torque(robot, q, qd)
+        return load if friction is None else load + friction.torque(robot.model, qd, load)
 
     def forward_dynamics(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> Array:
-        """Accelerations under the drives' torques, friction included.
+        """Accelerations under the drives' torques, friction and springs included.
 
         Parameters
         ----------
@@ -400,6 +412,8 @@ class Scene:
         if friction is not None:
             net = net - friction.torque(robot.model, qd, np.zeros(robot.n))
             net = friction.transmitted(net, joint_array("qd", qd, robot.model)) if "load" in friction.losses else net
+        if self.resolved.springs is not None:
+            net = net - self.resolved.springs.torque(robot, q, qd)
         return robot.forward_dynamics(q, qd, net)
 
     def cost(self) -> dict[str, int | str | None]:
@@ -408,9 +422,9 @@ class Scene:
         Returns
         -------
         dict
-            "total"; for payload, friction, effort_limit, controller (where given), armature and gravity, the operations
-            saved without it; "law", whether the controller is "traced", "called" or "none". The cost of a called
-            controller is not known, nor that of a robot too large to be written out: then "total" is None.
+            "total"; for payload, friction, springs, effort_limit, controller (where given), armature and gravity, the
+            operations saved without it; "law", whether the controller is "traced", "called" or "none". The cost of a
+            called controller is not known, nor that of a robot too large to be written out: then "total" is None.
 
         Examples
         --------
@@ -427,7 +441,7 @@ class Scene:
 
         total = sum(self.kernel.operations.values())
         costs: dict[str, int | str | None] = {"total": total}
-        for part in ("payload", "friction", "effort_limit", "controller"):
+        for part in ("payload", "friction", "springs", "effort_limit", "controller"):
             if getattr(self, part) is not None:
                 needing = ("sample_time", "torque_rate", "effort_limit") if part == "controller" else ()
                 costs[part] = total - operations(**dict.fromkeys((part, *needing)))

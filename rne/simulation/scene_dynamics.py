@@ -9,9 +9,9 @@
 | sampled                      | by ZeroOrderHold; its torques are `u` | None   | "held"    |
 
 The state x is q, qd, the controller's states z, and energies since the start: the work of the drives and what viscous
-and Coulomb friction dissipate, as far as the scene has them. Energies are integrated with the motion; their errors are
-controlled loosely, so that they hold back no step that the motion does not. The work of torques that are held follows
-from the positions.
+and Coulomb friction and the damping of springs dissipate, as far as the scene has them. Energies are integrated with
+the motion; their errors are controlled loosely, so that they hold back no step that the motion does not. The work of
+torques that are held follows from the positions.
 
 While a drive is at its limit, the motion tells a solver nothing of the law, and steps grow until they jump over the
 time at which the torque leaves the limit. The error control therefore follows the law as well: the impulses of the
@@ -35,6 +35,7 @@ from ..elementwise import clip
 from ..model.model import Model
 from .control_law import TracedLaw
 from .friction import Friction
+from .springs import Springs
 
 
 @dataclass(frozen=True)
@@ -70,6 +71,7 @@ class SceneDynamics:
     states: int = 0
     inertia: tuple[float, ...] | None = None
     has_energies: bool = True
+    springs: Springs | None = None
 
     @cached_property
     def _hash(self) -> int:
@@ -84,8 +86,10 @@ class SceneDynamics:
     @cached_property
     def ledger(self) -> tuple[str, ...]:
         """Names of the energies that the scene exchanges."""
-        drives = ("drives",) if self.law is not None or self.inputs != "none" else ()
-        return drives if self.friction is None else drives + self.friction.losses
+        names = ["drives"] if self.law is not None or self.inputs != "none" else []
+        names += () if self.friction is None else self.friction.losses
+        names += ["springs"] if self.springs is not None and self.springs.dissipates else []
+        return tuple(names)
 
     @cached_property
     def energies(self) -> tuple[str, ...]:
@@ -132,9 +136,9 @@ class SceneDynamics:
         given = {name: torque for name, torque in torques.items() if torque is not None}
         return [(given[name] * qd).sum(-1, keepdims=True) for name in self.energies]
 
-    def _acting(self, t: Any, x: Array, u: Array | None) -> tuple[Array, list[Array]]:
+    def _acting(self, model: Model, t: Any, x: Array, u: Array | None) -> tuple[Array, list[Array]]:
         """Net torques, and the rates of the states behind (q, qd)."""
-        qd = x[..., self.n : 2 * self.n]
+        q, qd = x[..., : self.n], x[..., self.n : 2 * self.n]
         drives, further = self.drives(t, x, u)
         torques: dict[str, Array | None] = {"drives": drives}
         net = 0 * qd if drives is None else drives
@@ -148,12 +152,15 @@ class SceneDynamics:
         if self.friction is not None and "load" in self.ledger:
             passed = self.friction.transmitted(net, qd)
             torques["load"], net = net - passed, passed
+        if self.springs is not None:
+            torque, torques["springs"] = self.springs.torques(model, q, qd)
+            net = net - torque
         return net, [*further, *self._powers(qd, torques)]
 
     def right_hand_side_core(self, model: Model, t: Array, x: Array, u: Array | None = None) -> Any:
         """(dx/dt, pivots, diagonal of M), traced."""
         q, qd = x[..., : self.n], x[..., self.n : 2 * self.n]
-        net, further = self._acting(t, x, u)
+        net, further = self._acting(model, t, x, u)
         qdd, pivots, diagonal = self.forward.quantity.core(model, q, qd, net)
         return np.concatenate([qd, qdd, *further], axis=-1), pivots, diagonal
 
@@ -165,7 +172,7 @@ class SceneDynamics:
 
     def residual_core(self, model: Model, t: Array, x: Array, a: Array, u: Array | None = None) -> Any:
         """[M a + C qd + g - net torques, rates of the states behind (q, qd)] at accelerations a, traced."""
-        net, further = self._acting(t, x, u)
+        net, further = self._acting(model, t, x, u)
         needed = inverse_dynamics.core(model, x[..., : self.n], x[..., self.n : 2 * self.n], a)
         return np.concatenate([needed - net, *further], axis=-1)
 
@@ -183,12 +190,16 @@ class SceneDynamics:
         viscous = self.friction.viscous_torque(qd)
         offset = np.asarray(self.friction.offset)
         resisting = bias_torque.core(model, q, qd) + viscous + offset
+        torques = {"drives": drives, "viscous": viscous, "coulomb": dry, "offset": offset}
+        if self.springs is not None:
+            torque, torques["springs"] = self.springs.torques(model, q, qd)
+            resisting = resisting + torque
         net = -resisting if drives is None else drives - resisting
         M = mass_matrix.core(model, q)
         among = M * slips[..., :, None] * slips[..., None, :] + np.eye(n) * (1 - slips)[..., None]
         qdd, pivots, diagonal = solve_with_pivots(among, model.coordinate_parent, slips * (net - dry))
         loads = slips * dry + (1 - slips) * (net - rotate(M, qdd))
-        further += self._powers(qd, {"drives": drives, "viscous": viscous, "coulomb": dry, "offset": offset})
+        further += self._powers(qd, torques)
         return qdd, loads, net, further, np.diagonal(M, axis1=-2, axis2=-1), pivots, diagonal
 
     def right_hand_side_under_modes_core(self, model: Model, t: Array, x: Array, u: Array) -> Any:
@@ -213,14 +224,20 @@ class SceneDynamics:
         self, model: Model, arguments: Any, rates: Array, pivots: Array, diagonal: Array
     ) -> PrecisionStatus:
         n, t, x = self.n, arguments["t"], arguments["x"]
-        net, _ = self._acting(t, x, arguments.get("u"))
+        self._check_springs(model, x)
+        net, _ = self._acting(model, t, x, arguments.get("u"))
         state = {"q": x[..., :n], "qd": x[..., n : 2 * n], "tau": np.broadcast_to(net, x[..., :n].shape)}
         return check_accelerations(model, state, np.asarray(rates[..., n : 2 * n]), pivots, diagonal)
 
     def _check_balance(
         self, model: Model, arguments: Any, rates: Array, pivots: Array, diagonal: Array
     ) -> PrecisionStatus:
+        self._check_springs(model, arguments["x"])
         return check_singularity(model, {"q": arguments["x"][..., : self.n]}, rates, pivots, diagonal)
+
+    def _check_springs(self, model: Model, x: Array) -> None:
+        if self.springs is not None:
+            self.springs.check_ends(model, x[..., : self.n])
 
     def _declared(self, name: str, title: str, *, a: bool = False, modes: bool = False, **how: Any) -> MethodQuantity:
         """One of the functions, with the lengths of its arguments: t, x, perhaps a, and u where there are inputs."""

@@ -91,7 +91,7 @@ class Trajectory(InNotebooks):
     q, qd, qdd, tau : ndarray, shape (T, n)
         Positions, velocities, accelerations and drive torques [rad or m; rad/s or m/s; rad/s^2 or m/s^2; N m or N].
     kinetic, potential, energy, work : ndarray, shape (T,)
-        Energies, their sum, and the work the drives have done since the start [J].
+        Energies, springs included, their sum, and the work the drives have done since the start [J].
     energy_drift : float
         Largest magnitude of energy - energy at the start - work + dissipated [J]: energy created or lost by the
         solver's errors.
@@ -104,8 +104,8 @@ class Trajectory(InNotebooks):
     message : str
         Why this method, and how the run ended.
     dissipated : mapping of str to ndarray, shape (T,)
-        Energy dissipated since the start by "viscous" and "coulomb" friction and friction under "load", and the work
-        against the "offset" of drives, where the scene has them [J].
+        Energy dissipated since the start by "viscous" and "coulomb" friction, friction under "load" and the damping of
+        "springs", and the work against the "offset" of drives, where the scene has them [J].
     controller_state : ndarray, shape (T, m)
         States of the controller, such as the integral of a PID.
     energy_start : float

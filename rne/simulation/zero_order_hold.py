@@ -117,6 +117,8 @@ class ZeroOrderHold:
     def stability(self) -> str:
         """What check_gains says of the controller, for the error of a loop that diverges."""
         gains = [getattr(self.scene.controller, name, None) for name in ("kp", "kd")]
+        if self.scene.resolved.springs is not None:
+            return "springs, which rne.check_gains does not know, may need shorter sample times"
         try:
             limit = check_gains(self.scene.resolved.robot, *gains).sample_time_limit  # type: ignore[arg-type]
         except (ValueError, TypeError):

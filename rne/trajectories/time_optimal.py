@@ -12,6 +12,7 @@ they agree.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from types import SimpleNamespace
@@ -27,6 +28,7 @@ from ..robot import Robot, robot_argument
 from ..simulation.friction import Friction
 from ..simulation.limits import limit_shares, share_texts
 from ..simulation.scene import Payload, Scene
+from ..simulation.springs import JointSpring, Spring
 from .profiles import Path, ReferenceMotion, is_traced, made_by, through
 
 GRID = 100  # intervals of a piece at first
@@ -76,6 +78,11 @@ class _Limits:
     def known(self) -> dict[str, Array]:
         return self.robot.model.coordinate_limits()
 
+    def springs(self, q: Array, qd: Array) -> Array:
+        """Torques of drives against springs, (T, n)."""
+        springs = self.scene.resolved.springs
+        return np.zeros_like(q) if springs is None else springs.torque(self.robot, q, qd)
+
     def rows(self, torque: Array, acceleration: Array) -> Array:
         """Torques, accelerations and decelerations over their limits, 0 where there is none."""
         both = (acceleration / self.known[f"{name}_limit"] for name in ("acceleration", "deceleration"))
@@ -124,14 +131,17 @@ class _Piece:
         states = (np.stack(x) for x in ((q, q, q), (zero, zero, d1), (zero, d1, d2)))
         c, ac, bc = limits.robot.inverse_dynamics(*states)
         inside = self.derivatives((grid[1:] + grid[:-1]) / 2)[1]  # q' does not change its sign between grid points
-        ends = [rows(part, by) for part, by in ((ac - c, d1), (bc - c, d2), (c, zero))]
+        springs = limits.springs(q, zero)
+        ends = [rows(part, by) for part, by in ((ac - c, d1), (bc - c, d2), (c + springs, zero))]
         a, b, c = (np.stack([x[:-1], x[1:]]) for x in ends)
         nothing = np.zeros_like(inside)
         c = c + rows(limits.friction.coulomb_torque(inside) + np.asarray(limits.friction.offset), nothing)
         sign = np.sign(inside)
         along = np.concatenate([np.ones_like(sign), sign, sign], axis=1)  # accelerations in the direction of motion
         a, b = a * along, b * along
-        v = [rows(limits.friction.viscous_torque(sign * np.abs(slope)), nothing) for slope in (d1[:-1], d1[1:])]
+        damping = limits.springs(q, d1) - springs
+        sides = (d1[:-1], damping[:-1]), (d1[1:], damping[1:])
+        v = [rows(limits.friction.viscous_torque(sign * np.abs(slope)) + z, nothing) for slope, z in sides]
         with np.errstate(divide="ignore"):
             fastest = limits.known["velocity_limit"]
             largest, within = (1 / np.max((slope / fastest) ** 2, axis=1) for slope in (d1, inside))
@@ -448,7 +458,7 @@ class FastestMotion(ReferenceMotion):
 
     @property
     def scene(self) -> Scene:
-        """The robot with payload and friction that it was planned for."""
+        """The robot with payload, friction and springs that it was planned for."""
         return self._limits.scene
 
     @cached_property
@@ -561,6 +571,7 @@ def fastest(
     friction: Friction | str | None = None,
     payload: Payload | float | None = None,
     smoothing: float | None = None,
+    springs: Sequence[Spring | JointSpring] | None = None,
 ) -> FastestMotion:
     """The fastest motion along a path under the robot's limits of torques, velocities and accelerations.
 
@@ -578,6 +589,8 @@ def fastest(
     smoothing : float, optional
         The place on the path is averaged over this time, so that torques do not jump; 0 for the time-optimal motion
         itself, whose torques do. By default 10 ms, longer if the robot's jerk limits need it [s].
+    springs : sequence of Spring, optional
+        Springs that help or load the drives, as in a `Scene`.
 
     Returns
     -------
@@ -611,7 +624,7 @@ def fastest(
     >>> round(motion.duration, 3)
     0.341
     """
-    scene = Scene(robot_argument(robot), friction=friction, payload=payload)
+    scene = Scene(robot_argument(robot), friction=friction, payload=payload, springs=springs)
     if (resisting := scene.resolved.friction) is not None:
         if resisting.varying or resisting.saturation is not None:
             other = resisting.varying or "`saturation`"

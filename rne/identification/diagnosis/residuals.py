@@ -150,6 +150,11 @@ class FitResiduals(Discrepancy):
         self.torques = np.maximum(self.by_joint(b), TINY)
         self.floor = thresholds.LEAST**2 * self.torques
 
+    def load(self, q: Array, qd: Array, qdd: Array) -> Array:
+        """Torques of bodies and springs, which the gears transmit, shape (T, n)."""
+        bodies = super().load(q, qd, qdd)
+        return bodies if self.standard.springs is None else bodies + self.standard.spring_torques(q, self.x)
+
     def with_known(self, columns: Array) -> FitResiduals:
         """The residuals with more columns fitted in any case."""
         known = columns if self.known is None else np.concatenate([self.known, columns], axis=-1)
@@ -203,11 +208,13 @@ class FitResiduals(Discrepancy):
         """Squares that a fit leaves of torques where the joints are J q, with friction that is known so too."""
         bodies = self.standard.groups["bodies"].stop
         states = [(few.q @ J.T, few.qd @ J.T, few.qdd @ J.T) for few in self.thinned]
-        moved = [self.robot.regressor(*x) for x in states]
-        loads = [self.standard.load(y, x[2], self.x) for y, x in zip(moved, states, strict=True)]
-        pairs, Y = zip(states, loads, strict=True), [y @ self.base.back[:bodies] for y in moved]
-        drives = [self.standard.drive_columns(*x[1:], load) @ self.base.back[bodies:] for x, load in pairs]
-        A = self.weighted(self.reduced([y + d for y, d in zip(Y, drives, strict=True)]))
+        Y, others = [], []
+        for x in states:
+            of_bodies = self.robot.regressor(*x)
+            drives = self.standard.drive_columns(*x[1:], self.standard.load(of_bodies, x[0], x[2], self.x))
+            others.append(np.concatenate([drives, self.standard.spring_columns(x[0])], -1))
+            Y.append(of_bodies @ self.base.back[:bodies])
+        A = self.weighted(self.reduced([y + z @ self.base.back[bodies:] for y, z in zip(Y, others, strict=True)]))
         Q = np.linalg.qr(A)[0]
         if self.known is not None:
             beta = np.linalg.lstsq(A, self.weighted(tau), rcond=thresholds.INDEPENDENT)[0]

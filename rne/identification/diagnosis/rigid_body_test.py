@@ -223,9 +223,9 @@ def energy_balance(standard: StandardParameters, data: RegressionData, x: Array)
             q, qd, qdd, tau = (y[part] for y in (record.q, record.qd, record.qdd, record.tau))
             ends = np.unique(np.linspace(0, len(q) - 1, thresholds.ENERGY_PIECES + 1).astype(int))
             stored = kinetic_energy_regressor(model, q[ends], qd[ends]) + potential_energy_regressor(model, q[ends])
-            load = standard.load(regressor(model, q, qd, qdd), qdd, x) if "Fl" in standard.terms else None
-            drives = (qd * standard.drive_torques(qd, qdd, x[bodies:], load)).sum(-1)  # rotors and losses
-            powers = np.stack([(tau * qd).sum(-1) - drives, np.abs(tau * qd).sum(-1)], axis=1)
+            load = standard.load(regressor(model, q, qd, qdd), q, qdd, x) if "Fl" in standard.terms else None
+            drives = standard.drive_torques(qd, qdd, x[bodies:], load) + standard.spring_torques(q, x)
+            powers = np.stack([((tau - drives) * qd).sum(-1), np.abs(tau * qd).sum(-1)], axis=1)
             work = cumulative_trapezoid(powers, dx=1 / record.sample_rate, axis=0, initial=0)[ends]
             work[:, 0] -= stored @ x[:bodies]
             energies += (np.diff(work, axis=0) ** 2).sum(0)

@@ -274,13 +274,15 @@ def rows_of(
     """Y, tau, valid, used and sure of a record: slow joints are not used, those that are `still` do not move at all."""
     qd, qdd = record.qd * ~still, record.qdd * ~still
     bodies, first = robot.regressor(record.q, qd, qdd), standard.groups["bodies"].stop
-    load = standard.load(bodies, qdd, loaded) if "Fl" in standard.terms else None
+    load = standard.load(bodies, record.q, qdd, loaded)
     Y = np.zeros((len(record.times), robot.n, standard.count))
     for j in range(robot.n):  # one by one, to need less memory; most bodies and drives are not felt by a joint
         felt = np.flatnonzero(bodies[:, j].any(axis=0))
         places, drives = standard.drive_columns_of(j, qd, qdd, load)
         columns = np.concatenate([bodies[:, j, felt], drives], axis=1)
         Y[:, j, np.append(felt, first + places)] = record.reduce(columns)
+    if standard.springs is not None:
+        Y[..., standard.groups["springs"]] = record.reduce(standard.spring_columns(record.q))
     used = record.valid & ((record.reduce(np.abs(qd)) > minimum_velocity) | (minimum_velocity == 0))
     sure = used & rows_without(record, resting(record, minimum_velocity))
     return Y, record.reduce(record.tau), record.valid, used, sure

@@ -129,7 +129,7 @@ class Estimator(NamedTuple):
             lengths == 0, 1.0, thresholds.HELD * lengths
         )  # of the model's drives, where the motion says nothing
         factor = with_prior(factor, bodies, weights, np.maximum(standard.values[bodies:], 0))
-        bounded = np.array([not name.startswith("tau0") for name in standard.names[bodies:]], bool)
+        bounded = np.array([not name.startswith(("tau0", "c_")) for name in standard.names[bodies:]], bool)
         return consistent_fit(factor, prior, self.weight, bounded, 1 / np.where(lengths == 0, 1, lengths))
 
 
