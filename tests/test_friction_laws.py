@@ -224,6 +224,29 @@ class TestTheUrdfOfOtherPrograms:
             assert np.abs(data.qfrc_inverse - expected).max() <= same
 
 
+def test_springs_belong_to_the_load_and_to_the_scene(robot, tmp_path):
+    """Friction rises with the torque against them too; the scene found has them, and a file keeps them."""
+    spring = rne.Spring.at_joint("joint_2", 300.0, 0.5)
+    friction = rne.Friction(viscous=5.0, load=[0, 0.2, 0], smoothing=1e-4)
+    scene = rne.Scene(robot, friction=friction, springs=[spring])
+    q, qd, qdd = states(n, 20)
+    tau = scene.inverse_dynamics(q, qd, qdd)
+    np.testing.assert_allclose(scene.forward_dynamics(q, qd, tau), qdd, rtol=1e-9, atol=1e-9)
+    run = rne.simulate(scene, q[0], qd[0], 0.02, torque=tau[0])
+    np.testing.assert_allclose(run.qdd[-1], scene.forward_dynamics(run.q[-1], run.qd[-1], tau[0]), rtol=1e-8)
+    motion = truth(scene, seed=1, rate=100.0, speed=1.0)
+    options = {"drives": rne.DriveModel(rotor=True, friction="viscous+load"), "delay": 0.0, "cutoff": 10.0}
+    found = quiet(robot, Record(motion.t, motion.q, motion.tau, motion.qd), springs=[spring], **options)
+    np.testing.assert_allclose(found.friction.load, [0, 0.2, 0], atol=2e-3)
+    assert found.springs[0].stiffness == pytest.approx(300, rel=0.01)
+    expected = found.predict(q, qd, qdd)
+    assert np.abs(found.scene().inverse_dynamics(q, qd, qdd) - expected).max() <= 1e-12 * np.abs(expected).max()
+    assert found.essential(0.05).base.names[-1].endswith("spring1")
+    again = rne.Identification.load(found.save(tmp_path / "found.npz"))
+    np.testing.assert_array_equal(again.predict(q, qd, qdd), expected)
+    assert again.springs == found.springs
+
+
 def test_what_is_saved_is_loaded(found, tmp_path):
     file = found.save(tmp_path / "found.npz")
     again = rne.Identification.load(file)
@@ -285,7 +308,7 @@ def test_a_report_begins_with_a_verdict_and_is_short(found):
     poor = replace(found, unexplained=errors, consistent=False)
     assert poor.verdict == (
         "good for feed-forward, not simulation (least squares alone) of all joints but joint_2 (22 %), joint_3 (does "
-        "not move): 5 % or less of held-out torques in motion are left"
+        "not move): held-out errors in motion of 5 % or less"
     )
     none = replace(found, unexplained=errors._replace(in_motion=np.array([0.3, 0.4, 0.5])))
     assert none.verdict.startswith("not good for simulation or feed-forward: ")

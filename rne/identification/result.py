@@ -230,17 +230,15 @@ class Identification(InNotebooks):
         """
         self._check_consistent()
         viscous, asked, drives = self._of_drives("Fv"), self.standard.asked, self.standard.drives
-        return Friction(
-            viscous=viscous,
-            viscous_back=np.where(asked["Fvb"], self._of_drives("Fvb"), viscous),
-            coulomb=self._of_drives("Fc"),
-            smoothing=self._law.smoothing,
-            stribeck_rise=self._of_drives("Fs"),
-            stribeck=drives.stribeck,
-            saturation=drives.saturation,
-            load=self._of_drives("Fl"),
-            offset=self.offset,
-        )
+        sizes = {"coulomb": "Fc", "stribeck_rise": "Fs", "load": "Fl", "offset": "tau0"}
+        found: dict[str, Any] = {name: self._of_drives(symbol) for name, symbol in sizes.items()}
+        found |= {"viscous": viscous, "viscous_back": np.where(asked["Fvb"], self._of_drives("Fvb"), viscous)}
+        try:
+            return Friction(
+                smoothing=self._law.smoothing, stribeck=drives.stribeck, saturation=drives.saturation, **found
+            )
+        except ValueError as error:
+            raise IdentificationError(f"least squares gave no possible friction: {self._cure}; {error}") from None
 
     def scene(self, **parts: Any) -> Scene:
         """The robot found as a Scene, with friction and offsets of its drives, and springs: what `predict` predicts.
@@ -596,11 +594,9 @@ class Identification(InNotebooks):
             [f"{names[j]} ({f'{told[j]:.0f} %' if told[j] >= 0 else 'does not move'})" for j in np.flatnonzero(~good)]
         )
         if self.unexcited or not good.any():
-            return (
-                f"not good for simulation or feed-forward: {self.unexcited or f'of held-out torques is left {other}'}"
-            )
+            return f"not good for simulation or feed-forward: {self.unexcited or f'held-out errors in motion: {other}'}"
         which = "all joints" + (f" but {other}" if other else "")
-        return f"good for {use} of {which}: {told[good].max():.2g} % or less of held-out torques in motion are left"
+        return f"good for {use} of {which}: held-out errors in motion of {told[good].max():.2g} % or less"
 
     @cached_property
     def _essential(self) -> str:

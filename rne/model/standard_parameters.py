@@ -79,12 +79,11 @@ class DriveModel:
     def __post_init__(self) -> None:
         by_joint = self.friction if isinstance(self.friction, Mapping) else {"": self.friction}
         for words in by_joint.values():
-            if words is None:
-                continue
-            if not isinstance(words, str) or not set(words.split("+")) <= FRICTION.keys():
+            kinds = set() if words is None else set(words.split("+")) if isinstance(words, str) else {words}
+            if not kinds <= FRICTION.keys():
                 known = ", ".join(repr(word) for word in FRICTION)
                 raise ValueError(f"`friction` must be of the words {known}, joined by '+', got {words!r}")
-            if words is not None and "asymmetric" in words.split("+") and "viscous" not in words.split("+"):
+            if "asymmetric" in kinds and "viscous" not in kinds:
                 raise ValueError(f'`friction` "asymmetric" is of viscous friction, and needs "viscous", got {words!r}')
         if not all(isinstance(x, bool | np.bool_) for x in (self.rotor, self.offset)):
             raise ValueError(f"`rotor` and `offset` must be True or False, got {self.rotor!r} and {self.offset!r}")
@@ -279,26 +278,17 @@ class StandardParameters:
                 factor = self._factor(symbol, qd @ self.motors.T, qdd @ self.motors.T)
                 yield slice(place.start - first, place.stop - first), self.motors, factor
 
-    def _factor(
-        self,
-        symbol: str,
-        velocity: Array,
-        acceleration: Array,
-        saturation: ArrayLike | None = None,
-        load: Array | None = None,
-    ) -> Array:
+    def _factor(self, symbol: str, qd: Array, qdd: Array, saturation: Any = None, load: Array | None = None) -> Array:
         """Torque of a shaft per unit of a symbol."""
         if symbol == "Ia":
-            return acceleration
+            return qdd
         if symbol == "tau0":
-            return np.ones(velocity.shape)
+            return np.ones(qd.shape)
         if symbol in ("Fv", "Fvb"):
-            viscous = saturating(velocity, saturation)
-            return where(less(velocity, 0), viscous, 0.0 * viscous) if symbol == "Fvb" else viscous
+            viscous = saturating(qd, saturation)
+            return where(less(qd, 0), viscous, 0.0 * viscous) if symbol == "Fvb" else viscous
         if symbol == "Fs":
-            return stribeck_effect(velocity, np.asarray(self.drives.stribeck), self.smoothing)
-        if symbol == "Fl":
-            if load is None:
-                raise ValueError('`friction` "load" of `drives` depends on the load, which is not known here')
-            return magnitude(load) * direction(velocity, self.smoothing)
-        return direction(velocity, self.smoothing)
+            return stribeck_effect(qd, np.asarray(self.drives.stribeck), self.smoothing)
+        if symbol == "Fl" and load is None:
+            raise ValueError('`friction` "load" of `drives` depends on the load, which is not known here')
+        return direction(qd, self.smoothing) * (magnitude(load) if symbol == "Fl" else 1.0)

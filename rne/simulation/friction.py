@@ -49,8 +49,8 @@ class Friction:
         Velocity vs at which viscous friction saturates, Fv vs tanh(qd / vs), or 0 for a joint where it is Fv qd [rad/s
         or m/s].
     load : ndarray, shape (n,), or a number
-        Part of the transmitted torque that friction takes, below 1: of a torque L of inverse dynamics, rotors included,
-        it is load |L| s, s being the direction of motion, tanh(qd / smoothing).
+        Part of the transmitted torque that friction takes, below 1: of a torque L of inverse dynamics, rotors and
+        springs included, it is load |L| s, s being the direction of motion, tanh(qd / smoothing).
     offset : ndarray, shape (n,), or a number
         Constant torque that the drive must supply beside, as of a torque sensor whose zero is wrong. While a joint
         moves, Coulomb friction that differs by direction is the same as the mean of both and an offset [N m or N].
@@ -90,7 +90,9 @@ class Friction:
     offset: ArrayLike = 0.0
 
     def __repr__(self) -> str:
-        return summary(self, **{f"{name}_back": None for name in ("viscous", "coulomb") if self._same_back(name)})
+        hidden = [f"{name}_back" for name in ("viscous", "coulomb") if self._same_back(name)]
+        hidden += [name for name in ("load", *SIGNED) if not np.any(getattr(self, name))]
+        return summary(self, **dict.fromkeys(hidden))
 
     @cached_property
     def _values(self) -> tuple[object, ...]:
@@ -304,10 +306,12 @@ def creep(
     if friction.smoothing == 0 or not (forward.any() or back.any()) or len(q) < 2:
         return ""
     diagonal = np.diagonal(np.linalg.inv(robot.mass_matrix(q)), axis1=-2, axis2=-1)
-    moved_by = np.asarray(friction.load) * np.abs(robot.inverse_dynamics(q, qd, qdd)) if np.any(friction.load) else 0.0
-    resisting = friction.viscous_torque(qd) + friction.coulomb_torque(qd) + moved_by * direction(qd, friction.smoothing)
+    passed = 0 * qd
+    if np.any(friction.load):
+        passed = robot.inverse_dynamics(q, qd, qdd) + (0.0 if springs is None else springs.torque(robot, q, qd))
+    resisting = friction.torque(robot.model, qd, passed) - np.asarray(friction.offset)
     load = resisting + qdd / diagonal  # that would keep each joint from accelerating
-    rise = np.asarray(friction.stribeck_rise) + moved_by
+    rise = np.asarray(friction.stribeck_rise) + np.asarray(friction.load) * np.abs(passed)
     releases = np.abs(load) >= np.where(load < 0, back, forward) + rise
     sample = np.arange(len(q))[:, None]
     caught, released = (
