@@ -1,9 +1,9 @@
 """One state per call in a control loop: python -m benchmarks.control_loop [--quick]
 
-CPU time of a single call of inverse dynamics of the UR5, many times in a row, calls in turn; then a loop of 1 kHz that
-sleeps until each tick, and times one call behind it: how late the tick came, and how long the call took on the clock.
-The collection of garbage is off. Writes benchmarks/results/control_loop.json, the tables of docs/in-a-control-loop.md,
-with those of benchmarks.elsewhere_c as they were kept, and its picture.
+CPU time of a single call of inverse dynamics of the UR5, and of an impedance law, many times in a row, calls in turn;
+then a loop of 1 kHz that sleeps until each tick, and times one call behind it: how late the tick came, and how long the
+call took on the clock. The collection of garbage is off. Writes benchmarks/results/control_loop.json, the tables of
+docs/in-a-control-loop.md, with those of benchmarks.elsewhere_c as they were kept, and its picture.
 """
 
 from __future__ import annotations
@@ -27,6 +27,9 @@ from rne.plotting.plots import blank_figure
 
 PEER, ROBOT, KERNEL, INTO = "pin.rnea", "robot.inverse_dynamics", "kernel", "kernel.into"
 COLORS = {PEER: PINOCCHIO, f"{ROBOT}, NumPy": OURS, f"{KERNEL}, Numba": OTHER, f"{INTO}, Numba": NUMBA}
+SOFT, PEER_SOFT = "impedance law, compiled, Numba", "impedance law by Pinocchio in Python"
+PEERS = dict.fromkeys((SOFT, PEER_SOFT), PEER_SOFT)
+LINK, STIFFNESS, DAMPING = "tool0", np.array([50.0] * 3 + [800.0] * 3), np.array([5.0] * 3 + [80.0] * 3)
 PERIOD = 1e-3  # s
 TICKS, CALLS, REPEATS = 10_000, 5000, 31  # ticks of each call
 QUICK_TICKS, QUICK_CALLS, QUICK_REPEATS = 20, 50, 3
@@ -49,7 +52,8 @@ def run(quick: bool) -> Results:
         gc.enable()
     each = {name: [s / count for s in runs] for name, runs in seconds.items()}
     singles = {
-        name: {"ns": nanoseconds(runs), "pinocchio_faster": ratio(each, PEER, name)} for name, runs in each.items()
+        name: {"ns": nanoseconds(runs), "pinocchio_faster": ratio(each, PEERS.get(name, PEER), name)}
+        for name, runs in each.items()
     }
     return {"single": singles, "loop": {name: summary(values) for name, values in ticked.items()}}
 
@@ -73,9 +77,39 @@ def prepared() -> dict[str, Callable[[], Any]]:
         calls[f"{ROBOT}, {title}"] = lambda made=made: made.inverse_dynamics(q, qd, qdd)
         calls[f"{KERNEL}, {title}"] = lambda kernel=kernel: kernel(q, qd, qdd)
         calls[f"{INTO}, {title}"] = lambda kernel=kernel: kernel.into(q, qd, qdd, out)
+    if "numba" in engines():
+        calls |= impedance_laws(theirs, column, q, qd)
     for call in calls.values():
         call()
     return calls
+
+
+def impedance_laws(theirs: Pinocchio, column: Any, q: Any, qd: Any) -> dict[str, Callable[[], Any]]:
+    """One impedance law, as a kernel and by Pinocchio's functions in Python; the same torques to 1e-12."""
+    import pinocchio as pin
+
+    robot, model, data = rne.load("ur5", engine="numba"), theirs.model, theirs.data
+    pose = robot.link_poses(q + 0.3)[robot.link_names.index(LINK)]
+    law = rne.control.compiled(rne.control.impedance(robot, LINK, STIFFNESS, DAMPING, pose, axes="base"))
+    t, out, frame = np.zeros(1), np.empty(robot.n), model.getFrameId(LINK)
+    Rd, pd, axes, still = pose[:3, :3].copy(), pose[:3, 3].copy(), pin.LOCAL_WORLD_ALIGNED, np.zeros(model.nv)
+    G = np.diag(STIFFNESS[:3].sum() / 2 - STIFFNESS[:3])
+    K, D = STIFFNESS[3:], np.r_[DAMPING[3:], DAMPING[:3]]  # Pinocchio has forces first
+    place, rate = column[0], column[1]
+
+    def peer() -> Any:
+        pin.computeJointJacobians(model, data, place)
+        pin.updateFramePlacement(model, data, frame)
+        J, T = pin.getFrameJacobian(model, data, frame, axes), data.oMf[frame]
+        A = T.rotation @ (Rd.T @ G)
+        moment = (A[1, 2] - A[2, 1], A[2, 0] - A[0, 2], A[0, 1] - A[1, 0])
+        wrench = np.concatenate([-K * (T.translation - pd), moment]) - D * (J @ rate)
+        return J.T @ wrench + pin.nonLinearEffects(model, data, place, still)
+
+    ours, reference = law(t, q, qd), peer()
+    assert np.abs(ours - reference).max() <= 1e-12 * np.abs(reference).max()
+    law.into(t, q, qd, out)
+    return {PEER_SOFT: peer, SOFT: lambda: law.into(t, q, qd, out)}
 
 
 def loop(calls: dict[str, Callable[[], Any]], ticks: int) -> dict[str, list[float]]:
@@ -120,7 +154,7 @@ def tables(results: Results) -> dict[str, str]:
         for name, row in results["loop"].items()
     ]
     return {
-        "single": table(["call", "CPU time [us]", "times the speed of pin.rnea"], lines),
+        "single": table(["call", "CPU time [us]", "times the speed of Pinocchio"], lines),
         "loop": table(head, ticked),
     }
 

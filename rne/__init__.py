@@ -18,7 +18,7 @@ from .errors import (
     UrdfError,
 )
 from .model import Model, dh_chain, irb140
-from .robot import Robot
+from .robot import Robot, wrench
 
 if TYPE_CHECKING:
     from . import bounds, control, elementwise, identification, kernels, plotting, trajectories
@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from .model.standard_parameters import DriveModel
     from .plotting.viewer import view
     from .simulation.drive_report import BearingPeaks, DriveReport, bearing_peaks, drives
+    from .simulation.elastic_joints import ElasticJoints
     from .simulation.ensembles import Ensemble, ensemble
     from .simulation.friction import Friction
     from .simulation.scene import Payload, Scene
@@ -63,6 +64,7 @@ else:
             "plotting": "",
             "plotting.viewer": "view",
             "simulation.drive_report": "BearingPeaks DriveReport bearing_peaks drives",
+            "simulation.elastic_joints": "ElasticJoints",
             "simulation.ensembles": "Ensemble ensemble",
             "simulation.friction": "Friction",
             "simulation.scene": "Payload Scene",
@@ -92,6 +94,7 @@ __all__ = [
     "Consistency",
     "DriveModel",
     "DriveReport",
+    "ElasticJoints",
     "Ensemble",
     "Excitation",
     "Finding",
@@ -144,6 +147,7 @@ __all__ = [
     "traceable",
     "trajectories",
     "view",
+    "wrench",
 ]
 
 

@@ -37,7 +37,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt as interrupt:
         note(f"interrupted{f': {interrupt}' if interrupt.args else ''}")
         return 130  # as shells say it
-    except (CommandError, RneError, OSError) as error:
+    except (CommandError, RneError, OSError, ImportError) as error:
         return fail(in_one_line(error))
 
 

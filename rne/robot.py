@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -11,13 +11,14 @@ from numpy.typing import ArrayLike, DTypeLike
 
 from . import dynamics
 from . import model as models
-from .basics.arrays import real_array
-from .basics.spatial import Array
+from .basics.arrays import number_array, positive_number, real_array, whole_number
+from .basics.spatial import Array, cross, rotate_back
 from .basics.text import InNotebooks, brief_array, counted, short
 from .dynamics.kinematics import ORIGIN
 from .dynamics.precision import Diagnosis
 from .dynamics.quantity import Declared
 from .dynamics.rnea import External
+from .dynamics.task_space import BASE_AXES, LINK_AXES, ROWS, in_link_axes
 from .model.model import Model
 from .model.parameters import parameters_of, with_parameters
 from .model.standard_parameters import DriveModel, drive_argument
@@ -823,11 +824,11 @@ class Robot(InNotebooks):
         """
         return self._kernels.evaluate_quantity(dynamics.link_poses, q)
 
-    def jacobian(self, q: ArrayLike, link: str, point: ArrayLike = ORIGIN) -> Array:
+    def jacobian(self, q: ArrayLike, link: str, point: ArrayLike = ORIGIN, *, axes: str = "base") -> Array:
         """Geometric Jacobian of a point of a link, in the root's axes: angular velocity, then the point's velocity.
 
-        Wrenches that `external` takes are in the link's axes instead. Siciliano et al. 2009, (3.29), with the angular
-        rows first as in Featherstone 2008.
+        Wrenches that `external` takes are in the link's axes instead: `rne.wrench` makes them. Siciliano et al. 2009,
+        (3.29), with the angular rows first as in Featherstone 2008.
 
         Parameters
         ----------
@@ -837,16 +838,18 @@ class Robot(InNotebooks):
             One of `link_names`.
         point : array_like, shape (3,)
             In the link's frame; by default its origin [m].
+        axes : {"base", "link"}
+            Axes of the rows: the root link's or the link's own.
 
         Returns
         -------
         ndarray, shape (..., 6, n)
-            [omega; v] = J qd in the axes of the root link [1, m]. Pinocchio and Corke's toolbox have v first.
+            [omega; v] = J qd [1, m]. Pinocchio and Corke's toolbox have v first.
 
         Raises
         ------
         ValueError
-            If `q` or `point` has the wrong shape or is not finite, or there is no such link.
+            If `q` or `point` has the wrong shape or is not finite, or there is no such link or axes.
 
         Examples
         --------
@@ -855,7 +858,10 @@ class Robot(InNotebooks):
         [0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
         """
         self._model.link_index(link)
-        return self._kernels.evaluate_quantity(dynamics.jacobian, q, link=link, point=point_argument(point))
+        J = self._kernels.evaluate_quantity(dynamics.jacobian, q, link=link, point=point_argument(point))
+        if axes_argument(axes) == BASE_AXES:
+            return J
+        return in_link_axes(self.link_poses(q)[..., self._model.link_index(link), :3, :3], J)
 
     def jacobian_rate(self, q: ArrayLike, qd: ArrayLike, link: str, point: ArrayLike = ORIGIN) -> Array:
         """Time derivative of `jacobian` along the motion (q, qd).
@@ -890,6 +896,169 @@ class Robot(InNotebooks):
         """
         self._model.link_index(link)
         return self._kernels.evaluate_quantity(dynamics.jacobian_rate, q, qd, link=link, point=point_argument(point))
+
+    def task_inertia(
+        self,
+        q: ArrayLike,
+        link: str,
+        point: ArrayLike = ORIGIN,
+        rows: str | Sequence[int] | None = ROWS,
+        damping: float = 0.0,
+        axes: str = "base",
+    ) -> Array:
+        """Inertia of a point of a link, Lambda = (J M^-1 J^T)^-1: the force that accelerates it, per acceleration.
+
+        Khatib 1987: with the torques J^T (Lambda a + `task_bias`) the point has the acceleration a.
+
+        Parameters
+        ----------
+        q : array_like, shape (..., n)
+            Joint positions [rad or m].
+        link : str
+            One of `link_names`.
+        point : array_like, shape (3,)
+            In the link's frame; by default its origin [m].
+        rows : {"xyz", "rotation"} or sequence of int, optional
+            Rows of the Jacobian: the three translations, the three rotations, or by numbers 0 to 5, rotations first.
+            All six by default, which arms of fewer joints do not have.
+        damping : float
+            Added to J M^-1 J^T, in units of its diagonal: near singular poses, where no torque accelerates the point in
+            some direction, Lambda then stays below 1/damping times the inertia of each row alone.
+        axes : {"base", "link"}
+            Axes of the rows: the root link's or the link's own.
+
+        Returns
+        -------
+        ndarray, shape (..., m, m)
+            For the m rows, exactly symmetric [kg m^2, kg m or kg].
+
+        Raises
+        ------
+        SingularMassMatrixError
+            If M is singular, or the pose is and there is no damping; names the directions that are lost. A pose is
+            singular where a pivot of J M^-1 J^T is at most 8 (n + m) eps of its diagonal entry.
+        ValueError
+            If an argument has the wrong shape or is not finite, or there is no such link, row or axes.
+
+        Examples
+        --------
+        >>> import rne
+        >>> rne.load("irb140").task_inertia([0, 0, 0, 0, 1, 0], "tool0", rows="xyz").diagonal().round(1).tolist()
+        [3.2, 8.0, 7.1]
+        """
+        return self._task(dynamics.task_inertia, link, point, rows, damping, axes)(q)
+
+    def task_bias(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        link: str,
+        point: ArrayLike = ORIGIN,
+        rows: str | Sequence[int] | None = ROWS,
+        damping: float = 0.0,
+        axes: str = "base",
+    ) -> Array:
+        """Force at a point of a link that does not accelerate: gravity, Coriolis and centrifugal forces of the task.
+
+        Lambda (J M^-1 (C qd + g) - dJ/dt qd), Khatib 1987.
+
+        Parameters
+        ----------
+        q, qd : array_like, shape (..., n)
+            Joint positions and velocities [rad or m; rad/s or m/s].
+        link, point, rows, damping, axes : arguments of `task_inertia`
+            Its errors are raised as well.
+
+        Returns
+        -------
+        ndarray, shape (..., m)
+            For the m rows [N m or N].
+
+        Examples
+        --------
+        >>> import rne
+        >>> robot, q = rne.load("irb140"), [0, 0, 0, 0, 1, 0]
+        >>> robot.task_bias(q, [0] * 6, "tool0", rows="xyz").round(1).tolist()  # what its weight is at the tool
+        [-33.7, -1.4, 57.0]
+        """
+        return self._task(dynamics.task_bias, link, point, rows, damping, axes)(q, qd)
+
+    def task_inverse(
+        self,
+        q: ArrayLike,
+        link: str,
+        point: ArrayLike = ORIGIN,
+        rows: str | Sequence[int] | None = ROWS,
+        damping: float = 0.0,
+        axes: str = "base",
+    ) -> Array:
+        """Dynamically consistent inverse of a point's Jacobian, M^-1 J^T Lambda: least kinetic energy.
+
+        Khatib 1987. Torques (1 - J^T inverse^T) tau, those of the null space, do not accelerate the point.
+
+        Parameters
+        ----------
+        q : array_like, shape (..., n)
+            Joint positions [rad or m].
+        link, point, rows, damping, axes : arguments of `task_inertia`
+            Its errors are raised as well.
+
+        Returns
+        -------
+        ndarray, shape (..., n, m)
+            The joint velocities of least kinetic energy that move the point so.
+
+        Examples
+        --------
+        >>> import rne
+        >>> robot, q = rne.load("irb140"), [0, 0, 0, 0, 1, 0]
+        >>> (robot.jacobian(q, "tool0") @ robot.task_inverse(q, "tool0")).round(9).trace().item()
+        6.0
+        """
+        return self._task(dynamics.task_inverse, link, point, rows, damping, axes)(q)
+
+    def null_space(
+        self,
+        q: ArrayLike,
+        link: str,
+        point: ArrayLike = ORIGIN,
+        rows: str | Sequence[int] | None = ROWS,
+        damping: float = 0.0,
+        axes: str = "base",
+    ) -> Array:
+        """Projector of torques on those that do not accelerate a point: 1 - J^T inverse^T of `task_inverse`.
+
+        Parameters
+        ----------
+        q : array_like, shape (..., n)
+            Joint positions [rad or m].
+        link, point, rows, damping, axes : arguments of `task_inertia`
+            Its errors are raised as well.
+
+        Returns
+        -------
+        ndarray, shape (..., n, n)
+            Times torques, those of the null space.
+
+        Examples
+        --------
+        >>> import numpy as np, rne
+        >>> robot, q = rne.load("irb140"), [0, 0, 0, 0, 1, 0]
+        >>> np.linalg.matrix_rank(robot.null_space(q, "tool0", rows="xyz")).item()
+        3
+        """
+        J = self.jacobian(q, link, point, axes=axes)[..., rows_argument(rows), :]
+        inverse = self.task_inverse(q, link, point, rows=rows, damping=damping, axes=axes)
+        projector: Array = np.eye(self.n) - np.swapaxes(inverse @ J, -1, -2)
+        return projector
+
+    def _task(
+        self, function: Declared, link: str, point: ArrayLike, rows: Any, damping: float, axes: str
+    ) -> Callable[..., Array]:
+        """The kernel of a quantity of the task space, for these options."""
+        fixed: dict[str, Any] = {"link": link, "point": point_argument(point) or ORIGIN, "rows": rows_argument(rows)}
+        fixed |= {"damping": positive_number("damping", damping, zero_allowed=True), "axes": axes_argument(axes)}
+        return self.kernel(function, **fixed)
 
     def centre_of_mass(self, q: ArrayLike, *, parameters: ArrayLike | None = None) -> Array:
         """Centre of mass of the moving bodies.
@@ -1397,6 +1566,91 @@ def point_argument(point: ArrayLike) -> tuple[float, ...] | None:
     """A point of a link; None for its origin."""
     values = tuple(real_array("point", point, "(3,)").astype(float).tolist())
     return None if values == ORIGIN else values
+
+
+def rows_argument(rows: str | Sequence[int] | None) -> tuple[int, ...]:
+    """Rows of a Jacobian by their numbers."""
+    named = {"xyz": (3, 4, 5), "rotation": (0, 1, 2)}
+    if rows is None or isinstance(rows, str):
+        if rows not in (None, *named):
+            raise ValueError(f"`rows` must be 'xyz', 'rotation' or numbers from 0 to 5, got {rows!r}")
+        return ROWS if rows is None else named[rows]
+    found = tuple(whole_number("rows", row, least=0) for row in rows)
+    if not found or len(set(found)) < len(found) or max(found) > 5:
+        raise ValueError(f"`rows` must be different numbers from 0 to 5, got {list(found)}")
+    return found
+
+
+def axes_argument(axes: str) -> str:
+    """The axes of a vector of a link, or a ValueError."""
+    if axes not in (BASE_AXES, LINK_AXES):
+        raise ValueError(f"`axes` must be {BASE_AXES!r} or {LINK_AXES!r}, got {axes!r}")
+    return axes
+
+
+def wrench(
+    robot: Robot,
+    q: ArrayLike,
+    link: str,
+    force: ArrayLike | None = None,
+    moment: ArrayLike | None = None,
+    point: ArrayLike = ORIGIN,
+    axes: str = "base",
+) -> dict[str, Array]:
+    """A force at a point of a link, and a moment, as `external=` takes them: acting on the robot, in the axes given.
+
+    What the tool exerts on its surroundings is the negative of what acts on the robot: to press down with 50 N, give a
+    force of 50 N upwards.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    q : array_like, shape (..., n)
+        Joint positions, which axes "base" need [rad or m].
+    link : str
+        One of `link_names`.
+    force, moment : array_like, shape (..., 3), optional
+        On the robot [N; N m].
+    point : array_like, shape (3,)
+        Where the force acts, in the link's frame; by default its origin [m].
+    axes : {"base", "link"}
+        Axes of force and moment: the root link's, or the link's own.
+
+    Returns
+    -------
+    dict of str to ndarray, shape (..., 6)
+        By the link, [moment; force] at its origin in its own axes.
+
+    Raises
+    ------
+    ValueError
+        If neither force nor moment is given, one of the arrays has the wrong shape or is not finite, or there is no
+        such link or axes.
+
+    Examples
+    --------
+    Torques that press down with 50 N.
+
+    >>> import rne
+    >>> robot, q = rne.load("irb140"), [0, 0, 0, 0, 1, 0]
+    >>> up = rne.wrench(robot, q, "tool0", force=[0, 0, 50])
+    >>> (robot.bias_torque(q, [0] * 6, external=up) - robot.gravity_torque(q))[1:5].round(1).tolist()
+    [20.8, 20.8, 0.0, 1.8]
+    """
+    model, R = robot_argument(robot).model, robot.link_poses(q)[..., robot.model.link_index(link), :3, :3]
+    if force is None and moment is None:
+        raise ValueError("`force` or `moment` must be given")
+    R = R if axes_argument(axes) == BASE_AXES else np.broadcast_to(np.eye(3), R.shape)
+    f, m = (
+        np.zeros(3) if x is None else number_array(name, x, "(..., 3)")
+        for name, x in (("force", force), ("moment", moment))
+    )
+    for name, x in (("force", f), ("moment", m)):
+        if x.shape[-1:] != (3,):
+            raise ValueError(f"`{name}` must have shape (..., 3) for robot {model.name!r}, got {x.shape}")
+    f, m = rotate_back(R, f), rotate_back(R, m)
+    return {link: np.concatenate([m + cross(np.array(point_argument(point) or ORIGIN), f), f], axis=-1)}
 
 
 def robot_argument(robot: Any) -> Robot:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import rne
+from rne.control.traced_law import TracedLaw
 from rne.integrators import compiled_methods, runge_kutta
 from rne.integrators.step_control import Interval, Problem, Storage
 from rne.integrators.tableaus import tableau
@@ -16,7 +17,6 @@ from rne.kernels import Kernel
 from rne.kernels.program import NeedsRecursion
 from rne.kernels.python_backend import state_function
 from rne.simulation import run
-from rne.simulation.control_law import TracedLaw
 from rne.simulation.dry_friction import DryPlant
 from rne.simulation.method_choice import choose_method
 from rne.simulation.plant import Plant

@@ -387,3 +387,27 @@ def test_the_observer_knows_friction_under_load(robot):
         for f in (known, light)
     ]
     assert seen[0][50:].max() < 0.02 * seen[1][50:].max()
+
+
+def test_a_law_that_supplies_friction_under_load_follows_exactly(robot):
+    """Computed torque with the friction of the scene as feed-forward leaves the solver's error; without the load more."""
+    motion = rne.trajectories.quintic([0] * n, [1] * n, 1.0)
+    friction = rne.Friction(viscous=5, coulomb=3, load=0.15, offset=1, smoothing=0.05)
+    errors = []
+    for supplied in (friction, replace(friction, load=0)):
+        law = rne.control.computed_torque(robot, 100, 20, motion, feedforward=supplied)
+        scene = rne.Scene(robot, friction=friction, controller=law)
+        assert scene.is_traced
+        run = rne.simulate(scene, [0] * n, [0] * n, 0.5)
+        errors.append(np.abs(run.q - motion(run.t)[0]).max())
+    assert errors[0] < 1e-6
+    assert errors[1] > 1e-3
+
+
+@pytest.mark.parametrize("friction", [replace(ALL, stribeck_rise=0), rne.Friction(coulomb=3, smoothing=0, offset=2)])
+def test_drives_of_elastic_joints_have_them_too(robot, friction):
+    """No energy is created or lost, smooth or dry."""
+    scene = rne.Scene(robot, friction=friction, elastic=rne.ElasticJoints(stiffness=1e4, rotor=1.0))
+    run = rne.simulate(scene, np.zeros(n), [0.1, 0.2, 0.3], 0.1)
+    assert "offset" in run.dissipated
+    assert run.energy_drift < 1e-5

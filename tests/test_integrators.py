@@ -231,7 +231,7 @@ class Sampler:
 
     def __init__(self, system):
         self.system, self.entries, self.traced = system, 1, self
-        self.kernel = self
+        self.kernel, self.widths = self, (1, 2)
 
     def address(self):
         """Of the law, as its kernel."""

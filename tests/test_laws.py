@@ -6,7 +6,7 @@ import pytest
 import rne
 from rne.validation.agreement import euler_lagrange
 
-from .helpers import EPS, relative, states
+from .helpers import EPS, loaded, relative, states
 
 LAW = 1e-12  # of the largest entry
 STEP = 1e-30  # of the complex step: exact derivatives
@@ -306,3 +306,25 @@ def test_wrench_on_a_link_appears_as_minus_J_transposed_F(tree):
         plain = rne.dynamics.inverse_dynamics(tree, q, qd, qdd)
         got = rne.dynamics.inverse_dynamics(tree, q, qd, qdd, external={link: F})
         assert np.abs(plain - JtF - got).max() <= LAW * np.abs(plain).max()
+
+
+def test_shares_of_gravity_and_friction_ahead():
+    robot = loaded("irb140")
+    q, friction = np.full(6, 0.3), rne.Friction(viscous=2.0, coulomb=1.0)
+    led = rne.control.pd_gravity(robot, 0, 0, 0, scale=0.8)
+    np.testing.assert_allclose(led(0.0, q, 0 * q), 0.8 * robot.gravity_torque(q), atol=1e-14)
+
+    def moving(t):
+        return q + t, q, 0 * q
+
+    for make in (rne.control.pd_gravity, rne.control.computed_torque):
+        plain, ahead = (make(robot, 10, 5, moving, feedforward=f) for f in (None, friction))
+        added = ahead(0.0, q, q) - plain(0.0, q, q)
+        np.testing.assert_allclose(added, friction.torque(robot.model, q), rtol=1e-9)
+        assert rne.Scene(robot, controller=ahead).is_traced
+        with pytest.raises(TypeError, match=r"^`feedforward` must be an rne\.Friction, got float$"):
+            make(robot, 10, 5, moving, feedforward=1.0)
+        with pytest.raises(ValueError, match="`viscous`"):
+            make(robot, 10, 5, moving, feedforward=rne.Friction(viscous=[1.0, 2.0]))
+    with pytest.raises(ValueError, match="`scale` must not be negative"):
+        rne.control.pd_gravity(robot, 0, 0, 0, scale=-1)

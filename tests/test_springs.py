@@ -107,7 +107,7 @@ class TestTorques:
         names = tree.link_names
         pairs = [(a, b) for k, a in enumerate(names) for b in names[:k]]
         springs = [rne.Spring(a, rng.normal(size=3), b, rng.normal(size=3), *rng.uniform(0, 9, 3)) for a, b in pairs]
-        springs = [s for s in springs if s._is_moved(tree.model)] + [
+        springs = [s for s in springs if any(s._bodies(tree.model))] + [
             rne.Spring.at_joint(tree.model.moving_joints[-1], 3, 1)
         ]
         found = rne.Scene(tree, springs=springs).resolved.springs
@@ -289,7 +289,7 @@ class TestReports:
     def test_fastest_motion_keeps_the_limits(self, arm):
         pytest.importorskip("toppra")
         robot = arm.with_limits(effort=[250, 250, 150])
-        springs = [FEW[0], *FEW[2:], rne.Spring.at_joint("joint_1", 0, 0, damping=40)]
+        springs = [FEW[0], *FEW[2:]]
         path = [[0] * 3, [1, 0.5, 0.3]]
         motion, alone = (rne.trajectories.fastest(robot, path, springs=s) for s in (springs, None))
         shares = motion.shares()["torque"]
@@ -298,6 +298,13 @@ class TestReports:
         t = np.linspace(0, motion.duration, 9)
         assert relative(motion.torques(t), rne.Scene(robot, springs=springs).inverse_dynamics(*motion(t))) <= 1e-12
         assert rne.drives(robot, motion).torque_share.max() == pytest.approx(shares.max(), abs=2e-3)
+
+    def test_damping_is_viscous_friction_to_the_fastest_motion(self, arm):
+        pytest.importorskip("toppra")
+        robot, path = arm.with_limits(effort=[250, 250, 150]), [[0] * 3, [1, 0.5, 0.3]]
+        damped = rne.trajectories.fastest(robot, path, springs=[rne.Spring.at_joint("joint_1", 0, 0, damping=60)])
+        alike = rne.trajectories.fastest(robot, path, friction=rne.Friction(viscous=[60, 0, 0]))
+        assert damped.duration == pytest.approx(alike.duration, rel=1e-9)
 
     def test_bearings_carry_springs(self):
         """A pendulum at rest hangs on m g, and on a spring that pulls upwards along the rod besides."""

@@ -120,7 +120,7 @@ class Linear:
     """What a MethodMonitor asks of a plant: modes that may change, and the work of its methods."""
 
     is_compiled, is_conservative, sticks, sampled, counted = True, False, False, np.zeros(2), 4
-    robot, dynamics = SimpleNamespace(n=2), SimpleNamespace(states=0)
+    robot, dynamics = SimpleNamespace(n=2), SimpleNamespace(n=2, states=0)
     kernel = SimpleNamespace(operations={"multiply": 500})
     slopes = SimpleNamespace(operations={"multiply": 500}, is_unrolled=True)
     fastest = 1.0

@@ -3,7 +3,7 @@
 A new subcommand is a function in `COMMANDS`, which is the order of `rne --help`.
 """
 
-from . import moving, printing
+from . import identifying, moving, printing
 
 COMMANDS = (
     printing.add_check,
@@ -11,6 +11,7 @@ COMMANDS = (
     moving.add_simulate,
     moving.add_torques,
     moving.add_cycle,
+    identifying.add_identify,
     printing.add_source,
     printing.add_urdf,
     printing.add_report,

@@ -375,7 +375,7 @@ class SampledMotion(NamedTuple):
 def add_units(parser: argparse.ArgumentParser) -> None:
     """Add the options for the units of a CSV file."""
     parser.add_argument("--degrees", action="store_true", help="q, qd and qdd of rotating joints are in degrees")
-    unit = "unit of the column t (default: seconds; times that look like another unit are refused)"
+    unit = "unit of the times (default: seconds; another one is guessed by rne identify, else refused)"
     parser.add_argument("--time-unit", choices=("s", "ms", "us", "ns"), help=unit)
 
 

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     from ..basics.spatial import Array
 
-ROBOT = "path of a URDF file, or a name of rne.robots() such as irb140"
+ROBOT = "path of a URDF, MJCF or xacro file, or a name of rne.robots() such as irb140"
 NUMBER = re.compile(r"[+-]?\.?[0-9][0-9.eE+,-]*")
 
 
@@ -70,7 +70,7 @@ def add_robot(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("robot", metavar="ROBOT", help=ROBOT)
     parser.add_argument("--payload", metavar="KG", type=number, help="point mass at the origin of the last link [kg]")
     parser.add_argument("--payload-link", metavar="LINK", help="link that carries the payload, where robots branch")
-    gravity = "in the axes of the root link [m/s^2] (default: 0 0 -9.81)"
+    gravity = "in the axes of the root link [m/s^2] (default: of an MJCF file its own, else 0 0 -9.81)"
     parser.add_argument("--gravity", metavar="X Y Z", type=numbers, help=gravity)
     effort = "effort limits in place of the robot's, one number for all joints or one for each [N m or N]"
     parser.add_argument("--effort", metavar="TAU", type=numbers, help=effort)

@@ -1,9 +1,12 @@
 """Control laws: functions of (t, q, qd) that return joint torques; the stability of PD gains, and contacts."""
 
 from .adaptive_law import Adaptive, adaptive
+from .compiled_law import compiled
+from .gains import LinearisedLoop
 from .laws import PD, PID, ComputedTorque, Reference, computed_torque, pd, pd_gravity, pid, traceable
 from .momentum_observer import GuardedLaw, MomentumObserver, Residuals
 from .robust_laws import Robust, RobustPassive, SlidingMode, robust, robust_passive, sliding_mode
+from .task_space import Impedance, OperationalSpace, impedance, operational_space
 from .uncertainty import Cases, uncertainty_bound
 
 __all__ = [
@@ -13,14 +16,20 @@ __all__ = [
     "Cases",
     "ComputedTorque",
     "GuardedLaw",
+    "Impedance",
+    "LinearisedLoop",
     "MomentumObserver",
+    "OperationalSpace",
     "Reference",
     "Residuals",
     "Robust",
     "RobustPassive",
     "SlidingMode",
     "adaptive",
+    "compiled",
     "computed_torque",
+    "impedance",
+    "operational_space",
     "pd",
     "pd_gravity",
     "pid",

@@ -91,6 +91,53 @@ class Gains:
         )
 
 
+@dataclass(frozen=True, eq=False)
+class LinearisedLoop:
+    """Stability of a closed loop near a target, as found by `Scene.check_gains`.
+
+    It holds near the target; no theorem says how near.
+
+    Attributes
+    ----------
+    poles : ndarray of complex, shape (2 n + states,)
+        Of the loop in continuous time [1/s].
+    sample_time_limit : float
+        Smallest sample time found at which the loop with held torques is unstable; infinite if none was, 0 if it is in
+        continuous time [s].
+    sample_time : float or None
+        The scene's own [s].
+    stable : bool
+        True if the loop is stable near the target, with torques held if the scene holds them.
+    is_rest : bool
+        True if the target is an equilibrium: otherwise the motion leaves it, whatever the poles.
+
+    Examples
+    --------
+    >>> import rne
+    >>> arm = rne.load("irb140")
+    >>> loop = rne.Scene(arm, controller=rne.control.pd_gravity(arm, 50, 20, 0)).check_gains([0] * 6)
+    >>> loop.stable, loop.is_rest
+    (True, True)
+    """
+
+    poles: Array
+    sample_time_limit: float
+    sample_time: float | None
+    stable: bool
+    is_rest: bool
+
+    __repr__ = summary
+
+    def __str__(self) -> str:
+        held = "" if self.sample_time is None else f" with torques held for {self.sample_time:g} s"
+        rest = "" if self.is_rest else "\nthe target is no equilibrium: the motion leaves it"
+        return (
+            f"linearised at the target, which holds near it only: {'' if self.stable else 'NOT '}stable"
+            f"{held}\nslowest pole {self.poles.real.max():.6g} 1/s, fastest {self.poles.real.min():.6g} 1/s; "
+            f"smallest unstable sample time {self.sample_time_limit:.4g} s{rest}"
+        )
+
+
 @of_robot
 def check_gains(
     robot: Robot,

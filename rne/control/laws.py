@@ -10,10 +10,11 @@ from typing import Any, Literal, Protocol, TypeVar, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import UNBOUNDED, check_function, convert_numbers, per_joint_array
+from ..basics.arrays import UNBOUNDED, check_function, convert_numbers, per_joint_array, positive_number
 from ..basics.spatial import Array
 from ..basics.text import summary
 from ..elementwise import clip
+from ..model.model import Model
 from ..robot import Robot, robot_argument
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -65,6 +66,13 @@ def checked_vectors(
     """Read-only arrays with one number per joint, or an error that names the argument."""
     robot_argument(robot)
     return [per_joint_array(name, value, robot.n, sign=sign) for name, value in values.items()]
+
+
+class HasTorque(Protocol):
+    """What gives torques over joint velocities, such as an rne.Friction."""
+
+    def torque(self, model: Model, qd: ArrayLike, /) -> Array:
+        """Torques, shape (..., n)."""
 
 
 class Reference(Protocol):
@@ -128,14 +136,16 @@ def model_torques(robot: Robot, Y: Array, parameters: Array, qddr: Array) -> Arr
 class PD:
     """Proportional and derivative feedback, made by `pd` and `pd_gravity`.
 
-    Its attributes are their arguments, gains as arrays of shape (n,), and `gravity`: True if gravity is compensated.
+    Its attributes are their arguments, gains as arrays of shape (n,), and `gravity`: the share of the gravity torques
+    that is compensated, 0 or False for none.
     """
 
     robot: Robot
     kp: Array
     kd: Array
     reference: Array | Reference
-    gravity: bool
+    gravity: float
+    feedforward: HasTorque | None = None
     traceable = True
 
     __repr__ = summary
@@ -145,9 +155,10 @@ class PD:
         q_ref, qd_ref = self.reference, np.zeros(self.robot.n)
         if callable(self.reference):
             q_ref, qd_ref, _ = reference_values(self.robot, self.reference(t))
-        feedback = -self.kp * (q - q_ref) - self.kd * (qd - qd_ref)
-        torques: Array = self.robot.gravity_torque(q) + feedback if self.gravity else feedback
-        return torques
+        torques: Array = -self.kp * (q - q_ref) - self.kd * (qd - qd_ref)
+        if self.gravity:
+            torques = self.gravity * self.robot.gravity_torque(q) + torques
+        return torques if self.feedforward is None else torques + supplied(self, qd_ref + 0 * qd, torques)
 
 
 @of_robot
@@ -179,12 +190,22 @@ def pd(robot: Robot, kp: ArrayLike, kd: ArrayLike, reference: ArrayLike | Refere
     >>> rne.control.pd(rne.load("irb140"), 50, 20, [1] * 6)(0.0, [0] * 6, [0] * 6)[0].item()
     50.0
     """
-    return _pd(robot, kp, kd, reference, gravity=False)
+    return _pd(robot, kp, kd, reference, gravity=0.0)
 
 
 @of_robot
-def pd_gravity(robot: Robot, kp: ArrayLike, kd: ArrayLike, reference: ArrayLike | Reference) -> PD:
+def pd_gravity(
+    robot: Robot,
+    kp: ArrayLike,
+    kd: ArrayLike,
+    reference: ArrayLike | Reference,
+    *,
+    scale: float = 1.0,
+    feedforward: HasTorque | None = None,
+) -> PD:
     """PD control with gravity compensation: u = g(q) - Kp (q - q_ref) - Kd (qd - qd_ref).
+
+    With kp = 0 it is gravity compensation alone: the arm can be led by hand.
 
     Parameters
     ----------
@@ -194,6 +215,10 @@ def pd_gravity(robot: Robot, kp: ArrayLike, kd: ArrayLike, reference: ArrayLike 
         Gains of each joint, not negative [N m/rad, N m s/rad].
     reference : float or array_like, shape (n,), or callable
         Positions to hold [rad or m], or a function f(t) -> (q, qd, qdd).
+    scale : float
+        Share of the gravity torques that is supplied; on a real arm begin below 1.
+    feedforward : Friction, optional
+        Its torques at the reference's velocities are supplied, as of `Identification.friction`.
 
     Returns
     -------
@@ -203,7 +228,7 @@ def pd_gravity(robot: Robot, kp: ArrayLike, kd: ArrayLike, reference: ArrayLike 
     Raises
     ------
     ValueError
-        If an array has the wrong shape or is not finite, or a gain is negative.
+        If an array has the wrong shape or is not finite, or a gain or the scale is negative.
 
     Notes
     -----
@@ -217,15 +242,46 @@ def pd_gravity(robot: Robot, kp: ArrayLike, kd: ArrayLike, reference: ArrayLike 
     >>> np.allclose(law(0.0, [0] * 6, [0] * 6), robot.gravity_torque([0] * 6))
     True
     """
-    return _pd(robot, kp, kd, reference, gravity=True)
+    share = positive_number("scale", scale, zero_allowed=True)
+    return _pd(robot, kp, kd, reference, gravity=share, feedforward=feedforward)
 
 
-def _pd(robot: Robot, kp: ArrayLike, kd: ArrayLike, reference: Any, *, gravity: bool) -> PD:
+def _pd(
+    robot: Robot,
+    kp: ArrayLike,
+    kd: ArrayLike,
+    reference: Any,
+    *,
+    gravity: float,
+    feedforward: HasTorque | None = None,
+) -> PD:
+    check_feedforward(robot, feedforward)
     p, d = checked_vectors(robot, sign="not negative", kp=kp, kd=kd)
     if callable(reference):
         check_reference(robot, reference)
-        return PD(robot, p, d, reference, gravity)
-    return PD(robot, p, d, per_joint_array("reference", reference, robot.n), gravity)
+        return PD(robot, p, d, reference, gravity, feedforward)
+    return PD(robot, p, d, per_joint_array("reference", reference, robot.n), gravity, feedforward)
+
+
+def check_feedforward(robot: Robot, feedforward: Any) -> None:
+    """Raise an error for what gives no torques of this robot's joints."""
+    if feedforward is None:
+        return
+    if not callable(getattr(feedforward, "torque", None)):
+        raise TypeError(f"`feedforward` must be an rne.Friction, got {type(feedforward).__name__}")
+    feedforward.torque(robot.model, *np.zeros((2 if under_load(feedforward) else 1, robot.n)))
+
+
+def under_load(feedforward: Any) -> bool:
+    """True for friction that depends on the load."""
+    return "load" in getattr(feedforward, "losses", ())
+
+
+def supplied(law: Any, qd: Array, load: Array) -> Array:
+    """Torques of a law's feed-forward; friction under load is that of its other torques."""
+    loads = (load,) if under_load(law.feedforward) else ()
+    torques: Array = law.feedforward.torque(law.robot.model, qd, *loads)
+    return torques
 
 
 @dataclass(frozen=True, eq=False)
@@ -313,6 +369,7 @@ class ComputedTorque:
     kp: Array
     kd: Array
     reference: Reference
+    feedforward: HasTorque | None = None
     traceable = True
 
     __repr__ = summary
@@ -321,11 +378,14 @@ class ComputedTorque:
         """Torques [N m or N] at time t [s] for positions and velocities q, qd, shape (..., n)."""
         q_ref, qd_ref, qdd_ref = reference_values(self.robot, self.reference(t))
         commanded = qdd_ref - self.kd * (qd - qd_ref) - self.kp * (q - q_ref)
-        return self.robot.inverse_dynamics(q, qd, commanded)
+        torques = self.robot.inverse_dynamics(q, qd, commanded)
+        return torques if self.feedforward is None else torques + supplied(self, qd_ref + 0 * qd, torques)
 
 
 @of_robot
-def computed_torque(robot: Robot, kp: ArrayLike, kd: ArrayLike, reference: Reference) -> ComputedTorque:
+def computed_torque(
+    robot: Robot, kp: ArrayLike, kd: ArrayLike, reference: Reference, *, feedforward: HasTorque | None = None
+) -> ComputedTorque:
     """Tracking by inverse dynamics: u = M (qdd_ref - Kd (qd - qd_ref) - Kp (q - q_ref)) + C qd + g.
 
     Parameters
@@ -337,6 +397,8 @@ def computed_torque(robot: Robot, kp: ArrayLike, kd: ArrayLike, reference: Refer
     reference : callable
         A function f(t) -> (q, qd, qdd); `rne.trajectories` has motions from rest to rest, and
         splines through samples.
+    feedforward : Friction, optional
+        Its torques at the reference's velocities are supplied, as of `Identification.friction`.
 
     Returns
     -------
@@ -364,4 +426,5 @@ def computed_torque(robot: Robot, kp: ArrayLike, kd: ArrayLike, reference: Refer
     """
     p, d = checked_vectors(robot, sign="not negative", kp=kp, kd=kd)
     check_reference(robot, reference)
-    return ComputedTorque(robot, p, d, reference)
+    check_feedforward(robot, feedforward)
+    return ComputedTorque(robot, p, d, reference, feedforward)

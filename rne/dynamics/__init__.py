@@ -10,6 +10,7 @@ from .forward import forward_dynamics
 from .kinematics import centre_of_mass, centre_of_mass_jacobian, jacobian, jacobian_rate, link_poses
 from .precision import Diagnosis, diagnose
 from .rnea import bias_torque, coriolis_torque, gravity_torque, inverse_dynamics
+from .task_space import task_bias, task_inertia, task_inverse
 
 if TYPE_CHECKING:
     from .base_inertial_parameters import BaseParameters, base_parameters
@@ -59,4 +60,7 @@ __all__ = [
     "potential_energy_regressor",
     "recursion",
     "regressor",
+    "task_bias",
+    "task_inertia",
+    "task_inverse",
 ]

@@ -125,8 +125,8 @@ def _columns(model: Model, Jw: Array, Jv: Array, R0: Array) -> Array:
 def jacobian(model: Model, q: Array, link: str, point: tuple[float, ...] = ORIGIN) -> Array:
     """Geometric Jacobian of a point of a link: the link's angular velocity and the point's velocity per joint velocity.
 
-    Siciliano et al. 2009, (3.29), with the angular rows first as in Featherstone 2008. Parameters, result and
-    errors are those of `rne.Robot.jacobian`, with the model first.
+    Siciliano et al. 2009, (3.29), with the angular rows first as in Featherstone 2008. Parameters, result and errors
+    are those of `rne.Robot.jacobian` without `axes`, with the model first.
     """
     body, offset = point_of_body(model, link, point)
     if body < 0:

@@ -84,7 +84,7 @@ T_co = TypeVar("T_co", covariant=True)
 Check = Callable[[Model, Mapping[str, Any], Array, Array, Array], PrecisionStatus]
 
 JOINT_ARGUMENTS = ("q", "qd", "qdd", "qdr", "qddr", "tau")
-OPTIONS = ("external", "link", "point")
+OPTIONS = ("external", "link", "point", "rows", "damping", "axes")
 
 
 @dataclass(frozen=True, kw_only=True)

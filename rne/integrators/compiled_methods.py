@@ -186,14 +186,15 @@ class SampledSolver(CompiledSolver):
         """The next steps, at most so many."""
         sampler, n, m = self.sampler, self.bounds.shape[1], len(self.sampler.state)
         work, u = self._storage(max_steps), np.array(self.system.held)
-        law = self.law.address(), _arguments(2 * n + m, None), np.empty(self.law.traced.entries)
+        moving = self.law.widths[1] - m
+        law = self.law.address(), _arguments(moving + m, None), np.empty(self.law.traced.entries)
         number, z = np.array([sampler.count, 0]), np.stack([sampler.state, sampler.next_state])
         begun, U, Z = np.empty(max_steps + 1, np.int64), np.empty((max_steps + 1, n)), np.empty((max_steps + 1, m))
         problem = Problem(self.rates, _arguments(len(self.x), u), self.interval())
         taken = take_samples(law, problem, sampler.period, self.how, work, (number, self.bounds, z, begun, U, Z))
         begun = begun[: number[1]]
         if len(begun):
-            samples = work.T[begun], work.X[begun, : 2 * n], U[begun], Z[: len(begun)]
+            samples = work.T[begun], work.X[begun, :moving], U[begun], Z[: len(begun)]
             sampler.note(samples, z, self.system.evaluations + int(work.evaluations[: begun[-1]].sum()))
         if taken:
             block = self._taken(taken, work, u, U[:taken])

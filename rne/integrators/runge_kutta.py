@@ -109,16 +109,18 @@ def take_samples(law: Any, problem: Any, period: Any, how: Any, steps: Any, samp
     number, bounds, z, begun, U, Z = samples
     T, X, K, H, count, work = steps
     u, n, step, end = problem.arguments[2], len(bounds[0]), 0, problem.interval.end
+    moving = len(states) - len(z[0])  # positions and velocities
+    coordinates = moving // 2
     number[1] = 0
     while step < len(T) - 1 and T[step] < end:
         if T[step] >= number[0] * period:
             for j in range(len(z[0])):
                 z[0, j] = z[1, j]
-                states[2 * n + j] = z[0, j]
-            for i in range(len(u) - 2 * n):  # behind the outputs, 0 for a rate that is held at zero
-                X[step, n + i] *= u[n + i]
+                states[moving + j] = z[0, j]
+            for i in range(len(u) - n - coordinates):  # behind the outputs, 0 for a rate that is held at zero
+                X[step, coordinates + i] *= u[n + i]
             time[0] = T[step]
-            for i in range(2 * n):
+            for i in range(moving):
                 states[i] = X[step, i]
             if not evaluate(function, (time, states), found):
                 return step

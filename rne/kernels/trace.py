@@ -132,7 +132,7 @@ def trace(
     if quantity.velocities is not None:
         name, entries = quantity.velocities
         velocities = range(starts[name], starts[name] + widths[name])[entries]
-    pivots = model.n if judged and entry is None else 0
+    pivots = np.shape(judged[0])[-1] if judged and entry is None else 0
     return Trace(program, tuple(widths.values()), shape, velocities, pivots)
 
 

@@ -81,7 +81,8 @@ class Model:
     notes : mapping of str to str
         Where the numbers of a link or joint come from. Not compared.
     source : str or None
-        Absolute path of the URDF file it was read from, from which pictures read the visual shapes. Not compared.
+        Absolute path of the URDF or MJCF file it was read from, or the URDF text that a xacro file made, from which
+        pictures read the visual shapes. Not compared.
     given_moments : Moments or None
         For dynamics at other parameters, which may differ from state to state: taken in place of the moments of `mass`,
         `com` and `inertia`. Not compared.

@@ -14,9 +14,10 @@ from ..dynamics.energy import kinetic_energy, potential_energy
 from ..model.model import Model
 from ..robot import Robot
 from ..simulation.motion_files import numbered_joints
-from ..simulation.trajectory import Trajectory, samples_of
+from ..simulation.trajectory import Trajectory, motors_at, samples_of
 
 JOINT_ARRAYS = ("q", "qd", "qdd", "tau")
+MOTORS = ("motor_q", "motor_qd")
 POINTS = 600  # of a curve between samples, more where the solver's steps are shorter
 EXPECTED = "an rne.Trajectory or a tuple of arrays (t, q)"
 
@@ -44,6 +45,8 @@ class Motion:
         if quantity == "energy" and not self._has_model_energies:
             return motion.t, np.stack([motion.kinetic, motion.potential, motion.energy], axis=1)
         t, *values = samples_of(motion, np.linspace(motion.t[0], motion.t[-1], POINTS + 1))
+        if quantity in MOTORS:
+            return t, motors_at(motion, t)[MOTORS.index(quantity)]
         if quantity != "energy":
             return t, values[JOINT_ARRAYS.index(quantity)]
         assert motion.model is not None
@@ -52,9 +55,9 @@ class Motion:
 
     @property
     def _has_model_energies(self) -> bool:
-        """True if energies between the samples are those of the model, which knows no springs."""
+        """True if energies between the samples are those of the model, which knows no springs and rotors."""
         motion = self.trajectory
-        if motion is None or motion.model is None or not 1 < len(motion.t) <= POINTS:
+        if motion is None or motion.model is None or motion.motor_q.size or not 1 < len(motion.t) <= POINTS:
             return False
         return np.allclose(potential_energy(motion.model, motion.q), motion.potential, atol=1e-9 * motion.energy.max())
 
@@ -72,7 +75,8 @@ def motion_argument(name: str, given: Any) -> Motion:
     or not finite.
     """
     if isinstance(given, Trajectory):
-        motion = Motion(np.asarray(given.t), {key: getattr(given, key) for key in JOINT_ARRAYS}, given)
+        keys = (*JOINT_ARRAYS, *(MOTORS if given.motor_q.size else ()))
+        motion = Motion(np.asarray(given.t), {key: getattr(given, key) for key in keys}, given)
     elif isinstance(given, tuple | list) and 2 <= len(given) <= 1 + len(JOINT_ARRAYS):
         motion = arrays_argument([f"{name}[{k}]" for k in range(len(given))], given[0], given[1:])
         if not motion.samples:

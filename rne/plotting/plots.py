@@ -32,6 +32,8 @@ QUANTITIES = {  # name and unit, of rotating and of sliding joints
     "qd": (("velocity", "rad/s"), ("velocity", "m/s")),
     "qdd": (("acceleration", "rad/s²"), ("acceleration", "m/s²")),
     "tau": (("torque", "N m"), ("force", "N")),
+    "motor_q": (("motor position", "rad"), ("motor position", "m")),
+    "motor_qd": (("motor velocity", "rad/s"), ("motor velocity", "m/s")),
 }
 ENERGIES = {"energy": ("kinetic", "potential", "total"), "energy error": (HIDDEN,)}
 DEFAULT = ("q", "qd", "tau", "energy", "energy error")
@@ -76,9 +78,9 @@ def plot(
     other : Trajectory or tuple of array_like, optional
         A second motion of as many joints, drawn dashed on the same panels where it has the quantity.
     quantities : sequence of str, optional
-        Quantities to draw, from "q", "qd", "qdd", "tau", "energy" and "energy error"; by default all but "qdd" that
-        `motion` has, torques only if they are not all zero. Of a robot with rotating and sliding joints each of the
-        first four takes two panels, one for each unit.
+        Quantities to draw, from "q", "qd", "qdd", "tau", "energy" and "energy error", and with elastic joints "motor_q"
+        and "motor_qd"; by default all but "qdd" and the last two that `motion` has, torques only if they are not all
+        zero. Of a robot with rotating and sliding joints each of them but energies takes two panels, one for each unit.
     axes : matplotlib axes or sequence of them, optional
         Where to draw, one for each panel; by default a new figure with the panels below each other.
 
@@ -302,7 +304,7 @@ def torque_speed(report: DriveReport) -> Figure:
     figure = blank_figure(2.6 * columns, 2.2 * rows + 0.4)
     grid = list(figure.subplots(rows, columns, squeeze=False).flat)
     for k, (ax, joint) in enumerate(zip(grid, report.joints, strict=False)):
-        qd, tau, limit, speed = report.qd[:, k], report.tau[:, k], report.effort_limit[k], report.velocity_limit[k]
+        qd, tau, limit, speed = report.speed[:, k], report.tau[:, k], report.effort_limit[k], report.velocity_limit[k]
         ax.plot(qd, tau, linewidth=1.0, label="cycle")
         peak = int(np.abs(tau).argmax())
         ax.plot(qd[peak], tau[peak], "x", color="C3", label="peak")

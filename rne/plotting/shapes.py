@@ -1,4 +1,4 @@
-"""Visual shapes of a robot's links: cylinders and boxes of its model, or all <visual> elements of its URDF file."""
+"""Visual shapes of a robot's links: cylinders and boxes of its model, or what its URDF or MJCF file shows."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +16,7 @@ import numpy as np
 from ..basics.spatial import Array, rotate, rotation_from_rpy
 from ..model.model import Model
 from ..model.solids import Box, Cylinder
+from ..urdf.mjcf import drawn, names_of, rotation_of
 
 if TYPE_CHECKING:
     from trimesh import Trimesh
@@ -22,6 +24,9 @@ if TYPE_CHECKING:
 INSTALL = "pip install 'rne[view]'"
 NAMED = 4  # shapes named in a warning; the others are counted
 SIDES = 32  # of the prism that approximates a cylinder, a multiple of 4
+SHOWN = 3  # groups of geoms, from 0, that MuJoCo's viewer shows
+NO_COLOR = (0.5, 0.5, 0.5, 1.0)  # MuJoCo's, of geoms whose material may have one
+GEOMS = {2: "sphere", 3: "capsule", 4: "ellipsoid", 5: "cylinder", 6: "box", 7: "mesh"}  # numbers of mujoco.mjtGeom
 Color = tuple[float, ...]
 
 
@@ -66,7 +71,7 @@ class PosedRobot:
 
 
 def link_shapes(model: Model) -> list[Shape]:
-    """The visual shapes of a robot's links: those of its URDF file, or those of a model without a file.
+    """The visual shapes of a robot's links: those of its URDF or MJCF file, or those of a model without a file.
 
     They are in the links' frames, so that a robot with a payload, with joints locked or mounted otherwise keeps them.
     One UserWarning names the links whose shapes are lost and why: a mesh is not found or not readable, or yourdfpy is
@@ -75,12 +80,13 @@ def link_shapes(model: Model) -> list[Shape]:
     shapes = [_from_model(shape) for shape in model.shapes]
     if model.source is None:
         return shapes
+    is_text = model.source.startswith("<")  # of xacro
     try:
-        read, lost = _from_file(model.source, os.stat(model.source).st_mtime_ns)
+        read, lost = _from_file(model.source, 0 if is_text else os.stat(model.source).st_mtime_ns)
     except FileNotFoundError:
         lost = (f"all but cylinders and boxes: file {model.source!r} is not there any more",)
-    except ModuleNotFoundError:
-        lost = _beyond_the_model(model.source)
+    except ImportError as error:
+        lost = _beyond_the_model(model.source, error.name)
     else:
         shapes = [shape for shape in read if shape.link in model.link_names]
     if lost:
@@ -98,31 +104,74 @@ def _from_model(shape: Cylinder | Box) -> Shape:
     return Shape(shape.link, "cylinder", pose, None, shape.radius, shape.length)
 
 
-def _beyond_the_model(source: str) -> tuple[str, ...]:
-    """The shapes of a file that need yourdfpy, in words."""
+def _root(source: str) -> Any:
+    """The root element of a file, or of the URDF text that xacro made."""
     from lxml import etree
 
-    kinds = {geometry.tag for geometry in etree.parse(source).iterfind("link/visual/geometry/*")} - {"cylinder", "box"}
-    found = ", ".join(f"<{kind}>" for kind in sorted(str(kind) for kind in kinds))
-    return (f"{found} need yourdfpy, which is not installed: {INSTALL}",) if found else ()
+    return etree.fromstring(source.encode() if source.startswith("<") else Path(source).read_bytes())
+
+
+def _beyond_the_model(source: str, package: str | None) -> tuple[str, ...]:
+    """The shapes of a file that need a package, in words."""
+    root = _root(source)
+    kinds = {geometry.tag for geometry in root.iterfind("link/visual/geometry/*")} - {"cylinder", "box"}
+    found = ", ".join(f"<{kind}>" for kind in sorted(str(kind) for kind in kinds | {x.tag for x in root.iter("geom")}))
+    cure = "pip install 'rne[mjcf]'" if package == "mujoco" else INSTALL
+    return (f"{found} need {package}, which is not installed: {cure}",) if found else ()
 
 
 @lru_cache(maxsize=8)
 def _from_file(source: str, changed: int) -> tuple[tuple[Shape, ...], tuple[str, ...]]:
-    """The shapes of a URDF file as of its last change, and what is lost of it."""
+    """The shapes of a URDF or MJCF file as of its last change, and what is lost of it."""
+    if _root(source).tag == "mujoco":
+        return _from_mjcf(source)
     import yourdfpy
 
-    robot = yourdfpy.URDF.load(source, build_scene_graph=False, load_meshes=False).robot
+    is_text = source.startswith("<")
+    file, folders = (BytesIO(source.encode()), [Path(os.sep)]) if is_text else (source, Path(source).parents)
+    robot = yourdfpy.URDF.load(file, build_scene_graph=False, load_meshes=False).robot
     colors = {material.name: material.color for material in robot.materials if material.color is not None}
     shapes: list[Shape] = []
     lost: list[str] = []
     for link in robot.links:
         for visual in link.visuals:
             try:
-                shapes += _shapes_of(link.name, visual, colors, Path(source).parents)
+                shapes += _shapes_of(link.name, visual, colors, folders)
             except (ValueError, TypeError, OSError) as error:  # TypeError: yourdfpy's for an attribute that is missing
                 lost.append(f"link {link.name!r}: {error}")
     return tuple(shapes), tuple(lost)
+
+
+def _from_mjcf(file: str) -> tuple[tuple[Shape, ...], tuple[str, ...]]:
+    """The geoms of an MJCF file that MuJoCo's viewer shows; of a link with some that nothing touches, those alone."""
+    from trimesh import Trimesh
+    from trimesh.creation import icosphere
+
+    m, lost = drawn(file)
+    links, shapes = names_of(m, "body"), list[Shape]()
+    shown = [g for g in range(m.ngeom) if m.geom_group[g] < SHOWN]
+    touched = {g: bool(m.geom_contype[g] or m.geom_conaffinity[g]) for g in shown}
+    untouched = {m.geom_bodyid[g] for g in shown if not touched[g]}
+    for g in (g for g in shown if not (touched[g] and m.geom_bodyid[g] in untouched)):
+        pose, size, material, color = np.eye(4), m.geom_size[g], m.geom_matid[g], m.geom_rgba[g]
+        pose[:3, :3], pose[:3, 3] = rotation_of(m.geom_quat[g]), m.geom_pos[g]
+        color = _rgba(m.mat_rgba[material] if material >= 0 and np.allclose(color, NO_COLOR) else color)
+        kind, link = GEOMS.get(int(m.geom_type[g]), ""), links[m.geom_bodyid[g]]
+        if kind == "box":
+            shapes.append(Shape(link, kind, pose, color, size=tuple((2 * size).tolist())))
+        elif kind == "cylinder":
+            shapes.append(Shape(link, kind, pose, color, float(size[0]), float(2 * size[1])))
+        elif kind == "mesh":
+            k = m.geom_dataid[g]
+            corners = m.mesh_vert[m.mesh_vertadr[k] :][: m.mesh_vertnum[k]]
+            faces = m.mesh_face[m.mesh_faceadr[k] :][: m.mesh_facenum[k]]
+            shapes.append(Shape(link, kind, pose, color, mesh=Trimesh(corners, faces)))
+        elif kind:  # a ball, stretched
+            ball = icosphere()
+            corners = ball.vertices * (size if kind == "ellipsoid" else size[0])
+            corners[:, 2] += (kind == "capsule") * size[1] * np.sign(corners[:, 2])
+            shapes.append(Shape(link, "sphere", pose, color, mesh=Trimesh(corners, ball.faces)))
+    return tuple(shapes), tuple(f"mesh {name!r} is no file below that of the MJCF file" for name in lost)
 
 
 def _shapes_of(link: str, visual: Any, colors: dict[str, Any], folders: Sequence[Path]) -> Iterator[Shape]:

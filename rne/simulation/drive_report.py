@@ -17,7 +17,7 @@ from ..robot import Robot
 from .limits import limit_shares, share_texts
 from .scene import Scene
 from .springs import Springs
-from .trajectory import MOST_LOADS, Trajectory, between, samples_of
+from .trajectory import MOST_LOADS, Trajectory, between, motors_at, samples_of
 
 EVERY = 1e-3  # [s] between the instants of a motion that is a function of time
 MOVING = 0.01  # of a joint's largest speed, above which its drive is on duty
@@ -88,6 +88,8 @@ class DriveReport:
         [rad or m; rad/s or m/s; rad/s^2 or m/s^2; N m or N].
     gear, rotor, efficiency : ndarray, shape (n,)
         Arguments of `drives`, for each drive.
+    speed : ndarray, shape (T, n)
+        Velocities of the drives behind their gears: `qd`, or behind elastic joints the motors' [rad/s or m/s].
     work_error : float or None
         Differences of the work of all drives by these samples from the `work` of a simulated motion, summed over the
         steps from one of its samples to the next [J].
@@ -116,6 +118,7 @@ class DriveReport:
     gear: Array
     rotor: Array
     efficiency: Array
+    speed: Array
     work_error: float | None = None
     springs: Springs | None = None
 
@@ -144,7 +147,7 @@ class DriveReport:
 
     @cached_property
     def _shares(self) -> dict[str, Array]:
-        return limit_shares(self.robot.model.coordinate_limits(), self.qd, self.qdd, self.tau)
+        return limit_shares(self.robot.model.coordinate_limits(), self.speed, self.qdd, self.tau)
 
     @property
     def duration(self) -> float:
@@ -153,13 +156,13 @@ class DriveReport:
 
     @property
     def power(self) -> Array:
-        """Mechanical power of each joint, behind its gear, shape (T, n) [W]."""
-        return np.asarray(self.tau * self.qd)
+        """Mechanical power of each drive, behind its gear, shape (T, n) [W]."""
+        return np.asarray(self.tau * self.speed)
 
     @property
     def motor_speed(self) -> Array:
         """Velocity of each motor, shape (T, n) [rad/s]."""
-        return np.asarray(self.gear * self.qd)
+        return np.asarray(self.gear * self.speed)
 
     @cached_property
     def motor_torque(self) -> Array:
@@ -199,13 +202,13 @@ class DriveReport:
 
     @property
     def peak_speed(self) -> Array:
-        """Largest magnitude of each joint's velocity, shape (n,) [rad/s or m/s]."""
-        return np.asarray(np.abs(self.qd).max(0))
+        """Largest magnitude of each drive's `speed`, shape (n,) [rad/s or m/s]."""
+        return np.asarray(np.abs(self.speed).max(0))
 
     @property
     def mean_speed(self) -> Array:
-        """Mean magnitude of each joint's velocity over time, which wears its gear, shape (n,) [rad/s or m/s]."""
-        return self._mean(np.abs(self.qd))
+        """Mean magnitude of each drive's `speed` over time, which wears its gear, shape (n,) [rad/s or m/s]."""
+        return self._mean(np.abs(self.speed))
 
     @property
     def peak_power(self) -> Array:
@@ -230,7 +233,7 @@ class DriveReport:
     @property
     def gear_losses(self) -> Array:
         """Energy lost in each gear, shape (n,) [J]."""
-        return self._integral((self._gear_input - self.tau) * self.qd)
+        return self._integral((self._gear_input - self.tau) * self.speed)
 
     @property
     def rotor_energy(self) -> Array:
@@ -240,7 +243,7 @@ class DriveReport:
     @property
     def duty(self) -> Array:
         """Share of the time in which each joint moves, at more than 1 % of its largest speed, shape (n,)."""
-        return self._mean((np.abs(self.qd) > MOVING * self.peak_speed).astype(float))
+        return self._mean((np.abs(self.speed) > MOVING * self.peak_speed).astype(float))
 
     @property
     def torque_share(self) -> Array:
@@ -302,7 +305,7 @@ def drives(
         Revolutions of the motor per revolution of the joint; rad/m for joints that slide.
     rotor : float or array_like, shape (n,), optional
         Inertia of motor and gear on the motor's side, in addition to the robot's `armature`; 0 for measured torques
-        that contain it [kg m^2].
+        that contain it, and for motions with elastic joints, whose rotors are the scene's [kg m^2].
     efficiency : float or array_like, shape (n,), optional
         Efficiency of the gear, from above 0 to 1: load torque over motor torque in driving, the inverse in braking.
 
@@ -342,8 +345,12 @@ def drives(
     efficiencies = per_joint_array("efficiency", efficiency, moved.n, sign="positive")
     if (efficiencies > 1).any():
         raise ValueError(f"`efficiency` must be at most 1, got {efficiencies.max():g}")
-    error = _work_error(motion, t, (tau * qd).sum(1)) if isinstance(motion, Trajectory) else None
-    return DriveReport(moved, t, q, qd, qdd, tau, gears, rotors, efficiencies, error, scene.resolved.springs)
+    is_elastic = isinstance(motion, Trajectory) and motion.motor_q.size > 0
+    if is_elastic and rotors.any():
+        raise ValueError("`rotor` must be 0 for a motion with elastic joints: the rotors are in its torques")
+    speed = motors_at(motion, t)[1] if is_elastic else qd
+    error = _work_error(motion, t, (tau * speed).sum(1)) if isinstance(motion, Trajectory) else None
+    return DriveReport(moved, t, q, qd, qdd, tau, gears, rotors, efficiencies, speed, error, scene.resolved.springs)
 
 
 def bearing_peaks(robot: Robot | Scene, motion: Any) -> BearingPeaks:

@@ -57,11 +57,11 @@ class DryPlant(Plant):
         super().__init__(dynamics, robot, law, law_name)
         assert dynamics.friction is not None
         self.friction = friction = dynamics.friction
-        self.n = n = robot.n
+        self.n = n = dynamics.n
         self.loads_kernel = robot._kernels.scene_kernel(dynamics.loads_under_modes)
         self._loads_function = state_function(self.loads_kernel)
-        self.coulomb = np.full(n, friction.coulomb, dtype=float), np.full(n, friction.coulomb_back, dtype=float)
-        self.statics = self.coulomb if friction.static is None else (np.full(n, friction.static, dtype=float),) * 2
+        self.coulomb = self._of_drives(friction.coulomb), self._of_drives(friction.coulomb_back)
+        self.statics = self.coulomb if friction.static is None else (self._of_drives(friction.static),) * 2
         self.mode, self.has_changed = np.full(n, -2), True  # no modes yet
         self.known_modes: dict[bytes, Array] = {}  # by the bytes of `mode`
         self.frictionless = np.maximum(*self.statics) == 0  # without friction, never sticks
@@ -69,6 +69,12 @@ class DryPlant(Plant):
         self.changes, self.begun, self.at_once = 0, -np.inf, 0
         self.overloaded: list[int] = []  # joints that broke away in the event that just happened
         self.asked, self.last_margins = np.zeros((0, n)), np.zeros((0, n))
+
+    def _of_drives(self, values: Any) -> Array:
+        """Values of the drives' coordinates, zero for others."""
+        found = np.zeros(self.n)
+        found[self.dynamics.driven] = values
+        return found
 
     @property
     def _function(self) -> Any:
@@ -126,7 +132,7 @@ class DryPlant(Plant):
 
     def longest_step(self, duration: float) -> float:
         """While nothing moves, steps short enough to see loads that come and go."""
-        return np.inf if self.mode.any() else duration / STUCK_STEPS
+        return np.inf if self.mode[self.dynamics.driven].any() else duration / STUCK_STEPS
 
     def reported(self, x: Array) -> Array:
         """The state with the rates of sticking joints at zero."""

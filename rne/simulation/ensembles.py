@@ -27,9 +27,10 @@ from ..integrators.rows import STIFF, Progress
 from ..integrators.step_control import Interval
 from ..integrators.tableaus import EXPLICIT, FIXED, tableau
 from ..kernels.kernel import Kernel
-from ..model.model import Model, joint_array
+from ..model.model import Model
 from ..model.parameters import PARAMETERS, at_parameters
 from ..robot import Robot
+from .elastic_joints import ElasticJoints
 from .plant import Plant
 from .scene import Scene
 from .scene_dynamics import SceneDynamics
@@ -181,8 +182,8 @@ def ensemble(
         What moves. Without stops, friction that sticks, samples and called controllers all motions run side by side;
         with them one after another, as `rne.simulate` runs them.
     q0, qd0 : array_like, shape (N, n)
-        Initial positions and velocities [rad or m; rad/s or m/s]. If both are float32 and `step` is given, so is the
-        computation; see docs/stability.md.
+        Initial positions and velocities, of elastic joints as `rne.simulate` takes them [rad or m; rad/s or m/s]. If
+        both are float32 and `step` is given, so is the computation; see docs/stability.md.
     duration : float
         Time to simulate [s].
     rtol, atol : float
@@ -253,7 +254,7 @@ def ensemble(
     times = _times(t_eval, keep, end)
     pi = None if parameters is None else _parameters(parameters, scene, len(q))
     plan = _plan(scene, method, step, times, end, tolerances(rtol, atol), with_parameters=pi is not None)
-    further = plan.dynamics.size - 2 * scene.n if isinstance(plan, BatchRun) else 0
+    further = plan.dynamics.size - 2 * plan.dynamics.n if isinstance(plan, BatchRun) else 0
     x0 = np.concatenate([q, qd, np.zeros((len(q), further), q.dtype)], axis=1)
     starts = Chunk(x0, np.zeros((len(q), 0), q.dtype) if pi is None else pi.astype(q.dtype))
     part = run_all(plan, starts, progress, executor)
@@ -282,11 +283,12 @@ def ensemble(
 
 def _starts(scene: Scene, q0: ArrayLike, qd0: ArrayLike, *, is_fixed: bool) -> tuple[Array, Array]:
     """Initial positions and velocities, float32 only for fixed steps."""
-    model, n = scene.resolved.robot.model, scene.n
-    q, qd = (joint_array(name, real_numbers(name, x, f"(N, {n})"), model) for name, x in (("q0", q0), ("qd0", qd0)))
+    n = scene.n
+    given = [real_numbers(name, x, f"(N, {n})") for name, x in (("q0", q0), ("qd0", qd0))]
+    q, qd = scene.dynamics.start(scene.resolved.robot, *given)
     if q.ndim != 2 or q.shape != qd.shape:
         raise ValueError(f"`q0` and `qd0` must have the same shape (N, {n}), got {q.shape} and {qd.shape}")
-    dtype = np.result_type(q, qd) if is_fixed else np.float64
+    dtype = np.result_type(*given) if is_fixed else np.float64
     return q.astype(dtype), qd.astype(dtype)
 
 
@@ -341,7 +343,7 @@ def _plan(
     if max_step is None:
         intervals = _between_breaks(whole, times, law_breaks(scene.controller))
     else:
-        positions = scene.n if chosen == "semi-implicit-euler" else 0
+        positions = dynamics.n if chosen == "semi-implicit-euler" else 0
         intervals = (_in_equal_steps(whole, times, max_step)._replace(positions=positions),)
     return BatchRun(chosen, dynamics, times, intervals, with_parameters, fallback)
 
@@ -471,11 +473,11 @@ class BatchRun:
 
     def _part(self, x: Array, done: Array, evaluations: int, verdict: PrecisionStatus) -> Motions:
         """States as positions, velocities, torques and energies, with NaN where there are none."""
-        n, N, size = self.dynamics.n, x.shape[1], self.dynamics.counted
+        n, first, N, size = self.dynamics.joints, self.dynamics.n, x.shape[1], self.dynamics.counted
         t, states = np.repeat(self.times, N).astype(x.dtype), x[..., :size].reshape(len(self.times) * N, size)
         known = np.asarray(np.isfinite(states).all(axis=1))
         plant = Plant(self.dynamics, self.fallback.scene.resolved.robot)
-        q, qd, energies = x[..., :n], x[..., n : 2 * n], x[..., size:]
+        q, qd, energies = x[..., :n], x[..., first : first + n], x[..., size:]
         tau = np.where(known[:, None], 0.0, np.nan).repeat(n, axis=1).astype(x.dtype)
         if "drives" in self.dynamics.ledger:
             tau[known] = plant.drive_torques(t[known], x.reshape(len(t), -1)[known])
@@ -543,8 +545,9 @@ class SequentialRun:
         return part._replace(methods=tuple(sorted({*methods, *others.methods})), evaluations=evaluations)
 
     def _motion(self, chunk: Chunk, k: int, progress: Callable[..., Any]) -> Motions:
-        x, parameters, number, n = chunk.x[k].astype(np.float64), chunk.parameters[k], chunk.first + k, self.scene.n
+        x, parameters, number = chunk.x[k].astype(np.float64), chunk.parameters[k], chunk.first + k
         scene = self.scene if not len(parameters) else at_parameters_of(self.scene, parameters)
+        n = scene.dynamics.n
         how = self.options | {"t_eval": self.times, "progress": progress}
         try:
             motion = simulate(scene, x[:n], x[n : 2 * n], self.duration, **how)
@@ -580,6 +583,8 @@ def at_parameters_of(scene: Scene, parameters: Array) -> Scene:
     parts = scene.resolved
     robot = Robot(at_parameters(parts.robot.model, parameters), parts.robot.engine)
     contained: dict[str, Any] = dict.fromkeys(("mounting", "gravity", "payload", "locked", "armature"))
+    if parts.motor_side is not None:
+        contained["elastic"] = ElasticJoints(**parts.motor_side._asdict())
     springs = parts.springs.each if parts.springs else None
     kept: dict[str, Any] = {"friction": parts.friction, "effort_limit": parts.effort_limit, "springs": springs}
     return replace(scene, robot=robot, **kept, **contained)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,7 +18,6 @@ from ..model.checks import domain_error
 from ..model.friction_laws import direction, magnitude, saturating, stribeck_effect
 from ..model.model import Model, joint_array
 from ..robot import Robot
-from .springs import Springs
 
 SIZES = ("viscous", "coulomb", "viscous_back", "coulomb_back", "static", "load", "saturation", "stribeck")
 SIGNED = ("stribeck_rise", "offset")  # sizes that may be negative
@@ -282,35 +283,40 @@ class Friction:
         [1.0, 1.0, 1.0, 1.0, 1.0, 1.0]
         """
         self.check(model)
-        rates = joint_array("qd", qd, model)
-        total = self.viscous_torque(rates) + self.coulomb_torque(rates)
+        given = ("qd", qd), ("load", load)  # of numbers, or traced, in a law
+        rates, by = (
+            x if x is None or np.asarray(x).dtype == object else joint_array(name, x, model) for name, x in given
+        )
+        total = self.viscous_torque(np.asarray(rates)) + self.coulomb_torque(np.asarray(rates))
         if "offset" in self.losses:
             total = total + np.asarray(self.offset)
         if "load" not in self.losses:
             return total
-        if load is None:
+        if by is None:
             raise ValueError("friction under load needs `load`, the torques of inverse dynamics")
-        size = np.asarray(self.load) * magnitude(joint_array("load", load, model))
-        with_load: Array = total + size * direction(rates, self.smoothing)
+        size = np.asarray(self.load) * magnitude(by)
+        with_load: Array = total + size * direction(np.asarray(rates), self.smoothing)
         return with_load
 
 
 def creep(
-    friction: Friction, robot: Robot, q: Array, qd: Array, qdd: Array, rest: Array | None, springs: Springs | None
+    friction: Friction, robot: Robot, motion: Sequence[Array], rest: Array | None, springs: Any, rotor: Any
 ) -> str:
     """How far joints crept along samples (T, n) while dry friction would have held them; empty where that is little.
 
-    A robot without drives that starts at rest does so in the positions `rest`; otherwise these are None.
+    A robot without drives that starts at rest does so in the positions `rest`; otherwise these are None. `motion` is
+    (q, qd, qdd), behind elastic joints of the motors, with their `rotor`.
     """
+    q, qd, qdd = motion
     forward, back = np.asarray(friction.coulomb, dtype=float), np.asarray(friction.coulomb_back, dtype=float)
     if friction.smoothing == 0 or not (forward.any() or back.any()) or len(q) < 2:
         return ""
-    diagonal = np.diagonal(np.linalg.inv(robot.mass_matrix(q)), axis1=-2, axis2=-1)
-    passed = 0 * qd
+    inverse, passed = np.linalg.inv(robot.mass_matrix(q) if rotor is None else np.diag(rotor)), 0 * qd
     if np.any(friction.load):
         passed = robot.inverse_dynamics(q, qd, qdd) + (0.0 if springs is None else springs.torque(robot, q, qd))
     resisting = friction.torque(robot.model, qd, passed) - np.asarray(friction.offset)
-    load = resisting + qdd / diagonal  # that would keep each joint from accelerating
+    # Friction that would keep each joint from accelerating
+    load = resisting + qdd / np.diagonal(inverse, axis1=-2, axis2=-1)
     rise = np.asarray(friction.stribeck_rise) + np.asarray(friction.load) * np.abs(passed)
     releases = np.abs(load) >= np.where(load < 0, back, forward) + rise
     sample = np.arange(len(q))[:, None]

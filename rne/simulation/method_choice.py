@@ -13,7 +13,6 @@ from ..integrators.base import RODAS, Steps
 from ..integrators.rosenbrock import STAGES
 from ..integrators.step_control import MOST_STEPS
 from ..integrators.tableaus import EXPLICIT, tableau
-from ..robot import Robot
 from .plant import Plant
 from .zero_order_hold import ZeroOrderHold
 
@@ -103,7 +102,7 @@ class MethodMonitor:
     def _look(self, t: float, x: Array) -> None:
         pace = t - self.recent[0][0]  # time covered by the last steps
         if self.count >= TRIED and self.count * self.duration > MOST_STEPS * t:
-            where = fastest_joint(self.plant.robot, x)
+            where = fastest_joint(self.plant, x)
             text = f"{self.count} steps came to t = {t:.3g} s, {where}: the run would take more than {MOST_STEPS:g}"
             raise NotFiniteError(text, t)
         if self.plant.sampled is None and pace * SLOW < self.duration and self.count >= self.next_suspicion:
@@ -228,11 +227,12 @@ class MethodMonitor:
         return jump if np.abs(jump).max() > change / 4 else None
 
 
-def fastest_joint(robot: Robot, x: Array) -> str:
+def fastest_joint(plant: Plant, x: Array) -> str:
     """What moves fastest in a state, for messages."""
-    rates = np.abs(x[robot.n : 2 * robot.n])
+    n, names = plant.dynamics.n, plant.robot.joint_names
+    rates = np.abs(x[n : n + len(names)])
     k = int(np.argmax(rates))
-    return f"where {robot.joint_names[k]!r} moves at {rates[k]:.3g} rad/s or m/s"
+    return f"where {names[k]!r} moves at {rates[k]:.3g} rad/s or m/s"
 
 
 def choose_method(plant: Plant, x0: Array, duration: float, hold: ZeroOrderHold | None) -> tuple[str, str]:
@@ -281,7 +281,7 @@ def has_rodas5p(plant: Plant) -> bool:
 
 def work_per_step(plant: Plant, method: str) -> float:
     """Operations of a step of a compiled loop: evaluations, sums of stages, linear systems."""
-    operations, size, n = sum(plant.kernel.operations.values()), plant.counted, plant.robot.n
+    operations, size, n = sum(plant.kernel.operations.values()), plant.counted, plant.dynamics.n
     if method != RODAS:
         stages = len(tableau(method).B)
         return stages * operations + stages * (stages + 1) * size
@@ -295,7 +295,7 @@ def modes(plant: Plant, t: float, x: Array) -> Array:
 
     Those of (q, qd, z): impulses and energies are integrals, whose eigenvalues are zero.
     """
-    moving = 2 * plant.robot.n + plant.dynamics.states
+    moving = 2 * plant.dynamics.n + plant.dynamics.states
     try:
         A = plant.linearised(t, x)[:moving, :moving]
     except RneError:

@@ -24,9 +24,10 @@ from ..model.solids import Box, Cylinder
 
 FORM = "rne motion 1"
 NOT_KEPT = ("error_estimate", "run")  # fields that may hold laws
+MOTORS = ("motor_q", "motor_qd")  # which files from before there were elastic joints do not have
 SHAPES: dict[str, tuple[str, ...]] = {
     **dict.fromkeys(("t", "kinetic", "potential", "energy", "work"), ("T",)),
-    **dict.fromkeys(("q", "qd", "qdd", "tau"), ("T", "n")),
+    **dict.fromkeys(("q", "qd", "qdd", "tau", *MOTORS), ("T", "n")),
     "controller_state": ("T", "m"),
     "jumps": ("K",),
     **dict.fromkeys(("qdd_before", "tau_before"), ("K", "n")),
@@ -60,6 +61,7 @@ def write_archive(file: Path, values: dict[str, Any]) -> Path:
 def read_archive(file: Path, types: dict[str, str]) -> dict[str, Any]:
     """The fields of a Trajectory in an archive, checked; `types` names the type of each field."""
     arrays, texts = _contents(file)
+    arrays = dict.fromkeys(MOTORS, np.zeros((0, 0))) | arrays
     try:
         _check_entries(arrays, texts, types)
         dissipated = {name: arrays.pop(f"dissipated.{name}") for name in texts.pop("dissipated")}
@@ -156,7 +158,7 @@ def _check(motion: Any) -> None:
 
 def _check_array(name: str, value: Array, shape: tuple[str, ...], sizes: dict[str, int]) -> None:
     """Check an array; letters of its shape that are not among the `sizes` yet are added to them."""
-    if value.shape == (0, 0) and (shape[1] == "m" or sizes["K"] == 0):  # as where none is given
+    if value.shape == (0, 0) and (shape[1] == "m" or name in MOTORS or sizes["K"] == 0):  # as where none is given
         return
     expected = ", ".join(str(sizes.get(letter, letter)) for letter in shape)
     same = (sizes.setdefault(letter, length) == length for letter, length in zip(shape, value.shape, strict=False))

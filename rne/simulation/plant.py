@@ -11,12 +11,12 @@ import numpy as np
 
 from ..basics.arrays import real_array
 from ..basics.spatial import Array
+from ..control.traced_law import call_law
 from ..dynamics.quantity import OK, MethodQuantity, PrecisionStatus
 from ..errors import NotFiniteError
 from ..kernels.kernel import Kernel
 from ..kernels.program import NeedsRecursion
 from ..robot import Robot
-from .control_law import call_law
 from .events import Event
 from .scene_dynamics import SceneDynamics
 
@@ -83,11 +83,6 @@ class Plant:
         """True if friction can hold joints."""
         return self.dynamics.friction is not None and self.dynamics.friction.sticks
 
-    def potential_energy(self, q: Array) -> Array:
-        """Potential energy in gravity and springs, (...)."""
-        energy, springs = self.robot.potential_energy(q), self.dynamics.springs
-        return energy if springs is None else energy + springs.energy(self.robot, q)
-
     @cached_property
     def slopes(self) -> Kernel:
         """The Jacobian of the equations of motion R(t, x, a) = 0 by x, by the accelerations a and by t."""
@@ -135,7 +130,7 @@ class Plant:
         """Torques that the law returns, and the rates of its states; a NaN or a wrong shape is named with its time."""
         if self.law is None:
             return self.sampled
-        u, rates = call_law(self.law, t, x, self.robot.n)
+        u, rates = call_law(self.law, t, x, self.dynamics.law_inputs)
         if rates is None:
             return checked_torques(self.law_name, u, self.robot, t)
         slopes = checked_state_rates(rates, self.dynamics.states, t)
@@ -197,7 +192,7 @@ class Plant:
         return np.array(found).reshape(len(t), self.robot.n + self.dynamics.states)
 
     def _check_state(self, t: float, x: Array) -> None:
-        if not isfinite(sum(x.tolist())) and not np.isfinite(x[: 2 * self.robot.n]).all():
+        if not isfinite(sum(x.tolist())) and not np.isfinite(x[: 2 * self.dynamics.n]).all():
             raise NotFiniteError(f"state is not finite at t = {t:.6g} s", t)
 
     def jacobian(self, t: float, x: Array) -> Array:
@@ -221,7 +216,7 @@ class Plant:
         """
         self._check_state(t, x)
         self.evaluations += self.counted
-        t, n, size, kernels = self.within(t), self.robot.n, len(x), self.robot._kernels
+        t, n, size, kernels = self.within(t), dynamics.n, len(x), self.robot._kernels
         qdd = self.rates(t, x, self.torque(t, x))[n : 2 * n]
         u = (self.law_outputs(t, x),) if dynamics.torque_given else ()
         residual, wrt = dynamics.residual, self._wrt(dynamics)

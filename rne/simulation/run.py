@@ -89,7 +89,7 @@ class RunResult(NamedTuple):
 
     def trajectory(self) -> tuple[Trajectory, Failure | None]:
         """The motion as far as it is finite, and the failure; torques and energies later, where no law is called."""
-        n, failure, T = self.plant.robot.n, self.failure, len(self.reported.t)
+        n, N, failure, T = self.plant.robot.n, self.plant.dynamics.n, self.failure, len(self.reported.t)
         found: dict[str, Any] = {}
         if failure is not None or self.plant.law is not None:
             found, failure = self.quantities()
@@ -101,7 +101,7 @@ class RunResult(NamedTuple):
         motion = Trajectory(
             t,
             x[:, :n],
-            x[:, n : 2 * n],
+            x[:, N : N + n],
             self.plant.evaluations,
             self.method,
             -1 if failure else self.status,
@@ -142,18 +142,19 @@ class RunResult(NamedTuple):
 
     def quantities(self) -> tuple[dict[str, Any], Failure | None]:
         """Torques, accelerations and energies of the motion, and its jumps, as far as they are finite; the failure."""
-        plant, n, dynamics = self.plant, self.plant.robot.n, self.plant.dynamics
-        tau, qdd, failure = _torques_and_accelerations(plant, self._after_breaks(), self._held(self.reported.t))
-        instants = self.reported.first(len(tau))
-        t, q, qd = instants.t, instants.x[:, :n], instants.x[:, n : 2 * n]
-        energies = dict(zip(dynamics.energies, instants.x[:, dynamics.counted :].T, strict=True))
-        work, z = energies.pop("drives", np.zeros(len(t))), instants.x[:, 2 * n : 2 * n + dynamics.states]
+        plant, dynamics, n, N = self.plant, self.plant.dynamics, self.plant.robot.n, self.plant.dynamics.n
+        tau, rates, failure = _torques_and_accelerations(plant, self._after_breaks(), self._held(self.reported.t))
+        instants, qdd = self.reported.first(len(tau)), rates[:, :n]
+        t, x, driven = instants.t, instants.x, dynamics.driven
+        moved = x[:, :N][:, driven], x[:, N : 2 * N][:, driven], rates[:, driven]  # by the drives
+        energies = dict(zip(dynamics.energies, x[:, dynamics.counted :].T, strict=True))
+        work, z = energies.pop("drives", np.zeros(len(t))), x[:, 2 * N : 2 * N + dynamics.states]
         if self.samples is not None:
             number = self.samples.held(t, SAME)
-            z, work = self.samples.z[number], self.samples.work(q, number)
-        robot, x0 = plant.robot, self.task.x0
-        kinetic, potential = robot.kinetic_energy(q, qd), plant.potential_energy(q)
-        start = float(robot.kinetic_energy(x0[:n], x0[n : 2 * n]) + plant.potential_energy(x0[:n]))
+            z, work = self.samples.z[number], self.samples.work(moved[0], number, driven)
+        robot, x0, side = plant.robot, self.task.x0, dynamics.motor_side
+        kinetic, potential = dynamics.energies_of(robot, x)
+        start = float(sum(dynamics.energies_of(robot, x0)))
         balance = kinetic + potential - start - work + sum(energies.values(), np.zeros(len(t)))
         jumps, qdd_before, tau_before = self._jumps(t, qdd, tau)
         found: dict[str, Any] = {"qdd": qdd, "tau": tau, "kinetic": kinetic, "potential": potential}
@@ -163,9 +164,11 @@ class RunResult(NamedTuple):
             "controller_state": z,
             "scene": repr(self.scene),
         }
+        found |= dict(zip(("motor_q", "motor_qd"), moved if side else 2 * (np.zeros((0, 0)),), strict=False))
         found |= {"jumps": jumps, "qdd_before": qdd_before, "tau_before": tau_before}
-        rest = None if "drives" in dynamics.ledger or x0[n : 2 * n].any() else x0[:n]
-        crept = "" if dynamics.friction is None else creep(dynamics.friction, robot, q, qd, qdd, rest, dynamics.springs)
+        rest = None if side or "drives" in dynamics.ledger or x0[N : 2 * N].any() else x0[:N]
+        how = rest, dynamics.springs, side.rotor if side else None
+        crept = "" if dynamics.friction is None else creep(dynamics.friction, robot, moved, *how)
         return found | {"message": f"{crept}; {self.ending}" if crept else self.ending}, self.failure or failure
 
     def _after_breaks(self) -> Instants:
@@ -192,6 +195,7 @@ class RunResult(NamedTuple):
         if before is None or not len(before.t) or not len(t):
             return np.zeros(0), none, none
         tau_before, qdd_before, _ = _torques_and_accelerations(self.plant, before, self._held(before.t, 0.0))
+        qdd_before = qdd_before[:, : qdd.shape[1]]
         place = np.searchsorted(t, before.t[: len(tau_before)], side="right")
         is_reported = place < len(t)
         place, tau_before, qdd_before = place[is_reported], tau_before[is_reported], qdd_before[is_reported]
@@ -205,9 +209,9 @@ def _torques_and_accelerations(
     plant: Plant, instants: Instants, u: Array | None
 ) -> tuple[Array, Array, Failure | None]:
     """Torques and accelerations of every instant up to the first that is not finite or where M is singular."""
-    (t, x, modes), n = instants, plant.robot.n
+    (t, x, modes), n = instants, plant.dynamics.n
     if not len(t):
-        return np.zeros((0, n)), np.zeros((0, n)), None
+        return np.zeros((0, plant.robot.n)), np.zeros((0, n)), None
     try:
         u = plant.torques_at(t, x) if u is None else u
         qdd = plant.all_rates(t, x, with_modes(u, modes))[:, n : 2 * n]
@@ -361,7 +365,7 @@ class Run:
 
     def _diverged(self, hold: ZeroOrderHold) -> NotFiniteError:
         """The error of a sampled loop that diverges, whose steps become ever shorter."""
-        where = fastest_joint(self.plant.robot, self.x)
+        where = fastest_joint(self.plant, self.x)
         return NotFiniteError(
             f"more than {MAX_EVALUATIONS} evaluations within one sample at t = {self.t:.6g} s, {where}: the sampled "
             f"loop is unstable; {hold.stability()}",
@@ -456,7 +460,7 @@ def _solver(plant: Plant, task: Task, method: str, hold: ZeroOrderHold | None) -
     """A method's loop in machine code where there is one, or SciPy's solver."""
     options = IntegrationOptions(method, task.rtol, task.atol, task.t_eval)
     if method == RODAS:
-        return RosenbrockSolver(options, plant, plant.slopes, plant.robot.n)
+        return RosenbrockSolver(options, plant, plant.slopes, plant.dynamics.n)
     if method not in EXPLICIT or not plant.is_compiled:
         keeps: Keeps = () if task.t_eval is None else task.t_eval.tolist()
         if plant.sticks or task.stops or plant.law is not None:  # that looks inside each step

@@ -13,16 +13,18 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import UNBOUNDED, positive_number, vector
+from ..basics.arrays import UNBOUNDED, per_joint_array, positive_number, vector
 from ..basics.spatial import Array
 from ..basics.text import listed, summary
+from ..control.gains import LinearisedLoop
+from ..control.traced_law import TracedLaw, check_law
 from ..kernels.kernel import Kernel
 from ..model.model import joint_array
 from ..model.modify import LimitValues, limit_array
 from ..robot import Robot
-from .control_law import TracedLaw, check_law
+from .elastic_joints import ElasticDynamics, ElasticJoints, part_at_joints
 from .friction import Friction, urdf_friction
-from .scene_dynamics import SceneDynamics
+from .scene_dynamics import MotorSide, SceneDynamics
 from .springs import JointSpring, Spring, Springs, resolved_springs
 
 LOGGER = logging.getLogger("rne")
@@ -82,6 +84,7 @@ class ResolvedScene:
     friction: Friction | None
     effort_limit: Array | None  # (n,), largest torque of each drive; None if none is limited [N m or N]
     torque_rate: Array | None  # (n,), largest change of a held torque per second [N m/s or N/s]
+    motor_side: MotorSide | None  # of elastic joints, whose robot has no rotors
     springs: Springs | None  # those that move
 
 
@@ -119,6 +122,8 @@ class Scene:
         Marked by `rne.traceable` it becomes part of the kernel if it can, otherwise it is called.
     sample_time : float, optional
         The controller is evaluated every `sample_time`, and its torque is held in between [s].
+    elastic : ElasticJoints, optional
+        Joints that yield between motor and link.
     springs : sequence of Spring, optional
         Springs between links or at joints. Their energy counts as potential energy; those at or between what locked
         joints hold do nothing.
@@ -150,6 +155,7 @@ class Scene:
     stops: bool = False
     controller: Any = None
     sample_time: float | None = None
+    elastic: ElasticJoints | None = None
     springs: Sequence[Spring | JointSpring] | None = None
 
     __repr__ = summary
@@ -159,6 +165,8 @@ class Scene:
             raise TypeError(f"`robot` must be an rne.Robot, got {type(self.robot).__name__}")
         if not isinstance(self.stops, bool | np.bool_):
             raise TypeError(f"`stops` must be True or False, got {type(self.stops).__name__}")
+        if not isinstance(self.elastic, ElasticJoints | None):
+            raise TypeError(f"`elastic` must be an rne.ElasticJoints, got {type(self.elastic).__name__}")
         if self.controller is not None:
             check_law("controller", self.controller)
         if self.sample_time is not None:
@@ -187,11 +195,13 @@ class Scene:
     @cached_property
     def resolved(self) -> ResolvedScene:
         """The scene in numbers."""
-        robot = self._resolved_robot()
+        robot, motor_side = self._resolved_robot(), None
+        if self.elastic is not None:
+            robot, motor_side = part_at_joints(robot, self.elastic)
         friction = resolved_friction(self.friction, robot)
         effort, rate = (resolved_limits(k, getattr(self, k), robot) for k in ("effort_limit", "torque_rate"))
         springs = resolved_springs(self.springs or (), self.robot, robot)
-        return ResolvedScene(robot, friction, effort, rate, springs)
+        return ResolvedScene(robot, friction, effort, rate, motor_side, springs)
 
     def _resolved_robot(self) -> Robot:
         robot = self.robot
@@ -227,23 +237,25 @@ class Scene:
     def _dynamics(self, inputs: str, law: TracedLaw | None = None) -> SceneDynamics:
         parts, is_held, kernels = self.resolved, self.sample_time is not None, self.resolved.robot._kernels
         limit, states = parts.effort_limit, 0 if is_held else int(getattr(self.controller, "states", 0))
-        has_impulses = limit is not None and self.controller is not None and not is_held
-        return SceneDynamics(
-            parts.robot.n,
+        has_impulses, side = limit is not None and self.controller is not None and not is_held, parts.motor_side
+        inertia = kernels.typical_inertia.tolist() if side is None else side.rotor
+        return (SceneDynamics if side is None else ElasticDynamics)(
+            parts.robot.n * (1 if side is None else 2),
             kernels.forward_method(),
             parts.friction,
             None if limit is None else tuple(limit.tolist()),
             law,
             inputs,
             states,
-            tuple(kernels.typical_inertia.tolist()) if has_impulses else None,
+            tuple(inertia) if has_impulses else None,
+            motor_side=side,
             springs=parts.springs,
         )
 
     @property
     def _law(self) -> TracedLaw:
         """The controller as it is now."""
-        law = TracedLaw(self.controller, self.n)
+        law = TracedLaw(self.controller, self.n, self._dynamics_without_law.law_inputs)
         before: TracedLaw | None = self.__dict__.get("_law_before")
         if before == law:
             return before
@@ -305,7 +317,8 @@ class Scene:
         Returns
         -------
         casadi.Function
-            Of t and x = (q, qd, the law's states), of torques u where there is no controller, and of `parameters`. It
+            Of t and x = (q, qd, the law's states), with elastic joints (q, motor_q, qd, motor_qd, ...), of torques u
+            where there is no controller, and of `parameters`. It
             gives dx, the rate of x, and tau, the drives' torques within their limits. With `steps` it has h as last
             argument and gives x_next in place of dx, u being held. It checks nothing.
 
@@ -372,6 +385,7 @@ class Scene:
         >>> scene.inverse_dynamics([0] * 6, [0, 0, 0, 0, 0, 1], [0] * 6).round(9)[5].item()
         2.0
         """
+        self._refuse_elastic("inverse_dynamics", "torques of drives also depend on how accelerations change")
         robot, friction = self.resolved.robot, self.resolved.friction
         load = robot.inverse_dynamics(q, qd, qdd)
         if self.resolved.springs is not None:
@@ -407,6 +421,7 @@ class Scene:
         >>> scene.forward_dynamics([0] * 6, [1] * 6, tau).round(9).tolist()
         [3.0, 3.0, 3.0, 3.0, 3.0, 3.0]
         """
+        self._refuse_elastic("forward_dynamics", "accelerations follow from the torsion, not from the drives' torques")
         robot, friction = self.resolved.robot, self.resolved.friction
         net = joint_array("tau", tau, robot.model)
         if friction is not None:
@@ -415,6 +430,48 @@ class Scene:
         if self.resolved.springs is not None:
             net = net - self.resolved.springs.torque(robot, q, qd)
         return robot.forward_dynamics(q, qd, net)
+
+    def _refuse_elastic(self, name: str, why: str) -> None:
+        if self.elastic is not None:
+            raise ValueError(f"`{name}` is not for elastic joints: {why}; use scene.resolved.robot for the links alone")
+
+    def check_gains(self, q: ArrayLike) -> LinearisedLoop:
+        """Stability of the closed loop near a target, for any controller: linearised there.
+
+        PD gains over the whole workspace are `rne.check_gains`.
+
+        Parameters
+        ----------
+        q : array_like, shape (n,)
+            The target, at which the scene is at rest [rad or m].
+
+        Returns
+        -------
+        LinearisedLoop
+            Poles, the smallest unstable sample time that was found, and whether the target is an equilibrium.
+
+        Raises
+        ------
+        ValueError
+            If there is no controller, joints are elastic, friction sticks, or `q` has the wrong shape or is not finite.
+
+        Examples
+        --------
+        >>> import numpy as np, rne
+        >>> arm, q = rne.load("irb140"), np.array([0, 0, 0, 0, 1.0, 0])
+        >>> law = rne.control.impedance(arm, "tool0", [50] * 3 + [1000] * 3, [5] * 3 + [80] * 3, arm.link_poses(q)[-1])
+        >>> rne.Scene(arm, controller=law, sample_time=1e-3).check_gains(q).stable
+        False
+        """
+        from .linearised_loop import linearised_loop
+
+        target, friction = per_joint_array("q", q, self.n), self.resolved.friction
+        self._refuse_elastic("check_gains", "the motors move as well")
+        if self.controller is None:
+            raise ValueError("`controller` of the scene must be given")
+        if friction is not None and friction.sticks:
+            raise ValueError("dry `friction` holds the joints at the target: give it a `smoothing` above 0")
+        return linearised_loop(self, target)
 
     def cost(self) -> dict[str, int | str | None]:
         """Operations per call of the right-hand side, and what each part adds to them.

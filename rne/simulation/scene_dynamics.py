@@ -8,9 +8,9 @@
 |                              | and the rates of its states           |        |           |
 | sampled                      | by ZeroOrderHold; its torques are `u` | None   | "held"    |
 
-The state x is q, qd, the controller's states z, and energies since the start: the work of the drives and what viscous
-and Coulomb friction and the damping of springs dissipate, as far as the scene has them. Energies are integrated with
-the motion; their errors are controlled loosely, so that they hold back no step that the motion does not. The work of
+The state x is q, qd (`elastic_joints` has more), the controller's states z, and energies since the start: the work of
+the drives and what friction and damping dissipate, as far as the scene has them. Energies are integrated with the
+motion; their errors are controlled loosely, so that they hold back no step that the motion does not. The work of
 torques that are held follows from the positions.
 
 While a drive is at its limit, the motion tells a solver nothing of the law, and steps grow until they jump over the
@@ -22,20 +22,31 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..basics.spatial import Array, rotate
+from ..control.traced_law import LawInputs, TracedLaw
 from ..dynamics.crba import mass_matrix, solve_with_pivots
 from ..dynamics.precision import check_accelerations, check_singularity
 from ..dynamics.quantity import Declared, MethodQuantity, PrecisionStatus, Quantity
 from ..dynamics.rnea import bias_torque, inverse_dynamics
 from ..elementwise import clip
-from ..model.model import Model
-from .control_law import TracedLaw
+from ..model.model import Model, joint_array
+from ..robot import Robot
 from .friction import Friction
 from .springs import Springs
+
+
+class MotorSide(NamedTuple):
+    """What is behind elastic joints, one number per joint, and what laws read."""
+
+    stiffness: tuple[float, ...]
+    damping: tuple[float, ...]
+    rotor: tuple[float, ...]
+    reads: str
 
 
 @dataclass(frozen=True)
@@ -45,7 +56,7 @@ class SceneDynamics:
     Attributes
     ----------
     n : int
-        Number of joint coordinates.
+        Number of coordinates.
     forward : Declared
         The function for accelerations under net torques.
     friction : Friction or None
@@ -60,6 +71,8 @@ class SceneDynamics:
         Constant inertia that makes rates of impulses; None if the state has no impulses [kg m^2 or kg].
     has_energies : bool
         False without the energies as states.
+    motor_side : MotorSide or None
+        What is behind elastic joints.
     """
 
     n: int
@@ -71,6 +84,7 @@ class SceneDynamics:
     states: int = 0
     inertia: tuple[float, ...] | None = None
     has_energies: bool = True
+    motor_side: MotorSide | None = None
     springs: Springs | None = None
 
     @cached_property
@@ -89,6 +103,7 @@ class SceneDynamics:
         names = ["drives"] if self.law is not None or self.inputs != "none" else []
         names += () if self.friction is None else self.friction.losses
         names += ["springs"] if self.springs is not None and self.springs.dissipates else []
+        names += ["joint_damping"] if self.motor_side is not None and any(self.motor_side.damping) else []
         return tuple(names)
 
     @cached_property
@@ -100,12 +115,28 @@ class SceneDynamics:
     @cached_property
     def counted(self) -> int:
         """Length of the state without the energies: the entries whose errors are controlled."""
-        return 2 * self.n + self.states + (self.n if self.inertia else 0)
+        return 2 * self.n + self.states + len(self.inertia or ())
 
     @cached_property
     def size(self) -> int:
         """Length of the state."""
         return self.counted + len(self.energies)
+
+    @property
+    def joints(self) -> int:
+        """Number of joints and of drives; the joints' coordinates come first."""
+        return self.n if self.motor_side is None else len(self.motor_side.rotor)
+
+    @property
+    def driven(self) -> slice:
+        """The coordinates that the drives act on, the last ones."""
+        return slice(self.n - self.joints, self.n)
+
+    @property
+    def law_inputs(self) -> LawInputs:
+        """The coordinates that the controller is given."""
+        reads = "both" if self.motor_side is None else self.motor_side.reads
+        return LawInputs(self.joints if reads == "motor" else 0, self.joints if reads == "link" else self.n, self.n)
 
     @property
     def torque_given(self) -> bool:
@@ -118,7 +149,7 @@ class SceneDynamics:
 
     def drives(self, t: Any, x: Array, u: Array | None) -> tuple[Array | None, list[Array]]:
         """Torques of the drives within their limits, and the rates of the states behind (q, qd), without energies."""
-        n, rates = self.n, None
+        n, rates = self.joints, None
         if self.law is not None:
             u, rates = self.law(t, x)
         elif u is not None and self.states:
@@ -131,14 +162,40 @@ class SceneDynamics:
         limit = np.array(self.effort_limit)
         return clip(u, -limit, limit), further
 
+    def start(self, robot: Robot, q0: ArrayLike, qd0: ArrayLike) -> tuple[Array, Array]:
+        """Coordinates and their velocities where joints start, checked."""
+        return joint_array("q0", q0, robot.model), joint_array("qd0", qd0, robot.model)
+
+    def energies_of(self, robot: Robot, x: Array) -> tuple[Array, Array]:
+        """Kinetic and potential energy in states [J]."""
+        q = x[..., : self.joints]
+        potential = robot.potential_energy(q)
+        potential = potential if self.springs is None else potential + self.springs.energy(robot, q)
+        return robot.kinetic_energy(q, x[..., self.n : self.n + self.joints]), potential
+
     def _powers(self, qd: Array, torques: dict[str, Array | None]) -> list[Array]:
         """Rates of the energies under given torques."""
-        given = {name: torque for name, torque in torques.items() if torque is not None}
-        return [(given[name] * qd).sum(-1, keepdims=True) for name in self.energies]
+        given = {name: torque for name, torque in torques.items() if torque is not None and name in self.energies}
+        return [(torque * qd).sum(-1, keepdims=True) for torque in given.values()]
 
     def _acting(self, model: Model, t: Any, x: Array, u: Array | None) -> tuple[Array, list[Array]]:
         """Net torques, and the rates of the states behind (q, qd)."""
-        q, qd = x[..., : self.n], x[..., self.n : 2 * self.n]
+        net, further = self._driving(t, x, u)
+        if self.springs is None:
+            return net, further
+        held, lost = self._held(model, x)
+        return net - held, [*further, *lost]
+
+    def _held(self, model: Model, x: Array) -> tuple[Array, list[Array]]:
+        """Torques that springs need of the joints, and the power that they take, where energies are states."""
+        assert self.springs is not None
+        qd = x[..., self.n : self.n + self.joints]
+        held, damped = self.springs.torques(model, x[..., : self.joints], qd)
+        return held, [] if damped is None else self._powers(qd, {"springs": damped})
+
+    def _driving(self, t: Any, x: Array, u: Array | None) -> tuple[Array, list[Array]]:
+        """Torques of drives and friction on what the drives move, and the rates of the states but for other losses."""
+        qd = x[..., self.n : 2 * self.n][..., self.driven]
         drives, further = self.drives(t, x, u)
         torques: dict[str, Array | None] = {"drives": drives}
         net = 0 * qd if drives is None else drives
@@ -152,9 +209,6 @@ class SceneDynamics:
         if self.friction is not None and "load" in self.ledger:
             passed = self.friction.transmitted(net, qd)
             torques["load"], net = net - passed, passed
-        if self.springs is not None:
-            torque, torques["springs"] = self.springs.torques(model, q, qd)
-            net = net - torque
         return net, [*further, *self._powers(qd, torques)]
 
     def right_hand_side_core(self, model: Model, t: Array, x: Array, u: Array | None = None) -> Any:
@@ -168,7 +222,8 @@ class SceneDynamics:
         """([dx/dt, torques of the drives], pivots, diagonal of M), traced."""
         rates, pivots, diagonal = self.right_hand_side_core(model, t, x, u)
         drives, _ = self.drives(t, x, u)
-        return np.concatenate([rates, 0 * x[..., : self.n] if drives is None else drives], axis=-1), pivots, diagonal
+        drives = 0 * x[..., : self.joints] if drives is None else drives
+        return np.concatenate([rates, drives], axis=-1), pivots, diagonal
 
     def residual_core(self, model: Model, t: Array, x: Array, a: Array, u: Array | None = None) -> Any:
         """[M a + C qd + g - net torques, rates of the states behind (q, qd)] at accelerations a, traced."""
@@ -223,25 +278,26 @@ class SceneDynamics:
     def _check_rates(
         self, model: Model, arguments: Any, rates: Array, pivots: Array, diagonal: Array
     ) -> PrecisionStatus:
-        n, t, x = self.n, arguments["t"], arguments["x"]
+        t, x, joints = arguments["t"], arguments["x"], slice(self.n, self.n + self.joints)
         self._check_springs(model, x)
         net, _ = self._acting(model, t, x, arguments.get("u"))
-        state = {"q": x[..., :n], "qd": x[..., n : 2 * n], "tau": np.broadcast_to(net, x[..., :n].shape)}
-        return check_accelerations(model, state, np.asarray(rates[..., n : 2 * n]), pivots, diagonal)
+        q, qd = x[..., : self.joints], x[..., joints]
+        state = {"q": q, "qd": qd, "tau": np.broadcast_to(net[..., : self.joints], q.shape)}
+        return check_accelerations(model, state, np.asarray(rates[..., joints]), pivots, diagonal)
 
     def _check_balance(
         self, model: Model, arguments: Any, rates: Array, pivots: Array, diagonal: Array
     ) -> PrecisionStatus:
         self._check_springs(model, arguments["x"])
-        return check_singularity(model, {"q": arguments["x"][..., : self.n]}, rates, pivots, diagonal)
+        return check_singularity(model, {"q": arguments["x"][..., : self.joints]}, rates, pivots, diagonal)
 
     def _check_springs(self, model: Model, x: Array) -> None:
         if self.springs is not None:
-            self.springs.check_ends(model, x[..., : self.n])
+            self.springs.check_ends(model, x[..., : self.joints])
 
     def _declared(self, name: str, title: str, *, a: bool = False, modes: bool = False, **how: Any) -> MethodQuantity:
         """One of the functions, with the lengths of its arguments: t, x, perhaps a, and u where there are inputs."""
-        inputs = (self.n + self.states if self.torque_given else 0) + (2 * self.n if modes else 0)
+        inputs = (self.joints + self.states if self.torque_given else 0) + (2 * self.n if modes else 0)
         widths: dict[str, int | None] = {"t": 1, "x": self.size}
         widths |= {"a": self.n} if a else {}
         widths |= {"u": inputs} if modes or self.torque_given else {}
@@ -251,7 +307,7 @@ class SceneDynamics:
     @cached_property
     def right_hand_side(self) -> MethodQuantity:
         """dx/dt."""
-        velocities = ("x", slice(self.n, 2 * self.n))
+        velocities = ("x", slice(self.n, self.n + self.joints))
         return self._declared("right_hand_side", "the right-hand side", check=self._check_rates, velocities=velocities)
 
     @cached_property

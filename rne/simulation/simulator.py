@@ -12,12 +12,11 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import check_function, positive_number, real_array
 from ..basics.spatial import Array
+from ..control.traced_law import check_law
 from ..errors import SimulationError, SimulationInterrupted
 from ..integrators.base import IMPLICIT, RODAS
 from ..integrators.tableaus import EXPLICIT
-from ..model.model import joint_array
 from ..robot import Robot
-from .control_law import check_law
 from .dry_friction import DryPlant
 from .events import check_within_stops, stops
 from .method_choice import choose_method, has_rodas5p
@@ -54,7 +53,8 @@ def simulate(
     scene_or_robot : Scene or Robot
         What moves.
     q0, qd0 : array_like, shape (n,)
-        Initial joint positions and velocities [rad or m; rad/s or m/s].
+        Initial joint positions and velocities [rad or m; rad/s or m/s]. Behind elastic joints motors start with the
+        links' velocities, where torsion holds the links at rest; or as given behind the links', shape (2 n,).
     duration : float
         Time to simulate [s].
     torque : array_like, shape (n,), or callable f(t, q, qd) -> (n,), optional
@@ -117,7 +117,8 @@ def simulate(
     if progress is not None:
         check_function("progress", progress, "(t, duration)")
     robot, dynamics = scene.resolved.robot, scene.dynamics
-    start = [_start("q0", q0, robot), _start("qd0", qd0, robot), np.zeros(dynamics.size - 2 * robot.n)]
+    q, qd = dynamics.start(robot, q0, qd0)
+    start = [_one_state("q0", q), _one_state("qd0", qd), np.zeros(dynamics.size - 2 * dynamics.n)]
     end = positive_number("duration", duration, zero_allowed=True)
     times = None if t_eval is None else check_times(t_eval, end)
     ends = stops(robot.model) if scene.stops else []
@@ -212,11 +213,10 @@ def law_breaks(law: Any, further: Sequence[float] = ()) -> list[float]:
     return found
 
 
-def _start(name: str, value: ArrayLike, robot: Robot) -> Array:
-    array = joint_array(name, value, robot.model)
+def _one_state(name: str, array: Array) -> Array:
     if array.ndim == 1 and array.dtype == np.float64:
         return array
-    return real_array(name, array, f"({robot.n},), one state").astype(np.float64)
+    return real_array(name, array, f"({array.shape[-1]},), one state").astype(np.float64)
 
 
 def check_times(t_eval: ArrayLike, duration: float) -> Array:

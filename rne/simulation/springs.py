@@ -145,10 +145,6 @@ class Spring:
         length = max((c - self.force) / k, 0.0) if k and self.has_length else 0.0
         return replace(self, stiffness=k, length=length, force=self.force if length else c)
 
-    def _places(self, model: Model) -> dict[str, tuple[str, tuple[str, ...]]]:
-        """What it names, and what there is of that."""
-        return {"link": (self.link, model.link_names), "other": (self.other, model.link_names)}
-
     def _bodies(self, model: Model) -> list[list[int]]:
         """The bodies that carry each end but not the other, from the base to the tips; none that stretch it: []."""
         paths = []
@@ -158,10 +154,6 @@ class Spring:
                 path.insert(0, model.parent[path[0]])
             paths.append(path)
         return [[i for i in path if i not in other] for path, other in (paths, paths[::-1])]
-
-    def _is_moved(self, model: Model) -> bool:
-        """True if a joint stretches it."""
-        return any(self._bodies(model))
 
     def _offset(self, model: Model, q: Array) -> tuple[Array, Array]:
         """The vector d from one end to the other, and dd/dq, shape (..., n, 3), in the axes of what carries both."""
@@ -228,13 +220,9 @@ class JointSpring:
         """The spring of this stiffness."""
         return replace(self, stiffness=k)
 
-    def _places(self, model: Model) -> dict[str, tuple[str, tuple[str, ...]]]:
-        """What it names, and what there is of that."""
-        return {"joint": (self.joint, model.moving_joints)}
-
-    def _is_moved(self, model: Model) -> bool:
-        """True if the joint moves."""
-        return self.joint in model.moving_joints
+    def _bodies(self, model: Model) -> list[str]:
+        """The joint, if it moves."""
+        return [self.joint] if self.joint in model.moving_joints else []
 
     def _stretch(self, model: Model, q: Array) -> tuple[Array, Array]:
         """Position l of the joint and its slope dl/dq, (...) and (..., n)."""
@@ -354,11 +342,13 @@ def resolved_springs(springs: Any, robot: Robot, scene: Robot) -> Springs | None
     for k, spring in enumerate(springs):
         if not isinstance(spring, Spring | JointSpring):
             raise TypeError(f"`springs[{k}]` must be an rne.Spring, got {type(spring).__name__}")
-        for part, (given, known) in spring._places(robot.model).items():
-            if given not in known:
+        is_at_joint = isinstance(spring, JointSpring)
+        known = robot.model.moving_joints if is_at_joint else robot.model.link_names
+        for part in ("joint",) if is_at_joint else ("link", "other"):
+            if (given := getattr(spring, part)) not in known:
                 of = f"{listed(known)}, got {given!r}{did_you_mean(given, known)}"
                 raise ValueError(f"`springs[{k}].{part}` must be one of {of}")
-        if not spring._is_moved(robot.model):
+        if not any(spring._bodies(robot.model)):
             raise ValueError(f"`springs[{k}]`: no joint moves between the ends of the {spring}")
-    moving = tuple(spring for spring in springs if spring._is_moved(scene.model))
+    moving = tuple(spring for spring in springs if any(spring._bodies(scene.model)))
     return Springs(moving) if moving else None

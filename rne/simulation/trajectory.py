@@ -91,7 +91,8 @@ class Trajectory(InNotebooks):
     q, qd, qdd, tau : ndarray, shape (T, n)
         Positions, velocities, accelerations and drive torques [rad or m; rad/s or m/s; rad/s^2 or m/s^2; N m or N].
     kinetic, potential, energy, work : ndarray, shape (T,)
-        Energies, springs included, their sum, and the work the drives have done since the start [J].
+        Energies, springs and the rotors and torsion of elastic joints included, their sum, and the work the drives have
+        done since the start [J].
     energy_drift : float
         Largest magnitude of energy - energy at the start - work + dissipated [J]: energy created or lost by the
         solver's errors.
@@ -104,8 +105,9 @@ class Trajectory(InNotebooks):
     message : str
         Why this method, and how the run ended.
     dissipated : mapping of str to ndarray, shape (T,)
-        Energy dissipated since the start by "viscous" and "coulomb" friction, friction under "load" and the damping of
-        "springs", and the work against the "offset" of drives, where the scene has them [J].
+        Energy dissipated since the start by "viscous" and "coulomb" friction, friction under "load", the damping of
+        "springs" and the "joint_damping" of elastic joints, and the work against the "offset" of drives, where the
+        scene has them [J].
     controller_state : ndarray, shape (T, m)
         States of the controller, such as the integral of a PID.
     energy_start : float
@@ -117,6 +119,9 @@ class Trajectory(InNotebooks):
         Empty if `t_eval` was given.
     qdd_before, tau_before : ndarray, shape (K, n)
         Accelerations and torques just before each of these times [rad/s^2 or m/s^2; N m or N].
+    motor_q, motor_qd : ndarray, shape (T, n)
+        Positions and velocities of the motors behind elastic joints, reflected through the gears; of shape (0, 0) where
+        joints do not yield, so that the motors move with them [rad or m; rad/s or m/s].
     scene : str
         What was simulated, in words.
     at_steps : bool
@@ -157,6 +162,8 @@ class Trajectory(InNotebooks):
     jumps: Array = derived(lambda: np.zeros(0))
     qdd_before: Array = derived(lambda: np.zeros((0, 0)))
     tau_before: Array = derived(lambda: np.zeros((0, 0)))
+    motor_q: Array = derived(lambda: np.zeros((0, 0)))
+    motor_qd: Array = derived(lambda: np.zeros((0, 0)))
     scene: str = derived(str)
     error_estimate: Callable[[], tuple[Array, Array]] | None = None
     model: Model | None = None
@@ -266,17 +273,22 @@ class Trajectory(InNotebooks):
     @cached_property
     def _curves(self) -> dict[str, Callable[[Array], Array]]:
         """Positions, velocities, accelerations and torques as functions of times (T,); none reaches across a jump."""
+        from scipy.interpolate import CubicHermiteSpline
+
         keep = np.append(True, np.diff(self.t) > 0)
         t, q, qd, qdd, tau = (x[keep] for x in (self.t, self.q, self.qd, self.qdd, self.tau))
-        names = "q", "qd", "qdd", "tau", "qdd of reports"
+        motors = (self.motor_q[keep], self.motor_qd[keep]) if self.motor_q.size else (q, qd)
+        names = "q", "qd", "qdd", "tau", "qdd of reports", "motor_q", "motor_qd"
         if len(t) == 1:
-            return {name: _constant(x) for name, x in zip(names, (q, qd, qdd, tau, qdd), strict=True)}
+            return {name: _constant(x) for name, x in zip(names, (q, qd, qdd, tau, qdd, *motors), strict=True)}
         jumps = np.searchsorted(t, self.jumps)
         positions = _quintic(t, q, qd, *_step_ends(qdd, jumps, self.qdd_before))
         velocities = positions.derivative()
         pairs = (tau, self.tau_before), (qdd, self.qdd_before)
         others = (_monotone(t, *_step_ends(after, jumps, before), jumps) for after, before in pairs)
-        return dict(zip(names, (positions, velocities, velocities.derivative(), *others), strict=True))
+        motor = CubicHermiteSpline(t, *motors) if self.motor_q.size else positions
+        curves = positions, velocities, velocities.derivative(), *others, motor, motor.derivative()
+        return dict(zip(names, curves, strict=True))
 
     @property
     def breaks(self) -> tuple[float, ...]:
@@ -428,7 +440,8 @@ class Trajectory(InNotebooks):
         -------
         pathlib.Path
             The file written: a heading `t`, `q.<joint>`, `qd.<joint>`, `qdd.<joint>`, `tau.<joint>`, then one row per
-            sample in SI units, with all digits. `rne.trajectories.read_csv` reads it.
+            sample in SI units, with all digits, with elastic joints `motor_q.<joint>` and `motor_qd.<joint>` behind.
+            `rne.trajectories.read_csv` reads what belongs to the joints.
 
         Raises
         ------
@@ -449,7 +462,7 @@ class Trajectory(InNotebooks):
         Returns
         -------
         pandas.DataFrame
-            Indexed by the time `t` [s], with columns `q.<joint>`, `qd.<joint>`, `qdd.<joint>`, `tau.<joint>`.
+            Indexed by the time `t` [s], with the columns that `to_csv` writes.
 
         Raises
         ------
@@ -470,7 +483,7 @@ class Trajectory(InNotebooks):
 
     def _columns(self) -> dict[str, Array]:
         names = numbered_joints(self.q.shape[1]) if self.model is None else self.model.joint_names
-        parts = ("q", "qd", "qdd", "tau")
+        parts = ("q", "qd", "qdd", "tau", *(("motor_q", "motor_qd") if self.motor_q.size else ()))
         return {f"{part}.{name}": getattr(self, part)[:, k] for part in parts for k, name in enumerate(names)}
 
 
@@ -506,6 +519,12 @@ def samples_of(motion: Trajectory, times: Array) -> tuple[Array, Array, Array, A
     order = np.argsort(t, kind="stable")
     q, qd, qdd, tau = (x[order] for x in others)
     return t[order], q, qd, qdd, tau
+
+
+def motors_at(motion: Trajectory, t: Array) -> tuple[Array, Array]:
+    """Positions and velocities of the motors at times within a motion; of rigid joints those of the joints."""
+    motor_q, motor_qd = motion._at(t, "motor_q", "motor_qd")
+    return motor_q, motor_qd
 
 
 def between(t: Array, most: int = PARTS, samples: int = MOST) -> Array:

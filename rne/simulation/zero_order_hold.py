@@ -8,7 +8,7 @@ import numpy as np
 
 from ..basics.spatial import Array
 from ..control.gains import check_gains
-from .control_law import call_law
+from ..control.traced_law import call_law
 from .plant import Plant, checked_state_rates, checked_torques
 from .scene import Scene
 
@@ -16,7 +16,7 @@ MAX_EVALUATIONS = 20_000  # of the right-hand side between two samples, some hun
 
 
 class ControlSamples(NamedTuple):
-    """Samples of a controller: times (k,), states (k, 2 n), torques (k, n), and the controller's states (k, m)."""
+    """Samples of a controller: times (k,), states (k, 2 N), torques (k, n), and the controller's states (k, m)."""
 
     t: Array
     x: Array
@@ -27,9 +27,9 @@ class ControlSamples(NamedTuple):
         """Numbers of the samples whose torques are held at times, or a relative rounding of them later."""
         return np.searchsorted(self.t, t * (1 + same), side="right") - 1
 
-    def work(self, q: Array, k: Array) -> Array:
+    def work(self, q: Array, k: Array, driven: slice) -> Array:
         """Work of the drives since the start up to positions reached under the torques of samples k [J]."""
-        start = self.x[:, : q.shape[1]]
+        start = self.x[:, driven]
         done = np.append(0.0, np.cumsum((self.u[:-1] * np.diff(start, axis=0)).sum(axis=1)))
         work: Array = done[k] + ((q - start[k]) * self.u[k]).sum(axis=1)
         return work
@@ -47,7 +47,8 @@ class ZeroOrderHold:
         self.state = self.next_state = np.zeros(int(getattr(scene.controller, "states", 0)))  # at the last sample
         law = scene.traced_samples
         self.traced = None if law is None else plant.robot._kernels.scene_kernel(law.outputs)  # where it is traced
-        none = np.zeros(0), np.zeros((0, 2 * scene.n)), np.zeros((0, scene.n)), np.zeros((0, len(self.state)))
+        self.moving = 2 * plant.dynamics.n  # entries of the state that samples keep
+        none = np.zeros(0), np.zeros((0, self.moving)), np.zeros((0, scene.n)), np.zeros((0, len(self.state)))
         self.table = [ControlSamples(*none)]
         self.count, self.evaluations_before = 0, 0  # samples, and evaluations before the last one
         self.limit, self.change = self.bounds()
@@ -55,9 +56,10 @@ class ZeroOrderHold:
 
     def sample(self, t: float, x: Array) -> None:
         """Renew the torques that the plant holds, within the limits of torque and torque rate."""
-        held, n = np.asarray(self.plant.sampled), self.scene.n
+        held, moved = np.asarray(self.plant.sampled), x[: self.moving]
         self.state = self.next_state
-        returned, rates = call_law(self.scene.controller, t, np.concatenate([x[: 2 * n], self.state]), n)
+        inputs = self.plant.dynamics.law_inputs
+        returned, rates = call_law(self.scene.controller, t, np.concatenate([moved, self.state]), inputs)
         if rates is not None:
             self.next_state = self.state + self.period * checked_state_rates(rates, len(self.state), t)
         u = np.clip(checked_torques(self.plant.law_name, returned, self.plant.robot, t), -self.limit, self.limit)
@@ -66,7 +68,7 @@ class ZeroOrderHold:
         self.plant.sampled = u
         if callable(getattr(self.scene.controller, "delivered", None)):
             self.scene.controller.delivered(u.copy())
-        self._append(ControlSamples(np.array([t]), x[None, : 2 * n], u[None], self.state[None]))
+        self._append(ControlSamples(np.array([t]), moved[None], u[None], self.state[None]))
         self.evaluations_before = self.plant.evaluations
 
     def bounds(self) -> Array:
@@ -78,7 +80,7 @@ class ZeroOrderHold:
     def note(self, samples: tuple[Array, ...], states: Array, evaluations: int) -> None:
         """Samples were taken in machine code: with the controller's states at the last and the next one."""
         t, x, u, z = samples
-        self._append(ControlSamples(t, x[:, : 2 * self.scene.n], u, z))
+        self._append(ControlSamples(t, x[:, : self.moving], u, z))
         self.state, self.next_state = states
         self.plant.sampled, self.evaluations_before = samples[2][-1], evaluations
 
@@ -104,9 +106,7 @@ class ZeroOrderHold:
         self.rewind(t)
         if t >= self.next:
             u = np.asarray(self.plant.sampled)
-            self.table.append(
-                ControlSamples(np.array([t]), x[None, : 2 * self.scene.n], u[None], self.next_state[None])
-            )
+            self.table.append(ControlSamples(np.array([t]), x[None, : self.moving], u[None], self.next_state[None]))
 
     def samples(self) -> ControlSamples:
         """All samples so far."""
@@ -116,6 +116,8 @@ class ZeroOrderHold:
 
     def stability(self) -> str:
         """What check_gains says of the controller, for the error of a loop that diverges."""
+        if self.scene.elastic is not None:
+            return "rne.check_gains tells only what rigid joints need"
         gains = [getattr(self.scene.controller, name, None) for name in ("kp", "kd")]
         if self.scene.resolved.springs is not None:
             return "springs, which rne.check_gains does not know, may need shorter sample times"

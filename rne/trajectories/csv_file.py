@@ -139,7 +139,7 @@ def read_samples(
         raise TypeError(f"`joint_names` must be a sequence of str, such as robot.joint_names, got {given}")
     joint_names = tuple(joint_names)
     name = os.fspath(path)
-    rows = _rows(name, _text(Path(path)))
+    rows = csv_rows(name, text_of(Path(path)))
     if not rows:
         raise ValueError(f"{name}: the file is empty")
     while rows[1:] and rows[1][1][0].lstrip().startswith("#"):
@@ -163,7 +163,8 @@ def read_samples(
     return Samples(table[:, 0], **arrays)
 
 
-def _text(path: Path) -> str:
+def text_of(path: Path) -> str:
+    """The text of a file in UTF-8."""
     data = path.read_bytes()
     try:
         text = data.decode("utf-8-sig")
@@ -174,9 +175,11 @@ def _text(path: Path) -> str:
     return text
 
 
-def _rows(name: str, text: str) -> list[tuple[int, list[str]]]:
-    """Every row that is not blank, with its number."""
-    reader = csv.reader(io.StringIO(text, newline=""), strict=True)
+def csv_rows(name: str, text: str, separator: str = ",") -> list[tuple[int, list[str]]]:
+    """Every row that is not blank, with its number; of blanks as separators, any number is one."""
+    if separator == " ":
+        text = "\n".join(" ".join(line.split()) for line in text.splitlines())
+    reader = csv.reader(io.StringIO(text, newline=""), strict=True, delimiter=separator)
     try:
         return [(reader.line_num, row) for row in reader if any(field.strip() for field in row)]
     except csv.Error as error:
@@ -187,7 +190,7 @@ def _wanted(
     place: str, columns: Sequence[str], joint_names: Sequence[str], needed: Sequence[str], timed: bool
 ) -> list[str]:
     """The columns to read: t, and every quantity that is there for all joints."""
-    if all(math.isfinite(_as_number(column)) for column in columns):
+    if all(math.isfinite(as_number(column)) for column in columns):
         example = ",".join([*["t"] * timed, *(f"q.{joint}" for joint in joint_names)])
         raise ValueError(
             f"{place}: the names of the columns are missing; above the numbers is needed, for example, {example!r}"
@@ -197,7 +200,7 @@ def _wanted(
         raise ValueError(f"{place}: column {twice[0]!r} is there twice")
     hint = "; separate columns by commas" if len(columns) == 1 and len(joint_names) + timed > 1 else ""
     if timed and "t" not in columns:
-        raise MissingColumn(f"{place}: there is no column 't'; there are {_listed(columns)}{hint}")
+        raise MissingColumn(f"{place}: there is no column 't'; there are {listed_names(columns)}{hint}")
     wanted = ["t"]
     for quantity in QUANTITIES:
         own = [f"{quantity}.{joint}" for joint in joint_names]
@@ -205,12 +208,12 @@ def _wanted(
         if missing and quantity in needed:
             alike = [column for column in columns if column.startswith(f"{quantity}.")]
             raise MissingColumn(
-                f"{place}: there is no column {_listed(missing)}, which is needed; there are "
-                f"{_listed(alike or columns)}{hint}"
+                f"{place}: there is no column {listed_names(missing)}, which is needed; there are "
+                f"{listed_names(alike or columns)}{hint}"
             )
         if missing and len(missing) < len(own):
             raise MissingColumn(
-                f"{place}: no column {_listed(missing)}; the {quantity} of all joints or of none are needed"
+                f"{place}: no column {listed_names(missing)}; the {quantity} of all joints or of none are needed"
             )
         wanted += own if not missing else []
     return wanted
@@ -222,7 +225,7 @@ def _numbers(
     if len(fields) != len(columns):
         raise ValueError(f"{name}, row {row}: must have {len(columns)} entries as the heading has, got {len(fields)}")
     entry = dict(zip(columns, fields, strict=True))
-    numbers = [_as_number(entry[column]) for column in wanted]
+    numbers = [as_number(entry[column]) for column in wanted]
     for column, number in zip(wanted, numbers, strict=True):
         left_out = gaps and column != "t" and entry[column].strip().lower() in ("", "nan")
         if not (math.isfinite(number) or left_out):
@@ -231,7 +234,7 @@ def _numbers(
     return numbers
 
 
-def _as_number(text: str) -> float:
+def as_number(text: str) -> float:
     """The number that a text is, NaN if it is none."""
     try:
         return float(text) if text.isascii() and "_" not in text else math.nan
@@ -248,9 +251,10 @@ def _check_times(name: str, rows: Sequence[int], t: Array) -> None:
         )
 
 
-def _listed(names: Sequence[str]) -> str:
-    shown = ", ".join(repr(cut(name, MAX_NAME)) for name in names[:MAX_NAMES])
-    return shown if len(names) <= MAX_NAMES else f"{shown} and {len(names) - MAX_NAMES} more"
+def listed_names(names: Sequence[str], most: int = MAX_NAMES) -> str:
+    """The first names in quotes, and how many more there are."""
+    shown = ", ".join(repr(cut(name, MAX_NAME)) for name in names[:most])
+    return shown if len(names) <= most else f"{shown} and {len(names) - most} more"
 
 
 class TimeUnit(NamedTuple):

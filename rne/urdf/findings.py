@@ -71,20 +71,24 @@ class Finding:
 
 
 class FindingsReport:
-    """Collects the findings on one file."""
+    """Collects the findings on one file; without lines if what is examined was made from the file."""
 
-    def __init__(self, file: str) -> None:
-        self.file = file
+    def __init__(self, file: str, *, has_lines: bool = True) -> None:
+        self.file, self.has_lines = file, has_lines
         self.findings: list[Finding] = []
 
     def error(self, where: Any, element: str, message: str, cure: str) -> None:
         """Add an error; `where` is the XML element, a line, or None."""
-        self.findings.append(Finding("error", self.file, _line(where), element, message, cure))
+        self.findings.append(Finding("error", self.file, self._line(where), element, message, cure))
 
     def warning(self, where: Any, element: str, message: str, cure: str, *, detail: str = "") -> None:
         """Add a warning; `where` is the XML element, a line, or None."""
         whole = f"{message}: {detail}" if detail else message
-        self.findings.append(Finding("warning", self.file, _line(where), element, whole, cure, detail))
+        self.findings.append(Finding("warning", self.file, self._line(where), element, whole, cure, detail))
+
+    def _line(self, where: Any) -> int | None:
+        line: int | None = where if isinstance(where, int) or where is None else where.sourceline
+        return line if self.has_lines else None
 
     @property
     def errors(self) -> list[Finding]:
@@ -97,10 +101,6 @@ class FindingsReport:
             others = len(self.errors) - 1
             more = f"; and {counted(others, 'more error')}: `rne check {near_path(self.file)}`" if others else ""
             raise UrdfError(str(finding).removeprefix("error: ") + more, finding)
-
-
-def _line(where: Any) -> int | None:
-    return where if isinstance(where, int) or where is None else where.sourceline
 
 
 def near_path(file: str) -> str:

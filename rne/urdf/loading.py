@@ -5,11 +5,11 @@ from __future__ import annotations
 import os
 import sys
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import TextIO
+from typing import Any, TextIO
 
 from numpy.typing import ArrayLike
 
@@ -20,11 +20,14 @@ from ..model.abb_irb140 import irb140
 from ..model.model import STANDARD_GRAVITY, Model
 from ..model.modify import LimitValues, with_armature, with_limits
 from ..robot import Robot
-from .document import read_bytes
+from .document import Element, parse, read_bytes
 from .findings import Finding, FindingsReport, written
+from .mjcf import mjcf_model
 from .plausibility import check_bodies, check_elements
-from .read import model_of, read_urdf, validated
+from .read import model_of, validated
+from .strict import validate
 from .write import to_urdf
+from .xacro import expanded
 
 PACKAGE = "example-robot-data"
 BUILDERS: dict[str, Callable[[], Model]] = {"irb140": irb140}  # the built-in robots, for which no file is read
@@ -73,12 +76,17 @@ def robots() -> tuple[str, ...]:
     return (*BUILDERS, *(name for name in library() if name not in BUILDERS))
 
 
-def resolve(source: str | os.PathLike[str]) -> Model | str:
+def resolve(source: str | os.PathLike[str], *given: Mapping[str, Any] | None) -> Model | str:
     """The built-in robot of a name, or the path of a URDF file, which goes before a name of example-robot-data.
 
-    Raises FileNotFoundError if it is neither a file nor a robot's name.
+    Raises FileNotFoundError if it is neither a file nor a robot's name, ValueError if what is given is not for it.
     """
     name = os.fspath(source)
+    for values in given:
+        if not isinstance(values, Mapping | None):
+            raise TypeError(f"`arguments` and `packages` must be mappings from names, got {type(values).__name__}")
+    if any(given) and not name.endswith(".xacro"):
+        raise ValueError(f"`arguments` and `packages` are for files that end in .xacro, got {name!r}")
     if isinstance(source, str) and source in BUILDERS:
         return BUILDERS[source]()
     if not os.path.isfile(source) and name in library():
@@ -100,8 +108,10 @@ def unknown(name: str) -> str:
 def load(
     source: str | os.PathLike[str],
     *,
-    gravity: ArrayLike = STANDARD_GRAVITY,
+    gravity: ArrayLike | None = None,
     engine: str = "numpy",
+    arguments: Mapping[str, Any] | None = None,
+    packages: Mapping[str, str | os.PathLike[str]] | None = None,
     effort: LimitValues = None,
     velocity: LimitValues = None,
     acceleration: LimitValues = None,
@@ -109,17 +119,22 @@ def load(
     jerk: LimitValues = None,
     armature: LimitValues = None,
 ) -> Robot:
-    """Load a robot by name or from a URDF file.
+    """Load a robot by name or from a URDF, MJCF or xacro file.
 
     Parameters
     ----------
     source : str or path-like
-        A name of `rne.robots()`, such as "irb140", or the path of a URDF file, which goes before a name. For "irb140"
-        no file is read; the others are files of example-robot-data.
-    gravity : array_like, shape (3,)
-        In the axes of the root link [m/s^2].
+        A name of `rne.robots()`, such as "irb140", or the path of a file, which goes before a name. For "irb140"
+        no file is read; the others are files of example-robot-data. A file whose root element is `<mujoco>` is MJCF.
+        A file that ends in .xacro is run: it is a program that may read other files and the environment.
+    gravity : array_like, shape (3,), optional
+        In the axes of the root link [m/s^2]; that of an MJCF file if not given, and (0, 0, -9.81) of all others.
     engine : {"numpy", "numba"}
         Engine of the robot's kernels; see `rne.compile`.
+    arguments : mapping of str, optional
+        Values of the arguments of a xacro file, by name.
+    packages : mapping of str to path-like, optional
+        Folders of the ROS packages that a xacro file names, beside those that xacrodoc finds.
     effort, velocity, acceleration, deceleration, jerk : float, array_like of shape (n,), or mapping, optional
         Limits in place of those of the file, as for `Robot.with_limits`: one number for all joints, one for each, or
         some by the joint's name [N m or N; rad/s or m/s; rad/s^2 or m/s^2, twice; rad/s^3 or m/s^3].
@@ -138,9 +153,10 @@ def load(
     FileNotFoundError
         If it is neither a file nor a robot's name; suggests names that are near.
     ValueError
-        If `gravity` is not three finite numbers, a limit or rotor negative or not one per joint, or the engine none.
+        If `gravity` is not three finite numbers, a limit or rotor negative or not one per joint, the engine none, or
+        `arguments` are not those of a xacro file.
     ImportError
-        If the engine is "numba" and Numba is not installed.
+        If the engine is "numba" and Numba is not installed, or the file is MJCF and MuJoCo is not.
 
     Examples
     --------
@@ -149,23 +165,58 @@ def load(
     >>> robot.joint_names[0], robot.effort_limit[0].item()
     ('joint_1', 300.0)
     """
-    g = real_array("gravity", gravity, "(3,)")
-    found = resolve(source)
+    g = None if gravity is None else real_array("gravity", gravity, "(3,)")
+    found = resolve(source, arguments, packages)
     try:
-        model = replace(found, gravity=g) if isinstance(found, Model) else read_urdf(found, gravity=g)
+        model = _model_of_file(found, arguments, packages) if isinstance(found, str) else found
     except UrdfError as error:
         name = os.fspath(source)
         if name == found:
             raise
         other = f"; {name + '_robot'!r} is another one" if f"{name}_robot" in library() else ""
         raise UrdfError(f"the file of {PACKAGE} has an error: {error}{other}", error.finding) from None
+    model = model if g is None else replace(model, gravity=g)
     rates = {"velocity": velocity, "acceleration": acceleration, "deceleration": deceleration, "jerk": jerk}
     model = with_armature(with_limits(model, effort=effort, **rates), armature)
     return Robot(model, engine)
 
 
-def check(source: str | os.PathLike[str], *, out: TextIO | None = None, grouped: bool = True) -> list[Finding]:
-    """Print all errors and warnings about a URDF file, and return them.
+def described(
+    path: str, report: FindingsReport, arguments: Mapping[str, Any] | None, packages: Mapping[str, Any] | None
+) -> tuple[Element | Model | None, str]:
+    """The <robot> of a URDF or xacro file, or the Model of an MJCF file, or None with an error; and its source."""
+    text = None
+    if path.endswith(".xacro"):
+        text = expanded(report, arguments, packages)
+        report.has_lines = text is None
+    data = None if report.errors else read_bytes(path, report) if text is None else text.encode()
+    root = None if data is None else parse(data, report)
+    if root is not None and root.tag == "mujoco":
+        return mjcf_model(root, report), os.path.abspath(path)
+    return (root if root is not None and validate(root, report) else None), text or os.path.abspath(path)
+
+
+def _model_of_file(path: str, arguments: Mapping[str, Any] | None, packages: Mapping[str, Any] | None) -> Model:
+    report = FindingsReport(path)
+    try:
+        found, source = described(path, report, arguments, packages)
+        report.raise_first_error()
+        return found if isinstance(found, Model) else model_of(found, STANDARD_GRAVITY, source)
+    except UrdfError:
+        raise
+    except ModelError as error:
+        raise UrdfError(f"{path}: {error}") from error
+
+
+def check(
+    source: str | os.PathLike[str],
+    *,
+    arguments: Mapping[str, Any] | None = None,
+    packages: Mapping[str, str | os.PathLike[str]] | None = None,
+    out: TextIO | None = None,
+    grouped: bool = True,
+) -> list[Finding]:
+    """Print all errors and warnings about a URDF, MJCF or xacro file, and return them.
 
     Errors are what keeps the file from loading. Warnings are what is ignored, and what probably is not meant: degrees
     or millimetres, centres of mass far outside the robot, masses and inertias of impossible bodies, drives without
@@ -175,7 +226,10 @@ def check(source: str | os.PathLike[str], *, out: TextIO | None = None, grouped:
     Parameters
     ----------
     source : str or path-like
-        The path of a URDF file, or a name of `rne.robots()`; of a built-in robot the file that `to_urdf` writes.
+        The path of a file as for `rne.load`, or a name of `rne.robots()`; of a built-in robot and of MJCF, the URDF
+        that `to_urdf` writes is examined.
+    arguments, packages : mapping of str, optional
+        Of a xacro file, as for `rne.load`.
     out : text stream, optional
         Where to print; standard output by default.
     grouped : bool
@@ -190,6 +244,10 @@ def check(source: str | os.PathLike[str], *, out: TextIO | None = None, grouped:
     ------
     FileNotFoundError
         If it is neither a file nor a robot's name.
+    ValueError
+        If `arguments` or `packages` are given for a file that does not end in .xacro, or it does not use an argument.
+    ImportError
+        If the file is MJCF and MuJoCo is not installed.
 
     Notes
     -----
@@ -209,10 +267,12 @@ def check(source: str | os.PathLike[str], *, out: TextIO | None = None, grouped:
     robots/irb140.urdf: no findings
     []
     """
-    found = resolve(source)
+    found = resolve(source, arguments, packages)
     report = FindingsReport(os.fspath(source if isinstance(found, Model) else found))
-    data = to_urdf(found).encode() if isinstance(found, Model) else read_bytes(found, report)
-    root = validated(data, report)
+    root = found if isinstance(found, Model) else described(found, report, arguments, packages)[0]
+    if isinstance(root, Model):  # what is examined is the URDF that it becomes
+        report.has_lines = isinstance(found, Model)
+        root = validated(to_urdf(root).encode(), report)
     if root is not None:
         check_elements(root, report)
     if root is not None and not report.errors:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,14 +14,15 @@ from ...basics.arrays import convert_numbers, positive_number, real_array, vecto
 from ...basics.spatial import Array
 from ...basics.text import counted
 from ...simulation.motion_files import numbered_joints
+from ...simulation.trajectory import Trajectory, motors_at
 from ...trajectories.csv_file import in_seconds, read_samples
+from ...trajectories.log_columns import measured
 from .. import thresholds
 from .prepared import Prepared, prepare
 from .screening import STAMPS, RecordFinding, screen
 
-if TYPE_CHECKING:
-    from ...simulation.trajectory import Trajectory
-
+REST, PAUSE = 0.005, 0.2  # of a joint's range, to which rest is less; shortest rest that is cut off [s]
+GUESS = "guess"  # kind of the findings on what a log does not say
 UNITS = {"rad": 1.0, "m": 1.0, "deg": np.pi / 180}
 
 
@@ -66,6 +67,8 @@ class Record:
         Smallest step of each position, of which all others are multiples [rad or m]; zero if there is none.
     sample_rate : float
         Samples per second, those that are missing included [Hz].
+    source : str
+        How `from_log` read the log, and what `in_motion` cut; empty for other records.
 
     Raises
     ------
@@ -136,6 +139,13 @@ class Record:
         self.findings: tuple[RecordFinding, ...] = tuple(self._screened.findings)
         self.encoder_step: Array = self._screened.encoder_step
         self.sample_rate = 1 / self._screened.period
+        self.source = ""
+
+    def _tell(self, source: str, guessed: Iterable[RecordFinding]) -> None:
+        """Add how the record was made, and findings on what was guessed."""
+        self.source = "; ".join(filter(None, (self.source, source)))
+        self._screened.findings[:0] = guessed
+        self.findings = (*guessed, *self.findings)
 
     @classmethod
     def from_csv(
@@ -185,6 +195,99 @@ class Record:
         return cls(samples.t, np.asarray(samples.q), np.asarray(samples.tau), samples.qd, **given)
 
     @classmethod
+    def from_log(
+        cls,
+        path: str | os.PathLike[str] | Mapping[str, str | os.PathLike[str]],
+        *,
+        joints: Sequence[str] | None = None,
+        columns: Sequence[str] | Mapping[str, Any] | None = None,
+        units: Mapping[str, Any] | None = None,
+        time_unit: Literal["s", "ms", "us", "ns"] | None = None,
+        sample_rate: float | None = None,
+        gains: ArrayLike | None = None,
+        offsets: ArrayLike = 0.0,
+        separator: str | None = None,
+        decimal: Literal[".", ","] | None = None,
+        topic: str | None = None,
+        episode: int | None = None,
+        **options: Any,
+    ) -> Self:
+        """Measurements in a log as a robot writes it.
+
+        Read are text with or without names of the columns, ROS messages of joint states (`rostopic echo -p`, `ros2
+        topic echo --csv`, MCAP files and folders of them), .mat files up to version 7, .npz files, and LeRobot data
+        sets. What the log does not say is given, or guessed, which `source` and `findings` tell.
+
+        Parameters
+        ----------
+        path : path-like, or mapping of path-like
+            A file or folder; or a file for each of "q" and "tau", and of "t" and "qd" if there are such.
+        joints : sequence of str, optional
+            Joints to read, in the order of the arrays, such as `robot.joint_names`; by default those with positions and
+            torques.
+        columns : sequence of str, or mapping, optional
+            Names of all columns of a text, "" for one to ignore; or a column, its number from 0, or several of them,
+            for "t", "q", "qd" and "tau". By default their names tell, such as `q.<joint>`, `actual_q_0` or
+            `joint1_pos [deg]`; those of "target", "command" and the like are not read.
+        units : mapping, optional
+            Units of "q" ("rad", "deg", "m", "mm"), "qd" ("rad/s", "deg/s", "rpm", "m/s", "mm/s") and "tau" ("Nm",
+            "mNm", "N", "A", "mA"), or SI units per unit of the log as a number; one for all joints or a sequence.
+        time_unit : {"s", "ms", "us", "ns"}, optional
+            Unit of the times.
+        sample_rate : float, optional
+            Samples per second where the log has no times [Hz].
+        gains : float or array_like, shape (n,), optional
+            Torque of each joint per ampere of its drive [N m/A], or per unit of what the log has as torque.
+        offsets : float or array_like, shape (n,)
+            Joint positions where the log has zero [rad or m].
+        separator, decimal : str, optional
+            Between the columns of a text, and of its numbers.
+        topic : str, optional
+            Of the messages, where a file has several of joint states.
+        episode : int, optional
+            Of a data set that has several.
+        **options
+            Other options of `Record`; `name` is the file's if not given.
+
+        Returns
+        -------
+        Record
+            The measurements; `source` says in a sentence how the log was read.
+
+        Raises
+        ------
+        ValueError
+            If the file is of another kind, damaged or cut off; has no positions or torques; or a row, column, unit or
+            joint is wrong: names the file and what there is.
+        ImportError
+            If mcap-ros2-support or pyarrow is needed and not installed.
+        OSError
+            If the file cannot be read.
+
+        Examples
+        --------
+        >>> import pathlib, tempfile, rne
+        >>> file = pathlib.Path(tempfile.mkdtemp()) / "log.csv"
+        >>> rows = [f"{20 * k};{k % 7},5;{k % 5},25" for k in range(100)]
+        >>> _ = file.write_text("\\n".join(["Time [ms];elbow pos [deg];elbow torque", *rows]))
+        >>> record = rne.identification.Record.from_log(file)
+        >>> record.joint_names, record.t[1].item(), record.tau[1].tolist()
+        (('elbow',), 0.02, [1.25])
+        """
+        if "unit" in options or "joint_names" in options:
+            raise ValueError("give `units` and `joints` in place of `unit` and `joint_names`")
+        if isinstance(joints, str) or isinstance(columns, str):
+            raise TypeError("`joints` and `columns` must be sequences of names, such as robot.joint_names, got str")
+        reading = {"joints": joints, "columns": columns, "units": units or {}, "gains": gains, "offsets": offsets}
+        reading |= {"time_unit": time_unit, "sample_rate": sample_rate, "separator": separator, "decimal": decimal}
+        samples, said, guessed = measured(path, reading | {"topic": topic, "episode": episode, "quantity": ""})
+        first = next(iter(path.values())) if isinstance(path, Mapping) else path
+        record = cls(**(samples | {"name": Path(first).name} | options))
+        guesses = [RecordFinding("warning", record.name, "", GUESS, f"that {text}", cure) for text, cure in guessed]
+        record._tell("; ".join(said), guesses)
+        return record
+
+    @classmethod
     def from_trajectory(cls, motion: Trajectory, sample_rate: float, **options: Any) -> Self:
         """A simulated motion at equal steps, as perfect drives would report it.
 
@@ -200,7 +303,7 @@ class Record:
         Returns
         -------
         Record
-            Positions, velocities and torques of the drives.
+            Positions, velocities and torques of the drives, behind elastic joints those of the motors.
 
         Raises
         ------
@@ -216,7 +319,7 @@ class Record:
         """
         rate = positive_number("sample_rate", sample_rate)
         t = np.arange(int((motion.t[-1] - motion.t[0]) * rate + 1e-9) + 1) / rate + motion.t[0]
-        q, qd, _ = motion(t)
+        q, qd = motors_at(motion, t)
         names = {} if motion.model is None else {"joint_names": motion.model.joint_names}
         return cls(t, q, motion.torques(t), qd, **(names | options))
 
@@ -344,7 +447,49 @@ class Record:
         qd = None if self.qd is None else self.qd[rows][:, joints]
         options: dict[str, Any] = {"stamps": self._stamps, "bridge": self._bridge, "joint_names": joint_names}
         q, tau = self.q[rows][:, joints], self.tau[rows][:, joints]
-        return Record(self.t[rows], q, tau, qd, name=self.name, **options)
+        part = Record(self.t[rows], q, tau, qd, name=self.name, **options)
+        part._tell(self.source, [finding for finding in self.findings if finding.kind == GUESS])
+        return part
+
+    def in_motion(self) -> Record:
+        """The record without rest at its start and end.
+
+        Rest lasts more than 0.2 s, until a joint leaves its position by half a per cent of its range, or by more
+        than noise.
+
+        Returns
+        -------
+        Record
+            From the last sample before the motion to the first after it; `source` says what was cut.
+
+        Raises
+        ------
+        ValueError
+            If no joint moves.
+
+        Examples
+        --------
+        >>> import numpy as np, rne
+        >>> q = np.concatenate([np.zeros((300, 1)), np.sin(np.arange(500) / 50)[:, None]])
+        >>> rne.identification.Record(np.arange(800) / 100, q, q).in_motion().source
+        'rest cut off: 3.01 s at the start'
+        """
+        from scipy.ndimage import median_filter
+
+        q = median_filter(self.q, (5, 1), mode="nearest")  # without single spikes and missing values
+        noise = np.nanmedian(np.abs(np.diff(self.q, axis=0)), axis=0)
+        span = np.nanmax(q, axis=0) - np.nanmin(q, axis=0)
+        still = np.maximum(REST * span, np.minimum(4 * noise, 10 * REST * span) + self.encoder_step)
+        start, end = (np.flatnonzero((np.abs(q - x) > still).any(axis=1)) for x in (q[0], q[-1]))
+        if not len(start):
+            raise ValueError(f"{self.name}: no joint moves")
+        first, last = max(start[0] - 1, 0), min(end[-1] + 1, len(q) - 1)
+        before, after = self.t[first] - self.t[0], self.t[-1] - self.t[last]
+        first, last = first * (before > PAUSE), last if after > PAUSE else len(q) - 1
+        part = self._part(slice(first, last + 1), self.joint_names)
+        cut = [f"{x:.4g} s at the {end}" for x, end in ((before, "start"), (after, "end")) if x > PAUSE]
+        part._tell(f"rest cut off: {', '.join(cut)}" * bool(cut), ())
+        return part
 
     def prepare(self, cutoff: float | None = None) -> Prepared:
         """Positions, velocities, accelerations and torques on an equally spaced grid, and the filter for a fit.

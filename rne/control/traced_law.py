@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from functools import cache, cached_property, partial
 from types import FunctionType, MethodType, ModuleType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -28,9 +28,18 @@ def check_law(name: str, law: Any) -> None:
         whole_number(f"{name}.states", law.states, least=0)
 
 
-def call_law(law: Any, t: Any, x: Array, n: int) -> tuple[Any, Any]:
+class LawInputs(NamedTuple):
+    """The coordinates of a state that a law is given, from `first` to before `last` of `coordinates`."""
+
+    first: int
+    last: int
+    coordinates: int
+
+
+def call_law(law: Any, t: Any, x: Array, given: LawInputs) -> tuple[Any, Any]:
     """The torques that a law returns in a state (q, qd, z), and the rates of its states; None without states."""
-    q, qd = x[..., :n].copy(), x[..., n : 2 * n].copy()  # a law may modify its arguments
+    first, last, n = given
+    q, qd = x[..., first:last].copy(), x[..., n + first : n + last].copy()  # a law may modify its arguments
     if not hasattr(law, "states"):
         return law(t, q, qd), None
     returned = law(t, q, qd, x[..., 2 * n : 2 * n + int(law.states)].copy())
@@ -93,22 +102,26 @@ class TracedLaw:
     law : callable
     n : int
         Number of joints.
+    given : LawInputs, optional
+        All coordinates of the joints, if not given.
     """
 
-    def __init__(self, law: Any, n: int) -> None:
+    def __init__(self, law: Any, n: int, given: LawInputs | None = None) -> None:
         self.law, self.n, self.states = law, n, int(getattr(law, "states", 0))
+        self.given = given or LawInputs(0, n, n)
+        self.size = 2 * self.given.coordinates + self.states
         self.state = hash(state_of(law))  # its parameters are constants of kernels
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return TracedLaw, (self.law, self.n)
+        return TracedLaw, (self.law, self.n, self.given)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, TracedLaw):
             return NotImplemented
-        return self.law is other.law and (self.n, self.state) == (other.n, other.state)
+        return self.law is other.law and (self.n, self.given, self.state) == (other.n, other.given, other.state)
 
     def __hash__(self) -> int:
-        return hash((id(self.law), self.n, self.state))
+        return hash((id(self.law), self.n, self.given, self.state))
 
     def __call__(self, t: Any, x: Array) -> tuple[Array, Array | None]:
         """(torques, dz/dt); times have shape (..., 1).
@@ -127,7 +140,7 @@ class TracedLaw:
 
     def _call(self, t: Any, x: Array) -> tuple[Array, Array | None]:
         """The law's torques with one row per state, where a constant is repeated, and the rates of its states."""
-        u, rates = call_law(self.law, t, x, self.n)
+        u, rates = call_law(self.law, t, x, self.given)
         try:
             torques = np.asarray(u)
         except ValueError:
@@ -144,18 +157,20 @@ class TracedLaw:
     def _takes_batches(self) -> bool:
         """True if the law gives for some states at once what it gives for each."""
         count = self.n + 1  # a matrix (n, n) times so many states fails
-        t, X = _trials(count, 2 * self.n + self.states)
+        t, X = _trials(count, self.size)
         try:
             together, _ = self._call(t, X)
             single = [self._call(float(s[0]), x)[0] for s, x in zip(t, X, strict=True)]
         except Exception:  # whatever the law raises
             return False
-        return together.shape == (count, self.n) and np.allclose(together, single, rtol=AGREEMENT, atol=AGREEMENT)
+        if together.shape != (count, self.n) or together.dtype != np.float64:  # a batch of times in one entry
+            return False
+        return np.allclose(together, single, rtol=AGREEMENT, atol=AGREEMENT)
 
     @cached_property
     def outputs(self) -> MethodQuantity:
         """[torques, dz/dt] as a function of time and state, to be traced."""
-        widths: dict[str, int | None] = {"t": 1, "x": 2 * self.n + self.states}
+        widths: dict[str, int | None] = {"t": 1, "x": self.size}
         traced = Quantity(name="controller", core=self._core, widths=widths, moments=True, base_parameters=True)
         return MethodQuantity(self, traced, "the controller")
 
@@ -183,7 +198,7 @@ class TracedLaw:
 
     def _error_of_trace(self, robot: Robot) -> float:
         """Largest difference between traced and called torques in some states, relative where they exceed 1."""
-        kernel, (t, x) = robot._kernels.scene_kernel(self.outputs), _trials(TRIALS, 2 * self.n + self.states)
+        kernel, (t, x) = robot._kernels.scene_kernel(self.outputs), _trials(TRIALS, self.size)
         with np.errstate(all="ignore"):
             called = self._core(robot.model, t, x)
         if called.dtype != np.float64 or not np.isfinite(called).all():

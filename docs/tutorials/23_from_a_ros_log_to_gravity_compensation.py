@@ -1,0 +1,140 @@
+r"""
+From a ROS log to gravity compensation
+======================================
+
+A low-cost arm, the SO-101, carries a camera that its URDF does not know. ROS 2 recorded
+its joint states in an MCAP file, with the currents of the servos where torques belong.
+This tutorial reads the file, without ROS, finds what the arm weighs, and holds it up.
+The log is simulated, so we know the truth.
+
+Needs: ``pip install '.[plot,robots,identify,mcap]'``
+"""
+
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+from mcap_ros2.writer import Writer
+
+import rne
+
+# %%
+# The recording
+# -------------
+# The arm waits, moves for 20 s, and waits again. A servo gives 1.1 N m per ampere, loses
+# some of it to friction, and reports milliamperes that scatter by 15 mA.
+
+robot = rne.load("so101")
+arm = robot.with_payload(0.12, link="gripper_link").locked({"gripper": 0.0})
+gain = 1.1  # [N m/A]
+t = np.arange(0, 24, 0.01)
+moving = np.clip(t - 2, 0, 20)
+ramp = np.sin(np.pi * moving / 20) ** 2  # from rest to rest
+w = 2 * np.pi * np.array([0.25, 0.3, 0.35, 0.4, 0.45])  # [rad/s]
+size = np.array([0.8, 0.6, 0.6, 0.8, 1.0])  # [rad]
+q = np.outer(ramp, size) * np.sin(np.outer(moving, w))
+qd = np.gradient(q, t, axis=0)
+qdd = np.gradient(qd, t, axis=0)
+friction = 0.04 * qd + 0.06 * np.tanh(qd / 0.01)
+rng = np.random.default_rng(0)
+current = 1e3 * (arm.inverse_dynamics(q, qd, qdd) + friction) / gain
+current = current + 15 * rng.standard_normal(current.shape)
+step = 2 * np.pi / 4096  # of the encoders
+
+# %%
+# ``mcap_ros2`` writes the file as ``ros2 bag record --storage mcap /joint_states`` does.
+
+DEFINITION = """\
+std_msgs/Header header
+string[] name
+float64[] position
+float64[] velocity
+float64[] effort
+================================================================================
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+================================================================================
+MSG: builtin_interfaces/Time
+int32 sec
+uint32 nanosec
+"""
+folder = tempfile.TemporaryDirectory()
+log = Path(folder.name) / "so101.mcap"
+names = [*arm.joint_names, "gripper"]
+with open(log, "wb") as stream, Writer(stream) as writer:
+    schema = writer.register_msgdef("sensor_msgs/msg/JointState", DEFINITION)
+    for k in range(len(t)):
+        ns = 1_790_000_000_000_000_000 + int(1e7) * k
+        stamp = {"sec": ns // 10**9, "nanosec": ns % 10**9}
+        message = {
+            "header": {"stamp": stamp, "frame_id": ""},
+            "name": names,
+            "position": [*step * np.rint(q[k] / step), 0.0],
+            "velocity": [],
+            "effort": [*np.rint(current[k]), 0.0],
+        }
+        writer.write_message("/joint_states", schema, message, ns, ns)
+
+# %%
+# Reading it
+# ----------
+# What the file does not say we have to: efforts are milliamperes, and what an ampere is
+# worth. ``joints`` leaves the gripper out, which did not move. ``in_motion`` cuts off the
+# waiting. ``source`` says what was read, and findings would name what is wrong.
+
+record = rne.identification.Record.from_log(
+    log, joints=arm.joint_names, units={"tau": "mA"}, gains=gain
+).in_motion()
+print(record.source, *record.findings, sep="\n")
+assert "rest cut off" in record.source
+
+# %%
+# What the arm weighs
+# -------------------
+# The robot is the one of the URDF, without the camera. Its gripper is not in the record,
+# so it is locked. Servos have friction, and we leave out their rotors.
+
+drives = rne.DriveModel(friction="viscous+coulomb")
+found = rne.identify(robot, record, drives=drives)
+print(*found.report().split("\n\n")[:3], sep="\n\n")
+figure = found.plot()
+
+# %%
+# Holding it up
+# -------------
+# Gravity compensation is ``gravity_torque`` of the robot found. Beside it: that of the
+# URDF, and the truth, from the middle of the arm's range to either side.
+
+pose = np.linspace(-1, 1, 100)[:, None] * [0.0, 0.9, 0.9, 0.9, 0.0]
+true = arm.gravity_torque(pose)
+before = robot.locked({"gripper": 0.0}).gravity_torque(pose)
+after = found.robot.gravity_torque(pose)
+holding = Figure(figsize=(6.4, 3.2), layout="constrained")
+ax = holding.subplots()
+for torque, label, style in (
+    (true, "true", "k-"),
+    (before, "URDF", "C3--"),
+    (after, "identified", "C0:"),
+):
+    ax.plot(pose[:, 1], torque[:, 1], style, label=label)
+ax.set(xlabel="position of shoulder_lift [rad]", ylabel="holding torque [N m]")
+ax.legend()
+for torque, name in ((before, "URDF"), (after, "identified")):
+    print(f"{name}: up to {1e3 * abs(torque - true).max():.0f} mN m missing")
+assert abs(after - true).max() < 0.1 * abs(before - true).max()
+
+# %%
+# The same on the command line, from the log to a URDF and a page of pictures, with the
+# torque of a milliampere:
+#
+# .. code-block:: sh
+#
+#    rne identify so101 so101.mcap --gains 0.0011 --out camera.urdf
+#
+# The same call reads LeRobot data sets (extra ``lerobot``). Most of them hold positions
+# alone, from which no mass follows: record the currents of the servos as well.
+
+folder.cleanup()
+holding

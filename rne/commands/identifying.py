@@ -1,0 +1,109 @@
+"""rne identify: a robot's masses, rotors and friction from its logs."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from .moving import add_units, rotating
+from .shared import (
+    CommandError,
+    add_parser,
+    add_robot,
+    check_file,
+    check_folder,
+    fail,
+    in_one_line,
+    number,
+    numbers,
+    robot_of,
+    say,
+    used,
+    warnings_in_one_line,
+    work,
+)
+
+if TYPE_CHECKING:
+    import rne
+
+IDENTIFY = "rne identify ur5 run1.mcap run2.mcap --check run3.mcap --out ur5.urdf"
+
+
+def add_identify(commands: Any) -> None:
+    """Register `rne identify`."""
+    title = "find masses, rotors and friction from logs of motions"
+    parser = add_parser(commands, "identify", title, IDENTIFY, run_identify)
+    add_robot(parser)
+    logs = "files as rne.identification.Record.from_log reads them: text, MCAP, .mat, .npz, LeRobot data sets"
+    parser.add_argument("logs", metavar="LOG", type=Path, nargs="+", help=logs)
+    parser.add_argument("--check", metavar="LOG", type=Path, help="another motion, to be predicted")
+    add_units(parser)
+    parser.add_argument(
+        "--joints", metavar="NAME,...", type=lambda text: text.split(","), help="joints of the logs to read"
+    )
+    names = "names of all columns of logs without, such as t,q.a,tau.a; nothing for a column to ignore"
+    parser.add_argument("--columns", metavar="NAME,...", type=lambda text: text.split(","), help=names)
+    parser.add_argument("--gains", metavar="K", type=numbers, help="torques per ampere, for all joints or each [N m/A]")
+    parser.add_argument("--topic", help="topic of the joint states, where a log has several")
+    parser.add_argument("--cutoff", metavar="HZ", type=number, help="of the low-pass filter (default: from the logs)")
+    parser.add_argument("--out", metavar="FILE.urdf", type=Path, help="file for the robot found")
+    page = "folder for the page (default: rne-identify)"
+    parser.add_argument("--page", metavar="FOLDER", type=Path, default=Path("rne-identify"), help=page)
+
+
+def run_identify(arguments: argparse.Namespace) -> int:
+    """Identify, print the report, write the page and the robot; 1 if no possible robot was found."""
+    import rne
+
+    from ..plotting.html_page import Report
+
+    check_file(arguments.out)
+    check_folder(arguments.page)
+    robot, held_out = robot_of(arguments), [arguments.check] * (arguments.check is not None)
+    try:
+        work.begin("reading the logs")
+        records = [_record(file, robot, arguments) for file in (*arguments.logs, *held_out)]
+        for record in records:
+            say(f"{record.name}: {record.source}")
+        work.begin("identifying")
+        with warnings_in_one_line():
+            found = rne.identify(robot, records[: len(arguments.logs)], cutoff=arguments.cutoff)
+        page = Report(f"{robot.model.name} identified", say, arguments.page)
+        page.text(used(robot, arguments))
+        page.lines(found.report())
+        for k, record in enumerate(records):
+            check, how = found.check(record), "fitted" if k < len(arguments.logs) else "predicted"
+            page.heading(f"{record.name}, {how}")
+            page.lines(check.report())
+            page.figure(
+                f"torques_{k}", check.plot, f"{record.name}: measured torques, {how} ones, and their difference"
+            )
+        say(f"page: {page.write()}")
+    except (ValueError, ImportError) as error:
+        raise CommandError(re.sub("`(cutoff|gains|joints|columns|topic)`", r"--\1", in_one_line(error))) from None
+    try:
+        urdf = rne.to_urdf(found.robot.model)
+    except rne.IdentificationError as error:
+        fail(in_one_line(error))
+        return 1
+    if arguments.out:
+        arguments.out.write_text(urdf, encoding="utf-8")
+        say(f"{arguments.out}: the robot found")
+    return 0
+
+
+def _record(file: Path, robot: rne.Robot, arguments: argparse.Namespace) -> rne.identification.Record:
+    """The record of a log, in the units of `add_units`, without rest at its ends."""
+    import rne
+
+    given = {name: getattr(arguments, name) for name in ("time_unit", "joints", "columns", "topic")}
+    if arguments.degrees:
+        turns = dict(zip(robot.joint_names, rotating(robot), strict=True))
+        if not all(turns.values()):  # the joints of the log have to be known
+            given["joints"] = given["joints"] or robot.joint_names
+        unit = ["deg" if turns.get(joint, True) else "m" for joint in given["joints"] or ()] or "deg"
+        given["units"] = {"q": unit, "qd": unit}
+    gains = arguments.gains if arguments.gains is None or len(arguments.gains) > 1 else arguments.gains[0]
+    return rne.identification.Record.from_log(file, gains=gains, **given).in_motion()

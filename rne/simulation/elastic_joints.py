@@ -1,0 +1,189 @@
+"""Elastic joints: a spring and a damper between each motor, seen through its gear, and its link.
+
+Spong 1987, Modeling and control of elastic joint robots, J. Dyn. Sys., Meas., Control 109, (15) and (16): rotors turn
+about their own axes fast enough for the rest of their motion to be left out, their masses belong to the links. With
+torsion K (theta - q) + D (theta' - q') of the joints,
+
+    M(q) q'' + C q' + g = K (theta - q) + D (theta' - q')
+    B theta'' + K (theta - q) + D (theta' - q') = torque of the drives - friction(theta')
+
+The state is x = (q, theta, q', theta', z, energies), so that a scene of n joints has 2 n coordinates.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..basics.arrays import real_numbers
+from ..basics.spatial import Array
+from ..basics.text import listed, summary
+from ..dynamics.rnea import inverse_dynamics
+from ..model.model import Model, joint_array
+from ..model.modify import LimitValues, limit_array
+from ..robot import Robot
+from .scene_dynamics import MotorSide, SceneDynamics
+
+READS = ("motor", "link", "both")
+
+
+@dataclass(frozen=True, eq=False)
+class ElasticJoints:
+    """Joints that yield between motor and link, for a Scene (Spong's model); every joint of the scene has a motor.
+
+    Parameters
+    ----------
+    stiffness : float, array_like of shape (n,), or mapping
+        Of the spring in each joint, gear included: one number for all joints, one each, or by name [N m/rad or N/m].
+    damping : float, array_like of shape (n,), or mapping
+        Of the damper beside each spring; 0 where a mapping does not name the joint [N m s/rad or N s/m].
+    rotor : float, array_like of shape (n,), or mapping, optional
+        Inertias of rotors reflected through their gears; the armature of robot or scene if not given [kg m^2 or kg].
+    reads : {"motor", "link", "both"}
+        What positions and velocities control laws are given: those of the motors, reflected through the gears, those of
+        the links, or both in arrays of length 2 n, the links first.
+
+    Notes
+    -----
+    Friction and limits of torque are the motors', ranges the links'. Rotors turn about the axes of their joints alone,
+    and their masses belong to the links. The scene checks the numbers.
+
+    Examples
+    --------
+    >>> import rne
+    >>> robot = rne.load("irb140")
+    >>> scene = rne.Scene(robot, elastic=rne.ElasticJoints(stiffness=2e4, damping=5.0, rotor=1.5))
+    >>> motion = rne.simulate(scene, [0] * 6, [0] * 6, 0.1)
+    >>> torsion = 2e4 * (motion.motor_q - motion.q)
+    >>> bool(abs(torsion[0] - robot.gravity_torque([0] * 6)).max() < 1e-9)  # it holds the links at first [N m]
+    True
+    """
+
+    stiffness: LimitValues
+    damping: LimitValues = 0.0
+    rotor: LimitValues | None = None
+    reads: str = "motor"
+
+    __repr__ = summary
+
+    def __post_init__(self) -> None:
+        if self.reads not in READS:
+            raise ValueError(f"`reads` must be one of {list(READS)}, got {self.reads!r}")
+        for name in ("stiffness", "damping", "rotor"):  # the caller may change them later
+            value = getattr(self, name)
+            if isinstance(value, np.ndarray | Mapping):
+                object.__setattr__(self, name, value.copy() if isinstance(value, np.ndarray) else dict(value))
+
+
+def part_at_joints(robot: Robot, elastic: ElasticJoints) -> tuple[Robot, MotorSide]:
+    """The links, without rotors, and what is behind the joints; a ValueError where the two do not fit."""
+    model, names = robot.model, robot.joint_names
+    if driven := [name for k, name in enumerate(model.moving_joints) if k not in model.independent_joints]:
+        raise ValueError(f"`elastic` is not for joints that follow others, got {listed(driven)}")
+    if elastic.rotor is not None and model.armature.any():
+        raise ValueError("`rotor` of the elastic joints is given, and so is an armature: give one of them")
+    missing = [name for name, rotor in zip(names, model.armature, strict=True) if not rotor]
+    if elastic.rotor is None and missing:
+        raise ValueError(f"elastic joints need a `rotor`, or an armature, got none for {listed(missing)}")
+    stiffness, damping = (_numbers(name, getattr(elastic, name), names) for name in ("stiffness", "damping"))
+    inertia = _numbers("rotor", model.armature if elastic.rotor is None else elastic.rotor, names)
+    links = robot.with_model(replace(model, armature=0 * model.armature))
+    return links, MotorSide(stiffness, damping, inertia, elastic.reads)
+
+
+def _numbers(name: str, value: LimitValues, joints: tuple[str, ...]) -> tuple[float, ...]:
+    """One number per joint, positive, or not negative of damping; a ValueError names the joint at fault."""
+    found = limit_array("armature", value, joints, np.zeros(len(joints)), name).tolist()
+    for joint, number in zip(joints, found, strict=True):
+        if number == np.inf or (number == 0 and name != "damping"):
+            need = "finite" if name == "damping" else "positive and finite"
+            raise ValueError(f"`{name}` of joint {joint!r} must be {need}, got {number:g}")
+    return tuple(found)
+
+
+class ElasticDynamics(SceneDynamics):
+    """The equations of motion of a scene with elastic joints; `n` counts the coordinates of links and motors."""
+
+    motor_side: MotorSide
+
+    def _parts(self, x: Array) -> list[Array]:
+        """q, theta, q', theta'."""
+        return [x[..., k * self.joints : (k + 1) * self.joints] for k in range(4)]
+
+    def start(self, robot: Robot, q0: ArrayLike, qd0: ArrayLike) -> tuple[Array, Array]:
+        """Coordinates and velocities of links and motors: as given, or where torsion holds the links at rest."""
+        width, given = f"(..., {robot.n}), or (..., {self.n}) with the motors' behind them", []
+        for name, value in (("q0", q0), ("qd0", qd0)):
+            array = real_numbers(name, value, width)
+            given.append(joint_array(name, array, robot.model, self.n if array.shape[-1:] == (self.n,) else None))
+        q, qd = given
+        if q.shape[-1] == robot.n:
+            weight = robot.gravity_torque(q)
+            weight = weight if self.springs is None else weight + self.springs.torque(robot, q, 0 * q)
+            q = np.concatenate([q, q + weight / np.array(self.motor_side.stiffness)], axis=-1)
+        return q, np.concatenate([qd, qd], axis=-1) if qd.shape[-1] == robot.n else qd
+
+    def energies_of(self, robot: Robot, x: Array) -> tuple[Array, Array]:
+        """Kinetic and potential energy in states, those of rotors and torsion included [J]."""
+        kinetic, potential = super().energies_of(robot, x)
+        q, motor_q, _, motor_qd = self._parts(x)
+        kinetic = kinetic + (np.array(self.motor_side.rotor) * motor_qd**2).sum(-1) / 2
+        return kinetic, potential + (np.array(self.motor_side.stiffness) * (motor_q - q) ** 2).sum(-1) / 2
+
+    def _torsion(self, model: Model, x: Array) -> tuple[Array, Array, list[Array]]:
+        """Torsion of the joints, the links' net torques, and the powers that are lost, where energies are states."""
+        q, motor_q, qd, motor_qd = self._parts(x)
+        torsion, lost = np.array(self.motor_side.stiffness) * (motor_q - q), list[Array]()
+        if any(self.motor_side.damping):
+            damped = np.array(self.motor_side.damping) * (motor_qd - qd)
+            torsion, lost = torsion + damped, self._powers(motor_qd - qd, {"joint_damping": damped})
+        if self.springs is None:
+            return torsion, torsion, lost
+        held, by_springs = self._held(model, x)
+        return torsion, torsion - held, [*by_springs, *lost]
+
+    def _acting(self, model: Model, t: Any, x: Array, u: Array | None) -> tuple[Array, list[Array]]:
+        """Net torques on links and motors, and the rates of the states behind (q, theta, q', theta')."""
+        net, further = self._driving(t, x, u)
+        torsion, links, lost = self._torsion(model, x)
+        return np.concatenate([links, net - torsion], axis=-1), [*further, *lost]
+
+    def right_hand_side_core(self, model: Model, t: Array, x: Array, u: Array | None = None) -> Any:
+        """(dx/dt, pivots, diagonal of the links' M), traced."""
+        (q, _, qd, motor_qd), m = self._parts(x), self.joints
+        net, further = self._acting(model, t, x, u)
+        qdd, pivots, diagonal = self.forward.quantity.core(model, q, qd, net[..., :m])
+        motor_qdd = net[..., m:] * (1 / np.array(self.motor_side.rotor))
+        return np.concatenate([qd, motor_qd, qdd, motor_qdd, *further], axis=-1), pivots, diagonal
+
+    def residual_core(self, model: Model, t: Array, x: Array, a: Array, u: Array | None = None) -> Any:
+        """[M a + C q' + g, B a of the motors] - net torques, rates of the states behind, at accelerations a, traced."""
+        (q, _, qd, _), m = self._parts(x), self.joints
+        net, further = self._acting(model, t, x, u)
+        links = inverse_dynamics.core(model, q, qd, a[..., :m])
+        motors = np.array(self.motor_side.rotor) * a[..., m:]
+        return np.concatenate([np.concatenate([links, motors], axis=-1) - net, *further], axis=-1)
+
+    def _balance(self, model: Model, t: Array, x: Array, u: Array) -> tuple[Any, ...]:
+        """As of rigid joints: links always move, motors are accelerated by what drives, friction and torsion leave."""
+        assert self.friction is not None
+        n, m, rotor = self.n, self.joints, np.array(self.motor_side.rotor)
+        slips, dry = u[..., -2 * n + m : -n], u[..., -m:]
+        motor_qd = slips * x[..., n + m : 2 * n]
+        moving = np.concatenate([x[..., : n + m], motor_qd, x[..., 2 * n :]], axis=-1)
+        drives, further = self.drives(t, moving, u[..., : -2 * n] if self.torque_given else None)
+        viscous, (torsion, links, lost) = self.friction.viscous_torque(motor_qd), self._torsion(model, moving)
+        offset = np.asarray(self.friction.offset)
+        resisting = torsion + viscous + offset
+        net = -resisting if drives is None else drives - resisting
+        qdd, pivots, diagonal = self.forward.quantity.core(model, x[..., :m], x[..., n : n + m], links)
+        loads = slips * dry + (1 - slips) * net
+        torques = {"drives": drives, "viscous": viscous, "coulomb": dry, "offset": offset}
+        further += [*self._powers(motor_qd, torques), *lost]
+        found = [qdd, slips * (net - dry) / rotor], [0 * qdd, loads], [links, net], [0 * qdd + 1, 0 * qdd + rotor]
+        accelerations, loads, net, inertia = (np.concatenate(part, axis=-1) for part in found)
+        return accelerations, loads, net, further, inertia, pivots, diagonal

@@ -1,0 +1,70 @@
+"""Stability of a scene's closed loop near a target: linearised there, in continuous time or with torques held."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from scipy.linalg import expm
+
+from ..basics.spatial import Array
+from ..control.gains import LinearisedLoop
+from .plant import Plant
+
+AT_REST = 1e-6  # accelerations at the target that are no motion, of those that the torques alone give
+SLOWEST, FASTEST, COUNT = 1e3, 1e-2, 400  # sample times examined, over the fastest mode's time
+MARGIN = 1e-9  # of a spectral radius beyond 1, or a pole beyond 0 over the fastest: less is rounding
+
+
+def linearised_loop(scene: Any, q: Array) -> LinearisedLoop:
+    """The loop of a scene with a controller, at rest in q with the controller's states zero."""
+    n, sample_time, law = scene.n, scene.sample_time, scene.controller
+    free = replace(scene, sample_time=None, torque_rate=None)
+    closed, x = _slopes(free, q)
+    state: tuple[Any, ...] = (x[n : 2 * n],) if not hasattr(law, "states") else (x[n : 2 * n], np.zeros(law.states))
+    u = law(0.0, q, *state)
+    torque = np.asarray(u[0] if hasattr(law, "states") else u)
+    robot = scene.resolved.robot
+    qdd = robot.forward_dynamics(q, 0 * q, torque)
+    size = np.abs(robot.forward_dynamics(q, 0 * q, np.abs(torque))).max(initial=0.0) + 1.0
+    is_rest = bool(np.abs(qdd).max(initial=0.0) <= AT_REST * size)
+    poles = np.linalg.eigvals(closed)
+    fastest = float(np.abs(poles).max(initial=1e-300))
+    limit, stable = np.inf, bool((poles.real < -MARGIN * fastest).all())
+    if not hasattr(law, "states"):
+        opened, _ = _slopes(replace(free, controller=lambda t, q, qd: torque), q)
+        limit = first_unstable_sample_time(opened, closed - opened, fastest) if stable else 0.0
+        if sample_time is not None:
+            stable = stable and spectral_radius(opened, closed - opened, sample_time) < 1 - MARGIN
+    return LinearisedLoop(poles, limit, sample_time, stable, is_rest)
+
+
+def _slopes(scene: Any, q: Array) -> tuple[Array, Array]:
+    """The slopes of the state's rates without energies and impulses, at rest in q, and that state."""
+    dynamics = scene.dynamics
+    plant = Plant(dynamics, scene.resolved.robot, scene.controller if dynamics.inputs == "called" else None)
+    x = np.zeros(dynamics.size)
+    x[: scene.n], moving = q, 2 * scene.n + dynamics.states
+    return plant.jacobian(0.0, x)[:moving, :moving], x
+
+
+def spectral_radius(opened: Array, feedback: Array, T: float) -> float:
+    """Of the map from sample to sample of x' = opened x + feedback x_k (Åström and Wittenmark 1997, section 2.3)."""
+    n = len(opened)
+    both = expm(T * np.block([[opened, feedback], [np.zeros((n, 2 * n))]]))
+    return float(np.abs(np.linalg.eigvals(both[:n, :n] + both[:n, n:])).max())
+
+
+def first_unstable_sample_time(opened: Array, feedback: Array, fastest: float) -> float:
+    """The smallest sample time found at which the loop with held torques is not stable [s]."""
+    times = np.geomspace(FASTEST / fastest, SLOWEST / fastest, COUNT)
+    unstable = (T for T in times if spectral_radius(opened, feedback, T) > 1 + MARGIN)
+    end = next(unstable, None)
+    if end is None:
+        return float("inf")
+    start = end * float(times[0] / times[1])
+    while end - start > 1e-6 * end:
+        middle = (start + end) / 2
+        start, end = (start, middle) if spectral_radius(opened, feedback, middle) > 1 + MARGIN else (middle, end)
+    return float(end)

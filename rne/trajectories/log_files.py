@@ -1,0 +1,360 @@
+"""Log files as robots write them: named columns of text, messages and arrays."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+import os
+import re
+import struct
+import zlib
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..basics.spatial import Array
+from ..basics.text import MAX_NAME, cut
+from .csv_file import as_number, csv_rows, listed_names, text_of
+
+Message = tuple[int, Sequence[str], Sequence[Sequence[float]]]  # time [ns], joints, and their q, qd, tau
+
+LISTED = 12  # columns that an error lists
+LARGEST = 2**30  # bytes of a chunk of an MCAP file
+UNIT = re.compile(
+    r"[\[(]?(s|ms|us|ns|rad|deg|°|m|mm|rad/s|deg/s|°/s|m/s|rpm|N ?m|mN ?m|N|A|mA)[\])]?"
+)  # in a row below names
+SNIFFED = 20  # rows from which separator and decimal sign are guessed
+FORMATS = [(";", "."), (";", ","), ("\t", "."), ("\t", ","), (",", "."), (" ", "."), (" ", ",")]
+JOINT_STATE = "sensor_msgs/msg/JointState"
+OTHERS = {  # first bytes of files that are not read, what they are, and the cure
+    b"#ROSBAG": "a ROS 1 bag; write the topic as text: rostopic echo -b FILE -p /joint_states > log.csv",
+    b"SQLite": "a ROS 2 bag in SQLite; convert it to MCAP: ros2 bag convert",
+    b"MATLAB 7": "a MATLAB file of version 7.3; save it by save(file, ..., '-v7')",
+    b"\x89HDF": "an HDF5 file; write its arrays as text, .npz or .mat",
+    b"PK\x03\x04": "a ZIP archive or a spreadsheet; write it as text",
+    b"\x1f\x8b": "compressed; decompress it first",
+}
+NUMERIC = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}  # of MATLAB
+COMPRESSED, STRUCTURE = 15, 2  # kinds of elements and of arrays
+NUMBERS = re.compile(r"((fixed_size_|large_)?list<.*)?\b(halffloat|float|double|u?int\d+)\b(>.*)?")  # types of Arrow
+
+
+class Log(NamedTuple):
+    """The columns of a log by name, as numbers or texts, and what was chosen to read it, in words."""
+
+    columns: dict[str, Array]
+    said: tuple[str, ...] = ()
+    time_unit: str | None = None  # where the format says it
+    decimal: str = "."
+    rows: Sequence[int] = ()  # of texts, for messages
+    is_lerobot: bool = False  # positions in degrees, or normalised
+
+    def numbers(self, place: str, name: str) -> Array:
+        """A column as numbers, NaN where entries are left out."""
+        x = self.columns[name]
+        if x.dtype.kind != "U":
+            return x
+        values = np.array([_number(text, self.decimal) for text in x.tolist()])
+        for k in np.flatnonzero(~np.isfinite(values)):
+            if x[k].strip().lower() not in ("", "nan"):
+                got = repr(cut(str(x[k]), MAX_NAME))
+                raise ValueError(
+                    f"{place}, row {self.rows[int(k)]}, column {name!r}: must be a finite number, got {got}"
+                )
+        return values
+
+
+def read_log(path: Path, options: Mapping[str, Any]) -> Log:
+    """The columns of a file, whose format its first bytes say, or of a data set in a folder."""
+    if path.is_dir():
+        if (path / "meta" / "info.json").is_file():
+            return _parquet(sorted(path.glob("data/*/*.parquet")), path / "meta" / "info.json", options)
+        if not (bags := sorted(path.glob("*.mcap"))):
+            raise ValueError(f"{path}: is a folder without meta/info.json, as LeRobot data sets have, or .mcap files")
+        return _mcap(bags, options)
+    with open(path, "rb") as stream:
+        first, suffix = stream.read(16), path.suffix.lower()
+    if suffix == ".npz":
+        return Log(_columns(_whole(path, lambda: dict(np.load(io.BytesIO(path.read_bytes()))))))
+    for mark, what in OTHERS.items():
+        if first.startswith(mark):
+            raise ValueError(f"{path}: is {what}")
+    if first.startswith(b"MATLAB 5") or suffix == ".mat":
+        data = memoryview(path.read_bytes())
+        order = "<" if bytes(data[126:128]) == b"IM" else ">"
+        return Log(_columns(_whole(path, lambda: _matlab(data[128:], order))))
+    if first.startswith(b"\x89MCAP") or suffix == ".mcap":
+        return _mcap([path], options)
+    if first.startswith(b"PAR1") or suffix == ".parquet":
+        return _parquet([path], None, options)
+    return _text(path, options)
+
+
+def _whole(path: Path, read: Callable[[], Any]) -> Any:
+    """What a library reads from a file, or one kind of error if it is damaged."""
+    try:
+        return read()
+    except Exception as error:  # each library has its own
+        if isinstance(error, ImportError) or getattr(error, "errno", None):
+            raise
+        reason = cut(" ".join(str(error).split()), 3 * MAX_NAME) or type(error).__name__
+        raise ValueError(f"{path}: is damaged or cut off ({reason})") from None
+
+
+# Text
+
+
+def _text(path: Path, options: Mapping[str, Any]) -> Log:
+    name, text = os.fspath(path), text_of(path)
+    separator, decimal = _format(text, options["separator"], options["decimal"])
+    rows = csv_rows(name, text, separator)
+    first = next((k for k, (_, row) in enumerate(rows) if _is_numeric(row, decimal)), None)
+    if first is None:
+        raise ValueError(f"{name}: there are no rows of numbers" if rows else f"{name}: the file is empty")
+    given, heading, body = options["columns"], rows[first - 1][1] if first else [], rows[first:]
+    width = len(body[0][1])
+    if isinstance(given, Sequence):
+        heading = list(given)
+    elif heading:
+        heading = [entry.strip().lstrip("#% ") for entry in heading]
+        heading = heading[len(heading) == width + 1 and not heading[0] :]  # "# t q1", separated by blanks
+        if first > 1 and all(map(UNIT.fullmatch, heading)) and len(above := rows[first - 2][1]) == len(heading):
+            heading = [f"{x.strip()} [{unit.strip('[]() ')}]" for x, unit in zip(above, heading, strict=True)]
+    elif width > 4 and body[0][1][1].isdigit() and math.isnan(as_number(body[0][1][3])):
+        return _states(name, _echoed(name, body), options["joints"], "as of ros2 topic echo --csv")
+    elif given is not None or options["quantity"]:
+        heading = [str(k) for k in range(width)]
+    else:
+        raise ValueError(
+            f"{name}: the names of its {width} columns are missing; give them, such as "
+            'columns=["t", "q.shoulder", "tau.shoulder"], with "" for one to ignore'
+        )
+    for row, fields in body:
+        if len(fields) != len(heading):
+            cure = "remove the row if the log was cut off there"
+            raise ValueError(f"{name}, row {row}: must have {len(heading)} entries, got {len(fields)}; {cure}")
+    if "field.position0" in heading:
+        return _states(name, _rostopic(name, heading, body), options["joints"], "as of rostopic echo -p")
+    if twice := [column for k, column in enumerate(heading) if column and column in heading[:k]]:
+        raise ValueError(f"{name}: column {twice[0]!r} is there twice")
+    columns = {column: np.array([row[k] for _, row in body]) for k, column in enumerate(heading) if column}
+    said = f"separator {separator!r}, decimal sign {decimal!r}"
+    return Log(columns, (said,) * ((separator, decimal) != (",", ".")), None, decimal, [row for row, _ in body])
+
+
+def _format(text: str, separator: str | None, decimal: str | None) -> tuple[str, str]:
+    """Separator and decimal sign with which most entries in the middle of a text are numbers."""
+    lines = [line for line in text.splitlines() if line.strip()]
+    lines = lines[len(lines) // 2 :][:SNIFFED]
+
+    def numbers(form: tuple[str, str]) -> int:
+        fields = [x for line in lines for x in (line.split() if form[0] == " " else line.split(form[0]))]
+        return sum(math.isfinite(_number(x, form[1])) for x in fields)
+
+    possible = [f for f in FORMATS if separator in (None, f[0]) and decimal in (None, f[1])]
+    return max(possible or [(separator or ",", decimal or ".")], key=numbers)
+
+
+def _number(text: str, decimal: str) -> float:
+    return as_number(text if decimal == "." else text.replace(".", "?").replace(decimal, "."))
+
+
+def _is_numeric(row: Sequence[str], decimal: str) -> bool:
+    """True if half of the entries that are not left out are numbers."""
+    filled = [x for x in row if x.strip()]
+    return 2 * sum(math.isfinite(_number(x, decimal)) for x in filled) >= len(filled) > 0
+
+
+# Messages: sensor_msgs/JointState
+
+
+def _echoed(name: str, body: Iterable[tuple[int, list[str]]]) -> Iterator[Message]:
+    """Of `ros2 topic echo --csv`: seconds, nanoseconds, frame, names, positions, velocities, efforts."""
+    for at, row in body:
+        (*stamp, _), fields, parts = row[:3], row[3:], list[list[float]]()
+        n = next((k for k, x in enumerate(fields) if x in ("", "nan") or math.isfinite(as_number(x))), 0)
+        names, rest = fields[:n], fields[n:]
+        for _ in range(3):  # an array without entries is an entry left out
+            count = n if rest[:1] != [""] else 1
+            parts.append([as_number(x) for x in rest[:count] if x])
+            rest = rest[count:]
+        if rest or {len(part) for part in parts} - {0, n} or not n or not "".join(stamp).isdigit():
+            what = "as many names of joints, positions, velocities and efforts"
+            raise ValueError(f"{name}, row {at}: must be seconds, nanoseconds, frame, and {what}")
+        yield int(stamp[0]) * 10**9 + int(stamp[1]), names, parts
+
+
+def _rostopic(name: str, heading: Sequence[str], body: Iterable[tuple[int, list[str]]]) -> Iterator[Message]:
+    """Of `rostopic echo -p`, in columns such as field.position0; times are those of headers, or of receipt."""
+    fields = ("name", "position", "velocity", "effort")
+    places = [[k for k, x in enumerate(heading) if re.fullmatch(rf"field\.{field}\d+", x)] for field in fields]
+    stamps = [heading.index(x) for x in ("field.header.stamp", "time") if x in heading]
+    for at, row in body:
+        stamp = next((row[k] for k in stamps if row[k] != "0"), "")
+        if not stamp.isdigit():
+            raise ValueError(f"{name}, row {at}: must have a time in nanoseconds, got {cut(stamp, MAX_NAME)!r}")
+        names, *values = ([row[k] for k in place] for place in places)
+        yield int(stamp), names, [[as_number(x) for x in part] for part in values]
+
+
+def _states(place: str, messages: Iterable[Message], joints: Sequence[str] | None, said: str) -> Log:
+    """Columns of the messages that have all joints asked for, or of all messages."""
+    found: list[tuple[int, dict[str, int], Sequence[Sequence[float]]]] = []
+    groups: dict[tuple[str, ...], int] = {}
+    for k, (ns, names, values) in enumerate(messages):
+        group = tuple(sorted(names))
+        groups[group] = groups.get(group, 0) + 1
+        if any(len(part) not in (0, len(names)) for part in values) or len(set(names)) < len(names):
+            sizes = f"{len(set(names))} different names, and {', '.join(str(len(part)) for part in values)}"
+            raise ValueError(f"{place}: message {k + 1} has {sizes} positions, velocities and efforts")
+        if joints is None or set(joints) <= set(group):
+            found.append((ns, {name: j for j, name in enumerate(names)}, values))
+    if joints is None and len(groups) > 1:
+        sets = " and ".join(f"{listed_names(group)} ({count} messages)" for group, count in groups.items())
+        raise ValueError(f"{place}: joint states are of different joints, {sets}; give those to read as `joints`")
+    if not found:
+        there = " and ".join(map(listed_names, groups)) or "no message"
+        raise ValueError(f"{place}: no message has all of `joints`, {listed_names(joints or ())}; there is {there}")
+    start, columns = found[0][0], {}
+    columns["t"] = np.array([(ns - start) / 1e9 for ns, *_ in found])
+    for k, quantity in enumerate(("q", "qd", "tau")):
+        if all(values[k] for *_, values in found):
+            for joint in joints or found[0][1]:
+                columns[f"{quantity}.{joint}"] = np.array(
+                    [values[k][order[joint]] for _, order, values in found], float
+                )
+    return Log(columns, (f"{said}, times from the first message on, at {start / 1e9:.3f} s",), "s")
+
+
+def _mcap(paths: Sequence[Path], options: Mapping[str, Any]) -> Log:
+    """Joint states of one topic of an MCAP file, or of the files of a bag."""
+    try:
+        from mcap.reader import make_reader
+        from mcap_ros2.decoder import DecoderFactory
+    except ImportError:
+        raise ImportError("reading MCAP files needs mcap-ros2-support: pip install 'rne[mcap]'") from None
+    topics: dict[str, str] = {}
+    messages: list[Message] = []
+
+    def read(path: Path, wanted: str | None) -> None:
+        with open(path, "rb") as stream:
+            reader = make_reader(stream, validate_crcs=True, decoder_factories=[DecoderFactory()])
+            if (summary := reader.get_summary()) is None:
+                raise ValueError("it has no summary; mend it: mcap recover FILE")
+            if (size := max((x.uncompressed_size for x in summary.chunk_indexes), default=0)) > LARGEST:
+                raise ValueError(f"a chunk is said to have {size} bytes")
+            schemas = {k: schema.name for k, schema in summary.schemas.items()}
+            topics.update({x.topic: schemas.get(x.schema_id, "unknown") for x in summary.channels.values()})
+            for *_, raw, state in reader.iter_decoded_messages(topics=[wanted]) if wanted else ():
+                ns = state.header.stamp.sec * 10**9 + state.header.stamp.nanosec or raw.log_time
+                messages.append((ns, state.name, [state.position, state.velocity, state.effort]))
+
+    for path in paths:
+        _whole(path, lambda path=path: read(path, None))  # type: ignore[misc]
+    states, topic = [name for name, kind in topics.items() if kind == JOINT_STATE], options["topic"]
+    if topic is None and len(states) > 1:
+        raise ValueError(f"{paths[0]}: there are joint states of {listed_names(states)}; give one as `topic`")
+    if not states or topic not in (None, *states):
+        there = ", ".join(f"{name} ({kind})" for name, kind in sorted(topics.items())[:LISTED]) or "nothing"
+        raise ValueError(f"{paths[0]}: there is no topic {topic or ''} of {JOINT_STATE}; there is {there}")
+    for path in paths:
+        _whole(path, lambda path=path: read(path, topic or states[0]))  # type: ignore[misc]
+    return _states(os.fspath(paths[0]), messages, options["joints"], f"topic {topic or states[0]}")
+
+
+# Arrays
+
+
+def _columns(arrays: Mapping[str, Any], names: Mapping[str, Sequence[str]] | None = None) -> dict[str, Array]:
+    """Columns of arrays of numbers, those of a matrix named or numbered from 1; structures are joined by points."""
+    columns: dict[str, Array] = {}
+    for name, value in arrays.items():
+        if isinstance(value, Mapping):
+            columns |= {f"{name}.{part}": x for part, x in _columns(value).items()}
+        elif not name.startswith("__") and np.asarray(value).dtype.kind in "fiu" and np.ndim(value) in (1, 2):
+            x = np.atleast_2d(np.asarray(value, dtype=np.float64).T)
+            x = x.T if len(x) > x.shape[1] else x
+            own = (names or {}).get(name, ())
+            own = own if len(own) == len(x) else [str(k + 1) for k in range(len(x))]
+            columns |= {name if np.ndim(value) == 1 else f"{name}.{k}": row for k, row in zip(own, x, strict=True)}
+    return columns
+
+
+def _matlab(data: memoryview, order: str) -> dict[str, Any]:
+    """Arrays of numbers, and structures of them, of a MATLAB file of version 5 to 7; SciPy crashes on damaged ones."""
+    arrays: dict[str, Any] = {}
+    for kind, body in _elements(data, order):
+        if kind == COMPRESSED:
+            arrays |= _matlab(memoryview(zlib.decompressobj().decompress(body, LARGEST)), order)
+        else:
+            name, value = _matrix(body, order)
+            arrays |= {} if value is None else {name: value}
+    return arrays
+
+
+def _elements(data: memoryview, order: str) -> Iterator[tuple[int, memoryview]]:
+    """Kind and bytes of each element: after eight bytes and up to the next multiple of eight, or within eight bytes."""
+    at = 0
+    while at < len(data):
+        kind, size = struct.unpack_from(f"{order}II", data, at)
+        start, end = at + 8, at + 8 + (size if kind == COMPRESSED else -(-size // 8) * 8)
+        if kind >> 16:
+            kind, size, start, end = kind & 0xFFFF, kind >> 16, at + 4, at + 8
+        if end > len(data):
+            raise ValueError("an element ends beyond the file")
+        yield kind, data[start : start + size]
+        at = end
+
+
+def _matrix(body: memoryview, order: str) -> tuple[str, Any]:
+    """Name and value of an array: real numbers, the fields of a structure, or None."""
+    if not body:
+        return "", None
+    (_, flags), (_, sizes), (_, name), *parts = _elements(body, order)
+    shape, kind = np.frombuffer(sizes, f"{order}i4"), flags[0 if order == "<" else 3]
+    value: Any = None
+    if kind == STRUCTURE and shape.prod() == 1:
+        (_, length), (_, fields), *values = parts
+        names = np.frombuffer(fields, f"S{int(np.frombuffer(length, f'{order}i4')[0])}").tolist()
+        value = {x.decode(): _matrix(part, order)[1] for x, (_, part) in zip(names, values, strict=True)}
+    elif len(parts) == 1 and parts[0][0] in NUMERIC and kind in range(6, 16):
+        value = np.frombuffer(parts[0][1], order + NUMERIC[parts[0][0]]).reshape(shape, order="F").squeeze()
+    return bytes(name).decode(), value
+
+
+def _parquet(paths: Sequence[Path], info: Path | None, options: Mapping[str, Any]) -> Log:
+    """One episode of a LeRobot data set."""
+    try:
+        import pyarrow.parquet as parquet
+    except ImportError:
+        raise ImportError("reading LeRobot data sets needs pyarrow: pip install 'rne[lerobot]'") from None
+
+    def arrays_of(path: Path) -> dict[str, Array]:
+        table = parquet.read_table(path, partitioning=None)
+        kept = [column.name for column in table.schema if NUMBERS.fullmatch(str(column.type))]
+        return {name: np.array(table[name].to_pylist(), dtype=np.float64) for name in kept}
+
+    if not paths:
+        raise ValueError(f"{info}: the data set has no files data/*/*.parquet")
+    names = {} if info is None else _whole(info, lambda: _names_of_features(info))
+    parts = [_whole(path, lambda path=path: arrays_of(path)) for path in paths]  # type: ignore[misc]
+    arrays = {x: np.concatenate([part[x] for part in parts]) for x in parts[0] if all(x in part for part in parts)}
+    episodes, wanted = arrays.get("episode_index", np.zeros(1)), options["episode"]
+    if wanted not in episodes if wanted is not None else np.ptp(episodes):
+        low, high = f"{episodes.min():g}", f"{episodes.max():g}"
+        raise ValueError(f"{paths[0]}: there are episodes {low} to {high}; give one as `episode`")
+    if wanted is not None:
+        arrays = {name: x[episodes == wanted] for name, x in arrays.items()}
+    return Log(_columns(arrays, names), (f"episode {wanted or 0}",), "s", is_lerobot=True)
+
+
+def _names_of_features(info: Path) -> dict[str, list[str]]:
+    """Names of the entries of each array: those of a list, or of a list in a mapping."""
+    names = {}
+    for name, feature in json.loads(info.read_text(encoding="utf-8"))["features"].items():
+        own = feature.get("names") or []
+        names[name] = [str(x) for part in (own.values() if isinstance(own, dict) else [own]) for x in part]
+    return names

@@ -1,0 +1,320 @@
+"""Reading a robot from an MJCF file: MuJoCo compiles what bears on dynamics, and its tree becomes a Model."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..basics.spatial import Array, cross_matrix, rotation_about, snap, transpose, unit_vector
+from ..basics.text import cut
+from ..errors import ModelError
+from ..model.builder import Extended, Mimic, Part, Pose, assemble, pose
+from ..model.model import Model
+from .document import Element, describe, parse, read_bytes
+from .findings import ECHO, FindingsReport, echo
+
+MAX_INCLUDES = 100  # files
+SECTIONS = ("compiler", "option", "default", "asset", "worldbody", "equality", "actuator")  # that are compiled
+UNUSED = ("visual", "statistic", "size", "custom", "texture", "hfield", "skin", "model", "layer")  # by any body
+MAKERS = ("attach", "composite", "flexcomp", "replicate")  # elements that make bodies when they are compiled
+NOT_COMPILED = (
+    "meshdir",
+    "texturedir",
+    "assetdir",
+    "strippath",
+    "fusestatic",
+    "discardvisual",
+    "texture",
+)  # attributes
+NAN = re.compile(r"(?:.*\s)?[+-]?nan(?:\s.*)?", re.IGNORECASE | re.DOTALL)
+COMPILER = re.compile(r"(?:XML )?(?:Error: )?(.*?)(?:\nElement.* line (\d+))?\s*", re.DOTALL)  # its errors
+LEFT = {  # numbers of compiled joints and bodies that are not read
+    "jnt_stiffnesspoly": ("joint", "the polynomial of its spring is not read", "torques of it are missing"),
+    "dof_dampingpoly": ("joint", "the polynomial of its damping is not read", "torques of it are missing"),
+    "body_gravcomp": ("body", "'gravcomp' is not read", "gravity acts on it in full"),
+}
+
+
+def mjcf_model(root: Element, report: FindingsReport) -> Model | None:
+    """The Model of a <mujoco>, with the file's gravity, or None with an error in the report."""
+    name = root.get("model") or Path(report.file).stem
+    m = _compiled(_for_dynamics(included(root, report), report), report)
+    if m is None:
+        return None
+    _report_left(m, report)
+    is_off = m.opt.disableflags & int(_mujoco().mjtDisableBit.mjDSBL_GRAVITY)
+    g = np.zeros(3) if is_off else m.opt.gravity
+    try:
+        with np.errstate(all="ignore"):  # the Model reports what overflows
+            parts = [] if report.errors else _parts(m, report)
+        return None if report.errors else assemble(name, parts, gravity=g, source=os.path.abspath(report.file))
+    except ModelError as error:
+        report.error(None, "robot", str(error), "fix the file")
+    return None
+
+
+def drawn(file: str) -> tuple[Any, list[str]]:
+    """MuJoCo's compiled model of a file with its geoms, and the meshes that are not there."""
+    report = FindingsReport(file)
+    root: Any = parse(read_bytes(file, report) or b"", report)
+    report.raise_first_error()
+    included(root, report)
+    lost = [mesh.get("name") for mesh in _without_files(root, report)]
+    for geom in [x for x in root.iter("geom") if x.get("mesh") in lost]:
+        geom.getparent().remove(geom)
+    m = _compiled(root, report)
+    report.raise_first_error()
+    return m, lost
+
+
+def _mujoco() -> Any:
+    try:
+        import mujoco
+    except ImportError as error:
+        message = "MJCF files are compiled by MuJoCo, which is not installed: pip install 'rne[mjcf]'"
+        raise ImportError(message, name="mujoco") from error
+    return mujoco
+
+
+def included(root: Element, report: FindingsReport) -> Element:
+    """The <mujoco> with the elements of all files that it includes; they are below its folder, each included once."""
+    file = Path(report.file).resolve()
+    folders, seen = {root: file.parent}, {file}
+    while (include := root.find(".//include")) is not None:
+        near = next(folders[x] for x in (include, *include.iterancestors()) if x in folders)
+        places = (_below(file.parent, folder, include.get("file", "")) for folder in (file.parent, near))
+        found = next(filter(None, places), None)
+        if found is None or found in seen or len(seen) > MAX_INCLUDES:
+            what = "is no file below that of the MJCF file" if found is None else "is included twice"
+            cure = f"include files of its folder, each once, at most {MAX_INCLUDES}"
+            report.error(include, "<include>", f"{echo(include.get('file', ''))} {what}", cure)
+            break
+        seen.add(found)
+        inner = FindingsReport(str(found))
+        other = parse(read_bytes(found, inner) or b"", inner)
+        if other is None:
+            report.findings += inner.findings
+            break
+        for element in other.iter():
+            element.sourceline = include.sourceline
+        folders |= dict.fromkeys(other, found.parent)
+        for child in reversed(other):
+            include.addnext(child)
+        include.getparent().remove(include)
+    return root
+
+
+def _below(main: Path, folder: Path, name: str) -> Path | None:
+    """The file of a name relative to a folder, if it is there and below the main folder, links followed."""
+    try:
+        found = (folder / name).resolve()
+        return found if found.is_relative_to(main) and found.is_file() else None
+    except (OSError, ValueError):  # names that no file can have
+        return None
+
+
+def _for_dynamics(root: Element, report: FindingsReport) -> Element:
+    """The <mujoco> without what has no bearing on the tree's dynamics; no file is needed of which it is independent."""
+    for element in root.iter():
+        if element.tag in MAKERS:
+            cure = "load what mujoco.mj_saveLastXML writes of the compiled file"
+            report.error(element, describe(element), f"<{element.tag}> makes bodies when it is compiled", cure)
+        for attribute, text in element.attrib.items():
+            if NAN.fullmatch(text):
+                message = f"attribute {attribute!r} must be finite, got {echo(text)}"
+                report.error(element, describe(element), message, "fix the attribute")
+    by_geoms = any(x.get("inertiafromgeom") == "true" for x in root.findall("compiler"))
+    for geom in list(root.iterfind("worldbody//geom")):
+        body = next(geom.iterancestors("body", "worldbody"))
+        if body.tag == "worldbody" or (body.find("inertial") is not None and not by_geoms):
+            geom.getparent().remove(geom)
+    for mesh in _without_files(root, report):
+        message = f"{echo(mesh.get('file'))} is no file below that of the MJCF file, and a body's inertia is of it"
+        report.error(mesh, describe(mesh), message, "put it there, or give the body an <inertial>")
+    return root
+
+
+def _without_files(root: Element, report: FindingsReport) -> list[Element]:
+    """Remove what is not compiled, and give meshes of geoms the paths of their files; those that are not there."""
+    others = [x for x in root if x.tag not in SECTIONS]
+    acting = [*root.iterfind("equality/*"), *root.iterfind("actuator/*")]
+    others += [x for x in acting if x.tag != "joint" and not {"joint", "jointinparent"} & {*x.attrib}]
+    others += root.iter("site", "camera", "light", "plugin", *UNUSED)
+    left = Counter[str]()
+    for element in dict.fromkeys(others):
+        left[element.tag] += (len(element) or 1) * (element.tag not in UNUSED)
+        element.getparent().remove(element)
+    if left := +left:
+        names = ", ".join(f"<{tag}> ({count})" for tag, count in left.items())
+        report.warning(None, "robot", f"not read: {names}", "none of them acts on the robot here")
+    compiler = {name: text for x in root.findall("compiler") for name, text in x.attrib.items()}
+    folder, main = compiler.get("meshdir", compiler.get("assetdir", "")), Path(report.file).resolve().parent
+    used, lost = {geom.get("mesh") for geom in root.iter("geom")}, []
+    for mesh in root.findall("asset/mesh[@file]"):
+        place = re.split(r"[/\\]", mesh.get("file"))[-1] if compiler.get("strippath") == "true" else mesh.get("file")
+        mesh.set("name", mesh.get("name") or Path(place).stem)
+        found = _below(main, main / folder, place)
+        if mesh.get("name") in used and found is not None:
+            mesh.set("file", str(found))
+            continue
+        lost += [mesh] * (mesh.get("name") in used)
+        mesh.getparent().remove(mesh)
+    for element in root.iter():
+        for attribute in NOT_COMPILED:
+            element.attrib.pop(attribute, None)
+    return lost
+
+
+def _compiled(root: Element, report: FindingsReport) -> Any | None:
+    """MuJoCo's compiled model, or None with an error."""
+    from lxml import etree
+
+    elements = list(root.iter())
+    for element in elements:  # each begins a line of its own, by which MuJoCo's errors are traced to the file
+        element.text = "\n" if len(element) else None
+        element.tail = "\n" if element.getnext() is not None else None
+    try:
+        return None if report.errors else _mujoco().MjModel.from_xml_string(etree.tostring(root, encoding="unicode"))
+    except (ValueError, RuntimeError, MemoryError) as error:
+        found = COMPILER.fullmatch(str(error))
+        text, line = found.groups() if found else (str(error), None)
+        element = elements[int(line) - 1] if line else None
+        where = "file" if element is None else describe(element)
+        report.error(element, where, f"MuJoCo's compiler says: {cut(' '.join(text.split()), ECHO)}", "fix the file")
+    return None
+
+
+def names_of(m: Any, kind: str) -> list[str]:
+    """Names of a compiled model's bodies or joints; those without have their number."""
+    count = m.nbody if kind == "body" else m.njnt
+    return [getattr(m, kind)(k).name or f"{kind}_{k}" for k in range(count)]
+
+
+def rotation_of(quaternion: Array) -> Array:
+    """The rotation matrix of a quaternion w, x, y, z of any length, in long double."""
+    w, v = np.split(unit_vector(quaternion.astype(Extended)), [1])
+    V = cross_matrix(v)
+    R: Array = np.eye(3) + 2 * (w * V + V @ V)
+    return R
+
+
+def _parts(m: Any, report: FindingsReport) -> list[Part]:
+    """The bodies in MuJoCo's order, each with a part for every joint of it, all but the last massless.
+
+    A joint's frame has its origin on the joint's axis, nearest to the body's. If that is another point than the
+    body's origin, the body is a part of its own that is fixed to the joint's.
+    """
+    links, joints = names_of(m, "body"), names_of(m, "joint")
+    parts, part_of, part_of_joint = [Part(link=links[0])], [0], list[int]()
+    for b in range(1, m.nbody):
+        parent, place = part_of[m.body_parentid[b]], pose(rotation_of(m.body_quat[b]), m.body_pos[b])
+        R = rotation_of(m.body_iquat[b])
+        inertia = R @ np.diag(m.body_inertia[b].astype(Extended)) @ transpose(R)
+        body = {"link": links[b], "mass": float(m.body_mass[b]), "com": m.body_ipos[b].astype(Extended)}
+        body["inertia"] = (inertia + inertia.T) / 2
+        own = range(m.body_jntadr[b], m.body_jntadr[b] + m.body_jntnum[b])
+        carried = False
+        for j in own:
+            foot, zero, joint = _joint(m, j, joints[j], report)
+            carried = j == own[-1] and not foot.any()
+            joint |= body if carried else {"link": f"{links[b]}/{joints[j]}"}
+            part_of_joint.append(len(parts))
+            parts.append(Part(parent=parent, placement=place.then(Pose(zero.R, foot + zero.p)), **joint))
+            parent, place = len(parts) - 1, pose(np.eye(3), -foot)
+        if not carried:
+            parts.append(Part(parent=parent, placement=place, joint=f"{links[b]}_fixed", **body))
+        part_of.append(len(parts) - 1)
+    for j, (other, factor, offset) in _mimics(m, joints, report).items():
+        k = part_of_joint[j]
+        parts[k] = replace(parts[k], mimic=Mimic(part_of_joint[other], factor, offset))
+    return parts
+
+
+def _joint(m: Any, j: int, name: str, report: FindingsReport) -> tuple[Array, Pose, dict[str, Any]]:
+    """Of a hinge or slide: the foot of its axis, its pose at q = 0 seen from that at q = `ref`, fields of its Part."""
+    axis, ref = unit_vector(m.jnt_axis[j].astype(Extended)), m.qpos0[j].astype(Extended)
+    lower, upper = m.jnt_range[j].tolist() if m.jnt_limited[j] else (-np.inf, np.inf)
+    drives = [a for a in range(len(m.actuator_trnid)) if m.actuator_trnid[a, 0] == j]
+    joint = {"joint": name, "axis": snap(axis.astype(np.float64)), "lower": lower, "upper": upper}
+    joint |= {"friction": float(m.dof_frictionloss[j]), "effort": _effort(m, j, drives, name, report)}
+    for x in ("armature", "damping"):  # MuJoCo 4 has them for actuators too
+        of_drives = [m.actuator_gear[a, 0] ** 2 * getattr(m, f"actuator_{x}", {a: 0.0})[a] for a in drives]
+        joint[x] = float(getattr(m, f"dof_{x}")[j] + sum(of_drives))
+    if m.jnt_type[j] == int(_mujoco().mjtJoint.mjJNT_SLIDE):
+        return np.zeros(3), pose(np.eye(3), -ref * axis), joint | {"kind": "prismatic"}
+    origin, kind = m.jnt_pos[j].astype(Extended), "revolute" if m.jnt_limited[j] else "continuous"
+    return snap(origin - axis * (axis @ origin)), pose(rotation_about(axis, -ref), np.zeros(3)), joint | {"kind": kind}
+
+
+def _effort(m: Any, j: int, drives: list[int], name: str, report: FindingsReport) -> float:
+    """The largest torque or force of a joint's drive where the file says one, otherwise infinite."""
+    ranges = [m.jnt_actfrcrange[j]] if m.jnt_actfrclimited[j] else []
+    for a in drives if len(drives) == 1 else ():
+        gear, is_motor = m.actuator_gear[a, 0], not (m.actuator_gaintype[a] or m.actuator_biastype[a])  # fixed, none
+        if m.actuator_forcelimited[a]:
+            ranges.append(gear * m.actuator_forcerange[a])
+        if is_motor and not m.actuator_dyntype[a] and m.actuator_ctrllimited[a]:
+            ranges.append(gear * m.actuator_gainprm[a, 0] * m.actuator_ctrlrange[a])
+    if any(low != -high for low, high in ranges) or (drives[1:] and not m.jnt_actfrclimited[j]):
+        message = "limits of its drives that are not one number for both directions are not read"
+        report.warning(None, f"joint {echo(name)}", message, "give `effort` to rne.load")
+        return np.inf
+    return float(min((abs(high) for _, high in ranges), default=np.inf))
+
+
+def _mimics(m: Any, joints: list[str], report: FindingsReport) -> dict[int, tuple[int, float, float]]:
+    """Of each dependent joint: the independent one, multiplier and offset, composed along chains.
+
+    MuJoCo's constraint is y - y0 = a0 + a1 (x - x0) + ... with y0 and x0 the joints' `ref`.
+    """
+    written: dict[int, tuple[int, Any, Any]] = {}
+    for y, x, a, active in zip(m.eq_obj1id.tolist(), m.eq_obj2id.tolist(), m.eq_data[:, :5], m.eq_active0, strict=True):
+        if active and x >= 0 and not a[2:].any() and y not in written:
+            a0, a1 = a[:2].astype(Extended)
+            written[y] = x, a1, m.qpos0[y] + a0 - a1 * m.qpos0[x]
+        else:
+            message = "an <equality> that is no active straight line of one other joint is not read"
+            report.warning(None, f"joint {echo(joints[y])}", message, "the joint moves freely")
+    composed = {}
+    for y, (x, factor, offset) in written.items():
+        passed = {y}
+        while x in written and x not in passed:
+            passed.add(x)
+            x, inner, constant = written[x]
+            factor, offset = factor * inner, factor * constant + offset
+        if x in passed:
+            report.error(None, f"joint {echo(joints[y])}", "<equality> couples joints in a circle", "remove one")
+        composed[y] = x, float(factor), float(offset)
+    return composed
+
+
+def _report_left(m: Any, report: FindingsReport) -> None:
+    """Report what the compiled model has and a robot cannot have, or has not."""
+    own = {"joint": names_of(m, "joint"), "body": names_of(m, "body")}
+    kinds = _mujoco().mjtJoint
+    for joint, kind in zip(own["joint"], m.jnt_type, strict=True):
+        if kind not in (int(kinds.mjJNT_HINGE), int(kinds.mjJNT_SLIDE)):
+            message, cure = "is a free or ball joint, which is not covered", "fix the body, or write hinges and slides"
+            report.error(None, f"joint {echo(joint)}", message, cure)
+    if report.errors:  # numbers of joints are then not those of positions
+        return
+    for array, (kind, message, cure) in LEFT.items():
+        for name, values in zip(own[kind], getattr(m, array, ()), strict=False):
+            if np.any(values):
+                report.warning(None, f"{kind.replace('body', 'link')} {echo(name)}", message, cure)
+    for j in np.flatnonzero(m.jnt_stiffness).tolist():
+        spring = f"rne.Spring.at_joint({own['joint'][j]!r}, {m.jnt_stiffness[j].item()}, {m.qpos_spring[j].item()})"
+        report.warning(None, f"joint {echo(own['joint'][j])}", "its spring is not read", f"add {spring} to a scene")
+    for j in sorted({*m.actuator_trnid[:, 0].tolist()}):
+        message = "gear, gains and dynamics of its actuator are not read"
+        report.warning(None, f"joint {echo(own['joint'][j])}", message, "torques are those of the joint")
+    if m.opt.density or m.opt.viscosity:
+        report.warning(None, "robot", "density and viscosity of the medium are not read", "forces of it are missing")
+    if m.nmocap:
+        report.warning(None, "robot", "bodies that motion capture would move are fixed", "remove them")

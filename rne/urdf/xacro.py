@@ -1,0 +1,63 @@
+"""Expanding a xacro file, a program that makes URDF, by xacrodoc."""
+
+from __future__ import annotations
+
+import copy
+import os
+from collections.abc import Mapping
+from typing import Any
+
+from ..basics.text import cut
+from .findings import ECHO, FindingsReport, listed, near_path
+
+LONG = 3 * ECHO  # characters of an error of xacro
+
+
+class _Arguments(dict[str, str]):
+    """Arguments of a xacro file that keep in mind which of them it has."""
+
+    def __init__(self, values: Mapping[str, Any]) -> None:
+        super().__init__({name: str(value) for name, value in values.items()})
+        self.known: set[object] = set()
+
+    def __contains__(self, name: object) -> bool:
+        self.known.add(name)
+        return super().__contains__(name)
+
+    def __getitem__(self, name: str) -> str:
+        self.known.add(name)
+        return super().__getitem__(name)
+
+
+def expanded(
+    report: FindingsReport, arguments: Mapping[str, Any] | None, packages: Mapping[str, Any] | None
+) -> str | None:
+    """The URDF text that the report's xacro file makes, with absolute paths of meshes.
+
+    None with an error, or without one if xacrodoc is not installed. Running a xacro file reads what it names: other
+    files, environment variables, packages of ROS.
+    """
+    try:
+        from xacrodoc import packages as finders
+        from xacrodoc import xacrodoc
+    except ImportError:
+        return None
+    path = os.path.abspath(report.file)
+    given, finder = _Arguments(arguments or {}), finders._finder
+    finders._finder = copy.copy(finder)  # the folders given are those of this call
+    finders._finder.finder_funcs, finders._finder.package_cache = list(finder.finder_funcs), dict(finder.package_cache)
+    try:
+        finders.update_package_cache(dict(packages or {}))
+        xacrodoc.xacro.init_stacks(path)  # includes are relative to the file
+        text: str = xacrodoc.XacroDoc.from_file(path, subargs=given).to_urdf_string()
+    except Exception as error:  # whatever its expressions raise
+        message = cut(" ".join(f"{type(error).__name__}: {error}".split()), LONG)
+        cure = "fix the file, or give what it needs by `arguments` and `packages`"
+        report.error(None, "file", f"xacro says: {message}", cure)
+        return None
+    finally:
+        finders._finder = finder
+    unknown = [name for name in given if name not in given.known]
+    if unknown:
+        raise ValueError(f"`arguments` has {listed(unknown)}, which {near_path(report.file)} does not use")
+    return text

@@ -1,0 +1,600 @@
+"""Logs as robots write them: every kind of file, made by the library that writes it, gives the samples it was made of."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+import rne
+from rne.__main__ import main
+from rne.identification import Record
+from rne.trajectories.log_columns import _meaning as meaning
+
+JOINTS = ("shoulder", "elbow", "wrist")
+T = np.arange(200) / 100
+W = np.array([2.0, 3.0, 4.0])
+Q, QD, TAU = np.sin(np.outer(T, W)), W * np.cos(np.outer(T, W)), 5 * np.cos(np.outer(T, W[::-1]))
+EPOCH = 1_700_000_000_123_000_000  # [ns]
+NS = [EPOCH + 10_000_000 * k for k in range(len(T))]
+CUT = "remove the row if the log was cut off there"
+JOINT_STATE = """std_msgs/Header header
+string[] name
+float64[] position
+float64[] velocity
+float64[] effort
+================================================================================
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+================================================================================
+MSG: builtin_interfaces/Time
+int32 sec
+uint32 nanosec
+"""
+EXACT, ROUNDED = 0.0, 4 * np.finfo(float).eps * 200  # one rounding to degrees and back, of up to 200
+
+
+def exactly(text):
+    return pytest.raises(ValueError, match=f"^{re.escape(text)}$")
+
+
+def table(path, names, *columns, separator=",", decimal=".", heading=""):
+    rows = [separator.join(f"{x!r}" for x in row).replace(".", decimal) for row in np.column_stack(columns).tolist()]
+    path.write_text("\n".join([*heading.splitlines(), *([separator.join(names)] if names else []), *rows, ""]))
+    return path
+
+
+def names_of(*quantities, joints=JOINTS, form="{}.{}"):
+    return [form.format(x, joint) for x in quantities for joint in joints]
+
+
+def same(record, joints=JOINTS, tolerance=EXACT, velocities=True, t0=0.0):
+    """The record has the samples above."""
+    assert record.joint_names == tuple(joints)
+    assert abs(record.t - T - t0).max() <= 4 * np.finfo(float).eps * (1 + t0 + T[-1])
+    for given, expected in ((record.q, Q), (record.tau, TAU), *([(record.qd, QD)] if velocities else [])):
+        assert abs(given - expected).max() <= tolerance
+    assert velocities or record.qd is None
+
+
+def guesses(record):
+    return [finding.message for finding in record.findings if finding.kind == "guess"]
+
+
+# Text
+
+
+@pytest.mark.parametrize(
+    ("separator", "decimal"), [(",", "."), (";", ","), (";", "."), ("\t", ","), ("  ", "."), (" ", ",")]
+)
+def test_separators_and_decimal_commas_are_found(separator, decimal, tmp_path):
+    path = table(
+        tmp_path / "log.csv", ["t", *names_of("q", "qd", "tau")], T, Q, QD, TAU, separator=separator, decimal=decimal
+    )
+    record = Record.from_log(path)
+    same(record)
+    assert guesses(record) == []
+    assert record.name == "log.csv"
+    if separator != ",":
+        assert record.source.startswith(
+            f"separator {separator[0]!r}, decimal sign {decimal!r}; t: 't'; q: 'q.shoulder' to 'q.wrist'"
+        )
+    given = Record.from_log(path, separator=separator[0], decimal=decimal)
+    assert np.array_equal(given.q, record.q)
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("t", ("t", "", "")),
+        ("Time [ms]", ("t", "", "ms")),
+        ("time_us", ("t", "", "us")),
+        ("q.joint_1", ("q", "joint_1", "")),
+        ("q.position motor", ("q", "position motor", "")),
+        ("actual_q_0", ("q", "0", "")),
+        ("actual_current_5", ("current", "5", "")),
+        ("dq_3", ("qd", "3", "")),
+        ("tau_J_0", ("tau", "0", "")),
+        ("joint1 pos [deg]", ("q", "joint1", "deg")),
+        ("joint1 pos (°)", ("q", "joint1", "deg")),
+        ("torque_A1 (N m)", ("tau", "A1", "Nm")),
+        ("shoulder_pan.pos", ("q", "shoulder_pan", "")),
+        ("observation.state.shoulder_pan.pos", ("q", "shoulder_pan", "")),
+        ("observation.state.3", ("q", "3", "")),
+        ("panda_joint1.effort", ("tau", "panda_joint1", "")),
+        ("left_arm_q1", ("q", "left_arm_1", "")),
+        ("jointPosition1", ("q", "joint_1", "")),
+        ("q[2]", ("q", "2", "")),
+        *((name, ("", "", "")) for name in ("target_q_0", "q_d_1", "tau_ext_3", "action.elbow.pos", "temperature_1", "index", "loop_time")),
+    ],
+)  # fmt: skip
+def test_names_of_columns(name, expected):
+    assert meaning(name) == expected
+
+
+def test_logs_of_a_controller_by_numbers(tmp_path):
+    """Asked-for values stand beside the measured ones; times are milliseconds, angles degrees, which is guessed and said."""
+    names = [
+        "timestamp",
+        *(f"{x}_{k}" for x in ("target_q", "actual_q", "actual_qd", "actual_torque") for k in range(3)),
+    ]
+    path = table(tmp_path / "ur.csv", names, 1e3 * T, 0 * Q, 60 * np.degrees(Q), 60 * np.degrees(QD), TAU)
+    record = Record.from_log(path)
+    assert record.joint_names == ("joint_1", "joint_2", "joint_3")
+    assert abs(record.q - 60 * Q).max() <= 60 * ROUNDED
+    assert abs(record.t - T).max() <= ROUNDED
+    degrees, stamps = guesses(record)
+    assert (
+        degrees == 'ur.csv: guess that positions are in degrees, as most pass two turns; else give units={"q": "rad"}'
+    )
+    assert re.fullmatch(
+        r"ur\.csv: guess that column 'timestamp' looks like milliseconds, .*; else give time_unit=\"s\"", stamps
+    )
+    given = Record.from_log(path, units={"q": "deg"}, time_unit="ms")
+    assert guesses(given) == []
+    assert np.array_equal(given.q, record.q)
+    part = record.between(0.5, 1.0)
+    assert (guesses(part), part.source) == (guesses(record), record.source)
+    for options, text in (({"units": {"q": "rad"}}, 1), ({"time_unit": "ms"}, 1)):
+        assert len(guesses(Record.from_log(path, **options))) == text
+
+
+def test_units_are_read_from_names_and_given(tmp_path):
+    names = ["Time [ms]", *names_of("pos", "vel", "torque", form="{1} {0} [%]")]
+    units = ["deg"] * 3 + ["rpm"] * 3 + ["mNm"] * 3
+    named = [names[0], *(name.replace("%", unit) for name, unit in zip(names[1:], units, strict=True))]
+    path = table(tmp_path / "log.csv", named, 1e3 * T, np.degrees(Q), QD * 30 / np.pi, 1e3 * TAU)
+    same(Record.from_log(path), tolerance=1e3 * ROUNDED)
+    assert guesses(Record.from_log(path)) == []
+    path = table(tmp_path / "log.csv", ["t", *names_of("q", "tau")], T, Q / [0.5, 1, np.pi / 180], TAU)
+    same(Record.from_log(path, units={"q": [0.5, "rad", "deg"]}), tolerance=ROUNDED, velocities=False)
+    for units, text in (
+        (
+            {"q": "grad"},
+            "`units` of q must be 'rad', 'deg', 'm', 'mm', or a number of SI units, for all or 3 joints, got 'grad'",
+        ),
+        (
+            {"q": ["deg"]},
+            "`units` of q must be 'rad', 'deg', 'm', 'mm', or a number of SI units, for all or 3 joints, got ['deg']",
+        ),
+        ({"torque": "Nm"}, '`units` must be a mapping of "q", "qd" and "tau", got {\'torque\': \'Nm\'}'),
+        ("deg", '`units` must be a mapping of "q", "qd" and "tau", got \'deg\''),
+    ):
+        with exactly(text):
+            Record.from_log(path, units=units)
+    path = table(tmp_path / "log.csv", ["t", "q1 [deg]", "q2 [rad]", "tau1", "tau2"], T, Q[:, :2], TAU[:, :2])
+    with exactly(f"{path}: columns 'q1 [deg]' to 'q2 [rad]' name different units; give units={{'q': ...}}"):
+        Record.from_log(path)
+
+
+def test_times_since_1970_count_from_the_first(tmp_path):
+    path = table(tmp_path / "log.csv", ["t", *names_of("q", "tau")], T + 1.7e9, Q, TAU)
+    record = Record.from_log(path)
+    assert abs(record.t - T).max() < 1e-6  # double precision
+    assert record.source.startswith("times from the first sample on, at 1700000000.000 s; t: 't'")
+
+
+def test_a_text_with_a_long_head_and_thousands(tmp_path):
+    path = table(
+        tmp_path / "log.csv", ["t", *names_of("q", "tau")], T, Q, TAU, separator=";", decimal=",", heading="a, b\n" * 30
+    )
+    same(Record.from_log(path), velocities=False)
+    path.write_text(path.read_text().replace("5,0;5,0;5,0", "1.005;5,0;5,0"))
+    with exactly(f"{path}, row 32, column 'tau.shoulder': must be a finite number, got '1.005'"):
+        Record.from_log(path)
+
+
+def test_columns_without_names(tmp_path):
+    path = table(tmp_path / "log.txt", [], T, TAU, 0 * T, Q, separator=" ")
+    text = 'the names of its 8 columns are missing; give them, such as columns=["t", "q.shoulder", "tau.shoulder"], with "" for one to ignore'
+    with exactly(f"{path}: {text}"):
+        Record.from_log(path)
+    same(Record.from_log(path, columns=["t", *names_of("tau"), "", *names_of("q")]), velocities=False)
+    numbered = Record.from_log(path, columns={"t": 0, "q": [5, 6, 7], "tau": [1, 2, 3]}, joints=JOINTS)
+    same(numbered, velocities=False)
+    with exactly(f"{path}, row 1: must have 7 entries, got 8; {CUT}"):
+        Record.from_log(path, columns=["t", *names_of("tau", "q")])
+    with exactly(
+        f"{path}: there is no column 8, which `columns` asks for; there are '0', '1', '2', '3', '4', '5', '6', '7'"
+    ):
+        Record.from_log(path, columns={"t": 8, "q": [5], "tau": [1]})
+
+
+def test_a_file_for_each_quantity(tmp_path):
+    files = {
+        "q": table(tmp_path / "positions.csv", ["t", *JOINTS], T, Q),
+        "qd": table(tmp_path / "velocities.csv", ["t", *JOINTS], T, QD),
+        "tau": table(tmp_path / "efforts.csv", ["t", *JOINTS], T, TAU),
+    }
+    same(Record.from_log(files))
+    bare = {
+        kind: table(tmp_path / f"{kind}.txt", [], x, separator=" ") for kind, x in (("t", T), ("q", Q), ("tau", TAU))
+    }
+    same(Record.from_log(bare, joints=JOINTS), velocities=False)
+    same(Record.from_log({"q": bare["q"], "tau": bare["tau"]}, joints=JOINTS, sample_rate=100), velocities=False)
+    table(files["tau"], ["t", *JOINTS], T + 1e-3, TAU)
+    with exactly(f"{files['tau']}: its times are not those of {files['q']}; interpolate by numpy.interp"):
+        Record.from_log(files)
+    with exactly(
+        f"{bare['q']}: there are no times; there are 'q.0', 'q.1', 'q.2', 'tau.0', 'tau.1', 'tau.2'; give columns={{\"t\": ...}} or `sample_rate`"
+    ):
+        Record.from_log({"q": bare["q"], "tau": bare["tau"]})
+    with exactly('`path` must be a file, or files by "t", "q", "qd" and "tau", got \'effort\''):
+        Record.from_log({"q": bare["q"], "effort": bare["tau"]})
+
+
+def test_joints_are_chosen_by_name(tmp_path):
+    """Fingers have positions and no torques, and are left out; their robot is locked there."""
+    path = table(tmp_path / "log.csv", ["t", *names_of("q"), "q.finger", *names_of("tau")], T, Q, T, TAU)
+    record = Record.from_log(path)
+    same(record, velocities=False)
+    assert "without torques, left out: 'finger'" in record.source
+    two = Record.from_log(path, joints=["wrist", "elbow"])
+    assert np.array_equal(two.q, Q[:, [2, 1]])
+    with exactly(f"{path}: there are no positions and torques of joint 'wirst'; did you mean 'wrist'?"):
+        Record.from_log(path, joints=["wirst"])
+    with exactly(
+        f"{path}: there are no positions and torques of joint 'finger'; there are 'shoulder', 'elbow', 'wrist'"
+    ):
+        Record.from_log(path, joints=["finger"])
+    numbered = table(tmp_path / "log.csv", ["t", "q1", "q2", "q3", "tau1", "tau2", "tau3"], T, Q, TAU)
+    record = Record.from_log(numbered, joints=JOINTS)
+    same(record, velocities=False)
+    assert guesses(record) == [
+        "log.csv: guess that 'q1' to 'q3' are of 'shoulder' to 'wrist' in this order; else name the columns alike"
+    ]
+    motors = table(tmp_path / "log.csv", ["t", "q1", "q2", "q3", *(f"motor {k} torque" for k in "123")], T, Q, TAU)
+    assert guesses(Record.from_log(motors)) == [
+        "log.csv: guess that 'motor 1 torque' to 'motor 3 torque' are of the joints of 'q1' to 'q3' in this order; else name the columns alike"
+    ]
+
+
+def test_currents_need_gains(tmp_path):
+    gains = np.array([20.0, 10.0, 5.0])
+    path = table(
+        tmp_path / "log.csv", ["t", *names_of("q"), *names_of("current", form="{1}_{0}_mA")], T, Q, 1e3 * TAU / gains
+    )
+    with exactly(
+        f"{path}: 'shoulder_current_mA' to 'wrist_current_mA' are currents, not torques; give `gains` [N m/A]; gains=1 keeps "
+        "currents, for `rne.identify_drive_gains`"
+    ):
+        Record.from_log(path)
+    same(Record.from_log(path, gains=gains), tolerance=1e3 * ROUNDED, velocities=False)
+    assert abs(Record.from_log(path, gains=1).tau - TAU / gains).max() < ROUNDED
+    for wrong, text in (([1, 2], "have shape (3,), got (2,)"), (0, "not be zero, got 0")):
+        with exactly(f"`gains` must {text}"):
+            Record.from_log(path, gains=wrong)
+
+
+@pytest.mark.parametrize(
+    "lines", ["t,q,tau\n[ms],deg,Nm\n", "t [ms],q [deg],tau [N m]\n", "Log 7\n\n# t_ms,q_deg,tau_Nm\n"]
+)
+def test_units_stand_beside_or_below_names(lines, tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text(lines + "".join(f"{10 * k},{180 + k},{k}\n" for k in range(20)))
+    record = Record.from_log(path)
+    assert guesses(record) == []
+    assert (record.t[1], record.tau[2, 0]) == (0.01, 2)
+    assert abs(record.q[0, 0] - np.pi) < ROUNDED
+
+
+@pytest.mark.parametrize(
+    ("text", "error"),
+    [
+        ("", ": the file is empty"),
+        ("t,q1,tau1\n", ": there are no rows of numbers"),
+        ("\0\1", ": is not a text file in UTF-8; a CSV file is needed"),
+        ("t,q1,tau1\n0,1,2\n1,1\n", f", row 3: must have 3 entries, got 2; {CUT}"),
+        ("t,q1,tau1\n0,1,2\n1,one,3\n", ", row 3, column 'q1': must be a finite number, got 'one'"),
+        ("t,q1,tau1\n0,1,2\n1,inf,3\n", ", row 3, column 'q1': must be a finite number, got 'inf'"),
+        ("t,q1,tau1\n0,1,2\n,2,3\n", ": the time of sample 1 is missing"),
+        ("t,q1,q1\n0,1,2\n1,2,3\n", ": column 'q1' is there twice"),
+        ("t,q1,pos1,tau1\n0,1,2,3\n", ": columns 'q1' and 'pos1' are both q of 1; say which in columns={\"q\": ...}"),
+        ("t,q1,q2\n0,1,2\n1,2,3\n", ": there are no torques or currents; there are 't', 'q1', 'q2'; if some are, give columns={\"tau\": ...}"),
+        ("t,x,tau\n0,1,2\n1,2,3\n", ": there are no positions; there are 't', 'x', 'tau'; if some are, give columns={\"q\": ...}"),
+        ("k,q,tau\n0,1,2\n1,2,3\n", ": there are no times; there are 'k', 'q', 'tau'; give columns={\"t\": ...} or `sample_rate`"),
+        ("t,q.a,q.b,tau.c\n0,1,2,3\n", ": no joint has positions and torques; positions are 'q.a' to 'q.b', torques 'tau.c'"),
+        ("1700000000,5,,a,b,1,2,3,4,5\n", ", row 1: must be seconds, nanoseconds, frame, and as many names of joints, positions, velocities and efforts"),
+        ("#ROSBAG V2.0\n", ": is a ROS 1 bag; write the topic as text: rostopic echo -b FILE -p /joint_states > log.csv"),
+        ("SQLite format 3\0", ": is a ROS 2 bag in SQLite; convert it to MCAP: ros2 bag convert"),
+        ("MATLAB 7.3 MAT-file", ": is a MATLAB file of version 7.3; save it by save(file, ..., '-v7')"),
+        ("1700000000,5\n2,3\n", ": the names of its 2 columns are missing; give them, such as columns=[\"t\", \"q.shoulder\", \"tau.shoulder\"], with \"\" for one to ignore"),
+        ("PK\3\4xl/", ": is a ZIP archive or a spreadsheet; write it as text"),
+    ],
+)  # fmt: skip
+def test_other_and_damaged_texts_are_refused(text, error, tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text(text)
+    with exactly(f"{path}{error}"):
+        Record.from_log(path)
+
+
+def test_arguments_that_do_not_belong_are_refused(tmp_path):
+    path = table(tmp_path / "log.csv", ["t", *names_of("q", "tau")], T, Q, TAU)
+    for options, text in (
+        ({"unit": "deg"}, "give `units` and `joints` in place of `unit` and `joint_names`"),
+        ({"columns": {"torque": 1}}, '`columns` must be of "t", "q", "qd" and "tau", got \'torque\''),
+        ({"columns": {"tau": "effort"}}, f"{path}: there is no column 'effort', which `columns` asks for; there are 't', 'q.shoulder', 'q.elbow', 'q.wrist', 'tau.shoulder', 'tau.elbow', 'tau.wrist'"),
+        ({"time_unit": "min"}, '`time_unit` must be "s", "ms", "us" or "ns", got \'min\''),
+        ({"sample_rate": 0}, "`sample_rate` must be positive, got 0.0"),
+    ):  # fmt: skip
+        with exactly(text):
+            Record.from_log(path, **options)
+    with pytest.raises(
+        TypeError, match=r"^`joints` and `columns` must be sequences of names, such as robot\.joint_names, got str$"
+    ):
+        Record.from_log(path, joints="shoulder")
+    with pytest.raises(FileNotFoundError):
+        Record.from_log(tmp_path / "missing.mcap")
+    with exactly(f"{tmp_path}: is a folder without meta/info.json, as LeRobot data sets have, or .mcap files"):
+        Record.from_log(tmp_path)
+
+
+# Messages
+
+
+def echoed(path, order=lambda k: [0, 1, 2]):
+    """As `ros2 topic echo --csv /joint_states` writes it, with the joints of message k in an order."""
+    rows = []
+    for k, ns in enumerate(NS):
+        at = order(k)
+        numbers = map(repr, np.concatenate([x[k][at] for x in (Q, QD, TAU)]).tolist())
+        rows.append(",".join([str(ns // 10**9), str(ns % 10**9), "", *(JOINTS[j] for j in at), *numbers]))
+    path.write_text("\n".join(rows))
+    return path
+
+
+def test_ros_2_echo(tmp_path):
+    record = Record.from_log(echoed(tmp_path / "log.csv"))
+    same(record)
+    assert record.source.startswith(
+        "as of ros2 topic echo --csv, times from the first message on, at 1700000000.123 s; t: "
+    )
+    same(Record.from_log(echoed(tmp_path / "log.csv", lambda k: np.roll([0, 1, 2], k).tolist())))
+    bare = tmp_path / "bare.csv"  # without velocities, of which an empty entry is left
+    bare.write_text(
+        "\n".join(
+            ",".join([*(x := line.split(","))[:9], "", *x[12:]]) for line in echoed(bare).read_text().splitlines()
+        )
+    )
+    same(Record.from_log(bare), velocities=False)
+    gripper = "1700000000,0,,finger,0.1,0,1"
+    mixed = tmp_path / "log.csv"
+    mixed.write_text("\n".join(f"{line}\n{gripper}" for line in mixed.read_text().splitlines()))
+    same(Record.from_log(mixed, joints=JOINTS))
+    with exactly(
+        f"{mixed}: joint states are of different joints, 'elbow', 'shoulder', 'wrist' (200 messages) and 'finger' (200 messages); "
+        "give those to read as `joints`"
+    ):
+        Record.from_log(mixed)
+    with exactly(
+        f"{mixed}: no message has all of `joints`, 'knee'; there is 'elbow', 'shoulder', 'wrist' and 'finger'"
+    ):
+        Record.from_log(mixed, joints=["knee"])
+
+
+@pytest.mark.parametrize("stamped", [True, False])
+def test_ros_1_echo(stamped, tmp_path):
+    fields = [f"field.{x}{k}" for x in ("name", "position", "velocity", "effort") for k in range(3)]
+    heading = ["%time", "field.header.seq", "field.header.stamp", "field.header.frame_id", *fields]
+    rows = [
+        ",".join([str(ns + 777 * stamped), str(k), str(ns * stamped), "", *JOINTS, *map(repr, np.concatenate([Q[k], QD[k], TAU[k]]).tolist())])
+        for k, ns in enumerate(NS)
+    ]  # fmt: skip
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join([",".join(heading), *rows]))
+    same(Record.from_log(path))
+    path.write_text("\n".join([",".join(heading), *rows[:-1], rows[-1][: len(rows[-1]) // 2]]))
+    with pytest.raises(ValueError, match=rf"^{re.escape(str(path))}, row 201: must have 16 entries, got \d+; {CUT}$"):
+        Record.from_log(path)
+
+
+def mcap(path, topics=("/joint_states",), names=JOINTS, kind="sensor_msgs/msg/JointState", stamped=True):
+    writer = pytest.importorskip(
+        "mcap_ros2.writer", reason="mcap-ros2-support is not installed, which reads MCAP files"
+    )
+    with open(path, "wb") as stream, writer.Writer(stream, chunk_size=8192) as log:
+        state, other = (
+            log.register_msgdef(kind, JOINT_STATE),
+            log.register_msgdef("std_msgs/msg/String", "string data\n"),
+        )
+        for k, ns in enumerate(NS):
+            header = {"stamp": {"sec": ns // 10**9 * stamped, "nanosec": ns % 10**9 * stamped}, "frame_id": ""}
+            values = dict(zip(("position", "velocity", "effort"), (x[k].tolist() for x in (Q, QD, TAU)), strict=True))
+            for topic in topics:
+                log.write_message(topic, state, {"header": header, "name": list(names), **values}, ns, ns)
+            log.write_message("/chatter", other, {"data": "hello"}, ns, ns)
+    return path
+
+
+def test_mcap(tmp_path, monkeypatch):
+    path = mcap(tmp_path / "log.mcap")
+    record = Record.from_log(path)
+    same(record)
+    assert record.source.startswith(
+        "topic /joint_states, times from the first message on, at 1700000000.123 s; t: 't'; q: "
+    )
+    same(Record.from_log(tmp_path))  # the folder of a bag
+    same(Record.from_log(mcap(path, stamped=False)))  # times are those of the recorder
+    monkeypatch.setattr("rne.trajectories.log_files.LARGEST", 8000)
+    with pytest.raises(ValueError, match=r"is damaged or cut off \(a chunk is said to have \d+ bytes\)$"):
+        Record.from_log(path)
+    monkeypatch.undo()
+    whole = path.read_bytes()
+    for part in (b"", whole[:5], whole[:100], whole[: len(whole) // 2], whole[:-4], whole[: len(whole) // 2] + b"\xff" * 9 + whole[len(whole) // 2 + 9 :]):  # fmt: skip
+        path.write_bytes(part)
+        with pytest.raises(
+            ValueError, match=rf"^{re.escape(str(path))}: (is damaged or cut off \(.*\)|the file is empty)$"
+        ):
+            Record.from_log(path)
+
+
+def test_mcap_of_other_topics(tmp_path):
+    path = mcap(tmp_path / "two.mcap", ("/left/joint_states", "/right/joint_states"))
+    with exactly(f"{path}: there are joint states of '/left/joint_states', '/right/joint_states'; give one as `topic`"):
+        Record.from_log(path)
+    same(Record.from_log(path, topic="/left/joint_states"))
+    there = "/chatter (std_msgs/msg/String), /left/joint_states (sensor_msgs/msg/JointState), /right/joint_states (sensor_msgs/msg/JointState)"
+    with exactly(f"{path}: there is no topic /up of sensor_msgs/msg/JointState; there is {there}"):
+        Record.from_log(path, topic="/up")
+    path = mcap(tmp_path / "twice.mcap", names=("elbow", "elbow", "wrist"))
+    with exactly(f"{path}: message 1 has 2 different names, and 3, 3, 3 positions, velocities and efforts"):
+        Record.from_log(path)
+    path = mcap(tmp_path / "short.mcap", names=JOINTS[:2])
+    with exactly(f"{path}: message 1 has 2 different names, and 3, 3, 3 positions, velocities and efforts"):
+        Record.from_log(path)
+
+
+# Arrays
+
+
+def test_matlab_and_numpy_files(tmp_path):
+    path = tmp_path / "log.mat"
+    for content in (
+        {"t": T, "q": Q, "qd": QD, "tau": TAU},
+        {"t": T[None], "q": Q.T, "qd": QD.T, "tau": TAU.T, "note": "a text"},
+        {"log": {"time": T, "position": Q, "velocity": QD, "effort": TAU}},
+    ):
+        savemat(path, content)
+        same(Record.from_log(path), joints=("joint_1", "joint_2", "joint_3"))
+    path.write_bytes(path.read_bytes()[:600])
+    with pytest.raises(ValueError, match=rf"^{re.escape(str(path))}: is damaged or cut off \(.*\)$"):
+        Record.from_log(path)
+    path = tmp_path / "log.npz"
+    np.savez(path, t=T, q=Q, qd=QD, tau=TAU)
+    same(Record.from_log(path, joints=JOINTS))
+    path.write_bytes(path.read_bytes()[:-200])
+    with pytest.raises(ValueError, match=rf"^{re.escape(str(path))}: is damaged or cut off \(.*\)$"):
+        Record.from_log(path)
+    np.savez(path, t=T, q=Q, tau=TAU[1:])
+    with exactly(f"{path}: there are 200 times and 199 samples of tau"):
+        Record.from_log(path)
+    np.savez(path, t=T, q=np.array([{}], dtype=object))
+    with pytest.raises(ValueError, match=r"is damaged or cut off .*allow_pickle"):
+        Record.from_log(path)
+
+
+def lerobot(folder, episodes=1, named=True, **features):
+    parquet = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed, which reads LeRobot data sets")
+    import pyarrow as arrow
+
+    (folder / "meta").mkdir(parents=True, exist_ok=True)
+    (folder / "data" / "chunk-000").mkdir(parents=True, exist_ok=True)
+    names = {name: {"dtype": "float32", "shape": [3], "names": [f"{j}{'.pos' * (name != 'observation.current')}" for j in JOINTS] if named else None} for name in features}  # fmt: skip
+    (folder / "meta" / "info.json").write_text(json.dumps({"codebase_version": "v3.0", "fps": 100, "features": names}))
+    count = len(T) * episodes
+    lists = {
+        name: arrow.array(np.tile(x, (episodes, 1)).tolist(), arrow.list_(arrow.float64(), 3))
+        for name, x in features.items()
+    }
+    index = {
+        "timestamp": np.tile(T, episodes),
+        "episode_index": np.repeat(np.arange(episodes), len(T)),
+        "index": np.arange(count),
+    }
+    parquet.write_table(arrow.table({**lists, **index}), folder / "data" / "chunk-000" / "file-000.parquet")
+    return folder
+
+
+def test_lerobot_data_sets(tmp_path):
+    normalised = 100 * (Q - 0.1) / 2
+    data = {"observation.state": normalised, "action": 0 * Q, "observation.current": 1e3 * TAU / 2}
+    folder = lerobot(tmp_path, **data)
+    file = folder / "data" / "chunk-000" / "file-000.parquet"
+    options = {"units": {"q": 0.02, "tau": "mA"}, "offsets": 0.1, "gains": 2}
+    record = Record.from_log(folder, **options)
+    same(record, tolerance=1e3 * ROUNDED, velocities=False)
+    assert record.source.startswith("episode 0; t: 'timestamp'; q: 'observation.state.shoulder.pos' to ")
+    same(Record.from_log(file, joints=JOINTS, **options), tolerance=1e3 * ROUNDED, velocities=False)
+    lerobot(tmp_path, named=False, **data)
+    same(Record.from_log(folder, joints=JOINTS, **options), tolerance=1e3 * ROUNDED, velocities=False)
+    with exactly(
+        f'{folder}: positions of LeRobot data sets are in degrees or normalised; give units={{"q": "deg"}}, or rad per unit of '
+        "each joint and `offsets`"
+    ):
+        Record.from_log(folder, units={"tau": "mA"}, gains=2)
+    lerobot(tmp_path, episodes=3, **data)
+    with exactly(f"{file}: there are episodes 0 to 2; give one as `episode`"):
+        Record.from_log(folder, **options)
+    same(Record.from_log(folder, episode=1, **options), tolerance=1e3 * ROUNDED, velocities=False)
+    lerobot(tmp_path, **{"observation.state": normalised, "action": 0 * Q})
+    there = ", ".join(f"'{x}.{j}.pos'" for x in ("observation.state", "action") for j in JOINTS)
+    with exactly(
+        f"{folder}: there are no torques or currents; there are {there}, 'timestamp', 'episode_index', 'index'; if some are, "
+        'give columns={"tau": ...}'
+    ):
+        Record.from_log(folder, units={"q": "deg"})
+    for part in (file.read_bytes()[:1000], b"PAR1", b""):
+        file.write_bytes(part)
+        with pytest.raises(ValueError, match=rf"^{re.escape(str(file))}: is damaged or cut off \(.*\)$"):
+            Record.from_log(folder, units={"q": "deg"})
+    (folder / "meta" / "info.json").write_text('{"features": ')
+    with pytest.raises(ValueError, match=r"info\.json: is damaged or cut off \(.*\)$"):
+        Record.from_log(folder, units={"q": "deg"})
+
+
+@pytest.mark.parametrize(
+    ("module", "file", "extra"), [("mcap", "log.mcap", "mcap"), ("pyarrow", "log.parquet", "lerobot")]
+)
+def test_extras_that_are_missing_are_named(module, file, extra, tmp_path, monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, f"{module}.{'reader' if extra == 'mcap' else 'parquet'}", None)
+    (tmp_path / file).write_bytes(b"")
+    with pytest.raises(ImportError, match=rf"pip install 'rne\[{extra}\]'$"):
+        Record.from_log(tmp_path / file)
+
+
+# Motion, and the command
+
+
+def test_rest_at_both_ends_is_cut(tmp_path):
+    rest = [np.repeat(Q[:1], 150, 0), Q, np.repeat(Q[-1:], 80, 0)]
+    noise = 1e-4 * np.random.default_rng(0).normal(size=(430, 3))
+    q = np.concatenate(rest) + noise
+    record = Record(np.arange(430) / 100, q, q, name="run")
+    part = record.in_motion()
+    assert abs(part.t[0] - 1.5) <= 0.02
+    assert abs(part.t[-1] - 3.49) <= 0.02
+    assert re.fullmatch(r"rest cut off: 1\.\d+ s at the start, 0\.\d+ s at the end", part.source)
+    t, steps = np.arange(600) / 100, 0.01 * (np.arange(600) // 7 % 2)[:, None]  # an encoder that flickers at rest
+    flicker = 0.01 * np.rint(np.clip(t - 3, 0, 1)[:, None] / 0.01) + steps * (t < 3)[:, None]
+    assert abs(Record(t, flicker, flicker).in_motion().t[0] - 3) < 0.1
+    whole = Record(T, Q, TAU).in_motion()
+    assert (len(whole.t), whole.source) == (len(T), "")
+    with exactly("still: no joint moves"):
+        Record(T, 0 * Q, TAU, name="still").in_motion()
+
+
+def test_rne_identify(tmp_path, monkeypatch, capsys):
+    """From two logs to a URDF with the masses of the arm that wrote them."""
+    monkeypatch.setattr("rne.plotting.html_page.has_matplotlib", lambda: False)  # pictures have tests of their own
+    arm = rne.load("irb140").locked(dict.fromkeys(["joint_3", "joint_4", "joint_5", "joint_6"], 0))
+    t, w = np.arange(0, 5, 0.02), 2 * np.pi * np.array([0.4, 0.55])
+    names = [f"{x}.{joint}" for x in ("q", "tau") for joint in arm.joint_names]
+    for name, sign in (("a.csv", 1), ("b.csv", -1)):
+        q, qd, qdd = (
+            sign * np.sin(np.outer(t, w)),
+            sign * w * np.cos(np.outer(t, w)),
+            -sign * w**2 * np.sin(np.outer(t, w)),
+        )
+        table(tmp_path / name, ["t", *names], 1e3 * t, np.degrees(q), arm.inverse_dynamics(q, qd, qdd) + 3 * qd)
+    (tmp_path / "arm.urdf").write_text(rne.to_urdf(arm.model))
+    call = ["identify", str(tmp_path / "arm.urdf"), str(tmp_path / "a.csv"), "--check", str(tmp_path / "b.csv")]
+    out = ["--page", str(tmp_path / "page"), "--out", str(tmp_path / "found.urdf")]
+    assert main([*call, *out, "--degrees", "--time-unit", "ms"]) == 0
+    said = capsys.readouterr().out
+    assert "b.csv, predicted" in said
+    assert "a.csv, fitted" in (tmp_path / "page" / "index.html").read_text()
+    found = rne.load(tmp_path / "found.urdf")
+    states = np.random.default_rng(0).uniform(-1, 1, (3, 50, 2))
+    exact = arm.inverse_dynamics(*states)
+    assert np.linalg.norm(found.inverse_dynamics(*states) - exact) < 0.02 * np.linalg.norm(exact)
+    assert main([*call, *out, "--joints", "knee"]) == 2
+    assert capsys.readouterr().err.endswith(
+        "there are no positions and torques of joint 'knee'; there are 'joint_1', 'joint_2'\n"
+    )
+    table(tmp_path / "a.csv", ["t", "q.joint_1", "current.joint_1"], t, t, t)
+    assert main([*call, *out]) == 2
+    assert "are currents, not torques; give --gains [N m/A]" in capsys.readouterr().err
+    assert main([*call, "--out", str(tmp_path / "no" / "found.urdf")]) == 2

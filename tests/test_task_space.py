@@ -1,0 +1,421 @@
+"""Task space: inertia, bias, inverse and null space of a link; wrenches; impedance and operational-space control."""
+
+import numpy as np
+import pytest
+
+import rne
+
+from .helpers import EPS, Oracle, each, kept, loaded
+
+ROBOTS = {"irb140": "tool0", "ur5": "tool0", "kinova": "j2s6s200_end_effector", "panda": "panda_hand"}
+ROBOTS |= {"ur10": "tool0", "z1": "gripperStator"}
+SHORT = ["irb140", "panda"]
+
+
+def arm(name):
+    return loaded(name), ROBOTS[name]
+
+
+def planar():
+    """Two links of 1 m with point masses at their ends, without gravity."""
+    still = {"gravity": [0, 0, 0], "masses": [1, 1], "centres": np.zeros((2, 3)), "inertias": np.zeros((2, 3, 3))}
+    return rne.Robot(rne.dh_chain(a=[1, 1], alpha=[0, 0], d=[0, 0], theta=[0, 0], **still))
+
+
+def dense(robot, q, qd, link, rows):
+    """Lambda, bias and inverse by dense algebra on Pinocchio's M and bias, and the condition of the task."""
+    oracle = Oracle(robot.model, rne.to_urdf(robot.model))
+    M, h = each(oracle.mass_matrix, q), each(oracle.bias_torque, q, qd)
+    J, rate = robot.jacobian(q, link)[:, rows], robot.jacobian_rate(q, qd, link)[:, rows]
+    X = np.linalg.solve(M, J.swapaxes(1, 2))
+    mobility = J @ X
+    Lambda = np.linalg.inv(mobility)
+    bias = Lambda @ (X.swapaxes(1, 2) @ h[..., None] - rate @ qd[..., None])
+    scale = np.sqrt(np.diagonal(mobility, axis1=1, axis2=2))
+    scaled = np.linalg.cond(mobility / scale[:, :, None] / scale[:, None, :])
+    return Lambda, bias[..., 0], X @ Lambda, scaled * np.linalg.cond(M)
+
+
+@pytest.mark.parametrize(
+    ("name", "count"), [(n, 20) if n in SHORT else pytest.param(n, 500, marks=pytest.mark.long) for n in ROBOTS]
+)
+@pytest.mark.parametrize("rows", [None, "xyz", [3, 5, 0]])
+def test_dense_algebra_gives_the_same(name, count, rows):
+    robot, link = arm(name)
+    q, qd = np.random.default_rng(1).uniform(-1.5, 1.5, (2, count, robot.n))
+    chosen = {None: list(range(6)), "xyz": [3, 4, 5]}.get(rows if not isinstance(rows, list) else 0, rows)
+    Lambda, bias, inverse, condition = dense(robot, q, qd, link, chosen)
+    found = (
+        robot.task_inertia(q, link, rows=rows),
+        robot.task_bias(q, qd, link, rows=rows),
+        robot.task_inverse(q, link, rows=rows),
+    )
+    for ours, theirs in zip(found, (Lambda, bias, inverse), strict=True):
+        axes = tuple(range(1, theirs.ndim))
+        error = abs(ours - theirs).max(axes) / abs(theirs).max(axes)
+        assert (error <= 8 * robot.n * EPS * condition).all()
+    np.testing.assert_array_equal(found[0], found[0].swapaxes(1, 2))
+
+
+def test_recursion_kernel_and_engines_agree():
+    robot, link = arm("ur5")
+    q, qd = np.random.default_rng(2).uniform(-1, 1, (2, 4, 6))
+    q[:, 4] = 1.0
+    for function, arrays in ((rne.dynamics.task_inertia, (q,)), (rne.dynamics.task_bias, (q, qd))):
+        for options in ({}, {"axes": "link", "rows": (3, 4, 5), "point": (0.1, 0.0, 0.2)}):
+            expected = function(robot.model, *arrays, link, **options)
+            for engine in ("numpy", "numba"):
+                kernel = rne.compile(function, robot.model, engine=engine, link=link, **options)
+                np.testing.assert_allclose(kernel(*arrays), expected, rtol=1e-10)
+
+
+@pytest.mark.parametrize("name", ["task_inertia", "task_bias", "task_inverse"])
+def test_derivatives_are_complex_steps(name):
+    robot, link = arm("ur5")
+    function = getattr(rne.dynamics, name)
+    arrays = [np.array([[0.1, -1.0, 1.2, 0.3, 1.1, 0.2]]), np.full((1, 6), 0.5)][: len(function.quantity.widths)]
+    wrt = tuple(function.quantity.widths)
+    slopes = rne.kernels.derivative(function, robot.model, *wrt, link=link)(*arrays)
+    steps, _ = rne.kernels.trace.by_recursion(function, robot.model, arrays, wrt, {"link": link})
+    assert abs(slopes - steps).max() <= 1e-10 * abs(steps).max()  # of the conditions of M and of the pose, 1e5
+    weights = np.ones((1, slopes[..., 0].size))
+    gradient = rne.kernels.gradient(function, robot.model, *wrt, link=link)(*arrays, weights)
+    np.testing.assert_allclose(gradient, slopes.reshape(1, -1, slopes.shape[-1]).sum(1), rtol=1e-9, atol=1e-9)
+
+
+def test_axes_and_points():
+    robot, link = arm("irb140")
+    q, point = np.random.default_rng(3).uniform(-1, 1, (3, 6)), [0.1, -0.2, 0.3]
+    R = robot.link_poses(q)[:, robot.link_names.index(link), :3, :3]
+    turn = np.zeros((3, 6, 6))
+    turn[:, :3, :3] = turn[:, 3:, 3:] = R
+    J = robot.jacobian(q, link, point)
+    np.testing.assert_allclose(turn @ robot.jacobian(q, link, point, axes="link"), J, atol=1e-15)
+    there, base = (robot.task_inertia(q, link, point, axes=axes) for axes in ("link", "base"))
+    np.testing.assert_allclose(turn @ there @ turn.swapaxes(1, 2), base, rtol=1e-8)
+
+
+def test_null_space_torques_do_not_accelerate_the_point():
+    robot, link = arm("panda")
+    rng = np.random.default_rng(4)
+    q, tau = rng.uniform(-1, 1, (2, 5, robot.n))
+    free = (robot.null_space(q, link) @ tau[..., None])[..., 0]
+    qdd = robot.forward_dynamics(q, 0 * q, robot.gravity_torque(q) + free)
+    moved = robot.jacobian(q, link) @ qdd[..., None]
+    assert abs(moved).max() <= 1e-9 * abs(qdd).max()  # of the condition of M and of the poses
+    assert abs(qdd).max() > 0.1
+
+
+class TestSingularPoses:
+    def test_the_lost_directions_are_named(self):
+        robot = loaded("irb140")
+        text = (
+            "the pose is singular for link 'link_6': no torques accelerate a rotation about z, translation along y; "
+            "leave out rows, or give `damping`"
+        )
+        for _ in range(3):  # by the recursion, then by the kernel
+            with pytest.raises(rne.SingularMassMatrixError) as error:
+                robot.task_inertia(np.zeros(6), "link_6")
+            assert str(error.value) == text
+            assert error.value.joints == ("rotation about z", "translation along y")
+
+    def test_the_state_of_a_batch_is_named(self):
+        q = np.array([[0, 0, 0, 0, 1.0, 0], [0.0] * 6])
+        with pytest.raises(rne.SingularMassMatrixError, match=r"at state \(1,\)"):
+            loaded("irb140").task_inertia(q, "link_6")
+
+    def test_arms_of_few_joints_need_rows(self):
+        arm = planar()
+        with pytest.raises(
+            rne.SingularMassMatrixError, match="rotation about x, rotation about y, translation along z"
+        ):
+            arm.task_inertia([0.1, 1.0], "tool0")
+        assert arm.task_inertia([0.1, 1.0], "tool0", rows=[3, 4]).shape == (2, 2)
+
+    def test_damping_bounds_the_inertia(self):
+        robot = loaded("irb140")
+        Lambda = robot.task_inertia(np.zeros(6), "link_6", damping=1e-3)
+        J, M = robot.jacobian(np.zeros(6), "link_6"), robot.mass_matrix(np.zeros(6))
+        mobility = J @ np.linalg.solve(M, J.T)
+        expected = np.linalg.inv(mobility + 1e-3 * np.diag(np.diag(mobility)))
+        assert abs(Lambda - expected).max() <= 1e-9 * abs(expected).max()  # of the condition, 1e6
+        assert (np.diag(Lambda) <= 1001 / np.diag(mobility)).all()
+
+
+@pytest.mark.parametrize("name", kept(ROBOTS, SHORT))
+def test_wrenches_are_pinocchios_external_forces(name):
+    pin = pytest.importorskip("pinocchio")
+    robot, link = arm(name)
+    rng = np.random.default_rng(5)
+    oracle = Oracle(robot.model, rne.to_urdf(robot.model))
+    q, qd = rng.uniform(-1, 1, (2, robot.n))
+    force, moment, point = rng.uniform(-50, 50, (3, 3))
+    point = point / 100
+    frame = oracle.theirs.getFrameId(link, pin.FrameType.BODY)
+    place, theirs = oracle.theirs.frames[frame], oracle.theirs.createData()
+    pin.framesForwardKinematics(oracle.theirs, theirs, oracle.q(q))
+    R = theirs.oMf[frame].rotation
+    for axes in ("base", "link"):
+        f, m = (R.T @ force, R.T @ moment) if axes == "base" else (force, moment)
+        zero = [pin.Force.Zero() for _ in range(oracle.theirs.njoints)]
+        zero[place.parentJoint] = place.placement.act(pin.Force(f, m + np.cross(point, f)))
+        expected = oracle.inverse_dynamics(q, qd, 0 * q, zero)
+        given = rne.wrench(robot, q, link, force, moment, point, axes)
+        np.testing.assert_allclose(robot.bias_torque(q, qd, external=given), expected, rtol=1e-12, atol=1e-12)
+    J = robot.jacobian(q, link, point)
+    given = rne.wrench(robot, q, link, force, moment, point)
+    torques = robot.bias_torque(q, qd, external=given) - robot.bias_torque(q, qd)
+    np.testing.assert_allclose(torques, -J.T @ np.r_[moment, force], atol=1e-12 * abs(torques).max())
+
+
+def test_wrenches_of_batches_and_errors():
+    robot, q = loaded("irb140"), np.zeros((4, 6))
+    assert rne.wrench(robot, q, "tool0", [0, 0, 1])["tool0"].shape == (4, 6)
+    assert rne.wrench(robot, q[0], "tool0", np.ones((5, 3)), axes="link")["tool0"].shape == (5, 6)
+    for arguments, text in (
+        ({}, "`force` or `moment` must be given"),
+        ({"force": [1, 2]}, r"`force` must have shape \(\.\.\., 3\)"),
+        ({"force": [1, 2, np.nan]}, "`force` must be finite"),
+        ({"force": [1, 2, 3], "axes": "world"}, "`axes` must be 'base' or 'link', got 'world'"),
+    ):
+        with pytest.raises(ValueError, match=text):
+            rne.wrench(robot, q[0], "tool0", **arguments)
+    with pytest.raises(ValueError, match="`link` must be one of"):
+        rne.wrench(robot, q[0], "tool", [0, 0, 1])
+    for rows in ("yz", [6], [0, 0], []):
+        with pytest.raises(ValueError, match="`rows` must be"):
+            robot.task_inertia(q, "tool0", rows=rows)
+
+
+POSE_Q = np.array([0.1, -0.5, 0.7, 0.2, 1.0, 0.3])
+
+
+def soft(robot, link, **options):
+    pose = robot.link_poses(POSE_Q[: robot.n])[robot.link_names.index(link)]
+    given = {"stiffness": [100] * 3 + [2000] * 3, "damping": [5] * 3 + [100] * 3, "pose": pose} | options
+    return rne.control.impedance(robot, link, **given)
+
+
+class TestImpedance:
+    @pytest.mark.parametrize("axes", ["target", "base"])
+    def test_torques_are_the_gradient_of_the_energy(self, axes):
+        robot, link = arm("ur5")
+        rng = np.random.default_rng(6)
+        K = np.zeros((6, 6))
+        for block in (slice(0, 3), slice(3, 6)):
+            root = rng.uniform(-1, 1, (3, 3)) * 20
+            K[block, block] = root @ root.T
+        K = (K + K.T) / 2
+        law = soft(robot, link, stiffness=K, axes=axes, posture=(POSE_Q + 0.2, 10, 0))
+        for _ in range(5):
+            q, h = rng.uniform(-3, 3, 6), 1e-6
+            moved = q + h * np.eye(6), q - h * np.eye(6)
+            slope = (law.potential_energy(0, moved[0]) - law.potential_energy(0, moved[1])) / (2 * h)
+            held = robot.gravity_torque(q) - law(0.0, q, 0 * q)
+            assert abs(held - slope).max() <= 1e-7 * abs(slope).max()  # of central differences
+
+    def test_small_rotations_and_the_saddle_of_half_a_turn(self):
+        K = np.diag([10, 20, 30, 0, 0, 0.0])
+        target = np.eye(4)
+        for k in range(3):
+            for angle, size in ((1e-4, K[k, k] * 1e-4), (np.pi, 0.0)):
+                T = np.eye(4)
+                T[:3, :3] = rne.basics.spatial.rotation_about(np.eye(3)[k], np.array(angle))
+                moment = rne.control.task_space.spring_wrench(T, target, K)[:3]
+                np.testing.assert_allclose(moment, -size * np.eye(3)[k], atol=1e-8)
+
+    @pytest.mark.parametrize("seed", kept(range(200), range(3)))
+    def test_stored_energy_never_rises(self, seed):
+        """Random poses, gains, postures and payloads: the power of the dampers is all that changes the energy."""
+        rng = np.random.default_rng(seed)
+        robot, link = arm(["irb140", "ur5"][seed % 2])
+        K = np.diag(10 ** rng.uniform([0] * 3 + [1] * 3, [2] * 3 + [3.5] * 3))
+        D = np.diag(10 ** rng.uniform([-1] * 3 + [0] * 3, [1] * 3 + [2] * 3))
+        posture = (rng.uniform(-1, 1, 6), rng.uniform(0, 20), rng.uniform(0, 5)) if seed % 3 else None
+        pose = robot.link_poses(rng.uniform(-2, 2, 6))[robot.link_names.index(link)]
+        carried = robot.with_payload(rng.uniform(0, 5), rng.uniform(-0.1, 0.1, 3), link=link)
+        law = rne.control.impedance(carried, link, K, D, pose, posture=posture, axes=["target", "base"][seed % 2])
+        scene = rne.Scene(carried, controller=law)
+        motion = rne.simulate(scene, rng.uniform(-2, 2, 6), rng.uniform(-1, 1, 6), 0.3, rtol=1e-9, atol=1e-9)
+        energy = motion.kinetic + law.potential_energy(0.0, motion.q)
+        assert np.diff(energy).max() <= 1e-6 * energy.max()  # of the integration
+        assert scene.is_traced
+
+    def test_deflection_under_a_force_is_that_of_the_stiffness(self):
+        robot, link = arm("ur5")
+        K = np.diag([2e3] * 3 + [1e5, 2e5, 3e5])
+        law = soft(robot, link, stiffness=K, damping="critical", axes="base", inertia=robot.task_inertia(POSE_Q, link))
+        force = np.array([30.0, -40.0, 50.0])
+        own = lambda t, q, qd: law(t, q, qd) + robot.jacobian(q, link)[3:].T @ force  # noqa: E731
+        motion = rne.simulate(rne.Scene(robot, controller=rne.traceable(own)), POSE_Q, np.zeros(6), 3.0)
+        k = robot.link_names.index(link)
+        moved = robot.link_poses(motion.q[-1])[k, :3, 3] - law.pose[:3, 3]
+        np.testing.assert_allclose(moved, force / np.diag(K)[3:], rtol=1e-5)
+
+    def test_critical_damping_is_critical_in_every_mode(self):
+        robot, link = arm("ur5")
+        L, K = robot.task_inertia(POSE_Q, link), np.diag([10, 20, 30, 1e3, 2e3, 3e3])
+        D = soft(robot, link, stiffness=K, damping="critical", axes="base", inertia=L).damping
+        poles = np.linalg.eigvals(
+            np.block([[np.zeros((6, 6)), np.eye(6)], [-np.linalg.solve(L, K), -np.linalg.solve(L, D)]])
+        )
+        assert (abs(poles.imag) <= 1e-5 * abs(poles)).all()  # double poles: half of the digits
+        np.testing.assert_allclose(
+            np.sort(-poles.real)[::2], np.sort(np.sqrt(np.linalg.eigvals(np.linalg.solve(L, K)).real)), rtol=1e-5
+        )
+
+    def test_planar_arm_against_its_closed_form(self):
+        pose = np.eye(4)
+        pose[:3, 3] = [1.2, 0.5, 0]
+        law = rne.control.impedance(planar(), "tool0", [0, 0, 0, 100, 200, 0], [0] * 6, pose)
+        q = np.array([0.4, 0.9])
+        x = np.cumsum(np.cos(np.cumsum(q)))[-1], np.cumsum(np.sin(np.cumsum(q)))[-1]
+        s, c = np.sin(np.cumsum(q)), np.cos(np.cumsum(q))
+        J = np.array([[-s.sum(), -s[1]], [c.sum(), c[1]]])
+        force = -np.array([100 * (x[0] - 1.2), 200 * (x[1] - 0.5)])
+        np.testing.assert_allclose(law(0.0, q, np.zeros(2)), J.T @ force, atol=1e-12)
+
+    def test_moving_targets_and_projected_postures_are_traced(self):
+        robot, link = arm("panda")
+        pose = robot.link_poses(np.full(robot.n, 0.3))[robot.link_names.index(link)]
+
+        def moving(t):
+            target = pose.astype(object) if not isinstance(t, float) else pose.copy()
+            target[0, 3] = target[0, 3] + 0.1 * t
+            return target, np.array([0, 0, 0, 0.1, 0, 0])
+
+        law = rne.control.impedance(
+            robot, link, [10] * 3 + [500] * 3, [1] * 3 + [50] * 3, moving, posture=(0.3, 5, 1), projector=True
+        )
+        scene = rne.Scene(robot, controller=law)
+        assert scene.is_traced
+        motion = rne.simulate(scene, np.full(robot.n, 0.3), np.zeros(robot.n), 1.0)
+        end = robot.link_poses(motion.q[-1])[robot.link_names.index(link), 0, 3]
+        assert abs(end - pose[0, 3] - 0.1) < 0.02
+
+    def test_errors(self):
+        robot, link = arm("ur5")
+        bad = np.eye(4)
+        bad[0, 0] = 2
+        coupled = np.eye(6)
+        coupled[0, 3] = coupled[3, 0] = 0.1
+        for options, text in (
+            ({"stiffness": [1] * 5}, r"`stiffness` must have shape \(6,\)"),
+            ({"stiffness": [-1] * 6}, "`stiffness` must be six numbers that are not negative"),
+            ({"stiffness": coupled}, "`stiffness` must have two blocks"),
+            ({"pose": bad}, "`pose` must be a homogeneous matrix"),
+            ({"pose": lambda t: np.eye(3)}, r"`pose` must give \(4, 4\)"),
+            ({"damping": "critical"}, "`inertia` must be given"),
+            ({"damping": "some"}, "`damping` must be an array or 'critical', got 'some'"),
+            ({"inertia": np.eye(6)}, "`inertia` is for damping 'critical' only"),
+            ({"axes": "link"}, "`axes` must be 'target' or 'base'"),
+            ({"posture": [0.0] * 6}, "`posture` must be a tuple"),
+        ):
+            with pytest.raises(ValueError, match=text):
+                soft(robot, link, **options)
+
+
+def test_operational_space_follows_its_reference():
+    robot, link = arm("ur5")
+    k, start = robot.link_names.index(link), robot.link_poses(POSE_Q)[robot.link_names.index(link)]
+
+    def circle(t):
+        s, c = np.sin(t), np.cos(t)
+        pose = start.astype(object)
+        pose[1, 3], pose[2, 3] = pose[1, 3] + 0.1 * s, pose[2, 3] + 0.1 * (1 - c)
+        zero = 0 * t
+        return (
+            pose,
+            np.array([zero, zero, zero, zero, 0.1 * c, 0.1 * s]),
+            np.array([zero, zero, zero, zero, -0.1 * s, 0.1 * c]),
+        )
+
+    law = rne.control.operational_space(robot, link, 100, 20, circle)
+    scene = rne.Scene(robot, controller=law)
+    assert scene.is_traced
+    qd = np.linalg.solve(robot.jacobian(POSE_Q, link), [0, 0, 0, 0, 0.1, 0])
+    motion = rne.simulate(scene, POSE_Q, qd, 1.0, rtol=1e-9)
+    end = robot.link_poses(motion.q[-1])[k]
+    np.testing.assert_allclose(end, np.asarray(circle(1.0)[0], float), atol=1e-7)  # of the integration
+
+
+class TestCompiledLaws:
+    @pytest.mark.parametrize("engine", ["numpy", "numba"])
+    def test_kernels_are_the_laws(self, engine):
+        robot, link = rne.load("ur5", engine=engine), "tool0"
+        laws = [
+            soft(robot, link, posture=(POSE_Q, 5, 1), projector=True),
+            rne.control.pd_gravity(robot, 50, 20, POSE_Q),
+            rne.control.pid(robot, 50, 10, 20, POSE_Q),
+            rne.traceable(lambda t, q, qd: t - q * qd),
+        ]
+        q, qd = np.random.default_rng(7).uniform(-1, 1, (2, 6))
+        for law in laws[2 if engine == "numba" else 0 :]:
+            kernel = rne.control.compiled(law, robot)
+            z = [np.full(6, 0.2)] if hasattr(law, "states") else []
+            expected = np.concatenate(law(0.5, q, qd, *z)) if z else law(0.5, q, qd)
+            out = np.empty_like(expected)
+            assert kernel.into(np.array([0.5]), q, qd, *z, out) is out
+            np.testing.assert_allclose(out, expected, rtol=1e-11, atol=1e-11)
+            assert kernel.names == ("t", "q", "qd", "z")[: 3 + len(z)]
+            assert "float control_law" in kernel.source("c", dtype="float32") or "void" in kernel.source("c")
+
+    def test_errors(self):
+        robot = loaded("irb140")
+        for law, text in (
+            (lambda t, q, qd: q, "`robot` must be an rne.Robot, got NoneType"),
+            (lambda t: t, "`law` must"),
+        ):
+            with pytest.raises(TypeError, match=text):
+                rne.control.compiled(law)
+        with pytest.raises(TypeError, match=r"^`law` must be marked by rne\.traceable$"):
+            rne.control.compiled(lambda t, q, qd: q, robot)
+        branch = rne.traceable(lambda t, q, qd: q if q[0] > 0 else -q)
+        with pytest.raises(TypeError, match=r"^`law` cannot be traced: TypeError: a traced number has no value"):
+            rne.control.compiled(branch, robot)
+
+
+class TestLinearisedLoops:
+    Q = np.array([0, 0, 0, 0, 1.0, 0])
+
+    def test_pd_gains_are_those_of_the_closed_form(self):
+        robot, kp, kd = loaded("irb140"), [50.0] * 5 + [60.0], [20.0] * 5 + [22.0]
+        proven = rne.check_gains(robot, kp, kd, q=self.Q)
+        law = rne.control.pd_gravity(robot, kp, kd, self.Q)
+        for factor, stable in ((0.99, True), (1.01, False)):
+            scene = rne.Scene(robot, controller=law, sample_time=factor * proven.sample_time_limit)
+            found = scene.check_gains(self.Q)
+            assert found.stable is stable
+            assert found.is_rest
+            np.testing.assert_allclose(found.sample_time_limit, proven.sample_time_limit, rtol=1e-4)
+            np.testing.assert_allclose(-found.poles.real.min(), proven.fastest_pole, rtol=1e-9)
+
+    @pytest.mark.parametrize("carried", [0.0, 4.0])
+    def test_sampled_impedances_diverge_where_it_says_so(self, carried):
+        robot, link = arm("irb140")
+        pose = robot.link_poses(self.Q)[robot.link_names.index(link)]
+        law = rne.control.impedance(robot.with_payload(carried), link, [50] * 3 + [800] * 3, [5] * 3 + [80] * 3, pose)
+        parts = {"controller": law, "payload": carried}
+        limit = rne.Scene(robot, **parts).check_gains(self.Q).sample_time_limit
+        for factor, stable in ((0.97, True), (1.03, False)):
+            scene = rne.Scene(robot, **parts, sample_time=factor * limit)
+            assert scene.check_gains(self.Q).stable is stable
+            motion = rne.simulate(scene, self.Q + 1e-4, np.zeros(6), 150 * scene.sample_time)
+            assert bool(abs(motion.q[-1] - self.Q).max() < 1e-4) is stable
+
+    def test_what_is_no_rest_and_what_is_refused(self):
+        robot = loaded("irb140")
+        found = rne.Scene(robot, controller=rne.control.pd(robot, 500, 20, 0.0)).check_gains(self.Q)
+        assert not found.is_rest
+        assert str(found).endswith("the target is no equilibrium: the motion leaves it")
+        with pytest.raises(ValueError, match="`controller` of the scene must be given"):
+            rne.Scene(robot).check_gains(self.Q)
+        law = rne.control.pd(robot, 500, 20, 0.0)
+        with pytest.raises(ValueError, match="holds the joints at the target"):
+            rne.Scene(robot, controller=law, friction=rne.Friction(coulomb=1, smoothing=0)).check_gains(self.Q)
+
+    def test_laws_with_states(self):
+        robot = loaded("irb140")
+        for ki, stable in ((5.0, True), (1e5, False)):
+            law = rne.control.pid(robot, 50, ki, 20, self.Q, gravity=True)
+            assert rne.Scene(robot, controller=law).check_gains(self.Q).stable is stable
