@@ -405,9 +405,9 @@ def test_a_law_that_supplies_friction_under_load_follows_exactly(robot):
 
 
 @pytest.mark.parametrize("friction", [replace(ALL, stribeck_rise=0), rne.Friction(coulomb=3, smoothing=0, offset=2)])
-def test_drives_of_elastic_joints_have_them_too(robot, friction):
+def test_drives_of_elastic_joints_have_them_too(friction):
     """No energy is created or lost, smooth or dry."""
-    scene = rne.Scene(robot, friction=friction, elastic=rne.ElasticJoints(stiffness=1e4, rotor=1.0))
+    scene = rne.Scene(first_joints(n), friction=friction, elastic=rne.ElasticJoints(stiffness=1e4, rotor=1.0))
     run = rne.simulate(scene, np.zeros(n), [0.1, 0.2, 0.3], 0.1)
     assert "offset" in run.dissipated
     assert run.energy_drift < 1e-5
