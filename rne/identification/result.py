@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -50,7 +51,6 @@ BASE_UNITS = (
     "Units: m in kg, mcx ... in kg m, Ixx ... and Ia in kg m^2, Fv and Fvb in N m s/rad, Fc, Fs and tau0 in N m; of "
     "sliding joints Ia in kg, Fv and Fvb in N s/m, the others in N; Fl is a part of the load."
 )
-LONGEST = 40  # lines of a report below its verdict
 MORE = "`report(details=True)`: filters, base parameters with standard errors, bodies, the test for one rigid body"
 MOVE_ALL = "Move all joints farther and faster: `rne.excitation` finds a motion"
 UNKNOWN = (
@@ -292,11 +292,9 @@ class Identification(InNotebooks):
         --------
         >>> text = found.to_urdf()  # doctest: +SKIP
         """
-        model, parts = self.robot.model, ("Fvb", "Fs", "Fl", "tau0")
-        symbols = [name for name in self.standard.names if name.startswith(tuple(f"{part}_" for part in parts))]
-        symbols += [name for name in self.standard.names if "_s" in name]  # coupled motors and springs
-        values = dict(zip(self.standard.names, self.parameters, strict=True))
-        others = ", ".join(f"{name} {values[name]:.6g}" for name in symbols if values[name])
+        model, values = self.robot.model, zip(self.standard.names, self.parameters, strict=True)
+        parts = re.compile("(Fvb|Fs|Fl|tau0)_|.*_s")  # of drives, coupled motors and springs
+        others = ", ".join(f"{name} {x:.6g}" for name, x in values if x and parts.match(name))
         note = f"identified, of the joints {listed(model.joint_names)}, not in this file: {others}" if others else ""
         notes = dict(model.notes) | {"robot": "; ".join(filter(None, (model.notes.get("robot"), note)))}
         return to_urdf(replace(model, notes=notes))
@@ -576,11 +574,9 @@ class Identification(InNotebooks):
     @cached_property
     def r_squared(self) -> Array:
         """Coefficient of determination of each joint's torques in motion on held-out blocks, NaN without any, (n,)."""
-        means = [
-            x[used].mean() if used.any() else np.nan for x, used in zip(self.data.tau.T, self.data.used.T, strict=True)
-        ]
-        size = self.equations.rms_torques()
-        variance = np.maximum(size**2 - np.square(means), np.finfo(float).tiny)
+        size, used = self.equations.rms_torques(), self.data.used
+        mean = (self.data.tau * used).sum(0) / np.maximum(used.sum(0), 1)
+        variance = np.maximum(size**2 - mean**2, np.finfo(float).tiny)
         return np.asarray(1 - (self.unexplained.in_motion * size) ** 2 / variance)
 
     @property
@@ -617,23 +613,21 @@ class Identification(InNotebooks):
         -------
         str
             First what the model is good for, then the errors of each joint, likely causes of what is left and how many
-            parameters are essential, in at most 41 lines without details.
+            parameters are essential, in at most 40 lines without details.
         """
         if details:
             further = [springs_text] * (self.standard.springs is not None) + [bodies_text] * self.consistent
             told = [text(self) for text in (fitted_text, joints_text, causes_text, parameters_text, *further)]
             return "\n\n".join([self.verdict, *told, self._essential, self.consistency().report()])
-        data, causes = fitted_text(self).split("\n"), causes_text(self).split("\n")
-        last = [self._essential, self.consistency().report().split("\n")[0]]
-        room, table = LONGEST - len(last) - 1, joints_text(self).split("\n")
-        parts = [first_of(table, room // 2), first_of(causes, room // 6)]
-        parts = [first_of(data, room - sum(map(len, parts))), *parts, last]
-        return "\n".join([self.verdict, *(line for part in parts for line in part), MORE])
+        parts = [first_of(text(self), most) for text, most in SHORT.items()]
+        return "\n".join([self.verdict, *parts, self._essential, first_of(self.consistency().report(), 1), MORE])
 
 
-def first_of(lines: Sequence[str], most: int) -> list[str]:
-    """The first lines, with their number if there are more."""
-    return [*lines] if len(lines) <= most else [*lines[: most - 1], f"  ... {len(lines) - most + 1} more lines"]
+def first_of(text: str, most: int) -> str:
+    """The first lines, with the number of others if there are several and more."""
+    lines = text.split("\n")
+    more = [f"  ... {len(lines) - most + 1} more lines"] if len(lines) > most > 1 else []
+    return "\n".join([*lines[: most - len(more)], *more])
 
 
 VERSION = 1  # of files: another one when a field changes its meaning
@@ -784,6 +778,9 @@ def springs_text(found: Identification) -> str:
             text += f" N/m, length {spring.length:.4g} +- {of_length:.2g} m, force {spring.force:.4g} N"
         lines.append(text if isinstance(spring, Spring) else f"{text} N m/rad, or N/m of a sliding joint")
     return "\n".join(lines)
+
+
+SHORT = {fitted_text: 11, joints_text: 18, causes_text: 7}  # the most lines of parts of a short report
 
 
 def bodies_text(found: Identification) -> str:
