@@ -181,6 +181,10 @@ def test_predictions_and_the_scene_are_one_model(found):
     check = found.check(Record(prepared.t, prepared.q, prepared.tau, prepared.qd))
     assert (check.relative < 0.05).all()
     assert (check.r_squared > 0.99).all()
+    for j in range(n):
+        tau = found.data.tau[found.data.used[:, j], j]
+        left = found.unexplained.in_motion[j] ** 2 * np.mean(tau**2)
+        assert found.r_squared[j] == pytest.approx(1 - left / np.var(tau), rel=1e-9)
     assert (found.robot.model.armature == found.parameters[found.standard.groups["Ia"]]).all()
     stuck = found.scene(friction=replace(found.friction, smoothing=0, load=0, stribeck_rise=0), payload=1.0)
     assert stuck.resolved.friction.sticks
