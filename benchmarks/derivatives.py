@@ -24,7 +24,7 @@ from benchmarks.cases import engines, states
 from benchmarks.derivative_calls import HESSIAN, NAMES
 from benchmarks.measure import QUICK_NOTE, is_quick, many, nanoseconds, per_state, ratio, write
 from benchmarks.pages import DOCS, rewrite, table, three
-from rne.kernels.program import evaluate
+from rne.graph.program import evaluate
 
 ROBOTS = ("irb140", "ur5")
 COUNT, REPEATS, EXACT = 1024, 15, 8

@@ -53,6 +53,10 @@ def _apply(name: str, **x: ArrayLike) -> Array:
     arrays = [plain_array(argument, value) for argument, value in x.items()]
     if any(array.dtype == object for array in arrays):
         return np.asarray(np.frompyfunc(partial(_entry, name), len(arrays), 1)(*arrays))
+    if name == "arctan2" and any(array.dtype.kind == "c" for array in arrays):  # a complex step: NumPy has reals only
+        a, b = arrays
+        turned = (a * b.real - b * a.real) / (b * b.real + a * a.real)  # the tangent of the rest of the angle
+        return np.asarray(np.arctan2(a.real, b.real) + np.arctan(turned))
     return np.asarray(getattr(np, name)(*arrays))
 
 

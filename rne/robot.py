@@ -160,7 +160,8 @@ class Robot(InNotebooks):
         ]
         if model.has_mimics:
             further = model.nb - model.n
-            lines.append(f"  {counted(further, 'further joint')} mimic{'s' * (further == 1)} these")
+            verb = "follow" if model.couplings else "mimic"
+            lines.append(f"  {counted(further, 'further joint')} {verb}{'s' * (further == 1)} these")
         if model.armature.any():
             lines.append(f"  rotors: armature {brief_array(model.armature)}, part of M")
         if model.damping.any() or model.friction.any():

@@ -38,6 +38,7 @@ TREES = Trees(
     mixed={"n": 4, "seed": 5, "branching": 0.4},
     bushy={"n": 9, "seed": 5, "branching": 0.8},
     mimics={"n": 3, "seed": 3, "branching": 0.4, "mimics": 2},
+    coupled={"n": 5, "seed": 3, "branching": 0.4, "coupled": True},
 )
 
 
@@ -81,7 +82,7 @@ def object_code_of_this_run(tmp_path_factory):
     os.environ["RNE_CACHE"] = str(tmp_path_factory.mktemp("object_code"))
 
 
-@pytest.fixture(params=kept(TREES, ["single", "sliders", "mixed", "mimics"]), scope="session")
+@pytest.fixture(params=kept(TREES, ["single", "sliders", "mixed", "mimics", "coupled"]), scope="session")
 def tree(request):
     """A random tree: joints of all types, branches, tools on fixed joints, any direction of gravity; large ones are long."""
     return TREES[request.param]

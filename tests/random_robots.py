@@ -6,16 +6,19 @@ from typing import Any
 
 import numpy as np
 
+import rne
 from rne import Model
 from rne.basics.spatial import Array, point_mass_inertia, rotation_about
 from rne.model.builder import Mimic, Part, Pose, assemble, pose
 
 
-def random_tree(n: int, seed: int, *, prismatic: float = 0.25, branching: float = 0.3, mimics: int = 0) -> Model:
+def random_tree(
+    n: int, seed: int, *, prismatic: float = 0.25, branching: float = 0.3, mimics: int = 0, coupled: bool = False
+) -> Model:
     """A tree of n coordinates with random axes, placements and physical inertias; some links on fixed joints.
 
     `prismatic` and `branching` are the probabilities that a joint slides, and that it is not mounted on the link before
-    it; `mimics` further joints follow a random one.
+    it; `mimics` further joints follow a random one. If it is `coupled`, two of five follow others by curves.
     """
     rng = np.random.default_rng(seed)
     parts = [Part(link="root", **_body(rng))]
@@ -45,7 +48,12 @@ def random_tree(n: int, seed: int, *, prismatic: float = 0.25, branching: float 
                 Part(link=f"tool{k}", joint=f"fixed{k}", parent=len(parts) - 1, placement=_placement(rng), **_body(rng))
             )
     gravity = rng.normal(size=3) * 10
-    return assemble(f"tree{n}-{seed}", parts, gravity=gravity)
+    model = assemble(f"tree{n}-{seed}", parts, gravity=gravity)
+    if not coupled:
+        return model
+    curve = ("joint0",), lambda a: a + np.sin(a) / 2 + np.sqrt(3 + np.cos(a))
+    surface = ("joint0", "joint2"), lambda a, b: 0.3 * np.sin(a) * b - a
+    return rne.model.coupled(model, {"joint1": curve, "joint3": surface})
 
 
 def straight_chain(n: int, *, length: float = 0.3, mass: float = 1.0) -> Model:

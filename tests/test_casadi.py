@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 import rne
+from rne.graph.program import ON_ARRAYS, Instruction, Operand, Program, evaluate
 from rne.kernels.exports.casadi import ARITHMETIC, NAMES, to_casadi
-from rne.kernels.program import ON_ARRAYS, Instruction, Operand, Program, Trace, evaluate
+from rne.kernels.soundness import Trace
 
 from .helpers import EPS, kept, loaded
 from .quantities import QUANTITIES, arguments_of

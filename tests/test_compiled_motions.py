@@ -14,8 +14,8 @@ from rne.integrators import compiled_methods, runge_kutta
 from rne.integrators.step_control import Interval, Problem, Storage
 from rne.integrators.tableaus import tableau
 from rne.kernels import Kernel
-from rne.kernels.program import NeedsRecursion
 from rne.kernels.python_backend import state_function
+from rne.kernels.soundness import NeedsRecursion
 from rne.simulation import run
 from rne.simulation.dry_friction import DryPlant
 from rne.simulation.method_choice import choose_method

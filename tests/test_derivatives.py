@@ -6,11 +6,12 @@ import pinocchio as pin
 import pytest
 
 import rne
-from rne.kernels.differentiation import differentiate
-from rne.kernels.graph import Graph
-from rne.kernels.program import Trace, lower
+from rne.graph.differentiation import differentiate
+from rne.graph.graph import Graph
+from rne.graph.program import lower
+from rne.graph.scalar import inputs
 from rne.kernels.python_backend import state_function
-from rne.kernels.scalar import inputs
+from rne.kernels.soundness import Trace
 from rne.kernels.trace import by_recursion
 
 from .helpers import EPS, kept, relative, states

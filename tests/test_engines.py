@@ -19,11 +19,12 @@ import pytest
 
 import rne
 from rne.dynamics.quantity import OK
+from rne.graph.graph import Graph
+from rne.graph.program import lower
+from rne.graph.scalar import inputs, references
 from rne.kernels import array_layout, llvm_backend, object_code
 from rne.kernels import kernel as kernel_module
-from rne.kernels.graph import Graph
-from rne.kernels.program import NeedsRecursion, Trace, lower
-from rne.kernels.scalar import inputs, references
+from rne.kernels.soundness import NeedsRecursion, Trace
 
 from .helpers import EPS, ROOT, gimbal, kept, loaded, relative, states
 from .random_robots import random_tree, straight_chain

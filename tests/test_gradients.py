@@ -9,11 +9,11 @@ import pytest
 
 import rne
 from rne import elementwise
+from rne.graph.differentiation import differentiate
+from rne.graph.graph import Graph
+from rne.graph.program import evaluate, lower
+from rne.graph.scalar import inputs
 from rne.kernels import gradient, hessian, hessian_product
-from rne.kernels.differentiation import differentiate
-from rne.kernels.graph import Graph
-from rne.kernels.program import evaluate, lower
-from rne.kernels.scalar import inputs
 
 from .helpers import EPS, Part, assemble, gimbal, kept, loaded, relative, states
 from .quantities import QUANTITIES, arguments_of

@@ -13,12 +13,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rne
+from rne.graph.graph import Graph
+from rne.graph.program import lower
+from rne.graph.scalar import Scalar, inputs, references
 from rne.kernels import numpy_backend
 from rne.kernels import trace as trace_module
-from rne.kernels.graph import Graph
-from rne.kernels.program import Trace, lower
 from rne.kernels.python_backend import expressions, state_function
-from rne.kernels.scalar import Scalar, inputs, references
+from rne.kernels.soundness import Trace
 
 from .conftest import TREES
 from .helpers import EPS, gimbal, kept, loaded, relative, states

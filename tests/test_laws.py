@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import rne
+from rne.dynamics.kinematics import coordinate_map, joint_accelerations, on_coordinates
 from rne.validation.agreement import euler_lagrange
 
 from .helpers import EPS, loaded, relative, states
@@ -196,9 +197,11 @@ def test_armature_adds_to_the_diagonal_and_to_the_energy(tree):
     q, qd, qdd = states(tree.n, 5)
     armature = np.linspace(0.1, 1.0, tree.nb)
     geared = replace(tree, armature=armature)
-    added = tree.coordinate_map.T @ np.diag(armature) @ tree.coordinate_map  # a mimic's drive turns with its driver
+    G = coordinate_map(tree, q)  # the drive of a joint that follows others turns with them
+    added = np.swapaxes(G, -1, -2) @ np.diag(armature) @ G
     assert relative(rne.dynamics.mass_matrix(geared, q), rne.dynamics.mass_matrix(tree, q) + added) <= LAW
-    tau = rne.dynamics.inverse_dynamics(tree, q, qd, qdd) + qdd @ added
+    rotors = on_coordinates(tree, q, armature * joint_accelerations(tree, q, qd, qdd))
+    tau = rne.dynamics.inverse_dynamics(tree, q, qd, qdd) + rotors
     assert relative(rne.dynamics.inverse_dynamics(geared, q, qd, qdd), tau) <= LAW
     forward = rne.dynamics.forward_dynamics if tree.has_mimics else rne.dynamics.articulated_forward_dynamics
     kappa = np.linalg.cond(rne.dynamics.mass_matrix(geared, q)).max()

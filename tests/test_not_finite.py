@@ -14,11 +14,12 @@ import numpy as np
 import pytest
 
 import rne
+from rne.graph.graph import Graph
+from rne.graph.program import lower
+from rne.graph.scalar import inputs, references
 from rne.kernels import numpy_backend
-from rne.kernels.graph import Graph
-from rne.kernels.program import NeedsRecursion, Trace, lower
 from rne.kernels.python_backend import state_function
-from rne.kernels.scalar import inputs, references
+from rne.kernels.soundness import NeedsRecursion, Trace
 from rne.kernels.source import Printable, to_source
 
 from .compiled_sources import call, rust_library

@@ -12,9 +12,10 @@ import pytest
 import rne
 from rne.__main__ import main
 from rne.commands.printing import LANGUAGES, quantities
-from rne.kernels.graph import Graph
-from rne.kernels.program import Instruction, Operand, Program, Trace, lower
-from rne.kernels.scalar import inputs, references
+from rne.graph.graph import Graph
+from rne.graph.program import Instruction, Operand, Program, lower
+from rne.graph.scalar import inputs, references
+from rne.kernels.soundness import Trace
 from rne.kernels.source import LANGUAGES as PRINTED
 from rne.kernels.source import Printable, harmless, most_alive, to_source
 

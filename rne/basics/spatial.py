@@ -195,3 +195,10 @@ def note_solution(
     traced = next((entry for entry in x.flat if hasattr(entry, "graph")), None) if x.dtype == object else None
     if traced is not None:
         traced.graph.note_solution(x, solve, product, residual)
+
+
+def note_finite(x: Array) -> None:
+    """Let kernels take traced numbers x to be finite; where they are not, the recursion computes the state."""
+    for entry in x.flat if x.dtype == object else ():
+        if hasattr(entry, "graph"):
+            entry.graph.note_finite(entry.ref)

@@ -17,6 +17,7 @@ from ..dynamics.lagrange import christoffel
 from ..kernels.cache import KernelCache
 from ..model.model import Model
 from ..model.modify import with_payload
+from ..model.topology import refuse_couplings
 from .branch_and_bound import Clock, ProvenMaximum, largest
 from .criteria import ROUNDING, Coriolis, LargestOfInverse, Modulus, Norm, Torque
 from .polynomials import Polynomial, PositionBox, box_argument, independent, polynomial, sizes_of_terms
@@ -175,6 +176,7 @@ def robot_bounds(
     model = cache.model
     if not model.n:
         raise ValueError(f"bounds need a robot that moves, {model.name!r} has no joints")
+    refuse_couplings(model, "bounds take")
     tolerance, budget = positive_number("tolerance", tolerance), positive_number("budget", budget)
     seconds = np.inf if seconds is None else positive_number("seconds", seconds)
     known = model.coordinate_limits()

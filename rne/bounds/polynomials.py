@@ -15,8 +15,8 @@ import numpy as np
 
 from ..basics.arrays import per_joint_array
 from ..basics.spatial import Array
+from ..graph.program import Operand, Program
 from ..kernels.kernel import Kernel
-from ..kernels.program import Operand, Program
 from ..model.model import Model
 
 Map = Callable[[Array], Array]

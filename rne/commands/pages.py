@@ -350,7 +350,7 @@ def _own(robot: Robot, quantity: str, arrays: list[Array]) -> Iterator[Way]:
 
 def _of_pinocchio(robot: Robot, quantity: str, arrays: list[Array]) -> Iterator[Way]:
     """Ways by Pinocchio's `rnea` and `aba`, one state or many, on one thread; arrays are in its order and layout."""
-    if not has_pinocchio():
+    if robot.model.couplings or not has_pinocchio():
         return
     oracle = Oracle(robot.model, to_urdf(robot.model))
     pin, model, data = oracle.pin, oracle.theirs, oracle.data

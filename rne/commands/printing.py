@@ -7,8 +7,11 @@ import inspect
 import io
 import os
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from .shared import ROBOT, CommandError, add_parser, check_folder, fail, in_one_line, say
 
@@ -39,6 +42,8 @@ def add_check(commands: Any) -> None:
     parser = add_parser(commands, "check", title, "rne check arm.urdf", run_check)
     parser.add_argument("robots", metavar="ROBOT", nargs="+", help=ROBOT)
     parser.add_argument("--all", action="store_true", help="print findings that are alike one by one")
+    what = "two points, as LINK,X,Y,Z in metres: print how far apart they come over the ranges of the joints"
+    parser.add_argument("--loops", metavar="POINT", nargs=2, help=what)
 
 
 def run_check(arguments: argparse.Namespace) -> int:
@@ -53,8 +58,26 @@ def run_check(arguments: argparse.Namespace) -> int:
         except (CommandError, OSError) as error:
             code = fail(in_one_line(error))
         else:
-            code = max(code, int(any(finding.severity == "error" for finding in findings)))
+            failed = any(finding.severity == "error" for finding in findings)
+            code = max(code, int(failed))
+            if arguments.loops and not failed:
+                code = max(code, _print_gap(robot, arguments.loops))
     return code
+
+
+def _print_gap(robot: str, points: Sequence[str]) -> int:
+    """Print how far apart two points of a robot come."""
+    import rne
+
+    from ..validation.agreement import loop_gap
+
+    try:
+        ends = [(link, [float(x) for x in place.split(",")]) for link, _, place in (p.partition(",") for p in points)]
+        gap, q = loop_gap(rne.load(robot), *ends)
+    except ValueError as error:
+        return fail(f"--loops: {in_one_line(error)}")
+    print(f"{robot}: the points of --loops come {gap:.3g} m apart, at q = {np.round(q, 4).tolist()}")
+    return 0
 
 
 def _refuse_other_files(robot: str) -> None:

@@ -15,6 +15,7 @@ from ..basics.spatial import Array
 from ..basics.text import summary
 from ..elementwise import clip
 from ..model.model import Model
+from ..model.topology import refuse_couplings
 from ..robot import Robot, robot_argument
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -127,7 +128,9 @@ def composite_error(
 def model_torques(robot: Robot, Y: Array, parameters: Array, qddr: Array) -> Array:
     """M qddr + C qdr + g: Y pi of the parameters, and the torque of the rotors, which are known."""
     model = robot.model
-    rotors = model.coordinate_map.T @ (model.armature[:, None] * model.coordinate_map)
+    if model.couplings and model.armature.any():
+        refuse_couplings(model, "adaptive and robust laws of robots with armature take")
+    rotors = model.mimic_map.T @ (model.armature[:, None] * model.mimic_map)
     torques: Array = (Y @ parameters[..., None])[..., 0] + qddr @ rotors
     return torques
 

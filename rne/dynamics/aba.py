@@ -116,12 +116,14 @@ def articulated_forward_dynamics(
 ) -> tuple[Array, Array, Array]:
     """Joint accelerations that the torques tau give, without forming M.
 
-    Featherstone 2008, table 7.1, in blocks of three. O(n). Mimic joints are a ModelError: their articulated inertia
-    is not that of one joint. `articulated_forward_dynamics.core` returns (qdd, pivots, diagonal of M). Parameters,
-    result and errors are those of `rne.Robot.forward_dynamics`, with the model first.
+    Featherstone 2008, table 7.1, in blocks of three. O(n). Joints that follow others are a ModelError: their
+    articulated inertia is not that of one joint. `articulated_forward_dynamics.core` returns (qdd, pivots, diagonal of
+    M). Parameters, result and errors are those of `rne.Robot.forward_dynamics`, with the model first.
     """
     if model.has_mimics:
-        raise ModelError(f"robot {model.name!r} has mimic joints; use forward_dynamics, which reduces M to q")
+        raise ModelError(
+            f"robot {model.name!r} has joints that mimic or follow others; use forward_dynamics, which reduces M to q"
+        )
     R, p = joint_transforms(model, q)
     s, t = model.angular_axis, model.linear_axis
 

@@ -10,7 +10,7 @@ import numpy as np
 from ..basics.spatial import Array, cross, cross_matrix, dot, mirrored, note_solution, rotate, transpose, zeros
 from ..model.model import Model
 from ..model.solids import Moments
-from .kinematics import BASE, joint_transforms
+from .kinematics import BASE, coordinate_map, joint_transforms
 from .quantity import quantity
 
 
@@ -61,8 +61,8 @@ def mass_matrix(model: Model, q: Array) -> Array:
             n = rotate(R[i], n) + cross(p[i], f)
             i = model.parent[i]
             M[..., i, j] = M[..., j, i] = dot(n, s[i]) + dot(f, t[i])
-    G = model.coordinate_map
-    return mirrored(G.T @ M @ G) if model.has_mimics else M
+    G = coordinate_map(model, q)
+    return mirrored(transpose(G) @ M @ G) if model.has_mimics else M
 
 
 def mass_diagonal(model: Model, composites: dict[int, Moments], like: Array) -> Array:

@@ -39,7 +39,7 @@ def link_kinetic_energies(model: Model, q: Array, qd: Array) -> Array:
     >>> rne.dynamics.link_kinetic_energies(rne.irb140(), [0] * 6, [0] * 6).tolist()
     [0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
     """
-    omega, v = velocities(model, *joint_transforms(model, q), qd)
+    omega, v = velocities(model, *joint_transforms(model, q), joint_velocities(model, q, qd))
     T = zeros((*q.shape[:-1], model.nb), like=q)
     for i in range(model.nb):
         T[..., i] = body_kinetic_energy(model, i, omega[i], v[i])
@@ -64,7 +64,7 @@ def kinetic_energy(model: Model, q: Array, qd: Array) -> Array:
     Høifødt 2011, (6.31), by (6.30) summed over the bodies. Parameters, result and errors are those of
     `rne.Robot.kinetic_energy`, with the model first.
     """
-    of_bodies, qd = link_kinetic_energies.core(model, q, qd), joint_velocities(model, qd)
+    of_bodies, qd = link_kinetic_energies.core(model, q, qd), joint_velocities(model, q, qd)
     T: Array = of_bodies.sum(-1) + (model.armature * qd * qd).sum(-1) / 2
     return T
 
@@ -91,7 +91,7 @@ def momentum(model: Model, q: Array, qd: Array) -> Array:
     Featherstone 2008, (2.61), summed over the bodies. Parameters, result and errors are those of
     `rne.Robot.momentum`, with the model first.
     """
-    omega, v = velocities(model, *joint_transforms(model, q), qd)
+    omega, v = velocities(model, *joint_transforms(model, q), joint_velocities(model, q, qd))
     R0, p0 = body_poses(model, q)
     total = zeros((*q.shape[:-1], 6), like=q)
     for i in range(model.nb):

@@ -19,17 +19,60 @@ ORIGIN = (0.0, 0.0, 0.0)
 
 
 def joint_positions(model: Model, q: Array) -> Array:
-    """Positions of the moving joints, mimics included, shape (..., nb)."""
+    """Positions phi(q) of the moving joints, those that follow others included, shape (..., nb)."""
     if not model.has_mimics:
         return q
-    return q[..., model.coordinate] * model.multiplier + model.offset
+    positions = q[..., model.coordinate] * model.multiplier + model.offset
+    for i, drivers, coupling in model.coupled_joints:
+        positions[..., i] = coupling.position(q[..., drivers])
+    return positions
 
 
-def joint_velocities(model: Model, qd: Array) -> Array:
-    """Rates (or accelerations) of the moving joints, mimics included, shape (..., nb)."""
+def joint_velocities(model: Model, q: Array, qd: Array) -> Array:
+    """Velocities G qd of the moving joints, shape (..., nb)."""
     if not model.has_mimics:
         return qd
-    return qd[..., model.coordinate] * model.multiplier
+    if not model.couplings:
+        return qd[..., model.coordinate] * model.multiplier
+    return rotate(coordinate_map(model, q), qd)
+
+
+def joint_accelerations(model: Model, q: Array, qd: Array, qdd: Array, qdr: Array | None = None) -> Array:
+    """Accelerations G qdd + dG/dt qd of the moving joints; with `qdr` the derivative G qdd + dG/dt qdr of G qdr."""
+    accelerations = joint_velocities(model, q, qdd)
+    if not model.couplings:
+        return accelerations
+    return accelerations + rotate(coordinate_map_rate(model, q, qd), qd if qdr is None else qdr)
+
+
+def coordinate_map(model: Model, q: Array) -> Array:
+    """G = d phi/dq of the positions phi of the moving joints, shape (nb, n); with couplings (..., nb, n)."""
+    if not model.couplings:
+        return model.coordinate_map
+    G = zeros((*q.shape[:-1], model.nb, model.n), like=q) + model.mimic_map
+    for i, drivers, coupling in model.coupled_joints:
+        G[..., i, drivers] = coupling.derivatives(q[..., drivers])[0]
+    return G
+
+
+def coordinate_map_derivatives(model: Model, q: Array) -> Array:
+    """Second derivatives d^2 phi/dq^2 of the joints' positions, which couplings alone have, shape (..., nb, n, n)."""
+    dG = zeros((*q.shape[:-1], model.nb, model.n, model.n), like=q)
+    for i, drivers, coupling in model.coupled_joints:
+        dG[..., i, np.array(drivers)[:, None], drivers] = coupling.derivatives(q[..., drivers])[1]
+    return dG
+
+
+def coordinate_map_rate(model: Model, q: Array, qd: Array) -> Array:
+    """dG/dt along the motion (q, qd), shape (..., nb, n)."""
+    return rotate(coordinate_map_derivatives(model, q), qd[..., None, :])
+
+
+def on_coordinates(model: Model, q: Array, tau: Array) -> Array:
+    """G^T tau: torques of the moving joints on the coordinates, to which joints that follow others add theirs."""
+    if not model.has_mimics:
+        return tau
+    return rotate_back(coordinate_map(model, q), tau) if model.couplings else tau @ model.coordinate_map
 
 
 def joint_transforms(model: Model, q: Array) -> tuple[list[Array], list[Array]]:
@@ -70,8 +113,10 @@ def link_poses(model: Model, q: Array) -> Array:
 
 
 def velocities(model: Model, R: list[Array], p: list[Array], qd: Array) -> tuple[dict[int, Array], dict[int, Array]]:
-    """Angular velocity of every body and velocity of its frame's origin, in its own axes."""
-    qd = joint_velocities(model, qd)
+    """Angular velocity of every body and velocity of its frame's origin, in its own axes.
+
+    `qd` (..., nb) are the velocities of the moving joints.
+    """
     zero = zeros((*qd.shape[:-1], 3), like=qd)
     omega, v = {BASE: zero}, {BASE: zero}
     for i, parent in enumerate(model.parent):
@@ -114,11 +159,16 @@ def body_jacobian_derivatives(
     return dJw, dJv
 
 
-def _columns(model: Model, Jw: Array, Jv: Array, R0: Array) -> Array:
+def _columns(model: Model, q: Array, Jw: Array, Jv: Array, R0: Array) -> Array:
     """[angular; linear] parts in the root link's axes, one column per coordinate."""
+    J = _in_root_axes(Jw, Jv, R0)
+    return J @ coordinate_map(model, q) if model.has_mimics else J
+
+
+def _in_root_axes(Jw: Array, Jv: Array, R0: Array) -> Array:
+    """[angular; linear] parts in the root link's axes, one column per moving joint."""
     rows = np.concatenate([Jw @ transpose(R0), Jv @ transpose(R0)], axis=-1)
-    J = np.swapaxes(rows, -1, -2)
-    return J @ model.coordinate_map if model.has_mimics else J
+    return np.swapaxes(rows, -1, -2)
 
 
 @quantity()
@@ -133,7 +183,7 @@ def jacobian(model: Model, q: Array, link: str, point: tuple[float, ...] = ORIGI
         return zeros((*q.shape[:-1], 6, model.n), like=q)
     Jw, Jv = (J[body] for J in body_jacobians(model, *joint_transforms(model, q)))
     R0, _ = body_poses(model, q)
-    return _columns(model, Jw, Jv + cross(Jw, offset), R0[body])
+    return _columns(model, q, Jw, Jv + cross(Jw, offset), R0[body])
 
 
 def point_of_body(model: Model, link: str, point: tuple[float, ...]) -> tuple[int, Array]:
@@ -154,15 +204,18 @@ def jacobian_rate(model: Model, q: Array, qd: Array, link: str, point: tuple[flo
     if body < 0:
         return zeros((*q.shape[:-1], 6, model.n), like=q)
     R, p = joint_transforms(model, q)
-    qd = joint_velocities(model, qd)
+    velocity = joint_velocities(model, q, qd)
     all_Jw, all_Jv = body_jacobians(model, R, p)
-    all_dJw, all_dJv = body_jacobian_derivatives(model, R, p, qd, all_Jw, all_Jv)
+    all_dJw, all_dJv = body_jacobian_derivatives(model, R, p, velocity, all_Jw, all_Jv)
     Jw, Jv = all_Jw[body], all_Jv[body] + cross(all_Jw[body], offset)
     dJw, dJv = all_dJw[body], all_dJv[body] + cross(all_dJw[body], offset)
-    omega = (Jw * qd[..., :, None]).sum(-2)[..., None, :]
+    omega = (Jw * velocity[..., :, None]).sum(-2)[..., None, :]
     R0, _ = body_poses(model, q)
     # from the derivative of components in moving axes to that of the vector: + omega x
-    return _columns(model, dJw + cross(omega, Jw), dJv + cross(omega, Jv), R0[body])
+    dJ = _columns(model, q, dJw + cross(omega, Jw), dJv + cross(omega, Jv), R0[body])
+    if model.couplings:
+        dJ = dJ + _in_root_axes(Jw, Jv, R0[body]) @ coordinate_map_rate(model, q, qd)
+    return dJ
 
 
 @quantity(moments=True, per_mass=True)
@@ -196,4 +249,4 @@ def centre_of_mass_jacobian(model: Model, q: Array) -> Array:
         total = total + m
         rows = rows + (m[..., None] * all_Jv[i] + cross(all_Jw[i], h[..., None, :])) @ transpose(R0[i])
     J: Array = np.swapaxes(rows / total[..., None], -1, -2)
-    return J @ model.coordinate_map if model.has_mimics else J
+    return J @ coordinate_map(model, q) if model.has_mimics else J

@@ -26,7 +26,18 @@ import numpy as np
 from ..basics.spatial import Array, cross, cross_matrix, rotate, rotate_back, transpose, zeros
 from ..model.model import Model
 from .crba import solve_with_pivots
-from .kinematics import BASE, body_jacobian_derivatives, body_jacobians, joint_transforms, joint_velocities
+from .kinematics import (
+    BASE,
+    body_jacobian_derivatives,
+    body_jacobians,
+    coordinate_map,
+    coordinate_map_derivatives,
+    coordinate_map_rate,
+    joint_accelerations,
+    joint_transforms,
+    joint_velocities,
+    on_coordinates,
+)
 from .precision import check_accelerations
 from .quantity import checked_quantity, quantity
 
@@ -140,10 +151,15 @@ def christoffel_symbols(model: Model, q: Array) -> Array:
     >>> np.allclose(C, rne.dynamics.coriolis_torque(rne.irb140(), q, qd))
     True
     """
-    c = christoffel(inertia_derivatives(model, bodies(model, q), q))
+    terms = bodies(model, q)
+    c = christoffel(inertia_derivatives(model, terms, q))
     if model.has_mimics:  # c_ijk G_ia G_jb G_kc, one index after the other
+        G = coordinate_map(model, q)[..., None, :, :]
         for index in (-3, -2, -1):
-            c = np.swapaxes(np.swapaxes(c, index, -1) @ model.coordinate_map, index, -1)
+            c = np.swapaxes(np.swapaxes(c, index, -1) @ G, index, -1)
+    if model.couplings:  # and d^2 phi_l/dq_a dq_b M_lk G_kc
+        MG = inertia_matrix(model, terms, q) @ coordinate_map(model, q)
+        c = c + np.moveaxis(coordinate_map_derivatives(model, q), -3, -1) @ MG[..., None, :, :]
     return c
 
 
@@ -155,9 +171,8 @@ def lagrange_inverse_dynamics(model: Model, q: Array, qd: Array, qdd: Array) -> 
     recursion is O(n). Parameters, result and errors are those of `rne.Robot.inverse_dynamics` without `external`, with
     the model first.
     """
-    M, bias = equations(model, q, joint_velocities(model, qd))
-    tau = rotate(M, joint_velocities(model, qdd)) + bias
-    return tau @ model.coordinate_map if model.has_mimics else tau
+    M, bias = equations(model, q, joint_velocities(model, q, qd))
+    return on_coordinates(model, q, rotate(M, joint_accelerations(model, q, qd, qdd)) + bias)
 
 
 def equations(model: Model, q: Array, qd: Array) -> tuple[Array, Array]:
@@ -176,10 +191,10 @@ def lagrange_forward_dynamics(model: Model, q: Array, qd: Array, tau: Array) -> 
     those of `rne.Robot.forward_dynamics` without `external`, with the model first. `lagrange_forward_dynamics.core`
     returns (qdd, pivots, diagonal of M).
     """
-    M, bias = equations(model, q, joint_velocities(model, qd))
+    M, bias = equations(model, q, joint_velocities(model, q, qd))
     if model.has_mimics:
-        G = model.coordinate_map
-        M, bias = G.T @ M @ G, bias @ G
+        G, qdd = coordinate_map(model, q), joint_accelerations(model, q, qd, np.zeros_like(qd))  # dG/dt qd
+        M, bias = transpose(G) @ M @ G, on_coordinates(model, q, bias + rotate(M, qdd) if model.couplings else bias)
     return solve_with_pivots(M, model.coordinate_parent, tau - bias)
 
 
@@ -194,15 +209,22 @@ def coriolis_matrix(model: Model, q: Array, qd: Array) -> Array:
     Parameters, result and errors are those of `rne.Robot.coriolis_matrix`, with the model first.
     """
     R, p = joint_transforms(model, q)
-    qd = joint_velocities(model, qd)
+    velocity = joint_velocities(model, q, qd)
     all_Jw, all_Jv = body_jacobians(model, R, p)
-    all_dJw, all_dJv = body_jacobian_derivatives(model, R, p, qd, all_Jw, all_Jv)
+    all_dJw, all_dJv = body_jacobian_derivatives(model, R, p, velocity, all_Jw, all_Jv)
     C = zeros((*q.shape[:-1], model.nb, model.nb), like=q)
+    MG = zeros((*q.shape[:-1], model.nb, model.n), like=q)
+    if model.couplings:
+        MG = model.armature[:, None] * (dG := coordinate_map_rate(model, q, qd))
     for i in range(model.nb):
-        omega = (all_Jw[i] * qd[..., :, None]).sum(-2)
-        C = C + body_coriolis_matrix(model, i, omega, all_Jw[i], all_Jv[i], all_dJw[i], all_dJv[i])
-    if model.has_mimics:
-        C = model.coordinate_map.T @ C @ model.coordinate_map
+        Jw, Jv, dJw, dJv = (J[i] for J in (all_Jw, all_Jv, all_dJw, all_dJv))
+        omega = (Jw * velocity[..., :, None]).sum(-2)
+        C = C + body_coriolis_matrix(model, i, omega, Jw, Jv, dJw, dJv)
+        if model.couplings:  # of accelerations dG/dt qd: their share in M is that of dJ = J without a rotation
+            MG = MG + body_coriolis_matrix(model, i, 0 * omega, Jw, Jv, Jw, Jv) @ dG
+    if model.has_mimics:  # the angle of a joint that follows others has the velocity G qd: G^T (C G + M dG/dt)
+        G = coordinate_map(model, q)
+        C = transpose(G) @ (C @ G + MG) if model.couplings else transpose(G) @ C @ G
     return C
 
 

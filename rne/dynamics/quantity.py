@@ -24,6 +24,7 @@ from ..basics.spatial import Array
 from ..errors import NotFiniteError, PrecisionWarning, SingularMassMatrixError
 from ..model.model import Model, joint_array, model_argument
 from ..model.parameters import PARAMETERS, at_parameters
+from ..model.topology import check_closure
 
 BatchIndex = tuple[int, ...]  # of a state in a batch; empty for a single state
 
@@ -144,6 +145,8 @@ class MethodQuantity:
         dtype, status = np.result_type(*given.values()), OK
         given = {k: np.broadcast_to(a.astype(dtype, copy=False), leading + a.shape[-1:]) for k, a in given.items()}
         model = model_for(model, dtype, list(given.values()))
+        if model.couplings and (state := given.get("q", given.get("x"))) is not None:
+            check_closure(model, state[..., : model.n])
         model = model if parameters is None else at_parameters(model, np.asarray(parameters))
         with np.errstate(all="ignore"):
             result = self.quantity.core(model, **given)
@@ -259,6 +262,8 @@ def check_arguments(model: Model, given: Mapping[str, Any]) -> tuple[Model, dict
     checked_arguments = dict(given) | {name: conform(array) for name, array in arrays.items()}
     if external is not None:
         checked_arguments["external"] = {link: conform(wrench) for link, wrench in wrenches.items()}
+    if model.couplings and "q" in arrays:
+        check_closure(model, checked_arguments["q"])
     return model_for(model, dtype, every), checked_arguments
 
 

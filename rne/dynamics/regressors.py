@@ -12,7 +12,15 @@ from typing import NamedTuple
 from ..basics.spatial import Array, cross, cross_matrix, dot, rotate, rotate_back, transpose, zeros
 from ..model.model import Model
 from ..model.parameters import BASIS, PARAMETERS
-from .kinematics import BASE, body_poses, joint_transforms, joint_velocities, velocities
+from .kinematics import (
+    BASE,
+    body_poses,
+    coordinate_map,
+    joint_accelerations,
+    joint_transforms,
+    joint_velocities,
+    velocities,
+)
 from .quantity import quantity
 
 
@@ -69,9 +77,9 @@ def joint_motions(
     """Acceleration of the reference, velocity, and velocity of the reference of each body.
 
     The reference moves its joints at velocities qdr through the positions of the motion; its acceleration is the
-    derivative of its velocity along the motion, less gravity.
+    derivative of its velocity along the motion, less gravity. All three are those of the moving joints, (..., nb).
     """
-    qd, qdr, qddr = (joint_velocities(model, x)[..., None] for x in (qd, qdr, qddr))
+    qd, qdr, qddr = (x[..., None] for x in (qd, qdr, qddr))
     zero = zeros((*qd.shape[:-2], 3), like=qd)
     rest = MotionVector(zero, zero)
     found = {BASE: (MotionVector(zero, zero - model.gravity), rest, rest)}
@@ -106,7 +114,8 @@ def _control_regressor(model: Model, q: Array, qd: Array, qdr: Array, qddr: Arra
     R, p = joint_transforms(model, q)
     s, t = model.angular_axis, model.linear_axis
     Y = zeros((*q.shape[:-1], model.nb, PARAMETERS * model.nb), like=q)
-    motions = joint_motions(model, R, p, qd, qdr, qddr)
+    qd_j, qdr_j = (joint_velocities(model, q, x) for x in (qd, qdr))
+    motions = joint_motions(model, R, p, qd_j, qdr_j, joint_accelerations(model, q, qd, qddr, qdr))
     for i in range(model.nb):
         moment, force = body_wrenches(*motions[i], model.joint_origin[i])
         own = slice(PARAMETERS * i, PARAMETERS * (i + 1))
@@ -116,7 +125,7 @@ def _control_regressor(model: Model, q: Array, qd: Array, qdr: Array, qddr: Arra
             force = R[j] @ force
             moment = R[j] @ moment + cross_matrix(p[j]) @ force
             j = model.parent[j]
-    return transpose(model.coordinate_map) @ Y if model.has_mimics else Y
+    return transpose(coordinate_map(model, q)) @ Y if model.has_mimics else Y
 
 
 @quantity()
@@ -169,7 +178,7 @@ def kinetic_energy_regressor(model: Model, q: Array, qd: Array) -> Array:
     >>> np.allclose(y @ robot.parameters, robot.kinetic_energy(q, qd))
     True
     """
-    omega, v = velocities(model, *joint_transforms(model, q), qd)
+    omega, v = velocities(model, *joint_transforms(model, q), joint_velocities(model, q, qd))
     y = zeros((*q.shape[:-1], PARAMETERS * model.nb), like=q)
     for i in range(model.nb):
         v_o = v[i] + cross(omega[i], model.joint_origin[i])

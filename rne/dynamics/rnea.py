@@ -35,7 +35,7 @@ import numpy as np
 
 from ..basics.spatial import Array, cross, dot, rotate, rotate_back, spin_matrix, zeros
 from ..model.model import Model
-from .kinematics import BASE, joint_transforms, joint_velocities
+from .kinematics import BASE, joint_accelerations, joint_transforms, joint_velocities, on_coordinates
 from .quantity import quantity
 
 External = Mapping[str, Array]
@@ -58,7 +58,7 @@ def newton_euler(
 ) -> NewtonEuler:
     """The recursion. Accelerating the base by -gravity accounts for the weight of all bodies (Luh et al. 1980)."""
     R, p = joint_transforms(model, q)
-    qd, qdd = joint_velocities(model, qd), joint_velocities(model, qdd)
+    qd, qdd = joint_velocities(model, q, qd), joint_accelerations(model, q, qd, qdd)
     s, t = model.angular_axis, model.linear_axis
     zero = zeros((*qd.shape[:-1], 3), like=qd)
     omega, alpha, a, U = {BASE: zero}, {BASE: zero}, {BASE: zero - gravity}, {BASE: spin_matrix(zero, zero)}
@@ -86,8 +86,7 @@ def newton_euler(
         tau[..., i] = dot(n[i], s[i]) + dot(f[i], t[i]) + model.armature[i] * qdd[..., i]  # section 5.3
         f[parent] = f[parent] + f_p  # (3.24)
         n[parent] = n[parent] + rotate(R[i], n[i]) + cross(p[i], f_p)  # (3.27)
-    tau = tau @ model.coordinate_map if model.has_mimics else tau  # G^T tau: joints that mimic add to their coordinate
-    return NewtonEuler(omega, alpha, a, U, f, n, tau)
+    return NewtonEuler(omega, alpha, a, U, f, n, on_coordinates(model, q, tau))
 
 
 def applied_wrenches(model: Model, external: External | None) -> dict[int, tuple[Array, Array]]:

@@ -1,8 +1,8 @@
 """From a recursion to a kernel: a function traced once on one robot, run as straight-line arithmetic.
 
-1. trace runs the core of a function on traced numbers (scalar), whose operations build a graph, once each;
-   derivatives are further operations of the graph (differentiation).
-2. program puts the operations in order, and states when a result is sound.
+1. trace runs the core of a function on traced numbers, whose operations build a graph (rne.graph), with derivatives
+   as further operations, and makes a program of it.
+2. soundness states when a result of the program is one.
 3. An engine runs the program, or source prints it. The engine "numpy" is python_backend (one state as Python floats)
    and numpy_backend (blocks of states in registers); "numba" is llvm_backend (both as machine code: machine_code writes
    LLVM's instructions, object_code compiles them, python_calls lets Python call them if array_layout knows its arrays).

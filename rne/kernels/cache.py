@@ -17,11 +17,11 @@ from ..dynamics.crba import mass_matrix
 from ..dynamics.forward import forward_dynamics
 from ..dynamics.quantity import Declared, PrecisionStatus
 from ..dynamics.rnea import External, inverse_dynamics
+from ..graph.scalar import is_traced
 from ..model.model import Model
 from .compilation import compile, derivative, gradient, hessian, hessian_product
 from .kernel import Kernel, engine_argument
-from .program import NeedsRecursion
-from .scalar import is_traced
+from .soundness import NeedsRecursion
 from .trace import by_recursion, wrench_links
 
 # Counted on straight chains and on random ones: M with L^T D L takes fewer operations up to the first number of

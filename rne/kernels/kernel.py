@@ -27,14 +27,15 @@ from ..dynamics.quantity import (
     common_leading_shape,
 )
 from ..errors import NotFiniteError
+from ..graph.differentiation import ORDERS
+from ..graph.graph import TooLarge
+from ..graph.program import evaluate
+from ..graph.scalar import is_traced
 from ..model.model import Model, joint_array, model_argument
 from . import array_layout
-from .differentiation import ORDERS
-from .graph import TooLarge
 from .numpy_backend import BlockProgram, check_array, check_out
-from .program import NeedsRecursion, Recursion, Trace, evaluate
 from .python_backend import state_function
-from .scalar import is_traced
+from .soundness import NeedsRecursion, Recursion, Trace
 from .source import Printable, entry_of_element, heading, to_source
 from .trace import (
     LIMIT,

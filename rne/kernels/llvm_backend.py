@@ -21,10 +21,11 @@ from llvmlite import ir
 
 from ..basics.spatial import Array
 from ..dynamics.quantity import OK, PrecisionStatus
+from ..graph.program import with_table
 from .machine_code import NUMBERS, Emitter
 from .object_code import REGISTER_BITS, Library, library
-from .program import NeedsRecursion, Recursion, Trace, with_table
 from .python_calls import BYTES, FLOAT64, INTEGER, emit_into, emit_rows_call, emit_state_call, python_function
+from .soundness import NeedsRecursion, Recursion, Trace
 
 LOGGER = logging.getLogger("rne")
 LOCK = threading.Lock()  # of the compilation of batches: threads of an ensemble ask for the same one at once

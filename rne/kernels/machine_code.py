@@ -13,7 +13,7 @@ from typing import Any
 
 from llvmlite import ir
 
-from .program import Operand, Program
+from ..graph.program import Operand, Program
 
 FAST = ("contract", "nsz")
 ARITHMETIC = {"add": "fadd", "subtract": "fsub", "multiply": "fmul", "divide": "fdiv"}

@@ -13,7 +13,8 @@ import numpy as np
 
 from ..basics.spatial import Array
 from ..dynamics.quantity import OK, PrecisionStatus
-from .program import Conditions, Operand, Program, Recursion, Trace
+from ..graph.program import Operand, Program
+from .soundness import Conditions, Recursion, Trace
 
 Call = tuple[Callable[..., Any], tuple[Any, ...]]
 LINE = 64  # bytes of a cache line

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from ..basics.spatial import Array
-from .graph import BINARY, UNARY
-from .program import NeedsRecursion, Operand, Program, Trace
+from ..graph.graph import BINARY, UNARY
+from ..graph.program import Operand, Program
+from .soundness import NeedsRecursion, Trace
 
 SYMBOLS = {"add": "+", "subtract": "-", "multiply": "*", "divide": "/"}
 FUNCTIONS = {

@@ -16,9 +16,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ..basics.text import UNITS
+from ..graph.program import Operand, Program, without_judged
 from ..model.model import Model
-from .program import Operand, Program, Trace, without_judged
 from .python_backend import FUNCTIONS, expressions
+from .soundness import Trace
 
 MAX_NAME = 60  # characters
 WIDTH = 100

@@ -169,7 +169,10 @@ def at_links(parts: Sequence[Part]) -> list[Part]:
 
 
 def disassemble(model: Model) -> list[Part]:
-    """The parts of a Model: each body's inertia on the link that its joint carries, all other links massless."""
+    """The parts of a Model: each body's inertia on the link that its joint carries, all other links massless.
+
+    Joints that follow by couplings are independent here; `assemble` makes a tree without couplings of them.
+    """
     part_of_joint = {joint: k for k, joint in enumerate(model.link_joints)}
     carrier = {i: part_of_joint[joint] for i, joint in enumerate(model.moving_joints)} | {-1: 0}
     parts = []
@@ -200,7 +203,7 @@ def _moving_part(model: Model, i: int, link: str, carrier: Mapping[int, int]) ->
         com=model.com[i],
         inertia=model.inertia[i],
         **{own: float(getattr(model, name)[i]) for own, name in LIMITS_AND_DRIVES.items()},
-        mimic=None if independent == i else mimic,
+        mimic=None if independent == i or model.moving_joints[i] in {c.joint for c in model.couplings} else mimic,
     )
 
 

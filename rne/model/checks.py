@@ -146,6 +146,12 @@ def _check_mimics(model: SimpleNamespace) -> None:
             raise ModelError(f"`independent_joints[{k}]` must be a joint of coordinate {k}, got {i}")
         if model.multiplier[i] != 1 or model.offset[i] != 0:
             raise ModelError(f"joint {model.moving_joints[i]!r}: an independent joint has multiplier 1 and offset 0")
+    coordinates = {model.moving_joints[i] for i in model.independent_joints}
+    for c in model.couplings:
+        if c.joint not in {*model.moving_joints} - coordinates or not {*c.drivers} <= coordinates:
+            raise ModelError(
+                f"`couplings` must lead from independent joints to others, got {[*c.drivers]} to {c.joint!r}"
+            )
     for i, joint in enumerate(model.moving_joints):
         if not 0 <= model.coordinate[i] < n:
             raise ModelError(f"joint {joint!r}: coordinate must be from 0 to {n - 1}, got {model.coordinate[i]}")

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, DTypeLike
 from ..basics.arrays import convert_array, convert_numbers, is_equal, number_array, plain_array
 from ..basics.spatial import Array, point_mass_inertia
 from ..basics.text import brief_array, counted, listed, short, wrapped
+from ..errors import ModelError
 from .checks import LIMITS, check_model
 from .solids import Box, Cylinder, Moments
 
@@ -61,7 +62,10 @@ class Model:
     coordinate, multiplier, offset : shapes (nb,)
         The position of joint i is `multiplier[i] * q[coordinate[i]] + offset[i]` (URDF's mimic) [rad or m].
     independent_joints : tuple of int, length n
-        The joint that coordinate k belongs to; all other joints mimic one of these.
+        The joint that coordinate k belongs to; all other joints mimic one of these, or follow some by a coupling.
+    couplings : tuple of Coupling
+        Joints whose positions are other functions of the coordinates, in their order in `moving_joints`, made by
+        `rne.model.coupled` and the linkages beside it; their multipliers and offsets are 0.
     gravity : ndarray, shape (3,)
         In the axes of the root link [m/s^2].
     link_names : tuple of str
@@ -132,6 +136,7 @@ class Model:
     independent_joints: tuple[int, ...] = UNSET
     multiplier: Array = UNSET
     offset: Array = UNSET
+    couplings: tuple[Any, ...] = ()
     base_mass: float = 0.0
     base_com: Array = field(default_factory=lambda: np.zeros(3))
     base_inertia: Array = field(default_factory=lambda: np.zeros((3, 3)))
@@ -199,7 +204,7 @@ class Model:
 
     @cached_property
     def n(self) -> int:
-        """Number of coordinates: moving joints that mimic no other."""
+        """Number of coordinates: moving joints that follow no other."""
         return len(self.independent_joints)
 
     @cached_property
@@ -209,15 +214,36 @@ class Model:
 
     @cached_property
     def has_mimics(self) -> bool:
-        """True if some joint mimics another, so that q is not the list of the joints' positions."""
+        """True if some joint mimics or follows others, so that q is not the list of the joints' positions."""
         return self.n != self.nb
 
     @cached_property
     def coordinate_map(self) -> Array:
-        """The matrix G of q_joints = G q + offset, shape (nb, n)."""
+        """The matrix G of q_joints = G q + offset, shape (nb, n); a ModelError where couplings make it depend on q."""
+        if self.couplings:
+            raise ModelError(f"joint {self.couplings[0].joint!r} of robot {self.name!r} follows others by no constant")
+        return self.mimic_map
+
+    @cached_property
+    def mimic_map(self) -> Array:
+        """The matrix of `coordinate_map`, with rows of zeros for the joints that follow by couplings."""
         G = np.zeros((self.nb, self.n), dtype=self.multiplier.dtype)
         G[range(self.nb), self.coordinate] = self.multiplier
         return G
+
+    @cached_property
+    def coupled_joints(self) -> tuple[tuple[int, list[int], Any], ...]:
+        """Of each coupling the joint, its drivers' places among the coordinates, and itself."""
+        place, joints = self.moving_joints.index, self.joint_names
+        return tuple((place(c.joint), [joints.index(name) for name in c.drivers], c) for c in self.couplings)
+
+    @cached_property
+    def rest(self) -> Array:
+        """Positions of the moving joints where the coordinates are 0, shape (nb,)."""
+        rest = self.offset.copy()
+        for i, drivers, coupling in self.coupled_joints:
+            rest[i] = coupling.position(np.zeros(len(drivers), dtype=rest.dtype))
+        return rest
 
     def coordinate_limits(self) -> dict[str, Array]:
         """Limits of the coordinates, those of the joints that mimic them included.

@@ -22,7 +22,7 @@ from ..basics.spatial import (
 from .builder import Part, Pose, assemble, disassemble, pose
 from .checks import DRIVES, domain_error, inertia_error, symmetric_up_to_rounding, triangle_excess
 from .model import Model, model_argument
-from .topology import end_link
+from .topology import check_closure, end_link
 
 LimitValues = ArrayLike | Mapping[str, float] | None
 TRIANGLE = 1e-12  # of the trace: rounding error of principal moments
@@ -84,7 +84,14 @@ def locked(model: Model, positions: Mapping[str, float]) -> Model:
         values[joint] = float(array)
     parts = disassemble(model)
     fixed = {}
+    couplings = {c.joint: c for c in model.couplings}
+    check_closure(model, np.array([values.get(name, 0.0) for name in model.joint_names]))
     for k, part in enumerate(parts):
+        coupling = couplings.get(part.joint)
+        if coupling and all(driver in values for driver in coupling.drivers):
+            position = float(couplings.pop(part.joint).position(np.array([values[name] for name in coupling.drivers])))
+            fixed[k] = replace(part, kind="fixed", placement=_moved(part, position))
+            continue
         independent = parts[part.mimic.independent] if part.mimic else part
         if independent.joint in values and part.kind != "fixed":
             position = values[independent.joint]
@@ -93,7 +100,12 @@ def locked(model: Model, positions: Mapping[str, float]) -> Model:
             fixed[k] = replace(part, kind="fixed", mimic=None, placement=_moved(part, position))
     edited = [fixed.get(k, part) for k, part in enumerate(parts)]
     smaller = assemble(model.name, edited, gravity=model.gravity, shapes=model.shapes, notes=model.notes)
-    return replace(smaller, link_parent=model.link_parent, source=model.source)
+    smaller = replace(smaller, link_parent=model.link_parent, source=model.source)
+    if couplings:
+        from .coupling import coupled  # loaded where there are couplings
+
+        return coupled(smaller, {joint: coupling.at(values) for joint, coupling in couplings.items()})
+    return smaller
 
 
 def _moved(part: Part, position: float) -> Pose:

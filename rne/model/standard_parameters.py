@@ -17,6 +17,7 @@ from ..elementwise import less, where
 from .friction_laws import direction, magnitude, saturating, stribeck_effect
 from .model import Model, model_argument
 from .parameters import PARAMETERS, parameters_of
+from .topology import refuse_couplings
 
 BODY_SYMBOLS = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 FRICTION = {"viscous": "Fv", "asymmetric": "Fvb", "coulomb": "Fc", "load": "Fl"}  # words for friction, and symbols
@@ -138,6 +139,7 @@ class StandardParameters:
 
     def __post_init__(self) -> None:
         n = model_argument(self.model).n
+        refuse_couplings(self.model, "standard parameters, base parameters and identification take")
         drive_argument(self.drives)
         for name in ("stribeck", "saturation"):
             if getattr(self.drives, name) is not None:

@@ -1,10 +1,12 @@
-"""Properties of the tree of joints: where a chain ends, joints that move together, other libraries' joint order."""
+"""Properties of the tree of joints: where a chain ends, joints that move together or follow, other libraries' order."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from ..basics.spatial import Array
+from ..basics.text import listed
+from ..errors import ModelError, NotFiniteError
 from .model import Model
 
 
@@ -20,7 +22,8 @@ def end_link(model: Model, *, axes_count: bool = False) -> str:
     if not _is_chain(model):
         reason = "its moving joints branch"
     elif mimics:
-        reason = f"its joint {mimics[0]!r} mimics another"
+        follows = "follows others" if any(c.joint == mimics[0] for c in model.couplings) else "mimics another"
+        reason = f"its joint {mimics[0]!r} {follows}"
     elif not _all_same(model.link_translation[ends]):
         reason = "its last body ends at several points"
     elif axes_count and not _all_same(model.link_rotation[ends]):
@@ -104,3 +107,32 @@ def joint_groups(model: Model) -> list[tuple[int, ...]]:
             apart = [other for other in groups if not group & other]
             groups = [*apart, group.union(*(other for other in groups if group & other))]
     return sorted(tuple(sorted(group)) for group in groups)
+
+
+def refuse_couplings(model: Model, what: str) -> None:
+    """Raise a ModelError that names the first coupling, if there is one; `what` is that which takes none."""
+    if model.couplings:
+        joint, drivers = model.couplings[0].joint, listed(model.couplings[0].drivers)
+        raise ModelError(f"{what} no couplings, but joint {joint!r} of robot {model.name!r} follows {drivers}")
+
+
+def check_closure(model: Model, q: Array) -> None:
+    """Raise a NotFiniteError where a joint cannot follow its drivers, which names them and their ranges."""
+    for i, drivers, coupling in model.coupled_joints:
+        given = q[..., drivers].real.astype(np.float64)
+        bad = ~np.isfinite(coupling.derivatives(given)[0]).all(-1)
+        if bad.any():
+            state = tuple(np.argwhere(bad)[0].tolist())
+            own = (model.independent_joints[k] for k in drivers)
+            pairs = zip(coupling.drivers, given[state].tolist(), own, strict=True)
+            at = (f"{name!r} at {x:.6g}, range {model.lower[j]:.6g} ... {model.upper[j]:.6g}" for name, x, j in pairs)
+            raise NotFiniteError(f"joint {model.moving_joints[i]!r} cannot follow {', '.join(at)}", state=state)
+
+
+def where_loops_close(model: Model, q: Array) -> Array:
+    """Random coordinates, moved well inside the ranges of a robot with couplings."""
+    if not model.couplings:
+        return q
+    low, high = (np.clip(model.coordinate_limits()[name], -np.pi, np.pi) for name in ("lower", "upper"))
+    inner: Array = (low + high) / 2 + 0.4 * (high - low) * np.sin(q)
+    return inner

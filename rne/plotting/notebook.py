@@ -71,7 +71,8 @@ def _(motion: Trajectory) -> str:
 def joint_table(model: Model) -> list[tuple[str, ...]]:
     """The joints of a robot, the titles of the columns first."""
     parts = disassemble(model)
-    rows = [_joint_row(part, parts) for part in parts if part.joint]
+    followed = {c.joint: f", follows {', '.join(map(short, c.drivers))}" for c in model.couplings}
+    rows = [_joint_row(part, parts, followed.get(part.joint, "")) for part in parts if part.joint]
     return [("joint", "type", "parent → child", "range", "speed", "effort"), *rows]
 
 
@@ -81,9 +82,9 @@ def body_table(model: Model) -> list[tuple[str, ...]]:
     return [("link", "mass [kg]", "centre of mass [m]", "inertia about it: xx, yy, zz, xy, xz, yz [kg m²]"), *rows]
 
 
-def _joint_row(part: Part, parts: Sequence[Part]) -> tuple[str, ...]:
+def _joint_row(part: Part, parts: Sequence[Part], follows: str) -> tuple[str, ...]:
     unit, speed, effort = (UNITS[name][part.kind not in REVOLUTE_TYPES] for name in ("q", "qd", "tau"))
-    kind, limits = part.kind, ("-", "-", "-")
+    kind, limits = part.kind + follows, ("-", "-", "-")
     if part.mimic is not None:
         source = short(parts[part.mimic.independent].joint)
         kind = f"{kind}, mimics {source}: {part.mimic.multiplier:.6g} q + {part.mimic.offset:.6g}"

@@ -119,21 +119,27 @@ def _first_passage(value: Callable[[float], float], times: Sequence[float], rise
 class Stop:
     """One end of a joint's range, for a joint at `multiplier * q[coordinate] + offset`: mimic joints have stops too.
 
-    As an event it is the distance beyond the stop.
+    So have joints that follow by a coupling. As an event it is the distance beyond the stop.
     """
 
     def __init__(self, model: Model, i: int, bound: float, sign: float) -> None:
-        self.joint, self.bound = model.moving_joints[i], bound
+        self.joint, self.bound, self.sign = model.moving_joints[i], bound, sign
         self.coordinate = int(model.coordinate[i])
         self.multiplier, self.offset = float(model.multiplier[i]), float(model.offset[i])
-        slack = 4 * EPS * max(1.0, abs(bound))  # a joint at rest on its stop has not just reached it
-        self.slope, self.constant = sign * self.multiplier, sign * (self.offset - bound) - slack
+        self.follows = next(((drivers, coupling) for k, drivers, coupling in model.coupled_joints if k == i), None)
+        self.slack = 4 * EPS * max(1.0, abs(bound))  # a joint at rest on its stop has not just reached it
+        self.slope, self.constant = sign * self.multiplier, sign * (self.offset - bound) - self.slack
 
     def position(self, X: Array) -> Array:
         """The joint's position in states of shape (..., size) [rad or m]."""
+        if self.follows:
+            drivers, coupling = self.follows
+            return np.asarray(coupling.position(X[..., drivers]))
         return self.multiplier * X[..., self.coordinate] + self.offset
 
     def __call__(self, t: Array, X: Array, u: Array | None = None) -> Array:
+        if self.follows:
+            return self.sign * (self.position(X) - self.bound) - self.slack
         return self.slope * X[..., self.coordinate] + self.constant
 
     def message(self, t: float) -> str:

@@ -17,6 +17,7 @@ from ..elementwise import less, tanh, where
 from ..model.checks import domain_error
 from ..model.friction_laws import direction, magnitude, saturating, stribeck_effect
 from ..model.model import Model, joint_array
+from ..model.topology import refuse_couplings
 from ..robot import Robot
 
 SIZES = ("viscous", "coulomb", "viscous_back", "coulomb_back", "static", "load", "saturation", "stribeck")
@@ -343,7 +344,9 @@ def urdf_friction(model: Model) -> Friction:
         for joint, value in zip(model.moving_joints, getattr(model, name).tolist(), strict=True):
             if error := domain_error(name, value):
                 raise ValueError(f"`friction` 'urdf': {name} of joint {joint!r} {error}, got {value!r}")
-    G = np.abs(np.asarray(model.coordinate_map, dtype=float)) if model.has_mimics else np.eye(model.nb)
+    if any(model.damping[i] or model.friction[i] for i, *_ in model.coupled_joints):
+        refuse_couplings(model, "`friction` 'urdf' takes")
+    G = np.abs(np.asarray(model.mimic_map, dtype=float)) if model.has_mimics else np.eye(model.nb)
     return Friction(viscous=model.damping @ G**2, coulomb=model.friction @ G)
 
 

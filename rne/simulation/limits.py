@@ -125,7 +125,7 @@ def _limited(
     model: Model, q: Array, qd: Array, tau: Array
 ) -> Iterator[tuple[int, Literal["position", "velocity", "torque"], Array, float, float]]:
     """Joint, quantity, its values over time, and its lower and upper limit."""
-    positions, velocities = joint_positions(model, q), joint_velocities(model, qd)
+    positions, velocities = joint_positions(model, q), joint_velocities(model, q, qd)
     for i in range(model.nb):
         speed, effort = float(model.velocity_limit[i]), float(model.effort_limit[i])
         yield i, "position", positions[:, i], float(model.lower[i]), float(model.upper[i])

@@ -21,10 +21,12 @@ from ..basics.spatial import Array
 from ..errors import ModelError
 from ..model.model import Model
 from ..model.solids import Box, Cylinder
+from ..model.topology import refuse_couplings
 
 FORM = "rne motion 1"
 NOT_KEPT = ("error_estimate", "run")  # fields that may hold laws
 MOTORS = ("motor_q", "motor_qd")  # which files from before there were elastic joints do not have
+OF_MODEL = {f.name: str(f.type) for f in fields(Model) if f.name != "couplings"}  # which have programs
 SHAPES: dict[str, tuple[str, ...]] = {
     **dict.fromkeys(("t", "kinetic", "potential", "energy", "work"), ("T",)),
     **dict.fromkeys(("q", "qd", "qdd", "tau", *MOTORS), ("T", "n")),
@@ -100,7 +102,8 @@ def _parted(values: dict[str, Any]) -> tuple[dict[str, Array], dict[str, Any]]:
     model, dissipated = values.pop("model"), values.pop("dissipated")
     values |= {f"dissipated.{name}": energy for name, energy in dissipated.items()}
     if model is not None:
-        values |= {f"model.{f.name}": getattr(model, f.name) for f in fields(model)}
+        refuse_couplings(model, "files of motions take")
+        values |= {f"model.{name}": getattr(model, name) for name in OF_MODEL}
         values["model.notes"] = dict(model.notes)
     arrays = {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
     texts = {name: value for name, value in values.items() if name not in arrays}
@@ -121,7 +124,7 @@ def _check_entries(arrays: dict[str, Array], texts: dict[str, Any], types: dict[
     types = {name: kind for name, kind in types.items() if name not in ("model", *NOT_KEPT)}
     _check_kinds(arrays, texts, types)
     further = {f"dissipated.{name}": "Array" for name in texts["dissipated"]}
-    further |= {f"model.{f.name}": str(f.type) for f in fields(Model)} if texts["has_model"] else {}
+    further |= {f"model.{name}": kind for name, kind in OF_MODEL.items()} if texts["has_model"] else {}
     _check_kinds(arrays, texts, further)
     for name in (*arrays, *texts):
         if (types | further).get(name) is None or name in arrays.keys() & texts.keys():

@@ -15,7 +15,7 @@ from ..control.traced_law import call_law
 from ..dynamics.quantity import OK, MethodQuantity, PrecisionStatus
 from ..errors import NotFiniteError
 from ..kernels.kernel import Kernel
-from ..kernels.program import NeedsRecursion
+from ..kernels.soundness import NeedsRecursion
 from ..robot import Robot
 from .events import Event
 from .scene_dynamics import SceneDynamics

@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import positive_number, real_array, vector
-from ..basics.spatial import IDENTITY, Array, cross, dot, rotate, rotate_back, sqrt, zeros
+from ..basics.spatial import IDENTITY, Array, cross, dot, rotate, rotate_back, sqrt, transpose, zeros
 from ..basics.text import did_you_mean, listed, short
-from ..dynamics.kinematics import BASE, joint_positions, joint_transforms, point_of_body
+from ..dynamics.kinematics import BASE, coordinate_map, joint_positions, joint_transforms, point_of_body
 from ..dynamics.quantity import MethodQuantity, Quantity
 from ..errors import NotFiniteError
-from ..kernels.scalar import is_traced
+from ..graph.scalar import is_traced
 from ..model.model import Model, joint_array
 from ..robot import Robot
 
@@ -169,7 +169,7 @@ class Spring:
                 turned = cross(rotate(R0, model.angular_axis[i]), end - p0)
                 J[..., i, :] = sign * (turned + rotate(R0, model.linear_axis[i]))
             ends.append(end)
-        return ends[1] - ends[0], by_coordinates(model, J)
+        return ends[1] - ends[0], by_coordinates(model, q, J)
 
     def _stretch(self, model: Model, q: Array) -> tuple[Array, Array]:
         """Length l and its slope dl/dq, (...) and (..., n)."""
@@ -229,7 +229,7 @@ class JointSpring:
         i = model.moving_joints.index(self.joint)
         unit = zeros((*q.shape[:-1], model.nb, 1), like=q)
         unit[..., i, 0] = 1
-        return joint_positions(model, q)[..., i], by_coordinates(model, unit)[..., 0]
+        return joint_positions(model, q)[..., i], by_coordinates(model, q, unit)[..., 0]
 
     def _elastic(self, model: Model, q: Array) -> Array:
         """Torques of the stiffness, the slope of the energy, (..., n)."""
@@ -330,9 +330,9 @@ def _check(spring: Any, texts: Sequence[str], signed: str, *not_negative: str) -
         object.__setattr__(spring, name, positive_number(name, getattr(spring, name), zero_allowed=True))
 
 
-def by_coordinates(model: Model, rows: Array) -> Array:
+def by_coordinates(model: Model, q: Array, rows: Array) -> Array:
     """Slopes by the coordinates of slopes by the positions of moving joints, (..., nb, k) to (..., n, k)."""
-    return model.coordinate_map.T @ rows if model.has_mimics else rows
+    return transpose(coordinate_map(model, q)) @ rows if model.has_mimics else rows
 
 
 def resolved_springs(springs: Any, robot: Robot, scene: Robot) -> Springs | None:

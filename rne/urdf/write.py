@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+import logging
+from typing import Any, Literal
 
 import numpy as np
 
@@ -10,16 +11,22 @@ from ..basics.spatial import rpy_from_rotation
 from ..model.builder import Part, at_links, disassemble
 from ..model.model import Model, model_argument
 from ..model.solids import Box
+from ..model.topology import refuse_couplings
 from .document import DRAKE, GEAR, LARGEST, ROTOR, SIMPLE, Element
 
+LOGGER = logging.getLogger("rne")
 
-def to_urdf(model: Model) -> str:
+
+def to_urdf(model: Model, *, couplings: Literal["raise", "drop"] = "raise") -> str:
     """Write a robot as URDF text; reading it back gives the same Model but for gravity.
 
     Parameters
     ----------
     model : Model
         The robot's parameters.
+    couplings : {"raise", "drop"}
+        Joints that follow others by couplings, which URDF has no element for: an error, or written as independent ones,
+        each with a comment, and a line on the logger "rne".
 
     Returns
     -------
@@ -30,6 +37,8 @@ def to_urdf(model: Model) -> str:
 
     Raises
     ------
+    ModelError
+        If joints follow others by couplings.
     ValueError
         If a name has control characters, which XML does not allow.
 
@@ -47,6 +56,11 @@ def to_urdf(model: Model) -> str:
     """
     from lxml import etree
 
+    if couplings not in ("raise", "drop"):
+        raise ValueError(f'`couplings` must be "raise" or "drop", got {couplings!r}')
+    if couplings == "raise":
+        refuse_couplings(model_argument(model), 'a URDF has mimics and, unless couplings="drop" leaves them out,')
+    dropped = {c.joint: f"joint {c.joint} follows {', '.join(c.drivers)} by a coupling" for c in model.couplings}
     for name in (model_argument(model).name, *model.link_names, *model.joint_names):
         if not all(c in "\t\n\r" or c >= " " for c in name) or any("\ud800" <= c <= "\udfff" for c in name):
             raise ValueError(f"{name!r} cannot be written to XML, which has no control characters; rename it")
@@ -65,6 +79,9 @@ def to_urdf(model: Model) -> str:
         _add_link(root, model, part)
         if part.joint:
             comment(model.notes.get(part.joint))
+            if part.joint in dropped:
+                comment(dropped[part.joint])
+                LOGGER.warning("%s, which its URDF leaves out", dropped[part.joint])
             _add_joint(root, parts, part)
         if part.armature:
             _add_rotor(root, part)

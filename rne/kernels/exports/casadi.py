@@ -6,7 +6,7 @@ from math import prod
 from typing import Any
 
 from ...basics.arrays import whole_number
-from ..program import ON_ARRAYS, interpret
+from ...graph.program import ON_ARRAYS, interpret
 
 ARITHMETIC = ("add", "subtract", "multiply", "divide", "negative")  # by the operators of SX
 # Functions of another name in CasADi; the others have the same.

@@ -10,7 +10,8 @@ from types import SimpleNamespace
 from typing import Any
 
 from ...dynamics.quantity import common_leading_shape
-from ..program import ON_ARRAYS, Trace, interpret
+from ...graph.program import ON_ARRAYS, interpret
+from ..soundness import Trace
 from .rules import BACKWARDS, FORWARDS, Rules
 
 MODES = ("reverse", "forward")

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
-from ..program import ON_ARRAYS, interpret, without_judged
+from ...graph.program import ON_ARRAYS, interpret, without_judged
 
 PARAMETERS = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")  # of a body
 WRENCH = ("nx", "ny", "nz", "fx", "fy", "fz")

@@ -16,8 +16,8 @@ from llvmlite import ir
 from ...basics import disk_cache
 from ..llvm_backend import emit_rows, trace_library
 from ..object_code import Library
-from ..program import Trace
 from ..python_calls import BYTES, INTEGER
+from ..soundness import Trace
 
 EXTENSION, ARGS = 8, 40  # of XLA_FFI_CallFrame; XLA_FFI_Rets follows XLA_FFI_Args, which begins with its size
 LIST = 32  # buffers, of both

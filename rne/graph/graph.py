@@ -7,8 +7,9 @@ of constants and inputs comes to overflow, the recursion computes the state.
 
 Inputs are finite, and products and sums of them are taken to be. Then 0 x is 0, but not for an x that may be infinite
 or NaN otherwise: a root, an exponential, a quotient whose divisor may be 0, or a constant that is not finite. Pivots of
-M are not 0, since they are checked; but which divisors are pivots is known only when all is traced. So a first graph
-folds all zeros and notes what that rests on; if some of it is unsound, a second one is made that knows the pivots.
+M are not 0, and what couplings give is finite, since both are checked; but which divisors are pivots is known only when
+all is traced. So a first graph folds all zeros and notes what that rests on; if some of it is unsound, a second one is
+made that knows the pivots.
 """
 
 from __future__ import annotations
@@ -75,6 +76,7 @@ class Graph:
     def __init__(self, limit: int = 10**9, by_pivots: Iterable[bool] | None = None) -> None:
         self.nodes: list[Node] = []
         self.systems: list[LinearSystem] = []  # that were solved
+        self.checked: dict[int, None] = {}  # nodes whose values kernels check to be finite
         self.limit = limit
         self._by_pivots = None if by_pivots is None else iter(by_pivots)
         self._divisors: list[int] = []  # of each division, the node
@@ -103,6 +105,12 @@ class Graph:
     def note_solution(self, *system: Any) -> None:
         """Take note of the parts of a LinearSystem that was solved, for derivatives."""
         self.systems.append(LinearSystem(*system))
+
+    def note_finite(self, ref: int) -> None:
+        """Take note of a reference that kernels check to be finite, so that it may be taken to be."""
+        self.checked[ref >> 1] = None
+        if ref >> 1 < len(self._doubtful):
+            self._doubtful[ref >> 1] = False
 
     def arguments(self, index: int) -> list[int]:
         """The nodes of an operation's operands."""
@@ -144,7 +152,9 @@ class Graph:
         found = self._doubtful
         for k in range(len(found), len(self.nodes)):
             kind, args = self.nodes[k]
-            if kind in LEAVES:
+            if k in self.checked:
+                found.append(False)
+            elif kind in LEAVES:
                 found.append(kind == "constant" and not math.isfinite(args[0]))
             elif kind == "divide" and args[1] >> 1 not in self._pivots and not self.value(args[1]):
                 found.append(True)

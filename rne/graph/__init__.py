@@ -1,0 +1,6 @@
+"""Functions as graphs of operations: traced, differentiated, written out as straight-line programs; no robot is known.
+
+1. graph has the operations, equal ones once and zeros folded away; scalar is the traced number that builds it.
+2. differentiation adds derivatives as further operations.
+3. program puts those that some outputs need in order, and runs them on any kind of numbers.
+"""

@@ -1,0 +1,97 @@
+"""When the results of a program are sound: the conditions under which an engine returns them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, Protocol
+
+import numpy as np
+
+from ..basics.spatial import Array
+from ..dynamics.precision import NEARLY_SINGULAR, pivot_bound, velocity_bound
+from ..dynamics.quantity import PrecisionStatus
+from ..graph.program import Program
+
+# Operations whose result is not finite if an operand is not. So is x / y if y is a pivot of M, which is checked.
+PROPAGATING = frozenset({"add", "subtract", "multiply", "negative", "sin", "cos", "sqrt", "abs"})
+# What the recursion finds for states begin to end, counted in the whole batch.
+Recursion = Callable[[int, int], tuple[Array, PrecisionStatus]]
+
+
+class NeedsRecursion(Exception):
+    """Raised for a state that the recursion must compute, since the program's result is not known to be sound."""
+
+
+class Conditions(Protocol):
+    """Conditions of soundness as an engine writes them: on text, on registers of NumPy, in machine code."""
+
+    def finite(self, values: Any) -> Any:
+        """Every value is finite."""
+
+    def within(self, values: Any, bound: float) -> Any:
+        """No value exceeds the bound in size; an engine may bound the root of their sum of squares instead."""
+
+    def above(self, values: Any, factor: float, others: Any) -> Any:
+        """Each value exceeds the factor times its partner."""
+
+
+@dataclass(frozen=True)
+class Trace:
+    """A quantity traced on one model, as the engines run it.
+
+    The program's outputs are the entries of the result, then the pivots of M, then M's diagonal, if there are pivots,
+    then further values that must be finite: of couplings.
+    """
+
+    program: Program
+    widths: tuple[int, ...]  # number of inputs of each argument
+    shape: tuple[int, ...]  # of the result for one state
+    velocities: range = range(0)  # inputs that are joint velocities whose squares may cost digits
+    pivots: int = 0
+
+    @property
+    def entries(self) -> int:
+        """Number of entries of the result."""
+        return math.prod(self.shape)
+
+    def unguarded(self) -> Trace:
+        """The trace without the condition on joint velocities."""
+        return replace(self, velocities=range(0))
+
+    @cached_property
+    def unchecked_inputs(self) -> list[int]:
+        """Inputs whose NaN or infinity might not reach an output: unused ones, or all if some operation can hide it."""
+        program = self.program
+        hiding = program.operations.keys() - PROPAGATING
+        read = [arg for instruction in program.instructions for arg in instruction.args] + [*program.outputs]
+        passed_on = {arg.value for arg in read if arg.kind == "input"}
+        if hiding - {"divide"} or (hiding and not self.pivots):
+            passed_on = set()
+        return [k for k in range(program.inputs) if k not in passed_on]
+
+    def sound_inputs(self, inputs: Any, dtype: Any, write: Conditions) -> list[Any]:
+        """Conditions on the inputs of a state, or of several at once; see `sound_results`."""
+        unchecked = [inputs[k] for k in self.unchecked_inputs]
+        conditions = [write.finite(unchecked)] if unchecked else []
+        if self.velocities:
+            velocities = inputs[self.velocities.start : self.velocities.stop]
+            conditions.append(write.within(velocities, velocity_bound(np.dtype(dtype))))
+        return conditions
+
+    def sound_results(self, outputs: Any, dtype: Any, write: Conditions) -> list[Any]:
+        """Conditions on the outputs. If all hold, the result is used; if not, the recursion computes the state.
+
+        The recursion then finds whether that is an error, to be warned of or sound after all. This is the only
+        statement of the conditions; each engine writes it in its own form. A NaN fulfils none.
+        """
+        first, n = self.entries, self.pivots
+        conditions = [write.finite(outputs[:first])]
+        if n:
+            pivots, diagonal = outputs[first : first + n], outputs[first + n : first + 2 * n]
+            conditions.append(write.above(pivots, pivot_bound(NEARLY_SINGULAR, n, dtype), diagonal))
+        if len(further := outputs[first + 2 * n :]):
+            conditions.append(write.finite(further))
+        return conditions

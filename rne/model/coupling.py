@@ -1,0 +1,227 @@
+"""Joints that follow others: traced functions of their drivers' positions, and the ranges in which these exist."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ..basics.spatial import Array, note_finite, zeros
+from ..basics.text import listed
+from ..errors import ModelError
+from ..graph.differentiation import differentiate
+from ..graph.graph import Graph
+from ..graph.program import ON_ARRAYS, Instruction, Operand, Program, interpret, lower
+from ..graph.scalar import Scalar, inputs, references
+from .model import Model, model_argument
+
+LOGGER = logging.getLogger("rne")
+SAMPLES = 2001  # of a driver's range, between which it is cut
+FARTHEST = 1e3  # [m] from its zero that an unlimited slide is looked at
+Followed = tuple[Sequence[str], Callable[..., Any]]  # drivers and function
+
+
+@dataclass(frozen=True)
+class Coupling:
+    """The position of a joint as a function of the positions of `drivers`, all of them coordinates, in their order.
+
+    `program` is the function, traced: data, so that models that have it are equal, pickled and traced again.
+    """
+
+    joint: str
+    drivers: tuple[str, ...]
+    program: Program
+
+    def position(self, drivers: Array) -> Array:
+        """The joint's position, shape (...), from those of the drivers, (..., d), of any type of number."""
+        return _run(self.program, drivers)[..., 0]
+
+    def derivatives(self, drivers: Array) -> tuple[Array, Array]:
+        """Derivatives of the position by the drivers: the first, shape (..., d), and the second, (..., d, d)."""
+        d, found = len(self.drivers), _run(self.slopes, drivers)
+        return found[..., :d], found[..., d:].reshape(*drivers.shape[:-1], d, d)
+
+    @cached_property
+    def slopes(self) -> Program:
+        """The program of the first and second derivatives."""
+        d, graph = len(self.drivers), Graph()
+        position = references(graph, self.position(inputs(graph, (1, d), 0)))
+        first = differentiate(graph, "jacobian", position, range(d), d)
+        return lower(graph, first + differentiate(graph, "jacobian", first, range(d), d), d)
+
+    def at(self, values: Mapping[str, float]) -> Followed:
+        """The drivers that have no value here, and the position as a function of theirs."""
+        free = tuple(name for name in self.drivers if name not in values)
+
+        def position(*given: Any) -> Any:
+            known = {**values, **dict(zip(free, given, strict=True))}
+            return self.position(np.array([[known[name] for name in self.drivers]], dtype=object))[0]
+
+        return free, position
+
+
+def _run(program: Program, given: Array) -> Array:
+    """The outputs, shape (..., outputs), of inputs (..., width); kernels check those that are traced to be finite."""
+    number: Any = np.asarray if given.dtype == object else given.dtype.type
+    found = zeros((*given.shape[:-1], len(program.outputs)), like=given)
+    with np.errstate(all="ignore"):  # arrays, of single numbers too
+        for k, output in enumerate(interpret(program, np.moveaxis(given[..., None], -2, 0), ON_ARRAYS, number)):
+            found[..., k] = np.asarray(output)[..., 0] if np.ndim(output) else output
+    note_finite(found)
+    return found
+
+
+def coupled(model: Model, couplings: Mapping[str, Followed]) -> Model:
+    """The robot with some joints following others, by functions of their positions.
+
+    Parameters
+    ----------
+    model : Model
+        The robot's parameters.
+    couplings : mapping of str to (sequence of str, callable)
+        By the joint that is to follow: its drivers, which may follow others themselves, and its position as a function
+        of theirs, traced once: arithmetic, NumPy's sin, cos, sqrt, `rne.elementwise`. Or what `slider_crank` returns.
+
+    Returns
+    -------
+    Model
+        With fewer coordinates. A linear function of one driver is a mimic. The ranges of drivers are cut to where the
+        joints that follow, other drivers at zero, have positions within their own ranges; a line on the logger "rne"
+        and a note say so.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If the mapping has another form, names no joint, one that follows already or a circle; if a function is constant
+        or returns something else than one number.
+    ModelError
+        If a joint has no position within its range, wherever its driver is.
+
+    Notes
+    -----
+    With the joints' positions phi(q) and G = dphi/dq, torques are G^T tau(phi, G q', G q'' + G' q') and M is G^T M G.
+
+    Examples
+    --------
+    >>> import numpy as np, rne
+    >>> cam = rne.model.coupled(rne.irb140(), {"joint_3": (["joint_2"], lambda x: 0.2 * np.sin(x))})
+    >>> cam.n, rne.Robot(cam).mass_matrix([0] * 5).shape
+    (5, (5, 5))
+    """
+    followers = _checked(model_argument(model), couplings)
+    coordinates = [name for name in model.joint_names if name not in followers]
+    place = [model.joint_names[k] for k in model.coordinate]  # a coordinate of each joint
+    multiplier, offset, found = model.multiplier.copy(), model.offset.copy(), list[Coupling]()
+    before = [c.joint for c in model.couplings]
+    for i, joint in enumerate(model.moving_joints):
+        if place[i] not in coordinates or joint in before:
+            coupling = _traced(model, followers, coordinates, joint)
+            place[i], multiplier[i], offset[i] = coupling.drivers[0], 0.0, 0.0
+            (slope, *others) = coupling.slopes.outputs
+            if slope.kind == "constant" and len(others) == 1:
+                multiplier[i], offset[i] = slope.value, coupling.position(np.zeros(1))
+            else:
+                found.append(coupling)
+    whole = replace(
+        model,
+        coordinate=tuple(map(coordinates.index, place)),
+        independent_joints=tuple(map(model.moving_joints.index, coordinates)),
+        multiplier=multiplier,
+        offset=offset,
+        couplings=tuple(found),
+    )
+    for driver in dict.fromkeys(name for coupling in found for name in coupling.drivers):
+        whole = _with_range_cut(whole, driver)
+    return whole
+
+
+def _checked(model: Model, couplings: Any) -> dict[str, Followed]:
+    """The drivers and function of each joint that is to follow, with the names checked."""
+    if not isinstance(couplings, Mapping):
+        raise TypeError(f"`couplings` must map joints to (drivers, function), got {type(couplings).__name__}")
+    found, joints = {}, list(model.moving_joints)
+    for joint, value in couplings.items():
+        if joint not in model.joint_names:
+            raise ValueError(f"`couplings` must name joints of {list(model.joint_names)}, got {joint!r}")
+        value = value(model, joint) if callable(value) else value
+        if not isinstance(value, tuple) or len(value) != 2 or isinstance(value[0], str) or not callable(value[1]):
+            raise TypeError(f"`couplings[{joint!r}]` must be (drivers, function), got {value!r}")
+        if not value[0] or not set(value[0]) <= set(joints):
+            raise ValueError(f"the drivers of joint {joint!r} must be of {joints}, got {list(value[0])}")
+        found[joint] = value
+    return found
+
+
+def _traced(model: Model, followers: Mapping[str, Followed], coordinates: Sequence[str], joint: str) -> Coupling:
+    """The position of a joint as a function of those coordinates that it depends on."""
+    graph, own = Graph(), {c.joint: c.at({}) for c in model.couplings} | {**followers}
+
+    def position(name: str, *asked: str) -> Any:
+        if name in coordinates:
+            return Scalar(graph, graph.input(coordinates.index(name)))
+        if name in asked:
+            raise ValueError(f"`couplings` must not follow each other in a circle, got {[*asked, name]}")
+        if name in own:
+            return own[name][1](*(position(driver, *asked, name) for driver in own[name][0]))
+        i = model.moving_joints.index(name)
+        of = position(model.joint_names[model.coordinate[i]], *asked, name)
+        return of * float(model.multiplier[i]) + float(model.offset[i])
+
+    found = np.asarray(position(joint))
+    if found.shape != ():
+        raise ValueError(f"the function of joint {joint!r} must return one number, got shape {found.shape}")
+    program = lower(graph, references(graph, found), len(coordinates))
+    read = {*program.outputs, *(arg for instruction in program.instructions for arg in instruction.args)}
+    by = sorted(int(arg.value) for arg in read if arg.kind == "input")
+    if not by:
+        raise ValueError(f"the function of joint {joint!r} must depend on its drivers, got a constant")
+
+    def moved(args: Sequence[Operand]) -> tuple[Operand, ...]:
+        return tuple(Operand("input", by.index(int(arg.value))) if arg.kind == "input" else arg for arg in args)
+
+    instructions = tuple(Instruction(kind, moved(args)) for kind, args in program.instructions)
+    return Coupling(joint, tuple(coordinates[k] for k in by), Program(instructions, moved(program.outputs), len(by)))
+
+
+def _with_range_cut(model: Model, driver: str) -> Model:
+    """The robot with a driver's range cut to where all joints that follow it have a position within their ranges."""
+    k = model.moving_joints.index(driver)
+    ends, zero = [float(model.lower[k]), float(model.upper[k])], np.minimum(np.maximum(0.0, model.lower), model.upper)
+
+    def fails(x: Array) -> Array:
+        """Which of the joints that follow fail, shape (joints, ...)."""
+        failing = []
+        for i, _, coupling in model.coupled_joints:
+            q = [x if d == driver else np.full(x.shape, zero[model.moving_joints.index(d)]) for d in coupling.drivers]
+            position, (slopes, _) = coupling.position(np.stack(q, -1)), coupling.derivatives(np.stack(q, -1))
+            fine = np.isfinite(slopes).all(-1) & (model.lower[i] <= position) & (position <= model.upper[i])
+            failing.append(~fine & (driver in coupling.drivers))
+        return np.array(failing)
+
+    far = 2 * np.pi if model.is_revolute[k] else FARTHEST
+    values = np.linspace(max(ends[0], zero[k] - far), min(ends[1], zero[k] + far), SAMPLES)
+    values = np.sort(np.append(values, zero[k]))
+    bad, by = np.asarray(fails(values).any(0)), dict[str, None]()
+    if bad.all():
+        raise ModelError(f"the joints that follow {driver!r} have no positions within their ranges, wherever it is")
+    start = int(np.argmin(np.where(bad, np.inf, np.abs(values - zero[k]))))
+    for side, step in enumerate((-1, 1)):
+        if (beyond := np.flatnonzero(bad[start::step])).size:
+            inside, outside = values[start + step * (beyond[0] - 1)], values[start + step * beyond[0]]
+            while inside != (middle := (inside + outside) / 2) != outside:
+                inside, outside = (inside, middle) if fails(middle).any() else (middle, outside)
+            ends[side] = float(inside)
+            by |= {model.couplings[j].joint: None for j in np.flatnonzero(fails(outside))}
+    if not by:
+        return model
+    limits = {name: getattr(model, name).copy() for name in ("lower", "upper")}
+    was, now = (f"{low:.6g} ... {high:.6g}" for low, high in ((limits["lower"][k], limits["upper"][k]), ends))
+    text = f"range cut from {was} to {now}, beyond which {listed([*by])} cannot follow"
+    LOGGER.warning("joint %r: %s", driver, text)
+    limits["lower"][k], limits["upper"][k] = ends
+    kinds = tuple("revolute" if i == k and kind == "continuous" else kind for i, kind in enumerate(model.joint_types))
+    return replace(model, **limits, joint_types=kinds, notes={**model.notes, driver: text})
