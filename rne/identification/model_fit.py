@@ -216,8 +216,7 @@ def fit_with_delays(
     for k in range(thresholds.DELAY_ROUNDS + 1):
         base = robot.base_parameters(drives=drives)
         base = base if springs is None else with_springs(base, springs)
-        data = build_regression(robot, records, base, **options, delays=delays)
-        estimate = least_squares(data.fitted.mapped(base.back))
+        data, estimate = fit_with_loads(robot, records, base, options | {"delays": delays})
         rest = FitResiduals(robot, base, data, estimate.values, estimate.sigma)
         is_last = k == thresholds.DELAY_ROUNDS
         found = [] if is_last or delay is not None else delays_of(rest.beyond_friction)
@@ -242,6 +241,23 @@ def fit_with_delays(
             drives = replace(drives, rotor=False)
     declined = (NO_ROTORS,) if is_open and not drives.rotor else ()
     return base, data, causes, [*late.values(), *sharp.values()], declined
+
+
+def fit_with_loads(
+    robot: Robot, records: Sequence[Record], base: BaseParameters, options: dict[str, Any]
+) -> tuple[RegressionData, LeastSquares]:
+    """The equations and their solution; where friction depends on the load, in rounds with the loads of the last one.
+
+    A round leaves of the parameters' error about the part of the torque that friction takes.
+    """
+    x, before = None, np.full(base.count, np.inf)
+    for _ in range(thresholds.LOAD_ROUNDS if "Fl" in base.standard.terms else 1):
+        data = build_regression(robot, records, base, **options, loaded=x)
+        estimate = least_squares(data.fitted.mapped(base.back))
+        moved, x, before = np.abs(estimate.values - before), base.back @ estimate.values, estimate.values
+        if (moved <= thresholds.LOAD_SETTLED * estimate.errors).all():
+            break
+    return data, estimate
 
 
 def fitted_springs(springs: Sequence[Spring | JointSpring], robot: Robot, moved: Robot) -> Springs | None:
@@ -294,7 +310,7 @@ def negative_drives(robot: Robot, base: BaseParameters, estimate: LeastSquares) 
         if base.independent[k] >= bodies and not free and value < -thresholds.BEYOND_DOUBT * error:
             far = f", {IMPOSSIBLE[name.startswith('k_')]}" if value < -thresholds.IMPOSSIBLY * error else ""
             found.append(f"{name} comes out negative, {value:.3g} with a standard error of {error:.2g}{far}")
-    has_friction = any(name.startswith(("Fv", "Fc")) for name in found)
+    has_friction = any(name.startswith(("Fv", "Fc", "Fl")) for name in found)
     return (*found, f"negative friction: {WRONG_SIGN}") if has_friction else tuple(found)
 
 

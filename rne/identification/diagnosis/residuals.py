@@ -208,11 +208,12 @@ class FitResiduals(Discrepancy):
         """Squares that a fit leaves of torques where the joints are J q, with friction that is known so too."""
         bodies = self.standard.groups["bodies"].stop
         states = [(few.q @ J.T, few.qd @ J.T, few.qdd @ J.T) for few in self.thinned]
-        Y = [self.robot.regressor(*x) @ self.base.back[:bodies] for x in states]
-        others = [
-            np.concatenate([self.standard.drive_columns(*x[1:]), self.standard.spring_columns(x[0])], -1)
-            for x in states
-        ]
+        Y, others = [], []
+        for x in states:
+            of_bodies = self.robot.regressor(*x)
+            drives = self.standard.drive_columns(*x[1:], self.standard.load(of_bodies, x[0], x[2], self.x))
+            others.append(np.concatenate([drives, self.standard.spring_columns(x[0])], -1))
+            Y.append(of_bodies @ self.base.back[:bodies])
         A = self.weighted(self.reduced([y + z @ self.base.back[bodies:] for y, z in zip(Y, others, strict=True)]))
         Q = np.linalg.qr(A)[0]
         if self.known is not None:
@@ -270,8 +271,9 @@ class FitResiduals(Discrepancy):
         """Torques per second by which they are measured later than positions, shape (rows, n, 1)."""
         parts = []
         for record, few, load in zip(self.records, self.thinned, self.loads, strict=True):
-            drives = self.standard.drive_torques(record.qd, record.qdd, self.x[len(self.bodies) :])
-            values = at_samples(record, few, load) + drives
+            bodies = at_samples(record, few, load)
+            full = bodies + self.x[self.standard.groups["Ia"]] * record.qdd if "Ia" in self.standard.terms else bodies
+            values = bodies + self.standard.drive_torques(record.qd, record.qdd, self.x[len(self.bodies) :], full)
             slopes = [np.gradient(values[part], record.t[part], axis=0) for part in record.segments]
             parts.append(record.reduce(np.concatenate(slopes)))
         return -np.concatenate(parts)[..., None]
