@@ -40,7 +40,7 @@ FLOORS = [
 ]
 FLOOR = {entry: k for k, floor in enumerate(FLOORS) for entry in floor}
 SOURCES = sorted(PACKAGE.rglob("*.py"))
-ON_IMPORT = {"basics", "errors", "model", "dynamics", "robot"}  # the rest is imported when it is first used
+ON_IMPORT = {"basics", "errors", "elementwise", "model", "dynamics", "robot"}  # the rest is imported on first use
 MAX_ENTRIES = 21  # of rne/: more are not taken in at a glance
 MAX_PUBLIC = 50  # names of rne besides its modules
 MAX_LINES = 60  # of a function, without its docstring

@@ -287,7 +287,7 @@ def test_known_counts(irb140, ur5):
         (
             lambda robot: robot.base_parameters(drives=rne.DriveModel(friction="dry")),
             ValueError,
-            "`friction` must be one of [None, 'viscous', 'coulomb', 'viscous+coulomb'], got 'dry'",
+            "`friction` must be of the words 'viscous', 'asymmetric', 'coulomb', 'load', joined by '+', got 'dry'",
         ),
         (
             lambda robot: robot.base_parameters(tolerance=0),

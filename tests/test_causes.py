@@ -115,7 +115,7 @@ def test_delays_are_found_taken_into_account_and_stated(ms):
     found = identified(faults.delayed(ms))
     assert (np.abs(1000 * found.delay - ms) < 0.3).all()
     assert found.delay.shape == (1, 4)
-    assert "delay of" in found.report()
+    assert "delay of" in found.report(details=True)
     assert (found.unexplained.in_motion < 0.004).all()
 
 
@@ -126,7 +126,7 @@ def test_each_record_has_its_own_delay():
     records = [Record(data.t, data.q, data.tau) for data in logs]
     found = rne.identify(known_robot("SCARA", 3), records[:2], consistent=False)
     np.testing.assert_allclose(1000 * found.delay, np.outer([4, 0], np.ones(4)), atol=0.3)
-    assert (found.check(records[2]).relative < 0.005).all()
+    assert (found.check(records[2]).relative < 0.01).all()  # friction of the log is a step, that predicted is smooth
 
 
 @pytest.mark.filterwarnings("ignore::rne.IdentificationWarning")
@@ -162,7 +162,7 @@ def test_friction_of_harmonic_drives_is_told_without_a_warning():
 def test_a_delay_that_is_given_is_not_estimated():
     found = identified(faults.delayed(5.0), delay=0.005)
     assert (found.delay == 0.005).all()
-    assert "taken into account" not in found.report()
+    assert "taken into account" not in found.report(details=True)
 
 
 def test_stribeck_friction_is_modelled_where_the_log_asks_for_it():
@@ -374,7 +374,7 @@ def test_torques_that_are_not_explained_are_not_praised():
     """Swapped torques: no sentence of the report says that they are explained, each poor joint is named."""
     with pytest.warns(rne.IdentificationWarning, match="torques in motion that the model does not explain"):
         found = identified(faults.swapped_torques)
-    report = found.report()
+    report = found.report(details=True)
     poor = [
         name for name, left in zip(found.initial.joint_names, found.unexplained.in_motion, strict=True) if left > 0.15
     ]
@@ -520,8 +520,8 @@ def test_parameters_that_noise_of_positions_biases_drift(monkeypatch):
     assert wrong.max() > 4 > right.max()
     drifts = [np.abs(f.drift) / f.drift_error for f in found]
     assert drifts[0][np.argmax(wrong)] > 3 > drifts[1].max()
-    assert "drift, the change with half the cut-off, beyond three standard errors" in found[0].report()
-    assert "drift, the change" not in found[1].report()
+    assert "drift, the change with half the cut-off, beyond three standard errors" in found[0].report(details=True)
+    assert "drift, the change" not in found[1].report(details=True)
 
 
 def test_friction_at_stops_does_not_look_like_a_bias_of_the_filter():
@@ -552,7 +552,9 @@ def test_a_joint_at_rest_takes_the_drift_of_its_own_parameters_alone():
 
 def test_the_report_tells_which_parameters_are_known_and_notebooks_show_it():
     found = identified(faults.clean)
-    rows = {line.split()[0]: line.split()[3] for line in found.report().splitlines() if line.startswith("  Fc_")}
+    rows = {
+        line.split()[0]: line.split()[3] for line in found.report(details=True).splitlines() if line.startswith("  Fc_")
+    }
     shares = dict(zip(found.base.names, 100 * found.estimate.errors / np.abs(found.estimate.values), strict=True))
     assert rows == {name: f"{shares[name]:.2g}" for name in rows}
     assert len(rows) == 4

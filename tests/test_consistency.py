@@ -136,7 +136,7 @@ def test_report_of_an_identification_ends_with_the_certificate(scene, motion):
     record = Record(motion.t, motion.q, motion.tau)
     text = rne.identify(
         scene.robot, record, drives=rne.DriveModel(friction="viscous+coulomb"), consistent=False
-    ).report()
+    ).report(details=True)
     last = text.split("\n\n")[-1]
     assert last.startswith("one rigid-body model explains the torques to"), last
     assert last.splitlines()[-1].startswith("energy: "), last

@@ -46,8 +46,8 @@ def test_the_cutoff_is_halved_where_noise_is_fed_back_and_torques_without_it_are
     note = found.records[0].notes[0]
     assert note.startswith(f"cut-off {given / 2:.3g} Hz: of blocks not fitted ")
     assert note in found.report()
-    far, near = (np.linalg.norm(x.predict(*c.states) - c.tau, axis=0).max() for x in (plain, found))
-    assert near < 0.7 * far
+    exact = build_regression(known, Record(c.t, c.states[0], c.tau), found.base, None, given, 2).fitted
+    assert exact.shares(found.parameters).max() < 0.7 * exact.shares(plain.parameters).max()
 
 
 def test_the_cutoff_of_the_spectrum_stays_where_little_is_left():

@@ -451,7 +451,7 @@ class TestIdentification:
         slopes = np.array([[1, 0], np.subtract(*moved) / 2e-3])
         covariance = slopes @ found.estimate.covariance[-2:, -2:] @ slopes.T
         assert found.spring_errors[0] == pytest.approx(np.sqrt(np.diag(covariance)), rel=1e-5)
-        assert "spring between 'link_1' and 'link_2': stiffness " in found.report()
+        assert "spring between 'link_1' and 'link_2': stiffness " in found.report(details=True)
         (spring,) = found.springs
         q, qd, qdd = states(3, 5)
         assert relative(found.predict(q, qd, qdd), found.base.regressor(q, qd, qdd) @ found.values) <= 1e-12
@@ -515,7 +515,7 @@ class TestIdentification:
         text = "the motion does not tell k_spring1 from gravity, drives and other springs"
         with pytest.raises(rne.IdentificationError, match=f"^{text}$"):
             _ = found.springs
-        assert f"springs: {text}" in found.report()
+        assert f"springs: {text}" in found.report(details=True)
 
     def test_damping_is_refused(self, irb140):
         t, q, _, _ = multisine(6, 2, 200, 5)

@@ -79,7 +79,10 @@ def test_without_drives_there_are_the_bodies_alone():
 @pytest.mark.parametrize(
     ("given", "text"),
     [
-        ({"friction": "dry"}, "`friction` must be one of [None, 'viscous', 'coulomb', 'viscous+coulomb'], got 'dry'"),
+        (
+            {"friction": "dry"},
+            "`friction` must be of the words 'viscous', 'asymmetric', 'coulomb', 'load', joined by '+', got 'dry'",
+        ),
         ({"coupled_motors": [1.0] * 6}, "`coupled_motors` must have shape (s, 6), got (6,)"),
         ({"smoothing": -1.0}, "`smoothing` must not be negative, got -1.0"),
     ],

@@ -82,7 +82,7 @@ print(record, *record.findings, sep="\n")
 # laboratory have them. This simulated one has none.
 
 found = rne.identify(known, record, drives=drives)
-print(found.report())
+print(found.report(details=True))
 
 # %%
 # Least squares give the base parameters and say how well each is determined. The bodies
@@ -121,12 +121,12 @@ figure = check.plot()
 # %%
 # The URDF
 # --------
-# ``found.robot`` has the bodies, friction as ``<dynamics>``, and rotors, where they
+# ``found.to_urdf()`` has the bodies, friction as ``<dynamics>``, and rotors, where they
 # were fitted, as Drake reads them. Every other program can read the URDF; most pass
-# over rotors.
+# over rotors. ``found.scene()`` simulates the same arm here, friction included.
 
 urdf = Path(folder.name) / "irb140_identified.urdf"
-urdf.write_text(rne.to_urdf(found.robot.model), encoding="utf-8")
+urdf.write_text(found.to_urdf(), encoding="utf-8")
 identified = rne.load(urdf)
 for robot, name in ((known, "before"), (identified, "after")):
     q, qd, qdd = rng.uniform(-1, 1, (3, 1000, 6))

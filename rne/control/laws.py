@@ -158,11 +158,10 @@ class PD:
         q_ref, qd_ref = self.reference, np.zeros(self.robot.n)
         if callable(self.reference):
             q_ref, qd_ref, _ = reference_values(self.robot, self.reference(t))
-        feedback = -self.kp * (q - q_ref) - self.kd * (qd - qd_ref)
-        if self.feedforward is not None:
-            feedback = feedback + self.feedforward.torque(self.robot.model, qd_ref + 0 * qd)
-        torques: Array = self.gravity * self.robot.gravity_torque(q) + feedback if self.gravity else feedback
-        return torques
+        torques: Array = -self.kp * (q - q_ref) - self.kd * (qd - qd_ref)
+        if self.gravity:
+            torques = self.gravity * self.robot.gravity_torque(q) + torques
+        return torques if self.feedforward is None else torques + supplied(self, qd_ref + 0 * qd, torques)
 
 
 @of_robot
@@ -273,7 +272,19 @@ def check_feedforward(robot: Robot, feedforward: Any) -> None:
         return
     if not callable(getattr(feedforward, "torque", None)):
         raise TypeError(f"`feedforward` must be an rne.Friction, got {type(feedforward).__name__}")
-    feedforward.torque(robot.model, np.zeros(robot.n))
+    feedforward.torque(robot.model, *np.zeros((2 if under_load(feedforward) else 1, robot.n)))
+
+
+def under_load(feedforward: Any) -> bool:
+    """True for friction that depends on the load."""
+    return "load" in getattr(feedforward, "losses", ())
+
+
+def supplied(law: Any, qd: Array, load: Array) -> Array:
+    """Torques of a law's feed-forward; friction under load is that of its other torques."""
+    loads = (load,) if under_load(law.feedforward) else ()
+    torques: Array = law.feedforward.torque(law.robot.model, qd, *loads)
+    return torques
 
 
 @dataclass(frozen=True, eq=False)
@@ -371,9 +382,7 @@ class ComputedTorque:
         q_ref, qd_ref, qdd_ref = reference_values(self.robot, self.reference(t))
         commanded = qdd_ref - self.kd * (qd - qd_ref) - self.kp * (q - q_ref)
         torques = self.robot.inverse_dynamics(q, qd, commanded)
-        if self.feedforward is not None:
-            torques = torques + self.feedforward.torque(self.robot.model, qd_ref + 0 * qd)
-        return torques
+        return torques if self.feedforward is None else torques + supplied(self, qd_ref + 0 * qd, torques)
 
 
 @of_robot

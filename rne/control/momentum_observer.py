@@ -230,8 +230,8 @@ class MomentumObserver:
 
     def _drives(self, qd: Array, tau: Array, middle: Array, step: float, held: bool) -> tuple[Array, Array]:
         """Impulses of the drives and of friction between samples, and bounds of their error, both (T - 1, n)."""
-        f, model = self.friction, self.robot.model
-        friction, halfway = (np.zeros_like(x) if f is None else f.torque(model, x) for x in (qd, middle))
+        f, between = self.friction, tau[:-1] if held else (tau[1:] + tau[:-1]) / 2
+        friction, halfway = (self._resisting(x, by) for x, by in ((qd, tau), (middle, between)))
         if held:
             slowed, error = _simpson(friction, halfway, step)
             size, of_size = _simpson(np.abs(friction), np.abs(halfway), step)
@@ -240,11 +240,19 @@ class MomentumObserver:
             impulse, bound = _trapezoidal(tau - friction, step), _curvature(tau - friction) * SMOOTH * step
             bound = bound + self.friction_error * _trapezoidal(np.abs(friction), step)
         if getattr(f, "sticks", False):
-            largest = np.maximum(f.coulomb, f.coulomb_back) if f.static is None else f.static
+            slipping = np.maximum(f.coulomb, f.coulomb_back) + np.maximum(f.stribeck_rise, 0)
+            largest = slipping if f.static is None else f.static
             rests = qd == 0
             times = 2.0 * (rests[:-1] | rests[1:]) - (rests[:-1] & rests[1:])
             bound = bound + step * (1 + self.friction_error) * largest * times
         return impulse, bound
+
+    def _resisting(self, qd: Array, tau: Array) -> Array:
+        """Torques of friction, under load of the drives' torques."""
+        f, model = self.friction, self.robot.model
+        if f is None or "load" not in getattr(f, "losses", ()):
+            return np.zeros_like(qd) if f is None else np.asarray(f.torque(model, qd))
+        return np.asarray(tau - f.transmitted(tau - f.torque(model, qd, np.zeros_like(qd)), qd))
 
     def _seen(self, filtered: Array, bound: Array) -> tuple[Array, Array]:
         """Residuals of the model, and their thresholds."""

@@ -26,7 +26,7 @@ from ..basics.spatial import Array, cross, cross_matrix, rotate, symmetric, tran
 from ..basics.text import counted, listed, short, six_digits, wrapped
 from ..model.model import Model, model_argument, unchecked_model
 from ..model.parameters import PARAMETERS, UNITS
-from ..model.standard_parameters import DriveModel, StandardParameters, drive_argument
+from ..model.standard_parameters import OF_MOTORS, DriveModel, StandardParameters, drive_argument
 from ..model.topology import joint_groups
 from .kinematics import BASE, joint_transforms
 from .regressors import regressor
@@ -195,8 +195,10 @@ class BaseParameters:
         True
         """
         bodies = self.body_regressor(*(np.asarray(x) for x in (q, qd, qdd)))
-        drives = self.standard.drive_columns(np.asarray(qd), np.asarray(qdd))
-        springs = self.standard.spring_columns(np.asarray(q))
+        at, rates, accelerations = (np.asarray(x) for x in (q, qd, qdd))
+        load = self.standard.load(np.asarray(bodies), at, accelerations, self.standard.values)
+        drives = self.standard.drive_columns(rates, accelerations, load)
+        springs = self.standard.spring_columns(at)
         return np.asarray(np.concatenate([bodies, drives, springs], axis=-1)[..., list(self.independent)])
 
     def __repr__(self) -> str:
@@ -236,7 +238,7 @@ def with_springs(base: BaseParameters, springs: Any) -> BaseParameters:
 def regrouped(standard: StandardParameters, tolerance: float) -> tuple[tuple[int, ...], Array]:
     """Places of the kept parameters, and the matrix B of beta = B pi, with the identity in these places."""
     energies, units = observed_combinations(standard, tolerance)
-    friction = [_friction_rows(standard, symbol) for symbol in ("Fv", "Fc", "Fs")]
+    friction = [_friction_rows(standard, symbol) for symbol in ("Fv", "Fvb", "Fc", "Fs", "Fl")]
     rows = span(np.concatenate([energies, *friction]), tolerance)
     kept = independent_columns(rows)
     matrix: Array = np.linalg.solve(rows[:, kept], rows)
@@ -257,11 +259,10 @@ def _friction_rows(standard: StandardParameters, symbol: str) -> Array:
     """
     if symbol not in standard.groups:
         return np.zeros((0, standard.count))
-    if symbol == "Fs":
-        place, rates = standard.groups[symbol], np.asarray(standard.drives.stribeck, np.float64)
-        return np.eye(standard.count)[place][rates > 0]
+    if symbol not in OF_MOTORS:
+        return np.eye(standard.count)[standard.groups[symbol]][standard.asked[symbol]]
     columns = [standard.groups[name] for name in (symbol, f"{symbol} of coupled motors")]
-    shafts = np.concatenate([np.eye(standard.model.n), standard.motors])
+    shafts = np.concatenate([np.diag(standard.asked[symbol].astype(float)), standard.motors])
     if symbol == "Fv":
         upper = np.triu_indices(standard.model.n)
         entries = (shafts[:, :, None] * shafts[:, None, :])[:, upper[0], upper[1]].T

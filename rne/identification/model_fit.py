@@ -225,12 +225,12 @@ def fit_with_delays(
     for k in range(thresholds.DELAY_ROUNDS + 1):
         base = robot.base_parameters(drives=drives)
         base = base if springs is None else with_springs(base, springs)
-        data = build_regression(robot, records, base, **options, delays=delays)
+        data, estimate = fit_with_loads(robot, records, base, options | {"delays": delays})
         if not k:
-            if options["cutoff"] is None:
-                data = with_lower_cutoff(robot, records, base, data, options)
-            options, notes = options | {"cutoff": [r.cutoff for r in data.prepared]}, [r.notes for r in data.prepared]
-        estimate = least_squares(data.fitted.mapped(base.back))
+            lower = data if options["cutoff"] else with_lower_cutoff(robot, records, base, data, options)
+            options, notes = options | {"cutoff": [r.cutoff for r in lower.prepared]}, [r.notes for r in lower.prepared]
+            if lower is not data:
+                data, estimate = fit_with_loads(robot, records, base, options | {"delays": delays})
         rest = FitResiduals(robot, base, data, estimate.values, estimate.sigma)
         is_last = k == thresholds.DELAY_ROUNDS
         found = [] if is_last or delay is not None else delays_of(rest.beyond_friction)
@@ -269,13 +269,15 @@ def with_lower_cutoff(
     is as good there, and clearly less is left. There some halves that do not help may be followed by one that does.
     """
     first, failed, estimator = data, 0, Estimator(base, None, 1.0)
-    if data.fitted.shares(estimator.fit(data.fitted)[1]).max(initial=0) < thresholds.LITTLE:
+    x = base.back @ estimator.fit(data.fitted)[0].values
+    if data.fitted.shares(x).max(initial=0) < thresholds.LITTLE:
         return data
+    options = options | {"delays": data.delays, "loaded": x}
     errors = [held_out(estimator, data.fitted, data.fitted).everywhere]
     for k in range(1, thresholds.HALVINGS + 1):
         cutoffs = [record.cutoff / 2**k for record in first.prepared]
         try:
-            lower = build_regression(robot, records, base, **options | {"cutoff": cutoffs}, delays=data.delays)
+            lower = build_regression(robot, records, base, **options | {"cutoff": cutoffs})
         except ValueError:  # the record is too short for this filter
             break
         if lower.used.sum() < thresholds.FEWEST_ROWS * base.count:
@@ -298,6 +300,23 @@ def with_lower_cutoff(
     pairs = zip(data.prepared, (record.cutoff for record in first.prepared), strict=True)
     told = ((record, f"cut-off {record.cutoff:.3g} Hz: {why.format(given)}") for record, given in pairs)
     return replace(data, prepared=tuple(replace(record, notes=(text, *record.notes[1:])) for record, text in told))
+
+
+def fit_with_loads(
+    robot: Robot, records: Sequence[Record], base: BaseParameters, options: dict[str, Any]
+) -> tuple[RegressionData, LeastSquares]:
+    """The equations and their solution; where friction depends on the load, in rounds with the loads of the last one.
+
+    A round leaves of the parameters' error about the part of the torque that friction takes.
+    """
+    x, before = None, np.full(base.count, np.inf)
+    for _ in range(thresholds.LOAD_ROUNDS if "Fl" in base.standard.terms else 1):
+        data = build_regression(robot, records, base, **options, loaded=x)
+        estimate = least_squares(data.fitted.mapped(base.back))
+        moved, x, before = np.abs(estimate.values - before), base.back @ estimate.values, estimate.values
+        if (moved <= thresholds.LOAD_SETTLED * estimate.errors).all():
+            break
+    return data, estimate
 
 
 def fitted_springs(springs: Sequence[Spring | JointSpring], robot: Robot, moved: Robot) -> Springs | None:
@@ -350,7 +369,7 @@ def negative_drives(robot: Robot, base: BaseParameters, estimate: LeastSquares) 
         if base.independent[k] >= bodies and not free and value < -thresholds.BEYOND_DOUBT * error:
             far = f", {IMPOSSIBLE[name.startswith('k_')]}" if value < -thresholds.IMPOSSIBLY * error else ""
             found.append(f"{name} comes out negative, {value:.3g} with a standard error of {error:.2g}{far}")
-    has_friction = any(name.startswith(("Fv", "Fc")) for name in found)
+    has_friction = any(name.startswith(("Fv", "Fc", "Fl")) for name in found)
     return (*found, f"negative friction: {WRONG_SIGN}") if has_friction else tuple(found)
 
 

@@ -2,31 +2,39 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..basics.archive import Kinds, names_of, read, write
+from ..basics.arrays import positive_number
 from ..basics.spatial import Array
 from ..basics.text import InNotebooks, Row, aligned, counted, listed, short, wrapped
 from ..dynamics.base_inertial_parameters import BaseParameters
 from ..errors import IdentificationError
-from ..model.model import joint_array
+from ..model.model import Model, joint_array
 from ..model.parameters import PARAMETERS, pseudo_inertia, with_parameters
-from ..model.standard_parameters import StandardParameters
+from ..model.solids import Box, Cylinder
+from ..model.standard_parameters import DriveModel, StandardParameters
 from ..plotting.plots import HIDDEN, figure_of, legend_beside, literal, panels, plot_columns, style_axes
 from ..robot import Robot
 from ..simulation.friction import SMOOTHING, Friction
+from ..simulation.scene import Scene
 from ..simulation.springs import JointSpring, Spring, Springs
+from ..urdf.write import to_urdf
 from . import thresholds
 from .diagnosis.hypotheses import GEARS, Cause
 from .diagnosis.rigid_body_test import Consistency, certified
 from .fit.consistent import expected_sizes, model_prior
-from .fit.equations import Equations, RegressionData, check_joints, delayed
-from .fit.least_squares import LeastSquares, Unexplained, believed_noise
+from .fit.equations import Equations, RegressionData, check_joints, delayed, solve
+from .fit.least_squares import Estimator, LeastSquares, Unexplained, believed_noise, held_out, with_correlation
 from .log.prepared import Prepared
 from .log.record import Record
 
@@ -41,9 +49,10 @@ NAMED = 3  # causes that a warning names
 WRONG_SIGN = "is the sign of the joint's torque right?"  # end of a note on negative friction
 IMPOSSIBLE = "which no drive has", "which no spring has"  # ends of notes on numbers that are not possible
 BASE_UNITS = (
-    "Units: m in kg, mcx ... in kg m, Ixx ... and Ia in kg m^2, Fv in N m s/rad, Fc, Fs and tau0 in N m; of sliding "
-    "joints Ia in kg, Fv in N s/m, the others in N."
+    "Units: m in kg, mcx ... in kg m, Ixx ... and Ia in kg m^2, Fv and Fvb in N m s/rad, Fc, Fs and tau0 in N m; of "
+    "sliding joints Ia in kg, Fv and Fvb in N s/m, the others in N; Fl is a part of the load."
 )
+MORE = "`report(details=True)`: filters, base parameters with standard errors, bodies, the test for one rigid body"
 MOVE_ALL = "Move all joints farther and faster: `rne.excitation` finds a motion"
 UNKNOWN = (
     "no single change explains all of it: look at the joints' residuals over time and speed (`plot`), and check "
@@ -199,7 +208,7 @@ class Identification(InNotebooks):
     def robot(self) -> Robot:
         """The robot with the bodies found, `armature` from the rotors, and `damping` and `friction` of its joints.
 
-        Offsets and coupled motors are not part of a robot. All the rest is in the URDF that `rne.to_urdf` writes.
+        Its methods are without friction and offsets; those of `scene` have them.
 
         Raises
         ------
@@ -212,18 +221,189 @@ class Identification(InNotebooks):
         except ValueError as error:
             raise IdentificationError(f"least squares gave no possible bodies: {self._cure}; {error}") from None
         rotors, damping, friction = drives = np.zeros((3, model.nb))  # zero for joints that mimic others
-        drives[:, list(model.independent_joints)] = [self._of_drives(symbol) for symbol in ("Ia", "Fv", "Fc")]
+        both = (np.asarray(self.friction.viscous) + np.asarray(self.friction.viscous_back)) / 2
+        drives[:, list(model.independent_joints)] = [self._of_drives("Ia"), both, self._of_drives("Fc")]
         return Robot(replace(model, armature=rotors, damping=damping, friction=friction), self.initial.engine)
 
     @property
     def friction(self) -> Friction:
-        """Friction of the joints, for a Scene; zero where it was not asked for.
+        """Friction and offsets of the drives, for a Scene; zero where they were not asked for.
 
         Its `smoothing` is that of the fit, or the default of Friction where the fit had a step, sign(qd).
         """
         self._check_consistent()
-        smoothing = self.standard.smoothing or SMOOTHING
-        return Friction(viscous=self._of_drives("Fv"), coulomb=self._of_drives("Fc"), smoothing=smoothing)
+        viscous, asked, drives = self._of_drives("Fv"), self.standard.asked, self.standard.drives
+        sizes = {"coulomb": "Fc", "stribeck_rise": "Fs", "load": "Fl", "offset": "tau0"}
+        found: dict[str, Any] = {name: self._of_drives(symbol) for name, symbol in sizes.items()}
+        found |= {"viscous": viscous, "viscous_back": np.where(asked["Fvb"], self._of_drives("Fvb"), viscous)}
+        try:
+            return Friction(
+                smoothing=self._law.smoothing, stribeck=drives.stribeck, saturation=drives.saturation, **found
+            )
+        except ValueError as error:
+            raise IdentificationError(f"least squares gave no possible friction: {self._cure}; {error}") from None
+
+    def scene(self, **parts: Any) -> Scene:
+        """The robot found as a Scene, with friction and offsets of its drives, and springs: what `predict` predicts.
+
+        Parameters
+        ----------
+        **parts
+            Further parts of `rne.Scene`, such as `payload` or `controller`; one that is given takes the place of the
+            one found, as `friction=replace(found.friction, smoothing=0)` for friction that sticks.
+
+        Returns
+        -------
+        Scene
+            For simulation; its inverse dynamics are those of `predict`.
+
+        Raises
+        ------
+        IdentificationError
+            As for `robot` and `springs`, and of a fit with coupled motors, which a Scene does not have.
+
+        Examples
+        --------
+        >>> import numpy as np, rne
+        >>> arm = rne.load("irb140").locked({"joint_4": 0, "joint_5": 0, "joint_6": 0})
+        >>> t, w = np.arange(0, 10, 0.01), 2 * np.pi * np.array([0.3, 0.4, 0.5])
+        >>> q, qd, qdd = np.sin(np.outer(t, w)), w * np.cos(np.outer(t, w)), -(w**2) * np.sin(np.outer(t, w))
+        >>> record = rne.identification.Record(t, q, arm.inverse_dynamics(q, qd, qdd) + 5 * qd)
+        >>> found = rne.identify(arm, record, drives=rne.DriveModel(friction="viscous"), consistent=False)
+        >>> found.scene(payload=2.0).friction.viscous.round(2).tolist()
+        [5.0, 5.0, 5.0]
+        """
+        if len(self.standard.motors):
+            raise IdentificationError("a scene has no coupled motors: use `predict` for the torques of the drives")
+        drives: dict[str, Any] = {"friction": self.friction, "springs": self.springs}
+        return Scene(self.robot, **(drives | parts))
+
+    def to_urdf(self) -> str:
+        """The robot found as URDF: bodies, rotors, and `<dynamics>` with viscous and Coulomb friction.
+
+        Returns
+        -------
+        str
+            Torques of the drives that a URDF has no element for, such as offsets, are in a comment.
+
+        Raises
+        ------
+        IdentificationError
+            As for `robot`.
+
+        Examples
+        --------
+        >>> text = found.to_urdf()  # doctest: +SKIP
+        """
+        model, values = self.robot.model, zip(self.standard.names, self.parameters, strict=True)
+        parts = re.compile("(Fvb|Fs|Fl|tau0)_|.*_s")  # of drives, coupled motors and springs
+        others = ", ".join(f"{name} {x:.6g}" for name, x in values if x and parts.match(name))
+        note = f"identified, of the joints {listed(model.joint_names)}, not in this file: {others}" if others else ""
+        notes = dict(model.notes) | {"robot": "; ".join(filter(None, (model.notes.get("robot"), note)))}
+        return to_urdf(replace(model, notes=notes))
+
+    def save(self, path: str | PathLike[str]) -> Path:
+        """Write all of it to a NumPy archive, which `load` reads in this version and later ones.
+
+        Parameters
+        ----------
+        path : str or path-like
+            Of a file ``.npz``, which is overwritten.
+
+        Returns
+        -------
+        Path
+            The file.
+
+        Raises
+        ------
+        ValueError, FileNotFoundError
+            If the path has another ending, or its folder does not exist.
+
+        Examples
+        --------
+        >>> found.save("found.npz")  # doctest: +SKIP
+        """
+        return write(path, KINDS, self, VERSION)
+
+    @classmethod
+    def load(cls, path: str | PathLike[str]) -> Identification:
+        """Read an identification that was written by `save`.
+
+        Parameters
+        ----------
+        path : str or path-like
+            A NumPy archive, ``.npz``.
+
+        Returns
+        -------
+        Identification
+            As it was saved, with all that was measured and fitted.
+
+        Raises
+        ------
+        ValueError
+            If the file is another one or damaged, of another version, or has a field that this version does not know.
+        OSError
+            If the file cannot be read.
+
+        Examples
+        --------
+        >>> found = rne.Identification.load("found.npz")  # doctest: +SKIP
+        """
+        found: Identification = read(path, KINDS, cls, VERSION)
+        return found
+
+    def essential(self, limit: float = 0.3) -> Identification:
+        """The model of the essential parameters alone, the base parameters that the log determines well.
+
+        The base parameter of the largest relative standard error is set to zero and the others are fitted again, by
+        least squares with the noise of the joints as it is, until no relative standard error is above the limit.
+
+        Parameters
+        ----------
+        limit : float
+            Largest relative standard error of a base parameter that is kept.
+
+        Returns
+        -------
+        Identification
+            Of fewer base parameters; its `unexplained` says what they lose on held-out blocks.
+
+        Raises
+        ------
+        ValueError
+            If `limit` is not positive.
+
+        Notes
+        -----
+        Pressé and Gautier 1991; Gautier, Janot and Vandanjon 2013, section III.
+
+        Examples
+        --------
+        >>> found.essential().base.names  # doctest: +SKIP
+        """
+        positive_number("limit", limit)
+        springs = self.standard.groups.get("springs", slice(0))  # the last ones, which are kept
+        kept, every = list(range(self.base.count)), self.equations.merged().mapped(self.base.back)
+        while True:
+            equations = Equations(every.factors[..., [*kept, -1]], every.rows)
+            solution = solve(equations.weighted(self.estimate.sigma))
+            x, unknown = solution.x, np.where(solution.free, np.inf, 0.0)
+            found = replace(self.estimate, values=x, errors=unknown, covariance=np.zeros((len(kept), len(kept))))
+            found = with_correlation(found, equations, self.correlation_time)
+            relative = found.errors / np.maximum(np.abs(x), np.finfo(float).tiny)
+            relative = relative[: len(kept) - (springs.stop - (springs.start or 0))]
+            if relative.max(initial=0) <= limit:
+                break
+            kept.pop(int(relative.argmax()))
+        names = tuple(self.base.independent[k] for k in kept)
+        base = replace(self.base, independent=names, matrix=self.base.matrix[kept])
+        others = self.standard.values - self.base.back @ self.base.values  # of which torques do not depend
+        left = held_out(Estimator(base, None, 0.0, others), self.equations, self.data.measured)
+        reduced = replace(self, base=base, estimate=found, unexplained=left, consistent=False)
+        drift, error = self.drift[kept], self.drift_error[kept]
+        return replace(reduced, parameters=others + base.back @ x, drift=drift, drift_error=error)
 
     @property
     def _cure(self) -> str:
@@ -232,7 +412,9 @@ class Identification(InNotebooks):
 
     def _check_consistent(self) -> None:
         """Refuse to make a robot or its friction from least squares that came out negative."""
-        of_drives_and_masses = [name.split("_")[0] in ("m", "Ia", "Fv", "Fc") for name in self.standard.names]
+        of_drives_and_masses = [
+            name.split("_")[0] in ("m", "Ia", "Fv", "Fvb", "Fc", "Fl") for name in self.standard.names
+        ]
         negative = [self.standard.names[k] for k in np.flatnonzero(of_drives_and_masses & (self.parameters < 0))]
         if negative and not self.consistent:
             raise IdentificationError(
@@ -295,7 +477,8 @@ class Identification(InNotebooks):
         Returns
         -------
         ndarray, shape (..., n)
-            With rotors, friction, offsets, coupled motors and springs [N m or N].
+            With rotors, friction, offsets, coupled motors and springs; the direction of friction is smoothed as in
+            `scene`, whose inverse dynamics are the same [N m or N].
 
         Raises
         ------
@@ -304,9 +487,17 @@ class Identification(InNotebooks):
         """
         model, bodies = self.initial.model, PARAMETERS * self.initial.model.nb
         velocities, accelerations = joint_array("qd", qd, model), joint_array("qdd", qdd, model)
-        drives = self.standard.drive_torques(velocities, accelerations, self.parameters[bodies:])
-        drives = drives + self.standard.spring_torques(joint_array("q", q, model), self.parameters)
-        return np.asarray(self.initial.regressor(q, velocities, accelerations) @ self.parameters[:bodies] + drives)
+        Y = self.initial.regressor(q, velocities, accelerations)
+        at = joint_array("q", q, model)
+        load = self._law.load(Y, at, accelerations, self.parameters)
+        drives = self._law.drive_torques(velocities, accelerations, self.parameters[bodies:], load)
+        return np.asarray(Y @ self.parameters[:bodies] + drives + self._law.spring_torques(at, self.parameters))
+
+    @cached_property
+    def _law(self) -> StandardParameters:
+        """The drives as they are simulated: the direction of friction is smoothed where it was a step in the fit."""
+        smoothing = self.standard.smoothing or SMOOTHING
+        return replace(self.standard, drives=replace(self.standard.drives, smoothing=smoothing))
 
     def check(self, record: Record) -> Check:
         """The torques predicted for another measured motion beside the measured ones.
@@ -385,24 +576,75 @@ class Identification(InNotebooks):
         """
         return certified(self.base, self.data, self.unexplained.in_motion)
 
-    def report(self) -> str:
+    @cached_property
+    def r_squared(self) -> Array:
+        """Coefficient of determination of each joint's torques in motion on held-out blocks, NaN without any, (n,)."""
+        size, used = self.equations.rms_torques(), self.data.used
+        mean = (self.data.tau * used).sum(0) / np.maximum(used.sum(0), 1)
+        variance = np.maximum(size**2 - mean**2, np.finfo(float).tiny)
+        return np.asarray(1 - (self.unexplained.in_motion * size) ** 2 / variance)
+
+    @property
+    def verdict(self) -> str:
+        """What the model is good for, in one sentence: joints predicted within 15 % on held-out blocks are good."""
+        names, left = self.initial.joint_names, self.unexplained.in_motion
+        good = left <= thresholds.EXPLAINED
+        use = "simulation and feed-forward" if self.consistent else "feed-forward, not simulation (least squares alone)"
+        told = np.where(np.isnan(left), -1, 100 * np.minimum(left, thresholds.FARTHEST_TOLD))
+        other = listed(
+            [f"{names[j]} ({f'{told[j]:.0f} %' if told[j] >= 0 else 'does not move'})" for j in np.flatnonzero(~good)]
+        )
+        if self.unexcited or not good.any():
+            return f"not good for simulation or feed-forward: {self.unexcited or f'held-out errors in motion: {other}'}"
+        which = "all joints" + (f" but {other}" if other else "")
+        return f"good for {use} of {which}: held-out errors in motion of {told[good].max():.2g} % or less"
+
+    @cached_property
+    def _essential(self) -> str:
+        """How many base parameters are essential, and what is lost without the others."""
+        few, count = self.essential(), counted(self.base.count, "base parameter")
+        lost = 100 * np.nanmax(few.unexplained.in_motion - self.unexplained.in_motion, initial=0)
+        return f"{few.base.count} of {count} are essential: with these alone held-out errors rise by up to {lost:.1f} %"
+
+    def report(self, *, details: bool = False) -> str:
         """A text on the measurements, the parameters, and how far to trust them.
+
+        Parameters
+        ----------
+        details : bool
+            True for all of it: filters, base parameters, bodies, and the report of `consistency`.
 
         Returns
         -------
         str
-            Paragraphs on the measurements, the joints, the base parameters and the bodies, and the report of
-            `consistency`.
+            First what the model is good for, then the errors of each joint, likely causes of what is left and how many
+            parameters are essential, in at most 40 lines without details.
         """
-        texts = [
-            fitted_text,
-            joints_text,
-            causes_text,
-            parameters_text,
-            *[springs_text] * (self.standard.springs is not None),
-        ]
-        texts += [bodies_text] * self.consistent
-        return "\n\n".join([*(text(self) for text in texts), self.consistency().report()])
+        if details:
+            further = [springs_text] * (self.standard.springs is not None) + [bodies_text] * self.consistent
+            told = [text(self) for text in (fitted_text, joints_text, causes_text, parameters_text, *further)]
+            return "\n\n".join([self.verdict, *told, self._essential, self.consistency().report()])
+        parts = [first_of(text(self), most) for text, most in SHORT.items()]
+        return "\n".join([self.verdict, *parts, self._essential, first_of(self.consistency().report(), 1), MORE])
+
+
+def first_of(text: str, most: int) -> str:
+    """The first lines, with the number of others if there are several and more."""
+    lines = text.split("\n")
+    more = [f"  ... {len(lines) - most + 1} more lines"] if len(lines) > most > 1 else []
+    return "\n".join([*lines[: most - len(more)], *more])
+
+
+VERSION = 1  # of files: another one when a field changes its meaning
+OF_MODELS = (Model, Box, Cylinder, StandardParameters, DriveModel, Springs, Spring, JointSpring)
+OF_FITS = (Identification, RegressionData, Equations, Prepared, LeastSquares, Unexplained, Cause)
+KINDS: Kinds = {kind: (names_of(kind), kind) for kind in (*OF_MODELS, *OF_FITS)} | {
+    Robot: (("model", "engine"), Robot),
+    BaseParameters: (
+        ("standard", "independent", "matrix"),
+        lambda standard, **others: BaseParameters(standard, body_regressor=Robot(standard.model).regressor, **others),
+    ),
+}
 
 
 def unexplained_text(names: Sequence[str], in_motion: Array) -> list[str]:
@@ -430,23 +672,34 @@ def fitted_text(found: Identification) -> str:
     ]
     for name, record in zip(found.data.names, found.records, strict=True):
         lines.append(f"motion {short(name)}: {len(record.t) / record.sample_rate:.3g} s at {record.sample_rate:.6g} Hz")
-        samples = f"{record.decimation} samples to an equation of each moving joint: the filter leaves nothing faster"
-        lines += [f"  {note}" for note in (samples, *record.notes)]
+        lines += [f"  {note}" for note in (f"decimated by {record.decimation} after the filter", *record.notes)]
     return "\n".join([*lines, *(note for note in found.notes if note != NOT_SOUGHT)])
 
 
 def joints_text(found: Identification) -> str:
     """Errors of each joint."""
-    columns = ("noise [N m or N]", "fitted [%]", "held out: in motion", "at rest", "equations", "independent")
-    rows, left = [Row("errors", columns, words=True)], found.unexplained
+    columns = (
+        "held out: in motion",
+        "[N m or N]",
+        "R^2",
+        "at rest",
+        "fitted",
+        "noise [N m or N]",
+        "equations",
+        "independent",
+    )
+    rows, left = [Row("errors [%]", columns, words=True)], found.unexplained
     fitted = np.where(np.isnan(left.everywhere), np.nan, found.equations.shares(found.parameters))
+    in_torque = left.in_motion * found.equations.rms_torques()
     for j, name in enumerate(found.initial.joint_names):
-        count, noise = int(found.equations.rows[:, j].sum()), f"{found.estimate.sigma[j]:.4g}"
-        shares = [
+        count = int(found.equations.rows[:, j].sum())
+        motion, rest, fit = (
             "-" if np.isnan(x) else f"{100 * x:.1f}" if x < thresholds.FARTHEST_TOLD else "> 1000"
-            for x in (fitted[j], left.in_motion[j], left.at_rest[j])
-        ]
-        rows.append(Row(f"  {short(name)}", [noise, *shares, str(count), f"{count / found.correlation_time[j]:.0f}"]))
+            for x in (left.in_motion[j], left.at_rest[j], fitted[j])
+        )
+        torque, r2 = ("-" if np.isnan(x) else f"{x:.4{f}}" for x, f in ((in_torque[j], "g"), (found.r_squared[j], "f")))
+        noise, independent = f"{found.estimate.sigma[j]:.4g}", f"{count / found.correlation_time[j]:.0f}"
+        rows.append(Row(f"  {short(name)}", [motion, torque, r2, rest, fit, noise, str(count), independent]))
     close = (
         f"Held out: each of {len(found.equations.factors)} blocks of the measurements, predicted by a fit to the rest. "
         "At rest: torques of slow joints, which are not fitted because Coulomb friction then has no known direction."
@@ -463,11 +716,11 @@ def causes_text(found: Identification) -> str:
         if left > thresholds.EXPLAINED:
             own = [cause.text for cause in found.causes if cause.removed[j] > thresholds.EXPLAINS]
             none = (
-                ""
+                []
                 if NOT_SOUGHT in found.notes
-                else ": no single change of the log, the robot or the drives explains it"
+                else ["no single change of the log, the robot or the drives explains it"]
             )
-            why = f": {own[0]}" if own else none
+            why = "".join(f": {text}" for text in (own or none)[:1])
             lines.append(f"  {short(name)} {100 * left:.0f} % in motion{why}")
     lines = ["not explained", *lines] if lines else []
     if found.causes:
@@ -538,6 +791,9 @@ def springs_text(found: Identification) -> str:
             text += f" N/m, length {spring.length:.4g} +- {of_length:.2g} m, force {spring.force:.4g} N"
         lines.append(text if isinstance(spring, Spring) else f"{text} N m/rad, or N/m of a sliding joint")
     return "\n".join(lines)
+
+
+SHORT = {fitted_text: 11, joints_text: 18, causes_text: 7}  # the most lines of parts of a short report
 
 
 def bodies_text(found: Identification) -> str:
@@ -626,6 +882,14 @@ class Check(InNotebooks):
         size = np.sqrt(((self.measured * self.valid) ** 2).sum(0) / rows)
         return np.asarray(self.rms / np.maximum(size, np.finfo(float).tiny))
 
+    @property
+    def r_squared(self) -> Array:
+        """Coefficient of determination of each joint, NaN without any torque, shape (n,)."""
+        rows = np.where(self.valid.any(0), self.valid.sum(0), np.nan)
+        mean = (self.measured * self.valid).sum(0) / rows
+        variance = (((self.measured - mean) * self.valid) ** 2).sum(0) / rows
+        return np.asarray(1 - self.rms**2 / np.maximum(variance, np.finfo(float).tiny))
+
     def report(self) -> str:
         """A table of the errors, joint by joint.
 
@@ -634,9 +898,9 @@ class Check(InNotebooks):
         str
             A line for each joint.
         """
-        rows = [Row(f"motion {short(self.name)}", ("rms error [N m or N]", "relative [%]"), words=True)]
-        for joint, rms, relative in zip(self.joint_names, self.rms, self.relative, strict=True):
-            rows.append(Row(f"  {short(joint)}", (f"{rms:.4g}", f"{100 * relative:.1f}")))
+        rows = [Row(f"motion {short(self.name)}", ("rms error [N m or N]", "relative [%]", "R^2"), words=True)]
+        for joint, rms, relative, r2 in zip(self.joint_names, self.rms, self.relative, self.r_squared, strict=True):
+            rows.append(Row(f"  {short(joint)}", (f"{rms:.4g}", f"{100 * relative:.1f}", f"{r2:.4f}")))
         return "\n".join(aligned(rows))
 
     def plot(self) -> Figure:

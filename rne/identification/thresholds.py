@@ -112,6 +112,7 @@ GUESSED_LENGTH = 1.0  # [m], of the bodies of a robot whose joints are all at on
 
 # Fit: delays, rotors, what is told ---------------------------------------------------------------------------------
 DELAY_ROUNDS = 6  # of taking delays and Stribeck effects into account: each may show another
+LOAD_ROUNDS, LOAD_SETTLED = 12, 0.01  # fits with friction under load at most; change in standard errors that ends them
 SMALL_ROTOR = 0.1  # of a joint's inertia, below which a rotor that is not told from zero is none
 IMPOSSIBLY = 8.0  # standard errors below zero from which identify warns: twice BEYOND_DOUBT
 UNEXPLAINED = 0.30  # part of a joint's torque in motion above which an identification warns: twice EXPLAINED

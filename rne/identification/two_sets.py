@@ -298,6 +298,8 @@ def two_sets(
 
 def no_load(base: BaseParameters) -> tuple[Array, Array]:
     """S and `known` of TwoSets where nothing of a load is known or asked for."""
+    if "Fl" in base.standard.terms:
+        raise ValueError('`drives`: friction under "load" changes with the load that is to be found; leave it out here')
     return np.zeros((base.standard.count, 0)), np.zeros(base.standard.count)
 
 

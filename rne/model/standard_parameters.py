@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -12,13 +12,16 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import positive_number, real_array, vector
 from ..basics.spatial import Array
-from ..basics.text import summary
+from ..basics.text import listed, summary
+from ..elementwise import less, where
+from .friction_laws import direction, magnitude, saturating, stribeck_effect
 from .model import Model, model_argument
 from .parameters import PARAMETERS, parameters_of
 from .topology import refuse_couplings
 
 BODY_SYMBOLS = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
-FRICTION = (None, "viscous", "coulomb", "viscous+coulomb")
+FRICTION = {"viscous": "Fv", "asymmetric": "Fvb", "coulomb": "Fc", "load": "Fl"}  # words for friction, and symbols
+SYMBOLS = ("Ia", "Fv", "Fvb", "Fc", "Fs", "Fl", "tau0")  # of a drive, in the order of its parameters
 OF_MOTORS = ("Ia", "Fv", "Fc")  # symbols of coupled motors too
 
 
@@ -32,10 +35,13 @@ class DriveModel:
     ----------
     rotor : bool
         True for the inertia Ia of each drive's rotor, reflected to its joint: `armature`.
-    friction : {None, "viscous", "coulomb", "viscous+coulomb"}
-        Viscous friction Fv, Coulomb friction Fc or both of each drive.
+    friction : str or mapping of joint names to str, optional
+        Words joined by "+", for each drive, or for those of some joints by name, such as "viscous+coulomb": "viscous"
+        friction Fv; "asymmetric" for another coefficient Fvb of viscous friction at negative velocities; "coulomb"
+        friction Fc; "load" for friction Fl that is proportional to the transmitted torque.
     offset : bool
-        True for a constant torque tau0 of each drive: the zero error of its sensor, or unequal Coulomb friction.
+        True for a constant torque tau0 of each drive: the zero error of its sensor, or Coulomb friction that differs by
+        direction, which is the mean of both and an offset while the joint moves.
     coupled_motors : array_like, shape (s, n), optional
         Rows a of motors that turn at a^T qd, coupled to several joints; with rotor and friction if the drives have
         them.
@@ -45,6 +51,9 @@ class DriveModel:
     stribeck : array_like, shape (n,), optional
         Velocities vs at which the Stribeck effect of each joint has fallen to 1/e, Fs sign(qd) exp(-|qd| / vs), or 0
         for a joint without [rad/s or m/s].
+    saturation : array_like, shape (n,), optional
+        Velocities vs at which viscous friction of each joint saturates, Fv vs tanh(qd / vs), or 0 for a joint where it
+        is Fv qd [rad/s or m/s].
 
     Raises
     ------
@@ -59,17 +68,24 @@ class DriveModel:
     """
 
     rotor: bool = False
-    friction: str | None = None
+    friction: str | Mapping[str, str] | None = None
     offset: bool = False
     coupled_motors: ArrayLike | None = None
     smoothing: float | None = None
     stribeck: ArrayLike | None = None
+    saturation: ArrayLike | None = None
 
     __repr__ = summary
 
     def __post_init__(self) -> None:
-        if self.friction not in FRICTION:
-            raise ValueError(f"`friction` must be one of {list(FRICTION)}, got {self.friction!r}")
+        by_joint = self.friction if isinstance(self.friction, Mapping) else {"": self.friction}
+        for words in by_joint.values():
+            kinds = set() if words is None else set(words.split("+")) if isinstance(words, str) else {words}
+            if not kinds <= FRICTION.keys():
+                known = ", ".join(repr(word) for word in FRICTION)
+                raise ValueError(f"`friction` must be of the words {known}, joined by '+', got {words!r}")
+            if "asymmetric" in kinds and "viscous" not in kinds:
+                raise ValueError(f'`friction` "asymmetric" is of viscous friction, and needs "viscous", got {words!r}')
         if not all(isinstance(x, bool | np.bool_) for x in (self.rotor, self.offset)):
             raise ValueError(f"`rotor` and `offset` must be True or False, got {self.rotor!r} and {self.offset!r}")
         if self.smoothing is not None:
@@ -92,8 +108,10 @@ def drive_argument(drives: Any) -> DriveModel:
 class StandardParameters:
     """The parameters that the torques of the drives are a linear function of, and their order.
 
-    tau = Y pi + Ia qdd + Fv qd + Fc sign(qd) + Fs sign(qd) exp(-|qd| / vs) + tau0, and for each coupled motor, which
-    turns at a^T qd, the terms of rotor and friction in a^T qd, times a. Springs add functions of the positions.
+    tau = L + Fv qd + Fc sign(qd) + Fs sign(qd) exp(-|qd| / vs) + Fl |L| sign(qd) + tau0, with L = Y pi + Ia qdd, and
+    for each coupled motor, which turns at a^T qd, the terms of rotor, viscous and Coulomb friction in a^T qd, times a.
+    Springs add functions of the positions to L. The load L in the term of Fl has parameters of its own, so that the
+    equations are linear: those of the last fit.
 
     Attributes
     ----------
@@ -123,9 +141,11 @@ class StandardParameters:
         n = model_argument(self.model).n
         refuse_couplings(self.model, "standard parameters, base parameters and identification take")
         drive_argument(self.drives)
-        if self.drives.stribeck is not None:
-            vector("stribeck", self.drives.stribeck, n, sign="not negative")
-        _ = self.motors
+        for name in ("stribeck", "saturation"):
+            if getattr(self.drives, name) is not None:
+                vector(name, getattr(self.drives, name), n, sign="not negative")
+        if len(self.motors) and self.asked["Fvb"].any():
+            raise ValueError('`friction` "asymmetric" is of drives without `coupled_motors`')
 
     @cached_property
     def motors(self) -> Array:
@@ -139,12 +159,21 @@ class StandardParameters:
         return self.drives.smoothing or 0.0
 
     @cached_property
+    def asked(self) -> dict[str, Array]:
+        """Joints of whose drives each kind of friction is modelled, shape (n,), by its symbol."""
+        given, names = self.drives.friction, self.model.joint_names
+        if isinstance(given, Mapping) and (unknown := [name for name in given if name not in names]):
+            raise ValueError(f"`friction` is for {listed(unknown)}, the robot's joints are {listed(names)}")
+        words = [((given.get(name) if isinstance(given, Mapping) else given) or "").split("+") for name in names]
+        asked = {symbol: np.array([word in of for of in words], bool) for word, symbol in FRICTION.items()}
+        return asked | ({} if self.drives.stribeck is None else {"Fs": np.asarray(self.drives.stribeck) > 0})
+
+    @cached_property
     def terms(self) -> tuple[str, ...]:
-        """Symbols of the parameters of a drive: Ia, Fv, Fc, Fs and tau0, those that are modelled."""
-        given, kinds = self.drives, (self.drives.friction or "").split("+")
-        asked = {"Ia": given.rotor, "Fv": "viscous" in kinds, "Fc": "coulomb" in kinds}
-        asked |= {"Fs": given.stribeck is not None, "tau0": given.offset}
-        return tuple(symbol for symbol, present in asked.items() if present)
+        """Symbols of the parameters of a drive: Ia, Fv, Fvb, Fc, Fs, Fl and tau0, those that are modelled."""
+        present = {"Ia": self.drives.rotor, "tau0": self.drives.offset, "Fs": self.drives.stribeck is not None}
+        present |= {symbol: bool(self.asked[symbol].any()) for symbol in FRICTION.values()}
+        return tuple(symbol for symbol in SYMBOLS if present[symbol])
 
     @cached_property
     def groups(self) -> dict[str, slice]:
@@ -180,25 +209,34 @@ class StandardParameters:
 
     @cached_property
     def values(self) -> Array:
-        """The parameters that the model has; offsets, Stribeck effects and those of coupled motors are zero."""
+        """The parameters that the model has; of offsets, coupled motors and other friction they are zero."""
         model, G = self.model, self.model.coordinate_map
-        known = {
-            "bodies": parameters_of(model),
-            "Ia": G.T**2 @ model.armature,
-            "Fv": G.T**2 @ model.damping,
-            "Fc": np.abs(G.T) @ model.friction,
-        }
+        known = {"bodies": parameters_of(model), "Ia": G.T**2 @ model.armature}
+        known |= {symbol: self.asked[symbol] * (G.T**2 @ model.damping) for symbol in ("Fv", "Fvb")}
+        known |= {"Fc": self.asked["Fc"] * (np.abs(G.T) @ model.friction)}
         found = np.zeros(self.count)
         for name in known.keys() & self.groups.keys():
             found[self.groups[name]] = known[name]
         return found
 
-    def drive_columns(self, qd: Array, qdd: Array) -> Array:
+    def load(self, Y: Array, q: Array, qdd: Array, x: Array) -> Array | None:
+        """The loads L of friction under load, (..., n), of bodies with the regressor Y, rotors and springs; else None.
+
+        Their parameters are x.
+        """
+        if "Fl" not in self.terms:
+            return None
+        place = self.groups.get("Ia")
+        rotors = 0.0 if place is None else x[place] * qdd
+        return np.asarray(Y @ x[self.groups["bodies"]] + rotors + self.spring_torques(q, x))
+
+    def drive_columns(self, qd: Array, qdd: Array, load: Array | None = None) -> Array:
         """Torques of the drives per unit of each parameter of theirs, behind those of the bodies, shape (..., n, k).
 
-        `qd` and `qdd` (..., n) are joint velocities and accelerations [rad/s or m/s; rad/s^2 or m/s^2].
+        `qd` and `qdd` (..., n) are joint velocities and accelerations, and `load` the torques L where friction depends
+        on them [rad/s or m/s; rad/s^2 or m/s^2; N m or N].
         """
-        found = sorted(self._shafts(qd, qdd), key=lambda part: part[0].start)
+        found = sorted(self._shafts(qd, qdd, load), key=lambda part: part[0].start)
         blocks = [shafts.T * factor[..., None, :] for _, shafts, factor in found]
         return np.concatenate([np.zeros((*qd.shape, 0)), *blocks], axis=-1)
 
@@ -210,49 +248,49 @@ class StandardParameters:
         """Torques of the drives against springs, of standard parameters pi, shape (..., n)."""
         return np.asarray(self.spring_columns(q) @ pi[self.groups.get("springs", slice(0))])
 
-    def drive_torques(self, qd: Array, qdd: Array, x: Array) -> Array:
+    def drive_torques(self, qd: Array, qdd: Array, x: Array, load: Array | None = None) -> Array:
         """Torques of the drives with parameters x, those behind the bodies', shape (..., n)."""
         total = np.zeros(qd.shape)
-        for places, shafts, factor in self._shafts(qd, qdd):
+        for places, shafts, factor in self._shafts(qd, qdd, load):
             total += (factor * x[places]) @ shafts
         return total
 
-    def drive_columns_of(self, j: int, qd: Array, qdd: Array) -> tuple[Array, Array]:
+    def drive_columns_of(self, j: int, qd: Array, qdd: Array, load: Array | None = None) -> tuple[Array, Array]:
         """Places and values, shape (..., k), of the entries of row j of `drive_columns` that are not always zero."""
         found = [
             (k, shafts[row, j] * factor[..., row])
-            for places, shafts, factor in self._shafts(qd, qdd)
+            for places, shafts, factor in self._shafts(qd, qdd, load)
             for row, k in enumerate(range(places.start, places.stop))
             if shafts[row, j] != 0
         ]
         values = [values for _, values in found]
         return np.array([k for k, _ in found], int), np.stack(values, -1) if found else np.zeros((*qd.shape[:-1], 0))
 
-    def _shafts(self, qd: Array, qdd: Array) -> Iterator[tuple[slice, Array, Array]]:
+    def _shafts(self, qd: Array, qdd: Array, load: Array | None) -> Iterator[tuple[slice, Array, Array]]:
         """Places of each symbol's parameters behind the bodies', the rows of their shafts, torques per unit there."""
         first, joints = self.groups["bodies"].stop, np.eye(self.model.n)
         for symbol in self.terms:
-            place = self.groups[symbol]
-            yield slice(place.start - first, place.stop - first), joints, self._factor(symbol, qd, qdd)
+            place, saturation = self.groups[symbol], self.drives.saturation
+            factor = self._factor(symbol, qd, qdd, saturation, load) * self.asked.get(symbol, 1)
+            if symbol == "Fv" and "Fvb" in self.terms:
+                factor = where(less(qd, 0), ~self.asked["Fvb"] * factor, factor)
+            yield slice(place.start - first, place.stop - first), joints, factor
             if symbol in OF_MOTORS and len(self.motors):
                 place = self.groups[f"{symbol} of coupled motors"]
                 factor = self._factor(symbol, qd @ self.motors.T, qdd @ self.motors.T)
                 yield slice(place.start - first, place.stop - first), self.motors, factor
 
-    def _factor(self, symbol: str, velocity: Array, acceleration: Array) -> Array:
+    def _factor(self, symbol: str, qd: Array, qdd: Array, saturation: Any = None, load: Array | None = None) -> Array:
         """Torque of a shaft per unit of a symbol."""
         if symbol == "Ia":
-            factor = acceleration
-        elif symbol == "tau0":
-            factor = np.ones(velocity.shape)
-        elif symbol == "Fs":
-            rates = np.asarray(self.drives.stribeck, np.float64)
-            falling = np.exp(-np.abs(velocity) / np.where(rates > 0, rates, np.inf))
-            factor = np.where(rates > 0, self.sign(velocity) * falling, 0.0)
-        else:
-            factor = velocity if symbol == "Fv" else self.sign(velocity)
-        return np.asarray(factor)
-
-    def sign(self, velocity: Array) -> Any:
-        """The direction of Coulomb friction; 0 at rest."""
-        return np.tanh(velocity / self.smoothing) if self.smoothing else np.sign(velocity)
+            return qdd
+        if symbol == "tau0":
+            return np.ones(qd.shape)
+        if symbol in ("Fv", "Fvb"):
+            viscous = saturating(qd, saturation)
+            return where(less(qd, 0), viscous, 0.0 * viscous) if symbol == "Fvb" else viscous
+        if symbol == "Fs":
+            return stribeck_effect(qd, np.asarray(self.drives.stribeck), self.smoothing)
+        if symbol == "Fl" and load is None:
+            raise ValueError('`friction` "load" of `drives` depends on the load, which is not known here')
+        return direction(qd, self.smoothing) * (magnitude(load) if symbol == "Fl" else 1.0)

@@ -177,11 +177,13 @@ class ElasticDynamics(SceneDynamics):
         moving = np.concatenate([x[..., : n + m], motor_qd, x[..., 2 * n :]], axis=-1)
         drives, further = self.drives(t, moving, u[..., : -2 * n] if self.torque_given else None)
         viscous, (torsion, links, lost) = self.friction.viscous_torque(motor_qd), self._torsion(model, moving)
-        resisting = torsion + viscous
+        offset = np.asarray(self.friction.offset)
+        resisting = torsion + viscous + offset
         net = -resisting if drives is None else drives - resisting
         qdd, pivots, diagonal = self.forward.quantity.core(model, x[..., :m], x[..., n : n + m], links)
         loads = slips * dry + (1 - slips) * net
-        further += [*self._powers(motor_qd, {"drives": drives, "viscous": viscous, "coulomb": dry}), *lost]
+        torques = {"drives": drives, "viscous": viscous, "coulomb": dry, "offset": offset}
+        further += [*self._powers(motor_qd, torques), *lost]
         found = [qdd, slips * (net - dry) / rotor], [0 * qdd, loads], [links, net], [0 * qdd + 1, 0 * qdd + rotor]
         accelerations, loads, net, inertia = (np.concatenate(part, axis=-1) for part in found)
         return accelerations, loads, net, further, inertia, pivots, diagonal

@@ -60,8 +60,8 @@ class Ensemble(InNotebooks):
     energies : ndarray, shape (S, N, k)
         Work of the drives and losses by friction and in springs since the start, in the order of `ledger` [J].
     ledger : tuple of str, length k
-        Names of the energies: work of the "drives", and what "viscous" and "coulomb" friction, the damping of "springs"
-        and the "joint_damping" of elastic joints dissipate, those that the scene has.
+        Names of the energies: work of the "drives", and those of `Trajectory.dissipated`, as far as the scene
+        has them.
     method : str
         The method that ran; several are joined by commas.
     step : float or None

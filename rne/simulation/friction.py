@@ -1,9 +1,9 @@
-"""Joint friction: viscous and Coulomb, which may differ between the two directions of motion."""
+"""Joint friction: viscous, Coulomb, the Stribeck effect, friction under load; and a constant torque of the drives."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -15,11 +15,14 @@ from ..basics.spatial import Array
 from ..basics.text import listed, short, summary
 from ..elementwise import less, tanh, where
 from ..model.checks import domain_error
+from ..model.friction_laws import direction, magnitude, saturating, stribeck_effect
 from ..model.model import Model, joint_array
 from ..model.topology import refuse_couplings
 from ..robot import Robot
 
-SIZES = ("viscous", "coulomb", "viscous_back", "coulomb_back", "static")
+SIZES = ("viscous", "coulomb", "viscous_back", "coulomb_back", "static", "load", "saturation", "stribeck")
+SIGNED = ("stribeck_rise", "offset")  # sizes that may be negative
+OPTIONAL = ("static", "saturation", "stribeck")
 TOLD = {"rad": 0.01, "m": 0.001}  # of creep, from which on the message of a run names it
 SMOOTHING = 0.01  # [rad/s or m/s]: velocity at which smoothed Coulomb friction reaches tanh(1) = 76 % of its value
 
@@ -40,11 +43,25 @@ class Friction:
         slips by events [rad/s or m/s].
     static : ndarray, shape (n,), or a number, optional
         Torque at which a sticking joint breaks away, at least `coulomb`, which is its default [N m or N].
+    stribeck_rise, stribeck : ndarray, shape (n,), or a number, optional
+        The Stribeck effect: by how much Coulomb friction rises towards rest, and the velocity at which that has fallen
+        to 1/e, s exp(-|qd| / vs); a negative rise, of at most `coulomb`, is pre-sliding friction [N m or N; rad/s or
+        m/s].
+    saturation : ndarray, shape (n,), or a number, optional
+        Velocity vs at which viscous friction saturates, Fv vs tanh(qd / vs), or 0 for a joint where it is Fv qd [rad/s
+        or m/s].
+    load : ndarray, shape (n,), or a number
+        Part of the transmitted torque that friction takes, below 1: of a torque L of inverse dynamics, rotors and
+        springs included, it is load |L| s, s being the direction of motion, tanh(qd / smoothing).
+    offset : ndarray, shape (n,), or a number
+        Constant torque that the drive must supply beside, as of a torque sensor whose zero is wrong. While a joint
+        moves, Coulomb friction that differs by direction is the same as the mean of both and an offset [N m or N].
 
     Raises
     ------
     ValueError
-        For negative or non-finite numbers, `static` below `coulomb`, or `static` with smoothed friction.
+        For negative or non-finite numbers, `static` below `coulomb`, `static` with smoothed friction, a `load` of 1 or
+        more, or a Stribeck effect without its velocity or of more than `coulomb` below zero.
 
     Notes
     -----
@@ -68,9 +85,16 @@ class Friction:
     coulomb_back: ArrayLike | None = None
     smoothing: float = SMOOTHING
     static: ArrayLike | None = None
+    stribeck_rise: ArrayLike = 0.0
+    stribeck: ArrayLike | None = None
+    saturation: ArrayLike | None = None
+    load: ArrayLike = 0.0
+    offset: ArrayLike = 0.0
 
     def __repr__(self) -> str:
-        return summary(self, **{f"{name}_back": None for name in ("viscous", "coulomb") if self._same_back(name)})
+        hidden = [f"{name}_back" for name in ("viscous", "coulomb") if self._same_back(name)]
+        hidden += [name for name in ("load", *SIGNED) if not np.any(getattr(self, name))]
+        return summary(self, **dict.fromkeys(hidden))
 
     @cached_property
     def _values(self) -> tuple[object, ...]:
@@ -93,13 +117,23 @@ class Friction:
             value = getattr(self, name)
             if value is None and name.endswith("_back"):
                 value = getattr(self, name.removesuffix("_back"))
-            if value is not None or name != "static":
+            if value is not None or name not in OPTIONAL:
                 object.__setattr__(self, name, _not_negative(name, value))
+        for name in SIGNED:
+            object.__setattr__(self, name, _read_only(name, getattr(self, name)))
         if _not_negative("smoothing", self.smoothing).ndim:
             raise ValueError("`smoothing` must be one number")
         shapes = {size.shape for size in self._given().values() if size.ndim}
         if len(shapes) > 1 or any(len(shape) > 1 for shape in shapes):
             raise ValueError(f"friction must be numbers or arrays of one shape (n,), got {sorted(shapes)}")
+        if np.any(np.asarray(self.load) >= 1):
+            raise ValueError(f"`load` must be below 1, the part of the torque that friction takes, got {self.load}")
+        rise, slow = np.asarray(self.stribeck_rise), np.asarray(0.0 if self.stribeck is None else self.stribeck)
+        if np.any((rise != 0) & (slow == 0)):
+            raise ValueError("`stribeck_rise` needs `stribeck`, the velocity at which it has fallen to 1/e, above 0")
+        least = np.minimum(self.coulomb, self.coulomb_back)  # type: ignore[arg-type]
+        if np.any(least + rise < 0):
+            raise ValueError("`stribeck_rise` must be at least -`coulomb`: friction does not drive a joint")
         if self.static is None:
             return
         if np.any(np.asarray(self.static) < np.maximum(self.coulomb, self.coulomb_back)):  # type: ignore[arg-type]
@@ -108,12 +142,25 @@ class Friction:
             raise ValueError("`static` needs dry friction: set `smoothing` to 0")
 
     def _given(self) -> dict[str, Array]:
-        return {name: np.asarray(size) for name in SIZES if (size := getattr(self, name)) is not None}
+        return {name: np.asarray(size) for name in (*SIZES, *SIGNED) if (size := getattr(self, name)) is not None}
 
     @property
     def sticks(self) -> bool:
         """True for dry friction, under which a joint can stick."""
-        return self.smoothing == 0 and any(size.any() for k, size in self._given().items() if "viscous" not in k)
+        dry = ("coulomb", "coulomb_back", "static", "stribeck_rise", "load")
+        return self.smoothing == 0 and any(size.any() for k, size in self._given().items() if k in dry)
+
+    @property
+    def varying(self) -> str:
+        """The names of what makes Coulomb friction change with speed or load; empty for none."""
+        return " and ".join(f"`{name}`" for name in ("stribeck_rise", "load") if np.any(getattr(self, name)))
+
+    @cached_property
+    def losses(self) -> tuple[str, ...]:
+        """Names of the torques that are not zero: "viscous", "coulomb", "offset" and "load"."""
+        sizes = {"viscous": ("viscous", "viscous_back"), "coulomb": ("coulomb", "coulomb_back", "stribeck_rise")}
+        sizes |= {"offset": ("offset",), "load": ("load",)}
+        return tuple(name for name, of in sizes.items() if any(np.any(getattr(self, size)) for size in of))
 
     def check(self, model: Model) -> None:
         """Refuse arrays that do not have one entry per joint.
@@ -159,12 +206,15 @@ class Friction:
         >>> rne.Friction(viscous=2.0, viscous_back=3.0).viscous_torque(np.array([0.5, -0.5])).tolist()
         [1.0, -1.5]
         """
+        qd = saturating(qd, self.saturation)
         if self._same_back("viscous"):
             return np.asarray(self.viscous) * qd
         return where(less(qd, 0), np.asarray(self.viscous_back) * qd, np.asarray(self.viscous) * qd)
 
     def coulomb_torque(self, qd: Array) -> Array:
-        """Coulomb friction at joint velocities, smoothed around zero; dry friction as when slipping, zero at rest.
+        """Coulomb friction at joint velocities with its Stribeck effect, smoothed around zero.
+
+        Dry friction is as when slipping, and zero at rest.
 
         Parameters
         ----------
@@ -183,6 +233,10 @@ class Friction:
         [2.0, -2.0, 0.0]
         """
         forward, back = np.asarray(self.coulomb, dtype=float), np.asarray(self.coulomb_back, dtype=float)
+        if self.stribeck is not None and np.any(self.stribeck_rise):
+            effect = np.asarray(self.stribeck_rise) * stribeck_effect(qd, self.stribeck, self.smoothing)
+            both: Array = replace(self, stribeck_rise=0.0).coulomb_torque(qd) + effect
+            return both
         if not (forward.any() or back.any()):
             return 0 * qd
         if self.smoothing == 0:
@@ -190,8 +244,18 @@ class Friction:
         size = forward if self._same_back("coulomb") else where(less(qd, 0), back, forward)
         return size * tanh(qd * (1 / self.smoothing))
 
-    def torque(self, model: Model, qd: ArrayLike) -> Array:
-        """Friction torque of a robot's joints, viscous and Coulomb.
+    def transmitted(self, tau: Array, qd: Array) -> Array:
+        """Torque that reaches the bodies where friction takes a part of it: L of tau = L + load |L| s.
+
+        It is solved joint by joint, and needs no accelerations; L has the sign of tau, the torques of the drives less
+        all other friction, both of shape (..., n) [N m or N].
+        """
+        way = direction(qd, self.smoothing)
+        reaching: Array = tau / (1 + np.asarray(self.load) * where(less(tau, 0), -way, way))
+        return reaching
+
+    def torque(self, model: Model, qd: ArrayLike, load: ArrayLike | None = None) -> Array:
+        """Friction torque of a robot's joints, and the constant torque.
 
         Parameters
         ----------
@@ -199,16 +263,19 @@ class Friction:
             The robot, for the number of its joints.
         qd : array_like, shape (..., n)
             Joint velocities [rad/s or m/s].
+        load : array_like, shape (..., n), optional
+            Torques of inverse dynamics, for friction under load [N m or N].
 
         Returns
         -------
         ndarray, shape (..., n)
-            Torque that the drives must supply, with the sign of the velocity [N m or N].
+            Torque that the drives must supply, that of friction with the sign of the velocity [N m or N].
 
         Raises
         ------
         ValueError
-            If `qd` or a coefficient has the wrong shape, or `qd` is not finite.
+            If `qd` or a coefficient has the wrong shape, `qd` is not finite, or friction depends on a `load` that is
+            not given.
 
         Examples
         --------
@@ -217,8 +284,20 @@ class Friction:
         [1.0, 1.0, 1.0, 1.0, 1.0, 1.0]
         """
         self.check(model)
-        rates = joint_array("qd", qd, model) if np.asarray(qd).dtype != object else np.asarray(qd)  # traced, in a law
-        return self.viscous_torque(rates) + self.coulomb_torque(rates)
+        given = ("qd", qd), ("load", load)  # of numbers, or traced, in a law
+        rates, by = (
+            x if x is None or np.asarray(x).dtype == object else joint_array(name, x, model) for name, x in given
+        )
+        total = self.viscous_torque(np.asarray(rates)) + self.coulomb_torque(np.asarray(rates))
+        if "offset" in self.losses:
+            total = total + np.asarray(self.offset)
+        if "load" not in self.losses:
+            return total
+        if by is None:
+            raise ValueError("friction under load needs `load`, the torques of inverse dynamics")
+        size = np.asarray(self.load) * magnitude(by)
+        with_load: Array = total + size * direction(np.asarray(rates), self.smoothing)
+        return with_load
 
 
 def creep(
@@ -233,10 +312,14 @@ def creep(
     forward, back = np.asarray(friction.coulomb, dtype=float), np.asarray(friction.coulomb_back, dtype=float)
     if friction.smoothing == 0 or not (forward.any() or back.any()) or len(q) < 2:
         return ""
-    inverse = np.linalg.inv(robot.mass_matrix(q) if rotor is None else np.diag(rotor))
+    inverse, passed = np.linalg.inv(robot.mass_matrix(q) if rotor is None else np.diag(rotor)), 0 * qd
+    if np.any(friction.load):
+        passed = robot.inverse_dynamics(q, qd, qdd) + (0.0 if springs is None else springs.torque(robot, q, qd))
+    resisting = friction.torque(robot.model, qd, passed) - np.asarray(friction.offset)
     # Friction that would keep each joint from accelerating
-    load = friction.torque(robot.model, qd) + qdd / np.diagonal(inverse, axis1=-2, axis2=-1)
-    releases = np.abs(load) >= np.where(load < 0, back, forward)
+    load = resisting + qdd / np.diagonal(inverse, axis1=-2, axis2=-1)
+    rise = np.asarray(friction.stribeck_rise) + np.asarray(friction.load) * np.abs(passed)
+    releases = np.abs(load) >= np.where(load < 0, back, forward) + rise
     sample = np.arange(len(q))[:, None]
     caught, released = (
         np.maximum.accumulate(np.where(now, sample, -1))
@@ -244,7 +327,7 @@ def creep(
     )
     held = caught > released
     moved = (np.abs(np.diff(q, axis=0)) * (held[1:] & held[:-1])).sum(axis=0)
-    weight = None if rest is None else robot.gravity_torque(rest)
+    weight = None if rest is None else robot.gravity_torque(rest) + np.asarray(friction.offset)
     if weight is not None and rest is not None and springs is not None:
         weight = weight + springs.torque(robot, rest, 0 * rest)
     if weight is not None and (np.abs(weight) < np.where(weight > 0, back, forward)).all():
@@ -268,8 +351,13 @@ def urdf_friction(model: Model) -> Friction:
 
 
 def _not_negative(name: str, value: ArrayLike) -> Array:
-    array = real_numbers(name, value, "(n,)").astype(np.float64)
+    array = _read_only(name, value)
     if (array < 0).any():
         raise ValueError(f"`{name}` must not be negative, got {array.min()}")
+    return array
+
+
+def _read_only(name: str, value: ArrayLike) -> Array:
+    array = real_numbers(name, value, "(n,)").astype(np.float64)
     array.flags.writeable = False
     return array

@@ -5,8 +5,6 @@ from __future__ import annotations
 import csv
 import io
 import json
-import zipfile
-import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import fields
 from math import isfinite
@@ -17,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from ..basics.archive import TEXTS, contents
 from ..basics.arrays import output_file
 from ..basics.spatial import Array
 from ..errors import ModelError
@@ -24,12 +23,6 @@ from ..model.model import Model
 from ..model.solids import Box, Cylinder
 from ..model.topology import refuse_couplings
 
-# What NumPy, zlib and JSON raise for other files and damaged ones.
-DAMAGED = (
-    *(ValueError, KeyError, EOFError, AttributeError, TypeError, NotImplementedError),
-    *(zipfile.BadZipFile, zlib.error),
-)
-TEXTS = "texts"  # entry of the archive: what is not an array, as JSON
 FORM = "rne motion 1"
 NOT_KEPT = ("error_estimate", "run")  # fields that may hold laws
 MOTORS = ("motor_q", "motor_qd")  # which files from before there were elastic joints do not have
@@ -119,13 +112,7 @@ def _parted(values: dict[str, Any]) -> tuple[dict[str, Array], dict[str, Any]]:
 
 def _contents(file: Path) -> tuple[dict[str, Array], dict[str, Any]]:
     """Arrays and the rest of an archive; a ValueError for any other file."""
-    data = file.read_bytes()  # NumPy leaves a damaged file open
-    try:
-        with np.load(io.BytesIO(data), allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in archive.files}
-        texts: dict[str, Any] = dict(json.loads(str(arrays.pop(TEXTS))).items())
-    except DAMAGED:
-        raise ValueError(f"{str(file)!r} is not a motion written by Trajectory.save") from None
+    arrays, texts = contents(file, "a motion written by Trajectory.save")
     if texts.pop("form", None) != FORM:
         raise ValueError(f"{str(file)!r} is of another version of this package: expected {FORM!r}")
     return arrays, texts

@@ -386,9 +386,11 @@ class Scene:
         2.0
         """
         self._refuse_elastic("inverse_dynamics", "torques of drives also depend on how accelerations change")
-        tau = self.resolved.robot.inverse_dynamics(q, qd, qdd)
-        resisting = self._resisting(q, qd)
-        return tau if resisting is None else tau + resisting
+        robot, friction = self.resolved.robot, self.resolved.friction
+        load = robot.inverse_dynamics(q, qd, qdd)
+        if self.resolved.springs is not None:
+            load = load + self.resolved.springs.torque(robot, q, qd)
+        return load if friction is None else load + friction.torque(robot.model, qd, load)
 
     def forward_dynamics(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> Array:
         """Accelerations under the drives' torques, friction and springs included.
@@ -420,18 +422,14 @@ class Scene:
         [3.0, 3.0, 3.0, 3.0, 3.0, 3.0]
         """
         self._refuse_elastic("forward_dynamics", "accelerations follow from the torsion, not from the drives' torques")
-        robot, resisting = self.resolved.robot, self._resisting(q, qd)
+        robot, friction = self.resolved.robot, self.resolved.friction
         net = joint_array("tau", tau, robot.model)
-        return robot.forward_dynamics(q, qd, net if resisting is None else net - resisting)
-
-    def _resisting(self, q: ArrayLike, qd: ArrayLike) -> Array | None:
-        """Torques that drives must supply against friction and springs; None without either."""
-        robot, friction, springs = self.resolved.robot, self.resolved.friction, self.resolved.springs
-        resisting = None if friction is None else friction.torque(robot.model, qd)
-        if springs is None:
-            return resisting
-        held = springs.torque(robot, q, qd)
-        return held if resisting is None else resisting + held
+        if friction is not None:
+            net = net - friction.torque(robot.model, qd, np.zeros(robot.n))
+            net = friction.transmitted(net, joint_array("qd", qd, robot.model)) if "load" in friction.losses else net
+        if self.resolved.springs is not None:
+            net = net - self.resolved.springs.torque(robot, q, qd)
+        return robot.forward_dynamics(q, qd, net)
 
     def _refuse_elastic(self, name: str, why: str) -> None:
         if self.elastic is not None:
@@ -518,6 +516,11 @@ def resolved_friction(friction: Friction | str | None, robot: Robot) -> Friction
         return urdf_friction(robot.model)
     if isinstance(friction, Friction):
         friction.check(robot.model)
+        if friction.sticks and friction.varying:
+            raise ValueError(
+                f"`friction` with {friction.varying} needs a `smoothing` above 0: of dry friction that sticks and "
+                "slips by events, Coulomb friction is constant"
+            )
     elif friction is not None:
         raise TypeError(f"`friction` must be an rne.Friction or 'urdf', got {type(friction).__name__}")
     return friction

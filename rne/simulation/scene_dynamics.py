@@ -100,8 +100,8 @@ class SceneDynamics:
     @cached_property
     def ledger(self) -> tuple[str, ...]:
         """Names of the energies that the scene exchanges."""
-        f, names = self.friction, ["drives"] if self.law is not None or self.inputs != "none" else []
-        names += [k for k in ("viscous", "coulomb") if np.any(getattr(f, k, 0)) or np.any(getattr(f, f"{k}_back", 0))]
+        names = ["drives"] if self.law is not None or self.inputs != "none" else []
+        names += () if self.friction is None else self.friction.losses
         names += ["springs"] if self.springs is not None and self.springs.dissipates else []
         names += ["joint_damping"] if self.motor_side is not None and any(self.motor_side.damping) else []
         return tuple(names)
@@ -203,6 +203,12 @@ class SceneDynamics:
             if self.friction is not None and name in self.ledger:
                 torques[name] = torque = getattr(self.friction, f"{name}_torque")(qd)
                 net = net - torque
+        if self.friction is not None and "offset" in self.ledger:
+            torques["offset"] = np.asarray(self.friction.offset)
+            net = net - torques["offset"]
+        if self.friction is not None and "load" in self.ledger:
+            passed = self.friction.transmitted(net, qd)
+            torques["load"], net = net - passed, passed
         return net, [*further, *self._powers(qd, torques)]
 
     def right_hand_side_core(self, model: Model, t: Array, x: Array, u: Array | None = None) -> Any:
@@ -237,8 +243,9 @@ class SceneDynamics:
         moving = np.concatenate([q, qd, x[..., 2 * n :]], axis=-1)
         drives, further = self.drives(t, moving, given if self.torque_given else None)
         viscous = self.friction.viscous_torque(qd)
-        resisting = bias_torque.core(model, q, qd) + viscous
-        torques = {"drives": drives, "viscous": viscous, "coulomb": dry}
+        offset = np.asarray(self.friction.offset)
+        resisting = bias_torque.core(model, q, qd) + viscous + offset
+        torques = {"drives": drives, "viscous": viscous, "coulomb": dry, "offset": offset}
         if self.springs is not None:
             torque, torques["springs"] = self.springs.torques(model, q, qd)
             resisting = resisting + torque

@@ -105,8 +105,9 @@ class Trajectory(InNotebooks):
     message : str
         Why this method, and how the run ended.
     dissipated : mapping of str to ndarray, shape (T,)
-        Energy dissipated since the start by "viscous" and "coulomb" friction, the damping of "springs" and the
-        "joint_damping" of elastic joints, where the scene has them [J].
+        Energy dissipated since the start by "viscous" and "coulomb" friction, friction under "load", the damping of
+        "springs" and the "joint_damping" of elastic joints, and the work against the "offset" of drives, where the
+        scene has them [J].
     controller_state : ndarray, shape (T, m)
         States of the controller, such as the integral of a PID.
     energy_start : float

@@ -7,7 +7,9 @@ Along a path q(s), with u = s'' and x = s'^2 of the motion s(t), velocities and 
 (Bobrow, Dubowsky and Gibson 1985, (8)). At each point of a grid every limit is a pair of inequalities, linear in u and
 x; the library toppra finds the largest x that keeps them all (Pham and Pham 2018). Coulomb friction belongs to c: its
 sign is that of q'(s). Viscous friction grows with sqrt(x), which is replaced by its tangent at the last solution until
-they agree.
+they agree; where it saturates, its ratio to sqrt(x) is that of the last solution too, as is the Stribeck effect.
+Friction under load makes of a torque limit one above, of (1 + load) times the torque of inverse dynamics in the
+direction of motion, and one below, of (1 - load) times.
 """
 
 from __future__ import annotations
@@ -47,6 +49,7 @@ NEWTON = 4  # steps for the time at which an averaged motion passes a grid point
 BESIDE = 1e-9  # of the duration, on either side of such a time: there a joint may turn, and its friction jump
 SMOOTHING = 0.01  # [s]: what the current controllers of drives follow
 AT_LIMIT = 0.99  # share of a limit from which it counts as used
+SLOW, STEP = 1e-30, 1e-40  # [rad/s or m/s]: friction is that of rest, in the direction of motion; `smoothing` of none
 CREEP = 1e-12  # [1/s], s' at a stop: Coulomb friction has the sign of the motion that begins or ends there
 OUT_OF_RANGE = 1e-9  # [rad or m] beyond the range of a joint: splines of points at its end round so
 MILLISECOND = 1e-3  # over which steps of torques and accelerations are told
@@ -78,15 +81,32 @@ class _Limits:
     def known(self) -> dict[str, Array]:
         return self.robot.model.coordinate_limits()
 
+    @property
+    def changes(self) -> bool:
+        """True for friction that is not proportional to the speed where it changes with it."""
+        return self.friction.saturation is not None or bool(np.any(self.friction.stribeck_rise))
+
     def springs(self, q: Array, qd: Array) -> Array:
         """Torques of drives against springs, (T, n)."""
         springs = self.scene.resolved.springs
         return np.zeros_like(q) if springs is None else springs.torque(self.robot, q, qd)
 
+    @cached_property
+    def kinds(self) -> tuple[int, ...]:
+        """Of each n rows: 0 if they are limited on both sides, 1 above, 2 below."""
+        return (1, 2, 1, 2) if np.any(self.friction.load) else (0, 1, 2)
+
     def rows(self, torque: Array, acceleration: Array) -> Array:
         """Torques, accelerations and decelerations over their limits, 0 where there is none."""
         both = (acceleration / self.known[f"{name}_limit"] for name in ("acceleration", "deceleration"))
-        return np.concatenate([torque / self.known["effort_limit"], *both], axis=-1)
+        return np.concatenate([torque / self.known["effort_limit"]] * (len(self.kinds) - 2) + [*both], axis=-1)
+
+    def under_load(self, sign: Array) -> Array:
+        """Factors of the rows of torques of inverse dynamics by friction under load, in the direction of motion."""
+        if len(self.kinds) == 3:
+            return np.ones(1)
+        lost = np.asarray(self.friction.load) * sign
+        return np.concatenate([1 + lost, 1 - lost, np.ones_like(sign), np.ones_like(sign)], axis=-1)
 
     def shares(self, q: Array, qd: Array, qdd: Array) -> dict[str, Array]:
         """Shares of the limits of torques, accelerations and velocities, shape (..., n) each."""
@@ -134,23 +154,40 @@ class _Piece:
         springs = limits.springs(q, zero)
         ends = [rows(part, by) for part, by in ((ac - c, d1), (bc - c, d2), (c + springs, zero))]
         a, b, c = (np.stack([x[:-1], x[1:]]) for x in ends)
-        nothing = np.zeros_like(inside)
-        c = c + rows(limits.friction.coulomb_torque(inside), nothing)
-        sign = np.sign(inside)
-        along = np.concatenate([np.ones_like(sign), sign, sign], axis=1)  # accelerations in the direction of motion
-        a, b = a * along, b * along
-        damping = limits.springs(q, d1) - springs
-        sides = (d1[:-1], damping[:-1]), (d1[1:], damping[1:])
-        v = [rows(limits.friction.viscous_torque(sign * np.abs(slope)) + z, nothing) for slope, z in sides]
+        nothing, sign = np.zeros_like(inside), np.sign(inside)
+        loaded = limits.under_load(sign)
+        c = c * loaded + rows(limits.friction.coulomb_torque(sign * SLOW) + np.asarray(limits.friction.offset), nothing)
+        along = [np.ones_like(sign)] * (len(limits.kinds) - 2) + [
+            sign,
+            sign,
+        ]  # accelerations in the direction of motion
+        a, b = (x * loaded * np.concatenate(along, axis=1) for x in (a, b))
+        v, _ = self.slowing(grid, np.full((2, len(inside)), SLOW**2))
         with np.errstate(divide="ignore"):
             fastest = limits.known["velocity_limit"]
             largest, within = (1 / np.max((slope / fastest) ** 2, axis=1) for slope in (d1, inside))
         beside = np.minimum(np.append(within[:1], within), np.append(within, within[-1:]))
         # Where all joints turn, x is free, but not beside it.
-        return a, b, c, np.stack(v), np.where(largest > 2 * beside, beside / 2, largest)
+        return a, b, c, v, np.where(largest > 2 * beside, beside / 2, largest)
+
+    def slowing(self, grid: Array, x: Array) -> Array:
+        """Viscous friction and damping over sqrt(x), and what Coulomb friction is more than at rest, (2, 2, N, rows).
+
+        For x at both ends of each interval.
+        """
+        limits, friction, found = self.limits, self.limits.friction, []
+        q, d1, _ = self.derivatives(grid)
+        damping = limits.springs(q, d1) - limits.springs(q, np.zeros_like(q))
+        sign = np.sign(self.derivatives((grid[1:] + grid[:-1]) / 2)[1])
+        for root, slope, z in zip(np.sqrt(x)[..., None], (d1[:-1], d1[1:]), (damping[:-1], damping[1:]), strict=True):
+            qd = sign * np.abs(slope) * root
+            falls = friction.coulomb_torque(qd) - friction.coulomb_torque(sign * SLOW) if limits.changes else 0 * qd
+            viscous, fallen, damped = (limits.rows(y, 0 * qd) for y in (friction.viscous_torque(qd) / root, falls, z))
+            found.append([viscous + damped * limits.under_load(sign), fallen])
+        return np.stack(found, axis=1)
 
 
-def _largest_x(grid: Array, a: Array, b: Array, c: Array, largest: Array) -> Array | None:
+def _largest_x(grid: Array, a: Array, b: Array, c: Array, largest: Array, kinds: Sequence[int]) -> Array | None:
     """Values of x at the grid points of the fastest motion from rest to rest; None if there is none."""
     with np.errstate(divide="ignore"):
         by_each = 1 / np.minimum(largest[1:], largest[:-1]), np.abs(a).max((0, 2)) * 4, np.abs(b).max((0, 2)) * 4
@@ -159,13 +196,15 @@ def _largest_x(grid: Array, a: Array, b: Array, c: Array, largest: Array) -> Arr
     # toppra has absolute tolerances and may fail on one scale: x of order 100, in one unit or one for each interval.
     tried = [(usual**0.5 / 10**k, np.full(len(own), 10.0 ** (2 * k) / usual)) for k in (1, 2, 0) if usual > 0]
     for way, unit in (*tried, *((WAY, 10.0**k / own) for k in (2, 4, 0))):
-        x = _two_passes(grid * way, a * (unit * way)[:, None], b * unit[:, None], c, largest, unit)
+        x = _two_passes(grid * way, a * (unit * way)[:, None], b * unit[:, None], c, largest, unit, kinds)
         if x is not None:
             return x
     return None
 
 
-def _two_passes(grid: Array, a: Array, b: Array, c: Array, largest: Array, unit: Array) -> Array | None:
+def _two_passes(
+    grid: Array, a: Array, b: Array, c: Array, largest: Array, unit: Array, kinds: Sequence[int]
+) -> Array | None:
     """Values of x by the two passes of Pham and Pham 2018, Algorithm 1; toppra solves their linear programs.
 
     Inequalities hold at both ends of each interval, along which u is constant: |a u + b x + c| <= 1, with u and x in a
@@ -177,9 +216,9 @@ def _two_passes(grid: Array, a: Array, b: Array, c: Array, largest: Array, unit:
     except ModuleNotFoundError:
         raise ImportError("`fastest` needs toppra, which is not installed: pip install 'rne[fastest]'") from None
 
-    limited, kind = np.any([a, b, c], axis=(0, 1, 2)), np.arange(a.shape[-1]) * 3 // a.shape[-1]
+    limited, kind = np.any([a, b, c], axis=(0, 1, 2)), np.repeat(kinds, a.shape[-1] // len(kinds))
     a, b, c, kind = (x[..., limited] for x in (a, b, c, kind))
-    ones = np.eye(2 * len(kind))  # torques have limits on both sides, accelerations above, decelerations below
+    ones = np.eye(2 * len(kind))
     sides = np.vstack([ones[np.tile(kind != 2, 2)], -ones[np.tile(kind != 1, 2)]])
     h2 = 2 * np.diff(grid)
 
@@ -288,30 +327,39 @@ def _solve(piece: _Piece, grid: Array, guess: Array | None, allowed: Array | Non
     Only a part of the limits may be `allowed` at each grid point, shape (2, N + 1): of rows and of velocities.
     """
     a, b, c, v, largest = piece.coefficients(grid)
+    least = np.ones(c.shape[:2])
     if allowed is not None:
-        least = np.maximum(np.stack([allowed[0, :-1], allowed[0, 1:]]), 1.05 * np.abs(c).max(-1, initial=0))
-        a, b, c, v = (part / np.minimum(least, 1)[..., None] for part in (a, b, c, v))
+        most = np.maximum(np.stack([allowed[0, :-1], allowed[0, 1:]]), 1.05 * np.abs(c).max(-1, initial=0))
+        least = np.minimum(most, 1)
+        a, b, c, v = (part / least[..., None] for part in (a, b, c, v))
         largest = largest * allowed[1] ** 2
-    if not v.any():
-        return _largest_x(grid, a, b, c, largest)
+    kinds, changes = piece.limits.kinds, piece.limits.changes
+    if not v.any() and not changes:
+        return _largest_x(grid, a, b, c, largest, kinds)
     strongest, sign = np.abs(v).max(-1), np.sign(v)
-    floor = np.where(strongest > 0, (TANGENT / np.where(strongest > 0, strongest, 1)) ** 2, 1.0)
+    floor = np.where(
+        strongest > 0, (TANGENT / np.where(strongest > 0, strongest, 1)) ** 2, SLOWEST**2 if changes else 1
+    )
     with np.errstate(divide="ignore", invalid="ignore"):  # no faster than friction allows at a constant speed
         steady = np.nanmin(np.where(sign * c < 1, np.where(v == 0, np.inf, ((1 - sign * c) / v) ** 2), np.inf), axis=-1)
-    x = _largest_x(grid, a, b, c, largest) if guess is None else guess
+    x = _largest_x(grid, a, b, c, largest, kinds) if guess is None else guess
     at = steady if x is None else np.stack([x[:-1], x[1:]])
     x, known, scale, last, weight = guess, guess is not None, 1.0, np.inf, 1.0
     for _ in range(PASSES):
         tried = at if known else np.minimum(at, steady)
         near = np.maximum(np.where(np.isfinite(tried), scale * tried, floor), floor)[..., None]
-        found = _largest_x(grid, a, b + v / (2 * np.sqrt(near)), c + v * np.sqrt(near) / 2, largest)
+        v, fallen = piece.slowing(grid, near[..., 0]) / least[..., None] if changes else (v, 0.0)
+        found = _largest_x(grid, a, b + v / (2 * np.sqrt(near)), c + v * np.sqrt(near) / 2 + fallen, largest, kinds)
         if found is None:  # a tangent at a lower speed adds less to what a joint needs at rest
             known, scale = False, scale if known else scale / 4
             if scale < SLOWEST:
                 return None
             continue
         new = np.stack([found[:-1], found[1:]])
-        gap = np.abs(v * ((near + new[..., None]) / (2 * np.sqrt(near)) - np.sqrt(new[..., None]))).max()
+        then, low = piece.slowing(grid, np.maximum(new, floor)) / least[..., None] if changes else (v, 0.0)
+        gap = np.abs(
+            v * (near + new[..., None]) / (2 * np.sqrt(near)) - then * np.sqrt(new[..., None]) + fallen - low
+        ).max()
         weight = weight if gap < last / 1.2 else max(weight / 2, 1 / 16)
         at = np.exp((1 - weight) * np.log(near[..., 0]) + weight * np.log(np.maximum(new, floor)))
         x, known, scale, last = found, True, 1.0, gap
@@ -625,8 +673,8 @@ def fastest(
     0.341
     """
     scene = Scene(robot_argument(robot), friction=friction, payload=payload, springs=springs)
-    if scene.resolved.friction is not None:
-        scene = replace(scene, friction=replace(scene.resolved.friction, smoothing=0.0))
+    if (resisting := scene.resolved.friction) is not None:
+        scene = replace(scene, friction=replace(resisting, smoothing=STEP if resisting.varying else 0.0))
     given = path if isinstance(path, Path) else through(path)
     limits = _checked_limits(scene, given)
     pieces = [_Piece(limits, given, k) for k in range(len(given.pieces))]

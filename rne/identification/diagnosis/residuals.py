@@ -233,15 +233,16 @@ class FitResiduals(Discrepancy):
 
     def moved(self, J: Array, tau: Array) -> Array:
         """Orthonormal columns of a fit to torques where the joints are J q, with friction that is known so too."""
-        bodies, motion = self.standard.groups["bodies"].stop, [x @ J.T for x in self.motion]
-        Y, drives = self.robot.regressor(*motion), self.standard.drive_columns(*motion[1:])
-        drives = np.concatenate([drives, self.standard.spring_columns(motion[0])], axis=-1)
+        bodies, (q, qd, qdd) = self.standard.groups["bodies"].stop, (x @ J.T for x in self.motion)
+        Y = self.robot.regressor(q, qd, qdd)
+        drives = self.standard.drive_columns(qd, qdd, self.standard.load(Y, q, qdd, self.x))
+        drives = np.concatenate([drives, self.standard.spring_columns(q)], axis=-1)
         A = self.weighted(Y @ self.base.back[:bodies] + drives @ self.base.back[bodies:])
         Q = np.linalg.qr(A)[0]
         if self.known is None:
             return Q
         beta = np.linalg.lstsq(A, self.weighted(tau), rcond=thresholds.INDEPENDENT)[0]
-        curves = self.friction_curves(Y @ (self.base.back[:bodies] @ beta), motion[1])
+        curves = self.friction_curves(Y @ (self.base.back[:bodies] @ beta), qd)
         return extended(Q, self.weighted(by_joint(curves)))
 
     def covariance_of(self, columns: Array) -> Array:
@@ -261,8 +262,9 @@ class FitResiduals(Discrepancy):
         """Torques per second by which they are measured later than positions, shape (rows, n, 1)."""
         parts = []
         for record in self.records:
-            values = self.load(record.q, record.qd, record.qdd)
-            values = values + self.standard.drive_torques(record.qd, record.qdd, self.x[len(self.bodies) :])
+            bodies = self.load(record.q, record.qd, record.qdd)
+            full = bodies + self.x[self.standard.groups["Ia"]] * record.qdd if "Ia" in self.standard.terms else bodies
+            values = bodies + self.standard.drive_torques(record.qd, record.qdd, self.x[len(self.bodies) :], full)
             slopes = [np.gradient(values[part], record.t[part], axis=0) for part in record.segments]
             parts.append(record.reduce(np.concatenate(slopes)))
         return -np.concatenate(parts)[..., None]

@@ -17,7 +17,7 @@ import numpy as np
 from ...basics.spatial import Array
 from ...basics.text import InNotebooks, Row, aligned, listed, short, wrapped
 from ...dynamics.base_inertial_parameters import BaseParameters
-from ...dynamics.regressors import kinetic_energy_regressor, potential_energy_regressor
+from ...dynamics.regressors import kinetic_energy_regressor, potential_energy_regressor, regressor
 from ...model.parameters import PARAMETERS
 from ...model.standard_parameters import StandardParameters
 from .. import thresholds
@@ -223,7 +223,8 @@ def energy_balance(standard: StandardParameters, data: RegressionData, x: Array)
             q, qd, qdd, tau = (y[part] for y in (record.q, record.qd, record.qdd, record.tau))
             ends = np.unique(np.linspace(0, len(q) - 1, thresholds.ENERGY_PIECES + 1).astype(int))
             stored = kinetic_energy_regressor(model, q[ends], qd[ends]) + potential_energy_regressor(model, q[ends])
-            drives = standard.drive_torques(qd, qdd, x[bodies:]) + standard.spring_torques(q, x)
+            load = standard.load(regressor(model, q, qd, qdd), q, qdd, x) if "Fl" in standard.terms else None
+            drives = standard.drive_torques(qd, qdd, x[bodies:], load) + standard.spring_torques(q, x)
             powers = np.stack([((tau - drives) * qd).sum(-1), np.abs(tau * qd).sum(-1)], axis=1)
             work = cumulative_trapezoid(powers, dx=1 / record.sample_rate, axis=0, initial=0)[ends]
             work[:, 0] -= stored @ x[:bodies]

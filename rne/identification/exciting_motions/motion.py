@@ -46,8 +46,12 @@ class BaseRegressor(NamedTuple):
         """The regressor of a robot's base parameters."""
         drives = base.standard.drives
         rows = tuple(map(tuple, base.standard.motors.tolist())) or None
-        velocities = None if drives.stribeck is None else tuple(np.asarray(drives.stribeck, float).tolist())
-        return cls(base.independent, (drives.rotor, drives.friction, drives.offset, rows, drives.smoothing, velocities))
+        given = drives.friction
+        friction = tuple(given.items()) if isinstance(given, Mapping) else given
+        velocities = (
+            None if x is None else tuple(np.asarray(x, float).tolist()) for x in (drives.stribeck, drives.saturation)
+        )
+        return cls(base.independent, (drives.rotor, friction, drives.offset, rows, drives.smoothing, *velocities))
 
     @property
     def quantity(self) -> Quantity:
@@ -64,7 +68,9 @@ class BaseRegressor(NamedTuple):
         return self._kept(model, Y, *args[1:]), verdict
 
     def _kept(self, model: Model, bodies: Array, qd: Array, qdd: Array) -> Array:
-        drives = StandardParameters(model, DriveModel(*self.drives)).drive_columns(qd, qdd)
+        rotor, friction, *others = self.drives
+        given = DriveModel(rotor, dict(friction) if isinstance(friction, tuple) else friction, *others)
+        drives = StandardParameters(model, given).drive_columns(qd, qdd)
         columns: Array = np.concatenate([bodies, drives], axis=-1)[..., list(self.columns)]
         return columns
 
@@ -542,10 +548,17 @@ def excitation(
 def _drives(robot: Robot, given: DriveModel | None, moving: list[int], velocity_limit: Array) -> DriveModel:
     """The drives of the joints that move, with smooth Coulomb friction."""
     drives = drive_argument(given)
-    motors = StandardParameters(robot.model, drives).motors[:, moving]
-    velocities = None if drives.stribeck is None else np.asarray(drives.stribeck)[moving]
+    standard = StandardParameters(robot.model, drives)
+    if "Fl" in standard.terms:
+        raise ValueError('`drives`: friction under "load" depends on what is to be found; leave it out here')
+    friction, names = drives.friction, [robot.joint_names[k] for k in moving]
+    if isinstance(friction, Mapping):
+        friction = {name: words for name, words in friction.items() if name in names}
+    velocities = [None if x is None else np.asarray(x)[moving] for x in (drives.stribeck, drives.saturation)]
+    motors, (stribeck, saturation) = standard.motors[:, moving], velocities
     slow = thresholds.SMOOTHING_SPEED * float(velocity_limit.min()) if drives.smoothing is None else drives.smoothing
-    return replace(drives, coupled_motors=motors[motors.any(1)], stribeck=velocities, smoothing=slow)
+    drives = replace(drives, coupled_motors=motors[motors.any(1)], friction=friction, smoothing=slow)
+    return replace(drives, stribeck=stribeck, saturation=saturation)
 
 
 def _excited(search: MotionSearch, x: Array) -> Array:

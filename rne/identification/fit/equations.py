@@ -228,15 +228,20 @@ def build_regression(
     cutoff: float | Sequence[float] | None,
     folds: int,
     delays: Array | float = 0.0,
+    loaded: Array | None = None,
 ) -> RegressionData:
-    """The equations of the records; arguments as of `rne.identify`, `cutoff` also of each record."""
+    """The equations of the records; arguments as of `rne.identify`, `cutoff` also of each record.
+
+    Friction under load is that of the loads with standard parameters `loaded`, by default those of the model.
+    """
     given, standard = checked_records(robot, records), base.standard
+    loaded = standard.values if loaded is None else loaded
     whole_number("folds", folds, least=2)
     late = np.broadcast_to(delays, (len(given), robot.n))
     cutoffs = cutoff if isinstance(cutoff, Sequence) else [cutoff] * len(given)
     prepared = tuple(delayed(r.prepare(c), d) for r, c, d in zip(given, cutoffs, late, strict=True))
     still, slowest = minimum_velocities(standard, given, prepared, minimum_velocity)
-    of_records = [rows_of(robot, standard, record, slowest, still) for record in prepared]
+    of_records = [rows_of(robot, standard, record, slowest, still, loaded) for record in prepared]
     if still.all() and len(still):
         raise ValueError("`records` show no joint that moves: one pose says nothing of inertias and friction")
     Y, tau, valid, used, sure = (np.concatenate(arrays) for arrays in zip(*of_records, strict=True))
@@ -265,15 +270,16 @@ def blocks_of_time(records: Sequence[Prepared], of_each: int) -> tuple[slice, ..
 
 
 def rows_of(
-    robot: Robot, standard: StandardParameters, record: Prepared, minimum_velocity: Array, still: Array
+    robot: Robot, standard: StandardParameters, record: Prepared, minimum_velocity: Array, still: Array, loaded: Array
 ) -> tuple[Array, ...]:
     """Y, tau, valid, used and sure of a record: slow joints are not used, those that are `still` do not move at all."""
     qd, qdd = record.qd * ~still, record.qdd * ~still
     bodies, first = robot.regressor(record.q, qd, qdd), standard.groups["bodies"].stop
+    load = standard.load(bodies, record.q, qdd, loaded)
     Y = np.zeros((len(record.times), robot.n, standard.count))
     for j in range(robot.n):  # one by one, to need less memory; most bodies and drives are not felt by a joint
         felt = np.flatnonzero(bodies[:, j].any(axis=0))
-        places, drives = standard.drive_columns_of(j, qd, qdd)
+        places, drives = standard.drive_columns_of(j, qd, qdd, load)
         columns = np.concatenate([bodies[:, j, felt], drives], axis=1)
         Y[:, j, np.append(felt, first + places)] = record.reduce(columns)
     if standard.springs is not None:

@@ -109,6 +109,7 @@ class Estimator(NamedTuple):
     base: BaseParameters
     prior: Array | None  # pseudo-inertias, shape (nb, 4, 4); None for least squares alone
     weight: float  # of the divergence from the prior
+    others: Array | None = None  # standard parameters beside E beta, by default those of the model
 
     def fit(self, equations: Equations) -> tuple[LeastSquares, Array]:
         """Base parameters, and standard parameters: consistent ones, or the nearest to the model's."""
@@ -116,7 +117,8 @@ class Estimator(NamedTuple):
         if self.prior is not None:
             return estimate, self._consistent(equations, estimate.sigma, self.prior)
         model = self.base.standard.values
-        return estimate, model + self.base.back @ (estimate.values - self.base.matrix @ model)
+        others = model - self.base.back @ (self.base.matrix @ model) if self.others is None else self.others
+        return estimate, others + self.base.back @ estimate.values
 
     def _consistent(self, equations: Equations, sigma: Array, prior: Array) -> Array:
         """The physically consistent standard parameters."""

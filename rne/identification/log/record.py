@@ -215,9 +215,9 @@ class Record:
     ) -> Self:
         """Measurements in a log as a robot writes it.
 
-        Read are text with or without names of the columns, ROS messages of joint states (`rostopic echo -p`, `ros2
-        topic echo --csv`, MCAP files and folders of them), .mat files up to version 7, .npz files, and LeRobot data
-        sets. What the log does not say is given, or guessed, which `source` and `findings` tell.
+        Read are text with or without names of the columns, ROS messages of joint states (`rostopic echo -p`,
+        `ros2 topic echo --csv`, MCAP files and folders of them), .mat files up to version 7, .npz files, and LeRobot
+        data sets. What the log does not say is given, or guessed, which `source` and `findings` tell.
 
         Parameters
         ----------

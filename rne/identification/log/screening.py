@@ -608,7 +608,7 @@ def _put_on_grid(
             parts.append((centred, values[part], usable[part]))
             continue
         resampled = f"resampled by a cubic spline through the stamps, every {1e3 * period:.4g} ms"
-        found.notes = (*found.notes[:1], resampled)
+        found.notes = tuple(dict.fromkeys((*found.notes, resampled)))
         grid = (grid + stamps[0])[grid <= stamps[-1] - stamps[0] + regular]
         after = np.clip(np.searchsorted(stamps, grid), 1, len(part) - 1)
         on_grid = CubicSpline(stamps[apart], values[part[apart]], axis=0)(grid)
