@@ -435,6 +435,21 @@ def test_zeros_cost_nothing():
     assert {name: sum(given.values()) for name, given in operations.items()} == counts
 
 
+def test_what_kernels_check():
+    """An engine may hold further numbers behind the outputs, which are no results."""
+
+    class Counts:
+        finite = staticmethod(len)
+
+    for model, further in ((rne.irb140(), []), (linkage("press")[0], [3 + 2])):
+        trace = rne.compile(rne.dynamics.inverse_dynamics, model).traced
+        checked = trace.sound_results(range(1000), np.float64, Counts())
+        assert checked == [
+            model.n,
+            *further,
+        ]  # position and derivatives of the rod; no torque needs the slider's position
+
+
 @pytest.mark.parametrize("name", ["bar", "wrist"])
 def test_rates_of_jacobians_and_references(name):
     model, *_ = linkage(name)

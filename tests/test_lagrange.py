@@ -43,7 +43,12 @@ def joints_only(model):
     """The same robot with every mimic a joint of its own."""
     every = tuple(range(model.nb))
     return replace(
-        model, coordinate=every, independent_joints=every, multiplier=np.ones(model.nb), offset=np.zeros(model.nb)
+        model,
+        coordinate=every,
+        independent_joints=every,
+        multiplier=np.ones(model.nb),
+        offset=np.zeros(model.nb),
+        couplings=(),
     )
 
 

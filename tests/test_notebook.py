@@ -133,7 +133,7 @@ def test_the_repr_of_a_law_shows_few_numbers_and_counts_many():
     law = rne.control.pd(robot, np.arange(30) + 1.0, np.full(30, 20.0), np.zeros(30))
     assert " ".join(repr(law).split()) == (
         "PD(robot=Robot 'chain30', kp=<30 numbers, 1 to 30>, kd=<30 numbers, all 20>, reference=<30 numbers, all 0>, "
-        "gravity=False)"
+        "gravity=0)"
     )
     assert repr(rne.trajectories.quintic([0.0], [1.5], 2.0)) == "Quintic(start=[0], end=[1.5], duration=2)"
     assert repr(rne.Friction(viscous=2.0, coulomb=[1.0, 2.0])) == "Friction(viscous=2, coulomb=[1, 2])"

@@ -54,6 +54,7 @@ BY_MOMENTS = [
     name
     for name in rne.dynamics.__all__
     if getattr(getattr(getattr(rne.dynamics, name), "quantity", None), "moments", False)
+    and not name.startswith("task_")  # they need a link
 ]
 
 

@@ -92,6 +92,6 @@ class Trace:
         if n:
             pivots, diagonal = outputs[first : first + n], outputs[first + n : first + 2 * n]
             conditions.append(write.above(pivots, pivot_bound(NEARLY_SINGULAR, n, dtype), diagonal))
-        if len(further := outputs[first + 2 * n :]):
-            conditions.append(write.finite(further))
+        if (last := len(self.program.outputs)) > first + 2 * n:
+            conditions.append(write.finite(outputs[first + 2 * n : last]))
         return conditions
