@@ -295,6 +295,9 @@ def test_essential_parameters_predict_as_well(found):
     np.testing.assert_allclose(found.base.matrix[dropped] @ few.parameters, 0, atol=1e-9 * np.abs(few.parameters).max())
     np.testing.assert_allclose(few.values, few.estimate.values, rtol=1e-9, atol=1e-9)
     assert (few.unexplained.in_motion < found.unexplained.in_motion + 0.005).all()
+    heavy = replace(found.standard, model=replace(found.standard.model, mass=3 * found.standard.model.mass))
+    of_heavy = replace(found, standard=heavy, base=replace(found.base, standard=heavy)).essential(0.2)
+    np.testing.assert_allclose(of_heavy.unexplained, few.unexplained, rtol=1e-6)  # the robot given has no say
     assert found.essential(1e9).base.names == found.base.names
     line = f"{found.essential().base.count} of {found.base.count} base parameters are essential: with these alone"
     assert line in found.report()

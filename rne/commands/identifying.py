@@ -84,7 +84,7 @@ def run_identify(arguments: argparse.Namespace) -> int:
     except (ValueError, ImportError) as error:
         raise CommandError(re.sub("`(cutoff|gains|joints|columns|topic)`", r"--\1", in_one_line(error))) from None
     try:
-        urdf = rne.to_urdf(found.robot.model)
+        urdf = found.to_urdf()
     except rne.IdentificationError as error:
         fail(in_one_line(error))
         return 1
