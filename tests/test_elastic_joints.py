@@ -468,3 +468,12 @@ def test_numbers_by_name_and_rotors_of_the_robot(arm):
     elastic = rne.ElasticJoints(stiffness, rotor=1.0)
     stiffness[:] = -1  # the array is the caller's
     assert rne.Scene(arm, elastic=elastic).resolved.motor_side.stiffness == (1e3, 1e3)
+
+
+def test_laws_of_n_numbers_cannot_read_links_and_motors():
+    robot = rne.load("irb140").with_armature(1.0)
+    law = rne.control.pd_gravity(robot, 50, 20, 0)
+    with pytest.raises(
+        ValueError, match=r"^`controller` reads 6 numbers: `reads` of `elastic` must be 'motor' or 'link'$"
+    ):
+        rne.Scene(robot, elastic=rne.ElasticJoints(1e4, reads="both"), controller=law)

@@ -37,6 +37,11 @@ class LawInputs(NamedTuple):
     coordinates: int
 
 
+def is_ours(law: Any) -> bool:
+    """True for the laws of rne.control."""
+    return type(law).__module__.startswith("rne.control.")
+
+
 def call_law(law: Any, t: Any, x: Array, given: LawInputs) -> tuple[Any, Any]:
     """The torques that a law returns in a state (q, qd, z), and the rates of its states; None without states."""
     first, last, n = given

@@ -17,7 +17,7 @@ from ..basics.arrays import UNBOUNDED, per_joint_array, positive_number, vector
 from ..basics.spatial import Array
 from ..basics.text import listed, summary
 from ..control.gains import LinearisedLoop
-from ..control.traced_law import TracedLaw, check_law
+from ..control.traced_law import TracedLaw, check_law, is_ours
 from ..kernels.kernel import Kernel
 from ..model.model import joint_array
 from ..model.modify import LimitValues, limit_array
@@ -191,6 +191,8 @@ class Scene:
         if meant_for.joint_names != self.resolved.robot.joint_names:
             names = (listed(robot.joint_names) for robot in (meant_for, self.resolved.robot))
             raise ValueError("`controller` is for a robot with the joints {}; the scene has {}".format(*names))
+        if self.elastic is not None and self.elastic.reads == "both" and is_ours(self.controller):
+            raise ValueError(f"`controller` reads {self.n} numbers: `reads` of `elastic` must be 'motor' or 'link'")
 
     @cached_property
     def resolved(self) -> ResolvedScene:
