@@ -314,7 +314,7 @@ def test_ranges_are_cut_to_where_the_loop_closes(caplog):
     angles = np.arccos((0.8**2 + 0.6**2 - reach**2) / (2 * 0.8 * 0.6))  # of the rocker, from the line between the axes
     assert by_rocker.upper[k] == pytest.approx(angles[0] - np.pi / 2, abs=1e-9)
     assert by_rocker.lower[k] == pytest.approx(angles[1] - np.pi / 2, abs=1e-9)
-    ends = "range cut from -3 ... 3 to -0.916448 ... 0.443232, beyond which crank, coupler cannot follow"
+    ends = "range cut from -3 ... 3 to -0.916448 ... 0.443232, beyond which crank, coupler cannot follow within the joints' ranges"
     assert caplog.messages == [f"joint 'rocker': {ends}"]
     assert by_rocker.notes["rocker"] == ends
     beyond = [by_rocker.upper[k] + 0.01, 0.0]

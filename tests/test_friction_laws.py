@@ -418,3 +418,20 @@ def test_drives_of_elastic_joints_have_them_too(friction):
     run = rne.simulate(scene, np.zeros(n), [0.1, 0.2, 0.3], 0.1)
     assert "offset" in run.dissipated
     assert run.energy_drift < 1e-5
+
+
+@pytest.mark.parametrize("smoothing", [0.001, 0.01])
+def test_the_smoothing_of_a_step_is_the_one_that_predicts_best(smoothing):
+    robot, t = first_joints(2), np.arange(0, 20, 0.01)
+    w = 2 * np.pi * np.array([0.1, 0.17])
+    q, qd, qdd = (f * np.outer(np.ones(len(t)), a) for f, a in zip(waves(t, w), ([0.1, 0.1],) * 3, strict=True))
+    noise = 0.5 * np.random.default_rng(0).normal(size=q.shape)
+    tau = robot.inverse_dynamics(q, qd, qdd) + 20 * np.tanh(qd / smoothing) + noise
+    found = rne.identify(robot, rne.identification.Record(t, q, tau), causes=False)
+    assert found.friction.smoothing == smoothing
+    assert found.scene().friction.smoothing == smoothing
+
+
+def waves(t, w):
+    """Positions, velocities and accelerations of sines."""
+    return np.sin(np.outer(t, w)), w * np.cos(np.outer(t, w)), -(w**2) * np.sin(np.outer(t, w))

@@ -306,7 +306,7 @@ class TestImpedance:
         coupled = np.eye(6)
         coupled[0, 3] = coupled[3, 0] = 0.1
         for options, text in (
-            ({"stiffness": [1] * 5}, r"`stiffness` must have shape \(6,\)"),
+            ({"stiffness": [1] * 5}, r"`stiffness` must have shape \(6,\) or \(6, 6\), rotations first, got \(5,\)"),
             ({"stiffness": [-1] * 6}, "`stiffness` must be six numbers that are not negative"),
             ({"stiffness": coupled}, "`stiffness` must have two blocks"),
             ({"pose": bad}, "`pose` must be a homogeneous matrix"),

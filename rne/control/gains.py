@@ -133,7 +133,7 @@ class LinearisedLoop:
         rest = "" if self.is_rest else "\nthe target is no equilibrium: the motion leaves it"
         return (
             f"linearised at the target, which holds near it only: {'' if self.stable else 'NOT '}stable"
-            f"{held}\nslowest pole {self.poles.real.max():.6g} 1/s, fastest {self.poles.real.min():.6g} 1/s; "
+            f"{held}\npoles without sampling from {self.poles.real.max():.6g} to {self.poles.real.min():.6g} 1/s; "
             f"smallest unstable sample time {self.sample_time_limit:.4g} s{rest}"
         )
 

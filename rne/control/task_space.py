@@ -155,6 +155,8 @@ def pose_argument(pose: Any) -> Any:
 def task_matrix(name: str, value: ArrayLike, *, blocks: bool) -> Array:
     """A symmetric matrix (6, 6) without negative eigenvalues from six numbers or a matrix, perhaps of two blocks."""
     given = np.asarray(value)
+    if given.shape not in ((6,), (6, 6)):
+        raise ValueError(f"`{name}` must have shape (6,) or (6, 6), rotations first, got {given.shape}")
     X = np.diag(real_array(name, given, "(6,)")) if given.ndim == 1 else real_array(name, given, "(6, 6)")
     X = X.astype(float)
     values = np.linalg.eigvalsh(symmetric(X))

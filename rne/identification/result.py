@@ -25,7 +25,7 @@ from ..model.solids import Box, Cylinder
 from ..model.standard_parameters import DriveModel, StandardParameters
 from ..plotting.plots import HIDDEN, figure_of, legend_beside, literal, panels, plot_columns, style_axes
 from ..robot import Robot
-from ..simulation.friction import SMOOTHING, Friction
+from ..simulation.friction import Friction
 from ..simulation.scene import Scene
 from ..simulation.springs import JointSpring, Spring, Springs
 from ..urdf.write import to_urdf
@@ -229,7 +229,8 @@ class Identification(InNotebooks):
     def friction(self) -> Friction:
         """Friction and offsets of the drives, for a Scene; zero where they were not asked for.
 
-        Its `smoothing` is that of the fit, or the default of Friction where the fit had a step, sign(qd).
+        Its `smoothing` is that of the fit; where the fit had a step, sign(qd), the one of 0.001, 0.003 and 0.01
+        with which the measured torques are predicted best.
         """
         self._check_consistent()
         viscous, asked, drives = self._of_drives("Fv"), self.standard.asked, self.standard.drives
@@ -495,9 +496,25 @@ class Identification(InNotebooks):
 
     @cached_property
     def _law(self) -> StandardParameters:
-        """The drives as they are simulated: the direction of friction is smoothed where it was a step in the fit."""
-        smoothing = self.standard.smoothing or SMOOTHING
-        return replace(self.standard, drives=replace(self.standard.drives, smoothing=smoothing))
+        """The drives as they are simulated: friction that was a step in the fit is smoothed as the logs have it."""
+        if self.standard.smoothing:
+            return self.standard
+        laws = [
+            replace(self.standard, drives=replace(self.standard.drives, smoothing=s)) for s in thresholds.SMOOTHINGS
+        ]
+        if "Fc" not in self.standard.terms:
+            return laws[-1]
+        bodies, left = PARAMETERS * self.initial.model.nb, np.zeros(len(laws))
+        for record in self.data.prepared:
+            some = slice(None, None, 1 + len(record.t) // thresholds.SAMPLES)
+            q, qd, qdd, tau = (x[some] for x in (record.q, record.qd, record.qdd, record.tau))
+            Y = self.initial.regressor(q, qd, qdd)
+            rest = tau - Y @ self.parameters[:bodies] - self.standard.spring_torques(q, self.parameters)
+            for k, law in enumerate(laws):
+                load = law.load(Y, q, qdd, self.parameters)
+                off = rest - law.drive_torques(qd, qdd, self.parameters[bodies:], load)
+                left[k] += ((off / self.estimate.sigma) ** 2).sum()
+        return laws[int(left.argmin())]
 
     def check(self, record: Record) -> Check:
         """The torques predicted for another measured motion beside the measured ones.

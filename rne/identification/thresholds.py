@@ -146,6 +146,8 @@ TORQUE_MARGIN = 0.01  # of the limits, which the optimiser leaves for torques be
 OBSERVED = (
     20  # samples per period of the highest harmonic that the criterion takes; EXCITATIONS: within 2 % of 1000 times
 )
+SMOOTHINGS = (0.001, 0.003, 0.01)  # of Coulomb friction [rad/s or m/s]: drives differ by a decade
+SAMPLES = 2000  # of a record, by which one of them is chosen
 SMOOTHING_SPEED = 0.05  # of the smallest velocity limit: where Coulomb friction changes its sign
 EXCITED = 1e8  # condition number, columns of unit norm, of a motion that leaves parameters unexcited; numerics
 GRAM = 1e3  # condition number up to which W^T W leaves nine digits; numerics

@@ -220,7 +220,7 @@ def _with_range_cut(model: Model, driver: str) -> Model:
         return model
     limits = {name: getattr(model, name).copy() for name in ("lower", "upper")}
     was, now = (f"{low:.6g} ... {high:.6g}" for low, high in ((limits["lower"][k], limits["upper"][k]), ends))
-    text = f"range cut from {was} to {now}, beyond which {listed([*by])} cannot follow"
+    text = f"range cut from {was} to {now}, beyond which {listed([*by])} cannot follow within the joints' ranges"
     LOGGER.warning("joint %r: %s", driver, text)
     limits["lower"][k], limits["upper"][k] = ends
     kinds = tuple("revolute" if i == k and kind == "continuous" else kind for i, kind in enumerate(model.joint_types))

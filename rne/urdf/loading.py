@@ -11,6 +11,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, TextIO
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import real_array
@@ -272,7 +273,7 @@ def check(
     root = found if isinstance(found, Model) else described(found, report, arguments, packages)[0]
     if isinstance(root, Model):  # what is examined is the URDF that it becomes
         report.has_lines = isinstance(found, Model)
-        root = validated(to_urdf(root).encode(), report)
+        root = validated(to_urdf(replace(root, armature=np.zeros(root.nb))).encode(), report)
     if root is not None:
         check_elements(root, report)
     if root is not None and not report.errors:
