@@ -107,6 +107,12 @@ def test_null_space_torques_do_not_accelerate_the_point():
 
 
 class TestSingularPoses:
+    @pytest.mark.parametrize("given", [{}, {"damping": 0.1}])
+    def test_a_robot_without_joints_moves_in_no_direction(self, given):
+        robot = loaded("irb140").locked(dict.fromkeys(loaded("irb140").joint_names, 0.0))
+        with pytest.raises(rne.SingularMassMatrixError, match="no torques accelerate a rotation about x, "):
+            robot.task_inertia([], "tool0", **given)
+
     def test_the_lost_directions_are_named(self):
         robot = loaded("irb140")
         text = (
@@ -419,3 +425,32 @@ class TestLinearisedLoops:
         for ki, stable in ((5.0, True), (1e5, False)):
             law = rne.control.pid(robot, 50, ki, 20, self.Q, gravity=True)
             assert rne.Scene(robot, controller=law).check_gains(self.Q).stable is stable
+
+    @pytest.mark.parametrize("ki", [5.0, 20.0])
+    def test_laws_with_states_diverge_where_it_says_so(self, ki):
+        robot = loaded("irb140")
+        law = rne.control.pid(robot, 50, ki, 20, self.Q, gravity=True)
+        limit = rne.Scene(robot, controller=law).check_gains(self.Q).sample_time_limit
+        for factor, stable in ((0.97, True), (1.03, False)):
+            scene = rne.Scene(robot, controller=law, sample_time=factor * limit)
+            assert scene.check_gains(self.Q).stable is stable
+            motion = rne.simulate(scene, self.Q + 1e-4, np.zeros(6), 400 * scene.sample_time)
+            assert bool(abs(motion.q[-1] - self.Q).max() < 1.5e-4) is stable
+
+    @pytest.mark.parametrize(
+        ("parts", "is_rest"),
+        [
+            ({}, True),
+            ({"friction": rne.Friction(viscous=1.0, load=0.1)}, True),
+            ({"friction": rne.Friction(offset=5.0)}, False),
+            ({"effort_limit": 1.0}, False),
+            ({"springs": [rne.Spring.at_joint("joint_2", 100.0, 0.5)]}, False),
+            ({"springs": [rne.Spring.at_joint("joint_2", 100.0, 0.0)]}, True),
+        ],
+    )
+    def test_a_rest_is_one_of_the_whole_scene(self, parts, is_rest):
+        robot = loaded("irb140")
+        scene = rne.Scene(robot, controller=rne.control.pd_gravity(robot, 500, 50, self.Q), **parts)
+        assert scene.check_gains(self.Q).is_rest is is_rest
+        motion = rne.simulate(scene, self.Q, np.zeros(6), 0.1)
+        assert bool(abs(motion.q[-1] - self.Q).max() < 1e-9) is is_rest

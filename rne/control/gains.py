@@ -102,8 +102,8 @@ class LinearisedLoop:
     poles : ndarray of complex, shape (2 n + states,)
         Of the loop in continuous time [1/s].
     sample_time_limit : float
-        Smallest sample time found at which the loop with held torques is unstable; infinite if none was, 0 if it is in
-        continuous time [s].
+        Smallest sample time found at which the loop with held torques is unstable, a law's states by Euler's rule as in
+        `rne.simulate`; infinite if none was, 0 if it is in continuous time [s].
     sample_time : float or None
         The scene's own [s].
     stable : bool

@@ -67,6 +67,8 @@ def _inertia(
     model: Model, q: Array, link: str, point: tuple[float, ...], rows: tuple[int, ...], damping: float, axes: str
 ) -> tuple[Array, Array, Array, Array, Array]:
     """Lambda, J, J M^-1, and the pivots and diagonals of M and of J M^-1 J^T."""
+    if not model.n:
+        raise pose_error(model, np.zeros(0), (), link, rows, point=point, axes=axes)
     J = task_jacobian(model, q, link, point, rows, axes)
     M = mass_matrix.core(model, q)
     X, pivots, diagonal = _solved(M, model.coordinate_parent, J, partial(inertia_torque, model, q))

@@ -114,7 +114,9 @@ class ElasticDynamics(SceneDynamics):
         """q, theta, q', theta'."""
         return [x[..., k * self.joints : (k + 1) * self.joints] for k in range(4)]
 
-    def start(self, robot: Robot, q0: ArrayLike, qd0: ArrayLike) -> tuple[Array, Array]:
+    def start(
+        self, robot: Robot, q0: ArrayLike, qd0: ArrayLike, parameters: Array | None = None
+    ) -> tuple[Array, Array]:
         """Coordinates and velocities of links and motors: as given, or where torsion holds the links at rest."""
         width, given = f"(..., {robot.n}), or (..., {self.n}) with the motors' behind them", []
         for name, value in (("q0", q0), ("qd0", qd0)):
@@ -122,7 +124,7 @@ class ElasticDynamics(SceneDynamics):
             given.append(joint_array(name, array, robot.model, self.n if array.shape[-1:] == (self.n,) else None))
         q, qd = given
         if q.shape[-1] == robot.n:
-            weight = robot.gravity_torque(q)
+            weight = robot.gravity_torque(q, parameters=parameters)
             weight = weight if self.springs is None else weight + self.springs.torque(robot, q, 0 * q)
             q = np.concatenate([q, q + weight / np.array(self.motor_side.stiffness)], axis=-1)
         return q, np.concatenate([qd, qd], axis=-1) if qd.shape[-1] == robot.n else qd

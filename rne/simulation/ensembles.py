@@ -249,10 +249,9 @@ def ensemble(
         raise TypeError(f"`scene_or_robot` must be an rne.Scene or rne.Robot, got {type(scene).__name__}")
     if progress is not None:
         check_function("progress", progress, "(done, total)")
-    q, qd = _starts(scene, q0, qd0, is_fixed=step is not None)
+    q, qd, pi = _starts(scene, q0, qd0, parameters, is_fixed=step is not None)
     end = positive_number("duration", duration, zero_allowed=True)
     times = _times(t_eval, keep, end)
-    pi = None if parameters is None else _parameters(parameters, scene, len(q))
     plan = _plan(scene, method, step, times, end, tolerances(rtol, atol), with_parameters=pi is not None)
     further = plan.dynamics.size - 2 * plan.dynamics.n if isinstance(plan, BatchRun) else 0
     x0 = np.concatenate([q, qd, np.zeros((len(q), further), q.dtype)], axis=1)
@@ -281,15 +280,19 @@ def ensemble(
     return motions
 
 
-def _starts(scene: Scene, q0: ArrayLike, qd0: ArrayLike, *, is_fixed: bool) -> tuple[Array, Array]:
-    """Initial positions and velocities, float32 only for fixed steps."""
+def _starts(
+    scene: Scene, q0: ArrayLike, qd0: ArrayLike, parameters: ArrayLike | None, *, is_fixed: bool
+) -> tuple[Array, Array, Array | None]:
+    """Initial positions and velocities, float32 only for fixed steps, and the inertial parameters of each motion."""
     n = scene.n
     given = [real_numbers(name, x, f"(N, {n})") for name, x in (("q0", q0), ("qd0", qd0))]
-    q, qd = scene.dynamics.start(scene.resolved.robot, *given)
+    is_table = given[0].ndim == 2 and parameters is not None
+    pi = _parameters(parameters, scene, len(given[0])) if is_table else None  # type: ignore[arg-type]
+    q, qd = scene.dynamics.start(scene.resolved.robot, given[0], given[1], pi)
     if q.ndim != 2 or q.shape != qd.shape:
         raise ValueError(f"`q0` and `qd0` must have the same shape (N, {n}), got {q.shape} and {qd.shape}")
     dtype = np.result_type(*given) if is_fixed else np.float64
-    return q.astype(dtype), qd.astype(dtype)
+    return q.astype(dtype), qd.astype(dtype), pi
 
 
 def _times(t_eval: ArrayLike | None, keep: int | None, end: float) -> Array:

@@ -21,32 +21,32 @@ def linearised_loop(scene: Any, q: Array) -> LinearisedLoop:
     """The loop of a scene with a controller, at rest in q with the controller's states zero."""
     n, sample_time, law = scene.n, scene.sample_time, scene.controller
     free = replace(scene, sample_time=None, torque_rate=None)
-    closed, x = _slopes(free, q)
+    closed, x, rates = _slopes(free, q)
     state: tuple[Any, ...] = (x[n : 2 * n],) if not hasattr(law, "states") else (x[n : 2 * n], np.zeros(law.states))
     u = law(0.0, q, *state)
     torque = np.asarray(u[0] if hasattr(law, "states") else u)
-    robot = scene.resolved.robot
-    qdd = robot.forward_dynamics(q, 0 * q, torque)
-    size = np.abs(robot.forward_dynamics(q, 0 * q, np.abs(torque))).max(initial=0.0) + 1.0
-    is_rest = bool(np.abs(qdd).max(initial=0.0) <= AT_REST * size)
+    alone = scene.resolved.robot.forward_dynamics(q, 0 * q, np.abs(torque))
+    size = np.abs(alone).max(initial=0.0) + 1.0
+    is_rest = bool(np.abs(rates[n : 2 * n]).max(initial=0.0) <= AT_REST * size)
     poles = np.linalg.eigvals(closed)
     fastest = float(np.abs(poles).max(initial=1e-300))
-    limit, stable = np.inf, bool((poles.real < -MARGIN * fastest).all())
-    if not hasattr(law, "states"):
-        opened, _ = _slopes(replace(free, controller=lambda t, q, qd: torque), q)
-        limit = first_unstable_sample_time(opened, closed - opened, fastest) if stable else 0.0
-        if sample_time is not None:
-            stable = stable and spectral_radius(opened, closed - opened, sample_time) < 1 - MARGIN
+    limit, stable = 0.0, bool((poles.real < -MARGIN * fastest).all())
+    opened = np.zeros_like(closed)  # states of a sampled law are held too: they follow by Euler's rule
+    opened[: 2 * n, : 2 * n] = _slopes(replace(free, controller=lambda t, q, qd: torque), q)[0]
+    if stable:
+        limit = first_unstable_sample_time(opened, closed - opened, fastest)
+    if sample_time is not None:
+        stable = stable and spectral_radius(opened, closed - opened, sample_time) < 1 - MARGIN
     return LinearisedLoop(poles, limit, sample_time, stable, is_rest)
 
 
-def _slopes(scene: Any, q: Array) -> tuple[Array, Array]:
-    """The slopes of the state's rates without energies and impulses, at rest in q, and that state."""
+def _slopes(scene: Any, q: Array) -> tuple[Array, Array, Array]:
+    """The slopes of the state's rates without energies and impulses, at rest in q, that state, and its rates."""
     dynamics = scene.dynamics
     plant = Plant(dynamics, scene.resolved.robot, scene.controller if dynamics.inputs == "called" else None)
     x = np.zeros(dynamics.size)
     x[: scene.n], moving = q, 2 * scene.n + dynamics.states
-    return plant.jacobian(0.0, x)[:moving, :moving], x
+    return plant.jacobian(0.0, x)[:moving, :moving], x, plant(0.0, x)
 
 
 def spectral_radius(opened: Array, feedback: Array, T: float) -> float:

@@ -162,8 +162,10 @@ class SceneDynamics:
         limit = np.array(self.effort_limit)
         return clip(u, -limit, limit), further
 
-    def start(self, robot: Robot, q0: ArrayLike, qd0: ArrayLike) -> tuple[Array, Array]:
-        """Coordinates and their velocities where joints start, checked."""
+    def start(
+        self, robot: Robot, q0: ArrayLike, qd0: ArrayLike, parameters: Array | None = None
+    ) -> tuple[Array, Array]:
+        """Coordinates and their velocities where joints start, checked; of other inertial parameters if given."""
         return joint_array("q0", q0, robot.model), joint_array("qd0", qd0, robot.model)
 
     def energies_of(self, robot: Robot, x: Array) -> tuple[Array, Array]:
