@@ -157,6 +157,8 @@ class TracedLaw:
                 f"`controller` must return shape (..., {self.n}) for states of that shape, got {torques.shape}"
             )
         rates = None if rates is None else np.asarray(rates)
+        if torques.dtype == object and x.dtype != object:  # numbers in an array of objects, as a law may build
+            torques = torques.astype(x.dtype)
         return torques if torques.shape == shape else torques + 0 * x[..., : self.n], rates
 
     @cached_property
