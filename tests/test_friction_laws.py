@@ -427,7 +427,7 @@ def test_the_smoothing_of_a_step_is_the_one_that_predicts_best(smoothing):
     q, qd, qdd = (f * np.outer(np.ones(len(t)), a) for f, a in zip(waves(t, w), ([0.1, 0.1],) * 3, strict=True))
     noise = 0.5 * np.random.default_rng(0).normal(size=q.shape)
     tau = robot.inverse_dynamics(q, qd, qdd) + 20 * np.tanh(qd / smoothing) + noise
-    found = rne.identify(robot, rne.identification.Record(t, q, tau), causes=False)
+    found = rne.identify(robot, rne.identification.Record(t, q, tau))
     assert found.friction.smoothing == smoothing
     assert found.scene().friction.smoothing == smoothing
 
