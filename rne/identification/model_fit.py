@@ -137,8 +137,8 @@ def identify(
     >>> q, qd, qdd = np.sin(np.outer(t, w)), w * np.cos(np.outer(t, w)), -(w**2) * np.sin(np.outer(t, w))
     >>> record = rne.identification.Record(t, q, robot.inverse_dynamics(q, qd, qdd))
     >>> found = rne.identify(robot, record, consistent=False)
-    >>> found.verdict[:21]
-    'good for feed-forward'
+    >>> print(found.report()[:21])
+    good for feed-forward
     >>> found.estimate.values.shape, found.predict(q, qd, qdd).shape, found.held_out.shape
     ((54,), (5000, 6), (6,))
     >>> found.check(record).measured.shape[1], len(found.plot().axes)
