@@ -135,7 +135,9 @@ def test_axes_within_the_tolerance_are_parallel_and_others_are_not(tolerance, op
 
 
 @pytest.mark.parametrize("options", kept(OPTIONS, ["bodies", "all"]))
-@pytest.mark.parametrize("name", kept(TREES, ["single", "sliders", "mixed", "mimics"]))
+@pytest.mark.parametrize(
+    "name", kept([tree for tree in TREES if tree != "coupled"], ["single", "sliders", "mixed", "mimics"])
+)
 def test_random_trees(name, options):
     for model in in_any_gravity(TREES[name]).values():
         check(model, **OPTIONS[options])
