@@ -16,8 +16,8 @@ from ...basics.text import counted
 from ...simulation.motion_files import numbered_joints
 from ...simulation.trajectory import Trajectory, motors_at
 from ...trajectories.csv_file import in_seconds, read_samples
-from ...trajectories.log_columns import measured
 from .. import thresholds
+from .log_columns import measured
 from .prepared import Prepared, prepare
 from .screening import STAMPS, RecordFinding, screen
 

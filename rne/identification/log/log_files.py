@@ -15,9 +15,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..basics.spatial import Array
-from ..basics.text import MAX_NAME, cut
-from .csv_file import as_number, csv_rows, listed_names, text_of
+from ...basics.spatial import Array
+from ...basics.text import MAX_NAME, cut
+from ...trajectories.csv_file import as_number, csv_rows, listed_names, text_of
 
 Message = tuple[int, Sequence[str], Sequence[Sequence[float]]]  # time [ns], joints, and their q, qd, tau
 

@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from ..basics.arrays import per_joint_array, positive_number
-from ..basics.spatial import Array
-from ..basics.text import MAX_NAME, cut, did_you_mean
-from ..simulation.motion_files import numbered_joints
-from .csv_file import Samples, guessed_unit, in_seconds, listed_names
+from ...basics.arrays import per_joint_array, positive_number
+from ...basics.spatial import Array
+from ...basics.text import MAX_NAME, cut, did_you_mean
+from ...simulation.motion_files import numbered_joints
+from ...trajectories.csv_file import Samples, guessed_unit, in_seconds, listed_names
 from .log_files import LISTED, Log, read_log
 
 WORDS = {
