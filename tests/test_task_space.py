@@ -364,7 +364,8 @@ class TestCompiledLaws:
             assert kernel.into(np.array([0.5]), q, qd, *z, out) is out
             np.testing.assert_allclose(out, expected, rtol=1e-11, atol=1e-11)
             assert kernel.names == ("t", "q", "qd", "z")[: 3 + len(z)]
-            assert "float control_law" in kernel.source("c", dtype="float32") or "void" in kernel.source("c")
+            names = ", ".join(f"const float *{name}" for name in kernel.names)
+            assert f"void control_law({names}, float *result)" in kernel.source("c", dtype="float32")
 
     def test_errors(self):
         robot = loaded("irb140")

@@ -1,12 +1,12 @@
 """Control laws: functions of (t, q, qd) that return joint torques; the stability of PD gains, and contacts."""
 
 from .adaptive_law import Adaptive, adaptive
-from .compiled_law import compiled
 from .gains import LinearisedLoop
 from .laws import PD, PID, ComputedTorque, Reference, computed_torque, pd, pd_gravity, pid, traceable
 from .momentum_observer import GuardedLaw, MomentumObserver, Residuals
 from .robust_laws import Robust, RobustPassive, SlidingMode, robust, robust_passive, sliding_mode
 from .task_space import Impedance, OperationalSpace, impedance, operational_space
+from .traced_law import compiled
 from .uncertainty import Cases, uncertainty_bound
 
 __all__ = [

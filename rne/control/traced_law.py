@@ -1,9 +1,9 @@
-"""Control laws: how they are called, and those that are traced, so that they become part of a kernel."""
+"""Control laws: how they are called; those that are traced become part of a scene's kernel, or a kernel themselves."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields, is_dataclass
+from dataclasses import fields, is_dataclass, replace
 from functools import cache, cached_property, partial
 from types import FunctionType, MethodType, ModuleType
 from typing import Any, NamedTuple
@@ -13,9 +13,10 @@ import numpy as np
 from ..basics.arrays import check_function, whole_number
 from ..basics.spatial import Array
 from ..dynamics.quantity import MethodQuantity, Quantity
+from ..kernels.kernel import Kernel
 from ..model.model import Model
 from ..model.topology import where_loops_close
-from ..robot import Robot
+from ..robot import Robot, robot_argument
 
 AGREEMENT = 1e-9  # relative: torques that differ by less are the same
 TRIALS = 3  # random states on which a traced law must agree with a call of it
@@ -186,6 +187,10 @@ class TracedLaw:
         u, rates = self(t, x)
         return u if rates is None else np.concatenate([u, rates], axis=-1)
 
+    def core_of_joints(self, model: Model, t: Array, q: Array, qd: Array, z: Array | None = None) -> Array:
+        """The same as a function of time, positions, velocities and the law's states."""
+        return self._core(model, t, np.concatenate([q, qd] if z is None else [q, qd, z], axis=-1))
+
     def why_not_traced(self, robot: Robot) -> str | None:
         """Why the law must be called: it cannot be traced, or its trace differs from calls. None if it is traced.
 
@@ -221,3 +226,51 @@ def _trials(count: int, size: int) -> tuple[Array, Array]:
     """Times and states in which a law is compared with its trace."""
     rng = np.random.default_rng(0)
     return rng.uniform(0, 1, (count, 1)), rng.uniform(-1, 1, (count, size))
+
+
+def compiled(law: Any, robot: Robot | None = None, *, engine: str | None = None) -> Kernel:
+    """A control law as a kernel of t, q and qd: in a microsecond by machine code, or as source text.
+
+    Parameters
+    ----------
+    law : callable
+        One of this package's laws, or one marked by `rne.traceable`.
+    robot : Robot, optional
+        The law's own if not given.
+    engine : {"numpy", "numba"}, optional
+        That of the robot if not given.
+
+    Returns
+    -------
+    Kernel
+        Of t, shape (..., 1), and q and qd, shape (..., n), and of z, shape (..., m), for a law with states. It gives
+        torques, and behind them the m rates of the states: shape (..., n + m). `Kernel.into` writes them without
+        allocation, `Kernel.source` prints them. Without limits: clip the torques to what your drives bear.
+
+    Raises
+    ------
+    TypeError
+        If the law is not marked as traceable, cannot be traced, is too large, or no robot is known.
+
+    Examples
+    --------
+    >>> import numpy as np, rne
+    >>> arm = rne.load("irb140")
+    >>> law = rne.control.compiled(rne.control.pd_gravity(arm, 50, 20, 0))
+    >>> law(np.zeros(1), np.full(6, 0.1), np.zeros(6)).round(1)[0].item()
+    -5.0
+    """
+    check_law("law", law)
+    known = robot_argument(getattr(law, "robot", None) if robot is None else robot)
+    if not getattr(law, "traceable", False):
+        raise TypeError("`law` must be marked by rne.traceable")
+    traced = TracedLaw(law, known.n)
+    reason = traced.why_not_traced(known)
+    if reason is not None:
+        raise TypeError(f"`law` cannot be traced: {reason}")
+    widths: dict[str, int | None] = {"t": 1, "q": known.n, "qd": known.n}
+    widths |= {"z": traced.states} if traced.states else {}
+    declared = replace(traced.outputs.quantity, name="control_law", core=traced.core_of_joints, widths=widths)
+    kernel = Kernel(MethodQuantity(traced, declared, "the law"), known.model, {}, engine=engine or known.engine)
+    _ = kernel.traced  # raises the TypeError of a law that is too large
+    return kernel
