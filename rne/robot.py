@@ -937,7 +937,7 @@ class Robot(InNotebooks):
         ------
         SingularMassMatrixError
             If M is singular, or the pose is and there is no damping; names the directions that are lost. A pose is
-            singular where a pivot of J M^-1 J^T is at most 8 (n + m) eps of its diagonal entry.
+            singular where a pivot of J M^-1 J^T is at most 8 m eps of its diagonal entry.
         ValueError
             If an argument has the wrong shape or is not finite, or there is no such link, row or axes.
 
@@ -993,7 +993,7 @@ class Robot(InNotebooks):
         damping: float = 0.0,
         axes: str = "base",
     ) -> Array:
-        """Dynamically consistent inverse of a point's Jacobian, M^-1 J^T Lambda: least kinetic energy.
+        """Dynamically consistent inverse of a point's Jacobian, M^-1 J^T Lambda.
 
         Khatib 1987. Torques (1 - J^T inverse^T) tau, those of the null space, do not accelerate the point.
 
@@ -1007,7 +1007,7 @@ class Robot(InNotebooks):
         Returns
         -------
         ndarray, shape (..., n, m)
-            The joint velocities of least kinetic energy that move the point so.
+            Times a velocity of the point [omega; v], the joint velocities of least kinetic energy that give it.
 
         Examples
         --------
@@ -1039,7 +1039,7 @@ class Robot(InNotebooks):
         Returns
         -------
         ndarray, shape (..., n, n)
-            Times torques, those of the null space.
+            Of torques (..., n) it leaves those that do not accelerate the point.
 
         Examples
         --------

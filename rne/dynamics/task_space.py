@@ -35,7 +35,7 @@ from .rnea import bias_torque, inertia_torque
 ROWS = (0, 1, 2, 3, 4, 5)
 DIRECTIONS = tuple(f"{motion} {axis}" for motion in ("rotation about", "translation along") for axis in "xyz")
 BASE_AXES, LINK_AXES = "base", "link"
-TASK: dict[str, Any] = {"link": "", "point": ORIGIN, "rows": ROWS, "damping": 0.0, "axes": BASE_AXES}
+TASK: dict[str, Any] = {"link": "", "point": ORIGIN, "rows": ROWS, "axes": BASE_AXES}
 SHARE = 0.1  # of the largest component of a direction: smaller ones are not named
 
 
@@ -65,8 +65,8 @@ def _solved(A: Array, parent: tuple[int, ...], Y: Array, product: Any = None) ->
 
 def _inertia(
     model: Model, q: Array, link: str, point: tuple[float, ...], rows: tuple[int, ...], damping: float, axes: str
-) -> tuple[Array, Array, Array, Array, Array]:
-    """Lambda, J, J M^-1, and the pivots and diagonals of M and of J M^-1 J^T."""
+) -> tuple[Array, Array, Array, Array]:
+    """Lambda, J M^-1, and the pivots and diagonals of M and of J M^-1 J^T."""
     if not model.n:
         raise pose_error(model, np.zeros(0), (), link, rows, point=point, axes=axes)
     J = task_jacobian(model, q, link, point, rows, axes)
@@ -77,7 +77,7 @@ def _inertia(
     unit = np.zeros_like(mobility) + np.eye(len(rows))
     Lambda, own, sizes = _solved(mobility, tuple(k - 1 for k in m), unit)
     pivots, diagonal = np.concatenate([pivots, own], axis=-1), np.concatenate([diagonal, sizes], axis=-1)
-    return mirrored(Lambda), J, X, pivots, diagonal
+    return mirrored(Lambda), X, pivots, diagonal
 
 
 def check_task(
@@ -89,15 +89,15 @@ def check_task(
     if status.error is not None or not lost.any():
         return status
     state = tuple(int(k) for k in np.argwhere(lost)[0])
-    given = {name: arguments.get(name, default) for name, default in TASK.items()} | {"damping": 0.0}
+    given = {name: arguments.get(name, default) for name, default in TASK.items()}
     return PrecisionStatus(error=pose_error(of_states(model, state), arguments["q"][state].real, state, **given))
 
 
 def pose_error(
-    model: Model, q: Array, state: BatchIndex, link: str, rows: tuple[int, ...], **given: Any
+    model: Model, q: Array, state: BatchIndex, link: str, rows: tuple[int, ...], point: tuple[float, ...], axes: str
 ) -> SingularMassMatrixError:
     """The error that names the directions of the combined motion that no torque accelerates."""
-    J = task_jacobian(model, q, link, given["point"], rows, given["axes"])
+    J = task_jacobian(model, q, link, point, rows, axes)
     M = mass_matrix.core(model, q)
     mobility = J @ np.linalg.solve(M, J.T)
     sizes = np.sqrt(np.diagonal(mobility))
@@ -124,7 +124,7 @@ def task_inertia(
 
     Khatib 1987. Parameters, result and errors are those of `rne.Robot.task_inertia`, with the model first.
     """
-    Lambda, _, _, pivots, diagonal = _inertia(model, q, link, point, rows, damping, axes)
+    Lambda, _, pivots, diagonal = _inertia(model, q, link, point, rows, damping, axes)
     return Lambda, pivots, diagonal
 
 
@@ -142,7 +142,7 @@ def task_inverse(
 
     Khatib 1987. Parameters, result and errors are those of `rne.Robot.task_inverse`, with the model first.
     """
-    Lambda, _, X, pivots, diagonal = _inertia(model, q, link, point, rows, damping, axes)
+    Lambda, X, pivots, diagonal = _inertia(model, q, link, point, rows, damping, axes)
     return transpose(X) @ Lambda, pivots, diagonal
 
 
@@ -161,7 +161,7 @@ def task_bias(
 
     Khatib 1987. Parameters, result and errors are those of `rne.Robot.task_bias`, with the model first.
     """
-    Lambda, _, X, pivots, diagonal = _inertia(model, q, link, point, rows, damping, axes)
+    Lambda, X, pivots, diagonal = _inertia(model, q, link, point, rows, damping, axes)
     rate = _in_axes(model, q, rotate(jacobian_rate.core(model, q, qd, link, point), qd)[..., None], link, axes)
     force = rotate(X, bias_torque.core(model, q, qd)) - rate[..., rows, 0]
     return rotate(Lambda, force), pivots, diagonal
