@@ -10,7 +10,7 @@ from rne.identification import Record, thresholds
 from rne.identification.fit.equations import solve
 from rne.identification.fit.least_squares import least_squares
 from rne.identification.payload import body_of, doubts, possible_load
-from rne.identification.two_sets import KINDS, eliminated, load_map, spreads, two_sets
+from rne.identification.record_sets import KINDS, eliminated, load_map, spreads, record_sets
 from rne.model.standard_parameters import StandardParameters
 
 from .helpers import kept, loaded
@@ -229,22 +229,22 @@ def test_a_load_differs_from_the_ball_by_three_times_its_size(monkeypatch):
 def test_standard_errors_count_the_correlation_time_of_filtered_noise(robot, monkeypatch):
     """Variances are at least those of independent residuals, times the number of equations that count as one."""
     measured = logs(robot, LOAD, rate=250.0)
-    found, sets = rne.identify_payload(robot, *measured), two_sets(robot, *measured, None, None)
-    sets = dataclasses.replace(sets, S=load_map(sets.base.standard, "tool0"))
+    found, sets = rne.identify_payload(robot, *measured), record_sets(robot, *measured, None, None)
+    sets = sets.with_load("tool0")
     alone = least_squares(sets.assembled(sets.plain))
     x = sets.states(alone.values)
-    none = [np.zeros((len(data.tau), 6, 1)) for data in sets.both]
+    none = [np.zeros((len(data.tau), 6, 1)) for data in sets.data]
     correlation_time = sets.correlation_time(x, none, np.zeros((6, 1)))
-    both = [data.correlation_time(data.residuals(values)) for data, values in zip(sets.both, x, strict=True)]
+    both = [data.correlation_time(data.residuals(values)) for data, values in zip(sets.data, x, strict=True)]
     assert (np.min(both, 0) <= correlation_time * (1 + 1e-12)).all()
     assert (correlation_time <= np.max(both, 0) * (1 + 1e-12)).all()
     assert correlation_time.min() > 1.1
     ratio = (found.estimate.errors / alone.errors)[-10:] ** 2
     assert (ratio >= 0.7 * correlation_time.min()).all()  # the random errors take some of the noise
     # Without random errors and the scatter between blocks only the equations that count as one are left.
-    monkeypatch.setattr("rne.identification.two_sets.spreads", lambda factor, K, n: np.full(len(KINDS) * n, 1e-12))
+    monkeypatch.setattr("rne.identification.record_sets.spreads", lambda factor, K, m, n: np.full(m, 1e-12))
     monkeypatch.setattr(
-        "rne.identification.two_sets.jackknife", lambda both, noise, K, spread: (np.zeros(10**4), noise)
+        "rne.identification.record_sets.jackknife", lambda both, noise, K, spread: (np.zeros(10**4), np.zeros((10, 6)))
     )
     ratio = (sets.fitted().estimate.errors / alone.errors) ** 2
     assert (ratio >= 0.999 * correlation_time.min()).all()
@@ -253,8 +253,8 @@ def test_standard_errors_count_the_correlation_time_of_filtered_noise(robot, mon
 
 def test_numbers_of_the_load_do_not_depend_on_unknowns_that_are_nothing(robot, measured):
     """Of a load of which nothing is unknown no parameter is left, and the base parameters are those of both sets."""
-    sets = two_sets(robot, *measured, None, None)
-    loaded = dataclasses.replace(sets, S=load_map(sets.base.standard, "tool0"))
+    sets = record_sets(robot, *measured, None, None)
+    loaded = sets.with_load("tool0")
     none, ten = sets.assembled(sets.plain), loaded.assembled(sets.plain)
     assert least_squares(none).values.shape == (sets.base.count,)
     np.testing.assert_allclose(none.torques(), ten.torques(), rtol=1e-12)
@@ -263,7 +263,7 @@ def test_numbers_of_the_load_do_not_depend_on_unknowns_that_are_nothing(robot, m
 @pytest.mark.parametrize("first", [0, 3])
 def test_unknowns_that_are_eliminated_leave_the_others_as_they_are(first):
     factor = np.random.default_rng(5).normal(size=(12, 7))  # six unknowns and the right side
-    np.testing.assert_allclose(solve(eliminated(factor, first)).x, solve(factor).x[first:], rtol=1e-12)
+    np.testing.assert_allclose(solve(eliminated(factor, np.s_[first:6])).x, solve(factor).x[first:], rtol=1e-12)
 
 
 def test_errors_of_drives_that_hardly_matter_keep_the_spread_assumed_first():
@@ -272,7 +272,7 @@ def test_errors_of_drives_that_hardly_matter_keep_the_spread_assumed_first():
     factor = 1e-3 * np.eye(others + len(KINDS) * joints + 1)
     factor[:, -1] = 0
     students = np.sqrt(joints / (joints - 2))  # standard deviation of Student's t with so many degrees of freedom
-    np.testing.assert_allclose(spreads(factor, others, joints), thresholds.FIRST_SPREAD * students, rtol=1e-6)
+    np.testing.assert_allclose(spreads(factor, others, len(KINDS) * joints, joints), thresholds.FIRST_SPREAD * students, rtol=1e-6)
 
 
 def used(values, tau):
