@@ -316,9 +316,9 @@ def faulty(robot, load, fault, seed=0, rate=125.0, duration=10.0):
     ("fault", "kind", "error"),  # the stated error, relative: that of noise alone is 0.2 %
     [
         ("factors", "torque factors (", 0.012),
-        ("under_load", "friction under load (", 0.003),
-        ("saturating", "viscous friction that ", 0.003),
-        ("warmer", "friction that changed between the records (", 0.005),
+        ("under_load", "friction under load (", 0.005),
+        ("saturating", "viscous friction that ", 0.006),
+        ("warmer", "friction that changed between the records (", 0.008),
     ],
 )
 def test_stated_errors_contain_what_drives_do_besides(robot, arm, fault, kind, error):
@@ -393,7 +393,9 @@ def test_what_motions_do_not_tell_is_infinite_and_like_a_ball(robot):
     assert found.com[across] == pytest.approx(0, abs=1e-4)
     assert found.consistent
     assert abs(found.mass - load.mass) < 4 * found.mass_error
-    assert any(note.startswith("not told by the motions: ") for note in found.notes)
+    axis = " ".join(("0.00", "1.00", "0.00"))
+    assert found.unknown == (f"its centre along ({', '.join(axis.split())})", "its inertia")
+    assert any(note.startswith("not told by the motions, in the axes of tool0: its centre") for note in found.notes)
 
 
 @pytest.mark.parametrize("moving", kept([[5], [3, 4, 5], [0]], [[3, 4, 5], [0]]), ids=str)
@@ -476,7 +478,7 @@ def calls(*args, **more):
 
 def test_a_mass_beyond_four_standard_errors_is_no_doubt(arm):
     light = rne.Payload(0.05, (0.04, -0.03, 0.08))
-    with pytest.warns(rne.IdentificationWarning, match="the mass is known to 21 % only"):
+    with pytest.warns(rne.IdentificationWarning, match="the mass is known to 2[01] % only"):
         found = rne.identify_payload(arm, *logs(arm, light, noise=0.004, rate=100.0), link="tool0", consistent=False)
     assert 4 < found.mass / found.mass_error < 5
     assert not any("hardly told from none" in note for note in found.notes)

@@ -252,7 +252,7 @@ def identify_payload(
 def doubts(phi: Array, errors: Array) -> list[str]:
     """Notes on a load by least squares that is doubtful or impossible."""
     notes, mass = [], f"a mass of {phi[0]:.3g} kg with a standard error of {errors[0]:.2g} kg"
-    if phi[0] <= 0:
+    if phi[0] < -thresholds.BEYOND_DOUBT * errors[0]:
         notes.append(f"least squares give {mass}: are the records exchanged?")
     elif phi[0] < thresholds.BEYOND_DOUBT * errors[0]:
         notes.append(f"the mass is hardly told from none, +- {errors[0]:.2g} kg: is it on another `link`?")

@@ -53,7 +53,7 @@ KINDS = (
     "friction by direction",
     "offsets that drift",
 )
-CHANGES = tuple(f"{what} that changed between the records" for what in ("viscous friction", "Coulomb friction", "offsets"))
+CHANGES = tuple(f"{what} that changed between the records" for what in ("torque factors", "viscous friction", "Coulomb friction", "offsets"))
 GAINS_CONTAINED = (
     "standard errors contain those of the gains, noise, the scatter between blocks of time, and what errors of the "
     "drives make of the load; not an error of the load weighed: the mass is as wrong as it is, relatively"
@@ -111,9 +111,11 @@ class RecordSets:
     def causes(self) -> tuple[Cause, ...]:
         """Changes that would explain a set of records better, as of `rne.identify`, or all of them together."""
         found = self.changes
+        told = {cause.kind: [c for c in found if c.kind == cause.kind] for cause in found}
         for data in self.data:
             estimate = least_squares(data.fitted.mapped(self.base.back))
-            found += likely_causes(FitResiduals(self.robot, self.base, data, estimate.values, estimate.sigma))[0]
+            causes = likely_causes(FitResiduals(self.robot, self.base, data, estimate.values, estimate.sigma))[0]
+            found += [x for x in causes if all(x.joints != c.joints and x.score > c.score for c in told.get(x.kind, ()))]
         return merged_by_kind(sorted(found, key=lambda cause: -cause.score))
 
     @property
@@ -210,11 +212,11 @@ class RecordSets:
             speed, one, load = np.abs(v), np.ones_like(v), np.abs(data.Y[..., :bodies] @ x[:bodies])
             terms = [data.Y @ x, load * sign, v * speed, np.sign(v) * np.sqrt(speed), speed]
             terms += [passed[:, None] * one]
-            terms += [(i == k) * x for k in range(1, len(self.data)) for x in (v, sign, one)]
+            terms += [(i == k) * x for k in range(1, len(self.data)) for x in (terms[0], v, sign, one)]
             X.append(np.stack(terms, axis=-1) * data.used[..., None])
         squares = sum((x**2).sum(0) for x in X)
         scale = np.sqrt(np.divide(squares[:, :1], squares, out=np.zeros_like(squares), where=squares > 0))
-        scale[:, 0] *= with_factors
+        scale[:, [0, *range(len(KINDS), scale.shape[1], len(CHANGES))]] *= with_factors
         return [x * scale for x in X]
 
     def correlation_time(self, states: Array, X: Sequence[Array], c: Array) -> Array:

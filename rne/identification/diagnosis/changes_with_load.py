@@ -45,7 +45,7 @@ def changes_with_load(rest: FitResiduals, known: Array, loaded: Array, body: int
         k = int(np.argmax([cause.score for cause in causes]))
         if causes[k].score <= thresholds.EVIDENT:
             break
-        found.append(causes[k]._replace(kind=f"{options[k].kind} with the load"))
+        found.append(causes[k])
         left = left.with_known(columns_of(left, options.pop(k)))
     return found
 
