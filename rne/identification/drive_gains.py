@@ -29,8 +29,8 @@ from .diagnosis.rigid_body_test import percent, single_joint_fit
 from .fit.equations import solve
 from .fit.least_squares import least_squares
 from .log.record import Record
-from .result import Identification
 from .record_sets import RecordSets, SetsFit, SetsResult, record_sets
+from .result import Identification
 
 UNTOLD = (
     "the load does not tell the gain of {}: it does not act there in these motions, or acts as the joint's own body or "

@@ -17,17 +17,18 @@ from ..basics.spatial import Array, point_mass_inertia
 from ..basics.text import Row, short, wrapped
 from ..errors import IdentificationError, IdentificationWarning
 from ..model.parameters import COLUMNS, ENTRIES, PARAMETERS, ROWS, pseudo_inertia
-from ..model.standard_parameters import BODY_SYMBOLS, DriveModel
+from ..model.standard_parameters import BODY_SYMBOLS, DriveModel, StandardParameters
 from ..model.topology import end_link
 from ..robot import Robot
 from ..simulation.scene import Payload
 from . import thresholds
-from .drive_gains import DriveGains, gain_rows, of_all_joints, place
+from .drive_gains import DriveGains, gain_rows, of_all_joints
 from .fit.consistent import consistent_fit
+from .fit.equations import RegressionData
 from .log.prepared import Prepared
 from .log.record import Record
-from .result import Identification
 from .record_sets import CONTAINED, GAINS_CONTAINED, SetsResult, eliminated, record_sets
+from .result import Identification
 
 STEP = 1e-30  # of derivatives by complex numbers
 QUANTITIES = (
@@ -184,12 +185,13 @@ def identify_payload(
     Notes
     -----
     Standard errors contain noise and what errors of the drives make of the load: torque factors that differ between
-    joints, friction that rises with the load, saturates, differs between the directions or changes between the records,
-    offsets that change or drift. Each is a random coefficient of each joint, whose variance is estimated; where fits
-    without one of the blocks of time scatter more, their scatter is the error. A factor common to all torques is not
-    seen: the mass is as wrong as it. Torques are taken to be as late as an Identification found, otherwise not late. A
-    load that least squares make impossible is replaced by the physically consistent one that fits best; where the
-    motions say nothing, it is like a ball of 3000 kg/m^3.
+    joints or change between the records, friction that rises with the load, saturates, differs between the directions
+    or changes, offsets that change or drift. Each is a random coefficient of each joint, whose variance is estimated;
+    where fits without one of the blocks of time scatter more, their scatter is the error. A factor common to all
+    torques makes the mass as wrong as it is; it is seen beside the masses of the robot given alone, and a note tells
+    it. Torques are taken to be as late as an Identification found, otherwise not late. A load that least squares make
+    impossible, or the motions do not tell all of, is replaced by the physically consistent one that fits best; where
+    they say nothing, it is like a ball of 3000 kg/m^3.
 
     Examples
     --------
@@ -212,13 +214,14 @@ def identify_payload(
         sets = record_sets(robot, without, with_load, drives, cutoff)
     model, K = sets.robot.model, sets.base.count
     name = end_link(model, axes_count=True) if link is None else link
-    sets, gains = sets.with_load(name), {}
+    sets, scaled, gains, gain_errors = sets.with_load(name), 1.0, None, None
     own = np.s_[K + sets.S.shape[-1] - PARAMETERS : K + sets.S.shape[-1]]
     if isinstance(robot, DriveGains):
-        found_gains, gain_errors, fit = of_all_joints(sets)
-        sets, gains = sets.in_torques(found_gains), {"gains": found_gains, "gain_errors": gain_errors}
+        gains, gain_errors, fit = of_all_joints(sets)
+        sets = sets.in_torques(gains)
     else:
         fit = sets.fitted()
+        scaled = beside_given(sets.base.standard, sets.data[0], sets.states(fit.estimate.values)[0], fit.estimate.sigma)
     estimate, factor = fit.estimate, eliminated(fit.load, np.s_[own.start - K :])
     phi, errors = estimate.values[own], estimate.errors[own]
     if not errors[0] < np.inf:
@@ -235,6 +238,9 @@ def identify_payload(
     if unknown:
         value = f"as of a ball of {thresholds.DENSITY:g} kg/m^3" if consistent else "zero, or what noise makes of it"
         notes.insert(0, f"not told by the motions, in the axes of {short(name)}: {', '.join(unknown)}; taken {value}")
+    if abs(scaled - 1) > thresholds.SCALED_TORQUES:
+        right = f"if its masses are right, the load has {phi[0] / scaled:.3g} kg, not {phi[0]:.3g}"
+        notes.append(f"torques of the bodies without the load are {scaled:.3g} times those of the robot given: {right}")
     notes = doubts(phi, errors) + notes
     replaced = consistent and (bool(unknown) or np.linalg.eigvalsh(pseudo_inertia(phi)[0])[0] <= 0)
     if replaced:
@@ -243,10 +249,18 @@ def identify_payload(
     body, error = standard_errors(phi, estimate.covariance[own, own], np.isinf(errors))
     payload = Payload(float(body[0]), body[1:4], body[4:][ENTRIES], name)
     common, stated = (estimate, fit.held_out, tuple(notes), sets), (float(error[0]), error[1:4], error[4:][ENTRIES])
-    found = PayloadEstimate(*common, payload, *stated, replaced, unknown, **gains)
+    found = PayloadEstimate(*common, payload, *stated, replaced, unknown, gains, gain_errors)
     if found.doubt:
         warnings.warn(found.doubt, IdentificationWarning, stacklevel=2)
     return found
+
+
+def beside_given(standard: StandardParameters, data: RegressionData, x: Array, sigma: Array) -> float:
+    """Factor of the torques of bodies of parameters x beside those of the model, 1 where these are unlike them."""
+    bodies = standard.groups["bodies"]
+    found, given = ((data.Y[..., bodies] @ values[bodies] / sigma)[data.used] for values in (x, standard.values))
+    both, own, whole = found @ given, given @ given, found @ found
+    return float(both / own) if both**2 > thresholds.LIKE_GIVEN * own * whole > 0 else 1.0
 
 
 def doubts(phi: Array, errors: Array) -> list[str]:
@@ -280,13 +294,20 @@ def unknown_parts(factor: Array, mass: float, down: Array) -> tuple[str, ...]:
     U, of_centre, axes = np.linalg.svd(V[S < 1][:, 1:4])
     k = int((of_centre > thresholds.NAMED_PART).sum())
     names = ["its centre"] if k == 3 else [axis_text(axis, down) for axis in axes[:k]]
-    rows, forms = (U[:, k:].T @ V[S < 1])[:, 4:], []
+    rows, forms = (U[:, k:].T @ V[S < 1])[:, 4:], list[Array]()
     while len(rows) and (largest := np.abs(rows).max()) > thresholds.NAMED_PART:  # to a form with few terms each
         i, j = np.argwhere(np.abs(rows) == largest)[0]
         pivot = rows[i] / rows[i, j]
         rows = np.delete(rows, i, 0)
         rows, forms = rows - np.outer(rows[:, j], pivot), [f - f[j] * pivot for f in forms] + [pivot]
-    return (*names, *(["its inertia"] if len(forms) == len(BODY_SYMBOLS[4:]) else map(form_text, sorted(forms, key=lambda form: np.abs(form).argmax()))))
+    return (
+        *names,
+        *(
+            ["its inertia"]
+            if len(forms) == len(BODY_SYMBOLS[4:])
+            else map(form_text, sorted(forms, key=lambda form: np.abs(form).argmax()))
+        ),
+    )
 
 
 def axis_text(axis: Array, down: Array) -> str:

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,7 +26,7 @@ from ..robot import Robot, robot_argument
 from . import thresholds
 from .diagnosis.changes_with_load import changes_with_load
 from .diagnosis.hypotheses import Cause, likely_causes, merged_by_kind
-from .diagnosis.residuals import TINY, FitResiduals
+from .diagnosis.residuals import TINY, FitResiduals, by_joint
 from .diagnosis.rigid_body_test import percent
 from .fit.equations import (
     Equations,
@@ -53,7 +53,10 @@ KINDS = (
     "friction by direction",
     "offsets that drift",
 )
-CHANGES = tuple(f"{what} that changed between the records" for what in ("torque factors", "viscous friction", "Coulomb friction", "offsets"))
+CHANGES = tuple(
+    f"{what} that changed between the records"
+    for what in ("torque factors", "viscous friction", "Coulomb friction", "offsets")
+)
 GAINS_CONTAINED = (
     "standard errors contain those of the gains, noise, the scatter between blocks of time, and what errors of the "
     "drives make of the load; not an error of the load weighed: the mass is as wrong as it is, relatively"
@@ -115,22 +118,25 @@ class RecordSets:
         for data in self.data:
             estimate = least_squares(data.fitted.mapped(self.base.back))
             causes = likely_causes(FitResiduals(self.robot, self.base, data, estimate.values, estimate.sigma))[0]
-            found += [x for x in causes if all(x.joints != c.joints and x.score > c.score for c in told.get(x.kind, ()))]
+            found += [
+                x for x in causes if all(x.joints != c.joints and x.score > c.score for c in told.get(x.kind, ()))
+            ]
         return merged_by_kind(sorted(found, key=lambda cause: -cause.score))
 
     @property
     def changes(self) -> list[Cause]:
         """What else differs between the records with the last load and the others."""
         estimate, data, last = least_squares(self.assembled(self.plain)), joined_data(self.data), len(self.data) - 1
-        states = self.states(estimate.values)
-        residuals = [part.residuals(x) for part, x in zip(self.data, states, strict=True)]
         loads = np.concatenate([self.S, self.known[..., None]], axis=-1)
-        known = np.concatenate([part.Y @ x for part, x in zip(self.data, loads, strict=True)])
-        loaded = np.repeat(np.arange(len(self.data)) == last, [len(x) for x in residuals])[:, None, None]
-        time, body = data.correlation_time(np.concatenate(residuals)), int(loads[last].any(1).argmax()) // PARAMETERS
-        beta = self.base.matrix @ states[last]
-        rest = FitResiduals(self.robot, self.base, data, beta, estimate.sigma, time, known)
-        return changes_with_load(rest, known, loaded, body)
+        torques = np.concatenate([part.Y @ x for part, x in zip(self.data, loads, strict=True)])
+        of_set = np.repeat(np.arange(last + 1), [len(part.tau) for part in self.data])
+        common = estimate.sigma, np.ones(self.robot.n)
+        betas = [self.base.matrix @ x for x in self.states(estimate.values)]
+        rests = [FitResiduals(self.robot, self.base, data, beta, *common) for beta in betas]
+        curves = np.stack([rest.curves for rest in rests])[of_set, np.arange(len(of_set))]
+        known = np.concatenate([torques, by_joint(curves)], axis=-1)
+        body = int(loads[last].any(1).argmax()) // PARAMETERS
+        return changes_with_load(rests[last], known, (of_set == last)[:, None, None], body)
 
     def in_torques(self, gains: Array) -> RecordSets:
         """The equations of measurements times gains; joints whose gain is NaN have none."""
@@ -279,7 +285,8 @@ def joined_data(parts: Sequence[RegressionData]) -> RegressionData:
     masks = ("delays", "Y", "tau", "valid", "used", "sure")
     arrays = {name: np.concatenate([getattr(part, name) for part in parts]) for name in masks}
     both = {name: joined([getattr(part, name) for part in parts]) for name in ("fitted", "measured")}
-    return replace(parts[0], **tuples, **arrays, **both)
+    fields: dict[str, Any] = tuples | arrays | both
+    return replace(parts[0], **fields)
 
 
 def in_blocks(data: RegressionData, X: Array, sets: int) -> Equations:
