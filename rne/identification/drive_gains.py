@@ -37,9 +37,8 @@ UNTOLD = (
     "offset does; move the joint against the load, or mount the load further from its axis"
 )
 NOT_SEPARABLE = (
-    "`payload` must be a load that was weighed, got None: gains are not told from the mass of a load that is unknown, "
-    "twice the gains fit twice the masses. Find them with one that was weighed, then this one with them: "
-    "`rne.identify_payload(gains, None, records)`"
+    "`payload` must be a load that was weighed, got None: twice the gains fit twice the masses of the arm and of a "
+    "load unknown. Find them with one that was weighed, then this one: `rne.identify_payload(gains, None, records)`"
 )
 NONE_TOLD = (
     "`payload`: the load changes the currents of no joint by more than chance does: move the joints that lift it, and "

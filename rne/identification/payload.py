@@ -59,8 +59,8 @@ class PayloadEstimate(SetsResult):
         True if the load is the physically consistent one, where least squares give none that is possible, or the
         motions do not tell all of it.
     unknown : tuple of str
-        What the motions do not tell, such as "its centre along (0, 0, 1)" or "Ixx - Iyy" about the link's origin, in
-        its axes; there the load is like a ball of 3000 kg/m^3.
+        What the motions do not tell, such as "its centre along (0.00, 0.00, 1.00)" or "Ixx", in the link's axes; there
+        the load is like a ball of 3000 kg/m^3.
     gains, gain_errors : ndarray, shape (n,), or None
         Gains of the drives, found together with the load from what `rne.identify_drive_gains` found, with standard
         errors; NaN for joints of which no load tells it.
@@ -294,20 +294,9 @@ def unknown_parts(factor: Array, mass: float, down: Array) -> tuple[str, ...]:
     U, of_centre, axes = np.linalg.svd(V[S < 1][:, 1:4])
     k = int((of_centre > thresholds.NAMED_PART).sum())
     names = ["its centre"] if k == 3 else [axis_text(axis, down) for axis in axes[:k]]
-    rows, forms = (U[:, k:].T @ V[S < 1])[:, 4:], list[Array]()
-    while len(rows) and (largest := np.abs(rows).max()) > thresholds.NAMED_PART:  # to a form with few terms each
-        i, j = np.argwhere(np.abs(rows) == largest)[0]
-        pivot = rows[i] / rows[i, j]
-        rows = np.delete(rows, i, 0)
-        rows, forms = rows - np.outer(rows[:, j], pivot), [f - f[j] * pivot for f in forms] + [pivot]
-    return (
-        *names,
-        *(
-            ["its inertia"]
-            if len(forms) == len(BODY_SYMBOLS[4:])
-            else map(form_text, sorted(forms, key=lambda form: np.abs(form).argmax()))
-        ),
-    )
+    shares = ((U[:, k:].T @ V[S < 1])[:, 4:] ** 2).sum(0)
+    told = [symbol for symbol, share in zip(BODY_SYMBOLS[4:], shares, strict=True) if share > thresholds.NAMED_PART]
+    return (*names, *(["its inertia"] if len(told) == len(shares) else told))
 
 
 def axis_text(axis: Array, down: Array) -> str:
@@ -315,14 +304,6 @@ def axis_text(axis: Array, down: Array) -> str:
     x, y, z = axis * np.sign(axis[np.abs(axis).argmax()]) + 0.0
     along = ", as gravity" * bool(len(down) and (np.abs(down @ axis) > thresholds.ALONG).all())
     return f"its centre along ({x:.2f}, {y:.2f}, {z:.2f}){along}".replace("-0.00", "0.00")
-
-
-def form_text(form: Array) -> str:
-    """A combination of moments and products of inertia in words, the largest with a factor of one."""
-    terms = sorted(zip(form / form[np.abs(form).argmax()], BODY_SYMBOLS[4:], strict=True), key=lambda x: -abs(x[0]))
-    told = [(c, symbol) for c, symbol in terms if abs(c) > thresholds.NAMED_PART]
-    parts = [f"{'+-'[int(c < 0)]} {'' if abs(abs(c) - 1) < 0.01 else f'{abs(c):.2g} '}{symbol}" for c, symbol in told]
-    return " ".join(parts).removeprefix("+ ")
 
 
 def gyration(mass: float) -> float:

@@ -24,8 +24,7 @@ from ..model.parameters import PARAMETERS, parameters_of_pseudo_inertia, pseudo_
 from ..model.standard_parameters import MEASURED, DriveModel, StandardParameters
 from ..robot import Robot, robot_argument
 from . import thresholds
-from .diagnosis.changes_with_load import changes_with_load
-from .diagnosis.hypotheses import Cause, likely_causes, merged_by_kind
+from .diagnosis.hypotheses import Cause, changes_with_load, likely_causes, merged_by_kind
 from .diagnosis.residuals import TINY, FitResiduals, by_joint
 from .diagnosis.rigid_body_test import percent
 from .fit.equations import (
