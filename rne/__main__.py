@@ -11,7 +11,7 @@ from pathlib import Path
 
 from .commands import COMMANDS
 from .commands.printing import FOLDER, add_out, run_main_page
-from .commands.shared import CommandError, Parser, fail, in_one_line, join_numbers, note, work
+from .commands.shared import CommandError, Parser, as_options, fail, in_one_line, join_numbers, note, work
 from .errors import RneError
 
 
@@ -38,7 +38,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         note(f"interrupted{f': {interrupt}' if interrupt.args else ''}")
         return 130  # as shells say it
     except (CommandError, RneError, OSError, ImportError) as error:
-        return fail(in_one_line(error))
+        return fail(as_options(in_one_line(error), arguments))
 
 
 def parser() -> argparse.ArgumentParser:
@@ -51,7 +51,7 @@ def parser() -> argparse.ArgumentParser:
         description="Dynamics of robot manipulators. Without a command: a report on the ABB IRB 140, with pictures.",
         epilog="rne COMMAND --help shows the options of a command, and an example.",
     )
-    top.set_defaults(run=run_main_page)
+    top.set_defaults(run=run_main_page, parser=top)
     top.add_argument("--version", action="version", version=f"rne {rne.__version__}")
     add_out(top, FOLDER)
     commands = top.add_subparsers(title="commands", metavar="COMMAND")

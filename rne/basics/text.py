@@ -197,7 +197,7 @@ def _from_the_point(text: str) -> str:
 
 
 class InNotebooks:
-    """Base of the classes that notebooks show as HTML, most of them as the text of `print`: the report, if there is one."""
+    """Base of the classes that notebooks show as HTML, most as the text of `print`: their report, if they have one."""
 
     _repr_html_: ClassVar[Callable[[Any], str]]  # set by `rne/__init__.py`, above all of them
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-import re
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +12,7 @@ from .shared import (
     CommandError,
     add_parser,
     add_robot,
+    as_options,
     check_file,
     check_folder,
     fail,
@@ -40,13 +41,17 @@ def add_identify(commands: Any) -> None:
     parser.add_argument("logs", metavar="LOG", type=Path, nargs="+", help=logs)
     parser.add_argument("--check", metavar="LOG", type=Path, help="another motion, to be predicted")
     add_units(parser)
-    parser.add_argument(
-        "--joints", metavar="NAME,...", type=lambda text: text.split(","), help="joints of the logs to read"
-    )
-    names = "names of all columns of logs without, such as t,q.a,tau.a; nothing for a column to ignore"
-    parser.add_argument("--columns", metavar="NAME,...", type=lambda text: text.split(","), help=names)
+    units = "such as q=deg, qd=rpm or tau=mA, or of each joint q=deg,deg,m; once for each quantity"
+    parser.add_argument("--units", metavar="Q=UNIT", type=_named, action="append", help=f"units of the logs, {units}")
+    parser.add_argument("--joints", metavar="NAME,...", type=_list, help="joints of the logs to read")
+    names = "names of all columns of logs without, such as t,q.a,tau.a, nothing for one to ignore; or the columns of a "
+    names += "quantity, names or numbers from 0: q=A,B, once for each"
+    parser.add_argument("--columns", metavar="NAME,...", type=_named, action="append", help=names)
+    parser.add_argument("--sample-rate", metavar="HZ", type=number, help="of logs without times [Hz]")
     parser.add_argument("--gains", metavar="K", type=numbers, help="torques per ampere, for all joints or each [N m/A]")
+    parser.add_argument("--offsets", metavar="Q", type=numbers, help="positions where logs have zero [rad or m]")
     parser.add_argument("--topic", help="topic of the joint states, where a log has several")
+    parser.add_argument("--episode", metavar="K", type=int, help="episode of a data set that has several")
     parser.add_argument("--cutoff", metavar="HZ", type=number, help="of the low-pass filter (default: from the logs)")
     parser.add_argument("--out", metavar="FILE.urdf", type=Path, help="file for the robot found")
     page = "folder for the page (default: rne-identify)"
@@ -72,7 +77,7 @@ def run_identify(arguments: argparse.Namespace) -> int:
             found = rne.identify(robot, records[: len(arguments.logs)], cutoff=arguments.cutoff)
         page = Report(f"{robot.model.name} identified", say, arguments.page)
         page.text(used(robot, arguments))
-        page.lines(found.report())
+        page.lines(as_options(found.report(), arguments))
         for k, record in enumerate(records):
             check, how = found.check(record), "fitted" if k < len(arguments.logs) else "predicted"
             page.heading(f"{record.name}, {how}")
@@ -82,7 +87,7 @@ def run_identify(arguments: argparse.Namespace) -> int:
             )
         say(f"page: {page.write()}")
     except (ValueError, ImportError) as error:
-        raise CommandError(re.sub("`(cutoff|gains|joints|columns|topic)`", r"--\1", in_one_line(error))) from None
+        raise CommandError(in_one_line(error)) from None
     try:
         urdf = found.to_urdf()
     except rne.IdentificationError as error:
@@ -98,12 +103,41 @@ def _record(file: Path, robot: rne.Robot, arguments: argparse.Namespace) -> rne.
     """The record of a log, in the units of `add_units`, without rest at its ends."""
     import rne
 
-    given = {name: getattr(arguments, name) for name in ("time_unit", "joints", "columns", "topic")}
+    given = {name: getattr(arguments, name) for name in ("time_unit", "sample_rate", "joints", "topic", "episode")}
+    gains, offsets = (x[0] if x and len(x) == 1 else x for x in (arguments.gains, arguments.offsets))
+    units, columns = (_merged(option, getattr(arguments, option)) for option in ("units", "columns"))
     if arguments.degrees:
         turns = dict(zip(robot.joint_names, rotating(robot), strict=True))
         if not all(turns.values()):  # the joints of the log have to be known
             given["joints"] = given["joints"] or robot.joint_names
         unit = ["deg" if turns.get(joint, True) else "m" for joint in given["joints"] or ()] or "deg"
-        given["units"] = {"q": unit, "qd": unit}
-    gains = arguments.gains if arguments.gains is None or len(arguments.gains) > 1 else arguments.gains[0]
-    return rne.identification.Record.from_log(file, gains=gains, **given).in_motion()
+        units = {"q": unit, "qd": unit} | (units or {})
+    given |= {"units": units, "columns": columns, "gains": gains, "offsets": offsets or 0.0}
+    return rne.identification.Record.from_log(file, **given).in_motion()
+
+
+def _list(text: str) -> list[str]:
+    return text.split(",")
+
+
+def _named(text: str) -> list[str] | dict[str, Any]:
+    """A list of names, or of one quantity names or numbers: `q=A,B` is {"q": ["A", "B"]}."""
+    kind, is_named, names = text.rpartition("=")
+    values = list(map(_value, _list(names)))
+    return {kind: values if len(values) > 1 else values[0]} if is_named else _list(text)
+
+
+def _value(text: str) -> int | float | str:
+    for kind in (int, float):
+        with suppress(ValueError):
+            return kind(text)
+    return text
+
+
+def _merged(option: str, given: list[Any] | None) -> Any:
+    """All that an option was given: one list, or the quantities together."""
+    if not given or (len(given) == 1 and option == "columns"):
+        return given and given[0]
+    if not all(isinstance(part, dict) for part in given):
+        raise CommandError(f"--{option}: must be of the form q=..., once for each quantity")
+    return {kind: value for part in given for kind, value in part.items()}

@@ -7,7 +7,6 @@ that differentiation amplifies. Warnings tell of each; the numbers change only i
 from __future__ import annotations
 
 import argparse
-import re
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -100,7 +99,7 @@ def run_simulate(arguments: argparse.Namespace) -> int:
             motion = rne.simulate(robot, q0, qd0, arguments.duration, torque=law, progress=work.progress, **options)
             work.begin("energies and the file")
     except ValueError as error:
-        raise CommandError(re.sub("`(method|rtol|duration)`", r"--\1", in_one_line(error))) from None
+        raise CommandError(in_one_line(error)) from None
     except rne.SimulationError as error:
         fail(in_one_line(error))
         return 1
@@ -259,7 +258,7 @@ def run_view(arguments: argparse.Namespace) -> int:
                 t, q = (None, None) if motion is None else motion
                 page = rne.view(robot, out, q=q, t=t, other=other, labels=labels, **shown)
     except (ValueError, ImportError) as error:
-        raise CommandError(in_one_line(error).replace("`speed`", "--speed")) from None
+        raise CommandError(in_one_line(error)) from None
     say(f"{page.path}: {len(page.html.encode()) / 1e6:.2f} MB")
     return 0
 

@@ -1,4 +1,4 @@
-"""rne check, urdf, source and report: findings in a robot's file, the robot as URDF, as code, and as a page."""
+"""rne check, compare, urdf, source and report: findings in a file, two robots, one as URDF, as code, and as a page."""
 
 from __future__ import annotations
 
@@ -6,18 +6,35 @@ import argparse
 import inspect
 import io
 import os
-import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .shared import ROBOT, CommandError, add_parser, check_folder, fail, in_one_line, say
+from .shared import ROBOT, CommandError, add_parser, check_folder, fail, in_one_line, number, say
+
+if TYPE_CHECKING:
+    from ..model import Model
 
 FIRST = 4096  # bytes that are looked at
 MARK = 8  # bytes that may precede "<": the mark of an encoding
 FOLDER = Path("rne-report")
+COMPARED = {
+    "lower": "lower limit",
+    "upper": "upper limit",
+    "velocity_limit": "velocity limit",
+    "effort_limit": "effort limit",
+    "damping": "damping",
+    "friction": "friction",
+    "armature": "armature",
+    "axis": "axis",
+    "translation": "origin [m]",
+    "rotation": "rotation",
+    "mass": "mass of its body [kg]",
+    "com": "centre of mass [m]",
+    "inertia": "inertia [kg m^2]",
+}
 LANGUAGES, TYPES = ("python", "numpy", "matlab", "c", "rust"), ("float64", "float32")
 
 
@@ -90,6 +107,53 @@ def _refuse_other_files(robot: str) -> None:
                 raise CommandError(f"{robot}: is not an XML file; a URDF file is needed")
 
 
+def add_compare(commands: Any) -> None:
+    """Register `rne compare`."""
+    title = "say in what two robots differ: in joints and limits, and the likely cause of other torques"
+    parser = add_parser(commands, "compare", title, "rne compare arm.urdf new.urdf", run_compare)
+    parser.add_argument("robot", metavar="ROBOT", help=f"{ROBOT}; it is taken as right")
+    parser.add_argument("other", metavar="OTHER", help="another one")
+    least = "differences below this part of a joint's torques are rounding (default: 1e-8)"
+    parser.add_argument("--tolerance", metavar="PART", type=number, default=1e-8, help=least)
+
+
+def run_compare(arguments: argparse.Namespace) -> int:
+    """Print the differences; 1 if there are any."""
+    import rne
+
+    names = arguments.robot, arguments.other
+    one, other = map(rne.load, names)
+    lines = list(_differences(one.model, other.model, names, arguments.tolerance))
+    print("\n".join(lines or ["joints: the same, with the same limits and bodies"]), flush=True)
+    if one.n != other.n:
+        print(f"torques: not compared, {names[0]} has {one.n} joints and {names[1]} {other.n}")
+        return 1
+    try:
+        found = rne.compare_models(one, other, tolerance=arguments.tolerance)
+    except ValueError as error:
+        raise CommandError(in_one_line(error)) from None
+    print(f"torques of {names[1]} beside those of {names[0]}, and the likely cause by torques alone")
+    print(found.report())
+    return int(bool(lines) or found.causes != ("none",))
+
+
+def _differences(one: Model, other: Model, names: Sequence[str], tolerance: float) -> Iterator[str]:
+    """Joints of which only one robot has the name; joints of the same name with other numbers."""
+    of = [{joint: i for i, joint in enumerate(model.moving_joints)} for model in (one, other)]
+    for k, name in enumerate(names):
+        if alone := [joint for joint in of[k] if joint not in of[1 - k]]:
+            yield f"joints of {name} alone: {', '.join(alone)}"
+    for joint in (joint for joint in of[0] if joint in of[1]):
+        kinds = [model.joint_types[of[k][joint]] for k, model in enumerate((one, other))]
+        if kinds[0] != kinds[1]:
+            yield f"{joint}: type {kinds[0]}, of the other {kinds[1]}"
+        for what, text in COMPARED.items():
+            a, b = (getattr(model, what)[of[k][joint]] for k, model in enumerate((one, other)))
+            if not np.allclose(a, b, rtol=tolerance, atol=tolerance):
+                a, b = (" ".join(f"{x:.9g}" for x in np.ravel(value)) for value in (a, b))
+                yield f"{joint}: {text} {a}, of the other {b}"
+
+
 def add_urdf(commands: Any) -> None:
     """Register `rne urdf`."""
     title = "print a robot as URDF, without shapes that are meshes"
@@ -132,7 +196,7 @@ def run_source(arguments: argparse.Namespace) -> int:
         kernel = rne.load(arguments.robot).kernel(getattr(rne.dynamics, quantity))
         text = kernel.source(arguments.language, arguments.element, arguments.dtype)
     except (rne.RneError, ValueError, TypeError) as error:  # TypeError: the kernel is too large to be written out
-        raise CommandError(re.sub("`(element|dtype)`", r"--\1", str(error))) from error
+        raise CommandError(str(error)) from error
     print(text, end="")
     return 0
 
@@ -140,7 +204,7 @@ def run_source(arguments: argparse.Namespace) -> int:
 def add_out(parser: argparse.ArgumentParser, default: Any) -> None:
     """The option for the folder of a page."""
     text = "folder of the page, made if it does not exist (default: rne-report)"
-    parser.add_argument("--out", metavar="DIR", type=Path, default=default, help=text)
+    parser.add_argument("--out", metavar="FOLDER", type=Path, default=default, help=text)
 
 
 def add_report(commands: Any) -> None:
