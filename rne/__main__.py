@@ -18,8 +18,8 @@ from .errors import RneError
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command, by default that of the process's arguments.
 
-    Returns the exit code: 0 on success; 1 if a file has errors, a comparison exceeds its bound or a simulation fails; 2
-    for a wrong call; 130 if it was interrupted.
+    Returns the exit code: 0 on success; 1 if a file has errors, robots differ, a comparison exceeds its bound or a
+    computation fails; 2 for a wrong call or a file that cannot be used; 130 if it was interrupted.
     """
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
@@ -49,7 +49,8 @@ def parser() -> argparse.ArgumentParser:
     top = Parser(
         prog="python -m rne" if as_module else "rne",
         description="Dynamics of robot manipulators. Without a command: a report on the ABB IRB 140, with pictures.",
-        epilog="rne COMMAND --help shows the options of a command, and an example.",
+        epilog="rne COMMAND --help shows options of a command, and an example. Exit codes: 0 all went well, 1 a file "
+        "has errors, robots differ or a computation fails, 2 a wrong call or file, 130 interrupted.",
     )
     top.set_defaults(run=run_main_page, parser=top)
     top.add_argument("--version", action="version", version=f"rne {rne.__version__}")

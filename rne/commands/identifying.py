@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import argparse
-from contextlib import suppress
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..trajectories.csv_file import as_number
 from .moving import add_units, rotating
 from .shared import (
     CommandError,
@@ -19,6 +20,7 @@ from .shared import (
     in_one_line,
     number,
     numbers,
+    one_or_each,
     robot_of,
     say,
     used,
@@ -43,16 +45,17 @@ def add_identify(commands: Any) -> None:
     add_units(parser)
     units = "such as q=deg, qd=rpm or tau=mA, or of each joint q=deg,deg,m; once for each quantity"
     parser.add_argument("--units", metavar="Q=UNIT", type=_named, action="append", help=f"units of the logs, {units}")
-    parser.add_argument("--joints", metavar="NAME,...", type=_list, help="joints of the logs to read")
+    parser.add_argument("--joints", metavar="NAME,...", type=lambda text: text.split(","), help="joints to read")
     names = "names of all columns of logs without, such as t,q.a,tau.a, nothing for one to ignore; or the columns of a "
     names += "quantity, names or numbers from 0: q=A,B, once for each"
     parser.add_argument("--columns", metavar="NAME,...", type=_named, action="append", help=names)
     parser.add_argument("--sample-rate", metavar="HZ", type=number, help="of logs without times [Hz]")
     parser.add_argument("--gains", metavar="K", type=numbers, help="torques per ampere, for all joints or each [N m/A]")
-    parser.add_argument("--offsets", metavar="Q", type=numbers, help="positions where logs have zero [rad or m]")
+    parser.add_argument("--offsets", metavar="Q", type=numbers, default=[0.0], help="where logs have zero [rad or m]")
     parser.add_argument("--topic", help="topic of the joint states, where a log has several")
     parser.add_argument("--episode", metavar="K", type=int, help="episode of a data set that has several")
-    parser.add_argument("--cutoff", metavar="HZ", type=number, help="of the low-pass filter (default: from the logs)")
+    parser.add_argument("--cutoff", metavar="HZ", type=number, help="of the low-pass filter (default: from the log)")
+    parser.add_argument("--details", action="store_true", help="report everything, parameters with standard errors too")
     parser.add_argument("--out", metavar="FILE.urdf", type=Path, help="file for the robot found")
     page = "folder for the page (default: rne-identify)"
     parser.add_argument("--page", metavar="FOLDER", type=Path, default=Path("rne-identify"), help=page)
@@ -73,11 +76,12 @@ def run_identify(arguments: argparse.Namespace) -> int:
         for record in records:
             say(f"{record.name}: {record.source}")
         work.begin("identifying")
-        with warnings_in_one_line():
+        with warnings_in_one_line(arguments):
             found = rne.identify(robot, records[: len(arguments.logs)], cutoff=arguments.cutoff)
         page = Report(f"{robot.model.name} identified", say, arguments.page)
         page.text(used(robot, arguments))
-        page.lines(as_options(found.report(), arguments))
+        report = found.report(details=arguments.details).replace("`report(details=True)`", "--details")
+        page.lines(as_options(report, arguments))
         for k, record in enumerate(records):
             check, how = found.check(record), "fitted" if k < len(arguments.logs) else "predicted"
             page.heading(f"{record.name}, {how}")
@@ -104,40 +108,25 @@ def _record(file: Path, robot: rne.Robot, arguments: argparse.Namespace) -> rne.
     import rne
 
     given = {name: getattr(arguments, name) for name in ("time_unit", "sample_rate", "joints", "topic", "episode")}
-    gains, offsets = (x[0] if x and len(x) == 1 else x for x in (arguments.gains, arguments.offsets))
-    units, columns = (_merged(option, getattr(arguments, option)) for option in ("units", "columns"))
+    given |= {name: one_or_each(getattr(arguments, name)) for name in ("gains", "offsets")}
+    units, columns = _merged(arguments.units), _merged(arguments.columns)
     if arguments.degrees:
         turns = dict(zip(robot.joint_names, rotating(robot), strict=True))
         if not all(turns.values()):  # the joints of the log have to be known
             given["joints"] = given["joints"] or robot.joint_names
         unit = ["deg" if turns.get(joint, True) else "m" for joint in given["joints"] or ()] or "deg"
-        units = {"q": unit, "qd": unit} | (units or {})
-    given |= {"units": units, "columns": columns, "gains": gains, "offsets": offsets or 0.0}
+        units = {"q": unit, "qd": unit} | units
+    given |= {"units": units, "columns": columns.get("", columns) or None}
     return rne.identification.Record.from_log(file, **given).in_motion()
 
 
-def _list(text: str) -> list[str]:
-    return text.split(",")
+def _named(text: str) -> dict[str, Any]:
+    """Names of a quantity, or numbers, or names of none: `q=A,2` is {"q": ["A", 2]}, `A,2` is {"": ["A", "2"]}."""
+    kind, _, names = text.rpartition("=")
+    read = [(x, as_number(x)) for x in names.split(",")]
+    values = [x if not kind or math.isnan(y) else int(x) if x.isdigit() else y for x, y in read]
+    return {kind: values if len(values) > 1 or not kind else values[0]}
 
 
-def _named(text: str) -> list[str] | dict[str, Any]:
-    """A list of names, or of one quantity names or numbers: `q=A,B` is {"q": ["A", "B"]}."""
-    kind, is_named, names = text.rpartition("=")
-    values = list(map(_value, _list(names)))
-    return {kind: values if len(values) > 1 else values[0]} if is_named else _list(text)
-
-
-def _value(text: str) -> int | float | str:
-    for kind in (int, float):
-        with suppress(ValueError):
-            return kind(text)
-    return text
-
-
-def _merged(option: str, given: list[Any] | None) -> Any:
-    """All that an option was given: one list, or the quantities together."""
-    if not given or (len(given) == 1 and option == "columns"):
-        return given and given[0]
-    if not all(isinstance(part, dict) for part in given):
-        raise CommandError(f"--{option}: must be of the form q=..., once for each quantity")
-    return {kind: value for part in given for kind, value in part.items()}
+def _merged(given: list[dict[str, Any]] | None) -> dict[str, Any]:
+    return {kind: value for part in given or () for kind, value in part.items()}

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..basics.text import counted
 from .shared import ROBOT, CommandError, add_parser, check_folder, fail, in_one_line, number, say
 
 if TYPE_CHECKING:
@@ -20,21 +21,9 @@ if TYPE_CHECKING:
 FIRST = 4096  # bytes that are looked at
 MARK = 8  # bytes that may precede "<": the mark of an encoding
 FOLDER = Path("rne-report")
-COMPARED = {
-    "lower": "lower limit",
-    "upper": "upper limit",
-    "velocity_limit": "velocity limit",
-    "effort_limit": "effort limit",
-    "damping": "damping",
-    "friction": "friction",
-    "armature": "armature",
-    "axis": "axis",
-    "translation": "origin [m]",
-    "rotation": "rotation",
-    "mass": "mass of its body [kg]",
-    "com": "centre of mass [m]",
-    "inertia": "inertia [kg m^2]",
-}
+REPORT = "write a page on a robot: a motion, comparison with Pinocchio, torques against gravity, joints and links"
+OF_JOINTS = "joint_types lower upper velocity_limit effort_limit damping friction armature axis translation rotation"
+OF_BODIES = "mass com inertia"
 LANGUAGES, TYPES = ("python", "numpy", "matlab", "c", "rust"), ("float64", "float32")
 
 
@@ -55,8 +44,8 @@ def quantities() -> list[str]:
 
 def add_check(commands: Any) -> None:
     """Register `rne check`."""
-    title = "print errors and warnings about URDF files"
-    parser = add_parser(commands, "check", title, "rne check arm.urdf", run_check)
+    title = "print errors and warnings about robots' files"
+    parser = add_parser(commands, "check", title, "rne check irb140.urdf", run_check)
     parser.add_argument("robots", metavar="ROBOT", nargs="+", help=ROBOT)
     parser.add_argument("--all", action="store_true", help="print findings that are alike one by one")
     what = "two points, as LINK,X,Y,Z in metres: print how far apart they come over the ranges of the joints"
@@ -109,10 +98,10 @@ def _refuse_other_files(robot: str) -> None:
 
 def add_compare(commands: Any) -> None:
     """Register `rne compare`."""
-    title = "say in what two robots differ: in joints and limits, and the likely cause of other torques"
-    parser = add_parser(commands, "compare", title, "rne compare arm.urdf new.urdf", run_compare)
-    parser.add_argument("robot", metavar="ROBOT", help=f"{ROBOT}; it is taken as right")
-    parser.add_argument("other", metavar="OTHER", help="another one")
+    title = "print how two robots differ: joints, limits, bodies, and the likely cause of other torques"
+    parser = add_parser(commands, "compare", title, "rne compare irb140 irb140.urdf", run_compare)
+    parser.add_argument("robot", metavar="ROBOT", help=ROBOT)
+    parser.add_argument("other", metavar="OTHER", help="another robot; torques are compared if it has as many joints")
     least = "differences below this part of a joint's torques are rounding (default: 1e-8)"
     parser.add_argument("--tolerance", metavar="PART", type=number, default=1e-8, help=least)
 
@@ -126,7 +115,7 @@ def run_compare(arguments: argparse.Namespace) -> int:
     lines = list(_differences(one.model, other.model, names, arguments.tolerance))
     print("\n".join(lines or ["joints: the same, with the same limits and bodies"]), flush=True)
     if one.n != other.n:
-        print(f"torques: not compared, {names[0]} has {one.n} joints and {names[1]} {other.n}")
+        print(f"torques: not compared, {names[0]} has {counted(one.n, 'joint')}, {names[1]} {other.n}")
         return 1
     try:
         found = rne.compare_models(one, other, tolerance=arguments.tolerance)
@@ -144,14 +133,11 @@ def _differences(one: Model, other: Model, names: Sequence[str], tolerance: floa
         if alone := [joint for joint in of[k] if joint not in of[1 - k]]:
             yield f"joints of {name} alone: {', '.join(alone)}"
     for joint in (joint for joint in of[0] if joint in of[1]):
-        kinds = [model.joint_types[of[k][joint]] for k, model in enumerate((one, other))]
-        if kinds[0] != kinds[1]:
-            yield f"{joint}: type {kinds[0]}, of the other {kinds[1]}"
-        for what, text in COMPARED.items():
-            a, b = (getattr(model, what)[of[k][joint]] for k, model in enumerate((one, other)))
-            if not np.allclose(a, b, rtol=tolerance, atol=tolerance):
-                a, b = (" ".join(f"{x:.9g}" for x in np.ravel(value)) for value in (a, b))
-                yield f"{joint}: {text} {a}, of the other {b}"
+        for what in f"{OF_JOINTS} {OF_BODIES}".split():
+            a, b = (np.ravel(getattr(model, what)[of[k][joint]]) for k, model in enumerate((one, other)))
+            if not (np.array_equal(a, b) or (a.dtype == float and np.allclose(a, b, tolerance, tolerance))):
+                both = (" ".join(x if isinstance(x, str) else f"{x:.9g}" for x in value) for value in (a, b))
+                yield f"{joint}: {what.replace('types', 'type').replace('_', ' ')} {', of the other '.join(both)}"
 
 
 def add_urdf(commands: Any) -> None:
@@ -209,7 +195,7 @@ def add_out(parser: argparse.ArgumentParser, default: Any) -> None:
 
 def add_report(commands: Any) -> None:
     """Register `rne report`."""
-    parser = add_parser(commands, "report", "write a page on a robot", "rne report arm.urdf --out arm-page", run_report)
+    parser = add_parser(commands, "report", REPORT, "rne report irb140.urdf --out irb140-page", run_report)
     parser.add_argument("robot", metavar="ROBOT", help=ROBOT)
     add_out(parser, argparse.SUPPRESS)  # where it is not given here, that before the subcommand holds
 

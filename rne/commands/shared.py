@@ -78,6 +78,8 @@ def add_robot(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--payload-link", metavar="LINK", help="link that carries the payload, where robots branch")
     gravity = "in the axes of the root link [m/s^2] (default: of an MJCF file its own, else 0 0 -9.81)"
     parser.add_argument("--gravity", metavar="X Y Z", type=numbers, help=gravity)
+    locked = "joints that stay where they are, such as finger=0.02,wrist=1 [rad or m]"
+    parser.add_argument("--locked", metavar="JOINT=Q,...", type=positions, help=locked)
     effort = "effort limits in place of the robot's, one number for all joints or one for each [N m or N]"
     parser.add_argument("--effort", metavar="TAU", type=numbers, help=effort)
 
@@ -86,28 +88,24 @@ def robot_of(arguments: argparse.Namespace) -> rne.Robot:
     """The robot that the arguments of `add_robot` describe."""
     import rne
 
-    given = {name: getattr(arguments, f"payload_{name}") for name in ("com", "inertia", "link")}
-    given = {name: value for name, value in given.items() if value is not None}
+    names = "com", "inertia", "link"
+    given = {name: x for name in names if (x := getattr(arguments, f"payload_{name}")) is not None}
     if arguments.payload is None and given:
         raise CommandError(f"--payload-{next(iter(given))}: needs --payload")
     gravity = {} if arguments.gravity is None else {"gravity": arguments.gravity}
-    effort = arguments.effort[0] if len(arguments.effort or ()) == 1 else arguments.effort
-    try:
-        robot = rne.load(arguments.robot, effort=effort, **gravity)
-    except ValueError as error:
-        raise error if isinstance(error, rne.RneError) else CommandError(in_one_line(error)) from None
-    if arguments.payload is None:
-        return robot
     if "inertia" in given:
         if len(given["inertia"]) != 6:
             raise CommandError(f"--payload-inertia: must be 6 numbers, xx yy zz xy xz yz, got {len(given['inertia'])}")
-        xx, yy, zz, xy, xz, yz = given["inertia"]
-        given["inertia"] = [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]
+        given["inertia"] = np.array(given["inertia"])[[[0, 3, 4], [3, 1, 5], [4, 5, 2]]]
     try:
-        return robot.with_payload(arguments.payload, **given)
+        robot = rne.load(arguments.robot, effort=one_or_each(arguments.effort), **gravity)
+        robot = robot.locked(arguments.locked or {})
+        return robot if arguments.payload is None else robot.with_payload(arguments.payload, **given)
+    except rne.RneError:
+        raise
     except ValueError as error:
-        text = re.sub("`(com|inertia|link)`", r"`payload_\1`", in_one_line(error))
-        raise CommandError(f"--payload: {text}") from None
+        text = re.sub("`(com|inertia|link)`", r"--payload-\1", in_one_line(error))
+        raise CommandError(text.replace("`positions`", "--locked")) from None
 
 
 def used(robot: rne.Robot, arguments: argparse.Namespace) -> str:
@@ -140,6 +138,16 @@ def number(text: str) -> float:
     return values[0]
 
 
+def positions(text: str) -> dict[str, float]:
+    """Positions by joint, such as `finger=0.02,wrist=1`."""
+    return {joint: number(q) for joint, _, q in (part.partition("=") for part in text.split(","))}
+
+
+def one_or_each(values: list[float] | None) -> Any:
+    """One number for all joints, or one for each."""
+    return values[0] if values and len(values) == 1 else values
+
+
 def join_numbers(argv: Sequence[str]) -> list[str]:
     """Arguments with the numbers after an option as one argument, which may begin with a minus sign.
 
@@ -160,13 +168,13 @@ def join_numbers(argv: Sequence[str]) -> list[str]:
 
 
 @contextmanager
-def warnings_in_one_line() -> Iterator[None]:
-    """Print the warnings raised in this block without the place in the source."""
+def warnings_in_one_line(arguments: argparse.Namespace) -> Iterator[None]:
+    """Print the warnings raised in this block without the place in the source, with the command's options."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         yield
     for text in dict.fromkeys(str(warning.message) for warning in caught):
-        note(f"warning: {text}")
+        note(f"warning: {as_options(text, arguments)}")
 
 
 def check_folder(folder: Path) -> None:
@@ -261,15 +269,8 @@ def in_one_line(error: BaseException) -> str:
 
 
 def as_options(text: str, arguments: argparse.Namespace) -> str:
-    """A text on arguments in Python, with the options of the command in their place.
-
-    Examples
-    --------
-    >>> parser = argparse.ArgumentParser()
-    >>> _ = parser.add_argument("--time-unit"), parser.add_argument("--units")
-    >>> as_options('give time_unit="ms", units={"q": "deg"} or `gains`', argparse.Namespace(parser=parser))
-    'give --time-unit ms, --units q=deg or `gains`'
-    """
+    """A text on arguments in Python with the options of the command, `units={"q": "deg"}` as `--units q=deg`."""
+    text = re.sub(r"`robot\.locked(?:\((.*?)\))?`", lambda m: f"locked={m[1]}" if m[1] else "`locked`", text)
     known = set(re.findall(r"--[\w-]+", arguments.parser.format_usage()))
 
     def option(found: re.Match[str]) -> str:

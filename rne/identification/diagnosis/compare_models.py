@@ -141,8 +141,8 @@ class TorqueDifference(Discrepancy):
         """|torques| / |tau| of each joint, shape (n,)."""
         size = np.linalg.norm(self.tau, axis=0)
         least = max(thresholds.SMALLEST * size.max(initial=0), TINY)
-        relative: Array = np.linalg.norm(torques, axis=0) / np.maximum(size, least)
-        return relative
+        with np.errstate(over="ignore"):  # infinite, where the other's torques are zero
+            return np.asarray(np.linalg.norm(torques, axis=0) / np.maximum(size, least))
 
     def explains(self, residual: Array) -> bool:
         """True if no joint's residual, by its root mean square, is above rounding."""
