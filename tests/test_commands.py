@@ -251,6 +251,12 @@ def test_robots_are_compared_joint_by_joint_and_by_their_torques(lift, tmp_path,
     other.write_text(LIFT.replace('type="prismatic"', 'type="revolute"'))
     assert main(["compare", lift, str(other)]) == 1
     assert capsys.readouterr().out.startswith("up: joint type prismatic, of the other revolute\n")
+    locked = ["--locked", "joint_6=0", "--payload", "2", "--payload-com", "0 0 0.1"]
+    (tmp_path / "five.urdf").write_text(rne.to_urdf(rne.load("irb140").locked({"joint_6": 0.0}).model))
+    assert main(["compare", "irb140", str(tmp_path / "five.urdf"), *locked]) == 1
+    said = capsys.readouterr().out
+    assert "joint_5: mass 3, of the other 1" in said
+    assert "cause: payload" in said
     assert main(["compare", lift, "irb140"]) == 1
     assert capsys.readouterr().out.splitlines() == [
         f"joints of {lift} alone: up",

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..basics.text import counted
-from .shared import ROBOT, CommandError, add_parser, check_folder, fail, in_one_line, number, say
+from .shared import ROBOT, CommandError, add_parser, add_robot, check_folder, fail, in_one_line, number, robot_of, say
 
 if TYPE_CHECKING:
     from ..model import Model
@@ -100,8 +100,8 @@ def add_compare(commands: Any) -> None:
     """Register `rne compare`."""
     title = "print how two robots differ: joints, limits, bodies, and the likely cause of other torques"
     parser = add_parser(commands, "compare", title, "rne compare irb140 irb140.urdf", run_compare)
-    parser.add_argument("robot", metavar="ROBOT", help=ROBOT)
-    parser.add_argument("other", metavar="OTHER", help="another robot; torques are compared if it has as many joints")
+    add_robot(parser)
+    parser.add_argument("other", metavar="OTHER", help="another robot, of as many joints for torques to be compared")
     least = "differences below this part of a joint's torques are rounding (default: 1e-8)"
     parser.add_argument("--tolerance", metavar="PART", type=number, default=1e-8, help=least)
 
@@ -111,7 +111,7 @@ def run_compare(arguments: argparse.Namespace) -> int:
     import rne
 
     names = arguments.robot, arguments.other
-    one, other = map(rne.load, names)
+    one, other = robot_of(arguments), rne.load(arguments.other)
     lines = list(_differences(one.model, other.model, names, arguments.tolerance))
     print("\n".join(lines or ["joints: the same, with the same limits and bodies"]), flush=True)
     if one.n != other.n:
