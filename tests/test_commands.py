@@ -4,6 +4,7 @@ import csv
 import re
 import subprocess
 import sys
+import warnings
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ import pytest
 import rne
 from rne.__main__ import main, parser
 from rne.commands import COMMANDS
-from rne.commands.shared import as_options, join_numbers
+from rne.commands.shared import as_options, join_numbers, warnings_in_one_line
 from rne.plotting import html_page
 
 from .faulty_logs import SCARA
@@ -244,6 +245,9 @@ def test_robots_are_compared_joint_by_joint_and_by_their_torques(lift, tmp_path,
         "cause: torque unit",
         "  torques are 1.5 times this robot's",
     ]
+    other.write_text(LIFT.replace('effort="25"', 'effort="30"'))
+    assert main(["compare", lift, str(other)]) == 1
+    assert "cause: none" in capsys.readouterr().out
     assert main(["compare", lift, lift]) == 0
     said = capsys.readouterr().out.splitlines()
     assert said[0] == "joints: the same, with the same limits and bodies"
@@ -278,6 +282,17 @@ def test_arguments_in_a_message_are_shown_as_options(capsys):
         "`rne.excitation`, prior=2 and `prior`": "`rne.excitation`, prior=2 and `prior`",
     }.items():
         assert as_options(text, given) == shown
+        with warnings_in_one_line(given):
+            warnings.warn(text, stacklevel=1)
+        assert capsys.readouterr().err == f"warning: {shown}\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "read"),
+    [("t,1", {"": ["t", "1"]}), ("q=3", {"q": 3}), ("q=a,4", {"q": ["a", 4]}), ("tau=0.5", {"tau": 0.5})],
+)
+def test_columns_and_units_are_names_or_numbers(text, read):
+    assert repr(parser().parse_args(["identify", "irb140", "log.csv", "--columns", text]).columns) == repr([read])
 
 
 def test_limits_that_the_torques_exceed_are_said(lift, tmp_path, capsys):
