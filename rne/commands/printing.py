@@ -165,9 +165,7 @@ def add_source(commands: Any) -> None:
     parser.add_argument("--quantity", metavar="QUANTITY", choices=choices, help=default)
     element = "one entry alone: m23 of M, c3 of C q', g2 of g, tau4, h1, qdd5; joints from 1, m2_13 beyond nine"
     parser.add_argument("--element", metavar="ELEMENT", help=element)
-    parser.add_argument(
-        "--language", default="python", choices=LANGUAGES, help="(default: python); MATLAB goes to NAME.m"
-    )
+    parser.add_argument("--language", default="python", choices=LANGUAGES, help="(default: python)")
     parser.add_argument("--dtype", default="float64", choices=TYPES, help="numbers of C and Rust (default: float64)")
 
 
