@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import per_joint_array, positive_number
 from ..basics.spatial import Array
-from ..basics.text import listed, summary
+from ..basics.text import InNotebooks, listed, summary
 from ..dynamics.forward import solve_mass_matrix
 from ..dynamics.rnea import gravity_torque
 from ..robot import Robot
@@ -30,7 +30,7 @@ FREE = np.pi  # range of a coordinate without limits: -pi to pi [rad or m]
 
 
 @dataclass(frozen=True, eq=False)
-class Gains:
+class Gains(InNotebooks):
     """Stability of PD gains, as found by `check_gains`.
 
     Attributes
@@ -93,7 +93,7 @@ class Gains:
 
 
 @dataclass(frozen=True, eq=False)
-class LinearisedLoop:
+class LinearisedLoop(InNotebooks):
     """Stability of a closed loop near a target, as found by `Scene.check_gains`.
 
     It holds near the target; no theorem says how near.

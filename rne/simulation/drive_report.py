@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import per_joint_array, real_array
 from ..basics.spatial import Array
-from ..basics.text import column, counted, six_digits, summary, table
+from ..basics.text import InNotebooks, column, counted, six_digits, summary, table
 from ..dynamics.recursion_record import bearing_loads
 from ..model.model import Model
 from ..robot import Robot
@@ -26,7 +26,7 @@ COARSE = 2e-3  # of all energy exchanged: twice what a run with the default tole
 
 
 @dataclass(frozen=True, eq=False)
-class BearingPeaks:
+class BearingPeaks(InNotebooks):
     """The largest loads on every joint's bearing over the samples of a motion; `print` shows them as a table.
 
     Attributes
@@ -73,7 +73,7 @@ class BearingPeaks:
 
 
 @dataclass(frozen=True, eq=False)
-class DriveReport:
+class DriveReport(InNotebooks):
     """Loads of drives, gears and bearings over a cycle, found by `rne.drives`; `print` shows them as tables.
 
     Integrals over time are those of the trapezoidal rule over the samples.
