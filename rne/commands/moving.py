@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from ..basics.arrays import per_joint_array
 from ..basics.text import UNITS
 from .shared import (
     CommandError,
@@ -326,10 +327,16 @@ def run_cycle(arguments: argparse.Namespace) -> int:
         points = q * np.where(rotating(robot) & arguments.degrees, np.pi / 180, 1.0)
         path = rne.trajectories.through(points, stops=arguments.stops)
         work.begin("planning the motion")
-        motion = rne.trajectories.fastest(robot, path, friction=arguments.friction, smoothing=arguments.smoothing)
-        names = ("gear", "rotor", "efficiency")
-        gear, rotor, efficiency = (one_or_each(getattr(arguments, name)) for name in names)
-        report = rne.drives(robot, motion, gear=gear, rotor=rotor, efficiency=efficiency)
+        gear, rotor, efficiency = (
+            per_joint_array(name, one_or_each(getattr(arguments, name)), robot.n)
+            for name in ("gear", "rotor", "efficiency")
+        )
+        turned = robot.model.armature.copy()
+        turned[list(robot.model.independent_joints)] += rotor * gear**2  # limits hold for loads with their rotors
+        options = {"friction": arguments.friction, "smoothing": arguments.smoothing}
+        motion = rne.trajectories.fastest(robot.with_armature(turned), path, **options)
+        alone = replace(motion.scene, robot=robot)
+        report = rne.drives(alone, motion, gear=gear, rotor=rotor, efficiency=efficiency)
     except (ValueError, ImportError) as error:
         raise CommandError(in_one_line(error) + _cure(error, robot)) from None
     page = Report(f"A cycle of {robot.model.name}", say, arguments.out)

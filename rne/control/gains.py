@@ -111,6 +111,8 @@ class LinearisedLoop(InNotebooks):
         True if the loop is stable near the target, with torques held if the scene holds them.
     is_rest : bool
         True if the target is an equilibrium: otherwise the motion leaves it, whatever the poles.
+    has_smoothed_friction : bool
+        True if Coulomb friction counts as damping, by `coulomb` / `smoothing` at rest and less in larger motions.
 
     Examples
     --------
@@ -126,6 +128,7 @@ class LinearisedLoop(InNotebooks):
     sample_time: float | None
     stable: bool
     is_rest: bool
+    has_smoothed_friction: bool = False
 
     __repr__ = summary
 
@@ -135,10 +138,14 @@ class LinearisedLoop(InNotebooks):
         if free := int((abs(self.poles) <= FREE_POLE * abs(self.poles).max(initial=0)).sum()):
             rest += f"\n{free} of the {len(self.poles)} poles are zero: nothing holds or damps a motion of the joints, "
             rest += "as of a redundant arm that holds its link alone; `posture=` of rne.control.impedance does"
+        if self.has_smoothed_friction:
+            rest += "\nsmoothed Coulomb friction damps it at rest, and less in larger motions: look without it too"
+        limit = f"smallest unstable sample time {self.sample_time_limit:.4g} s"
+        limit = limit if np.isfinite(self.sample_time_limit) else "no unstable sample time found"
         return (
             f"linearised at the target, which holds near it only: {'' if self.stable else 'NOT '}stable"
             f"{held}\npoles without sampling from {self.poles.real.max():.6g} to {self.poles.real.min():.6g} 1/s; "
-            f"smallest unstable sample time {self.sample_time_limit:.4g} s{rest}"
+            f"{limit}{rest}"
         )
 
 

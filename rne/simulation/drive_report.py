@@ -22,6 +22,7 @@ from .trajectory import MOST_LOADS, Trajectory, between, motors_at, samples_of
 
 EVERY = 1e-3  # [s] between the instants of a motion that is a function of time
 MOVING = 0.01  # of a joint's largest speed, above which its drive is on duty
+OVER = 1.005  # share of a limit that is above it: plans keep to 1 by some 1e-3
 COARSE = 2e-3  # of all energy exchanged: twice what a run with the default tolerances leaves at its own steps
 
 
@@ -278,7 +279,7 @@ class DriveReport(InNotebooks):
         doubt += "simulation's by {:.3g} J in all; simulate without t_eval, with a finer one or smaller tolerances"
         share = abs(self.tau + self.rotor * self.gear**2 * self.qdd).max(0) / self.effort_limit
         if over := [
-            f"{j} {x:.0%}" for j, x, w in zip(self.joints, share, self.torque_share, strict=True) if x > 1 >= w
+            f"{j} {x:.0%}" for j, x, w in zip(self.joints, share, self.torque_share, strict=True) if x > max(w, OVER)
         ]:
             lines.append(
                 f"With their rotors drives exceed their torque limits: {', '.join(over)}; a motion that counts"
