@@ -295,7 +295,8 @@ def unknown_parts(factor: Array, mass: float, down: Array) -> tuple[str, ...]:
     k = int((of_centre > thresholds.NAMED_PART).sum())
     names = ["its centre"] if k == 3 else [axis_text(axis, down) for axis in axes[:k]]
     shares = ((U[:, k:].T @ V[S < 1])[:, 4:] ** 2).sum(0)
-    told = [symbol for symbol, share in zip(BODY_SYMBOLS[4:], shares, strict=True) if share > thresholds.NAMED_PART]
+    least = thresholds.NAMED_PART * shares.max()
+    told = [symbol for symbol, share in zip(BODY_SYMBOLS[4:], shares, strict=True) if share > least]
     return (*names, *(["its inertia"] if len(told) == len(shares) else told))
 
 

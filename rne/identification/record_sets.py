@@ -24,7 +24,7 @@ from ..model.parameters import PARAMETERS, parameters_of_pseudo_inertia, pseudo_
 from ..model.standard_parameters import MEASURED, DriveModel, StandardParameters
 from ..robot import Robot, robot_argument
 from . import thresholds
-from .diagnosis.hypotheses import Cause, changes_with_load, likely_causes, merged_by_kind
+from .diagnosis.hypotheses import GEARS, Cause, changes_with_load, likely_causes, merged_by_kind
 from .diagnosis.residuals import TINY, FitResiduals, by_joint
 from .diagnosis.rigid_body_test import percent
 from .fit.equations import (
@@ -262,7 +262,7 @@ class SetsResult(InNotebooks):
 
     def _report(self, first: str, rows: Sequence[Row], contained: str = CONTAINED) -> str:
         first += f"; torques in motion are predicted to {percent(self.held_out)} on blocks of time that were not fitted"
-        causes = [cause.text for cause in self.causes]
+        causes = [*likely_text(self.causes), *(cause.text for cause in self.causes if cause.kind in GEARS)]
         notes = [*self.notes, contained, *(causes or [QUIET])]
         return "\n".join([wrapped(first), *aligned(rows), *aligned(self._errors()), *map(wrapped, notes)])
 

@@ -134,7 +134,7 @@ SCALED_TORQUES, LIKE_GIVEN = (
     0.9,
 )  # factor less one of torques beside the robot given, of this squared cosine, told
 FEW_POSES, ALONG = 50, 0.9999  # of a record, in which gravity is along an axis: its cosine, within 0.8 degrees
-NAMED_PART = 0.3  # of a parameter, that is along directions that are not told, from which it is named; statistics
+NAMED_PART = 0.3  # along directions that are not told, of the largest: parameters that are named; statistics
 GAIN_ROUNDS, GAINS_SETTLED = 30, 1e-7  # steps of gains and parameters together, and relative change at which they end
 GAIN_TRIALS = 12  # steps before gains of large errors are left out: the first may lead through poor ones
 BY_CHANCE = 2.5  # standard errors, up to which another load's change of a gain is chance; statistics
