@@ -52,6 +52,7 @@ from .log.record import Record
 from .result import IMPOSSIBLE, NOT_CONSISTENT, WRONG_SIGN, Identification
 
 Instruments = Motion | ArrayLike | Sequence[Motion | ArrayLike]
+FROM_INSTRUMENTS = "the cut-off is that of the motion of the instruments, in which there is no noise"
 NO_ROTORS = (
     "rotors are not fitted: none is told from zero, or reaches 10 % of its joint's inertia, as where torques are "
     "measured behind the gears"
@@ -172,8 +173,13 @@ def identify(
     stds = thresholds.PRIOR_STDS_OF_GUESS if isinstance(prior, str) else (thresholds.PRIOR_STD,)
     stds = stds if prior_std is None else (positive_number("prior_std", prior_std),)
     options: dict[str, Any] = {"minimum_velocity": minimum_velocity, "cutoff": cutoff, "folds": folds}
-    options |= {"instruments": motions_of(instruments, checked_records(robot, records))}
+    motions = motions_of(instruments, checked_records(robot, records))
+    if motions and cutoff is None:
+        options["cutoff"] = cutoff_of_instruments(records, motions)
+    options |= {"instruments": motions}
     tried = hypotheses_argument(hypotheses)
+    if tried and motions:
+        raise ValueError("`hypotheses` are judged by least squares, which `instruments` replace: leave out one of them")
     base, data, causes, modelled, declined = fit_with_delays(robot, records, drives, delay, options, tried, fitted)
     standard = base.standard
     guess, notes = (None, ()) if known is None else prior_bodies(known, standard, data.fitted)
@@ -201,6 +207,7 @@ def identify(
             f"prior_std {std:g}: with a larger one, torques that are not explained ask for one body of a mass "
             "above the guess of all",
         )
+    matched += (FROM_INSTRUMENTS,) * (bool(motions) and cutoff is None)
     notes = (*matched, *data.notes, *map(taken_text, modelled), *declined, *notes)
     notes += (*ignored_drives(standard), *negative_drives(robot, base, estimate))
     trust = errors, correlation_time, lower - estimate.values, drift_error, merged_by_kind(causes)
@@ -303,6 +310,12 @@ def motions_of(given: Any, records: Sequence[Record]) -> tuple[Motion, ...]:
             motion = partial(lambda s, t: (s(t), s(t, 1), s(t, 2)), spline)
         motions.append(motion)
     return tuple(motions)
+
+
+def cutoff_of_instruments(records: Sequence[Record], motions: Sequence[Motion]) -> float:
+    """The cut-off for motions without noise, from which the noise of the measured positions cannot be told [Hz]."""
+    moved = [along(record.prepare(), motion) for record, motion in zip(records, motions, strict=True)]
+    return max(Record(m.t, m.q, m.tau).prepare().cutoff for m in moved)
 
 
 def fitted_springs(springs: Sequence[Spring | JointSpring], robot: Robot, moved: Robot) -> Springs | None:

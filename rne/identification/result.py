@@ -153,8 +153,10 @@ class Identification(InNotebooks):
         else:
             lines += unexplained_text(names, left)
         lines += likely_text(self.causes)
-        if not self.unexcited and any(
-            all(cause.removed[j] < thresholds.EXPLAINS for cause in self.causes) for j in poor
+        if (
+            not self.unexcited
+            and self.data.Z is None
+            and any(all(cause.removed[j] < thresholds.EXPLAINS for cause in self.causes) for j in poor)
         ):
             lines.append(UNKNOWN)
         lines += [note for note in self.notes if note.startswith(NOT_CONSISTENT)]
@@ -687,10 +689,8 @@ def bias_text(found: Identification) -> list[str]:
         return [f"noise that is fed back does not bias least squares by more than chance ({told})"]
     far = np.abs(found.bias.shift) / np.maximum(found.bias.errors, np.finfo(float).tiny)
     k = int(np.nanargmax(far))
-    return [
-        f"least squares is biased by noise that is fed back ({told}), by {far[k]:.2g} of its standard errors in "
-        f"{found.base.names[k]}: use these estimates, by instrumental variables"
-    ]
+    text = f"least squares is biased by noise that is fed back ({told}), by up to {far[k]:.2g} of its standard errors"
+    return [f"{text} ({found.base.names[k]})" + ": use these estimates, by instrumental variables" * bool(far[k] > 1)]
 
 
 def unexplained_text(names: Sequence[str], in_motion: Array) -> list[str]:
@@ -757,6 +757,8 @@ def causes_text(found: Identification) -> str:
     lines: list[str] = []
     if found.unexcited:
         return found.unexcited
+    if found.data.Z is not None:
+        return "causes of what is left, other than delays, are not looked for with instruments"
     for j, (name, left) in enumerate(zip(found.initial.joint_names, found.unexplained.in_motion, strict=True)):
         if left > thresholds.EXPLAINED:
             own = [cause.text for cause in found.causes if cause.removed[j] > thresholds.EXPLAINS]

@@ -156,6 +156,7 @@ ACTIVE = 0.97  # share of a limit from which it is called active
 
 # Diagnosis: causes of residuals ------------------------------------------------------------------------------------
 EVIDENT = 8.0  # gain of log likelihood of a cause that is named: odds of 3000 to 1; CLEAN: 2 of 200 warn
+DELAY_SETTLED = 0.1  # standard errors of a delay by instruments, below which it need not be taken anew; statistics
 LATEST = 0.1  # delay [s] above which no logger is late; FAULTS have 8 ms
 PLACES = 20  # times at which something may begin: a second apart in 20 s, as long as the shortest contact of FAULTS
 WIDTHS = (1, 2, 4, 6)  # lengths of a contact, in half of the distance of PLACES: 0.5 to 3 s of 20 s; FAULTS: 1 to 3 s

@@ -210,7 +210,7 @@ def delays_of(rest: FitResiduals) -> list[Cause]:
 
 
 def delays_by_instruments(rest: FitResiduals, moved: Sequence[Prepared]) -> list[Cause]:
-    """Delays of records, by instrumental variables: derivatives along the motion of the instruments are theirs."""
+    """Delays of records, by instrumental variables, until nothing changes: what is not sure is taken as estimated."""
     data, names = rest.data, rest.names
     along = FitResiduals(rest.robot, rest.base, replace(data, prepared=tuple(moved)), rest.beta, rest.sigma)
     each = np.equal.outer(rest.record, np.arange(len(data.prepared)))[:, None]
@@ -219,11 +219,11 @@ def delays_by_instruments(rest: FitResiduals, moved: Sequence[Prepared]) -> list
         for x, residuals in ((data.Z, along), (rest.Y @ rest.base.back, rest))
     )
     rows = np.concatenate([instruments, columns, rest.tau[..., None]], axis=-1)
-    found = solve(in_space_of_instruments(triangular(rest.weighted(rows)), instruments.shape[-1]))
-    errors = np.sqrt(rest.correlation) * np.linalg.norm(found.inverse, axis=1)
-    late = [(k, float(found.x[p]), float(errors[p])) for k, p in enumerate(range(rest.base.count, len(found.x)))]
-    sure = [(k, x, e) for k, x, e in late if thresholds.BEYOND_DOUBT * e < abs(x) < thresholds.LATEST]
-    return [Cause("delay", names, "", np.nan, np.zeros(len(names)), x, e, float(k)) for k, x, e in sure]
+    fit = solve(in_space_of_instruments(triangular(rest.weighted(rows)), instruments.shape[-1]))
+    errors = np.sqrt(rest.correlation) * np.linalg.norm(fit.inverse, axis=1)
+    late = [(k, float(fit.x[p]), float(errors[p])) for k, p in enumerate(range(rest.base.count, len(fit.x)))]
+    found = [(k, x, e) for k, x, e in late if thresholds.DELAY_SETTLED * e < abs(x) < thresholds.LATEST]
+    return [Cause("delay", names, "", np.nan, np.zeros(len(names)), x, e, float(k)) for k, x, e in found]
 
 
 def merged_by_kind(causes: Sequence[Cause]) -> tuple[Cause, ...]:
