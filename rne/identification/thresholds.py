@@ -90,6 +90,7 @@ DEPENDENT = 1e-10  # singular values of columns of unit length, of the largest, 
 UNDETERMINED = 1e-6  # share of an unknown in the directions that the equations leave free, from which it is free
 BEYOND_DOUBT = 4.0  # standard errors: 6e-5 by chance, a few hundred parameters are looked at; statistics
 BIASED = 0.05  # probability of the Durbin-Wu-Hausman test, below which least squares is said to be biased; statistics
+RESEMBLES = 1.2  # deviation of instruments, of the joint's motion: motions that have nothing in common have 1.4
 RESPONSE_PERIODS = 8.0  # periods of the cut-off after which nothing is left of the filter's response; numerics
 SUM_WINDOW = 5.0  # the sum of autocorrelations ends at so many times itself (Sokal's rule)
 

@@ -314,12 +314,21 @@ def build_regression(
 
 def along(record: Prepared, motion: Motion) -> Prepared:
     """The record with positions, velocities and accelerations of a motion in place of the measured ones."""
-    q, qd, qdd = (np.asarray(x, np.float64) for x in motion(record.t))
+    try:
+        q, qd, qdd = (np.asarray(x, np.float64) for x in motion(record.t))
+    except (TypeError, ValueError):
+        q = qd = qdd = np.zeros(0)
     if q.shape != record.q.shape:  # a function of one time
         q, qd, qdd = (np.array(x, np.float64) for x in zip(*map(motion, record.t), strict=True))
     if not q.shape == qd.shape == qdd.shape == record.q.shape or not np.isfinite(q + qd + qdd).all():
         shapes = f"{q.shape}, {qd.shape}, {qdd.shape}"
         raise ValueError(f"`instruments` must give finite q, qd and qdd of shape {record.q.shape}, got {shapes}")
+    off, moved = (q - record.q).std(0), record.q.std(0)
+    for j in np.flatnonzero(off > thresholds.RESEMBLES * moved).tolist():
+        raise ValueError(
+            f"`instruments` must resemble the measured motion: of joint {j + 1} they differ by {off[j]:.3g} (standard "
+            f"deviation), while it moves by {moved[j]:.3g}: check units, joints and times"
+        )
     return replace(record, q=q, qd=qd, qdd=qdd)
 
 
