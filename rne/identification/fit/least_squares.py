@@ -99,7 +99,7 @@ def with_correlation(estimate: LeastSquares, equations: Equations, correlation_t
 
 
 class Bias(NamedTuple):
-    """The test of Durbin, Wu and Hausman on a bias of least squares, as `Identification.bias` returns it.
+    """The test of Durbin, Wu and Hausman (1978) on a bias of least squares, as `Identification.bias` returns it.
 
     Attributes
     ----------
