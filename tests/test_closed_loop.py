@@ -242,6 +242,7 @@ def test_possible_bodies_essential_parameters_and_files(loops, tmp_path):
     ("given", "text"),
     [
         ([reference, reference], "`instruments` must be of 1 record, got 2"),
+        ([], "`instruments` must be of 1 record, got 0"),
         (np.zeros((1000, 2)), "`instruments[0]` must have shape (1000, 3), got (1000, 2)"),
         (
             lambda t: (np.zeros(2),) * 3,

@@ -297,7 +297,7 @@ def motions_of(given: Any, records: Sequence[Record]) -> tuple[Motion, ...]:
 
     if given is None:
         return ()
-    several = isinstance(given, Sequence) and (callable(given[0]) or np.ndim(given[0]) == 2)
+    several = isinstance(given, Sequence) and all(callable(x) or np.ndim(x) == 2 for x in given)
     each = list(given) if several else [given] * (len(records) if callable(given) else 1)
     if len(each) != len(records):
         raise ValueError(f"`instruments` must be of {counted(len(records), 'record')}, got {len(each)}")
