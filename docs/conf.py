@@ -23,6 +23,7 @@ extensions = [
     "sphinx_gallery.gen_gallery",
     "mathml",
     "bars",
+    "charts",
 ]
 exclude_patterns = ["_extensions", "tutorials", "Thumbs.db"]  # the gallery copies tutorials to generated/tutorials
 templates_path = ["_templates"]
