@@ -12,7 +12,7 @@ from benchmarks.cases import ENGINES, QUANTITIES, title
 from benchmarks.engines import read, thousands
 from benchmarks.pages import DOCS, rewrite, table
 from benchmarks.pictures import NUMBA, OURS, PINOCCHIO
-from benchmarks.readme_picture import CALLS, METHODS
+from benchmarks.readme_picture import CALLS, COLORS, HESSIANS, METHODS
 from rne.plotting.plots import blank_figure
 
 PAGE = DOCS / "figures.md"
@@ -36,9 +36,11 @@ Results = dict[str, Any]
 def tables() -> dict[str, str]:
     """By the name of their place in the page."""
     charts = read("charts.json")["charts"]
+    runs = {place: run(*source) for place, source in RUNS.items()}
+    runs["chart-run"] += "\n\nHessians: " + run("derivatives.json", "python -m benchmarks.derivatives")
     return {
-        **{place: run(*source) for place, source in RUNS.items()},
-        "chart": of_chart(charts),
+        **runs,
+        "chart": of_chart(charts, read("derivatives.json")),
         "engines": of_engines(read("kernels.json")),
         "differences": of_differences(read("validation.json")),
         "families": of_families(read("stability.json")["evaluation"]),
@@ -56,17 +58,27 @@ def run(name: str, command: str) -> str:
     return f"*Measured by* `{command}` *on* {date}: {where}; kept in `benchmarks/results/{name}`."
 
 
-def of_chart(charts: Results) -> str:
-    """Time and error of each package: 20 000 states of the UR5, and its free swing at the middle tolerance."""
+def of_chart(charts: Results, derivatives: Results) -> str:
+    """Time and error of each package: states and Hessians of the UR5, and its free swing at the middle tolerance."""
     rows = charts["evaluation"]["robots"]["ur5"]["inverse_dynamics"]
+    second = derivatives["robots"]["ur5 inverse_dynamics"]
     runs = charts["integration"]["drift-10"]["robots"]["ur5"]["runs"]
     lines = []
-    for who, call in CALLS.items():
-        way, method = METHODS[who]
-        one = [row for row in runs if row["method"] == method and way in row["seconds"]][1]
-        swing = [f"{method}, {one['setting']}", f"{1e3 * one['seconds'][way]:.3g}", f"{one['errors'][way]:.1e}"]
-        lines.append([who, f"{rows[call]['ns_per_state']:.0f}", f"{rows[call]['worst_error']:.1e}", *swing])
-    return table(["package", "ns per state", "error", "swing by", "ms", "energy drift [J]"], lines)
+    for who in COLORS:
+        line = [who, *_time_and_error(rows.get(CALLS.get(who))), *_time_and_error(second.get(HESSIANS.get(who)))]
+        way, method = METHODS.get(who, (None, None))
+        swing = [one for one in runs if one["method"] == method and way in one["seconds"]][1:2]
+        cells = [
+            [f"{method}, {one['setting']}", f"{1e3 * one['seconds'][way]:.3g}", f"{one['errors'][way]:.1e}"]
+            for one in swing
+        ]
+        lines.append([*line, *(cells or [["-"] * 3])[0]])
+    head = ["package", "ns per state", "error", "ns per Hessian", "error", "swing by", "ms", "energy drift [J]"]
+    return table(head, lines)
+
+
+def _time_and_error(row: Results | None) -> list[str]:
+    return ["-", "-"] if row is None else [f"{row['ns_per_state']:.0f}", f"{row['worst_error']:.1e}"]
 
 
 def ratios(found: Results, engine: str, size: str) -> dict[str, float]:

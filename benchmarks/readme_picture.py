@@ -1,7 +1,7 @@
 """The README's chart, from the results that other benchmarks keep: python -m benchmarks.readme_picture
 
-Error against time of the UR5: inverse dynamics and Hessians of batches of states, and a free swing; for a light and a dark
-page, beside each other for wide screens and below each other for phones.
+Error against time of the UR5: inverse dynamics and Hessians of batches of states, and a free swing; for a light and a
+dark page, beside each other for wide screens and below each other for phones.
 """
 
 from __future__ import annotations
@@ -58,7 +58,9 @@ def picture(charts: Results, derivatives: Results, theme: str = "", shape: str =
         runs = charts["integration"]["drift-10"]["robots"]["ur5"]["runs"]
         for who, (way, method) in METHODS.items():
             chosen = [run for run in runs if run["method"] == method and way in run["seconds"]]
-            swing.plot([1e3 * run["seconds"][way] for run in chosen], [run["errors"][way] for run in chosen], **looks[who])
+            swing.plot(
+                [1e3 * run["seconds"][way] for run in chosen], [run["errors"][way] for run in chosen], **looks[who]
+            )
         error, time = "largest relative error [1]", "time per state [ns]"
         torques.set(title="Inverse dynamics of 20 000 states", xlabel=time, ylabel=error, xlim=(20, 2e4))
         hessians.set(title=f"Hessian, {derivatives['states']} states", xlabel=time, ylabel=error, xlim=(60, 2e5))
