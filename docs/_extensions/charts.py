@@ -15,16 +15,18 @@ from PIL import Image
 from sphinx.application import Sphinx
 
 PIXELS = 9  # height of the smallest text on the screen
-POINTS = 8  # that of the smallest text in our charts
+POINTS = 8  # that of the smallest text in our charts,
+PHONE = 5.7  # but for those that are no wider than this [inch], which are drawn for phones
 NARROW = "46em"  # of the window, as in rne.css
 IMAGE = re.compile(r'<img\b[^>]*?\bsrc="([^"]*?_images/([^"/]+\.png))"[^>]*>')
 
 
 def legible(path: Path) -> int:
-    """Width on the screen at which the smallest text of a picture can be read; 0 of what is no chart."""
+    """Width on the screen at which the smallest text of a chart can be read; 0 if a phone's is enough."""
     with Image.open(path) as image:
         dpi = image.info.get("dpi", (0, 0))[0]
-        return round(image.width / dpi * 72 * PIXELS / POINTS) if dpi else 0
+        inches = image.width / dpi if dpi else 0
+    return round(inches * 72 * PIXELS / POINTS) if inches > PHONE else 0
 
 
 def rewrite(app: Sphinx, page: str, template: str, context: dict[str, Any], doctree: Any) -> None:
