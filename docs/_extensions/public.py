@@ -123,8 +123,8 @@ def member_lists() -> dict[str, list[tuple[str, list[str]]]]:
 
 def summaries() -> dict[str, str]:
     """What each class is, in one sentence: {"rne.Robot": "..."}."""
-    classes = {name: resolve(name) for name in names()}
-    return {f"rne.{n}": (inspect.getdoc(c) or "").partition("\n\n")[0] for n, c in classes.items() if inspect.isclass(c)}
+    classes = {name: found for name in names() if inspect.isclass(found := resolve(name))}
+    return {f"rne.{name}": (inspect.getdoc(owner) or "").partition("\n\n")[0] for name, owner in classes.items()}
 
 
 def pages() -> set[str]:

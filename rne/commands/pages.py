@@ -71,10 +71,9 @@ SPEED = (
     "shortest of Pinocchio's in the same table."
 )
 LEAST = (
-    "Joints 1 to 3 turn to the target above in 1 s, from rest to rest, with the wrist held. The usual polynomial of "
-    "degree 5 has a mean squared torque of {:.0f} (N m)², one of degree 10 with the same ends {:.0f} (N m)². This one "
-    "was found here in {:.2g} s, in {} steps with exact derivatives of the torques. Differences take {} motions a step, "
-    "and their length must be guessed: the second picture has their errors."
+    "Joints 1 to 3 turn to the target above in 1 s from rest to rest, the wrist held. A polynomial of degree 5 has a mean "
+    "squared torque of {:.0f} (N m)², one of degree 10 {:.0f} (N m)², found here in {:.2g} s, in {} steps with exact "
+    "derivatives. Differences take {} motions a step, of a length to be guessed: the second picture has their errors."
 )
 
 
@@ -135,13 +134,13 @@ def _main_job(robot: Robot, page: Report) -> bool:
 
 def _least_torque(robot: Robot, target: Array, page: Report) -> None:
     """Find the motion of the first joints with the least mean squared torque, by exact derivatives."""
-    from numpy.polynomial import Legendre, Polynomial
+    from numpy.polynomial import Polynomial
     from scipy.optimize import least_squares
 
     arm, none = robot.locked(dict.fromkeys(robot.joint_names[MOVED:], 0.0)), np.zeros(SHAPES * MOVED)
     t, s = np.linspace(0, 1, 101), Polynomial([0, 1])
     guess = quintic(0 * target, target, 1.0)(t)
-    shapes = [64 * (s * (1 - s)) ** 3 * Legendre.basis(k, [0, 1]).convert(kind=Polynomial) for k in range(SHAPES)]
+    shapes = [64 * s ** (3 + k) * (1 - s) ** 3 for k in range(SHAPES)]  # that leave both ends at rest
     basis = np.array([[shape.deriv(k)(t) for shape in shapes] for k in range(3)])  # q, qd and qdd of each shape
 
     def states(c: Array) -> Any:
@@ -155,8 +154,7 @@ def _least_torque(robot: Robot, target: Array, page: Report) -> None:
         return np.reshape(tensors, (-1, c.size))
 
     begun = time.perf_counter()
-    found = least_squares(torques, none, slopes)
-    taken = time.perf_counter() - begun
+    found, taken = least_squares(torques, none, slopes), time.perf_counter() - begun
     both = np.array([torques(none), found.fun]).reshape(2, len(t), MOVED)
     page.text(LEAST.format(*(both**2).sum(-1).mean(-1), taken, found.nfev, 2 * none.size))
     page.figure("least", lambda: _plot_torques(t, both, arm.joint_names), "Torques of both motions over time")
@@ -447,12 +445,9 @@ def _singles(
 
 
 def speed_tables(found: Sequence[Measured]) -> dict[str, list[list[str]]]:
-    """Tables by quantity and states a call: time per state, beside Pinocchio's where it is installed, and the error.
-
-    Titles are the first row. Beside calls of many states both of Pinocchio's ways stand, and the faster one counts.
-    """
+    """Tables by quantity and states a call: time per state, beside the shortest of Pinocchio's there, and the error."""
     tables: dict[str, list[list[str]]] = {}
-    for quantity, form in product((INVERSE, FORWARD), (ONE, BATCH)):
+    for quantity, form in product(dict.fromkeys(m.way.quantity for m in found), (ONE, BATCH)):
         ways = {(who, form) for who in COLORS} | {(PINOCCHIO, ONE)}
         shown = [m for m in found if m.way.quantity == quantity and (m.way.who, m.way.form) in ways]
         theirs = min((m.seconds for m in shown if m.way.who == PINOCCHIO), default=0.0)
@@ -462,8 +457,7 @@ def speed_tables(found: Sequence[Measured]) -> dict[str, list[list[str]]]:
             beside = f"{ratio:.1f} times {side}" if way.who != PINOCCHIO else "-"
             who = way.who if way.form == form else f"{way.who}, {ONE}"
             rows.append([who, f"{1e6 * seconds:.3g}", *[beside] * bool(theirs), f"{error:.1e}"])
-        if shown:
-            tables[f"{quantity}, {form}"] = rows
+        tables[f"{quantity}, {form}"] = rows
     return tables
 
 
