@@ -71,7 +71,7 @@ SPEED = (
     "shortest of Pinocchio's in the same table."
 )
 LEAST = (
-    "Joints 1 to 3 turn to the target above in 1 s from rest to rest, the wrist held. A polynomial of degree 5 has a mean "
+    "Joints 1 to 3 turn to the target above in 1 s, from rest to rest. A polynomial of degree 5 has a mean "
     "squared torque of {:.0f} (N m)², one of degree 10 {:.0f} (N m)², found here in {:.2g} s, in {} steps with exact "
     "derivatives. Differences take {} motions a step, of a length to be guessed: the second picture has their errors."
 )
