@@ -112,16 +112,17 @@ def _range(values: Iterable[float]) -> str:
 
 def engines_picture(found: Results) -> Any:
     """A panel for each size of batch; a row for each robot and quantity."""
-    figure = blank_figure(11, 4.6)
+    figure = blank_figure(9, 4.8)
     panels = figure.subplots(1, len(BATCHES), sharex=True, sharey=True)
     for ax, size in zip(panels, BATCHES, strict=True):
         for engine, (color, marker) in LOOKS.items():
             values = ratios(found, engine, size)
             ax.plot(list(values.values()), list(values), marker, color=color, label=f"rne, {ENGINES[engine]}")
         ax.axvline(1, color=PINOCCHIO, label="Pinocchio")
-        ax.set(xscale="log", title=_size(found, size), xlabel="times faster than Pinocchio [1]", xlim=(0.08, 125))
+        ax.set(xscale="log", title=_size(found, size), xlim=(0.08, 125))
         ax.set_xticks(DECADES, [f"{x:g}" for x in DECADES])
         ax.grid(True, alpha=0.25)
+    figure.supxlabel("times faster than Pinocchio [1]", fontsize="medium")
     panels[0].invert_yaxis()
     handles, labels = panels[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False)
