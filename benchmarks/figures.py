@@ -125,7 +125,7 @@ def engines_picture(found: Results) -> Any:
     figure.supxlabel("times faster than Pinocchio [1]", fontsize="medium")
     panels[0].invert_yaxis()
     handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False)
+    figure.legend(handles, labels, loc="outside upper center", ncols=3, frameon=False)
     return figure
 
 
