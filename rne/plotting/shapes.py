@@ -221,8 +221,13 @@ def _check(what: str, pose: Array, size: Array) -> None:
 
 def _find(name: str, folders: Sequence[Path]) -> Path:
     """The file of a mesh in or above the URDF's folder, with the name of its package as a folder and without."""
+    from urllib.request import url2pathname
+
     scheme, _, path = name.rpartition("://")
-    below = path.partition("/")[2] if scheme == "package" else path
+    path, below = (
+        url2pathname(path) if scheme == "file" else path,
+        path.partition("/")[2] if scheme == "package" else path,
+    )
     for file in (folder / place for folder in folders for place in (path, below)):
         if file.is_file():
             return file
