@@ -90,7 +90,7 @@ def _repr_html_(thing: Any) -> str:
 
 InNotebooks._repr_html_ = _repr_html_
 
-__version__ = "0.2.0"
+__version__ = "0.3.0"
 
 __all__ = [
     "BearingPeaks",
