@@ -410,6 +410,20 @@ class TestLinearisedLoops:
             motion = rne.simulate(scene, self.Q + 1e-4, np.zeros(6), 150 * scene.sample_time)
             assert bool(abs(motion.q[-1] - self.Q).max() < 1e-4) is stable
 
+    def test_a_redundant_arm_without_posture_is_told_to_be_free(self):
+        robot = rne.load("panda").locked({"panda_finger_joint1": 0.0})
+        q = np.array([0, -0.5, 0, -2.0, 0, 1.6, 0.8])
+        pose = robot.link_poses(q)[robot.link_names.index("panda_link8")]
+        gains = ([50] * 3 + [800] * 3, [5] * 3 + [80] * 3, pose)
+        law = rne.control.impedance(robot, "panda_link8", *gains)
+        loop = rne.Scene(robot, controller=law).check_gains(q)
+        assert not loop.stable
+        assert "\n2 of the 14 poles are zero: nothing holds or damps a motion of the joints" in str(loop)
+        held = rne.control.impedance(robot, "panda_link8", *gains, posture=(q, [10] * 7, [5] * 7))
+        loop = rne.Scene(robot, controller=held).check_gains(q)
+        assert loop.stable
+        assert "poles are zero" not in str(loop)
+
     def test_what_is_no_rest_and_what_is_refused(self):
         robot = loaded("irb140")
         found = rne.Scene(robot, controller=rne.control.pd(robot, 500, 20, 0.0)).check_gains(self.Q)

@@ -25,6 +25,7 @@ SAMPLES, REFINED = 2048, 4  # configurations that are drawn, and the best of the
 SWEPT = np.append(np.arange(1, 16) / 16, 1 - 0.5 ** np.arange(5, 13))  # of the limit: times tried with some
 LONGEST, ROUNDS = 1.25, 40  # sample times examined, of a loop's horizon; lowering the sample time and searching again
 BOTH = "beats_gravity", "sample_time_limit"  # results that bounds may prove
+FREE_POLE = 1e-6  # of the fastest pole, below which one is zero: double ones keep half the digits
 FREE = np.pi  # range of a coordinate without limits: -pi to pi [rad or m]
 
 
@@ -131,6 +132,9 @@ class LinearisedLoop:
     def __str__(self) -> str:
         held = "" if self.sample_time is None else f" with torques held for {self.sample_time:g} s"
         rest = "" if self.is_rest else "\nthe target is no equilibrium: the motion leaves it"
+        if free := int((abs(self.poles) <= FREE_POLE * abs(self.poles).max(initial=0)).sum()):
+            rest += f"\n{free} of the {len(self.poles)} poles are zero: nothing holds or damps a motion of the joints, "
+            rest += "as of a redundant arm that holds its link alone; `posture=` of rne.control.impedance does"
         return (
             f"linearised at the target, which holds near it only: {'' if self.stable else 'NOT '}stable"
             f"{held}\npoles without sampling from {self.poles.real.max():.6g} to {self.poles.real.min():.6g} 1/s; "

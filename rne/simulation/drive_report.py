@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -13,6 +13,7 @@ from ..basics.arrays import per_joint_array, real_array
 from ..basics.spatial import Array
 from ..basics.text import column, counted, six_digits, summary, table
 from ..dynamics.recursion_record import bearing_loads
+from ..model.model import Model
 from ..robot import Robot
 from .limits import limit_shares, share_texts
 from .scene import Scene
@@ -275,6 +276,14 @@ class DriveReport:
         lines = [title, *load, *motor, total.format(*sums), units]
         doubt = "The samples are too far apart to be trusted: from one to the next, work by them differs from the "
         doubt += "simulation's by {:.3g} J in all; simulate without t_eval, with a finer one or smaller tolerances"
+        share = abs(self.tau + self.rotor * self.gear**2 * self.qdd).max(0) / self.effort_limit
+        if over := [
+            f"{j} {x:.0%}" for j, x, w in zip(self.joints, share, self.torque_share, strict=True) if x > 1 >= w
+        ]:
+            lines.append(
+                f"With their rotors drives exceed their torque limits: {', '.join(over)}; a motion that counts"
+            )
+            lines.append("them is planned for robot.with_armature(rotor * gear**2)")
         if (error := self.work_error or 0.0) > COARSE * self._integral(np.abs(self.power)).sum():
             lines.append(doubt.format(error))
         return "\n".join([*lines, str(self.bearings)])
@@ -411,11 +420,19 @@ def _bearing_peaks(robot: Robot, springs: Springs | None, t: Array, q: Array, qd
 
 
 def _scene_of(robot: Robot | Scene, motion: Any) -> Scene:
-    """The scene that is given, otherwise the one that the motion was planned for, or the robot alone."""
+    """The scene that is given, otherwise the one that the motion was planned for with the robot, or the robot alone."""
     if isinstance(robot, Scene):
         return robot
-    planned = getattr(motion, "scene", None)
-    return planned if isinstance(planned, Scene) else Scene(robot)
+    planned, model = getattr(motion, "scene", None), getattr(motion, "model", None)
+    moved = planned.robot.model if isinstance(planned, Scene) else model
+    if isinstance(moved, Model) and isinstance(robot, Robot) and not set(moved.joint_names) <= set(robot.joint_names):
+        raise ValueError(
+            f"`motion` must be of the robot {robot.model.name!r} with joints {list(robot.joint_names)}, "
+            f"it is of {moved.name!r} with {list(moved.joint_names)}"
+        )
+    if not isinstance(planned, Scene):
+        return Scene(robot)
+    return planned if planned.robot.model == robot.model else replace(planned, robot=robot)
 
 
 def _work_error(motion: Trajectory, t: Array, power: Array) -> float:
