@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import per_joint_array, real_array
 from ..basics.spatial import Array
-from ..basics.text import column, counted, six_digits, summary, table
+from ..basics.text import InNotebooks, column, counted, six_digits, summary, table
 from ..dynamics.recursion_record import bearing_loads
 from ..model.model import Model
 from ..robot import Robot
@@ -22,11 +22,12 @@ from .trajectory import MOST_LOADS, Trajectory, between, motors_at, samples_of
 
 EVERY = 1e-3  # [s] between the instants of a motion that is a function of time
 MOVING = 0.01  # of a joint's largest speed, above which its drive is on duty
+OVER = 1.005  # share of a limit that is above it: plans keep to 1 by some 1e-3
 COARSE = 2e-3  # of all energy exchanged: twice what a run with the default tolerances leaves at its own steps
 
 
 @dataclass(frozen=True, eq=False)
-class BearingPeaks:
+class BearingPeaks(InNotebooks):
     """The largest loads on every joint's bearing over the samples of a motion; `print` shows them as a table.
 
     Attributes
@@ -73,7 +74,7 @@ class BearingPeaks:
 
 
 @dataclass(frozen=True, eq=False)
-class DriveReport:
+class DriveReport(InNotebooks):
     """Loads of drives, gears and bearings over a cycle, found by `rne.drives`; `print` shows them as tables.
 
     Integrals over time are those of the trapezoidal rule over the samples.
@@ -278,7 +279,7 @@ class DriveReport:
         doubt += "simulation's by {:.3g} J in all; simulate without t_eval, with a finer one or smaller tolerances"
         share = abs(self.tau + self.rotor * self.gear**2 * self.qdd).max(0) / self.effort_limit
         if over := [
-            f"{j} {x:.0%}" for j, x, w in zip(self.joints, share, self.torque_share, strict=True) if x > 1 >= w
+            f"{j} {x:.0%}" for j, x, w in zip(self.joints, share, self.torque_share, strict=True) if x > max(w, OVER)
         ]:
             lines.append(
                 f"With their rotors drives exceed their torque limits: {', '.join(over)}; a motion that counts"
