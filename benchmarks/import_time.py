@@ -1,7 +1,7 @@
 """Time of `import rne` beside `import numpy`: python -m benchmarks.import_time [--quick]
 
-Fresh processes of `python -c`, in turn; the third call also loads a robot, the last one imports all packages that a plain
-installation brings. Writes benchmarks/results/import_time.json.
+Fresh processes of `python -c`, in turn; the third call also loads a robot, the last one imports all packages that a
+plain installation brings. Writes benchmarks/results/import_time.json.
 """
 
 from __future__ import annotations
