@@ -73,7 +73,7 @@ def draw(robot: Robot, q: ArrayLike, axes: Axes3D | None = None) -> Figure:
     Notes
     -----
     The axes are those of the root link [m], all to the same scale. Drawn are the visual shapes of the robot's URDF,
-    meshes as the convex hull of each link's, or the cylinders of `model.shapes` where there is no URDF or trimesh is
+    meshes as the convex hull of each link's, or the cylinders of `model.shapes` where there is no URDF or yourdfpy is
     not installed (`pip install 'rne[view]'`); lines between the origins of successive links; and the centre of mass of
     each body that has no shape. Lines are drawn over the shapes, so that joints inside them can be seen.
 

@@ -7,6 +7,7 @@ import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,8 +16,6 @@ import numpy as np
 from ..basics.spatial import Array, rotate, rotation_from_rpy
 from ..model.model import Model
 from ..model.solids import Box, Cylinder
-from ..urdf.document import attribute_numbers, parse
-from ..urdf.findings import FindingsReport
 from ..urdf.mjcf import drawn, names_of, rotation_of
 
 if TYPE_CHECKING:
@@ -26,8 +25,6 @@ INSTALL = "pip install 'rne[view]'"
 NAMED = 4  # shapes named in a warning; the others are counted
 SIDES = 32  # of the prism that approximates a cylinder, a multiple of 4
 SHOWN = 3  # groups of geoms, from 0, that MuJoCo's viewer shows
-SOLIDS = {"cylinder": {"radius": 1, "length": 1}, "box": {"size": 3}, "sphere": {"radius": 1}}  # and their numbers
-ZERO = "0 0 0"  # for what is missing in <origin>
 NO_COLOR = (0.5, 0.5, 0.5, 1.0)  # MuJoCo's, of geoms whose material may have one
 GEOMS = {2: "sphere", 3: "capsule", 4: "ellipsoid", 5: "cylinder", 6: "box", 7: "mesh"}  # numbers of mujoco.mjtGeom
 Color = tuple[float, ...]
@@ -77,8 +74,8 @@ def link_shapes(model: Model) -> list[Shape]:
     """The visual shapes of a robot's links: those of its URDF or MJCF file, or those of a model without a file.
 
     They are in the links' frames, so that a robot with a payload, with joints locked or mounted otherwise keeps them.
-    One UserWarning names the links whose shapes are lost and why: a mesh is not found or not readable, or
-    trimesh is not installed.
+    One UserWarning names the links whose shapes are lost and why: a mesh is not found or not readable, or yourdfpy is
+    not installed.
     """
     shapes = [_from_model(shape) for shape in model.shapes]
     if model.source is None:
@@ -108,11 +105,10 @@ def _from_model(shape: Cylinder | Box) -> Shape:
 
 
 def _root(source: str) -> Any:
-    """The root element of a file that has been loaded, or of the URDF text that xacro made."""
-    report = FindingsReport(source)
-    root = parse(source.encode() if source.startswith("<") else Path(source).read_bytes(), report)
-    report.raise_first_error()
-    return root
+    """The root element of a file, or of the URDF text that xacro made."""
+    from lxml import etree
+
+    return etree.fromstring(source.encode() if source.startswith("<") else Path(source).read_bytes())
 
 
 def _beyond_the_model(source: str, package: str | None) -> tuple[str, ...]:
@@ -127,19 +123,22 @@ def _beyond_the_model(source: str, package: str | None) -> tuple[str, ...]:
 @lru_cache(maxsize=8)
 def _from_file(source: str, changed: int) -> tuple[tuple[Shape, ...], tuple[str, ...]]:
     """The shapes of a URDF or MJCF file as of its last change, and what is lost of it."""
-    root = _root(source)
-    if root.tag == "mujoco":
+    if _root(source).tag == "mujoco":
         return _from_mjcf(source)
-    folders = [Path(os.sep)] if source.startswith("<") else Path(source).parents
-    colors = {material.get("name"): material.find("color") for material in root.iterfind("material")}
+    import yourdfpy
+
+    is_text = source.startswith("<")
+    file, folders = (BytesIO(source.encode()), [Path(os.sep)]) if is_text else (source, Path(source).parents)
+    robot = yourdfpy.URDF.load(file, build_scene_graph=False, load_meshes=False).robot
+    colors = {material.name: material.color for material in robot.materials if material.color is not None}
     shapes: list[Shape] = []
     lost: list[str] = []
-    for link in root.iterfind("link"):
-        for visual in link.iterfind("visual"):
+    for link in robot.links:
+        for visual in link.visuals:
             try:
-                shapes += _shapes_of(link.get("name"), visual, colors, folders)
-            except (ValueError, OSError) as error:
-                lost.append(f"link {link.get('name')!r}: {error}")
+                shapes += _shapes_of(link.name, visual, colors, folders)
+            except (ValueError, TypeError, OSError) as error:  # TypeError: yourdfpy's for an attribute that is missing
+                lost.append(f"link {link.name!r}: {error}")
     return tuple(shapes), tuple(lost)
 
 
@@ -176,42 +175,33 @@ def _from_mjcf(file: str) -> tuple[tuple[Shape, ...], tuple[str, ...]]:
 
 
 def _shapes_of(link: str, visual: Any, colors: dict[str, Any], folders: Sequence[Path]) -> Iterator[Shape]:
-    """The shapes of a <visual> element."""
-    origin, material, given = (visual.find(path) for path in ("origin", "material", "material/color"))
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = rotation_from_rpy(_numbers(origin, "rpy", 3, ZERO)), _numbers(origin, "xyz", 3, ZERO)
-    given = colors.get(material.get("name")) if given is None and material is not None else given
-    color = None if given is None else _rgba(_numbers(given, "rgba", 4, "1 1 1 1"))
-    for part in visual.iterfind("geometry/*"):
-        kind = part.tag
-        if kind in SOLIDS:
-            size = np.concatenate([_numbers(part, name, count) for name, count in SOLIDS[kind].items()])
+    """The shapes of a <visual> element as yourdfpy reads it."""
+    from trimesh.creation import icosphere
+
+    pose = np.eye(4) if visual.origin is None else np.array(visual.origin, dtype=float)
+    given = visual.material and (visual.material.color or colors.get(visual.material.name))
+    color = _rgba(given.rgba) if given else None
+    solids = {"cylinder": ("radius", "length"), "box": ("size",), "sphere": ("radius",)}
+    for kind, names in solids.items():
+        geometry = getattr(visual.geometry, kind)
+        if geometry is not None:
+            size = np.hstack([getattr(geometry, name) for name in names]).astype(float)
             _check(f"<{kind}>", pose, size)
             if kind == "cylinder":
                 yield Shape(link, kind, pose, color, *size.tolist())
             elif kind == "box":
                 yield Shape(link, kind, pose, color, size=tuple(size.tolist()))
             else:
-                from trimesh import creation
-
-                yield Shape(link, kind, pose, color, mesh=creation.icosphere(radius=size[0]))
-        elif kind == "mesh":
-            name, scale = part.get("filename", ""), _numbers(part, "scale", 3, "1 1 1")
-            _check(f"mesh {name!r}", pose, np.abs(scale))
-            for mesh in _meshes(_find(name, folders), name):
-                look: Any = mesh.visual
-                main = np.array(getattr(look, "material", look).main_color) / 255 if look.defined else None
-                own = color or (None if main is None else _rgba(main))
-                yield Shape(link, kind, pose, own, mesh=mesh.apply_transform(np.diag([*scale, 1.0])))
-
-
-def _numbers(element: Any, attribute: str, count: int, default: str = "") -> Array:
-    """The numbers of an attribute."""
-    values = np.array(attribute_numbers(element, attribute, default))
-    if len(values) != count:
-        text = f"{count} number{'s' * (count > 1)}, got {element.get(attribute, '')!r}"
-        raise ValueError(f"{attribute!r} of <{element.tag}> must be {text}")
-    return values
+                yield Shape(link, kind, pose, color, mesh=icosphere(radius=size[0]))
+    mesh = visual.geometry.mesh
+    if mesh is not None:
+        scale = np.broadcast_to(1.0 if mesh.scale is None else mesh.scale, 3).astype(float)
+        _check(f"mesh {mesh.filename!r}", pose, np.abs(scale))
+        for part in _meshes(_find(mesh.filename, folders), mesh.filename):
+            look: Any = part.visual
+            main = np.array(getattr(look, "material", look).main_color) / 255 if look.defined else None
+            own = color or (None if main is None else _rgba(main))
+            yield Shape(link, "mesh", pose, own, mesh=part.apply_transform(np.diag([*scale, 1.0])))
 
 
 def _check(what: str, pose: Array, size: Array) -> None:
@@ -223,12 +213,12 @@ def _find(name: str, folders: Sequence[Path]) -> Path:
     """The file of a mesh in or above the URDF's folder, with the name of its package as a folder and without."""
     from urllib.request import url2pathname
 
-    scheme, _, path = name.rpartition("://")
-    path, below = (
-        url2pathname(path) if scheme == "file" else path,
-        path.partition("/")[2] if scheme == "package" else path,
-    )
-    for file in (folder / place for folder in folders for place in (path, below)):
+    from yourdfpy import filename_handler_ignore_directive, filename_handler_ignore_directive_package
+
+    handlers = (filename_handler_ignore_directive, filename_handler_ignore_directive_package)
+    places = [str(handler(name)) for handler in handlers]
+    places += [url2pathname(name.removeprefix("file://"))] * name.startswith("file://")
+    for file in (folder / place for folder in folders for place in places):
         if file.is_file():
             return file
     raise FileNotFoundError(f"mesh {name!r} is not found")
