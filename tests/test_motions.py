@@ -300,6 +300,7 @@ class TestFiles:
         ("path", "value", "message"),
         [
             (["status"], "ended", "`Trajectory.status` must be of type int, got 'ended'"),
+            (["energy_drift"], float("nan"), "`energy_drift` must be finite, got nan"),
             (["energy_drift"], None, "`Trajectory.energy_drift` must be of type float, got None"),
             (["method"], None, "`Trajectory.method` must be of type str, got None"),
             (["colour"], "red", "`Trajectory.colour` is not known to this version"),

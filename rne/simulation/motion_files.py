@@ -82,6 +82,9 @@ def _check(motion: Any) -> None:
         _check_array(name, getattr(motion, name), shape, sizes)
     for name, energy in motion.dissipated.items():
         _check_array(f"dissipated.{name}", energy, ("T",), sizes)
+    for name, number in vars(motion).items():
+        if isinstance(number, float) and not np.isfinite(number):
+            raise ValueError(f"`{name}` must be finite, got {number}")
     late = np.flatnonzero(np.diff(motion.t) <= 0)
     if late.size:
         before, after = motion.t[late[0] : late[0] + 2].tolist()
