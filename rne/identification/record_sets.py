@@ -356,6 +356,8 @@ def record_sets(
     if isinstance(robot, Identification):
         if without is not None or drives is not None:
             raise ValueError("an Identification has its records and drives: `without` and `drives` must be None")
+        if robot.data.Z is not None:
+            raise ValueError("`robot` must be identified without `instruments`, or give the records as `without`")
         return of_one_set(robot.initial, robot.base, robot.data).with_records(with_load, cutoff)
     if without is None:
         raise ValueError(

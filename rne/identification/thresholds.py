@@ -79,6 +79,7 @@ FOLDS = 10  # of the cross-validation, contiguous in time; the field's custom
 REST_PERIODS = 0.5  # of the cut-off, below which a joint turns back without resting
 SLOWEST_FITTED = 0.02  # of a joint's largest velocity: below it, Coulomb friction has no known direction
 STEPS_AT_REST = 2.0  # of the encoder about its mean position, within which a joint rests
+BEYOND_LIMITS = 0.05  # of a joint's range or largest speed, by which a motion may leave it: stops are not sharp
 LEAST_NAMED = 0.2  # part of the robot's joints that a log must have: an arm of a humanoid's; fewer is another robot's
 
 # Fit: least squares ------------------------------------------------------------------------------------------------
@@ -89,6 +90,8 @@ NOTHING = 1e-12  # length of a column, of the longest, that is rounding
 DEPENDENT = 1e-10  # singular values of columns of unit length, of the largest, that are rounding
 UNDETERMINED = 1e-6  # share of an unknown in the directions that the equations leave free, from which it is free
 BEYOND_DOUBT = 4.0  # standard errors: 6e-5 by chance, a few hundred parameters are looked at; statistics
+BIASED = 0.05  # probability of the Durbin-Wu-Hausman test, below which least squares is said to be biased; statistics
+RESEMBLES = 1.2  # deviation of instruments, of the joint's motion: motions that have nothing in common have 1.4
 RESPONSE_PERIODS = 8.0  # periods of the cut-off after which nothing is left of the filter's response; numerics
 SUM_WINDOW = 5.0  # the sum of autocorrelations ends at so many times itself (Sokal's rule)
 
@@ -161,6 +164,7 @@ ACTIVE = 0.97  # share of a limit from which it is called active
 
 # Diagnosis: causes of residuals ------------------------------------------------------------------------------------
 EVIDENT = 8.0  # gain of log likelihood of a cause that is named: odds of 3000 to 1; CLEAN: 2 of 200 warn
+DELAY_SETTLED = 0.1  # standard errors of a delay by instruments, below which it need not be taken anew; statistics
 LATEST = 0.1  # delay [s] above which no logger is late; FAULTS have 8 ms
 PLACES = 20  # times at which something may begin: a second apart in 20 s, as long as the shortest contact of FAULTS
 WIDTHS = (1, 2, 4, 6)  # lengths of a contact, in half of the distance of PLACES: 0.5 to 3 s of 20 s; FAULTS: 1 to 3 s
