@@ -54,6 +54,11 @@ def logs(robot, load, seed=0, noise=NOISE, rate=125.0, duration=10.0, units=1.0,
     return records
 
 
+def notes_of(found):
+    """Notes but that the motion, which is any, leaves the robot's limits."""
+    return [note for note in found.notes if "leaves the robot's limits" not in note]
+
+
 def wrist_still(robot, load, moving):
     """Records in which all joints but some stand still."""
     records = []
@@ -117,7 +122,7 @@ def test_without_noise_the_load_is_found(arm):
     np.testing.assert_allclose(found.com, LOAD.com, atol=BETWEEN_SAMPLES * 0.08)
     np.testing.assert_allclose(found.inertia, LOAD.inertia, atol=10 * BETWEEN_SAMPLES * 0.012)
     assert not found.consistent
-    assert found.notes == ()
+    assert notes_of(found) == []
 
 
 @pytest.mark.parametrize("name", kept(["irb140", "ur5", "panda"], ["ur5"]))
@@ -518,7 +523,7 @@ def test_without_noise_the_gains_are_found(arm):
     records = logs(arm, LOAD, noise=0.0, friction=(0.0, 0.0), units=GAINS)
     found = rne.identify_drive_gains(arm, *records, LOAD, drives=rne.DriveModel())
     np.testing.assert_allclose(found.gains, GAINS[THREE], rtol=BETWEEN_SAMPLES)
-    assert found.notes == ()
+    assert notes_of(found) == []
     assert repr(found).startswith("DriveGains([")
 
 
@@ -607,7 +612,7 @@ def test_of_a_mass_alone_the_rest_of_the_load_is_estimated(arm, currents):
     found = rne.identify_drive_gains(arm, *currents, LOAD.mass)
     assert (np.abs(found.gains - GAINS[THREE]) < np.minimum(3 * found.errors, 0.02 * GAINS[THREE])).all()
     np.testing.assert_allclose(found.com, LOAD.com, atol=2e-3)
-    assert found.notes[0].startswith("the load's centre, not given, is found at (0.04")
+    assert notes_of(found)[0].startswith("the load's centre, not given, is found at (0.04")
     same = rne.identify_drive_gains(arm, *currents, rne.Payload(LOAD.mass, link="tool0"))
     np.testing.assert_array_equal(same.gains, found.gains)
 
