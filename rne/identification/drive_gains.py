@@ -29,12 +29,16 @@ from .diagnosis.rigid_body_test import percent, single_joint_fit
 from .fit.equations import solve
 from .fit.least_squares import least_squares
 from .log.record import Record
+from .record_sets import RecordSets, SetsFit, SetsResult, record_sets
 from .result import Identification
-from .two_sets import TwoSets, TwoSetsFit, TwoSetsResult, load_map, two_sets
 
 UNTOLD = (
     "the load does not tell the gain of {}: it does not act there in these motions, or acts as the joint's own body or "
     "offset does; move the joint against the load, or mount the load further from its axis"
+)
+NOT_SEPARABLE = (
+    "`payload` must be a load that was weighed, got None: twice the gains fit twice the masses of the arm and of a "
+    "load unknown. Find them with one that was weighed, then this one: `rne.identify_payload(gains, None, records)`"
 )
 NONE_TOLD = (
     "`payload`: the load changes the currents of no joint by more than chance does: move the joints that lift it, and "
@@ -43,7 +47,7 @@ NONE_TOLD = (
 
 
 @dataclass(frozen=True, eq=False)
-class DriveGains(TwoSetsResult):
+class DriveGains(SetsResult):
     """Gains of the drives, by `rne.identify_drive_gains`.
 
     Attributes
@@ -54,9 +58,9 @@ class DriveGains(TwoSetsResult):
         say [N m/A or N/A for currents].
     errors : ndarray, shape (n,)
         Standard errors of the gains; NaN likewise.
-    held_out : ndarray, shape (n,)
-        |predicted - measured| / |measured| of each joint in motion, on blocks of time of which each was predicted by a
-        fit to the others; NaN for joints without a gain.
+    held_out_rms : ndarray, shape (2, 2, n)
+        Root mean squares of errors and of torques in motion, without the load and with it, on blocks of time of which
+        each was predicted by a fit to the others; NaN for joints without a gain [N m or N].
     estimate : LeastSquares
         The base parameters, in N m, with the gains found; then, of a load of which only the mass is known, m cx, m cy,
         m cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the link's origin; last, the relative changes of the gains.
@@ -64,14 +68,17 @@ class DriveGains(TwoSetsResult):
         The load's centre of mass in its link's frame, as given or as found [m].
     notes : tuple of str
         Assumptions and signs of mistakes.
-    sets : TwoSets
+    sets : RecordSets
         The equations, with torques by these gains.
+    currents : RecordSets
+        The equations as measured, of which `rne.identify_payload` finds another load and the gains together.
     """
 
     joint_names: tuple[str, ...]
     gains: Array
     errors: Array
     com: Array
+    currents: RecordSets
 
     def _reasons(self) -> list[str]:
         share = self.errors / np.abs(self.gains)
@@ -93,9 +100,7 @@ class DriveGains(TwoSetsResult):
         str
             A sentence, a table, then the notes and likely causes of what is left.
         """
-        rows = [Row("drive gains [N m or N per unit]", ("gain", "standard error"), words=True)]
-        for name, gain, error in zip(self.joint_names, self.gains, self.errors, strict=True):
-            rows.append(Row(f"  {short(name)}", ("-", "-") if np.isnan(gain) else (f"{gain:.5g}", f"{error:.2g}")))
+        rows = gain_rows(self.joint_names, self.gains, self.errors)
         told = np.isfinite(self.gains).sum()
         known = percent(self.errors / np.abs(self.gains))
         return self._report(f"gains of {told} of {len(self.gains)} joints, known to {known}", rows)
@@ -171,31 +176,44 @@ def identify_drive_gains(
     >>> print(found.report().split(";")[0][:32])
     gains of 6 of 6 joints, known to
     """
-    sets = two_sets(robot, without, with_load, drives, cutoff)
+    sets = record_sets(robot, without, with_load, drives, cutoff)
     model, names = sets.robot.model, sets.robot.joint_names
+    if payload is None:
+        raise ValueError(NOT_SEPARABLE)
     load = payload_argument(payload)
     mass = positive_number("payload", load.mass)
     bare = load.inertia is None and not np.any(load.com)
     link = load.link or end_link(model, axes_count=not bare)
-    S, first = load_map(sets.base.standard, link), sets.base.count
-    weighed = replace(sets, S=S[:, 1:], known=mass * S[:, 0])
+    S, first = sets.with_load(link).S, sets.base.count
+    fitted = weighed = replace(sets, S=S[..., 1:], known=mass * S[..., 0])
     if bare:
         gains, errors, fit = of_all_joints(weighed)
         com, com_error = (x[first : first + 3] / mass for x in (fit.estimate.values, fit.estimate.errors))
         notes = [f"the load's centre, not given, is found at {place(com)} m of {link}, +- {place(com_error)} m"]
     else:
         of_bodies, com, notes = PARAMETERS * model.nb, np.array(load.com, np.float64), []
-        known = np.pad(sets.robot.with_payload(*load).parameters - sets.robot.parameters, (0, len(S) - of_bodies))
-        gains, errors, fit = of_all_joints(replace(sets, known=known))
+        known = np.zeros_like(sets.known)
+        known[-1, :of_bodies] = sets.robot.with_payload(*load).parameters - sets.robot.parameters
+        fitted = replace(sets, known=known)
+        gains, errors, fit = of_all_joints(fitted)
         errors = np.hypot(errors, change_by_another_load(weighed, mass, com, gains))
     refuse_negative(names, gains, errors, bare)
     notes = [*fit.notes, *notes]
     if np.isnan(gains).any():
         notes.append(UNTOLD.format(listed([names[j] for j in np.flatnonzero(np.isnan(gains))])))
-    result = DriveGains(fit.estimate, fit.held_out, tuple(notes), sets.in_torques(gains), names, gains, errors, com)
+    common = fit.estimate, fit.held_out, tuple(notes), fitted.in_torques(gains)
+    result = DriveGains(*common, names, gains, errors, com, fitted)
     if result.doubt:
         warnings.warn(result.doubt, IdentificationWarning, stacklevel=2)
     return result
+
+
+def gain_rows(names: Sequence[str], gains: Array, errors: Array) -> list[Row]:
+    """A table of gains."""
+    rows = [Row("drive gains [N m or N per unit]", ("gain", "standard error"), words=True)]
+    for name, gain, error in zip(names, gains, errors, strict=True):
+        rows.append(Row(f"  {short(name)}", ("-", "-") if np.isnan(gain) else (f"{gain:.5g}", f"{error:.2g}")))
+    return rows
 
 
 def place(x: Array) -> str:
@@ -217,7 +235,7 @@ def refuse_negative(names: Sequence[str], gains: Array, errors: Array, bare: boo
     raise IdentificationError(f"gains come out negative: {values}: {why}")
 
 
-def change_by_another_load(weighed: TwoSets, mass: float, com: Array, gains: Array) -> Array:
+def change_by_another_load(weighed: RecordSets, mass: float, com: Array, gains: Array) -> Array:
     """Change of the gains, beyond chance, if only the mass of the load is taken as given; a large one is refused."""
     K, names = weighed.base.count, weighed.robot.joint_names
     try:
@@ -238,9 +256,9 @@ def change_by_another_load(weighed: TwoSets, mass: float, com: Array, gains: Arr
     return np.where(change > thresholds.BY_CHANCE * errors, change, 0.0)
 
 
-def of_all_joints(sets: TwoSets) -> tuple[Array, Array, TwoSetsFit]:
+def of_all_joints(sets: RecordSets) -> tuple[Array, Array, SetsFit]:
     """Gains by a fit of all joints with the same parameters, with errors; NaN where they are not told."""
-    first = sets.base.count + sets.S.shape[1]  # of the unknowns that are changes of gains
+    first = sets.base.count + sets.S.shape[-1]  # of the unknowns that are changes of gains
     gains, states = first_gains(sets)
     for k in range(thresholds.GAIN_ROUNDS):
         scaled = sets.in_torques(gains)
@@ -270,9 +288,9 @@ def of_all_joints(sets: TwoSets) -> tuple[Array, Array, TwoSetsFit]:
     raise IdentificationError(f"`payload`: the fit of gains and parameters together does not settle: {why}")
 
 
-def with_random_errors(sets: TwoSets, gains: Array, fit: TwoSetsFit) -> tuple[Array, Array, TwoSetsFit]:
+def with_random_errors(sets: RecordSets, gains: Array, fit: SetsFit) -> tuple[Array, Array, SetsFit]:
     """Gains by further steps of the fit with random errors of the drives, which may move them far."""
-    first, told = sets.base.count + sets.S.shape[1], np.isfinite(gains)
+    first, told = sets.base.count + sets.S.shape[-1], np.isfinite(gains)
     for k in range(thresholds.REFINED):
         change, errors = fit.estimate.values[first:], fit.estimate.errors[first:]
         gains = gains / (1 + change)
@@ -282,14 +300,12 @@ def with_random_errors(sets: TwoSets, gains: Array, fit: TwoSetsFit) -> tuple[Ar
     return gains, np.where(told, np.abs(gains) * np.hypot(errors, change), np.nan), fit
 
 
-def first_gains(sets: TwoSets) -> tuple[Array, tuple[Array, Array]]:
-    """Gains by the currents that each joint's own fit predicts, and parameters without and with the load."""
+def first_gains(sets: RecordSets) -> tuple[Array, Array]:
+    """Gains by the currents that each joint's own fit predicts, and parameters of each set."""
     K, n = sets.base.count, sets.robot.n
-    load = np.concatenate([sets.S, sets.known[:, None]], axis=1)
-    both = replace(sets, S=load, known=0 * sets.known).assembled(sets.plain)
-    own = np.array([single_joint_fit(both.of_joint(j))[0] for j in range(n)])
-    without = own[:, :K] @ sets.base.back.T
-    currents = -without, -without - own[:, K:] @ load.T
+    alone = replace(sets, S=np.concatenate([sets.S, sets.known[..., None]], axis=-1), known=0 * sets.known)
+    both = alone.assembled(sets.plain)
+    own = np.array([alone.states(single_joint_fit(both.of_joint(j))[0]) for j in range(n)])
     silent = sets.in_torques(np.zeros(n))
-    x = solve(silent.assembled(silent.plain, currents).merged().weighted(np.ones(n))).x
-    return x[K + sets.S.shape[1] :], sets.states(x)
+    x = solve(silent.assembled(silent.plain, -np.moveaxis(own, 0, 1)).merged().weighted(np.ones(n))).x
+    return x[K + sets.S.shape[-1] :], sets.states(x)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,15 +17,18 @@ from ..basics.spatial import Array, point_mass_inertia
 from ..basics.text import Row, short, wrapped
 from ..errors import IdentificationError, IdentificationWarning
 from ..model.parameters import COLUMNS, ENTRIES, PARAMETERS, ROWS, pseudo_inertia
-from ..model.standard_parameters import BODY_SYMBOLS, DriveModel
+from ..model.standard_parameters import BODY_SYMBOLS, DriveModel, StandardParameters
 from ..model.topology import end_link
 from ..robot import Robot
 from ..simulation.scene import Payload
 from . import thresholds
+from .drive_gains import DriveGains, gain_rows, of_all_joints
 from .fit.consistent import consistent_fit
+from .fit.equations import RegressionData
+from .log.prepared import Prepared
 from .log.record import Record
+from .record_sets import CONTAINED, GAINS_CONTAINED, SetsResult, eliminated, record_sets
 from .result import Identification
-from .two_sets import TwoSetsResult, load_map, two_sets
 
 STEP = 1e-30  # of derivatives by complex numbers
 QUANTITIES = (
@@ -36,7 +39,7 @@ QUANTITIES = (
 
 
 @dataclass(frozen=True, eq=False)
-class PayloadEstimate(TwoSetsResult):
+class PayloadEstimate(SetsResult):
     """A load found by `rne.identify_payload`; a Scene takes it as its `payload`.
 
     Attributes
@@ -53,13 +56,20 @@ class PayloadEstimate(TwoSetsResult):
         The robot's base parameters and, last, the load's ten parameters m, m cx, m cy, m cz, Ixx, Ixy, Iyy, Ixz,
         Iyz, Izz about the link's origin and in its axes.
     consistent : bool
-        True if the load is the physically consistent one, where least squares give none that is possible.
-    held_out : ndarray, shape (n,)
-        |predicted - measured| / |measured| of each joint in motion, on blocks of time of which each was predicted by a
-        fit to the others.
+        True if the load is the physically consistent one, where least squares give none that is possible, or the
+        motions do not tell all of it.
+    unknown : tuple of str
+        What the motions do not tell, such as "its centre along (0.00, 0.00, 1.00)" or "Ixx", in the link's axes; there
+        the load is like a ball of 3000 kg/m^3.
+    gains, gain_errors : ndarray, shape (n,), or None
+        Gains of the drives, found together with the load from what `rne.identify_drive_gains` found, with standard
+        errors; NaN for joints of which no load tells it.
+    held_out_rms : ndarray, shape (sets, 2, n)
+        Root mean squares of errors and of torques in motion, of the records without the load first and those with it
+        last, on blocks of time of which each was predicted by a fit to the others [N m or N].
     notes : tuple of str
         Assumptions, errors of the drives that the standard errors contain, and signs of mistakes.
-    sets : TwoSets
+    sets : RecordSets
         The equations of both sets of records.
     """
 
@@ -68,6 +78,9 @@ class PayloadEstimate(TwoSetsResult):
     com_error: Array
     inertia_error: Array
     consistent: bool
+    unknown: tuple[str, ...]
+    gains: Array | None = None
+    gain_errors: Array | None = None
 
     def _reasons(self) -> list[str]:
         share = self.mass_error / abs(self.mass)
@@ -109,11 +122,15 @@ class PayloadEstimate(TwoSetsResult):
         rows = [Row(f"load on {link}", ("estimate", "standard error"), words=True)]
         for name, value, error in zip(QUANTITIES, values, errors, strict=True):
             rows.append(Row(f"  {name}", (f"{value:.5f}", f"{error:.5f}")))
-        return self._report(f"{self.mass:.4g} kg on {link}, known to {share:.2g} %", rows)
+        first, contained = f"{self.mass:.4g} kg on {link}, known to {share:.2g} %", CONTAINED
+        if self.gains is not None and self.gain_errors is not None:
+            rows += gain_rows(self.sets.robot.joint_names, self.gains, self.gain_errors)
+            contained = GAINS_CONTAINED
+        return self._report(first, rows, contained)
 
 
 def identify_payload(
-    robot: Robot | Identification,
+    robot: Robot | Identification | DriveGains,
     without: Record | Sequence[Record] | None,
     with_load: Record | Sequence[Record],
     *,
@@ -126,11 +143,12 @@ def identify_payload(
 
     Parameters
     ----------
-    robot : Robot or Identification
-        The robot without the load, of which only joints and their places need be right; or what `rne.identify` found
-        from motions without the load, whose equations are then used.
+    robot : Robot, Identification or DriveGains
+        The robot without the load, of which only joints and their places need be right; what `rne.identify` found from
+        motions without the load, whose equations are then used; or what `rne.identify_drive_gains` found from currents
+        without and with a load that was weighed: gains and the load are then found together from all three.
     without : Record or sequence of Record, or None
-        Measured motions without the load; None with an Identification.
+        Measured motions without the load; None with an Identification or DriveGains.
     with_load : Record or sequence of Record
         Measured motions with the load; they may differ from those without.
     link : str, optional
@@ -167,12 +185,13 @@ def identify_payload(
     Notes
     -----
     Standard errors contain noise and what errors of the drives make of the load: torque factors that differ between
-    joints, friction that rises with the load, saturates, differs between the directions or changes between the records,
-    offsets that change or drift. Each is a random coefficient of each joint, whose variance is estimated; where fits
-    without one of the blocks of time scatter more, their scatter is the error. A factor common to all torques is not
-    seen: the mass is as wrong as it. Torques are taken to be as late as an Identification found, otherwise not late. A
-    load that least squares make impossible is replaced by the physically consistent one that fits best; where the
-    motions say nothing, it is like a ball of 3000 kg/m^3.
+    joints or change between the records, friction that rises with the load, saturates, differs between the directions
+    or changes, offsets that change or drift. Each is a random coefficient of each joint, whose variance is estimated;
+    where fits without one of the blocks of time scatter more, their scatter is the error. A factor common to all
+    torques makes the mass as wrong as it is; it is seen beside the masses of the robot given alone, and a note tells
+    it. Torques are taken to be as late as an Identification found, otherwise not late. A load that least squares make
+    impossible, or the motions do not tell all of, is replaced by the physically consistent one that fits best; where
+    they say nothing, it is like a ball of 3000 kg/m^3.
 
     Examples
     --------
@@ -187,13 +206,24 @@ def identify_payload(
     >>> print(found.report()[:23])
     3 kg on tool0, known to
     """
-    sets = two_sets(robot, without, with_load, drives, cutoff)
+    if isinstance(robot, DriveGains):
+        if without is not None or drives is not None:
+            raise ValueError("DriveGains have their records and drives: `without` and `drives` must be None")
+        sets = robot.currents.with_records(with_load, cutoff)
+    else:
+        sets = record_sets(robot, without, with_load, drives, cutoff)
     model, K = sets.robot.model, sets.base.count
     name = end_link(model, axes_count=True) if link is None else link
-    sets = replace(sets, S=load_map(sets.base.standard, name))
-    fit = sets.fitted()
-    estimate = fit.estimate
-    phi, errors = estimate.values[K:], estimate.errors[K:]
+    sets, scaled, gains, gain_errors = sets.with_load(name), 1.0, None, None
+    own = np.s_[K + sets.S.shape[-1] - PARAMETERS : K + sets.S.shape[-1]]
+    if isinstance(robot, DriveGains):
+        gains, gain_errors, fit = of_all_joints(sets)
+        sets = sets.in_torques(gains)
+    else:
+        fit = sets.fitted()
+        scaled = beside_given(sets.base.standard, sets.data[0], sets.states(fit.estimate.values)[0], fit.estimate.sigma)
+    estimate, factor = fit.estimate, eliminated(fit.load, np.s_[own.start - K :])
+    phi, errors = estimate.values[own], estimate.errors[own]
     if not errors[0] < np.inf:
         raise IdentificationError(
             "`with_load`: the motions do not tell the mass of the load from its centre: move the joints that lift it"
@@ -203,33 +233,83 @@ def identify_payload(
             f"`with_load`: the torques ask for a mass of {phi[0]:.3g} kg, with a standard error of {errors[0]:.2g} kg: "
             "are the records exchanged, or the signs of torques or of gravity wrong?"
         )
-    notes = [*doubts(phi, errors), *fit.notes]
-    impossible = np.linalg.eigvalsh(pseudo_inertia(phi)[0])[0] <= 0 or not np.isfinite(errors).all()
-    if impossible and consistent:
-        phi = possible_load(fit.load, phi, errors)
+    unknown = unknown_parts(factor, max(abs(phi[0]), errors[0]), gravity_in(sets.robot, name, sets.data[-1].prepared))
+    notes = [*fit.notes]
+    if unknown:
+        value = f"as of a ball of {thresholds.DENSITY:g} kg/m^3" if consistent else "zero, or what noise makes of it"
+        notes.insert(0, f"not told by the motions, in the axes of {short(name)}: {', '.join(unknown)}; taken {value}")
+    if abs(scaled - 1) > thresholds.SCALED_TORQUES:
+        right = f"if its masses are right, the load has {phi[0] / scaled:.3g} kg, not {phi[0]:.3g}"
+        notes.append(f"torques of the bodies without the load are {scaled:.3g} times those of the robot given: {right}")
+    notes = doubts(phi, errors) + notes
+    replaced = consistent and (bool(unknown) or np.linalg.eigvalsh(pseudo_inertia(phi)[0])[0] <= 0)
+    if replaced:
+        phi = possible_load(factor, phi, errors)
         notes.append("the load is the physically consistent one that fits best; `estimate` holds that of least squares")
-    body, error = standard_errors(phi, estimate.covariance[K:, K:], np.isinf(errors))
+    body, error = standard_errors(phi, estimate.covariance[own, own], np.isinf(errors))
     payload = Payload(float(body[0]), body[1:4], body[4:][ENTRIES], name)
     common, stated = (estimate, fit.held_out, tuple(notes), sets), (float(error[0]), error[1:4], error[4:][ENTRIES])
-    found = PayloadEstimate(*common, payload, *stated, impossible and consistent)
+    found = PayloadEstimate(*common, payload, *stated, replaced, unknown, gains, gain_errors)
     if found.doubt:
         warnings.warn(found.doubt, IdentificationWarning, stacklevel=2)
     return found
 
 
+def beside_given(standard: StandardParameters, data: RegressionData, x: Array, sigma: Array) -> float:
+    """Factor of the torques of bodies of parameters x beside those of the model, 1 where these are unlike them."""
+    bodies = standard.groups["bodies"]
+    found, given = ((data.Y[..., bodies] @ values[bodies] / sigma)[data.used] for values in (x, standard.values))
+    both, own, whole = found @ given, given @ given, found @ found
+    return float(both / own) if both**2 > thresholds.LIKE_GIVEN * own * whole > 0 else 1.0
+
+
 def doubts(phi: Array, errors: Array) -> list[str]:
     """Notes on a load by least squares that is doubtful or impossible."""
     notes, mass = [], f"a mass of {phi[0]:.3g} kg with a standard error of {errors[0]:.2g} kg"
-    if phi[0] <= 0:
+    if phi[0] < -thresholds.BEYOND_DOUBT * errors[0]:
         notes.append(f"least squares give {mass}: are the records exchanged?")
     elif phi[0] < thresholds.BEYOND_DOUBT * errors[0]:
         notes.append(f"the mass is hardly told from none, +- {errors[0]:.2g} kg: is it on another `link`?")
-    unknown = [symbol for symbol, error in zip(BODY_SYMBOLS, errors, strict=True) if np.isinf(error)]
-    if unknown:
-        notes.append(f"not told by the motions: {', '.join(unknown)} of the load")
     if phi[0] > 0 and np.linalg.eigvalsh(pseudo_inertia(phi)[0])[0] <= 0:
         notes.append("least squares give an inertia that no distribution of mass has")
     return notes
+
+
+def gravity_in(robot: Robot, link: str, records: Sequence[Prepared]) -> Array:
+    """Directions of gravity in the axes of a link at some samples of records, shape (k, 3); none without gravity."""
+    gravity, index = robot.model.gravity, robot.link_names.index(link)
+    q = np.concatenate([record.q[:: max(len(record.q) // thresholds.FEW_POSES, 1)] for record in records])
+    size = np.linalg.norm(gravity)
+    return np.asarray(gravity @ robot.link_poses(q)[:, index, :3, :3] / size) if size else np.zeros((0, 3))
+
+
+def unknown_parts(factor: Array, mass: float, down: Array) -> tuple[str, ...]:
+    """Names of what the equations do not tell of a load: where a body of its size decides instead, as a prior.
+
+    Gravity acts along `down`, shape (k, 3), in the link's axes.
+    """
+    radius = gyration(mass)
+    size = thresholds.LOAD_STD * mass * np.repeat([1.0, radius, radius**2], [1, 3, 6])
+    _, S, V = np.linalg.svd(factor[:, :-1] * size)
+    U, of_centre, axes = np.linalg.svd(V[S < 1][:, 1:4])
+    k = int((of_centre > thresholds.NAMED_PART).sum())
+    names = ["its centre"] if k == 3 else [axis_text(axis, down) for axis in axes[:k]]
+    shares = ((U[:, k:].T @ V[S < 1])[:, 4:] ** 2).sum(0)
+    least = thresholds.NAMED_PART * shares.max()
+    told = [symbol for symbol, share in zip(BODY_SYMBOLS[4:], shares, strict=True) if share > least]
+    return (*names, *(["its inertia"] if len(told) == len(shares) else told))
+
+
+def axis_text(axis: Array, down: Array) -> str:
+    """The centre along an axis, in words."""
+    x, y, z = axis * np.sign(axis[np.abs(axis).argmax()]) + 0.0
+    along = ", as gravity" * bool(len(down) and (np.abs(down @ axis) > thresholds.ALONG).all())
+    return f"its centre along ({x:.2f}, {y:.2f}, {z:.2f}){along}".replace("-0.00", "0.00")
+
+
+def gyration(mass: float) -> float:
+    """Root mean square of a coordinate in a ball of this mass [m]."""
+    return float((3 * mass / (4 * np.pi * thresholds.DENSITY)) ** (1 / 3) / np.sqrt(5))
 
 
 def possible_load(factor: Array, phi: Array, errors: Array) -> Array:
@@ -237,7 +317,7 @@ def possible_load(factor: Array, phi: Array, errors: Array) -> Array:
     mass = max(phi[0], errors[0])
     centre = phi[1:4] / mass if phi[0] > thresholds.BEYOND_DOUBT * errors[0] else np.zeros(3)
     ball = np.eye(4)
-    ball[:3, :3] *= (3 * mass / (4 * np.pi * thresholds.DENSITY)) ** (2 / 3) / 5
+    ball[:3, :3] *= gyration(mass) ** 2
     ball[:3, :3] += np.outer(centre, centre)
     ball[:3, 3] = ball[3, :3] = centre
     return consistent_fit(factor, mass * ball[None], thresholds.LOAD_STD**-2, np.zeros(0, bool), np.zeros(0))

@@ -132,6 +132,12 @@ SPREAD_ROUNDS = 60  # of expectation and maximisation: slow where a kind is hard
 APART_FROM_OTHERS = 1e-6  # part of a column that others leave of it if its coefficient can be told; numerics
 TOLD_SPREAD = 0.01  # spread of a kind of errors, of the torques, from which it is told
 DENSITY, LOAD_STD = 3000.0, 3.0  # of a ball that a load is like where motions say nothing [kg/m^3]; prior_std of it
+SCALED_TORQUES, LIKE_GIVEN = (
+    0.05,
+    0.9,
+)  # factor less one of torques beside the robot given, of this squared cosine, told
+FEW_POSES, ALONG = 50, 0.9999  # of a record, in which gravity is along an axis: its cosine, within 0.8 degrees
+NAMED_PART = 0.3  # along directions that are not told, of the largest: parameters that are named; statistics
 GAIN_ROUNDS, GAINS_SETTLED = 30, 1e-7  # steps of gains and parameters together, and relative change at which they end
 GAIN_TRIALS = 12  # steps before gains of large errors are left out: the first may lead through poor ones
 BY_CHANCE = 2.5  # standard errors, up to which another load's change of a gain is chance; statistics

@@ -1,0 +1,399 @@
+"""The equations of motions without and with loads, and standard errors that contain the errors of drives.
+
+Torques of real drives differ from Y pi by more than noise: gains are a little wrong, friction rises with the load or
+changes between the records, offsets drift. Each kind of such errors has a column for each joint. Its coefficients are
+random, with a variance that is estimated with the parameters by expectation and maximisation (Dempster, Laird and Rubin
+1977; variance components, Searle, Casella and McCulloch 1992), so that the parameters' covariance contains them. Fits
+to all blocks of time but one (the jackknife of Tukey 1958) tell of what varies otherwise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import product
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..basics.spatial import Array
+from ..basics.text import InNotebooks, Row, aligned, short, wrapped
+from ..dynamics.base_inertial_parameters import BaseParameters
+from ..model.parameters import PARAMETERS, parameters_of_pseudo_inertia, pseudo_inertia
+from ..model.standard_parameters import MEASURED, DriveModel, StandardParameters
+from ..robot import Robot, robot_argument
+from . import thresholds
+from .diagnosis.hypotheses import GEARS, Cause, changes_with_load, likely_causes, merged_by_kind
+from .diagnosis.residuals import TINY, FitResiduals, by_joint
+from .diagnosis.rigid_body_test import percent
+from .fit.equations import (
+    Equations,
+    RegressionData,
+    blocks_of_time,
+    build_regression,
+    checked_records,
+    equations,
+    joined,
+    of_named_joints,
+    solve,
+    triangular,
+    with_prior,
+)
+from .fit.least_squares import LeastSquares, believed_noise, least_squares
+from .log.record import Record
+from .result import Identification, likely_text, unexplained_text
+
+KINDS = (
+    "torque factors",
+    "friction under load",
+    "viscous friction that is not linear",
+    "viscous friction that saturates",
+    "friction by direction",
+    "offsets that drift",
+)
+CHANGES = tuple(
+    f"{what} that changed between the records"
+    for what in ("torque factors", "viscous friction", "Coulomb friction", "offsets")
+)
+GAINS_CONTAINED = (
+    "standard errors contain those of the gains, noise, the scatter between blocks of time, and what errors of the "
+    "drives make of the load; not an error of the load weighed: the mass is as wrong as it is, relatively"
+)
+QUIET = "no change of the log, the robot or the drives that was looked for explains what is left"
+FOLDS = 2  # of the equations alone: none is held out
+CONTAINED = (
+    "standard errors contain noise, the scatter between blocks of time, and what errors of the drives make of the "
+    "load; not a factor common to all torques"
+)
+
+
+class SetsFit(NamedTuple):
+    """A fit with random errors of the drives; unknowns are base parameters, those of the load, changes of gains."""
+
+    estimate: LeastSquares
+    held_out: Array  # rms errors in motion on blocks that were not fitted, and rms torques, shape (sets, 2, n)
+    load: Array  # triangular equations of the loads' parameters alone
+    notes: tuple[str, ...]  # on the records, and on what the errors contain
+
+
+@dataclass(frozen=True, eq=False)
+class RecordSets:
+    """The equations of sets of records, without a load and with one or another, of the same standard parameters pi.
+
+    The load of a set adds its `known` + S phi to pi, of which phi is unknown and the same for all.
+    """
+
+    robot: Robot
+    base: BaseParameters
+    data: tuple[RegressionData, ...]
+    S: Array  # shape (sets, P, number of unknowns of the loads)
+    known: Array  # shape (sets, P)
+
+    def with_records(self, records: Record | Sequence[Record], cutoff: float | None) -> RecordSets:
+        """The equations with those of another set of records, torques as late as in the last one on average."""
+        given = checked_records(self.robot, of_named_joints(self.robot, records)[1], "with_load")
+        late = self.data[-1].delays.mean(0)
+        data = build_regression(self.robot, given, self.base, None, cutoff, FOLDS, late)
+        S, known = (np.concatenate([x, np.zeros((1, *x.shape[1:]))]) for x in (self.S, self.known))
+        return replace(self, data=(*self.data, data), S=S, known=known)
+
+    def with_load(self, link: str) -> RecordSets:
+        """The equations with the ten parameters of a load on a link, in the last set, among the unknowns."""
+        S = np.zeros((*self.known.shape, PARAMETERS))
+        S[-1] = load_map(self.base.standard, link)
+        return replace(self, S=np.concatenate([self.S, S], axis=-1))
+
+    @cached_property
+    def plain(self) -> list[Equations]:
+        """The equations of the sets, each in one block."""
+        return [data.fitted.merged() for data in self.data]
+
+    @cached_property
+    def causes(self) -> tuple[Cause, ...]:
+        """Changes that would explain a set of records better, as of `rne.identify`, or all of them together."""
+        found = self.changes
+        told = {cause.kind: [c for c in found if c.kind == cause.kind] for cause in found}
+        for data in self.data:
+            estimate = least_squares(data.fitted.mapped(self.base.back))
+            causes = likely_causes(FitResiduals(self.robot, self.base, data, estimate.values, estimate.sigma))[0]
+            found += [
+                x for x in causes if all(x.joints != c.joints and x.score > c.score for c in told.get(x.kind, ()))
+            ]
+        return merged_by_kind(sorted(found, key=lambda cause: -cause.score))
+
+    @property
+    def changes(self) -> list[Cause]:
+        """What else differs between the records with the last load and the others."""
+        estimate, data, last = least_squares(self.assembled(self.plain)), joined_data(self.data), len(self.data) - 1
+        loads = np.concatenate([self.S, self.known[..., None]], axis=-1)
+        torques = np.concatenate([part.Y @ x for part, x in zip(self.data, loads, strict=True)])
+        of_set = np.repeat(np.arange(last + 1), [len(part.tau) for part in self.data])
+        common = estimate.sigma, np.ones(self.robot.n)
+        betas = [self.base.matrix @ x for x in self.states(estimate.values)]
+        rests = [FitResiduals(self.robot, self.base, data, beta, *common) for beta in betas]
+        curves = np.stack([rest.curves for rest in rests])[of_set, np.arange(len(of_set))]
+        known = np.concatenate([torques, by_joint(curves)], axis=-1)
+        body = int(loads[last].any(1).argmax()) // PARAMETERS
+        return changes_with_load(rests[last], known, (of_set == last)[:, None, None], body)
+
+    def in_torques(self, gains: Array) -> RecordSets:
+        """The equations of measurements times gains; joints whose gain is NaN have none."""
+        return replace(self, data=tuple(data.in_torques(gains) for data in self.data))
+
+    def states(self, x: Array) -> Array:
+        """Standard parameters of each set, of unknowns x, shape (sets, P)."""
+        K = self.base.count
+        return np.asarray(self.base.back @ x[:K] + self.known + self.S @ x[K : K + self.S.shape[-1]])
+
+    def assembled(self, parts: Sequence[Equations], at: Array | None = None) -> Equations:
+        """Equations Y (pi + S phi) + X c + Y at d = tau - Y known, for base parameters of pi, c, phi and d of joints.
+
+        `parts` have columns Y, X of each set. `at` are parameters of each set.
+        """
+        back, n = self.base.back, self.robot.n
+        (P, K), f, joints = back.shape, self.S.shape[-1], np.arange(n)
+        k, found = parts[0].factors.shape[-1] - 1 - P, []
+        for i, data in enumerate(parts):
+            T = np.zeros((n, P + k + 1, K + k * n + f + n * (at is not None) + 1))
+            T[:, :P, :K], T[:, :P, K + k * n : K + k * n + f] = back, self.S[i]
+            for kind in range(k):
+                T[joints, P + kind, K + kind * n + joints] = 1
+            if at is not None:
+                T[joints, :P, K + k * n + f + joints] = at[i]
+            T[:, :P, -1], T[:, -1, -1] = -self.known[i], 1
+            found.append(Equations(triangular(data.factors @ T), data.rows))
+        return joined(found)
+
+    def fitted(self, at: Array | None = None) -> SetsFit:
+        """The fit of these unknowns with random errors of the drives."""
+        K, n, kinds = self.base.count, self.robot.n, self.kinds
+        m, f = len(kinds) * n, self.S.shape[-1]
+        plain = least_squares(self.assembled(self.plain, at))
+        states = self.states(plain.values)
+        X = self.random_errors(states, with_factors=at is None)
+        blocks = [in_blocks(data, x, len(self.data)) for data, x in zip(self.data, X, strict=True)]
+        both = self.assembled(blocks, at)
+        c, sigma = np.zeros((n, len(kinds))), plain.sigma
+        for _ in range(2):  # errors found are taken out of the noise
+            noise = sigma * np.sqrt(self.correlation_time(states, X, c))
+            factor = both.weighted(noise)
+            spread = spreads(factor, K, m, n)
+            solution = solve(with_prior(factor, K, 1 / spread))
+            c = solution.x[K : K + m].reshape(-1, n).T
+            states = self.states(np.delete(solution.x, np.s_[K : K + m]))
+            freedom = np.maximum(both.rows.sum(0) - solution.spent(both, noise), 1)
+            sigma = np.maximum(
+                np.sqrt(both.residuals(solution.x) / freedom), thresholds.APART_FROM_OTHERS * plain.sigma
+            )
+        kept = np.r_[:K, K + m : len(solution.x)]
+        scatter, squares = jackknife(both, noise, K, spread)
+        estimate = replace(plain, values=solution.x[kept], errors=np.where(solution.free[kept], np.inf, 0), sigma=sigma)
+        estimate = estimate._with_covariance(widened(solution.inverse[kept], scatter[kept]))
+        factor = with_prior(both.weighted(believed_noise(both, noise)), K, 1 / spread)
+        load = eliminated(factor, np.s_[K + m : K + m + f])
+        shown = [(name, s) for name, s in zip(kinds, spread[::n], strict=True) if s > thresholds.TOLD_SPREAD]
+        told = ", ".join(f"{name} ({100 * s:.2g} %)" for name, s in shown)
+        notes = [f"the torques show, and the standard errors contain: {told}"] * bool(told)
+        of_records = [note for data in self.data for note in data.notes]
+        of_sets = np.split(squares, np.cumsum([len(x.rows) for x in blocks])[:-1])
+        left = np.array([errors_of(x, part) for x, part in zip(blocks, of_sets, strict=True)])
+        return SetsFit(estimate, left, load, tuple(dict.fromkeys((*of_records, *notes))))
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """The kinds of random errors, those of changes for each set but the first."""
+        return (*KINDS, *CHANGES * (len(self.data) - 1))
+
+    def random_errors(self, states: Array, *, with_factors: bool) -> list[Array]:
+        """Torques of all `kinds` in each set, as large as each joint's torque, shape (rows, n, number of kinds).
+
+        Torques are those of standard parameters of each set; factors are zero if not asked.
+        """
+        bodies, X = PARAMETERS * self.robot.model.nb, []
+        for i, (data, x) in enumerate(zip(self.data, states, strict=True)):
+            v, sign = (np.concatenate([r.reduce(f(r.qd)) for r in data.prepared]) for f in (np.asarray, np.sign))
+            passed = np.concatenate([np.linspace(-1, 1, len(record.times)) for record in data.prepared])
+            speed, one, load = np.abs(v), np.ones_like(v), np.abs(data.Y[..., :bodies] @ x[:bodies])
+            terms = [data.Y @ x, load * sign, v * speed, np.sign(v) * np.sqrt(speed), speed]
+            terms += [passed[:, None] * one]
+            terms += [(i == k) * x for k in range(1, len(self.data)) for x in (terms[0], v, sign, one)]
+            X.append(np.stack(terms, axis=-1) * data.used[..., None])
+        squares = sum((x**2).sum(0) for x in X)
+        scale = np.sqrt(np.divide(squares[:, :1], squares, out=np.zeros_like(squares), where=squares > 0))
+        scale[:, [0, *range(len(KINDS), scale.shape[1], len(CHANGES))]] *= with_factors
+        return [x * scale for x in X]
+
+    def correlation_time(self, states: Array, X: Sequence[Array], c: Array) -> Array:
+        """Correlation time of each joint's residuals, in rows, of parameters of each set and errors X c."""
+        rows, sets = np.array([part.rows[0] for part in self.plain]), zip(self.data, states, X, strict=True)
+        times = [data.correlation_time(data.residuals(x) - (errors * c).sum(-1)) for data, x, errors in sets]
+        return np.asarray(np.maximum((rows * times).sum(0) / np.maximum(rows.sum(0), 1), 1.0))
+
+
+@dataclass(frozen=True, eq=False)
+class SetsResult(InNotebooks):
+    """The common part of results from records without and with a load."""
+
+    estimate: LeastSquares
+    held_out_rms: Array
+    notes: tuple[str, ...]
+    sets: RecordSets
+
+    @property
+    def held_out(self) -> Array:
+        """|predicted - measured| / |measured| of each joint in motion with the load, on blocks not fitted, (n,)."""
+        errors, torques = self.held_out_rms[-1]
+        return np.asarray(errors / np.maximum(torques, TINY))
+
+    @property
+    def causes(self) -> tuple[Cause, ...]:
+        """Changes that would explain the residuals of either set better, the likeliest first, as of `rne.identify`."""
+        return self.sets.causes
+
+    @cached_property
+    def doubt(self) -> str:
+        """Reasons not to believe the result, with the likely causes; empty if there is none."""
+        lines = self._reasons() + unexplained_text(self.sets.robot.joint_names, self.held_out)
+        return ". ".join([*lines, *likely_text(self.causes)]) if lines else ""
+
+    def _reasons(self) -> list[str]:
+        raise NotImplementedError
+
+    def _report(self, first: str, rows: Sequence[Row], contained: str = CONTAINED) -> str:
+        first += f"; torques in motion are predicted to {percent(self.held_out)} on blocks of time that were not fitted"
+        causes = [*likely_text(self.causes), *(cause.text for cause in self.causes if cause.kind in GEARS)]
+        notes = [*self.notes, contained, *(causes or [QUIET])]
+        return "\n".join([wrapped(first), *aligned(rows), *aligned(self._errors()), *map(wrapped, notes)])
+
+    def _errors(self) -> list[Row]:
+        """A table of the errors held out."""
+        of_sets = ("no load", *("load weighed",) * (len(self.held_out_rms) - 2), "load")
+        columns = (*(f"{name} [%]" for name in of_sets), "load [N m or N]", "noise [N m or N]")
+        rows, (errors, torques) = [Row("errors held out", columns, words=True)], np.moveaxis(self.held_out_rms, 1, 0)
+        for j, name in enumerate(self.sets.robot.joint_names):
+            values = [f"{100 * x:.2f}" for x in errors[:, j] / np.maximum(torques[:, j], TINY)]
+            values += [f"{errors[-1, j]:.4g}", f"{self.estimate.sigma[j]:.4g}"]
+            rows.append(Row(f"  {short(name)}", ["-"] * len(values) if np.isnan(errors[-1, j]) else values))
+        return rows
+
+
+def joined_data(parts: Sequence[RegressionData]) -> RegressionData:
+    """The equations of several sets of records as one."""
+    tuples = {name: tuple(x for part in parts for x in getattr(part, name)) for name in ("names", "prepared", "notes")}
+    masks = ("delays", "Y", "tau", "valid", "used", "sure")
+    arrays = {name: np.concatenate([getattr(part, name) for part in parts]) for name in masks}
+    both = {name: joined([getattr(part, name) for part in parts]) for name in ("fitted", "measured")}
+    fields: dict[str, Any] = tuples | arrays | both
+    return replace(parts[0], **fields)
+
+
+def in_blocks(data: RegressionData, X: Array, sets: int) -> Equations:
+    """Equations of [Y, X, tau] in blocks of time, of so many sets with the folds shared among them."""
+    each = max(-(-thresholds.FOLDS // sets // len(data.prepared)), 2)
+    blocks = blocks_of_time(data.prepared, each)
+    return equations(np.concatenate([data.Y, X], axis=-1), data.tau, data.used, blocks)
+
+
+def widened(inverse: Array, scatter: Array) -> Array:
+    """The covariance, with variances that are at least the scatter between blocks of time."""
+    covariance = inverse @ inverse.T
+    wider = np.sqrt(np.maximum(scatter / np.maximum(np.diag(covariance), TINY), 1))
+    return np.asarray(covariance * np.outer(wider, wider))
+
+
+def eliminated(factor: Array, kept: slice) -> Array:
+    """Triangular equations of the unknowns kept, from those of all."""
+    others = np.delete(factor[:, :-1], kept, axis=1)
+    lengths = np.linalg.norm(others, axis=0)
+    U, S, _ = np.linalg.svd(others / np.where(lengths == 0, 1, lengths))
+    rank = int((thresholds.DEPENDENT * S.max(initial=0) < S).sum())
+    return triangular(U[:, rank:].T @ np.concatenate([factor[:, :-1][:, kept], factor[:, -1:]], axis=1))
+
+
+def spreads(factor: Array, K: int, m: int, n: int) -> Array:
+    """Standard deviation of the m coefficients of random errors of n joints, which follow the K first unknowns."""
+    errors, rest = factor[:, K : K + m], eliminated(factor, np.s_[K : K + m])
+    H, h = rest[:, :-1].T @ rest[:, :-1], rest[:, :-1].T @ rest[:, -1]
+    told = (np.diag(H) > thresholds.APART_FROM_OTHERS**2 * (errors**2).sum(0)).reshape(-1, n)
+    squares, chosen = np.full(m // n, thresholds.FIRST_SPREAD**2), np.flatnonzero(told)
+    for _ in range(thresholds.SPREAD_ROUNDS):
+        V = np.linalg.inv(H[np.ix_(chosen, chosen)] + np.diag(1 / squares[chosen // n]))
+        moments = np.zeros(m)
+        moments[chosen] = (V @ h[chosen]) ** 2 + np.diag(V)
+        squares = np.maximum(moments.reshape(-1, n).sum(1) / np.maximum(told.sum(1), 1), thresholds.LEAST_SPREAD**2)
+    few = np.maximum(told.sum(1), 3)  # of so few joints the variance is not sure: that of Student's t
+    return np.repeat(np.sqrt(squares * few / (few - 2)), n)
+
+
+def jackknife(both: Equations, noise: Array, K: int, spread: Array) -> tuple[Array, Array]:
+    """Variances from fits to all blocks but one, and squares that each leaves on that block without random errors."""
+    blocks, found, squares = np.arange(len(both.factors)), [], []
+    factors = np.array([both.of_blocks(blocks == k).weighted(noise) for k in blocks])
+    for k in blocks:
+        others = factors[blocks != k].reshape(-1, factors.shape[-1])
+        found.append(solve(with_prior(others, K, 1 / spread)).x)
+        x = np.concatenate([found[-1][:K], 0 * spread, found[-1][K + len(spread) :]])
+        squares.append(both.of_blocks(blocks == k).residuals(x))
+    return (len(blocks) - 1) * np.var(found, axis=0), np.array(squares)
+
+
+def errors_of(equations: Equations, squares: Array) -> Array:
+    """Root mean square of errors held out of blocks of these squares, by joint, and of the torques, shape (2, n)."""
+    rows = equations.rows.sum(0)
+    rms = np.sqrt(squares.sum(0) / np.maximum(rows, 1))
+    return np.where(rows == 0, np.nan, [rms, equations.rms_torques()])
+
+
+def record_sets(
+    robot: Robot | Identification,
+    without: Record | Sequence[Record] | None,
+    with_load: Record | Sequence[Record],
+    drives: DriveModel | None,
+    cutoff: float | None,
+) -> RecordSets:
+    """The equations of both sets, of which the arguments are checked, without any unknown of a load."""
+    if isinstance(robot, Identification):
+        if without is not None or drives is not None:
+            raise ValueError("an Identification has its records and drives: `without` and `drives` must be None")
+        if robot.data.Z is not None:
+            raise ValueError("`robot` must be identified without `instruments`, or give the records as `without`")
+        return of_one_set(robot.initial, robot.base, robot.data).with_records(with_load, cutoff)
+    if without is None:
+        raise ValueError(
+            "`without` must have a record without the load, unless an Identification is given: from records with it "
+            "alone its mass is not told from the last body's, nor gains from masses"
+        )
+    without, with_load = (x if isinstance(x, Sequence) else (x,) for x in (without, with_load))
+    robot, named, matched = of_named_joints(robot_argument(robot), [*without, *with_load])
+    base = robot.base_parameters(drives=MEASURED if drives is None else drives)
+    sets = {"without": named[: len(without)], "with_load": named[len(without) :]}
+    given = {name: checked_records(robot, x, name) for name, x in sets.items()}
+    for one, other in product(*given.values()):
+        if all(np.array_equal(getattr(one, x), getattr(other, x), equal_nan=True) for x in ("t", "q", "tau")):
+            raise ValueError(f"`with_load` has a record that `without` has too, {one.name!r}: one is the wrong file")
+    first = build_regression(robot, given["without"], base, None, cutoff, FOLDS)
+    first = replace(first, notes=(*matched, *first.notes))
+    return of_one_set(robot, base, first).with_records(given["with_load"], cutoff)
+
+
+def of_one_set(robot: Robot, base: BaseParameters, data: RegressionData) -> RecordSets:
+    """The equations of records without a load."""
+    if "Fl" in base.standard.terms:
+        raise ValueError('`drives`: friction under "load" changes with the load that is to be found; leave it out here')
+    return RecordSets(robot, base, (data,), np.zeros((1, base.standard.count, 0)), np.zeros((1, base.standard.count)))
+
+
+def load_map(standard: StandardParameters, link: str) -> Array:
+    """S of pi + S phi: standard parameters per unit of the load's parameters about a link's origin, in its axes."""
+    model = standard.model
+    index = model.link_index(link)
+    body = int(model.link_body[index])
+    if body < 0:
+        raise ValueError(f"`link` must move, {link!r} is fixed to the base: no joint carries its load")
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = model.link_rotation[index], model.link_translation[index] - model.joint_origin[body]
+    S = np.zeros((standard.count, PARAMETERS))
+    units = pseudo_inertia(np.eye(PARAMETERS))
+    S[PARAMETERS * body : PARAMETERS * (body + 1)] = parameters_of_pseudo_inertia(T @ units @ T.T).T
+    return S
