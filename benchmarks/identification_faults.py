@@ -4,7 +4,8 @@ The robots and faults of tests/faulty_logs.py: ten runs of each kind of fault, a
 the fit give the friction of harmonic drives, so a run is wrong if its parameters differ from those of the same motion
 without the fault, noise and delay by more than the 99.9 % point of chi-square; it is warned if an error or an
 IdentificationWarning came, and named if the fault is among its first two causes. Writes
-benchmarks/results/identification_faults.json.
+benchmarks/results/identification_faults.json, but for runs of some faults alone, or of logs by a noisy controller
+(`--logged feedback`) and with uneven clocks (`--logged samples reader`: stamps of the samples, or of what read them).
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from typing import Any
 
 from benchmarks.identification_tables import rewrite_page
 from benchmarks.measure import write
-from tests.faulty_logs import FAULTS, Outcome, robots, run
+from tests.faulty_logs import FAULTS, LOGGED, Outcome, robots, run
 
 
 def row_of(fault: str, outcomes: list[Outcome]) -> dict[str, Any]:
@@ -37,12 +38,13 @@ def main() -> None:
     parser.add_argument("--verbose", action="store_true")
     parser.add_argument("--runs", type=int, default=10)
     parser.add_argument("--clean", type=int, default=200)
+    parser.add_argument("--logged", nargs="*", choices=LOGGED, default=[""])
     given = parser.parse_args()
     kinds, names, rows = ["clean", *FAULTS], list(robots()), []
     for fault in given.only or kinds:
         first, outcomes = 1000 * kinds.index(fault), []
         for k in range(given.clean if fault == "clean" else given.runs):
-            outcomes.append(run(fault, names[k % len(names)], first + k))
+            outcomes.append(run(fault, names[k % len(names)], first + k, given.logged[k % len(given.logged)]))
             o = outcomes[-1]
             if given.verbose and (fault != "clean" or o.wrong or o.warned):
                 marks = {"WRONG": o.wrong, "warned": o.warned, "named": o.named, "equal": o.hidden}
@@ -50,7 +52,7 @@ def main() -> None:
                 print(f"  {o.robot:8} {o.chi_square:8.3g} {said} {o.causes[:3]} {o.error[:110]}")
         rows.append(row_of(fault, outcomes))
         print(rows[-1], flush=True)
-    if not given.only:
+    if not given.only and given.logged == [""]:
         write("identification_faults.json", {"rows": rows})
         rewrite_page()
 

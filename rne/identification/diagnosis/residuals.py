@@ -6,8 +6,7 @@ of two models (`compare_models`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable
 from functools import cached_property
 
 import numpy as np
@@ -17,10 +16,7 @@ from ...dynamics.base_inertial_parameters import BaseParameters
 from ...model.parameters import PARAMETERS
 from ...robot import Robot
 from .. import thresholds
-from ..fit.equations import RegressionData
-from ..log.filtering import low_pass
-from ..log.prepared import Prepared
-from ..log.screening import consecutive
+from ..fit.equations import RegressionData, blocks_of_time
 
 TINY = float(np.finfo(np.float64).tiny)
 
@@ -45,10 +41,6 @@ class Discrepancy:
     def sampled(self, torques: Torques) -> Array:
         """A function of the motion, shape (T, ...), at the rows, shape (rows, ...)."""
         raise NotImplementedError
-
-    def smooth(self, torques: Torques) -> Array:
-        """The same of a function without steps, for which fewer samples are enough."""
-        return self.sampled(torques)
 
     def load(self, q: Array, qd: Array, qdd: Array) -> Array:
         """Torques of the bodies, which the gears transmit, shape (T, n)."""
@@ -79,11 +71,10 @@ class Discrepancy:
         """Sums of products, or of squares, over each joint's values, shape (n,)."""
         return np.bincount(self.joint, r * (r if s is None else s), minlength=self.robot.n)
 
-    def gain(self, squares: Array, before: Array | None = None) -> tuple[float, Array]:
-        """Gain of log likelihood by a fit that leaves these squares, and the part of each joint's that goes."""
+    def gain(self, squares: Array, before: Array | None = None) -> float:
+        """Gain of log likelihood by a fit that leaves these squares."""
         start = self.squares if before is None else before
-        gain = 0.5 * (self.counts * np.log((start + self.floor) / (squares + self.floor))).sum()
-        return float(gain), np.maximum(1 - squares / np.maximum(start, self.floor), 0.0)
+        return float(0.5 * (self.counts * np.log((start + self.floor) / (squares + self.floor))).sum())
 
     def penalty(self, numbers: float) -> float:
         """Cost of free numbers (Schwarz 1978)."""
@@ -129,10 +120,11 @@ class FitResiduals(Discrepancy):
         sigma: Array,
         correlation_time: Array | None = None,
         known: Array | None = None,
+        used: Array | None = None,
     ) -> None:
         enough = data.sure.sum() > thresholds.FEWEST_ROWS * base.count
-        alone = robot.with_armature(0.0)  # rotors are among the drives' parameters
-        super().__init__(alone, sigma, data.sure if enough else data.used)
+        alone = robot.with_armature(0.0) if robot.model.armature.any() else robot  # rotors are drives' parameters
+        super().__init__(alone, sigma, (data.sure if enough else data.used) if used is None else used)
         self.data, self.beta, self.known = data, beta, known
         self.base, self.standard, self.records, self.x = base, base.standard, data.prepared, base.back @ beta
         self.bodies = self.x[: PARAMETERS * robot.model.nb]
@@ -158,7 +150,10 @@ class FitResiduals(Discrepancy):
     def with_known(self, columns: Array) -> FitResiduals:
         """The residuals with more columns fitted in any case."""
         known = columns if self.known is None else np.concatenate([self.known, columns], axis=-1)
-        return FitResiduals(self.robot, self.base, self.data, self.beta, self.sigma, self.correlation_time, known)
+        return self._with(self.sigma, self.correlation_time, known, self.used)
+
+    def _with(self, sigma: Array, correlation_time: Array, known: Array | None, used: Array) -> FitResiduals:
+        return FitResiduals(self.robot, self.base, self.data, self.beta, sigma, correlation_time, known, used)
 
     @cached_property
     def beyond_friction(self) -> FitResiduals:
@@ -174,14 +169,12 @@ class FitResiduals(Discrepancy):
         squares = np.maximum(first.squares, first.floor) / np.maximum(self.used.sum(0), 1)
         sigma = np.where(squares > 0, self.sigma * np.sqrt(squares), self.sigma)
         time = self.data.correlation_time(left, self.used)
-        return FitResiduals(self.robot, self.base, self.data, self.beta, sigma, time, known)
+        return self._with(sigma, time, known, self.used)
 
     @cached_property
     def curves(self) -> Array:
         """Friction of each joint that no parameter stands for, at the rows, shape (rows, n, 3)."""
-        parts = zip(self.records, self.thinned, self.loads, strict=True)
-        pairs = [(r, self.friction_curves(at_samples(r, few, load), r.qd)) for r, few, load in parts]
-        return np.concatenate([record.reduce(curves) for record, curves in pairs])
+        return self.sampled(lambda q, qd, qdd: self.friction_curves(self.load(q, qd, qdd), qd))
 
     def friction_curves(self, load: Array, qd: Array) -> Array:
         """Friction that rises with the load, with speed squared, and towards rest, shape (T, n, 3)."""
@@ -204,23 +197,53 @@ class FitResiduals(Discrepancy):
         b = self.weighted(tau)
         return self.by_joint(b - Q @ (Q.T @ b))
 
-    def squares_moved(self, J: Array, tau: Array) -> Array:
-        """Squares that a fit leaves of torques where the joints are J q, with friction that is known so too."""
-        bodies = self.standard.groups["bodies"].stop
-        states = [(few.q @ J.T, few.qd @ J.T, few.qdd @ J.T) for few in self.thinned]
-        Y, others = [], []
-        for x in states:
-            of_bodies = self.robot.regressor(*x)
-            drives = self.standard.drive_columns(*x[1:], self.standard.load(of_bodies, x[0], x[2], self.x))
-            others.append(np.concatenate([drives, self.standard.spring_columns(x[0])], -1))
-            Y.append(of_bodies @ self.base.back[:bodies])
-        A = self.weighted(self.reduced([y + z @ self.base.back[bodies:] for y, z in zip(Y, others, strict=True)]))
+    @cached_property
+    def blocks(self) -> Array:
+        """The block of time of each row that is held out, as many as the fit's or more, shape (rows,)."""
+        each = max(len(self.data.fitted.factors), thresholds.FOLDS) // len(self.records)
+        each = min(each, *(len(record.times) for record in self.records))
+        lengths = [block.stop - block.start for block in blocks_of_time(self.records, each)]
+        return np.repeat(np.arange(len(lengths)), lengths)
+
+    @cached_property
+    def short_blocks(self) -> Array:
+        """The same of short blocks in turn, for what happens at one time."""
+        rows = int(np.ceil(thresholds.SHORT_BLOCK * self.correlation_time.max(initial=1)))
+        return np.arange(len(self.tau)) // rows % thresholds.FOLDS
+
+    def held_out(self, Q: Array, tau: Array, blocks: Array) -> Array:
+        """|predicted - measured| / |measured| of each joint on blocks not fitted, of torques by orthonormal columns."""
+        b, block = self.weighted(tau), blocks[np.nonzero(self.used)[0]]
+        left, whole, unit = np.zeros(len(b)), Q.T @ b, (1 + thresholds.DEPENDENT) * np.eye(Q.shape[1])
+        for part in (block == k for k in np.unique(block)):
+            left[part] = b[part] - Q[part] @ np.linalg.solve(unit - Q[part].T @ Q[part], whole - Q[part].T @ b[part])
+        return np.asarray(np.sqrt(self.by_joint(left) / np.maximum(self.by_joint(b), TINY)))
+
+    @cached_property
+    def coarse(self) -> FitResiduals:
+        """The residuals of some of the rows, for changes of all columns."""
+        step = max(1, int(self.used.sum() / (thresholds.COARSE * self.base.count)))
+        used = self.used & (np.arange(len(self.used)) % step == 0)[:, None]
+        return self._with(self.sigma, self.correlation_time / step, self.known, used)
+
+    @cached_property
+    def motion(self) -> list[Array]:
+        """Positions, velocities and accelerations of the rows as the filter leaves them."""
+        return [np.concatenate([r.reduce(getattr(r, x)) for r in self.records]) for x in ("q", "qd", "qdd")]
+
+    def moved(self, J: Array, tau: Array) -> Array:
+        """Orthonormal columns of a fit to torques where the joints are J q, with friction that is known so too."""
+        bodies, (q, qd, qdd) = self.standard.groups["bodies"].stop, (x @ J.T for x in self.motion)
+        Y = self.robot.regressor(q, qd, qdd)
+        drives = self.standard.drive_columns(qd, qdd, self.standard.load(Y, q, qdd, self.x))
+        drives = np.concatenate([drives, self.standard.spring_columns(q)], axis=-1)
+        A = self.weighted(Y @ self.base.back[:bodies] + drives @ self.base.back[bodies:])
         Q = np.linalg.qr(A)[0]
-        if self.known is not None:
-            beta = np.linalg.lstsq(A, self.weighted(tau), rcond=thresholds.INDEPENDENT)[0]
-            curves = [self.friction_curves(y @ beta, x[1]) for y, x in zip(Y, states, strict=True)]
-            Q = extended(Q, self.weighted(by_joint(self.reduced(curves))))
-        return self.squares_of(Q, tau)
+        if self.known is None:
+            return Q
+        beta = np.linalg.lstsq(A, self.weighted(tau), rcond=thresholds.INDEPENDENT)[0]
+        curves = self.friction_curves(Y @ (self.base.back[:bodies] @ beta), qd)
+        return extended(Q, self.weighted(by_joint(curves)))
 
     def covariance_of(self, columns: Array) -> Array:
         """Covariance of the base parameters that the coefficients of these columns bring, where they are found too."""
@@ -234,57 +257,17 @@ class FitResiduals(Discrepancy):
         """A function of the motion, evaluated at all samples, filtered, at the rows."""
         return np.concatenate([record.reduce(torques(record.q, record.qd, record.qdd)) for record in self.records])
 
-    def smooth(self, torques: Torques) -> Array:
-        """A function of the motion without steps, evaluated at the thinned samples, filtered, at the rows."""
-        return self.reduced([torques(few.q, few.qd, few.qdd) for few in self.thinned])
-
-    def reduced(self, values: Sequence[Array]) -> Array:
-        """Values at the thinned samples of each record, filtered as torques are, at the rows."""
-        from scipy.interpolate import CubicSpline
-
-        parts = []
-        for record, few, x in zip(self.records, self.thinned, values, strict=True):
-            for segment, rows in zip(few.segments, consecutive(record.segment_lengths), strict=True):
-                smooth = low_pass(x[segment], record.cutoff, few.sample_rate)
-                parts.append(CubicSpline(few.t[segment], smooth, axis=0)(record.times[rows]))
-        return np.concatenate(parts)
-
-    @cached_property
-    def thinned(self) -> list[Prepared]:
-        """The records with fewer samples, for columns that need no more than a few digits."""
-        found = []
-        for record in self.records:
-            step = max(1, int(record.sample_rate / (thresholds.THINNED * record.cutoff)))
-            rows = [np.arange(s.start, s.stop, step) for s in record.segments]
-            every, segments = np.concatenate(rows), consecutive(len(r) for r in rows)
-            arrays = {name: getattr(record, name)[every] for name in ("t", "q", "qd", "qdd", "tau", "usable")}
-            found.append(replace(record, **arrays, segments=segments, sample_rate=record.sample_rate / step))
-        return found
-
-    @cached_property
-    def loads(self) -> list[Array]:
-        """Torques of the bodies found at the thinned samples of each record."""
-        return [self.load(few.q, few.qd, few.qdd) for few in self.thinned]
-
     @cached_property
     def delay_column(self) -> Array:
         """Torques per second by which they are measured later than positions, shape (rows, n, 1)."""
         parts = []
-        for record, few, load in zip(self.records, self.thinned, self.loads, strict=True):
-            bodies = at_samples(record, few, load)
+        for record in self.records:
+            bodies = self.load(record.q, record.qd, record.qdd)
             full = bodies + self.x[self.standard.groups["Ia"]] * record.qdd if "Ia" in self.standard.terms else bodies
             values = bodies + self.standard.drive_torques(record.qd, record.qdd, self.x[len(self.bodies) :], full)
             slopes = [np.gradient(values[part], record.t[part], axis=0) for part in record.segments]
             parts.append(record.reduce(np.concatenate(slopes)))
         return -np.concatenate(parts)[..., None]
-
-
-def at_samples(record: Prepared, few: Prepared, values: Array) -> Array:
-    """Values at the thinned samples of a record, at all of its samples."""
-    from scipy.interpolate import CubicSpline
-
-    pairs = zip(few.segments, record.segments, strict=True)
-    return np.concatenate([CubicSpline(few.t[a], values[a], axis=0)(record.t[b]) for a, b in pairs])
 
 
 def extended(Q: Array, X: Array) -> Array:
