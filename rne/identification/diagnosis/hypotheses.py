@@ -218,19 +218,20 @@ def of_columns(columns: Array, is_event: bool, rest: FitResiduals) -> tuple[Arra
 def with_effect(rest: FitResiduals, cause: Cause, trial: Trial | None) -> Cause | None:
     """The cause with its effect on what was held out, unless it improves no joint or makes one worse.
 
-    It has to improve them beside friction that gears without a fault have, and without it as the fit does.
+    Both beside friction that gears without a fault have. The effect is that without it, where that is one.
     """
     if trial is None:
         return cause._replace(removed=np.zeros(rest.robot.n))
     left = rest if cause.kind in GEARS else rest.beyond_friction
     ratio, told = (np.divide(*(np.maximum(x, thresholds.LEAST) for x in trial(r)[::-1])) for r in (left, rest))
-    gains = -left.counts * np.log(ratio)
-    if max(ratio.min(), told.min()) > 1 - thresholds.BETTER or gains.min() < -thresholds.WORSE * gains.sum():
+    gains, least = -left.counts * np.log(ratio), 1 - thresholds.BETTER
+    if ratio.min() > least or gains.sum() < thresholds.EVIDENT or gains.min() < -thresholds.WORSE * gains.sum():
         return None
-    errors = 100 * rest.held_out(rest.Q, rest.tau, rest.blocks)
-    largest = [j for j in np.argsort(errors**2 * (told**2 - 1)) if told[j] < 1 - thresholds.BETTER]
-    shown = [f"{errors[j]:.3g} to {errors[j] * told[j]:.3g} % on {rest.names[j]}" for j in largest]
-    return cause._replace(effect=", ".join(shown[: thresholds.EFFECTS]), removed=1 - told**2)
+    shown, factor, words = (rest, told, "") if told.min() < least else (left, ratio, " beside friction of gears")
+    errors = 100 * shown.held_out(shown.Q, shown.tau, shown.blocks)
+    largest = [j for j in np.argsort(errors**2 * (factor**2 - 1)) if factor[j] < least][: thresholds.EFFECTS]
+    effects = [f"{errors[j]:.3g} to {errors[j] * factor[j]:.3g} % on {rest.names[j]}{words}" for j in largest]
+    return cause._replace(effect=", ".join(effects), removed=1 - told**2)
 
 
 def delays_of(rest: FitResiduals) -> list[Cause]:
