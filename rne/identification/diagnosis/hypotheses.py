@@ -212,7 +212,8 @@ def likely_causes(
 def of_columns(columns: Array, is_event: bool, rest: FitResiduals) -> tuple[Array, ...]:
     """Errors held out without further columns and with them."""
     blocks = rest.short_blocks if is_event else rest.blocks
-    return tuple(rest.held_out(Q, rest.tau, blocks) for Q in (rest.Q, extended(rest.Q, rest.weighted(columns))))
+    b = rest.weighted(rest.tau)
+    return tuple(rest.held_out(Q, b, blocks) for Q in (rest.Q, extended(rest.Q, rest.weighted(columns))))
 
 
 def with_effect(rest: FitResiduals, cause: Cause, trial: Trial | None) -> Cause | None:
@@ -228,7 +229,7 @@ def with_effect(rest: FitResiduals, cause: Cause, trial: Trial | None) -> Cause 
     if ratio.min() > least or gains.sum() < thresholds.EVIDENT or gains.min() < -thresholds.WORSE * gains.sum():
         return None
     shown, factor, words = (rest, told, "") if told.min() < least else (left, ratio, " beside friction of gears")
-    errors = 100 * shown.held_out(shown.Q, shown.tau, shown.blocks)
+    errors = 100 * shown.held_out(shown.Q, shown.weighted(shown.tau), shown.blocks)
     largest = [j for j in np.argsort(errors**2 * (factor**2 - 1)) if factor[j] < least][: thresholds.EFFECTS]
     effects = [f"{errors[j]:.3g} to {errors[j] * factor[j]:.3g} % on {rest.names[j]}{words}" for j in largest]
     return cause._replace(effect=", ".join(effects), removed=1 - told**2)
@@ -608,22 +609,25 @@ def other_conventions(rest: FitResiduals, beyond: FitResiduals) -> Iterator[tupl
     if is_poor and max(np.ptp(record.q[:, turns], axis=0).max(initial=0) for record in rest.records) > 1:
         J = np.diag(np.where(turns, np.pi / 180, 1.0))
         changes.append(("degrees", names, "positions are in degrees", J, unit))
-    before = beyond.coarse.squares_of(beyond.coarse.moved(unit, rest.tau), rest.tau) if is_poor else beyond.squares
-    for kind, which, text, J, T in changes:
-        tau, is_same = rest.tau @ T.T, J is unit
-        left, start = (beyond, beyond.squares) if is_same else (beyond.coarse, before)
-        squares = left.squares_of(beyond.Q if is_same else left.moved(J, tau), tau)
-        yield Cause(kind, which, text, left.gain(squares, start)), partial(of_convention, J, T)
+    left = beyond.coarse
+    before, *after = (squares_left(left, J, rest.tau @ T.T) for J, T in ((unit, unit), *(x[-2:] for x in changes)))
+    for (kind, which, text, J, T), squares in zip(changes, after, strict=True):
+        yield Cause(kind, which, text, left.gain(squares, before)), partial(of_convention, J, T)
+
+
+def squares_left(rest: FitResiduals, J: Array, tau: Array) -> Array:
+    """Squares that a fit to torques leaves of each joint where the joints are J q, of torques as large as measured."""
+    Q, _, b = rest.refitted(rest.moved(J, tau), tau)
+    return np.asarray(rest.torques * rest.by_joint(b - Q @ (Q.T @ b)) / np.maximum(rest.by_joint(b), TINY))
 
 
 def of_convention(J: Array, T: Array, rest: FitResiduals) -> tuple[Array, ...]:
     """Errors held out of the torques measured, with joints q, and with joints J q and their torques T tau."""
-    unit, tau, left = np.eye(len(J)), rest.tau @ T.T, rest.coarse
-    if np.array_equal(J, unit):
-        before, after = (rest.held_out(rest.Q, x, rest.blocks) for x in (rest.tau, tau))
-    else:
-        before, after = (left.held_out(left.moved(*x), x[1], left.blocks) for x in ((unit, rest.tau), (J, tau)))
-    return before, after[np.argmax(np.abs(T) + unit / 2, axis=0)]
+    unit, left, errors = np.eye(len(J)), rest.coarse, []
+    for turned, tau in ((unit, rest.tau), (J, rest.tau @ T.T)):
+        Q, _, b = left.refitted(left.moved(turned, tau), tau)
+        errors.append(left.held_out(Q, b, left.blocks))
+    return errors[0], errors[1][np.argmax(np.abs(T) + unit / 2, axis=0)]
 
 
 def torque_scale(rest: FitResiduals) -> Iterator[tuple[Cause, None]]:
@@ -670,23 +674,24 @@ def gravity_directions(rest: FitResiduals) -> Iterator[tuple[Cause, Trial]]:
     if size == 0 or rest.share <= thresholds.POOR:
         return
     given, coarse = model.gravity / size, rest.coarse
-    pulling = (replace(model, gravity=size * e) for e in (np.zeros(3), *np.eye(3)))
-    still, *pulled = (regressor(m, *coarse.motion) for m in pulling)  # kernels take longer to trace
-    pulls = np.array([y - still for y in pulled])
-    drives = coarse.weighted(rest.Y[..., len(rest.bodies) :])
+    pulling = [replace(model, gravity=size * e) for e in np.eye(3)]  # by NumPy: kernels take longer to trace
+    pulls = np.array([rest.sampled(lambda q, qd, qdd, m=m: regressor(m, q, 0 * q, 0 * q)) for m in pulling])
+    still = rest.Y[..., : len(rest.bodies)] - np.tensordot(given, pulls, 1)
+    b, drives = coarse.weighted(rest.tau), coarse.weighted(rest.Y[..., len(rest.bodies) :])
 
     def bodies(gravity: Array) -> Array:  # which other parameters are felt in
         return coarse.weighted(still + np.tensordot(gravity, pulls, 1))
 
     def squares(gravity: Array) -> Array:
-        return coarse.squares_of(np.linalg.qr(np.concatenate([bodies(gravity), drives], axis=1))[0], coarse.tau)
+        Q = np.linalg.qr(np.concatenate([bodies(gravity), drives], axis=1))[0]
+        return coarse.by_joint(b - Q @ (Q.T @ b))
 
     def loss(gravity: Array) -> float:  # of those that fit equally well, the nearest to the model's
         return thresholds.KEPT * float(((gravity - given) ** 2).sum()) - coarse.gain(squares(gravity))
 
     def held_out(gravity: Array) -> Array:
         Q = extended(extended(drives[:, :0], drives), bodies(gravity))
-        return coarse.held_out(Q, coarse.tau, coarse.blocks)
+        return coarse.held_out(Q, b, coarse.blocks)
 
     starts = [given, *(s * e for e in np.eye(3) for s in (1, -1)), *(given + s * e for e in np.eye(3) for s in (1, -1))]
     start = min((x for x in starts if x.any()), key=loss)

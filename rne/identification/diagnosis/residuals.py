@@ -61,9 +61,9 @@ class Discrepancy:
         """Sum of squares that each joint leaves, shape (n,)."""
         return self.by_joint(self.left)
 
-    def weighted(self, columns: Array) -> Array:
+    def weighted(self, columns: Array, sigma: Array | None = None) -> Array:
         """Values of the used rows, shape (rows, n, ...), over the noise of their joint, shape (R, ...)."""
-        scale = self.sigma.reshape(-1, *(1 for _ in columns.shape[2:]))
+        scale = (self.sigma if sigma is None else sigma).reshape(-1, *(1 for _ in columns.shape[2:]))
         found: Array = (columns / scale)[self.used]
         return found
 
@@ -192,11 +192,6 @@ class FitResiduals(Discrepancy):
         """The largest unexplained part of a joint's torques."""
         return float(np.sqrt((self.squares / self.torques).max(initial=0)))
 
-    def squares_of(self, Q: Array, tau: Array) -> Array:
-        """Squares that a fit by orthonormal columns leaves of torques, shape (n,)."""
-        b = self.weighted(tau)
-        return self.by_joint(b - Q @ (Q.T @ b))
-
     @cached_property
     def blocks(self) -> Array:
         """The block of time of each row that is held out, as many as the fit's or more, shape (rows,)."""
@@ -211,13 +206,23 @@ class FitResiduals(Discrepancy):
         rows = int(np.ceil(thresholds.SHORT_BLOCK * self.correlation_time.max(initial=1)))
         return np.arange(len(self.tau)) // rows % thresholds.FOLDS
 
-    def held_out(self, Q: Array, tau: Array, blocks: Array) -> Array:
-        """|predicted - measured| / |measured| of each joint on blocks not fitted, of torques by orthonormal columns."""
-        b, block = self.weighted(tau), blocks[np.nonzero(self.used)[0]]
+    def held_out(self, Q: Array, b: Array, blocks: Array) -> Array:
+        """|predicted - measured| / |measured| of each joint on blocks not fitted, of values b by orthonormal columns."""
         left, whole, unit = np.zeros(len(b)), Q.T @ b, (1 + thresholds.DEPENDENT) * np.eye(Q.shape[1])
+        block = blocks[np.nonzero(self.used)[0]]
         for part in (block == k for k in np.unique(block)):
             left[part] = b[part] - Q[part] @ np.linalg.solve(unit - Q[part].T @ Q[part], whole - Q[part].T @ b[part])
         return np.asarray(np.sqrt(self.by_joint(left) / np.maximum(self.by_joint(b), TINY)))
+
+    def refitted(self, columns: Array, tau: Array) -> tuple[Array, Array, Array]:
+        """Q and R of columns, shape (rows, n, k), and torques, each joint over what the fit leaves of its torques."""
+        rows = np.maximum(self.used.sum(0), 1)
+        sigma = size = np.maximum(np.sqrt((tau**2 * self.used).sum(0) / rows), TINY)
+        for _ in range(thresholds.REWEIGHTINGS):
+            (Q, R), b = np.linalg.qr(self.weighted(columns, sigma)), self.weighted(tau, sigma)
+            left = np.sqrt(self.by_joint(b - Q @ (Q.T @ b)) / rows)
+            sigma = np.maximum(sigma * left, thresholds.LEAST * size)
+        return Q, R, b
 
     @cached_property
     def coarse(self) -> FitResiduals:
@@ -226,24 +231,30 @@ class FitResiduals(Discrepancy):
         used = self.used & (np.arange(len(self.used)) % step == 0)[:, None]
         return self._with(self.sigma, self.correlation_time / step, self.known, used)
 
-    @cached_property
-    def motion(self) -> list[Array]:
-        """Positions, velocities and accelerations of the rows as the filter leaves them."""
-        return [np.concatenate([r.reduce(getattr(r, x)) for r in self.records]) for x in ("q", "qd", "qdd")]
-
     def moved(self, J: Array, tau: Array) -> Array:
-        """Orthonormal columns of a fit to torques where the joints are J q, with friction that is known so too."""
-        bodies, (q, qd, qdd) = self.standard.groups["bodies"].stop, (x @ J.T for x in self.motion)
-        Y = self.robot.regressor(q, qd, qdd)
-        drives = self.standard.drive_columns(qd, qdd, self.standard.load(Y, q, qdd, self.x))
-        drives = np.concatenate([drives, self.standard.spring_columns(q)], axis=-1)
-        A = self.weighted(Y @ self.base.back[:bodies] + drives @ self.base.back[bodies:])
-        Q = np.linalg.qr(A)[0]
+        """All columns of a fit to torques where the joints are J q, and friction that is known, shape (rows, n, k)."""
+        if (np.eye(len(J)) == J).all():
+            own = self.Y @ self.base.back
+            return own if self.known is None else np.concatenate([own, self.known], axis=-1)
+        bodies, back = self.standard.groups["bodies"].stop, self.base.back
+
+        def columns(q: Array, qd: Array, qdd: Array) -> Array:
+            Y = self.robot.regressor(q, qd, qdd)
+            drives = self.standard.drive_columns(qd, qdd, self.standard.load(Y, q, qdd, self.x))
+            drives = np.concatenate([drives, self.standard.spring_columns(q)], axis=-1)
+            return np.asarray(Y @ back[:bodies] + drives @ back[bodies:])
+
+        X = self.sampled(lambda *motion: columns(*(x @ J.T for x in motion)))
         if self.known is None:
-            return Q
-        beta = np.linalg.lstsq(A, self.weighted(tau), rcond=thresholds.INDEPENDENT)[0]
-        curves = self.friction_curves(Y @ (self.base.back[:bodies] @ beta), qd)
-        return extended(Q, self.weighted(by_joint(curves)))
+            return X
+        Q, R, b = self.refitted(X, tau)
+        x = back[:bodies] @ np.linalg.lstsq(R, Q.T @ b, rcond=thresholds.INDEPENDENT)[0]
+
+        def curves(q: Array, qd: Array, qdd: Array) -> Array:
+            return self.friction_curves(self.robot.inverse_dynamics(q, qd, qdd, parameters=x), qd)
+
+        known = by_joint(self.sampled(lambda *motion: curves(*(x @ J.T for x in motion))))
+        return np.concatenate([X, known], axis=-1)
 
     def covariance_of(self, columns: Array) -> Array:
         """Covariance of the base parameters that the coefficients of these columns bring, where they are found too."""
