@@ -165,6 +165,7 @@ WORSE = 0.2  # of the gain of likelihood held out: what a cause may cost one joi
 SHORT_BLOCK = 1.0  # correlation times of blocks that hold out pieces of an event; statistics
 EFFECTS = 3  # joints of which a cause's effect is told
 COARSE = 20  # equations per unknown where changes of all columns are tried; FAULTS
+THINNED = 30.0  # samples per period of the cut-off at which these are evaluated: steps are off by 1 % of them
 REWEIGHTINGS = 3  # fits where changes of all columns are tried, each joint by what the last one left
 PLACES = 20  # times at which something may begin: a second apart in 20 s, as long as the shortest contact of FAULTS
 WIDTHS = (1, 2, 4, 6)  # lengths of a contact, in half of the distance of PLACES: 0.5 to 3 s of 20 s; FAULTS: 1 to 3 s

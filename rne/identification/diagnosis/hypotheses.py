@@ -609,23 +609,23 @@ def other_conventions(rest: FitResiduals, beyond: FitResiduals) -> Iterator[tupl
     if is_poor and max(np.ptp(record.q[:, turns], axis=0).max(initial=0) for record in rest.records) > 1:
         J = np.diag(np.where(turns, np.pi / 180, 1.0))
         changes.append(("degrees", names, "positions are in degrees", J, unit))
-    left = beyond.coarse
-    before, *after = (squares_left(left, J, rest.tau @ T.T) for J, T in ((unit, unit), *(x[-2:] for x in changes)))
-    for (kind, which, text, J, T), squares in zip(changes, after, strict=True):
-        yield Cause(kind, which, text, left.gain(squares, before)), partial(of_convention, J, T)
-
-
-def squares_left(rest: FitResiduals, J: Array, tau: Array) -> Array:
-    """Squares that a fit to torques leaves of each joint where the joints are J q, of torques as large as measured."""
-    Q, _, b = rest.refitted(rest.moved(J, tau), tau)
-    return np.asarray(rest.torques * rest.by_joint(b - Q @ (Q.T @ b)) / np.maximum(rest.by_joint(b), TINY))
+    left, before = beyond.coarse, beyond.torques
+    for kind, which, text, J, T in (("", (), "", unit, unit), *changes):
+        tau = rest.tau @ T.T
+        squares = left.torques * left.refitted(left.moved(J, tau), tau)[2]
+        if kind:
+            yield Cause(kind, which, text, left.gain(squares, before)), partial(of_convention, J, T)
+        else:
+            before = squares
 
 
 def of_convention(J: Array, T: Array, rest: FitResiduals) -> tuple[Array, ...]:
     """Errors held out of the torques measured, with joints q, and with joints J q and their torques T tau."""
     unit, left, errors = np.eye(len(J)), rest.coarse, []
     for turned, tau in ((unit, rest.tau), (J, rest.tau @ T.T)):
-        Q, _, b = left.refitted(left.moved(turned, tau), tau)
+        columns = left.moved(turned, tau)
+        sigma = left.refitted(columns, tau)[1]
+        Q, b = np.linalg.qr(left.weighted(columns, sigma))[0], left.weighted(tau, sigma)
         errors.append(left.held_out(Q, b, left.blocks))
     return errors[0], errors[1][np.argmax(np.abs(T) + unit / 2, axis=0)]
 
@@ -675,7 +675,7 @@ def gravity_directions(rest: FitResiduals) -> Iterator[tuple[Cause, Trial]]:
         return
     given, coarse = model.gravity / size, rest.coarse
     pulling = [replace(model, gravity=size * e) for e in np.eye(3)]  # by NumPy: kernels take longer to trace
-    pulls = np.array([rest.sampled(lambda q, qd, qdd, m=m: regressor(m, q, 0 * q, 0 * q)) for m in pulling])
+    pulls = np.array([coarse.near_rows(lambda q, qd, qdd, m=m: regressor(m, q, 0 * q, 0 * q)) for m in pulling])
     still = rest.Y[..., : len(rest.bodies)] - np.tensordot(given, pulls, 1)
     b, drives = coarse.weighted(rest.tau), coarse.weighted(rest.Y[..., len(rest.bodies) :])
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from ...model.parameters import PARAMETERS
 from ...robot import Robot
 from .. import thresholds
 from ..fit.equations import RegressionData, blocks_of_time
+from ..log.filtering import low_pass, settling
 
 TINY = float(np.finfo(np.float64).tiny)
 
@@ -215,14 +217,21 @@ class FitResiduals(Discrepancy):
         return np.asarray(np.sqrt(self.by_joint(left) / np.maximum(self.by_joint(b), TINY)))
 
     def refitted(self, columns: Array, tau: Array) -> tuple[Array, Array, Array]:
-        """Q and R of columns, shape (rows, n, k), and torques, each joint over what the fit leaves of its torques."""
-        rows = np.maximum(self.used.sum(0), 1)
-        sigma = size = np.maximum(np.sqrt((tau**2 * self.used).sum(0) / rows), TINY)
+        """Coefficients of columns, shape (rows, n, k), the noise of each joint, the parts of its squares that are left.
+
+        Each joint counts by what the fit leaves of it, as that of a wrong model says nothing; by normal equations.
+        """
+        X, b, rows = np.swapaxes(columns * self.used[..., None], 0, 1), (tau * self.used).T, self.used.sum(0)
+        G, c, squares = np.swapaxes(X, 1, 2) @ X, (b[:, None] @ X)[:, 0], np.maximum((b * b).sum(1), TINY)
+        left = np.ones(len(b))
         for _ in range(thresholds.REWEIGHTINGS):
-            (Q, R), b = np.linalg.qr(self.weighted(columns, sigma)), self.weighted(tau, sigma)
-            left = np.sqrt(self.by_joint(b - Q @ (Q.T @ b)) / rows)
-            sigma = np.maximum(sigma * left, thresholds.LEAST * size)
-        return Q, R, b
+            weights = 1 / (squares * np.maximum(left, thresholds.LEAST**2))
+            whole = np.tensordot(weights, G, 1)
+            unit = np.sqrt(np.maximum(np.diag(whole), TINY))
+            whole = whole / np.outer(unit, unit) + thresholds.DEPENDENT * np.eye(len(unit))
+            x = np.linalg.solve(whole, weights @ c / unit) / unit
+            left = np.maximum(squares - 2 * c @ x + G @ x @ x, 0) / squares
+        return x, np.sqrt(np.maximum(1 / weights / np.maximum(rows, 1), TINY)), left
 
     @cached_property
     def coarse(self) -> FitResiduals:
@@ -234,26 +243,23 @@ class FitResiduals(Discrepancy):
     def moved(self, J: Array, tau: Array) -> Array:
         """All columns of a fit to torques where the joints are J q, and friction that is known, shape (rows, n, k)."""
         if (np.eye(len(J)) == J).all():
-            own = self.Y @ self.base.back
+            own = self.Y[..., self.base.independent]
             return own if self.known is None else np.concatenate([own, self.known], axis=-1)
-        bodies, back = self.standard.groups["bodies"].stop, self.base.back
 
         def columns(q: Array, qd: Array, qdd: Array) -> Array:
             Y = self.robot.regressor(q, qd, qdd)
             drives = self.standard.drive_columns(qd, qdd, self.standard.load(Y, q, qdd, self.x))
-            drives = np.concatenate([drives, self.standard.spring_columns(q)], axis=-1)
-            return np.asarray(Y @ back[:bodies] + drives @ back[bodies:])
+            return np.concatenate([Y, drives, self.standard.spring_columns(q)], axis=-1)[..., self.base.independent]
 
-        X = self.sampled(lambda *motion: columns(*(x @ J.T for x in motion)))
+        X = self.near_rows(lambda *motion: columns(*(x @ J.T for x in motion)))
         if self.known is None:
             return X
-        Q, R, b = self.refitted(X, tau)
-        x = back[:bodies] @ np.linalg.lstsq(R, Q.T @ b, rcond=thresholds.INDEPENDENT)[0]
+        bodies = self.base.back[self.standard.groups["bodies"]] @ self.refitted(X, tau)[0]
 
         def curves(q: Array, qd: Array, qdd: Array) -> Array:
-            return self.friction_curves(self.robot.inverse_dynamics(q, qd, qdd, parameters=x), qd)
+            return self.friction_curves(self.robot.inverse_dynamics(q, qd, qdd, parameters=bodies), qd)
 
-        known = by_joint(self.sampled(lambda *motion: curves(*(x @ J.T for x in motion))))
+        known = by_joint(self.near_rows(lambda *motion: curves(*(x @ J.T for x in motion))))
         return np.concatenate([X, known], axis=-1)
 
     def covariance_of(self, columns: Array) -> Array:
@@ -267,6 +273,35 @@ class FitResiduals(Discrepancy):
     def sampled(self, torques: Torques) -> Array:
         """A function of the motion, evaluated at all samples, filtered, at the rows."""
         return np.concatenate([record.reduce(torques(record.q, record.qd, record.qdd)) for record in self.records])
+
+    def near_rows(self, torques: Torques) -> Array:
+        """The same from some samples about the rows that are used, zero at others: a hundredth of a step is missing."""
+        found: list[Array] = []
+        for record, (rows, samples, weights) in zip(self.records, self.filters, strict=True):
+            values = torques(*(x[samples] for x in (record.q, record.qd, record.qdd)))
+            found.append(np.zeros((len(record.times), *values.shape[1:])))
+            found[-1][rows] = (weights @ values.reshape(len(samples), -1)).reshape(-1, *values.shape[1:])
+        return np.concatenate(found)
+
+    @cached_property
+    def filters(self) -> list[tuple[Array, Array, Any]]:
+        """Rows of each record that are used, samples about them, and the weights of these in the filter."""
+        from scipy.sparse import csr_matrix
+
+        found = []
+        for record, part in zip(self.records, self.data.parts, strict=True):
+            reach, rows = settling(record.cutoff, record.sample_rate), np.flatnonzero(self.used[part].any(1))
+            response = low_pass(np.eye(4 * reach + 1, 1, -2 * reach), record.cutoff, record.sample_rate)[reach:-reach, 0]
+            step = max(1, int(record.sample_rate / (thresholds.THINNED * record.cutoff)))
+            places = record.row_samples[rows][:, None]
+            near = places // step * step + step * np.arange(-(reach // step), reach // step + 1)
+            weights = np.where(np.abs(near - places) > reach, 0, response[(near - places).clip(-reach, reach) + reach])
+            samples, column = np.unique(near.clip(0, len(record.t) - 1), return_inverse=True)
+            entries = weights / weights.sum(1, keepdims=True), column.reshape(near.shape)
+            begins = near.shape[1] * np.arange(len(rows) + 1)
+            filters = csr_matrix((*(x.ravel() for x in entries), begins), shape=(len(rows), len(samples)))
+            found.append((rows, samples, filters))
+        return found
 
     @cached_property
     def delay_column(self) -> Array:
