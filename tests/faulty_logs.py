@@ -20,6 +20,7 @@ from scipy.stats import chi2
 
 import rne
 from rne.identification import Record
+from rne.identification.diagnosis.hypotheses import GEARS
 from rne.identification.fit.equations import build_regression
 from rne.identification.fit.least_squares import weighted_fit
 from rne.model import with_parameters
@@ -433,6 +434,7 @@ class Outcome(NamedTuple):
     named: bool
     hidden: bool  # no log without noise would tell it: other parameters give the same torques
     error: str
+    blamed: bool = False  # on more than friction of sound gears
 
     @property
     def wrong(self) -> bool:
@@ -462,7 +464,8 @@ def run(fault: str, name: str, seed: int, logged: str = "") -> Outcome:
     named = any(kind in (*causes[:2], *kinds) for kind in names)
     hidden = fault != "clean" and chi_square > 1 and not named and is_hidden(make, name, seed)
     warned = bool(told or record.findings)
-    return Outcome(fault, name, seed, chi_square, warned, causes + kinds, named, hidden, " | ".join(told))
+    blamed, said = any(kind not in GEARS for kind in causes), " | ".join(told)
+    return Outcome(fault, name, seed, chi_square, warned, causes + kinds, named, hidden, said, blamed)
 
 
 def is_hidden(make: Callable[[Case], Log], name: str, seed: int) -> bool:

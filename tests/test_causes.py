@@ -319,6 +319,40 @@ def test_columns_of_each_joint_are_those_of_that_joint():
         np.testing.assert_array_equal(of_friction[..., j], alone[:, None] * unit)
 
 
+def test_columns_from_few_samples_are_those_of_the_filter():
+    """Smooth ones within 1 %; a step, of which the filter's response to 1.25 periods leaves 1 %, within 3 %."""
+    res, used = residuals(), residuals().used[:, 0]
+    for values, tolerance in ((lambda q, qd, qdd: q * qdd, 0.01), (lambda q, qd, qdd: np.sign(qd), 0.03)):
+        exact, few = res.sampled(values), res.near_rows(values)
+        assert np.abs(few - exact)[used].max() < tolerance * np.abs(exact).max()
+    rows = np.arange(len(used)) % 3 == 0
+    thin = res._with(res.sigma, res.correlation_time, None, res.used & rows[:, None])
+    np.testing.assert_array_equal(thin.near_rows(values)[~rows], 0)
+    np.testing.assert_allclose(thin.near_rows(values)[rows & used], few[rows & used], atol=1e-12)
+
+
+def test_joints_in_their_own_order_move_the_columns_of_the_fit():
+    """The general path, J close to 1, against the equations that the fit has."""
+    res = residuals()
+    moved, own = (res.moved(J, res.tau) for J in (np.eye(4) * (1 + 1e-9), np.eye(4)))
+    np.testing.assert_array_equal(own, res.Y @ res.base.back)
+    lengths = np.linalg.norm(own[res.used], axis=0)
+    np.testing.assert_array_less(np.linalg.norm((moved - own)[res.used], axis=0), 0.02 * lengths)
+
+
+def test_changes_are_fitted_with_the_weights_of_what_they_leave():
+    """As the fit of the package, whose weights have converged, wherever the residuals' weights are."""
+    res = residuals()
+    fit = least_squares(res.data.fitted.mapped(res.base.back))
+    for sigma in (res.sigma, np.array([1e-3, 1e3, 1, 1]) * res.sigma):
+        x, noise, left = res._with(sigma, res.correlation_time, None, res.data.used).refitted(
+            res.moved(np.eye(4), res.tau), res.tau
+        )
+        np.testing.assert_array_less(np.abs(x - fit.values), 0.3 * fit.errors)
+        np.testing.assert_allclose(noise, fit.sigma, rtol=0.1)  # of rows, not of degrees of freedom
+        np.testing.assert_allclose(np.sqrt(left), res.data.fitted.shares(res.base.back @ fit.values), rtol=0.01)
+
+
 def test_columns_add_to_the_covariance_what_a_fit_with_them_has_more():
     res = residuals()
     base = res.base

@@ -21,6 +21,7 @@ import numpy as np
 from ...basics.spatial import Array
 from ...basics.text import listed
 from ...dynamics.regressors import regressor
+from ...model.model import Model
 from ...model.parameters import PARAMETERS
 from ...robot import Robot
 from .. import thresholds
@@ -674,8 +675,12 @@ def gravity_directions(rest: FitResiduals) -> Iterator[tuple[Cause, Trial]]:
     if size == 0 or rest.share <= thresholds.POOR:
         return
     given, coarse = model.gravity / size, rest.coarse
-    pulling = [replace(model, gravity=size * e) for e in np.eye(3)]  # by NumPy: kernels take longer to trace
-    pulls = np.array([coarse.near_rows(lambda q, qd, qdd, m=m: regressor(m, q, 0 * q, 0 * q)) for m in pulling])
+
+    def pull(m: Model, q: Array, qd: Array, qdd: Array) -> Array:
+        return np.asarray(regressor(m, q, np.zeros(q.shape), np.zeros(q.shape)))
+
+    pulled = [replace(model, gravity=size * e) for e in np.eye(3)]  # by NumPy: kernels take longer to trace
+    pulls = np.array([coarse.near_rows(partial(pull, m)) for m in pulled])
     still = rest.Y[..., : len(rest.bodies)] - np.tensordot(given, pulls, 1)
     b, drives = coarse.weighted(rest.tau), coarse.weighted(rest.Y[..., len(rest.bodies) :])
 

@@ -209,7 +209,7 @@ class FitResiduals(Discrepancy):
         return np.arange(len(self.tau)) // rows % thresholds.FOLDS
 
     def held_out(self, Q: Array, b: Array, blocks: Array) -> Array:
-        """|predicted - measured| / |measured| of each joint on blocks not fitted, of values b by orthonormal columns."""
+        """|predicted - measured| / |measured| of each joint on blocks not fitted, of b by orthonormal columns Q."""
         left, whole, unit = np.zeros(len(b)), Q.T @ b, (1 + thresholds.DEPENDENT) * np.eye(Q.shape[1])
         block = blocks[np.nonzero(self.used)[0]]
         for part in (block == k for k in np.unique(block)):
@@ -291,7 +291,8 @@ class FitResiduals(Discrepancy):
         found = []
         for record, part in zip(self.records, self.data.parts, strict=True):
             reach, rows = settling(record.cutoff, record.sample_rate), np.flatnonzero(self.used[part].any(1))
-            response = low_pass(np.eye(4 * reach + 1, 1, -2 * reach), record.cutoff, record.sample_rate)[reach:-reach, 0]
+            impulse = np.eye(4 * reach + 1, 1, -2 * reach)
+            response = low_pass(impulse, record.cutoff, record.sample_rate, np.arange(reach, 3 * reach + 1))[:, 0]
             step = max(1, int(record.sample_rate / (thresholds.THINNED * record.cutoff)))
             places = record.row_samples[rows][:, None]
             near = places // step * step + step * np.arange(-(reach // step), reach // step + 1)

@@ -58,7 +58,7 @@ def weighted_fit(equations: Equations, sigma: Array) -> tuple[Array, Array]:
 
 
 def least_squares(equations: Equations, noise: Array | None = None) -> LeastSquares:
-    """Estimates of all unknowns from the equations of all blocks and joints, by default with the noise that they leave."""
+    """Estimates of all unknowns from the equations of all blocks and joints; of noise not given, each joint's own."""
     equations = equations.merged()
     size = equations.rms_torques()
     least = np.maximum(
