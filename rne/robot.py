@@ -1315,6 +1315,8 @@ class Robot(InNotebooks):
         budget: float = 90.0,
         seconds: float | None = None,
         quantities: Sequence[str] | None = None,
+        link: str | None = None,
+        point: ArrayLike = ORIGIN,
     ) -> Bounds:
         """Constants that stability theorems take as known, with proof: gravity, inertia and Coriolis at every position.
 
@@ -1327,7 +1329,7 @@ class Robot(InNotebooks):
             Full turns, the joints' ranges, or ranges of shape (n,) [rad or m]. Sliding joints have their ranges anyway;
             ranges that are unknown or longer than a turn are full turns.
         rates, accelerations : array_like, shape (n,), optional
-            Largest speeds and accelerations, for `torque`; by default the joints' limits
+            Largest speeds and accelerations, for `torque` and `point_speed`; by default the joints' limits
             [rad/s or m/s; rad/s^2 or m/s^2].
         payload : tuple of float, optional
             Least and largest mass of a point at the end of the last link, every mass between included [kg].
@@ -1342,8 +1344,13 @@ class Robot(InNotebooks):
             Time for each quantity, after which the bounds proven so far are returned as well [s]. Where it ends a proof
             `Bounds.stopped` says so: what was proven then depends on the machine and its load.
         quantities : sequence of str, optional
-            Of "gravity_torque", "gravity_stiffness", "mass_matrix", "mass_eigenvalues", "coriolis", "torque". By
-            default all, `torque` only where rates and accelerations are known.
+            Of "gravity_torque", "gravity_stiffness", "mass_matrix", "mass_eigenvalues", "coriolis", "torque",
+            "point_speed". By default all, `torque` only where rates and accelerations are known, `point_speed` only
+            where a link is given.
+        link : str, optional
+            Link with the point of `point_speed`.
+        point : array_like, shape (3,), optional
+            In the link's frame; by default its origin [m].
 
         Returns
         -------
@@ -1370,7 +1377,18 @@ class Robot(InNotebooks):
         from .bounds.bounds import robot_bounds
 
         return robot_bounds(
-            self._kernels, positions, rates, accelerations, payload, masses, tolerance, budget, seconds, quantities
+            self._kernels,
+            positions,
+            rates,
+            accelerations,
+            payload,
+            masses,
+            tolerance,
+            budget,
+            seconds,
+            quantities,
+            link,
+            point_argument(point) or ORIGIN,
         )
 
     def with_payload(

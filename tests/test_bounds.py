@@ -502,6 +502,41 @@ def test_a_sliding_joint_that_is_held_leaves_a_pendulum():
         assert np.linalg.norm(held, 2, axis=(1, 2)).max() <= found.upper
 
 
+def test_a_point_is_fastest_where_a_two_link_arm_is_stretched():
+    rates, beyond = np.array([1.5, 4.0]), 0.25  # of the end of the second link, which is 0.5 m long
+    robot = two_link()
+    found = robot.bounds(quantities=["point_speed"], rates=rates, link=robot.link_names[-1], point=[beyond, 0, 0])
+    speed = L1 * rates[0] + (0.5 + beyond) * rates.sum()
+    np.testing.assert_allclose(found.point_speed.attained, speed, rtol=1e-9)
+    assert found.point_speed.lower <= speed * (1 + ROUNDING)
+    assert speed * (1 - ROUNDING) <= found.point_speed.upper <= speed * 1.05
+    assert str(found).splitlines()[-1].endswith(f"{speed:.4g}  speed of the point")
+
+
+@pytest.mark.parametrize("make", ["arm", "sliding", "mimic"])
+def test_no_sample_of_a_points_velocity_is_beyond_its_bound(make, irb140):
+    """Corners of the rates at random positions; the joint nearest to the root is held unless it drives another."""
+    robot = {
+        "arm": lambda: irb140,
+        "sliding": polar_arm,
+        "mimic": lambda: mimicking(2.0),
+    }[make]()
+    positions = {"arm": (-np.full(6, 0.5), np.full(6, 0.5)), "mimic": "circle", "sliding": "limits"}[make]
+    link, point, rates = robot.link_names[-1], (0.1, -0.2, 0.3), np.linspace(0.5, 2, robot.n)
+    found = robot.bounds(positions, quantities=["point_speed"], link=link, point=point, rates=rates)
+    rng = np.random.default_rng(5)
+    q = rng.uniform(found.lower, found.upper, (20_000, robot.n))
+    velocity = robot.jacobian(q, link, point)[:, 3:] @ (rng.choice([-1, 1], q.shape) * rates)[..., None]
+    fastest = np.linalg.norm(velocity, axis=(1, 2)).max()
+    bound = found.point_speed
+    assert fastest <= bound.attained * (1 + 1e-6)
+    assert bound.attained <= bound.upper * (1 + ROUNDING)
+    assert fastest > 0.8 * bound.attained
+    J = robot.jacobian(bound.q, link, point)[3:]
+    corners = np.array(list(itertools.product([1, -1], repeat=robot.n))) * rates
+    np.testing.assert_allclose(np.linalg.norm(corners @ J.T, axis=1).max(), bound.attained, rtol=1e-12)
+
+
 def test_a_robot_without_joints_is_refused():
     with pytest.raises(ValueError, match=r"bounds need a robot that moves, '.*' has no joints"):
         two_link().locked({"joint_1": 0, "joint_2": 0}).bounds()
@@ -748,6 +783,10 @@ def test_torques_inside_of_the_range_of_a_rate_are_attained():
         ),
         ({"quantities": ["torque"]}, r"bounds of torques need `rates` and `accelerations`"),
         ({"rates": [-1] * 6}, r"`rates` must not be negative"),
+        ({"quantities": ["point_speed"]}, r"bounds of the speed of a point need its `link`, and `rates` where not all"),
+        ({"quantities": ["point_speed"], "link": "hand"}, r"`link` must be one of \['base_link', .*\], got 'hand'"),
+        ({"quantities": ["point_speed"], "link": "base_link", "rates": 1}, r"a link that moves, got 'base_link'"),
+        ({"link": "tool0", "point": [1, 2]}, r"`point` must have shape \(3,\)"),
         ({"payload": (3, 1)}, r"`payload` must be the least and the largest mass in kg, got \(3, 1\)"),
         (
             {"masses": {"base_link": (1, 2)}},

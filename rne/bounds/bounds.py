@@ -13,16 +13,27 @@ from .. import dynamics
 from ..basics.arrays import per_joint_array, positive_number, real_array
 from ..basics.spatial import Array
 from ..basics.text import InNotebooks, short
+from ..dynamics.kinematics import point_of_body
 from ..dynamics.lagrange import christoffel
 from ..kernels.cache import KernelCache
 from ..model.model import Model
 from ..model.modify import with_payload
 from ..model.topology import refuse_couplings
 from .branch_and_bound import Clock, ProvenMaximum, largest
-from .criteria import ROUNDING, Coriolis, LargestOfInverse, Modulus, Norm, Torque
-from .polynomials import Polynomial, PositionBox, box_argument, independent, polynomial, sizes_of_terms
+from .criteria import (
+    ROUNDING,
+    Coriolis,
+    LargestModulus,
+    LargestOfInverse,
+    Modulus,
+    Norm,
+    Torque,
+    half_of_corners,
+)
+from .polynomials import Polynomial, PositionBox, box_argument, independent, levers, polynomial, sizes_of_terms
 
 QUANTITIES = ("gravity_torque", "gravity_stiffness", "mass_matrix", "mass_eigenvalues", "coriolis", "torque")
+NAMES = (*QUANTITIES, "point_speed")  # which needs a link
 SAMPLES = 500  # random positions, over which M is averaged to scale slacks
 HALF = 180  # steps from 0 to pi / 2
 UNKNOWN = 1e150  # a bound of what is not known, whose square is finite
@@ -91,6 +102,8 @@ class Bounds(InNotebooks):
     torque : Bound, shape (n,)
         The largest \\|tau_i\\| within the rates and accelerations; values attained are found by local searches over
         positions, rates and accelerations [N m or N].
+    point_speed : Bound, shape ()
+        The largest speed of a point of a link within the rates [m/s].
     joint_names : tuple of str
     lower, upper : ndarray, shape (n,)
         The positions considered [rad or m].
@@ -115,6 +128,7 @@ class Bounds(InNotebooks):
     mass_eigenvalues: Bound | None = None
     coriolis: Bound | None = None
     torque: Bound | None = None
+    point_speed: Bound | None = None
     joint_names: tuple[str, ...] = ()
     lower: Array = field(default_factory=lambda: np.zeros(0))
     upper: Array = field(default_factory=lambda: np.zeros(0))
@@ -142,8 +156,12 @@ class Bounds(InNotebooks):
     def _entries(self) -> Iterator[tuple[Bound, str, Any, bool]]:
         """Each bound with its name, its index in the arrays, and True if it bounds from below."""
         names = [short(name) for name in self.joint_names]
-        scalars = {"gravity_stiffness": "norm of dg/dq", "coriolis": "|C(q, v) w| of unit v and w"}
-        for quantity in QUANTITIES:
+        scalars = {
+            "gravity_stiffness": "norm of dg/dq",
+            "coriolis": "|C(q, v) w| of unit v and w",
+            "point_speed": "speed of the point",
+        }
+        for quantity in NAMES:
             bound = getattr(self, quantity)
             if bound is None:
                 continue
@@ -171,6 +189,8 @@ def robot_bounds(
     budget: float,
     seconds: float | None,
     quantities: Sequence[str] | None,
+    link: str | None,
+    point: tuple[float, ...],
 ) -> Bounds:
     """Implementation of `Robot.bounds` for the model of a kernel cache."""
     model = cache.model
@@ -186,21 +206,26 @@ def robot_bounds(
         limit if given is None else per_joint_array(name, given, model.n, sign="not negative")
         for name, (given, limit) in limits.items()
     )
-    is_limited = np.isfinite([*speeds, *changes]).all()
-    chosen = [q for q in QUANTITIES if is_limited or q != "torque"] if quantities is None else quantities
+    able = {"torque": np.isfinite([*speeds, *changes]).all(), "point_speed": link is not None}
+    chosen = [q for q in NAMES if able.get(q, True)] if quantities is None else quantities
     is_list = isinstance(chosen, Collection) and not isinstance(chosen, str)
-    if not is_list or not chosen or any(name not in QUANTITIES for name in chosen):
-        raise ValueError(f"`quantities` must be a list of some of {list(QUANTITIES)}, got {quantities!r}")
-    if "torque" in chosen and not is_limited:
+    if not is_list or not chosen or any(name not in NAMES for name in chosen):
+        raise ValueError(f"`quantities` must be a list of some of {list(NAMES)}, got {quantities!r}")
+    if "torque" in chosen and not able["torque"]:
         raise ValueError("bounds of torques need `rates` and `accelerations`: not all joints have such limits")
+    if "point_speed" in chosen and not (able["point_speed"] and np.isfinite(speeds).all()):
+        raise ValueError("bounds of the speed of a point need its `link`, and `rates` where not all joints have limits")
+    if link is not None and model.link_body[model.link_index(link)] < 0:
+        raise ValueError(f"`link` must be a link that moves, got {link!r}")
     box = box_argument(model, positions)
     caches = [KernelCache(m, cache.engine) for m in corners_of_masses(model, payload, masses)] or [cache]
-    found, stopped = {}, []
+    found, stopped, of_point = {}, [], (link or "", point)
     for name in chosen:
         per_model = []
         for c in caches:
-            clock, terms = Clock(seconds / len(caches)), RobotPolynomials(c, replace(box, model=c.model))
-            per_model.append(bound_of(terms, name, speeds, changes, tolerance, budget / len(caches), clock))
+            clock, own = Clock(seconds / len(caches)), replace(box, model=c.model)
+            terms = RobotPolynomials(c, without_first_joint(own, of_point[0]) if name == "point_speed" else own)
+            per_model.append(bound_of(terms, name, speeds, changes, of_point, tolerance, budget / len(caches), clock))
             if clock.stopped:
                 stopped.append(f"{name} after {clock.work:.2g} of {budget / len(caches):.4g} of the budget")
         found[name] = extremes(per_model, least=name == "mass_eigenvalues")
@@ -286,12 +311,37 @@ class RobotPolynomials:
 
         return polynomial(self.free.kernel(function, *wrt), self.box, degree, reduced)
 
+    def point_jacobian(self, link: str, point: tuple[float, ...]) -> Polynomial:
+        """Polynomial of the Jacobian of a point's velocity, (3, n)."""
+        model = self.box.model
+        body, offset = point_of_body(model, link, point)
+        centred = replace(model, com=np.where(np.arange(model.nb)[:, None] == body, offset, 0.0))
+        kernel = self.free.kernel(dynamics.jacobian, link=link, point=point)
+        return polynomial(
+            kernel, self.box, 1, lambda x, G: np.asarray(x[:, 3:] @ G), lambda s: levers(centred, s)[0][None, :, body]
+        )
+
+
+def without_first_joint(box: PositionBox, link: str) -> PositionBox:
+    """The box with the joint nearest to the root held: it turns velocities of the link's points as a whole."""
+    model = box.model
+    body = model.link_body[model.link_index(link)]
+    while model.parent[body] >= 0:
+        body = model.parent[body]
+    k = model.coordinate[body]
+    held = (np.arange(model.n) == k) & (list(model.coordinate).count(k) == 1)
+    middle = (box.lower + box.upper) / 2
+    return replace(
+        box, lower=np.where(held, middle, box.lower), upper=np.where(held, middle, box.upper), circle=box.circle & ~held
+    )
+
 
 def bound_of(
     terms: RobotPolynomials,
     name: str,
     rates: Array,
     accelerations: Array,
+    point: tuple[str, tuple[float, ...]],
     tolerance: float,
     budget: float,
     clock: Clock,
@@ -315,6 +365,10 @@ def bound_of(
         return proven([Coriolis(c)])
     if name == "torque":
         return proven(torque_criteria(terms, rates, accelerations), n)
+    if name == "point_speed":
+        corners, J = half_of_corners(n) * rates, terms.point_jacobian(*point)
+        velocities = J.mapped(lambda x: corners @ x.swapaxes(1, 2), np.ones((len(corners), 1)) * (J.terms @ rates))
+        return proven([LargestModulus(velocities)])
     M = terms.polynomial(dynamics.mass_matrix, 2)
     if name == "mass_matrix":
         i, j = np.triu_indices(n)

@@ -33,6 +33,11 @@ def positive_definite(A: Array) -> Array:
     return valid
 
 
+def half_of_corners(n: int) -> Array:
+    """Signs of rates at half of the corners of their box, shape (2^(n - 1), n); the others are opposite."""
+    return np.array(list(itertools.product([1.0], *[[1.0, -1.0]] * (n - 1))))
+
+
 @dataclass
 class Criterion:
     """A convex function phi of a polynomial array A(q), a sum of modes, of which the largest value is wanted.
@@ -123,6 +128,19 @@ class Modulus(Criterion):
 
     def moduli(self, arrays: Array) -> Array:
         return np.asarray(np.linalg.norm(arrays, axis=1))
+
+
+class LargestModulus(Criterion):
+    """Largest Euclidean norm of some vectors; A has shape (N, vectors, m)."""
+
+    def of_test(self, n: int) -> float:
+        return 12.0 * self.polynomial.terms.size  # vectors are made of a Jacobian
+
+    def values(self, q: Array) -> Array:
+        return self.moduli(self.polynomial.evaluate(q))
+
+    def moduli(self, arrays: Array) -> Array:
+        return np.asarray(np.linalg.norm(arrays, axis=2).max(axis=1))
 
 
 @dataclass
@@ -316,8 +334,7 @@ class Torque(Criterion):
 
     @cached_property
     def _signs(self) -> Array:
-        """Signs of the rates at half of the corners of their box, shape (2^(n - 1), n); the others are opposite."""
-        return np.array(list(itertools.product([1.0], *[[1.0, -1.0]] * (len(self.rates) - 1))))
+        return half_of_corners(len(self.rates))
 
     @cached_property
     def _products(self) -> Array:

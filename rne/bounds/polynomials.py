@@ -122,8 +122,11 @@ def independent(model: Model) -> Model:
     return replace(model, **free) if model.has_mimics else model  # type: ignore[arg-type]
 
 
-def sizes_of_terms(model: Model, slides: Array | float = 0.0) -> tuple[Array, Array]:
-    """Bounds of the terms of gravity torques (nb,) and of M (nb, nb), with bodies at the ends of stretched chains."""
+def levers(model: Model, slides: Array | float = 0.0) -> tuple[Array, Array]:
+    """Bounds of the speeds of bodies' centres by each joint's rate, and which bodies it moves: (nb, nb) each.
+
+    Chains are taken as stretched, with bodies at their ends.
+    """
     turns, nb = model.is_revolute, model.nb
     reach, behind = np.linalg.norm(model.translation, axis=1) + np.where(turns, 0.0, slides), np.eye(nb, dtype=bool)
     for i, p in enumerate(model.parent):
@@ -131,14 +134,24 @@ def sizes_of_terms(model: Model, slides: Array | float = 0.0) -> tuple[Array, Ar
             reach[i] += reach[p]
             behind[:, i] |= behind[:, p]
     lever = reach - reach[:, None] + np.linalg.norm(model.com, axis=1)
-    lever = np.where(behind, np.where(turns[:, None], lever, 1.0), 0.0)
-    own = (behind & turns[:, None]) @ np.linalg.norm(model.inertia, axis=(1, 2)) + model.armature
+    return np.where(behind, np.where(turns[:, None], lever, 1.0), 0.0), behind
+
+
+def sizes_of_terms(model: Model, slides: Array | float = 0.0) -> tuple[Array, Array]:
+    """Bounds of the terms of gravity torques (nb,) and of M (nb, nb), by `levers`."""
+    lever, behind = levers(model, slides)
+    own = (behind & model.is_revolute[:, None]) @ np.linalg.norm(model.inertia, axis=(1, 2)) + model.armature
     inertia = np.sqrt(lever**2 @ model.mass + own)
     return np.linalg.norm(model.gravity) * lever @ model.mass, np.outer(inertia, inertia)
 
 
-def polynomial(kernel: Kernel, box: PositionBox, degree: int, reduced: Callable[[Array, Array], Array]) -> Polynomial:
-    """Polynomial of a kernel of the `independent` model; `reduced` maps indices of joints to coordinates by G."""
+def polynomial(
+    kernel: Kernel, box: PositionBox, degree: int, reduced: Callable[[Array, Array], Array], sizes: Map | None = None
+) -> Polynomial:
+    """Polynomial of a kernel of the `independent` model; `reduced` maps indices of joints to coordinates by G.
+
+    `sizes` bounds its terms where sliding joints move by the lengths given; by default `sizes_of_terms`.
+    """
     model, G = box.model, box.model.coordinate_map
     modes, coefficients = _modes(kernel, box, degree)
     half = np.where(model.is_revolute, 1.0, np.maximum(box.joint_ranges[1], NARROW))
@@ -151,7 +164,8 @@ def polynomial(kernel: Kernel, box: PositionBox, degree: int, reduced: Callable[
     def evaluate(q: Array) -> Array:
         return reduced(kernel(q @ G.T + model.offset), G)
 
-    terms = sizes_of_terms(model, abs(box.joint_ranges[0]) + half)[degree - 1]
+    slides = abs(box.joint_ranges[0]) + half
+    terms = sizes(slides) if sizes else sizes_of_terms(model, slides)[degree - 1]
     terms = np.broadcast_to(terms.T, coefficients[0].T.shape).T  # the same for each derivative
     terms, coefficients = reduced(terms[None], abs(G))[0], reduced(coefficients, G)
     kept = abs(coefficients).reshape(len(modes), -1).max(axis=1) > 0
