@@ -392,6 +392,43 @@ def test_faults_that_no_campaign_planted_first(fault, robot, kind):
     assert kind in [cause.kind for cause in found.causes[:2]], found.causes
 
 
+def options_of(kind):
+    """What the text of a cause says, done: options of `identify`."""
+    own = {"rotor": True, "friction": "viscous+coulomb", "offset": True}
+    return {
+        "spring": {"springs": [rne.Spring.at_joint("b", 1.0, 0.0)]},
+        "friction by direction": {"drives": rne.DriveModel(**own | {"friction": "viscous+asymmetric+coulomb"})},
+        "friction under load": {"drives": rne.DriveModel(**own | {"friction": "viscous+coulomb+load"})},
+        "rotor": {"drives": rne.DriveModel(**own)},
+    }[kind]
+
+
+def under_load(c):
+    passed = c.arm.robot.inverse_dynamics(*c.states) + c.arm.rotor * c.states[2]
+    return faults.log(c, c.tau + 0.2 * np.abs(passed) * np.sign(c.states[1]))
+
+
+@pytest.mark.filterwarnings("ignore::rne.IdentificationWarning")
+@pytest.mark.parametrize(
+    ("fault", "kind", "words"),
+    [
+        (pulled, "spring", "(springs=[rne.Spring.at_joint(...)])"),
+        (one_sided, "friction by direction", '(friction="viscous+asymmetric" of rne.DriveModel)'),
+        (under_load, "friction under load", '(friction="load" of rne.DriveModel)'),
+        (faults.clean, "rotor", "(rotor=True of rne.DriveModel)"),
+    ],
+)
+def test_what_the_text_of_a_cause_names_fits_it(fault, kind, words):
+    """The cause is gone, and less is left."""
+    options = {"drives": FRICTION} if kind == "rotor" else {}
+    before, after = identified(fault, **options), identified(fault, **options | options_of(kind))
+    (cause,) = [cause for cause in before.causes if cause.kind == kind]
+    assert cause.text.endswith(words)
+    assert kind not in {cause.kind for cause in after.causes}
+    assert after.held_out.min() < 0.9 * before.held_out.max()
+    assert (after.held_out < 1.05 * before.held_out).all()
+
+
 def test_a_joint_that_stands_still_leaves_the_others_alone():
     """Its parameters have infinite errors, or values of their size, not of the inverse of a rounding."""
     c = case("IRB 140", 5)

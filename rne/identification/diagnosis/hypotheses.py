@@ -51,6 +51,29 @@ OF_JOINTS: dict[str, tuple[str, Torques, float]] = {  # kind: text, torque of ea
         1.0,
     ),
 }
+OF_DRIVES = "%s of rne.DriveModel"
+MENDED_BY = {  # kind: what fits it or mends the log
+    "rotor": OF_DRIVES % "rotor=True",
+    "viscous friction": OF_DRIVES % 'friction="viscous"',
+    "Coulomb friction": OF_DRIVES % 'friction="coulomb"',
+    "offset": OF_DRIVES % "offset=True",
+    "friction under load": OF_DRIVES % 'friction="load"',
+    "friction by direction": OF_DRIVES % 'friction="viscous+asymmetric"',
+    STRIBECK: OF_DRIVES % "stribeck",
+    "pre-sliding friction": OF_DRIVES % "stribeck",
+    "spring": "springs=[rne.Spring.at_joint(...)]",
+    "delay": "delay",
+    DIRECTION: "Robot.mounted",
+    LOAD: "Record.between, Robot.with_payload",
+    "contact": "Record.between",
+    "encoder slip": "Record.between",
+    "gear ratio": "ratios of Record.from_motors",
+    "joint zero": "offsets of Record.from_motors",
+    "coupling": "coupling of Record.from_motors",
+    GAIN: "drive_gains of Record.from_motors",
+    "joint order": "joint_names of the Record",
+    "degrees": 'unit="deg" of the Record',
+}
 DIFFERENCE = 1e-4  # of central differences, relative or [rad or m]
 
 
@@ -233,7 +256,8 @@ def with_effect(rest: FitResiduals, cause: Cause, trial: Trial | None) -> Cause 
     errors = 100 * shown.held_out(shown.Q, shown.weighted(shown.tau), shown.blocks)
     largest = [j for j in np.argsort(errors**2 * (factor**2 - 1)) if factor[j] < least][: thresholds.EFFECTS]
     effects = [f"{errors[j]:.3g} to {errors[j] * factor[j]:.3g} % on {rest.names[j]}{words}" for j in largest]
-    return cause._replace(effect=", ".join(effects), removed=1 - told**2)
+    text = f"{cause.text} ({MENDED_BY[cause.kind]})" if cause.kind in MENDED_BY else cause.text
+    return cause._replace(text=text, effect=", ".join(effects), removed=1 - told**2)
 
 
 def delays_of(rest: FitResiduals) -> list[Cause]:
