@@ -11,15 +11,15 @@ from pathlib import Path
 
 from .commands import COMMANDS
 from .commands.printing import FOLDER, add_out, run_main_page
-from .commands.shared import CommandError, Parser, fail, in_one_line, join_numbers, note, work
+from .commands.shared import CommandError, Parser, as_options, fail, in_one_line, join_numbers, note, work
 from .errors import RneError
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command, by default that of the process's arguments.
 
-    Returns the exit code: 0 on success; 1 if a file has errors, a comparison exceeds its bound or a simulation fails; 2
-    for a wrong call; 130 if it was interrupted.
+    Returns the exit code: 0 on success; 1 if a file has errors, robots differ, a comparison exceeds its bound or a
+    computation fails; 2 for a wrong call or a file that cannot be used; 130 if it was interrupted.
     """
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
@@ -38,7 +38,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         note(f"interrupted{f': {interrupt}' if interrupt.args else ''}")
         return 130  # as shells say it
     except (CommandError, RneError, OSError, ImportError) as error:
-        return fail(in_one_line(error))
+        return fail(as_options(in_one_line(error), arguments))
 
 
 def parser() -> argparse.ArgumentParser:
@@ -49,9 +49,10 @@ def parser() -> argparse.ArgumentParser:
     top = Parser(
         prog="python -m rne" if as_module else "rne",
         description="Dynamics of robot manipulators. Without a command: a report on the ABB IRB 140, with pictures.",
-        epilog="rne COMMAND --help shows the options of a command, and an example.",
+        epilog="rne COMMAND --help shows options of a command, and an example. Exit codes: 0 all went well, 1 a file "
+        "has errors, robots differ or a computation fails, 2 a wrong call or file, 130 interrupted.",
     )
-    top.set_defaults(run=run_main_page)
+    top.set_defaults(run=run_main_page, parser=top)
     top.add_argument("--version", action="version", version=f"rne {rne.__version__}")
     add_out(top, FOLDER)
     commands = top.add_subparsers(title="commands", metavar="COMMAND")

@@ -259,6 +259,8 @@ class Robot(InNotebooks):
         >>> slope[1, 1].round(2).item()  # [N m/rad]
         -135.2
         """
+        if "engine" in fixed:
+            raise TypeError("`engine` is the robot's: give it to rne.load or rne.Robot, or to rne.compile")
         return self._kernels.kernel(function, *wrt, order=order, **fixed)
 
     def inverse_dynamics(

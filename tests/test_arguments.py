@@ -86,6 +86,24 @@ def test_nothing_and_objects_are_no_numbers():
     refused(lambda: rne.Robot(TREE).gravity_torque([{1}] * 3), text)
 
 
+def test_symbols_are_refused_with_the_way_to_have_them(irb140):
+    class Symbol:
+        def __array__(self, dtype=None, copy=None):
+            raise TypeError("no numbers")
+
+    with pytest.raises(TypeError, match=r"^no numbers$"):
+        irb140.gravity_torque(Symbol())
+    Symbol.__module__ = "casadi.casadi"
+    text = "`q` must be an array of numbers, got symbols of casadi: robot.kernel(rne.dynamics.inverse_dynamics).to_casadi()"
+    with pytest.raises(TypeError, match=f"^{re.escape(text)} is a function of them$"):
+        irb140.gravity_torque(Symbol())
+
+
+def test_the_engine_of_a_robots_kernels_is_its_own(irb140):
+    with pytest.raises(TypeError, match=r"^`engine` is the robot's: give it to rne.load or rne.Robot, or to rne.comp"):
+        irb140.kernel(rne.dynamics.inverse_dynamics, engine="numba")
+
+
 def test_numbers_beyond_double_are_refused(irb140):
     with pytest.raises(ValueError, match=r"^`q` must be numbers within the range of float64$"):
         irb140.gravity_torque([10**400] * 6)
@@ -101,7 +119,7 @@ def test_python_numbers_in_an_object_array_are_numbers(irb140):
 @pytest.mark.parametrize("positions", [None, ["joint_1"]])
 def test_locked_takes_a_mapping(irb140, positions):
     with pytest.raises(
-        TypeError, match=rf"^`positions` must map joint names to positions, got {type(positions).__name__}$"
+        TypeError, match=rf"to positions, such as \{{'joint_6': 0.0\}}, got {type(positions).__name__}$"
     ):
         irb140.locked(positions)
 

@@ -533,3 +533,28 @@ def test_bounds_are_where_the_documentation_says(case, check):
 
 def test_volumes_of_balls_are_theirs():
     assert measured(placed('<sphere radius="0.5"/>')).shapes.largest_volume == pytest.approx(np.pi / 6)
+
+
+def test_a_robot_that_was_built_is_examined_as_the_file_it_becomes(capsys):
+    table = {"a": [400, 0.2], "alpha": [0, 0], "d": [0, 0], "theta": [0, 0]}
+    bodies_of = {"masses": [1, 1], "centres": [[0, 0, 0]] * 2, "inertias": [[0.001, 0.001, 1]] * 2}
+    model = rne.dh_chain(**table, **bodies_of, lower=[1, 0], upper=[-1, 1], name="odd")
+    assert rne.check(model) == rne.check(rne.Robot(model))
+    first, second = np.array_split(capsys.readouterr().out.splitlines(), 2)
+    assert first.tolist() == second.tolist()
+    assert first[0].startswith(
+        "warning: odd: links 'link_1', 'link_2': <inertia>: the largest principal moment exceeds"
+    )
+    assert first[1:3].tolist() == [
+        "warning: odd: joint 'joint_1': <limit>: lower 1 is above upper -1; exchange them",
+        "warning: odd: joint 'joint_2': the <origin> makes a link longer than 20 m: 400 m; is the file in millimetres? "
+        "give metres",
+    ]
+
+
+@pytest.mark.parametrize("source", [None, 3, ["irb140"]])
+def test_what_is_no_path_is_refused(source):
+    text = f"`source` must be the path of a file or a name of rne.robots(), got {type(source).__name__}"
+    for read in (rne.load, rne.check):
+        with pytest.raises(TypeError, match=f"^{re.escape(text)}$"):
+            read(source)

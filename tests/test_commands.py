@@ -4,6 +4,7 @@ import csv
 import re
 import subprocess
 import sys
+import warnings
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ import pytest
 import rne
 from rne.__main__ import main, parser
 from rne.commands import COMMANDS
-from rne.commands.shared import join_numbers
+from rne.commands.shared import as_options, join_numbers, warnings_in_one_line
 from rne.plotting import html_page
 
 from .faulty_logs import SCARA
@@ -43,7 +44,7 @@ def columns(data, quantity, robot):
     return np.column_stack([data[f"{quantity}.{joint}"] for joint in robot.joint_names])
 
 
-NAMES = ("check", "view", "simulate", "torques", "cycle", "identify", "source", "urdf", "report", "cache")
+NAMES = ("check", "compare", "view", "simulate", "torques", "cycle", "identify", "source", "urdf", "report", "cache")
 
 
 def test_help_lists_every_command_in_a_line(capsys):
@@ -53,6 +54,18 @@ def test_help_lists_every_command_in_a_line(capsys):
     assert len(COMMANDS) == len(NAMES)
     for name in NAMES:
         assert len(re.findall(rf"^    {name} +\w.*$", said, re.MULTILINE)) == 1
+
+
+def test_examples_of_the_help_run(tmp_path, monkeypatch, capsys):
+    """Those that need no file of a user's, one after the other."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("urdf", "check", "compare", "simulate", "torques", "source"):
+        with pytest.raises(SystemExit, match=r"^0$"):
+            main([name, "--help"])
+        words, _, file = capsys.readouterr().out.split("example:\n  ")[1].strip().partition(" > ")
+        assert main(words.split()[1:]) == 0
+        if file:
+            (tmp_path / file).write_text(capsys.readouterr().out, encoding="utf-8")
 
 
 def test_the_parser_loads_numpy_and_the_standard_library_only():
@@ -202,6 +215,86 @@ def test_payload_and_gravity_count(lift, tmp_path, capsys):
     assert said.err.splitlines()[0] == first
 
 
+def test_a_payload_has_centre_and_inertia(tmp_path, capsys):
+    file, out = tmp_path / "motion.csv", tmp_path / "tau.csv"
+    robot = rne.load("irb140").locked({"joint_6": 0.3})
+    names = [f"{x}.{joint}" for x in ("q", "qd", "qdd") for joint in robot.joint_names]
+    states = np.random.default_rng(0).uniform(-1, 1, (2, 15))
+    file.write_text("\n".join(",".join(map(str, row)) for row in [["t", *names], *np.c_[[0, 1], states].tolist()]))
+    body = ["--payload", "3", "--payload-com", "0.1", "0", "-0.2", "--payload-inertia", "0.1 0.2 0.15 0.01 0 -0.02"]
+    assert main(["torques", "irb140", str(file), *body, "--locked", "joint_6=0.3", "--out", str(out)]) == 0
+    carrying = robot.with_payload(3.0, (0.1, 0, -0.2), [[0.1, 0.01, 0], [0.01, 0.2, -0.02], [0, -0.02, 0.15]])
+    tau = carrying.inverse_dynamics(*np.split(states, 3, axis=1))
+    np.testing.assert_array_equal(columns(table(out), "tau", robot), tau)
+    assert (
+        capsys.readouterr()
+        .out.splitlines()[0]
+        .endswith("payload 3 kg at 0.1 0 -0.2 m of link tool0 with inertia 0.1 0.2 0.15 0.01 0 -0.02 kg m^2")
+    )
+
+
+def test_robots_are_compared_joint_by_joint_and_by_their_torques(lift, tmp_path, capsys):
+    other = tmp_path / "other.urdf"
+    other.write_text(LIFT.replace('effort="25"', 'effort="30"').replace('mass value="2"', 'mass value="3"'))
+    assert main(["compare", lift, str(other)]) == 1
+    said = capsys.readouterr().out.splitlines()
+    assert said[:5] == [
+        "up: effort limit 25, of the other 30",
+        "up: mass 2, of the other 3",
+        f"torques of {other} beside those of {lift}, and the likely cause by torques alone",
+        "cause: torque unit",
+        "  torques are 1.5 times this robot's",
+    ]
+    other.write_text(LIFT.replace('effort="25"', 'effort="30"'))
+    assert main(["compare", lift, str(other)]) == 1
+    assert "cause: none" in capsys.readouterr().out
+    assert main(["compare", lift, lift]) == 0
+    said = capsys.readouterr().out.splitlines()
+    assert said[0] == "joints: the same, with the same limits and bodies"
+    assert said[2:4] == ["cause: none", "  the torques agree"]
+    other.write_text(LIFT.replace('type="prismatic"', 'type="revolute"'))
+    assert main(["compare", lift, str(other)]) == 1
+    assert capsys.readouterr().out.startswith("up: joint type prismatic, of the other revolute\n")
+    locked = ["--locked", "joint_6=0", "--payload", "2", "--payload-com", "0 0 0.1"]
+    (tmp_path / "five.urdf").write_text(rne.to_urdf(rne.load("irb140").locked({"joint_6": 0.0}).model))
+    assert main(["compare", "irb140", str(tmp_path / "five.urdf"), *locked]) == 1
+    said = capsys.readouterr().out
+    assert "joint_5: mass 3, of the other 1" in said
+    assert "cause: payload" in said
+    assert main(["compare", lift, "irb140"]) == 1
+    assert capsys.readouterr().out.splitlines() == [
+        f"joints of {lift} alone: up",
+        "joints of irb140 alone: joint_1, joint_2, joint_3, joint_4, joint_5, joint_6",
+        f"torques: not compared, {lift} has 1 joint, irb140 6",
+    ]
+
+
+def test_arguments_in_a_message_are_shown_as_options(capsys):
+    given = parser().parse_args(["identify", "irb140", "log.csv"])
+    for text, shown in {
+        'give columns=["t", "q.a"], with "" for one to ignore': 'give --columns t,q.a, with "" for one to ignore',
+        'columns={"t": ...} or `sample_rate`': "--columns t=... or --sample-rate",
+        "give units={'q': \"deg\"}": "give --units q=deg",
+        'else give time_unit="s"': "else give --time-unit s",
+        "`gains` [N m/A]; gains=1": "--gains [N m/A]; --gains 1",
+        "`robot.locked({'a': 0.5, 'b': 0})`": "--locked a=0.5,b=0",
+        "lock them by `robot.locked`": "lock them by --locked",
+        "`rne.excitation`, prior=2 and `prior`": "`rne.excitation`, prior=2 and `prior`",
+    }.items():
+        assert as_options(text, given) == shown
+        with warnings_in_one_line(given):
+            warnings.warn(text, stacklevel=1)
+        assert capsys.readouterr().err == f"warning: {shown}\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "read"),
+    [("t,1", {"": ["t", "1"]}), ("q=3", {"q": 3}), ("q=a,4", {"q": ["a", 4]}), ("tau=0.5", {"tau": 0.5})],
+)
+def test_columns_and_units_are_names_or_numbers(text, read):
+    assert repr(parser().parse_args(["identify", "irb140", "log.csv", "--columns", text]).columns) == repr([read])
+
+
 def test_limits_that_the_torques_exceed_are_said(lift, tmp_path, capsys):
     file = tmp_path / "rest.csv"
     file.write_text("t,q.up,qd.up,qdd.up\n0,0.5,0,0\n0.1,0.5,0,5.19\n")
@@ -274,9 +367,33 @@ WRONG = {
         ["torques", "{lift}", "{motion}", "--payload-link", "car"],
         "--payload-link: needs --payload",
     ),
+    "centre without payload": (
+        ["torques", "{lift}", "{motion}", "--payload-com", "0 0 1"],
+        "--payload-com: needs --payload",
+    ),
+    "centre in two axes": (
+        ["torques", "{lift}", "{motion}", "--payload", "1", "--payload-com", "0 1"],
+        "--payload-com must have shape (3,), got (2,)",
+    ),
+    "inertia of three numbers": (
+        ["torques", "{lift}", "{motion}", "--payload", "1", "--payload-inertia", "1 1 1"],
+        "--payload-inertia: must be 6 numbers, xx yy zz xy xz yz, got 3",
+    ),
+    "another joint locked": (
+        ["torques", "{lift}", "{motion}", "--locked", "down=1"],
+        "--locked must name joints of ['up'], got 'down'",
+    ),
+    "a lock without a position": (
+        ["torques", "{lift}", "{motion}", "--locked", "up"],
+        "argument --locked: must be numbers separated by blanks or commas, got ''; rne torques --help shows what there is",
+    ),
+    "negative tolerance": (
+        ["compare", "{lift}", "{lift}", "--tolerance", "-1"],
+        "--tolerance must be positive, got -1.0",
+    ),
     "negative payload": (
         ["torques", "{lift}", "{motion}", "--payload", "-1"],
-        "--payload: payload on link 'car': the mass must be 0 or positive, got -1.0",
+        "payload on link 'car': the mass must be 0 or positive, got -1.0",
     ),
     "no robot": (
         ["torques", "irb14", "{motion}"],

@@ -212,6 +212,35 @@ def test_a_scene_that_is_given_counts_for_a_planned_motion(arm):
     assert abs(rough.tau - plain.tau - 40.0 * plain.qd).max() < SUMS * abs(rough.tau).max()
 
 
+def test_a_robot_with_a_payload_counts_for_a_planned_motion(arm):
+    motion = rne.trajectories.fastest(arm, [HOME, PICK])
+    loaded = arm.with_payload(3.0)
+    found = rne.drives(loaded, motion)
+    np.testing.assert_allclose(found.tau, loaded.inverse_dynamics(found.q, found.qd, found.qdd), rtol=1e-12, atol=1e-9)
+
+
+@pytest.mark.parametrize("kind", ["planned", "simulated"])
+def test_a_motion_of_another_robot_is_refused(arm, kind):
+    other = rne.load("ur5")
+    motion = rne.trajectories.fastest(arm, [HOME, PICK]) if kind == "planned" else rne.simulate(arm, HOME, HOME, 0.1)
+    text = f"`motion` must be of the robot {other.model.name!r} with joints {list(other.joint_names)}, it is of "
+    for report in (rne.drives, rne.bearing_peaks):
+        with pytest.raises(ValueError, match=f"^{re.escape(text)}"):
+            report(other, motion)
+
+
+def test_rotors_that_a_motion_was_not_planned_for_are_told(arm):
+    """The torque at the gear's output is that of the load and of the reflected rotor, gear^2 rotor qdd."""
+    motion = rne.trajectories.fastest(arm, [HOME, PICK])
+    found = rne.drives(arm, motion, gear=100, rotor=1e-4)
+    needed = abs(found.tau + found.qdd).max(0) / arm.effort_limit
+    told = ", ".join(f"{j} {x:.0%}" for j, x in zip(arm.joint_names, needed, strict=True) if x > 1.005)
+    assert f"With their rotors drives exceed their torque limits: {told}; a motion" in str(found)
+    counted = rne.trajectories.fastest(arm.with_armature(1.0), [HOME, PICK])
+    assert "With their rotors" not in str(rne.drives(rne.Scene(arm), counted, gear=100, rotor=1e-4))
+    assert "With their rotors" not in str(rne.drives(arm, motion, gear=100))
+
+
 def test_tables_name_every_joint_twice(report):
     lines = str(report).splitlines()
     assert lines[0] == "Drives over a cycle of 2.4 s, 2401 samples"
@@ -263,9 +292,12 @@ def test_the_command_plans_and_reports_and_writes_a_page(tmp_path, capsys, monke
     )
     effort = [str(x) for x in (250, 250, 150, 50, 50, 20)]
     call = ["cycle", "irb140", str(via), "--degrees", "--out", str(tmp_path / "page"), "--effort"]
-    assert main([*call, *effort, "--gear", "100", "--stops"]) == 0
+    assert main([*call, *effort, "--gear", "100", "--rotor", "1e-4", "--stops"]) == 0
     said = capsys.readouterr().out
-    assert "Fastest motion along the path" in said
+    path = rne.trajectories.through([HOME, PICK, PLACE], stops=True)
+    turned = rne.load("irb140").with_limits(effort=[float(x) for x in effort]).with_armature(1.0)
+    assert str(rne.trajectories.fastest(turned, path)) in said  # its rotors are in what is limited
+    assert "With their rotors" not in said
     assert "Drives over a cycle of" in said
     assert "Peak loads on the bearings" in (tmp_path / "page" / "index.html").read_text()
     assert main(["cycle", "irb140", str(via), "--out", str(tmp_path / "page")]) == 2

@@ -380,17 +380,58 @@ def swings(robot, rotors=0.0):
 def test_joints_that_are_not_in_the_log_are_locked_and_others_taken_by_name():
     locked = SCARA.locked({"d": 0.0})
     t, q, tau = swings(locked)
-    names, order = ["c", "a", "force", "b"], [2, 0, 0, 1]
-    log = Record(t, q[:, order], tau[:, order], joint_names=names)
+    log = Record(t, q[:, [2, 0, 1]], tau[:, [2, 0, 1]], joint_names=["c", "a", "b"])
     plain = Record(t, q, tau, joint_names=["a", "b", "c"])
-    found, expected = (rne.identify(r, x, consistent=False, causes=False) for r, x in ((SCARA, log), (locked, plain)))
-    assert found.notes[:2] == (
-        "d is not in every record: locked at 0",
-        "force of the records is not a joint of the robot, or locked: left out",
-    )
+    said = "joints that the records do not have, taken as locked: d at 0"
+    with pytest.warns(rne.IdentificationWarning) as warned:
+        found = rne.identify(SCARA, log, consistent=False)
+    assert str(warned[0].message) == f"{said}; if they stood elsewhere, lock them there by `robot.locked`"
+    expected = rne.identify(locked, plain, consistent=False)
+    assert found.notes[0] == said
+    assert re.fullmatch(rf"good for .* of all joints of the records: .*; {said}", found.verdict)
     np.testing.assert_array_equal(found.estimate.values, expected.estimate.values)
     np.testing.assert_array_equal(found.check(log).relative, expected.check(plain).relative)
     assert found.consistency().joint_names == ("a", "b", "c")
+    order = [0, 1, 2, 2]
+    more = Record(t, q[:, order], tau[:, order], joint_names=["a", "b", "c", "force"])
+    assert rne.identify(locked, more, consistent=False).notes[0] == (
+        "force of the records is not a joint of the robot, or locked: left out"
+    )
+
+
+@pytest.mark.parametrize(
+    ("names", "error"),
+    [
+        (
+            ["a", "b", "c", "e"],
+            "records must name the robot's joints, log has ['a', 'b', 'c', 'e'] and lacks ['d']: give names as the robot has "
+            "them, or lock these where they were, `robot.locked({'d': 0.0})`",
+        ),
+        (
+            ["a", "b", "c"],
+            "records must be of the same joints, log has ['a', 'b', 'c'], whole ['a', 'b', 'c', 'd']: give `joints` that both "
+            "have",
+        ),
+    ],
+)
+def test_logs_that_name_joints_differently_are_refused(names, error):
+    t, q, tau = swings(SCARA)
+    log = Record(t, q[:, : len(names)], tau[:, : len(names)], joint_names=names, name="log")
+    whole = Record(t, q, tau, joint_names=SCARA.joint_names, name="whole")
+    with pytest.raises(ValueError, match=f"^{re.escape(error)}$"):
+        rne.identify(SCARA, log if len(names) == SCARA.n else [log, whole], consistent=False)
+
+
+def test_a_log_of_one_joint_of_six_is_refused():
+    arm, t = loaded("irb140"), np.arange(0, 8, 0.01)
+    log = Record(t, np.sin(t)[:, None], np.cos(t)[:, None], joint_names=["joint_2"], name="log")
+    lost = {f"joint_{k}": 0.0 for k in (1, 3, 4, 5, 6)}
+    error = (
+        f"records must name the robot's joints, log has ['joint_2'] and lacks {list(lost)}: give names as the robot has "
+        f"them, or lock these where they were, `robot.locked({lost})`"
+    )
+    with pytest.raises(ValueError, match=f"^{re.escape(error)}$"):
+        rne.identify(arm, log)
 
 
 def test_rotors_are_declined_where_no_joint_feels_one():
@@ -511,8 +552,8 @@ def short():
             lambda r, rec: rne.identify(
                 r, Record(rec.t, rec.q, rec.tau, joint_names=list("abcdef")), drives=rne.DriveModel()
             ),
-            "`records` must have the robot's joints in their order, ['joint_1', 'joint_2', 'joint_3', 'joint_4', "
-            "'joint_5', 'joint_6'], record has ['a', 'b', 'c', 'd', 'e', 'f']",
+            "records must name the robot's joints, record has ['a', 'b', 'c', 'd', 'e', 'f'] and lacks ['joint_1', "
+            "'joint_2', 'joint_3', 'joint_4', 'joint_5', 'joint_6']: give names as the robot has them",
         ),
         (
             ValueError,
@@ -537,7 +578,9 @@ def short():
         (
             ValueError,
             lambda r, rec: rne.identify(r, Record(rec.t, rec.q, rec.tau, joint_names=["joint1", *r.joint_names[1:]])),
-            "`joint_names` 'joint1' of the records is not a joint of the robot: 'joint_1'?",
+            "records must name the robot's joints, record has ['joint1', 'joint_2', 'joint_3', 'joint_4', 'joint_5', "
+            "'joint_6'] and lacks ['joint_1']: give names as the robot has them, or lock these where they were, "
+            "`robot.locked({'joint_1': 0.0})`",
         ),
         (
             TypeError,

@@ -8,7 +8,8 @@ import pytest
 from scipy.io import savemat
 
 import rne
-from rne.__main__ import main
+from rne.__main__ import main, parser
+from rne.commands.identifying import _record
 from rne.identification import Record
 from rne.identification.log.log_columns import _meaning as meaning
 
@@ -598,3 +599,22 @@ def test_rne_identify(tmp_path, monkeypatch, capsys):
     assert main([*call, *out]) == 2
     assert "are currents, not torques; give --gains [N m/A]" in capsys.readouterr().err
     assert main([*call, "--out", str(tmp_path / "no" / "found.urdf")]) == 2
+
+
+def test_options_of_rne_identify_read_logs_as_from_log_does(tmp_path):
+    """Columns, units and joints by quantity."""
+    path = table(tmp_path / "log.csv", ["a", "b", "c", "d", "e", "f"], np.degrees(Q), 1e3 * TAU / 2)
+    call = ["identify", "irb140", str(path), "--columns", "q=a,b,c", "--columns", "tau=3,4,5", "--sample-rate", "250"]
+    call += ["--units", "q=deg", "--units", "tau=mA,A,0.5", "--gains", "2", "--offsets", "0.1", "--joints", "x,y,z"]
+    read = _record(path, rne.load("irb140"), parser().parse_args(call))
+    units = {"q": "deg", "tau": ["mA", "A", 0.5]}
+    given = {"columns": {"q": ["a", "b", "c"], "tau": ["d", "e", "f"]}, "units": units, "joints": ["x", "y", "z"]}
+    expected = Record.from_log(path, sample_rate=250, gains=2, offsets=0.1, **given).in_motion()
+    assert read.joint_names == ("x", "y", "z")
+    for name in ("t", "q", "tau"):
+        np.testing.assert_array_equal(getattr(read, name), getattr(expected, name))
+    named = ["t", *(f"{x}.{joint}" for x in ("q", "tau") for joint in "xyz")]
+    bare = tmp_path / "bare.csv"
+    bare.write_text(path.read_text().split("\n", 1)[1])
+    call = ["identify", "irb140", str(bare), "--columns", ",".join(named[1:]), "--sample-rate", "250"]
+    assert _record(bare, rne.load("irb140"), parser().parse_args(call)).joint_names == ("x", "y", "z")

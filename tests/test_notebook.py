@@ -268,10 +268,25 @@ def test_without_matplotlib_the_tables_remain(irb140, motion, monkeypatch):
 
 def test_jupyter_finds_the_pages_by_their_method(irb140):
     """IPython asks the class for `_repr_html_`; objects without a page answer None and are shown as text."""
-    for cls in (rne.Robot, rne.Trajectory, rne.Identification, rne.Excitation):
+    loads = rne.identification.PayloadEstimate, rne.identification.DriveGains
+    for cls in (rne.Robot, rne.Trajectory, rne.Identification, rne.Excitation, *loads):
         assert callable(cls._repr_html_)
     for thing in (rne.Scene(irb140), irb140.recursion(*np.zeros((3, 6))), irb140.kernel(rne.dynamics.mass_matrix)):
         assert not hasattr(thing, "_repr_html_")  # shown by their repr, and printed in full by `print`
+
+
+def test_results_show_in_notebooks_what_print_shows(irb140):
+    arm = irb140.with_limits(effort=[250, 250, 150, 50, 50, 20])
+    motion = rne.trajectories.fastest(arm, [[0] * 6, [1, 0.5, 0, 0, 0, 0]])
+    compared = rne.compare_models(irb140, irb140.with_payload(3.0))
+    gains = rne.check_gains(irb140, 50, 20)
+    for thing in (gains, compared, motion, rne.drives(arm, motion), irb140.diagnose([0] * 6)):
+        (text,) = parsed(thing._repr_html_()).iter("pre")
+        assert text.text == str(thing)
+    assert str(gains).startswith("fastest mode M^-1 Kd ")
+    assert str(motion).startswith("Fastest motion along the path: ")
+    assert str(compared) == compared.report()
+    assert str(irb140) == repr(irb140)
 
 
 def test_ensembles_and_excitations_show_their_repr(irb140):

@@ -1,5 +1,7 @@
 """Task space: inertia, bias, inverse and null space of a link; wrenches; impedance and operational-space control."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -409,6 +411,48 @@ class TestLinearisedLoops:
             assert scene.check_gains(self.Q).stable is stable
             motion = rne.simulate(scene, self.Q + 1e-4, np.zeros(6), 150 * scene.sample_time)
             assert bool(abs(motion.q[-1] - self.Q).max() < 1e-4) is stable
+
+    @pytest.mark.parametrize("viscous", [0.0, 5.0, 1000.0])
+    def test_the_limit_of_a_damped_joint_is_that_of_its_closed_form(self, viscous):
+        """x' = [[0, 1], [0, -d/m]] x + [0, 1/m] u, u = -kp q - kd qd held; T where the map's spectral radius is 1."""
+        m, kp, kd = 0.6, 100.0, 1.0
+        table, body = {"a": [0.5], "alpha": [0], "d": [0], "theta": [0]}, {"masses": [2.0], "centres": [[0, 0, 0]]}
+        robot = rne.Robot(rne.dh_chain(**table, **body, inertias=[[0.1] * 3], gravity=[0, 0, 0]))
+        law = rne.control.pd(robot, kp, kd, 0.0)
+
+        def radius(T):
+            rate = viscous / m
+            decay, slide = (np.exp(-rate * T), -np.expm1(-rate * T) / rate) if viscous else (1.0, T)
+            gain = np.array([(T - slide) / viscous, slide / m]) if viscous else np.array([T**2 / 2 / m, T / m])
+            return abs(np.linalg.eigvals([[1, slide], [0, decay]] - np.outer(gain, [kp, kd]))).max()
+
+        scene = rne.Scene(robot, controller=law, friction=rne.Friction(viscous=viscous))
+        limit = scene.check_gains([0.0]).sample_time_limit
+        assert radius(0.999 * limit) < 1 < radius(1.001 * limit)
+        own = replace(scene, sample_time=1.2 * limit).check_gains([0.0])
+        assert not own.stable
+        assert own.sample_time_limit == pytest.approx(limit, rel=1e-5)
+
+    def test_smoothed_friction_is_told(self):
+        robot = loaded("irb140")
+        law = rne.control.pd_gravity(robot, 500, 20, self.Q)
+        text = "smoothed Coulomb friction damps it at rest, and less in larger motions"
+        assert text in str(rne.Scene(robot, controller=law, friction=rne.Friction(coulomb=3.0)).check_gains(self.Q))
+        assert text not in str(rne.Scene(robot, controller=law, friction=rne.Friction(viscous=3)).check_gains(self.Q))
+
+    def test_a_redundant_arm_without_posture_is_told_to_be_free(self):
+        robot = rne.load("panda").locked({"panda_finger_joint1": 0.0})
+        q = np.array([0, -0.5, 0, -2.0, 0, 1.6, 0.8])
+        pose = robot.link_poses(q)[robot.link_names.index("panda_link8")]
+        gains = ([50] * 3 + [800] * 3, [5] * 3 + [80] * 3, pose)
+        law = rne.control.impedance(robot, "panda_link8", *gains)
+        loop = rne.Scene(robot, controller=law).check_gains(q)
+        assert not loop.stable
+        assert "\n2 of the 14 poles are zero: nothing holds or damps a motion of the joints" in str(loop)
+        held = rne.control.impedance(robot, "panda_link8", *gains, posture=(q, [10] * 7, [5] * 7))
+        loop = rne.Scene(robot, controller=held).check_gains(q)
+        assert loop.stable
+        assert "poles are zero" not in str(loop)
 
     def test_what_is_no_rest_and_what_is_refused(self):
         robot = loaded("irb140")

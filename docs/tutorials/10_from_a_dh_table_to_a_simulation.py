@@ -58,6 +58,9 @@ model = rne.dh_chain(
     name="scara",
 )
 print(rne.Robot(model))
+rne.check(
+    model
+)  # millimetres, impossible inertias, ranges that are the wrong way round
 
 # %%
 # You give each link's centre of mass and inertia in its DH frame. In the standard

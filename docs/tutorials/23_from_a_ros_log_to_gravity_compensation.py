@@ -93,11 +93,12 @@ assert "rest cut off" in record.source
 # %%
 # What the arm weighs
 # -------------------
-# The robot is the one of the URDF, without the camera. Its gripper is not in the record,
-# so it is locked. Servos have friction, and we leave out their rotors.
+# The robot is the one of the URDF, without the camera. Its gripper is not in the record:
+# we lock it where it stood. Servos have friction, and we leave out their rotors.
 
 drives = rne.DriveModel(friction="viscous+coulomb")
-found = rne.identify(robot, record, drives=drives)
+known = robot.locked({"gripper": 0.0})
+found = rne.identify(known, record, drives=drives)
 print(*found.report().split("\n\n")[:3], sep="\n\n")
 figure = found.plot()
 
@@ -109,7 +110,7 @@ figure = found.plot()
 
 pose = np.linspace(-1, 1, 100)[:, None] * [0.0, 0.9, 0.9, 0.9, 0.0]
 true = arm.gravity_torque(pose)
-before = robot.locked({"gripper": 0.0}).gravity_torque(pose)
+before = known.gravity_torque(pose)
 after = found.robot.gravity_torque(pose)
 holding = Figure(figsize=(6.4, 3.2), layout="constrained")
 ax = holding.subplots()
@@ -126,12 +127,11 @@ for torque, name in ((before, "URDF"), (after, "identified")):
 assert abs(after - true).max() < 0.1 * abs(before - true).max()
 
 # %%
-# The same on the command line, from the log to a URDF and a page of pictures, with the
-# torque of a milliampere:
+# The same on the command line, from the log to a URDF and a page of pictures:
 #
 # .. code-block:: sh
 #
-#    rne identify so101 so101.mcap --gains 0.0011 --out camera.urdf
+#    rne identify so101 so101.mcap --locked gripper=0 --units tau=mA --gains 1.1 --out camera.urdf
 #
 # The same call reads LeRobot data sets (extra ``lerobot``). Most of them hold positions
 # alone, from which no mass follows: record the currents of the servos as well.

@@ -154,6 +154,12 @@ def convert_numbers(name: str, value: ArrayLike, shape: str) -> Array:
         array = np.asarray(value)
     except ValueError:
         raise ValueError(f"`{name}` must be an array of numbers of shape {shape}, got rows of unequal length") from None
+    except TypeError:  # symbols of CasADi and JAX refuse to be arrays
+        package = type(value).__module__.split(".")[0].removesuffix("lib")
+        if package not in ("casadi", "jax"):
+            raise
+        cure = f"robot.kernel(rne.dynamics.inverse_dynamics).to_{package}() is a function of them"
+        raise TypeError(f"`{name}` must be an array of numbers, got symbols of {package}: {cure}") from None
     if array.dtype.kind in "iu":
         array = array.astype(np.float64)
     if array.dtype == np.float16:

@@ -197,6 +197,9 @@ def _from_the_point(text: str) -> str:
 
 
 class InNotebooks:
-    """Base of the classes that notebooks show as HTML."""
+    """Base of the classes that notebooks show as HTML, most as the text of `print`: their report, if they have one."""
 
     _repr_html_: ClassVar[Callable[[Any], str]]  # set by `rne/__init__.py`, above all of them
+
+    def __str__(self) -> str:
+        return str(self.report()) if hasattr(self, "report") else repr(self)

@@ -7,6 +7,7 @@ from . import identifying, moving, printing
 
 COMMANDS = (
     printing.add_check,
+    printing.add_compare,
     moving.add_view,
     moving.add_simulate,
     moving.add_torques,

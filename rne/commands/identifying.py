@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import argparse
-import re
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..trajectories.csv_file import as_number
 from .moving import add_units, rotating
 from .shared import (
     CommandError,
     add_parser,
     add_robot,
+    as_options,
     check_file,
     check_folder,
     fail,
     in_one_line,
     number,
     numbers,
+    one_or_each,
     robot_of,
     say,
     used,
@@ -40,14 +43,19 @@ def add_identify(commands: Any) -> None:
     parser.add_argument("logs", metavar="LOG", type=Path, nargs="+", help=logs)
     parser.add_argument("--check", metavar="LOG", type=Path, help="another motion, to be predicted")
     add_units(parser)
-    parser.add_argument(
-        "--joints", metavar="NAME,...", type=lambda text: text.split(","), help="joints of the logs to read"
-    )
-    names = "names of all columns of logs without, such as t,q.a,tau.a; nothing for a column to ignore"
-    parser.add_argument("--columns", metavar="NAME,...", type=lambda text: text.split(","), help=names)
+    units = "such as q=deg, qd=rpm or tau=mA, or of each joint q=deg,deg,m; once for each quantity"
+    parser.add_argument("--units", metavar="Q=UNIT", type=_named, action="append", help=f"units of the logs, {units}")
+    parser.add_argument("--joints", metavar="NAME,...", type=lambda text: text.split(","), help="joints to read")
+    names = "names of all columns of logs without, such as t,q.a,tau.a, nothing for one to ignore; or the columns of a "
+    names += "quantity, names or numbers from 0: q=A,B, once for each"
+    parser.add_argument("--columns", metavar="NAME,...", type=_named, action="append", help=names)
+    parser.add_argument("--sample-rate", metavar="HZ", type=number, help="of logs without times [Hz]")
     parser.add_argument("--gains", metavar="K", type=numbers, help="torques per ampere, for all joints or each [N m/A]")
+    parser.add_argument("--offsets", metavar="Q", type=numbers, default=[0.0], help="where logs have zero [rad or m]")
     parser.add_argument("--topic", help="topic of the joint states, where a log has several")
-    parser.add_argument("--cutoff", metavar="HZ", type=number, help="of the low-pass filter (default: from the logs)")
+    parser.add_argument("--episode", metavar="K", type=int, help="episode of a data set that has several")
+    parser.add_argument("--cutoff", metavar="HZ", type=number, help="of the low-pass filter (default: from the log)")
+    parser.add_argument("--details", action="store_true", help="report everything, parameters with standard errors too")
     parser.add_argument("--out", metavar="FILE.urdf", type=Path, help="file for the robot found")
     page = "folder for the page (default: rne-identify)"
     parser.add_argument("--page", metavar="FOLDER", type=Path, default=Path("rne-identify"), help=page)
@@ -68,11 +76,12 @@ def run_identify(arguments: argparse.Namespace) -> int:
         for record in records:
             say(f"{record.name}: {record.source}")
         work.begin("identifying")
-        with warnings_in_one_line():
+        with warnings_in_one_line(arguments):
             found = rne.identify(robot, records[: len(arguments.logs)], cutoff=arguments.cutoff)
         page = Report(f"{robot.model.name} identified", say, arguments.page)
         page.text(used(robot, arguments))
-        page.lines(found.report())
+        report = found.report(details=arguments.details).replace("`report(details=True)`", "--details")
+        page.lines(as_options(report, arguments))
         for k, record in enumerate(records):
             check, how = found.check(record), "fitted" if k < len(arguments.logs) else "predicted"
             page.heading(f"{record.name}, {how}")
@@ -82,7 +91,7 @@ def run_identify(arguments: argparse.Namespace) -> int:
             )
         say(f"page: {page.write()}")
     except (ValueError, ImportError) as error:
-        raise CommandError(re.sub("`(cutoff|gains|joints|columns|topic)`", r"--\1", in_one_line(error))) from None
+        raise CommandError(in_one_line(error)) from None
     try:
         urdf = found.to_urdf()
     except rne.IdentificationError as error:
@@ -98,12 +107,26 @@ def _record(file: Path, robot: rne.Robot, arguments: argparse.Namespace) -> rne.
     """The record of a log, in the units of `add_units`, without rest at its ends."""
     import rne
 
-    given = {name: getattr(arguments, name) for name in ("time_unit", "joints", "columns", "topic")}
+    given = {name: getattr(arguments, name) for name in ("time_unit", "sample_rate", "joints", "topic", "episode")}
+    given |= {name: one_or_each(getattr(arguments, name)) for name in ("gains", "offsets")}
+    units, columns = _merged(arguments.units), _merged(arguments.columns)
     if arguments.degrees:
         turns = dict(zip(robot.joint_names, rotating(robot), strict=True))
         if not all(turns.values()):  # the joints of the log have to be known
             given["joints"] = given["joints"] or robot.joint_names
         unit = ["deg" if turns.get(joint, True) else "m" for joint in given["joints"] or ()] or "deg"
-        given["units"] = {"q": unit, "qd": unit}
-    gains = arguments.gains if arguments.gains is None or len(arguments.gains) > 1 else arguments.gains[0]
-    return rne.identification.Record.from_log(file, gains=gains, **given).in_motion()
+        units = {"q": unit, "qd": unit} | units
+    given |= {"units": units, "columns": columns.get("", columns) or None}
+    return rne.identification.Record.from_log(file, **given).in_motion()
+
+
+def _named(text: str) -> dict[str, Any]:
+    """Names of a quantity, or numbers, or names of none: `q=A,2` is {"q": ["A", 2]}, `A,2` is {"": ["A", "2"]}."""
+    kind, _, names = text.rpartition("=")
+    read = [(x, as_number(x)) for x in names.split(",")]
+    values = [x if not kind or math.isnan(y) else int(x) if x.isdigit() else y for x, y in read]
+    return {kind: values if len(values) > 1 or not kind else values[0]}
+
+
+def _merged(given: list[dict[str, Any]] | None) -> dict[str, Any]:
+    return {kind: value for part in given or () for kind, value in part.items()}

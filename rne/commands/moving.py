@@ -7,13 +7,13 @@ that differentiation amplifies. Warnings tell of each; the numbers change only i
 from __future__ import annotations
 
 import argparse
-import re
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from ..basics.arrays import per_joint_array
 from ..basics.text import UNITS
 from .shared import (
     CommandError,
@@ -26,6 +26,7 @@ from .shared import (
     note,
     number,
     numbers,
+    one_or_each,
     robot_of,
     say,
     say_limits,
@@ -45,7 +46,7 @@ if TYPE_CHECKING:
 NOT_GIVEN = " (not given: zero)"
 MOTIONS = (".npz", ".csv")
 SIMULATION = "rne simulate irb140 --q0 0 0.5 0 0 0 0 --duration 2 --out motion.csv"
-VIEW = "rne view panda.urdf --motion model.npz --other measured.csv --out panda.html"
+VIEW = "rne view irb140 --motion motion.csv --out irb140.html"
 COLUMNS = ".npz of rne.Trajectory.save, or .csv with columns t and q.<joint> [s, rad or m]"
 CYCLE = "rne cycle irb140 via.csv --effort 250 250 150 50 50 20 --gear 100 --rotor 1e-4 --efficiency 0.85"
 FILM = 0.02  # [s] between the positions of the film of a cycle
@@ -70,7 +71,7 @@ def add_simulate(commands: Any) -> None:
     joints = "one number per joint, separated by blanks or commas"
     parser.add_argument("--q0", metavar="Q", type=numbers, help=f"initial positions [rad or m], {joints}; else zero")
     parser.add_argument("--qd0", metavar="QD", type=numbers, help="initial velocities [rad/s or m/s]; else at rest")
-    parser.add_argument("--duration", metavar="S", type=number, required=True, help="[s]")
+    parser.add_argument("--duration", metavar="S", type=number, required=True, help="of the motion [s]")
     parser.add_argument("--torque", metavar="TAU", type=numbers, help="constant drive torques [N m or N]; else none")
     parser.add_argument("--method", default="auto", help="solver of rne.simulate (default: auto)")
     parser.add_argument("--rtol", type=number, default=1e-6, help="relative tolerance (default: 1e-6)")
@@ -93,14 +94,14 @@ def run_simulate(arguments: argparse.Namespace) -> int:
     say(f"torque {written(torque)} {units_of(robot, 'N m', 'N')}{NOT_GIVEN if arguments.torque is None else ''}")
     say("rigid bodies alone: no friction, stops or torque limits")
     try:
-        with warnings_in_one_line():
+        with warnings_in_one_line(arguments):
             options = {"method": arguments.method, "rtol": arguments.rtol, "t_eval": times}
             law = None if arguments.torque is None else torque
             work.begin("simulating")
             motion = rne.simulate(robot, q0, qd0, arguments.duration, torque=law, progress=work.progress, **options)
             work.begin("energies and the file")
     except ValueError as error:
-        raise CommandError(re.sub("`(method|rtol|duration)`", r"--\1", in_one_line(error))) from None
+        raise CommandError(in_one_line(error)) from None
     except rne.SimulationError as error:
         fail(in_one_line(error))
         return 1
@@ -168,7 +169,7 @@ def run_torques(arguments: argparse.Namespace) -> int:
         if arguments.cutoff is not None:
             motion, change = filtered(given, arguments.cutoff)
         q, qd, qdd, source = differentiated(motion, arguments.motion)
-        with warnings_in_one_line():
+        with warnings_in_one_line(arguments):
             tau = robot.inverse_dynamics(q, qd, qdd)
     except ValueError as error:
         raise CommandError(in_one_line(error)) from None
@@ -252,14 +253,14 @@ def run_view(arguments: argparse.Namespace) -> int:
             None if file is None else _motion(file, robot, arguments) for file in (arguments.motion, arguments.other)
         )
         shown = {name: getattr(arguments, name) for name in ("speed", "frames", "inertia")}
-        with warnings_in_one_line():
+        with warnings_in_one_line(arguments):
             if isinstance(motion, rne.Trajectory):
                 page = rne.view(motion, out, other=other, labels=labels, **shown)
             else:
                 t, q = (None, None) if motion is None else motion
                 page = rne.view(robot, out, q=q, t=t, other=other, labels=labels, **shown)
     except (ValueError, ImportError) as error:
-        raise CommandError(in_one_line(error).replace("`speed`", "--speed")) from None
+        raise CommandError(in_one_line(error)) from None
     say(f"{page.path}: {len(page.html.encode()) / 1e6:.2f} MB")
     return 0
 
@@ -318,7 +319,7 @@ def run_cycle(arguments: argparse.Namespace) -> int:
     robot = robot_of(arguments)
     try:
         if arguments.acceleration is not None:
-            robot = robot.with_limits(acceleration=_one_or_each(arguments.acceleration))
+            robot = robot.with_limits(acceleration=one_or_each(arguments.acceleration))
         q = read_samples(arguments.via, robot.joint_names, needed=["q"], timed=False).q
         assert q is not None
         if len(q) < 2:
@@ -326,10 +327,16 @@ def run_cycle(arguments: argparse.Namespace) -> int:
         points = q * np.where(rotating(robot) & arguments.degrees, np.pi / 180, 1.0)
         path = rne.trajectories.through(points, stops=arguments.stops)
         work.begin("planning the motion")
-        motion = rne.trajectories.fastest(robot, path, friction=arguments.friction, smoothing=arguments.smoothing)
-        names = ("gear", "rotor", "efficiency")
-        gear, rotor, efficiency = (_one_or_each(getattr(arguments, name)) for name in names)
-        report = rne.drives(robot, motion, gear=gear, rotor=rotor, efficiency=efficiency)
+        gear, rotor, efficiency = (
+            per_joint_array(name, one_or_each(getattr(arguments, name)), robot.n)
+            for name in ("gear", "rotor", "efficiency")
+        )
+        turned = robot.model.armature.copy()
+        turned[list(robot.model.independent_joints)] += rotor * gear**2  # limits hold for loads with their rotors
+        options = {"friction": arguments.friction, "smoothing": arguments.smoothing}
+        motion = rne.trajectories.fastest(robot.with_armature(turned), path, **options)
+        alone = replace(motion.scene, robot=robot)
+        report = rne.drives(alone, motion, gear=gear, rotor=rotor, efficiency=efficiency)
     except (ValueError, ImportError) as error:
         raise CommandError(in_one_line(error) + _cure(error, robot)) from None
     page = Report(f"A cycle of {robot.model.name}", say, arguments.out)
@@ -357,10 +364,6 @@ def _cure(error: Exception, robot: Any) -> str:
     if isinstance(error, MissingColumn):
         return f"; the first row must be {','.join(f'q.{name}' for name in robot.joint_names)}"
     return "; if the positions are in degrees, give --degrees" if isinstance(error, OutOfRange) else ""
-
-
-def _one_or_each(values: list[float]) -> float | list[float]:
-    return values[0] if len(values) == 1 else values
 
 
 class SampledMotion(NamedTuple):

@@ -1,4 +1,4 @@
-"""rne check, urdf, source and report: findings in a robot's file, the robot as URDF, as code, and as a page."""
+"""rne check, compare, urdf, source and report: findings in a file, two robots, one as URDF, as code, and as a page."""
 
 from __future__ import annotations
 
@@ -6,18 +6,24 @@ import argparse
 import inspect
 import io
 import os
-import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .shared import ROBOT, CommandError, add_parser, check_folder, fail, in_one_line, say
+from ..basics.text import counted
+from .shared import ROBOT, CommandError, add_parser, add_robot, check_folder, fail, in_one_line, number, robot_of, say
+
+if TYPE_CHECKING:
+    from ..model import Model
 
 FIRST = 4096  # bytes that are looked at
 MARK = 8  # bytes that may precede "<": the mark of an encoding
 FOLDER = Path("rne-report")
+REPORT = "write a page on a robot: a motion, comparison with Pinocchio, torques against gravity, joints and links"
+OF_JOINTS = "joint_types lower upper velocity_limit effort_limit damping friction armature axis translation rotation"
+OF_BODIES = "mass com inertia"
 LANGUAGES, TYPES = ("python", "numpy", "matlab", "c", "rust"), ("float64", "float32")
 
 
@@ -38,8 +44,8 @@ def quantities() -> list[str]:
 
 def add_check(commands: Any) -> None:
     """Register `rne check`."""
-    title = "print errors and warnings about URDF files"
-    parser = add_parser(commands, "check", title, "rne check arm.urdf", run_check)
+    title = "print errors and warnings about robots' files"
+    parser = add_parser(commands, "check", title, "rne check irb140.urdf", run_check)
     parser.add_argument("robots", metavar="ROBOT", nargs="+", help=ROBOT)
     parser.add_argument("--all", action="store_true", help="print findings that are alike one by one")
     what = "two points, as LINK,X,Y,Z in metres: print how far apart they come over the ranges of the joints"
@@ -90,6 +96,50 @@ def _refuse_other_files(robot: str) -> None:
                 raise CommandError(f"{robot}: is not an XML file; a URDF file is needed")
 
 
+def add_compare(commands: Any) -> None:
+    """Register `rne compare`."""
+    title = "print how two robots differ: joints, limits, bodies, and the likely cause of other torques"
+    parser = add_parser(commands, "compare", title, "rne compare irb140 irb140.urdf", run_compare)
+    add_robot(parser)
+    parser.add_argument("other", metavar="OTHER", help="another robot, of as many joints for torques to be compared")
+    least = "differences below this part of a joint's torques are rounding (default: 1e-8)"
+    parser.add_argument("--tolerance", metavar="PART", type=number, default=1e-8, help=least)
+
+
+def run_compare(arguments: argparse.Namespace) -> int:
+    """Print the differences; 1 if there are any."""
+    import rne
+
+    names = arguments.robot, arguments.other
+    one, other = robot_of(arguments), rne.load(arguments.other)
+    lines = list(_differences(one.model, other.model, names, arguments.tolerance))
+    print("\n".join(lines or ["joints: the same, with the same limits and bodies"]), flush=True)
+    if one.n != other.n:
+        print(f"torques: not compared, {names[0]} has {counted(one.n, 'joint')}, {names[1]} {other.n}")
+        return 1
+    try:
+        found = rne.compare_models(one, other, tolerance=arguments.tolerance)
+    except ValueError as error:
+        raise CommandError(in_one_line(error)) from None
+    print(f"torques of {names[1]} beside those of {names[0]}, and the likely cause by torques alone")
+    print(found.report())
+    return int(bool(lines) or found.causes != ("none",))
+
+
+def _differences(one: Model, other: Model, names: Sequence[str], tolerance: float) -> Iterator[str]:
+    """Joints of which only one robot has the name; joints of the same name with other numbers."""
+    of = [{joint: i for i, joint in enumerate(model.moving_joints)} for model in (one, other)]
+    for k, name in enumerate(names):
+        if alone := [joint for joint in of[k] if joint not in of[1 - k]]:
+            yield f"joints of {name} alone: {', '.join(alone)}"
+    for joint in (joint for joint in of[0] if joint in of[1]):
+        for what in f"{OF_JOINTS} {OF_BODIES}".split():
+            a, b = (np.ravel(getattr(model, what)[of[k][joint]]) for k, model in enumerate((one, other)))
+            if not (np.array_equal(a, b) or (a.dtype == float and np.allclose(a, b, tolerance, tolerance))):
+                both = (" ".join(x if isinstance(x, str) else f"{x:.9g}" for x in value) for value in (a, b))
+                yield f"{joint}: {what.replace('types', 'type').replace('_', ' ')} {', of the other '.join(both)}"
+
+
 def add_urdf(commands: Any) -> None:
     """Register `rne urdf`."""
     title = "print a robot as URDF, without shapes that are meshes"
@@ -132,7 +182,7 @@ def run_source(arguments: argparse.Namespace) -> int:
         kernel = rne.load(arguments.robot).kernel(getattr(rne.dynamics, quantity))
         text = kernel.source(arguments.language, arguments.element, arguments.dtype)
     except (rne.RneError, ValueError, TypeError) as error:  # TypeError: the kernel is too large to be written out
-        raise CommandError(re.sub("`(element|dtype)`", r"--\1", str(error))) from error
+        raise CommandError(str(error)) from error
     print(text, end="")
     return 0
 
@@ -140,12 +190,12 @@ def run_source(arguments: argparse.Namespace) -> int:
 def add_out(parser: argparse.ArgumentParser, default: Any) -> None:
     """The option for the folder of a page."""
     text = "folder of the page, made if it does not exist (default: rne-report)"
-    parser.add_argument("--out", metavar="DIR", type=Path, default=default, help=text)
+    parser.add_argument("--out", metavar="FOLDER", type=Path, default=default, help=text)
 
 
 def add_report(commands: Any) -> None:
     """Register `rne report`."""
-    parser = add_parser(commands, "report", "write a page on a robot", "rne report arm.urdf --out arm-page", run_report)
+    parser = add_parser(commands, "report", REPORT, "rne report irb140.urdf --out irb140-page", run_report)
     parser.add_argument("robot", metavar="ROBOT", help=ROBOT)
     add_out(parser, argparse.SUPPRESS)  # where it is not given here, that before the subcommand holds
 

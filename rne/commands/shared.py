@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from ..basics.spatial import Array
 
 ROBOT = "path of a URDF, MJCF or xacro file, or a name of rne.robots() such as irb140"
+ARGUMENT = re.compile(r"`(?P<name>\w+)(?P<rest>[^`]*)`|\b(?P<key>\w+)=(?P<value>\[.*?\]|\{.*?\}|\"[^\"]*\"|[\w.]+)")
+QUOTES = str.maketrans({"'": "", '"': "", "[": "", "]": "", "{": "", "}": ""})
 NUMBER = re.compile(r"[+-]?\.?[0-9][0-9.eE+,-]*")
 
 
@@ -61,17 +63,23 @@ def add_parser(
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run, parser=parser)
     return parser
 
 
 def add_robot(parser: argparse.ArgumentParser) -> None:
     """Add the arguments for the robot, its payload, gravity and effort limits."""
     parser.add_argument("robot", metavar="ROBOT", help=ROBOT)
-    parser.add_argument("--payload", metavar="KG", type=number, help="point mass at the origin of the last link [kg]")
+    parser.add_argument("--payload", metavar="KG", type=number, help="mass of a further body on the last link [kg]")
+    com = "its centre of mass in the link's frame (default: 0 0 0) [m]"
+    parser.add_argument("--payload-com", metavar="X Y Z", type=numbers, help=com)
+    inertia = "about its centre of mass, in the link's axes (default: a point mass) [kg m^2]"
+    parser.add_argument("--payload-inertia", metavar="XX YY ZZ XY XZ YZ", type=numbers, help=inertia)
     parser.add_argument("--payload-link", metavar="LINK", help="link that carries the payload, where robots branch")
     gravity = "in the axes of the root link [m/s^2] (default: of an MJCF file its own, else 0 0 -9.81)"
     parser.add_argument("--gravity", metavar="X Y Z", type=numbers, help=gravity)
+    locked = "joints that stay where they are, such as finger=0.02,wrist=1 [rad or m]"
+    parser.add_argument("--locked", metavar="JOINT=Q,...", type=positions, help=locked)
     effort = "effort limits in place of the robot's, one number for all joints or one for each [N m or N]"
     parser.add_argument("--effort", metavar="TAU", type=numbers, help=effort)
 
@@ -80,32 +88,35 @@ def robot_of(arguments: argparse.Namespace) -> rne.Robot:
     """The robot that the arguments of `add_robot` describe."""
     import rne
 
-    if arguments.payload is None and arguments.payload_link is not None:
-        raise CommandError("--payload-link: needs --payload")
+    names = "com", "inertia", "link"
+    given = {name: x for name in names if (x := getattr(arguments, f"payload_{name}")) is not None}
+    if arguments.payload is None and given:
+        raise CommandError(f"--payload-{next(iter(given))}: needs --payload")
     gravity = {} if arguments.gravity is None else {"gravity": arguments.gravity}
-    effort = arguments.effort[0] if len(arguments.effort or ()) == 1 else arguments.effort
+    if "inertia" in given:
+        if len(given["inertia"]) != 6:
+            raise CommandError(f"--payload-inertia: must be 6 numbers, xx yy zz xy xz yz, got {len(given['inertia'])}")
+        given["inertia"] = np.array(given["inertia"])[[[0, 3, 4], [3, 1, 5], [4, 5, 2]]]
     try:
-        robot = rne.load(arguments.robot, effort=effort, **gravity)
+        robot = rne.load(arguments.robot, effort=one_or_each(arguments.effort), **gravity)
+        robot = robot.locked(arguments.locked or {})
+        return robot if arguments.payload is None else robot.with_payload(arguments.payload, **given)
+    except rne.RneError:
+        raise
     except ValueError as error:
-        if isinstance(error, rne.RneError):
-            raise
-        raise CommandError(re.sub(r"`(gravity|effort)(.*?)`", r"--\1\2", in_one_line(error))) from None
-    if arguments.payload is None:
-        return robot
-    try:
-        return robot.with_payload(arguments.payload, link=arguments.payload_link)
-    except ValueError as error:
-        raise CommandError(f"--payload: {in_one_line(error).replace('`link`', '--payload-link')}") from None
+        text = re.sub("`(com|inertia|link)`", r"--payload-\1", in_one_line(error))
+        raise CommandError(text.replace("`positions`", "--locked")) from None
 
 
 def used(robot: rne.Robot, arguments: argparse.Namespace) -> str:
     """A line that says which robot is computed with."""
-    model = robot.model
+    model, com, inertia = robot.model, arguments.payload_com, arguments.payload_inertia
     line = f"robot {model.name}, joints {' '.join(robot.joint_names)}, gravity {written(model.gravity.tolist())} m/s^2"
     if arguments.payload is None:
         return line
-    where = arguments.payload_link or end_link(model)
-    return f"{line}, payload {arguments.payload:g} kg at the origin of link {where}"
+    where = arguments.payload_link or end_link(model, axes_count=any((*(com or ()), *(inertia or ()))))
+    line += f", payload {arguments.payload:g} kg at {f'{written(com)} m' if com else 'the origin'} of link {where}"
+    return line + (f" with inertia {written(inertia)} kg m^2" if inertia else "")
 
 
 def numbers(text: str) -> list[float]:
@@ -125,6 +136,16 @@ def number(text: str) -> float:
     if len(values) != 1:
         raise argparse.ArgumentTypeError(f"must be one number, got {text!r}")
     return values[0]
+
+
+def positions(text: str) -> dict[str, float]:
+    """Positions by joint, such as `finger=0.02,wrist=1`."""
+    return {joint: number(q) for joint, _, q in (part.partition("=") for part in text.split(","))}
+
+
+def one_or_each(values: list[float] | None) -> Any:
+    """One number for all joints, or one for each."""
+    return values[0] if values and len(values) == 1 else values
 
 
 def join_numbers(argv: Sequence[str]) -> list[str]:
@@ -147,13 +168,13 @@ def join_numbers(argv: Sequence[str]) -> list[str]:
 
 
 @contextmanager
-def warnings_in_one_line() -> Iterator[None]:
-    """Print the warnings raised in this block without the place in the source."""
+def warnings_in_one_line(arguments: argparse.Namespace) -> Iterator[None]:
+    """Print the warnings raised in this block without the place in the source, with the command's options."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         yield
     for text in dict.fromkeys(str(warning.message) for warning in caught):
-        note(f"warning: {text}")
+        note(f"warning: {as_options(text, arguments)}")
 
 
 def check_folder(folder: Path) -> None:
@@ -245,6 +266,21 @@ def in_one_line(error: BaseException) -> str:
     if isinstance(error, OSError) and error.filename and error.strerror:
         return f"{error.filename}: {error.strerror}"
     return " ".join(str(error).split())
+
+
+def as_options(text: str, arguments: argparse.Namespace) -> str:
+    """A text on arguments in Python with the options of the command, `units={"q": "deg"}` as `--units q=deg`."""
+    text = re.sub(r"`robot\.locked(?:\((.*?)\))?`", lambda m: f"locked={m[1]}" if m[1] else "`locked`", text)
+    known = set(re.findall(r"--[\w-]+", arguments.parser.format_usage()))
+
+    def option(found: re.Match[str]) -> str:
+        name = f"--{(found['name'] or found['key']).replace('_', '-')}"
+        if name not in known:
+            return found[0]
+        value = re.sub("[\"']: ", "=", found["value"] or "").replace(", ", ",").translate(QUOTES)
+        return f"{name} {value}" if value else name + (found["rest"] or "")
+
+    return ARGUMENT.sub(option, text)
 
 
 def fail(message: str) -> int:

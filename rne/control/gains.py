@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import per_joint_array, positive_number
 from ..basics.spatial import Array
-from ..basics.text import listed, summary
+from ..basics.text import InNotebooks, listed, summary
 from ..dynamics.forward import solve_mass_matrix
 from ..dynamics.rnea import gravity_torque
 from ..robot import Robot
@@ -25,11 +25,12 @@ SAMPLES, REFINED = 2048, 4  # configurations that are drawn, and the best of the
 SWEPT = np.append(np.arange(1, 16) / 16, 1 - 0.5 ** np.arange(5, 13))  # of the limit: times tried with some
 LONGEST, ROUNDS = 1.25, 40  # sample times examined, of a loop's horizon; lowering the sample time and searching again
 BOTH = "beats_gravity", "sample_time_limit"  # results that bounds may prove
+FREE_POLE = 1e-6  # of the fastest pole, below which one is zero: double ones keep half the digits
 FREE = np.pi  # range of a coordinate without limits: -pi to pi [rad or m]
 
 
 @dataclass(frozen=True, eq=False)
-class Gains:
+class Gains(InNotebooks):
     """Stability of PD gains, as found by `check_gains`.
 
     Attributes
@@ -92,7 +93,7 @@ class Gains:
 
 
 @dataclass(frozen=True, eq=False)
-class LinearisedLoop:
+class LinearisedLoop(InNotebooks):
     """Stability of a closed loop near a target, as found by `Scene.check_gains`.
 
     It holds near the target; no theorem says how near.
@@ -110,6 +111,8 @@ class LinearisedLoop:
         True if the loop is stable near the target, with torques held if the scene holds them.
     is_rest : bool
         True if the target is an equilibrium: otherwise the motion leaves it, whatever the poles.
+    has_smoothed_friction : bool
+        True if Coulomb friction counts as damping, by `coulomb` / `smoothing` at rest and less in larger motions.
 
     Examples
     --------
@@ -125,16 +128,24 @@ class LinearisedLoop:
     sample_time: float | None
     stable: bool
     is_rest: bool
+    has_smoothed_friction: bool = False
 
     __repr__ = summary
 
     def __str__(self) -> str:
         held = "" if self.sample_time is None else f" with torques held for {self.sample_time:g} s"
         rest = "" if self.is_rest else "\nthe target is no equilibrium: the motion leaves it"
+        if free := int((abs(self.poles) <= FREE_POLE * abs(self.poles).max(initial=0)).sum()):
+            rest += f"\n{free} of the {len(self.poles)} poles are zero: nothing holds or damps a motion of the joints, "
+            rest += "as of a redundant arm that holds its link alone; `posture=` of rne.control.impedance does"
+        if self.has_smoothed_friction:
+            rest += "\nsmoothed Coulomb friction damps it at rest, and less in larger motions: look without it too"
+        limit = f"smallest unstable sample time {self.sample_time_limit:.4g} s"
+        limit = limit if np.isfinite(self.sample_time_limit) else "no unstable sample time found"
         return (
             f"linearised at the target, which holds near it only: {'' if self.stable else 'NOT '}stable"
             f"{held}\npoles without sampling from {self.poles.real.max():.6g} to {self.poles.real.min():.6g} 1/s; "
-            f"smallest unstable sample time {self.sample_time_limit:.4g} s{rest}"
+            f"{limit}{rest}"
         )
 
 

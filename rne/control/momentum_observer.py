@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import check_function, per_joint_array, positive_number, real_array
 from ..basics.spatial import Array
-from ..basics.text import short, summary
+from ..basics.text import InNotebooks, short, summary
 from ..robot import Robot, robot_argument
 from .uncertainty import check_shared
 
@@ -34,7 +34,7 @@ SAME_STEP = 1e-6  # of the sample time: calls of a guarded law that far apart ar
 
 
 @dataclass(frozen=True, eq=False)
-class Residuals:
+class Residuals(InNotebooks):
     """External torques as a `MomentumObserver` sees them, found by its `observe`.
 
     Attributes

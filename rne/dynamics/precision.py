@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, DTypeLike
 
 from ..basics.arrays import real_numbers
 from ..basics.spatial import Array, rotate
-from ..basics.text import summary
+from ..basics.text import InNotebooks, summary
 from ..errors import SingularMassMatrixError
 from ..model.model import Model, joint_array, model_argument
 from ..model.parameters import of_states
@@ -184,7 +184,7 @@ def singular_error(model: Model, M: Array, state: BatchIndex) -> SingularMassMat
 
 
 @dataclass(frozen=True, eq=False)
-class Diagnosis:
+class Diagnosis(InNotebooks):
     """How near M is to singular, for every state of a batch.
 
     Attributes

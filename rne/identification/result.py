@@ -33,7 +33,7 @@ from . import thresholds
 from .diagnosis.hypotheses import GEARS, Cause
 from .diagnosis.rigid_body_test import Consistency, certified
 from .fit.consistent import expected_sizes, model_prior
-from .fit.equations import Equations, RegressionData, check_joints, delayed, solve
+from .fit.equations import LOCKED, Equations, RegressionData, check_joints, delayed, solve
 from .fit.least_squares import Estimator, LeastSquares, Unexplained, believed_noise, held_out, with_correlation
 from .log.prepared import Prepared
 from .log.record import Record
@@ -613,8 +613,9 @@ class Identification(InNotebooks):
         )
         if self.unexcited or not good.any():
             return f"not good for simulation or feed-forward: {self.unexcited or f'held-out errors in motion: {other}'}"
-        which = "all joints" + (f" but {other}" if other else "")
-        return f"good for {use} of {which}: held-out errors in motion of {told[good].max():.2g} % or less"
+        locked = "".join(f"; {note}" for note in self.notes if note.startswith(LOCKED))
+        which = "all joints" + " of the records" * bool(locked) + (f" but {other}" if other else "")
+        return f"good for {use} of {which}: held-out errors in motion of {told[good].max():.2g} % or less{locked}"
 
     @cached_property
     def _essential(self) -> str:

@@ -83,7 +83,7 @@ FOLDS = 10  # of the cross-validation, contiguous in time; the field's custom
 REST_PERIODS = 0.5  # of the cut-off, below which a joint turns back without resting
 SLOWEST_FITTED = 0.02  # of a joint's largest velocity: below it, Coulomb friction has no known direction
 STEPS_AT_REST = 2.0  # of the encoder about its mean position, within which a joint rests
-LIKE_NAMES = 0.8  # likeness of two names of joints from which one may be misspelt; difflib's default is 0.6
+LEAST_NAMED = 0.2  # part of the robot's joints that a log must have: an arm of a humanoid's; fewer is another robot's
 
 # Fit: least squares ------------------------------------------------------------------------------------------------
 WEIGHTINGS, NOISE_SETTLED = 30, 1e-6  # rounds of weighting, and change of the noise at which they end: a few are taken

@@ -73,7 +73,10 @@ def locked(model: Model, positions: Mapping[str, float]) -> Model:
     """
     model_argument(model)
     if not isinstance(positions, Mapping):
-        raise TypeError(f"`positions` must map joint names to positions, got {type(positions).__name__}")
+        example = f"{{{model.joint_names[-1] if model.n else 'joint'!r}: 0.0}}"
+        raise TypeError(
+            f"`positions` must map joint names to positions, such as {example}, got {type(positions).__name__}"
+        )
     values = {}
     for joint, value in positions.items():
         if joint not in model.joint_names:

@@ -40,10 +40,8 @@ BODIES = "Masses with the links on fixed joints included, in the axes of the lin
 
 @singledispatch
 def html(thing: Any) -> str:
-    """The page of an object of one of the classes below, as a fragment of HTML; of others their report or repr."""
-    if not hasattr(thing, "report"):
-        return _page(_text(repr(thing)))
-    return _page(f'<div style="{BOX}"><pre style="font-size:.85em;margin:0">{escape(thing.report())}</pre></div>')
+    """The page of an object of one of the classes below, as a fragment of HTML; of others what `print` shows."""
+    return _page(f'<div style="{BOX}"><pre style="font-size:.85em;margin:0">{escape(str(thing))}</pre></div>')
 
 
 @html.register

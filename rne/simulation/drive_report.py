@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -11,8 +11,9 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import per_joint_array, real_array
 from ..basics.spatial import Array
-from ..basics.text import column, counted, six_digits, summary, table
+from ..basics.text import InNotebooks, column, counted, six_digits, summary, table
 from ..dynamics.recursion_record import bearing_loads
+from ..model.model import Model
 from ..robot import Robot
 from .limits import limit_shares, share_texts
 from .scene import Scene
@@ -21,11 +22,12 @@ from .trajectory import MOST_LOADS, Trajectory, between, motors_at, samples_of
 
 EVERY = 1e-3  # [s] between the instants of a motion that is a function of time
 MOVING = 0.01  # of a joint's largest speed, above which its drive is on duty
+OVER = 1.005  # share of a limit that is above it: plans keep to 1 by some 1e-3
 COARSE = 2e-3  # of all energy exchanged: twice what a run with the default tolerances leaves at its own steps
 
 
 @dataclass(frozen=True, eq=False)
-class BearingPeaks:
+class BearingPeaks(InNotebooks):
     """The largest loads on every joint's bearing over the samples of a motion; `print` shows them as a table.
 
     Attributes
@@ -72,7 +74,7 @@ class BearingPeaks:
 
 
 @dataclass(frozen=True, eq=False)
-class DriveReport:
+class DriveReport(InNotebooks):
     """Loads of drives, gears and bearings over a cycle, found by `rne.drives`; `print` shows them as tables.
 
     Integrals over time are those of the trapezoidal rule over the samples.
@@ -275,6 +277,14 @@ class DriveReport:
         lines = [title, *load, *motor, total.format(*sums), units]
         doubt = "The samples are too far apart to be trusted: from one to the next, work by them differs from the "
         doubt += "simulation's by {:.3g} J in all; simulate without t_eval, with a finer one or smaller tolerances"
+        share = abs(self.tau + self.rotor * self.gear**2 * self.qdd).max(0) / self.effort_limit
+        if over := [
+            f"{j} {x:.0%}" for j, x, w in zip(self.joints, share, self.torque_share, strict=True) if x > max(w, OVER)
+        ]:
+            lines.append(
+                f"With their rotors drives exceed their torque limits: {', '.join(over)}; a motion that counts"
+            )
+            lines.append("them is planned for robot.with_armature(rotor * gear**2)")
         if (error := self.work_error or 0.0) > COARSE * self._integral(np.abs(self.power)).sum():
             lines.append(doubt.format(error))
         return "\n".join([*lines, str(self.bearings)])
@@ -411,11 +421,19 @@ def _bearing_peaks(robot: Robot, springs: Springs | None, t: Array, q: Array, qd
 
 
 def _scene_of(robot: Robot | Scene, motion: Any) -> Scene:
-    """The scene that is given, otherwise the one that the motion was planned for, or the robot alone."""
+    """The scene that is given, otherwise the one that the motion was planned for with the robot, or the robot alone."""
     if isinstance(robot, Scene):
         return robot
-    planned = getattr(motion, "scene", None)
-    return planned if isinstance(planned, Scene) else Scene(robot)
+    planned, model = getattr(motion, "scene", None), getattr(motion, "model", None)
+    moved = planned.robot.model if isinstance(planned, Scene) else model
+    if isinstance(moved, Model) and isinstance(robot, Robot) and not set(moved.joint_names) <= set(robot.joint_names):
+        raise ValueError(
+            f"`motion` must be of the robot {robot.model.name!r} with joints {list(robot.joint_names)}, "
+            f"it is of {moved.name!r} with {list(moved.joint_names)}"
+        )
+    if not isinstance(planned, Scene):
+        return Scene(robot)
+    return planned if planned.robot.model == robot.model else replace(planned, robot=robot)
 
 
 def _work_error(motion: Trajectory, t: Array, power: Array) -> float:

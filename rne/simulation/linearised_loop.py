@@ -13,7 +13,8 @@ from ..control.gains import LinearisedLoop
 from .plant import Plant
 
 AT_REST = 1e-6  # accelerations at the target that are no motion, of those that the torques alone give
-SLOWEST, FASTEST, COUNT = 1e3, 1e-2, 400  # sample times examined, over the fastest mode's time
+SLOWEST, FASTEST = 1e2, 1e-2  # sample times examined, over the times of the slowest and of the fastest mode
+STEP = 1.03  # from one to the next
 MARGIN = 1e-9  # of a spectral radius beyond 1, or a pole beyond 0 over the fastest: less is rounding
 
 
@@ -34,10 +35,15 @@ def linearised_loop(scene: Any, q: Array) -> LinearisedLoop:
     opened = np.zeros_like(closed)  # states of a sampled law are held too: they follow by Euler's rule
     opened[: 2 * n, : 2 * n] = _slopes(replace(free, controller=lambda t, q, qd: torque), q)[0]
     if stable:
-        limit = first_unstable_sample_time(opened, closed - opened, fastest)
+        first, last = FASTEST / fastest, SLOWEST / float(np.abs(poles).min())
+        times = np.geomspace(first, last, int(np.ceil(np.log(last / first) / np.log(STEP))))
+        own = [] if sample_time is None else [sample_time]
+        limit = first_unstable_sample_time(opened, closed - opened, np.sort([*times, *own]))
     if sample_time is not None:
         stable = stable and spectral_radius(opened, closed - opened, sample_time) < 1 - MARGIN
-    return LinearisedLoop(poles, limit, sample_time, stable, is_rest)
+    friction = scene.resolved.friction
+    is_smoothed = friction is not None and bool(np.any(friction.coulomb) or np.any(friction.load))
+    return LinearisedLoop(poles, limit, sample_time, stable, is_rest, is_smoothed)
 
 
 def _slopes(scene: Any, q: Array) -> tuple[Array, Array, Array]:
@@ -56,14 +62,12 @@ def spectral_radius(opened: Array, feedback: Array, T: float) -> float:
     return float(np.abs(np.linalg.eigvals(both[:n, :n] + both[:n, n:])).max())
 
 
-def first_unstable_sample_time(opened: Array, feedback: Array, fastest: float) -> float:
-    """The smallest sample time found at which the loop with held torques is not stable [s]."""
-    times = np.geomspace(FASTEST / fastest, SLOWEST / fastest, COUNT)
-    unstable = (T for T in times if spectral_radius(opened, feedback, T) > 1 + MARGIN)
-    end = next(unstable, None)
-    if end is None:
+def first_unstable_sample_time(opened: Array, feedback: Array, times: Array) -> float:
+    """The smallest sample time at which the loop with held torques is not stable, by ascending times examined [s]."""
+    k = next((k for k, T in enumerate(times) if spectral_radius(opened, feedback, T) > 1 + MARGIN), None)
+    if k is None:
         return float("inf")
-    start = end * float(times[0] / times[1])
+    start, end = float(times[k - 1]) if k else 0.0, float(times[k])
     while end - start > 1e-6 * end:
         middle = (start + end) / 2
         start, end = (start, middle) if spectral_radius(opened, feedback, middle) > 1 + MARGIN else (middle, end)

@@ -199,6 +199,8 @@ def _wanted(
     if twice:
         raise ValueError(f"{place}: column {twice[0]!r} is there twice")
     hint = "; separate columns by commas" if len(columns) == 1 and len(joint_names) + timed > 1 else ""
+    if hint and timed:
+        hint += ", or read the file by rne.identification.Record.from_log"
     if timed and "t" not in columns:
         raise MissingColumn(f"{place}: there is no column 't'; there are {listed_names(columns)}{hint}")
     wanted = ["t"]

@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import positive_number
 from ..basics.spatial import Array
-from ..basics.text import column, listed, table
+from ..basics.text import InNotebooks, column, listed, table
 from ..robot import Robot, robot_argument
 from ..simulation.friction import Friction
 from ..simulation.limits import limit_shares, share_texts
@@ -473,7 +473,7 @@ def _averaged(piece: _Piece, fastest: _Profile, window: float) -> _Profile:
 
 @made_by("fastest")
 @dataclass(frozen=True, eq=False)
-class FastestMotion(ReferenceMotion):
+class FastestMotion(ReferenceMotion, InNotebooks):
     """The fastest motion along a path, made by `fastest`; `print` shows which limits it uses and how smooth it is.
 
     Attributes

@@ -82,6 +82,8 @@ def resolve(source: str | os.PathLike[str], *given: Mapping[str, Any] | None) ->
 
     Raises FileNotFoundError if it is neither a file nor a robot's name, ValueError if what is given is not for it.
     """
+    if not isinstance(source, str | os.PathLike):
+        raise TypeError(f"`source` must be the path of a file or a name of rne.robots(), got {type(source).__name__}")
     name = os.fspath(source)
     for values in given:
         if not isinstance(values, Mapping | None):
@@ -210,14 +212,14 @@ def _model_of_file(path: str, arguments: Mapping[str, Any] | None, packages: Map
 
 
 def check(
-    source: str | os.PathLike[str],
+    source: str | os.PathLike[str] | Robot | Model,
     *,
     arguments: Mapping[str, Any] | None = None,
     packages: Mapping[str, str | os.PathLike[str]] | None = None,
     out: TextIO | None = None,
     grouped: bool = True,
 ) -> list[Finding]:
-    """Print all errors and warnings about a URDF, MJCF or xacro file, and return them.
+    """Print all errors and warnings about a URDF, MJCF or xacro file, or about a robot, and return them.
 
     Errors are what keeps the file from loading. Warnings are what is ignored, and what probably is not meant: degrees
     or millimetres, centres of mass far outside the robot, masses and inertias of impossible bodies, drives without
@@ -226,9 +228,9 @@ def check(
 
     Parameters
     ----------
-    source : str or path-like
-        The path of a file as for `rne.load`, or a name of `rne.robots()`; of a built-in robot and of MJCF, the URDF
-        that `to_urdf` writes is examined.
+    source : str, path-like, Robot or Model
+        The path of a file as for `rne.load`, a name of `rne.robots()`, or a robot, such as one of `rne.dh_chain`; of
+        robots that were built and of MJCF, the URDF that `to_urdf` writes is examined.
     arguments, packages : mapping of str, optional
         Of a xacro file, as for `rne.load`.
     out : text stream, optional
@@ -268,11 +270,13 @@ def check(
     robots/irb140.urdf: no findings
     []
     """
-    found = resolve(source, arguments, packages)
-    report = FindingsReport(os.fspath(source if isinstance(found, Model) else found))
+    given = source.model if isinstance(source, Robot) else source
+    found = given if isinstance(given, Model) else resolve(given, arguments, packages)
+    name = given.name if isinstance(given, Model) else given
+    report = FindingsReport(os.fspath(name if isinstance(found, Model) else found))
     root = found if isinstance(found, Model) else described(found, report, arguments, packages)[0]
     if isinstance(root, Model):  # what is examined is the URDF that it becomes
-        report.has_lines = isinstance(found, Model)
+        report.has_lines = isinstance(found, Model) and found is not given
         root = validated(to_urdf(replace(root, armature=np.zeros(root.nb))).encode(), report)
     if root is not None:
         check_elements(root, report)

@@ -17,7 +17,7 @@ import numpy as np
 
 from ...basics.arrays import positive_number
 from ...basics.spatial import Array, point_mass_inertia
-from ...basics.text import Row, aligned, listed, short, six_digits, wrapped
+from ...basics.text import InNotebooks, Row, aligned, listed, short, six_digits, wrapped
 from ...model.model import joint_array
 from ...model.parameters import COLUMNS, PARAMETERS, ROWS
 from ...model.standard_parameters import MEASURED, StandardParameters
@@ -141,8 +141,8 @@ class TorqueDifference(Discrepancy):
         """|torques| / |tau| of each joint, shape (n,)."""
         size = np.linalg.norm(self.tau, axis=0)
         least = max(thresholds.SMALLEST * size.max(initial=0), TINY)
-        relative: Array = np.linalg.norm(torques, axis=0) / np.maximum(size, least)
-        return relative
+        with np.errstate(over="ignore"):  # infinite, where the other's torques are zero
+            return np.asarray(np.linalg.norm(torques, axis=0) / np.maximum(size, least))
 
     def explains(self, residual: Array) -> bool:
         """True if no joint's residual, by its root mean square, is above rounding."""
@@ -526,7 +526,7 @@ def states_in_range(robot: Robot, seed: int) -> tuple[Array, Array, Array]:
 
 
 @dataclass(frozen=True, eq=False)
-class ModelComparison:
+class ModelComparison(InNotebooks):
     """The likely cause of a difference of torques, by `rne.compare_models`.
 
     Attributes

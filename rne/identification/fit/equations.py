@@ -9,9 +9,9 @@ number of rows over the integrated autocorrelation time, 1 + 2 sum rho_k (Sokal 
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
 from typing import NamedTuple
 
 import numpy as np
@@ -21,7 +21,7 @@ from ...basics.arrays import vector, whole_number
 from ...basics.spatial import Array
 from ...basics.text import listed
 from ...dynamics.base_inertial_parameters import BaseParameters
-from ...errors import NotFiniteError
+from ...errors import IdentificationWarning, NotFiniteError
 from ...model.standard_parameters import StandardParameters
 from ...robot import Robot
 from .. import thresholds
@@ -30,6 +30,7 @@ from ..log.prepared import Prepared, rows_without, undisturbed
 from ..log.record import Record
 from ..log.screening import consecutive, runs
 
+LOCKED = "joints that the records do not have, taken as locked"  # start of a note
 LARGEST = 1e150  # number whose square is still one
 ROUNDINGS = 1e3  # of a position, within which it does not change
 
@@ -338,23 +339,34 @@ def checked_records(robot: Robot, records: Record | Sequence[Record], name: str 
 def of_named_joints(
     robot: Robot, records: Record | Sequence[Record]
 ) -> tuple[Robot, tuple[Record, ...], tuple[str, ...]]:
-    """The robot with joints locked that a record of named joints lacks, records of its joints in order, and notes."""
+    """The robot with joints locked that records of named joints lack, records of its joints in order, and notes.
+
+    A warning names these joints. Refused are records of different joints, and where the log and the robot may name a
+    joint differently: the records lack a joint and have one that the robot does not know, or lack nearly all.
+    """
     given = tuple(records) if isinstance(records, Sequence) else (records,)
     named = [r for r in given if isinstance(r, Record) and r._has_names]
-    known = set(robot.joint_names).intersection(*(record.joint_names for record in named))
-    if not named or len(named) < len(given) or not known:
+    if not named or len(named) < len(given):
         return robot, given, ()
-    model, notes = robot.model, []
-    missing = {name: 0.0 for name in robot.joint_names if name not in known}
-    others = sorted({name for record in named for name in record.joint_names} - set(robot.joint_names))
-    for j, name in zip(model.independent_joints, robot.joint_names, strict=True):
-        if name in missing:
-            if alike := get_close_matches(name, others, cutoff=thresholds.LIKE_NAMES):
-                raise ValueError(f"`joint_names` {alike[0]!r} of the records is not a joint of the robot: {name!r}?")
-            missing[name] = float(np.clip(0.0, model.lower[j], model.upper[j]))
-            notes.append(f"{name} is not in every record: locked at {missing[name]:.4g}")
-    robot = robot.locked(missing) if missing else robot
-    notes += [f"{name} of the records is not a joint of the robot, or locked: left out" for name in others]
+    first, *rest = named
+    own = [name for name in robot.joint_names if name in first.joint_names]
+    for record in rest:
+        if (theirs := [name for name in robot.joint_names if name in record.joint_names]) != own:
+            both = f"{first.name} has {own}, {record.name} {theirs}"
+            raise ValueError(f"records must be of the same joints, {both}: give `joints` that both have")
+    others = sorted({name for r in named for name in r.joint_names} - set(robot.joint_names))
+    ends = zip(robot.joint_names, robot.lower, robot.upper, strict=True)
+    missing = {name: float(np.clip(0.0, low, high)) for name, low, high in ends if name not in own}
+    if missing and (set(others) - set(robot.model.link_joints) or len(own) < thresholds.LEAST_NAMED * robot.n):
+        both = f"{first.name} has {list(first.joint_names)} and lacks {list(missing)}"
+        cure = f", or lock these where they were, `robot.locked({missing})`" if own else ""
+        raise ValueError(f"records must name the robot's joints, {both}: give names as the robot has them{cure}")
+    notes = [f"{name} of the records is not a joint of the robot, or locked: left out" for name in others]
+    if missing:
+        notes = [f"{LOCKED}: {listed([f'{name} at {q:.4g}' for name, q in missing.items()])}", *notes]
+        cure = "if they stood elsewhere, lock them there by `robot.locked`"
+        warnings.warn(f"{notes[0]}; {cure}", IdentificationWarning, stacklevel=3)
+        robot = robot.locked(missing)
     if any(record.joint_names != robot.joint_names for record in named):
         given = tuple(record._part(slice(None), robot.joint_names) for record in named)
     return robot, given, tuple(notes)
@@ -363,10 +375,9 @@ def of_named_joints(
 def check_joints(robot: Robot, record: Record, argument: str) -> None:
     """Refuse a record of other joints, or of these in another order."""
     if record.n != robot.n:
-        names = robot.joint_names[min(record.n, robot.n - 1) :]
         cure = "give the names of those measured as `joint_names` of the Record"
         if record.n < robot.n:
-            cure += f", or lock the others: `robot.locked({dict.fromkeys(names, 0)})`"
+            cure += f", or lock the others: `robot.locked({dict.fromkeys(robot.joint_names[record.n :], 0)})`"
         raise ValueError(f"`{argument}` must be of {robot.n} joints, as the robot, got one of {record.n}: {cure}")
     if record._has_names and record.joint_names != robot.joint_names:
         raise ValueError(
