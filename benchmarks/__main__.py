@@ -75,7 +75,7 @@ def main() -> None:
     for name, (module, _) in CHARTS.items():
         tables |= module.tables(results[name])
     rewrite(DOCS / "benchmarks" / "index.md", tables)
-    readme_picture.write_pictures(results)
+    readme_picture.main()
 
 
 if __name__ == "__main__":

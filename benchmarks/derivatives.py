@@ -19,7 +19,7 @@ import mpmath
 import numpy as np
 
 import rne
-from benchmarks import derivative_calls, derivatives_picture
+from benchmarks import derivative_calls, derivatives_picture, readme_picture
 from benchmarks.cases import engines, states
 from benchmarks.derivative_calls import HESSIAN, NAMES
 from benchmarks.measure import QUICK_NOTE, is_quick, many, nanoseconds, per_state, ratio, write
@@ -150,6 +150,7 @@ def main() -> None:
     write("derivatives.json", results)
     figure.savefig(DOCS / "benchmarks" / "derivatives.png", facecolor="white")
     rewrite(DOCS / "derivatives.md", tables(results))
+    readme_picture.main()
 
 
 if __name__ == "__main__":

@@ -13,15 +13,15 @@ ERRORS = (1e-17, 1e-2)  # shown
 
 
 def picture(results: dict[str, Any]) -> Any:
-    """A column for each robot and function."""
+    """A row for each robot and function."""
     cases = results["robots"]
-    figure = blank_figure(max(4.6 * len(cases), 7), 8.6)
-    grid = figure.subplots(2, len(cases), squeeze=False)
-    figure.suptitle("Derivatives: error against time per state in batches (log scales); lower left is better")
+    figure = blank_figure(9.2, 3.3 * len(cases))
+    grid = figure.subplots(len(cases), 2, squeeze=False)
+    figure.suptitle("Derivatives: error against time per state in batches; lower left is better")
     panels = []
-    for column, (case, rows) in enumerate(cases.items()):
+    for axes, (case, rows) in zip(grid, cases.items(), strict=True):
         times = [row["ns_per_state"] for row in rows.values()]
-        for ax, second in zip(grid[:, column], (False, True), strict=True):
+        for ax, second in zip(axes, (False, True), strict=True):
             shown = {n: r for n, r in rows.items() if r["order"] != "values" and (r["order"] == HESSIAN) == second}
             ax.set(xscale="log", yscale="log", xlim=(min(times) / 3, 8 * max(times)), ylim=ERRORS)
             ax.set_title(f"{case.replace('_', ' ')}, {'second' if second else 'first'} order", fontsize="medium")

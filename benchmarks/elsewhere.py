@@ -45,20 +45,25 @@ def points(results: dict[str, Any]) -> dict[str, list[tuple[float, float, str]]]
 
 def picture(results: dict[str, Any]) -> Any:
     """A panel for each place."""
+    from matplotlib.ticker import LogLocator, NullFormatter
+
     panels = points(results)
-    figure = blank_figure(4.8 * len(panels), 4.6)
-    grid = figure.subplots(1, len(panels), squeeze=False)[0]
-    figure.suptitle("Inverse dynamics of the UR5 elsewhere: error against time per state (log scales)")
+    figure = blank_figure(6.5, 3.6 * len(panels))
+    grid = figure.subplots(len(panels), 1, squeeze=False)[:, 0]
+    figure.suptitle("Inverse dynamics of the UR5 elsewhere: error against time")
     theirs = (elsewhere_jax.FRAX, elsewhere_casadi.BY_HAND, elsewhere_casadi.ADAM, elsewhere_c.CASADI)
     for ax, (title, found) in zip(grid, panels.items(), strict=True):
         times = [time for time, _, _ in found]
         ax.set(xscale="log", yscale="log", xlim=(min(times) / 1.7, 2.6 * max(times)), ylim=ERRORS)
         ax.set_title(title, fontsize="medium")
         ax.set_xlabel("CPU time per state [ns]")
+        ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        ax.xaxis.set_major_formatter("{x:g}")
+        ax.xaxis.set_minor_formatter(NullFormatter())
         ax.grid(True, alpha=0.25)
         for time, error, name in found:
             ax.plot(time, max(error, ERRORS[0]), "o", color=OTHER if name in theirs else OURS, markersize=6)
-    grid[0].set_ylabel("worst error, relative to largest entry [1]")
+        ax.set_ylabel("worst error, relative to\nlargest entry [1]")
     lay_out(figure)
     for ax, found in zip(grid, panels.values(), strict=True):
         label_points(ax, [(t, max(e, ERRORS[0]), name, OTHER if name in theirs else OURS) for t, e, name in found])

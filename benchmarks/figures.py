@@ -12,7 +12,7 @@ from benchmarks.cases import ENGINES, QUANTITIES, title
 from benchmarks.engines import read, thousands
 from benchmarks.pages import DOCS, rewrite, table
 from benchmarks.pictures import NUMBA, OURS, PINOCCHIO
-from benchmarks.readme_picture import CALLS, METHODS
+from benchmarks.readme_picture import CALLS, COLORS, HESSIANS, METHODS
 from rne.plotting.plots import blank_figure
 
 PAGE = DOCS / "figures.md"
@@ -36,9 +36,11 @@ Results = dict[str, Any]
 def tables() -> dict[str, str]:
     """By the name of their place in the page."""
     charts = read("charts.json")["charts"]
+    runs = {place: run(*source) for place, source in RUNS.items()}
+    runs["chart-run"] += "\n\nHessians: " + run("derivatives.json", "python -m benchmarks.derivatives")
     return {
-        **{place: run(*source) for place, source in RUNS.items()},
-        "chart": of_chart(charts),
+        **runs,
+        "chart": of_chart(charts, read("derivatives.json")),
         "engines": of_engines(read("kernels.json")),
         "differences": of_differences(read("validation.json")),
         "families": of_families(read("stability.json")["evaluation"]),
@@ -56,17 +58,27 @@ def run(name: str, command: str) -> str:
     return f"*Measured by* `{command}` *on* {date}: {where}; kept in `benchmarks/results/{name}`."
 
 
-def of_chart(charts: Results) -> str:
-    """Time and error of each package: 20 000 states of the UR5, and its free swing at the middle tolerance."""
+def of_chart(charts: Results, derivatives: Results) -> str:
+    """Time and error of each package: states and Hessians of the UR5, and its free swing at the middle tolerance."""
     rows = charts["evaluation"]["robots"]["ur5"]["inverse_dynamics"]
+    second = derivatives["robots"]["ur5 inverse_dynamics"]
     runs = charts["integration"]["drift-10"]["robots"]["ur5"]["runs"]
     lines = []
-    for who, call in CALLS.items():
-        way, method = METHODS[who]
-        one = [row for row in runs if row["method"] == method and way in row["seconds"]][1]
-        swing = [f"{method}, {one['setting']}", f"{1e3 * one['seconds'][way]:.3g}", f"{one['errors'][way]:.1e}"]
-        lines.append([who, f"{rows[call]['ns_per_state']:.0f}", f"{rows[call]['worst_error']:.1e}", *swing])
-    return table(["package", "ns per state", "error", "swing by", "ms", "energy drift [J]"], lines)
+    for who in COLORS:
+        line = [who, *_time_and_error(rows.get(CALLS.get(who))), *_time_and_error(second.get(HESSIANS.get(who)))]
+        way, method = METHODS.get(who, (None, None))
+        swing = [one for one in runs if one["method"] == method and way in one["seconds"]][1:2]
+        cells = [
+            [f"{method}, {one['setting']}", f"{1e3 * one['seconds'][way]:.3g}", f"{one['errors'][way]:.1e}"]
+            for one in swing
+        ]
+        lines.append([*line, *(cells or [["-"] * 3])[0]])
+    head = ["package", "ns per state", "error", "ns per Hessian", "error", "swing by", "ms", "energy drift [J]"]
+    return table(head, lines)
+
+
+def _time_and_error(row: Results | None) -> list[str]:
+    return ["-", "-"] if row is None else [f"{row['ns_per_state']:.0f}", f"{row['worst_error']:.1e}"]
 
 
 def ratios(found: Results, engine: str, size: str) -> dict[str, float]:
@@ -100,19 +112,20 @@ def _range(values: Iterable[float]) -> str:
 
 def engines_picture(found: Results) -> Any:
     """A panel for each size of batch; a row for each robot and quantity."""
-    figure = blank_figure(11, 4.6)
+    figure = blank_figure(9, 4.8)
     panels = figure.subplots(1, len(BATCHES), sharex=True, sharey=True)
     for ax, size in zip(panels, BATCHES, strict=True):
         for engine, (color, marker) in LOOKS.items():
             values = ratios(found, engine, size)
             ax.plot(list(values.values()), list(values), marker, color=color, label=f"rne, {ENGINES[engine]}")
         ax.axvline(1, color=PINOCCHIO, label="Pinocchio")
-        ax.set(xscale="log", title=_size(found, size), xlabel="times faster than Pinocchio [1]", xlim=(0.08, 125))
+        ax.set(xscale="log", title=_size(found, size), xlim=(0.08, 125))
         ax.set_xticks(DECADES, [f"{x:g}" for x in DECADES])
         ax.grid(True, alpha=0.25)
+    figure.supxlabel("times faster than Pinocchio [1]", fontsize="medium")
     panels[0].invert_yaxis()
     handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False)
+    figure.legend(handles, labels, loc="outside upper center", ncols=3, frameon=False)
     return figure
 
 

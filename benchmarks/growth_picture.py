@@ -16,8 +16,9 @@ TICKS = (2, 6, 12, 24, 48, 100)
 def picture(results: dict[str, Any]) -> Any:
     """Six panels with log scales."""
     chains = results["chains"]
-    figure = blank_figure(15, 9)
-    axes = figure.subplots(2, 3)
+    figure = blank_figure(9.2, 11.5)
+    grid = figure.subplots(3, 2)
+    axes = grid.T.reshape(2, 3)
     figure.suptitle("Growth with the number of joints n (log scales)")
     for ax, quantity in zip(axes[0], QUANTITIES, strict=True):
         times(ax, chains, quantity, results["batch"])
@@ -27,11 +28,11 @@ def picture(results: dict[str, Any]) -> Any:
     axes[1, 1].set_title("rne: compile time")
     ticks = [n for n in TICKS if n <= max(chains["straight"])]
     errors(axes[1, 2], chains)
-    for ax in axes.flat:
+    for ax in grid.flat:
         ax.set(xscale="log", yscale="log", xlabel="joints n [1]")
         ax.set_xticks(ticks, [str(n) for n in ticks], minor=False)
         ax.minorticks_off()
-    for ax in axes.flat:
+    for ax in grid.flat:
         ax.grid(True, alpha=0.25)
         if ax.get_legend() is None:
             ax.legend(fontsize="small", frameon=False)

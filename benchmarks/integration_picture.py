@@ -44,7 +44,7 @@ def picture(results: dict[str, Any]) -> Any:
         for robot, result in panel["robots"].items()
     ]
     rows = len(panels) // 2 + 1
-    figure = blank_figure(13.0, 4.6 * rows)
+    figure = blank_figure(9.4, 3.9 * rows)
     grid = figure.subplots(rows, 2, squeeze=False).ravel()
     figure.suptitle("Wall time against error: lower left is better (log scales)")
     for ax, (title, label, result) in zip(grid, panels, strict=False):

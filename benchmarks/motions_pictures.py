@@ -32,7 +32,7 @@ def families(rows: list[dict[str, Any]]) -> Any:
     """Error over n eps times the condition, a line for each family."""
     names = list(dict.fromkeys(r["family"] for r in rows))
     methods = list(dict.fromkeys(r["method"] for r in rows))
-    figure = blank_figure(11, 6.5)
+    figure = blank_figure(9.2, 7.2)
     ax = figure.subplots()
     for m, method in enumerate(methods):
         quantity = next(q for q in QUANTITIES if method.startswith(q))
@@ -52,7 +52,7 @@ def families(rows: list[dict[str, Any]]) -> Any:
 
 def steps(found: dict[str, Any]) -> Any:
     """Largest stable steps over gain; errors of equal steps in two precisions."""
-    figure = blank_figure(11, 4.8)
+    figure = blank_figure(9.2, 4.8)
     left, right = figure.subplots(1, 2)
     for k, (method, marker) in enumerate(STYLES.items()):
         rows = [r for r in found["steps"] if r["method"] == method]
@@ -72,7 +72,7 @@ def steps(found: dict[str, Any]) -> Any:
 
 def effort(found: dict[str, Any]) -> Any:
     """Evaluations over damping and over spin."""
-    figure = blank_figure(11, 4.8)
+    figure = blank_figure(9.2, 4.8)
     left, right = figure.subplots(1, 2)
     evaluations(left, found["damping"], "damping", STIFF + EXPLICIT)
     left.set_xlabel("damping of every joint [N m s/rad]")
@@ -95,7 +95,7 @@ def evaluations(ax: Any, rows: list[dict[str, Any]], over: str, methods: tuple[s
 
 def growth(found: dict[str, Any]) -> Any:
     """Errors in chaos with their estimates; departures from rest with theirs."""
-    figure = blank_figure(11, 4.8)
+    figure = blank_figure(9.2, 4.8)
     left, right = figure.subplots(1, 2)
     for k, (rtol, one) in enumerate(found["chaos"].items()):
         left.plot(one["t"], np.maximum(one["measured"], 1e-16), color=f"C{k}", linewidth=1, label=f"rtol {rtol}")
@@ -104,7 +104,7 @@ def growth(found: dict[str, Any]) -> Any:
         left.plot(one["horizon"], 1e-3, "o", color=f"C{k}", markersize=6, fillstyle="none")
     left.axhline(1e-3, color="0.4", linestyle=":", linewidth=1)
     left.set(yscale="log", ylim=(1e-12, 20), xlabel="t [s]", ylabel="largest error of a position [rad]")
-    left.set_title("free swing, DOP853: measured, estimated (dashed), horizons (rings)", fontsize="medium")
+    left.set_title("free swing, DOP853: measured,\nestimated (dashed), horizons (rings)", fontsize="medium")
     t, rate = np.array(found["rest"]["t"]), found["rest"]["rate"]
     for k, (push, departure) in enumerate(found["rest"]["departure"].items()):
         right.plot(t, np.maximum(departure, 1e-18), color=f"C{k}", linewidth=1, label=f"push {push} rad")
@@ -112,7 +112,7 @@ def growth(found: dict[str, Any]) -> Any:
             grown = float(push) * np.exp(rate * t)
             right.plot(t[grown < 1], grown[grown < 1], "--", color=f"C{k}", linewidth=1)
     right.set(yscale="log", ylim=(1e-17, 100), xlabel="t [s]", ylabel="departure from upright [rad]")
-    right.set_title("two links upright: simulated, push e^(rate t) (dashed)", fontsize="medium")
+    right.set_title("two links upright: simulated,\npush e^(rate t) (dashed)", fontsize="medium")
     return _finished(figure, left, right)
 
 

@@ -1,11 +1,13 @@
-"""The README's chart, from the results that `python -m benchmarks` keeps: python -m benchmarks.readme_picture
+"""The README's chart, from the results that other benchmarks keep: python -m benchmarks.readme_picture
 
-Error against time of the UR5: inverse dynamics of a batch of states, and a free swing, for a light and a dark page.
+Error against time of the UR5: inverse dynamics and Hessians of batches of states, and a free swing; for a light and a
+dark page, beside each other for wide screens and below each other for phones.
 """
 
 from __future__ import annotations
 
 import json
+from itertools import product
 from typing import Any
 
 from benchmarks.integration_picture import DRIFT
@@ -13,59 +15,86 @@ from benchmarks.measure import RESULTS
 from benchmarks.pages import DOCS
 from rne.plotting.plots import blank_figure
 
-NUMBA, NUMPY, PINOCCHIO, MUJOCO = "rne, machine code", "rne, NumPy", "Pinocchio", "MuJoCo"
+NUMBA, NUMPY, PINOCCHIO, MUJOCO, CASADI = "rne, machine code", "rne, NumPy", "Pinocchio", "MuJoCo", "CasADi"
 CALLS = {
     NUMBA: "Numba kernel, batch",
     NUMPY: "kernel, batch",
     PINOCCHIO: "Pinocchio, batch",
     MUJOCO: "MuJoCo, one state",
 }
+HESSIANS = {NUMBA: "Numba, Hessian", NUMPY: "NumPy, Hessian", CASADI: "CasADi, Hessian"}
 METHODS = {NUMBA: ("numba", "DOP853"), NUMPY: ("numpy", "DOP853"), PINOCCHIO: ("pinocchio", "DOP853")}
 METHODS |= {MUJOCO: ("mujoco", "RK4")}
-THEMES = {  # ink, then the colours of the four
-    "": ("#24292f", ("#2a7f3e", "#0b62a4", "#c8501e", "#6a6a6a")),
-    "_dark": ("#d1d9e0", ("#56c271", "#5aa9ec", "#ff8c5a", "#a5a5a5")),
+COLORS = {  # on a light page, on a dark one; and the marker
+    NUMBA: ("#2a7f3e", "#56c271", "o"),
+    NUMPY: ("#0b62a4", "#5aa9ec", "s"),
+    PINOCCHIO: ("#c8501e", "#ff8c5a", "D"),
+    MUJOCO: ("#6a6a6a", "#a5a5a5", "^"),
+    CASADI: ("#8a3fa0", "#d08ae6", "v"),
 }
-MARKERS = "osD^"
+INK = {"": "#24292f", "_dark": "#d1d9e0"}  # by theme
+SIZES = {"": (12.0, 4.0), "_narrow": (5.2, 9.0)}  # [inch], by shape
+Results = dict[str, Any]
 
 
-def picture(charts: dict[str, Any], theme: str) -> Any:
-    """Two panels and a legend, with a transparent background."""
+def picture(charts: Results, derivatives: Results, theme: str = "", shape: str = "") -> Any:
+    """Three panels and a legend, with a transparent background."""
     import matplotlib as mpl
+    from matplotlib.ticker import FuncFormatter, NullFormatter
 
-    ink, colors = THEMES[theme]
     names = ("text.color", "axes.labelcolor", "axes.edgecolor", "axes.titlecolor", "xtick.color", "ytick.color")
-    with mpl.rc_context(dict.fromkeys(names, ink) | {"font.size": 11, "axes.titlesize": 11, "axes.facecolor": "none"}):
-        figure = blank_figure(9.0, 3.9)
-        left, right = figure.subplots(1, 2)
+    style = dict.fromkeys(names, INK[theme]) | {"font.size": 12, "axes.titlesize": 12, "axes.facecolor": "none"}
+    with mpl.rc_context(style):
+        figure = blank_figure(*SIZES[shape])
+        torques, hessians, swing = figure.subplots(*((3, 1) if shape else (1, 3)))
+        looks = {
+            who: {"color": pair[bool(theme)], "marker": pair[2], "markersize": 8, "label": who}
+            for who, pair in COLORS.items()
+        }
         rows = charts["evaluation"]["robots"]["ur5"]["inverse_dynamics"]
+        _points(torques, {who: rows[call] for who, call in CALLS.items()}, looks)
+        rows = derivatives["robots"]["ur5 inverse_dynamics"]
+        _points(hessians, {who: rows[call] for who, call in HESSIANS.items()}, looks)
         runs = charts["integration"]["drift-10"]["robots"]["ur5"]["runs"]
-        for (who, call), color, marker in zip(CALLS.items(), colors, MARKERS, strict=True):
-            look = {"color": color, "marker": marker, "markersize": 7, "label": who}
-            left.plot(rows[call]["ns_per_state"], rows[call]["worst_error"], linestyle="", **look)
-            way, method = METHODS[who]
+        for who, (way, method) in METHODS.items():
             chosen = [run for run in runs if run["method"] == method and way in run["seconds"]]
-            times = [1e3 * run["seconds"][way] for run in chosen]
-            right.plot(times, [run["errors"][way] for run in chosen], **look)
-        left.set(
-            title="inverse dynamics of 20 000 states", xlabel="time per state [ns]", ylabel="largest relative error [1]"
-        )
-        left.set(xlim=(20, 2e4), ylim=(1e-16, 1e-14))
-        right.set(title="free swing of 10 s", xlabel="time [ms]", ylabel=DRIFT.replace(", ", ",\n"))
-        for ax in (left, right):
+            swing.plot(
+                [1e3 * run["seconds"][way] for run in chosen], [run["errors"][way] for run in chosen], **looks[who]
+            )
+        error, time = "largest relative error [1]", "time per state [ns]"
+        torques.set(title="Inverse dynamics of 20 000 states", xlabel=time, ylabel=error, xlim=(20, 2e4))
+        hessians.set(title=f"Hessian, {derivatives['states']} states", xlabel=time, ylabel=error, xlim=(60, 2e5))
+        swing.set(title="Free swing of 10 s", xlabel="time [ms]", ylabel=DRIFT.replace(", ", ",\n"))
+        for ax in (torques, hessians, swing):
             ax.set(xscale="log", yscale="log")
             ax.grid(True, alpha=0.25)
-        figure.suptitle("UR5, error against time: lower left is better", fontsize=12)
-        handles, labels = left.get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False, labelcolor=ink)
+            for axis in (ax.xaxis, ax.yaxis):  # exponents in small print cannot be read on a phone
+                axis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}".replace("e+0", "e").replace("e-0", "e-")))
+                axis.set_minor_formatter(NullFormatter())
+        for ax in (torques, hessians):
+            ax.set(ylim=(1e-16, 1e-14))
+        found = {who: line for ax in figure.axes for line in ax.lines for who in [line.get_label()]}
+        place = {"loc": "outside lower center", "ncols": 2 if shape else len(found), "labelcolor": INK[theme]}
+        figure.legend(found.values(), found.keys(), frameon=False, **place)
     return figure
 
 
-def write_pictures(charts: dict[str, Any]) -> None:
-    """For both themes."""
-    for theme in THEMES:
-        picture(charts, theme).savefig(DOCS / "pictures" / f"speed_and_accuracy{theme}.png", transparent=True, dpi=180)
+def _points(ax: Any, rows: Results, looks: Results) -> None:
+    for who, row in rows.items():
+        ax.plot(row["ns_per_state"], row["worst_error"], linestyle="", **looks[who])
+
+
+def write_pictures(charts: Results, derivatives: Results) -> None:
+    """For both themes and shapes."""
+    for theme, shape in product(INK, SIZES):
+        path = DOCS / "pictures" / f"speed_and_accuracy{theme}{shape}.png"
+        picture(charts, derivatives, theme, shape).savefig(path, transparent=True, dpi=180)
+
+
+def main() -> None:
+    charts, derivatives = (json.loads((RESULTS / f"{x}.json").read_text("utf-8")) for x in ("charts", "derivatives"))
+    write_pictures(charts["charts"], derivatives)
 
 
 if __name__ == "__main__":
-    write_pictures(json.loads((RESULTS / "charts.json").read_text(encoding="utf-8"))["charts"])
+    main()

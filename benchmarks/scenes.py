@@ -93,7 +93,7 @@ def run(quick: bool) -> dict[str, Any]:
 def picture(results: dict[str, Any]) -> Any:
     """Operations and time per state, a bar for each scene."""
     found = results["robots"]
-    figure = blank_figure(14, 3.9 * len(found) + 0.5)
+    figure = blank_figure(9.4, 3.9 * len(found) + 0.5)
     grid = figure.subplots(len(found), 2, sharey=True, sharex="col", squeeze=False)
     figure.suptitle("What a scene costs: dx/dt per state, parts removed row by row")
     for (left, right), (robot, rows) in zip(grid, found.items(), strict=True):
@@ -109,15 +109,15 @@ def picture(results: dict[str, Any]) -> Any:
             lengths = [r[key] for r in values if key in r]
             bars = right.barh(places, lengths, color=color, height=0.38, label=label)
             right.bar_label(bars, fmt="%.0f", padding=3, fontsize="small")
-        right.legend(loc="lower right", fontsize="small", frameon=False)
         for ax in (left, right):
             ax.set_title(robot)
             ax.grid(True, axis="x", alpha=0.3)
             ax.set_axisbelow(True)
-            ax.margins(x=0.1)
+            ax.margins(x=0.2)
     grid[0, 0].invert_yaxis()
     grid[-1, 0].set_xlabel("operations per state [1]")
     grid[-1, 1].set_xlabel(f"time per state [ns], batch of {results['states']}")
+    figure.legend(*grid[0, 1].get_legend_handles_labels(), loc="outside lower center", ncols=2, frameon=False)
     return figure
 
 

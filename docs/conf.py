@@ -23,6 +23,7 @@ extensions = [
     "sphinx_gallery.gen_gallery",
     "mathml",
     "bars",
+    "charts",
 ]
 exclude_patterns = ["_extensions", "tutorials", "Thumbs.db"]  # the gallery copies tutorials to generated/tutorials
 templates_path = ["_templates"]
@@ -39,7 +40,11 @@ myst_enable_extensions = ["dollarmath", "colon_fence", "deflist"]
 myst_heading_anchors = 4
 
 autosummary_generate = True
-autosummary_context = {"member_lists": public.member_lists()}
+autosummary_context = {
+    "member_lists": public.member_lists(),
+    "own_pages": public.OWN_PAGES,
+    "summaries": public.summaries(),
+}
 autosummary_ignore_module_all = False
 autodoc_typehints = "none"  # the docstrings' types are read by people
 autodoc_member_order = "bysource"
@@ -79,7 +84,7 @@ sphinx_gallery_conf = {
 
 def remove_stale_pages(app):
     """Forget pages that an earlier build generated from names and tutorials that are gone."""
-    kept = {f"rne.{name}" for name in public.names()} | {path.stem for path in (HERE / "tutorials").glob("*.py")}
+    kept = public.pages() | {path.stem for path in (HERE / "tutorials").glob("*.py")}
     for page in (HERE / "generated").rglob("*.rst"):
         if page.stem not in kept | {"index"}:
             page.unlink()

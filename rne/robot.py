@@ -40,7 +40,7 @@ class Robot(InNotebooks):
     Arrays of joint values have shape (..., n): leading axes are independent states. All quantities are in SI units,
     angles in radians. The first call of a method for a single state runs the recursion; later calls and batches run its
     kernel, traced for this robot (see `compile`). A ValueError names an array that has the wrong shape or is not
-    finite, and a NotFiniteError, which is one too, a result that overflows; methods list what else they raise.
+    finite, a NotFiniteError a result that overflows; methods list what else they raise.
 
     Parameters
     ----------

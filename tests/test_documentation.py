@@ -57,6 +57,19 @@ def load_public():
 
 
 PUBLIC = load_public()
+
+
+def test_charts_that_are_too_wide_for_a_phone_keep_a_legible_width():
+    """8 points are 9 pixels at 81 pixels an inch; a chart with a narrow drawing shows that instead."""
+    pytest.importorskip("sphinx")
+    spec = importlib.util.spec_from_file_location("charts", DOCS / "_extensions" / "charts.py")
+    charts = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(charts)
+    assert charts.legible(DOCS / "pictures" / "control_errors.png") == 0  # 5 inches
+    assert charts.legible(DOCS / "benchmarks" / "growth.png") == round(9.2 * 81)
+    assert (DOCS / "pictures" / "speed_and_accuracy_narrow.png").is_file()
+
+
 NOT_ASKED = {
     "ES01": "the summary and the sections say it",
     "SA01": "links stand where they are needed",

@@ -1,10 +1,12 @@
 """docs/figures.md: its numbers are those of the kept results, and its own two pictures show them."""
 
 import re
+import runpy
 
 import numpy as np
 import pytest
 
+import rne
 from benchmarks import figures
 from benchmarks.engines import read
 from benchmarks.pages import BLOCK, filled
@@ -58,6 +60,26 @@ def test_picture_of_the_differences_shows_every_robot():
     for line, values in zip(ax.lines, figures.differences(found).values(), strict=False):
         assert list(line.get_xdata()) == values
     assert len(values) < len(found["robots"]) + 1 == len(ax.lines[0].get_xdata())
+
+
+def test_counts_of_the_page_of_theory_are_those_of_its_pictures():
+    """Rules of the graph only save operations, and the last count is that of the kernel."""
+    page = (ROOT / "docs" / "explanation" / "theory.md").read_text(encoding="utf-8")
+    script = runpy.run_path(str(ROOT / "docs" / "pictures" / "theory.py"))
+    for function, model in (
+        (rne.dynamics.gravity_torque, script["arm"]()),
+        (rne.dynamics.inverse_dynamics, rne.irb140()),
+    ):
+        counts = [script["operations"](*graph) for graph in script["stages"](function, model).values()]
+        assert counts == sorted(counts, reverse=True)
+        kinds = rne.compile(function, model).operations
+        assert counts[-1] == sum(kinds.values()) - kinds.get("negative", 0)  # signs are kept at the lines
+    assert "{} as written, {} folded, {} shared, {} with masses moved".format(*counts) in page
+    assert "52 operations as they are written, 10 when simplified" in page
+    arm = rne.Robot(script["arm"]())
+    q1, q2 = 0.3, 0.4
+    g2 = 2 * 0.2 * 9.81 * np.cos(q1 + q2)
+    np.testing.assert_allclose(arm.gravity_torque([q1, q2]), [4 * 0.4 * 9.81 * np.cos(q1) + g2, g2], rtol=1e-12)
 
 
 @pytest.mark.long

@@ -289,7 +289,7 @@ def test_main_job_writes_page_and_pictures(tmp_path, short, capsys):
     page = (tmp_path / "index.html").read_text()
     assert "<th>mass behind the joint [kg]</th>" in page
     assert "<td>joint_1</td><td>75</td>" in page
-    for picture in ("speed.png", "motion_1.png", "swing_1.png"):
+    for picture in ("speed.png", "least.png", "slopes.png", "motion_1.png", "swing_1.png"):
         assert picture in page
         assert (tmp_path / picture).read_bytes().startswith(b"\x89PNG")
     assert page.index('<img src="motion.gif"') < page.index("<p>An industrial arm") < page.index("<nav>")
@@ -299,6 +299,8 @@ def test_main_job_writes_page_and_pictures(tmp_path, short, capsys):
         assert f"<p>Inverse dynamics, {form} a call:</p>" in page
     for who in ("rne, NumPy", "rne, machine code", "Pinocchio"):
         assert len(re.findall(f"<td[^>]*>{who}</td>", page)) == 4
+    assert page.count("Pinocchio, one state a call") == 2
+    assert "The motion with the least torque, found on this machine" in page
     assert not re.search(r"\(\d+\.\d+\)|\b\d\.\d-\d\b|Criterion", page)  # equations and runs that are explained nowhere
 
 
@@ -344,15 +346,22 @@ def test_the_largest_torque_is_none_below_the_one_beside_it(two):
     assert all(float(row[2]) > 0 for row in rows)
 
 
-def test_speed_stands_beside_the_faster_of_pinocchios_calls():
+def test_speed_stands_beside_the_faster_of_pinocchios_calls_in_its_table():
     def measured(form, who, seconds):
         return Measured(Way(INVERSE, form, who, lambda: None, 1, lambda: None), seconds, 1e-15)
 
     found = [measured(ONE, NUMPY, 6e-6), measured(BATCH, NUMPY, 1e-6)]
-    assert [rows[1][2] for rows in speed_tables(found).values()] == ["-", "-"]
+    assert [rows for rows in speed_tables(found).values()] == [  # without Pinocchio no column of dashes
+        [["computed by", "µs a state", "largest error"], [NUMPY, seconds, "1.0e-15"]] for seconds in ("6", "1")
+    ]
     found += [measured(ONE, PINOCCHIO, 2e-6), measured(BATCH, PINOCCHIO, 3e-6)]
-    tables = speed_tables(found)
-    assert [rows[1][1:3] for rows in tables.values()] == [["6", "3.0 times slower"], ["1", "2.0 times faster"]]
+    one, many = speed_tables(found).values()
+    assert [row[:3] for row in one[1:]] == [[NUMPY, "6", "3.0 times slower"], [PINOCCHIO, "2", "-"]]
+    assert [row[:3] for row in many[1:]] == [
+        [NUMPY, "1", "2.0 times faster"],
+        [f"{PINOCCHIO}, one state a call", "2", "-"],
+        [PINOCCHIO, "3", "-"],
+    ]
 
 
 def test_errors_over_times_are_drawn_on_logarithmic_axes():

@@ -40,18 +40,24 @@ def test_figures_are_those_of_the_last_measurement():
     )
 
 
-@pytest.mark.parametrize("theme", readme_picture.THEMES)
-def test_chart_shows_the_kept_results(theme):
+@pytest.mark.parametrize("shape", readme_picture.SIZES)
+@pytest.mark.parametrize("theme", readme_picture.INK)
+def test_chart_shows_the_kept_results(theme, shape):
     """Every point of the committed results is on the chart, and the README shows it."""
-    charts = engines.read("charts.json")["charts"]
-    left, right = readme_picture.picture(charts, theme).axes
-    rows = charts["evaluation"]["robots"]["ur5"]["inverse_dynamics"]
-    shown = {line.get_label(): line.get_xydata().tolist() for line in left.lines}
-    assert shown == {
-        who: [[rows[call]["ns_per_state"], rows[call]["worst_error"]]] for who, call in readme_picture.CALLS.items()
-    }
-    assert [len(line.get_xydata()) for line in right.lines] == [3] * 4
-    picture = f"docs/pictures/speed_and_accuracy{theme}.png"
+    charts, derivatives = engines.read("charts.json")["charts"], engines.read("derivatives.json")
+    torques, hessians, swing = readme_picture.picture(charts, derivatives, theme, shape).axes
+    rows = charts["evaluation"]["robots"]["ur5"]["inverse_dynamics"], derivatives["robots"]["ur5 inverse_dynamics"]
+    for ax, calls, found in zip(
+        (torques, hessians), (readme_picture.CALLS, readme_picture.HESSIANS), rows, strict=True
+    ):
+        shown = {line.get_label(): line.get_xydata().tolist() for line in ax.lines}
+        assert shown == {
+            who: [[found[call]["ns_per_state"], found[call]["worst_error"]]] for who, call in calls.items()
+        }
+        (left, right), (low, high) = ax.get_xlim(), ax.get_ylim()
+        assert all(left < x < right and low < y < high for ((x, y),) in shown.values())
+    assert [len(line.get_xydata()) for line in swing.lines] == [3] * 4
+    picture = f"docs/pictures/speed_and_accuracy{theme}{shape}.png"
     assert picture in README
     assert (ROOT / picture).is_file()
 

@@ -53,10 +53,13 @@ GROUPS = {
     "Robot": {
         "Dynamics": "inverse_dynamics forward_dynamics mass_matrix gravity_torque bias_torque coriolis_torque "
         "coriolis_matrix recursion diagnose bounds",
-        "Kinematics and energies": "link_poses jacobian jacobian_rate kinetic_energy potential_energy momentum",
-        "Derivatives": "inverse_dynamics_derivatives forward_dynamics_derivatives linearize",
+        "Kinematics and energies": "link_poses jacobian jacobian_rate centre_of_mass "
+        "centre_of_mass_jacobian kinetic_energy potential_energy momentum",
+        "Task space": "task_inertia task_bias task_inverse null_space",
+        "Derivatives": "inverse_dynamics_derivatives forward_dynamics_derivatives linearize inverse_dynamics_gradient "
+        "forward_dynamics_gradient inverse_dynamics_hessian forward_dynamics_hessian",
         "Inertial parameters": "parameters regressor control_regressor base_parameters",
-        "Changed robots": "with_payload with_parameters with_limits locked mounted",
+        "Changed robots": "with_payload with_armature with_parameters with_limits locked mounted",
         "Joints, links and limits": "model n joint_names link_names joint_order lower upper velocity_limit "
         "effort_limit acceleration_limit deceleration_limit jerk_limit",
         "Kernels": "engine compile kernel",
@@ -66,11 +69,12 @@ GROUPS = {
         "Files": "save load to_csv to_dataframe",
     },
     "Scene": {
-        "Dynamics": "n inverse_dynamics forward_dynamics",
+        "Dynamics": "n inverse_dynamics forward_dynamics check_gains",
         "The kernel": "kernel is_traced traced_samples cost to_casadi",
     },
 }
 FEWEST = 3  # members that make a list worth its lines
+OWN_PAGES = {"rne.Robot"}  # classes so large that each member has a page of its own
 
 
 def names() -> list[str]:
@@ -115,6 +119,18 @@ def member_lists() -> dict[str, list[tuple[str, list[str]]]]:
             title = "Further" if groups else "Methods and properties"
             lists[f"rne.{name}"] = groups + ([(title, rest)] if rest else [])
     return lists
+
+
+def summaries() -> dict[str, str]:
+    """What each class is, in one sentence: {"rne.Robot": "..."}."""
+    classes = {name: found for name in names() if inspect.isclass(found := resolve(name))}
+    return {f"rne.{name}": (inspect.getdoc(owner) or "").partition("\n\n")[0] for name, owner in classes.items()}
+
+
+def pages() -> set[str]:
+    """Names of the generated pages of the reference."""
+    single = {f"rne.{name}" for name in members() if f"rne.{name.rpartition('.')[0]}" in OWN_PAGES}
+    return single | {f"rne.{name}" for name in names()}
 
 
 def is_member(thing: Any) -> bool:

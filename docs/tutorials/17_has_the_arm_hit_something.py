@@ -64,7 +64,7 @@ assert 0.6 < pushed.first_contact < 0.61
 # %%
 # A payload
 # ---------
-# A part that the model does not carry is told from a contact by its inertia and weight,
+# A part that the model does not carry differs from a contact by its inertia and weight,
 # as long as the arm moves: at rest a weight and a push are the same.
 
 loaded = real.with_payload(3.0).inverse_dynamics(q, qd, qdd) + actual.torque(model, qd)

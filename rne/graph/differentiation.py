@@ -73,7 +73,7 @@ SINGULAR = {"divide", "arctan2", "sqrt"}  # their slope may be infinite where th
 
 
 def _choice(g: Graph, index: int) -> tuple[int, int, int] | None:
-    """Of `where`, minimum and maximum: the condition, what it takes and what otherwise."""
+    """The condition of `where`, minimum and maximum, its value where it holds, and elsewhere."""
     kind, args = g.nodes[index]
     if kind == "where":
         return args

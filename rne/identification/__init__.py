@@ -5,7 +5,7 @@ from .diagnosis.hypotheses import Cause, Hypothesis
 from .diagnosis.rigid_body_test import Consistency, EnergyBalance
 from .drive_gains import DriveGains, identify_drive_gains
 from .exciting_motions.motion import Excitation, excitation
-from .fit.least_squares import LeastSquares, Unexplained
+from .fit.least_squares import Bias, LeastSquares, Unexplained
 from .log.prepared import Prepared
 from .log.record import Record
 from .log.screening import RecordFinding
@@ -14,6 +14,7 @@ from .payload import PayloadEstimate, identify_payload
 from .result import Check, Identification
 
 __all__ = [
+    "Bias",
     "Candidate",
     "Cause",
     "Check",

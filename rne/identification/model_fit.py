@@ -5,13 +5,15 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import per_joint_array, positive_number
+from ..basics.arrays import per_joint_array, positive_number, real_array
 from ..basics.spatial import Array
+from ..basics.text import counted
 from ..dynamics.base_inertial_parameters import BaseParameters, with_springs
 from ..errors import IdentificationError, IdentificationWarning
 from ..model.parameters import PARAMETERS, parameters_of_pseudo_inertia
@@ -26,6 +28,7 @@ from .diagnosis.hypotheses import (
     Cause,
     Hypothesis,
     delay_text,
+    delays_by_instruments,
     delays_of,
     derivative_by,
     hypotheses_argument,
@@ -35,11 +38,21 @@ from .diagnosis.hypotheses import (
 )
 from .diagnosis.residuals import FitResiduals
 from .fit.consistent import geometric_prior, model_prior
-from .fit.equations import Equations, RegressionData, build_regression, of_named_joints
+from .fit.equations import (
+    Equations,
+    Motion,
+    RegressionData,
+    along,
+    build_regression,
+    checked_records,
+    of_named_joints,
+)
 from .fit.least_squares import Estimator, LeastSquares, held_out, least_squares, with_correlation
 from .log.record import Record
 from .result import IMPOSSIBLE, NOT_CONSISTENT, NOT_SOUGHT, WRONG_SIGN, Identification
 
+Instruments = Motion | ArrayLike | Sequence[Motion | ArrayLike]
+FROM_INSTRUMENTS = "the cut-off is that of the motion of the instruments, in which there is no noise"
 NO_ROTORS = (
     "rotors are not fitted: none is told from zero, or reaches 10 % of its joint's inertia, as where torques are "
     "measured behind the gears"
@@ -61,6 +74,7 @@ def identify(
     hypotheses: Sequence[Hypothesis] = (),
     causes: bool = True,
     springs: Sequence[Spring | JointSpring] = (),
+    instruments: Instruments | None = None,
 ) -> Identification:
     """Parameters of a robot's bodies, rotors and friction from measured motions.
 
@@ -109,6 +123,11 @@ def identify(
         Springs whose places are known and whose stiffness and length are found, whatever numbers they are given, at
         their given force; of springs at joints, and of those without length, the stiffness alone. A rest of a joint
         that is given wrongly is found as an offset.
+    instruments : callable or array_like, shape (T, n), or a sequence of one for each record, optional
+        A motion without noise that resembles the measured one: what the controller was to follow, or a simulation of
+        the loop; a function of time, such as those of `rne.trajectories` and a Trajectory, or positions at the times of
+        the record [rad or m]. Estimates then are by instrumental variables, which noise of the positions, fed back by
+        the controller or not, does not bias. Of the causes only delays are looked for.
 
     Returns
     -------
@@ -133,7 +152,7 @@ def identify(
     Notes
     -----
     Gautier and Khalil 1990; Siciliano et al. 2009, section 7.3. Consistency: Wensing, Kim and Slotine 2018; the
-    divergence from the prior: Lee, Wensing and Park 2020.
+    divergence from the prior: Lee, Wensing and Park 2020. Instruments: Janot, Vandanjon and Gautier 2014.
 
     Examples
     --------
@@ -159,10 +178,16 @@ def identify(
     known = prior_robot(robot, prior) if consistent else None
     stds = thresholds.PRIOR_STDS_OF_GUESS if isinstance(prior, str) else (thresholds.PRIOR_STD,)
     stds = stds if prior_std is None else (positive_number("prior_std", prior_std),)
-    options = {"minimum_velocity": minimum_velocity, "cutoff": cutoff, "folds": folds}
+    options: dict[str, Any] = {"minimum_velocity": minimum_velocity, "cutoff": cutoff, "folds": folds}
+    motions = motions_of(instruments, checked_records(robot, records))
+    if motions and cutoff is None:
+        options["cutoff"] = cutoff_of_instruments(records, motions)
+    options |= {"instruments": motions}
     tried = hypotheses_argument(hypotheses) if causes else None
     if hypotheses and not causes:
         raise ValueError("`hypotheses` are tried as causes: leave them out, or set `causes=True`")
+    if tried and motions:
+        raise ValueError("`hypotheses` are judged by least squares, which `instruments` replace: leave out one of them")
     base, data, likely, modelled, declined = fit_with_delays(robot, records, drives, delay, options, tried, fitted)
     standard = base.standard
     guess, notes = (None, ()) if known is None else prior_bodies(known, standard, data.fitted)
@@ -190,6 +215,7 @@ def identify(
             f"prior_std {std:g}: with a larger one, torques that are not explained ask for one body of a mass "
             "above the guess of all",
         )
+    matched += (FROM_INSTRUMENTS,) * (bool(motions) and cutoff is None)
     notes = (*matched, *data.notes, *map(taken_text, modelled), *declined, *notes)
     notes += (*ignored_drives(standard), *negative_drives(robot, base, estimate), *[NOT_SOUGHT] * (not causes))
     trust = errors, correlation_time, lower - estimate.values, drift_error, merged_by_kind(likely)
@@ -233,8 +259,13 @@ def fit_with_delays(
                 data, estimate = fit_with_loads(robot, records, base, options | {"delays": delays})
         rest = FitResiduals(robot, base, data, estimate.values, estimate.sigma)
         is_last = k == thresholds.DELAY_ROUNDS
-        found = [] if is_last or delay is not None else delays_of(rest.beyond_friction)
-        if not found:
+        found: list[Cause] = []
+        causes: tuple[Cause, ...] = ()
+        if not is_last and delay is None:
+            motions = zip(data.prepared, options["instruments"], strict=False)
+            moved = [along(record, motion) for record, motion in motions]
+            found = delays_by_instruments(rest, moved) if moved else delays_of(rest.beyond_friction)
+        if not found and data.Z is None:
             causes, leading = likely_causes(rest, hypotheses)
             if leading is not None and not is_last and delay is None:  # which may hide a delay
                 found = delays_of(rest.beyond_friction.with_known(leading))
@@ -322,6 +353,33 @@ def fit_with_loads(
         if (moved <= thresholds.LOAD_SETTLED * estimate.errors).all():
             break
     return data, estimate
+
+
+def motions_of(given: Any, records: Sequence[Record]) -> tuple[Motion, ...]:
+    """The motions of the instruments, one for each record; none if they are not given."""
+    from scipy.interpolate import CubicSpline
+
+    if given is None:
+        return ()
+    several = isinstance(given, Sequence) and all(callable(x) or np.ndim(x) == 2 for x in given)
+    each = list(given) if several else [given] * (len(records) if callable(given) else 1)
+    if len(each) != len(records):
+        raise ValueError(f"`instruments` must be of {counted(len(records), 'record')}, got {len(each)}")
+    motions = []
+    for k, (motion, record) in enumerate(zip(each, records, strict=True)):
+        if not callable(motion):
+            t, rows = np.unique(record.t, return_index=True)
+            q = real_array(f"instruments[{k}]", motion, f"({len(record.t)}, {record.n})")[rows]
+            spline = CubicSpline(t, q)
+            motion = partial(lambda s, t: (s(t), s(t, 1), s(t, 2)), spline)
+        motions.append(motion)
+    return tuple(motions)
+
+
+def cutoff_of_instruments(records: Sequence[Record], motions: Sequence[Motion]) -> float:
+    """The cut-off for motions without noise, from which the noise of the measured positions cannot be told [Hz]."""
+    moved = [along(record.prepare(), motion) for record, motion in zip(records, motions, strict=True)]
+    return max(Record(m.t, m.q, m.tau).prepare().cutoff for m in moved)
 
 
 def fitted_springs(springs: Sequence[Spring | JointSpring], robot: Robot, moved: Robot) -> Springs | None:

@@ -34,7 +34,16 @@ from .diagnosis.hypotheses import GEARS, Cause
 from .diagnosis.rigid_body_test import Consistency, certified
 from .fit.consistent import expected_sizes, model_prior
 from .fit.equations import LOCKED, Equations, RegressionData, check_joints, delayed, solve
-from .fit.least_squares import Estimator, LeastSquares, Unexplained, believed_noise, held_out, with_correlation
+from .fit.least_squares import (
+    Bias,
+    Estimator,
+    LeastSquares,
+    Unexplained,
+    believed_noise,
+    bias_of_least_squares,
+    held_out,
+    with_correlation,
+)
 from .log.prepared import Prepared
 from .log.record import Record
 
@@ -148,6 +157,7 @@ class Identification(InNotebooks):
         if (
             not self.unexcited
             and NOT_SOUGHT not in self.notes
+            and self.data.Z is None
             and any(all(cause.removed[j] < thresholds.EXPLAINS for cause in self.causes) for j in poor)
         ):
             lines.append(UNKNOWN)
@@ -388,7 +398,8 @@ class Identification(InNotebooks):
         springs = self.standard.groups.get("springs", slice(0))  # the last ones, which are kept
         kept, every = list(range(self.base.count)), self.equations.merged().mapped(self.base.back)
         while True:
-            equations = Equations(every.factors[..., [*kept, -1]], every.rows)
+            places = [*range(every.instruments), *(every.instruments + k for k in kept), -1]
+            equations = replace(every, factors=every.factors[..., places])
             solution = solve(equations.weighted(self.estimate.sigma))
             x, unknown = solution.x, np.where(solution.free, np.inf, 0.0)
             found = replace(self.estimate, values=x, errors=unknown, covariance=np.zeros((len(kept), len(kept))))
@@ -601,6 +612,13 @@ class Identification(InNotebooks):
         variance = np.maximum(size**2 - mean**2, np.finfo(float).tiny)
         return np.asarray(1 - (self.unexplained.in_motion * size) ** 2 / variance)
 
+    @cached_property
+    def bias(self) -> Bias | None:
+        """Whether noise that the controller feeds back biases least squares, by the instruments; None without."""
+        if self.data.Z is None:
+            return None
+        return bias_of_least_squares(self.estimate, self.equations.mapped(self.base.back), self.correlation_time)
+
     @property
     def verdict(self) -> str:
         """What the model is good for, in one sentence: joints predicted within 15 % on held-out blocks are good."""
@@ -641,9 +659,11 @@ class Identification(InNotebooks):
         if details:
             further = [springs_text] * (self.standard.springs is not None) + [bodies_text] * self.consistent
             told = [text(self) for text in (fitted_text, joints_text, causes_text, parameters_text, *further)]
-            return "\n\n".join([self.verdict, *told, self._essential, self.consistency().report()])
+            told = [self.verdict, *bias_text(self), *told]
+            return "\n\n".join([*told, self._essential, self.consistency().report()])
         parts = [first_of(text(self), most) for text, most in SHORT.items()]
-        return "\n".join([self.verdict, *parts, self._essential, first_of(self.consistency().report(), 1), MORE])
+        parts = [self.verdict, *bias_text(self), *parts, self._essential, first_of(self.consistency().report(), 1)]
+        return "\n".join([*parts, MORE])
 
 
 def first_of(text: str, most: int) -> str:
@@ -663,6 +683,19 @@ KINDS: Kinds = {kind: (names_of(kind), kind) for kind in (*OF_MODELS, *OF_FITS)}
         lambda standard, **others: BaseParameters(standard, body_regressor=Robot(standard.model).regressor, **others),
     ),
 }
+
+
+def bias_text(found: Identification) -> list[str]:
+    """Whether least squares would be biased, if there are instruments that tell."""
+    if found.bias is None:
+        return []
+    told = f"Durbin-Wu-Hausman p = {found.bias.probability:.2g}"
+    if found.bias.probability > thresholds.BIASED:
+        return [f"noise that is fed back does not bias least squares by more than chance ({told})"]
+    far = np.abs(found.bias.shift) / np.maximum(found.bias.errors, np.finfo(float).tiny)
+    k = int(np.nanargmax(far))
+    text = f"least squares is biased by noise that is fed back ({told}), by up to {far[k]:.2g} of its standard errors"
+    return [f"{text} ({found.base.names[k]})" + ": use these estimates, by instrumental variables" * bool(far[k] > 1)]
 
 
 def unexplained_text(names: Sequence[str], in_motion: Array) -> list[str]:
@@ -730,6 +763,8 @@ def causes_text(found: Identification) -> str:
     lines: list[str] = []
     if found.unexcited:
         return found.unexcited
+    if found.data.Z is not None:
+        return "causes of what is left, other than delays, are not looked for with instruments"
     for j, (name, left) in enumerate(zip(found.initial.joint_names, found.unexplained.in_motion, strict=True)):
         if left > thresholds.EXPLAINED:
             own = [cause.text for cause in found.causes if cause.removed[j] > thresholds.EXPLAINS]

@@ -93,6 +93,8 @@ NOTHING = 1e-12  # length of a column, of the longest, that is rounding
 DEPENDENT = 1e-10  # singular values of columns of unit length, of the largest, that are rounding
 UNDETERMINED = 1e-6  # share of an unknown in the directions that the equations leave free, from which it is free
 BEYOND_DOUBT = 4.0  # standard errors: 6e-5 by chance, a few hundred parameters are looked at; statistics
+BIASED = 0.05  # probability of the Durbin-Wu-Hausman test, below which least squares is said to be biased; statistics
+RESEMBLES = 1.2  # deviation of instruments, of the joint's motion: motions that have nothing in common have 1.4
 RESPONSE_PERIODS = 8.0  # periods of the cut-off after which nothing is left of the filter's response; numerics
 SUM_WINDOW = 5.0  # the sum of autocorrelations ends at so many times itself (Sokal's rule)
 
@@ -159,6 +161,7 @@ ACTIVE = 0.97  # share of a limit from which it is called active
 
 # Diagnosis: causes of residuals ------------------------------------------------------------------------------------
 EVIDENT = 8.0  # gain of log likelihood of a cause that is named: odds of 3000 to 1; CLEAN: 2 of 200 warn
+DELAY_SETTLED = 0.1  # standard errors of a delay by instruments, below which it need not be taken anew; statistics
 LATEST = 0.1  # delay [s] above which no logger is late; FAULTS have 8 ms
 BETTER = 0.03  # part of a joint's held-out error that a cause has to take away; FAULTS
 WORSE = 0.2  # of the gain of likelihood held out: what a cause may cost one joint; FAULTS

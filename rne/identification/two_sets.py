@@ -279,6 +279,8 @@ def two_sets(
     if isinstance(robot, Identification):
         if without is not None or drives is not None:
             raise ValueError("an Identification has its records and drives: `without` and `drives` must be None")
+        if robot.data.Z is not None:
+            raise ValueError("`robot` must be identified without `instruments`, or give the records as `without`")
         with_load = checked_records(*of_named_joints(robot.initial, with_load)[:2], "with_load")
         second = build_regression(robot.initial, with_load, robot.base, *further, robot.delay.mean(0))
         return TwoSets(robot.initial, robot.base, robot.data, second, *no_load(robot.base))

@@ -233,7 +233,7 @@ class Model:
 
     @cached_property
     def coupled_joints(self) -> tuple[tuple[int, list[int], Any], ...]:
-        """Of each coupling the joint, its drivers' places among the coordinates, and itself."""
+        """Each coupling's joint, its drivers' places among the coordinates, and the coupling itself."""
         place, joints = self.moving_joints.index, self.joint_names
         return tuple((place(c.joint), [joints.index(name) for name in c.drivers], c) for c in self.couplings)
 

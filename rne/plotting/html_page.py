@@ -86,9 +86,10 @@ DARK_COLORS = (  # matplotlib's ten, of the same hues
 NARROW, SHORT, LONGEST = 46, 12, 30  # characters of a row on a phone, of a cell that is never broken, of the longest
 SKY = "#e4e9f0"  # behind the robot on light and dark pages, as in the viewer
 FILM_FPS = 8.0  # frames per second of the picture in place of a 3-D view
-THREE_D = (  # where a browser can draw it; the picture stays otherwise
+THREE_D = (  # where a browser can draw it, over the picture until it does; the picture stays otherwise
     "<script>if(document.createElement('canvas').getContext('webgl2'))document.currentScript.previousElementSibling"
-    '.outerHTML=\'<iframe src="%s.html" title="3-D view"></iframe>\'</script>'
+    '.outerHTML=\'<iframe src="%s.html" title="3-D view" style="background:center/contain no-repeat url(%s.gif)">'
+    "</iframe>'</script>"
 )
 
 
@@ -218,7 +219,7 @@ def _html(block: PageBlock, number: int) -> str:
         return f'<picture>{dark}<img src="{name}.png" alt="{escape(caption)}"></picture>'
     if tag == "film":
         name, caption, in_3d = content
-        return f'<img src="{name}.gif" alt="{escape(caption)}">' + (THREE_D % name if in_3d else "")
+        return f'<img src="{name}.gif" alt="{escape(caption)}">' + (THREE_D % (name, name) if in_3d else "")
     if tag == "table":
         header, *rows = [[escape(cell) for cell in line] for line in content]
         is_wide = _is_wide(content)

@@ -39,9 +39,10 @@ STYLE = (
     "font:13px/1.5 system-ui,sans-serif;color:#334}"
     "#rne i{display:inline-block;width:.8em;height:.8em;margin-right:.5em;border:1px solid #667}"
     "#rne label{pointer-events:auto;cursor:pointer}#rne input{margin:0 .5em 0 0;vertical-align:-.15em}"
-    ".mantine-Notifications-root{display:none}"  # about slow graphics, over the scene
+    ":root{color-scheme:light dark}.mantine-Notifications-root{display:none}"  # about slow graphics, over the scene
+    "body,div:has(>.mantine-Progress-root){background:none!important}"  # while it loads a page shows its picture
     ".mantine-Select-wrapper{width:4.4em!important}"  # viser's is too narrow for the speeds
-    f"canvas[data-engine]{{background:{SKY}}}@media(prefers-color-scheme:dark)"
+    f"canvas[data-engine]{{background:{SKY};opacity:1!important}}@media(prefers-color-scheme:dark)"  # viser fades it in
     f"{{#rne{{color:#dde}}canvas[data-engine]{{background:{NIGHT}}}}}"
 )
 # A window that is higher than wide sees less to the sides: the camera goes back. viser takes it from the address.

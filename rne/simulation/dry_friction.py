@@ -99,7 +99,7 @@ class DryPlant(Plant):
 
     @property
     def modes(self) -> Array:  # type: ignore[override]
-        """Of each joint, as the equations take them: whether it slips; its dry friction torque."""
+        """Whether each joint slips, and its dry friction torque, as the equations take them."""
         modes = self.known_modes.get(key := self.mode.tobytes())
         if modes is None:
             slips, (forward, back) = self.mode != 0, self.coulomb

@@ -93,7 +93,7 @@ class _Limits:
 
     @cached_property
     def kinds(self) -> tuple[int, ...]:
-        """Of each n rows: 0 if they are limited on both sides, 1 above, 2 below."""
+        """Kinds of limits of each n rows: 0 if they are limited on both sides, 1 above, 2 below."""
         return (1, 2, 1, 2) if np.any(self.friction.load) else (0, 1, 2)
 
     def rows(self, torque: Array, acceleration: Array) -> Array:

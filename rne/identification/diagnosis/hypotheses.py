@@ -25,6 +25,8 @@ from ...model.model import Model
 from ...model.parameters import PARAMETERS
 from ...robot import Robot
 from .. import thresholds
+from ..fit.equations import in_space_of_instruments, solve, triangular
+from ..log.prepared import Prepared
 from ..log.screening import seconds
 from .residuals import TINY, Discrepancy, FitResiduals, Torques, by_joint, extended
 
@@ -278,6 +280,23 @@ def delays_of(rest: FitResiduals) -> list[Cause]:
     places = [(joints, k if joints is names else np.nan) for joints, x in chosen for k in range(x.shape[-1])]
     sizes = zip(places, c.tolist(), errors.tolist(), strict=True)
     return [Cause("delay", joints, "", np.nan, x, e, at) for (joints, at), x, e in sizes]
+
+
+def delays_by_instruments(rest: FitResiduals, moved: Sequence[Prepared]) -> list[Cause]:
+    """Delays of records, by instrumental variables, until nothing changes: what is not sure is taken as estimated."""
+    data, names = rest.data, rest.names
+    along = FitResiduals(rest.robot, rest.base, replace(data, prepared=tuple(moved)), rest.beta, rest.sigma)
+    each = np.equal.outer(rest.record, np.arange(len(data.prepared)))[:, None]
+    instruments, columns = (
+        np.concatenate([x, residuals.delay_column * each], axis=-1)
+        for x, residuals in ((data.Z, along), (rest.Y @ rest.base.back, rest))
+    )
+    rows = np.concatenate([instruments, columns, rest.tau[..., None]], axis=-1)
+    fit = solve(in_space_of_instruments(triangular(rest.weighted(rows)), instruments.shape[-1]))
+    errors = np.sqrt(rest.correlation) * np.linalg.norm(fit.inverse, axis=1)
+    late = [(k, float(fit.x[p]), float(errors[p])) for k, p in enumerate(range(rest.base.count, len(fit.x)))]
+    found = [(k, x, e) for k, x, e in late if thresholds.DELAY_SETTLED * e < abs(x) < thresholds.LATEST]
+    return [Cause("delay", names, "", np.nan, x, e, float(k)) for k, x, e in found]
 
 
 def merged_by_kind(causes: Sequence[Cause]) -> tuple[Cause, ...]:

@@ -133,7 +133,7 @@ def certified(base: BaseParameters, data: RegressionData, held_out: Array) -> Co
     """The verdict on the equations of records, with what is left of the torques in motion on held-out blocks."""
     from scipy.stats import f
 
-    fitted = data.fitted.mapped(base.back)
+    fitted = data.fitted.without_instruments().mapped(base.back)
     rows, size = fitted.rows.sum(0), fitted.torques()
     least = thresholds.PRECISION**2 * np.maximum(size, thresholds.PRECISION**2 * size.max(initial=0)) + TINY
     own, squares, ranks = zip(*(single_joint_fit(fitted.of_joint(j)) for j in range(fitted.joints)), strict=True)

@@ -214,7 +214,7 @@ def expected_sizes(P: Array, base: BaseParameters, equations: Equations) -> Arra
     mass, second = P[:, 3, 3], np.trace(P[:, :3, :3], axis1=1, axis2=2)
     first = np.sqrt(mass * second)
     bodies = np.concatenate([mass[:, None], np.repeat(first[:, None], 3, 1), np.repeat(second[:, None], 6, 1)], axis=1)
-    columns = np.sqrt((equations.factors[..., bodies.size : -1] ** 2).sum((0, 2)))  # joints, drives
+    columns = np.sqrt((equations.columns[..., bodies.size : -1] ** 2).sum((0, 2)))  # joints, drives
     shares = (columns / np.maximum(np.sqrt(equations.torques()), np.finfo(float).tiny)[:, None]).max(0, initial=0)
     drives = np.divide(thresholds.SHARE_OF_DRIVES, shares, out=np.zeros(len(shares)), where=shares > 0)
     shown = np.where(base.matrix[:, : bodies.size] == 0, 0.0, bodies.ravel())

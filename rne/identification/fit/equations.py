@@ -3,6 +3,10 @@
 A factor R of [Y tau] has |Y x - tau| = |R (x, -1)| for every x. Factors are kept for each block of time and each joint:
 weights of joints, fits without some of the blocks and errors on those blocks need no row of the measurement again.
 
+Instruments Z stand before Y in the factors of [Z Y tau]. Estimates then are those of the part of the equations of all
+joints, over their noise, that lies in the space of Z: with orthonormal Q that span it, Q^T Y x = Q^T tau. With as many
+instruments as unknowns Z^T Y x = Z^T tau, instrumental variables; with more, two-stage least squares.
+
 Residuals that resemble their neighbours carry less information than their number says: the effective sample size is the
 number of rows over the integrated autocorrelation time, 1 + 2 sum rho_k (Sokal 1997, section 3).
 """
@@ -10,7 +14,7 @@ number of rows over the integrated autocorrelation time, 1 + 2 sum rho_k (Sokal 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -30,6 +34,7 @@ from ..log.prepared import Prepared, rows_without, undisturbed
 from ..log.record import Record
 from ..log.screening import consecutive, runs
 
+Motion = Callable[[Array], tuple[Array, Array, Array]]  # q, qd and qdd, shape (T, n), at times (T,)
 LOCKED = "joints that the records do not have, taken as locked"  # start of a note
 LARGEST = 1e150  # number whose square is still one
 ROUNDINGS = 1e3  # of a position, within which it does not change
@@ -39,42 +44,52 @@ ROUNDINGS = 1e3  # of a position, within which it does not change
 class Equations:
     """The equations of blocks of time, by joint, each kept as the triangular factor of [Y tau]."""
 
-    factors: Array  # shape (blocks, n, P + 1, P + 1); the last column belongs to tau
+    factors: Array  # shape (blocks, n, K + P + 1, K + P + 1); the last column belongs to tau
     rows: Array  # number of equations that each stands for, shape (blocks, n)
+    instruments: int = 0  # number K of columns before those of Y
 
     @property
     def joints(self) -> int:
         """Number of joints."""
         return int(self.factors.shape[1])
 
+    @property
+    def columns(self) -> Array:
+        """The columns of Y and tau, shape (blocks, n, K + P + 1, P + 1)."""
+        return self.factors[..., self.instruments :]
+
     def of_blocks(self, chosen: Array) -> Equations:
         """The equations of some blocks, by a mask or by indices."""
-        return Equations(self.factors[chosen], self.rows[chosen])
+        return replace(self, factors=self.factors[chosen], rows=self.rows[chosen])
 
     def merged(self) -> Equations:
         """The equations of all blocks in one."""
         by_joint = np.moveaxis(self.factors, 1, 0)
         factors = triangular(by_joint.reshape(self.joints, -1, by_joint.shape[-1]))
-        return Equations(factors[None], self.rows.sum(0, keepdims=True))
+        return replace(self, factors=factors[None], rows=self.rows.sum(0, keepdims=True))
+
+    def without_instruments(self) -> Equations:
+        """The equations alone, which least squares solve."""
+        return Equations(triangular(self.columns), self.rows) if self.instruments else self
 
     def of_joint(self, j: int) -> Equations:
         """The equations of one joint."""
-        return Equations(self.factors[:, [j]], self.rows[:, [j]])
+        return replace(self, factors=self.factors[:, [j]], rows=self.rows[:, [j]])
 
     def mapped(self, E: Array) -> Equations:
         """The equations Y E z = tau of other unknowns z, where x = E z."""
-        factors = np.concatenate([self.factors[..., :-1] @ E, self.factors[..., -1:]], axis=-1)
-        return Equations(triangular(factors), self.rows)
+        Z, Y, tau = np.split(self.factors, [self.instruments, -1], axis=-1)
+        return replace(self, factors=triangular(np.concatenate([Z, Y @ E, tau], axis=-1)))
 
     def scaled(self, gains: Array, known: Array) -> Equations:
         """The equations of torques times gains, of the joints whose gain is known."""
         factors = self.factors * known[:, None, None]
         factors[..., -1] *= gains[:, None]
-        return Equations(factors, self.rows * known)
+        return replace(self, factors=factors, rows=self.rows * known)
 
     def residuals(self, x: Array) -> Array:
         """|Y x - tau|^2 of each joint, shape (n,)."""
-        return np.asarray(((self.factors @ np.append(x, -1.0)) ** 2).sum((0, 2)))
+        return np.asarray(((self.columns @ np.append(x, -1.0)) ** 2).sum((0, 2)))
 
     def torques(self) -> Array:
         """|tau|^2 of each joint, shape (n,)."""
@@ -89,9 +104,21 @@ class Equations:
         return np.asarray(np.sqrt(self.torques() / np.maximum(self.rows.sum(0), 1)))
 
     def weighted(self, sigma: Array) -> Array:
-        """One triangular factor of the equations of all joints, those of joint j divided by sigma[j]."""
+        """One triangular factor of the equations that are solved: of all joints, those of joint j over sigma[j]."""
+        return in_space_of_instruments(self._stacked(sigma), self.instruments)
+
+    def _stacked(self, sigma: Array) -> Array:
         scaled = self.factors / sigma[:, None, None]
         return triangular(scaled.reshape(-1, scaled.shape[-1]))
+
+    def predicted(self, sigma: Array) -> Array:
+        """Y of each joint over sigma[j], or its part in the space of the instruments, of equations in one block."""
+        scaled, K = self.factors[0] / sigma[:, None, None], self.instruments
+        if not K:
+            return np.asarray(scaled[..., :-1])
+        factor = self._stacked(sigma)
+        G = solve(factor[:, : K + 1]).inverse
+        return np.asarray(scaled[..., :K] @ (G @ (G.T @ (factor[:, :K].T @ factor[:, K:-1]))))
 
 
 def triangular(rows: Array) -> Array:
@@ -102,8 +129,20 @@ def triangular(rows: Array) -> Array:
     return np.asarray(np.linalg.qr(rows, mode="r"))
 
 
-def equations(Y: Array, tau: Array, used: Array, blocks: Sequence[slice]) -> Equations:
-    """The used rows of measured motions, compressed: Y of shape (N, n, P), torques and `used` of shape (N, n)."""
+def in_space_of_instruments(factor: Array, instruments: int) -> Array:
+    """The part of triangular equations [Z Y tau] that lies in the space of Z, as a factor of [Y tau]."""
+    if not instruments:
+        return factor
+    Q = factor[:, :instruments] @ solve(factor[:, : instruments + 1]).inverse
+    return triangular(Q.T @ factor[:, instruments:])
+
+
+def equations(Y: Array, tau: Array, used: Array, blocks: Sequence[slice], Z: Array | None = None) -> Equations:
+    """The used rows of measured motions, compressed: Y of shape (N, n, P), torques and `used` of shape (N, n).
+
+    Instruments Z have shape (N, n, K).
+    """
+    Y = Y if Z is None else np.concatenate([Z, Y], axis=-1)
     n, P = Y.shape[1:]
     factors, rows = np.zeros((len(blocks), n, P + 1, P + 1)), np.zeros((len(blocks), n), int)
     for k, block in enumerate(blocks):
@@ -114,7 +153,7 @@ def equations(Y: Array, tau: Array, used: Array, blocks: Sequence[slice]) -> Equ
             factors[k, j] = triangular(augmented)
     if not (np.abs(factors).max(initial=0) < LARGEST):
         raise NotFiniteError("the equations overflow: torques or velocities of the measurements are too large")
-    return Equations(factors, rows)
+    return Equations(factors, rows, 0 if Z is None else Z.shape[-1])
 
 
 def joined(parts: Sequence[Equations]) -> Equations:
@@ -139,7 +178,7 @@ class Solution(NamedTuple):
 
     def spent(self, equations: Equations, sigma: Array) -> Array:
         """Number of unknowns that each joint determines, of a fit to equations over the noise sigma of their joint."""
-        return np.asarray(((equations.factors[..., :-1] @ self.inverse) ** 2).sum((0, 2, 3)) / sigma**2)
+        return np.asarray(((equations.columns[..., :-1] @ self.inverse) ** 2).sum((0, 2, 3)) / sigma**2)
 
 
 def solve(factor: Array) -> Solution:
@@ -171,6 +210,7 @@ class RegressionData:
     sure: Array  # used, and the joint did not rest for a while beside, where friction takes any value
     fitted: Equations  # the used rows in folds of time
     measured: Equations  # the valid rows likewise, to check the fit on
+    Z: Array | None = None  # instruments: base columns of Y at a motion without noise, shape (rows, n, K)
 
     @property
     def parts(self) -> tuple[slice, ...]:
@@ -200,16 +240,17 @@ class RegressionData:
         `noise` is the square root of the residuals' spectral density at low frequencies, of which half the cut-off
         leaves the same, shape (n,). NaN for what the equations do not tell.
         """
-        rows = [np.zeros((0, base.count + 1))]
-        both = np.concatenate([self.Y @ base.back, self.tau[..., None]], axis=-1) / noise[:, None]
+        Z = self.Y[..., :0] if self.Z is None else self.Z
+        all_columns = np.concatenate([Z, self.Y @ base.back, self.tau[..., None]], axis=-1) / noise[:, None]
+        rows = [np.zeros((0, all_columns.shape[-1]))]
         for record, part in self.segments:
             cutoff, rate = record.cutoff / 2, record.sample_rate / record.decimation
             reach = settling(cutoff, rate)
             inner = np.arange(reach, part.stop - part.start - reach)
             if len(inner):
                 valid = undisturbed(~self.used[part], inner, reach)
-                rows.append(low_pass(both[part], cutoff, rate, inner)[valid])
-        found = solve(triangular(np.concatenate(rows)))
+                rows.append(low_pass(all_columns[part], cutoff, rate, inner)[valid])
+        found = solve(in_space_of_instruments(triangular(np.concatenate(rows)), Z.shape[-1]))
         unknown = found.free | (sum(map(len, rows)) <= 2 * base.count)
         errors = np.linalg.norm(found.inverse, axis=1)
         return np.where(unknown, np.nan, found.x), np.where(unknown, np.nan, errors)
@@ -230,8 +271,9 @@ def build_regression(
     folds: int,
     delays: Array | float = 0.0,
     loaded: Array | None = None,
+    instruments: Sequence[Motion] = (),
 ) -> RegressionData:
-    """The equations of the records; arguments as of `rne.identify`, `cutoff` also of each record.
+    """The equations of records; arguments as of `rne.identify`, `cutoff` also, `instruments` only of each record.
 
     Friction under load is that of the loads with standard parameters `loaded`, by default those of the model.
     """
@@ -246,6 +288,13 @@ def build_regression(
     if still.all() and len(still):
         raise ValueError("`records` show no joint that moves: one pose says nothing of inertias and friction")
     Y, tau, valid, used, sure = (np.concatenate(arrays) for arrays in zip(*of_records, strict=True))
+    Z = None
+    if instruments:
+        moved = [along(record, motion) for record, motion in zip(prepared, instruments, strict=True)]
+        parts = [rows_of(robot, standard, record, slowest, still, loaded) for record in moved]
+        Z = np.concatenate([part[0] @ base.back for part in parts])
+        used &= (both_move := np.concatenate([part[3] for part in parts]))  # so that the direction of friction is known
+        sure &= both_move
     if used.sum() <= base.count:
         raise ValueError(
             f"`records` give {used.sum()} equations for {base.count} base parameters: a longer motion is needed, or a "
@@ -258,11 +307,31 @@ def build_regression(
     silent = [f"{robot.joint_names[j]} has no torque that can be used" for j in np.flatnonzero(~valid.any(0))]
     notes = (*still_text(standard, [robot.joint_names[j] for j in np.flatnonzero(still)]), *silent)
     blocks = blocks_of_time(prepared, each)
-    measured = fitted = equations(Y, tau, used, blocks)
+    measured = fitted = equations(Y, tau, used, blocks, Z)
     if (used != valid).any():
-        measured = equations(Y, tau, valid, blocks)
+        measured = equations(Y, tau, valid, blocks, Z)
     names = tuple(record.name for record in given)
-    return RegressionData(names, prepared, late, slowest, notes, Y, tau, valid, used, sure, fitted, measured)
+    return RegressionData(names, prepared, late, slowest, notes, Y, tau, valid, used, sure, fitted, measured, Z)
+
+
+def along(record: Prepared, motion: Motion) -> Prepared:
+    """The record with positions, velocities and accelerations of a motion in place of the measured ones."""
+    try:
+        q, qd, qdd = (np.asarray(x, np.float64) for x in motion(record.t))
+    except (TypeError, ValueError):
+        q = qd = qdd = np.zeros(0)
+    if q.shape != record.q.shape:  # a function of one time
+        q, qd, qdd = (np.array(x, np.float64) for x in zip(*map(motion, record.t), strict=True))
+    if not q.shape == qd.shape == qdd.shape == record.q.shape or not np.isfinite(q + qd + qdd).all():
+        shapes = f"{q.shape}, {qd.shape}, {qdd.shape}"
+        raise ValueError(f"`instruments` must give finite q, qd and qdd of shape {record.q.shape}, got {shapes}")
+    off, moved = (q - record.q).std(0), record.q.std(0)
+    for j in np.flatnonzero(off > thresholds.RESEMBLES * moved).tolist():
+        raise ValueError(
+            f"`instruments` must resemble the measured motion: of joint {j + 1} they differ by {off[j]:.3g} (standard "
+            f"deviation), while it moves by {moved[j]:.3g}: check units, joints and times"
+        )
+    return replace(record, q=q, qd=qd, qdd=qdd)
 
 
 def blocks_of_time(records: Sequence[Prepared], of_each: int) -> tuple[slice, ...]:

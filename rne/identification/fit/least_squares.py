@@ -92,10 +92,59 @@ def with_correlation(estimate: LeastSquares, equations: Equations, correlation_t
     equations = equations.merged()
     solution = solve(equations.weighted(estimate.sigma))
     covariance = np.zeros_like(estimate.covariance)
-    for j, factor in enumerate(equations.factors[0]):  # G (sum over joints of tau_j A_j^T A_j) G^T of the sandwich
-        share = solution.inverse @ (factor[:, :-1] @ solution.inverse / estimate.sigma[j]).T
+    for j, A in enumerate(equations.predicted(estimate.sigma)):  # G (sum over joints of tau_j A_j^T A_j) G^T
+        share = solution.inverse @ (A @ solution.inverse).T
         covariance += correlation_time[j] * share @ share.T
     return estimate._with_covariance(covariance)
+
+
+class Bias(NamedTuple):
+    """The test of Durbin, Wu and Hausman (1978) on a bias of least squares, as `Identification.bias` returns it.
+
+    Attributes
+    ----------
+    shift : ndarray, shape (P,)
+        Estimates of least squares less those by instrumental variables.
+    errors : ndarray, shape (P,)
+        Standard errors of least squares, which do not contain the bias.
+    probability : float
+        That chance makes the estimates differ by so much, where neither is biased.
+
+    Examples
+    --------
+    >>> import numpy as np, rne
+    >>> arm = rne.load("irb140").locked({"joint_4": 0, "joint_5": 0, "joint_6": 0})
+    >>> t, motion = np.arange(0, 5, 0.01), rne.trajectories.quintic([0, 0, 0], [1, 0.9, 0.8], 5.0)
+    >>> noise = 0.1 * np.random.default_rng(0).normal(size=(500, 3))
+    >>> record = rne.identification.Record(t, motion(t)[0], arm.inverse_dynamics(*motion(t)) + noise)
+    >>> found = rne.identify(arm, record, drives=rne.DriveModel(), consistent=False, instruments=motion)
+    >>> found.bias.probability > 0.05
+    True
+    """
+
+    shift: Array
+    errors: Array
+    probability: float
+
+
+def bias_of_least_squares(estimate: LeastSquares, equations: Equations, correlation_time: Array) -> Bias:
+    """The test on equations with instruments, of which `estimate` are the estimates by instrumental variables."""
+    from scipy.stats import f
+
+    equations, sigma = equations.merged(), estimate.sigma
+    plain = equations.without_instruments()
+    ours, theirs = (solve(e.weighted(sigma)) for e in (equations, plain))
+    both = np.concatenate([equations.predicted(sigma), equations.columns[0, ..., :-1] / sigma[:, None, None]], axis=-1)
+    difference = np.concatenate([-ours.inverse @ ours.inverse.T, theirs.inverse @ theirs.inverse.T])
+    covariance = sum(t * share.T @ share for t, share in zip(correlation_time, both @ difference, strict=True))
+    shift = theirs.x - ours.x
+    scale = np.maximum(estimate.errors, np.finfo(float).tiny)
+    U, S, _ = np.linalg.svd(covariance / np.outer(scale, scale), hermitian=True)
+    told = thresholds.DEPENDENT * S.max(initial=0) < S
+    rank, rows = int(told.sum()), float((equations.rows[0] / correlation_time).sum())
+    F = ((U.T[told] @ (shift / scale)) ** 2 / S[told]).sum() / max(rank, 1)
+    errors = with_correlation(replace(estimate, values=theirs.x), plain, correlation_time).errors
+    return Bias(shift, errors, float(f.sf(F, max(rank, 1), max(rows - 2 * rank, 1))))
 
 
 def believed_noise(equations: Equations, sigma: Array) -> Array:

@@ -172,7 +172,7 @@ def _is_numeric(row: Sequence[str], decimal: str) -> bool:
 
 
 def _echoed(name: str, body: Iterable[tuple[int, list[str]]]) -> Iterator[Message]:
-    """Of `ros2 topic echo --csv`: seconds, nanoseconds, frame, names, positions, velocities, efforts."""
+    """Columns of `ros2 topic echo --csv`: seconds, nanoseconds, frame, names, positions, velocities, efforts."""
     for at, row in body:
         (*stamp, _), fields, parts = row[:3], row[3:], list[list[float]]()
         n = next((k for k, x in enumerate(fields) if x in ("", "nan") or math.isfinite(as_number(x))), 0)
@@ -188,7 +188,7 @@ def _echoed(name: str, body: Iterable[tuple[int, list[str]]]) -> Iterator[Messag
 
 
 def _rostopic(name: str, heading: Sequence[str], body: Iterable[tuple[int, list[str]]]) -> Iterator[Message]:
-    """Of `rostopic echo -p`, in columns such as field.position0; times are those of headers, or of receipt."""
+    """Columns of `rostopic echo -p`, such as field.position0; times are those of headers, or of receipt."""
     fields = ("name", "position", "velocity", "effort")
     places = [[k for k, x in enumerate(heading) if re.fullmatch(rf"field\.{field}\d+", x)] for field in fields]
     stamps = [heading.index(x) for x in ("field.header.stamp", "time") if x in heading]
