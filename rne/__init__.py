@@ -17,7 +17,7 @@ from .errors import (
     SingularMassMatrixError,
     UrdfError,
 )
-from .model import Model, dh_chain, irb140
+from .model import Model
 from .robot import Robot, wrench
 
 if TYPE_CHECKING:
@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     )
     from .identification.diagnosis.compare_models import ModelComparison, compare_models
     from .kernels.compilation import compile
+    from .model import dh_chain, irb140
     from .model.standard_parameters import DriveModel
     from .plotting.viewer import view
     from .simulation.drive_report import BearingPeaks, DriveReport, bearing_peaks, drives
@@ -60,6 +61,8 @@ else:
             "excitation identify identify_drive_gains identify_payload",
             "kernels": "",
             "kernels.compilation": "compile",
+            "model.abb_irb140": "irb140",
+            "model.chains": "dh_chain",
             "model.standard_parameters": "DriveModel",
             "plotting": "",
             "plotting.viewer": "view",
@@ -87,7 +90,7 @@ def _repr_html_(thing: Any) -> str:
 
 InNotebooks._repr_html_ = _repr_html_
 
-__version__ = "0.2.0"
+__version__ = "0.3.0"
 
 __all__ = [
     "BearingPeaks",

@@ -139,7 +139,17 @@ class IdentificationWarning(UserWarning):
     """
 
 
-class SimulationError(RneError, RuntimeError):
+class _WithMotion(BaseException):
+    def __init__(self, message: str, time: float, trajectory: Any) -> None:
+        super().__init__(message)
+        self.time = time
+        self.trajectory = trajectory
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (str(self), self.time, self.trajectory)
+
+
+class SimulationError(_WithMotion, RneError, RuntimeError):
     """A simulation that did not reach its end time.
 
     Attributes
@@ -161,16 +171,8 @@ class SimulationError(RneError, RuntimeError):
     True 6
     """
 
-    def __init__(self, message: str, time: float, trajectory: Any) -> None:
-        super().__init__(message)
-        self.time = time
-        self.trajectory = trajectory
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        return type(self), (str(self), self.time, self.trajectory)
-
-
-class SimulationInterrupted(KeyboardInterrupt):
+class SimulationInterrupted(_WithMotion, KeyboardInterrupt):
     """A simulation that Ctrl-C ended; as a KeyboardInterrupt it passes `except Exception`.
 
     Attributes
@@ -192,14 +194,6 @@ class SimulationInterrupted(KeyboardInterrupt):
     ...     print(0.05 < error.time == error.trajectory.t[-1] < 1)
     True
     """
-
-    def __init__(self, message: str, time: float, trajectory: Any) -> None:
-        super().__init__(message)
-        self.time = time
-        self.trajectory = trajectory
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return type(self), (str(self), self.time, self.trajectory)
 
 
 class IdentificationError(RneError, RuntimeError):

@@ -21,7 +21,6 @@ from .dynamics.rnea import External
 from .dynamics.task_space import BASE_AXES, LINK_AXES, ROWS, in_link_axes
 from .model.model import Model
 from .model.parameters import parameters_of, with_parameters
-from .model.standard_parameters import DriveModel, drive_argument
 
 if TYPE_CHECKING:
     from .bounds import Bounds
@@ -29,6 +28,7 @@ if TYPE_CHECKING:
     from .dynamics.recursion_record import Recursion
     from .kernels.kernel import Kernel
     from .model.modify import LimitValues
+    from .model.standard_parameters import DriveModel
 
 # compiled by Robot.compile without arguments, beside forward dynamics
 COMPILED = (dynamics.inverse_dynamics, dynamics.mass_matrix, dynamics.bias_torque, dynamics.gravity_torque)
@@ -1299,6 +1299,8 @@ class Robot(InNotebooks):
             found = dynamics.base_parameters(self._model, drives=drives, tolerance=tolerance)
             found.matrix.flags.writeable = False
             return replace(found, body_regressor=self.regressor)
+
+        from .model.standard_parameters import drive_argument
 
         options = (*vars(drive_argument(drives)).values(), tolerance)
         key = repr([np.asarray(x, object).tolist() for x in options])

@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 
-from benchmarks import cases, engines, identification_payload, identification_tables, import_time, regressor
+from benchmarks import cases, engines, identification_payload, identification_tables, import_time, regressor, weight
 from benchmarks.evaluation import (
     KERNEL,
     KERNEL_SINGLE,
@@ -103,6 +103,15 @@ def test_tables_of_engines_are_those_of_the_last_runs():
 
 def test_the_last_run_imports_within_its_bound():
     assert engines.read("import_time.json")["ratios"]["rne"][0] <= import_time.AT_MOST
+
+
+def test_the_page_of_the_installation_has_the_sizes_of_the_last_run():
+    """Of every extra. After a change: python -m benchmarks.weight."""
+    sizes, text = engines.read("weight.json")["installed"], weight.PAGE.read_text(encoding="utf-8")
+    assert list(sizes) == weight.choices()
+    assert weight.filled(text, sizes) == text
+    for size in sizes.values():
+        assert f" | {size:.0f} |\n" in text
 
 
 def test_tables_of_the_regressor_are_those_of_the_last_run():

@@ -142,6 +142,14 @@ class TestKernels:
         assert len(compilations) == 1
 
 
+def test_the_linker_that_windows_has_links_the_same_code(place, monkeypatch):
+    """JITLink is not available there."""
+    expected = run_kernel()
+    other = object_code.binding.create_lljit_compiler(use_jit_link=False)
+    monkeypatch.setattr(object_code, "_linker", lambda: other)
+    np.testing.assert_array_equal(run_kernel(), expected)
+
+
 class TestNumbers:
     def loaded(self, mass):
         model = rne.model.with_payload(straight_chain(2), mass, [0.1, 0.2, 0.3])

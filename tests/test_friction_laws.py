@@ -11,6 +11,7 @@ import pytest
 import rne
 from rne.basics.archive import TEXTS, contents
 from rne.identification import Record
+from rne.identification.fit.equations import BEYOND
 
 from .helpers import EPS, first_joints, states
 from .measurements import truth
@@ -311,6 +312,7 @@ def test_a_report_begins_with_a_verdict_and_is_short(found):
     long = replace(found, notes=tuple(f"note {k}" for k in range(99))).report().splitlines()
     assert len(lines) < len(long) <= 40
     assert any(line.startswith("  ... ") and line.endswith(" more lines") for line in long)
+    assert replace(found, notes=(f"{BEYOND} joint_1 to 4 of 3",)).verdict == f"{BEYOND} joint_1 to 4 of 3; {lines[0]}"
     errors = found.unexplained._replace(in_motion=np.array([0.05, 0.22, np.nan]))
     poor = replace(found, unexplained=errors, consistent=False)
     assert poor.verdict == (

@@ -8,6 +8,7 @@ import pytest
 
 import rne
 from rne.identification import Record
+from rne.identification.fit.equations import BEYOND, beyond_limits
 from rne.identification.fit.least_squares import least_squares
 from rne.identification.result import without_gaps
 from rne.model.parameters import pseudo_inertia
@@ -208,6 +209,9 @@ def test_report_and_check_name_joints_and_parameters(found, motions):
     assert "> 1000" not in text
     check = found.check(record(motions[1], **sensors(found.robot.n, 5)))
     assert check.report().count("joint_") == n
+    turned = dataclasses.replace(check, predicted=-check.predicted)
+    assert "are units, zero and order those of the fitted records?" not in check.report()
+    assert f"a constant torque predicts {', '.join(check.joint_names)} better" in turned.report()
     assert (check.relative < 0.2).all()
     assert repr(found).startswith("Identification(")
     assert repr(check).startswith("Check(motion ")
@@ -636,3 +640,15 @@ def test_plot_has_a_panel_per_joint_and_no_line_across_a_gap(scene, motions):
         x, y = line.get_xdata(), line.get_ydata()
         (gap,) = np.flatnonzero(np.isnan(y))
         assert x[gap - 1] < 5 < 6 < x[gap + 1]
+
+
+def test_a_motion_beyond_the_limits_is_told_before_the_verdict():
+    """A log in degrees that moves little passes no two turns: read as radians, it leaves the limits."""
+    robot = first_joints(3).with_limits(velocity=[1.0, 2.0, 9.0])
+    t = np.arange(0, 10, 0.01)
+    q = np.array([1.5, 4.0, 0.5]) * np.sin(np.pi / 5 * t)[:, None]
+    prepared = Record(t, q, np.ones_like(q)).prepare(cutoff=5.0)
+    (note,) = beyond_limits(robot, [prepared])
+    assert note == f"{BEYOND} joint_2 to 4 of {robot.upper[1]:.3g}, joint_2 at 2.51/s of 2"
+    small = dataclasses.replace(prepared, q=0.3 * prepared.q, qd=0.3 * prepared.qd)
+    assert beyond_limits(robot, [small]) == ()

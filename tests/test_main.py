@@ -202,6 +202,15 @@ def test_python_dash_m(tmp_path):
     assert (run.returncode, run.stderr) == (0, "")
 
 
+def test_pipes_are_utf8_whatever_the_locale_says(tmp_path):
+    """On Windows they are not by default, and a URDF file or a source would be written in another encoding."""
+    (tmp_path / "arm.urdf").write_text('<robot name="Älskling"><link name="κ"/></robot>', encoding="utf-8")
+    command = [sys.executable, "-m", "rne", "urdf", "arm.urdf"]
+    environment = os.environ | {"PYTHONIOENCODING": "cp1252"}
+    run = subprocess.run(command, capture_output=True, cwd=tmp_path, env=environment, check=True)
+    assert '<link name="κ"/>' in run.stdout.decode("utf-8")
+
+
 def test_output_that_nobody_reads_is_no_error(tmp_path):
     """Such as `rne source irb140 | head`."""
     code = f"{sys.executable} -m rne urdf irb140 | true; exit ${{PIPESTATUS[0]}}"

@@ -173,6 +173,13 @@ class TestShapes:
         monkeypatch.setitem(sys.modules, "yourdfpy", None)
         assert [s.kind for s in link_shapes(rne.irb140())].count("box") == 7
 
+    def test_meshes_may_be_named_by_the_address_of_a_file(self, tmp_path):
+        file = tmp_path / "a mesh.obj"
+        file.write_text(OBJ)
+        mesh = f'<visual><geometry><mesh filename="{file.as_uri()}"/></geometry></visual>'
+        robot = crane(tmp_path, text=f'<robot name="r"><link name="l">{mesh}</link></robot>')
+        assert [s.kind for s in link_shapes(robot.model)] == ["mesh"]
+
     @pytest.mark.parametrize("case", LOST)
     def test_what_is_lost_is_named_in_one_warning(self, tmp_path, case):
         mesh, text, expected = LOST[case]

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from .arrays import output_file
+from .text import cut
 
 # What NumPy, zlib and JSON raise for other files and damaged ones.
 DAMAGED = (
@@ -22,7 +23,13 @@ DAMAGED = (
     *(zipfile.BadZipFile, zlib.error),
 )
 TEXTS = "texts"  # entry of the archive: what is not an array, as JSON
-
+SIMPLE: dict[str, Any] = {
+    "Array": np.ndarray,
+    "str": str,
+    "int": int,
+    "float": int | float,
+    "bool": bool,
+}  # by annotation
 
 Kinds = dict[Any, tuple[tuple[str, ...], Callable[..., Any]]]  # of each type in files its fields, and what makes it
 
@@ -96,7 +103,10 @@ def _decoded(value: Any, types: Mapping[str, type], kinds: Kinds, arrays: Mappin
     if "array" in value:
         if value["array"] not in arrays:
             raise ValueError(f"`{place}` is missing")
-        return arrays[value["array"]]
+        array = arrays[value["array"]]
+        if array.dtype.kind not in "biuf":
+            raise ValueError(f"`{place}` must be an array of real numbers, got dtype {array.dtype}")
+        return array
     if "slice" in value:
         return slice(*value["slice"])
     if "mapping" in value:
@@ -106,7 +116,12 @@ def _decoded(value: Any, types: Mapping[str, type], kinds: Kinds, arrays: Mappin
     names, make = kinds[types[value["type"]]]
     for name in value["fields"].keys() - names:
         raise ValueError(f"`{place}.{name}` is not known to this version")
-    return make(**{name: inner(x, f".{name}") for name, x in value["fields"].items()})
+    found = {name: inner(x, f".{name}") for name, x in value["fields"].items()}
+    for name, x in found.items():
+        stated = types[value["type"]].__annotations__.get(name, "")
+        if not isinstance(x, SIMPLE.get(stated, object)):
+            raise ValueError(f"`{place}.{name}` must be of type {stated}, got {cut(repr(x), 80)}")
+    return make(**found)
 
 
 def names_of(made: Any) -> tuple[str, ...]:

@@ -8,13 +8,15 @@ import re
 from collections.abc import Callable
 from functools import cache
 from numbers import Number
-from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .spatial import Array
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 FULL_TURN = 6.3  # rad
 Sign = Literal["any", "not negative", "positive"]
@@ -88,6 +90,8 @@ def output_file(path: str | os.PathLike[str], *suffixes: str) -> Path:
 
     The first ending is the one that an error names.
     """
+    from pathlib import Path  # which takes a twentieth of `import rne`
+
     if not isinstance(path, str | os.PathLike):
         raise TypeError(f"`path` must be a str or path-like, got {type(path).__name__}")
     file = Path(path)

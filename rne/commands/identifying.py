@@ -18,6 +18,7 @@ from .shared import (
     check_folder,
     fail,
     in_one_line,
+    note,
     number,
     numbers,
     one_or_each,
@@ -75,6 +76,8 @@ def run_identify(arguments: argparse.Namespace) -> int:
         records = [_record(file, robot, arguments) for file in (*arguments.logs, *held_out)]
         for record in records:
             say(f"{record.name}: {record.source}")
+        for finding in held_out and records[-1].findings:
+            note(as_options(f"{finding}", arguments))
         work.begin("identifying")
         with warnings_in_one_line(arguments):
             found = rne.identify(robot, records[: len(arguments.logs)], cutoff=arguments.cutoff)

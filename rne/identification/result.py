@@ -33,7 +33,7 @@ from . import thresholds
 from .diagnosis.hypotheses import GEARS, Cause
 from .diagnosis.rigid_body_test import Consistency, certified
 from .fit.consistent import expected_sizes, model_prior
-from .fit.equations import LOCKED, Equations, RegressionData, check_joints, delayed, solve
+from .fit.equations import BEYOND, LOCKED, Equations, RegressionData, check_joints, delayed, solve
 from .fit.least_squares import (
     Bias,
     Estimator,
@@ -633,7 +633,10 @@ class Identification(InNotebooks):
             return f"not good for simulation or feed-forward: {self.unexcited or f'held-out errors in motion: {other}'}"
         locked = "".join(f"; {note}" for note in self.notes if note.startswith(LOCKED))
         which = "all joints" + " of the records" * bool(locked) + (f" but {other}" if other else "")
-        return f"good for {use} of {which}: held-out errors in motion of {told[good].max():.2g} % or less{locked}"
+        beyond = "".join(f"{note}; " for note in self.notes if note.startswith(BEYOND))
+        return (
+            f"{beyond}good for {use} of {which}: held-out errors in motion of {told[good].max():.2g} % or less{locked}"
+        )
 
     @cached_property
     def _essential(self) -> str:
@@ -949,12 +952,16 @@ class Check(InNotebooks):
         Returns
         -------
         str
-            A line for each joint.
+            A line for each joint, and of joints that a constant torque predicts better that it does.
         """
         rows = [Row(f"motion {short(self.name)}", ("rms error [N m or N]", "relative [%]", "R^2"), words=True)]
         for joint, rms, relative, r2 in zip(self.joint_names, self.rms, self.relative, self.r_squared, strict=True):
             rows.append(Row(f"  {short(joint)}", (f"{rms:.4g}", f"{100 * relative:.1f}", f"{r2:.4f}")))
-        return "\n".join(aligned(rows))
+        worse = [name for name, r2 in zip(self.joint_names, self.r_squared, strict=True) if r2 < 0]
+        text = (
+            f"a constant torque predicts {listed(worse)} better: are units, zero and order those of the fitted records?"
+        )
+        return "\n".join([*aligned(rows), *[text] * bool(worse)])
 
     def plot(self) -> Figure:
         """Measured and predicted torque and their difference over time, and the difference over speed, by joint.

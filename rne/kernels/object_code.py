@@ -55,7 +55,7 @@ def _target_machine() -> Any:
 @functools.cache
 def _linker() -> Any:
     _target_machine()
-    return binding.create_lljit_compiler(use_jit_link=True)
+    return binding.create_lljit_compiler(use_jit_link=sys.platform != "win32")  # there it is not available
 
 
 def compiled(text: str, *, loops: bool = False) -> bytes:

@@ -211,10 +211,14 @@ def _check(what: str, pose: Array, size: Array) -> None:
 
 def _find(name: str, folders: Sequence[Path]) -> Path:
     """The file of a mesh in or above the URDF's folder, with the name of its package as a folder and without."""
+    from urllib.request import url2pathname
+
     from yourdfpy import filename_handler_ignore_directive, filename_handler_ignore_directive_package
 
     handlers = (filename_handler_ignore_directive, filename_handler_ignore_directive_package)
-    for file in (folder / str(handler(name)) for folder in folders for handler in handlers):
+    places = [str(handler(name)) for handler in handlers]
+    places += [url2pathname(name.removeprefix("file://"))] * name.startswith("file://")
+    for file in (folder / place for folder in folders for place in places):
         if file.is_file():
             return file
     raise FileNotFoundError(f"mesh {name!r} is not found")

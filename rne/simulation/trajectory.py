@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import TIME_ROUNDING, output_file, positive_number, real_numbers
+from ..basics.arrays import TIME_ROUNDING, positive_number, real_numbers
 from ..basics.spatial import Array
 from ..basics.text import UNBROKEN, InNotebooks, counted, listed, short, wrapped
 from ..model.model import Model
 from .limits import Violation, limit_violations
-from .motion_files import NOT_KEPT, numbered_joints, read_archive, write_archive, write_columns
+from .motion_files import numbered_joints, read_archive, write_archive, write_columns
 
 LONGEST = 240  # characters of the solver's message
 SUDDEN = 10.0  # times between two instants: within them an error may grow at once
@@ -394,8 +394,7 @@ class Trajectory(InNotebooks):
         >>> swing = rne.simulate(rne.load("irb140"), [0] * 6, [0] * 6, 0.5)
         >>> file = swing.save("swing.npz")  # doctest: +SKIP
         """
-        file = output_file(path, ".npz")
-        return write_archive(file, {f.name: getattr(self, f.name) for f in fields(self) if f.name not in NOT_KEPT})
+        return write_archive(path, self)
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Trajectory:
@@ -426,7 +425,8 @@ class Trajectory(InNotebooks):
         """
         if not isinstance(path, str | PathLike):
             raise TypeError(f"`path` must be a str or path-like, got {type(path).__name__}")
-        return Trajectory(**read_archive(Path(path), {f.name: str(f.type) for f in fields(cls)}))
+        motion: Trajectory = read_archive(path, cls)
+        return motion
 
     def to_csv(self, path: str | PathLike[str]) -> Path:
         """Write times, positions, velocities, accelerations and torques as comma-separated values.

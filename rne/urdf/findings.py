@@ -73,8 +73,8 @@ class Finding:
 class FindingsReport:
     """Collects the findings on one file; without lines if what is examined was made from the file."""
 
-    def __init__(self, file: str, *, has_lines: bool = True) -> None:
-        self.file, self.has_lines = file, has_lines
+    def __init__(self, file: str) -> None:
+        self.file, self.has_lines = file, True
         self.findings: list[Finding] = []
 
     def error(self, where: Any, element: str, message: str, cure: str) -> None:

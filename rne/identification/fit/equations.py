@@ -35,8 +35,10 @@ from ..log.record import Record
 from ..log.screening import consecutive, runs
 
 Motion = Callable[[Array], tuple[Array, Array, Array]]  # q, qd and qdd, shape (T, n), at times (T,)
+BEYOND = "the motion leaves the robot's limits: in other units, or from another zero?"  # start of a note
 LOCKED = "joints that the records do not have, taken as locked"  # start of a note
 LARGEST = 1e150  # number whose square is still one
+MOST_TOLD = 3  # limits that a note names
 ROUNDINGS = 1e3  # of a position, within which it does not change
 
 
@@ -305,7 +307,8 @@ def build_regression(
         most = shortest * len(prepared)
         raise ValueError(f"`folds` must be at most {most}, got {folds}: there are no more equations")
     silent = [f"{robot.joint_names[j]} has no torque that can be used" for j in np.flatnonzero(~valid.any(0))]
-    notes = (*still_text(standard, [robot.joint_names[j] for j in np.flatnonzero(still)]), *silent)
+    still_names = [robot.joint_names[j] for j in np.flatnonzero(still)]
+    notes = (*beyond_limits(robot, prepared), *still_text(standard, still_names), *silent)
     blocks = blocks_of_time(prepared, each)
     measured = fitted = equations(Y, tau, used, blocks, Z)
     if (used != valid).any():
@@ -368,6 +371,24 @@ def resting(record: Prepared, minimum_velocity: Array) -> Array:
             if end - begin < shortest:
                 flags[begin:end] = False
     return slow
+
+
+def beyond_limits(robot: Robot, prepared: Sequence[Prepared]) -> tuple[str, ...]:
+    """A note on joints that go farther or faster than the robot's limits, or none."""
+    names, reach = robot.joint_names, thresholds.BEYOND_LIMITS
+    far = [np.stack([r.q.min(0), r.q.max(0)]) for r in prepared if len(r.q)]
+    fast = [np.abs(r.qd).max(0) for r in prepared if len(r.q)]
+    low, high = np.min([x[0] for x in far], axis=0), np.max([x[1] for x in far], axis=0)
+    speed, limit, end = (
+        np.max(fast, axis=0),
+        robot.velocity_limit,
+        np.where(high > robot.upper, robot.upper, robot.lower),
+    )
+    outside = np.maximum(high - robot.upper, robot.lower - low) > reach * (robot.upper - robot.lower)
+    told = [f"{names[j]} to {max(high[j], -low[j]):.3g} of {abs(end[j]):.3g}" for j in np.flatnonzero(outside)]
+    told += [f"{names[j]} at {speed[j]:.3g}/s of {limit[j]:.3g}" for j in np.flatnonzero(speed > (1 + reach) * limit)]
+    more = f" and {len(told) - MOST_TOLD} more" * (len(told) > MOST_TOLD)
+    return (f"{BEYOND} {', '.join(told[:MOST_TOLD])}{more}",) * bool(told)
 
 
 def still_text(standard: StandardParameters, names: Sequence[str]) -> tuple[str, ...]:
