@@ -3,18 +3,21 @@
 The robots and faults of tests/faulty_logs.py: ten runs of each kind of fault, and clean logs. No parameters of
 the fit give the friction of harmonic drives, so a run is wrong if its parameters differ from those of the same motion
 without the fault, noise and delay by more than the 99.9 % point of chi-square; it is warned if an error or an
-IdentificationWarning came, and named if the fault is among its first two causes. Writes
-benchmarks/results/identification_faults.json.
+IdentificationWarning came, named if the fault is among its first two causes, and blamed if a cause other than friction
+of gears is given. `--noisy` has logs by controllers that feed noise of the positions back and with uneven clocks, whose
+stamps are those of the samples, or of what read them. Writes benchmarks/results/identification_faults.json, of some
+faults alone with `--only`, and the tables of docs/identification.md.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 from typing import Any
 
 from benchmarks.identification_tables import rewrite_page
-from benchmarks.measure import write
-from tests.faulty_logs import FAULTS, Outcome, robots, run
+from benchmarks.measure import RESULTS, write
+from tests.faulty_logs import FAULTS, LOGGED, Outcome, robots, run
 
 
 def row_of(fault: str, outcomes: list[Outcome]) -> dict[str, Any]:
@@ -28,7 +31,16 @@ def row_of(fault: str, outcomes: list[Outcome]) -> dict[str, Any]:
         "good": sum(not o.wrong or o.named for o in seen),
         "silent": sum(o.wrong and not o.warned for o in seen),
         "warned": sum(o.warned for o in seen),
+        "blamed": sum(o.blamed for o in seen),
     }
+
+
+def keep(kind: str, row: dict[str, Any], order: list[str]) -> None:
+    """A row in the place of the last one of its fault."""
+    kept = json.loads((RESULTS / "identification_faults.json").read_text(encoding="utf-8"))
+    rows = {name: {r["fault"]: r for r in kept.get(name, [])} for name in ("rows", "noisy")}
+    rows[kind][row["fault"]] = row
+    write("identification_faults.json", {k: [found[f] for f in order if f in found] for k, found in rows.items()})
 
 
 def main() -> None:
@@ -37,22 +49,22 @@ def main() -> None:
     parser.add_argument("--verbose", action="store_true")
     parser.add_argument("--runs", type=int, default=10)
     parser.add_argument("--clean", type=int, default=200)
+    parser.add_argument("--noisy", action="store_true")
     given = parser.parse_args()
-    kinds, names, rows = ["clean", *FAULTS], list(robots()), []
+    kinds, names, logged = ["clean", *FAULTS], list(robots()), LOGGED[1:] if given.noisy else LOGGED[:1]
     for fault in given.only or kinds:
         first, outcomes = 1000 * kinds.index(fault), []
         for k in range(given.clean if fault == "clean" else given.runs):
-            outcomes.append(run(fault, names[k % len(names)], first + k))
+            outcomes.append(run(fault, names[k % len(names)], first + k, logged[k // len(names) % len(logged)]))
             o = outcomes[-1]
             if given.verbose and (fault != "clean" or o.wrong or o.warned):
-                marks = {"WRONG": o.wrong, "warned": o.warned, "named": o.named, "equal": o.hidden}
+                marks = {"WRONG": o.wrong, "warned": o.warned, "named": o.named, "equal": o.hidden, "blamed": o.blamed}
                 said = " ".join(word for word, is_so in marks.items() if is_so)
-                print(f"  {o.robot:8} {o.chi_square:8.3g} {said} {o.causes[:3]} {o.error[:110]}")
-        rows.append(row_of(fault, outcomes))
-        print(rows[-1], flush=True)
-    if not given.only:
-        write("identification_faults.json", {"rows": rows})
-        rewrite_page()
+                print(f"  {o.robot:8} {o.seed} {o.chi_square:8.3g} {said} {o.causes[:3]} {o.error[:110]}", flush=True)
+        row = row_of(fault, outcomes)
+        print(row, flush=True)
+        keep("noisy" if given.noisy else "rows", row, kinds)
+    rewrite_page()
 
 
 if __name__ == "__main__":

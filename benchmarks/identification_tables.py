@@ -28,6 +28,7 @@ def tables(
         "sensors": sensor_table(found["sensors"]),
         "logs": log_table(logs["logs"]),
         "faults": fault_table(faults["rows"]),
+        "noisy-faults": noisy_table(faults["noisy"]),
         "payloads": load_table(payloads["loads"]),
         "drive-gains": gain_table(payloads["gains"]),
     }
@@ -88,6 +89,14 @@ def fault_table(rows: list[dict[str, Any]]) -> str:
     total = {key: sum(row[key] for row in rows if row["fault"] != "clean") for key in keys[1:]}
     lines = [*rows, {"fault": "all faults"} | total]
     return table(head, [[str(row[key]).replace("clean", "none") for key in keys] for row in lines])
+
+
+def noisy_table(rows: list[dict[str, Any]]) -> str:
+    """A row of the logs without a fault, and one of those with any."""
+    keys = ("runs", "equal", "wrong", "good", "silent", "blamed")
+    kinds = {kind: [r for r in rows if (r["fault"] == "clean") == (kind == "none")] for kind in ("none", "any")}
+    lines = [[kind, *(str(sum(row[key] for row in found)) for key in keys)] for kind, found in kinds.items()]
+    return table(["fault", "runs", "equal", "wrong", "not wrong, or named", "wrong and silent", "blamed"], lines)
 
 
 def load_table(cases: list[dict[str, Any]]) -> str:

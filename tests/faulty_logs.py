@@ -1,7 +1,8 @@
 """Logs with faults that an identification has to survive or to name, and what became of them.
 
 Six robots move along random Fourier series with the friction of harmonic drives, which rises with the load and
-saturates with speed, offsets, coloured noise and a delay; the robot given has masses off by up to 30 %.
+saturates with speed, offsets, coloured noise and a delay; the robot given has masses off by up to 30 %. A controller
+may feed noise of the positions back (`FEEDBACK`), and clocks may run unevenly (`CLOCKS`).
 """
 
 from __future__ import annotations
@@ -14,11 +15,12 @@ from tempfile import NamedTemporaryFile
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.signal import lfilter
+from scipy.signal import lfilter, lsim
 from scipy.stats import chi2
 
 import rne
 from rne.identification import Record
+from rne.identification.diagnosis.hypotheses import GEARS
 from rne.identification.fit.equations import build_regression
 from rne.identification.fit.least_squares import weighted_fit
 from rne.model import with_parameters
@@ -35,6 +37,14 @@ BANDWIDTH = 20.0  # of the coloured part of the noise [Hz]
 LOAD = 0.03, 0.08  # friction per load of a harmonic drive
 SATURATING = 0.5, 1.5  # of the largest speed, at which viscous friction saturates
 LATE = 0.0, 0.008  # delay of the torques [s]
+LOOP, FED_BACK = 4.0, 0.3  # bandwidth of the controller [Hz]; accelerations by noise, of those of the motion
+DRIFT, JITTER, READ = (
+    0.02,
+    0.3,
+    2.0,
+)  # [s] by which samples are late, slowly; periods by which one is; by which it is read
+FEEDBACK, CLOCKS = "feedback", ("samples", "reader")  # a clock's stamps are those of the samples, or of the reader
+LOGGED = ("", FEEDBACK, *CLOCKS)
 
 
 class Log(NamedTuple):
@@ -185,25 +195,52 @@ class Case(NamedTuple):
     size: np.ndarray
     joint: int
     late: float  # delay of the torques [s]
+    noise: np.ndarray  # of the positions
 
 
-def case(name: str, seed: int, linear: bool = False) -> Case:
+def uneven(t: np.ndarray, seed: int) -> np.ndarray:
+    """Times that differ from equal steps by a slow wave and jitter."""
+    rng = np.random.default_rng([seed, 2])
+    slow = DRIFT * np.sin(2 * np.pi * rng.uniform(0.05, 0.2) * t + rng.uniform(0, 2 * np.pi))
+    return np.sort(t + slow + JITTER / RATE * rng.uniform(-0.5, 0.5, len(t)))
+
+
+def fed_back(states: tuple[np.ndarray, ...], t: np.ndarray, seed: int) -> tuple[tuple[np.ndarray, ...], np.ndarray]:
+    """The motion with what a controller of each joint makes of noise of its position, and that noise."""
+    rng, w = np.random.default_rng([seed, 3]), 2 * np.pi * LOOP
+    A, B = np.array([[0, 1], [-w * w, -1.4 * w]]), np.array([[0.0], [-w * w]])
+    noise, moved = rng.normal(size=states[0].shape), np.zeros((3, *states[0].shape))
+    for j, e in enumerate(noise.T):  # qdd = -1.4 w qd - w^2 (q + e)
+        x = lsim((A, B, np.eye(2), np.zeros((2, 1))), e, t)[1]
+        change = np.array([*x.T, x @ A[1] - w * w * e])
+        size = FED_BACK * np.sqrt((states[2][:, j] ** 2).mean()) / change[2].std()
+        moved[..., j], noise[:, j] = size * change, size * e
+    return tuple(x + y for x, y in zip(states, moved, strict=True)), noise
+
+
+def case(name: str, seed: int, linear: bool = False, logged: str = "") -> Case:
     """A robot, its motion and torques; `linear` friction is that of the fit, and without a delay."""
     robot, rng, gears = robots()[name], np.random.default_rng(seed), np.random.default_rng([seed, 1])
     t = np.arange(int(DURATION * RATE)) / RATE
+    if logged == "samples":
+        t = uneven(t, seed)
     states = motion(robot, rng, t)
+    noise = np.zeros_like(states[0])
+    if logged == FEEDBACK:
+        states, noise = fed_back(states, t, seed)
     body = robot.inverse_dynamics(*states)
     arm, late = drives_of(robot, rng, gears, body, states[1]), float(gears.uniform(*LATE))
     if linear:
         arm, late = arm._replace(load=0 * arm.load, saturating=1e6 * arm.saturating), 0.0
     tau = body + friction(arm, *states[1:], body)
-    return Case(arm, rng, t, states, tau, np.sqrt((tau**2).mean(0)), int(rng.integers(robot.n)), late)
+    return Case(arm, rng, t, states, tau, np.sqrt((tau**2).mean(0)), int(rng.integers(robot.n)), late, noise)
 
 
 def log(c: Case, tau: np.ndarray, q: np.ndarray | None = None) -> Log:
     """With a delay, noise and an encoder's steps."""
     noisy = later(c.t, tau, c.late) + NOISE * c.size * coloured(c.rng, tau.shape)
-    return Log(c.t.copy(), ENCODER * np.rint((c.states[0] if q is None else q) / ENCODER), noisy)
+    positions = (c.states[0] if q is None else q) + c.noise
+    return Log(c.t.copy(), ENCODER * np.rint(positions / ENCODER), noisy)
 
 
 def later(t: np.ndarray, tau: np.ndarray, delay: float) -> np.ndarray:
@@ -397,33 +434,38 @@ class Outcome(NamedTuple):
     named: bool
     hidden: bool  # no log without noise would tell it: other parameters give the same torques
     error: str
+    blamed: bool = False  # on more than friction of sound gears
 
     @property
     def wrong(self) -> bool:
         return not self.chi_square <= 1
 
 
-def run(fault: str, name: str, seed: int) -> Outcome:
+def run(fault: str, name: str, seed: int, logged: str = "") -> Outcome:
     """A log with a fault, identified."""
-    c, (make, names) = case(name, seed), FAULTS.get(fault, (clean, ()))
+    c, (make, names) = case(name, seed, logged=logged), FAULTS.get(fault, (clean, ()))
     data, known = make(c), given_robot(c.arm.robot, c.rng)
+    qd = np.gradient(data.q, data.t, axis=0) if logged in CLOCKS else None
+    read = READ / RATE * np.random.default_rng([seed, 4]).uniform(-0.5, 0.5, len(data.t))
+    t = np.sort(data.t + read) if logged == "reader" else data.t
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
         try:
-            record = Record(data.t, data.q, data.tau, joint_names=known.joint_names)
+            record = Record(t, data.q, data.tau, qd, joint_names=known.joint_names)
             found = rne.identify(known, record, consistent=False)
         except (ValueError, rne.RneError) as error:
             named = any(_says(str(error), kind) for kind in names)
             return Outcome(fault, name, seed, np.inf, True, (), named, False, str(error))
     told = [str(w.message) for w in said if issubclass(w.category, rne.IdentificationWarning)]
     kinds, causes = tuple(f.kind for f in record.findings), tuple(cause.kind for cause in found.causes)
-    gap = found.estimate.values - values_without(case(name, seed), found, stribeck=fault == "Stribeck")
+    gap = found.estimate.values - values_without(case(name, seed, logged=logged), found, stribeck=fault == "Stribeck")
     weight = np.linalg.pinv(found.estimate.covariance, rcond=1e-12, hermitian=True)
     chi_square = float(gap @ weight @ gap) / chi2.ppf(CHANCE, found.base.count)
     named = any(kind in (*causes[:2], *kinds) for kind in names)
     hidden = fault != "clean" and chi_square > 1 and not named and is_hidden(make, name, seed)
     warned = bool(told or record.findings)
-    return Outcome(fault, name, seed, chi_square, warned, causes + kinds, named, hidden, " | ".join(told))
+    blamed, said = any(kind not in GEARS for kind in causes), " | ".join(told)
+    return Outcome(fault, name, seed, chi_square, warned, causes + kinds, named, hidden, said, blamed)
 
 
 def is_hidden(make: Callable[[Case], Log], name: str, seed: int) -> bool:
@@ -443,7 +485,7 @@ def _says(message: str, kind: str) -> bool:
 
 def values_without(c: Case, found: Any, stribeck: bool) -> np.ndarray:
     """The same base parameters from the same motion without fault, noise and delay."""
-    bare = c._replace(size=0 * c.size, late=0.0)
+    bare = c._replace(size=0 * c.size, late=0.0, noise=0 * c.noise)
     data = FAULTS["Stribeck"][0](bare) if stribeck else clean(bare)
     of_fit = found.records[0]
     options = {"cutoff": of_fit.cutoff, "folds": 2, "minimum_velocity": None}

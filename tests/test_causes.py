@@ -312,11 +312,45 @@ def test_columns_of_each_joint_are_those_of_that_joint():
     res, h = residuals(), 1e-3
     of_ratios, of_friction = ratio_columns(res), stribeck_columns(res, 0.2)
     for j, unit in enumerate(np.eye(res.robot.n)):
-        both = [res.smooth(lambda *x, k=1 + s * h * unit: k * res.load(*(k * y for y in x))) for s in (1, -1)]
+        both = [res.sampled(lambda *x, k=1 + s * h * unit: k * res.load(*(k * y for y in x))) for s in (1, -1)]
         expected = (both[0] - both[1]) / (2 * h)
         np.testing.assert_allclose(of_ratios[..., j], expected, atol=1e-4 * np.abs(expected).max())
         alone = res.sampled(lambda q, qd, qdd, j=j: np.sign(qd[:, j]) * np.exp(-np.abs(qd[:, j]) / 0.2))
         np.testing.assert_array_equal(of_friction[..., j], alone[:, None] * unit)
+
+
+def test_columns_from_few_samples_are_those_of_the_filter():
+    """Smooth ones within 1 %; a step, of which the filter's response to 1.25 periods leaves 1 %, within 3 %."""
+    res, used = residuals(), residuals().used[:, 0]
+    for values, tolerance in ((lambda q, qd, qdd: q * qdd, 0.01), (lambda q, qd, qdd: np.sign(qd), 0.03)):
+        exact, few = res.sampled(values), res.near_rows(values)
+        assert np.abs(few - exact)[used].max() < tolerance * np.abs(exact).max()
+    rows = np.arange(len(used)) % 3 == 0
+    thin = res._with(res.sigma, res.correlation_time, None, res.used & rows[:, None])
+    np.testing.assert_array_equal(thin.near_rows(values)[~rows], 0)
+    np.testing.assert_allclose(thin.near_rows(values)[rows & used], few[rows & used], atol=1e-12)
+
+
+def test_joints_in_their_own_order_move_the_columns_of_the_fit():
+    """The general path, J close to 1, against the equations that the fit has."""
+    res = residuals()
+    moved, own = (res.moved(J, res.tau) for J in (np.eye(4) * (1 + 1e-9), np.eye(4)))
+    np.testing.assert_array_equal(own, res.Y @ res.base.back)
+    lengths = np.linalg.norm(own[res.used], axis=0)
+    np.testing.assert_array_less(np.linalg.norm((moved - own)[res.used], axis=0), 0.02 * lengths)
+
+
+def test_changes_are_fitted_with_the_weights_of_what_they_leave():
+    """As the fit of the package, whose weights have converged, wherever the residuals' weights are."""
+    res = residuals()
+    fit = least_squares(res.data.fitted.mapped(res.base.back))
+    for sigma in (res.sigma, np.array([1e-3, 1e3, 1, 1]) * res.sigma):
+        x, noise, left = res._with(sigma, res.correlation_time, None, res.data.used).refitted(
+            res.moved(np.eye(4), res.tau), res.tau
+        )
+        np.testing.assert_array_less(np.abs(x - fit.values), 0.3 * fit.errors)
+        np.testing.assert_allclose(noise, fit.sigma, rtol=0.1)  # of rows, not of degrees of freedom
+        np.testing.assert_allclose(np.sqrt(left), res.data.fitted.shares(res.base.back @ fit.values), rtol=0.01)
 
 
 def test_columns_add_to_the_covariance_what_a_fit_with_them_has_more():
@@ -339,7 +373,7 @@ def test_a_base_that_is_turned_far_is_told_with_its_angle(degrees):
     rows = build_regression(robot, Record(t, q, tau), base, None, 8.0, 2)
     values = least_squares(rows.fitted.mapped(base.back)).values
     rest = FitResiduals(robot, base, rows, values, noise, np.ones(robot.n))
-    told = [(cause.kind, round(cause.value)) for cause in gravity_directions(rest)]
+    told = [(cause.kind, round(cause.value)) for cause, _ in gravity_directions(rest)]
     assert told == ([("gravity direction", degrees)] if degrees else [])
 
 
@@ -356,6 +390,43 @@ def test_faults_that_no_campaign_planted_first(fault, robot, kind):
     with pytest.warns(rne.IdentificationWarning):
         found = identified(fault, robot)
     assert kind in [cause.kind for cause in found.causes[:2]], found.causes
+
+
+def options_of(kind):
+    """What the text of a cause says, done: options of `identify`."""
+    own = {"rotor": True, "friction": "viscous+coulomb", "offset": True}
+    return {
+        "spring": {"springs": [rne.Spring.at_joint("b", 1.0, 0.0)]},
+        "friction by direction": {"drives": rne.DriveModel(**own | {"friction": "viscous+asymmetric+coulomb"})},
+        "friction under load": {"drives": rne.DriveModel(**own | {"friction": "viscous+coulomb+load"})},
+        "rotor": {"drives": rne.DriveModel(**own)},
+    }[kind]
+
+
+def under_load(c):
+    passed = c.arm.robot.inverse_dynamics(*c.states) + c.arm.rotor * c.states[2]
+    return faults.log(c, c.tau + 0.2 * np.abs(passed) * np.sign(c.states[1]))
+
+
+@pytest.mark.filterwarnings("ignore::rne.IdentificationWarning")
+@pytest.mark.parametrize(
+    ("fault", "kind", "words"),
+    [
+        (pulled, "spring", "(springs=[rne.Spring.at_joint(...)])"),
+        (one_sided, "friction by direction", '(friction="viscous+asymmetric" of rne.DriveModel)'),
+        (under_load, "friction under load", '(friction="load" of rne.DriveModel)'),
+        (faults.clean, "rotor", "(rotor=True of rne.DriveModel)"),
+    ],
+)
+def test_what_the_text_of_a_cause_names_fits_it(fault, kind, words):
+    """The cause is gone, and less is left."""
+    options = {"drives": FRICTION} if kind == "rotor" else {}
+    before, after = identified(fault, **options), identified(fault, **options | options_of(kind))
+    (cause,) = [cause for cause in before.causes if cause.kind == kind]
+    assert cause.text.endswith(words)
+    assert kind not in {cause.kind for cause in after.causes}
+    assert after.held_out.min() < 0.9 * before.held_out.max()
+    assert (after.held_out < 1.05 * before.held_out).all()
 
 
 def test_a_joint_that_stands_still_leaves_the_others_alone():

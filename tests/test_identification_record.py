@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 from scipy.signal import lfilter
 
 import rne
@@ -367,6 +368,36 @@ def test_stamps_made_by_the_reader_are_told_and_samples_are_counted(true, kind, 
     assert measured.findings[0].cure == "samples are counted, for the positions are smoother over equal steps"
     assert accelerations_off(measured, true) < 0.02  # a ms, of which times of bursts are uncertain, makes 0.004
     assert len(measured.prepare(cutoff=5.0).segments) == 1 + bool(lost)
+
+
+@pytest.mark.parametrize("made_by", ["clock", "reader"])
+def test_measured_velocities_decide_whose_stamps_they_are(made_by):
+    """A rate that changes by a tenth and jitter: the stamps of the samples, or of what read equal steps."""
+    robot = first_joints(2)
+    true = truth(robot, duration=12.0, rate=200.0)
+    t, rng = true.t, np.random.default_rng(3)
+    other = np.sort(t + 0.05 * np.sin(2 * np.pi * t / 3) + 4e-4 * rng.normal(size=len(t)))
+    taken, stamps = (other, other) if made_by == "clock" else (t, np.sort(t + 2e-3 * rng.normal(size=len(t))))
+    q, qd = (np.column_stack([CubicSpline(t, x)(taken) for x in y.T]) for y in (true.q, true.qd))
+    q, qd = q + 2e-3 * rng.normal(size=q.shape), qd + 0.01 * rng.normal(size=q.shape)  # too much for fourth differences
+    measured = Record(stamps, q, true.tau, qd)
+    reason = "for measured velocities integrate to the positions over"
+    if made_by == "clock":
+        assert not measured.findings
+        assert f"stamps are believed, {reason} the stamps" in measured.prepare(5.0).notes
+    else:
+        assert measured.findings[0].cure == f"samples are counted, {reason} equal steps"
+
+
+def test_a_gap_leaves_no_segment_shorter_than_a_step():
+    """Two samples a third of a period apart between two gaps."""
+    t = np.arange(1000) / 100
+    q = np.sin(np.outer(t, [2.0, 3.0]))
+    times = np.delete(t, [*range(500, 520), *range(522, 560)])
+    rows = np.searchsorted(t, times)
+    times[501] = times[500] + 0.004
+    prepared = Record(times, q[rows], q[rows], np.gradient(q, t, axis=0)[rows], stamps="sampled").prepare(5.0)
+    assert len(prepared.segments) == 2
 
 
 def test_counted_samples_of_some_seconds_have_one_rate():

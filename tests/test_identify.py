@@ -134,7 +134,7 @@ def test_torques_of_another_motion_are_predicted_to_the_noise(scene, motions):
         record(motion, **sensors(scene.n, k))
         for k, motion in enumerate((motions[0], truth(scene, seed=11, rate=250.0)))
     ]
-    found = rne.identify(scene.robot, fitted, drives=rne.DriveModel(friction="viscous+coulomb"), folds=2)
+    found = rne.identify(scene.robot, fitted, drives=rne.DriveModel(friction="viscous+coulomb"), folds=2, causes=False)
     assert (error_over_noise(found, motions[1], 100) < 1.2).all()
 
 
@@ -279,7 +279,7 @@ def test_coupled_motor(scene, motions):
 def test_sliding_joints_branches_and_mimics(name):
     robot = rne.Robot(TREES[name])
     motion = truth(robot, seed=4, rate=250.0)
-    found = rne.identify(robot, record(motion), drives=rne.DriveModel(), folds=2, prior_std=3.0)
+    found = rne.identify(robot, record(motion), drives=rne.DriveModel(), folds=2, prior_std=3.0, causes=False)
     other = truth(robot, seed=5, rate=250.0)
     check = found.check(record(other))
     assert (check.relative < 0.02).all()
@@ -293,7 +293,9 @@ def test_a_joint_that_does_not_move_is_not_excited(scene, motions):
     tau = scene.inverse_dynamics(q, qd, qdd)
     q[:, -1] += ENCODER * np.random.default_rng(0).integers(-1, 2, len(t))
     rec = Record(t, ENCODER * np.rint(q / ENCODER), tau)
-    found = rne.identify(scene.robot, rec, drives=rne.DriveModel(rotor=True, friction="viscous+coulomb"), folds=2)
+    found = rne.identify(
+        scene.robot, rec, drives=rne.DriveModel(rotor=True, friction="viscous+coulomb"), folds=2, causes=False
+    )
     names = [found.base.names.index(f"{symbol}_{scene.n}") for symbol in ("Ia", "Fv", "Fc")]
     assert not found.excited[names].any()
     assert np.isinf(found.estimate.errors[names]).all()
@@ -309,7 +311,7 @@ def test_where_the_motion_says_nothing_the_model_has_the_last_word(scene, motion
     t, q, qd, qdd, _ = (x.copy() for x in motions[0])
     q[:, -1], qd[:, -1], qdd[:, -1] = 0.3, 0, 0
     rec = Record(t, q, scene.robot.inverse_dynamics(q, qd, qdd))
-    found = rne.identify(robot, rec, drives=rne.DriveModel(rotor=True), folds=2)
+    found = rne.identify(robot, rec, drives=rne.DriveModel(rotor=True), folds=2, causes=False)
     assert found.robot.model.armature[-1] == pytest.approx(0.5, rel=1e-6)
     assert found.robot.model.armature[1] < 0.2
 
@@ -317,7 +319,9 @@ def test_where_the_motion_says_nothing_the_model_has_the_last_word(scene, motion
 def test_a_joint_without_torques_is_no_perfect_one(scene, motions):
     t, q, tau = measure(motions[0], torque_noise=NOISE[: scene.n])
     tau[:, -1] = 0
-    found = rne.identify(scene.robot, Record(t, q, tau), drives=rne.DriveModel(friction="viscous+coulomb"), folds=2)
+    found = rne.identify(
+        scene.robot, Record(t, q, tau), drives=rne.DriveModel(friction="viscous+coulomb"), folds=2, causes=False
+    )
     assert np.isnan(found.held_out[-1])
     assert (found.held_out[:-1] < 0.1).all()
     assert f"joint_{scene.n} has no torque that can be used" in found.notes
@@ -440,7 +444,7 @@ def test_rotors_are_declined_where_no_joint_feels_one():
     found = rne.identify(SCARA, Record(t, q, tau), consistent=False)
     assert "Ia" not in found.standard.terms
     assert any(note.startswith("rotors are not fitted") for note in found.notes)
-    felt = rne.identify(SCARA, Record(*swings(SCARA, rotors=0.2)), consistent=False)
+    felt = rne.identify(SCARA, Record(*swings(SCARA, rotors=0.2)), consistent=False, causes=False)
     assert felt.estimate.values[felt.base.names.index("Ia_4")] == pytest.approx(0.2, rel=0.1)
     asked = rne.identify(SCARA, Record(t, q, tau), drives=MEASURED, consistent=False)
     assert "Ia" in asked.standard.terms

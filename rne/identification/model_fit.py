@@ -49,7 +49,7 @@ from .fit.equations import (
 )
 from .fit.least_squares import Estimator, LeastSquares, held_out, least_squares, with_correlation
 from .log.record import Record
-from .result import IMPOSSIBLE, NOT_CONSISTENT, WRONG_SIGN, Identification
+from .result import IMPOSSIBLE, NOT_CONSISTENT, NOT_SOUGHT, WRONG_SIGN, Identification
 
 Instruments = Motion | ArrayLike | Sequence[Motion | ArrayLike]
 FROM_INSTRUMENTS = "the cut-off is that of the motion of the instruments, in which there is no noise"
@@ -72,6 +72,7 @@ def identify(
     cutoff: float | None = None,
     folds: int = thresholds.FOLDS,
     hypotheses: Sequence[Hypothesis] = (),
+    causes: bool = True,
     springs: Sequence[Spring | JointSpring] = (),
     instruments: Instruments | None = None,
 ) -> Identification:
@@ -107,12 +108,17 @@ def identify(
         By which torques were measured later than positions, by default estimated for each record, and for a joint where
         it differs [s].
     cutoff : float, optional
-        Cut-off of the low-pass filter, by default chosen from the measurements [Hz].
+        Cut-off of the low-pass filter [Hz]. By default that of the spectrum, as `Record.prepare` chooses it; where more
+        than 5 % of a torque is then left, it is halved as long as the fit predicts blocks of time better that it has
+        not seen: noise that a controller feeds back is in torques and positions alike, and no spectrum tells it.
     folds : int
         Blocks of time of the cross-validation: each record is cut into `folds` / number of records, rounded up and
         at least 2, each to be predicted from the others.
     hypotheses : sequence of Hypothesis
         Causes of residuals that are tried beside those that are known.
+    causes : bool
+        False to look for no causes of what is left, which takes most of the time where much is left. Delays, the
+        Stribeck effect and missing rotors are found in any case.
     springs : sequence of Spring
         Springs whose places are known and whose stiffness and length are found, whatever numbers they are given, at
         their given force; of springs at joints, and of those without length, the stiffness alone. A rest of a joint
@@ -177,10 +183,12 @@ def identify(
     if motions and cutoff is None:
         options["cutoff"] = cutoff_of_instruments(records, motions)
     options |= {"instruments": motions}
-    tried = hypotheses_argument(hypotheses)
+    tried = hypotheses_argument(hypotheses) if causes else None
+    if hypotheses and not causes:
+        raise ValueError("`hypotheses` are tried as causes: leave them out, or set `causes=True`")
     if tried and motions:
         raise ValueError("`hypotheses` are judged by least squares, which `instruments` replace: leave out one of them")
-    base, data, causes, modelled, declined = fit_with_delays(robot, records, drives, delay, options, tried, fitted)
+    base, data, likely, modelled, declined = fit_with_delays(robot, records, drives, delay, options, tried, fitted)
     standard = base.standard
     guess, notes = (None, ()) if known is None else prior_bodies(known, standard, data.fitted)
     try:
@@ -209,8 +217,8 @@ def identify(
         )
     matched += (FROM_INSTRUMENTS,) * (bool(motions) and cutoff is None)
     notes = (*matched, *data.notes, *map(taken_text, modelled), *declined, *notes)
-    notes += (*ignored_drives(standard), *negative_drives(robot, base, estimate))
-    trust = errors, correlation_time, lower - estimate.values, drift_error, merged_by_kind(causes)
+    notes += (*ignored_drives(standard), *negative_drives(robot, base, estimate), *[NOT_SOUGHT] * (not causes))
+    trust = errors, correlation_time, lower - estimate.values, drift_error, merged_by_kind(likely)
     found = Identification(robot, standard, base, data, estimate, parameters, consistent, *trust, notes)
     if found.doubt:
         warnings.warn(found.doubt, IdentificationWarning, stacklevel=2)
@@ -223,12 +231,13 @@ def fit_with_delays(
     drives: DriveModel | None,
     delay: ArrayLike | None,
     options: dict[str, Any],
-    hypotheses: Sequence[Hypothesis],
+    hypotheses: Sequence[Hypothesis] | None,
     springs: Springs | None = None,
 ) -> tuple[BaseParameters, RegressionData, tuple[Cause, ...], list[Cause], tuple[str, ...]]:
     """The equations with delays, Stribeck effects and rotors as they show in the residuals, found in a few rounds.
 
-    Returns the base parameters, the equations, the causes of what is left, those that are modelled, and notes.
+    Returns the base parameters, the equations, the causes of what is left, those that are modelled, and notes. Without
+    `hypotheses`, no causes but those that may be modelled are looked for.
     """
     delays = np.zeros((len(records), robot.n))
     if delay is not None:
@@ -243,6 +252,11 @@ def fit_with_delays(
         base = robot.base_parameters(drives=drives)
         base = base if springs is None else with_springs(base, springs)
         data, estimate = fit_with_loads(robot, records, base, options | {"delays": delays})
+        if not k:
+            lower = data if options["cutoff"] else with_lower_cutoff(robot, records, base, data, options)
+            options, notes = options | {"cutoff": [r.cutoff for r in lower.prepared]}, [r.notes for r in lower.prepared]
+            if lower is not data:
+                data, estimate = fit_with_loads(robot, records, base, options | {"delays": delays})
         rest = FitResiduals(robot, base, data, estimate.values, estimate.sigma)
         is_last = k == thresholds.DELAY_ROUNDS
         found: list[Cause] = []
@@ -271,7 +285,57 @@ def fit_with_delays(
                 break
             drives = replace(drives, rotor=False)
     declined = (NO_ROTORS,) if is_open and not drives.rotor else ()
-    return base, data, causes, [*late.values(), *sharp.values()], declined
+    prepared = tuple(replace(record, notes=text) for record, text in zip(data.prepared, notes, strict=True))
+    causes = causes if hypotheses is not None else ()
+    return base, replace(data, prepared=prepared), causes, [*late.values(), *sharp.values()], declined
+
+
+def with_lower_cutoff(
+    robot: Robot, records: Sequence[Record], base: BaseParameters, data: RegressionData, options: dict[str, Any]
+) -> RegressionData:
+    """The equations with the cut-offs of the spectra, halved where that predicts what was not fitted better.
+
+    Of two fits that with the lower cut-off is taken if it predicts blocks of time that neither has seen better, on
+    signals below that cut-off, and less is left of its own signals than of the other's; where much is left also if it
+    is as good there, and clearly less is left. There some halves that do not help may be followed by one that does.
+    """
+    estimator, first, failed = Estimator(base, None, 1.0), data, 0
+
+    def errors_of(part: RegressionData, other: RegressionData) -> Array:
+        """Errors held out, with the weights of all blocks: those of each take ten times as long."""
+        known = estimator._replace(noise=estimator.fit(part.fitted)[0].sigma)
+        return held_out(known, part.fitted, other.fitted).everywhere
+
+    x = base.back @ estimator.fit(data.fitted)[0].values
+    if data.fitted.shares(x).max(initial=0) < thresholds.LITTLE:
+        return data
+    options, errors = options | {"delays": data.delays, "loaded": x}, [errors_of(data, data)]
+    for k in range(1, thresholds.HALVINGS + 1):
+        cutoffs = [record.cutoff / 2**k for record in first.prepared]
+        try:
+            lower = build_regression(robot, records, base, **options | {"cutoff": cutoffs})
+        except ValueError:  # the record is too short for this filter
+            break
+        if lower.used.sum() < thresholds.FEWEST_ROWS * base.count:
+            break
+        own, other = (errors_of(part, lower) for part in (lower, data))
+        ratio, fallen = (float(np.sqrt(np.nansum(own**2) / np.nansum(x**2))) for x in (other, errors[-1]))
+        is_poor, least = np.nanmedian(errors[-1]) > thresholds.EXPLAINED, 1 - thresholds.LOWER
+        if (ratio < least and fallen < 1) or (is_poor and fallen < least and ratio < 1 / least):
+            data, failed = lower, 0
+            errors.append(own)
+        elif is_poor and failed < thresholds.FAILED:
+            failed += 1
+        else:
+            break
+    if data is first:
+        return data
+    before, after = (", ".join(f"{100 * x:.3g}" for x in e) for e in (errors[0], errors[-1]))
+    why = f"of blocks not fitted {after} % is left by joint, with that of the spectrum, {{:.3g}} Hz, {before} %: "
+    why += "noise may be fed back"
+    pairs = zip(data.prepared, (record.cutoff for record in first.prepared), strict=True)
+    told = ((record, f"cut-off {record.cutoff:.3g} Hz: {why.format(given)}") for record, given in pairs)
+    return replace(data, prepared=tuple(replace(record, notes=(text, *record.notes[1:])) for record, text in told))
 
 
 def fit_with_loads(

@@ -53,6 +53,7 @@ if TYPE_CHECKING:
 LOOK = (("0.7", 3.0), ("C0", 1.2), ("C3", 1.0))  # colour and width of measured, predicted and residual torques
 GAP = 1.5  # times the usual step, over which no line is drawn
 NOT_CONSISTENT = "parameters are those of least squares, as with `consistent=False`"  # start of a note
+NOT_SOUGHT = "causes of what is left were not looked for, as `causes` says"  # a note
 NAMED = 3  # causes that a warning names
 WRONG_SIGN = "is the sign of the joint's torque right?"  # end of a note on negative friction
 IMPOSSIBLE = "which no drive has", "which no spring has"  # ends of notes on numbers that are not possible
@@ -155,6 +156,7 @@ class Identification(InNotebooks):
         lines += likely_text(self.causes)
         if (
             not self.unexcited
+            and NOT_SOUGHT not in self.notes
             and self.data.Z is None
             and any(all(cause.removed[j] < thresholds.EXPLAINS for cause in self.causes) for j in poor)
         ):
@@ -531,7 +533,8 @@ class Identification(InNotebooks):
         Parameters
         ----------
         record : Record
-            Of the same robot; it is filtered with the lowest cut-off of those of the fit, and its torques are taken as
+            Of the same robot; it is filtered with the lowest cut-off of those of the fit, or a fifth of
+            its sample rate if that is less, and its torques are taken as
             late as those of the fit's records were on average. Torques of joints at rest count, which Coulomb friction
             does not determine.
 
@@ -550,7 +553,8 @@ class Identification(InNotebooks):
         if set(self.initial.joint_names) <= set(record.joint_names):
             record = record._part(slice(None), self.initial.joint_names)
         check_joints(self.initial, record, "record")
-        prepared = record.prepare(min(fitted.cutoff for fitted in self.records))
+        cutoff = min(fitted.cutoff for fitted in self.records)
+        prepared = record.prepare(min(cutoff, thresholds.HIGHEST_CUTOFF * record.sample_rate))
         return self._compared(record.name, delayed(prepared, self.delay.mean(0)))
 
     def _compared(self, name: str, prepared: Prepared) -> Check:
@@ -706,7 +710,8 @@ def unexplained_text(names: Sequence[str], in_motion: Array) -> list[str]:
 
 def likely_text(causes: Sequence[Cause]) -> list[str]:
     """The likeliest causes but those that gears without a fault have, if there are any."""
-    texts = [cause.text for cause in causes if cause.kind not in GEARS][:NAMED]
+    told = [cause for cause in causes if cause.kind not in GEARS][:NAMED]
+    texts = [f"{cause.text} (held out: {cause.effect})" if cause.effect else cause.text for cause in told]
     first = "likely causes" if len(texts) > 1 else "the likely cause"
     return [f"{first}: {'; '.join(texts)}"] * bool(texts)
 
@@ -722,7 +727,7 @@ def fitted_text(found: Identification) -> str:
     for name, record in zip(found.data.names, found.records, strict=True):
         lines.append(f"motion {short(name)}: {len(record.t) / record.sample_rate:.3g} s at {record.sample_rate:.6g} Hz")
         lines += [f"  {note}" for note in (f"decimated by {record.decimation} after the filter", *record.notes)]
-    return "\n".join([*lines, *found.notes])
+    return "\n".join([*lines, *(note for note in found.notes if note != NOT_SOUGHT)])
 
 
 def joints_text(found: Identification) -> str:
@@ -766,14 +771,21 @@ def causes_text(found: Identification) -> str:
     for j, (name, left) in enumerate(zip(found.initial.joint_names, found.unexplained.in_motion, strict=True)):
         if left > thresholds.EXPLAINED:
             own = [cause.text for cause in found.causes if cause.removed[j] > thresholds.EXPLAINS]
-            why = f": {own[0]}" if own else ": no single change of the log, the robot or the drives explains it"
+            none = (
+                []
+                if NOT_SOUGHT in found.notes
+                else ["no single change of the log, the robot or the drives explains it"]
+            )
+            why = "".join(f": {text}" for text in (own or none)[:1])
             lines.append(f"  {short(name)} {100 * left:.0f} % in motion{why}")
     lines = ["not explained", *lines] if lines else []
     if found.causes:
-        lines.append("likely causes of what is left, and how much of a joint's residual each takes away")
-        lines += [f"  {100 * (1 - np.sqrt(max(1 - c.removed.max(), 0))):.0f} %: {c.text}" for c in found.causes]
-    if not lines and np.nanmax(found.unexplained.in_motion, initial=0) > thresholds.LITTLE:
-        lines = ["no single change of the log, the robot or the drives that was looked for explains what is left"]
+        lines.append("likely causes of what is left, and what the errors held out would become with each")
+        lines += [f"  {cause.text}{f': {cause.effect}' * bool(cause.effect)}" for cause in found.causes]
+    if NOT_SOUGHT in found.notes:
+        lines.append(NOT_SOUGHT)
+    elif not lines and np.nanmax(found.unexplained.in_motion, initial=0) > thresholds.LITTLE:
+        lines = ["no single change of the log, the robot or the drives that was looked for improves what was held out"]
     return "\n".join(lines or ["little is left: no change of the log, the robot or the drives is needed"])
 
 

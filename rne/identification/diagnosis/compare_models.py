@@ -161,7 +161,7 @@ class TorqueDifference(Discrepancy):
         if before is not None:
             causes, texts = [*before.causes, *causes], [before.text, *texts]
             numbers, alternatives = before.numbers + numbers, before.alternatives * alternatives
-        gain, _ = self.gain(self.by_joint(self.weighted(residual)))
+        gain = self.gain(self.by_joint(self.weighted(residual)))
         score = 2 * (self.penalty(numbers) + log(alternatives) - gain)
         explains = self.explains(residual)
         return Candidate(tuple(causes), "; ".join(texts), numbers, alternatives, residual, score, explains)

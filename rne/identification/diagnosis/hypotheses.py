@@ -9,8 +9,10 @@ such as torques of the wrong sign or joints in another order, are tried by fitti
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import combinations
 from typing import Any, Literal, NamedTuple
 
@@ -18,16 +20,20 @@ import numpy as np
 
 from ...basics.spatial import Array
 from ...basics.text import listed
+from ...dynamics.regressors import regressor
+from ...model.model import Model
 from ...model.parameters import PARAMETERS
 from ...robot import Robot
 from .. import thresholds
 from ..fit.equations import in_space_of_instruments, solve, triangular
 from ..log.prepared import Prepared
 from ..log.screening import seconds
-from .residuals import TINY, Discrepancy, FitResiduals, Torques, by_joint
+from .residuals import TINY, Discrepancy, FitResiduals, Torques, by_joint, extended
 
+LOGGER = logging.getLogger("rne")
 STRIBECK, SIZE, DIRECTION, GAIN = "Stribeck friction", "gravity magnitude", "gravity direction", "torque factor"
 LOAD = "payload changed"
+EVENTS = (LOAD, "encoder slip", "contact", "friction changed", "offset drifts")  # of which blocks between tell
 GEARS = ("friction under load", "friction by direction", "pre-sliding friction", STRIBECK)  # which sound gears have
 DRIVES = {"Ia": "rotor", "Fv": "viscous friction", "Fc": "Coulomb friction", "tau0": "offset"}  # kinds of symbols
 NOT_ASKED = "the drive of {} has %s of {:.3g}, which was not asked for"
@@ -47,6 +53,29 @@ OF_JOINTS: dict[str, tuple[str, Torques, float]] = {  # kind: text, torque of ea
         1.0,
     ),
 }
+OF_DRIVES = "%s of rne.DriveModel"
+MENDED_BY = {  # kind: what fits it or mends the log
+    "rotor": OF_DRIVES % "rotor=True",
+    "viscous friction": OF_DRIVES % 'friction="viscous"',
+    "Coulomb friction": OF_DRIVES % 'friction="coulomb"',
+    "offset": OF_DRIVES % "offset=True",
+    "friction under load": OF_DRIVES % 'friction="load"',
+    "friction by direction": OF_DRIVES % 'friction="viscous+asymmetric"',
+    STRIBECK: OF_DRIVES % "stribeck",
+    "pre-sliding friction": OF_DRIVES % "stribeck",
+    "spring": "springs=[rne.Spring.at_joint(...)]",
+    "delay": "delay",
+    DIRECTION: "Robot.mounted",
+    LOAD: "Record.between, Robot.with_payload",
+    "contact": "Record.between",
+    "encoder slip": "Record.between",
+    "gear ratio": "ratios of Record.from_motors",
+    "joint zero": "offsets of Record.from_motors",
+    "coupling": "coupling of Record.from_motors",
+    GAIN: "drive_gains of Record.from_motors",
+    "joint order": "joint_names of the Record",
+    "degrees": 'unit="deg" of the Record',
+}
 DIFFERENCE = 1e-4  # of central differences, relative or [rad or m]
 
 
@@ -63,8 +92,11 @@ class Cause(NamedTuple):
         In words, with its size.
     score : float
         Gain of log likelihood, less log(N) / 2 per free number and the logarithm of how many were tried.
+    effect : str
+        What becomes of errors on blocks of time that were not fitted, such as "10.2 to 3.1 % on joint_2"; empty for a
+        unit or sign of all torques, which no fit tells.
     removed : ndarray, shape (n,)
-        Part of the squares of each joint's residuals that it takes away.
+        Part of the squares of each joint's errors there that it takes away.
     value, error : float
         Its size and the standard error of that, where it is one number, otherwise NaN: a delay [s], a zero [rad or m],
         a ratio relative to one, friction, an inertia or an offset in the units of its joint.
@@ -76,10 +108,14 @@ class Cause(NamedTuple):
     joints: tuple[str, ...]
     text: str
     score: float
-    removed: Array
     value: float = float("nan")
     error: float = float("nan")
     at: float = float("nan")
+    effect: str = ""
+    removed: Array = np.zeros(0)
+
+
+Trial = Callable[[FitResiduals], tuple[Array, ...]]  # errors held out without a change and with it, (n,) each
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,15 +184,14 @@ def columns_of(rest: Discrepancy, h: Hypothesis) -> Array:
     return rest.sampled(checked)
 
 
-def judge(rest: Discrepancy, h: Hypothesis) -> Cause:
+def judge(rest: Discrepancy, h: Hypothesis, columns: Array | None = None) -> Cause:
     """The cause with its score."""
-    c, error, left, _ = rest.with_columns(columns_of(rest, h))
-    gain, removed = rest.gain(rest.by_joint(left))
+    c, error, left, _ = rest.with_columns(columns_of(rest, h) if columns is None else columns)
     size = (float(c[0]), float(error[0])) if len(c) == 1 else (float("nan"), float("nan"))
     kind = "pre-sliding friction" if h.kind == STRIBECK and c[0] < 0 else h.kind
     kind = "torque sign" if kind == GAIN and c[0] < -1 else kind
-    score = gain - rest.penalty(len(c)) - float(np.log(h.alternatives))
-    return Cause(kind, h.joints, text_of(h, c), score, removed, *size, h.at)
+    score = rest.gain(rest.by_joint(left)) - rest.penalty(len(c)) - float(np.log(h.alternatives))
+    return Cause(kind, h.joints, text_of(h, c), score, *size, h.at)
 
 
 def hypotheses_argument(given: Any) -> tuple[Hypothesis, ...]:
@@ -166,27 +201,65 @@ def hypotheses_argument(given: Any) -> tuple[Hypothesis, ...]:
     return tuple(given)
 
 
-def likely_causes(rest: FitResiduals, hypotheses: Sequence[Hypothesis] = ()) -> tuple[tuple[Cause, ...], Array | None]:
-    """The best cause of each kind and joints whose score is evident, and the columns of the best linear hypothesis.
+def likely_causes(
+    rest: FitResiduals, hypotheses: Sequence[Hypothesis] | None = ()
+) -> tuple[tuple[Cause, ...], Array | None]:
+    """The best cause of each kind and joints that is evident and improves what was held out, the likeliest first.
 
-    Causes that explain what friction cannot come first.
+    Beside them the columns of the best linear hypothesis. Causes that explain what friction cannot come first. Without
+    `hypotheses`, only the friction of gears is looked for.
     """
-    beyond = rest.beyond_friction
-    found = [judge(rest, h) for kind in (declined_drives, friction) for h in kind(rest)]
-    best_score, leading = thresholds.EVIDENT, None
-    kinds = (delays, other_gravity, joints, changing, payloads, slips, contacts)
-    for h in (*hypotheses, *(h for kind in kinds for h in kind(beyond))):
-        found.append(judge(beyond, h))
-        if found[-1].score > best_score and h.kind != "delay":
-            best_score, leading = found[-1].score, columns_of(beyond, h)
-    found += [*torque_scale(rest), *other_torques(beyond)]
-    if rest.share > thresholds.POOR:
-        found += [*gravity_directions(rest), *other_joints(beyond)]
-    best: dict[tuple[str, tuple[str, ...]], Cause] = {}
-    for cause in sorted(found, key=lambda cause: (cause.kind in GEARS, -cause.score)):
+    found: list[tuple[Cause, Trial | None]] = []
+    best_score, leading, linear = thresholds.EVIDENT, None, [(rest, h) for h in friction(rest)]
+    if hypotheses is not None:
+        beyond = rest.beyond_friction
+        kinds = (delays, other_gravity, joints, changing, payloads, slips, contacts)
+        linear += [(rest, h) for h in declined_drives(rest)] + [(beyond, h) for h in hypotheses]
+        linear += [(beyond, h) for kind in kinds for h in kind(beyond)]
+    for left, h in linear:
+        columns = columns_of(left, h)
+        cause = judge(left, h, columns)
         if cause.score > thresholds.EVIDENT:
-            best.setdefault((cause.kind, cause.joints), cause)
-    return tuple(best.values()), leading
+            found.append((cause, partial(of_columns, columns, h.kind in EVENTS)))
+            if cause.kind not in GEARS and cause.score > best_score and h.kind != "delay":
+                best_score, leading = cause.score, columns
+    if hypotheses is not None:
+        found += [*torque_scale(rest), *gravity_directions(rest), *other_conventions(rest, beyond)]
+    best: dict[tuple[str, tuple[str, ...]], tuple[Cause, Trial | None]] = {}
+    for cause, trial in sorted(found, key=lambda pair: (pair[0].kind in GEARS, -pair[0].score)):
+        if cause.score > thresholds.EVIDENT:
+            best.setdefault((cause.kind, cause.joints), (cause, trial))
+    tried = [with_effect(rest, cause, trial) for cause, trial in best.values()]
+    causes = tuple(cause for cause in tried if cause is not None)
+    LOGGER.info("%d changes tried, %d evident, %d improve what is held out", len(linear), len(tried), len(causes))
+    return causes, leading
+
+
+def of_columns(columns: Array, is_event: bool, rest: FitResiduals) -> tuple[Array, ...]:
+    """Errors held out without further columns and with them."""
+    blocks = rest.short_blocks if is_event else rest.blocks
+    b = rest.weighted(rest.tau)
+    return tuple(rest.held_out(Q, b, blocks) for Q in (rest.Q, extended(rest.Q, rest.weighted(columns))))
+
+
+def with_effect(rest: FitResiduals, cause: Cause, trial: Trial | None) -> Cause | None:
+    """The cause with its effect on what was held out, unless it improves no joint or makes one worse.
+
+    Both beside friction that gears without a fault have. The effect is that without it, where that is one.
+    """
+    if trial is None:
+        return cause._replace(removed=np.zeros(rest.robot.n))
+    left = rest if cause.kind in GEARS else rest.beyond_friction
+    ratio, told = (np.divide(*(np.maximum(x, thresholds.LEAST) for x in trial(r)[::-1])) for r in (left, rest))
+    gains, least = -left.counts * np.log(ratio), 1 - thresholds.BETTER
+    if ratio.min() > least or gains.sum() < thresholds.EVIDENT or gains.min() < -thresholds.WORSE * gains.sum():
+        return None
+    shown, factor, words = (rest, told, "") if told.min() < least else (left, ratio, " beside friction of gears")
+    errors = 100 * shown.held_out(shown.Q, shown.weighted(shown.tau), shown.blocks)
+    largest = [j for j in np.argsort(errors**2 * (factor**2 - 1)) if factor[j] < least][: thresholds.EFFECTS]
+    effects = [f"{errors[j]:.3g} to {errors[j] * factor[j]:.3g} % on {rest.names[j]}{words}" for j in largest]
+    text = f"{cause.text} ({MENDED_BY[cause.kind]})" if cause.kind in MENDED_BY else cause.text
+    return cause._replace(text=text, effect=", ".join(effects), removed=1 - told**2)
 
 
 def delays_of(rest: FitResiduals) -> list[Cause]:
@@ -195,7 +268,7 @@ def delays_of(rest: FitResiduals) -> list[Cause]:
     chosen: list[tuple[tuple[str, ...], Array]] = []
     while options:
         fits = [left.with_columns(columns) for _, columns in options]
-        gains = [left.gain(left.by_joint(values))[0] - left.penalty(len(c)) for c, _, values, _ in fits]
+        gains = [left.gain(left.by_joint(values)) - left.penalty(len(c)) for c, _, values, _ in fits]
         scores = [x if np.abs(c).max() < thresholds.LATEST else -np.inf for x, (c, *_) in zip(gains, fits, strict=True)]
         if max(scores) <= thresholds.EVIDENT:
             break
@@ -206,7 +279,7 @@ def delays_of(rest: FitResiduals) -> list[Cause]:
     c, errors, *_ = rest.with_columns(np.concatenate([columns for _, columns in chosen], axis=-1))
     places = [(joints, k if joints is names else np.nan) for joints, x in chosen for k in range(x.shape[-1])]
     sizes = zip(places, c.tolist(), errors.tolist(), strict=True)
-    return [Cause("delay", joints, "", np.nan, np.zeros(len(names)), x, e, at) for (joints, at), x, e in sizes]
+    return [Cause("delay", joints, "", np.nan, x, e, at) for (joints, at), x, e in sizes]
 
 
 def delays_by_instruments(rest: FitResiduals, moved: Sequence[Prepared]) -> list[Cause]:
@@ -223,20 +296,31 @@ def delays_by_instruments(rest: FitResiduals, moved: Sequence[Prepared]) -> list
     errors = np.sqrt(rest.correlation) * np.linalg.norm(fit.inverse, axis=1)
     late = [(k, float(fit.x[p]), float(errors[p])) for k, p in enumerate(range(rest.base.count, len(fit.x)))]
     found = [(k, x, e) for k, x, e in late if thresholds.DELAY_SETTLED * e < abs(x) < thresholds.LATEST]
-    return [Cause("delay", names, "", np.nan, np.zeros(len(names)), x, e, float(k)) for k, x, e in found]
+    return [Cause("delay", names, "", np.nan, x, e, float(k)) for k, x, e in found]
 
 
 def merged_by_kind(causes: Sequence[Cause]) -> tuple[Cause, ...]:
-    """One cause of each kind, with the joints of all."""
+    """One cause of each kind, with the joints and numbers of all."""
     found = []
     for kind in dict.fromkeys(cause.kind for cause in causes):
         first, *others = (cause for cause in causes if cause.kind == kind)
-        if kind == LOAD:  # on one link; those beside it look alike
+        if kind == LOAD or len(first.joints) != 1:  # on one link; those beside it look alike
             others = []
-        names = tuple(dict.fromkeys(name for cause in others for name in cause.joints if name not in first.joints))
-        text = f"{first.text}; likewise of {listed(names)}" if names and len(first.joints) == 1 else first.text
-        found.append(first._replace(joints=(*first.joints, *names), text=text))
+        others = [cause for cause in others if not set(cause.joints) & set(first.joints)]
+        names = dict.fromkeys(name for cause in (first, *others) for name in cause.joints)
+        effects = dict.fromkeys(part for cause in (first, *others) for part in cause.effect.split(", ") if part)
+        texts = [cause.text for cause in (first, *others)]
+        found.append(first._replace(joints=tuple(names), text=merged_text(texts), effect=", ".join(effects)))
     return tuple(found)
+
+
+def merged_text(texts: Sequence[str]) -> str:
+    """One text of several that differ in names and numbers."""
+    places = list(zip(*(text.split(" ") for text in texts), strict=False))
+    differ = sum(len(set(words)) > 1 for words in places)
+    if len({text.count(" ") for text in texts}) > 1 or 2 * differ > len(places):
+        return "; ".join(texts)
+    return " ".join(words[0] if len(set(words)) == 1 else ", ".join(words) for words in places)
 
 
 # Words
@@ -310,7 +394,7 @@ def in_gravity(robot: Robot, gravity: Array) -> Robot:
 def gravity_columns(rest: Discrepancy, gravity: Array, *bodies: Array) -> Array:
     """Torques of several sets of bodies in a given gravity, one in each column."""
     alone = in_gravity(rest.robot, gravity)
-    return rest.smooth(lambda q, qd, qdd: np.stack([alone.gravity_torque(q, parameters=pi) for pi in bodies], axis=-1))
+    return rest.sampled(lambda q, qd, qdd: np.stack([alone.gravity_torque(q, parameters=pi) for pi in bodies], axis=-1))
 
 
 def zero_columns(rest: Discrepancy, zero: Array | float = 0.0) -> Array:
@@ -321,7 +405,7 @@ def zero_columns(rest: Discrepancy, zero: Array | float = 0.0) -> Array:
         states = [np.broadcast_to(x, (rest.robot.n, *q.shape)) for x in (qd, qdd)]
         return np.moveaxis(slope(lambda h: rest.load(q + zero + h * steps, *states)), 0, -1)
 
-    return rest.smooth(torques)
+    return rest.sampled(torques)
 
 
 def slope(function: Callable[[float], Array]) -> Array:
@@ -386,7 +470,7 @@ def ratio_columns(rest: FitResiduals) -> Array:
     def torques(k: Array, motion: tuple[Array, ...]) -> Array:
         return np.asarray(k * rest.load(*(k * x for x in motion)))
 
-    return rest.smooth(lambda *motion: np.moveaxis(slope(lambda h: torques(1 + h * steps, motion)), 0, -1))
+    return rest.sampled(lambda *motion: np.moveaxis(slope(lambda h: torques(1 + h * steps, motion)), 0, -1))
 
 
 def changing(rest: FitResiduals) -> Iterator[Hypothesis]:
@@ -504,7 +588,7 @@ def contacts(rest: FitResiduals) -> Iterator[Hypothesis]:
     """A force on the last link for a while."""
     model, place = rest.robot.model, progress(rest)
     link = [name for name, k in zip(model.link_names, model.link_body, strict=True) if k == model.nb - 1][-1]
-    force = rest.smooth(lambda q, qd, qdd: np.swapaxes(rest.robot.jacobian(q, link)[..., 3:, :], -1, -2))
+    force = rest.sampled(lambda q, qd, qdd: np.swapaxes(rest.robot.jacobian(q, link)[..., 3:, :], -1, -2))
     edges = np.quantile(place, np.linspace(0, 1, 2 * thresholds.PLACES + 1))
     for a, width in (
         (a, w) for a in range(2 * thresholds.PLACES) for w in thresholds.WIDTHS if a + w <= 2 * thresholds.PLACES
@@ -596,43 +680,58 @@ def dissipates(rest: FitResiduals) -> Array:
     return np.asarray(power > 0)
 
 
-def other_torques(rest: FitResiduals) -> Iterator[Cause]:
-    """Torques of other signs and in another order."""
-    names, n = rest.names, rest.robot.n
+def other_conventions(rest: FitResiduals, beyond: FitResiduals) -> Iterator[tuple[Cause, Trial]]:
+    """Torques of other signs and in another order; if much is left, joints too, or coupled, or in degrees.
+
+    Joints are J q, and their torques T tau.
+    """
+    names, n, unit, changes = rest.names, rest.robot.n, np.eye(rest.robot.n), []
     for j in np.flatnonzero(~dissipates(rest)).tolist():
-        squares = rest.squares_of(rest.Q, rest.tau * np.where(np.arange(n) == j, -1, 1))
-        yield Cause("torque sign", (names[j],), f"the torque of {names[j]} has the wrong sign", *rest.gain(squares))
-    for i, j in combinations(np.flatnonzero(rest.counts).tolist(), 2):
+        text = f"the torque of {names[j]} has the wrong sign"
+        changes.append(("torque sign", names[j : j + 1], text, unit, unit - 2 * np.diag(unit[j])))
+    pairs = list(combinations(np.flatnonzero(rest.counts).tolist(), 2))
+    for i, j in pairs:
         text = f"the torques of {names[i]} and {names[j]} are interchanged"
-        squares = rest.squares_of(rest.Q, rest.tau[:, interchanged(n, i, j)])
-        yield Cause("torque order", (names[i], names[j]), text, *rest.gain(squares))
-
-
-def other_joints(rest: FitResiduals) -> Iterator[Cause]:
-    """Joints in another order, coupled, of other directions, in degrees: joints J q, whose torques are J^-T tau."""
-    names, n, unit = rest.names, rest.robot.n, np.eye(rest.robot.n)
-    changes: list[tuple[str, tuple[str, ...], str, Array]] = []
-    for i, j in combinations(np.flatnonzero(rest.counts).tolist(), 2):
-        text = f"{names[i]} and {names[j]} are interchanged"
-        changes.append(("joint order", (names[i], names[j]), text, unit[interchanged(n, i, j)]))
+        changes.append(("torque order", (names[i], names[j]), text, unit, unit[interchanged(n, i, j)]))
     coupled = (rest.standard.motors != 0).astype(int)
     known = coupled.T @ coupled  # pairs of joints that a motor of the drives turns with
-    for j, k in ((j, k) for j in range(1, n) for k in (1, -1) if not known[j, j - 1]):
+    is_poor = rest.share > thresholds.POOR
+    for i, j in pairs * is_poor:
+        text, J = f"{names[i]} and {names[j]} are interchanged", unit[interchanged(n, i, j)]
+        changes.append(("joint order", (names[i], names[j]), text, J, J))
+    for j, k in ((j, k) for j in range(1, n * is_poor) for k in (1, -1) if not known[j, j - 1]):
         text = f"the motor of {names[j]} turns with {names[j - 1]} too: a coupling is missing"
         J = unit - k * np.outer(unit[j], unit[j - 1])  # positions read as those of motors
-        changes.append(("coupling", (names[j - 1], names[j]), text, J))
-    for j, name in enumerate(names):
-        changes.append(("joint sign", (name,), f"{name} turns the other way", unit - 2 * np.diag(unit[j])))
-    before = rest.squares_moved(unit, rest.tau)
-    for kind, which, text, J in changes:
-        yield Cause(kind, which, text, *rest.gain(rest.squares_moved(J, rest.tau @ np.linalg.inv(J)), before))
+        changes.append(("coupling", (names[j - 1], names[j]), text, J, np.linalg.inv(J).T))
+    for j in range(n * is_poor):
+        J = unit - 2 * np.diag(unit[j])
+        changes.append(("joint sign", names[j : j + 1], f"{names[j]} turns the other way", J, J))
     turns = rest.robot.model.is_revolute[list(rest.robot.model.independent_joints)]
-    if max(np.ptp(record.q[:, turns], axis=0).max(initial=0) for record in rest.records) > 1:
-        squares = rest.squares_moved(np.diag(np.where(turns, np.pi / 180, 1.0)), rest.tau)
-        yield Cause("degrees", names, "positions are in degrees", *rest.gain(squares, before))
+    if is_poor and max(np.ptp(record.q[:, turns], axis=0).max(initial=0) for record in rest.records) > 1:
+        J = np.diag(np.where(turns, np.pi / 180, 1.0))
+        changes.append(("degrees", names, "positions are in degrees", J, unit))
+    left, before = beyond.coarse, beyond.torques
+    for kind, which, text, J, T in (("", (), "", unit, unit), *changes):
+        tau = rest.tau @ T.T
+        squares = left.torques * left.refitted(left.moved(J, tau), tau)[2]
+        if kind:
+            yield Cause(kind, which, text, left.gain(squares, before)), partial(of_convention, J, T)
+        else:
+            before = squares
 
 
-def torque_scale(rest: FitResiduals) -> Iterator[Cause]:
+def of_convention(J: Array, T: Array, rest: FitResiduals) -> tuple[Array, ...]:
+    """Errors held out of the torques measured, with joints q, and with joints J q and their torques T tau."""
+    unit, left, errors = np.eye(len(J)), rest.coarse, []
+    for turned, tau in ((unit, rest.tau), (J, rest.tau @ T.T)):
+        columns = left.moved(turned, tau)
+        sigma = left.refitted(columns, tau)[1]
+        Q, b = np.linalg.qr(left.weighted(columns, sigma))[0], left.weighted(tau, sigma)
+        errors.append(left.held_out(Q, b, left.blocks))
+    return errors[0], errors[1][np.argmax(np.abs(T) + unit / 2, axis=0)]
+
+
+def torque_scale(rest: FitResiduals) -> Iterator[tuple[Cause, None]]:
     """Torques many times larger or smaller than the bodies of the robot given ask for, or of the opposite sign.
 
     Without what drives can explain, as an offset the weight of an arm that hardly moves; the torques of single joints
@@ -651,11 +750,11 @@ def torque_scale(rest: FitResiduals) -> Iterator[Cause]:
     alike = cosines > thresholds.ALIKE
     usual = np.median(factors[alike]) if alike.any() else 1.0
     odd = alike & (np.abs(np.log(np.where(alike, factors, usual) / usual)) > thresholds.UNIT)
-    certain, none = float(rest.counts.sum()), np.zeros(rest.robot.n)
+    certain = float(rest.counts.sum())
     for j in np.flatnonzero(odd).tolist():
         what = f"{factors[j]:.3g} times that of the robot given"
         text = f"the torque of {names[j]} is {what}: N mm, mA, at the motor, or is a mass given wrong?"
-        yield Cause("torque unit", names[j : j + 1], text, certain, none, factors[j])
+        yield Cause("torque unit", names[j : j + 1], text, certain, factors[j]), None
     size = float(given @ given)
     factor = float(found @ given) / max(size, TINY)
     whole = factor * float(found @ given) / max(float(found @ found), TINY)  # squared cosine
@@ -665,38 +764,50 @@ def torque_scale(rest: FitResiduals) -> Iterator[Cause]:
     if factor < 0:
         kind, text = "torque sign", "the torques of all joints have the wrong sign"
     score = certain if rest.share < thresholds.POOR else 2 * thresholds.EVIDENT  # a fit that fails tells of no factor
-    yield Cause(kind, names, text, score, none, factor)
+    yield Cause(kind, names, text, score, factor), None
 
 
-def gravity_directions(rest: FitResiduals) -> Iterator[Cause]:
+def gravity_directions(rest: FitResiduals) -> Iterator[tuple[Cause, Trial]]:
     """Gravity, a vector of any length, with which the torques are fitted best (Nelder and Mead 1965)."""
     from scipy.optimize import minimize
 
     model, size = rest.robot.model, float(np.linalg.norm(rest.robot.model.gravity))
-    if size == 0:
+    if size == 0 or rest.share <= thresholds.POOR:
         return
-    given = model.gravity / size
-    robots = [in_gravity(rest.robot, size * e) for e in (np.zeros(3), *np.eye(3))]
-    still, *pulled = (rest.smooth(robot.regressor) for robot in robots)
-    pulls = np.array([rest.weighted(y - still) for y in pulled])
-    still, friction = rest.weighted(still), rest.weighted(rest.Y[..., len(rest.bodies) :])
+    given, coarse = model.gravity / size, rest.coarse
+
+    def pull(m: Model, q: Array, qd: Array, qdd: Array) -> Array:
+        return np.asarray(regressor(m, q, np.zeros(q.shape), np.zeros(q.shape)))
+
+    pulled = [replace(model, gravity=size * e) for e in np.eye(3)]  # by NumPy: kernels take longer to trace
+    pulls = np.array([coarse.near_rows(partial(pull, m)) for m in pulled])
+    still = rest.Y[..., : len(rest.bodies)] - np.tensordot(given, pulls, 1)
+    b, drives = coarse.weighted(rest.tau), coarse.weighted(rest.Y[..., len(rest.bodies) :])
+
+    def bodies(gravity: Array) -> Array:  # which other parameters are felt in
+        return coarse.weighted(still + np.tensordot(gravity, pulls, 1))
 
     def squares(gravity: Array) -> Array:
-        Q = np.linalg.qr(np.concatenate([still + np.tensordot(gravity, pulls, 1), friction], axis=1))[0]
-        return rest.squares_of(Q, rest.tau)
+        Q = np.linalg.qr(np.concatenate([bodies(gravity), drives], axis=1))[0]
+        return coarse.by_joint(b - Q @ (Q.T @ b))
 
     def loss(gravity: Array) -> float:  # of those that fit equally well, the nearest to the model's
-        return thresholds.KEPT * float(((gravity - given) ** 2).sum()) - rest.gain(squares(gravity))[0]
+        return thresholds.KEPT * float(((gravity - given) ** 2).sum()) - coarse.gain(squares(gravity))
+
+    def held_out(gravity: Array) -> Array:
+        Q = extended(extended(drives[:, :0], drives), bodies(gravity))
+        return coarse.held_out(Q, b, coarse.blocks)
 
     starts = [given, *(s * e for e in np.eye(3) for s in (1, -1)), *(given + s * e for e in np.eye(3) for s in (1, -1))]
-    before = squares(given)
     start = min((x for x in starts if x.any()), key=loss)
     simplex = start + np.vstack([np.zeros(3), thresholds.TILT * np.eye(3)])
     options = {"maxfev": 100, "xatol": 3e-3, "fatol": 0.3, "initial_simplex": simplex}
     found = minimize(loss, start, method="Nelder-Mead", options=options).x
     length, angle = float(np.linalg.norm(found)), angle_between(found, given)
-    gain, removed = rest.gain(squares(found), before)
-    if angle > thresholds.TURNED:
-        yield Cause(DIRECTION, (), direction_text(found, given), gain - rest.penalty(3), removed, angle)
-    elif abs(length - 1) > thresholds.SCALED:
-        yield Cause(SIZE, (), size_text(length), gain - rest.penalty(3), removed, length)
+    kind, text, value = DIRECTION, direction_text(found, given), angle
+    if angle <= thresholds.TURNED:
+        if abs(length - 1) <= thresholds.SCALED:
+            return
+        kind, text, value = SIZE, size_text(length), length
+    score = coarse.gain(squares(found), squares(given)) - rest.penalty(3)
+    yield Cause(kind, (), text, score, value), lambda _: (held_out(given), held_out(found))

@@ -6,9 +6,9 @@ of two models (`compare_models`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -17,10 +17,8 @@ from ...dynamics.base_inertial_parameters import BaseParameters
 from ...model.parameters import PARAMETERS
 from ...robot import Robot
 from .. import thresholds
-from ..fit.equations import RegressionData
-from ..log.filtering import low_pass
-from ..log.prepared import Prepared
-from ..log.screening import consecutive
+from ..fit.equations import RegressionData, blocks_of_time
+from ..log.filtering import low_pass, settling
 
 TINY = float(np.finfo(np.float64).tiny)
 
@@ -46,10 +44,6 @@ class Discrepancy:
         """A function of the motion, shape (T, ...), at the rows, shape (rows, ...)."""
         raise NotImplementedError
 
-    def smooth(self, torques: Torques) -> Array:
-        """The same of a function without steps, for which fewer samples are enough."""
-        return self.sampled(torques)
-
     def load(self, q: Array, qd: Array, qdd: Array) -> Array:
         """Torques of the bodies, which the gears transmit, shape (T, n)."""
         torques: Array = self.robot.inverse_dynamics(q, qd, qdd, parameters=self.bodies)
@@ -69,9 +63,9 @@ class Discrepancy:
         """Sum of squares that each joint leaves, shape (n,)."""
         return self.by_joint(self.left)
 
-    def weighted(self, columns: Array) -> Array:
+    def weighted(self, columns: Array, sigma: Array | None = None) -> Array:
         """Values of the used rows, shape (rows, n, ...), over the noise of their joint, shape (R, ...)."""
-        scale = self.sigma.reshape(-1, *(1 for _ in columns.shape[2:]))
+        scale = (self.sigma if sigma is None else sigma).reshape(-1, *(1 for _ in columns.shape[2:]))
         found: Array = (columns / scale)[self.used]
         return found
 
@@ -79,11 +73,10 @@ class Discrepancy:
         """Sums of products, or of squares, over each joint's values, shape (n,)."""
         return np.bincount(self.joint, r * (r if s is None else s), minlength=self.robot.n)
 
-    def gain(self, squares: Array, before: Array | None = None) -> tuple[float, Array]:
-        """Gain of log likelihood by a fit that leaves these squares, and the part of each joint's that goes."""
+    def gain(self, squares: Array, before: Array | None = None) -> float:
+        """Gain of log likelihood by a fit that leaves these squares."""
         start = self.squares if before is None else before
-        gain = 0.5 * (self.counts * np.log((start + self.floor) / (squares + self.floor))).sum()
-        return float(gain), np.maximum(1 - squares / np.maximum(start, self.floor), 0.0)
+        return float(0.5 * (self.counts * np.log((start + self.floor) / (squares + self.floor))).sum())
 
     def penalty(self, numbers: float) -> float:
         """Cost of free numbers (Schwarz 1978)."""
@@ -129,10 +122,11 @@ class FitResiduals(Discrepancy):
         sigma: Array,
         correlation_time: Array | None = None,
         known: Array | None = None,
+        used: Array | None = None,
     ) -> None:
         enough = data.sure.sum() > thresholds.FEWEST_ROWS * base.count
-        alone = robot.with_armature(0.0)  # rotors are among the drives' parameters
-        super().__init__(alone, sigma, data.sure if enough else data.used)
+        alone = robot.with_armature(0.0) if robot.model.armature.any() else robot  # rotors are drives' parameters
+        super().__init__(alone, sigma, (data.sure if enough else data.used) if used is None else used)
         self.data, self.beta, self.known = data, beta, known
         self.base, self.standard, self.records, self.x = base, base.standard, data.prepared, base.back @ beta
         self.bodies = self.x[: PARAMETERS * robot.model.nb]
@@ -158,7 +152,10 @@ class FitResiduals(Discrepancy):
     def with_known(self, columns: Array) -> FitResiduals:
         """The residuals with more columns fitted in any case."""
         known = columns if self.known is None else np.concatenate([self.known, columns], axis=-1)
-        return FitResiduals(self.robot, self.base, self.data, self.beta, self.sigma, self.correlation_time, known)
+        return self._with(self.sigma, self.correlation_time, known, self.used)
+
+    def _with(self, sigma: Array, correlation_time: Array, known: Array | None, used: Array) -> FitResiduals:
+        return FitResiduals(self.robot, self.base, self.data, self.beta, sigma, correlation_time, known, used)
 
     @cached_property
     def beyond_friction(self) -> FitResiduals:
@@ -174,14 +171,12 @@ class FitResiduals(Discrepancy):
         squares = np.maximum(first.squares, first.floor) / np.maximum(self.used.sum(0), 1)
         sigma = np.where(squares > 0, self.sigma * np.sqrt(squares), self.sigma)
         time = self.data.correlation_time(left, self.used)
-        return FitResiduals(self.robot, self.base, self.data, self.beta, sigma, time, known)
+        return self._with(sigma, time, known, self.used)
 
     @cached_property
     def curves(self) -> Array:
         """Friction of each joint that no parameter stands for, at the rows, shape (rows, n, 3)."""
-        parts = zip(self.records, self.thinned, self.loads, strict=True)
-        pairs = [(r, self.friction_curves(at_samples(r, few, load), r.qd)) for r, few, load in parts]
-        return np.concatenate([record.reduce(curves) for record, curves in pairs])
+        return self.sampled(lambda q, qd, qdd: self.friction_curves(self.load(q, qd, qdd), qd))
 
     def friction_curves(self, load: Array, qd: Array) -> Array:
         """Friction that rises with the load, with speed squared, and towards rest, shape (T, n, 3)."""
@@ -199,28 +194,73 @@ class FitResiduals(Discrepancy):
         """The largest unexplained part of a joint's torques."""
         return float(np.sqrt((self.squares / self.torques).max(initial=0)))
 
-    def squares_of(self, Q: Array, tau: Array) -> Array:
-        """Squares that a fit by orthonormal columns leaves of torques, shape (n,)."""
-        b = self.weighted(tau)
-        return self.by_joint(b - Q @ (Q.T @ b))
+    @cached_property
+    def blocks(self) -> Array:
+        """The block of time of each row that is held out, as many as the fit's or more, shape (rows,)."""
+        each = max(len(self.data.fitted.factors), thresholds.FOLDS) // len(self.records)
+        each = min(each, *(len(record.times) for record in self.records))
+        lengths = [block.stop - block.start for block in blocks_of_time(self.records, each)]
+        return np.repeat(np.arange(len(lengths)), lengths)
 
-    def squares_moved(self, J: Array, tau: Array) -> Array:
-        """Squares that a fit leaves of torques where the joints are J q, with friction that is known so too."""
-        bodies = self.standard.groups["bodies"].stop
-        states = [(few.q @ J.T, few.qd @ J.T, few.qdd @ J.T) for few in self.thinned]
-        Y, others = [], []
-        for x in states:
-            of_bodies = self.robot.regressor(*x)
-            drives = self.standard.drive_columns(*x[1:], self.standard.load(of_bodies, x[0], x[2], self.x))
-            others.append(np.concatenate([drives, self.standard.spring_columns(x[0])], -1))
-            Y.append(of_bodies @ self.base.back[:bodies])
-        A = self.weighted(self.reduced([y + z @ self.base.back[bodies:] for y, z in zip(Y, others, strict=True)]))
-        Q = np.linalg.qr(A)[0]
-        if self.known is not None:
-            beta = np.linalg.lstsq(A, self.weighted(tau), rcond=thresholds.INDEPENDENT)[0]
-            curves = [self.friction_curves(y @ beta, x[1]) for y, x in zip(Y, states, strict=True)]
-            Q = extended(Q, self.weighted(by_joint(self.reduced(curves))))
-        return self.squares_of(Q, tau)
+    @cached_property
+    def short_blocks(self) -> Array:
+        """The same of short blocks in turn, for what happens at one time."""
+        rows = int(np.ceil(thresholds.SHORT_BLOCK * self.correlation_time.max(initial=1)))
+        return np.arange(len(self.tau)) // rows % thresholds.FOLDS
+
+    def held_out(self, Q: Array, b: Array, blocks: Array) -> Array:
+        """|predicted - measured| / |measured| of each joint on blocks not fitted, of b by orthonormal columns Q."""
+        left, whole, unit = np.zeros(len(b)), Q.T @ b, (1 + thresholds.DEPENDENT) * np.eye(Q.shape[1])
+        block = blocks[np.nonzero(self.used)[0]]
+        for part in (block == k for k in np.unique(block)):
+            left[part] = b[part] - Q[part] @ np.linalg.solve(unit - Q[part].T @ Q[part], whole - Q[part].T @ b[part])
+        return np.asarray(np.sqrt(self.by_joint(left) / np.maximum(self.by_joint(b), TINY)))
+
+    def refitted(self, columns: Array, tau: Array) -> tuple[Array, Array, Array]:
+        """Coefficients of columns, shape (rows, n, k), the noise of each joint, the parts of its squares that are left.
+
+        Each joint counts by what the fit leaves of it, as that of a wrong model says nothing; by normal equations.
+        """
+        X, b, rows = np.swapaxes(columns * self.used[..., None], 0, 1), (tau * self.used).T, self.used.sum(0)
+        G, c, squares = np.swapaxes(X, 1, 2) @ X, (b[:, None] @ X)[:, 0], np.maximum((b * b).sum(1), TINY)
+        left = np.ones(len(b))
+        for _ in range(thresholds.REWEIGHTINGS):
+            weights = 1 / (squares * np.maximum(left, thresholds.LEAST**2))
+            whole = np.tensordot(weights, G, 1)
+            unit = np.sqrt(np.maximum(np.diag(whole), TINY))
+            whole = whole / np.outer(unit, unit) + thresholds.DEPENDENT * np.eye(len(unit))
+            x = np.linalg.solve(whole, weights @ c / unit) / unit
+            left = np.maximum(squares - 2 * c @ x + G @ x @ x, 0) / squares
+        return x, np.sqrt(np.maximum(1 / weights / np.maximum(rows, 1), TINY)), left
+
+    @cached_property
+    def coarse(self) -> FitResiduals:
+        """The residuals of some of the rows, for changes of all columns."""
+        step = max(1, int(self.used.sum() / (thresholds.COARSE * self.base.count)))
+        used = self.used & (np.arange(len(self.used)) % step == 0)[:, None]
+        return self._with(self.sigma, self.correlation_time / step, self.known, used)
+
+    def moved(self, J: Array, tau: Array) -> Array:
+        """All columns of a fit to torques where the joints are J q, and friction that is known, shape (rows, n, k)."""
+        if (np.eye(len(J)) == J).all():
+            own = self.Y[..., self.base.independent]
+            return own if self.known is None else np.concatenate([own, self.known], axis=-1)
+
+        def columns(q: Array, qd: Array, qdd: Array) -> Array:
+            Y = self.robot.regressor(q, qd, qdd)
+            drives = self.standard.drive_columns(qd, qdd, self.standard.load(Y, q, qdd, self.x))
+            return np.concatenate([Y, drives, self.standard.spring_columns(q)], axis=-1)[..., self.base.independent]
+
+        X = self.near_rows(lambda *motion: columns(*(x @ J.T for x in motion)))
+        if self.known is None:
+            return X
+        bodies = self.base.back[self.standard.groups["bodies"]] @ self.refitted(X, tau)[0]
+
+        def curves(q: Array, qd: Array, qdd: Array) -> Array:
+            return self.friction_curves(self.robot.inverse_dynamics(q, qd, qdd, parameters=bodies), qd)
+
+        known = by_joint(self.near_rows(lambda *motion: curves(*(x @ J.T for x in motion))))
+        return np.concatenate([X, known], axis=-1)
 
     def covariance_of(self, columns: Array) -> Array:
         """Covariance of the base parameters that the coefficients of these columns bring, where they are found too."""
@@ -234,57 +274,47 @@ class FitResiduals(Discrepancy):
         """A function of the motion, evaluated at all samples, filtered, at the rows."""
         return np.concatenate([record.reduce(torques(record.q, record.qd, record.qdd)) for record in self.records])
 
-    def smooth(self, torques: Torques) -> Array:
-        """A function of the motion without steps, evaluated at the thinned samples, filtered, at the rows."""
-        return self.reduced([torques(few.q, few.qd, few.qdd) for few in self.thinned])
-
-    def reduced(self, values: Sequence[Array]) -> Array:
-        """Values at the thinned samples of each record, filtered as torques are, at the rows."""
-        from scipy.interpolate import CubicSpline
-
-        parts = []
-        for record, few, x in zip(self.records, self.thinned, values, strict=True):
-            for segment, rows in zip(few.segments, consecutive(record.segment_lengths), strict=True):
-                smooth = low_pass(x[segment], record.cutoff, few.sample_rate)
-                parts.append(CubicSpline(few.t[segment], smooth, axis=0)(record.times[rows]))
-        return np.concatenate(parts)
+    def near_rows(self, torques: Torques) -> Array:
+        """The same from some samples about the rows that are used, zero at others: a hundredth of a step is missing."""
+        found: list[Array] = []
+        for record, (rows, samples, weights) in zip(self.records, self.filters, strict=True):
+            values = torques(*(x[samples] for x in (record.q, record.qd, record.qdd)))
+            found.append(np.zeros((len(record.times), *values.shape[1:])))
+            found[-1][rows] = (weights @ values.reshape(len(samples), -1)).reshape(-1, *values.shape[1:])
+        return np.concatenate(found)
 
     @cached_property
-    def thinned(self) -> list[Prepared]:
-        """The records with fewer samples, for columns that need no more than a few digits."""
+    def filters(self) -> list[tuple[Array, Array, Any]]:
+        """Rows of each record that are used, samples about them, and the weights of these in the filter."""
+        from scipy.sparse import csr_matrix
+
         found = []
-        for record in self.records:
+        for record, part in zip(self.records, self.data.parts, strict=True):
+            reach, rows = settling(record.cutoff, record.sample_rate), np.flatnonzero(self.used[part].any(1))
+            impulse = np.eye(4 * reach + 1, 1, -2 * reach)
+            response = low_pass(impulse, record.cutoff, record.sample_rate, np.arange(reach, 3 * reach + 1))[:, 0]
             step = max(1, int(record.sample_rate / (thresholds.THINNED * record.cutoff)))
-            rows = [np.arange(s.start, s.stop, step) for s in record.segments]
-            every, segments = np.concatenate(rows), consecutive(len(r) for r in rows)
-            arrays = {name: getattr(record, name)[every] for name in ("t", "q", "qd", "qdd", "tau", "usable")}
-            found.append(replace(record, **arrays, segments=segments, sample_rate=record.sample_rate / step))
+            places = record.row_samples[rows][:, None]
+            near = places // step * step + step * np.arange(-(reach // step), reach // step + 1)
+            weights = np.where(np.abs(near - places) > reach, 0, response[(near - places).clip(-reach, reach) + reach])
+            samples, column = np.unique(near.clip(0, len(record.t) - 1), return_inverse=True)
+            entries = weights / weights.sum(1, keepdims=True), column.reshape(near.shape)
+            begins = near.shape[1] * np.arange(len(rows) + 1)
+            filters = csr_matrix((*(x.ravel() for x in entries), begins), shape=(len(rows), len(samples)))
+            found.append((rows, samples, filters))
         return found
-
-    @cached_property
-    def loads(self) -> list[Array]:
-        """Torques of the bodies found at the thinned samples of each record."""
-        return [self.load(few.q, few.qd, few.qdd) for few in self.thinned]
 
     @cached_property
     def delay_column(self) -> Array:
         """Torques per second by which they are measured later than positions, shape (rows, n, 1)."""
         parts = []
-        for record, few, load in zip(self.records, self.thinned, self.loads, strict=True):
-            bodies = at_samples(record, few, load)
+        for record in self.records:
+            bodies = self.load(record.q, record.qd, record.qdd)
             full = bodies + self.x[self.standard.groups["Ia"]] * record.qdd if "Ia" in self.standard.terms else bodies
             values = bodies + self.standard.drive_torques(record.qd, record.qdd, self.x[len(self.bodies) :], full)
             slopes = [np.gradient(values[part], record.t[part], axis=0) for part in record.segments]
             parts.append(record.reduce(np.concatenate(slopes)))
         return -np.concatenate(parts)[..., None]
-
-
-def at_samples(record: Prepared, few: Prepared, values: Array) -> Array:
-    """Values at the thinned samples of a record, at all of its samples."""
-    from scipy.interpolate import CubicSpline
-
-    pairs = zip(few.segments, record.segments, strict=True)
-    return np.concatenate([CubicSpline(few.t[a], values[a], axis=0)(record.t[b]) for a, b in pairs])
 
 
 def extended(Q: Array, X: Array) -> Array:

@@ -269,13 +269,13 @@ def build_regression(
     records: Record | Sequence[Record],
     base: BaseParameters,
     minimum_velocity: ArrayLike | None,
-    cutoff: float | None,
+    cutoff: float | Sequence[float] | None,
     folds: int,
     delays: Array | float = 0.0,
     loaded: Array | None = None,
     instruments: Sequence[Motion] = (),
 ) -> RegressionData:
-    """The equations of the records; arguments as of `rne.identify`, `instruments` one motion for each record or none.
+    """The equations of records; arguments as of `rne.identify`, `cutoff` also, `instruments` only of each record.
 
     Friction under load is that of the loads with standard parameters `loaded`, by default those of the model.
     """
@@ -283,7 +283,8 @@ def build_regression(
     loaded = standard.values if loaded is None else loaded
     whole_number("folds", folds, least=2)
     late = np.broadcast_to(delays, (len(given), robot.n))
-    prepared = tuple(delayed(r.prepare(cutoff), d) for r, d in zip(given, late, strict=True))
+    cutoffs = cutoff if isinstance(cutoff, Sequence) else [cutoff] * len(given)
+    prepared = tuple(delayed(r.prepare(c), d) for r, c, d in zip(given, cutoffs, late, strict=True))
     still, slowest = minimum_velocities(standard, given, prepared, minimum_velocity)
     of_records = [rows_of(robot, standard, record, slowest, still, loaded) for record in prepared]
     if still.all() and len(still):

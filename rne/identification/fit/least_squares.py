@@ -57,15 +57,15 @@ def weighted_fit(equations: Equations, sigma: Array) -> tuple[Array, Array]:
     return solution.x, solution.spent(equations, sigma)
 
 
-def least_squares(equations: Equations) -> LeastSquares:
-    """Estimates of all unknowns from the equations of all blocks and joints."""
+def least_squares(equations: Equations, noise: Array | None = None) -> LeastSquares:
+    """Estimates of all unknowns from the equations of all blocks and joints; of noise not given, each joint's own."""
     equations = equations.merged()
     size = equations.rms_torques()
     least = np.maximum(
         thresholds.EXACT * np.maximum(size, size.max(initial=0) * thresholds.EXACT), np.finfo(float).tiny
     )
-    sigma = np.maximum(size, least)
-    for _ in range(thresholds.WEIGHTINGS):
+    sigma = np.maximum(size if noise is None else noise, least)
+    for _ in range(thresholds.WEIGHTINGS if noise is None else 0):
         x, spent = weighted_fit(equations, sigma)
         freedom = equations.rows.sum(0) - spent
         found = np.sqrt(equations.residuals(x) / np.maximum(freedom, 1))
@@ -159,10 +159,11 @@ class Estimator(NamedTuple):
     prior: Array | None  # pseudo-inertias, shape (nb, 4, 4); None for least squares alone
     weight: float  # of the divergence from the prior
     others: Array | None = None  # standard parameters beside E beta, by default those of the model
+    noise: Array | None = None  # of each joint, by default what is left of it
 
     def fit(self, equations: Equations) -> tuple[LeastSquares, Array]:
         """Base parameters, and standard parameters: consistent ones, or the nearest to the model's."""
-        estimate = least_squares(equations.mapped(self.base.back))
+        estimate = least_squares(equations.mapped(self.base.back), self.noise)
         if self.prior is not None:
             return estimate, self._consistent(equations, estimate.sigma, self.prior)
         model = self.base.standard.values

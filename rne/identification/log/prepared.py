@@ -113,7 +113,12 @@ class Prepared:
     @cached_property
     def times(self) -> Array:
         """Times of the reduced rows, shape (R,) [s]."""
-        return np.asarray(self.t[np.concatenate(self._segment_rows)])
+        return np.asarray(self.t[self.row_samples])
+
+    @property
+    def row_samples(self) -> Array:
+        """Samples of the grid that the reduced rows are at, shape (R,)."""
+        return np.concatenate(self._segment_rows)
 
     @cached_property
     def valid(self) -> Array:

@@ -48,8 +48,9 @@ class Record:
         Unit of the positions of all joints, or of each.
     stamps : {"auto", "sampled", "regular"}
         Whether the samples were taken at the times ("sampled") or in equal steps, the times being those at which a
-        reader got them ("regular"). By default the times are believed, however irregular, unless the positions are
-        smoother over equal steps or different samples have the same time.
+        reader got them ("regular"). By default measured velocities decide, which integrate to the positions over the
+        right ones; without them the times are believed, however irregular, unless the positions are smoother over
+        equal steps or different samples have the same time.
     bridge : int
         How many samples in a row, missing or not to be believed, are interpolated; at longer gaps the record is cut.
 

@@ -180,7 +180,9 @@ def _refuse_same(found: Screened, same: Array) -> None:
     found.error("one time for different samples", found.at(same), cure, same)
 
 
-def check_stamps(found: Screened, t: Array, q: Array, bridge: int, stamps: str) -> tuple[Array, float]:
+def check_stamps(
+    found: Screened, t: Array, q: Array, qd: Array | None, bridge: int, stamps: str
+) -> tuple[Array, float]:
     """The times to use, and their period: the stamps, or equal steps where these were made by the reader of the log."""
     steps = np.diff(t)
     usual = np.abs(steps - np.median(steps)) <= np.median(steps) / 2
@@ -190,12 +192,11 @@ def check_stamps(found: Screened, t: Array, q: Array, bridge: int, stamps: str) 
     whole = np.clip(np.rint(steps / period), 1, bridge + 1) if period else steps
     regular = thresholds.REGULAR * period
     is_grid = (whole > 1).mean() <= thresholds.LOST and (np.abs(steps - whole * period) <= regular).all()
-    if stamps == "sampled" or (period and (is_grid or np.abs(t - by_count).max() <= regular)):
-        reason = ""
-    elif stamps == "regular":
+    reason = ""
+    if stamps == "regular":
         reason = "as `stamps` says"
-    else:
-        reason = _made_by_reader(t, q, by_count, gap, counted_period)
+    elif stamps == "auto" and not (period and (is_grid or np.abs(t - by_count).max() <= regular)):
+        reason = _made_by_reader(found, t, q, qd, by_count, gap, counted_period)
     if reason:
         off, usual = 1e3 * float(np.std(t - by_count)), 1e3 * counted_period
         text = f"differ from equal steps by {off:.3g} ms (standard deviation; period {usual:.4g} ms)"
@@ -233,29 +234,46 @@ def equal_steps(t: Array, gap: Array, period: float) -> Array:
     return equal
 
 
-def _made_by_reader(t: Array, q: Array, equal: Array, gap: Array, period: float) -> str:
+def _made_by_reader(
+    found: Screened, t: Array, q: Array, qd: Array | None, equal: Array, gap: Array, period: float
+) -> str:
     """Why samples are counted, or nothing if the stamps are believed.
 
     What stamps are late by, times the velocity, is in the positions where samples were taken at the stamps, and is not
-    where the reader of the log made them: its share in the fourth differences of the positions is 1 or 0.
+    where the reader of the log made them: its share in the changes of the positions is 1 or 0. Measured velocities
+    tell what else the positions change by; without them, fourth differences leave little of it.
     """
+    from scipy.integrate import cumulative_trapezoid
     from scipy.ndimage import uniform_filter1d
 
+    group, lag = np.concatenate([[0], np.cumsum(gap)]), thresholds.STAMPS_OVER
+    if qd is not None:
+        over_equal, over_stamps = (cumulative_trapezoid(qd, times, axis=0, initial=0) for times in (equal, t))
+        late, moved = (x[lag:] - x[:-lag] for x in (over_stamps - over_equal, q - over_equal))
+        share, error = _share(late, moved, group[lag:] == group[:-lag], np.sqrt(lag))
+        if abs(share - 0.5) > error:
+            steps = "equal steps" if share < 0.5 else "the stamps"
+            reason = f"for measured velocities integrate to the positions over {steps}"
+            found.notes = () if share < 0.5 else (f"stamps are believed, {reason}",)
+            return reason if share < 0.5 else ""
     pauses = max(1, int(is_gap(t, period, 0).sum()))
     width = int(np.clip(2 * len(t) / pauses, *thresholds.VELOCITY_WINDOW))  # more than a burst
     velocity = uniform_filter1d(np.gradient(q, axis=0), width, axis=0) / period
-    group = np.concatenate([[0], np.cumsum(gap)])
-    whole = group[4:] == group[:-4]
-    late = np.diff(velocity * (t - equal)[:, None], 4, axis=0)[whole]
-    moved = np.diff(q, 4, axis=0)[whole]
+    late, moved = (np.diff(x, 4, axis=0) for x in (velocity * (t - equal)[:, None], q))
+    share, error = _share(late, moved, group[4:] == group[:-4])
+    if share + error < 0.5:
+        return "for the positions are smoother over equal steps"
+    return "for several have the same time" if (np.diff(t) == 0).any() and share - error < 0.5 else ""
+
+
+def _share(late: Array, moved: Array, chosen: Array, correlation: float = 1.0) -> tuple[float, float]:
+    """Share of `late` in what moved, and three standard errors of it, the joints weighted by what moved of each."""
+    late, moved = late[chosen], moved[chosen]
     scale = np.mean(moved**2, axis=0)
     weight = np.divide(1, scale, out=np.zeros_like(scale), where=scale > 0)
     known = float((weight * late**2).sum())
     share = float((weight * late * moved).sum()) / known if known else 0.0
-    error = 3 / np.sqrt(known) if known else np.inf  # fourth differences of noise are correlated
-    if share + error < 0.5:
-        return "for the positions are smoother over equal steps"
-    return "for several have the same time" if (np.diff(t) == 0).any() and share - error < 0.5 else ""
+    return share, 3 * correlation / float(np.sqrt(known)) if known else np.inf
 
 
 def _check_gaps(found: Screened, t: Array, period: float, gap: Array) -> None:
@@ -406,8 +424,9 @@ def screen(
     found.rows = np.flatnonzero(kept)
     t, measured, usable = t[kept], np.asfortranarray(measured[kept]), found.usable[kept]
     q, tau = measured[:, :n], measured[:, n : 2 * n]  # views: what is interpolated in `measured` is so in these
-    times, found.period = check_stamps(found, t, q, bridge, stamps)
-    _check_unit_of_times(found, times, q, None if qd is None else measured[:, 2 * n :])
+    velocities = None if qd is None else measured[:, 2 * n :]
+    times, found.period = check_stamps(found, t, q, velocities, bridge, stamps)
+    _check_unit_of_times(found, times, q, velocities)
     usual = [usual_deviation(x, step) for x, step in zip(measured.T, steps, strict=True)]
     flags = np.column_stack([spikes(x, level) for x, level in zip(measured.T, usual, strict=True)])
     longest = thresholds.LONGEST_SPIKE
@@ -421,8 +440,8 @@ def screen(
         _check_spikes(found, kind, measured[:, part], flags[:, part], bridge)
     long_runs = _interpolate(times, measured, flags, bridge)
     _check_motion(found, q, steps[:n])
-    if qd is not None and not found.has_errors:
-        found.believed = _check_velocities(found, t, q, measured[:, 2 * n :])
+    if velocities is not None and not found.has_errors:
+        found.believed = _check_velocities(found, times, q, velocities)
     if not found.has_errors:
         _put_on_grid(found, times, measured, usable, ~long_runs, cuts, bridge)
     return found
@@ -581,14 +600,15 @@ def _put_on_grid(
     for part in np.split(rows, np.flatnonzero(gap) + 1):
         stamps = t[part]
         apart = np.diff(stamps, prepend=-np.inf) > thresholds.CLOSE * period
-        if apart.sum() < 2:
+        if apart.sum() < 2 or np.ptp(stamps) < period - regular:
             continue
         grid = period * np.arange(int(np.rint((stamps[-1] - stamps[0]) / period)) + 1)
         centred = grid + (stamps.mean() - grid.mean())
         if len(grid) == len(part) and np.abs(stamps - centred).max() <= regular:
             parts.append((centred, values[part], usable[part]))
             continue
-        found.notes = (f"resampled by a cubic spline through the stamps, every {1e3 * period:.4g} ms",)
+        resampled = f"resampled by a cubic spline through the stamps, every {1e3 * period:.4g} ms"
+        found.notes = tuple(dict.fromkeys((*found.notes, resampled)))
         grid = (grid + stamps[0])[grid <= stamps[-1] - stamps[0] + regular]
         after = np.clip(np.searchsorted(stamps, grid), 1, len(part) - 1)
         on_grid = CubicSpline(stamps[apart], values[part[apart]], axis=0)(grid)

@@ -1,0 +1,170 @@
+"""What was held out decides: the cut-off where noise is fed back, and which causes are named."""
+
+import dataclasses
+import logging
+import re
+
+import numpy as np
+import pytest
+from scipy.signal import butter, lfilter
+
+import rne
+from rne.identification import Cause, Record
+from rne.identification.diagnosis.hypotheses import merged_by_kind, merged_text, of_columns, of_convention, with_effect
+from rne.identification.diagnosis.residuals import FitResiduals
+from rne.identification.fit.equations import build_regression
+from rne.identification.fit.least_squares import least_squares
+
+from . import faulty_logs as faults
+
+KD, BAND = 5.0, 20.0  # damping [1 / (rad/s) of the torque], bandwidth of the noise of positions [Hz]
+
+
+@pytest.fixture(autouse=True)
+def short_logs(monkeypatch):
+    monkeypatch.setattr(faults, "DURATION", 10.0)
+    monkeypatch.setattr(faults, "RATE", 250.0)
+
+
+def fed_back(size):
+    """A log whose torques contain what the drives made of noise of the positions, and the case."""
+    c, rng = faults.case("SCARA", 3, linear=True), np.random.default_rng(0)
+    noise = lfilter(*butter(1, BAND / (faults.RATE / 2)), rng.normal(size=c.tau.shape), axis=0)
+    noise *= size * np.abs(c.states[0] - c.states[0].mean(0)).mean(0) / noise.std(0)
+    tau = c.tau - KD * c.size * np.gradient(noise, c.t, axis=0) + 0.005 * c.size * rng.normal(size=c.tau.shape)
+    return c, Record(c.t, c.states[0] + noise, tau), faults.given_robot(c.arm.robot, c.rng)
+
+
+@pytest.mark.filterwarnings("ignore::rne.IdentificationWarning")
+@pytest.mark.parametrize("size", [0.003, 0.01])  # where a tenth of the torques is left, and where a third is
+def test_the_cutoff_is_halved_where_noise_is_fed_back_and_torques_without_it_are_predicted_better(size):
+    c, record, known = fed_back(size)
+    found = rne.identify(known, record, consistent=False, causes=False)
+    given = record.prepare().cutoff
+    plain = rne.identify(known, record, consistent=False, causes=False, cutoff=given)
+    assert found.records[0].cutoff == given / 2
+    note = found.records[0].notes[0]
+    assert note.startswith(f"cut-off {given / 2:.3g} Hz: of blocks not fitted ")
+    assert note in found.report()
+    exact = build_regression(known, Record(c.t, c.states[0], c.tau), found.base, None, given, 2).fitted
+    assert exact.shares(found.parameters).max() < 0.7 * exact.shares(plain.parameters).max()
+
+
+def test_the_cutoff_of_the_spectrum_stays_where_little_is_left():
+    _, record, known = fed_back(1e-6)
+    found = rne.identify(known, record, consistent=False, causes=False)
+    assert found.records[0].cutoff == record.prepare().cutoff
+    assert "chosen from the spectrum" in found.records[0].notes[0]
+
+
+def test_a_log_of_a_lower_rate_is_checked_with_what_its_rate_allows():
+    """The fit's cut-off is above a fifth of the other log's rate, and nobody gave it."""
+    c = faults.case("gantry", 3, linear=True)
+    found = rne.identify(c.arm.robot, Record(c.t, c.states[0], c.tau), cutoff=12.0, consistent=False, causes=False)
+    few = slice(None, None, 10)
+    check = found.check(Record(c.t[few], c.states[0][few], c.tau[few]))
+    assert (check.relative < 0.02).all()
+
+
+def test_causes_are_not_looked_for_on_request(caplog):
+    c = faults.case("gantry", 3, linear=True)
+    data, known = faults.sign(c), faults.given_robot(c.arm.robot, c.rng)
+    record = Record(data.t, data.q, data.tau)
+    with caplog.at_level(logging.INFO, "rne"), pytest.warns(rne.IdentificationWarning, match="has the wrong sign"):
+        rne.identify(known, record, consistent=False)
+    said = [line for line in caplog.messages if "changes tried" in line]
+    assert re.fullmatch(r"\d+ changes tried, \d+ evident, \d+ improve what is held out", said[-1])
+    with pytest.warns(rne.IdentificationWarning) as warned:
+        found = rne.identify(known, record, consistent=False, causes=False)
+    assert found.causes == ()
+    assert "single change" not in str(warned[0].message) + found.report()
+    assert "causes of what is left were not looked for, as `causes` says" in found.report()
+    with pytest.raises(ValueError, match=r"^`hypotheses` are tried as causes: leave them out, or set `causes=True`$"):
+        rne.identify(known, record, hypotheses=[rne.identification.Hypothesis("x", c.tau, "x")], causes=False)
+
+
+def residuals(fault="clean"):
+    """What least squares leave of a log, and its case."""
+    c = faults.case("gantry", 3)
+    data, robot = (faults.FAULTS[fault][0] if fault in faults.FAULTS else faults.clean)(c), c.arm.robot
+    base = robot.base_parameters(drives=rne.DriveModel(rotor=True, friction="viscous+coulomb", offset=True))
+    rows = build_regression(robot, Record(data.t, data.q, data.tau), base, None, 4.0, 10)
+    fit = least_squares(rows.fitted.mapped(base.back))
+    return c, FitResiduals(robot, base, rows, fit.values, fit.sigma)
+
+
+def test_errors_held_out_are_those_of_fits_to_the_other_blocks():
+    _, rest = residuals()
+    b = rest.weighted(rest.tau)
+    found = rest.held_out(rest.Q, b, rest.blocks)
+    squares, block = np.zeros(rest.robot.n), rest.blocks[np.nonzero(rest.used)[0]]
+    for k in range(block.max() + 1):
+        x = np.linalg.lstsq(rest.A[block != k], b[block != k], rcond=None)[0]
+        left = np.where(block == k, b - rest.A @ x, 0)
+        squares += rest.by_joint(left)
+    np.testing.assert_allclose(found, np.sqrt(squares / rest.by_joint(b)), rtol=1e-6)  # of a condition number of 1e3
+
+
+def test_a_cause_is_dropped_if_it_improves_no_joint_or_costs_another_more_than_a_fifth_of_what_it_brings():
+    _, rest = residuals()
+    cause, before = Cause("spring", ("x",), "x", 100.0), np.full(4, 0.1)
+    cases = {(1, 1, 1, 0.5): True, (1, 1, 1, 0.98): False, (1, 1, 1.5, 0.5): False, (1, 1, 1.05, 0.5): True}
+    for ratio, is_kept in cases.items():
+        kept = with_effect(rest, cause, lambda _, ratio=ratio: (before, before * np.array(ratio)))
+        assert (kept is not None) == is_kept, ratio
+    error = 100 * rest.held_out(rest.Q, rest.weighted(rest.tau), rest.blocks)[3]
+    assert kept.effect == f"{error:.3g} to {error / 2:.3g} % on w"
+    np.testing.assert_allclose(kept.removed, [0, 0, 1 - 1.05**2, 0.75])
+
+
+def test_torques_that_are_interchanged_are_judged_as_they_were_measured():
+    """By the error of each torque, whatever joint it is taken to belong to."""
+    c, rest = residuals("swapped torques")
+    i, j = c.joint, (c.joint + 1) % 4
+    swap = np.eye(4)[[*np.where(np.arange(4) == i, j, np.where(np.arange(4) == j, i, np.arange(4)))]]
+    before, after = of_convention(np.eye(4), swap, rest)
+    columns, tau, left = rest.Y @ rest.base.back, rest.tau @ swap.T, rest.coarse
+    sigma = left.refitted(columns, tau)[1]
+    Q, b = np.linalg.qr(left.weighted(columns, sigma))[0], left.weighted(tau, sigma)
+    np.testing.assert_allclose(after[[i, j]], left.held_out(Q, b, left.blocks)[[j, i]], rtol=1e-9)
+    assert (after < 1.05 * before).all()
+    assert after[[i, j]].max() < 0.1 * before[[i, j]].max()
+
+
+def test_what_happens_within_one_block_is_judged_on_short_ones():
+    """A constant torque of one joint during one block of time."""
+    _, rest = residuals()
+    column = ((rest.blocks == 5)[:, None] * np.eye(4)[0])[..., None]
+    rest.tau = rest.tau + 0.5 * np.sqrt((rest.tau[:, 0] ** 2).mean()) * column[..., 0]
+    for is_event, most in ((True, 0.5), (False, 2.0)):
+        before, after = of_columns(column, is_event, rest)
+        assert (after[0] < 0.5 * before[0]) == is_event
+        assert after[0] < most * before[0]
+
+
+def test_each_joint_of_a_cause_is_told_with_its_own_number():
+    texts = [f"friction of {name} changes by {x} % of its load" for name, x in (("a", 4.67), ("b", 5.1))]
+    assert merged_text(texts) == "friction of a, b changes by 4.67, 5.1 % of its load"
+    others = ["the torque of a has the wrong sign", "the torque of b is measured -0.5 times"]
+    assert merged_text(others) == "; ".join(others)
+    causes = [
+        Cause("joint zero", (x,), f"the zero of {x} is off by 1 rad", 9.0, effect=f"5 to 3 % on {x}") for x in "ab"
+    ]
+    (both,) = merged_by_kind(causes)
+    assert (both.joints, both.effect) == (("a", "b"), "5 to 3 % on a, 5 to 3 % on b")
+    assert both.text == "the zero of a, b is off by 1 rad"
+    assert merged_by_kind([causes[0], causes[0]._replace(text="of another record")]) == (causes[0],)
+
+
+def test_a_log_without_an_evident_cause_says_so():
+    """Torques of a hysteresis that no hypothesis has leave a fifth."""
+    c = faults.case("gantry", 3, linear=True)
+    t, rng = c.t, np.random.default_rng(5)
+    odd = lfilter(*butter(2, 1.0 / (faults.RATE / 2)), rng.normal(size=c.tau.shape), axis=0)
+    tau = c.tau + 0.1 * c.size * odd / odd.std(0)
+    found = rne.identify(c.arm.robot, Record(t, c.states[0], tau), consistent=False)
+    assert not found.doubt
+    assert "no single change of the log, the robot or the drives that was looked for improves" in found.report()
+    assert (
+        "likely causes" in dataclasses.replace(found, causes=(Cause("x", (), "x", 9.0, removed=np.zeros(4)),)).report()
+    )
