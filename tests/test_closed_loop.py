@@ -244,6 +244,7 @@ def test_possible_bodies_essential_parameters_and_files(loops, tmp_path):
         ([reference, reference], "`instruments` must be of 1 record, got 2"),
         ([], "`instruments` must be of 1 record, got 0"),
         (np.zeros((1000, 2)), "`instruments[0]` must have shape (1000, 3), got (1000, 2)"),
+        (lambda t: (t, t), "`instruments` must return q, qd and qdd, got 2 results"),
         (
             lambda t: (np.zeros(2),) * 3,
             "`instruments` must give finite q, qd and qdd of shape (972, 3), got (972, 2), (972, 2), (972, 2)",
@@ -259,6 +260,19 @@ def test_what_is_no_motion_of_the_record(loops, given, text):
     with pytest.raises(ValueError, match="instruments") as error:
         identified(loops.record(0), instruments=given, cutoff=8)
     assert str(error.value) == text
+
+
+def test_a_record_is_no_instrument(loops):
+    with pytest.raises(
+        TypeError, match=r"^`instruments` must be, for each record, a function of time .*, got a Record$"
+    ):
+        identified(loops.record(0), instruments=[loops.record(1)])
+
+
+def test_held_out_errors_do_not_judge_estimates_by_instruments(found):
+    for each in found:
+        assert "by instrumental variables; held-out errors contain the noise of the positions" in each.verdict
+        assert "does not explain" not in each.doubt
 
 
 def test_a_motion_for_each_record(loops, found):

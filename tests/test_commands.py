@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -250,11 +251,18 @@ def test_robots_are_compared_joint_by_joint_and_by_their_torques(lift, tmp_path,
     assert "cause: none" in capsys.readouterr().out
     assert main(["compare", lift, lift]) == 0
     said = capsys.readouterr().out.splitlines()
-    assert said[0] == "joints: the same, with the same limits and bodies"
+    assert said[0] == "joints: the same, with the same limits, bodies and frames"
     assert said[2:4] == ["cause: none", "  the torques agree"]
     other.write_text(LIFT.replace('type="prismatic"', 'type="revolute"'))
     assert main(["compare", lift, str(other)]) == 1
     assert capsys.readouterr().out.startswith("up: joint type prismatic, of the other revolute\n")
+    arm = rne.load("irb140").model
+    k = arm.link_index("tool0")
+    moved = arm.link_translation + np.where(np.arange(len(arm.link_names)) == k, 0.1, 0.0)[:, None] * [0, 0, 1]
+    (tmp_path / "tool.urdf").write_text(rne.to_urdf(replace(arm, link_translation=moved)))
+    assert main(["compare", "irb140", str(tmp_path / "tool.urdf")]) == 1
+    place = f"{arm.link_translation[k, 2]:.9g}, of the other 0 0 {arm.link_translation[k, 2] + 0.1:.9g}"
+    assert capsys.readouterr().out.startswith(f"tool0: translation on its body 0 0 {place}\n")
     locked = ["--locked", "joint_6=0", "--payload", "2", "--payload-com", "0 0 0.1"]
     (tmp_path / "five.urdf").write_text(rne.to_urdf(rne.load("irb140").locked({"joint_6": 0.0}).model))
     assert main(["compare", "irb140", str(tmp_path / "five.urdf"), *locked]) == 1

@@ -70,7 +70,7 @@ def test_a_cycle_by_plain_numpy_and_pinocchio(arm, report):
         "energy_taken": integral(np.maximum(motor_power, 0)),
         "energy_returned": integral(np.maximum(-motor_power, 0)),
         "work": integral(power),
-        "torque_share": np.abs(tau).max(0) / arm.effort_limit,
+        "torque_share": np.abs(tau + ROTOR * GEAR**2 * qdd).max(0) / arm.effort_limit,
         "speed_share": np.abs(qd).max(0) / arm.velocity_limit,
         "duty": integral((np.abs(qd) > 0.01 * np.abs(qd).max(0)).astype(float)) / 2.4,
         "motor_torque": motor,

@@ -313,6 +313,12 @@ def test_a_report_begins_with_a_verdict_and_is_short(found):
     assert len(lines) < len(long) <= 40
     assert any(line.startswith("  ... ") and line.endswith(" more lines") for line in long)
     assert replace(found, notes=(f"{BEYOND} joint_1 to 4 of 3",)).verdict == f"{BEYOND} joint_1 to 4 of 3; {lines[0]}"
+    light = replace(found, parameters=np.where(np.arange(len(found.parameters)) < 30, 0.2, 1.0) * found.parameters)
+    masses = light.parameters[:30:10] / found.initial.model.mass
+    doubt = (
+        f"masses are {np.median(masses):.2g} times those of the robot given (median): are the units of the log right?"
+    )
+    assert light.verdict == f"{doubt}; {lines[0]}"
     errors = found.unexplained._replace(in_motion=np.array([0.05, 0.22, np.nan]))
     poor = replace(found, unexplained=errors, consistent=False)
     assert poor.verdict == (

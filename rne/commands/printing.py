@@ -113,7 +113,7 @@ def run_compare(arguments: argparse.Namespace) -> int:
     names = arguments.robot, arguments.other
     one, other = robot_of(arguments), rne.load(arguments.other)
     lines = list(_differences(one.model, other.model, names, arguments.tolerance))
-    print("\n".join(lines or ["joints: the same, with the same limits and bodies"]), flush=True)
+    print("\n".join(lines or ["joints: the same, with the same limits, bodies and frames"]), flush=True)
     if one.n != other.n:
         print(f"torques: not compared, {names[0]} has {counted(one.n, 'joint')}, {names[1]} {other.n}")
         return 1
@@ -138,6 +138,13 @@ def _differences(one: Model, other: Model, names: Sequence[str], tolerance: floa
             if not (np.array_equal(a, b) or (a.dtype == float and np.allclose(a, b, tolerance, tolerance))):
                 both = (" ".join(x if isinstance(x, str) else f"{x:.9g}" for x in value) for value in (a, b))
                 yield f"{joint}: {what.replace('types', 'type').replace('_', ' ')} {', of the other '.join(both)}"
+    for link in (link for link in one.link_names if link in other.link_names):
+        places = [(model, model.link_index(link)) for model in (one, other)]
+        for what in "translation", "rotation":
+            a, b = (np.ravel(getattr(model, f"link_{what}")[k]) for model, k in places)
+            if not np.allclose(a, b, tolerance, tolerance):
+                both = (" ".join(f"{x:.9g}" for x in value) for value in (a, b))
+                yield f"{link}: {what} on its body {', of the other '.join(both)}"
 
 
 def add_urdf(commands: Any) -> None:

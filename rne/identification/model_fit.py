@@ -39,6 +39,7 @@ from .diagnosis.hypotheses import (
 from .diagnosis.residuals import FitResiduals
 from .fit.consistent import geometric_prior, model_prior
 from .fit.equations import (
+    EARLY,
     Equations,
     Motion,
     RegressionData,
@@ -52,6 +53,10 @@ from .log.record import Record
 from .result import IMPOSSIBLE, NOT_CONSISTENT, NOT_SOUGHT, WRONG_SIGN, Identification
 
 Instruments = Motion | ArrayLike | Sequence[Motion | ArrayLike]
+KINDS_OF_INSTRUMENTS = (
+    "`instruments` must be, for each record, a function of time that returns q, qd and qdd, a Trajectory, or positions "
+    "at the record's times, shape (T, n), without the noise of the measured ones"
+)
 FROM_INSTRUMENTS = "the cut-off is that of the motion of the instruments, in which there is no noise"
 NO_ROTORS = (
     "rotors are not fitted: none is told from zero, or reaches 10 % of its joint's inertia, as where torques are "
@@ -216,6 +221,9 @@ def identify(
             "above the guess of all",
         )
     matched += (FROM_INSTRUMENTS,) * (bool(motions) and cutoff is None)
+    period = max(1 / record.sample_rate for record in data.prepared)
+    is_early = not motions and any(c.kind == "delay" and c.value < -period for c in modelled)
+    matched += (EARLY,) * is_early
     notes = (*matched, *data.notes, *map(taken_text, modelled), *declined, *notes)
     notes += (*ignored_drives(standard), *negative_drives(robot, base, estimate), *[NOT_SOUGHT] * (not causes))
     trust = errors, correlation_time, lower - estimate.values, drift_error, merged_by_kind(likely)
@@ -361,6 +369,9 @@ def motions_of(given: Any, records: Sequence[Record]) -> tuple[Motion, ...]:
 
     if given is None:
         return ()
+    for x in given if isinstance(given, Sequence) else [given]:
+        if isinstance(x, Record | str):
+            raise TypeError(f"{KINDS_OF_INSTRUMENTS}, got a {type(x).__name__}")
     several = isinstance(given, Sequence) and all(callable(x) or np.ndim(x) == 2 for x in given)
     each = list(given) if several else [given] * (len(records) if callable(given) else 1)
     if len(each) != len(records):

@@ -33,7 +33,7 @@ from . import thresholds
 from .diagnosis.hypotheses import GEARS, Cause
 from .diagnosis.rigid_body_test import Consistency, certified
 from .fit.consistent import expected_sizes, model_prior
-from .fit.equations import BEYOND, LOCKED, Equations, RegressionData, check_joints, delayed, solve
+from .fit.equations import BEYOND, EARLY, LOCKED, Equations, RegressionData, check_joints, delayed, solve
 from .fit.least_squares import (
     Bias,
     Estimator,
@@ -151,7 +151,7 @@ class Identification(InNotebooks):
             lines.append(f"no joint but {listed(moving)} moves. {MOVE_ALL}")
         if self.unexcited:
             lines.append(self.unexcited)
-        else:
+        elif self.data.Z is None:  # otherwise the noise of the positions is in what is left
             lines += unexplained_text(names, left)
         lines += likely_text(self.causes)
         if (
@@ -629,14 +629,28 @@ class Identification(InNotebooks):
         other = listed(
             [f"{names[j]} ({f'{told[j]:.0f} %' if told[j] >= 0 else 'does not move'})" for j in np.flatnonzero(~good)]
         )
+        first = [note for note in self.notes if note.startswith((BEYOND, EARLY))] + self._far_from_given
+        if self.data.Z is not None and not self.unexcited:
+            text = "by instrumental variables; held-out errors contain the noise of the positions"
+            return "; ".join([*first, f"{text}{f': {other}' if other else ''}"])
         if self.unexcited or not good.any():
             return f"not good for simulation or feed-forward: {self.unexcited or f'held-out errors in motion: {other}'}"
-        locked = "".join(f"; {note}" for note in self.notes if note.startswith(LOCKED))
+        locked = [note for note in self.notes if note.startswith(LOCKED)]
         which = "all joints" + " of the records" * bool(locked) + (f" but {other}" if other else "")
-        beyond = "".join(f"{note}; " for note in self.notes if note.startswith(BEYOND))
-        return (
-            f"{beyond}good for {use} of {which}: held-out errors in motion of {told[good].max():.2g} % or less{locked}"
-        )
+        text = f"good for {use} of {which}: held-out errors in motion of {told[good].max():.2g} % or less"
+        return "; ".join([*first, text, *locked])
+
+    @property
+    def _far_from_given(self) -> list[str]:
+        """A doubt where most masses are several times those of the robot given, or a fraction: units may be wrong."""
+        given, found = self.initial.model.mass, self.parameters[: PARAMETERS * self.initial.model.nb : PARAMETERS]
+        known = given > 0
+        if not self.consistent or not known.any():
+            return []
+        ratio = float(np.median(found[known] / given[known]))
+        is_near = 1 / thresholds.FAR_FROM_GIVEN < ratio < thresholds.FAR_FROM_GIVEN
+        text = f"masses are {ratio:.2g} times those of the robot given (median): are the units of the log right?"
+        return [] if is_near else [text]
 
     @cached_property
     def _essential(self) -> str:

@@ -83,6 +83,7 @@ FOLDS = 10  # of the cross-validation, contiguous in time; the field's custom
 REST_PERIODS = 0.5  # of the cut-off, below which a joint turns back without resting
 SLOWEST_FITTED = 0.02  # of a joint's largest velocity: below it, Coulomb friction has no known direction
 STEPS_AT_REST = 2.0  # of the encoder about its mean position, within which a joint rests
+FAR_FROM_GIVEN = 3.0  # times the masses of the robot given, or a third, from which units are doubted
 BEYOND_LIMITS = 0.05  # of a joint's range or largest speed, by which a motion may leave it: stops are not sharp
 LEAST_NAMED = 0.2  # part of the robot's joints that a log must have: an arm of a humanoid's; fewer is another robot's
 

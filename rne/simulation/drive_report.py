@@ -149,7 +149,8 @@ class DriveReport(InNotebooks):
 
     @cached_property
     def _shares(self) -> dict[str, Array]:
-        return limit_shares(self.robot.model.coordinate_limits(), self.speed, self.qdd, self.tau)
+        turned = self.tau + self.rotor * self.gear**2 * self.qdd  # what the drive supplies, its rotor's share included
+        return limit_shares(self.robot.model.coordinate_limits(), self.speed, self.qdd, turned)
 
     @property
     def duration(self) -> float:
@@ -249,7 +250,7 @@ class DriveReport(InNotebooks):
 
     @property
     def torque_share(self) -> Array:
-        """Peak torques over their limits, 0 where there is none, shape (n,)."""
+        """Peak torques, those of the rotors added, over their limits, 0 where there is none, shape (n,)."""
         return np.asarray(self._shares["torque"].max(0))
 
     @property
@@ -277,10 +278,8 @@ class DriveReport(InNotebooks):
         lines = [title, *load, *motor, total.format(*sums), units]
         doubt = "The samples are too far apart to be trusted: from one to the next, work by them differs from the "
         doubt += "simulation's by {:.3g} J in all; simulate without t_eval, with a finer one or smaller tolerances"
-        share = abs(self.tau + self.rotor * self.gear**2 * self.qdd).max(0) / self.effort_limit
-        if over := [
-            f"{j} {x:.0%}" for j, x, w in zip(self.joints, share, self.torque_share, strict=True) if x > max(w, OVER)
-        ]:
+        over = [f"{j} {x:.0%}" for j, x in zip(self.joints, self.torque_share, strict=True) if x > OVER]
+        if over and self.rotor.any():
             lines.append(
                 f"With their rotors drives exceed their torque limits: {', '.join(over)}; a motion that counts"
             )

@@ -472,7 +472,7 @@ class Scene:
         if self.controller is None:
             raise ValueError("`controller` of the scene must be given")
         if friction is not None and friction.sticks:
-            raise ValueError("dry `friction` holds the joints at the target: give it a `smoothing` above 0")
+            raise ValueError("dry `friction` holds the joints at the target: leave it out, or give it a `smoothing`")
         return linearised_loop(self, target)
 
     def cost(self) -> dict[str, int | str | None]:

@@ -702,7 +702,7 @@ def _checked_limits(scene: Scene, path: Path) -> _Limits:
         missing = [name for name, is_free in zip(robot.joint_names, free, strict=True) if is_free]
         raise MissingLimit(
             f"`robot`: {listed(missing)} {'have' if len(missing) > 1 else 'has'} neither a torque nor an acceleration "
-            "limit; give them by robot.with_limits(effort=...)"
+            "limit; give them by `robot.with_limits(effort=...)`"
         )
     for name in ("effort", "acceleration", "deceleration", "velocity"):
         if not (limit := known[f"{name}_limit"]).all():

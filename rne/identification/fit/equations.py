@@ -36,6 +36,7 @@ from ..log.screening import consecutive, runs
 
 Motion = Callable[[Array], tuple[Array, Array, Array]]  # q, qd and qdd, shape (T, n), at times (T,)
 BEYOND = "the motion leaves the robot's limits: in other units, or from another zero?"  # start of a note
+EARLY = "torques come before the positions, as where noise is fed back: give `instruments`"  # start of a note
 LOCKED = "joints that the records do not have, taken as locked"  # start of a note
 LARGEST = 1e150  # number whose square is still one
 MOST_TOLD = 3  # limits that a note names
@@ -319,6 +320,8 @@ def build_regression(
 
 def along(record: Prepared, motion: Motion) -> Prepared:
     """The record with positions, velocities and accelerations of a motion in place of the measured ones."""
+    if len(motion(record.t[0])) != 3:
+        raise ValueError(f"`instruments` must return q, qd and qdd, got {len(motion(record.t[0]))} results")
     try:
         q, qd, qdd = (np.asarray(x, np.float64) for x in motion(record.t))
     except (TypeError, ValueError):
