@@ -30,6 +30,7 @@ from .log.record import Record
 from .record_sets import CONTAINED, GAINS_CONTAINED, SetsResult, eliminated, record_sets
 from .result import Identification
 
+SCALED = "torques of the bodies without the load are"  # start of a note
 STEP = 1e-30  # of derivatives by complex numbers
 QUANTITIES = (
     "mass [kg]",
@@ -123,6 +124,7 @@ class PayloadEstimate(SetsResult):
         for name, value, error in zip(QUANTITIES, values, errors, strict=True):
             rows.append(Row(f"  {name}", (f"{value:.5f}", f"{error:.5f}")))
         first, contained = f"{self.mass:.4g} kg on {link}, known to {share:.2g} %", CONTAINED
+        first += " if the torques are right, see below" * any(note.startswith(SCALED) for note in self.notes)
         if self.gains is not None and self.gain_errors is not None:
             rows += gain_rows(self.sets.robot.joint_names, self.gains, self.gain_errors)
             contained = GAINS_CONTAINED
@@ -240,7 +242,7 @@ def identify_payload(
         notes.insert(0, f"not told by the motions, in the axes of {short(name)}: {', '.join(unknown)}; taken {value}")
     if abs(scaled - 1) > thresholds.SCALED_TORQUES:
         right = f"if its masses are right, the load has {phi[0] / scaled:.3g} kg, not {phi[0]:.3g}"
-        notes.append(f"torques of the bodies without the load are {scaled:.3g} times those of the robot given: {right}")
+        notes.append(f"{SCALED} {scaled:.3g} times those of the robot given: {right}")
     notes = doubts(phi, errors) + notes
     replaced = consistent and (bool(unknown) or np.linalg.eigvalsh(pseudo_inertia(phi)[0])[0] <= 0)
     if replaced:
