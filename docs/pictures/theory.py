@@ -87,7 +87,9 @@ def draw(ax, graph: Graph, outputs: list[int], size: float, labelled: bool) -> N
         members = columns[column]
         middle = {k: np.mean([place[j][1] for j in graph.arguments(k) if j in place] or [0.5]) for k in members}
         for row, k in enumerate(sorted(members, key=lambda k: middle[k])):
-            place[k] = column, (row + 0.5) / len(members)
+            has_room = graph.nodes[k].kind == "constant" and len(members) < 4
+            lower = 0.13 if has_room else 0.0  # beside the lines of others
+            place[k] = column, (row + 0.5) / len(members) - lower
     for k in order:
         for j in graph.arguments(k):
             _line(ax, place[j], place[k], graph.nodes[k].kind == "subtract" and j == graph.arguments(k)[1], labelled)
@@ -103,7 +105,8 @@ def draw(ax, graph: Graph, outputs: list[int], size: float, labelled: bool) -> N
         if labelled:
             text = f"q{args[0] + 1}" if kind == "input" else f"{args[0]:.3g}" if kind == "constant" else kind
             ink = "black" if kind == "constant" else "white"
-            ax.text(*place[k], SIGNS.get(kind, text), ha="center", va="center", color=ink, fontsize=FONT, zorder=3)
+            look = {"color": ink, "fontsize": FONT - 2 * (kind == "constant"), "ha": "center", "va": "center"}
+            ax.text(*place[k], SIGNS.get(kind, text), zorder=3, **look)
     ax.set_axis_off()
 
 
