@@ -638,6 +638,8 @@ class Identification(InNotebooks):
         locked = [note for note in self.notes if note.startswith(LOCKED)]
         which = "all joints" + " of the records" * bool(locked) + (f" but {other}" if other else "")
         text = f"good for {use} of {which}: held-out errors in motion of {told[good].max():.2g} % or less"
+        if any(cause.kind not in GEARS for cause in self.causes):
+            locked.append("a likely cause of what is left is named below: if it is true, the model is wrong there")
         return "; ".join([*first, text, *locked])
 
     @property
