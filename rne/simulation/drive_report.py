@@ -341,10 +341,11 @@ def drives(
     --------
     >>> import rne
     >>> robot = rne.load("irb140").with_limits(effort=[250, 250, 150, 50, 50, 20])
-    >>> motion = rne.trajectories.fastest(robot, [[0] * 6, [1, 0.5, 0, 0, 0, 0]])
+    >>> turned = robot.with_armature(100**2 * 1e-4)  # the rotors are in what limits the motion
+    >>> motion = rne.trajectories.fastest(turned, [[0] * 6, [1, 0.5, 0, 0, 0, 0]])
     >>> report = rne.drives(robot, motion, gear=100, rotor=1e-4, efficiency=0.85)
     >>> report.torque_share.round(2).tolist()
-    [1.0, 1.0, 0.33, 0.05, 0.01, 0.0]
+    [1.0, 1.0, 0.3, 0.05, 0.01, 0.0]
     """
     scene = _scene_of(robot, motion)
     moved = scene.resolved.robot
