@@ -130,13 +130,15 @@ def against_pinocchio(robot: Robot, samples: int, xml: str | None = None, *, by_
     tau = robot.inverse_dynamics(q, qd, qdd)
     M = robot.mass_matrix(q)
     gravity, bias = robot.gravity_torque(q), robot.bias_torque(q, qd)
-    ours = robot.forward_dynamics(q, qd, tau)  # before M is inverted: the error names the joints of a singular M
-    of_tau, of_qdd = _terms(M, qdd, bias, tau) if by_terms else (None, None)
+    of_tau, of_qdd = None, None
+    if by_terms:
+        robot.forward_dynamics(q, qd, tau)  # before M is inverted: the error names the joints of a singular M
+        of_tau, of_qdd = _terms(M, qdd, bias, tau)
     yield Match("inverse dynamics", relative(tau, each(oracle.inverse_dynamics, q, qd, qdd), of_tau), ROUNDING, "tau")
     yield Match("mass matrix", relative(M, each(oracle.mass_matrix, q)), ROUNDING, "M")
     yield Match("gravity", relative(gravity, each(oracle.gravity_torque, q)), ROUNDING, "g")
     yield Match("bias", relative(bias, each(oracle.bias_torque, q, qd)), ROUNDING, "C qd + g")
-    bound = _bound_of_accelerations(M)
+    ours, bound = robot.forward_dynamics(q, qd, tau), _bound_of_accelerations(M)
     if not robot.model.has_mimics:
         theirs = each(oracle.forward_dynamics, q, qd, tau)
         yield Match("forward dynamics", relative(ours, theirs, of_qdd), bound, "qdd, bound eps cond(M), at least 1e-13")
