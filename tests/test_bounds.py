@@ -786,6 +786,7 @@ def test_torques_inside_of_the_range_of_a_rate_are_attained():
         ({"quantities": ["point_speed"]}, r"bounds of the speed of a point need its `link`, and `rates` where not all"),
         ({"quantities": ["point_speed"], "link": "hand"}, r"`link` must be one of \['base_link', .*\], got 'hand'"),
         ({"quantities": ["point_speed"], "link": "base_link", "rates": 1}, r"a link that moves, got 'base_link'"),
+        ({"point": [0, 0, 0.1]}, r"^`point` is one of a link: give its `link`$"),
         ({"link": "tool0", "point": [1, 2]}, r"`point` must have shape \(3,\)"),
         ({"payload": (3, 1)}, r"`payload` must be the least and the largest mass in kg, got \(3, 1\)"),
         (

@@ -229,6 +229,11 @@ def test_a_motion_of_another_robot_is_refused(arm, kind):
             report(other, motion)
 
 
+def test_a_model_is_no_robot_of_a_planned_motion(arm):
+    with pytest.raises(TypeError, match=r"^`robot` must be an rne.Robot, got Model$"):
+        rne.drives(arm.model, rne.trajectories.fastest(arm, [HOME, PICK]))
+
+
 def test_rotors_that_a_motion_was_not_planned_for_are_told(arm):
     """The torque at the gear's output is that of the load and of the reflected rotor, gear^2 rotor qdd."""
     motion = rne.trajectories.fastest(arm, [HOME, PICK])

@@ -162,7 +162,7 @@ def convert_numbers(name: str, value: ArrayLike, shape: str) -> Array:
         package = type(value).__module__.split(".")[0].removesuffix("lib")
         if package not in ("casadi", "jax"):
             raise
-        cure = f"robot.kernel(rne.dynamics.inverse_dynamics).to_{package}() is a function of them"
+        cure = f"make a function of them, as by robot.kernel(rne.dynamics.inverse_dynamics).to_{package}()"
         raise TypeError(f"`{name}` must be an array of numbers, got symbols of {package}: {cure}") from None
     if array.dtype.kind in "iu":
         array = array.astype(np.float64)

@@ -136,10 +136,12 @@ class LinearisedLoop(InNotebooks):
         held = "" if self.sample_time is None else f" with torques held for {self.sample_time:g} s"
         rest = "" if self.is_rest else "\nthe target is no equilibrium: the motion leaves it"
         if free := int((abs(self.poles) <= FREE_POLE * abs(self.poles).max(initial=0)).sum()):
-            rest += f"\n{free} of the {len(self.poles)} poles are zero: nothing holds or damps a motion of the joints, "
-            rest += "as of a redundant arm that holds its link alone; `posture=` of rne.control.impedance does"
+            rest += f"\nzero poles: {free} of {len(self.poles)}, of motions that nothing holds or damps, such as those "
+            rest += "of a redundant arm under rne.control.impedance without `posture`"
         if self.has_smoothed_friction:
-            rest += "\nsmoothed Coulomb friction damps it at rest, and less in larger motions: look without it too"
+            rest += (
+                "\nsmoothed Coulomb friction damps the loop near rest, less in larger motions: check it without, too"
+            )
         limit = f"smallest unstable sample time {self.sample_time_limit:.4g} s"
         limit = limit if np.isfinite(self.sample_time_limit) else "no unstable sample time found"
         return (

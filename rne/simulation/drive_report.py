@@ -14,7 +14,7 @@ from ..basics.spatial import Array
 from ..basics.text import InNotebooks, column, counted, six_digits, summary, table
 from ..dynamics.recursion_record import bearing_loads
 from ..model.model import Model
-from ..robot import Robot
+from ..robot import Robot, robot_argument
 from .limits import limit_shares, share_texts
 from .scene import Scene
 from .springs import Springs
@@ -424,9 +424,9 @@ def _scene_of(robot: Robot | Scene, motion: Any) -> Scene:
     """The scene that is given, otherwise the one that the motion was planned for with the robot, or the robot alone."""
     if isinstance(robot, Scene):
         return robot
-    planned, model = getattr(motion, "scene", None), getattr(motion, "model", None)
-    moved = planned.robot.model if isinstance(planned, Scene) else model
-    if isinstance(moved, Model) and isinstance(robot, Robot) and not set(moved.joint_names) <= set(robot.joint_names):
+    robot, planned = robot_argument(robot), getattr(motion, "scene", None)
+    moved = planned.robot.model if isinstance(planned, Scene) else getattr(motion, "model", None)
+    if isinstance(moved, Model) and not set(moved.joint_names) <= set(robot.joint_names):
         raise ValueError(
             f"`motion` must be of the robot {robot.model.name!r} with joints {list(robot.joint_names)}, "
             f"it is of {moved.name!r} with {list(moved.joint_names)}"
