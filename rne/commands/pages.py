@@ -71,9 +71,10 @@ SPEED = (
     "shortest of Pinocchio's in the same table."
 )
 LEAST = (
-    "Joints 1 to 3 turn to the target above in 1 s, from rest to rest. A polynomial of degree 5 has a mean "
-    "squared torque of {:.0f} (N m)², one of degree 10 {:.0f} (N m)², found here in {:.2g} s, in {} steps with exact "
-    "derivatives. Differences take {} motions a step, of a length to be guessed: the second picture has their errors."
+    "Joints 1 to 3 turn to the target above in 1 s, from rest to rest. Along a polynomial of degree 5 in time the mean "
+    "squared torque is {:.0f} (N m)². The best polynomial of degree 10 needs {:.0f} (N m)²; it was found in {:.2g} s, "
+    "in {} steps with exact derivatives. Finite differences would take {} further motions in each step, and a "
+    "difference whose size must be guessed: the second picture shows their error."
 )
 
 
@@ -102,7 +103,7 @@ def _main_job(robot: Robot, page: Report) -> bool:
         f"Why to believe it: torques of {SAMPLES} random states agree with {source} within "
         f"{worst['inverse dynamics']:.0e} of the largest. In a free swing of {MAIN_SWING:g} s, where no motor and no "
         f"friction changes the energy, it stays within {swing.energy_drift:.0e} J, while {np.ptp(swing.kinetic):.0f} J "
-        f"go from height to speed and back. {MODEL}"
+        f"change from potential to kinetic energy and back. {MODEL}"
     )
     page.heading("Speed beside accuracy, on this machine")
     found = measured_speed(robot)
@@ -161,7 +162,7 @@ def _least_torque(robot: Robot, target: Array, page: Report) -> None:
     steps, exact = np.logspace(0, -12, 25), slopes(none).sum(-1)
     differences = [(torques(none + h) - torques(none - h)) / (2 * h) for h in steps]
     errors = np.abs(differences - exact).max(-1) / np.abs(exact).max()
-    page.figure("slopes", lambda: _plot_errors(steps, errors), "Errors of differences over their length")
+    page.figure("slopes", lambda: _plot_errors(steps, errors), "Relative error of finite differences over their size")
 
 
 def _plot_torques(t: Array, both: Array, names: Sequence[str]) -> Figure:
@@ -170,7 +171,7 @@ def _plot_torques(t: Array, both: Array, names: Sequence[str]) -> Figure:
     for ax, name, curves in zip(panels, names, both.transpose(2, 1, 0), strict=True):
         ax.plot(t, curves, label=["degree 5", "least torque"])
         ax.set_title(f"{name}: torque [N m]")
-    panels[-1].set_xlabel("t [s]")
+    panels[-1].set_xlabel("time [s]")
     figure.legend(*panels[0].get_legend_handles_labels(), **BELOW)
     return figure
 
@@ -179,7 +180,8 @@ def _plot_errors(steps: Array, errors: Array) -> Figure:
     figure = blank_figure(WIDTH, 2.6)
     ax = figure.subplots()
     ax.plot(steps, errors, "o-")
-    ax.set(xscale="log", title="derivatives by differences: relative error", xlabel="length", xticks=steps[::8])
+    ax.set(xscale="log", title="finite differences: relative error", xlabel="difference [rad]")
+    ax.set_xticks(steps[::8])
     log_axis(ax)
     ax.xaxis.set_major_formatter("{x:g}")
     return figure
