@@ -331,7 +331,7 @@ WRONG = {
     ),
     "duration that is none": (
         ["simulate", "{lift}", "--duration", "nan", "--out", "{dir}/m.csv"],
-        "argument --duration: must be numbers separated by blanks or commas, got 'nan'; rne simulate --help shows what there is",
+        "argument --duration: must be one number, got 'nan'; rne simulate --help shows what there is",
     ),
     "two durations": (
         ["simulate", "{lift}", "--duration", "1", "2", "--out", "{dir}/m.csv"],
@@ -393,7 +393,7 @@ WRONG = {
     ),
     "a lock without a position": (
         ["torques", "{lift}", "{motion}", "--locked", "up"],
-        "argument --locked: must be numbers separated by blanks or commas, got ''; rne torques --help shows what there is",
+        "argument --locked: must be JOINT=Q, separated by commas, got 'up'; rne torques --help shows what there is",
     ),
     "negative tolerance": (
         ["compare", "{lift}", "{lift}", "--tolerance", "-1"],

@@ -132,15 +132,19 @@ def numbers(text: str) -> list[float]:
 
 def number(text: str) -> float:
     """One finite number."""
-    values = numbers(text)
-    if len(values) != 1:
-        raise argparse.ArgumentTypeError(f"must be one number, got {text!r}")
-    return values[0]
+    try:
+        (value,) = numbers(text)
+    except (ValueError, argparse.ArgumentTypeError):
+        raise argparse.ArgumentTypeError(f"must be one number, got {text!r}") from None
+    return value
 
 
 def positions(text: str) -> dict[str, float]:
     """Positions by joint, such as `finger=0.02,wrist=1`."""
-    return {joint: number(q) for joint, _, q in (part.partition("=") for part in text.split(","))}
+    try:
+        return {joint: number(q) for joint, q in (part.split("=") for part in text.split(","))}
+    except (ValueError, argparse.ArgumentTypeError):
+        raise argparse.ArgumentTypeError(f"must be JOINT=Q, separated by commas, got {text!r}") from None
 
 
 def one_or_each(values: list[float] | None) -> Any:
