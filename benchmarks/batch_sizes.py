@@ -107,7 +107,7 @@ def panels(axes: Any, results: dict[str, Any]) -> None:
             values = {count: row["ns_per_state"].get(name) for count, row in rows.items()}
             if all(values.values()):
                 ax.plot(list(values), list(values.values()), style, color=color, label=label, markersize=5)
-        ax.set(xscale="log", yscale="log", xlabel="states in the batch [1]", ylim=(20, 3e7))
+        ax.set(xscale="log", yscale="log", xlabel="states in the batch [1]", ylim=(10, 3e7))
         ax.set_title(f"irb140: {title(quantity)}, by the size of the batch", fontsize="medium")
         ax.grid(True, alpha=0.25)
         ax.legend(fontsize="small", frameon=False, loc="upper right")

@@ -32,6 +32,7 @@ def picture(results: dict[str, Any]) -> Any:
         ax.set(xscale="log", yscale="log", xlabel="joints n [1]")
         ax.set_xticks(ticks, [str(n) for n in ticks], minor=False)
         ax.minorticks_off()
+    axes[1, 1].set_ylim(1e-5, None)  # room for the legend
     for ax in grid.flat:
         ax.grid(True, alpha=0.25)
         if ax.get_legend() is None:

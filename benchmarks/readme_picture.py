@@ -62,7 +62,7 @@ def picture(charts: Results, derivatives: Results, theme: str = "", shape: str =
                 [1e3 * run["seconds"][way] for run in chosen], [run["errors"][way] for run in chosen], **looks[who]
             )
         error, time = "largest relative error [1]", "time per state [ns]"
-        torques.set(title="Inverse dynamics of 20 000 states", xlabel=time, ylabel=error, xlim=(20, 2e4))
+        torques.set(title="Inverse dynamics of 20 000 states", xlabel=time, ylabel=error, xlim=(10, 2e4))
         hessians.set(title=f"Hessian, {derivatives['states']} states", xlabel=time, ylabel=error, xlim=(60, 2e5))
         swing.set(title="Free swing of 10 s", xlabel="time [ms]", ylabel=DRIFT.replace(", ", ",\n"))
         for ax in (torques, hessians, swing):
