@@ -51,9 +51,9 @@ class Loops(NamedTuple):
         return Record(self.t, self.q[:, k], self.tau[:, k] + noise)
 
 
-def closed_loops(noise, runs, duration, rate, seed=0):
+def closed_loops(noise, runs, duration, rate):
     """Simulated logs of the loop; velocities are differences of the noisy positions."""
-    robot, rng, h = first_joints(3), np.random.default_rng(seed), 1 / rate
+    robot, rng, h = first_joints(3), np.random.default_rng(0), 1 / rate
     t = np.arange(int(duration * rate)) * h
     q_ref, qd_ref, _ = reference(t)
     white = rng.normal(size=(len(t), runs, 3))
@@ -241,8 +241,8 @@ def test_possible_bodies_essential_parameters_and_files(loops, tmp_path):
 @pytest.mark.parametrize(
     ("given", "text"),
     [
-        ([reference, reference], "`instruments` must be of 1 record, got 2"),
-        ([], "`instruments` must be of 1 record, got 0"),
+        ([reference, reference], "`instruments` must have one motion for each of 1 record, got 2 motions"),
+        ([], "`instruments` must have one motion for each of 1 record, got 0 motions"),
         (np.zeros((1000, 2)), "`instruments[0]` must have shape (1000, 3), got (1000, 2)"),
         (lambda t: (t, t), "`instruments` must return q, qd and qdd, got 2 results"),
         (
@@ -272,7 +272,10 @@ def test_a_record_is_no_instrument(loops):
 def test_held_out_errors_do_not_judge_estimates_by_instruments(found):
     for each in found:
         assert "by instrumental variables; held-out errors contain the noise of the positions" in each.verdict
-        assert "does not explain" not in each.doubt
+        poor = dataclasses.replace(each, unexplained=each.unexplained._replace(in_motion=np.full(3, 0.9)))
+        assert "does not explain" not in poor.doubt
+        plain = dataclasses.replace(poor, data=dataclasses.replace(each.data, Z=None))
+        assert "does not explain: joint_1 90 %" in plain.doubt
 
 
 def test_a_motion_for_each_record(loops, found):

@@ -269,6 +269,8 @@ def test_robots_are_compared_joint_by_joint_and_by_their_torques(lift, tmp_path,
     said = capsys.readouterr().out
     assert "joint_5: mass 3, of the other 1" in said
     assert "cause: payload" in said
+    assert main(["compare", "irb140", "irb140", "--gravity", "0 0 -1.62"]) == 0  # of both
+    capsys.readouterr()
     assert main(["compare", lift, "irb140"]) == 1
     assert capsys.readouterr().out.splitlines() == [
         f"joints of {lift} alone: up",
@@ -391,9 +393,22 @@ WRONG = {
         ["torques", "{lift}", "{motion}", "--locked", "down=1"],
         "--locked must name joints of ['up'], got 'down'",
     ),
+    "a joint locked twice": (
+        ["torques", "{lift}", "{motion}", "--locked", "up=1,up=2"],
+        "argument --locked: must be JOINT=Q of each joint once, separated by commas, got 'up=1,up=2'; rne torques --help "
+        "shows what there is",
+    ),
+    "a unit given twice": (
+        ["identify", "{lift}", "{motion}", "--units", "q=deg", "--units", "q=rad"],
+        "--units: must name each quantity once, or be given once without a quantity",
+    ),
+    "columns of all and of one": (
+        ["identify", "{lift}", "{motion}", "--columns", "t,q.up", "--columns", "tau=3"],
+        "--columns: must name each quantity once, or be given once without a quantity",
+    ),
     "a lock without a position": (
         ["torques", "{lift}", "{motion}", "--locked", "up"],
-        "argument --locked: must be JOINT=Q, separated by commas, got 'up'; rne torques --help shows what there is",
+        "argument --locked: must be JOINT=Q of each joint once, separated by commas, got 'up'; rne torques --help shows what there is",
     ),
     "negative tolerance": (
         ["compare", "{lift}", "{lift}", "--tolerance", "-1"],
@@ -401,7 +416,7 @@ WRONG = {
     ),
     "negative payload": (
         ["torques", "{lift}", "{motion}", "--payload", "-1"],
-        "payload on link 'car': the mass must be 0 or positive, got -1.0",
+        "--payload on link 'car': the mass must be 0 or positive, got -1.0",
     ),
     "no robot": (
         ["torques", "irb14", "{motion}"],

@@ -325,6 +325,8 @@ def test_a_report_begins_with_a_verdict_and_is_short(found):
         "good for feed-forward, not simulation (least squares alone) of all joints but joint_2 (22 %), joint_3 (does "
         "not move): held-out errors in motion of 5 % or less"
     )
+    far = replace(poor, unexplained=errors._replace(in_motion=np.array([0.3, 0.4, 0.5])), notes=(f"{BEYOND} joint_1",))
+    assert far.verdict.startswith(f"{BEYOND} joint_1; not good for simulation or feed-forward: ")
     none = replace(found, unexplained=errors._replace(in_motion=np.array([0.3, 0.4, 0.5])))
     assert none.verdict.startswith("not good for simulation or feed-forward: ")
 
@@ -438,6 +440,10 @@ def test_the_smoothing_of_a_step_is_the_one_that_predicts_best(smoothing):
     found = rne.identify(robot, rne.identification.Record(t, q, tau))
     assert found.friction.smoothing == smoothing
     assert found.scene().friction.smoothing == smoothing
+    lost = tau.copy()
+    lost[:, 1] = np.nan
+    one = rne.identify(robot, rne.identification.Record(t, q, lost), causes=False)
+    assert one.friction.smoothing == smoothing  # by the joint that has torques
 
 
 def waves(t, w):

@@ -645,10 +645,14 @@ def test_plot_has_a_panel_per_joint_and_no_line_across_a_gap(scene, motions):
 def test_a_motion_beyond_the_limits_is_told_before_the_verdict():
     """A log in degrees that moves little passes no two turns: read as radians, it leaves the limits."""
     robot = first_joints(3).with_limits(velocity=[1.0, 2.0, 9.0])
+    robot = rne.Robot(dataclasses.replace(robot.model, lower=robot.lower * [1, 1, 0.1]))
     t = np.arange(0, 10, 0.01)
     q = np.array([1.5, 4.0, 0.5]) * np.sin(np.pi / 5 * t)[:, None]
+    ends = (
+        f"joint_2 reaches 4, its limit is {robot.upper[1]:.3g}; joint_3 reaches -0.5, its limit is {robot.lower[2]:.3g}"
+    )
     prepared = Record(t, q, np.ones_like(q)).prepare(cutoff=5.0)
     (note,) = beyond_limits(robot, [prepared])
-    assert note == f"{BEYOND} joint_2 to 4 of {robot.upper[1]:.3g}, joint_2 at 2.51/s of 2"
+    assert note == f"{BEYOND} {ends}; joint_2 reaches 2.51/s, its limit is 2/s"
     small = dataclasses.replace(prepared, q=0.3 * prepared.q, qd=0.3 * prepared.qd)
     assert beyond_limits(robot, [small]) == ()

@@ -2,6 +2,7 @@
 
 import dataclasses
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -327,7 +328,11 @@ def faulty(robot, load, fault, seed=0, rate=125.0, duration=10.0):
 
 
 @pytest.mark.parametrize(
-    ("fault", "kind", "error"),  # the stated error, relative: that of noise alone is 0.2 %
+    (
+        "fault",
+        "kind",
+        "error",
+    ),  # the stated error, relative, changes between the records contained: that of noise alone is 0.2 %
     [
         ("factors", "torque factors (", 0.012),
         ("changed", "torque factors that changed between the records (", 0.012),
@@ -436,8 +441,11 @@ def test_records_of_named_joints_may_have_others_and_another_order(arm, three, l
     panda = loaded("panda_description/panda").locked({f"panda_joint{k}": 0.3 for k in (1, 3, 5, 7)})
     arm, load = panda.locked({"panda_finger_joint1": 0.0}), rne.Payload(2.0, (0, 0, 0.1), link="panda_hand")
     records = logs(arm, load, noise=QUIET, units=1.0, friction=(1.0, 1.0))
-    with pytest.warns(rne.IdentificationWarning, match=r"taken as locked: panda_finger_joint1 at 0; if they stood"):
+    with pytest.warns(
+        rne.IdentificationWarning, match=r"taken as locked: panda_finger_joint1 at 0; if they stood"
+    ) as told:
         more = rne.identify_payload(panda, *records, link="panda_hand")
+    assert Path(told[0].filename).name == "test_payload.py"
     assert more.mass == pytest.approx(2.0, rel=0.02)
     assert "joints that the records do not have, taken as locked: panda_finger_joint1 at 0" in more.report()
     assert str(more) == more.report()
@@ -856,3 +864,24 @@ def test_torques_are_compared_with_those_of_the_robot_given(arm, three):
     note = "torques of the bodies without the load are 1.1 times those of the robot given: if its masses are right, the load"
     assert found.notes[-1] == f"{note} has 3 kg, not 3.3"
     assert " % if the torques are right, see below; " in found.report().replace("\n", " ").replace("  ", " ")
+
+
+def test_a_load_of_fewer_joints_than_the_arm_was_identified_from_is_refused(arm, three):
+    """Without the warning on joints that would be locked."""
+    alone = rne.identify(
+        arm, three[0], drives=rne.DriveModel(friction="viscous+coulomb"), consistent=False, causes=False
+    )
+    fewer = three[1]._part(slice(None), arm.joint_names[:2])
+    text = f"`with_load` must have all joints of the other records, it lacks {[arm.joint_names[2]]}"
+    with pytest.raises(ValueError, match=f"^{re.escape(text)}$"):
+        rne.identify_payload(alone, None, fewer, link="tool0")
+
+
+def test_the_record_that_the_arm_was_identified_from_has_no_load(arm, three, gains, currents):
+    alone = rne.identify(
+        arm, three[0], drives=rne.DriveModel(friction="viscous+coulomb"), consistent=False, causes=False
+    )
+    text = "^`with_load` has a record that the others have too: one is the wrong file$"
+    for known, record in ((alone, three[0]), (gains, currents[1])):
+        with pytest.raises(ValueError, match=text):
+            rne.identify_payload(known, None, record, link="tool0")

@@ -112,7 +112,7 @@ def _record(file: Path, robot: rne.Robot, arguments: argparse.Namespace) -> rne.
 
     given = {name: getattr(arguments, name) for name in ("time_unit", "sample_rate", "joints", "topic", "episode")}
     given |= {name: one_or_each(getattr(arguments, name)) for name in ("gains", "offsets")}
-    units, columns = _merged(arguments.units), _merged(arguments.columns)
+    units, columns = _merged("--units", arguments.units), _merged("--columns", arguments.columns)
     if arguments.degrees:
         turns = dict(zip(robot.joint_names, rotating(robot), strict=True))
         if not all(turns.values()):  # the joints of the log have to be known
@@ -131,5 +131,8 @@ def _named(text: str) -> dict[str, Any]:
     return {kind: values if len(values) > 1 or not kind else values[0]}
 
 
-def _merged(given: list[dict[str, Any]] | None) -> dict[str, Any]:
+def _merged(option: str, given: list[dict[str, Any]] | None) -> dict[str, Any]:
+    kinds = [kind for part in given or () for kind in part]
+    if len(set(kinds)) < len(kinds) or ("" in kinds and len(kinds) > 1):
+        raise CommandError(f"{option}: must name each quantity once, or be given once without a quantity")
     return {kind: value for part in given or () for kind, value in part.items()}

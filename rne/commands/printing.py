@@ -22,8 +22,10 @@ FIRST = 4096  # bytes that are looked at
 MARK = 8  # bytes that may precede "<": the mark of an encoding
 FOLDER = Path("rne-report")
 REPORT = "write a page on a robot: a motion, comparison with Pinocchio, torques against gravity, joints and links"
-OF_JOINTS = "joint_types lower upper velocity_limit effort_limit damping friction armature axis translation rotation"
-OF_BODIES = "mass com inertia"
+COMPARED = (
+    *("joint_types", "lower", "upper", "velocity_limit", "effort_limit", "damping", "friction", "armature"),
+    *("axis", "translation", "rotation", "mass", "com", "inertia"),
+)
 LANGUAGES, TYPES = ("python", "numpy", "matlab", "c", "rust"), ("float64", "float32")
 
 
@@ -101,7 +103,8 @@ def add_compare(commands: Any) -> None:
     title = "print how two robots differ: joints, limits, bodies, and the likely cause of other torques"
     parser = add_parser(commands, "compare", title, "rne compare irb140 irb140.urdf", run_compare)
     add_robot(parser)
-    parser.add_argument("other", metavar="OTHER", help="another robot, of as many joints for torques to be compared")
+    other = "another robot, of as many joints for torques to be compared; payload and locked joints are of ROBOT alone"
+    parser.add_argument("other", metavar="OTHER", help=other)
     least = "differences below this part of a joint's torques are rounding (default: 1e-8)"
     parser.add_argument("--tolerance", metavar="PART", type=number, default=1e-8, help=least)
 
@@ -111,7 +114,9 @@ def run_compare(arguments: argparse.Namespace) -> int:
     import rne
 
     names = arguments.robot, arguments.other
-    one, other = robot_of(arguments), rne.load(arguments.other)
+    alone = dict.fromkeys(("payload", "payload_com", "payload_inertia", "payload_link", "locked"))
+    second = argparse.Namespace(**vars(arguments) | alone | {"robot": arguments.other})
+    one, other = robot_of(arguments), robot_of(second)
     lines = list(_differences(one.model, other.model, names, arguments.tolerance))
     print("\n".join(lines or ["joints: the same, with the same limits, bodies and frames"]), flush=True)
     if one.n != other.n:
@@ -133,7 +138,7 @@ def _differences(one: Model, other: Model, names: Sequence[str], tolerance: floa
         if alone := [joint for joint in of[k] if joint not in of[1 - k]]:
             yield f"joints of {name} alone: {', '.join(alone)}"
     for joint in (joint for joint in of[0] if joint in of[1]):
-        for what in f"{OF_JOINTS} {OF_BODIES}".split():
+        for what in COMPARED:
             a, b = (np.ravel(getattr(model, what)[of[k][joint]]) for k, model in enumerate((one, other)))
             if not (np.array_equal(a, b) or (a.dtype == float and np.allclose(a, b, tolerance, tolerance))):
                 both = (" ".join(x if isinstance(x, str) else f"{x:.9g}" for x in value) for value in (a, b))

@@ -104,8 +104,8 @@ def robot_of(arguments: argparse.Namespace) -> rne.Robot:
     except rne.RneError:
         raise
     except ValueError as error:
-        text = re.sub("`(com|inertia|link)`", r"--payload-\1", in_one_line(error))
-        raise CommandError(text.replace("`positions`", "--locked")) from None
+        text = re.sub("`(com|inertia|link)`", r"--payload-\1", in_one_line(error)).replace("`positions`", "--locked")
+        raise CommandError(re.sub("^payload on", "--payload on", text)) from None
 
 
 def used(robot: rne.Robot, arguments: argparse.Namespace) -> str:
@@ -142,9 +142,12 @@ def number(text: str) -> float:
 def positions(text: str) -> dict[str, float]:
     """Positions by joint, such as `finger=0.02,wrist=1`."""
     try:
-        return {joint: number(q) for joint, q in (part.split("=") for part in text.split(","))}
+        pairs = [(joint, number(q)) for joint, q in (part.split("=") for part in text.split(","))]
     except (ValueError, argparse.ArgumentTypeError):
-        raise argparse.ArgumentTypeError(f"must be JOINT=Q, separated by commas, got {text!r}") from None
+        pairs = []
+    if not pairs or len(dict(pairs)) < len(pairs):
+        raise argparse.ArgumentTypeError(f"must be JOINT=Q of each joint once, separated by commas, got {text!r}")
+    return dict(pairs)
 
 
 def one_or_each(values: list[float] | None) -> Any:

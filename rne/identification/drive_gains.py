@@ -26,7 +26,7 @@ from ..robot import Robot
 from ..simulation.scene import HasPayload, Payload, payload_argument
 from . import thresholds
 from .diagnosis.rigid_body_test import percent, single_joint_fit
-from .fit.equations import solve
+from .fit.equations import solve, warn_of_locked
 from .fit.least_squares import least_squares
 from .log.record import Record
 from .record_sets import RecordSets, SetsFit, SetsResult, record_sets
@@ -53,6 +53,7 @@ class DriveGains(SetsResult):
     Attributes
     ----------
     joint_names : tuple of str
+        The joints of the gains, in the robot's order.
     gains : ndarray, shape (n,)
         Joint torque per unit of what was measured; NaN where the load does not tell it, which `notes` and the report
         say [N m/A or N/A for currents].
@@ -177,6 +178,7 @@ def identify_drive_gains(
     gains of 6 of 6 joints, known to
     """
     sets = record_sets(robot, without, with_load, drives, cutoff)
+    warn_of_locked(sets.data[0].notes)
     model, names = sets.robot.model, sets.robot.joint_names
     if payload is None:
         raise ValueError(NOT_SEPARABLE)

@@ -47,6 +47,7 @@ from .fit.equations import (
     build_regression,
     checked_records,
     of_named_joints,
+    warn_of_locked,
 )
 from .fit.least_squares import Estimator, LeastSquares, held_out, least_squares, with_correlation
 from .log.record import Record
@@ -176,6 +177,7 @@ def identify(
     """
     whole = robot_argument(robot)
     robot, records, matched = of_named_joints(whole, records)
+    warn_of_locked(matched)
     fitted = fitted_springs(springs, whole, robot)
     for name, given in (("prior", prior), ("prior_std", prior_std)):
         if given is not None and not consistent:
@@ -318,7 +320,7 @@ def with_lower_cutoff(
     if data.fitted.shares(x).max(initial=0) < thresholds.LITTLE:
         return data
     options, errors = options | {"delays": data.delays, "loaded": x}, [errors_of(data, data)]
-    for k in range(1, thresholds.HALVINGS + 1):
+    for k in range(1, thresholds.CUTOFF_HALVINGS + 1):
         cutoffs = [record.cutoff / 2**k for record in first.prepared]
         try:
             lower = build_regression(robot, records, base, **options | {"cutoff": cutoffs})
@@ -375,7 +377,8 @@ def motions_of(given: Any, records: Sequence[Record]) -> tuple[Motion, ...]:
     several = isinstance(given, Sequence) and all(callable(x) or np.ndim(x) == 2 for x in given)
     each = list(given) if several else [given] * (len(records) if callable(given) else 1)
     if len(each) != len(records):
-        raise ValueError(f"`instruments` must be of {counted(len(records), 'record')}, got {len(each)}")
+        wanted = f"one motion for each of {counted(len(records), 'record')}"
+        raise ValueError(f"`instruments` must have {wanted}, got {counted(len(each), 'motion')}")
     motions = []
     for k, (motion, record) in enumerate(zip(each, records, strict=True)):
         if not callable(motion):

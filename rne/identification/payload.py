@@ -24,7 +24,7 @@ from ..simulation.scene import Payload
 from . import thresholds
 from .drive_gains import DriveGains, gain_rows, of_all_joints
 from .fit.consistent import consistent_fit
-from .fit.equations import RegressionData
+from .fit.equations import RegressionData, warn_of_locked
 from .log.prepared import Prepared
 from .log.record import Record
 from .record_sets import CONTAINED, GAINS_CONTAINED, SetsResult, eliminated, record_sets
@@ -54,8 +54,8 @@ class PayloadEstimate(SetsResult):
     inertia_error : ndarray, shape (3, 3)
         Standard errors of the inertia about the centre of mass; infinite where the motions do not tell it [kg m^2].
     estimate : LeastSquares
-        The robot's base parameters and, last, the load's ten parameters m, m cx, m cy, m cz, Ixx, Ixy, Iyy, Ixz,
-        Iyz, Izz about the link's origin and in its axes.
+        The robot's base parameters, then the load's ten parameters m, m cx, m cy, m cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz
+        about the link's origin and in its axes; with gains, the relative changes of the gains behind them.
     consistent : bool
         True if the load is the physically consistent one, where least squares give none that is possible, or the
         motions do not tell all of it.
@@ -214,6 +214,7 @@ def identify_payload(
         sets = robot.currents.with_records(with_load, cutoff)
     else:
         sets = record_sets(robot, without, with_load, drives, cutoff)
+        warn_of_locked(sets.data[0].notes)
     model, K = sets.robot.model, sets.base.count
     name = end_link(model, axes_count=True) if link is None else link
     sets, scaled, gains, gain_errors = sets.with_load(name), 1.0, None, None
@@ -244,7 +245,7 @@ def identify_payload(
         right = f"if its masses are right, the load has {phi[0] / scaled:.3g} kg, not {phi[0]:.3g}"
         notes.append(f"{SCALED} {scaled:.3g} times those of the robot given: {right}")
     notes = doubts(phi, errors) + notes
-    replaced = consistent and (bool(unknown) or np.linalg.eigvalsh(pseudo_inertia(phi)[0])[0] <= 0)
+    replaced = consistent and bool(unknown or np.linalg.eigvalsh(pseudo_inertia(phi)[0])[0] <= 0)
     if replaced:
         phi = possible_load(factor, phi, errors)
         notes.append("the load is the physically consistent one that fits best; `estimate` holds that of least squares")
@@ -304,7 +305,7 @@ def unknown_parts(factor: Array, mass: float, down: Array) -> tuple[str, ...]:
 
 def axis_text(axis: Array, down: Array) -> str:
     """The centre along an axis, in words."""
-    x, y, z = axis * np.sign(axis[np.abs(axis).argmax()]) + 0.0
+    x, y, z = axis * np.sign(axis[np.abs(axis).argmax()])
     along = ", as gravity" * bool(len(down) and (np.abs(down @ axis) > thresholds.ALONG).all())
     return f"its centre along ({x:.2f}, {y:.2f}, {z:.2f}){along}".replace("-0.00", "0.00")
 

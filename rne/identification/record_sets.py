@@ -61,7 +61,7 @@ GAINS_CONTAINED = (
     "drives make of the load; not an error of the load weighed: the mass is as wrong as it is, relatively"
 )
 QUIET = "no change of the log, the robot or the drives that was looked for explains what is left"
-FOLDS = 2  # of the equations alone: none is held out
+FEWEST_FOLDS = 2  # of the equations alone: none is held out
 CONTAINED = (
     "standard errors contain noise, the scatter between blocks of time, and what errors of the drives make of the "
     "load; not a factor common to all torques"
@@ -92,9 +92,17 @@ class RecordSets:
 
     def with_records(self, records: Record | Sequence[Record], cutoff: float | None) -> RecordSets:
         """The equations with those of another set of records, torques as late as in the last one on average."""
-        given = checked_records(self.robot, of_named_joints(self.robot, records)[1], "with_load")
+        robot, given, notes = of_named_joints(self.robot, records)
+        if robot is not self.robot:
+            lacking = [name for name in self.robot.joint_names if name not in robot.joint_names]
+            raise ValueError(f"`with_load` must have all joints of the other records, it lacks {lacking}")
+        given = checked_records(self.robot, given, "with_load")
         late = self.data[-1].delays.mean(0)
-        data = build_regression(self.robot, given, self.base, None, cutoff, FOLDS, late)
+        data = build_regression(self.robot, given, self.base, None, cutoff, FEWEST_FOLDS, late)
+        for one, other in product(data.prepared, (x for part in self.data for x in part.prepared)):
+            if np.array_equal(one.t, other.t) and np.array_equal(one.tau, other.tau, equal_nan=True):
+                raise ValueError("`with_load` has a record that the others have too: one is the wrong file")
+        data = replace(data, notes=(*notes, *data.notes))
         S, known = (np.concatenate([x, np.zeros((1, *x.shape[1:]))]) for x in (self.S, self.known))
         return replace(self, data=(*self.data, data), S=S, known=known)
 
@@ -203,7 +211,8 @@ class RecordSets:
     @property
     def kinds(self) -> tuple[str, ...]:
         """The kinds of random errors, those of changes for each set but the first."""
-        return (*KINDS, *CHANGES * (len(self.data) - 1))
+        between = ("",) if len(self.data) < 3 else (*(", load weighed",) * (len(self.data) - 2), ", load")
+        return (*KINDS, *(f"{kind}{which}" for which in between for kind in CHANGES))
 
     def random_errors(self, states: Array, *, with_factors: bool) -> list[Array]:
         """Torques of all `kinds` in each set, as large as each joint's torque, shape (rows, n, number of kinds).
@@ -372,7 +381,7 @@ def record_sets(
     for one, other in product(*given.values()):
         if all(np.array_equal(getattr(one, x), getattr(other, x), equal_nan=True) for x in ("t", "q", "tau")):
             raise ValueError(f"`with_load` has a record that `without` has too, {one.name!r}: one is the wrong file")
-    first = build_regression(robot, given["without"], base, None, cutoff, FOLDS)
+    first = build_regression(robot, given["without"], base, None, cutoff, FEWEST_FOLDS)
     first = replace(first, notes=(*matched, *first.notes))
     return of_one_set(robot, base, first).with_records(given["with_load"], cutoff)
 

@@ -524,7 +524,7 @@ class Identification(InNotebooks):
             for k, law in enumerate(laws):
                 load = law.load(Y, q, qdd, self.parameters)
                 off = rest - law.drive_torques(qd, qdd, self.parameters[bodies:], load)
-                left[k] += ((off / self.estimate.sigma) ** 2).sum()
+                left[k] += np.where(record.usable[some], (off / self.estimate.sigma) ** 2, 0.0).sum()
         return laws[int(left.argmin())]
 
     def check(self, record: Record) -> Check:
@@ -634,13 +634,14 @@ class Identification(InNotebooks):
             text = "by instrumental variables; held-out errors contain the noise of the positions"
             return "; ".join([*first, f"{text}{f': {other}' if other else ''}"])
         if self.unexcited or not good.any():
-            return f"not good for simulation or feed-forward: {self.unexcited or f'held-out errors in motion: {other}'}"
-        locked = [note for note in self.notes if note.startswith(LOCKED)]
-        which = "all joints" + " of the records" * bool(locked) + (f" but {other}" if other else "")
+            text = f"not good for simulation or feed-forward: {self.unexcited or f'held-out errors in motion: {other}'}"
+            return "; ".join([*first, text])
+        remarks = [note for note in self.notes if note.startswith(LOCKED)]
+        which = "all joints" + " of the records" * bool(remarks) + (f" but {other}" if other else "")
         text = f"good for {use} of {which}: held-out errors in motion of {told[good].max():.2g} % or less"
         if any(cause.kind not in GEARS for cause in self.causes):
-            locked.append("a likely cause of what is left is named below: if it is true, the model is wrong there")
-        return "; ".join([*first, text, *locked])
+            remarks.append("a likely cause of what is left is named below: if it is true, the model is wrong there")
+        return "; ".join([*first, text, *remarks])
 
     @property
     def _far_from_given(self) -> list[str]:

@@ -67,7 +67,7 @@ SIGNIFICANT = 10.0  # times the noise, above which a part of a spectrum is motio
 SLOW_JOINT = 0.05  # of the fastest joint's velocity: slower joints have no say
 HIGHEST_CUTOFF = 0.2  # of the sample rate: central differences lose 0.6 % there
 COHERENT_BY_CHANCE = 0.01  # probability that spectra of unrelated signals look coherent; statistics
-HALVINGS = 5  # of the cut-off at most, to a 32nd
+CUTOFF_HALVINGS = 5  # at most, to a 32nd
 FAILED = 3  # halves that do not help before one that does, where much is left; PUBLIC
 LOWER = 0.15  # part of the held-out error that a lower cut-off takes away if it is chosen; PUBLIC
 CROSSOVER_PERIODS = 2.0  # of the crossover in a segment, at least: positions measure what is slower
@@ -105,7 +105,7 @@ HELD = 1e-4  # weight of the model's drives, of that of the measurements: they d
 LEAST_NOISE = 1e-3  # of the torques: the consistent fit does not take measurements for more exact than this
 AT_BOUND = 1e-6  # of its usual size: a parameter of a drive below it is at its bound
 BOUND_ROUNDS, CONE_GAP = 20, 1e-9  # changes of the set of such, and gap of the objective per weight of the prior
-NEWTON_STEPS, HALVINGS, CONVERGED = 100, 40, 1e-16  # of Newton's method; CONVERGED is twice the gap it ends at
+NEWTON_STEPS, STEP_HALVINGS, CONVERGED = 100, 40, 1e-16  # of Newton's method; CONVERGED is twice the gap it ends at
 PRIOR_STD = 0.3  # of the prior: that bodies differ from it by 30 % is as likely as one standard deviation of noise
 PRIOR_STDS_OF_GUESS = (3.0, 1.0, 0.3, 0.1)  # of bodies guessed from the geometry: the first with plausible masses
 THICKNESS = 0.2  # standard deviation of a guessed body's mass across its length, of the length: as of castings
@@ -137,10 +137,8 @@ SPREAD_ROUNDS = 60  # of expectation and maximisation: slow where a kind is hard
 APART_FROM_OTHERS = 1e-6  # part of a column that others leave of it if its coefficient can be told; numerics
 TOLD_SPREAD = 0.01  # spread of a kind of errors, of the torques, from which it is told
 DENSITY, LOAD_STD = 3000.0, 3.0  # of a ball that a load is like where motions say nothing [kg/m^3]; prior_std of it
-SCALED_TORQUES, LIKE_GIVEN = (
-    0.05,
-    0.9,
-)  # factor less one of torques beside the robot given, of this squared cosine, told
+SCALED_TORQUES = 0.05  # of a factor from one, between torques and those of the robot given, from which it is told
+LIKE_GIVEN = 0.9  # squared cosine of these torques, from which there is such a factor
 FEW_POSES, ALONG = 50, 0.9999  # of a record, in which gravity is along an axis: its cosine, within 0.8 degrees
 NAMED_PART = 0.3  # along directions that are not told, of the largest: parameters that are named; statistics
 GAIN_ROUNDS, GAINS_SETTLED = 30, 1e-7  # steps of gains and parameters together, and relative change at which they end

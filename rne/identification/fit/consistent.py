@@ -181,7 +181,7 @@ def refined(objective: Objective, slopes: Slopes, start: Array, free: Array) -> 
         step = np.zeros(len(y))
         step[free] = -np.linalg.lstsq(hessian[np.ix_(free, free)], gradient[free], rcond=None)[0]
         decrement = float(-gradient @ step)
-        lengths = 0.5 ** np.arange(thresholds.HALVINGS)
+        lengths = 0.5 ** np.arange(thresholds.STEP_HALVINGS)
         value = objective(y)
         length = next((a for a in lengths if objective(y + a * step) <= value - 1e-4 * a * decrement), 0.0)
         y = y + length * step

@@ -332,7 +332,9 @@ def along(record: Prepared, motion: Motion) -> Prepared:
         shapes = f"{q.shape}, {qd.shape}, {qdd.shape}"
         raise ValueError(f"`instruments` must give finite q, qd and qdd of shape {record.q.shape}, got {shapes}")
     off, moved = (q - record.q).std(0), record.q.std(0)
-    for j in np.flatnonzero(off > thresholds.RESEMBLES * moved).tolist():
+    unlike = np.flatnonzero(off > thresholds.RESEMBLES * moved)
+    if len(unlike):
+        j = int(unlike[0])
         raise ValueError(
             f"`instruments` must resemble the measured motion: of joint {j + 1} they differ by {off[j]:.3g} (standard "
             f"deviation), while it moves by {moved[j]:.3g}: check units, joints and times"
@@ -379,19 +381,16 @@ def resting(record: Prepared, minimum_velocity: Array) -> Array:
 def beyond_limits(robot: Robot, prepared: Sequence[Prepared]) -> tuple[str, ...]:
     """A note on joints that go farther or faster than the robot's limits, or none."""
     names, reach = robot.joint_names, thresholds.BEYOND_LIMITS
-    far = [np.stack([r.q.min(0), r.q.max(0)]) for r in prepared if len(r.q)]
-    fast = [np.abs(r.qd).max(0) for r in prepared if len(r.q)]
-    low, high = np.min([x[0] for x in far], axis=0), np.max([x[1] for x in far], axis=0)
-    speed, limit, end = (
-        np.max(fast, axis=0),
-        robot.velocity_limit,
-        np.where(high > robot.upper, robot.upper, robot.lower),
-    )
-    outside = np.maximum(high - robot.upper, robot.lower - low) > reach * (robot.upper - robot.lower)
-    told = [f"{names[j]} to {max(high[j], -low[j]):.3g} of {abs(end[j]):.3g}" for j in np.flatnonzero(outside)]
-    told += [f"{names[j]} at {speed[j]:.3g}/s of {limit[j]:.3g}" for j in np.flatnonzero(speed > (1 + reach) * limit)]
+    low, high = np.min([r.q.min(0) for r in prepared], axis=0), np.max([r.q.max(0) for r in prepared], axis=0)
+    speed, limit = np.max([np.abs(r.qd).max(0) for r in prepared], axis=0), robot.velocity_limit
+    above, below = high - robot.upper, robot.lower - low
+    at, end = np.where(above >= below, (high, robot.upper), (low, robot.lower))
+    outside = np.maximum(above, below) > reach * (robot.upper - robot.lower)
+    told = [f"{names[j]} reaches {at[j]:.3g}, its limit is {end[j]:.3g}" for j in np.flatnonzero(outside)]
+    fast = np.flatnonzero(speed > (1 + reach) * limit)
+    told += [f"{names[j]} reaches {speed[j]:.3g}/s, its limit is {limit[j]:.3g}/s" for j in fast]
     more = f" and {len(told) - MOST_TOLD} more" * (len(told) > MOST_TOLD)
-    return (f"{BEYOND} {', '.join(told[:MOST_TOLD])}{more}",) * bool(told)
+    return (f"{BEYOND} {'; '.join(told[:MOST_TOLD])}{more}",) * bool(told)
 
 
 def still_text(standard: StandardParameters, names: Sequence[str]) -> tuple[str, ...]:
@@ -434,8 +433,8 @@ def of_named_joints(
 ) -> tuple[Robot, tuple[Record, ...], tuple[str, ...]]:
     """The robot with joints locked that records of named joints lack, records of its joints in order, and notes.
 
-    A warning names these joints. Refused are records of different joints, and where the log and the robot may name a
-    joint differently: the records lack a joint and have one that the robot does not know, or lack nearly all.
+    `warn_of_locked` tells these joints. Refused are records of different joints, and where the log and the robot may
+    name a joint differently: the records lack a joint and have one that the robot does not know, or lack nearly all.
     """
     given = tuple(records) if isinstance(records, Sequence) else (records,)
     named = [r for r in given if isinstance(r, Record) and r._has_names]
@@ -457,12 +456,18 @@ def of_named_joints(
     notes = [f"{name} of the records is not a joint of the robot, or locked: left out" for name in others]
     if missing:
         notes = [f"{LOCKED}: {listed([f'{name} at {q:.4g}' for name, q in missing.items()])}", *notes]
-        cure = "if they stood elsewhere, lock them there by `robot.locked`"
-        warnings.warn(f"{notes[0]}; {cure}", IdentificationWarning, stacklevel=3)
         robot = robot.locked(missing)
     if any(record.joint_names != robot.joint_names for record in named):
         given = tuple(record._part(slice(None), robot.joint_names) for record in named)
     return robot, given, tuple(notes)
+
+
+def warn_of_locked(notes: Sequence[str]) -> None:
+    """Warn, where a public function was called, of joints that the records do not have."""
+    for note in notes:
+        if note.startswith(LOCKED):
+            text = f"{note}; if they stood elsewhere, lock them there by `robot.locked`"
+            warnings.warn(text, IdentificationWarning, stacklevel=3)
 
 
 def check_joints(robot: Robot, record: Record, argument: str) -> None:

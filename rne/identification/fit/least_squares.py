@@ -99,14 +99,14 @@ def with_correlation(estimate: LeastSquares, equations: Equations, correlation_t
 
 
 class Bias(NamedTuple):
-    """The test of Durbin, Wu and Hausman (1978) on a bias of least squares, as `Identification.bias` returns it.
+    """The test of Durbin, Wu and Hausman on a bias of least squares, as `Identification.bias` returns it: Hausman 1978.
 
     Attributes
     ----------
     shift : ndarray, shape (P,)
-        Estimates of least squares less those by instrumental variables.
+        Base parameters by least squares less those by instrumental variables, in their units.
     errors : ndarray, shape (P,)
-        Standard errors of least squares, which do not contain the bias.
+        Standard errors of least squares, which do not contain the bias, likewise.
     probability : float
         That chance makes the estimates differ by so much, where neither is biased.
 
