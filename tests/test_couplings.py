@@ -503,7 +503,10 @@ def test_check_measures_loops(tmp_path, capsys):
     assert main(["check", str(tmp_path / "arm.urdf"), "--loops", *points]) == 0
     gap = float(re.search("come (.*) m apart", capsys.readouterr().out)[1])
     assert gap < 1e-14
-    assert loop_gap(rne.Robot(tree(*links)), *closing)[0] > 0.5  # open, it moves apart
+    apart, q = loop_gap(robot := rne.Robot(tree(*links)), *closing)
+    ends = [robot.link_poses(q)[robot.model.link_index(link)] @ [*point, 1] for link, point in closing]
+    assert apart == pytest.approx(np.linalg.norm(ends[0] - ends[1]), rel=1e-12)
+    assert apart > 0.5  # open, it moves apart
     assert main(["check", str(tmp_path / "arm.urdf"), "--loops", "rod,0,0", "lever,0,0,0"]) == 2
     assert capsys.readouterr().err == "error: --loops: `ends[0][1]` must have shape (3,), got (2,)\n"
 

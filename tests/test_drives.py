@@ -316,6 +316,7 @@ def test_the_command_plans_and_reports_and_writes_a_page(tmp_path, capsys, monke
 
 def test_picture_has_the_limits_of_every_joint(report):
     figure = rne.plotting.torque_speed(report)
+    assert figure.get_figheight() > 2 * len(figure.axes) / 2  # inches, for rows of two
     for k, ax in enumerate(figure.axes):
         dashed = {
             tuple(np.unique(line.get_xdata() + line.get_ydata())) for line in ax.lines if line.get_linestyle() == "--"

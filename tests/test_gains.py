@@ -336,6 +336,21 @@ def test_the_rest_of_the_series_is_bounded():
         )
 
 
+def test_a_mode_that_stays_unstable_is_told_while_another_begins_to_be():
+    """Of two masses, hardly coupled, the less damped is unstable from T = 2 kd / kp = 0.2 on, the other from 1 on."""
+    modes = CoupledModes(np.zeros(2), np.array([[1, 0.01], [0.01, 1]]), np.array([[0.1, 0.005], [0.005, 2]]))
+    assert modes.verdicts(np.array([0.1, 1.0]), np.array([0.03, 0.03])).tolist() == ["stable", "unstable"]
+
+
+@pytest.mark.parametrize("seed", [0, 1, 5])
+def test_one_middle_decides_most_of_the_times_around_it(seed):
+    """As the series is known to its second term: of 0.007 to 0.093 s, all stable."""
+    rng = np.random.default_rng(seed)
+    A, B, w = rng.normal(size=(3, 3)), rng.normal(size=(3, 3)), rng.uniform(-1, 1, 3)
+    modes = CoupledModes(w, A @ A.T + np.eye(3), 2 * (B @ B.T + np.eye(3)))
+    assert modes.verdicts(np.array([0.05]), np.array([0.043])) == ["stable"]
+
+
 def known(robot, stiffness, inertia):
     """Bounds of a robot from numbers."""
     bounds = [

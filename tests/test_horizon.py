@@ -12,6 +12,7 @@ import pytest
 import rne
 from benchmarks.swing import extrapolated
 from rne.simulation.run import Instants, RunResult, Task
+from rne.simulation.trajectory import _horizon
 
 from .helpers import kept
 from .random_robots import straight_chain
@@ -32,6 +33,14 @@ def arm(request, irb140):
 def exact(arm):
     q0 = Q0[: arm.n]
     return rne.simulate(arm, q0, 0 * q0, END, method="DOP853", rtol=1e-13, atol=1e-15, t_eval=GRID)
+
+
+def test_an_error_that_grows_at_once_is_trusted_until_the_instant_before():
+    """Tenfold, as an exponential would; fifteenfold, it may have grown anywhere between."""
+    assert _horizon(1e-3, np.array([0.0, 1.0]), np.array([3e-4, 2.9e-3])) == pytest.approx(
+        np.log(10 / 3) / np.log(29 / 3)
+    )
+    assert _horizon(1e-3, np.array([0.0, 1.0]), np.array([3e-4, 4.5e-3])) == 0.0
 
 
 def measured_horizon(motion, exact, accuracy):

@@ -291,6 +291,10 @@ class TestUnits:
         q[50, 2] += 3.0
         assert "milliseconds" in torques(1000 * self.t, q, code=2)[2][0]
 
+    def test_samples_of_6_kilohertz_may_be_in_milliseconds(self, torques):
+        _, _, (error,) = torques(15 * self.t, 0.01 * moved(self.t)[0], code=2)  # steps of 0.15
+        assert "column 't' looks like milliseconds, not seconds: its steps are 0.15," in error
+
     @pytest.mark.parametrize("step", [1.0, 10.0])
     def test_motions_by_hand_are_in_seconds(self, torques, step):
         t, q = step * np.arange(3.0), np.outer([0, 1, 3], [0.1, 0, 0, 0.05, 0, 0])

@@ -268,6 +268,7 @@ class TestFiles:
             ("q", lambda q: q[:, :5], "`qd` must have shape (T, 5), got (T, 6)"),
             ("qd", lambda qd: qd[:-1], "`qd` must have shape (T, 6), got (T-1, 6)"),
             ("tau", lambda tau: tau.ravel(), "`tau` must have shape (T, 6), got (6T,)"),
+            ("qdd", lambda qdd: np.zeros((0, 0)), "`qdd` must have shape (T, 6), got (0, 0)"),
             ("q", lambda q: np.where(np.arange(6) == 2, np.nan, q), "`q` must be finite, got nan at index (0, 2)"),
             ("controller_state", lambda z: np.ones(3), "`controller_state` must have shape (T, m), got (3,)"),
             ("energy", lambda e: e / 0.0, "`energy` must be finite, got "),

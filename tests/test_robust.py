@@ -165,6 +165,15 @@ def test_ball_holds_every_mixture(arm):
     assert np.linalg.norm(z, axis=0).max() == pytest.approx(1.0, abs=1e-9)
 
 
+def test_ball_holds_mixtures_of_parameters_of_any_size(arm):
+    """Of 1e-20 kg besides a kilogram: each parameter is measured by its own range."""
+    hull = checked_cases([arm, arm.with_payload(1.0), arm.with_payload(1e-20, com=[0.0, 0.2, 0.1])])
+    size = np.abs(hull.deviations).max(axis=1, keepdims=True)
+    scale = 1 / np.where(size == 0, 1, size)
+    z, *_ = np.linalg.lstsq(scale * hull.ball, scale * hull.deviations, rcond=None)
+    np.testing.assert_allclose(scale * (hull.ball @ z), scale * hull.deviations, atol=1e-9)
+
+
 def test_payload_between_two_robots_is_one_direction(arm):
     hull = checked_cases(cases_of(arm))
     assert hull.ball.shape == (30, 1)

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from lxml import etree
 
 import rne
 
@@ -124,6 +125,8 @@ class TestFiles:
         model = irb140.with_armature(ROTORS).model
         assert rne.read_urdf(written(model, tmp_path)) == model
         assert "drake" not in rne.to_urdf(irb140.model)
+        drives = etree.fromstring(rne.to_urdf(model)).findall("transmission")
+        assert len({drive.get("name") for drive in drives} - {None}) == irb140.n
 
     @pytest.mark.parametrize("seed", range(4))
     def test_of_any_tree(self, seed, tmp_path):

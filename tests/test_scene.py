@@ -550,6 +550,13 @@ class Stribeck(rne.Friction):
         return super().coulomb_torque(qd) * (1 + self.extra)
 
 
+def test_a_scene_keeps_its_springs_when_the_list_changes(two):
+    springs = [rne.Spring("root", [0, 0, 1.0], "rod1", [0, 0, 0], 100, 0)]
+    scene = rne.Scene(two, springs=springs)
+    springs.clear()
+    assert len(scene.springs) == 1
+
+
 def test_equal_parts_make_equal_scenes_and_a_friction_of_ones_own_is_its_own(two):
     scenes = [rne.Scene(two, friction=rne.Friction(viscous=v, coulomb=1.0)) for v in (1.0, 1.0, 2.0)]
     assert scenes[0].kernel is scenes[1].kernel is not scenes[2].kernel

@@ -310,6 +310,7 @@ class TestImpedance:
         for options, text in (
             ({"stiffness": [1] * 5}, r"`stiffness` must have shape \(6,\) or \(6, 6\), rotations first, got \(5,\)"),
             ({"stiffness": [-1] * 6}, "`stiffness` must be six numbers that are not negative"),
+            ({"stiffness": [1e3, 1e3, 1e3, 1e3, 1e3, -1e-6]}, "`stiffness` must be six numbers that are not negative"),
             ({"stiffness": coupled}, "`stiffness` must have two blocks"),
             ({"pose": bad}, "`pose` must be a homogeneous matrix"),
             ({"pose": lambda t: np.eye(3)}, r"`pose` must give \(4, 4\)"),
@@ -321,6 +322,9 @@ class TestImpedance:
         ):
             with pytest.raises(ValueError, match=text):
                 soft(robot, link, **options)
+        turned = rne.basics.spatial.rotation_from_rpy(np.array([0.3, 0.2, 0.1]))
+        flat = np.kron(np.eye(2), turned @ np.diag([1e3, 1e3, 0]) @ turned.T)
+        soft(robot, link, stiffness=(flat + flat.T) / 2)  # no stiffness in two directions, but for rounding
 
 
 def test_operational_space_follows_its_reference():

@@ -163,6 +163,15 @@ def test_accelerations_beyond_double_are_refused(make, message):
         make()
 
 
+def test_times_that_no_spline_passes_through_are_refused():
+    """The second time is the first one, as a part of the whole; between others a spline misses the samples."""
+    for second, steps in ((5e-324, "from 4.94e-324 to 1 s"), (1e-17, "from 1e-17 to 1 s")):
+        with pytest.raises(
+            ValueError, match=f"spaced too unevenly for a spline through the samples: intervals {steps}"
+        ):
+            rne.trajectories.spline([0.0, second, *range(1, 6)], np.arange(7.0)[:, None] ** 2)
+
+
 def test_a_short_ramp_keeps_the_way():
     """The square of a ramp of 1e-200 s is zero; the motion still ends where it should."""
     short = rne.trajectories.trapezoidal([0.0], [1e-150], 1.0, 1e-200)

@@ -97,7 +97,7 @@ def _check(motion: Any) -> None:
 
 def _check_array(name: str, value: Array, shape: tuple[str, ...], sizes: dict[str, int]) -> None:
     """Check an array; letters of its shape that are not among the `sizes` yet are added to them."""
-    if value.shape == (0, 0) and (shape[1] == "m" or name in MOTORS or sizes["K"] == 0):  # as where none is given
+    if value.shape == (0, 0) and (shape[1] == "m" or name in MOTORS or sizes.get("K") == 0):  # as where none is given
         return
     expected = ", ".join(str(sizes.get(letter, letter)) for letter in shape)
     same = (sizes.setdefault(letter, length) == length for letter, length in zip(shape, value.shape, strict=False))
