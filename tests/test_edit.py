@@ -128,6 +128,10 @@ def test_wrong_arguments_are_named(irb140):
     refused(lambda: irb140.mounted([0, 0]), "`rpy` must have shape (3,), got (2,)")
 
 
+LINKLESS = dict.fromkeys(("link_names", "link_joints", "link_body", "link_parent"), ())
+LINKLESS |= {"link_rotation": np.zeros((0, 3, 3)), "link_translation": np.zeros((0, 3))}
+
+
 class TestModel:
     def test_arrays_are_read_only(self, irb140):
         with pytest.raises(ValueError, match="read-only"):
@@ -151,6 +155,7 @@ class TestModel:
             ({"joint_types": ("planar",) * 3}, "joint 'joint0': type must be one of ['revolute', 'continuous', 'prismatic'], got 'planar'"),
             ({"gravity": [0, 0, np.nan]}, "`gravity` must be finite, got nan at index (2,)"),
             ({"parent": (-1,)}, "`parent` must have 3 entries, got 1"),
+            (LINKLESS, "a robot needs at least its root link"),
         ],
     )  # fmt: skip
     def test_contradictions_are_named(self, changes, text):

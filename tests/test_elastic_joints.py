@@ -351,6 +351,7 @@ def test_links_without_inertia_need_rigid_joints():
     parts = [Part(link="base"), Part(link="l", joint="j", kind="revolute", parent=0, axis=np.eye(3)[0])]
     hand = rne.Robot(assemble("massless", parts, gravity=(0, 0, 0))).with_armature(1.0)
     assert rne.simulate(rne.Scene(hand), [0.0], [1.0], 0.1).q[-1, 0] == pytest.approx(0.1)
+    assert rne.dynamics.forward_dynamics(hand.model, [0.0], [0.0], [2.0]) == 2.0
     text = "simulation stopped at t = 0 s of 0.1 s: M is singular: nothing with inertia moves with 'j'"
     with pytest.raises(rne.SimulationError, match=text):
         rne.simulate(rne.Scene(hand, elastic=rne.ElasticJoints(100.0)), [0.0], [1.0], 0.1)

@@ -175,6 +175,24 @@ def test_rodas5p_stays_where_an_explicit_method_was_faster_before_the_motion_bec
     assert walk(1e-3, 2000) == "Rodas5P"
 
 
+@pytest.mark.parametrize("method", ["DOP853", "Tsit5", "Rodas5P"])
+def test_more_states_take_more_work(method):
+    small, large = Linear(), Linear()
+    large.counted = 40
+    assert work_per_step(large, method) > work_per_step(small, method) > 0
+
+
+def test_after_a_change_the_next_look_is_soon():
+    """Else, where steps cost little, after twice as many steps."""
+    plant, watch, walk = watched()
+    assert watch.steps_to_look == 2 * CHECKED
+    plant.fastest = 1e4
+    assert walk(5e-4, 1000) == "Rodas5P"
+    assert watch.steps_to_look == CHECKED
+    walk(5e-4, CHECKED)
+    assert watch.steps_to_look == 2 * CHECKED
+
+
 def test_longer_steps_of_an_explicit_method_must_be_worth_a_change():
     plant, _, walk = watched("Rodas5P")
     plant.fastest = 4.0 / 1e-3 * work_per_step(plant, "Rodas5P") / work_per_step(plant, "DOP853") / 1.9
