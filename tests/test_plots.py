@@ -15,6 +15,7 @@ from PIL import Image
 import rne
 from rne.plotting.motions import motion_argument
 from rne.plotting.plots import small_plots
+from rne.commands import pages
 from rne.plotting.robot_picture import small_picture
 
 from .helpers import EPS, first_joints, kept
@@ -525,3 +526,9 @@ def test_the_legend_of_a_small_picture_is_below_the_robot(irb140):
     (legend,) = figure.legends or [ax.get_legend() for ax in figure.axes]
     figure.draw_without_rendering()
     assert legend.get_window_extent().y1 <= figure.bbox.height / 2
+    assert figure.axes[0].get_position().height * figure.get_figheight() == pytest.approx(4.3)  # whatever the legend's
+
+
+def test_steps_of_differences_are_written_as_numbers():
+    ticks = pages._plot_errors(np.geomspace(1e-8, 1, 17), np.geomspace(1e-3, 1e-9, 17)).axes[0].xaxis
+    assert [float(tick.get_text().replace("\N{MINUS SIGN}", "-")) for tick in ticks.get_ticklabels()] == [1e-8, 1e-4, 1]

@@ -12,7 +12,7 @@ from rne.integrators import compiled_methods
 from rne.integrators.base import IntegrationOptions, Steps
 from rne.model.abb_irb140 import CLOSED_LOOPS
 from rne.simulation import run
-from rne.simulation.method_choice import CHECKED, MethodMonitor, work_per_step
+from rne.simulation.method_choice import CHECKED, MethodMonitor, stiffness, work_per_step
 from rne.simulation.plant import Plant
 
 from .helpers import KD, KP, kept
@@ -180,6 +180,13 @@ def test_more_states_take_more_work(method):
     small, large = Linear(), Linear()
     large.counted = 40
     assert work_per_step(large, method) > work_per_step(small, method) > 0
+
+
+def test_joints_that_stick_are_left_to_machine_code_for_longer():
+    """LSODA, which runs where joints stick, takes no steps in machine code."""
+    plant = Linear()
+    plain, plant.sticks = stiffness(plant, None, 1.0, 1.0)[1], True
+    assert stiffness(plant, None, 1.0, 1.0)[1] >= 100 * plain
 
 
 def test_after_a_change_the_next_look_is_soon():
