@@ -13,9 +13,9 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 import rne
+from rne.commands import pages
 from rne.plotting.motions import motion_argument
 from rne.plotting.plots import small_plots
-from rne.commands import pages
 from rne.plotting.robot_picture import small_picture
 
 from .helpers import EPS, first_joints, kept
