@@ -166,10 +166,12 @@ def test_ball_holds_every_mixture(arm):
 
 
 def test_ball_holds_mixtures_of_parameters_of_any_size(arm):
-    """Of 1e-20 kg besides a kilogram: each parameter is measured by its own range."""
-    hull = checked_cases([arm, arm.with_payload(1.0), arm.with_payload(1e-20, com=[0.0, 0.2, 0.1])])
+    """A thousandth of a kg mm^2 besides a kilogram: each parameter is measured by its own range."""
+    thicker = arm.with_parameters(arm.parameters + 1e-9 * (np.arange(30) == 19))
+    hull = checked_cases([arm, arm.with_payload(1.0), thicker])
     size = np.abs(hull.deviations).max(axis=1, keepdims=True)
     scale = 1 / np.where(size == 0, 1, size)
+    assert hull.ball.shape == (30, 2)  # what rounding makes of the others is no direction
     z, *_ = np.linalg.lstsq(scale * hull.ball, scale * hull.deviations, rcond=None)
     np.testing.assert_allclose(scale * (hull.ball @ z), scale * hull.deviations, atol=1e-9)
 
