@@ -120,7 +120,7 @@ class Linear:
     """What a MethodMonitor asks of a plant: modes that may change, and the work of its methods."""
 
     is_compiled, is_conservative, sticks, sampled, counted = True, False, False, np.zeros(2), 4
-    robot, dynamics = SimpleNamespace(n=2), SimpleNamespace(n=2, states=0)
+    robot, dynamics = SimpleNamespace(n=2, joint_names=("a", "b")), SimpleNamespace(n=2, states=0)
     kernel = SimpleNamespace(operations={"multiply": 500})
     slopes = SimpleNamespace(operations={"multiply": 500}, is_unrolled=True)
     fastest = 1.0
@@ -206,6 +206,17 @@ def test_longer_steps_of_an_explicit_method_must_be_worth_a_change():
     assert walk(1e-3, 1000) == "Rodas5P"
     plant.fastest *= 1.9 / 2.1
     assert walk(1e-3, 1000) == "DOP853"
+
+
+def test_torques_that_jumped_earlier_do_not_chatter(monkeypatch):
+    watch = MethodMonitor(Linear(), None, "DOP853", 100.0)
+    watch.recent.extend((float(k), np.zeros(4)) for k in range(CHECKED))
+    monkeypatch.setattr(watch, "_check_repeats", lambda *_: None)
+    monkeypatch.setattr(watch, "_jump", lambda t, *_: np.ones(2) if t < CHECKED - 20 else None)
+    watch.check_chatter()
+    monkeypatch.setattr(watch, "_jump", lambda *_: np.ones(2))
+    with pytest.raises(rne.NotFiniteError, match="the law chatters"):
+        watch.check_chatter()
 
 
 def test_joints_that_stick_and_slip_without_end_are_refused():
