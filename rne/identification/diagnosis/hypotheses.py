@@ -563,13 +563,13 @@ def starts(rest: FitResiduals) -> Iterator[tuple[str, Array]]:
 
 def payloads(rest: FitResiduals) -> Iterator[Hypothesis]:
     """Another last body from some time on; another of the others, if much is left."""
-    names, nb = rest.robot.model.moving_joints, rest.robot.model.nb
+    names, nb, times = rest.robot.model.moving_joints, rest.robot.model.nb, list(starts(rest))
     for i in range(nb) if rest.share > thresholds.SEEN else (nb - 1,):
         body = rest.Y[..., PARAMETERS * i : PARAMETERS * (i + 1)]
         text = "the payload changes by {1:.3g} kg near {0}"
         if i < nb - 1:  # whose mass alone need not be felt
             text = f"the load on the link behind {names[i]} changes near {{0}}"
-        for time, on in starts(rest):
+        for time, on in times:
             yield Hypothesis(
                 LOAD, body * on, words(text, time), names[i : i + 1], alternatives=thresholds.PLACES * (nb - i)
             )
@@ -590,17 +590,18 @@ def contacts(rest: FitResiduals) -> Iterator[Hypothesis]:
     link = [name for name, k in zip(model.link_names, model.link_body, strict=True) if k == model.nb - 1][-1]
     force = rest.sampled(lambda q, qd, qdd: np.swapaxes(rest.robot.jacobian(q, link)[..., 3:, :], -1, -2))
     edges = np.quantile(place, np.linspace(0, 1, 2 * thresholds.PLACES + 1))
+    times = [time_text(rest, edge) for edge in edges]
     for a, width in (
         (a, w) for a in range(2 * thresholds.PLACES) for w in thresholds.WIDTHS if a + w <= 2 * thresholds.PLACES
     ):
-        begin, end = edges[a], edges[a + width]
+        begin, end = a, a + width
 
-        def text(c: Array, begin: float = begin, end: float = end) -> str:
-            newtons, times = float(np.linalg.norm(c)), (time_text(rest, begin), time_text(rest, end))
-            return f"something pushes {link} with {newtons:.3g} N from {times[0]} to {times[1]}"
+        def text(c: Array, begin: int = begin, end: int = end) -> str:
+            newtons = float(np.linalg.norm(c))
+            return f"something pushes {link} with {newtons:.3g} N from {times[begin]} to {times[end]}"
 
-        during, many = force * ((place >= begin) & (place <= end)), 2 * thresholds.PLACES * len(thresholds.WIDTHS)
-        yield Hypothesis("contact", during, text, rest.names[-1:], alternatives=many)
+        on, many = (place >= edges[begin]) & (place <= edges[end]), 2 * thresholds.PLACES * len(thresholds.WIDTHS)
+        yield Hypothesis("contact", force * on, text, rest.names[-1:], alternatives=many)
 
 
 # Changes between records without and with a load
