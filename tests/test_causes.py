@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import rne
+from rne.dynamics.regressors import gravity_torques
 from rne.identification import Record
 from rne.identification.diagnosis.hypotheses import gravity_directions, ratio_columns, stribeck_columns
 from rne.identification.diagnosis.residuals import FitResiduals
@@ -16,6 +17,7 @@ from rne.identification.fit.equations import build_regression
 from rne.identification.fit.least_squares import least_squares
 
 from . import faulty_logs as faults
+from .conftest import TREES
 from .helpers import first_joints, kept
 
 QUICK = {
@@ -360,6 +362,19 @@ def test_columns_add_to_the_covariance_what_a_fit_with_them_has_more():
     both = np.column_stack([res.A, res.weighted(X)])
     more = np.linalg.inv(both.T @ both)[: base.count, : base.count] - np.linalg.inv(res.A.T @ res.A)
     np.testing.assert_allclose(res.covariance_of(X), 2 * more, rtol=1e-6, atol=1e-9 * np.abs(more).max())
+
+
+@pytest.mark.parametrize("name", kept(TREES, ["mimics", "coupled"]))
+def test_torques_by_component_of_gravity_are_those_of_a_robot_at_rest_in_it(name):
+    robot = rne.Robot(TREES[name])
+    q, g = np.random.default_rng(0).uniform(-1, 1, (5, robot.n)), np.array([1.0, -2.0, 3.0])
+    model = dataclasses.replace(robot.model, gravity=g)
+    by_component = gravity_torques(model, q, np.column_stack([robot.parameters, np.eye(len(robot.parameters))]))
+    assert by_component.shape == (5, robot.n, 3, 1 + len(robot.parameters))
+    expected = rne.dynamics.regressor(model, q, 0 * q, 0 * q)
+    np.testing.assert_allclose(g @ by_component[..., 1:], expected, atol=1e-13 * np.abs(expected).max())
+    expected = rne.dynamics.gravity_torque(model, q)
+    np.testing.assert_allclose(by_component[..., 0] @ g, expected, atol=1e-13 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("degrees", [0, 40])

@@ -20,8 +20,7 @@ import numpy as np
 
 from ...basics.spatial import Array
 from ...basics.text import listed
-from ...dynamics.regressors import regressor
-from ...model.model import Model
+from ...dynamics.regressors import gravity_torques
 from ...model.parameters import PARAMETERS
 from ...robot import Robot
 from .. import thresholds
@@ -385,16 +384,9 @@ def factors(rest: Discrepancy, torques: Array) -> Iterator[Hypothesis]:
         )
 
 
-def in_gravity(robot: Robot, gravity: Array) -> Robot:
-    """The robot in a given gravity, evaluated by NumPy: Numba would compile for longer than it saves."""
-    numeric = robot if robot.engine == "numpy" else Robot(robot.model, "numpy")
-    return numeric.with_model(replace(robot.model, gravity=gravity))
-
-
-def gravity_columns(rest: Discrepancy, gravity: Array, *bodies: Array) -> Array:
-    """Torques of several sets of bodies in a given gravity, one in each column."""
-    alone = in_gravity(rest.robot, gravity)
-    return rest.sampled(lambda q, qd, qdd: np.stack([alone.gravity_torque(q, parameters=pi) for pi in bodies], axis=-1))
+def gravity_columns(rest: Discrepancy, *bodies: Array) -> Array:
+    """Torques per unit of each component of gravity of several sets of bodies, shape (rows, n, 3, sets)."""
+    return rest.sampled(lambda q, qd, qdd: gravity_torques(rest.robot.model, q, np.stack(bodies, axis=-1)))
 
 
 def zero_columns(rest: Discrepancy, zero: Array | float = 0.0) -> Array:
@@ -431,14 +423,13 @@ def other_gravity(rest: FitResiduals) -> Iterator[Hypothesis]:
     The first body's centre may be felt in tilted gravity alone.
     """
     gravity, size = rest.robot.model.gravity, float(np.linalg.norm(rest.robot.model.gravity))
-    column = gravity_columns(rest, gravity, rest.bodies)
-    yield Hypothesis(SIZE, column, lambda c: size_text(1 + float(c[0])))
+    columns = gravity_columns(rest, rest.bodies, *np.eye(len(rest.bodies))[1:4])
+    yield Hypothesis(SIZE, columns[..., 0] @ gravity[:, None], lambda c: size_text(1 + float(c[0])))
     if size:
         given = gravity / size
         level = np.linalg.svd(given[None])[2][1:]  # two directions at right angles to gravity
-        kept = np.eye(len(rest.bodies))[1:4]
-        one, other = (gravity_columns(rest, size * e, rest.bodies, *kept) for e in level)
-        tilted = np.concatenate([one[..., :1], other[..., :1], one[..., 1:], other[..., 1:]], axis=-1)
+        pulls = size * level @ columns
+        tilted = np.concatenate([pulls[..., 0], pulls[..., 0, 1:], pulls[..., 1, 1:]], axis=-1)
         yield Hypothesis(DIRECTION, tilted, lambda c: direction_text(given + c[:2] @ level, given))
 
 
@@ -777,20 +768,20 @@ def gravity_directions(rest: FitResiduals) -> Iterator[tuple[Cause, Trial]]:
         return
     given, coarse = model.gravity / size, rest.coarse
 
-    def pull(m: Model, q: Array, qd: Array, qdd: Array) -> Array:
-        return np.asarray(regressor(m, q, np.zeros(q.shape), np.zeros(q.shape)))
-
-    pulled = [replace(model, gravity=size * e) for e in np.eye(3)]  # by NumPy: kernels take longer to trace
-    pulls = np.array([coarse.near_rows(partial(pull, m)) for m in pulled])
-    still = rest.Y[..., : len(rest.bodies)] - np.tensordot(given, pulls, 1)
+    units = np.eye(len(rest.bodies))
+    pulls = size * np.moveaxis(coarse.near_rows(lambda q, qd, qdd: gravity_torques(model, q, units)), 2, 0)
+    still = rest.Y[..., : len(units)] - np.tensordot(given, pulls, 1)
     b, drives = coarse.weighted(rest.tau), coarse.weighted(rest.Y[..., len(rest.bodies) :])
 
     def bodies(gravity: Array) -> Array:  # which other parameters are felt in
         return coarse.weighted(still + np.tensordot(gravity, pulls, 1))
 
     def squares(gravity: Array) -> Array:
-        Q = np.linalg.qr(np.concatenate([bodies(gravity), drives], axis=1))[0]
-        return coarse.by_joint(b - Q @ (Q.T @ b))
+        X = np.concatenate([bodies(gravity), drives], axis=1)
+        lengths = np.linalg.norm(X, axis=0)
+        X = X / np.maximum(lengths, thresholds.NOTHING * lengths.max())  # dependent columns, without what is rounding
+        whole = X.T @ X + thresholds.DEPENDENT * np.eye(len(lengths))
+        return coarse.by_joint(b - X @ np.linalg.solve(whole, X.T @ b))
 
     def loss(gravity: Array) -> float:  # of those that fit equally well, the nearest to the model's
         return thresholds.KEPT * float(((gravity - given) ** 2).sum()) - coarse.gain(squares(gravity))
