@@ -114,7 +114,7 @@ def known_robot(robot, seed):
 
 @pytest.mark.parametrize("ms", kept([1.0, -2.0, 5.0], [-2.0]))
 def test_delays_are_found_taken_into_account_and_stated(ms):
-    found = identified(faults.delayed(ms))
+    found = identified(faults.delayed(ms), causes=False)
     assert (np.abs(1000 * found.delay - ms) < 0.3).all()
     assert found.delay.shape == (1, 4)
     assert "delay of" in found.report(details=True)
@@ -126,7 +126,7 @@ def test_each_record_has_its_own_delay():
     cases = [case("SCARA", 3), case("SCARA", 3), case("SCARA", 3)]
     logs = [faults.delayed(ms)(c) for ms, c in zip((4.0, 0.0, 2.0), cases, strict=True)]
     records = [Record(data.t, data.q, data.tau) for data in logs]
-    found = rne.identify(known_robot("SCARA", 3), records[:2], consistent=False)
+    found = rne.identify(known_robot("SCARA", 3), records[:2], consistent=False, causes=False)
     np.testing.assert_allclose(1000 * found.delay, np.outer([4, 0], np.ones(4)), atol=0.3)
     assert (found.check(records[2]).relative < 0.01).all()  # friction of the log is a step, that predicted is smooth
 
@@ -162,13 +162,13 @@ def test_friction_of_harmonic_drives_is_told_without_a_warning():
 
 
 def test_a_delay_that_is_given_is_not_estimated():
-    found = identified(faults.delayed(5.0), delay=0.005)
+    found = identified(faults.delayed(5.0), delay=0.005, causes=False)
     assert (found.delay == 0.005).all()
     assert "taken into account" not in found.report(details=True)
 
 
 def test_stribeck_friction_is_modelled_where_the_log_asks_for_it():
-    found = identified(faults.stribeck, "gantry")
+    found = identified(faults.stribeck, "gantry", causes=False)
     assert (np.asarray(found.standard.drives.stribeck) > 0).any()
     assert any(name.startswith("Fs_") for name in found.base.names)
     (note,) = [note for note in found.notes if note.startswith("Stribeck friction: ")][:1]
@@ -450,7 +450,7 @@ def test_a_joint_that_stands_still_leaves_the_others_alone():
     q, qd, qdd = (x.copy() for x in c.states)
     q[:, 1], qd[:, 1], qdd[:, 1] = 0.4, 0, 0
     tau = c.arm.robot.inverse_dynamics(q, qd, qdd) + 3 * qd + 0.01 * c.size * c.rng.normal(size=q.shape)
-    found = rne.identify(c.arm.robot, Record(c.t, q, tau), consistent=False)
+    found = rne.identify(c.arm.robot, Record(c.t, q, tau), consistent=False, causes=False)
     assert np.abs(found.estimate.values).max() < 1e6
     assert np.isinf(found.estimate.errors).any()
     assert any("does not move" in note for note in found.notes)
@@ -475,9 +475,10 @@ def test_consistency_is_not_one_model_where_torques_are_left():
     """A clean log is one model; of the same torques backwards nothing is explained, which is no conflict of joints."""
     c = case("gantry", 5)
     data = faults.clean(c)
-    assert rne.identify(c.arm.robot, Record(data.t, data.q, data.tau), consistent=False).consistency().one_model
+    options = {"consistent": False, "causes": False}
+    assert rne.identify(c.arm.robot, Record(data.t, data.q, data.tau), **options).consistency().one_model
     with pytest.warns(rne.IdentificationWarning):
-        backwards = rne.identify(c.arm.robot, Record(data.t, data.q, data.tau[::-1]), consistent=False)
+        backwards = rne.identify(c.arm.robot, Record(data.t, data.q, data.tau[::-1]), **options)
     found = backwards.consistency()
     assert found.held_out.max() > 0.15
     assert not found.one_model
@@ -498,7 +499,7 @@ def test_a_joint_at_rest_is_judged_apart():
     tau = body + faults.friction(c.arm, qd, qdd, body)
     tau[rest, 3] += c.arm.coulomb[3] * np.sin(2 * c.t[rest])
     tau += 0.01 * c.size * c.rng.normal(size=tau.shape)
-    left = rne.identify(c.arm.robot, Record(c.t, q, tau), consistent=False).unexplained
+    left = rne.identify(c.arm.robot, Record(c.t, q, tau), consistent=False, causes=False).unexplained
     assert left.in_motion[3] < 0.02 < 0.2 < left.at_rest[3]
     assert left.in_motion[3] < left.everywhere[3] < left.at_rest[3]
     assert np.isfinite(left.in_motion).all()
@@ -573,7 +574,7 @@ def test_a_motion_of_one_joint_has_one_sentence():
     tau = c.arm.robot.inverse_dynamics(q, qd, qdd) + 3 * qd + 0.01 * c.size * c.rng.normal(size=q.shape)
     only = "no joint but joint_2 moves. Move all joints farther and faster: `rne.excitation` finds a motion"
     with pytest.warns(rne.IdentificationWarning, match=f"^{only}$"):
-        found = rne.identify(c.arm.robot, Record(c.t, q, tau), consistent=False)
+        found = rne.identify(c.arm.robot, Record(c.t, q, tau), consistent=False, causes=False)
     still = "joint_1, joint_3, joint_4, joint_5, joint_6 do not move: their rotor and friction cannot be found"
     assert still in found.notes
 
@@ -600,7 +601,10 @@ def test_parameters_that_noise_of_positions_biases_drift(monkeypatch):
     """14 bits of encoder, a cut-off far above the motion: rates are noisy, and half the cut-off gives other inertias."""
     monkeypatch.setattr(faults, "ENCODER", 2 * np.pi / 2**14)
     monkeypatch.setattr(faults, "DURATION", 8.0)
-    c, found = case("gantry", 1), [identified(faults.clean, "gantry", 1, cutoff=cutoff) for cutoff in (30, 4)]
+    c, found = (
+        case("gantry", 1),
+        [identified(faults.clean, "gantry", 1, cutoff=cutoff, causes=False) for cutoff in (30, 4)],
+    )
     gaps = [f.estimate.values - truth_of(c, f) for f in found]
     wrong, right = (np.abs(gap) / f.estimate.errors for gap, f in zip(gaps, found, strict=True))
     assert wrong.max() > 4 > right.max()
@@ -620,7 +624,7 @@ def test_friction_at_stops_does_not_look_like_a_bias_of_the_filter():
     tau = robot.inverse_dynamics(q, qd, qdd)
     size = np.sqrt((tau**2).mean(0)) + 1
     tau += size * (0.3 * np.tanh(qd / 0.01) + 0.1 * qd + 0.03 * rng.standard_normal(q.shape))
-    found = rne.identify(robot, Record(0.002 * np.arange(len(q)), q, tau), consistent=False)
+    found = rne.identify(robot, Record(0.002 * np.arange(len(q)), q, tau), consistent=False, causes=False)
     assert (np.abs(found.drift) < 3 * found.drift_error).all()
 
 
@@ -629,7 +633,7 @@ def test_a_joint_at_rest_takes_the_drift_of_its_own_parameters_alone():
     t, w, size = np.arange(0, 20, 0.002), 2 * np.pi * np.array([0.13, 0.27, 0]), np.array([1.0, 1.0, 0])
     q, qd, qdd = size * np.sin(np.outer(t, w)), size * w * np.cos(np.outer(t, w)), -size * w**2 * np.sin(np.outer(t, w))
     tau = robot.inverse_dynamics(q, qd, qdd) + 0.5 * np.sign(qd) + 0.1 * rng.normal(size=q.shape)
-    found = rne.identify(robot, Record(t, q, tau), consistent=False)
+    found = rne.identify(robot, Record(t, q, tau), consistent=False, causes=False)
     known = np.isfinite(found.estimate.errors)
     assert 0 < known.sum() < len(known)
     assert (np.isfinite(found.drift) == known).all()
@@ -637,7 +641,7 @@ def test_a_joint_at_rest_takes_the_drift_of_its_own_parameters_alone():
 
 
 def test_the_report_tells_which_parameters_are_known_and_notebooks_show_it():
-    found = identified(faults.clean)
+    found = identified(faults.clean, causes=False)
     rows = {
         line.split()[0]: line.split()[3] for line in found.report(details=True).splitlines() if line.startswith("  Fc_")
     }

@@ -173,7 +173,7 @@ def test_a_scene_takes_what_was_found(robot, found):
 
 
 def test_an_identification_is_the_side_without_load(arm, three, load_of_three):
-    found, of_robot = load_of_three, rne.identify(arm, three[0], consistent=False)
+    found, of_robot = load_of_three, rne.identify(arm, three[0], consistent=False, causes=False)
     same = rne.identify_payload(of_robot, None, three[1], link="tool0")
     np.testing.assert_allclose(same.estimate.values, found.estimate.values, rtol=1e-6, atol=1e-9)
     assert same.mass_error == pytest.approx(found.mass_error, rel=1e-6)
@@ -436,7 +436,8 @@ def test_records_of_named_joints_may_have_others_and_another_order(arm, three, l
     order, names = [2, 0, 1], np.array(arm.joint_names)
     turned = [Record(r.t, r.q[:, order], r.tau[:, order], joint_names=names[order].tolist()) for r in three]
     assert rne.identify_payload(arm, *turned, link="tool0").mass == pytest.approx(load_of_three.mass, rel=1e-9)
-    alone = rne.identify(arm, turned[0], drives=rne.DriveModel(friction="viscous+coulomb"), consistent=False)
+    drives = rne.DriveModel(friction="viscous+coulomb")
+    alone = rne.identify(arm, turned[0], drives=drives, consistent=False, causes=False)
     assert rne.identify_payload(alone, None, turned[1], link="tool0").mass == pytest.approx(LOAD.mass, rel=0.02)
     panda = loaded("panda_description/panda").locked({f"panda_joint{k}": 0.3 for k in (1, 3, 5, 7)})
     arm, load = panda.locked({"panda_finger_joint1": 0.0}), rne.Payload(2.0, (0, 0, 0.1), link="panda_hand")
