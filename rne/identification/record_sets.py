@@ -181,7 +181,8 @@ class RecordSets:
         states = self.states(plain.values)
         X = self.random_errors(states, with_factors=at is None)
         blocks = [in_blocks(data, x, len(self.data)) for data, x in zip(self.data, X, strict=True)]
-        both = self.assembled(blocks, at)
+        of_blocks = self.assembled(blocks, at)
+        both = of_blocks.merged()
         c, sigma = np.zeros((n, len(kinds))), plain.sigma
         for _ in range(2):  # errors found are taken out of the noise
             noise = sigma * np.sqrt(self.correlation_time(states, X, c))
@@ -195,7 +196,7 @@ class RecordSets:
                 np.sqrt(both.residuals(solution.x) / freedom), thresholds.APART_FROM_OTHERS * plain.sigma
             )
         kept = np.r_[:K, K + m : len(solution.x)]
-        scatter, squares = jackknife(both, noise, K, spread)
+        scatter, squares = jackknife(of_blocks, noise, K, spread)
         estimate = replace(plain, values=solution.x[kept], errors=np.where(solution.free[kept], np.inf, 0), sigma=sigma)
         estimate = estimate._with_covariance(widened(solution.inverse[kept], scatter[kept]))
         factor = with_prior(both.weighted(believed_noise(both, noise)), K, 1 / spread)
