@@ -33,6 +33,7 @@ from .diagnosis.hypotheses import (
     derivative_by,
     hypotheses_argument,
     likely_causes,
+    linear_causes,
     merged_by_kind,
     refine,
 )
@@ -276,9 +277,10 @@ def fit_with_delays(
             moved = [along(record, motion) for record, motion in motions]
             found = delays_by_instruments(rest, moved) if moved else delays_of(rest.beyond_friction)
         if not found and data.Z is None:
-            causes, leading = likely_causes(rest, hypotheses)
-            if leading is not None and not is_last and delay is None:  # which may hide a delay
-                found = delays_of(rest.beyond_friction.with_known(leading))
+            linear = linear_causes(rest, hypotheses)
+            if linear.leading is not None and not is_last and delay is None:  # which may hide a delay
+                found = delays_of(rest.beyond_friction.with_known(linear.leading))
+            causes = () if found else likely_causes(rest, hypotheses, linear)
         for cause in found:
             of_record = np.isnan(cause.at) | (np.arange(len(delays)) == cause.at)
             delays = delays + cause.value * np.outer(of_record, np.isin(robot.joint_names, cause.joints))

@@ -200,19 +200,21 @@ def hypotheses_argument(given: Any) -> tuple[Hypothesis, ...]:
     return tuple(given)
 
 
-def likely_causes(
-    rest: FitResiduals, hypotheses: Sequence[Hypothesis] | None = ()
-) -> tuple[tuple[Cause, ...], Array | None]:
-    """The best cause of each kind and joints that is evident and improves what was held out, the likeliest first.
+class LinearCauses(NamedTuple):
+    """Causes whose torques are linear in their numbers, as `linear_causes` finds them."""
 
-    Beside them the columns of the best linear hypothesis. Causes that explain what friction cannot come first. Without
-    `hypotheses`, only the friction of gears is looked for.
-    """
+    tried: int
+    evident: list[tuple[Cause, Trial | None]]
+    leading: Array | None  # columns of the best one, but for delays and friction of gears
+
+
+def linear_causes(rest: FitResiduals, hypotheses: Sequence[Hypothesis] | None) -> LinearCauses:
+    """Evident causes; without `hypotheses`, only the friction of gears is looked for."""
     found: list[tuple[Cause, Trial | None]] = []
     best_score, leading, linear = thresholds.EVIDENT, None, [(rest, h) for h in friction(rest)]
     if hypotheses is not None:
         beyond = rest.beyond_friction
-        kinds = (delays, other_gravity, joints, changing, payloads, slips, contacts)
+        kinds = (delays, other_gravity, joints, changing, payloads, contacts)
         linear += [(rest, h) for h in declined_drives(rest)] + [(beyond, h) for h in hypotheses]
         linear += [(beyond, h) for kind in kinds for h in kind(beyond)]
     for left, h in linear:
@@ -222,16 +224,29 @@ def likely_causes(
             found.append((cause, partial(of_columns, columns, h.kind in EVENTS)))
             if cause.kind not in GEARS and cause.score > best_score and h.kind != "delay":
                 best_score, leading = cause.score, columns
+    return LinearCauses(len(linear), found, leading)
+
+
+def likely_causes(
+    rest: FitResiduals, hypotheses: Sequence[Hypothesis] | None = (), linear: LinearCauses | None = None
+) -> tuple[Cause, ...]:
+    """The best cause of each kind and joints that is evident and improves what was held out, the likeliest first.
+
+    Causes that explain what friction cannot come first. Without `hypotheses`, only the friction of gears is looked for;
+    `linear` causes may be known.
+    """
+    tried_linear, evident, _ = linear_causes(rest, hypotheses) if linear is None else linear
+    found = list(evident)
     if hypotheses is not None:
-        found += [*torque_scale(rest), *gravity_directions(rest), *other_conventions(rest, beyond)]
+        found += [*torque_scale(rest), *gravity_directions(rest), *other_conventions(rest, rest.beyond_friction)]
     best: dict[tuple[str, tuple[str, ...]], tuple[Cause, Trial | None]] = {}
     for cause, trial in sorted(found, key=lambda pair: (pair[0].kind in GEARS, -pair[0].score)):
         if cause.score > thresholds.EVIDENT:
             best.setdefault((cause.kind, cause.joints), (cause, trial))
     tried = [with_effect(rest, cause, trial) for cause, trial in best.values()]
     causes = tuple(cause for cause in tried if cause is not None)
-    LOGGER.info("%d changes tried, %d evident, %d improve what is held out", len(linear), len(tried), len(causes))
-    return causes, leading
+    LOGGER.info("%d changes tried, %d evident, %d improve what is held out", tried_linear, len(tried), len(causes))
+    return causes
 
 
 def of_columns(columns: Array, is_event: bool, rest: FitResiduals) -> tuple[Array, ...]:
@@ -443,11 +458,14 @@ def delays(rest: FitResiduals) -> Iterator[Hypothesis]:
 
 
 def joints(rest: FitResiduals) -> Iterator[Hypothesis]:
-    """Zeros, gear ratios, springs and gains of torques."""
-    zeros, ratios = zero_columns(rest), ratio_columns(rest)
+    """Zeros, also from some time on, gear ratios, springs and gains of torques."""
+    zeros, ratios, times = zero_columns(rest), ratio_columns(rest), list(starts(rest))
     for j, name in enumerate(rest.names):
         zero = words("the zero of {} is off by {:.3g} {}", name, units(rest.robot, j)[0])
         yield Hypothesis("joint zero", zeros[..., [j]], zero, (name,))
+        for time, on in times:
+            text = words("the encoder of {} slips by {:.3g} {} near {}", name, units(rest.robot, j)[0], time)
+            yield Hypothesis("encoder slip", zeros[..., [j]] * on, text, (name,), alternatives=thresholds.PLACES)
         ratio = signed("the gear ratio given for {} is {:.3g} % too {}", "large", "small", name, scale=100)
         yield Hypothesis("gear ratio", ratios[..., [j]], ratio, (name,))
     yield from of_joints(rest, ["spring"])
@@ -564,15 +582,6 @@ def payloads(rest: FitResiduals) -> Iterator[Hypothesis]:
             yield Hypothesis(
                 LOAD, body * on, words(text, time), names[i : i + 1], alternatives=thresholds.PLACES * (nb - i)
             )
-
-
-def slips(rest: FitResiduals) -> Iterator[Hypothesis]:
-    """Another zero of a joint from some time on."""
-    zeros, times = zero_columns(rest), list(starts(rest))
-    for j, name in enumerate(rest.names):
-        for time, on in times:
-            text = words("the encoder of {} slips by {:.3g} {} near {}", name, units(rest.robot, j)[0], time)
-            yield Hypothesis("encoder slip", zeros[..., [j]] * on, text, (name,), alternatives=thresholds.PLACES)
 
 
 def contacts(rest: FitResiduals) -> Iterator[Hypothesis]:
