@@ -169,7 +169,7 @@ def found(robot):
     motion = truth(rne.Scene(robot, friction=ALL), seed=1, rate=100.0, speed=1.0)
     tau = motion.tau + 0.2 * np.random.default_rng(0).normal(size=motion.tau.shape)
     record = Record(motion.t, motion.q, tau, motion.qd)
-    return quiet(first_joints(n), record, drives=DRIVES, delay=0.0, cutoff=10.0)
+    return quiet(first_joints(n), record, drives=DRIVES, delay=0.0, cutoff=10.0, folds=4)
 
 
 def test_predictions_and_the_scene_are_one_model(found):
@@ -244,6 +244,7 @@ def test_springs_belong_to_the_load_and_to_the_scene(robot, tmp_path):
         "drives": rne.DriveModel(rotor=True, friction="viscous+load"),
         "delay": 0.0,
         "cutoff": 10.0,
+        "folds": 2,
         "causes": False,
     }
     found = quiet(robot, Record(motion.t, motion.q, motion.tau, motion.qd), springs=[spring], **options)
