@@ -72,9 +72,15 @@ def closed_loops(noise, runs, duration, rate):
 
 
 def stepped(robot, q, qd, tau, h):
-    """A step of the midpoint method with constant torque."""
-    middle = q + h / 2 * qd, qd + h / 2 * robot.forward_dynamics(q, qd, tau - VISCOUS * qd)
-    return q + h * middle[1], qd + h * robot.forward_dynamics(*middle, tau - VISCOUS * middle[1])
+    """A step of the classical Runge-Kutta method with constant torque."""
+    a = robot.forward_dynamics(q, qd, tau - VISCOUS * qd)
+    slopes = [(qd, a)]
+    for part in (h / 2, h / 2, h):
+        v, a = slopes[-1]
+        states = q + part * v, qd + part * a
+        slopes.append((states[1], robot.forward_dynamics(*states, tau - VISCOUS * states[1])))
+    weights = h / 6 * np.array([1, 2, 2, 1])
+    return tuple(x + sum(w * s[i] for w, s in zip(weights, slopes, strict=True)) for i, x in enumerate((q, qd)))
 
 
 def off(found):
