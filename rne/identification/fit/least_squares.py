@@ -161,9 +161,12 @@ class Estimator(NamedTuple):
     others: Array | None = None  # standard parameters beside E beta, by default those of the model
     noise: Array | None = None  # of each joint, by default what is left of it
 
-    def fit(self, equations: Equations) -> tuple[LeastSquares, Array]:
-        """Base parameters, and standard parameters: consistent ones, or the nearest to the model's."""
-        estimate = least_squares(equations.mapped(self.base.back), self.noise)
+    def fit(self, equations: Equations, of_base: Equations | None = None) -> tuple[LeastSquares, Array]:
+        """Base parameters, and standard parameters: consistent ones, or the nearest to the model's.
+
+        The equations `of_base` parameters may be known.
+        """
+        estimate = least_squares(equations.mapped(self.base.back) if of_base is None else of_base, self.noise)
         if self.prior is not None:
             return estimate, self._consistent(equations, estimate.sigma, self.prior)
         model = self.base.standard.values
@@ -205,10 +208,10 @@ class Unexplained(NamedTuple):
 
 def held_out(estimator: Estimator, fitted: Equations, measured: Equations) -> Unexplained:
     """The unexplained part of all measured torques, of those in motion, which are fitted, and of those at rest."""
-    squares = np.zeros((2, fitted.joints))
+    squares, of_base = np.zeros((2, fitted.joints)), fitted.mapped(estimator.base.back)
     for k in range(len(fitted.factors)):
         others = np.arange(len(fitted.factors)) != k
-        _, x = estimator.fit(fitted.of_blocks(others))
+        _, x = estimator.fit(fitted.of_blocks(others), of_base.of_blocks(others))
         squares += [equations.of_blocks(~others).residuals(x) for equations in (measured, fitted)]
     torques, rows = (np.array([f(measured), f(fitted)]) for f in (Equations.torques, lambda e: e.rows.sum(0)))
     squares, torques, rows = (np.concatenate([x, [x[0] - x[1]]]) for x in (squares, torques, rows))
