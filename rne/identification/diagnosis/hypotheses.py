@@ -252,8 +252,8 @@ def likely_causes(
 def of_columns(columns: Array, is_event: bool, rest: FitResiduals) -> tuple[Array, ...]:
     """Errors held out without further columns and with them."""
     blocks = rest.short_blocks if is_event else rest.blocks
-    b = rest.weighted(rest.tau)
-    return tuple(rest.held_out(Q, b, blocks) for Q in (rest.Q, extended(rest.Q, rest.weighted(columns))))
+    Q = extended(rest.Q, rest.weighted(columns))
+    return rest.errors[is_event], rest.held_out(Q, rest.weighted(rest.tau), blocks)
 
 
 def with_effect(rest: FitResiduals, cause: Cause, trial: Trial | None) -> Cause | None:
@@ -269,7 +269,7 @@ def with_effect(rest: FitResiduals, cause: Cause, trial: Trial | None) -> Cause 
     if ratio.min() > least or gains.sum() < thresholds.EVIDENT or gains.min() < -thresholds.WORSE * gains.sum():
         return None
     shown, factor, words = (rest, told, "") if told.min() < least else (left, ratio, " beside friction of gears")
-    errors = 100 * shown.held_out(shown.Q, shown.weighted(shown.tau), shown.blocks)
+    errors = 100 * shown.errors[0]
     largest = [j for j in np.argsort(errors**2 * (factor**2 - 1)) if factor[j] < least][: thresholds.EFFECTS]
     effects = [f"{errors[j]:.3g} to {errors[j] * factor[j]:.3g} % on {rest.names[j]}{words}" for j in largest]
     text = f"{cause.text} ({MENDED_BY[cause.kind]})" if cause.kind in MENDED_BY else cause.text

@@ -216,6 +216,12 @@ class FitResiduals(Discrepancy):
             left[part] = b[part] - Q[part] @ np.linalg.solve(unit - Q[part].T @ Q[part], whole - Q[part].T @ b[part])
         return np.asarray(np.sqrt(self.by_joint(left) / np.maximum(self.by_joint(b), TINY)))
 
+    @cached_property
+    def errors(self) -> tuple[Array, Array]:
+        """Errors held out without further columns, in blocks of time and in short ones, shape (n,) each."""
+        b = self.weighted(self.tau)
+        return self.held_out(self.Q, b, self.blocks), self.held_out(self.Q, b, self.short_blocks)
+
     def refitted(self, columns: Array, tau: Array) -> tuple[Array, Array, Array]:
         """Coefficients of columns, shape (rows, n, k), the noise of each joint, the parts of its squares that are left.
 
