@@ -11,7 +11,7 @@ import pytest
 import rne
 from rne.dynamics.regressors import gravity_torques
 from rne.identification import Record
-from rne.identification.diagnosis.hypotheses import gravity_directions, ratio_columns, stribeck_columns
+from rne.identification.diagnosis.hypotheses import contacts, gravity_directions, ratio_columns, stribeck_columns
 from rne.identification.diagnosis.residuals import FitResiduals
 from rne.identification.fit.equations import build_regression
 from rne.identification.fit.least_squares import least_squares
@@ -338,6 +338,16 @@ def test_columns_from_few_samples_are_those_of_the_filter():
     thin = res._with(res.sigma, res.correlation_time, None, res.used & rows[:, None])
     np.testing.assert_array_equal(thin.near_rows(values)[~rows], 0)
     np.testing.assert_allclose(thin.near_rows(values)[rows & used], few[rows & used], atol=1e-12)
+
+
+def test_a_contact_is_told_with_its_force_and_its_times():
+    res = residuals()
+    record, hypothesis = res.records[0], list(contacts(res))[7]
+    on = np.flatnonzero(hypothesis.columns.any(axis=(1, 2)))
+    newtons, *times = map(float, re.findall(r"[0-9.]+(?= N| s)", hypothesis.text(np.array([3.0, 0, 4.0]))))
+    assert newtons == 5
+    np.testing.assert_allclose(times, record.times[on[[0, -1]]] - record.start, atol=np.diff(record.times).max() + 0.05)
+    assert 0 < times[0] < times[1]
 
 
 def test_joints_in_their_own_order_move_the_columns_of_the_fit():

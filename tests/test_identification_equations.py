@@ -307,3 +307,11 @@ def test_solutions_are_those_of_least_squares_whether_columns_are_nearly_depende
     np.testing.assert_allclose(found.inverse @ found.inverse.T, covariance, atol=rounding * covariance.max())
     np.testing.assert_allclose(found.singular, np.linalg.svd(A / lengths, compute_uv=False), atol=1e-14)
     assert found.free.tolist() == [False, False, apart == 0, apart == 0]
+
+
+def test_columns_that_are_dependent_beyond_their_diagonal_are_found():
+    """Kahan 1966: entries of the diagonal are large, the smallest singular value is about 2^-40."""
+    A = np.eye(40) - np.triu(np.ones((40, 40)), 1)
+    found = solve(np.column_stack([np.vstack([A, np.zeros(40)]), np.ones(41)]))
+    assert found.inverse.shape == (40, 39)
+    assert found.free.any()
