@@ -184,13 +184,13 @@ def columns_of(rest: Discrepancy, h: Hypothesis) -> Array:
     return rest.sampled(checked)
 
 
-def judge(rest: Discrepancy, h: Hypothesis, columns: Array | None = None) -> Cause:
-    """The cause with its score."""
-    c, error, left, _ = rest.with_columns(columns_of(rest, h) if columns is None else columns)
+def judge(rest: Discrepancy, h: Hypothesis, columns: Array, *, by_rank: bool = False) -> Cause:
+    """The cause with its score, by all of its numbers, or `by_rank` by those that are independent of what is known."""
+    c, error, left, rank = rest.with_columns(columns)
     size = (float(c[0]), float(error[0])) if len(c) == 1 else (float("nan"), float("nan"))
     kind = "pre-sliding friction" if h.kind == STRIBECK and c[0] < 0 else h.kind
     kind = "torque sign" if kind == GAIN and c[0] < -1 else kind
-    score = rest.gain(rest.by_joint(left)) - rest.penalty(len(c)) - float(np.log(h.alternatives))
+    score = rest.gain(rest.by_joint(left)) - rest.penalty(rank if by_rank else len(c)) - float(np.log(h.alternatives))
     return Cause(kind, h.joints, text_of(h, c), score, *size, h.at)
 
 
@@ -518,12 +518,13 @@ def refine(rest: FitResiduals, cause: Cause) -> Cause:
 
     j, middle = rest.names.index(cause.joints[0]), np.log(cause.at)
 
-    def judged(log: float) -> Cause:
+    def at(log: float) -> Cause:
         vs = float(np.exp(log))
-        return judge(rest, stribeck(rest, j, vs, stribeck_columns(rest, vs)))
+        columns = stribeck_columns(rest, vs)
+        return judge(rest, stribeck(rest, j, vs, columns), columns[..., [j]])
 
     bounds, options = (middle - 1, middle + 1), {"maxiter": 15}
-    return judged(minimize_scalar(lambda log: -judged(log).score, bounds=bounds, method="bounded", options=options).x)
+    return at(minimize_scalar(lambda log: -at(log).score, bounds=bounds, method="bounded", options=options).x)
 
 
 def derivative_by(rest: FitResiduals, cause: Cause) -> Array:
@@ -614,27 +615,21 @@ def changes_with_load(rest: FitResiduals, known: Array, loaded: Array, body: int
     together leave them.
     """
     speeds = rest.of_each_joint(lambda q, qd, qdd: qd), rest.of_each_joint(lambda q, qd, qdd: np.sign(qd))
-    options = [replace(h, columns=columns_of(rest, h) * loaded) for h in hypotheses_with_load(rest, body)]
+    options = [(h, columns_of(rest, h) * loaded) for h in hypotheses_with_load(rest, body)]
     own = np.concatenate([known, *(speed * loaded for speed in speeds)], axis=-1)
     values, found = np.zeros(rest.tau.shape), []
-    every = rest.with_known(np.concatenate([own, *(columns_of(rest, h) for h in options)], axis=-1))
+    every = rest.with_known(np.concatenate([own, *(columns for _, columns in options)], axis=-1))
     values[rest.used] = every.left
     time = rest.data.correlation_time(values, rest.used)
     left = FitResiduals(rest.robot, rest.base, rest.data, rest.beta, rest.sigma, time, own)
     while options:
-        causes = [judged(left, h) for h in options]
+        causes = [judge(left, h, columns, by_rank=True) for h, columns in options]  # bodies share some numbers
         k = int(np.argmax([cause.score for cause in causes]))
         if causes[k].score <= thresholds.EVIDENT:
             break
         found.append(causes[k])
-        left = left.with_known(columns_of(left, options.pop(k)))
+        left = left.with_known(options.pop(k)[1])
     return found
-
-
-def judged(rest: FitResiduals, h: Hypothesis) -> Cause:
-    """The cause with a score by as many numbers as it has independent of what is known: bodies share some."""
-    columns, cause = columns_of(rest, h), judge(rest, h)
-    return cause._replace(score=cause.score + rest.penalty(columns.shape[-1] - rest.with_columns(columns)[3]))
 
 
 def hypotheses_with_load(rest: FitResiduals, body: int) -> Iterator[Hypothesis]:
@@ -710,14 +705,15 @@ def other_conventions(rest: FitResiduals, beyond: FitResiduals) -> Iterator[tupl
     if is_poor and max(np.ptp(record.q[:, turns], axis=0).max(initial=0) for record in rest.records) > 1:
         J = np.diag(np.where(turns, np.pi / 180, 1.0))
         changes.append(("degrees", names, "positions are in degrees", J, unit))
-    left, before = beyond.coarse, beyond.torques
-    for kind, which, text, J, T in (("", (), "", unit, unit), *changes):
+    left = beyond.coarse
+
+    def squares(J: Array, T: Array) -> Array:
         tau = rest.tau @ T.T
-        squares = left.torques * left.refitted(left.moved(J, tau), tau)[2]
-        if kind:
-            yield Cause(kind, which, text, left.gain(squares, before)), partial(of_convention, J, T)
-        else:
-            before = squares
+        return left.torques * left.refitted(left.moved(J, tau), tau)[2]
+
+    before = squares(unit, unit)
+    for kind, which, text, J, T in changes:
+        yield Cause(kind, which, text, left.gain(squares(J, T), before)), partial(of_convention, J, T)
 
 
 def of_convention(J: Array, T: Array, rest: FitResiduals) -> tuple[Array, ...]:

@@ -18,7 +18,7 @@ from ...model.parameters import PARAMETERS
 from ...robot import Robot
 from .. import thresholds
 from ..fit.equations import RegressionData, blocks_of_time
-from ..log.filtering import low_pass, settling
+from ..log.filtering import impulse_response, settling
 
 TINY = float(np.finfo(np.float64).tiny)
 
@@ -291,8 +291,7 @@ class FitResiduals(Discrepancy):
         found = []
         for record, part in zip(self.records, self.data.parts, strict=True):
             reach, rows = settling(record.cutoff, record.sample_rate), np.flatnonzero(self.used[part].any(1))
-            impulse = np.eye(4 * reach + 1, 1, -2 * reach)
-            response = low_pass(impulse, record.cutoff, record.sample_rate, np.arange(reach, 3 * reach + 1))[:, 0]
+            response = impulse_response(record.cutoff, record.sample_rate, reach)
             step = max(1, int(record.sample_rate / (thresholds.THINNED * record.cutoff)))
             places = record.row_samples[rows][:, None]
             near = places // step * step + step * np.arange(-(reach // step), reach // step + 1)

@@ -29,7 +29,7 @@ from ...errors import IdentificationWarning, NotFiniteError
 from ...model.standard_parameters import StandardParameters
 from ...robot import Robot
 from .. import thresholds
-from ..log.filtering import low_pass, settling
+from ..log.filtering import impulse_response, low_pass, settling
 from ..log.prepared import Prepared, rows_without, undisturbed
 from ..log.record import Record
 from ..log.screening import consecutive, runs
@@ -523,8 +523,6 @@ def correlation_time_of_residuals(residuals: Array, used: Array, parts: Sequence
 def correlation_time_of_filtered_noise(cutoff: float, sample_rate: float, decimation: int) -> float:
     """1 + 2 sum rho_k of noise that was white before the filter, from the filter's response to an impulse."""
     reach = decimation * int(np.ceil(thresholds.RESPONSE_PERIODS * sample_rate / (cutoff * decimation)))
-    impulse = np.zeros((2 * reach + 1, 1))
-    impulse[reach] = 1
-    response = low_pass(impulse, cutoff, sample_rate)[:, 0]
+    response = impulse_response(cutoff, sample_rate, reach)
     covariances = np.correlate(response, response, "full")[len(response) - 1 :: decimation]
     return float(2 * covariances.sum() / covariances[0] - 1)

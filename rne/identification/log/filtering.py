@@ -51,6 +51,13 @@ def low_pass(x: Array, cutoff: float, sample_rate: float, kept: Array | None = N
     return filtered.reshape(len(rows), *x.shape[1:])
 
 
+def impulse_response(cutoff: float, sample_rate: float, reach: int) -> Array:
+    """What the filter makes of an impulse of 1, from `reach` samples before it to as many after it."""
+    impulse = np.zeros(4 * reach + 1)  # ends are far enough away not to be felt
+    impulse[2 * reach] = 1
+    return low_pass(impulse, cutoff, sample_rate, np.arange(reach, 3 * reach + 1))
+
+
 @cache
 def _butterworth(cutoff: float) -> tuple[Array, Array]:
     """Second-order sections for a cut-off as a part of the sample rate, and their state at rest at 1, (sections, 2, 1).
