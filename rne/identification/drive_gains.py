@@ -144,18 +144,25 @@ def identify_drive_gains(
 
     Raises
     ------
+    TypeError
+        If `robot`, a record or `drives` is of another type.
     ValueError
-        If a record is of other joints or in both sets, there are fewer equations than parameters, the mass is not
-        positive, or the load is on no joint.
+        If a record is of other joints or in both sets, has errors among its findings, or moves no joint; there are
+        fewer equations than parameters; `without` or `drives` is missing or given twice; `drives` have friction under
+        load; the Identification has instruments; the mass is not positive; or the load is on no joint.
+    NotFiniteError
+        If currents or velocities are so large that the equations overflow.
     IdentificationError
-        If the load tells the gain of no joint, a gain is negative, or the currents contradict the load as given: an
-        estimate of its centre and inertia changes a gain by more than 10 % and four standard errors.
+        If the load tells the gain of no joint, a gain is negative, the fit does not settle, or the currents contradict
+        the load as given: an estimate of its centre and inertia changes a gain by more than 10 % and four standard
+        errors.
 
     Warns
     -----
     IdentificationWarning
-        If a gain is known to no better than 5 %, or more than 30 % of a joint's torque in motion is not explained:
-        `DriveGains.doubt`.
+        If records that name their joints lack some of the robot's, which are taken as locked; and with
+        `DriveGains.doubt`, its text: if a gain is known to no better than 5 %, or more than 30 % of a joint's torque
+        in motion is not explained.
 
     Notes
     -----

@@ -142,18 +142,26 @@ def identify(
 
     Raises
     ------
+    TypeError
+        If `robot`, `records`, `drives`, `prior`, `hypotheses` or `instruments` are of another type.
     ValueError
-        If an argument does not fit the robot, or there are fewer equations than parameters.
+        If an argument has a wrong value or shape, or excludes another; records lack joints and have others that the
+        robot does not know, or have errors among their findings; no joint moves; there are fewer equations than
+        parameters; `instruments` do not resemble the measured motion; or joints of the robot are coupled (ModelError).
+    NotFiniteError
+        If torques or velocities are so large that the equations overflow.
     IdentificationError
-        If the consistent fit does not succeed.
+        If `prior` is "geometry" and the torques ask for bodies of negative mass.
     ImportError
         If Clarabel is not installed and `consistent` is true.
 
     Warns
     -----
     IdentificationWarning
-        If more than 30 % of a joint's torque in motion is not explained, if one change of the robot, the log or the
-        drives explains the residuals better, or if a rotor or friction comes out impossible: `Identification.doubt`.
+        If records that name their joints lack some of the robot's, which are taken as locked at zero, or at the end of
+        their range next to it; and with `Identification.doubt`, its text: if more than 30 % of a joint's torque in
+        motion is not explained, one change of the robot, the log or the drives explains the residuals better, the
+        motion excites too little, no possible bodies are found, or a rotor, friction or spring comes out impossible.
 
     Notes
     -----
@@ -386,8 +394,21 @@ def motions_of(given: Any, records: Sequence[Record]) -> tuple[Motion, ...]:
             q = real_array(f"instruments[{k}]", motion, f"({len(record.t)}, {record.n})")[rows]
             spline = CubicSpline(t, q)
             motion = partial(lambda s, t: (s(t), s(t, 1), s(t, 2)), spline)
-        motions.append(motion)
+        motions.append(evaluated_once(motion))
     return tuple(motions)
+
+
+def evaluated_once(motion: Motion) -> Motion:
+    """The motion, which is not evaluated again at the same times, as each round of a fit asks for."""
+    found: dict[bytes, tuple[Array, Array, Array]] = {}
+
+    def at(t: Array) -> tuple[Array, Array, Array]:
+        times = np.asarray(t).tobytes()
+        if times not in found:
+            found[times] = motion(t)
+        return found[times]
+
+    return at
 
 
 def cutoff_of_instruments(records: Sequence[Record], motions: Sequence[Motion]) -> float:

@@ -404,7 +404,7 @@ class Identification(InNotebooks):
             x, unknown = solution.x, np.where(solution.free, np.inf, 0.0)
             found = replace(self.estimate, values=x, errors=unknown, covariance=np.zeros((len(kept), len(kept))))
             found = with_correlation(found, equations, self.correlation_time)
-            relative = found.errors / np.maximum(np.abs(x), np.finfo(float).tiny)
+            relative = found.errors / np.maximum(np.abs(x), thresholds.TINY)
             relative = relative[: len(kept) - (springs.stop - (springs.start or 0))]
             if relative.max(initial=0) <= limit:
                 break
@@ -545,8 +545,10 @@ class Identification(InNotebooks):
 
         Raises
         ------
+        TypeError
+            If `record` is of another type.
         ValueError
-            If the record has another number of joints, or cannot be filtered so.
+            If the record has other joints, errors among its findings, or cannot be filtered so.
         """
         if not isinstance(record, Record):
             raise TypeError(f"`record` must be an rne.identification.Record, got {type(record).__name__}")
@@ -609,7 +611,7 @@ class Identification(InNotebooks):
         """Coefficient of determination of each joint's torques in motion on held-out blocks, NaN without any, (n,)."""
         size, used = self.equations.rms_torques(), self.data.used
         mean = (self.data.tau * used).sum(0) / np.maximum(used.sum(0), 1)
-        variance = np.maximum(size**2 - mean**2, np.finfo(float).tiny)
+        variance = np.maximum(size**2 - mean**2, thresholds.TINY)
         return np.asarray(1 - (self.unexplained.in_motion * size) ** 2 / variance)
 
     @cached_property
@@ -712,7 +714,7 @@ def bias_text(found: Identification) -> list[str]:
     told = f"Durbin-Wu-Hausman p = {found.bias.probability:.2g}"
     if found.bias.probability > thresholds.BIASED:
         return [f"noise that is fed back does not bias least squares by more than chance ({told})"]
-    far = np.abs(found.bias.shift) / np.maximum(found.bias.errors, np.finfo(float).tiny)
+    far = np.abs(found.bias.shift) / np.maximum(found.bias.errors, thresholds.TINY)
     k = int(np.nanargmax(far))
     text = f"least squares is biased by noise that is fed back ({told}), by up to {far[k]:.2g} of its standard errors"
     return [f"{text} ({found.base.names[k]})" + ": use these estimates, by instrumental variables" * bool(far[k] > 1)]
@@ -826,7 +828,7 @@ def parameters_text(found: Identification) -> str:
     joints = ", ".join(f"{k} {short(name)}" for k, name in enumerate(found.initial.model.moving_joints, 1))
     rows = [Row("base parameters", title, words=True)]
     for k, name in enumerate(found.base.names):
-        relative = 100 * e.errors[k] / max(abs(e.values[k]), np.finfo(float).tiny)
+        relative = 100 * e.errors[k] / max(abs(e.values[k]), thresholds.TINY)
         numbers = [found.drift[k], found.drift_error[k], *[found.values[k]] * found.consistent]
         cells = ["-" if np.isnan(x) else f"{x:.5f}" for x in numbers]
         share = f"{relative:.2g}" if relative < thresholds.UNKNOWN_VALUE else "-"
@@ -953,7 +955,7 @@ class Check(InNotebooks):
         """|predicted - measured| / |measured| of each joint, NaN without any, shape (n,)."""
         rows = np.maximum(self.valid.sum(0), 1)
         size = np.sqrt(((self.measured * self.valid) ** 2).sum(0) / rows)
-        return np.asarray(self.rms / np.maximum(size, np.finfo(float).tiny))
+        return np.asarray(self.rms / np.maximum(size, thresholds.TINY))
 
     @property
     def r_squared(self) -> Array:
@@ -961,7 +963,7 @@ class Check(InNotebooks):
         rows = np.where(self.valid.any(0), self.valid.sum(0), np.nan)
         mean = (self.measured * self.valid).sum(0) / rows
         variance = (((self.measured - mean) * self.valid) ** 2).sum(0) / rows
-        return np.asarray(1 - self.rms**2 / np.maximum(variance, np.finfo(float).tiny))
+        return np.asarray(1 - self.rms**2 / np.maximum(variance, thresholds.TINY))
 
     def report(self) -> str:
         """A table of the errors, joint by joint.

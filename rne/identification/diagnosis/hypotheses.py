@@ -28,7 +28,7 @@ from .. import thresholds
 from ..fit.equations import in_space_of_instruments, solve, triangular
 from ..log.prepared import Prepared
 from ..log.screening import seconds
-from .residuals import TINY, Discrepancy, FitResiduals, Torques, by_joint, extended
+from .residuals import Discrepancy, FitResiduals, Torques, by_joint, extended
 
 LOGGER = logging.getLogger("rne")
 STRIBECK, SIZE, DIRECTION, GAIN = "Stribeck friction", "gravity magnitude", "gravity direction", "torque factor"
@@ -494,7 +494,7 @@ def friction(rest: FitResiduals) -> Iterator[Hypothesis]:
         yield Hypothesis("friction under load", loads[..., [j]], text, (name,))
     for share in thresholds.STRIBECK_SPEEDS:
         vs = share * rest.fastest
-        columns = stribeck_columns(rest, np.maximum(vs, TINY))
+        columns = stribeck_columns(rest, np.maximum(vs, thresholds.TINY))
         for j in np.flatnonzero(vs).tolist():
             yield stribeck(rest, j, float(vs[j]), columns)
 
@@ -740,8 +740,8 @@ def torque_scale(rest: FitResiduals) -> Iterator[tuple[Cause, None]]:
     without = [x - Q @ (Q.T @ x) for x in torques]
     for tau, _, given in (torques, without):
         both, squares, measured = (rest.by_joint(*x) for x in ((tau, given), (given, given), (tau, tau)))
-        each = both / np.maximum(squares, TINY)
-        ways.append((each, each * np.abs(both) / np.maximum(measured, TINY)))  # factors, squared cosines
+        each = both / np.maximum(squares, thresholds.TINY)
+        ways.append((each, each * np.abs(both) / np.maximum(measured, thresholds.TINY)))  # factors, squared cosines
     (_, found, given), (factors, cosines) = without, np.where(ways[0][1] > ways[1][1], *ways)
     alike = cosines > thresholds.ALIKE
     usual = np.median(factors[alike]) if alike.any() else 1.0
@@ -752,8 +752,8 @@ def torque_scale(rest: FitResiduals) -> Iterator[tuple[Cause, None]]:
         text = f"the torque of {names[j]} is {what}: N mm, mA, at the motor, or is a mass given wrong?"
         yield Cause("torque unit", names[j : j + 1], text, certain, factors[j]), None
     size = float(given @ given)
-    factor = float(found @ given) / max(size, TINY)
-    whole = factor * float(found @ given) / max(float(found @ found), TINY)  # squared cosine
+    factor = float(found @ given) / max(size, thresholds.TINY)
+    whole = factor * float(found @ given) / max(float(found @ found), thresholds.TINY)  # squared cosine
     if odd.any() or size == 0 or whole < thresholds.ALIKE or 1 / thresholds.FACTOR < factor < thresholds.FACTOR:
         return
     kind, text = "torque unit", f"torques are {factor:.3g} times those of the robot given: N mm, mA, or at the motors?"

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 
 from ...basics.arrays import vector, whole_number
 from ...basics.spatial import Array
-from ...basics.text import listed
+from ...basics.text import counted, listed
 from ...dynamics.base_inertial_parameters import BaseParameters
 from ...errors import IdentificationWarning, NotFiniteError
 from ...model.standard_parameters import StandardParameters
@@ -100,7 +100,7 @@ class Equations:
 
     def shares(self, x: Array) -> Array:
         """|Y x - tau| / |tau| of each joint, shape (n,)."""
-        return np.asarray(np.sqrt(self.residuals(x) / np.maximum(self.torques(), np.finfo(float).tiny)))
+        return np.asarray(np.sqrt(self.residuals(x) / np.maximum(self.torques(), thresholds.TINY)))
 
     def rms_torques(self) -> Array:
         """Root mean square of each joint's torques, shape (n,)."""
@@ -472,16 +472,18 @@ def warn_of_locked(notes: Sequence[str]) -> None:
 
 def check_joints(robot: Robot, record: Record, argument: str) -> None:
     """Refuse a record of other joints, or of these in another order."""
-    if record.n != robot.n:
-        cure = "give the names of those measured as `joint_names` of the Record"
-        if record.n < robot.n:
-            cure += f", or lock the others: `robot.locked({dict.fromkeys(robot.joint_names[record.n :], 0)})`"
-        raise ValueError(f"`{argument}` must be of {robot.n} joints, as the robot, got one of {record.n}: {cure}")
-    if record._has_names and record.joint_names != robot.joint_names:
-        raise ValueError(
-            f"`{argument}` must have the robot's joints in their order, {list(robot.joint_names)}, {record.name} has "
-            f"{list(record.joint_names)}"
-        )
+    names = robot.joint_names
+    if record.n == robot.n and (not record._has_names or record.joint_names == names):
+        return
+    lacking: Sequence[str] = names[record.n :]
+    came = f"{counted(record.n, 'joint')} without names"
+    cure = "give the names of those measured as `joint_names` of the Record"
+    if record._has_names:
+        came, lacking = str(list(record.joint_names)), [name for name in names if name not in record.joint_names]
+        cure = "name the joints of all records as the robot does, by `joint_names` of the Record"
+    if record.n < robot.n:
+        cure += f", or lock the others: `robot.locked({dict.fromkeys(lacking, 0)})`"
+    raise ValueError(f"`{argument}` must be of the joints {list(names)}, {record.name!r} has {came}: {cure}")
 
 
 def minimum_velocities(

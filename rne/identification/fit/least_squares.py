@@ -61,9 +61,7 @@ def least_squares(equations: Equations, noise: Array | None = None) -> LeastSqua
     """Estimates of all unknowns from the equations of all blocks and joints; of noise not given, each joint's own."""
     equations = equations.merged()
     size = equations.rms_torques()
-    least = np.maximum(
-        thresholds.EXACT * np.maximum(size, size.max(initial=0) * thresholds.EXACT), np.finfo(float).tiny
-    )
+    least = np.maximum(thresholds.EXACT * np.maximum(size, size.max(initial=0) * thresholds.EXACT), thresholds.TINY)
     sigma = np.maximum(size if noise is None else noise, least)
     for _ in range(thresholds.WEIGHTINGS if noise is None else 0):
         x, spent = weighted_fit(equations, sigma)
@@ -138,7 +136,7 @@ def bias_of_least_squares(estimate: LeastSquares, equations: Equations, correlat
     difference = np.concatenate([-ours.inverse @ ours.inverse.T, theirs.inverse @ theirs.inverse.T])
     covariance = sum(t * share.T @ share for t, share in zip(correlation_time, both @ difference, strict=True))
     shift = theirs.x - ours.x
-    scale = np.maximum(estimate.errors, np.finfo(float).tiny)
+    scale = np.maximum(estimate.errors, thresholds.TINY)
     U, S, _ = np.linalg.svd(covariance / np.outer(scale, scale), hermitian=True)
     told = thresholds.DEPENDENT * S.max(initial=0) < S
     rank, rows = int(told.sum()), float((equations.rows[0] / correlation_time).sum())
@@ -212,5 +210,5 @@ def held_out(estimator: Estimator, fitted: Equations, measured: Equations) -> Un
         squares += [equations.of_blocks(~others).residuals(x) for equations in (measured, fitted)]
     torques, rows = (np.array([f(measured), f(fitted)]) for f in (Equations.torques, lambda e: e.rows.sum(0)))
     squares, torques, rows = (np.concatenate([x, [x[0] - x[1]]]) for x in (squares, torques, rows))
-    shares = np.sqrt(np.maximum(squares, 0) / np.maximum(torques, np.finfo(float).tiny))
+    shares = np.sqrt(np.maximum(squares, 0) / np.maximum(torques, thresholds.TINY))
     return Unexplained(*np.where(rows == 0, np.nan, shares))
