@@ -142,14 +142,10 @@ class RecordSets:
         betas = self.states(estimate.values) @ self.base.matrix.T
         one, data = np.ones(self.robot.n), joined_data(self.data)
         rest = FitResiduals(self.robot, self.base, data, betas[-1], estimate.sigma, one)  # with the last load
-        curves = np.concatenate(
-            [
-                r.reduce(rest.friction_curves(r.q, r.qd, r.qdd, self.base.back @ beta))
-                for part, beta in zip(self.data, betas, strict=True)
-                for r in part.prepared
-            ]
-        )
-        known = np.concatenate([torques, by_joint(curves)], axis=-1)
+        sets = [(r, beta) for part, beta in zip(self.data, betas, strict=True) for r in part.prepared]
+        curves = [r.reduce(rest.friction_curves(r.q, r.qd, r.qdd, self.base.back @ beta)) for r, beta in sets]
+        of_law = np.concatenate(curves)[..., :-1]  # two loads would explain some of what differs
+        known = np.concatenate([torques, by_joint(of_law)], axis=-1)
         loaded = np.arange(len(data.tau)) >= len(data.tau) - len(self.data[-1].tau)
         body = int(loads[-1].any(1).argmax()) // PARAMETERS
         return changes_with_load(rest, known, loaded[:, None, None], body)

@@ -618,8 +618,7 @@ def changes_with_load(rest: FitResiduals, known: Array, loaded: Array, body: int
     options = [(h, columns_of(rest, h) * loaded) for h in hypotheses_with_load(rest, body)]
     own = np.concatenate([known, *(speed * loaded for speed in speeds)], axis=-1)
     values, found = np.zeros(rest.tau.shape), []
-    every = rest.with_known(np.concatenate([own, *(columns for _, columns in options)], axis=-1))
-    values[rest.used] = every.left
+    values[rest.used] = rest.with_columns(np.concatenate([own, *(columns for _, columns in options)], axis=-1))[2]
     time = rest.data.correlation_time(values, rest.used)
     left = FitResiduals(rest.robot, rest.base, rest.data, rest.beta, rest.sigma, time, own)
     while options:

@@ -165,9 +165,9 @@ class FitResiduals(Discrepancy):
         known = by_joint(self.curves)
         if len(self.joint) < thresholds.FEWEST_ROWS * (self.base.count + known.shape[-1]):
             return self
-        first, left = self.with_known(known), np.zeros(self.tau.shape)
-        left[self.used] = first.left
-        squares = np.maximum(first.squares, first.floor) / np.maximum(self.used.sum(0), 1)
+        left = np.zeros(self.tau.shape)
+        left[self.used] = values = self.with_columns(known)[2]
+        squares = np.maximum(self.by_joint(values), self.floor) / np.maximum(self.used.sum(0), 1)
         sigma = np.where(squares > 0, self.sigma * np.sqrt(squares), self.sigma)
         time = self.data.correlation_time(left, self.used)
         return self._with(sigma, time, known, self.used)
