@@ -147,9 +147,8 @@ def identify(
     ValueError
         If an argument has a wrong value or shape, or excludes another; records lack joints and have others that the
         robot does not know, or have errors among their findings; no joint moves; there are fewer equations than
-        parameters; `instruments` do not resemble the measured motion; or joints of the robot are coupled (ModelError).
-    NotFiniteError
-        If torques or velocities are so large that the equations overflow.
+        parameters; `instruments` do not resemble the measured motion; joints of the robot are coupled (ModelError); or
+        numbers are so large that the equations overflow (NotFiniteError).
     IdentificationError
         If `prior` is "geometry" and the torques ask for bodies of negative mass.
     ImportError
@@ -226,10 +225,8 @@ def identify(
         estimate = estimate._with_covariance(estimate.covariance + rest.covariance_of(columns))
     lower, drift_error = data.at_lower_cutoff(base, estimate.sigma * np.sqrt(correlation_time))
     if std != stds[0]:
-        notes += (
-            f"prior_std {std:g}: with a larger one, torques that are not explained ask for one body of a mass "
-            "above the guess of all",
-        )
+        why = "with a larger one, torques that are not explained ask for one body of a mass above the guess of all"
+        notes += (f"prior_std {std:g}: {why}",)
     matched += (FROM_INSTRUMENTS,) * (bool(motions) and cutoff is None)
     period = max(1 / record.sample_rate for record in data.prepared)
     is_early = not motions and any(c.kind == "delay" and c.value < -period for c in modelled)
@@ -508,7 +505,5 @@ def prior_bodies(known: Robot | str, standard: StandardParameters, fitted: Equat
 
 def plausible(parameters: Array, guess: Array, fitted: Equations) -> bool:
     """False if torques that are not explained make one body heavier than all together are guessed to be."""
-    masses = parameters[: PARAMETERS * len(guess) : PARAMETERS]
-    return bool(
-        (fitted.shares(parameters) <= thresholds.EXPLAINED).all() or masses.max(initial=0) <= guess[:, 3, 3].sum()
-    )
+    heaviest = parameters[: PARAMETERS * len(guess) : PARAMETERS].max(initial=0)
+    return bool(heaviest <= guess[:, 3, 3].sum() or (fitted.shares(parameters) <= thresholds.EXPLAINED).all())

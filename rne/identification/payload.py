@@ -176,9 +176,8 @@ def identify_payload(
     ValueError
         If a record is of other joints or in both sets, has errors among its findings, or moves no joint; there are
         fewer equations than parameters; `without` or `drives` is missing or given twice; `drives` have friction under
-        load; the Identification has instruments; or `link` is not one of the robot's, or does not move.
-    NotFiniteError
-        If torques or velocities are so large that the equations overflow.
+        load; the Identification has instruments; `link` is not one of the robot's, or does not move; or numbers are so
+        large that the equations overflow (NotFiniteError).
     IdentificationError
         If the motions do not tell the mass, it is negative beyond doubt, or no possible load fits.
     ImportError

@@ -154,12 +154,8 @@ class Identification(InNotebooks):
         elif self.data.Z is None:  # otherwise the noise of the positions is in what is left
             lines += unexplained_text(names, left)
         lines += likely_text(self.causes)
-        if (
-            not self.unexcited
-            and NOT_SOUGHT not in self.notes
-            and self.data.Z is None
-            and any(all(cause.removed[j] < thresholds.EXPLAINS for cause in self.causes) for j in poor)
-        ):
+        were_sought = not self.unexcited and NOT_SOUGHT not in self.notes and self.data.Z is None
+        if were_sought and any(all(cause.removed[j] < thresholds.EXPLAINS for cause in self.causes) for j in poor):
             lines.append(UNKNOWN)
         lines += [note for note in self.notes if note.startswith(NOT_CONSISTENT)]
         hint = [note for note in self.notes if impossible and note.endswith(WRONG_SIGN)]
@@ -168,9 +164,8 @@ class Identification(InNotebooks):
     @cached_property
     def unexcited(self) -> str:
         """A warning that the motion says too little: parts of the log are fitted but not predicted from the others."""
-        far = (self.unexplained.in_motion > thresholds.TOO_FAR) & (
-            self.equations.shares(self.parameters) < thresholds.UNEXPLAINED
-        )
+        are_fitted = self.equations.shares(self.parameters) < thresholds.UNEXPLAINED
+        far = are_fitted & (self.unexplained.in_motion > thresholds.TOO_FAR)
         if not far.any():
             return ""
         names = listed([name for name, is_far in zip(self.initial.joint_names, far, strict=True) if is_far])
@@ -424,10 +419,8 @@ class Identification(InNotebooks):
 
     def _check_consistent(self) -> None:
         """Refuse to make a robot or its friction from least squares that came out negative."""
-        of_drives_and_masses = [
-            name.split("_")[0] in ("m", "Ia", "Fv", "Fvb", "Fc", "Fl") for name in self.standard.names
-        ]
-        negative = [self.standard.names[k] for k in np.flatnonzero(of_drives_and_masses & (self.parameters < 0))]
+        symbols, values = ("m", "Ia", "Fv", "Fvb", "Fc", "Fl"), zip(self.standard.names, self.parameters, strict=True)
+        negative = [name for name, x in values if x < 0 and name.split("_")[0] in symbols]
         if negative and not self.consistent:
             raise IdentificationError(
                 f"least squares gave negative values of {listed(negative)}: {self._cure}; `estimate` has them as they "
@@ -510,9 +503,8 @@ class Identification(InNotebooks):
         """The drives as they are simulated: friction that was a step in the fit is smoothed as the logs have it."""
         if self.standard.smoothing:
             return self.standard
-        laws = [
-            replace(self.standard, drives=replace(self.standard.drives, smoothing=s)) for s in thresholds.SMOOTHINGS
-        ]
+        smoothed = [replace(self.standard.drives, smoothing=s) for s in thresholds.SMOOTHINGS]
+        laws = [replace(self.standard, drives=drives) for drives in smoothed]
         if "Fc" not in self.standard.terms:
             return laws[-1]
         bodies, left = PARAMETERS * self.initial.model.nb, np.zeros(len(laws))
@@ -751,16 +743,8 @@ def fitted_text(found: Identification) -> str:
 
 def joints_text(found: Identification) -> str:
     """Errors of each joint."""
-    columns = (
-        "held out: in motion",
-        "[N m or N]",
-        "R^2",
-        "at rest",
-        "fitted",
-        "noise [N m or N]",
-        "equations",
-        "independent",
-    )
+    columns = ["held out: in motion", "[N m or N]", "R^2", "at rest", "fitted"]
+    columns += ["noise [N m or N]", "equations", "independent"]
     rows, left = [Row("errors [%]", columns, words=True)], found.unexplained
     fitted = np.where(np.isnan(left.everywhere), np.nan, found.equations.shares(found.parameters))
     in_torque = left.in_motion * found.equations.rms_torques()
@@ -790,12 +774,9 @@ def causes_text(found: Identification) -> str:
     for j, (name, left) in enumerate(zip(found.initial.joint_names, found.unexplained.in_motion, strict=True)):
         if left > thresholds.EXPLAINED:
             own = [cause.text for cause in found.causes if cause.removed[j] > thresholds.EXPLAINS]
-            none = (
-                []
-                if NOT_SOUGHT in found.notes
-                else ["no single change of the log, the robot or the drives explains it"]
-            )
-            why = "".join(f": {text}" for text in (own or none)[:1])
+            if not own and NOT_SOUGHT not in found.notes:
+                own = ["no single change of the log, the robot or the drives explains it"]
+            why = "".join(f": {text}" for text in own[:1])
             lines.append(f"  {short(name)} {100 * left:.0f} % in motion{why}")
     lines = ["not explained", *lines] if lines else []
     if found.causes:

@@ -380,9 +380,8 @@ def factors(rest: Discrepancy, torques: Array) -> Iterator[Hypothesis]:
     """Torques of single joints that are multiples of those of the model, shape (rows, n)."""
     columns = by_joint(torques[..., None])
     for j, name in enumerate(rest.names):
-        yield Hypothesis(
-            GAIN, columns[..., [j]], words("the torque of {} is measured {:.4g} times", name, start=1), (name,)
-        )
+        text = words("the torque of {} is measured {:.4g} times", name, start=1)
+        yield Hypothesis(GAIN, columns[..., [j]], text, (name,))
 
 
 def in_gravity(robot: Robot, gravity: Array) -> Robot:
@@ -570,10 +569,9 @@ def payloads(rest: FitResiduals) -> Iterator[Hypothesis]:
         text = "the payload changes by {1:.3g} kg near {0}"
         if i < nb - 1:  # whose mass alone need not be felt
             text = f"the load on the link behind {names[i]} changes near {{0}}"
+        many = thresholds.PLACES * (nb - i)
         for time, on in starts(rest):
-            yield Hypothesis(
-                LOAD, body * on, words(text, time), names[i : i + 1], alternatives=thresholds.PLACES * (nb - i)
-            )
+            yield Hypothesis(LOAD, body * on, words(text, time), names[i : i + 1], alternatives=many)
 
 
 def slips(rest: FitResiduals) -> Iterator[Hypothesis]:
@@ -590,17 +588,16 @@ def contacts(rest: FitResiduals) -> Iterator[Hypothesis]:
     model, place = rest.robot.model, progress(rest)
     link = [name for name, k in zip(model.link_names, model.link_body, strict=True) if k == model.nb - 1][-1]
     force = rest.sampled(lambda q, qd, qdd: np.swapaxes(rest.robot.jacobian(q, link)[..., 3:, :], -1, -2))
-    edges = np.quantile(place, np.linspace(0, 1, 2 * thresholds.PLACES + 1))
-    for a, width in (
-        (a, w) for a in range(2 * thresholds.PLACES) for w in thresholds.WIDTHS if a + w <= 2 * thresholds.PLACES
-    ):
+    count = 2 * thresholds.PLACES
+    edges = np.quantile(place, np.linspace(0, 1, count + 1))
+    for a, width in ((a, w) for a in range(count) for w in thresholds.WIDTHS if a + w <= count):
         begin, end = edges[a], edges[a + width]
 
         def text(c: Array, begin: float = begin, end: float = end) -> str:
             newtons, times = float(np.linalg.norm(c)), (time_text(rest, begin), time_text(rest, end))
             return f"something pushes {link} with {newtons:.3g} N from {times[0]} to {times[1]}"
 
-        during, many = force * ((place >= begin) & (place <= end)), 2 * thresholds.PLACES * len(thresholds.WIDTHS)
+        during, many = force * ((place >= begin) & (place <= end)), count * len(thresholds.WIDTHS)
         yield Hypothesis("contact", during, text, rest.names[-1:], alternatives=many)
 
 

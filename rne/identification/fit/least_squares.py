@@ -67,9 +67,7 @@ def least_squares(equations: Equations, noise: Array | None = None) -> LeastSqua
         x, spent = weighted_fit(equations, sigma)
         freedom = equations.rows.sum(0) - spent
         found = np.sqrt(equations.residuals(x) / np.maximum(freedom, 1))
-        found = np.maximum(
-            np.where(freedom < thresholds.FEWEST_FREE, size, found), least
-        )  # few equations leave no residual
+        found = np.maximum(np.where(freedom < thresholds.FEWEST_FREE, size, found), least)  # few leave no residual
         settled = np.abs(found / sigma - 1).max(initial=0) <= thresholds.NOISE_SETTLED
         sigma = found
         if settled:
@@ -173,9 +171,7 @@ class Estimator(NamedTuple):
         standard, factor = self.base.standard, equations.merged().weighted(believed_noise(equations, sigma))
         bodies = PARAMETERS * standard.model.nb
         lengths = np.linalg.norm(factor[:, bodies:-1], axis=0)
-        weights = np.where(
-            lengths == 0, 1.0, thresholds.HELD * lengths
-        )  # of the model's drives, where the motion says nothing
+        weights = np.where(lengths == 0, 1.0, thresholds.HELD * lengths)  # where the motion says nothing
         factor = with_prior(factor, bodies, weights, np.maximum(standard.values[bodies:], 0))
         bounded = np.array([not name.startswith(("tau0", "c_")) for name in standard.names[bodies:]], bool)
         return consistent_fit(factor, prior, self.weight, bounded, 1 / np.where(lengths == 0, 1, lengths))
