@@ -9,12 +9,20 @@ import numpy as np
 import pytest
 
 import rne
+from rne.dynamics.base_inertial_parameters import with_springs
 from rne.dynamics.regressors import gravity_torques
 from rne.identification import Record
-from rne.identification.diagnosis.hypotheses import contacts, gravity_directions, ratio_columns, stribeck_columns
+from rne.identification.diagnosis.hypotheses import (
+    contacts,
+    friction,
+    gravity_directions,
+    ratio_columns,
+    stribeck_columns,
+)
 from rne.identification.diagnosis.residuals import FitResiduals
 from rne.identification.fit.equations import build_regression
 from rne.identification.fit.least_squares import least_squares
+from rne.simulation.springs import resolved_springs
 
 from . import faulty_logs as faults
 from .conftest import TREES
@@ -326,6 +334,33 @@ def test_columns_of_each_joint_are_those_of_that_joint():
         np.testing.assert_allclose(of_ratios[..., j], expected, atol=1e-4 * np.abs(expected).max())
         alone = res.sampled(lambda q, qd, qdd, j=j: np.sign(qd[:, j]) * np.exp(-np.abs(qd[:, j]) / 0.2))
         np.testing.assert_array_equal(of_friction[..., j], alone[:, None] * unit)
+
+
+def test_friction_under_load_has_the_load_of_the_law_of_the_drives():
+    """That of bodies, rotors and springs: the cause has the column that a fit has for Fl."""
+    c = case("gantry", 3)
+    data, robot = faults.clean(c), c.arm.robot
+    springs = resolved_springs([rne.Spring.at_joint("y", 1.0, 0.1)], robot, robot)
+    base = with_springs(robot.base_parameters(drives=rne.DriveModel(rotor=True, friction="coulomb")), springs)
+    rows = build_regression(robot, Record(data.t, data.q, data.tau), base, None, 5.0, 2)
+    rest = FitResiduals(robot, base, rows, np.arange(1.0, base.count + 1), np.ones(4), np.ones(4))
+    groups, x = base.standard.groups, rest.x
+    under_load = dataclasses.replace(base.standard, drives=rne.DriveModel(rotor=True, friction="load"))
+    known = np.concatenate([x[groups["bodies"]], x[groups["Ia"]], np.zeros(4), x[groups["springs"]]])
+
+    def load(q, qd, qdd):
+        pull = x[groups["springs"]] * (q - [0, 0.1, 0, 0]) * [0, 1, 0, 0]
+        return robot.inverse_dynamics(q, qd, qdd, parameters=x[groups["bodies"]]) + x[groups["Ia"]] * qdd + pull
+
+    def of_fit(q, qd, qdd):
+        passed = under_load.load(robot.regressor(q, qd, qdd), q, qdd, known)
+        return under_load.drive_columns(qd, qdd, passed)[..., np.arange(4), 4 + np.arange(4)]
+
+    expected = rest.sampled(lambda q, qd, qdd: np.abs(load(q, qd, qdd)) * np.sign(qd))
+    (hypothesis, *_) = [h for h in friction(rest) if h.kind == "friction under load" and h.joints == ("y",)]
+    for found in (rest.curves[..., 0], rest.sampled(of_fit)):
+        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
+    np.testing.assert_array_equal(hypothesis.columns[:, 1, 0], rest.curves[:, 1, 0])
 
 
 def test_columns_from_few_samples_are_those_of_the_filter():

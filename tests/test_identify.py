@@ -226,7 +226,8 @@ def test_report_and_check_name_joints_and_parameters(found, motions):
 def test_a_record_of_other_joints_is_no_motion_to_predict(found):
     t = np.linspace(0, 5, 501)
     with pytest.raises(
-        ValueError, match=r"^`record` must be of \d joints, as the robot, got one of 2: give the names of "
+        ValueError,
+        match=r"^`record` must be of the joints \['\w+', .*\], 'record' has 2 joints without names: give the ",
     ):
         found.check(Record(t, np.zeros((501, 2)), np.zeros((501, 2))))
 
@@ -532,8 +533,29 @@ def short():
         (
             ValueError,
             lambda r, rec: rne.identify(loaded("panda"), rec, drives=rne.DriveModel()),
-            "`records` must be of 8 joints, as the robot, got one of 6: give the names of those measured as `joint_names` of "
-            "the Record, or lock the others: `robot.locked({'panda_joint7': 0, 'panda_finger_joint1': 0})`",
+            "`records` must be of the joints ['panda_joint1', 'panda_joint2', 'panda_joint3', 'panda_joint4', "
+            "'panda_joint5', 'panda_joint6', 'panda_joint7', 'panda_finger_joint1'], 'record' has 6 joints without names: "
+            "give the names of those measured as `joint_names` of the Record, or lock the others: "
+            "`robot.locked({'panda_joint7': 0, 'panda_finger_joint1': 0})`",
+        ),
+        (
+            ValueError,
+            lambda r, rec: rne.identify(
+                r, [rec, Record(rec.t, rec.q, rec.tau, joint_names=tuple("abcdef"))], drives=rne.DriveModel()
+            ),
+            "`records` must be of the joints ['joint_1', 'joint_2', 'joint_3', 'joint_4', 'joint_5', 'joint_6'], 'record' has "
+            "['a', 'b', 'c', 'd', 'e', 'f']: name the joints of all records as the robot does, by `joint_names` of the Record",
+        ),
+        (
+            ValueError,
+            lambda r, rec: rne.identify(
+                r,
+                [rec, Record(rec.t, rec.q[:, 1:], rec.tau[:, 1:], joint_names=r.joint_names[1:])],
+                drives=rne.DriveModel(),
+            ),
+            "`records` must be of the joints ['joint_1', 'joint_2', 'joint_3', 'joint_4', 'joint_5', 'joint_6'], 'record' has "
+            "['joint_2', 'joint_3', 'joint_4', 'joint_5', 'joint_6']: name the joints of all records as the robot does, by "
+            "`joint_names` of the Record, or lock the others: `robot.locked({'joint_1': 0})`",
         ),
         (
             ValueError,

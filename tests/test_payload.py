@@ -9,10 +9,10 @@ import pytest
 
 import rne
 from rne.identification import Record, thresholds
-from rne.identification.fit.equations import solve
+from rne.identification.fit.equations import build_regression, solve
 from rne.identification.fit.least_squares import least_squares
 from rne.identification.payload import body_of, doubts, possible_load, unknown_parts
-from rne.identification.record_sets import KINDS, RecordSets, eliminated, load_map, record_sets, spreads
+from rne.identification.record_sets import KINDS, RecordSets, eliminated, load_map, of_one_set, record_sets, spreads
 from rne.model.standard_parameters import StandardParameters
 
 from .faulty_logs import SCARA
@@ -490,7 +490,8 @@ def test_wrong_arguments_are_refused(robot, measured):
         (TypeError, "`robot` must be an rne.Robot, got str", lambda: rne.identify_payload("arm", without, with_load)),
         (
             ValueError,
-            "`with_load` must be of 6 joints, as the robot, got one of 5",
+            "`with_load` must be of the joints ['joint_1', 'joint_2', 'joint_3', 'joint_4', 'joint_5', 'joint_6'], "
+            "'record' has 5 joints without names: give the names of ",
             lambda: calls(robot, without, planar),
         ),
         (ValueError, "`without` must have a record without the load", lambda: calls(robot, None, with_load)),
@@ -676,10 +677,22 @@ def test_negative_gains_are_refused_with_what_may_cause_them(arm, currents):
 @pytest.mark.parametrize("call", [rne.identify_payload, rne.identify_drive_gains])
 def test_a_record_of_both_sets_is_refused(robot, measured, call):
     more = () if call is rne.identify_payload else (3.0,)
-    text = "^`with_load` has a record that `without` has too, 'record': one is the wrong file$"
+    text = "^`with_load` has a record that the others have too, 'record': a wrong file$"
     copied = Record(measured[0].t, measured[0].q, measured[0].tau)
     with pytest.raises(ValueError, match=text):
         call(robot, measured[0], [measured[1], copied], *more)
+
+
+@pytest.mark.parametrize("cutoff", [5.0, 8.0])
+def test_a_record_of_both_sets_is_seen_with_another_delay_and_cutoff(arm, three, cutoff):
+    """Records were found late by 0 and 6 ms, the next ones are taken to be late by their mean."""
+    base, late = arm.base_parameters(), np.outer([0.0, 0.006], np.ones(arm.n))
+    first = build_regression(arm, three, base, None, 5.0, 2, late)
+    sets = of_one_set(arm, base, first)
+    for k, record in enumerate(three):
+        with pytest.raises(ValueError, match=f"^`with_load` has a record that the others have too, 'run {k}': a wrong"):
+            sets.with_records(Record(record.t, record.q, record.tau, name=f"run {k}"), cutoff)
+    assert len(sets.with_records(Record(three[0].t, three[0].q, 1.001 * three[0].tau), cutoff).data) == 2
 
 
 def test_gains_of_a_mass_alone_need_no_frame():
@@ -889,7 +902,7 @@ def test_the_record_that_the_arm_was_identified_from_has_no_load(arm, three, gai
     alone = rne.identify(
         arm, three[0], drives=rne.DriveModel(friction="viscous+coulomb"), consistent=False, causes=False
     )
-    text = "^`with_load` has a record that the others have too: one is the wrong file$"
+    text = "^`with_load` has a record that the others have too, 'record': a wrong file$"
     for known, record in ((alone, three[0]), (gains, currents[1])):
         with pytest.raises(ValueError, match=text):
             rne.identify_payload(known, None, record, link="tool0")

@@ -27,7 +27,7 @@ from .. import thresholds
 from ..fit.equations import in_space_of_instruments, solve, triangular
 from ..log.prepared import Prepared
 from ..log.screening import seconds
-from .residuals import TINY, Discrepancy, FitResiduals, Torques, by_joint, extended
+from .residuals import Discrepancy, FitResiduals, Torques, by_joint, extended
 
 LOGGER = logging.getLogger("rne")
 STRIBECK, SIZE, DIRECTION, GAIN = "Stribeck friction", "gravity magnitude", "gravity direction", "torque factor"
@@ -183,13 +183,13 @@ def columns_of(rest: Discrepancy, h: Hypothesis) -> Array:
     return rest.sampled(checked)
 
 
-def judge(rest: Discrepancy, h: Hypothesis, columns: Array | None = None) -> Cause:
-    """The cause with its score."""
-    c, error, left, _ = rest.with_columns(columns_of(rest, h) if columns is None else columns)
+def judge(rest: Discrepancy, h: Hypothesis, columns: Array, *, by_rank: bool = False) -> Cause:
+    """The cause with its score, by all of its numbers, or `by_rank` by those that are independent of what is known."""
+    c, error, left, rank = rest.with_columns(columns)
     size = (float(c[0]), float(error[0])) if len(c) == 1 else (float("nan"), float("nan"))
     kind = "pre-sliding friction" if h.kind == STRIBECK and c[0] < 0 else h.kind
     kind = "torque sign" if kind == GAIN and c[0] < -1 else kind
-    score = rest.gain(rest.by_joint(left)) - rest.penalty(len(c)) - float(np.log(h.alternatives))
+    score = rest.gain(rest.by_joint(left)) - rest.penalty(rank if by_rank else len(c)) - float(np.log(h.alternatives))
     return Cause(kind, h.joints, text_of(h, c), score, *size, h.at)
 
 
@@ -394,9 +394,8 @@ def factors(rest: Discrepancy, torques: Array) -> Iterator[Hypothesis]:
     """Torques of single joints that are multiples of those of the model, shape (rows, n)."""
     columns = by_joint(torques[..., None])
     for j, name in enumerate(rest.names):
-        yield Hypothesis(
-            GAIN, columns[..., [j]], words("the torque of {} is measured {:.4g} times", name, start=1), (name,)
-        )
+        text = words("the torque of {} is measured {:.4g} times", name, start=1)
+        yield Hypothesis(GAIN, columns[..., [j]], text, (name,))
 
 
 def gravity_columns(rest: Discrepancy, *bodies: Array) -> Array:
@@ -503,7 +502,7 @@ def friction(rest: FitResiduals) -> Iterator[Hypothesis]:
         yield Hypothesis("friction under load", loads[..., [j]], text, (name,))
     for share in thresholds.STRIBECK_SPEEDS:
         vs = share * rest.fastest
-        columns = stribeck_columns(rest, np.maximum(vs, TINY))
+        columns = stribeck_columns(rest, np.maximum(vs, thresholds.TINY))
         for j in np.flatnonzero(vs).tolist():
             yield stribeck(rest, j, float(vs[j]), columns)
 
@@ -527,12 +526,13 @@ def refine(rest: FitResiduals, cause: Cause) -> Cause:
 
     j, middle = rest.names.index(cause.joints[0]), np.log(cause.at)
 
-    def judged(log: float) -> Cause:
+    def at(log: float) -> Cause:
         vs = float(np.exp(log))
-        return judge(rest, stribeck(rest, j, vs, stribeck_columns(rest, vs)))
+        columns = stribeck_columns(rest, vs)
+        return judge(rest, stribeck(rest, j, vs, columns), columns[..., [j]])
 
     bounds, options = (middle - 1, middle + 1), {"maxiter": 15}
-    return judged(minimize_scalar(lambda log: -judged(log).score, bounds=bounds, method="bounded", options=options).x)
+    return at(minimize_scalar(lambda log: -at(log).score, bounds=bounds, method="bounded", options=options).x)
 
 
 def derivative_by(rest: FitResiduals, cause: Cause) -> Array:
@@ -578,10 +578,9 @@ def payloads(rest: FitResiduals) -> Iterator[Hypothesis]:
         text = "the payload changes by {1:.3g} kg near {0}"
         if i < nb - 1:  # whose mass alone need not be felt
             text = f"the load on the link behind {names[i]} changes near {{0}}"
+        many = thresholds.PLACES * (nb - i)
         for time, on in times:
-            yield Hypothesis(
-                LOAD, body * on, words(text, time), names[i : i + 1], alternatives=thresholds.PLACES * (nb - i)
-            )
+            yield Hypothesis(LOAD, body * on, words(text, time), names[i : i + 1], alternatives=many)
 
 
 def contacts(rest: FitResiduals) -> Iterator[Hypothesis]:
@@ -589,18 +588,17 @@ def contacts(rest: FitResiduals) -> Iterator[Hypothesis]:
     model, place = rest.robot.model, progress(rest)
     link = [name for name, k in zip(model.link_names, model.link_body, strict=True) if k == model.nb - 1][-1]
     force = rest.sampled(lambda q, qd, qdd: np.swapaxes(rest.robot.jacobian(q, link)[..., 3:, :], -1, -2))
-    edges = np.quantile(place, np.linspace(0, 1, 2 * thresholds.PLACES + 1))
+    count = 2 * thresholds.PLACES
+    edges = np.quantile(place, np.linspace(0, 1, count + 1))
     times = [time_text(rest, edge) for edge in edges]
-    for a, width in (
-        (a, w) for a in range(2 * thresholds.PLACES) for w in thresholds.WIDTHS if a + w <= 2 * thresholds.PLACES
-    ):
+    for a, width in ((a, w) for a in range(count) for w in thresholds.WIDTHS if a + w <= count):
         begin, end = a, a + width
 
         def text(c: Array, begin: int = begin, end: int = end) -> str:
             newtons = float(np.linalg.norm(c))
             return f"something pushes {link} with {newtons:.3g} N from {times[begin]} to {times[end]}"
 
-        on, many = (place >= edges[begin]) & (place <= edges[end]), 2 * thresholds.PLACES * len(thresholds.WIDTHS)
+        on, many = (place >= edges[begin]) & (place <= edges[end]), count * len(thresholds.WIDTHS)
         yield Hypothesis("contact", force * on, text, rest.names[-1:], alternatives=many)
 
 
@@ -615,27 +613,20 @@ def changes_with_load(rest: FitResiduals, known: Array, loaded: Array, body: int
     together leave them.
     """
     speeds = rest.of_each_joint(lambda q, qd, qdd: qd), rest.of_each_joint(lambda q, qd, qdd: np.sign(qd))
-    options = [replace(h, columns=columns_of(rest, h) * loaded) for h in hypotheses_with_load(rest, body)]
+    options = [(h, columns_of(rest, h) * loaded) for h in hypotheses_with_load(rest, body)]
     own = np.concatenate([known, *(speed * loaded for speed in speeds)], axis=-1)
     values, found = np.zeros(rest.tau.shape), []
-    every = rest.with_known(np.concatenate([own, *(columns_of(rest, h) for h in options)], axis=-1))
-    values[rest.used] = every.left
+    values[rest.used] = rest.with_columns(np.concatenate([own, *(columns for _, columns in options)], axis=-1))[2]
     time = rest.data.correlation_time(values, rest.used)
     left = FitResiduals(rest.robot, rest.base, rest.data, rest.beta, rest.sigma, time, own)
     while options:
-        causes = [judged(left, h) for h in options]
+        causes = [judge(left, h, columns, by_rank=True) for h, columns in options]  # bodies share some numbers
         k = int(np.argmax([cause.score for cause in causes]))
         if causes[k].score <= thresholds.EVIDENT:
             break
         found.append(causes[k])
-        left = left.with_known(columns_of(left, options.pop(k)))
+        left = left.with_known(options.pop(k)[1])
     return found
-
-
-def judged(rest: FitResiduals, h: Hypothesis) -> Cause:
-    """The cause with a score by as many numbers as it has independent of what is known: bodies share some."""
-    columns, cause = columns_of(rest, h), judge(rest, h)
-    return cause._replace(score=cause.score + rest.penalty(columns.shape[-1] - rest.with_columns(columns)[3]))
 
 
 def hypotheses_with_load(rest: FitResiduals, body: int) -> Iterator[Hypothesis]:
@@ -711,14 +702,15 @@ def other_conventions(rest: FitResiduals, beyond: FitResiduals) -> Iterator[tupl
     if is_poor and max(np.ptp(record.q[:, turns], axis=0).max(initial=0) for record in rest.records) > 1:
         J = np.diag(np.where(turns, np.pi / 180, 1.0))
         changes.append(("degrees", names, "positions are in degrees", J, unit))
-    left, before = beyond.coarse, beyond.torques
-    for kind, which, text, J, T in (("", (), "", unit, unit), *changes):
+    left = beyond.coarse
+
+    def squares(J: Array, T: Array) -> Array:
         tau = rest.tau @ T.T
-        squares = left.torques * left.refitted(left.moved(J, tau), tau)[2]
-        if kind:
-            yield Cause(kind, which, text, left.gain(squares, before)), partial(of_convention, J, T)
-        else:
-            before = squares
+        return left.torques * left.refitted(left.moved(J, tau), tau)[2]
+
+    before = squares(unit, unit)
+    for kind, which, text, J, T in changes:
+        yield Cause(kind, which, text, left.gain(squares(J, T), before)), partial(of_convention, J, T)
 
 
 def of_convention(J: Array, T: Array, rest: FitResiduals) -> tuple[Array, ...]:
@@ -745,8 +737,8 @@ def torque_scale(rest: FitResiduals) -> Iterator[tuple[Cause, None]]:
     without = [x - Q @ (Q.T @ x) for x in torques]
     for tau, _, given in (torques, without):
         both, squares, measured = (rest.by_joint(*x) for x in ((tau, given), (given, given), (tau, tau)))
-        each = both / np.maximum(squares, TINY)
-        ways.append((each, each * np.abs(both) / np.maximum(measured, TINY)))  # factors, squared cosines
+        each = both / np.maximum(squares, thresholds.TINY)
+        ways.append((each, each * np.abs(both) / np.maximum(measured, thresholds.TINY)))  # factors, squared cosines
     (_, found, given), (factors, cosines) = without, np.where(ways[0][1] > ways[1][1], *ways)
     alike = cosines > thresholds.ALIKE
     usual = np.median(factors[alike]) if alike.any() else 1.0
@@ -757,8 +749,8 @@ def torque_scale(rest: FitResiduals) -> Iterator[tuple[Cause, None]]:
         text = f"the torque of {names[j]} is {what}: N mm, mA, at the motor, or is a mass given wrong?"
         yield Cause("torque unit", names[j : j + 1], text, certain, factors[j]), None
     size = float(given @ given)
-    factor = float(found @ given) / max(size, TINY)
-    whole = factor * float(found @ given) / max(float(found @ found), TINY)  # squared cosine
+    factor = float(found @ given) / max(size, thresholds.TINY)
+    whole = factor * float(found @ given) / max(float(found @ found), thresholds.TINY)  # squared cosine
     if odd.any() or size == 0 or whole < thresholds.ALIKE or 1 / thresholds.FACTOR < factor < thresholds.FACTOR:
         return
     kind, text = "torque unit", f"torques are {factor:.3g} times those of the robot given: N mm, mA, or at the motors?"
