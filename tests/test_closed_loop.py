@@ -292,6 +292,19 @@ def test_a_function_of_one_time_is_called_for_each(loops, found):
     np.testing.assert_allclose(one.estimate.values, found[0].estimate.values, rtol=ROUNDING)
 
 
+def test_a_motion_of_instruments_is_evaluated_once_for_the_same_times(loops):
+    """Rounds of the fit, and the choice of the cut-off, ask for it again."""
+    asked = []
+
+    def motion(t):
+        asked.append(np.asarray(t).tobytes())
+        return reference(t)
+
+    given = identified(loops.record(0), instruments=motion)
+    assert len(asked) == len(set(asked))
+    np.testing.assert_array_equal(given.values, identified(loops.record(0), instruments=reference).values)
+
+
 def test_what_instruments_exclude(loops, found):
     cable = rne.identification.Hypothesis("cable", lambda q, qd, qdd: q[..., None], "{:.3g}")
     with pytest.raises(ValueError, match="instruments") as error:

@@ -39,7 +39,8 @@ def judged(scene, motion, tau, seed, noise=1.0, friction="viscous+coulomb"):
     noisy = tau + noise * NOISE[: scene.n] * np.random.default_rng(seed).normal(size=tau.shape)
     record, drives = Record(motion.t, motion.q, noisy), rne.DriveModel(friction=friction)
     with warnings.catch_warnings(action="ignore", category=rne.IdentificationWarning):
-        return rne.identify(scene.robot, record, drives=drives, consistent=False, delay=0.0, folds=2).consistency()
+        options = {"consistent": False, "delay": 0.0, "folds": 2, "causes": False}
+        return rne.identify(scene.robot, record, drives=drives, **options).consistency()
 
 
 @pytest.mark.parametrize("seed", range(1))
@@ -135,7 +136,7 @@ def test_missing_friction_is_missing_energy(scene, motion):
 def test_report_of_an_identification_ends_with_the_certificate(scene, motion):
     record = Record(motion.t, motion.q, motion.tau)
     text = rne.identify(
-        scene.robot, record, drives=rne.DriveModel(friction="viscous+coulomb"), consistent=False
+        scene.robot, record, drives=rne.DriveModel(friction="viscous+coulomb"), consistent=False, causes=False
     ).report(details=True)
     last = text.split("\n\n")[-1]
     assert last.startswith("one rigid-body model explains the torques to"), last

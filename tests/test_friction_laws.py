@@ -141,7 +141,7 @@ def deviations(name, seed):
     motion = truth(rne.Scene(arm, friction=replace(friction, smoothing=1e-4)), seed=seed, rate=100.0, speed=1.0)
     tau = motion.tau + 0.5 * np.random.default_rng(seed).normal(size=motion.tau.shape)
     record = Record(motion.t, motion.q, tau, motion.qd)
-    found = quiet(arm, record, drives=drives, consistent=False, delay=0.0, cutoff=10.0)
+    found = quiet(arm, record, drives=drives, consistent=False, causes=False, delay=0.0, cutoff=10.0)
     pi, back = found.standard.values.copy(), friction.viscous_back
     mean, half = (friction.coulomb + friction.coulomb_back) / 2, (friction.coulomb - friction.coulomb_back) / 2
     true = {"Fv": friction.viscous, "Fvb": back, "Fc": mean, "Fs": friction.stribeck_rise, "Fl": friction.load}
@@ -169,7 +169,7 @@ def found(robot):
     motion = truth(rne.Scene(robot, friction=ALL), seed=1, rate=100.0, speed=1.0)
     tau = motion.tau + 0.2 * np.random.default_rng(0).normal(size=motion.tau.shape)
     record = Record(motion.t, motion.q, tau, motion.qd)
-    return quiet(first_joints(n), record, drives=DRIVES, delay=0.0, cutoff=10.0)
+    return quiet(first_joints(n), record, drives=DRIVES, delay=0.0, cutoff=10.0, folds=4)
 
 
 def test_predictions_and_the_scene_are_one_model(found):
@@ -240,7 +240,13 @@ def test_springs_belong_to_the_load_and_to_the_scene(robot, tmp_path):
     run = rne.simulate(scene, q[0], qd[0], 0.02, torque=tau[0])
     np.testing.assert_allclose(run.qdd[-1], scene.forward_dynamics(run.q[-1], run.qd[-1], tau[0]), rtol=1e-8)
     motion = truth(scene, seed=1, rate=100.0, speed=1.0)
-    options = {"drives": rne.DriveModel(rotor=True, friction="viscous+load"), "delay": 0.0, "cutoff": 10.0}
+    options = {
+        "drives": rne.DriveModel(rotor=True, friction="viscous+load"),
+        "delay": 0.0,
+        "cutoff": 10.0,
+        "folds": 2,
+        "causes": False,
+    }
     found = quiet(robot, Record(motion.t, motion.q, motion.tau, motion.qd), springs=[spring], **options)
     np.testing.assert_allclose(found.friction.load, [0, 0.2, 0], atol=2e-3)
     assert found.springs[0].stiffness == pytest.approx(300, rel=0.01)
@@ -363,7 +369,9 @@ def test_refused(robot, name):
 def test_a_scene_has_no_coupled_motors(robot):
     motion = truth(robot, seed=0, duration=8.0, rate=50.0)
     drives = rne.DriveModel(rotor=True, **MOTORS)
-    coupled = quiet(robot, Record(motion.t, motion.q, motion.tau), drives=drives, folds=2, delay=0.0, cutoff=5.0)
+    coupled = quiet(
+        robot, Record(motion.t, motion.q, motion.tau), drives=drives, folds=2, causes=False, delay=0.0, cutoff=5.0
+    )
     with pytest.raises(
         rne.IdentificationError, match=r"^a scene has no coupled motors: use `predict` for the torques "
     ):
@@ -437,7 +445,7 @@ def test_the_smoothing_of_a_step_is_the_one_that_predicts_best(smoothing):
     q, qd, qdd = (f * np.outer(np.ones(len(t)), a) for f, a in zip(waves(t, w), ([0.1, 0.1],) * 3, strict=True))
     noise = 0.5 * np.random.default_rng(0).normal(size=q.shape)
     tau = robot.inverse_dynamics(q, qd, qdd) + 20 * np.tanh(qd / smoothing) + noise
-    found = rne.identify(robot, rne.identification.Record(t, q, tau))
+    found = rne.identify(robot, rne.identification.Record(t, q, tau), causes=False)
     assert found.friction.smoothing == smoothing
     assert found.scene().friction.smoothing == smoothing
     lost = tau.copy()

@@ -138,6 +138,8 @@ def test_what_happens_within_one_block_is_judged_on_short_ones():
     rest.tau = rest.tau + 0.5 * np.sqrt((rest.tau[:, 0] ** 2).mean()) * column[..., 0]
     for is_event, most in ((True, 0.5), (False, 2.0)):
         before, after = of_columns(column, is_event, rest)
+        blocks = rest.short_blocks if is_event else rest.blocks
+        np.testing.assert_array_equal(before, rest.held_out(rest.Q, rest.weighted(rest.tau), blocks))
         assert (after[0] < 0.5 * before[0]) == is_event
         assert after[0] < most * before[0]
 

@@ -14,6 +14,8 @@ from rne.identification.fit.equations import (
     correlation_time_of_residuals,
     equations,
     joined,
+    solve,
+    triangular,
 )
 from rne.identification.fit.least_squares import least_squares, with_correlation
 from rne.identification.log.filtering import low_pass
@@ -290,3 +292,28 @@ def test_the_consistent_fit_does_not_depend_on_how_the_cone_solver_ends(monkeypa
     solve = consistent.cone_solution
     monkeypatch.setattr(consistent, "cone_solution", lambda *a: (-np.ones_like(solve(*a)[0]), "InsufficientProgress"))
     np.testing.assert_allclose(consistent_fit(*given), expected, rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize("apart", [1.0, 1e-4, 1e-7, 0.0])
+def test_solutions_are_those_of_least_squares_whether_columns_are_nearly_dependent_or_not(apart):
+    """x and its covariance; of columns that are one, the smallest x, in which neither is known."""
+    rng = np.random.default_rng(0)
+    A = rng.normal(size=(40, 4))
+    A[:, 3] = A[:, 2] + apart * A[:, 3]
+    b = A @ [1.0, 2, 3, 4] + 0.1 * rng.normal(size=40)
+    found = solve(triangular(np.column_stack([A, b])))
+    lengths, rounding = np.linalg.norm(A, axis=0), 1e-12 / (apart or 1)
+    inverse = np.linalg.pinv(A / lengths, rcond=1e-9) / lengths[:, None]
+    covariance = inverse @ inverse.T
+    np.testing.assert_allclose(found.x, inverse @ b, rtol=rounding)
+    np.testing.assert_allclose(found.inverse @ found.inverse.T, covariance, atol=rounding * covariance.max())
+    np.testing.assert_allclose(found.singular, np.linalg.svd(A / lengths, compute_uv=False), atol=1e-14)
+    assert found.free.tolist() == [False, False, apart == 0, apart == 0]
+
+
+def test_columns_that_are_dependent_beyond_their_diagonal_are_found():
+    """Kahan 1966: entries of the diagonal are large, the smallest singular value is about 2^-40."""
+    A = np.eye(40) - np.triu(np.ones((40, 40)), 1)
+    found = solve(np.column_stack([np.vstack([A, np.zeros(40)]), np.ones(41)]))
+    assert found.inverse.shape == (40, 39)
+    assert found.free.any()

@@ -26,12 +26,23 @@ BAND = 1.5e-3  # gain lost at half the cut-off: 1 / (1 + 2^-8) is 0.4 % less for
 
 @pytest.fixture(scope="module")
 def scene():
-    return rne.Scene(loaded("irb140"), friction=rne.Friction(viscous=3.0, coulomb=4.0, smoothing=0.01))
+    return rne.Scene(first_joints(), friction=rne.Friction(viscous=3.0, coulomb=4.0, smoothing=0.01))
 
 
 @pytest.fixture(scope="module")
 def true(scene):
     return truth(scene, duration=8.0, rate=RATE)
+
+
+@pytest.fixture(scope="module")
+def scene_of_six(scene):
+    """All joints of the robot, for faults of single ones."""
+    return rne.Scene(loaded("irb140"), friction=scene.friction)
+
+
+@pytest.fixture(scope="module")
+def true_of_six(scene_of_six):
+    return truth(scene_of_six, duration=8.0, rate=RATE)
 
 
 def exactly(text):
@@ -219,8 +230,8 @@ def test_clean_measurements_have_no_findings(scene, sensors, seed):
     assert record(truth(scene, duration=4.0, seed=seed), seed, **sensors).findings == ()
 
 
-def test_a_robot_that_comes_to_rest_and_goes_on_has_no_findings(scene):
-    robot = scene.robot
+def test_a_robot_that_comes_to_rest_and_goes_on_has_no_findings(scene_of_six):
+    robot = scene_of_six.robot
     move = rne.trajectories.quintic(np.zeros(6), np.full(6, 0.8), 1.0)
     t = np.arange(1000) / RATE
     q, qd, qdd = (
@@ -228,7 +239,7 @@ def test_a_robot_that_comes_to_rest_and_goes_on_has_no_findings(scene):
         for a, b in zip(move(t % 1), (0.8 + move(t % 1)[0], *move(t % 1)[1:]), strict=True)
     )
     q = 1e-4 * np.rint(q / 1e-4)
-    assert Record(t, q, scene.inverse_dynamics(q, qd, qdd)).findings == ()
+    assert Record(t, q, scene_of_six.inverse_dynamics(q, qd, qdd)).findings == ()
     assert robot.n == 6
 
 
@@ -237,22 +248,22 @@ def kinds(measured):
 
 
 @pytest.mark.parametrize("sensors", CLEAN[1:], ids=["torque noise", "encoder", "noisy encoder"])
-def test_planted_faults_are_found_where_they_are(true, sensors):
+def test_planted_faults_are_found_where_they_are(true_of_six, sensors):
     wild = {(900, 1): 0.05, (901, 1): -0.04, (2000, 4): 0.02}
-    fast = int(np.argmax(np.abs(true.qd[2500:3500, 0]))) + 2500
-    measured = record(true, wild=wild, stuck={(fast, 0): 2}, **sensors)
+    fast = int(np.argmax(np.abs(true_of_six.qd[2500:3500, 0]))) + 2500
+    measured = record(true_of_six, wild=wild, stuck={(fast, 0): 2}, **sensors)
     assert kinds(measured) == [
         ("joint_1", "repeated position", (fast, fast + 1)),
         ("joint_2", "position spike", (900, 901)),
         ("joint_5", "position spike", (2000,)),
     ]
-    clean = record(true, **sensors).prepare(cutoff=5.0)
+    clean = record(true_of_six, **sensors).prepare(cutoff=5.0)
     assert np.abs(measured.prepare(cutoff=5.0).q - clean.q).max() < 2e-4
 
 
-def test_torque_spikes_are_found_and_steps_of_friction_are_not(true):
-    t, q, tau = measure(true, torque_noise=0.3)
-    tau[:, 2] += 20 * np.sign(true.qd[:, 2])
+def test_torque_spikes_are_found_and_steps_of_friction_are_not(true_of_six):
+    t, q, tau = measure(true_of_six, torque_noise=0.3)
+    tau[:, 2] += 20 * np.sign(true_of_six.qd[:, 2])
     tau[1234, 3] += 40
     measured = Record(t, q, tau)
     assert kinds(measured) == [("joint_4", "torque spike", (1234,))]
@@ -269,8 +280,8 @@ def test_spikes_are_cut_out_where_nothing_is_to_be_bridged(true):
     assert len(measured.prepare(cutoff=5.0).segments) == 2
 
 
-def test_a_jump_cuts_the_record(true):
-    t, q, tau = measure(true, encoder_step=1e-5, torque_noise=0.2)
+def test_a_jump_cuts_the_record(true_of_six):
+    t, q, tau = measure(true_of_six, encoder_step=1e-5, torque_noise=0.2)
     q[2000:, 1] += 0.2
     q[3000:, 1] += 0.1
     measured = Record(t, q, tau)
@@ -307,8 +318,8 @@ def test_a_gap_cuts_and_single_missing_samples_are_interpolated(true):
     assert prepared.notes[-2:] == tuple(str(finding) for finding in measured.findings)
 
 
-def test_samples_that_are_not_finite_are_missing(true):
-    t, q, tau = measure(true)
+def test_samples_that_are_not_finite_are_missing(true_of_six):
+    t, q, tau = measure(true_of_six)
     tau[700, 2] = np.nan
     q[900:1000, 5] = np.inf
     measured = Record(t, q, tau)
@@ -512,18 +523,18 @@ def test_stamps_that_hardly_change_are_refused(true, t):
         Record(t, true.q[:4000], true.tau[:4000]).prepare()
 
 
-def test_joints_of_one_name_are_refused(true):
+def test_joints_of_one_name_are_refused(true_of_six):
     with exactly("`joint_names` must be different, got 'a' 2 times"):
-        Record(true.t, true.q, true.tau, joint_names=[*"abcde", "a"])
+        Record(true_of_six.t, true_of_six.q, true_of_six.tau, joint_names=[*"abcde", "a"])
 
 
-def test_a_joint_whose_position_is_missing_is_named(true):
-    q = true.q * np.where(np.arange(6) == 1, np.nan, 1)
+def test_a_joint_whose_position_is_missing_is_named(true_of_six):
+    q = true_of_six.q * np.where(np.arange(6) == 1, np.nan, 1)
     with pytest.raises(
         ValueError,
         match=r"too few samples: 0 are usable: joint_2 has no finite position at 4000 samples: 0 \(t = 0 s\)",
     ):
-        Record(true.t, q, true.tau).prepare()
+        Record(true_of_six.t, q, true_of_six.tau).prepare()
 
 
 def test_few_samples_are_refused(true):
@@ -531,8 +542,8 @@ def test_few_samples_are_refused(true):
         Record(true.t[:19], true.q[:19], true.tau[:19]).prepare()
 
 
-def test_torques_that_do_not_follow_the_motion_are_not_used(true):
-    t, q, tau = measure(true, torque_noise=0.3)
+def test_torques_that_do_not_follow_the_motion_are_not_used(true_of_six):
+    t, q, tau = measure(true_of_six, torque_noise=0.3)
     tau[:, 5] = 0.25
     tau[:, 1] = np.clip(tau[:, 1], None, np.percentile(tau[:, 1], 97))
     measured = Record(t, q, tau)
@@ -601,9 +612,9 @@ def test_steady_acceleration_is_no_limit(torque_noise):
 
 
 @pytest.mark.parametrize("changes", [0, 1, 500])
-def test_a_joint_that_does_not_move_is_named(true, changes):
+def test_a_joint_that_does_not_move_is_named(true_of_six, changes):
     """Its position is constant, or flickers between two values of the encoder."""
-    t, q, tau = measure(true, encoder_step=1e-4)
+    t, q, tau = measure(true_of_six, encoder_step=1e-4)
     q[:, 3] = 0.2
     q[np.linspace(100, 3900, changes, dtype=int), 3] += 1e-4
     measured = Record(t, q, tau)
@@ -613,10 +624,10 @@ def test_a_joint_that_does_not_move_is_named(true, changes):
     assert measured.prepare().usable.all()  # the joint's torques say something of the bodies
 
 
-def test_a_joint_at_rest_repeats_no_position(scene):
+def test_a_joint_at_rest_repeats_no_position(scene_of_six):
     """It flickers between values of its encoder, and moves in the middle of the record."""
-    true = truth(scene, duration=8.0)
-    t, q, tau = measure(true, encoder_step=1e-4, torque_noise=0.3)
+    true_of_six = truth(scene_of_six, duration=8.0)
+    t, q, tau = measure(true_of_six, encoder_step=1e-4, torque_noise=0.3)
     s = np.clip((t - 3) / 2, 0, 1)
     moved = 0.8 * s**3 * (10 - 15 * s + 6 * s**2)
     for noise in (0.0, 2e-5, 5e-5):
@@ -636,10 +647,10 @@ def test_a_pose_is_no_motion(true):
                 Record(t, rest, tau).prepare(cutoff)
 
 
-def test_rates_that_are_not_those_of_the_positions_are_named(true):
-    t, q, tau = measure(true, encoder_step=1e-5)
-    assert Record(t, q, tau, true.qd).findings == ()
-    wrong = true.qd * [1, 1, np.rad2deg(1), 1, -1, 1]
+def test_rates_that_are_not_those_of_the_positions_are_named(true_of_six):
+    t, q, tau = measure(true_of_six, encoder_step=1e-5)
+    assert Record(t, q, tau, true_of_six.qd).findings == ()
+    wrong = true_of_six.qd * [1, 1, np.rad2deg(1), 1, -1, 1]
     assert [str(finding) for finding in Record(t, q, tau, wrong).findings] == [
         "warning: record: joint_3: measured velocities are 57.3 times those of the positions; "
         "the velocities are not used; check their unit, sign and joint",
@@ -666,12 +677,12 @@ def test_rates_of_a_record_too_short_to_compare_are_no_error(true):
 
 
 @pytest.mark.parametrize("part", [0.005, 0.05])
-def test_rates_of_a_joint_that_hardly_moves_are_not_compared(true, part):
+def test_rates_of_a_joint_that_hardly_moves_are_not_compared(true_of_six, part):
     """They are noise below 1 % of the fastest joint's."""
-    q, qd = true.q.copy(), true.qd.copy()
+    q, qd = true_of_six.q.copy(), true_of_six.qd.copy()
     scale = part * np.ptp(q[:, 0]) / np.ptp(q[:, 5])
     q[:, 5], qd[:, 5] = scale * q[:, 5], 2 * scale * qd[:, 5]
-    assert len(Record(true.t, q, true.tau, qd).findings) == (part > 0.01)
+    assert len(Record(true_of_six.t, q, true_of_six.tau, qd).findings) == (part > 0.01)
 
 
 def test_few_differences_tell_no_step_of_an_encoder():
@@ -694,19 +705,19 @@ def acceleration_errors(prepared, true):
 
 
 @pytest.mark.parametrize("most", [4, 10])
-def test_positions_that_repeat_and_jump_do_not_spoil_what_rates_measure(scene, most):
-    true = truth(scene, duration=20.0)
+def test_positions_that_repeat_and_jump_do_not_spoil_what_rates_measure(scene_of_six, most):
+    true_of_six = truth(scene_of_six, duration=20.0)
     rng = np.random.default_rng(0)
-    tau = true.tau + 0.3 * rng.normal(size=true.tau.shape)
-    q, qd = polled(true.q, most), true.qd + 1e-3 * rng.normal(size=true.qd.shape)
-    without, fused = Record(true.t, q, tau).prepare(), Record(true.t, q, tau, qd).prepare()
+    tau = true_of_six.tau + 0.3 * rng.normal(size=true_of_six.tau.shape)
+    q, qd = polled(true_of_six.q, most), true_of_six.qd + 1e-3 * rng.normal(size=true_of_six.qd.shape)
+    without, fused = Record(true_of_six.t, q, tau).prepare(), Record(true_of_six.t, q, tau, qd).prepare()
     source = "chosen from the spectrum of the positions and measured velocities: "
     assert fused.notes[0].startswith(f"cut-off 3.75 Hz, {source}")
     assert fused.notes[1].startswith(
         "velocities as measured above a crossover, from the positions below it: 0.1, 0.1, "
     )
-    assert acceleration_errors(fused, true).max() < 2e-3
-    assert acceleration_errors(without, true).max() > 5e-3
+    assert acceleration_errors(fused, true_of_six).max() < 2e-3
+    assert acceleration_errors(without, true_of_six).max() > 5e-3
     assert without.notes[1].startswith(
         "warning: the spectrum asks for a cut-off above 100 Hz, a fifth of the sample rate"
     )
@@ -736,8 +747,8 @@ def test_positions_alone_count_where_they_are_better(scene, kind):
     assert np.array_equal(prepared.qdd, Record(t, q, tau).prepare().qdd)
 
 
-def test_degrees_are_named_and_not_guessed(true):
-    t, q, tau = measure(true)
+def test_degrees_are_named_and_not_guessed(true_of_six):
+    t, q, tau = measure(true_of_six)
     degrees = Record(t, np.rad2deg(q), tau)
     assert {finding.kind for finding in degrees.findings} == {"range of the positions"}
     assert np.allclose(Record(t, np.rad2deg(q), tau, unit="deg").q, q, rtol=1e-15)
@@ -761,26 +772,26 @@ def motors(rng, n=6):
     return ratios, coupling
 
 
-def test_power_is_the_same_at_motors_and_joints(true):
+def test_power_is_the_same_at_motors_and_joints(true_of_six):
     ratios, coupling = motors(np.random.default_rng(3))
     K = np.diag(ratios) @ coupling
     gains = np.linspace(0.2, 0.7, 6)
     offsets = np.linspace(-1, 1, 6)
-    motor_tau = np.linalg.solve(K.T, true.tau.T).T
+    motor_tau = np.linalg.solve(K.T, true_of_six.tau.T).T
     measured = Record.from_motors(
-        true.t,
-        np.rad2deg((true.q - offsets) @ K.T),
+        true_of_six.t,
+        np.rad2deg((true_of_six.q - offsets) @ K.T),
         motor_tau / gains,
-        np.rad2deg(true.qd @ K.T),
+        np.rad2deg(true_of_six.qd @ K.T),
         ratios=ratios,
         coupling=coupling,
         drive_gains=gains,
         offsets=offsets,
         unit="deg",
     )
-    for got, expected in ((measured.q, true.q), (measured.qd, true.qd), (measured.tau, true.tau)):
+    for got, expected in ((measured.q, true_of_six.q), (measured.qd, true_of_six.qd), (measured.tau, true_of_six.tau)):
         assert np.abs(got - expected).max() < 1e-13 * np.abs(expected).max()
-    power = (motor_tau * (true.qd @ K.T)).sum(-1)
+    power = (motor_tau * (true_of_six.qd @ K.T)).sum(-1)
     assert np.abs((measured.tau * measured.qd).sum(-1) - power).max() < 1e-13 * np.abs(power).max()
     assert measured.findings == ()
 
@@ -807,13 +818,13 @@ def test_gears_that_are_none_are_refused(options, text):
 # Sources and arguments
 
 
-def test_a_simulated_motion_and_its_file_are_the_same_record(scene, tmp_path):
+def test_a_simulated_motion_and_its_file_are_the_same_record(scene_of_six, tmp_path):
     t = np.arange(61) / 100
-    motion = rne.simulate(scene, [0.3] * 6, [0] * 6, 0.6, torque=[1, 2, 3, 1, 1, 1], t_eval=t)
+    motion = rne.simulate(scene_of_six, [0.3] * 6, [0] * 6, 0.6, torque=[1, 2, 3, 1, 1, 1], t_eval=t)
     measured = Record.from_trajectory(motion, 100)
-    assert measured.joint_names == scene.robot.joint_names
+    assert measured.joint_names == scene_of_six.robot.joint_names
     file = motion.to_csv(tmp_path / "motion.csv")
-    read = Record.from_csv(file, scene.robot.joint_names)
+    read = Record.from_csv(file, scene_of_six.robot.joint_names)
     assert read.name == "motion.csv"
     for name in ("t", "q", "qd", "tau"):
         assert np.allclose(getattr(read, name), getattr(measured, name), rtol=0, atol=1e-12)
@@ -892,8 +903,8 @@ def test_arguments_are_checked(arguments, options, text):
         Record(*arguments, **options)
 
 
-def test_what_cannot_be_prepared_says_why(true):
-    measured = Record(*measure(true))
+def test_what_cannot_be_prepared_says_why(true_of_six):
+    measured = Record(*measure(true_of_six))
     for options, text in (
         ({"cutoff": 200.0}, "`cutoff` must be at most 100 Hz, a fifth of the sample rate, got 200"),
         ({"cutoff": -1.0}, "`cutoff` must be positive, got -1.0"),
@@ -904,10 +915,10 @@ def test_what_cannot_be_prepared_says_why(true):
         measured.prepare(cutoff=0.2)
     constant_rate = np.arange(4000)[:, None] / 1024 * np.ones(6)
     with exactly("record: the positions show no motion above their noise; give `cutoff` [Hz]"):
-        Record(true.t, constant_rate, true.tau).prepare()
+        Record(true_of_six.t, constant_rate, true_of_six.tau).prepare()
     prepared = measured.prepare(cutoff=5.0)
     with exactly(f"`columns` must have {len(prepared.t)} rows, one for each time of the grid, got (4000, 6)"):
-        prepared.reduce(true.tau)
+        prepared.reduce(true_of_six.tau)
     with pytest.raises(ValueError, match="`columns` must be finite"):
         prepared.reduce(np.full(len(prepared.t), np.nan))
 
@@ -988,5 +999,5 @@ def test_samples_lost_from_a_log_that_counts_them_on_are_found():
     assert np.isin(finding.samples, np.flatnonzero(np.diff(np.flatnonzero(kept)) > 1)).all()
     assert len(finding.samples) > 20  # where the arm hardly moves there is no jump
     assert "most positions jump at once" in str(finding)
-    assert (rne.identify(robot, record, consistent=False).held_out < 0.01).all()
+    assert (rne.identify(robot, record, consistent=False, causes=False).held_out < 0.01).all()
     assert not any("noise of the position" in str(found) for found in record.findings)

@@ -9,10 +9,10 @@ import pytest
 
 import rne
 from rne.identification import Record, thresholds
-from rne.identification.fit.equations import solve
+from rne.identification.fit.equations import build_regression, solve
 from rne.identification.fit.least_squares import least_squares
 from rne.identification.payload import body_of, doubts, possible_load, unknown_parts
-from rne.identification.record_sets import KINDS, eliminated, load_map, record_sets, spreads
+from rne.identification.record_sets import KINDS, RecordSets, eliminated, load_map, of_one_set, record_sets, spreads
 from rne.model.standard_parameters import StandardParameters
 
 from .faulty_logs import SCARA
@@ -116,6 +116,12 @@ def found(robot, measured):
     return rne.identify_payload(robot, *measured)
 
 
+@pytest.fixture
+def no_causes(monkeypatch):
+    """Reports without a search for causes, which takes longer than a fit."""
+    monkeypatch.setattr(RecordSets, "causes", ())
+
+
 def test_without_noise_the_load_is_found(arm):
     records = logs(arm, LOAD, noise=0.0, rate=250.0, friction=(0.0, 0.0))
     found = rne.identify_payload(arm, *records, link="tool0", drives=rne.DriveModel())
@@ -173,7 +179,7 @@ def test_a_scene_takes_what_was_found(robot, found):
 
 
 def test_an_identification_is_the_side_without_load(arm, three, load_of_three):
-    found, of_robot = load_of_three, rne.identify(arm, three[0], consistent=False)
+    found, of_robot = load_of_three, rne.identify(arm, three[0], consistent=False, causes=False)
     same = rne.identify_payload(of_robot, None, three[1], link="tool0")
     np.testing.assert_allclose(same.estimate.values, found.estimate.values, rtol=1e-6, atol=1e-9)
     assert same.mass_error == pytest.approx(found.mass_error, rel=1e-6)
@@ -431,12 +437,13 @@ def test_exchanged_records_are_named(arm, three):
     assert free.notes[0].startswith("least squares give a mass of -")
 
 
-def test_records_of_named_joints_may_have_others_and_another_order(arm, three, load_of_three):
+def test_records_of_named_joints_may_have_others_and_another_order(arm, three, load_of_three, no_causes):
     """As for `rne.identify`; joints that they lack are locked."""
     order, names = [2, 0, 1], np.array(arm.joint_names)
     turned = [Record(r.t, r.q[:, order], r.tau[:, order], joint_names=names[order].tolist()) for r in three]
     assert rne.identify_payload(arm, *turned, link="tool0").mass == pytest.approx(load_of_three.mass, rel=1e-9)
-    alone = rne.identify(arm, turned[0], drives=rne.DriveModel(friction="viscous+coulomb"), consistent=False)
+    drives = rne.DriveModel(friction="viscous+coulomb")
+    alone = rne.identify(arm, turned[0], drives=drives, consistent=False, causes=False)
     assert rne.identify_payload(alone, None, turned[1], link="tool0").mass == pytest.approx(LOAD.mass, rel=0.02)
     panda = loaded("panda_description/panda").locked({f"panda_joint{k}": 0.3 for k in (1, 3, 5, 7)})
     arm, load = panda.locked({"panda_finger_joint1": 0.0}), rne.Payload(2.0, (0, 0, 0.1), link="panda_hand")
@@ -483,7 +490,8 @@ def test_wrong_arguments_are_refused(robot, measured):
         (TypeError, "`robot` must be an rne.Robot, got str", lambda: rne.identify_payload("arm", without, with_load)),
         (
             ValueError,
-            "`with_load` must be of 6 joints, as the robot, got one of 5",
+            "`with_load` must be of the joints ['joint_1', 'joint_2', 'joint_3', 'joint_4', 'joint_5', 'joint_6'], "
+            "'record' has 5 joints without names: give the names of ",
             lambda: calls(robot, without, planar),
         ),
         (ValueError, "`without` must have a record without the load", lambda: calls(robot, None, with_load)),
@@ -545,7 +553,7 @@ def test_gains_are_within_three_standard_errors_and_two_percent(request, robot, 
     assert (np.abs(found.gains - true) < np.minimum(3 * found.errors, 0.02 * true)).all()
 
 
-def test_gains_follow_the_load_and_the_unit(arm, currents, gains):
+def test_gains_follow_the_load_and_the_unit(arm, currents, gains, no_causes):
     """i = tau / g: twice the load, twice the gains; another unit of a joint, another gain."""
     assert gains.report().startswith("gains of 3 of 3 joints, known to 0.")
     heavy = rne.Payload(2 * LOAD.mass, LOAD.com, 2 * LOAD.inertia, LOAD.link)
@@ -597,7 +605,7 @@ def test_noise_of_the_currents_does_not_draw_gains_to_zero(robot):
     assert np.mean(np.abs(z) < 3) > 0.9
 
 
-def test_a_joint_that_the_load_does_not_act_on_has_no_gain(robot):
+def test_a_joint_that_the_load_does_not_act_on_has_no_gain(robot, no_causes):
     """A point mass on the axis of joint 6."""
     arm, load = robot.locked({f"joint_{k}": 0.3 for k in (1, 3, 4)}), rne.Payload(3.0, (0.0, 0.0, 0.05), link="tool0")
     found = rne.identify_drive_gains(arm, *logs(arm, load, units=3.0, friction=(2.0, 1.5)), load)
@@ -669,10 +677,22 @@ def test_negative_gains_are_refused_with_what_may_cause_them(arm, currents):
 @pytest.mark.parametrize("call", [rne.identify_payload, rne.identify_drive_gains])
 def test_a_record_of_both_sets_is_refused(robot, measured, call):
     more = () if call is rne.identify_payload else (3.0,)
-    text = "^`with_load` has a record that `without` has too, 'record': one is the wrong file$"
+    text = "^`with_load` has a record that the others have too, 'record': a wrong file$"
     copied = Record(measured[0].t, measured[0].q, measured[0].tau)
     with pytest.raises(ValueError, match=text):
         call(robot, measured[0], [measured[1], copied], *more)
+
+
+@pytest.mark.parametrize("cutoff", [5.0, 8.0])
+def test_a_record_of_both_sets_is_seen_with_another_delay_and_cutoff(arm, three, cutoff):
+    """Records were found late by 0 and 6 ms, the next ones are taken to be late by their mean."""
+    base, late = arm.base_parameters(), np.outer([0.0, 0.006], np.ones(arm.n))
+    first = build_regression(arm, three, base, None, 5.0, 2, late)
+    sets = of_one_set(arm, base, first)
+    for k, record in enumerate(three):
+        with pytest.raises(ValueError, match=f"^`with_load` has a record that the others have too, 'run {k}': a wrong"):
+            sets.with_records(Record(record.t, record.q, record.tau, name=f"run {k}"), cutoff)
+    assert len(sets.with_records(Record(three[0].t, three[0].q, 1.001 * three[0].tau), cutoff).data) == 2
 
 
 def test_gains_of_a_mass_alone_need_no_frame():
@@ -683,11 +703,12 @@ def test_gains_of_a_mass_alone_need_no_frame():
 
 
 def test_a_load_far_from_its_place_is_refused_with_a_cure(robot):
-    records = logs(robot, LOAD, units=GAINS, rate=100.0)
+    arm = robot.locked({"joint_1": 0.3})
+    records = logs(arm, LOAD, units=GAINS[1:], rate=100.0, friction=(VISCOUS[1:], COULOMB[1:]))
     with pytest.raises(
         rne.IdentificationError, match=r"does not settle: are its centre, inertia and link right\? Give"
     ):
-        rne.identify_drive_gains(robot, *records, LOAD._replace(com=[-0.04, 0.03, -0.08]))
+        rne.identify_drive_gains(arm, *records, LOAD._replace(com=[-0.04, 0.03, -0.08]))
 
 
 @pytest.mark.parametrize("mass", [0.0, -3.0])
@@ -820,7 +841,7 @@ def test_what_else_differs_with_the_load_is_named(robot, what):
     assert re.match(text, first.text), first.text
 
 
-def test_what_a_load_on_a_scara_does_not_tell(tmp_path):
+def test_what_a_load_on_a_scara_does_not_tell(tmp_path, no_causes):
     """All joints are along gravity: neither the height of the centre nor moments about horizontal axes are felt."""
     (tmp_path / "scara.urdf").write_text(SCARA)
     arm = rne.load(tmp_path / "scara.urdf")
@@ -844,7 +865,7 @@ def test_directions_that_are_not_told_have_names():
     assert unknown_parts(np.diag([1e6] + [0.0] * 10), 3.0, down) == ("its centre", "its inertia")
 
 
-def test_errors_held_out_are_those_of_the_load_and_the_parameters_alone(arm):
+def test_errors_held_out_are_those_of_the_load_and_the_parameters_alone(arm, no_causes):
     """Friction that changed is in the errors with the load, beside which those without it are small."""
     found = rne.identify_payload(arm, *faulty(arm, LOAD, Faults.warmer), link="tool0")
     errors, torques = found.held_out_rms[1]
@@ -858,7 +879,7 @@ def test_errors_held_out_are_those_of_the_load_and_the_parameters_alone(arm):
     assert [float(x) for x in row.split()[2:4]] == pytest.approx([100 * found.held_out[1], errors[1]], rel=0.01)
 
 
-def test_torques_are_compared_with_those_of_the_robot_given(arm, three):
+def test_torques_are_compared_with_those_of_the_robot_given(arm, three, no_causes):
     louder = [Record(r.t, r.q, 1.1 * r.tau, joint_names=arm.joint_names) for r in three]
     found = rne.identify_payload(arm, *louder, link="tool0")
     note = "torques of the bodies without the load are 1.1 times those of the robot given: if its masses are right, the load"
@@ -881,7 +902,7 @@ def test_the_record_that_the_arm_was_identified_from_has_no_load(arm, three, gai
     alone = rne.identify(
         arm, three[0], drives=rne.DriveModel(friction="viscous+coulomb"), consistent=False, causes=False
     )
-    text = "^`with_load` has a record that the others have too: one is the wrong file$"
+    text = "^`with_load` has a record that the others have too, 'record': a wrong file$"
     for known, record in ((alone, three[0]), (gains, currents[1])):
         with pytest.raises(ValueError, match=text):
             rne.identify_payload(known, None, record, link="tool0")

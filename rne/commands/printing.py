@@ -105,25 +105,28 @@ def add_compare(commands: Any) -> None:
     add_robot(parser)
     other = "another robot, of as many joints for torques to be compared; payload and locked joints are of ROBOT alone"
     parser.add_argument("other", metavar="OTHER", help=other)
-    least = "differences below this part of a joint's torques are rounding (default: 1e-8)"
-    parser.add_argument("--tolerance", metavar="PART", type=number, default=1e-8, help=least)
+    least = "differences below this part of a joint's torques are rounding (default: that of rne.compare_models)"
+    parser.add_argument("--tolerance", metavar="PART", type=number, help=least)
 
 
 def run_compare(arguments: argparse.Namespace) -> int:
     """Print the differences; 1 if there are any."""
     import rne
 
+    from ..identification import thresholds
+
+    tolerance = thresholds.TOLERANCE if arguments.tolerance is None else arguments.tolerance
     names = arguments.robot, arguments.other
     alone = dict.fromkeys(("payload", "payload_com", "payload_inertia", "payload_link", "locked"))
     second = argparse.Namespace(**vars(arguments) | alone | {"robot": arguments.other})
     one, other = robot_of(arguments), robot_of(second)
-    lines = list(_differences(one.model, other.model, names, arguments.tolerance))
+    lines = list(_differences(one.model, other.model, names, tolerance))
     print("\n".join(lines or ["joints: the same, with the same limits, bodies and frames"]), flush=True)
     if one.n != other.n:
         print(f"torques: not compared, {names[0]} has {counted(one.n, 'joint')}, {names[1]} {other.n}")
         return 1
     try:
-        found = rne.compare_models(one, other, tolerance=arguments.tolerance)
+        found = rne.compare_models(one, other, tolerance=tolerance)
     except ValueError as error:
         raise CommandError(in_one_line(error)) from None
     print(f"torques of {names[1]} beside those of {names[0]}, and the likely cause by torques alone")

@@ -148,6 +148,30 @@ def control_regressor(model: Model, q: Array, qd: Array, qdr: Array, qddr: Array
     return _control_regressor(model, q, qd, qdr, qddr)
 
 
+def gravity_torques(model: Model, q: Array, bodies: Array) -> Array:
+    """Joint torques per unit of each component of gravity, in the root link's axes, of k sets of bodies.
+
+    Of inertial parameters `bodies`, shape (10 nb, k); shape (..., n, 3, k). From the first moments of what each joint
+    carries, about the root link's origin: the torque in gravity g is g . (r x s), that along an axis t is -g . t.
+    """
+    R0, p0 = body_poses(model, q)
+    own = bodies.reshape(model.nb, PARAMETERS, -1)
+    mass, moment = [x[0] for x in own], [R0[i] @ x[1:4] for i, x in enumerate(own)]
+    tau = zeros((*q.shape[:-1], model.nb, 3, bodies.shape[1]), like=q)
+    for i in reversed(range(model.nb)):
+        o = p0[i] + rotate(R0[i], model.joint_origin[i])
+        moment[i] = moment[i] + o[..., None] * own[i, 0]
+        s, t = (rotate(R0[i], axis[i]) for axis in (model.angular_axis, model.linear_axis))
+        about = moment[i] - p0[i][..., None] * mass[i]
+        tau[..., i, :, :] = -(cross_matrix(s) @ about) - t[..., None] * mass[i]
+        if (j := model.parent[i]) != BASE:
+            moment[j], mass[j] = moment[j] + moment[i], mass[j] + mass[i]
+    if not model.has_mimics:
+        return tau
+    G = coordinate_map(model, q)
+    return (transpose(G) @ tau.reshape(*tau.shape[:-2], -1)).reshape(*q.shape, *tau.shape[-2:])
+
+
 @quantity()
 def kinetic_energy_regressor(model: Model, q: Array, qd: Array) -> Array:
     """The row y of T = y pi: kinetic energy per unit of each inertial parameter, that of `armature` apart.

@@ -83,11 +83,8 @@ class DriveGains(SetsResult):
 
     def _reasons(self) -> list[str]:
         share = self.errors / np.abs(self.gains)
-        wide = [
-            f"{name} to {100 * x:.2g} %"
-            for name, x in zip(self.joint_names, share, strict=True)
-            if x > thresholds.DOUBTFUL
-        ]
+        named = zip(self.joint_names, share, strict=True)
+        wide = [f"{name} to {100 * x:.2g} %" for name, x in named if x > thresholds.DOUBTFUL]
         return [f"gains are known poorly: {listed(wide)}"] if wide else []
 
     def __repr__(self) -> str:
@@ -144,18 +141,24 @@ def identify_drive_gains(
 
     Raises
     ------
+    TypeError
+        If `robot`, a record or `drives` is of another type.
     ValueError
-        If a record is of other joints or in both sets, there are fewer equations than parameters, the mass is not
-        positive, or the load is on no joint.
+        If a record is of other joints or in both sets, has errors among its findings, or moves no joint; there are
+        fewer equations than parameters; `without` or `drives` is missing or given twice; `drives` have friction under
+        load; the Identification has instruments; the mass is not positive; the load is on no joint; or numbers are so
+        large that the equations overflow (NotFiniteError).
     IdentificationError
-        If the load tells the gain of no joint, a gain is negative, or the currents contradict the load as given: an
-        estimate of its centre and inertia changes a gain by more than 10 % and four standard errors.
+        If the load tells the gain of no joint, a gain is negative, the fit does not settle, or the currents contradict
+        the load as given: an estimate of its centre and inertia changes a gain by more than 10 % and four standard
+        errors.
 
     Warns
     -----
     IdentificationWarning
-        If a gain is known to no better than 5 %, or more than 30 % of a joint's torque in motion is not explained:
-        `DriveGains.doubt`.
+        If records that name their joints lack some of the robot's, which are taken as locked; and with
+        `DriveGains.doubt`, its text: if a gain is known to no better than 5 %, or more than 30 % of a joint's torque
+        in motion is not explained.
 
     Notes
     -----
@@ -245,10 +248,8 @@ def change_by_another_load(weighed: RecordSets, mass: float, com: Array, gains: 
     except IdentificationError:  # these motions cannot tell
         return np.zeros(len(gains))
     change, errors = np.abs(np.nan_to_num(gains - other)), np.nan_to_num(errors)
-    wrong = np.flatnonzero(
-        (change > thresholds.BEYOND_DOUBT * errors) & (change > thresholds.CONTRADICTED * np.abs(np.nan_to_num(other)))
-    )
-    if len(wrong):
+    least = np.maximum(thresholds.BEYOND_DOUBT * errors, thresholds.CONTRADICTED * np.abs(np.nan_to_num(other)))
+    if len(wrong := np.flatnonzero(change > least)):
         found = listed([f"{names[j]} {gains[j]:.3g}, not {other[j]:.3g} (+- {errors[j]:.2g})" for j in wrong])
         centre = fit.estimate.values[K : K + 3] / mass
         raise IdentificationError(
@@ -266,15 +267,11 @@ def of_all_joints(sets: RecordSets) -> tuple[Array, Array, SetsFit]:
         scaled = sets.in_torques(gains)
         step = least_squares(scaled.assembled(scaled.plain, states))
         change, told = step.values[first:], step.errors[first:] * thresholds.BEYOND_DOUBT < 1
-        if (
-            k < thresholds.GAIN_TRIALS and np.abs(change[told]).max(initial=0) > thresholds.GAINS_SETTLED
-        ):  # the first steps may lead through poor gains
+        settled = np.abs(change[told]).max(initial=0) <= thresholds.GAINS_SETTLED
+        if k < thresholds.GAIN_TRIALS and not settled:  # the first steps may lead through poor gains
             told = np.isfinite(gains)
-        gains = np.where(
-            told,
-            gains / np.where(np.abs(1 + change) < 1 / thresholds.GAIN_GROWTH, 1 / thresholds.GAIN_GROWTH, 1 + change),
-            np.nan,
-        )
+        factor, least = 1 + change, 1 / thresholds.GAIN_GROWTH
+        gains = np.where(told, gains / np.where(np.abs(factor) < least, least, factor), np.nan)
         states = sets.states(step.values)
         if told.any() and np.abs(change[told]).max() > thresholds.GAINS_SETTLED:
             continue

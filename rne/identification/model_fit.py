@@ -33,6 +33,7 @@ from .diagnosis.hypotheses import (
     derivative_by,
     hypotheses_argument,
     likely_causes,
+    linear_causes,
     merged_by_kind,
     refine,
 )
@@ -142,18 +143,25 @@ def identify(
 
     Raises
     ------
+    TypeError
+        If `robot`, `records`, `drives`, `prior`, `hypotheses` or `instruments` are of another type.
     ValueError
-        If an argument does not fit the robot, or there are fewer equations than parameters.
+        If an argument has a wrong value or shape, or excludes another; records lack joints and have others that the
+        robot does not know, or have errors among their findings; no joint moves; there are fewer equations than
+        parameters; `instruments` do not resemble the measured motion; joints of the robot are coupled (ModelError); or
+        numbers are so large that the equations overflow (NotFiniteError).
     IdentificationError
-        If the consistent fit does not succeed.
+        If `prior` is "geometry" and the torques ask for bodies of negative mass.
     ImportError
         If Clarabel is not installed and `consistent` is true.
 
     Warns
     -----
     IdentificationWarning
-        If more than 30 % of a joint's torque in motion is not explained, if one change of the robot, the log or the
-        drives explains the residuals better, or if a rotor or friction comes out impossible: `Identification.doubt`.
+        If records that name their joints lack some of the robot's, which are taken as locked at zero, or at the end of
+        their range next to it; and with `Identification.doubt`, its text: if more than 30 % of a joint's torque in
+        motion is not explained, one change of the robot, the log or the drives explains the residuals better, the
+        motion excites too little, no possible bodies are found, or a rotor, friction or spring comes out impossible.
 
     Notes
     -----
@@ -218,10 +226,8 @@ def identify(
         estimate = estimate._with_covariance(estimate.covariance + rest.covariance_of(columns))
     lower, drift_error = data.at_lower_cutoff(base, estimate.sigma * np.sqrt(correlation_time))
     if std != stds[0]:
-        notes += (
-            f"prior_std {std:g}: with a larger one, torques that are not explained ask for one body of a mass "
-            "above the guess of all",
-        )
+        why = "with a larger one, torques that are not explained ask for one body of a mass above the guess of all"
+        notes += (f"prior_std {std:g}: {why}",)
     matched += (FROM_INSTRUMENTS,) * (bool(motions) and cutoff is None)
     period = max(1 / record.sample_rate for record in data.prepared)
     is_early = not motions and any(c.kind == "delay" and c.value < -period for c in modelled)
@@ -276,9 +282,10 @@ def fit_with_delays(
             moved = [along(record, motion) for record, motion in motions]
             found = delays_by_instruments(rest, moved) if moved else delays_of(rest.beyond_friction)
         if not found and data.Z is None:
-            causes, leading = likely_causes(rest, hypotheses)
-            if leading is not None and not is_last and delay is None:  # which may hide a delay
-                found = delays_of(rest.beyond_friction.with_known(leading))
+            linear = linear_causes(rest, hypotheses)
+            if linear.leading is not None and not is_last and delay is None:  # which may hide a delay
+                found = delays_of(rest.beyond_friction.with_known(linear.leading))
+            causes = () if found else likely_causes(rest, hypotheses, linear)
         for cause in found:
             of_record = np.isnan(cause.at) | (np.arange(len(delays)) == cause.at)
             delays = delays + cause.value * np.outer(of_record, np.isin(robot.joint_names, cause.joints))
@@ -386,8 +393,21 @@ def motions_of(given: Any, records: Sequence[Record]) -> tuple[Motion, ...]:
             q = real_array(f"instruments[{k}]", motion, f"({len(record.t)}, {record.n})")[rows]
             spline = CubicSpline(t, q)
             motion = partial(lambda s, t: (s(t), s(t, 1), s(t, 2)), spline)
-        motions.append(motion)
+        motions.append(evaluated_once(motion))
     return tuple(motions)
+
+
+def evaluated_once(motion: Motion) -> Motion:
+    """The motion, which is not evaluated again at the same times, as each round of a fit asks for."""
+    found: dict[bytes, tuple[Array, Array, Array]] = {}
+
+    def at(t: Array) -> tuple[Array, Array, Array]:
+        times = np.asarray(t).tobytes()
+        if times not in found:
+            found[times] = motion(t)
+        return found[times]
+
+    return at
 
 
 def cutoff_of_instruments(records: Sequence[Record], motions: Sequence[Motion]) -> float:
@@ -487,7 +507,5 @@ def prior_bodies(known: Robot | str, standard: StandardParameters, fitted: Equat
 
 def plausible(parameters: Array, guess: Array, fitted: Equations) -> bool:
     """False if torques that are not explained make one body heavier than all together are guessed to be."""
-    masses = parameters[: PARAMETERS * len(guess) : PARAMETERS]
-    return bool(
-        (fitted.shares(parameters) <= thresholds.EXPLAINED).all() or masses.max(initial=0) <= guess[:, 3, 3].sum()
-    )
+    heaviest = parameters[: PARAMETERS * len(guess) : PARAMETERS].max(initial=0)
+    return bool(heaviest <= guess[:, 3, 3].sum() or (fitted.shares(parameters) <= thresholds.EXPLAINED).all())

@@ -171,18 +171,24 @@ def identify_payload(
 
     Raises
     ------
+    TypeError
+        If `robot`, a record or `drives` is of another type.
     ValueError
-        If a record is of other joints or in both sets, or there are fewer equations than parameters.
+        If a record is of other joints or in both sets, has errors among its findings, or moves no joint; there are
+        fewer equations than parameters; `without` or `drives` is missing or given twice; `drives` have friction under
+        load; the Identification has instruments; `link` is not one of the robot's, or does not move; or numbers are so
+        large that the equations overflow (NotFiniteError).
     IdentificationError
-        If the motions do not tell the mass, or it is negative beyond doubt.
+        If the motions do not tell the mass, it is negative beyond doubt, or no possible load fits.
     ImportError
         If the physically consistent load is needed and Clarabel is not installed.
 
     Warns
     -----
     IdentificationWarning
-        If the mass is known to no better than 5 %, or more than 30 % of a joint's torque in motion is not explained:
-        `PayloadEstimate.doubt`.
+        If records that name their joints lack some of the robot's, which are taken as locked; and with
+        `PayloadEstimate.doubt`, its text: if the mass is known to no better than 5 %, or more than 30 % of a joint's
+        torque in motion is not explained.
 
     Notes
     -----

@@ -25,7 +25,7 @@ from ..model.standard_parameters import MEASURED, DriveModel, StandardParameters
 from ..robot import Robot, robot_argument
 from . import thresholds
 from .diagnosis.hypotheses import GEARS, Cause, changes_with_load, likely_causes, merged_by_kind
-from .diagnosis.residuals import TINY, FitResiduals, by_joint
+from .diagnosis.residuals import FitResiduals, by_joint
 from .diagnosis.rigid_body_test import percent
 from .fit.equations import (
     Equations,
@@ -33,6 +33,7 @@ from .fit.equations import (
     blocks_of_time,
     build_regression,
     checked_records,
+    delayed,
     equations,
     joined,
     of_named_joints,
@@ -41,6 +42,7 @@ from .fit.equations import (
     with_prior,
 )
 from .fit.least_squares import LeastSquares, believed_noise, least_squares
+from .log.prepared import Prepared
 from .log.record import Record
 from .result import Identification, likely_text, unexplained_text
 
@@ -99,9 +101,10 @@ class RecordSets:
         given = checked_records(self.robot, given, "with_load")
         late = self.data[-1].delays.mean(0)
         data = build_regression(self.robot, given, self.base, None, cutoff, FEWEST_FOLDS, late)
-        for one, other in product(data.prepared, (x for part in self.data for x in part.prepared)):
-            if np.array_equal(one.t, other.t) and np.array_equal(one.tau, other.tau, equal_nan=True):
-                raise ValueError("`with_load` has a record that the others have too: one is the wrong file")
+        others = [pair for part in self.data for pair in zip(part.prepared, part.delays, strict=True)]
+        for record, (other, delays) in product(given, others):
+            if is_that_of(record, other, delays):
+                raise ValueError(f"`with_load` has a record that the others have too, {record.name!r}: a wrong file")
         data = replace(data, notes=(*notes, *data.notes))
         S, known = (np.concatenate([x, np.zeros((1, *x.shape[1:]))]) for x in (self.S, self.known))
         return replace(self, data=(*self.data, data), S=S, known=known)
@@ -124,7 +127,7 @@ class RecordSets:
         told = {cause.kind: [c for c in found if c.kind == cause.kind] for cause in found}
         for data in self.data:
             estimate = least_squares(data.fitted.mapped(self.base.back))
-            causes = likely_causes(FitResiduals(self.robot, self.base, data, estimate.values, estimate.sigma))[0]
+            causes = likely_causes(FitResiduals(self.robot, self.base, data, estimate.values, estimate.sigma))
             found += [
                 x for x in causes if all(x.joints != c.joints and x.score > c.score for c in told.get(x.kind, ()))
             ]
@@ -133,17 +136,19 @@ class RecordSets:
     @property
     def changes(self) -> list[Cause]:
         """What else differs between the records with the last load and the others."""
-        estimate, data, last = least_squares(self.assembled(self.plain)), joined_data(self.data), len(self.data) - 1
+        estimate = least_squares(self.assembled(self.plain))
         loads = np.concatenate([self.S, self.known[..., None]], axis=-1)
         torques = np.concatenate([part.Y @ x for part, x in zip(self.data, loads, strict=True)])
-        of_set = np.repeat(np.arange(last + 1), [len(part.tau) for part in self.data])
-        common = estimate.sigma, np.ones(self.robot.n)
-        betas = [self.base.matrix @ x for x in self.states(estimate.values)]
-        rests = [FitResiduals(self.robot, self.base, data, beta, *common) for beta in betas]
-        curves = np.stack([rest.curves for rest in rests])[of_set, np.arange(len(of_set))]
-        known = np.concatenate([torques, by_joint(curves)], axis=-1)
-        body = int(loads[last].any(1).argmax()) // PARAMETERS
-        return changes_with_load(rests[last], known, (of_set == last)[:, None, None], body)
+        betas = self.states(estimate.values) @ self.base.matrix.T
+        one, data = np.ones(self.robot.n), joined_data(self.data)
+        rest = FitResiduals(self.robot, self.base, data, betas[-1], estimate.sigma, one)  # with the last load
+        sets = [(r, beta) for part, beta in zip(self.data, betas, strict=True) for r in part.prepared]
+        curves = [r.reduce(rest.friction_curves(r.q, r.qd, r.qdd, self.base.back @ beta)) for r, beta in sets]
+        of_law = np.concatenate(curves)[..., :-1]  # two loads would explain some of what differs
+        known = np.concatenate([torques, by_joint(of_law)], axis=-1)
+        loaded = np.arange(len(data.tau)) >= len(data.tau) - len(self.data[-1].tau)
+        body = int(loads[-1].any(1).argmax()) // PARAMETERS
+        return changes_with_load(rest, known, loaded[:, None, None], body)
 
     def in_torques(self, gains: Array) -> RecordSets:
         """The equations of measurements times gains; joints whose gain is NaN have none."""
@@ -181,7 +186,8 @@ class RecordSets:
         states = self.states(plain.values)
         X = self.random_errors(states, with_factors=at is None)
         blocks = [in_blocks(data, x, len(self.data)) for data, x in zip(self.data, X, strict=True)]
-        both = self.assembled(blocks, at)
+        of_blocks = self.assembled(blocks, at)
+        both = of_blocks.merged()
         c, sigma = np.zeros((n, len(kinds))), plain.sigma
         for _ in range(2):  # errors found are taken out of the noise
             noise = sigma * np.sqrt(self.correlation_time(states, X, c))
@@ -195,7 +201,7 @@ class RecordSets:
                 np.sqrt(both.residuals(solution.x) / freedom), thresholds.APART_FROM_OTHERS * plain.sigma
             )
         kept = np.r_[:K, K + m : len(solution.x)]
-        scatter, squares = jackknife(both, noise, K, spread)
+        scatter, squares = jackknife(of_blocks, noise, K, spread)
         estimate = replace(plain, values=solution.x[kept], errors=np.where(solution.free[kept], np.inf, 0), sigma=sigma)
         estimate = estimate._with_covariance(widened(solution.inverse[kept], scatter[kept]))
         factor = with_prior(both.weighted(believed_noise(both, noise)), K, 1 / spread)
@@ -219,11 +225,12 @@ class RecordSets:
 
         Torques are those of standard parameters of each set; factors are zero if not asked.
         """
-        bodies, X = PARAMETERS * self.robot.model.nb, []
+        groups, X = self.base.standard.groups, []
+        passed_on = np.r_[tuple(groups[name] for name in ("bodies", "Ia", "springs") if name in groups)]
         for i, (data, x) in enumerate(zip(self.data, states, strict=True)):
             v, sign = (np.concatenate([r.reduce(f(r.qd)) for r in data.prepared]) for f in (np.asarray, np.sign))
             passed = np.concatenate([np.linspace(-1, 1, len(record.times)) for record in data.prepared])
-            speed, one, load = np.abs(v), np.ones_like(v), np.abs(data.Y[..., :bodies] @ x[:bodies])
+            speed, one, load = np.abs(v), np.ones_like(v), np.abs(data.Y[..., passed_on] @ x[passed_on])
             terms = [data.Y @ x, load * sign, v * speed, np.sign(v) * np.sqrt(speed), speed]
             terms += [passed[:, None] * one]
             terms += [(i == k) * x for k in range(1, len(self.data)) for x in (terms[0], v, sign, one)]
@@ -253,7 +260,7 @@ class SetsResult(InNotebooks):
     def held_out(self) -> Array:
         """|predicted - measured| / |measured| of each joint in motion with the load, on blocks not fitted, (n,)."""
         errors, torques = self.held_out_rms[-1]
-        return np.asarray(errors / np.maximum(torques, TINY))
+        return np.asarray(errors / np.maximum(torques, thresholds.TINY))
 
     @property
     def causes(self) -> tuple[Cause, ...]:
@@ -281,10 +288,19 @@ class SetsResult(InNotebooks):
         columns = (*(f"{name} [%]" for name in of_sets), "load [N m or N]", "noise [N m or N]")
         rows, (errors, torques) = [Row("errors held out", columns, words=True)], np.moveaxis(self.held_out_rms, 1, 0)
         for j, name in enumerate(self.sets.robot.joint_names):
-            values = [f"{100 * x:.2f}" for x in errors[:, j] / np.maximum(torques[:, j], TINY)]
+            values = [f"{100 * x:.2f}" for x in errors[:, j] / np.maximum(torques[:, j], thresholds.TINY)]
             values += [f"{errors[-1, j]:.4g}", f"{self.estimate.sigma[j]:.4g}"]
             rows.append(Row(f"  {short(name)}", ["-"] * len(values) if np.isnan(errors[-1, j]) else values))
         return rows
+
+
+def is_that_of(record: Record, prepared: Prepared, delays: Array) -> bool:
+    """True if this record was prepared so, whatever the filter and the delays."""
+    rows = np.isin(record._screened.t, prepared.t)
+    if rows.sum() != len(prepared.t):
+        return False
+    again = delayed(replace(prepared, tau=record._screened.tau[rows]), delays)
+    return np.array_equal(again.tau, prepared.tau)
 
 
 def joined_data(parts: Sequence[RegressionData]) -> RegressionData:
@@ -307,7 +323,7 @@ def in_blocks(data: RegressionData, X: Array, sets: int) -> Equations:
 def widened(inverse: Array, scatter: Array) -> Array:
     """The covariance, with variances that are at least the scatter between blocks of time."""
     covariance = inverse @ inverse.T
-    wider = np.sqrt(np.maximum(scatter / np.maximum(np.diag(covariance), TINY), 1))
+    wider = np.sqrt(np.maximum(scatter / np.maximum(np.diag(covariance), thresholds.TINY), 1))
     return np.asarray(covariance * np.outer(wider, wider))
 
 
@@ -378,9 +394,6 @@ def record_sets(
     base = robot.base_parameters(drives=MEASURED if drives is None else drives)
     sets = {"without": named[: len(without)], "with_load": named[len(without) :]}
     given = {name: checked_records(robot, x, name) for name, x in sets.items()}
-    for one, other in product(*given.values()):
-        if all(np.array_equal(getattr(one, x), getattr(other, x), equal_nan=True) for x in ("t", "q", "tau")):
-            raise ValueError(f"`with_load` has a record that `without` has too, {one.name!r}: one is the wrong file")
     first = build_regression(robot, given["without"], base, None, cutoff, FEWEST_FOLDS)
     first = replace(first, notes=(*matched, *first.notes))
     return of_one_set(robot, base, first).with_records(given["with_load"], cutoff)

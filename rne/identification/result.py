@@ -154,12 +154,8 @@ class Identification(InNotebooks):
         elif self.data.Z is None:  # otherwise the noise of the positions is in what is left
             lines += unexplained_text(names, left)
         lines += likely_text(self.causes)
-        if (
-            not self.unexcited
-            and NOT_SOUGHT not in self.notes
-            and self.data.Z is None
-            and any(all(cause.removed[j] < thresholds.EXPLAINS for cause in self.causes) for j in poor)
-        ):
+        were_sought = not self.unexcited and NOT_SOUGHT not in self.notes and self.data.Z is None
+        if were_sought and any(all(cause.removed[j] < thresholds.EXPLAINS for cause in self.causes) for j in poor):
             lines.append(UNKNOWN)
         lines += [note for note in self.notes if note.startswith(NOT_CONSISTENT)]
         hint = [note for note in self.notes if impossible and note.endswith(WRONG_SIGN)]
@@ -168,9 +164,8 @@ class Identification(InNotebooks):
     @cached_property
     def unexcited(self) -> str:
         """A warning that the motion says too little: parts of the log are fitted but not predicted from the others."""
-        far = (self.unexplained.in_motion > thresholds.TOO_FAR) & (
-            self.equations.shares(self.parameters) < thresholds.UNEXPLAINED
-        )
+        are_fitted = self.equations.shares(self.parameters) < thresholds.UNEXPLAINED
+        far = are_fitted & (self.unexplained.in_motion > thresholds.TOO_FAR)
         if not far.any():
             return ""
         names = listed([name for name, is_far in zip(self.initial.joint_names, far, strict=True) if is_far])
@@ -404,7 +399,7 @@ class Identification(InNotebooks):
             x, unknown = solution.x, np.where(solution.free, np.inf, 0.0)
             found = replace(self.estimate, values=x, errors=unknown, covariance=np.zeros((len(kept), len(kept))))
             found = with_correlation(found, equations, self.correlation_time)
-            relative = found.errors / np.maximum(np.abs(x), np.finfo(float).tiny)
+            relative = found.errors / np.maximum(np.abs(x), thresholds.TINY)
             relative = relative[: len(kept) - (springs.stop - (springs.start or 0))]
             if relative.max(initial=0) <= limit:
                 break
@@ -424,10 +419,8 @@ class Identification(InNotebooks):
 
     def _check_consistent(self) -> None:
         """Refuse to make a robot or its friction from least squares that came out negative."""
-        of_drives_and_masses = [
-            name.split("_")[0] in ("m", "Ia", "Fv", "Fvb", "Fc", "Fl") for name in self.standard.names
-        ]
-        negative = [self.standard.names[k] for k in np.flatnonzero(of_drives_and_masses & (self.parameters < 0))]
+        symbols, values = ("m", "Ia", "Fv", "Fvb", "Fc", "Fl"), zip(self.standard.names, self.parameters, strict=True)
+        negative = [name for name, x in values if x < 0 and name.split("_")[0] in symbols]
         if negative and not self.consistent:
             raise IdentificationError(
                 f"least squares gave negative values of {listed(negative)}: {self._cure}; `estimate` has them as they "
@@ -510,9 +503,8 @@ class Identification(InNotebooks):
         """The drives as they are simulated: friction that was a step in the fit is smoothed as the logs have it."""
         if self.standard.smoothing:
             return self.standard
-        laws = [
-            replace(self.standard, drives=replace(self.standard.drives, smoothing=s)) for s in thresholds.SMOOTHINGS
-        ]
+        smoothed = [replace(self.standard.drives, smoothing=s) for s in thresholds.SMOOTHINGS]
+        laws = [replace(self.standard, drives=drives) for drives in smoothed]
         if "Fc" not in self.standard.terms:
             return laws[-1]
         bodies, left = PARAMETERS * self.initial.model.nb, np.zeros(len(laws))
@@ -545,8 +537,10 @@ class Identification(InNotebooks):
 
         Raises
         ------
+        TypeError
+            If `record` is of another type.
         ValueError
-            If the record has another number of joints, or cannot be filtered so.
+            If the record has other joints, errors among its findings, or cannot be filtered so.
         """
         if not isinstance(record, Record):
             raise TypeError(f"`record` must be an rne.identification.Record, got {type(record).__name__}")
@@ -609,7 +603,7 @@ class Identification(InNotebooks):
         """Coefficient of determination of each joint's torques in motion on held-out blocks, NaN without any, (n,)."""
         size, used = self.equations.rms_torques(), self.data.used
         mean = (self.data.tau * used).sum(0) / np.maximum(used.sum(0), 1)
-        variance = np.maximum(size**2 - mean**2, np.finfo(float).tiny)
+        variance = np.maximum(size**2 - mean**2, thresholds.TINY)
         return np.asarray(1 - (self.unexplained.in_motion * size) ** 2 / variance)
 
     @cached_property
@@ -712,7 +706,7 @@ def bias_text(found: Identification) -> list[str]:
     told = f"Durbin-Wu-Hausman p = {found.bias.probability:.2g}"
     if found.bias.probability > thresholds.BIASED:
         return [f"noise that is fed back does not bias least squares by more than chance ({told})"]
-    far = np.abs(found.bias.shift) / np.maximum(found.bias.errors, np.finfo(float).tiny)
+    far = np.abs(found.bias.shift) / np.maximum(found.bias.errors, thresholds.TINY)
     k = int(np.nanargmax(far))
     text = f"least squares is biased by noise that is fed back ({told}), by up to {far[k]:.2g} of its standard errors"
     return [f"{text} ({found.base.names[k]})" + ": use these estimates, by instrumental variables" * bool(far[k] > 1)]
@@ -749,16 +743,8 @@ def fitted_text(found: Identification) -> str:
 
 def joints_text(found: Identification) -> str:
     """Errors of each joint."""
-    columns = (
-        "held out: in motion",
-        "[N m or N]",
-        "R^2",
-        "at rest",
-        "fitted",
-        "noise [N m or N]",
-        "equations",
-        "independent",
-    )
+    columns = ["held out: in motion", "[N m or N]", "R^2", "at rest", "fitted"]
+    columns += ["noise [N m or N]", "equations", "independent"]
     rows, left = [Row("errors [%]", columns, words=True)], found.unexplained
     fitted = np.where(np.isnan(left.everywhere), np.nan, found.equations.shares(found.parameters))
     in_torque = left.in_motion * found.equations.rms_torques()
@@ -788,12 +774,9 @@ def causes_text(found: Identification) -> str:
     for j, (name, left) in enumerate(zip(found.initial.joint_names, found.unexplained.in_motion, strict=True)):
         if left > thresholds.EXPLAINED:
             own = [cause.text for cause in found.causes if cause.removed[j] > thresholds.EXPLAINS]
-            none = (
-                []
-                if NOT_SOUGHT in found.notes
-                else ["no single change of the log, the robot or the drives explains it"]
-            )
-            why = "".join(f": {text}" for text in (own or none)[:1])
+            if not own and NOT_SOUGHT not in found.notes:
+                own = ["no single change of the log, the robot or the drives explains it"]
+            why = "".join(f": {text}" for text in own[:1])
             lines.append(f"  {short(name)} {100 * left:.0f} % in motion{why}")
     lines = ["not explained", *lines] if lines else []
     if found.causes:
@@ -826,7 +809,7 @@ def parameters_text(found: Identification) -> str:
     joints = ", ".join(f"{k} {short(name)}" for k, name in enumerate(found.initial.model.moving_joints, 1))
     rows = [Row("base parameters", title, words=True)]
     for k, name in enumerate(found.base.names):
-        relative = 100 * e.errors[k] / max(abs(e.values[k]), np.finfo(float).tiny)
+        relative = 100 * e.errors[k] / max(abs(e.values[k]), thresholds.TINY)
         numbers = [found.drift[k], found.drift_error[k], *[found.values[k]] * found.consistent]
         cells = ["-" if np.isnan(x) else f"{x:.5f}" for x in numbers]
         share = f"{relative:.2g}" if relative < thresholds.UNKNOWN_VALUE else "-"
@@ -953,7 +936,7 @@ class Check(InNotebooks):
         """|predicted - measured| / |measured| of each joint, NaN without any, shape (n,)."""
         rows = np.maximum(self.valid.sum(0), 1)
         size = np.sqrt(((self.measured * self.valid) ** 2).sum(0) / rows)
-        return np.asarray(self.rms / np.maximum(size, np.finfo(float).tiny))
+        return np.asarray(self.rms / np.maximum(size, thresholds.TINY))
 
     @property
     def r_squared(self) -> Array:
@@ -961,7 +944,7 @@ class Check(InNotebooks):
         rows = np.where(self.valid.any(0), self.valid.sum(0), np.nan)
         mean = (self.measured * self.valid).sum(0) / rows
         variance = (((self.measured - mean) * self.valid) ** 2).sum(0) / rows
-        return np.asarray(1 - self.rms**2 / np.maximum(variance, np.finfo(float).tiny))
+        return np.asarray(1 - self.rms**2 / np.maximum(variance, thresholds.TINY))
 
     def report(self) -> str:
         """A table of the errors, joint by joint.

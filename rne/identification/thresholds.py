@@ -90,6 +90,7 @@ LEAST_NAMED = 0.2  # part of the robot's joints that a log must have: an arm of 
 # Fit: least squares ------------------------------------------------------------------------------------------------
 WEIGHTINGS, NOISE_SETTLED = 30, 1e-6  # rounds of weighting, and change of the noise at which they end: a few are taken
 FEWEST_FREE = 5  # degrees of freedom of a joint, from which its residual says what its noise is; statistics
+TINY = float(np.finfo(np.float64).tiny)  # divisor in place of zero; numerics
 EXACT = 1e-13  # of the torques: noise of measurements without any, rounding
 NOTHING = 1e-12  # length of a column, of the longest, that is rounding
 DEPENDENT = 1e-10  # singular values of columns of unit length, of the largest, that are rounding
@@ -126,9 +127,7 @@ EXPLAINS = 0.5  # part of a joint's squares that a cause takes away if it explai
 LITTLE = 0.05  # part of a joint's torque in motion: more of it, unexplained, is pointed at
 UNKNOWN_VALUE = 100.0  # per cent: a standard error as large as the value, from which it is not known
 MOVED = 3.0  # standard errors of a drift that is named; statistics
-GROWTH = (
-    1.2  # residuals of possible bodies over those of least squares that are named: signs, units or the prior are wrong
-)
+GROWTH = 1.2  # residuals of possible bodies over those of least squares that are named: signs, units or prior are wrong
 
 # Fit: loads and gains ----------------------------------------------------------------------------------------------
 DOUBTFUL = 0.05  # relative standard error of a mass or gain from which a warning tells it
@@ -151,9 +150,7 @@ CONTRADICTED = 0.1  # relative change of a gain by other parameters of the load,
 # Exciting motions --------------------------------------------------------------------------------------------------
 GRID, FINE = 16, 64  # times per period of the highest harmonic: of the optimiser's limits, of the final check
 TORQUE_MARGIN = 0.01  # of the limits, which the optimiser leaves for torques between its samples; EXCITATIONS
-OBSERVED = (
-    20  # samples per period of the highest harmonic that the criterion takes; EXCITATIONS: within 2 % of 1000 times
-)
+OBSERVED = 20  # samples per period of the highest harmonic that the criterion takes; EXCITATIONS: within 2 % of 1000
 SMOOTHINGS = (0.001, 0.003, 0.01)  # of Coulomb friction [rad/s or m/s]: drives differ by a decade
 SAMPLES = 2000  # of a record, by which one of them is chosen
 SMOOTHING_SPEED = 0.05  # of the smallest velocity limit: where Coulomb friction changes its sign

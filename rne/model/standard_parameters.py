@@ -226,9 +226,11 @@ class StandardParameters:
         """
         if "Fl" not in self.terms:
             return None
-        place = self.groups.get("Ia")
-        rotors = 0.0 if place is None else x[place] * qdd
-        return np.asarray(Y @ x[self.groups["bodies"]] + rotors + self.spring_torques(q, x))
+        return np.asarray(Y @ x[self.groups["bodies"]] + self.rotor_torques(qdd, x) + self.spring_torques(q, x))
+
+    def rotor_torques(self, qdd: Array, x: Array) -> Array:
+        """Torques of rotors without those of coupled motors, of standard parameters x, shape (..., n)."""
+        return np.asarray(x[self.groups["Ia"]] * qdd) if "Ia" in self.terms else np.zeros(qdd.shape)
 
     def drive_columns(self, qd: Array, qdd: Array, load: Array | None = None) -> Array:
         """Torques of the drives per unit of each parameter of theirs, behind those of the bodies, shape (..., n, k).

@@ -36,7 +36,7 @@ from .hypotheses import (
     text_of,
     zero_columns,
 )
-from .residuals import TINY, Discrepancy, Torques
+from .residuals import Discrepancy, Torques
 
 SEVERAL_BODIES = "several bodies"  # explains whatever other bodies do
 OTHER_BODIES = {"one body", "payload"}  # two of them are several bodies
@@ -105,7 +105,7 @@ class TorqueDifference(Discrepancy):
         self.q, self.qd, self.qdd = states
         self.states, self.tau, self.expected = states, tau, robot.inverse_dynamics(*states)
         size = np.sqrt((tau**2).mean(0)) + np.sqrt((self.expected**2).mean(0))
-        rounding = tolerance * np.maximum(size, max(thresholds.SMALLEST * size.max(initial=0), TINY))
+        rounding = tolerance * np.maximum(size, max(thresholds.SMALLEST * size.max(initial=0), thresholds.TINY))
         super().__init__(robot, rounding, np.ones(tau.shape, bool))
         self.difference, self.bodies = tau - self.expected, robot.parameters
         self.left, self.Q = self.weighted(self.difference), np.zeros((tau.size, 0))
@@ -140,7 +140,7 @@ class TorqueDifference(Discrepancy):
     def relative(self, torques: Array) -> Array:
         """|torques| / |tau| of each joint, shape (n,)."""
         size = np.linalg.norm(self.tau, axis=0)
-        least = max(thresholds.SMALLEST * size.max(initial=0), TINY)
+        least = max(thresholds.SMALLEST * size.max(initial=0), thresholds.TINY)
         with np.errstate(over="ignore"):  # infinite, where the other's torques are zero
             return np.asarray(np.linalg.norm(torques, axis=0) / np.maximum(size, least))
 
@@ -234,7 +234,7 @@ def vector_text(x: Array) -> str:
 def other_gravity(data: TorqueDifference) -> Iterator[Hypothesis]:
     """Sign, magnitude and direction of gravity."""
     g = data.robot.model.gravity
-    columns = np.concatenate([gravity_columns(data, e, data.bodies) for e in np.eye(3)], axis=-1)
+    columns = gravity_columns(data, data.bodies)[..., 0]
     own = columns @ g
     if g.any():
         yield switch("gravity sign", -2 * own, "gravity has the opposite sign")
@@ -421,7 +421,7 @@ def candidates(data: TorqueDifference, hypotheses: Sequence[Hypothesis]) -> list
         rest = left
         if known is not None:
             A = data.few.weighted(np.asarray(known.columns)[data.chosen])
-            Q = np.linalg.qr(A / np.maximum(np.linalg.norm(A, axis=0), TINY))[0]
+            Q = np.linalg.qr(A / np.maximum(np.linalg.norm(A, axis=0), thresholds.TINY))[0]
             rest = left - (left @ Q) @ Q.T
         above_rounding = np.maximum((rest**2).mean(1), 1.0)
         for k in np.lexsort(([alternatives for alternatives, _ in changes], above_rounding))[:number]:

@@ -20,15 +20,14 @@ import numpy as np
 
 from ...basics.spatial import Array
 from ...basics.text import listed
-from ...dynamics.regressors import regressor
-from ...model.model import Model
+from ...dynamics.regressors import gravity_torques
 from ...model.parameters import PARAMETERS
 from ...robot import Robot
 from .. import thresholds
 from ..fit.equations import in_space_of_instruments, solve, triangular
 from ..log.prepared import Prepared
 from ..log.screening import seconds
-from .residuals import TINY, Discrepancy, FitResiduals, Torques, by_joint, extended
+from .residuals import Discrepancy, FitResiduals, Torques, by_joint, extended
 
 LOGGER = logging.getLogger("rne")
 STRIBECK, SIZE, DIRECTION, GAIN = "Stribeck friction", "gravity magnitude", "gravity direction", "torque factor"
@@ -184,13 +183,13 @@ def columns_of(rest: Discrepancy, h: Hypothesis) -> Array:
     return rest.sampled(checked)
 
 
-def judge(rest: Discrepancy, h: Hypothesis, columns: Array | None = None) -> Cause:
-    """The cause with its score."""
-    c, error, left, _ = rest.with_columns(columns_of(rest, h) if columns is None else columns)
+def judge(rest: Discrepancy, h: Hypothesis, columns: Array, *, by_rank: bool = False) -> Cause:
+    """The cause with its score, by all of its numbers, or `by_rank` by those that are independent of what is known."""
+    c, error, left, rank = rest.with_columns(columns)
     size = (float(c[0]), float(error[0])) if len(c) == 1 else (float("nan"), float("nan"))
     kind = "pre-sliding friction" if h.kind == STRIBECK and c[0] < 0 else h.kind
     kind = "torque sign" if kind == GAIN and c[0] < -1 else kind
-    score = rest.gain(rest.by_joint(left)) - rest.penalty(len(c)) - float(np.log(h.alternatives))
+    score = rest.gain(rest.by_joint(left)) - rest.penalty(rank if by_rank else len(c)) - float(np.log(h.alternatives))
     return Cause(kind, h.joints, text_of(h, c), score, *size, h.at)
 
 
@@ -201,19 +200,21 @@ def hypotheses_argument(given: Any) -> tuple[Hypothesis, ...]:
     return tuple(given)
 
 
-def likely_causes(
-    rest: FitResiduals, hypotheses: Sequence[Hypothesis] | None = ()
-) -> tuple[tuple[Cause, ...], Array | None]:
-    """The best cause of each kind and joints that is evident and improves what was held out, the likeliest first.
+class LinearCauses(NamedTuple):
+    """Causes whose torques are linear in their numbers, as `linear_causes` finds them."""
 
-    Beside them the columns of the best linear hypothesis. Causes that explain what friction cannot come first. Without
-    `hypotheses`, only the friction of gears is looked for.
-    """
+    tried: int
+    evident: list[tuple[Cause, Trial | None]]
+    leading: Array | None  # columns of the best one, but for delays and friction of gears
+
+
+def linear_causes(rest: FitResiduals, hypotheses: Sequence[Hypothesis] | None) -> LinearCauses:
+    """Evident causes; without `hypotheses`, only the friction of gears is looked for."""
     found: list[tuple[Cause, Trial | None]] = []
     best_score, leading, linear = thresholds.EVIDENT, None, [(rest, h) for h in friction(rest)]
     if hypotheses is not None:
         beyond = rest.beyond_friction
-        kinds = (delays, other_gravity, joints, changing, payloads, slips, contacts)
+        kinds = (delays, other_gravity, joints, changing, payloads, contacts)
         linear += [(rest, h) for h in declined_drives(rest)] + [(beyond, h) for h in hypotheses]
         linear += [(beyond, h) for kind in kinds for h in kind(beyond)]
     for left, h in linear:
@@ -223,23 +224,36 @@ def likely_causes(
             found.append((cause, partial(of_columns, columns, h.kind in EVENTS)))
             if cause.kind not in GEARS and cause.score > best_score and h.kind != "delay":
                 best_score, leading = cause.score, columns
+    return LinearCauses(len(linear), found, leading)
+
+
+def likely_causes(
+    rest: FitResiduals, hypotheses: Sequence[Hypothesis] | None = (), linear: LinearCauses | None = None
+) -> tuple[Cause, ...]:
+    """The best cause of each kind and joints that is evident and improves what was held out, the likeliest first.
+
+    Causes that explain what friction cannot come first. Without `hypotheses`, only the friction of gears is looked for;
+    `linear` causes may be known.
+    """
+    tried_linear, evident, _ = linear_causes(rest, hypotheses) if linear is None else linear
+    found = list(evident)
     if hypotheses is not None:
-        found += [*torque_scale(rest), *gravity_directions(rest), *other_conventions(rest, beyond)]
+        found += [*torque_scale(rest), *gravity_directions(rest), *other_conventions(rest, rest.beyond_friction)]
     best: dict[tuple[str, tuple[str, ...]], tuple[Cause, Trial | None]] = {}
     for cause, trial in sorted(found, key=lambda pair: (pair[0].kind in GEARS, -pair[0].score)):
         if cause.score > thresholds.EVIDENT:
             best.setdefault((cause.kind, cause.joints), (cause, trial))
     tried = [with_effect(rest, cause, trial) for cause, trial in best.values()]
     causes = tuple(cause for cause in tried if cause is not None)
-    LOGGER.info("%d changes tried, %d evident, %d improve what is held out", len(linear), len(tried), len(causes))
-    return causes, leading
+    LOGGER.info("%d changes tried, %d evident, %d improve what is held out", tried_linear, len(tried), len(causes))
+    return causes
 
 
 def of_columns(columns: Array, is_event: bool, rest: FitResiduals) -> tuple[Array, ...]:
     """Errors held out without further columns and with them."""
     blocks = rest.short_blocks if is_event else rest.blocks
-    b = rest.weighted(rest.tau)
-    return tuple(rest.held_out(Q, b, blocks) for Q in (rest.Q, extended(rest.Q, rest.weighted(columns))))
+    Q = extended(rest.Q, rest.weighted(columns))
+    return rest.errors[is_event], rest.held_out(Q, rest.weighted(rest.tau), blocks)
 
 
 def with_effect(rest: FitResiduals, cause: Cause, trial: Trial | None) -> Cause | None:
@@ -255,7 +269,7 @@ def with_effect(rest: FitResiduals, cause: Cause, trial: Trial | None) -> Cause 
     if ratio.min() > least or gains.sum() < thresholds.EVIDENT or gains.min() < -thresholds.WORSE * gains.sum():
         return None
     shown, factor, words = (rest, told, "") if told.min() < least else (left, ratio, " beside friction of gears")
-    errors = 100 * shown.held_out(shown.Q, shown.weighted(shown.tau), shown.blocks)
+    errors = 100 * shown.errors[0]
     largest = [j for j in np.argsort(errors**2 * (factor**2 - 1)) if factor[j] < least][: thresholds.EFFECTS]
     effects = [f"{errors[j]:.3g} to {errors[j] * factor[j]:.3g} % on {rest.names[j]}{words}" for j in largest]
     text = f"{cause.text} ({MENDED_BY[cause.kind]})" if cause.kind in MENDED_BY else cause.text
@@ -380,21 +394,13 @@ def factors(rest: Discrepancy, torques: Array) -> Iterator[Hypothesis]:
     """Torques of single joints that are multiples of those of the model, shape (rows, n)."""
     columns = by_joint(torques[..., None])
     for j, name in enumerate(rest.names):
-        yield Hypothesis(
-            GAIN, columns[..., [j]], words("the torque of {} is measured {:.4g} times", name, start=1), (name,)
-        )
+        text = words("the torque of {} is measured {:.4g} times", name, start=1)
+        yield Hypothesis(GAIN, columns[..., [j]], text, (name,))
 
 
-def in_gravity(robot: Robot, gravity: Array) -> Robot:
-    """The robot in a given gravity, evaluated by NumPy: Numba would compile for longer than it saves."""
-    numeric = robot if robot.engine == "numpy" else Robot(robot.model, "numpy")
-    return numeric.with_model(replace(robot.model, gravity=gravity))
-
-
-def gravity_columns(rest: Discrepancy, gravity: Array, *bodies: Array) -> Array:
-    """Torques of several sets of bodies in a given gravity, one in each column."""
-    alone = in_gravity(rest.robot, gravity)
-    return rest.sampled(lambda q, qd, qdd: np.stack([alone.gravity_torque(q, parameters=pi) for pi in bodies], axis=-1))
+def gravity_columns(rest: Discrepancy, *bodies: Array) -> Array:
+    """Torques per unit of each component of gravity of several sets of bodies, shape (rows, n, 3, sets)."""
+    return rest.sampled(lambda q, qd, qdd: gravity_torques(rest.robot.model, q, np.stack(bodies, axis=-1)))
 
 
 def zero_columns(rest: Discrepancy, zero: Array | float = 0.0) -> Array:
@@ -431,14 +437,13 @@ def other_gravity(rest: FitResiduals) -> Iterator[Hypothesis]:
     The first body's centre may be felt in tilted gravity alone.
     """
     gravity, size = rest.robot.model.gravity, float(np.linalg.norm(rest.robot.model.gravity))
-    column = gravity_columns(rest, gravity, rest.bodies)
-    yield Hypothesis(SIZE, column, lambda c: size_text(1 + float(c[0])))
+    columns = gravity_columns(rest, rest.bodies, *np.eye(len(rest.bodies))[1:4])
+    yield Hypothesis(SIZE, columns[..., 0] @ gravity[:, None], lambda c: size_text(1 + float(c[0])))
     if size:
         given = gravity / size
         level = np.linalg.svd(given[None])[2][1:]  # two directions at right angles to gravity
-        kept = np.eye(len(rest.bodies))[1:4]
-        one, other = (gravity_columns(rest, size * e, rest.bodies, *kept) for e in level)
-        tilted = np.concatenate([one[..., :1], other[..., :1], one[..., 1:], other[..., 1:]], axis=-1)
+        pulls = size * level @ columns
+        tilted = np.concatenate([pulls[..., 0], pulls[..., 0, 1:], pulls[..., 1, 1:]], axis=-1)
         yield Hypothesis(DIRECTION, tilted, lambda c: direction_text(given + c[:2] @ level, given))
 
 
@@ -452,11 +457,14 @@ def delays(rest: FitResiduals) -> Iterator[Hypothesis]:
 
 
 def joints(rest: FitResiduals) -> Iterator[Hypothesis]:
-    """Zeros, gear ratios, springs and gains of torques."""
-    zeros, ratios = zero_columns(rest), ratio_columns(rest)
+    """Zeros, also from some time on, gear ratios, springs and gains of torques."""
+    zeros, ratios, times = zero_columns(rest), ratio_columns(rest), list(starts(rest))
     for j, name in enumerate(rest.names):
         zero = words("the zero of {} is off by {:.3g} {}", name, units(rest.robot, j)[0])
         yield Hypothesis("joint zero", zeros[..., [j]], zero, (name,))
+        for time, on in times:
+            text = words("the encoder of {} slips by {:.3g} {} near {}", name, units(rest.robot, j)[0], time)
+            yield Hypothesis("encoder slip", zeros[..., [j]] * on, text, (name,), alternatives=thresholds.PLACES)
         ratio = signed("the gear ratio given for {} is {:.3g} % too {}", "large", "small", name, scale=100)
         yield Hypothesis("gear ratio", ratios[..., [j]], ratio, (name,))
     yield from of_joints(rest, ["spring"])
@@ -494,7 +502,7 @@ def friction(rest: FitResiduals) -> Iterator[Hypothesis]:
         yield Hypothesis("friction under load", loads[..., [j]], text, (name,))
     for share in thresholds.STRIBECK_SPEEDS:
         vs = share * rest.fastest
-        columns = stribeck_columns(rest, np.maximum(vs, TINY))
+        columns = stribeck_columns(rest, np.maximum(vs, thresholds.TINY))
         for j in np.flatnonzero(vs).tolist():
             yield stribeck(rest, j, float(vs[j]), columns)
 
@@ -518,12 +526,13 @@ def refine(rest: FitResiduals, cause: Cause) -> Cause:
 
     j, middle = rest.names.index(cause.joints[0]), np.log(cause.at)
 
-    def judged(log: float) -> Cause:
+    def at(log: float) -> Cause:
         vs = float(np.exp(log))
-        return judge(rest, stribeck(rest, j, vs, stribeck_columns(rest, vs)))
+        columns = stribeck_columns(rest, vs)
+        return judge(rest, stribeck(rest, j, vs, columns), columns[..., [j]])
 
     bounds, options = (middle - 1, middle + 1), {"maxiter": 15}
-    return judged(minimize_scalar(lambda log: -judged(log).score, bounds=bounds, method="bounded", options=options).x)
+    return at(minimize_scalar(lambda log: -at(log).score, bounds=bounds, method="bounded", options=options).x)
 
 
 def derivative_by(rest: FitResiduals, cause: Cause) -> Array:
@@ -563,25 +572,15 @@ def starts(rest: FitResiduals) -> Iterator[tuple[str, Array]]:
 
 def payloads(rest: FitResiduals) -> Iterator[Hypothesis]:
     """Another last body from some time on; another of the others, if much is left."""
-    names, nb = rest.robot.model.moving_joints, rest.robot.model.nb
+    names, nb, times = rest.robot.model.moving_joints, rest.robot.model.nb, list(starts(rest))
     for i in range(nb) if rest.share > thresholds.SEEN else (nb - 1,):
         body = rest.Y[..., PARAMETERS * i : PARAMETERS * (i + 1)]
         text = "the payload changes by {1:.3g} kg near {0}"
         if i < nb - 1:  # whose mass alone need not be felt
             text = f"the load on the link behind {names[i]} changes near {{0}}"
-        for time, on in starts(rest):
-            yield Hypothesis(
-                LOAD, body * on, words(text, time), names[i : i + 1], alternatives=thresholds.PLACES * (nb - i)
-            )
-
-
-def slips(rest: FitResiduals) -> Iterator[Hypothesis]:
-    """Another zero of a joint from some time on."""
-    zeros, times = zero_columns(rest), list(starts(rest))
-    for j, name in enumerate(rest.names):
+        many = thresholds.PLACES * (nb - i)
         for time, on in times:
-            text = words("the encoder of {} slips by {:.3g} {} near {}", name, units(rest.robot, j)[0], time)
-            yield Hypothesis("encoder slip", zeros[..., [j]] * on, text, (name,), alternatives=thresholds.PLACES)
+            yield Hypothesis(LOAD, body * on, words(text, time), names[i : i + 1], alternatives=many)
 
 
 def contacts(rest: FitResiduals) -> Iterator[Hypothesis]:
@@ -589,18 +588,18 @@ def contacts(rest: FitResiduals) -> Iterator[Hypothesis]:
     model, place = rest.robot.model, progress(rest)
     link = [name for name, k in zip(model.link_names, model.link_body, strict=True) if k == model.nb - 1][-1]
     force = rest.sampled(lambda q, qd, qdd: np.swapaxes(rest.robot.jacobian(q, link)[..., 3:, :], -1, -2))
-    edges = np.quantile(place, np.linspace(0, 1, 2 * thresholds.PLACES + 1))
-    for a, width in (
-        (a, w) for a in range(2 * thresholds.PLACES) for w in thresholds.WIDTHS if a + w <= 2 * thresholds.PLACES
-    ):
-        begin, end = edges[a], edges[a + width]
+    count = 2 * thresholds.PLACES
+    edges = np.quantile(place, np.linspace(0, 1, count + 1))
+    times = [time_text(rest, edge) for edge in edges]
+    for a, width in ((a, w) for a in range(count) for w in thresholds.WIDTHS if a + w <= count):
+        begin, end = a, a + width
 
-        def text(c: Array, begin: float = begin, end: float = end) -> str:
-            newtons, times = float(np.linalg.norm(c)), (time_text(rest, begin), time_text(rest, end))
-            return f"something pushes {link} with {newtons:.3g} N from {times[0]} to {times[1]}"
+        def text(c: Array, begin: int = begin, end: int = end) -> str:
+            newtons = float(np.linalg.norm(c))
+            return f"something pushes {link} with {newtons:.3g} N from {times[begin]} to {times[end]}"
 
-        during, many = force * ((place >= begin) & (place <= end)), 2 * thresholds.PLACES * len(thresholds.WIDTHS)
-        yield Hypothesis("contact", during, text, rest.names[-1:], alternatives=many)
+        on, many = (place >= edges[begin]) & (place <= edges[end]), count * len(thresholds.WIDTHS)
+        yield Hypothesis("contact", force * on, text, rest.names[-1:], alternatives=many)
 
 
 # Changes between records without and with a load
@@ -614,27 +613,20 @@ def changes_with_load(rest: FitResiduals, known: Array, loaded: Array, body: int
     together leave them.
     """
     speeds = rest.of_each_joint(lambda q, qd, qdd: qd), rest.of_each_joint(lambda q, qd, qdd: np.sign(qd))
-    options = [replace(h, columns=columns_of(rest, h) * loaded) for h in hypotheses_with_load(rest, body)]
+    options = [(h, columns_of(rest, h) * loaded) for h in hypotheses_with_load(rest, body)]
     own = np.concatenate([known, *(speed * loaded for speed in speeds)], axis=-1)
     values, found = np.zeros(rest.tau.shape), []
-    every = rest.with_known(np.concatenate([own, *(columns_of(rest, h) for h in options)], axis=-1))
-    values[rest.used] = every.left
+    values[rest.used] = rest.with_columns(np.concatenate([own, *(columns for _, columns in options)], axis=-1))[2]
     time = rest.data.correlation_time(values, rest.used)
     left = FitResiduals(rest.robot, rest.base, rest.data, rest.beta, rest.sigma, time, own)
     while options:
-        causes = [judged(left, h) for h in options]
+        causes = [judge(left, h, columns, by_rank=True) for h, columns in options]  # bodies share some numbers
         k = int(np.argmax([cause.score for cause in causes]))
         if causes[k].score <= thresholds.EVIDENT:
             break
         found.append(causes[k])
-        left = left.with_known(columns_of(left, options.pop(k)))
+        left = left.with_known(options.pop(k)[1])
     return found
-
-
-def judged(rest: FitResiduals, h: Hypothesis) -> Cause:
-    """The cause with a score by as many numbers as it has independent of what is known: bodies share some."""
-    columns, cause = columns_of(rest, h), judge(rest, h)
-    return cause._replace(score=cause.score + rest.penalty(columns.shape[-1] - rest.with_columns(columns)[3]))
 
 
 def hypotheses_with_load(rest: FitResiduals, body: int) -> Iterator[Hypothesis]:
@@ -710,14 +702,15 @@ def other_conventions(rest: FitResiduals, beyond: FitResiduals) -> Iterator[tupl
     if is_poor and max(np.ptp(record.q[:, turns], axis=0).max(initial=0) for record in rest.records) > 1:
         J = np.diag(np.where(turns, np.pi / 180, 1.0))
         changes.append(("degrees", names, "positions are in degrees", J, unit))
-    left, before = beyond.coarse, beyond.torques
-    for kind, which, text, J, T in (("", (), "", unit, unit), *changes):
+    left = beyond.coarse
+
+    def squares(J: Array, T: Array) -> Array:
         tau = rest.tau @ T.T
-        squares = left.torques * left.refitted(left.moved(J, tau), tau)[2]
-        if kind:
-            yield Cause(kind, which, text, left.gain(squares, before)), partial(of_convention, J, T)
-        else:
-            before = squares
+        return left.torques * left.refitted(left.moved(J, tau), tau)[2]
+
+    before = squares(unit, unit)
+    for kind, which, text, J, T in changes:
+        yield Cause(kind, which, text, left.gain(squares(J, T), before)), partial(of_convention, J, T)
 
 
 def of_convention(J: Array, T: Array, rest: FitResiduals) -> tuple[Array, ...]:
@@ -744,8 +737,8 @@ def torque_scale(rest: FitResiduals) -> Iterator[tuple[Cause, None]]:
     without = [x - Q @ (Q.T @ x) for x in torques]
     for tau, _, given in (torques, without):
         both, squares, measured = (rest.by_joint(*x) for x in ((tau, given), (given, given), (tau, tau)))
-        each = both / np.maximum(squares, TINY)
-        ways.append((each, each * np.abs(both) / np.maximum(measured, TINY)))  # factors, squared cosines
+        each = both / np.maximum(squares, thresholds.TINY)
+        ways.append((each, each * np.abs(both) / np.maximum(measured, thresholds.TINY)))  # factors, squared cosines
     (_, found, given), (factors, cosines) = without, np.where(ways[0][1] > ways[1][1], *ways)
     alike = cosines > thresholds.ALIKE
     usual = np.median(factors[alike]) if alike.any() else 1.0
@@ -756,8 +749,8 @@ def torque_scale(rest: FitResiduals) -> Iterator[tuple[Cause, None]]:
         text = f"the torque of {names[j]} is {what}: N mm, mA, at the motor, or is a mass given wrong?"
         yield Cause("torque unit", names[j : j + 1], text, certain, factors[j]), None
     size = float(given @ given)
-    factor = float(found @ given) / max(size, TINY)
-    whole = factor * float(found @ given) / max(float(found @ found), TINY)  # squared cosine
+    factor = float(found @ given) / max(size, thresholds.TINY)
+    whole = factor * float(found @ given) / max(float(found @ found), thresholds.TINY)  # squared cosine
     if odd.any() or size == 0 or whole < thresholds.ALIKE or 1 / thresholds.FACTOR < factor < thresholds.FACTOR:
         return
     kind, text = "torque unit", f"torques are {factor:.3g} times those of the robot given: N mm, mA, or at the motors?"
@@ -776,20 +769,20 @@ def gravity_directions(rest: FitResiduals) -> Iterator[tuple[Cause, Trial]]:
         return
     given, coarse = model.gravity / size, rest.coarse
 
-    def pull(m: Model, q: Array, qd: Array, qdd: Array) -> Array:
-        return np.asarray(regressor(m, q, np.zeros(q.shape), np.zeros(q.shape)))
-
-    pulled = [replace(model, gravity=size * e) for e in np.eye(3)]  # by NumPy: kernels take longer to trace
-    pulls = np.array([coarse.near_rows(partial(pull, m)) for m in pulled])
-    still = rest.Y[..., : len(rest.bodies)] - np.tensordot(given, pulls, 1)
+    units = np.eye(len(rest.bodies))
+    pulls = size * np.moveaxis(coarse.near_rows(lambda q, qd, qdd: gravity_torques(model, q, units)), 2, 0)
+    still = rest.Y[..., : len(units)] - np.tensordot(given, pulls, 1)
     b, drives = coarse.weighted(rest.tau), coarse.weighted(rest.Y[..., len(rest.bodies) :])
 
     def bodies(gravity: Array) -> Array:  # which other parameters are felt in
         return coarse.weighted(still + np.tensordot(gravity, pulls, 1))
 
     def squares(gravity: Array) -> Array:
-        Q = np.linalg.qr(np.concatenate([bodies(gravity), drives], axis=1))[0]
-        return coarse.by_joint(b - Q @ (Q.T @ b))
+        X = np.concatenate([bodies(gravity), drives], axis=1)
+        lengths = np.linalg.norm(X, axis=0)
+        X = X / np.maximum(lengths, thresholds.NOTHING * lengths.max())  # dependent columns, without what is rounding
+        whole = X.T @ X + thresholds.DEPENDENT * np.eye(len(lengths))
+        return coarse.by_joint(b - X @ np.linalg.solve(whole, X.T @ b))
 
     def loss(gravity: Array) -> float:  # of those that fit equally well, the nearest to the model's
         return thresholds.KEPT * float(((gravity - given) ** 2).sum()) - coarse.gain(squares(gravity))

@@ -18,9 +18,7 @@ from ...model.parameters import PARAMETERS
 from ...robot import Robot
 from .. import thresholds
 from ..fit.equations import RegressionData, blocks_of_time
-from ..log.filtering import low_pass, settling
-
-TINY = float(np.finfo(np.float64).tiny)
+from ..log.filtering import impulse_response, settling
 
 Torques = Callable[[Array, Array, Array], Array]  # a function of q, qd, qdd, each of shape (T, n)
 
@@ -45,7 +43,7 @@ class Discrepancy:
         raise NotImplementedError
 
     def load(self, q: Array, qd: Array, qdd: Array) -> Array:
-        """Torques of the bodies, which the gears transmit, shape (T, n)."""
+        """Torques of the bodies, shape (T, n)."""
         torques: Array = self.robot.inverse_dynamics(q, qd, qdd, parameters=self.bodies)
         return torques
 
@@ -91,7 +89,7 @@ class Discrepancy:
         left, (of_joint, of_all) = X - self.Q @ (self.Q.T @ X), self.resolution
         parts, given = (self.of_joint @ x**2 for x in (left, X))  # shape (n, k)
         doubt = np.maximum(of_joint**2 * given, of_all**2 * given.sum(0))
-        left = left * (parts > np.maximum(doubt, TINY))[self.joint]
+        left = left * (parts > np.maximum(doubt, thresholds.TINY))[self.joint]
         lengths = np.linalg.norm(left, axis=0)
         known = lengths > 0
         c, errors, rank = np.zeros(X.shape[1]), np.full(X.shape[1], np.inf), 0
@@ -141,13 +139,14 @@ class FitResiduals(Discrepancy):
         b = self.weighted(self.tau)
         self.left = b - self.Q @ (self.Q.T @ b)
         self.counts = np.bincount(self.joint, minlength=robot.n) / self.correlation_time
-        self.torques = np.maximum(self.by_joint(b), TINY)
+        self.torques = np.maximum(self.by_joint(b), thresholds.TINY)
         self.floor = thresholds.LEAST**2 * self.torques
 
-    def load(self, q: Array, qd: Array, qdd: Array) -> Array:
-        """Torques of bodies and springs, which the gears transmit, shape (T, n)."""
-        bodies = super().load(q, qd, qdd)
-        return bodies if self.standard.springs is None else bodies + self.standard.spring_torques(q, self.x)
+    def load(self, q: Array, qd: Array, qdd: Array, x: Array | None = None) -> Array:
+        """Torques of bodies and springs, of standard parameters x, by default those of the fit, shape (T, n)."""
+        x = self.x if x is None else x
+        bodies: Array = self.robot.inverse_dynamics(q, qd, qdd, parameters=x[self.standard.groups["bodies"]])
+        return bodies + self.standard.spring_torques(q, x)
 
     def with_known(self, columns: Array) -> FitResiduals:
         """The residuals with more columns fitted in any case."""
@@ -166,23 +165,27 @@ class FitResiduals(Discrepancy):
         known = by_joint(self.curves)
         if len(self.joint) < thresholds.FEWEST_ROWS * (self.base.count + known.shape[-1]):
             return self
-        first, left = self.with_known(known), np.zeros(self.tau.shape)
-        left[self.used] = first.left
-        squares = np.maximum(first.squares, first.floor) / np.maximum(self.used.sum(0), 1)
+        left = np.zeros(self.tau.shape)
+        left[self.used] = values = self.with_columns(known)[2]
+        squares = np.maximum(self.by_joint(values), self.floor) / np.maximum(self.used.sum(0), 1)
         sigma = np.where(squares > 0, self.sigma * np.sqrt(squares), self.sigma)
         time = self.data.correlation_time(left, self.used)
         return self._with(sigma, time, known, self.used)
 
     @cached_property
     def curves(self) -> Array:
-        """Friction of each joint that no parameter stands for, at the rows, shape (rows, n, 3)."""
-        return self.sampled(lambda q, qd, qdd: self.friction_curves(self.load(q, qd, qdd), qd))
+        """Friction of each joint that no parameter stands for, at the rows, shape (rows, n, 4)."""
+        return self.sampled(lambda q, qd, qdd: self.friction_curves(q, qd, qdd, self.x))
 
-    def friction_curves(self, load: Array, qd: Array) -> Array:
-        """Friction that rises with the load, with speed squared, and towards rest, shape (T, n, 3)."""
-        sign, speed = np.sign(qd), np.abs(qd)
-        slow = np.exp(-speed / np.maximum(thresholds.SLOW * self.fastest, TINY))
-        return np.stack([np.abs(load) * sign, qd * speed, slow * sign], axis=-1)
+    def friction_curves(self, q: Array, qd: Array, qdd: Array, x: Array) -> Array:
+        """Friction that rises with the load, with speed squared, and towards rest, shape (T, n, 4).
+
+        The load is that of `StandardParameters`, and last that without rotors, which turn before the gears.
+        """
+        sign, speed, load = np.sign(qd), np.abs(qd), self.load(q, qd, qdd, x)
+        slow = np.exp(-speed / np.maximum(thresholds.SLOW * self.fastest, thresholds.TINY))
+        with_rotors = load + self.standard.rotor_torques(qdd, x)
+        return np.stack([np.abs(with_rotors) * sign, qd * speed, slow * sign, np.abs(load) * sign], axis=-1)
 
     @cached_property
     def fastest(self) -> Array:
@@ -214,7 +217,13 @@ class FitResiduals(Discrepancy):
         block = blocks[np.nonzero(self.used)[0]]
         for part in (block == k for k in np.unique(block)):
             left[part] = b[part] - Q[part] @ np.linalg.solve(unit - Q[part].T @ Q[part], whole - Q[part].T @ b[part])
-        return np.asarray(np.sqrt(self.by_joint(left) / np.maximum(self.by_joint(b), TINY)))
+        return np.asarray(np.sqrt(self.by_joint(left) / np.maximum(self.by_joint(b), thresholds.TINY)))
+
+    @cached_property
+    def errors(self) -> tuple[Array, Array]:
+        """Errors held out without further columns, in blocks of time and in short ones, shape (n,) each."""
+        b = self.weighted(self.tau)
+        return self.held_out(self.Q, b, self.blocks), self.held_out(self.Q, b, self.short_blocks)
 
     def refitted(self, columns: Array, tau: Array) -> tuple[Array, Array, Array]:
         """Coefficients of columns, shape (rows, n, k), the noise of each joint, the parts of its squares that are left.
@@ -222,16 +231,16 @@ class FitResiduals(Discrepancy):
         Each joint counts by what the fit leaves of it, as that of a wrong model says nothing; by normal equations.
         """
         X, b, rows = np.swapaxes(columns * self.used[..., None], 0, 1), (tau * self.used).T, self.used.sum(0)
-        G, c, squares = np.swapaxes(X, 1, 2) @ X, (b[:, None] @ X)[:, 0], np.maximum((b * b).sum(1), TINY)
+        G, c, squares = np.swapaxes(X, 1, 2) @ X, (b[:, None] @ X)[:, 0], np.maximum((b * b).sum(1), thresholds.TINY)
         left = np.ones(len(b))
         for _ in range(thresholds.REWEIGHTINGS):
             weights = 1 / (squares * np.maximum(left, thresholds.LEAST**2))
             whole = np.tensordot(weights, G, 1)
-            unit = np.sqrt(np.maximum(np.diag(whole), TINY))
+            unit = np.sqrt(np.maximum(np.diag(whole), thresholds.TINY))
             whole = whole / np.outer(unit, unit) + thresholds.DEPENDENT * np.eye(len(unit))
             x = np.linalg.solve(whole, weights @ c / unit) / unit
             left = np.maximum(squares - 2 * c @ x + G @ x @ x, 0) / squares
-        return x, np.sqrt(np.maximum(1 / weights / np.maximum(rows, 1), TINY)), left
+        return x, np.sqrt(np.maximum(1 / weights / np.maximum(rows, 1), thresholds.TINY)), left
 
     @cached_property
     def coarse(self) -> FitResiduals:
@@ -254,12 +263,12 @@ class FitResiduals(Discrepancy):
         X = self.near_rows(lambda *motion: columns(*(x @ J.T for x in motion)))
         if self.known is None:
             return X
-        bodies = self.base.back[self.standard.groups["bodies"]] @ self.refitted(X, tau)[0]
+        values = self.base.back @ self.refitted(X, tau)[0]
 
         def curves(q: Array, qd: Array, qdd: Array) -> Array:
-            return self.friction_curves(self.robot.inverse_dynamics(q, qd, qdd, parameters=bodies), qd)
+            return self.friction_curves(q @ J.T, qd @ J.T, qdd @ J.T, values)
 
-        known = by_joint(self.near_rows(lambda *motion: curves(*(x @ J.T for x in motion))))
+        known = by_joint(self.near_rows(curves))
         return np.concatenate([X, known], axis=-1)
 
     def covariance_of(self, columns: Array) -> Array:
@@ -291,8 +300,7 @@ class FitResiduals(Discrepancy):
         found = []
         for record, part in zip(self.records, self.data.parts, strict=True):
             reach, rows = settling(record.cutoff, record.sample_rate), np.flatnonzero(self.used[part].any(1))
-            impulse = np.eye(4 * reach + 1, 1, -2 * reach)
-            response = low_pass(impulse, record.cutoff, record.sample_rate, np.arange(reach, 3 * reach + 1))[:, 0]
+            response = impulse_response(record.cutoff, record.sample_rate, reach)
             step = max(1, int(record.sample_rate / (thresholds.THINNED * record.cutoff)))
             places = record.row_samples[rows][:, None]
             near = places // step * step + step * np.arange(-(reach // step), reach // step + 1)
@@ -309,9 +317,9 @@ class FitResiduals(Discrepancy):
         """Torques per second by which they are measured later than positions, shape (rows, n, 1)."""
         parts = []
         for record in self.records:
-            bodies = self.load(record.q, record.qd, record.qdd)
-            full = bodies + self.x[self.standard.groups["Ia"]] * record.qdd if "Ia" in self.standard.terms else bodies
-            values = bodies + self.standard.drive_torques(record.qd, record.qdd, self.x[len(self.bodies) :], full)
+            load, x = self.load(record.q, record.qd, record.qdd), self.x
+            with_rotors = load + self.standard.rotor_torques(record.qdd, x)
+            values = load + self.standard.drive_torques(record.qd, record.qdd, x[len(self.bodies) :], with_rotors)
             slopes = [np.gradient(values[part], record.t[part], axis=0) for part in record.segments]
             parts.append(record.reduce(np.concatenate(slopes)))
         return -np.concatenate(parts)[..., None]
@@ -321,7 +329,7 @@ def extended(Q: Array, X: Array) -> Array:
     """Orthonormal columns that span those of Q and X, without what is rounding."""
     left = X - Q @ (Q.T @ X)
     left -= Q @ (Q.T @ left)
-    U, S, _ = np.linalg.svd(left / np.maximum(np.linalg.norm(X, axis=0), TINY), full_matrices=False)
+    U, S, _ = np.linalg.svd(left / np.maximum(np.linalg.norm(X, axis=0), thresholds.TINY), full_matrices=False)
     return np.concatenate([Q, U[:, thresholds.INDEPENDENT < S]], axis=1)
 
 

@@ -25,7 +25,6 @@ from ..fit.equations import Equations, RegressionData
 from ..fit.least_squares import weighted_fit
 from ..log.filtering import ORDER
 from ..log.prepared import Prepared
-from .residuals import TINY
 
 COLUMNS = (
     "noise: of the filtered torques, by their spectrum; single joint, all joints: left by a fit of each joint alone "
@@ -135,7 +134,7 @@ def certified(base: BaseParameters, data: RegressionData, held_out: Array) -> Co
 
     fitted = data.fitted.without_instruments().mapped(base.back)
     rows, size = fitted.rows.sum(0), fitted.torques()
-    least = thresholds.PRECISION**2 * np.maximum(size, thresholds.PRECISION**2 * size.max(initial=0)) + TINY
+    least = thresholds.PRECISION**2 * np.maximum(size, thresholds.PRECISION**2 * size.max(initial=0)) + thresholds.TINY
     own, squares, ranks = zip(*(single_joint_fit(fitted.of_joint(j)) for j in range(fitted.joints)), strict=True)
     correlation_time = np.array([data.correlation_time(data.residuals(base.back @ x))[j] for j, x in enumerate(own)])
     squares, freedom = np.maximum(squares, least), np.maximum(rows - ranks, 1)
@@ -145,7 +144,7 @@ def certified(base: BaseParameters, data: RegressionData, held_out: Array) -> Co
     F = (total - squares) / free / (squares / freedom) / correlation_time
     independent = np.maximum(rows / correlation_time - ranks, 1)
     probability = np.asarray(f.sf(F, free, independent))
-    scale = rows / np.maximum(size, TINY)
+    scale = rows / np.maximum(size, thresholds.TINY)
     all_joints, single_joint = np.sqrt(total / np.maximum(rows - spent, 1) * scale), np.sqrt(squares / freedom * scale)
     conflict = (probability < thresholds.CHANCE / fitted.joints) & (all_joints > thresholds.CONFLICT * single_joint)
     names, energy = base.standard.model.joint_names, energy_balance(base.standard, data, base.back @ x)
@@ -153,7 +152,7 @@ def certified(base: BaseParameters, data: RegressionData, held_out: Array) -> Co
     for record in data.prepared:
         torque = record.reduce(record.tau) * record.valid
         noise += [record.valid.sum(0) * torque_noise(record), (torque**2).sum(0)]
-    errors = np.sqrt(noise[0] / np.maximum(noise[1], TINY)), held_out, all_joints, single_joint
+    errors = np.sqrt(noise[0] / np.maximum(noise[1], thresholds.TINY)), held_out, all_joints, single_joint
     return Consistency(names, *errors, F, probability, independent, conflict, energy)
 
 
@@ -229,6 +228,6 @@ def energy_balance(standard: StandardParameters, data: RegressionData, x: Array)
             work = cumulative_trapezoid(powers, dx=1 / record.sample_rate, axis=0, initial=0)[ends]
             work[:, 0] -= stored @ x[:bodies]
             energies += (np.diff(work, axis=0) ** 2).sum(0)
-    missing, work_done = np.sqrt(energies)
-    lost, power = sums[0] / np.maximum(sums[1], TINY), np.sqrt(sums[2] / np.maximum(sums[3], TINY))
-    return EnergyBalance(float(missing / max(work_done, TINY)), lost, power)
+    (missing, work_done), (mean, size, square, whole) = np.sqrt(energies), sums
+    lost, power = mean / np.maximum(size, thresholds.TINY), np.sqrt(square / np.maximum(whole, thresholds.TINY))
+    return EnergyBalance(float(missing / max(work_done, thresholds.TINY)), lost, power)

@@ -215,7 +215,7 @@ def expected_sizes(P: Array, base: BaseParameters, equations: Equations) -> Arra
     first = np.sqrt(mass * second)
     bodies = np.concatenate([mass[:, None], np.repeat(first[:, None], 3, 1), np.repeat(second[:, None], 6, 1)], axis=1)
     columns = np.sqrt((equations.columns[..., bodies.size : -1] ** 2).sum((0, 2)))  # joints, drives
-    shares = (columns / np.maximum(np.sqrt(equations.torques()), np.finfo(float).tiny)[:, None]).max(0, initial=0)
+    shares = (columns / np.maximum(np.sqrt(equations.torques()), thresholds.TINY)[:, None]).max(0, initial=0)
     drives = np.divide(thresholds.SHARE_OF_DRIVES, shares, out=np.zeros(len(shares)), where=shares > 0)
     shown = np.where(base.matrix[:, : bodies.size] == 0, 0.0, bodies.ravel())
     of_bodies = np.linalg.norm(base.matrix[:, : bodies.size] * shown, axis=1)
@@ -232,7 +232,7 @@ def geometric_prior(model: Model) -> Array:
     shortest = thresholds.SHORTEST * (known.mean() if len(known) else thresholds.GUESSED_LENGTH)
     bodies = np.array([rods(end, np.maximum(length, shortest)) for end, length in zip(ends, lengths, strict=True)])
     bodies = bodies.reshape(-1, 4, 4)
-    return np.asarray(bodies / max(bodies[:, 3, 3].sum(), np.finfo(float).tiny))
+    return np.asarray(bodies / max(bodies[:, 3, 3].sum(), thresholds.TINY))
 
 
 def body_ends(model: Model, i: int) -> Array:

@@ -23,13 +23,13 @@ from numpy.typing import ArrayLike
 
 from ...basics.arrays import vector, whole_number
 from ...basics.spatial import Array
-from ...basics.text import listed
+from ...basics.text import counted, listed
 from ...dynamics.base_inertial_parameters import BaseParameters
 from ...errors import IdentificationWarning, NotFiniteError
 from ...model.standard_parameters import StandardParameters
 from ...robot import Robot
 from .. import thresholds
-from ..log.filtering import low_pass, settling
+from ..log.filtering import impulse_response, low_pass, settling
 from ..log.prepared import Prepared, rows_without, undisturbed
 from ..log.record import Record
 from ..log.screening import consecutive, runs
@@ -100,7 +100,7 @@ class Equations:
 
     def shares(self, x: Array) -> Array:
         """|Y x - tau| / |tau| of each joint, shape (n,)."""
-        return np.asarray(np.sqrt(self.residuals(x) / np.maximum(self.torques(), np.finfo(float).tiny)))
+        return np.asarray(np.sqrt(self.residuals(x) / np.maximum(self.torques(), thresholds.TINY)))
 
     def rms_torques(self) -> Array:
         """Root mean square of each joint's torques, shape (n,)."""
@@ -175,9 +175,14 @@ class Solution(NamedTuple):
     """Solution x of A x = b with smallest residual; of those, with the smallest length per column."""
 
     x: Array
-    inverse: Array  # G of shape (P, rank): x = G U^T b, its covariance is G G^T
-    singular: Array  # singular values of A with columns of unit length
+    inverse: Array  # G of shape (P, rank): its covariance is G G^T, and A G has orthonormal columns
+    unit: Array  # A with columns of unit length
     free: Array  # true for unknowns that the equations do not determine
+
+    @property
+    def singular(self) -> Array:
+        """Singular values of A with columns of unit length."""
+        return np.linalg.svd(self.unit, compute_uv=False)
 
     def spent(self, equations: Equations, sigma: Array) -> Array:
         """Number of unknowns that each joint determines, of a fit to equations over the noise sigma of their joint."""
@@ -189,12 +194,18 @@ def solve(factor: Array) -> Solution:
     A, b = factor[:, :-1], factor[:, -1]
     lengths = np.linalg.norm(A, axis=0)
     nothing = lengths <= thresholds.NOTHING * lengths.max(initial=0)
-    A, lengths = np.where(nothing, 0.0, A), np.where(nothing, 1.0, lengths)
-    U, S, V = np.linalg.svd(A / lengths, full_matrices=False)
+    A, lengths, P = np.where(nothing, 0.0, A), np.where(nothing, 1.0, lengths), len(lengths)
+    unit, regular = A / lengths, np.sqrt(thresholds.DEPENDENT)
+    if len(A) == P + 1 and np.abs(np.diag(unit)).min(initial=1) > regular:
+        inverse = np.linalg.inv(unit[:P])  # a fifth of the time of singular values
+        if np.linalg.norm(inverse) * np.linalg.norm(unit) * regular < 1:
+            inverse = inverse / lengths[:, None]
+            return Solution(inverse @ b[:P], inverse, unit, nothing)
+    U, S, V = np.linalg.svd(unit, full_matrices=False)
     kept = thresholds.DEPENDENT * S.max(initial=0) < S
     inverse = (V[kept].T / S[kept]) / lengths[:, None]
     free = np.linalg.norm(V[~kept], axis=0) > thresholds.UNDETERMINED
-    return Solution(inverse @ (U.T[kept] @ b), inverse, S, free)
+    return Solution(inverse @ (U.T[kept] @ b), inverse, unit, free)
 
 
 @dataclass(frozen=True, eq=False)
@@ -472,16 +483,18 @@ def warn_of_locked(notes: Sequence[str]) -> None:
 
 def check_joints(robot: Robot, record: Record, argument: str) -> None:
     """Refuse a record of other joints, or of these in another order."""
-    if record.n != robot.n:
-        cure = "give the names of those measured as `joint_names` of the Record"
-        if record.n < robot.n:
-            cure += f", or lock the others: `robot.locked({dict.fromkeys(robot.joint_names[record.n :], 0)})`"
-        raise ValueError(f"`{argument}` must be of {robot.n} joints, as the robot, got one of {record.n}: {cure}")
-    if record._has_names and record.joint_names != robot.joint_names:
-        raise ValueError(
-            f"`{argument}` must have the robot's joints in their order, {list(robot.joint_names)}, {record.name} has "
-            f"{list(record.joint_names)}"
-        )
+    names = robot.joint_names
+    if record.n == robot.n and (not record._has_names or record.joint_names == names):
+        return
+    lacking: Sequence[str] = names[record.n :]
+    came = f"{counted(record.n, 'joint')} without names"
+    cure = "give the names of those measured as `joint_names` of the Record"
+    if record._has_names:
+        came, lacking = str(list(record.joint_names)), [name for name in names if name not in record.joint_names]
+        cure = "name the joints of all records as the robot does, by `joint_names` of the Record"
+    if record.n < robot.n:
+        cure += f", or lock the others: `robot.locked({dict.fromkeys(lacking, 0)})`"
+    raise ValueError(f"`{argument}` must be of the joints {list(names)}, {record.name!r} has {came}: {cure}")
 
 
 def minimum_velocities(
@@ -523,8 +536,6 @@ def correlation_time_of_residuals(residuals: Array, used: Array, parts: Sequence
 def correlation_time_of_filtered_noise(cutoff: float, sample_rate: float, decimation: int) -> float:
     """1 + 2 sum rho_k of noise that was white before the filter, from the filter's response to an impulse."""
     reach = decimation * int(np.ceil(thresholds.RESPONSE_PERIODS * sample_rate / (cutoff * decimation)))
-    impulse = np.zeros((2 * reach + 1, 1))
-    impulse[reach] = 1
-    response = low_pass(impulse, cutoff, sample_rate)[:, 0]
+    response = impulse_response(cutoff, sample_rate, reach)
     covariances = np.correlate(response, response, "full")[len(response) - 1 :: decimation]
     return float(2 * covariances.sum() / covariances[0] - 1)

@@ -61,17 +61,13 @@ def least_squares(equations: Equations, noise: Array | None = None) -> LeastSqua
     """Estimates of all unknowns from the equations of all blocks and joints; of noise not given, each joint's own."""
     equations = equations.merged()
     size = equations.rms_torques()
-    least = np.maximum(
-        thresholds.EXACT * np.maximum(size, size.max(initial=0) * thresholds.EXACT), np.finfo(float).tiny
-    )
+    least = np.maximum(thresholds.EXACT * np.maximum(size, size.max(initial=0) * thresholds.EXACT), thresholds.TINY)
     sigma = np.maximum(size if noise is None else noise, least)
     for _ in range(thresholds.WEIGHTINGS if noise is None else 0):
         x, spent = weighted_fit(equations, sigma)
         freedom = equations.rows.sum(0) - spent
         found = np.sqrt(equations.residuals(x) / np.maximum(freedom, 1))
-        found = np.maximum(
-            np.where(freedom < thresholds.FEWEST_FREE, size, found), least
-        )  # few equations leave no residual
+        found = np.maximum(np.where(freedom < thresholds.FEWEST_FREE, size, found), least)  # few leave no residual
         settled = np.abs(found / sigma - 1).max(initial=0) <= thresholds.NOISE_SETTLED
         sigma = found
         if settled:
@@ -138,7 +134,7 @@ def bias_of_least_squares(estimate: LeastSquares, equations: Equations, correlat
     difference = np.concatenate([-ours.inverse @ ours.inverse.T, theirs.inverse @ theirs.inverse.T])
     covariance = sum(t * share.T @ share for t, share in zip(correlation_time, both @ difference, strict=True))
     shift = theirs.x - ours.x
-    scale = np.maximum(estimate.errors, np.finfo(float).tiny)
+    scale = np.maximum(estimate.errors, thresholds.TINY)
     U, S, _ = np.linalg.svd(covariance / np.outer(scale, scale), hermitian=True)
     told = thresholds.DEPENDENT * S.max(initial=0) < S
     rank, rows = int(told.sum()), float((equations.rows[0] / correlation_time).sum())
@@ -161,9 +157,12 @@ class Estimator(NamedTuple):
     others: Array | None = None  # standard parameters beside E beta, by default those of the model
     noise: Array | None = None  # of each joint, by default what is left of it
 
-    def fit(self, equations: Equations) -> tuple[LeastSquares, Array]:
-        """Base parameters, and standard parameters: consistent ones, or the nearest to the model's."""
-        estimate = least_squares(equations.mapped(self.base.back), self.noise)
+    def fit(self, equations: Equations, of_base: Equations | None = None) -> tuple[LeastSquares, Array]:
+        """Base parameters, and standard parameters: consistent ones, or the nearest to the model's.
+
+        The equations `of_base` parameters may be known.
+        """
+        estimate = least_squares(equations.mapped(self.base.back) if of_base is None else of_base, self.noise)
         if self.prior is not None:
             return estimate, self._consistent(equations, estimate.sigma, self.prior)
         model = self.base.standard.values
@@ -175,9 +174,7 @@ class Estimator(NamedTuple):
         standard, factor = self.base.standard, equations.merged().weighted(believed_noise(equations, sigma))
         bodies = PARAMETERS * standard.model.nb
         lengths = np.linalg.norm(factor[:, bodies:-1], axis=0)
-        weights = np.where(
-            lengths == 0, 1.0, thresholds.HELD * lengths
-        )  # of the model's drives, where the motion says nothing
+        weights = np.where(lengths == 0, 1.0, thresholds.HELD * lengths)  # where the motion says nothing
         factor = with_prior(factor, bodies, weights, np.maximum(standard.values[bodies:], 0))
         bounded = np.array([not name.startswith(("tau0", "c_")) for name in standard.names[bodies:]], bool)
         return consistent_fit(factor, prior, self.weight, bounded, 1 / np.where(lengths == 0, 1, lengths))
@@ -205,12 +202,12 @@ class Unexplained(NamedTuple):
 
 def held_out(estimator: Estimator, fitted: Equations, measured: Equations) -> Unexplained:
     """The unexplained part of all measured torques, of those in motion, which are fitted, and of those at rest."""
-    squares = np.zeros((2, fitted.joints))
+    squares, of_base = np.zeros((2, fitted.joints)), fitted.mapped(estimator.base.back)
     for k in range(len(fitted.factors)):
         others = np.arange(len(fitted.factors)) != k
-        _, x = estimator.fit(fitted.of_blocks(others))
+        _, x = estimator.fit(fitted.of_blocks(others), of_base.of_blocks(others))
         squares += [equations.of_blocks(~others).residuals(x) for equations in (measured, fitted)]
     torques, rows = (np.array([f(measured), f(fitted)]) for f in (Equations.torques, lambda e: e.rows.sum(0)))
     squares, torques, rows = (np.concatenate([x, [x[0] - x[1]]]) for x in (squares, torques, rows))
-    shares = np.sqrt(np.maximum(squares, 0) / np.maximum(torques, np.finfo(float).tiny))
+    shares = np.sqrt(np.maximum(squares, 0) / np.maximum(torques, thresholds.TINY))
     return Unexplained(*np.where(rows == 0, np.nan, shares))

@@ -51,6 +51,13 @@ def low_pass(x: Array, cutoff: float, sample_rate: float, kept: Array | None = N
     return filtered.reshape(len(rows), *x.shape[1:])
 
 
+def impulse_response(cutoff: float, sample_rate: float, reach: int) -> Array:
+    """What the filter makes of an impulse of 1, from `reach` samples before it to as many after it."""
+    impulse = np.zeros(4 * reach + 1)  # ends are far enough away not to be felt
+    impulse[2 * reach] = 1
+    return low_pass(impulse, cutoff, sample_rate, np.arange(reach, 3 * reach + 1))
+
+
 @cache
 def _butterworth(cutoff: float) -> tuple[Array, Array]:
     """Second-order sections for a cut-off as a part of the sample rate, and their state at rest at 1, (sections, 2, 1).
@@ -113,7 +120,7 @@ def motion_spectrum(
     unexplained = (difference > thresholds.SIGNIFICANT * noise) & is_bounded
     late = np.where(unexplained, difference, 0.0).sum(0) / np.maximum(unexplained.sum(0), 1)
     measured_noise = np.maximum(np.median(measured[upper], axis=0), late)
-    equal = sample_rate / (2 * np.pi) * np.sqrt(measured_noise / np.maximum(level, np.finfo(float).tiny))
+    equal = sample_rate / (2 * np.pi) * np.sqrt(measured_noise / np.maximum(level, thresholds.TINY))
     better = used & (equal < thresholds.HIGHEST_CROSSOVER * sample_rate)
     crossover[better] = np.maximum(equal[better], thresholds.CROSSOVER_PERIODS * sample_rate / max(len(x) for x in q))
     above = f[:, None] > crossover
@@ -201,7 +208,7 @@ def _coherence(q: Sequence[Array], tau: Sequence[Array], sample_rate: float) -> 
     """Squared coherence of positions and torques, shape (F, n); zero from where it may be chance."""
     f, both = _power(q, tau, sample_rate)
     moved, torque = (_power(x, x, sample_rate)[1].real for x in (q, tau))
-    squared: Array = np.abs(both) ** 2 / np.maximum(moved * torque, np.finfo(float).tiny)
+    squared: Array = np.abs(both) ** 2 / np.maximum(moved * torque, thresholds.TINY)
     window = _window(q, sample_rate)
     averages = max(2.0, AVERAGES * sum(len(x) for x in q if len(x) > window) / window)
     chance = squared < 1 - thresholds.COHERENT_BY_CHANCE ** (1 / (averages - 1))

@@ -23,9 +23,7 @@ Message = tuple[int, Sequence[str], Sequence[Sequence[float]]]  # time [ns], joi
 
 LISTED = 12  # columns that an error lists
 LARGEST = 2**30  # bytes of a chunk of an MCAP file
-UNIT = re.compile(
-    r"[\[(]?(s|ms|us|ns|rad|deg|°|m|mm|rad/s|deg/s|°/s|m/s|rpm|N ?m|mN ?m|N|A|mA)[\])]?"
-)  # in a row below names
+UNIT = re.compile(r"[\[(]?(s|ms|us|ns|(rad|deg|°|m)(/s)?|mm|rpm|m?N ?m|N|m?A)[\])]?")  # in a row below names
 SNIFFED = 20  # rows from which separator and decimal sign are guessed
 FORMATS = [(";", "."), (";", ","), ("\t", "."), ("\t", ","), (",", "."), (" ", "."), (" ", ",")]
 JOINT_STATE = "sensor_msgs/msg/JointState"

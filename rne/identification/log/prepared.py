@@ -252,8 +252,6 @@ def _differentiated(q: Array, cutoff: float, rate: float, drop: int) -> tuple[Ar
 
 def rows_without(record: Prepared, flags: Array) -> Array:
     """True at reduced rows that no flagged sample enters; flags have shape (T, n), the result (R, n)."""
-    reach, parts = (
-        filtering.settling(record.cutoff, record.sample_rate),
-        zip(record.segments, record._segment_rows, strict=True),
-    )
+    reach = filtering.settling(record.cutoff, record.sample_rate)
+    parts = zip(record.segments, record._segment_rows, strict=True)
     return np.concatenate([undisturbed(flags[part], rows - part.start, reach) for part, rows in parts])

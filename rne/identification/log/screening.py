@@ -396,14 +396,7 @@ def clipped(x: Array, step: float, moving: Array, spike: Array) -> Array:
 
 
 def screen(
-    name: str,
-    joint_names: tuple[str, ...],
-    t: Array,
-    q: Array,
-    tau: Array,
-    qd: Array | None,
-    bridge: int,
-    stamps: str,
+    name: str, joint_names: tuple[str, ...], t: Array, q: Array, tau: Array, qd: Array | None, bridge: int, stamps: str
 ) -> Screened:
     """Find what is wrong, take out or cut what can be, and put the rest on a grid of equal steps."""
     found, n = Screened(name, joint_names, t, q, tau, qd), q.shape[1]
