@@ -7,7 +7,7 @@ import pytest
 
 import rne
 
-from .helpers import EPS, Oracle, each, kept, loaded
+from .helpers import EPS, Oracle, each, first_joints, kept, loaded
 
 ROBOTS = {"irb140": "tool0", "ur5": "tool0", "kinova": "j2s6s200_end_effector", "panda": "panda_hand"}
 ROBOTS |= {"ur10": "tool0", "z1": "gripperStator"}
@@ -18,10 +18,10 @@ def arm(name):
     return loaded(name), ROBOTS[name]
 
 
-def planar():
-    """Two links of 1 m with point masses at their ends, without gravity."""
-    still = {"gravity": [0, 0, 0], "masses": [1, 1], "centres": np.zeros((2, 3)), "inertias": np.zeros((2, 3, 3))}
-    return rne.Robot(rne.dh_chain(a=[1, 1], alpha=[0, 0], d=[0, 0], theta=[0, 0], **still))
+def planar(n=2):
+    """Links of 1 m with point masses at their ends, without gravity."""
+    still = {"gravity": [0, 0, 0], "masses": [1] * n, "centres": np.zeros((n, 3)), "inertias": np.zeros((n, 3, 3))}
+    return rne.Robot(rne.dh_chain(a=[1] * n, alpha=[0] * n, d=[0] * n, theta=[0] * n, **still))
 
 
 def dense(robot, q, qd, link, rows):
@@ -59,29 +59,34 @@ def test_dense_algebra_gives_the_same(name, count, rows):
     np.testing.assert_array_equal(found[0], found[0].swapaxes(1, 2))
 
 
-def test_recursion_kernel_and_engines_agree():
-    robot, link = arm("ur5")
-    q, qd = np.random.default_rng(2).uniform(-1, 1, (2, 4, 6))
-    q[:, 4] = 1.0
+PLACES = [{"rows": (3, 4, 5), "point": (0.1, 0.0, 0.2), "axes": "link"}, {"rows": (3, 4, 5)}, {}]  # of three joints, six
+
+
+@pytest.mark.parametrize("options", kept(PLACES, PLACES[:2]))
+def test_recursion_kernel_and_engines_agree(options):
+    robot = loaded("ur5") if "rows" not in options else first_joints()
+    q, qd = np.random.default_rng(2).uniform(-1, 1, (2, 4, robot.n))
+    q[:, robot.n // 2 :] = 1.0
     for function, arrays in ((rne.dynamics.task_inertia, (q,)), (rne.dynamics.task_bias, (q, qd))):
-        for options in ({}, {"axes": "link", "rows": (3, 4, 5), "point": (0.1, 0.0, 0.2)}):
-            expected = function(robot.model, *arrays, link, **options)
-            for engine in ("numpy", "numba"):
-                kernel = rne.compile(function, robot.model, engine=engine, link=link, **options)
-                np.testing.assert_allclose(kernel(*arrays), expected, rtol=1e-10)
+        expected = function(robot.model, *arrays, "tool0", **options)
+        for engine in ("numpy", "numba"):
+            kernel = rne.compile(function, robot.model, engine=engine, link="tool0", **options)
+            np.testing.assert_allclose(kernel(*arrays), expected, rtol=1e-10)
 
 
+@pytest.mark.parametrize("options", kept(PLACES, PLACES[:1]))
 @pytest.mark.parametrize("name", ["task_inertia", "task_bias", "task_inverse"])
-def test_derivatives_are_complex_steps(name):
-    robot, link = arm("ur5")
+def test_derivatives_are_complex_steps(name, options):
+    robot = loaded("ur5") if "rows" not in options else first_joints()
     function = getattr(rne.dynamics, name)
-    arrays = [np.array([[0.1, -1.0, 1.2, 0.3, 1.1, 0.2]]), np.full((1, 6), 0.5)][: len(function.quantity.widths)]
-    wrt = tuple(function.quantity.widths)
-    slopes = rne.kernels.derivative(function, robot.model, *wrt, link=link)(*arrays)
-    steps, _ = rne.kernels.trace.by_recursion(function, robot.model, arrays, wrt, {"link": link})
+    q, qd = np.array([[0.1, -1.0, 1.2, 0.3, 1.1, 0.2]]), np.full((1, 6), 0.5)
+    wrt, fixed = tuple(function.quantity.widths), {"link": "tool0", **options}
+    arrays = [q[:, : robot.n], qd[:, : robot.n]][: len(wrt)]
+    slopes = rne.kernels.derivative(function, robot.model, *wrt, **fixed)(*arrays)
+    steps, _ = rne.kernels.trace.by_recursion(function, robot.model, arrays, wrt, fixed)
     assert abs(slopes - steps).max() <= 1e-10 * abs(steps).max()  # of the conditions of M and of the pose, 1e5
     weights = np.ones((1, slopes[..., 0].size))
-    gradient = rne.kernels.gradient(function, robot.model, *wrt, link=link)(*arrays, weights)
+    gradient = rne.kernels.gradient(function, robot.model, *wrt, **fixed)(*arrays, weights)
     np.testing.assert_allclose(gradient, slopes.reshape(1, -1, slopes.shape[-1]).sum(1), rtol=1e-9, atol=1e-9)
 
 
@@ -399,7 +404,7 @@ class TestLinearisedLoops:
             np.testing.assert_allclose(found.sample_time_limit, proven.sample_time_limit, rtol=1e-4)
             np.testing.assert_allclose(-found.poles.real.min(), proven.fastest_pole, rtol=1e-9)
 
-    @pytest.mark.parametrize("carried", [0.0, 4.0])
+    @pytest.mark.parametrize("carried", kept([0.0, 4.0], [4.0]))
     def test_sampled_impedances_diverge_where_it_says_so(self, carried):
         robot, link = arm("irb140")
         pose = robot.link_poses(self.Q)[robot.link_names.index(link)]
@@ -440,16 +445,20 @@ class TestLinearisedLoops:
         assert text in str(rne.Scene(robot, controller=law, friction=rne.Friction(coulomb=3.0)).check_gains(self.Q))
         assert text not in str(rne.Scene(robot, controller=law, friction=rne.Friction(viscous=3)).check_gains(self.Q))
 
-    def test_a_redundant_arm_without_posture_is_told_to_be_free(self):
-        robot = rne.load("panda").locked({"panda_finger_joint1": 0.0})
-        q = np.array([0, -0.5, 0, -2.0, 0, 1.6, 0.8])
-        pose = robot.link_poses(q)[robot.link_names.index("panda_link8")]
-        gains = ([50] * 3 + [800] * 3, [5] * 3 + [80] * 3, pose)
-        law = rne.control.impedance(robot, "panda_link8", *gains)
+    @pytest.mark.parametrize("name", kept(["planar", "panda"], ["planar"]))
+    def test_a_redundant_arm_without_posture_is_told_to_be_free(self, name):
+        if name == "planar":
+            robot, link, q, turns = planar(3), "tool0", np.array([0.1, 0.9, 0.7]), [0.0] * 3
+        else:
+            robot, link, turns = loaded("panda").locked({"panda_finger_joint1": 0.0}), "panda_link8", [1.0] * 3
+            q = np.array([0, -0.5, 0, -2.0, 0, 1.6, 0.8])
+        pose = robot.link_poses(q)[robot.link_names.index(link)]
+        gains = ([50 * k for k in turns] + [800] * 3, [5 * k for k in turns] + [80] * 3, pose)
+        law = rne.control.impedance(robot, link, *gains)
         loop = rne.Scene(robot, controller=law).check_gains(q)
         assert not loop.stable
-        assert "\nzero poles: 2 of 14, of motions that nothing holds or damps" in str(loop)
-        held = rne.control.impedance(robot, "panda_link8", *gains, posture=(q, [10] * 7, [5] * 7))
+        assert f"\nzero poles: 2 of {2 * robot.n}, of motions that nothing holds or damps" in str(loop)
+        held = rne.control.impedance(robot, link, *gains, posture=(q, 10.0, 5.0))
         loop = rne.Scene(robot, controller=held).check_gains(q)
         assert loop.stable
         assert "zero poles" not in str(loop)
@@ -471,7 +480,7 @@ class TestLinearisedLoops:
             law = rne.control.pid(robot, 50, ki, 20, self.Q, gravity=True)
             assert rne.Scene(robot, controller=law).check_gains(self.Q).stable is stable
 
-    @pytest.mark.parametrize("ki", [5.0, 20.0])
+    @pytest.mark.parametrize("ki", kept([5.0, 20.0], [20.0]))
     def test_laws_with_states_diverge_where_it_says_so(self, ki):
         robot = loaded("irb140")
         law = rne.control.pid(robot, 50, ki, 20, self.Q, gravity=True)
