@@ -611,10 +611,10 @@ class TestMachineCode:
 @pytest.mark.parametrize("options", kept([{}, ROUGHLY], [ROUGHLY]))
 def test_a_motion_that_diverges_is_named(chain, options):
     """Torques of the rates' cube: rates reach infinity in finite time."""
-    scene, starts = rne.Scene(chain, controller=rne.traceable(lambda t, q, qd: 1e3 * qd**3)), np.zeros((20, 2))
+    scene, starts = rne.Scene(chain, controller=rne.traceable(lambda t, q, qd: 1e3 * qd**3)), np.zeros((5, 2))
     rates = starts.copy()
-    rates[13, 0] = 1.0
-    with pytest.raises(rne.NotFiniteError, match=r"^start 13 at t = \S+ s: the (step needed|right-hand side)"):
+    rates[3, 0] = 1.0
+    with pytest.raises(rne.NotFiniteError, match=r"^start 3 at t = \S+ s: the (step needed|right-hand side)"):
         rne.ensemble(scene, starts, rates, 0.1, **options)
 
 

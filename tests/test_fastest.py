@@ -326,10 +326,12 @@ def test_a_law_follows_it_by_calls(arm, smooth):
     assert np.isfinite(law(0.2, q, qd)).all()
 
 
-@pytest.mark.parametrize(("smoothing", "deviation"), kept([(None, 1e-4), (0, 2e-4)], [(0, 2e-4)]))
-def test_the_planned_torques_drive_the_arm_along_the_path(arm, smoothing, deviation):
-    """At 1 kHz; held torques that are right but in the middle of a sample, where they jump, lead to 2e-3 on this path."""
-    motion = fastest(arm, random_path(arm, np.random.default_rng(2)), smoothing=smoothing)
+@pytest.mark.parametrize(
+    ("seed", "smoothing", "deviation"), kept([(2, None, 1e-4), (2, 0, 2e-4), (11, 0, 5e-5)], [(11, 0, 5e-5)])
+)
+def test_the_planned_torques_drive_the_arm_along_the_path(arm, seed, smoothing, deviation):
+    """At 1 kHz; held torques that are right but in the middle of a sample, where they jump, lead to ten times as much."""
+    motion = fastest(arm, random_path(arm, np.random.default_rng(seed)), smoothing=smoothing)
     assert largest_deviation(motion) < deviation
 
 

@@ -285,8 +285,9 @@ def test_a_robot_without_joints_keeps_every_bound(irb140, compare, by_terms):
 
 @pytest.fixture
 def short(monkeypatch):
-    """The main job with a tenth of its free swing, and few frames; everything else as it is."""
+    """The main job with a tenth of its free swing, few frames and one turn of timing; everything else as it is."""
     monkeypatch.setattr(pages, "MAIN_SWING", 1.0)
+    monkeypatch.setattr(pages, "TURNS", 1)
     monkeypatch.setattr("rne.plotting.html_page.FILM_FPS", 1.0)
 
 
