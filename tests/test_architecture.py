@@ -218,12 +218,7 @@ LONG_EXAMPLES = (
 
 
 @pytest.mark.parametrize("are_long", kept([False, True], [False]))
-def test_examples_run(are_long, irb140, monkeypatch):
-    """The built-in robot is that of all tests, which keeps the kernels that examples trace."""
-    load = rne.load
-    monkeypatch.setattr(
-        rne, "load", lambda *args, **more: irb140 if (args, more) == (("irb140",), {}) else load(*args, **more)
-    )
+def test_examples_run(are_long, irb140_once, monkeypatch):
     monkeypatch.chdir(ROOT)
     said, runner = [], doctest.DocTestRunner(verbose=False, optionflags=doctest.NORMALIZE_WHITESPACE)
     for name in MODULES:
