@@ -27,6 +27,16 @@ def test_payload_adds_the_kinetic_energy_of_a_body(tree):
     np.testing.assert_allclose(rne.dynamics.kinetic_energy(loaded, q, qd), expected, rtol=1e-12)
 
 
+def test_a_payload_beyond_all_places_is_told(irb140, caplog):
+    """A centre of mass in millimetres, with a cure; one that the arm may carry, and a body without mass, say nothing."""
+    irb140.with_payload(5.0, [0, 0, 0.06])
+    irb140.with_payload(0.0, [0, 0, 60])
+    assert not caplog.text
+    irb140.with_payload(5.0, [0, 0, 60])
+    said = "its centre of mass is 60 m from the link's origin, all links measure 1.164 m: in metres?"
+    assert f"payload on link 'tool0': {said}" in caplog.messages
+
+
 def test_payload_on_the_base_moves_nothing():
     tree = random_tree(3, seed=1)
     loaded = rne.model.with_payload(tree, 5.0, [0, 0, 1], None, "root")

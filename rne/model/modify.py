@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -26,6 +27,8 @@ from .topology import check_closure, end_link
 
 LimitValues = ArrayLike | Mapping[str, float] | None
 TRIANGLE = 1e-12  # of the trace: rounding error of principal moments
+FAR = 5  # times the lengths of all links: farther out, no payload is carried
+LOGGER = logging.getLogger("rne")
 
 
 def with_payload(
@@ -56,6 +59,10 @@ def with_payload(
     if error:
         raise ValueError(f"payload on link {link!r}: {error}")
     R, p, body = model.link_rotation[index], model.link_translation[index], model.link_body[index]
+    lengths, distance = np.linalg.norm(np.vstack([model.translation, p]), axis=1).sum(), np.linalg.norm(c)
+    if m and distance > FAR * lengths > 0:
+        text = "its centre of mass is %.4g m from the link's origin, all links measure %.4g m: in metres?"
+        LOGGER.warning("payload on link %r: " + text, link, distance, lengths)
     payload = (float(m), p + rotate(R, c), R @ I @ transpose(R))
     if body < 0:
         base = combine_bodies([(model.base_mass, model.base_com, model.base_inertia), payload])
