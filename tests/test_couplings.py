@@ -276,9 +276,10 @@ def test_couplings_are_data():
         assert np.abs(exact.astype(float) - wanted[0]).max() < 1e-14 * np.abs(wanted).max() * 10
 
 
-def test_engines_and_batches_agree():
+@pytest.mark.parametrize("name", kept(["bar", "engine"], ["engine"]))
+def test_engines_and_batches_agree(name):
     pytest.importorskip("numba")
-    model, *_ = linkage("bar")
+    model, *_ = linkage(name)
     q, qd, u, _ = drawn(model, 60)
     wanted = rne.dynamics.forward_dynamics(model, q, qd, u)
     for engine in ("numpy", "numba"):

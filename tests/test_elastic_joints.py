@@ -164,10 +164,10 @@ def test_a_law_reads_what_the_joints_say_however_it_is_run(arm, reads, sampled, 
     how = {"elastic": elastic, "sample_time": sampled}
     called = rne.Scene(arm, **how, controller=lambda *state: law(*state))
     traced = rne.Scene(rne.Robot(arm.model, engine), **how, controller=rne.traceable(law))
-    motion, other = (rne.simulate(scene, [0.5, 0.2], [0.0, 0.1], 0.2, **TIGHT) for scene in (called, traced))
+    motion, other = (rne.simulate(scene, [0.5, 0.2], [0.0, 0.1], 0.1, **TIGHT) for scene in (called, traced))
     given = {"motor": (motion.motor_q, motion.motor_qd), "link": (motion.q, motion.qd)}
     given["both"] = tuple(np.concatenate(pair, axis=1) for pair in zip(given["link"], given["motor"], strict=True))
-    at_samples = slice(None) if sampled is None else np.isin(motion.t, 0.002 * np.arange(100))
+    at_samples = slice(None) if sampled is None else np.isin(motion.t, 0.002 * np.arange(50))
     assert at_samples is not None
     assert len(motion.t[at_samples]) > 20
     for t, q, qd, tau in zip(*(x[at_samples] for x in (motion.t, *given[reads], motion.tau)), strict=True):

@@ -39,7 +39,10 @@ def motion(robot):
 
 @pytest.fixture(scope="module")
 def motion_html(motion):
-    return motion._repr_html_()
+    """With pictures of few pixels, as wide on the page as fine ones."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(notebook, "DPI", 50)
+        return motion._repr_html_()
 
 
 @pytest.fixture(scope="module")
