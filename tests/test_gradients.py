@@ -340,9 +340,9 @@ class TestStatesThatTheProgramRefuses:
                 kernel([0.3, 0.0, 0.2], *np.ones((3, 3)))
 
     def test_fast_states_are_judged_by_the_function_and_run_by_the_program(self):
-        robot = small("serial")
-        q, qd, tau = states(3, 4)
-        weights = np.ones((4, 3))
+        robot = small("pair")
+        q, qd, tau = states(2, 4)
+        weights = np.ones((4, 2))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", rne.PrecisionWarning)
             fast = robot.forward_dynamics_gradient(q, 1e4 * qd, tau, weights)
