@@ -93,6 +93,18 @@ def irb140():
     return loaded("irb140")
 
 
+@pytest.fixture
+def irb140_once(irb140, monkeypatch):
+    """`rne.load` gives the built-in robot of all tests, which keeps the kernels that are traced."""
+    load = rne.load
+
+    def loaded_once(robot, **given):
+        is_plain = robot == "irb140" and all(value is None for value in given.values())
+        return irb140 if is_plain else load(robot, **given)
+
+    monkeypatch.setattr(rne, "load", loaded_once)
+
+
 @pytest.fixture(scope="session")
 def gains_of_thesis(irb140):
     """Of the closed loops of the thesis, sampled too slowly; the search takes a second."""

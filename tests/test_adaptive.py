@@ -8,7 +8,7 @@ import pytest
 import rne
 from rne.model.parameters import pseudo_inertia
 
-from .helpers import kept, loaded
+from .helpers import first_joints, kept, loaded
 
 W = np.pi  # 0.5 Hz
 CENTRE = np.array([0, 0.2, -0.3, 0.2, 0.8, 0.1])  # [rad]
@@ -30,7 +30,7 @@ def short_circle(t):
 @pytest.fixture(scope="module")
 def arm():
     """Three joints: the IRB 140 with its wrist locked."""
-    return loaded("irb140").locked({"joint_4": 0.2, "joint_5": 0.8, "joint_6": 0.1})
+    return first_joints()
 
 
 def law_of(arm, **options):

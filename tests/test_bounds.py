@@ -230,7 +230,7 @@ def test_entries_that_vanish_are_proven_0(arm, of_arm):
     assert first == ["rounding", "<=", left, "0", "gravity", "torque", "of", "joint_1"]
 
 
-@pytest.mark.parametrize(("n", "seed"), kept([(3, 3), (4, 22), *((6, seed) for seed in range(4))], [(3, 3)]))
+@pytest.mark.parametrize(("n", "seed"), kept([(2, 3), (3, 3), (4, 22), *((6, seed) for seed in range(4))], [(2, 3)]))
 def test_gravity_of_full_turns_is_attained_from_below(n, seed):
     """The product of gravity's largest sine and the largest first moment, by search within the steps of its angles."""
     robot = rne.Robot(random_tree(n, seed, prismatic=0.0))
@@ -284,7 +284,7 @@ def test_articulated_pivots_at_a_position_are_those_of_the_matrix(seed):
     """On boxes without width they are positive exactly if M - 1 / t is positive definite."""
     robot = random_chain(seed)
     criterion, box = least_eigenvalue(robot, "limits")
-    q = np.random.default_rng(seed).uniform(box.lower, box.upper, (2000, robot.n))
+    q = np.random.default_rng(seed).uniform(box.lower, box.upper, (500, robot.n))
     values = criterion.values(q)
     search = ArticulatedSearch(criterion, box, q[0], np.median(values), Clock())
     x = (q - search.middle) / search.scale
@@ -301,12 +301,12 @@ def test_articulated_pivots_are_searched_for_the_least_eigenvalue_alone():
 
 @pytest.mark.parametrize("seed", kept(range(4), [3]))
 def test_least_eigenvalues_of_random_chains_are_proven_and_nothing_beyond(seed):
-    """None of 10^5 states is outside, and what a state exceeds is refused."""
+    """None of 10^4 states is outside, and what a state exceeds is refused."""
     robot = random_chain(seed)
     criterion, box = least_eigenvalue(robot, "limits")
     clock = Clock()
     (found,) = largest([criterion], box, 0.05, clock.now() + 60.0, clock)
-    q = np.random.default_rng(seed).uniform(box.lower, box.upper, (100_000, robot.n))
+    q = np.random.default_rng(seed).uniform(box.lower, box.upper, (10_000, robot.n))
     assert np.linalg.eigvalsh(robot.mass_matrix(q))[:, 0].min() >= 1 / found.upper
     assert found.upper <= 1.05 * found.attained * (1 + 1e-9)
     search = ArticulatedSearch(criterion, box, found.q, 0.999 * found.attained, Clock())
@@ -546,8 +546,9 @@ def test_a_robot_without_joints_is_refused():
     ("robot", "positions"), [(mimicking(2.0), "circle"), (mimicking(-0.7), ([-1.0], [2.0]))], ids=["whole", "fraction"]
 )
 def test_joints_that_mimic_follow_their_driver(robot, positions):
-    found = robot.bounds(positions, rates=RATES, accelerations=ACCELERATIONS, tolerance=1e-4)
-    q = np.linspace(*((-np.pi, np.pi) if positions == "circle" else (-1, 2)), 20_001)[:, None]
+    wanted = ["gravity_torque", "mass_matrix", "torque"]
+    found = robot.bounds(positions, rates=RATES, accelerations=ACCELERATIONS, tolerance=1e-4, quantities=wanted)
+    q = np.linspace(*((-np.pi, np.pi) if positions == "circle" else (-1, 2)), 2_001)[:, None]
     sizes = {"gravity_torque": abs(robot.gravity_torque(q)).max(), "mass_matrix": robot.mass_matrix(q).max()}
     sizes["torque"] = max(
         abs(robot.inverse_dynamics(q, 0 * q + RATES, s * (0 * q + ACCELERATIONS))).max() for s in (-1, 1)
@@ -571,10 +572,11 @@ def test_ranges_of_masses_have_their_extremes_at_the_ends(arm):
     m = heavy.model
     factor = np.where(np.arange(arm.n) == 1, 24 / 22, 1.0)
     heavy = rne.Robot(replace(m, mass=m.mass * factor, inertia=m.inertia * factor[:, None, None]))
-    np.testing.assert_allclose(found.gravity_torque.upper, heavy.bounds(**options).gravity_torque.upper, atol=1e-9)
+    alone = heavy.bounds(quantities=["gravity_torque"], tolerance=0.5)
+    np.testing.assert_allclose(found.gravity_torque.upper, alone.gravity_torque.upper, atol=1e-9)
     rng = np.random.default_rng(6)
-    for mass in (0.0, 1.3, 3.0):
-        loaded, q = arm.with_payload(mass), rng.uniform(-np.pi, np.pi, (2000, arm.n))
+    for loaded in (arm, arm.with_payload(1.3), arm.with_payload(3.0)):
+        q = rng.uniform(-np.pi, np.pi, (1000, arm.n))
         assert (abs(loaded.gravity_torque(q)) <= found.gravity_torque.upper).all()
         eigenvalues = np.linalg.eigvalsh(loaded.mass_matrix(q))
         assert eigenvalues.min() >= found.mass_eigenvalues.lower[0]

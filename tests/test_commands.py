@@ -20,6 +20,8 @@ from .faulty_logs import SCARA
 from .helpers import ROOT
 from .helpers import kept as kept_parameters
 
+pytestmark = pytest.mark.usefixtures("irb140_once")
+
 IRB140 = str(ROOT / "robots" / "irb140.urdf")
 LIFT = """<robot name="lift"><link name="base"/><link name="car"><inertial><mass value="2"/>
 <inertia ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"/></inertial></link><joint name="up" type="prismatic">

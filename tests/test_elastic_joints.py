@@ -164,10 +164,10 @@ def test_a_law_reads_what_the_joints_say_however_it_is_run(arm, reads, sampled, 
     how = {"elastic": elastic, "sample_time": sampled}
     called = rne.Scene(arm, **how, controller=lambda *state: law(*state))
     traced = rne.Scene(rne.Robot(arm.model, engine), **how, controller=rne.traceable(law))
-    motion, other = (rne.simulate(scene, [0.5, 0.2], [0.0, 0.1], 0.2, **TIGHT) for scene in (called, traced))
+    motion, other = (rne.simulate(scene, [0.5, 0.2], [0.0, 0.1], 0.1, **TIGHT) for scene in (called, traced))
     given = {"motor": (motion.motor_q, motion.motor_qd), "link": (motion.q, motion.qd)}
     given["both"] = tuple(np.concatenate(pair, axis=1) for pair in zip(given["link"], given["motor"], strict=True))
-    at_samples = slice(None) if sampled is None else np.isin(motion.t, 0.002 * np.arange(100))
+    at_samples = slice(None) if sampled is None else np.isin(motion.t, 0.002 * np.arange(50))
     assert at_samples is not None
     assert len(motion.t[at_samples]) > 20
     for t, q, qd, tau in zip(*(x[at_samples] for x in (motion.t, *given[reads], motion.tau)), strict=True):
@@ -264,25 +264,25 @@ def test_ensembles_move_as_single_motions(arm, engine):
     elastic = rne.ElasticJoints(500.0, 1.0, reads="both")
     scene = rne.Scene(robot, elastic=elastic, controller=law)
     q0, qd0 = rng.uniform(-1, 1, (2, 2)), np.zeros((2, 2))
-    single = [rne.simulate(scene, q, qd, 0.1, **TIGHT) for q, qd in zip(q0, qd0, strict=True)]
+    single = [rne.simulate(scene, q, qd, 0.05, **TIGHT) for q, qd in zip(q0, qd0, strict=True)]
     ends = np.array([motion.q[-1] for motion in single])
-    together = rne.ensemble(scene, q0, qd0, 0.1, **TIGHT)
+    together = rne.ensemble(scene, q0, qd0, 0.05, **TIGHT)
     np.testing.assert_allclose(together.q[-1], ends, rtol=0, atol=1e-9)
     np.testing.assert_allclose(together.tau[-1], [motion.tau[-1] for motion in single], rtol=0, atol=1e-7)
     np.testing.assert_allclose(together.qd[-1], [motion.qd[-1] for motion in single], rtol=0, atol=1e-8)
     assert together.ledger == ("drives", "joint_damping")
     losses = [motion.dissipated["joint_damping"][-1] for motion in single]
     np.testing.assert_allclose(together.energies[-1, :, 1], losses, rtol=0, atol=1e-9)
-    np.testing.assert_allclose(rne.ensemble(scene, q0, qd0, 0.1, step=5e-4).q[-1], ends, rtol=0, atol=1e-6)
-    euler = rne.ensemble(scene, q0, qd0, 0.1, step=5e-4, method="semi-implicit-euler")
+    np.testing.assert_allclose(rne.ensemble(scene, q0, qd0, 0.05, step=5e-4).q[-1], ends, rtol=0, atol=1e-6)
+    euler = rne.ensemble(scene, q0, qd0, 0.05, step=5e-4, method="semi-implicit-euler")
     np.testing.assert_allclose(euler.q[-1], ends, rtol=0, atol=5e-3)
-    stopped = rne.ensemble(replace(scene, stops=True), q0, qd0, 0.1, **TIGHT)
+    stopped = rne.ensemble(replace(scene, stops=True), q0, qd0, 0.05, **TIGHT)
     np.testing.assert_allclose(stopped.q[-1], ends, rtol=0, atol=1e-9)
     heavier = 1.2 * robot.parameters
-    other = rne.simulate(replace(scene, robot=robot.with_parameters(heavier)), q0[0], qd0[0], 0.1, **TIGHT)
+    other = rne.simulate(replace(scene, robot=robot.with_parameters(heavier)), q0[0], qd0[0], 0.05, **TIGHT)
     start = np.concatenate([q0[0], other.motor_q[0]])
     for stops, where in itertools.product((False, True), (start, q0[0])):  # torsion holds the heavier links too
-        found = rne.ensemble(replace(scene, stops=stops), where[None], qd0[:1], 0.1, parameters=heavier[None], **TIGHT)
+        found = rne.ensemble(replace(scene, stops=stops), where[None], qd0[:1], 0.05, parameters=heavier[None], **TIGHT)
         np.testing.assert_allclose(found.q[-1, 0], other.q[-1], rtol=0, atol=1e-9)
 
 

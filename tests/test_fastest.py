@@ -120,9 +120,9 @@ def test_arms_with_much_viscous_friction_creep_at_their_limits(arm, viscous):
 
 def test_friction_that_dwarfs_inertia_is_driven_through_turns():
     """The way of 3.9 m at the speed F / c; where the slider turns, it stands, and its parameter may have any speed."""
-    motion = fastest(slider(), [[0.0], [2.1], [0.3]], friction=rne.Friction(viscous=400.0), smoothing=0)
+    motion = fastest(slider(), [[0.0], [2.1], [0.3]], friction=rne.Friction(viscous=200.0), smoothing=0)
     way = np.abs(np.diff(motion.path.pieces[0](np.linspace(0, 1, 100_001))[:, 0])).sum()
-    assert motion.duration == pytest.approx(way * 400 / 10, rel=EXCEEDED)
+    assert motion.duration == pytest.approx(way * 200 / 10, rel=EXCEEDED)
     assert beyond(motion, 2001) <= 1 + EXCEEDED
 
 
@@ -326,10 +326,12 @@ def test_a_law_follows_it_by_calls(arm, smooth):
     assert np.isfinite(law(0.2, q, qd)).all()
 
 
-@pytest.mark.parametrize(("smoothing", "deviation"), kept([(None, 1e-4), (0, 2e-4)], [(0, 2e-4)]))
-def test_the_planned_torques_drive_the_arm_along_the_path(arm, smoothing, deviation):
-    """At 1 kHz; held torques that are right but in the middle of a sample, where they jump, lead to 2e-3 on this path."""
-    motion = fastest(arm, random_path(arm, np.random.default_rng(2)), smoothing=smoothing)
+@pytest.mark.parametrize(
+    ("seed", "smoothing", "deviation"), kept([(2, None, 1e-4), (2, 0, 2e-4), (11, 0, 5e-5)], [(11, 0, 5e-5)])
+)
+def test_the_planned_torques_drive_the_arm_along_the_path(arm, seed, smoothing, deviation):
+    """At 1 kHz; held torques that are right but in the middle of a sample, where they jump, lead to ten times as much."""
+    motion = fastest(arm, random_path(arm, np.random.default_rng(seed)), smoothing=smoothing)
     assert largest_deviation(motion) < deviation
 
 

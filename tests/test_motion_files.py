@@ -12,6 +12,8 @@ from rne.commands.moving import SampledMotion, filtered, noise, suggested_cutoff
 
 from .helpers import kept, loaded
 
+pytestmark = pytest.mark.usefixtures("irb140_once")
+
 NAMES = {"ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds"}
 UNITS = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}  # of a time, in a second
 

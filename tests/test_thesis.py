@@ -67,15 +67,16 @@ def test_6_3_4_collapses_after_four_seconds(irb140, holding):
 
 def test_6_4_keeps_its_energy_while_a_small_offset_grows(irb140):
     """An offset of 1e-6 rad gives an entirely different motion, both of constant energy: figures 6.6 to 6.9."""
-    times = np.linspace(0, 10, 4001)
-    swings = [rne.simulate(irb140, [0, x, 0, 0, 0, 0], REST, 10.0, t_eval=times, **TIGHT) for x in (0.0, 1e-6)]
+    times = np.linspace(0, 6, 2401)
+    runs = [(0.0, np.linspace(0, 10, 4001)), (1e-6, times)]
+    swings = [rne.simulate(irb140, [0, x, 0, 0, 0, 0], REST, t[-1], t_eval=t, **TIGHT) for x, t in runs]
     assert [s.energy[0] for s in swings] == pytest.approx([370.876860, 370.876836], abs=1e-6)
     assert max(s.energy_drift for s in swings) <= 1e-6
     assert [s.kinetic.max() for s in swings] == pytest.approx([293.5, 293.4], abs=0.05)
     assert [s.potential.min() for s in swings] == pytest.approx([77.3, 77.5], abs=0.05)
-    printed = [np.ptp(wrong_height(s)[times <= 5]) for s in swings]  # with the height of (6.38)
+    printed = [np.ptp(wrong_height(s)[s.t <= 5]) for s in swings]  # with the height of (6.38)
     assert printed == pytest.approx([0.79, 0.78], abs=5e-3)
-    apart = np.abs(swings[0].q - swings[1].q).max(axis=1)
+    apart = np.abs(swings[0].q[: len(times)] - swings[1].q).max(axis=1)
     assert times[np.argmax(apart > 1e-3)] == pytest.approx(3.0, abs=0.01)
     assert times[np.argmax(apart > 1.0)] == pytest.approx(5.69, abs=0.01)
 
@@ -125,7 +126,7 @@ def test_gravity_may_be_compensated_or_left_out(irb140):
     run, weightless = CLOSED_LOOPS[2], rne.load("irb140", gravity=(0, 0, 0))
     laws = (irb140, rne.control.pd_gravity), (weightless, rne.control.pd)
     ends = [
-        rne.simulate(rne.Scene(robot, controller=law(robot, KP, KD, run.reference)), run.start, REST, 0.3, rtol=1e-8)
+        rne.simulate(rne.Scene(robot, controller=law(robot, KP, KD, run.reference)), run.start, REST, 0.1, rtol=1e-8)
         for robot, law in laws
     ]
     assert np.abs(ends[0].q[-1] - ends[1].q[-1]).max() <= 1e-6

@@ -104,12 +104,12 @@ def turned(wxyz):
 
 @pytest.fixture(scope="module")
 def swing(irb140):
-    return rne.simulate(irb140, [0] * 6, [0] * 6, 1.0)
+    return rne.simulate(irb140, [0] * 6, [0] * 6, 0.4)
 
 
 @pytest.fixture(scope="module")
 def loaded(irb140):
-    return rne.simulate(irb140.with_payload(6.0), [0] * 6, [0, 2.0, 0, 0, 0, 0], 1.5)
+    return rne.simulate(irb140.with_payload(6.0), [0] * 6, [0, 2.0, 0, 0, 0, 0], 0.6)
 
 
 @pytest.fixture(scope="module")
@@ -262,8 +262,8 @@ class TestShapes:
 class TestRecording:
     def test_links_are_where_the_motion_is_at_every_frame(self, irb140, swing, loaded, both):
         length, messages = recording(both)
-        assert length == pytest.approx(1.5 + viewer.HOLD)
-        for time in (0.0, 1.0, 1.5):
+        assert length == pytest.approx(0.6 + viewer.HOLD)
+        for time in (0.0, 0.4, 0.6):
             places = state(messages, time)
             for group, motion in (("robot", swing), ("other", loaded)):
                 q, _, _ = motion(min(time, motion.t[-1]))
@@ -355,9 +355,9 @@ class TestRecording:
 
     def test_arrays_are_interpolated_linearly_and_time_runs_at_the_given_speed(self, irb140):
         q = np.array([np.zeros(6), np.full(6, 0.8)])
-        length, messages = recording(rne.view(irb140, q=q, t=[2.0, 6.0], speed=2.0))
-        assert length == pytest.approx(2.0 + viewer.HOLD)
-        place = state(messages, 1.0)["/robot/link_4"]
+        length, messages = recording(rne.view(irb140, q=q, t=[2.0, 3.2], speed=2.0))
+        assert length == pytest.approx(0.6 + viewer.HOLD)
+        place = state(messages, 0.3)["/robot/link_4"]
         np.testing.assert_allclose(place["position"], irb140.link_poses(q[1] / 2)[4, :3, 3], atol=2e-5)
 
     def test_up_is_against_gravity(self, irb140):
@@ -433,7 +433,7 @@ class TestPage:
 
     def test_the_legend_says_what_is_shown(self, irb140, both, tmp_path):
         assert re.search(
-            r'<div id="rne"><b>irb140</b><br><i style="[^"]*"></i>plain<br><i [^>]*></i>6 kg<br>1.5 s of motion, in real '
+            r'<div id="rne"><b>irb140</b><br><i style="[^"]*"></i>plain<br><i [^>]*></i>6 kg<br>0.6 s of motion, in real '
             r"time, then a pause of 0.5 s<br>purple: joint axes; squares of the floor: 0.2 m<br><label>",
             both.html,
         )

@@ -1,5 +1,6 @@
 """External wrenches as arrays of a kernel: the laws of mechanics, and the recursion's results, words and verdicts."""
 
+import functools
 import pickle
 import re
 from dataclasses import replace
@@ -59,12 +60,15 @@ def bound(model, function, q, eps=EPS):
     return ROUNDING / EPS * eps * max(model.n, 1) * kappa
 
 
+compiled = functools.cache(lambda function, model, external: rne.compile(function, model, external=external))
+
+
 def check_same(model, function, count, links, dtype=np.float64):
     """Kernel and recursion, for a batch and its states one by one."""
     arrays = [x.astype(dtype) for x in (*states(model.n, 5)[:count], *wrenches_on(links, 5))]
     wide = [x.astype(np.float64) for x in arrays]
     expected = function(model, *wide[:count], external=dict(zip(links, wide[count:], strict=True)))
-    kernel = rne.compile(function, model, external=links)
+    kernel = compiled(function, model, links)
     allowed = bound(model, function, wide[0], float(np.finfo(dtype).eps))
     for got in (kernel(*arrays), np.array([kernel(*state) for state in zip(*arrays, strict=True)])):
         assert got.dtype == dtype
@@ -99,9 +103,9 @@ def test_kernel_is_the_recursion_on_many_trees(seed):
 class TestLaws:
     def test_a_wrench_takes_its_virtual_work_from_the_joints(self, tree):
         q, qd, qdd = states(tree.n, 5)
-        tau = rne.compile(rne.dynamics.inverse_dynamics, tree)(q, qd, qdd)
+        tau = rne.dynamics.inverse_dynamics(tree, q, qd, qdd)
         poses, links = rne.dynamics.link_poses(tree, q), some_links(tree)
-        kernel = rne.compile(rne.dynamics.inverse_dynamics, tree, external=links)
+        kernel = compiled(rne.dynamics.inverse_dynamics, tree, links)
         for k, link in enumerate(links):
             wrenches = np.zeros((len(links), 5, 6))
             (wrenches[k],) = wrenches_on([link], 5)

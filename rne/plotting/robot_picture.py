@@ -189,9 +189,9 @@ def _images(robot: Robot, t: Array, poses: Array) -> list[Image]:
         canvas.draw()
         return np.array(canvas.buffer_rgba())[..., :3]
 
-    some = np.concatenate([pixels(frame) for frame in sorted({0, len(t) // 2, len(t) - 1})])
-    palette = Image.fromarray(some).quantize(method=Image.Quantize.MAXCOVERAGE, kmeans=1)
-    frames = (Image.fromarray(pixels(frame)) for frame in range(len(t)))
+    some = {frame: pixels(frame) for frame in sorted({0, len(t) // 2, len(t) - 1})}
+    palette = Image.fromarray(np.concatenate([*some.values()])).quantize(method=Image.Quantize.MAXCOVERAGE, kmeans=1)
+    frames = (Image.fromarray(some[frame] if frame in some else pixels(frame)) for frame in range(len(t)))
     return [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
 
 

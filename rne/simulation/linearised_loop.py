@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -33,7 +34,8 @@ def linearised_loop(scene: Any, q: Array) -> LinearisedLoop:
     fastest = float(np.abs(poles).max(initial=1e-300))
     limit, stable = 0.0, bool((poles.real < -MARGIN * fastest).all())
     opened = np.zeros_like(closed)  # states of a sampled law are held too: they follow by Euler's rule
-    opened[: 2 * n, : 2 * n] = _slopes(replace(free, controller=lambda t, q, qd: torque), q)[0]
+    held = replace(free, controller=lambda t, q, qd: torque)
+    opened[: 2 * n, : 2 * n] = _slopes(held, q, Plant.linearised)[0]  # exact too, and traces nothing the first time
     if stable:
         first, last = FASTEST / fastest, SLOWEST / float(np.abs(poles).min())
         times = np.geomspace(first, last, int(np.ceil(np.log(last / first) / np.log(STEP))))
@@ -46,13 +48,13 @@ def linearised_loop(scene: Any, q: Array) -> LinearisedLoop:
     return LinearisedLoop(poles, limit, sample_time, stable, is_rest, is_smoothed)
 
 
-def _slopes(scene: Any, q: Array) -> tuple[Array, Array, Array]:
+def _slopes(scene: Any, q: Array, slopes: Callable[..., Array] = Plant.jacobian) -> tuple[Array, Array, Array]:
     """The slopes of the state's rates without energies and impulses, at rest in q, that state, and its rates."""
     dynamics = scene.dynamics
     plant = Plant(dynamics, scene.resolved.robot, scene.controller if dynamics.inputs == "called" else None)
     x = np.zeros(dynamics.size)
     x[: scene.n], moving = q, 2 * scene.n + dynamics.states
-    return plant.jacobian(0.0, x)[:moving, :moving], x, plant(0.0, x)
+    return slopes(plant, 0.0, x)[:moving, :moving], x, plant(0.0, x)
 
 
 def spectral_radius(opened: Array, feedback: Array, T: float) -> float:

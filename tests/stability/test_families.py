@@ -8,7 +8,7 @@ import pytest
 
 import rne
 
-from ..helpers import EPS, ROOT
+from ..helpers import EPS, ROOT, kept
 from ..random_robots import straight_chain
 from .families import FAMILIES, case, straight
 from .structured import WRONG, Measured, measure
@@ -37,10 +37,11 @@ def check(one, perturbations):
         assert measured.ratio <= 10 * one.model.n, quantity
 
 
+@pytest.mark.parametrize("states", kept([3, None], [3]))
 @pytest.mark.parametrize("one", CASES)
-def test_error_is_within_the_structured_condition(one):
+def test_error_is_within_the_structured_condition(one, states):
     """By one perturbation: more could only raise the condition, and so what is allowed."""
-    check(one, perturbations=1)
+    check(one._replace(q=one.q[:states], qd=one.qd[:states], qdd=one.qdd[:states]), perturbations=1)
 
 
 @pytest.mark.long
