@@ -120,12 +120,12 @@ def test_delays_are_found_taken_into_account_and_stated(ms):
 
 
 def test_each_record_has_its_own_delay():
-    """Of two motions one is logged 4 ms late; a third, as late as both on average, is predicted at that time."""
+    """Of two motions one is logged 8 ms late; a third, as late as both on average, is predicted at that time."""
     cases = [case("SCARA", 3), case("SCARA", 3), case("SCARA", 3)]
-    logs = [faults.delayed(ms)(c) for ms, c in zip((4.0, 0.0, 2.0), cases, strict=True)]
+    logs = [faults.delayed(ms)(c) for ms, c in zip((8.0, 0.0, 4.0), cases, strict=True)]
     records = [Record(data.t, data.q, data.tau) for data in logs]
     found = rne.identify(known_robot("SCARA", 3), records[:2], consistent=False)
-    np.testing.assert_allclose(1000 * found.delay, np.outer([4, 0], np.ones(4)), atol=0.3)
+    np.testing.assert_allclose(1000 * found.delay, np.outer([8, 0], np.ones(4)), atol=0.3)
     assert (found.check(records[2]).relative < 0.01).all()  # friction of the log is a step, that predicted is smooth
 
 

@@ -535,9 +535,9 @@ def _interpolate(t: Array, values: Array, flags: Array, bridge: int) -> Array:
 
     long_runs = np.zeros(len(t), dtype=bool)
     for j, x in enumerate(values.T):
+        sound = np.flatnonzero(~flags[:, j])
         for a, b in runs(flags[:, j]):
-            near = np.arange(max(a - thresholds.NEAR_SAMPLES, 0), min(b + thresholds.NEAR_SAMPLES, len(t)))
-            near = near[~flags[near, j]]
+            near = sound[slice(*np.searchsorted(sound, (a - thresholds.NEAR_SAMPLES, b + thresholds.NEAR_SAMPLES)))]
             if b - a > bridge or len(near) < 4:
                 long_runs[a:b] = True
             else:
