@@ -10,7 +10,7 @@ import pytest
 
 import rne
 from rne.identification import Record
-from rne.identification.diagnosis.hypotheses import gravity_directions, ratio_columns, stribeck_columns
+from rne.identification.diagnosis.hypotheses import dissipates, gravity_directions, ratio_columns, stribeck_columns
 from rne.identification.diagnosis.residuals import FitResiduals
 from rne.identification.fit.equations import build_regression
 from rne.identification.fit.least_squares import least_squares
@@ -329,6 +329,16 @@ def test_columns_from_few_samples_are_those_of_the_filter():
     thin = res._with(res.sigma, res.correlation_time, None, res.used & rows[:, None])
     np.testing.assert_array_equal(thin.near_rows(values)[~rows], 0)
     np.testing.assert_allclose(thin.near_rows(values)[rows & used], few[rows & used], atol=1e-12)
+
+
+def test_friction_dissipates_where_its_mean_power_is_positive():
+    """Viscous and Coulomb friction of any signs: what one of them takes the other may give."""
+    res = residuals()
+    groups, qd = res.standard.groups, res.records[0].qd
+    for viscous, coulomb in np.random.default_rng(0).normal(size=(20, 2, res.robot.n)):
+        res.x[groups["Fv"]], res.x[groups["Fc"]] = viscous, coulomb
+        power = (qd * (viscous * qd + coulomb * np.sign(qd))).mean(0)
+        np.testing.assert_array_equal(dissipates(res), power > 0)
 
 
 def test_joints_in_their_own_order_move_the_columns_of_the_fit():

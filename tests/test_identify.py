@@ -636,6 +636,7 @@ def test_plot_has_a_panel_per_joint_and_no_line_across_a_gap(scene, motions):
     )
     figure = found.plot()
     assert [ax.get_title(loc="left") for ax in figure.axes[::2]] == list(scene.robot.joint_names)
+    assert [ax.get_xlabel() for ax in figure.axes[-2:]] == ["time [s]", ""]  # the second is over velocity, as above it
     for line in figure.axes[4].lines:
         x, y = line.get_xdata(), line.get_ydata()
         (gap,) = np.flatnonzero(np.isnan(y))
