@@ -2,6 +2,7 @@
 
 import re
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,18 +10,20 @@ from scipy.linalg import eigvalsh
 from scipy.signal import lfilter
 
 import rne
+from rne.identification import Record
 from rne.identification.fit.consistent import consistent_fit, expected_sizes, geometric_prior, model_prior
 from rne.identification.fit.equations import (
     correlation_time_of_filtered_noise,
     correlation_time_of_residuals,
     equations,
     joined,
+    rows_of,
 )
 from rne.identification.fit.least_squares import least_squares, with_correlation
 from rne.identification.log.filtering import low_pass
 from rne.model.parameters import COLUMNS, ROWS, dual_of_gradient, pseudo_inertia
 
-from .helpers import loaded
+from .helpers import first_joints, loaded
 
 SAME = 1e-11  # relative: another order of operations, condition below 100
 SOLVED = 1e-6  # relative accuracy of the cone programme's solution
@@ -235,6 +238,20 @@ def test_without_clarabel_the_error_says_what_to_install(monkeypatch):
     text = "the physically consistent fit needs Clarabel, which is not installed: pip install 'rne[identify]'"
     with pytest.raises(ImportError, match=f"^{re.escape(text)}$"):
         consistent_fit(factor, model_prior(robot.model)[0], 1.0, BOTH, np.ones(2))
+
+
+def test_a_body_is_felt_that_is_not_felt_at_every_sample():
+    """In the middle of the motion the joints stand still: their columns but gravity's are zero there."""
+    robot = first_joints(2)
+    standard = robot.base_parameters(drives=rne.DriveModel()).standard
+    t = np.arange(400) / 100
+    q = np.sin(np.outer(t, [2.0, 3.0]))
+    prepared = Record(t, q, q).prepare(5.0)
+    moves = np.abs(prepared.t - 2)[:, None] > 0.1
+    still = replace(prepared, qd=prepared.qd * moves, qdd=prepared.qdd * moves)
+    Y = rows_of(robot, standard, still, np.zeros(2), np.zeros(2, bool), standard.values)[0]
+    expected = still.reduce(robot.inverse_dynamics(still.q, still.qd, still.qdd))
+    np.testing.assert_allclose(Y @ standard.values, expected, atol=SAME * np.abs(expected).max())
 
 
 def test_correlated_residuals_count_as_fewer():

@@ -8,7 +8,7 @@ import pytest
 
 import rne
 from rne.identification import Record
-from rne.identification.fit.equations import BEYOND, beyond_limits
+from rne.identification.fit.equations import BEYOND, beyond_limits, of_named_joints
 from rne.identification.fit.least_squares import least_squares
 from rne.identification.result import without_gaps
 from rne.model.parameters import pseudo_inertia
@@ -426,7 +426,7 @@ def test_logs_that_name_joints_differently_are_refused(names, error):
         rne.identify(SCARA, log if len(names) == SCARA.n else [log, whole], consistent=False)
 
 
-def test_a_log_of_one_joint_of_six_is_refused():
+def test_a_log_of_one_joint_of_six_is_refused_and_of_two_is_not():
     arm, t = loaded("irb140"), np.arange(0, 8, 0.01)
     log = Record(t, np.sin(t)[:, None], np.cos(t)[:, None], joint_names=["joint_2"], name="log")
     lost = {f"joint_{k}": 0.0 for k in (1, 3, 4, 5, 6)}
@@ -436,6 +436,8 @@ def test_a_log_of_one_joint_of_six_is_refused():
     )
     with pytest.raises(ValueError, match=f"^{re.escape(error)}$"):
         rne.identify(arm, log)
+    two = Record(t, np.sin(np.outer(t, [1, 2])), np.cos(np.outer(t, [1, 2])), joint_names=["joint_2", "joint_3"])
+    assert of_named_joints(arm, two)[0].joint_names == ("joint_2", "joint_3")
 
 
 def test_rotors_are_declined_where_no_joint_feels_one():
