@@ -303,7 +303,7 @@ def encoder_step(x: Array) -> float:
     if len(steps) < thresholds.FEWEST_DIFFERENCES:
         return 0.0
     step = float(np.median(steps[: thresholds.FEWEST_DIFFERENCES]))
-    for _ in range(5):
+    for _ in range(5):  # by least squares; it settles in a few rounds
         small = steps[steps < 5 * step]
         multiples = np.rint(small / step)
         if not multiples.any():
