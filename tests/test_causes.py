@@ -14,6 +14,7 @@ from rne.dynamics.regressors import gravity_torques
 from rne.identification import Record
 from rne.identification.diagnosis.hypotheses import (
     contacts,
+    dissipates,
     friction,
     gravity_directions,
     ratio_columns,
@@ -130,12 +131,12 @@ def test_delays_are_found_taken_into_account_and_stated(ms):
 
 
 def test_each_record_has_its_own_delay():
-    """Of two motions one is logged 4 ms late; a third, as late as both on average, is predicted at that time."""
+    """Of two motions one is logged 8 ms late; a third, as late as both on average, is predicted at that time."""
     cases = [case("SCARA", 3), case("SCARA", 3), case("SCARA", 3)]
-    logs = [faults.delayed(ms)(c) for ms, c in zip((4.0, 0.0, 2.0), cases, strict=True)]
+    logs = [faults.delayed(ms)(c) for ms, c in zip((8.0, 0.0, 4.0), cases, strict=True)]
     records = [Record(data.t, data.q, data.tau) for data in logs]
     found = rne.identify(known_robot("SCARA", 3), records[:2], consistent=False, causes=False)
-    np.testing.assert_allclose(1000 * found.delay, np.outer([4, 0], np.ones(4)), atol=0.3)
+    np.testing.assert_allclose(1000 * found.delay, np.outer([8, 0], np.ones(4)), atol=0.3)
     assert (found.check(records[2]).relative < 0.01).all()  # friction of the log is a step, that predicted is smooth
 
 
@@ -383,6 +384,16 @@ def test_a_contact_is_told_with_its_force_and_its_times():
     assert newtons == 5
     np.testing.assert_allclose(times, record.times[on[[0, -1]]] - record.start, atol=np.diff(record.times).max() + 0.05)
     assert 0 < times[0] < times[1]
+
+
+def test_friction_dissipates_where_its_mean_power_is_positive():
+    """Viscous and Coulomb friction of any signs: what one of them takes the other may give."""
+    res = residuals()
+    groups, qd = res.standard.groups, res.records[0].qd
+    for viscous, coulomb in np.random.default_rng(0).normal(size=(20, 2, res.robot.n)):
+        res.x[groups["Fv"]], res.x[groups["Fc"]] = viscous, coulomb
+        power = (qd * (viscous * qd + coulomb * np.sign(qd))).mean(0)
+        np.testing.assert_array_equal(dissipates(res), power > 0)
 
 
 def test_joints_in_their_own_order_move_the_columns_of_the_fit():

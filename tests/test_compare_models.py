@@ -9,8 +9,9 @@ import pytest
 
 import rne
 from rne.identification import thresholds
-from rne.identification.diagnosis.compare_models import states_in_range
+from rne.identification.diagnosis.compare_models import TorqueDifference, other_inertias, states_in_range
 from rne.identification.diagnosis.conventions import conventions
+from rne.model.parameters import parameters_of
 
 from .faulty_logs import robots
 from .helpers import loaded
@@ -28,6 +29,7 @@ MEASURED = "for measured motions use `rne.identify(robot, record)`, whose report
 def test_planted_fault_is_named(label):
     found = rne.compare_models(SCARA, OF_SCARA[label])
     assert found.cause == label.split("/")[0], found.report()
+    assert (found.unexplained <= found.accuracy).all()
 
 
 @pytest.mark.long
@@ -127,6 +129,32 @@ def test_a_change_of_bodies_that_turn_alike_is_told_in_its_direction():
     """The slider of a SCARA turns as the link before it, so that torques do not determine a number of each."""
     found = rne.compare_models(SCARA, OF_SCARA["inertia point"])
     assert found.text == "the inertia about the joint is taken as one about the centre of mass, all bodies"
+
+
+def test_the_nearest_convention_is_told_where_none_explains_the_difference():
+    """An axis is flipped, and a small torque acts that is none of the hypotheses."""
+    sign = np.array([1, 1, 1, -1])
+
+    def torques(q, qd, qdd):
+        return sign * SCARA.inverse_dynamics(sign * q, sign * qd, sign * qdd) + 0.01 * np.sin(q)
+
+    found = rne.compare_models(SCARA, torques)
+    assert found.cause == "unknown"
+    first = next(c for c in found.candidates if len(c.causes) == 1)
+    assert first.text == "the axis of d points the other way"
+
+
+def test_products_of_inertia_with_the_other_sign_are_among_the_hypotheses(irb140):
+    """Of bodies that have all three, about their centres of mass."""
+    I, states = irb140.model.inertia, np.random.default_rng(0).normal(size=(3, 20, irb140.n))
+    products = 0.1 * np.linalg.eigvalsh(I)[:, 0, None, None] * (1 - np.eye(3))
+    own, other = (parameters_of(replace(irb140.model, inertia=I + x)) for x in (products, -products))
+    data = TorqueDifference(irb140, states, irb140.regressor(*states) @ other, 1e-8)
+    data.bodies = own
+    hypotheses = {h.text(np.ones(irb140.n)): h.columns.sum(-1) for h in other_inertias(data)}
+    columns = hypotheses["products of inertia about the centre of mass have the opposite sign, all bodies"]
+    expected = irb140.regressor(*states) @ (other - own)
+    np.testing.assert_allclose(columns, expected, atol=1e-12 * np.abs(expected).max())
 
 
 def test_conventions_are_tried_up_to_a_number_the_fewest_changes_first(irb140, monkeypatch):

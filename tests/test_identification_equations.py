@@ -2,26 +2,30 @@
 
 import re
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.linalg import eigvalsh
 from scipy.signal import lfilter
 
 import rne
+from rne.identification import Record
 from rne.identification.fit.consistent import consistent_fit, expected_sizes, geometric_prior, model_prior
 from rne.identification.fit.equations import (
     correlation_time_of_filtered_noise,
     correlation_time_of_residuals,
     equations,
     joined,
+    rows_of,
     solve,
     triangular,
 )
 from rne.identification.fit.least_squares import least_squares, with_correlation
 from rne.identification.log.filtering import low_pass
-from rne.model.parameters import dual_of_gradient, pseudo_inertia
+from rne.model.parameters import COLUMNS, ROWS, dual_of_gradient, pseudo_inertia
 
-from .helpers import loaded
+from .helpers import first_joints, loaded
 
 SAME = 1e-11  # relative: another order of operations, condition below 100
 SOLVED = 1e-6  # relative accuracy of the cone programme's solution
@@ -189,15 +193,27 @@ def test_units_of_length_do_not_matter():
     np.testing.assert_allclose(L @ Q @ np.swapaxes(L, 1, 2), np.broadcast_to(np.eye(4), P.shape), atol=1e-4)
 
 
-def test_bodies_that_are_too_thin_are_made_thicker():
-    """Point masses on massless rods, as textbooks have them."""
-    robot = loaded("ur5")
-    model, rows = robot.model, np.array(robot.parameters).reshape(6, 10)
-    rows[2] = [5, 0, 0, 0, *[0] * 6]
+@pytest.mark.parametrize("inertia", [(0, 0, 0), (0.1, 0.1, 0.5)], ids=["point mass", "impossible"])
+def test_bodies_that_are_too_thin_are_made_thicker(inertia):
+    """Point masses on massless rods, as textbooks have them; and a moment of inertia above the sum of the others."""
+    model = loaded("ur5").model
+    rows = np.array(loaded("ur5").parameters).reshape(6, 10)
+    rows[2] = [5, 0, 0, 0, *np.diag(inertia)[ROWS, COLUMNS]]
     prior, changed = model_prior(rne.model.with_parameters(model, rows.ravel()))
     assert changed == (model.moving_joints[2],)
-    assert (np.linalg.eigvalsh(prior) > 0).all()
-    assert prior[2, 3, 3] == pytest.approx(1.01 * 5)  # with 1 % of a rod of its mass
+    rod = geometric_prior(model)[2]
+    given, thick = (eigvalsh(P[2], rod / rod[3, 3] * 5)[0] for P in (pseudo_inertia(rows.ravel()), prior))
+    assert thick == pytest.approx(0.01)  # in its thinnest direction, of a rod of its mass
+    assert prior[2, 3, 3] == pytest.approx((1 + 0.01 - given) * 5)
+
+
+def test_a_body_is_thin_beside_a_rod_of_its_own_mass():
+    """However much lighter than the other bodies it is."""
+    model, rows = loaded("ur5").model, np.array(loaded("ur5").parameters).reshape(6, 10)
+    rows[2] *= 1e-6
+    prior, changed = model_prior(rne.model.with_parameters(model, rows.ravel()))
+    assert changed == ()
+    np.testing.assert_allclose(prior, pseudo_inertia(rows.ravel()), rtol=SAME)
 
 
 def test_expected_sizes_are_those_of_the_bodies_and_of_a_tenth_of_the_torque():
@@ -226,6 +242,20 @@ def test_without_clarabel_the_error_says_what_to_install(monkeypatch):
     text = "the physically consistent fit needs Clarabel, which is not installed: pip install 'rne[identify]'"
     with pytest.raises(ImportError, match=f"^{re.escape(text)}$"):
         consistent_fit(factor, model_prior(robot.model)[0], 1.0, BOTH, np.ones(2))
+
+
+def test_a_body_is_felt_that_is_not_felt_at_every_sample():
+    """In the middle of the motion the joints stand still: their columns but gravity's are zero there."""
+    robot = first_joints(2)
+    standard = robot.base_parameters(drives=rne.DriveModel()).standard
+    t = np.arange(400) / 100
+    q = np.sin(np.outer(t, [2.0, 3.0]))
+    prepared = Record(t, q, q).prepare(5.0)
+    moves = np.abs(prepared.t - 2)[:, None] > 0.1
+    still = replace(prepared, qd=prepared.qd * moves, qdd=prepared.qdd * moves)
+    Y = rows_of(robot, standard, still, np.zeros(2), np.zeros(2, bool), standard.values)[0]
+    expected = still.reduce(robot.inverse_dynamics(still.q, still.qd, still.qdd))
+    np.testing.assert_allclose(Y @ standard.values, expected, atol=SAME * np.abs(expected).max())
 
 
 def test_correlated_residuals_count_as_fewer():

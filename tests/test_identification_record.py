@@ -1,6 +1,7 @@
 """Records of measured motions: the filters, the faults of logs, measurements at the motors."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -434,6 +435,14 @@ def test_stamps_are_judged_beyond_doubt():
     assert not any(are_counted(seed, 8e-3, True) for seed in range(20))
 
 
+def test_a_joint_of_much_noise_hides_nothing_of_the_stamps():
+    """The other joint tells that they are the reader's."""
+    t, rng = np.arange(800) / 100, np.random.default_rng(0)
+    q = np.sin(np.outer(t, [2.0, 3.0])) + rng.normal(size=(800, 2)) * [1e-5, 0.1]
+    measured = Record(t + rng.uniform(-3e-3, 3e-3, len(t)), q, q)
+    assert [finding.kind for finding in measured.findings] == ["stamps that are not the samples'"]
+
+
 def test_a_clock_that_wanders_is_followed():
     """By 20 ms in half a minute: lines of 10 s each leave 9 ms of it, of 15 s 22 ms."""
     robot = first_joints(2)
@@ -823,6 +832,8 @@ def test_a_simulated_motion_and_its_file_are_the_same_record(scene_of_six, tmp_p
     motion = rne.simulate(scene_of_six, [0.3] * 6, [0] * 6, 0.6, torque=[1, 2, 3, 1, 1, 1], t_eval=t)
     measured = Record.from_trajectory(motion, 100)
     assert measured.joint_names == scene_of_six.robot.joint_names
+    for model, names in ((loaded("ur5").model, loaded("ur5").joint_names), (None, measured.joint_names)):  # of numbers
+        assert Record.from_trajectory(replace(motion, model=model), 100).joint_names == names
     file = motion.to_csv(tmp_path / "motion.csv")
     read = Record.from_csv(file, scene_of_six.robot.joint_names)
     assert read.name == "motion.csv"

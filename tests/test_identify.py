@@ -8,7 +8,7 @@ import pytest
 
 import rne
 from rne.identification import Record, thresholds
-from rne.identification.fit.equations import BEYOND, beyond_limits
+from rne.identification.fit.equations import BEYOND, beyond_limits, of_named_joints
 from rne.identification.fit.least_squares import least_squares
 from rne.identification.result import without_gaps
 from rne.model.parameters import pseudo_inertia
@@ -441,7 +441,7 @@ def test_logs_that_name_joints_differently_are_refused(names, error):
         rne.identify(SCARA, log if len(names) == SCARA.n else [log, whole], consistent=False)
 
 
-def test_a_log_of_one_joint_of_six_is_refused():
+def test_a_log_of_one_joint_of_six_is_refused_and_of_two_is_not():
     arm, t = loaded("irb140"), np.arange(0, 8, 0.01)
     log = Record(t, np.sin(t)[:, None], np.cos(t)[:, None], joint_names=["joint_2"], name="log")
     lost = {f"joint_{k}": 0.0 for k in (1, 3, 4, 5, 6)}
@@ -451,6 +451,8 @@ def test_a_log_of_one_joint_of_six_is_refused():
     )
     with pytest.raises(ValueError, match=f"^{re.escape(error)}$"):
         rne.identify(arm, log)
+    two = Record(t, np.sin(np.outer(t, [1, 2])), np.cos(np.outer(t, [1, 2])), joint_names=["joint_2", "joint_3"])
+    assert of_named_joints(arm, two)[0].joint_names == ("joint_2", "joint_3")
 
 
 def test_rotors_are_declined_where_no_joint_feels_one():
@@ -673,6 +675,7 @@ def test_plot_has_a_panel_per_joint_and_no_line_across_a_gap(scene, motions):
     )
     figure = found.plot()
     assert [ax.get_title(loc="left") for ax in figure.axes[::2]] == list(scene.robot.joint_names)
+    assert [ax.get_xlabel() for ax in figure.axes[-2:]] == ["time [s]", ""]  # the second is over velocity, as above it
     for line in figure.axes[4].lines:
         x, y = line.get_xdata(), line.get_ydata()
         (gap,) = np.flatnonzero(np.isnan(y))

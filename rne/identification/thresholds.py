@@ -111,7 +111,7 @@ PRIOR_STD = 0.3  # of the prior: that bodies differ from it by 30 % is as likely
 PRIOR_STDS_OF_GUESS = (3.0, 1.0, 0.3, 0.1)  # of bodies guessed from the geometry: the first with plausible masses
 THICKNESS = 0.2  # standard deviation of a guessed body's mass across its length, of the length: as of castings
 SHORTEST = 0.1  # length of a guessed body without extent, of the robot's mean distance between joints
-DEGENERATE, ADDED = 1e-3, 1e-2  # bodies of a model thinner than this in second moments of a guess, and what is added
+DEGENERATE, ADDED = 1e-3, 1e-2  # second moments of a model's bodies, of a guess: too thin below, and made so large
 SHARE_OF_DRIVES = 0.1  # of a joint's torque, that its rotor or friction is expected to take
 GUESSED_LENGTH = 1.0  # [m], of the bodies of a robot whose joints are all at one point
 

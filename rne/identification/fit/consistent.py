@@ -201,7 +201,7 @@ def model_prior(model: Model) -> tuple[Array, tuple[str, ...]]:
         L = np.linalg.inv(np.linalg.cholesky(guess[i]))
         thinnest = np.linalg.eigvalsh(L @ given[i] @ L.T)[0]
         if thinnest < thresholds.DEGENERATE:
-            prior[i] = given[i] + (thresholds.ADDED + max(-thinnest, 0)) * guess[i]
+            prior[i] = given[i] + (thresholds.ADDED - thinnest) * guess[i]
             changed.append(name)
     return prior, tuple(changed)
 

@@ -303,7 +303,7 @@ def encoder_step(x: Array) -> float:
     if len(steps) < thresholds.FEWEST_DIFFERENCES:
         return 0.0
     step = float(np.median(steps[: thresholds.FEWEST_DIFFERENCES]))
-    for _ in range(5):
+    for _ in range(5):  # by least squares; it settles in a few rounds
         small = steps[steps < 5 * step]
         multiples = np.rint(small / step)
         if not multiples.any():
@@ -528,9 +528,9 @@ def _interpolate(t: Array, values: Array, flags: Array, bridge: int) -> Array:
 
     long_runs = np.zeros(len(t), dtype=bool)
     for j, x in enumerate(values.T):
+        sound = np.flatnonzero(~flags[:, j])
         for a, b in runs(flags[:, j]):
-            near = np.arange(max(a - thresholds.NEAR_SAMPLES, 0), min(b + thresholds.NEAR_SAMPLES, len(t)))
-            near = near[~flags[near, j]]
+            near = sound[slice(*np.searchsorted(sound, (a - thresholds.NEAR_SAMPLES, b + thresholds.NEAR_SAMPLES)))]
             if b - a > bridge or len(near) < 4:
                 long_runs[a:b] = True
             else:
