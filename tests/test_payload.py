@@ -677,7 +677,7 @@ def test_negative_gains_are_refused_with_what_may_cause_them(arm, currents):
 @pytest.mark.parametrize("call", [rne.identify_payload, rne.identify_drive_gains])
 def test_a_record_of_both_sets_is_refused(robot, measured, call):
     more = () if call is rne.identify_payload else (3.0,)
-    text = "^`with_load` has a record that the others have too, 'record': a wrong file$"
+    text = "^`with_load` has a record that the others have too, 'record': one is the wrong file$"
     copied = Record(measured[0].t, measured[0].q, measured[0].tau)
     with pytest.raises(ValueError, match=text):
         call(robot, measured[0], [measured[1], copied], *more)
@@ -690,7 +690,7 @@ def test_a_record_of_both_sets_is_seen_with_another_delay_and_cutoff(arm, three,
     first = build_regression(arm, three, base, None, 5.0, 2, late)
     sets = of_one_set(arm, base, first)
     for k, record in enumerate(three):
-        with pytest.raises(ValueError, match=f"^`with_load` has a record that the others have too, 'run {k}': a wrong"):
+        with pytest.raises(ValueError, match=f"^`with_load` has a record that the others have too, 'run {k}': one is"):
             sets.with_records(Record(record.t, record.q, record.tau, name=f"run {k}"), cutoff)
     assert len(sets.with_records(Record(three[0].t, three[0].q, 1.001 * three[0].tau), cutoff).data) == 2
 
@@ -903,7 +903,7 @@ def test_the_record_that_the_arm_was_identified_from_has_no_load(arm, three, gai
     alone = rne.identify(
         arm, three[0], drives=rne.DriveModel(friction="viscous+coulomb"), consistent=False, causes=False
     )
-    text = "^`with_load` has a record that the others have too, 'record': a wrong file$"
+    text = "^`with_load` has a record that the others have too, 'record': one is the wrong file$"
     for known, record in ((alone, three[0]), (gains, currents[1])):
         with pytest.raises(ValueError, match=text):
             rne.identify_payload(known, None, record, link="tool0")

@@ -104,7 +104,8 @@ class RecordSets:
         others = [pair for part in self.data for pair in zip(part.prepared, part.delays, strict=True)]
         for record, (other, delays) in product(given, others):
             if is_that_of(record, other, delays):
-                raise ValueError(f"`with_load` has a record that the others have too, {record.name!r}: a wrong file")
+                both = f"a record that the others have too, {record.name!r}"
+                raise ValueError(f"`with_load` has {both}: one is the wrong file")
         data = replace(data, notes=(*notes, *data.notes))
         S, known = (np.concatenate([x, np.zeros((1, *x.shape[1:]))]) for x in (self.S, self.known))
         return replace(self, data=(*self.data, data), S=S, known=known)
