@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 import rne
 from rne.identification import Record
 from rne.identification.log.filtering import choose_cutoff, derivatives, low_pass, motion_spectrum, settling
-from rne.identification.log.screening import clipped, encoder_step, equal_steps
+from rne.identification.log.screening import clipped, encoder_step, equal_steps, screen
 
 from .helpers import first_joints, loaded
 from .measurements import measure, record, truth
@@ -262,6 +262,19 @@ def test_planted_faults_are_found_where_they_are(true_of_six, sensors):
     assert np.abs(measured.prepare(cutoff=5.0).q - clean.q).max() < 2e-4
 
 
+@pytest.mark.parametrize("first", [2, 100])
+def test_spikes_are_replaced_by_a_spline_through_the_samples_on_both_sides(first):
+    """A cubic one is off by 5/384 of the fourth derivative times the fourth power of the interval, others by more."""
+    step, omega, count = 0.01, 10.0, np.array([1, 3])
+    t = step * np.arange(200)
+    exact = np.cos(omega * step * (np.arange(200)[:, None] - first - (count - 1) / 2))
+    spike = (np.arange(200)[:, None] >= first) & (np.arange(200)[:, None] < first + count)
+    found = screen("record", ("a", "b"), t, exact + 0.3 * spike, exact, None, 5, "auto")
+    assert [finding.kind for finding in found.findings] == ["position spike"] * 2
+    assert (np.abs(found.q - exact).max(axis=0) < 5 / 384 * (omega * step * (count + 1)) ** 4).all()
+    assert (found.q[~spike] == exact[~spike]).all()
+
+
 def test_torque_spikes_are_found_and_steps_of_friction_are_not(true_of_six):
     t, q, tau = measure(true_of_six, torque_noise=0.3)
     tau[:, 2] += 20 * np.sign(true_of_six.qd[:, 2])
@@ -488,6 +501,14 @@ def test_one_time_for_different_samples_is_refused(true):
         "give times with more digits, or the index divided by the sample rate"
     ):
         Record(np.round(t, 2), q, tau, stamps="sampled").prepare()
+
+
+def test_one_time_for_different_samples_beside_a_spike_is_told():
+    """Of stamps that are believed otherwise: the positions were taken at them."""
+    t = np.arange(800) / 100 + np.random.default_rng(0).uniform(-4e-3, 4e-3, 800)
+    q = np.sin(np.outer(t, [2.0, 3.0]))
+    t[402], q[400, 0] = t[401], q[400, 0] + 0.5
+    assert [finding.kind for finding in Record(t, q, q).findings] == ["one time for different samples"]
 
 
 @pytest.mark.parametrize(("unit", "name"), [("1000", "milli"), ("1e6", "micro"), ("1e9", "nano")])

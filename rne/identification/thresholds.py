@@ -35,7 +35,6 @@ BEND = 3.0  # times the change of velocity across a step that is no jump: the ar
 LATTICE = 0.15  # of a step: scatter of differences about its multiples; without a step it is 0.29 (uniform)
 NEGLIGIBLE = 1e-5  # of the median difference: a step that is rounding of numbers
 FEWEST_DIFFERENCES = 40  # differences from which a step is told; RECORDS
-NEAR_SAMPLES = 4  # samples on either side, through which a cubic interpolates
 
 # Log: torques at a limit -------------------------------------------------------------------------------------------
 CLIPPED = 10  # samples at a torque's limit, from which it is one: 20 ms of RECORDS

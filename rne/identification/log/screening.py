@@ -419,6 +419,8 @@ def screen(
     q, tau = measured[:, :n], measured[:, n : 2 * n]  # views: what is interpolated in `measured` is so in these
     velocities = None if qd is None else measured[:, 2 * n :]
     times, found.period = check_stamps(found, t, q, velocities, bridge, stamps)
+    if found.has_errors:
+        return found
     _check_unit_of_times(found, times, q, velocities)
     usual = [usual_deviation(x, step) for x, step in zip(measured.T, steps, strict=True)]
     flags = np.column_stack([spikes(x, level) for x, level in zip(measured.T, usual, strict=True)])
@@ -523,18 +525,15 @@ def _check_spikes(found: Screened, kind: str, values: Array, flags: Array, bridg
 
 
 def _interpolate(t: Array, values: Array, flags: Array, bridge: int) -> Array:
-    """Replace short runs of flagged values by cubics through their neighbours; True at samples of the longer runs."""
+    """Replace flagged values by a cubic spline through the others; True at samples of runs longer than `bridge`."""
     from scipy.interpolate import CubicSpline
 
     long_runs = np.zeros(len(t), dtype=bool)
-    for j, x in enumerate(values.T):
-        sound = np.flatnonzero(~flags[:, j])
-        for a, b in runs(flags[:, j]):
-            near = sound[slice(*np.searchsorted(sound, (a - thresholds.NEAR_SAMPLES, b + thresholds.NEAR_SAMPLES)))]
-            if b - a > bridge or len(near) < 4:
-                long_runs[a:b] = True
-            else:
-                x[a:b] = CubicSpline(t[near], x[near])(t[a:b])
+    for x, flagged in zip(values.T, flags.T, strict=True):
+        if flagged.any():
+            x[flagged] = CubicSpline(t[~flagged], x[~flagged])(t[flagged])
+        for a, b in runs(flagged):
+            long_runs[a:b] |= b - a > bridge
     return long_runs
 
 
