@@ -171,7 +171,6 @@ def test_ball_holds_mixtures_of_parameters_of_any_size(arm):
     hull = checked_cases([arm, arm.with_payload(1.0), thicker])
     size = np.abs(hull.deviations).max(axis=1, keepdims=True)
     scale = 1 / np.where(size == 0, 1, size)
-    assert hull.ball.shape == (30, 2)  # what rounding makes of the others is no direction
     z, *_ = np.linalg.lstsq(scale * hull.ball, scale * hull.deviations, rcond=None)
     np.testing.assert_allclose(scale * (hull.ball @ z), scale * hull.deviations, atol=1e-9)
 

@@ -51,10 +51,8 @@ class Cases:
 
     @cached_property
     def deviations(self) -> Array:
-        """Parameters of the robots less those of the centre, shape (10 nb, robots); 0 for what is their rounding."""
-        centre = self.centre.parameters[:, None]
-        away = np.stack([robot.parameters for robot in self.robots], axis=1) - centre
-        return np.where(np.abs(away) > 8 * np.finfo(float).eps * np.abs(centre), away, 0.0)
+        """Parameters of the robots less those of the centre, shape (10 nb, robots)."""
+        return np.stack([robot.parameters - self.centre.parameters for robot in self.robots], axis=1)
 
     @cached_property
     def ball(self) -> Array:
