@@ -149,12 +149,14 @@ def test_consistent_fit_is_a_minimum(weight):
     assert (np.abs(slope[60:]) <= 1e-4 * np.abs(R[:, 60:]).max() * np.linalg.norm(b)).all()
 
 
-def test_without_measurements_the_bodies_are_those_of_the_prior():
+def test_without_measurements_the_bodies_are_those_of_the_prior(capfd):
+    """And nothing is printed."""
     robot = loaded("ur5")
     prior, changed = model_prior(robot.model)
     assert changed == ()
     found = consistent_fit(np.zeros((63, 63)), prior, 1.0, BOTH, np.ones(2))
     np.testing.assert_allclose(pseudo_inertia(found[:60]), pseudo_inertia(robot.parameters), atol=SOLVED)
+    assert capfd.readouterr() == ("", "")
 
 
 def test_friction_is_not_negative():
