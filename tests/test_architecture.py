@@ -211,8 +211,10 @@ LONG_EXAMPLES = (
     "rne.identification.",
     "rne.control.gains",
     "rne.control.momentum_observer",
+    "rne.control.robust_laws",
     "rne.control.uncertainty",
     "rne.plotting.plots",
+    "rne.plotting.robot_picture",
     "rne.validation.",
 )
 

@@ -152,7 +152,7 @@ def test_consistent_fit_is_a_minimum(weight):
 
 
 def test_without_measurements_the_bodies_are_those_of_the_prior(capfd):
-    """And the solver says nothing."""
+    """And nothing is printed."""
     robot = loaded("ur5")
     prior, changed = model_prior(robot.model)
     assert changed == ()
