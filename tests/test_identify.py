@@ -212,6 +212,9 @@ def test_report_and_check_name_joints_and_parameters(found, motions):
     for part in (f"{found.base.count} base parameters of", f"joint_{n}", f"Fc_{n}", "nearest to the prior", "cut-off"):
         assert part in text
     assert "> 1000" not in text
+    assert f"motion record: {len(found.records[0].t) / 125:.3g} s at 125 Hz" in text
+    counts = re.findall(r"^  joint_\d .* (\d+) +\d+$", text, re.MULTILINE)
+    assert [int(count) for count in counts] == found.equations.rows.sum(axis=0).astype(int).tolist()
     check = found.check(record(motions[1], **sensors(found.robot.n, 5)))
     assert check.report().count("joint_") == n
     turned = dataclasses.replace(check, predicted=-check.predicted)

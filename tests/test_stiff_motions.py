@@ -175,6 +175,12 @@ def test_rodas5p_stays_where_an_explicit_method_was_faster_before_the_motion_bec
     assert walk(1e-3, 2000) == "Rodas5P"
 
 
+def test_of_many_changes_of_method_the_first_and_the_last_are_told():
+    watch = MethodMonitor(Linear(), None, "DOP853", 100.0)
+    watch.notes = [f"change {k}" for k in range(9)]
+    assert watch.note == "change 0; change 1; change 2; 5 more changes; change 8"
+
+
 @pytest.mark.parametrize("method", ["DOP853", "Tsit5", "Rodas5P"])
 def test_more_states_take_more_work(method):
     small, large = Linear(), Linear()

@@ -292,6 +292,15 @@ class TestImpedance:
         force = -np.array([100 * (x[0] - 1.2), 200 * (x[1] - 0.5)])
         np.testing.assert_allclose(law(0.0, q, np.zeros(2)), J.T @ force, atol=1e-12)
 
+    def test_a_tool_that_moves_with_its_target_is_not_damped(self):
+        """At the target's pose and velocity the torques are those of gravity."""
+        robot = planar()
+        q, qd = np.array([0.4, 0.9]), np.array([1.0, -0.5])
+        pose, twist = robot.link_poses(q)[robot.link_names.index("tool0")], robot.jacobian(q, "tool0") @ qd
+        law = rne.control.impedance(robot, "tool0", [10] * 6, [20] * 6, lambda t: (pose, twist))
+        np.testing.assert_allclose(law(0.0, q, qd), robot.gravity_torque(q), atol=1e-12)
+        assert np.abs(law(0.0, q, 0 * qd) - robot.gravity_torque(q)).min() > 1
+
     def test_moving_targets_and_projected_postures_are_traced(self):
         robot, link = arm("panda")
         pose = robot.link_poses(np.full(robot.n, 0.3))[robot.link_names.index(link)]

@@ -675,7 +675,7 @@ def compare_models(
         names, text = ("unknown",), "no hypothesis explains the difference; the nearest are below"
     fitting = [c for c in found if c.explains and c.numbers <= found[0].numbers]
     others = [c for c in fitting if not any(a in b or b in a for a in c.causes for b in names)]  # friction: viscous too
-    size = float(np.linalg.norm(data.left)) or 1.0
+    size = float(np.linalg.norm(data.left))
     return ModelComparison(
         data.names,
         names,
