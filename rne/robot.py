@@ -1405,7 +1405,8 @@ class Robot(InNotebooks):
         mass : float
             Mass of the body [kg].
         com : array_like, shape (3,), optional
-            Its centre of mass in the link's frame; the link's origin if not given [m].
+            Its centre of mass in the link's frame; the link's origin if not given [m]. One farther away than five times
+            the robot's size is logged as a warning.
         inertia : array_like, shape (3, 3), or None
             About its centre of mass, in the link's axes; None for a point mass [kg m^2].
         link : str, optional

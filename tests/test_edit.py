@@ -27,14 +27,18 @@ def test_payload_adds_the_kinetic_energy_of_a_body(tree):
     np.testing.assert_allclose(rne.dynamics.kinetic_energy(loaded, q, qd), expected, rtol=1e-12)
 
 
-def test_a_payload_beyond_all_places_is_told(irb140, caplog):
-    """A centre of mass in millimetres, with a cure; one that the arm may carry, and a body without mass, say nothing."""
+def test_a_payload_in_no_plausible_place_is_warned_of(irb140, caplog):
+    """Millimetres for metres; what an arm or a gantry may carry, and a body without mass, say nothing."""
+    axes = dict(a=[0, 0], alpha=[0, 0], d=[0.01, 0], theta=[0, 0], types="prismatic", lower=[0, 0])
+    rne.Robot(rne.dh_chain(**axes, upper=[2, 3])).with_payload(5.0, [0, 0, 1])
     irb140.with_payload(5.0, [0, 0, 0.06])
     irb140.with_payload(0.0, [0, 0, 60])
     assert not caplog.text
     irb140.with_payload(5.0, [0, 0, 60])
-    said = "its centre of mass is 60 m from the link's origin, all links measure 1.164 m: in metres?"
-    assert f"payload on link 'tool0': {said}" in caplog.messages
+    size = sum(np.linalg.norm(x, axis=1).sum() for x in (irb140.model.translation, irb140.model.com))
+    tool = np.linalg.norm(irb140.model.link_translation[irb140.link_names.index("tool0")])
+    said = f"60 m from the link's origin, the robot measures {size + tool:.4g} m; check `com`: metres"
+    assert f"payload on link 'tool0': the centre of mass is {said}" in caplog.messages
 
 
 def test_payload_on_the_base_moves_nothing():

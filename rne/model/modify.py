@@ -27,7 +27,7 @@ from .topology import check_closure, end_link
 
 LimitValues = ArrayLike | Mapping[str, float] | None
 TRIANGLE = 1e-12  # of the trace: rounding error of principal moments
-FAR = 5  # times the lengths of all links: farther out, no payload is carried
+FAR = 5  # times the size of a robot: a centre of mass farther out is outside any plausible place
 LOGGER = logging.getLogger("rne")
 
 
@@ -59,10 +59,11 @@ def with_payload(
     if error:
         raise ValueError(f"payload on link {link!r}: {error}")
     R, p, body = model.link_rotation[index], model.link_translation[index], model.link_body[index]
-    lengths, distance = np.linalg.norm(np.vstack([model.translation, p]), axis=1).sum(), np.linalg.norm(c)
-    if m and distance > FAR * lengths > 0:
-        text = "its centre of mass is %.4g m from the link's origin, all links measure %.4g m: in metres?"
-        LOGGER.warning("payload on link %r: " + text, link, distance, lengths)
+    strokes = np.where(model.is_revolute, 0.0, model.upper - model.lower)
+    size = np.linalg.norm(np.vstack([model.translation, model.com, p]), axis=1).sum() + strokes.sum()
+    if m and (distance := np.linalg.norm(c)) > FAR * size > 0:
+        text = "the centre of mass is %.4g m from the link's origin, the robot measures %.4g m; check `com`: metres"
+        LOGGER.warning("payload on link %r: " + text, link, distance, size)
     payload = (float(m), p + rotate(R, c), R @ I @ transpose(R))
     if body < 0:
         base = combine_bodies([(model.base_mass, model.base_com, model.base_inertia), payload])

@@ -16,6 +16,7 @@ from ..dynamics import gravity_torque
 from ..model.builder import Part
 from ..model.checks import DRIVES, looks_like_degrees
 from ..model.model import Model
+from ..model.modify import FAR
 from .document import Element, attribute_numbers, describe
 from .findings import FindingsReport, echo
 from .read import parts_of
@@ -23,7 +24,6 @@ from .strict import MOVING, fixed_links
 
 POINT = 1e-6  # m: smaller bodies are point masses, whose inertia is rounding error
 FLATTEST = 0.1  # axes of the ellipsoid, relative to its longest: rods and plates are often idealised as having no width
-FAR = 5  # times the robot's size: a centre of mass farther out is outside any plausible place
 LARGE = 2  # times the robot's size: no body of the robot has a larger radius of gyration
 DENSEST = 23e3  # kg/m^3, a little above osmium
 AIR = 1.2  # kg/m^3
