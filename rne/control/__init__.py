@@ -6,7 +6,7 @@ from .laws import PD, PID, ComputedTorque, Reference, computed_torque, pd, pd_gr
 from .momentum_observer import GuardedLaw, MomentumObserver, Residuals
 from .robust_laws import Robust, RobustPassive, SlidingMode, robust, robust_passive, sliding_mode
 from .task_space import Impedance, OperationalSpace, impedance, operational_space
-from .traced_law import compiled
+from .traced_law import changed, compiled
 from .uncertainty import Cases, uncertainty_bound
 
 __all__ = [
@@ -26,6 +26,7 @@ __all__ = [
     "RobustPassive",
     "SlidingMode",
     "adaptive",
+    "changed",
     "compiled",
     "computed_torque",
     "impedance",

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import fields, is_dataclass, replace
-from functools import cache, cached_property, partial
-from types import FunctionType, MethodType, ModuleType
+from dataclasses import replace
+from functools import cache, cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,7 +11,10 @@ import numpy as np
 from ..basics.arrays import check_function, whole_number
 from ..basics.spatial import Array
 from ..dynamics.quantity import MethodQuantity, Quantity
+from ..graph.graph import Graph
+from ..graph.scalar import inputs, references
 from ..kernels.kernel import Kernel
+from ..kernels.trace import LIMIT
 from ..model.model import Model
 from ..model.topology import where_loops_close
 from ..robot import Robot, robot_argument
@@ -57,52 +58,35 @@ def call_law(law: Any, t: Any, x: Array, given: LawInputs) -> tuple[Any, Any]:
     return returned
 
 
-def state_of(value: Any, seen: dict[int, Any] | None = None) -> Any:
-    """What a law holds, to notice that it was changed: numbers and arrays by value, each object once by its parts.
+def changed(law: Any) -> None:
+    """Have control laws traced anew at their next run, after a change that their formulas do not show.
 
-    What a function reads counts as held: its closure, defaults and global names. Robots and all else of this package
-    but laws and references never change, nor do functions of installed packages. `seen` keeps the objects by their ids.
+    Before each run a scene compares the formula of a traced law with that of its kernel, so that any change of what the
+    law reads is noticed. The page on control laws lists the few changes that are not: report them by this function.
+
+    Parameters
+    ----------
+    law : callable
+        The law that was changed, or one that uses what was changed.
+
+    Raises
+    ------
+    TypeError
+        If `law` is not a function.
+
+    Examples
+    --------
+    >>> import rne
+    >>> damper = rne.traceable(lambda t, q, qd: -5.0 * qd)
+    >>> rne.control.changed(damper)
     """
-    if isinstance(value, np.ndarray):
-        return value.shape, value.dtype.str, value.tobytes() if value.dtype != object else repr(value)
-    if isinstance(value, bool | int | float | complex | str | bytes | None):
-        return repr(value)
-    seen = {} if seen is None else seen
-    if id(value) in seen or _never_changes(value):
-        return id(value)
-    seen[id(value)] = value
-    if isinstance(value, list | tuple | set | frozenset):
-        return type(value), tuple(state_of(part, seen) for part in value)
-    parts: dict[Any, Any] = dict(value) if isinstance(value, Mapping) else {}
-    if is_dataclass(value):  # without what it keeps of its own accord
-        parts |= {field.name: getattr(value, field.name) for field in fields(value)}
-    elif isinstance(value, MethodType):
-        parts |= {"self": value.__self__, "function": value.__func__}
-    elif isinstance(value, partial):
-        parts |= {"function": value.func, "arguments": value.args, "named": value.keywords}
-    else:
-        parts |= getattr(value, "__dict__", {})
-    if isinstance(value, FunctionType):
-        cells = zip(value.__code__.co_freevars, value.__closure__ or (), strict=True)
-        parts |= {name: cell.cell_contents for name, cell in cells}
-        parts |= {name: value.__globals__.get(name) for name in value.__code__.co_names}
-        parts |= {"defaults": (value.__defaults__, value.__kwdefaults__)}
-    return id(value), tuple((str(name), state_of(part, seen)) for name, part in parts.items())
-
-
-def _never_changes(value: Any) -> bool:
-    """True for classes, modules, functions of installed packages, and what this package has but laws and references."""
-    if isinstance(value, type | ModuleType):
-        return True
-    is_function = isinstance(value, FunctionType)
-    if is_function and "site-packages" in value.__code__.co_filename:
-        return True
-    package, _, module = str((value if is_function else type(value)).__module__).partition(".")
-    return package == "rne" and not module.startswith(("control", "trajectories"))
+    if not callable(law):
+        raise TypeError(f"`law` must be a function, got {type(law).__name__}")
+    TracedLaw.changes += 1
 
 
 class TracedLaw:
-    """A law marked by `rne.traceable`, for the kernels of a scene; equal to that of the same law in the same state.
+    """A law marked by `rne.traceable`, for the kernels of a scene; equal to that of the same law of the same formula.
 
     Parameters
     ----------
@@ -113,11 +97,14 @@ class TracedLaw:
         All coordinates of the joints, if not given.
     """
 
+    changes = 0  # that were reported by `changed`
+
     def __init__(self, law: Any, n: int, given: LawInputs | None = None) -> None:
         self.law, self.n, self.states = law, n, int(getattr(law, "states", 0))
         self.given = given or LawInputs(0, n, n)
         self.size = 2 * self.given.coordinates + self.states
-        self.state = hash(state_of(law))  # its parameters are constants of kernels
+        self.formula = self.changes, self._formula()  # its parameters are constants of kernels
+        self._hash = hash((id(law), n, self.given, self.formula))
 
     def __reduce__(self) -> tuple[Any, ...]:
         return TracedLaw, (self.law, self.n, self.given)
@@ -125,10 +112,25 @@ class TracedLaw:
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, TracedLaw):
             return NotImplemented
-        return self.law is other.law and (self.n, self.given, self.state) == (other.n, other.given, other.state)
+        return self.law is other.law and (self.n, self.given, self.formula) == (other.n, other.given, other.formula)
 
     def __hash__(self) -> int:
-        return hash((id(self.law), self.n, self.given, self.state))
+        return self._hash
+
+    def _formula(self) -> tuple[Any, ...] | None:
+        """The operations of the torques, with the quantities of robots as inputs; None if the law cannot be traced.
+
+        All that a law reads takes part, wherever it is kept. To look there instead would miss some of it.
+        """
+        graph = Graph(8 * LIMIT, is_outline=True)
+        x = inputs(graph, (1, 1 + self.size), 0)
+        try:
+            with np.errstate(all="ignore"):
+                torques, rates = self(x[:, :1], x[:, 1:])
+            found = [references(graph, part) for part in (torques, rates) if part is not None]
+        except Exception:  # whatever the law raises when it meets traced numbers: the trace for a kernel tells it
+            return None
+        return (*graph.nodes, *found[0], *found[-1])
 
     def __call__(self, t: Any, x: Array) -> tuple[Array, Array | None]:
         """(torques, dz/dt); times have shape (..., 1).
@@ -192,21 +194,13 @@ class TracedLaw:
         return self._core(model, t, np.concatenate([q, qd] if z is None else [q, qd, z], axis=-1))
 
     def why_not_traced(self, robot: Robot) -> str | None:
-        """Why the law must be called: it cannot be traced, or its trace differs from calls. None if it is traced.
-
-        Kernels are forgotten where a change of the law that its state does not show changes its torques.
-        """
-        kernels = robot._kernels
-        was_traced = kernels.has_scene(self.outputs)
+        """Why the law must be called: it cannot be traced, or its trace differs from calls. None if it is traced."""
         try:
             worst = self._error_of_trace(robot)
         except Exception as error:  # whatever the law raises when it meets traced numbers
             return f"{type(error).__name__}: {error}".splitlines()[0]
         if worst <= AGREEMENT:
             return None
-        if was_traced:
-            kernels.forget_scenes(lambda function: self in (function.owner, getattr(function.owner, "law", None)))
-            return self.why_not_traced(robot)
         return f"traced, it differs by {worst:.3g} from a call: it has memory, noise or a branch"
 
     def _error_of_trace(self, robot: Robot) -> float:

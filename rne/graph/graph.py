@@ -70,10 +70,13 @@ class Graph:
     """Operations in the order in which they were first needed; TooLarge is raised for more than `limit`.
 
     `by_pivots`, from `divisions_by_pivots` of a first graph of the same operations, tells of each division whether it
-    is by a pivot of M.
+    is by a pivot of M. In an outline the quantities of robots are inputs: it is made to be compared with another one.
     """
 
-    def __init__(self, limit: int = 10**9, by_pivots: Iterable[bool] | None = None) -> None:
+    def __init__(
+        self, limit: int = 10**9, by_pivots: Iterable[bool] | None = None, *, is_outline: bool = False
+    ) -> None:
+        self.is_outline = is_outline
         self.nodes: list[Node] = []
         self.systems: list[LinearSystem] = []  # that were solved
         self.checked: dict[int, None] = {}  # nodes whose values kernels check to be finite

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import numbers
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
@@ -133,9 +133,9 @@ def _in_double(x: Any) -> Any:
     return x.astype(np.float64) if getattr(x, "dtype", None) == np.longdouble else x
 
 
-def inputs(graph: Graph, shape: tuple[int, ...], start: int) -> Array:
-    """An object array of traced inputs, numbered from `start`."""
-    numbered = [Scalar(graph, graph.input(start + k)) for k in range(math.prod(shape))]
+def inputs(graph: Graph, shape: tuple[int, ...], start: int, *of: Any) -> Array:
+    """An object array of traced inputs, numbered from `start`, perhaps `of` something that they are named by."""
+    numbered = [Scalar(graph, graph.node("input", start + k, *of)) for k in range(math.prod(shape))]
     return np.array(numbered, dtype=object).reshape(shape)
 
 
@@ -147,3 +147,9 @@ def references(graph: Graph, array: Array) -> list[int]:
 def is_traced(array: Any) -> bool:
     """True for an array that holds traced numbers."""
     return isinstance(array, np.ndarray) and array.dtype == object and any(isinstance(x, Scalar) for x in array.flat)
+
+
+def outline_of(arrays: Iterable[Any]) -> Graph | None:
+    """The graph of traced numbers if it is an outline."""
+    graph = next(x.graph for array in arrays if is_traced(array) for x in array.flat if isinstance(x, Scalar))
+    return graph if graph.is_outline else None

@@ -117,12 +117,6 @@ class KernelCache:
         """True if the kernel of a function of a scene, or of its derivatives, is kept."""
         return (function, wrt) in self._scenes
 
-    def forget_scenes(self, changed: Callable[[Any], bool]) -> None:
-        """Forget the kernels of functions that have changed since they were traced."""
-        with self._scenes.lock:
-            for key in [key for key in self._scenes if changed(key[0])]:
-                del self._scenes[key]
-
     def variant(self, model: Model) -> KernelCache:
         """The kernels of another model derived from this one; of equal models the same."""
         return self._variants.get_or_make(model, lambda: KernelCache(model, self.engine))

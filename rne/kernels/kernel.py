@@ -30,7 +30,7 @@ from ..errors import NotFiniteError
 from ..graph.differentiation import ORDERS
 from ..graph.graph import TooLarge
 from ..graph.program import evaluate
-from ..graph.scalar import is_traced
+from ..graph.scalar import inputs, is_traced, outline_of, references
 from ..model.model import Model, joint_array, model_argument
 from . import array_layout
 from .numpy_backend import BlockProgram, check_array, check_out
@@ -378,6 +378,13 @@ class Kernel:
 
     def _within_a_trace(self, arguments: Sequence[Any]) -> Array:
         """The result on traced numbers: of the function itself, or by the operations of its derivatives."""
+        outline = outline_of(arguments)
+        if outline is not None and self._trace is not None and hasattr(self.function, "core"):  # not a user's own
+            arrays = [np.asarray(a) for a in arguments]
+            leading = np.broadcast_shapes(*(a.shape[:-1] for a in arrays))
+            given = tuple((a.shape, *references(outline, a)) for a in arrays)
+            of = self.function, self.model, self.wrt, self.order, *self.fixed.items(), given
+            return inputs(outline, leading + self._trace.shape, 0, *of)
         if not self.wrt:
             return within_a_trace(self.quantity, self.model, arguments, self._rest)
         return self._by_program([np.asarray(a, dtype=object) for a in arguments])

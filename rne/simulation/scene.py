@@ -225,21 +225,31 @@ class Scene:
     @property
     def dynamics(self) -> SceneDynamics:
         """The equations of motion of the scene, with the controller as it is now; equal scenes share their kernels."""
-        is_traced = self.sample_time is None and self._traced_law() is not None
-        return self._dynamics_with_law if is_traced else self._dynamics_without_law
+        law = self._traced_law() if self.sample_time is None else None
+        if law is None:
+            return self._dynamics_without_law
+        known: SceneDynamics | None = self.__dict__.get("_dynamics_with_law")
+        if known is None or known.law is not law:
+            known = self.__dict__["_dynamics_with_law"] = self._dynamics("none", law)
+        return known
 
-    @cached_property
-    def _dynamics_with_law(self) -> SceneDynamics:
-        return self._dynamics("none", self.__dict__["_law_before"])
-
-    @cached_property
+    @property
     def _dynamics_without_law(self) -> SceneDynamics:
-        return self._dynamics("none" if self.controller is None else "called" if self.sample_time is None else "held")
+        inputs = "none" if self.controller is None else "called" if self.sample_time is None else "held"
+        known: SceneDynamics | None = self.__dict__.get("_dynamics_called")
+        if known is None or known.states != self._states:
+            known = self.__dict__["_dynamics_called"] = self._dynamics(inputs)
+        return known
+
+    @property
+    def _states(self) -> int:
+        """Number of the controller's states that are integrated."""
+        return 0 if self.sample_time is not None else int(getattr(self.controller, "states", 0))
 
     def _dynamics(self, inputs: str, law: TracedLaw | None = None) -> SceneDynamics:
-        parts, is_held, kernels = self.resolved, self.sample_time is not None, self.resolved.robot._kernels
-        limit, states = parts.effort_limit, 0 if is_held else int(getattr(self.controller, "states", 0))
-        has_impulses, side = limit is not None and self.controller is not None and not is_held, parts.motor_side
+        parts, kernels = self.resolved, self.resolved.robot._kernels
+        limit, side, is_held = parts.effort_limit, parts.motor_side, self.sample_time is not None
+        has_impulses = limit is not None and self.controller is not None and not is_held
         inertia = kernels.typical_inertia.tolist() if side is None else side.rotor
         return (SceneDynamics if side is None else ElasticDynamics)(
             parts.robot.n * (1 if side is None else 2),
@@ -248,7 +258,7 @@ class Scene:
             None if limit is None else tuple(limit.tolist()),
             law,
             inputs,
-            states,
+            self._states,
             tuple(inertia) if has_impulses else None,
             motor_side=side,
             springs=parts.springs,
@@ -262,7 +272,6 @@ class Scene:
         if before == law:
             return before
         self.__dict__["_law_before"] = law
-        self.__dict__.pop("_dynamics_with_law", None)
         return law
 
     def _traced_law(self) -> TracedLaw | None:
