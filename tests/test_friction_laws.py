@@ -306,6 +306,15 @@ def test_essential_parameters_predict_as_well(found):
     of_heavy = replace(found, standard=heavy, base=replace(found.base, standard=heavy)).essential(0.2)
     np.testing.assert_allclose(of_heavy.unexplained, few.unexplained, rtol=1e-6)  # the robot given has no say
     assert found.essential(1e9).base.names == found.base.names
+    too_much = found.parameters + (np.array(found.standard.names) == "Fl_1")
+    with pytest.raises(
+        rne.IdentificationError, match="negative values of Fl_1: use those of the fit of all parameters"
+    ):
+        _ = replace(few, parameters=few.parameters - (np.array(found.standard.names) == "Fl_1")).robot
+    with pytest.raises(
+        rne.IdentificationError, match="no possible friction: mend what `causes` name first; `load` must"
+    ):
+        _ = replace(found, parameters=too_much).friction
     line = f"{found.essential().base.count} of {found.base.count} base parameters are essential: with these alone"
     assert line in found.report()
 

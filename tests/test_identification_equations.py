@@ -21,7 +21,7 @@ from rne.identification.fit.equations import (
     solve,
     triangular,
 )
-from rne.identification.fit.least_squares import least_squares, with_correlation
+from rne.identification.fit.least_squares import Estimator, least_squares, with_correlation
 from rne.identification.log.filtering import low_pass
 from rne.model.parameters import COLUMNS, ROWS, dual_of_gradient, pseudo_inertia
 
@@ -322,6 +322,27 @@ def test_the_consistent_fit_does_not_depend_on_how_the_cone_solver_ends(monkeypa
     solve = consistent.cone_solution
     monkeypatch.setattr(consistent, "cone_solution", lambda *a: (-np.ones_like(solve(*a)[0]), "InsufficientProgress"))
     np.testing.assert_allclose(consistent_fit(*given), expected, rtol=1e-6, atol=1e-9)
+
+
+def test_what_is_not_fitted_is_exactly_as_given(monkeypatch):
+    """Whatever last digits the solvers leave: another processor is one whose sums end in 1e-20."""
+    from rne.identification.fit import consistent
+
+    exact, cones = np.linalg.lstsq, consistent.cone_solution
+    monkeypatch.setattr(consistent, "cone_solution", lambda *args: (cones(*args)[0] + 1e-4, "Solved"))
+    monkeypatch.setattr(np.linalg, "lstsq", lambda *args, **how: (exact(*args, **how)[0] - 1e-20, None))
+    robot, rng = first_joints(2).with_armature([0.3, 0.4]), np.random.default_rng(4)
+    drives = rne.DriveModel(rotor=True, friction={"joint_2": "viscous+coulomb"}, stribeck=[0, 0.1])
+    base = robot.base_parameters(drives=drives)
+    q, qd, qdd = rng.normal(size=(3, 80, 2))
+    qd[:, 0] = qdd[:, 0] = 0  # of a joint that does not move, the rotor is as given
+    Y = np.concatenate([robot.regressor(q, qd, qdd), base.standard.drive_columns(qd, qdd)], axis=-1)
+    x = base.standard.values + np.isin(base.standard.names, ["Fv_2", "Fc_2", "Fs_2"])
+    tau = Y @ x + 0.01 * rng.normal(size=qd.shape)
+    found = Estimator(base, model_prior(robot.model)[0], 10.0).fit(compressed(Y, tau))[1]
+    of = dict(zip(base.standard.names, found, strict=True))
+    assert (of["Ia_1"], of["Fv_1"], of["Fc_1"], of["Fs_1"]) == (0.3, 0, 0, 0)
+    np.testing.assert_allclose([of["Fv_2"], of["Fc_2"], of["Fs_2"]], 1, atol=0.05)  # noise of 80 samples
 
 
 @pytest.mark.parametrize("apart", [1.0, 1e-4, 1e-7, 0.0])

@@ -55,6 +55,7 @@ GAP = 1.5  # times the usual step, over which no line is drawn
 NOT_CONSISTENT = "parameters are those of least squares, as with `consistent=False`"  # start of a note
 NOT_SOUGHT = "causes of what is left were not looked for, as `causes` says"  # a note
 NAMED = 3  # causes that a warning names
+ESSENTIAL = "of the essential parameters alone, by least squares, which need not be those of possible bodies"  # a note
 WRONG_SIGN = "is the sign of the joint's torque right?"  # end of a note on negative friction
 IMPOSSIBLE = "which no drive has", "which no spring has"  # ends of notes on numbers that are not possible
 BASE_UNITS = (
@@ -247,7 +248,7 @@ class Identification(InNotebooks):
                 smoothing=self._law.smoothing, stribeck=drives.stribeck, saturation=drives.saturation, **found
             )
         except ValueError as error:
-            raise IdentificationError(f"least squares gave no possible friction: {self._cure}; {error}") from None
+            raise IdentificationError(f"the fit gave no possible friction: {self._cure}; {error}") from None
 
     def scene(self, **parts: Any) -> Scene:
         """The robot found as a Scene, with friction and offsets of its drives, and springs: what `predict` predicts.
@@ -409,13 +410,15 @@ class Identification(InNotebooks):
         others = self.standard.values - self.base.back @ self.base.values  # of which torques do not depend
         left = held_out(Estimator(base, None, 0.0, others), self.equations, self.data.measured)
         reduced = replace(self, base=base, estimate=found, unexplained=left, consistent=False)
+        reduced = replace(reduced, notes=(*self.notes, *[ESSENTIAL] * (ESSENTIAL not in self.notes)))
         drift, error = self.drift[kept], self.drift_error[kept]
         return replace(reduced, parameters=others + base.back @ x, drift=drift, drift_error=error)
 
     @property
     def _cure(self) -> str:
-        has_failed = any(note.startswith(NOT_CONSISTENT) for note in self.notes)
-        return "mend what `causes` name first" if has_failed else "fit with `consistent=True`"
+        if self.consistent or any(note.startswith(NOT_CONSISTENT) for note in self.notes):
+            return "mend what `causes` name first"
+        return "use those of the fit of all parameters" if ESSENTIAL in self.notes else "fit with `consistent=True`"
 
     def _check_consistent(self) -> None:
         """Refuse to make a robot or its friction from least squares that came out negative."""
@@ -653,6 +656,8 @@ class Identification(InNotebooks):
     def _essential(self) -> str:
         """How many base parameters are essential, and what is lost without the others."""
         few, count = self.essential(), counted(self.base.count, "base parameter")
+        if not few.base.count:
+            return f"none of {count} is essential: the torques say nothing of the motion"
         lost = 100 * np.nanmax(few.unexplained.in_motion - self.unexplained.in_motion, initial=0)
         return f"{few.base.count} of {count} are essential: with these alone held-out errors rise by up to {lost:.1f} %"
 

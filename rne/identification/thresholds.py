@@ -91,6 +91,7 @@ WEIGHTINGS, NOISE_SETTLED = 30, 1e-6  # rounds of weighting, and change of the n
 FEWEST_FREE = 5  # degrees of freedom of a joint, from which its residual says what its noise is; statistics
 TINY = float(np.finfo(np.float64).tiny)  # divisor in place of zero; numerics
 EXACT = 1e-13  # of the torques: noise of measurements without any, rounding
+SILENT = 1e-100  # noise of torques of which none differs from zero: one over its square is a number; numerics
 NOTHING = 1e-12  # length of a column, of the longest, that is rounding
 DEPENDENT = 1e-10  # singular values of columns of unit length, of the largest, that are rounding
 UNDETERMINED = 1e-6  # share of an unknown in the directions that the equations leave free, from which it is free

@@ -61,7 +61,7 @@ def least_squares(equations: Equations, noise: Array | None = None) -> LeastSqua
     """Estimates of all unknowns from the equations of all blocks and joints; of noise not given, each joint's own."""
     equations = equations.merged()
     size = equations.rms_torques()
-    least = np.maximum(thresholds.EXACT * np.maximum(size, size.max(initial=0) * thresholds.EXACT), thresholds.TINY)
+    least = np.maximum(thresholds.EXACT * np.maximum(size, size.max(initial=0) * thresholds.EXACT), thresholds.SILENT)
     sigma = np.maximum(size if noise is None else noise, least)
     for _ in range(thresholds.WEIGHTINGS if noise is None else 0):
         x, spent = weighted_fit(equations, sigma)
@@ -78,7 +78,8 @@ def least_squares(equations: Equations, noise: Array | None = None) -> LeastSqua
     errors = np.where(solution.free, np.inf, np.sqrt(np.diag(covariance)))
     singular = np.linalg.svd(factor[:, :-1], compute_uv=False)
     conditions = [
-        float(s[0] / s[-1]) if s[-1] > thresholds.DEPENDENT * s[0] else np.inf for s in (singular, solution.singular)
+        float(s[0] / s[-1]) if len(s) and s[-1] > thresholds.DEPENDENT * s[0] else np.inf
+        for s in (singular, solution.singular)
     ]
     return LeastSquares(solution.x, errors, covariance, sigma, *conditions)
 
@@ -170,14 +171,16 @@ class Estimator(NamedTuple):
         return estimate, others + self.base.back @ estimate.values
 
     def _consistent(self, equations: Equations, sigma: Array, prior: Array) -> Array:
-        """The physically consistent standard parameters."""
+        """The physically consistent standard parameters; drives that the equations do not contain stay as given."""
         standard, factor = self.base.standard, equations.merged().weighted(believed_noise(equations, sigma))
-        bodies = PARAMETERS * standard.model.nb
-        lengths = np.linalg.norm(factor[:, bodies:-1], axis=0)
-        weights = np.where(lengths == 0, 1.0, thresholds.HELD * lengths)  # where the motion says nothing
-        factor = with_prior(factor, bodies, weights, np.maximum(standard.values[bodies:], 0))
-        bounded = np.array([not name.startswith(("tau0", "c_")) for name in standard.names[bodies:]], bool)
-        return consistent_fit(factor, prior, self.weight, bounded, 1 / np.where(lengths == 0, 1, lengths))
+        bodies, lengths = PARAMETERS * standard.model.nb, np.linalg.norm(factor[:, :-1], axis=0)
+        free = np.array([name.startswith(("tau0", "c_")) for name in standard.names], bool)
+        fitted = lengths > thresholds.NOTHING * lengths.max(initial=0)
+        fitted[:bodies], known = True, np.where(free, standard.values, np.maximum(standard.values, 0))
+        bounded, lengths, drives = ~free[fitted][bodies:], lengths[fitted][bodies:], known[fitted][bodies:]
+        factor = with_prior(factor[:, np.append(fitted, True)], bodies, thresholds.HELD * lengths, drives)
+        known[fitted] = consistent_fit(factor, prior, self.weight, bounded, 1 / lengths)
+        return known
 
 
 class Unexplained(NamedTuple):

@@ -477,9 +477,11 @@ class Record:
         """
         from scipy.ndimage import median_filter
 
-        q = median_filter(self.q, (5, 1), mode="nearest")  # without single spikes and missing values
-        noise = np.nanmedian(np.abs(np.diff(self.q, axis=0)), axis=0)
-        span = np.nanmax(q, axis=0) - np.nanmin(q, axis=0)
+        pairs, rows = zip(self.q.T, np.isfinite(self.q.T), strict=True), np.arange(len(self.q))
+        known = [np.interp(rows, rows[told], x[told]) if told.any() else 0.0 * rows for x, told in pairs]
+        q = median_filter(np.stack(known, axis=1), (5, 1), mode="nearest")  # without single spikes
+        noise = np.median(np.abs(np.diff(known, append=q[-1:].T)), axis=1)
+        span = np.ptp(q, axis=0)
         still = np.maximum(REST * span, np.minimum(4 * noise, 10 * REST * span) + self.encoder_step)
         start, end = (np.flatnonzero((np.abs(q - x) > still).any(axis=1)) for x in (q[0], q[-1]))
         if not len(start):
