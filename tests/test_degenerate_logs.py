@@ -64,5 +64,5 @@ def test_rest_is_cut_off_whatever_samples_are_missing(missing):
     "q", [np.full((50, 1), np.nan), np.zeros((1, 1)), np.full((50, 1), 0.3)], ids=["nan", "1", "rest"]
 )
 def test_a_record_without_motion_says_so(q):
-    with pytest.raises(ValueError, match="^record: no joint moves$"):
+    with pytest.raises(ValueError, match=r"^record: no joint moves$"):
         Record(np.arange(len(q)) / 10, q, np.zeros(q.shape)).in_motion()
