@@ -11,7 +11,7 @@ from pathlib import Path
 
 from .commands import COMMANDS
 from .commands.printing import FOLDER, add_out, run_main_page
-from .commands.shared import CommandError, Parser, as_options, fail, in_one_line, join_numbers, note, work
+from .commands.shared import CommandError, Parser, add_force, as_options, fail, in_one_line, join_numbers, note, work
 from .errors import RneError
 
 
@@ -56,6 +56,7 @@ def parser() -> argparse.ArgumentParser:
     top.set_defaults(run=run_main_page, parser=top)
     top.add_argument("--version", action="version", version=f"rne {rne.__version__}")
     add_out(top, FOLDER)
+    add_force(top, False)
     commands = top.add_subparsers(title="commands", metavar="COMMAND")
     for add in COMMANDS:
         add(commands)

@@ -12,6 +12,7 @@ import pytest
 
 import rne
 from rne.__main__ import main, parser
+from rne.basics.marks import is_marked
 from rne.commands import COMMANDS
 from rne.commands.shared import as_options, join_numbers, warnings_in_one_line
 from rne.plotting import html_page
@@ -580,6 +581,7 @@ class TestReportOnARobot:
         assert ">NO</td>" not in page
         made = {"index.html", "swing.html"} | ({"swing.gif", "swing_1.png"} if pictures else set())
         assert {file.name for file in (tmp_path / "page").iterdir()} >= made
+        assert all(map(is_marked, (tmp_path / "page").iterdir()))  # by which the next call may replace it
 
     def test_sliding_joints_are_held_while_the_arm_swings(self, tmp_path, capsys, monkeypatch):
         monkeypatch.setitem(sys.modules, "matplotlib", None)  # no pictures

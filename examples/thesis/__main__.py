@@ -11,7 +11,7 @@ from pathlib import Path
 
 import rne
 from rne.commands.pages import STRETCHED_OUT
-from rne.commands.shared import CommandError, check_file, check_folder, fail, say
+from rne.commands.shared import CommandError, add_force, check_file, check_folder, fail, say
 from rne.plotting.html_page import Report
 from rne.plotting.robot_picture import small_picture
 
@@ -75,10 +75,11 @@ def main() -> int:
     parser = ArgumentParser(prog="python -m examples.thesis", description="Simulate the thesis's experiments: 2 min.")
     parser.add_argument("--out", metavar="DIR", type=Path, default=FOLDER, help=f"folder of the page ({FOLDER})")
     parser.add_argument("--markdown", metavar="FILE", type=Path, help="also write the page there, such as thesis.md")
+    add_force(parser)
     arguments = parser.parse_args()
     try:
-        check_file(arguments.markdown, "--markdown")
-        check_folder(arguments.out)
+        check_file(arguments.markdown, arguments, "--markdown", (".md",))
+        check_folder(arguments.out, arguments)
         run(arguments.out, say, arguments.markdown)
     except (CommandError, OSError) as error:
         return fail(str(error))

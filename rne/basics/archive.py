@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from .arrays import output_file
+from .marks import TEXTS
 from .text import cut
 
 # What NumPy, zlib and JSON raise for other files and damaged ones.
@@ -22,7 +23,6 @@ DAMAGED = (
     *(ValueError, KeyError, EOFError, AttributeError, TypeError, NotImplementedError),
     *(zipfile.BadZipFile, zlib.error),
 )
-TEXTS = "texts"  # entry of the archive: what is not an array, as JSON
 SIMPLE: dict[str, Any] = {
     "Array": np.ndarray,
     "str": str,

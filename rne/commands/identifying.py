@@ -7,10 +7,12 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..basics.marks import URDF
 from ..trajectories.csv_file import as_number
 from .moving import add_units, rotating
 from .shared import (
     CommandError,
+    add_force,
     add_parser,
     add_robot,
     as_options,
@@ -60,6 +62,7 @@ def add_identify(commands: Any) -> None:
     parser.add_argument("--out", metavar="FILE.urdf", type=Path, help="file for the robot found")
     page = "folder for the page (default: rne-identify)"
     parser.add_argument("--page", metavar="FOLDER", type=Path, default=Path("rne-identify"), help=page)
+    add_force(parser)
 
 
 def run_identify(arguments: argparse.Namespace) -> int:
@@ -68,8 +71,8 @@ def run_identify(arguments: argparse.Namespace) -> int:
 
     from ..plotting.html_page import Report
 
-    check_file(arguments.out)
-    check_folder(arguments.page)
+    check_file(arguments.out, arguments, suffixes=(".urdf",))
+    check_folder(arguments.page, arguments, "--page")
     robot, held_out = robot_of(arguments), [arguments.check] * (arguments.check is not None)
     try:
         work.begin("reading the logs")
@@ -101,7 +104,7 @@ def run_identify(arguments: argparse.Namespace) -> int:
         fail(in_one_line(error))
         return 1
     if arguments.out:
-        arguments.out.write_text(urdf, encoding="utf-8")
+        arguments.out.write_text(urdf.replace("?>\n", f"?>\n{URDF}", 1), encoding="utf-8")
         say(f"{arguments.out}: the robot found")
     return 0
 

@@ -17,6 +17,7 @@ from ..basics.arrays import per_joint_array
 from ..basics.text import UNITS
 from .shared import (
     CommandError,
+    add_force,
     add_parser,
     add_robot,
     check_file,
@@ -78,13 +79,14 @@ def add_simulate(commands: Any) -> None:
     parser.add_argument("--every", metavar="S", type=number, help="time between samples [s]; else the solver's steps")
     out = "file to write: .npz, for rne.Trajectory.load, or .csv, for other programs"
     parser.add_argument("--out", metavar="FILE", type=Path, required=True, help=out)
+    add_force(parser)
 
 
 def run_simulate(arguments: argparse.Namespace) -> int:
     """Simulate, write the file, and say from what and with which result; 1 if the simulation failed."""
     import rne
 
-    check_file(arguments.out, suffixes=MOTIONS)
+    check_file(arguments.out, arguments, suffixes=MOTIONS)
     robot = robot_of(arguments)
     times = _times(arguments.duration, arguments.every)
     q0, qd0, torque = (_per_joint(robot, name, getattr(arguments, name)) for name in ("q0", "qd0", "torque"))
@@ -150,16 +152,15 @@ def add_torques(commands: Any) -> None:
     parser.add_argument("--cutoff", metavar="HZ", type=number, help=cutoff)
     out = "CSV file to write, columns t and tau.<joint> (default: standard output)"
     parser.add_argument("--out", metavar="FILE", type=Path, help=out)
+    add_force(parser)
 
 
 def run_torques(arguments: argparse.Namespace) -> int:
     """Write the torques, and say how they were computed: on standard error if the torques go to standard output."""
     from ..simulation.limits import limit_violations
-    from ..simulation.motion_files import csv_text
+    from ..simulation.motion_files import csv_text, write_columns
 
-    check_file(arguments.out)
-    if arguments.out and arguments.out.resolve() == arguments.motion.resolve():
-        raise CommandError(f"--out: {str(arguments.out)!r} is the motion that is read; name another file")
+    check_file(arguments.out, arguments, suffixes=(".csv",))
     robot = robot_of(arguments)
     try:
         given = read_motion(arguments.motion, robot, arguments)
@@ -186,11 +187,11 @@ def run_torques(arguments: argparse.Namespace) -> int:
     if exceeded and motion.t[0]:
         tell(f"times of limits count from the first row, t = {motion.t[0]:.13g} s")
     say_limits(tell, robot, exceeded)
-    text = csv_text(motion.t, {f"tau.{name}": tau[:, k] for k, name in enumerate(robot.joint_names)})
+    columns = {f"tau.{name}": tau[:, k] for k, name in enumerate(robot.joint_names)}
     if arguments.out is None:
-        print(text, end="")
+        print(csv_text(motion.t, columns), end="")
     else:
-        arguments.out.write_text(text, encoding="utf-8", newline="")
+        write_columns(arguments.out, motion.t, columns)
         say_samples(arguments.out, motion.t)
     return 0
 
@@ -234,6 +235,7 @@ def add_view(commands: Any) -> None:
     parser.add_argument("--other", metavar="FILE", type=Path, help="a second motion, shown half transparent")
     add_units(parser)
     parser.add_argument("--out", metavar="FILE.html", type=Path, help="page to write (default: <name of ROBOT>.html)")
+    add_force(parser)
     parser.add_argument("--speed", type=number, default=1.0, help="seconds of the motion per second (default: 1)")
     parser.add_argument("--frames", action="store_true", help="show the links' frames at first")
     parser.add_argument("--inertia", action="store_true", help="show masses as solids of their inertia at first")
@@ -244,7 +246,7 @@ def run_view(arguments: argparse.Namespace) -> int:
     import rne
 
     out = arguments.out or Path(f"{Path(arguments.robot).stem}.html")
-    check_file(out, suffixes=PAGES)
+    check_file(out, arguments, suffixes=PAGES)
     robot = robot_of(arguments)
     work.begin("placing the links in all frames")
     labels = [file.stem for file in (arguments.motion or out, arguments.other or out)]
@@ -305,6 +307,7 @@ def add_cycle(commands: Any) -> None:
         )
     folder = "folder for the page (default: rne-cycle)"
     parser.add_argument("--out", metavar="FOLDER", type=Path, default=Path("rne-cycle"), help=folder)
+    add_force(parser)
 
 
 def run_cycle(arguments: argparse.Namespace) -> int:
@@ -315,7 +318,7 @@ def run_cycle(arguments: argparse.Namespace) -> int:
     from ..plotting.plots import small_plots, torque_speed
     from ..trajectories.csv_file import read_samples
 
-    check_folder(arguments.out)
+    check_folder(arguments.out, arguments)
     robot = robot_of(arguments)
     try:
         if arguments.acceleration is not None:

@@ -13,7 +13,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..basics.text import counted
-from .shared import ROBOT, CommandError, add_parser, add_robot, check_folder, fail, in_one_line, number, robot_of, say
+from .shared import (
+    ROBOT,
+    CommandError,
+    add_force,
+    add_parser,
+    add_robot,
+    check_folder,
+    fail,
+    in_one_line,
+    number,
+    robot_of,
+    say,
+)
 
 if TYPE_CHECKING:
     from ..model import Model
@@ -213,13 +225,14 @@ def add_report(commands: Any) -> None:
     parser = add_parser(commands, "report", REPORT, "rne report irb140.urdf --out irb140-page", run_report)
     parser.add_argument("robot", metavar="ROBOT", help=ROBOT)
     add_out(parser, argparse.SUPPRESS)  # where it is not given here, that before the subcommand holds
+    add_force(parser)
 
 
 def run_main_page(arguments: argparse.Namespace) -> int:
     """Write the main page; 1 if a comparison exceeds its bound."""
     from . import pages
 
-    check_folder(arguments.out)
+    check_folder(arguments.out, arguments)
     return 0 if pages.write_main_page(arguments.out, say) else 1
 
 
@@ -231,7 +244,7 @@ def run_report(arguments: argparse.Namespace) -> int:
     from . import pages
 
     robot = rne.load(arguments.robot)
-    check_folder(arguments.out)
+    check_folder(arguments.out, arguments)
     printed = io.StringIO()
     if isinstance(resolve(arguments.robot), str):  # the path of a file
         rne.check(arguments.robot, out=printed)

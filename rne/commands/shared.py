@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 ROBOT = "path of a URDF, MJCF or xacro file, or a name of rne.robots() such as irb140"
 ARGUMENT = re.compile(r"`(?P<name>\w+)(?P<rest>[^`]*)`|\b(?P<key>\w+)=(?P<value>\[.*?\]|\{.*?\}|\"[^\"]*\"|[\w.]+)")
 QUOTES = str.maketrans({"'": "", '"': "", "[": "", "]": "", "{": "", "}": ""})
+INPUTS = {"robot": "robot", "logs": "log", "check": "log", "via": "path"} | dict.fromkeys(("motion", "other"), "motion")
+PAGE = ".html", ".png", ".gif"  # files of a page
 NUMBER = re.compile(r"[+-]?\.?[0-9][0-9.eE+,-]*")
 
 
@@ -184,33 +186,67 @@ def warnings_in_one_line(arguments: argparse.Namespace) -> Iterator[None]:
         note(f"warning: {as_options(text, arguments)}")
 
 
-def check_folder(folder: Path) -> None:
-    """Make the folder and try to write into it."""
+def add_force(parser: argparse.ArgumentParser, default: Any = argparse.SUPPRESS) -> None:
+    """Add the option to replace foreign files."""
+    text = "replace files that rne did not write too; those that the command reads never are"
+    parser.add_argument("--force", action="store_true", default=default, help=text)
+
+
+def check_folder(folder: Path, arguments: argparse.Namespace, option: str = "--out") -> None:
+    """Make the folder, try to write into it, and refuse to replace pages and pictures that rne did not write."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            return
+        tempfile.TemporaryFile(dir=folder).close()
+        there = [file for file in sorted(folder.iterdir()) if file.suffix.lower() in PAGE]
     except FileExistsError:
-        reason = "Not a directory"
+        raise CommandError(f"{option}: cannot write into {str(folder)!r}: Not a directory") from None
     except OSError as error:
-        reason = str(error.strerror)
-    raise CommandError(f"--out: cannot write into {str(folder)!r}: {reason}")
+        raise CommandError(f"{option}: cannot write into {str(folder)!r}: {error.strerror}") from None
+    for file in there:
+        _check_replaced(file, arguments, option, "folder")
 
 
-def check_file(file: Path | None, option: str = "--out", suffixes: Sequence[str] = ()) -> None:
-    """Refuse a file that cannot be written; the file itself is not touched."""
+def _check_replaced(file: Path, arguments: argparse.Namespace, option: str, kind: str = "file") -> None:
+    """Refuse to replace an input of the command; without --force all that rne did not write too."""
+    if not (file.exists() or file.is_symlink()):
+        return
+    from ..basics.marks import is_marked
+    from ..urdf.loading import library
+
+    for name, what in INPUTS.items():
+        given = getattr(arguments, name, None) or []
+        for path in map(Path, given if isinstance(given, list) else [given]):
+            path = path if path.exists() else library().get(str(path), path)
+            if file.exists() and path.exists() and path.samefile(file):
+                raise CommandError(f"{option}: {str(file)!r} is the {what} that is read; name another {kind}")
+    if not file.is_file():
+        raise CommandError(f"{option}: {str(file)!r} is no regular file; name another {kind}")
+    try:
+        file.open("r+b").close()
+        if getattr(arguments, "force", False) or not file.stat().st_size or is_marked(file):
+            return
+    except OSError as error:
+        raise CommandError(f"{option}: cannot write {str(file)!r}: {error.strerror}") from None
+    raise CommandError(
+        f"{option}: {str(file)!r} was not written by rne; name another {kind}, or give --force to replace it"
+    )
+
+
+def check_file(
+    file: Path | None, arguments: argparse.Namespace, option: str = "--out", suffixes: Sequence[str] = ()
+) -> None:
+    """Refuse a file that cannot be written or is not to be replaced; the file itself is not touched."""
     if file is None:
         return
     if file.is_dir():
         raise CommandError(f"{option}: {str(file)!r} is a folder, not a file")
+    _check_replaced(file, arguments, option)
     if suffixes and file.suffix.lower() not in suffixes:
         raise CommandError(f"{option}: must end in {' or '.join(suffixes)}, got {str(file)!r}")
     if not file.parent.is_dir():
         raise CommandError(f"{option}: there is no folder {str(file.parent)!r}")
     try:
-        if file.exists():
-            file.open("ab").close()
-        else:
+        if not file.exists():
             tempfile.TemporaryFile(dir=file.parent).close()
     except OSError as error:
         raise CommandError(f"{option}: cannot write {str(file)!r}: {error.strerror}") from None

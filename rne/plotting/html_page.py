@@ -15,6 +15,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from ..basics.marks import HTML, PICTURE
 from ..basics.spatial import Array
 from ..robot import Robot
 from ..simulation.trajectory import Trajectory
@@ -140,10 +141,10 @@ class Report:
         from cycler import cycler
 
         with matplotlib.style.context([STYLE]):
-            draw().savefig(self.folder / f"{name}.png", dpi=DPI)
+            draw().savefig(self.folder / f"{name}.png", dpi=DPI, metadata=PICTURE)
         dark = DARK | {"axes.prop_cycle": cycler(color=DARK_COLORS)} | STYLE
         with matplotlib.style.context(["dark_background", dark]):
-            draw().savefig(self.folder / f"{name}-dark.png", dpi=DPI)
+            draw().savefig(self.folder / f"{name}-dark.png", dpi=DPI, metadata=PICTURE)
         self.blocks.append(PageBlock("picture", (name, caption)))
 
     def motion(self, name: str, motion: Trajectory, caption: str) -> None:
@@ -194,7 +195,7 @@ class Report:
         if listed:
             pieces.insert(listed[0][0], f"<nav><ul>{''.join(links)}</ul></nav>")
         head = (
-            '<meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">'
+            f'<meta charset="utf-8">{HTML}<meta name="viewport" content="width=device-width, initial-scale=1">'
             f"<title>{escape(self.title)}</title><style>{CSS}</style>"
         )
         body = "\n".join([f"<h1>{escape(self.title)}</h1>", *pieces, ""])

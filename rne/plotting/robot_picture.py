@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import output_file, positive_number, real_numbers
+from ..basics.marks import COMMENT
 from ..basics.spatial import Array, cross, rotate
 from ..basics.text import cut
 from ..model.model import Model
@@ -155,7 +156,9 @@ def animate(
     delay = round(100 / fps)  # [0.01 s]
     t = _frame_times(shown.t, delay, positive_number("speed", speed))
     images = _images(robot, t, robot.link_poses(shown.positions(t)))
-    images[0].save(file, save_all=True, append_images=images[1:], duration=10 * delay, loop=0, disposal=1)
+    images[0].save(
+        file, save_all=True, append_images=images[1:], duration=10 * delay, loop=0, disposal=1, comment=COMMENT
+    )
     return file
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import output_file, positive_number, real_numbers
+from ..basics.marks import HTML
 from ..basics.spatial import Array
 from ..robot import Robot
 from ..simulation.springs import JointSpring, Spring, resolved_springs
@@ -340,7 +341,7 @@ def _legend(robot: PosedRobot, labels: Sequence[str], cell: float, times: Array,
 def _finished(text: str, name: str, key: str, camera: tuple[Array, Array]) -> str:
     """viser's page with a title, a legend, a camera for narrow windows, and dark where the browser's pages are."""
     place = json.dumps([x.tolist() for x in camera])
-    head = f"<title>{html.escape(name)}</title>{CAMERA % place}<style>{STYLE}</style>"
+    head = f"{HTML}<title>{html.escape(name)}</title>{CAMERA % place}<style>{STYLE}</style>"
     for mark, ours in ((TITLE, head), (ROOT, f'{ROOT}<div id="rne">{key}</div>'), (LIGHT, DARK)):
         if mark not in text:
             raise RuntimeError(f"this version of viser writes other pages: {mark!r} is missing; pip install 'viser<2'")

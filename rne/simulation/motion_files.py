@@ -13,6 +13,7 @@ import numpy as np
 
 from ..basics.archive import Kinds, names_of, read, write
 from ..basics.arrays import output_file
+from ..basics.marks import TABLE
 from ..basics.spatial import Array
 from ..model.model import Model
 from ..model.solids import Box, Cylinder
@@ -57,7 +58,7 @@ def read_archive(path: str | PathLike[str], kind: type) -> Any:
 def write_columns(path: str | PathLike[str], t: Array, columns: Mapping[str, Array]) -> Path:
     """Write times and named columns to a file of comma-separated values."""
     file = output_file(path)
-    file.write_text(csv_text(t, columns), encoding="utf-8", newline="")
+    file.write_text(csv_text(t, columns).replace("t", TABLE, 1), encoding="utf-8", newline="")  # its first letter
     return file
 
 
