@@ -308,8 +308,16 @@ def test_a_joint_with_hardly_more_equations_than_unknowns_gets_no_weight_from_th
     assert np.abs(fit.values[:3] - x[:3]).max() < 5 * fit.errors[:3].max()
 
 
-def test_the_consistent_fit_does_not_depend_on_how_the_cone_solver_ends(monkeypatch):
-    """A point far from the minimum, as after "insufficient progress": Newton's method begins at the prior instead."""
+ENDS = {
+    "far": lambda y: -np.ones_like(y),
+    "outside": lambda y: np.append(0 * y[:-2], y[-2:]),
+    "nan": lambda y: y * np.nan,
+}
+
+
+@pytest.mark.parametrize("end", ENDS.values(), ids=ENDS)
+def test_the_consistent_fit_does_not_depend_on_how_the_cone_solver_ends(end, monkeypatch):
+    """Newton's method begins nearby where a body is not quite possible, and at the prior where the end says nothing."""
     from rne.identification.fit import consistent
 
     rng = np.random.default_rng(3)
@@ -320,7 +328,7 @@ def test_the_consistent_fit_does_not_depend_on_how_the_cone_solver_ends(monkeypa
     given = (factor, prior, 1e-3, np.array([True, True]), np.ones(2))
     expected = consistent_fit(*given)
     solve = consistent.cone_solution
-    monkeypatch.setattr(consistent, "cone_solution", lambda *a: (-np.ones_like(solve(*a)[0]), "InsufficientProgress"))
+    monkeypatch.setattr(consistent, "cone_solution", lambda *a: (end(solve(*a)[0]), "InsufficientProgress"))
     np.testing.assert_allclose(consistent_fit(*given), expected, rtol=1e-6, atol=1e-9)
 
 

@@ -51,7 +51,7 @@ def consistent_fit(factor: Array, prior: Array, weight: float, bounded: Array, s
     like_prior = np.append(np.tile(TRACE, nb), np.zeros(len(size)))  # X = 1, drives zero
     by_cones, status = cone_solution(R, b, weight * like_prior, bounded)
     gap, least = thresholds.CONE_GAP * weight, -thresholds.CONE_GAP * max(1.0, np.abs(b).max(initial=0))
-    for start in (by_cones, like_prior):  # where the cone solver ends far from the minimum
+    for start in (inside(by_cones, nb), like_prior):  # where the cone solver ends far from the minimum
         held = ENTRIES * nb + np.flatnonzero(bounded)
         y = at_minimum(*barrier_objective(R, b, weight, nb), start, held, gap, least)
         if y is not None:
@@ -59,6 +59,15 @@ def consistent_fit(factor: Array, prior: Array, weight: float, bounded: Array, s
     raise IdentificationError(
         f"no physically consistent bodies were found (Clarabel: {status}); check the signs and units of the torques"
     )
+
+
+def inside(y: Array, nb: int) -> Array:
+    """Entries with matrices X that are positive definite, which the last digits of a solver may not leave them."""
+    own, found = np.s_[: ENTRIES * nb], np.nan_to_num(y, posinf=0.0, neginf=0.0)
+    values, axes = np.linalg.eigh(np.tensordot(found[own].reshape(nb, -1), UNITS, 1))
+    X = (axes * np.maximum(values, thresholds.INSIDE)[:, None]) @ np.swapaxes(axes, 1, 2)
+    found[own] = X[:, *zip(*LOWER, strict=True)].ravel()
+    return found
 
 
 def at_minimum(
