@@ -308,6 +308,18 @@ def test_columns_and_units_are_names_or_numbers(text, read):
     assert repr(parser().parse_args(["identify", "irb140", "log.csv", "--columns", text]).columns) == repr([read])
 
 
+def test_rotors_of_the_file_are_said_to_be_in_the_torques(tmp_path, capsys):
+    joint = '<joint name="j" axis="0 0 1" armature="0.25"/><inertial pos="0 0 0" mass="1" diaginertia=".1 .1 .1"/>'
+    (tmp_path / "r.xml").write_text(f"<mujoco><worldbody><body>{joint}</body></worldbody></mujoco>")
+    (tmp_path / "r.csv").write_text("t,q.j,qd.j,qdd.j\n0,0,0,2\n1,1,2,2\n")
+    assert main(["torques", str(tmp_path / "r.xml"), str(tmp_path / "r.csv")]) == 0
+    said = capsys.readouterr()
+    assert said.out == "t,tau.j\n0.0,0.7\n1.0,0.7\n"
+    assert "tau in N m: rigid bodies and rotors (j 0.25 kg m^2), without friction\n" in said.err
+    assert main(["simulate", str(tmp_path / "r.xml"), "--duration", "0.1", "--out", str(tmp_path / "m.csv")]) == 0
+    assert "rigid bodies and rotors (j 0.25 kg m^2): no friction, stops" in capsys.readouterr().out
+
+
 def test_limits_that_the_torques_exceed_are_said(lift, tmp_path, capsys):
     file = tmp_path / "rest.csv"
     file.write_text("t,q.up,qd.up,qdd.up\n0,0.5,0,0\n0.1,0.5,0,5.19\n")

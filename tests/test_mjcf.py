@@ -228,6 +228,28 @@ def test_equalities_other_than_straight_lines_are_left(tmp_path, capsys):
     assert expected in capsys.readouterr().out
 
 
+def test_what_the_options_switch_off_does_not_act(tmp_path):
+    """Equalities, friction, damping and springs, as MuJoCo's flags have them."""
+    flags = '<option><flag equality="disable" frictionloss="disable" spring="disable" damper="disable"/></option>'
+    joints = '<joint name="j" axis="0 1 0" stiffness="3" damping="2" frictionloss="1"/>'
+    text = f'<worldbody><body name="a">{joints}{INERTIAL}<body name="b"><joint name="k"/>{INERTIAL}</body></body></worldbody>'
+    text += '<equality><joint joint1="k" joint2="j"/></equality>'
+    robot, said = rne.load(written(tmp_path, flags + text)), io.StringIO()
+    assert robot.joint_names == ("j", "k")
+    assert not robot.model.damping.any()
+    assert not robot.model.friction.any()
+    rne.check(tmp_path / "arm.xml", out=said)
+    assert "spring" not in said.getvalue()
+    assert rne.load(written(tmp_path, text)).joint_names == ("j",)
+
+
+def test_names_that_are_made_are_none_of_the_files(tmp_path):
+    two = '<joint name="x" axis="0 0 1" pos="1 0 0"/><joint axis="0 1 0"/>'
+    text = f'<body name="a">{two}{INERTIAL}<body>{INERTIAL}<body name="body_2">{INERTIAL}</body><body name="a/x"/></body></body>'
+    robot = rne.load(written(tmp_path, f"<worldbody>{text}</worldbody>"))
+    assert robot.link_names == ("world", "a/x_", "a", "body_2_", "body_2", "a/x")
+
+
 def test_springs_that_check_names_have_the_torques_of_mujoco(tmp_path):
     """At a hinge and a slide with `ref`, each by the line of Python that the finding gives."""
     joints = '<joint name="j" axis="0 1 0" ref="20" stiffness="30" springref="-10"/>'
@@ -266,6 +288,15 @@ FINDINGS = {
         + '<tendon><fixed name="t"><joint joint="j" coef="1"/></fixed></tendon><actuator><motor tendon="t"/></actuator>',
         "robot: not read: <tendon> (1), <motor> (1); none of them acts on the robot here",
     ),
+    "spring of a tendon": (
+        ARM + '<tendon><fixed name="t" stiffness="7" damping="0"><joint joint="j" coef="2"/></fixed></tendon>',
+        "tendon 't': is a spring (stiffness '7') that is missing from all torques; add rne.Spring, or a law with its torques, to a scene",
+    ),
+    "damper of a class of tendons": (
+        ARM.replace("<world", '<default><tendon damping=".5"/><default class="c"/></default><world', 1)
+        + '<tendon><fixed class="c" stiffness="0"><joint joint="j" coef="2"/></fixed></tendon>',
+        "tendon '': is a damper (damping '.5') that is missing",
+    ),
     "weld": (
         ARM + '<equality><weld body1="a"/></equality>',
         "robot: not read: <weld> (1); none of them acts on the robot here",
@@ -299,7 +330,7 @@ def test_what_is_not_read_is_named(name, tmp_path, capsys):
     file = written(tmp_path, text)
     assert rne.load(file).joint_names == ("j",)
     findings = rne.check(file)
-    assert f"warning: {file}: {expected}" in capsys.readouterr().out
+    assert re.search(rf"^warning: {file}(:\d+)?: {re.escape(expected)}", capsys.readouterr().out, re.MULTILINE)
     assert {finding.severity for finding in findings} == {"warning"}
 
 

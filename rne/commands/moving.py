@@ -20,6 +20,7 @@ from .shared import (
     add_force,
     add_parser,
     add_robot,
+    bodies,
     check_file,
     check_folder,
     fail,
@@ -94,7 +95,7 @@ def run_simulate(arguments: argparse.Namespace) -> int:
     say(f"q0 {written(q0)} {units_of(robot, 'rad', 'm')}{NOT_GIVEN if arguments.q0 is None else ''}")
     say(f"qd0 {written(qd0)} {units_of(robot, 'rad/s', 'm/s')}{NOT_GIVEN if arguments.qd0 is None else ''}")
     say(f"torque {written(torque)} {units_of(robot, 'N m', 'N')}{NOT_GIVEN if arguments.torque is None else ''}")
-    say("rigid bodies alone: no friction, stops or torque limits")
+    say(f"{bodies(robot)}: no friction, stops or torque limits")
     try:
         with warnings_in_one_line(arguments):
             options = {"method": arguments.method, "rtol": arguments.rtol, "t_eval": times}
@@ -182,7 +183,8 @@ def run_torques(arguments: argparse.Namespace) -> int:
     if given.qd is None or given.qdd is None:
         warn_of_uneven_steps(given.t)
         warn_of_noise(robot, given, arguments, tau)
-    tell(f"tau in {units_of(robot, *UNITS['tau'])}: rigid bodies alone, without friction and inertia of the drives")
+    without = "friction" if robot.model.armature.any() else "friction and inertia of the drives"
+    tell(f"tau in {units_of(robot, *UNITS['tau'])}: {bodies(robot)}, without {without}")
     exceeded = limit_violations(robot.model, motion.t - motion.t[0], q, qd, tau)
     if exceeded and motion.t[0]:
         tell(f"times of limits count from the first row, t = {motion.t[0]:.13g} s")

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import numpy as np
 
 from ..basics.arrays import UNBOUNDED
-from ..basics.text import did_you_mean
+from ..basics.text import did_you_mean, listed
 from ..model.topology import end_link
 
 if TYPE_CHECKING:
@@ -346,6 +346,14 @@ def units_of(robot: rne.Robot, rotating: str, sliding: str) -> str:
     if len(slides) == robot.n:
         return sliding
     return f"{rotating} ({sliding} of {'joint' if len(slides) == 1 else 'joints'} {', '.join(slides)})"
+
+
+def bodies(robot: rne.Robot) -> str:
+    """What torques of the robot consist of: its bodies, and the rotors that its file gives."""
+    model = robot.model
+    units = np.where(model.is_revolute, "kg m^2", "kg")
+    of = [f"{model.moving_joints[i]} {model.armature[i]:.6g} {units[i]}" for i in np.flatnonzero(model.armature)]
+    return f"rigid bodies and rotors ({listed(of)})" if of else "rigid bodies alone"
 
 
 def say_limits(tell: Callable[[str], None], robot: rne.Robot, exceeded: Sequence[object]) -> None:

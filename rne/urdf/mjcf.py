@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -34,6 +35,13 @@ NOT_COMPILED = (
 )  # attributes
 NAN = re.compile(r"(?:.*\s)?[+-]?nan(?:\s.*)?", re.IGNORECASE | re.DOTALL)
 COMPILER = re.compile(r"(?:XML )?(?:Error: )?(.*?)(?:\nElement.* line (\d+))?\s*", re.DOTALL)  # its errors
+TENDONS = {"stiffness": "spring", "damping": "damper", "frictionloss": "source of friction", "armature": "rotor"}
+OFF = {  # arrays of a compiled model that a flag of <option> takes out of MuJoCo's equations
+    "mjDSBL_EQUALITY": "eq_active0",
+    "mjDSBL_FRICTIONLOSS": "dof_frictionloss",
+    "mjDSBL_SPRING": "jnt_stiffness",
+    "mjDSBL_DAMPER": "dof_damping",
+}
 LEFT = {  # numbers of compiled joints and bodies that are not read
     "jnt_stiffnesspoly": ("joint", "the polynomial of its spring is not read", "torques of it are missing"),
     "dof_dampingpoly": ("joint", "the polynomial of its damping is not read", "torques of it are missing"),
@@ -47,6 +55,9 @@ def mjcf_model(root: Element, report: FindingsReport) -> Model | None:
     m = _compiled(_for_dynamics(included(root, report), report), report)
     if m is None:
         return None
+    for flag, array in OFF.items():
+        if m.opt.disableflags & int(getattr(_mujoco().mjtDisableBit, flag, 0)):
+            getattr(m, array)[:] = 0
     _report_left(m, report)
     is_off = m.opt.disableflags & int(_mujoco().mjtDisableBit.mjDSBL_GRAVITY)
     g = np.zeros(3) if is_off else m.opt.gravity
@@ -129,6 +140,7 @@ def _for_dynamics(root: Element, report: FindingsReport) -> Element:
             if NAN.fullmatch(text):
                 message = f"attribute {attribute!r} must be finite, got {echo(text)}"
                 report.error(element, describe(element), message, "fix the attribute")
+    _report_tendons(root, report)
     by_geoms = any(x.get("inertiafromgeom") == "true" for x in root.findall("compiler"))
     for geom in list(root.iterfind("worldbody//geom")):
         body = next(geom.iterancestors("body", "worldbody"))
@@ -138,6 +150,26 @@ def _for_dynamics(root: Element, report: FindingsReport) -> Element:
         message = f"{echo(mesh.get('file'))} is no file below that of the MJCF file, and a body's inertia is of it"
         report.error(mesh, describe(mesh), message, "put it there, or give the body an <inertial>")
     return root
+
+
+def _report_tendons(root: Element, report: FindingsReport) -> None:
+    """Report and remove tendons that exert forces, by their attributes or those of their class."""
+    for tendon in list(root.iterfind("tendon/*")):
+        kind = tendon.get("class")
+        default = next((x for x in root.iter("default") if kind is None or x.get("class") == kind), None)
+        stated = [tendon.attrib]
+        while default is not None and default.tag == "default":
+            stated += [x.attrib for x in default.findall("tendon")]
+            default = default.getparent()
+        found = [(name, what, next((x[name] for x in stated if name in x), "")) for name, what in TENDONS.items()]
+        if acts := [f"{what} ({name} {echo(value)})" for name, what, value in found if value.strip("0. ")]:
+            message = f"is a {' and '.join(acts)} that is missing from all torques"
+            cure = "add rne.Spring, or a law with its torques, to a scene"
+            report.warning(tendon, f"tendon {echo(tendon.get('name', ''))}", message, cure)
+            section = tendon.getparent()
+            section.remove(tendon)
+            if not len(section):
+                section.getparent().remove(section)
 
 
 def _without_files(root: Element, report: FindingsReport) -> list[Element]:
@@ -192,8 +224,15 @@ def _compiled(root: Element, report: FindingsReport) -> Any | None:
 
 def names_of(m: Any, kind: str) -> list[str]:
     """Names of a compiled model's bodies or joints; those without have their number."""
-    count = m.nbody if kind == "body" else m.njnt
-    return [getattr(m, kind)(k).name or f"{kind}_{k}" for k in range(count)]
+    names = [getattr(m, kind)(k).name for k in range(m.nbody if kind == "body" else m.njnt)]
+    return [name or unused(f"{kind}_{k}", names) for k, name in enumerate(names)]
+
+
+def unused(name: str, names: Sequence[str]) -> str:
+    """A name that is made, with as many "_" behind it as it takes to be none of the names of a file."""
+    while name in names:
+        name += "_"
+    return name
 
 
 def rotation_of(quaternion: Array) -> Array:
@@ -223,12 +262,12 @@ def _parts(m: Any, report: FindingsReport) -> list[Part]:
         for j in own:
             foot, zero, joint = _joint(m, j, joints[j], report)
             carried = j == own[-1] and not foot.any()
-            joint |= body if carried else {"link": f"{links[b]}/{joints[j]}"}
+            joint |= body if carried else {"link": unused(f"{links[b]}/{joints[j]}", links)}
             part_of_joint.append(len(parts))
             parts.append(Part(parent=parent, placement=place.then(Pose(zero.R, foot + zero.p)), **joint))
             parent, place = len(parts) - 1, pose(np.eye(3), -foot)
         if not carried:
-            parts.append(Part(parent=parent, placement=place, joint=f"{links[b]}_fixed", **body))
+            parts.append(Part(parent=parent, placement=place, joint=unused(f"{links[b]}_fixed", joints), **body))
         part_of.append(len(parts) - 1)
     for j, (other, factor, offset) in _mimics(m, joints, report).items():
         k = part_of_joint[j]
