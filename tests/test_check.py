@@ -558,3 +558,19 @@ def test_what_is_no_path_is_refused(source):
     for read in (rne.load, rne.check):
         with pytest.raises(TypeError, match=f"^{re.escape(text)}$"):
             read(source)
+
+
+def test_the_root_may_be_a_world_that_has_no_link(tmp_path, capsys):
+    """As Drake's files have it; another parent without a link is an error."""
+    welded = '<joint name="weld" type="fixed"><parent link="world"/><child link="base"/></joint>'
+    for name, inner in (("w.urdf", welded), ("v.urdf", f'<link name="world"/>{welded}')):
+        (tmp_path / name).write_text(f'<robot name="r"><link name="base"/>{inner}</robot>')
+    models = [rne.load(tmp_path / name).model for name in ("w.urdf", "v.urdf")]
+    assert models[0].link_names == models[1].link_names == ("world", "base")
+    (finding,) = rne.check(tmp_path / "w.urdf")
+    assert str(finding).endswith(
+        """w.urdf:1: joint 'weld': <parent> names 'world', which has no <link>; it is the fixed root; add <link name="world"/>"""
+    )
+    (tmp_path / "n.urdf").write_text(f'<robot name="r"><link name="base"/>{welded.replace("world", "floor")}</robot>')
+    with pytest.raises(rne.UrdfError, match="<parent> names the unknown link 'floor'"):
+        rne.load(tmp_path / "n.urdf")

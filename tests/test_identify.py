@@ -707,3 +707,5 @@ def test_a_motion_beyond_the_limits_is_told_before_the_verdict():
     assert note == f"{BEYOND} {ends}; joint_2 reaches 2.51/s, its limit is 2/s"
     small = dataclasses.replace(prepared, q=0.3 * prepared.q, qd=0.3 * prepared.qd)
     assert beyond_limits(robot, [small]) == ()
+    unlimited = rne.Robot(dataclasses.replace(robot.model, lower=0 * robot.lower, upper=0 * robot.upper))
+    assert beyond_limits(unlimited, [small]) == ()  # as a URDF without `lower` and `upper` is read

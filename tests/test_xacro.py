@@ -153,3 +153,11 @@ def test_without_xacrodoc_how_to_expand_the_file_is_said(arm, monkeypatch):
         rne.UrdfError, match=r"is a xacro file, not yet a URDF.*expand it: xacro .*arm.urdf.xacro > .*arm.urdf$"
     ):
         rne.load(arm())
+
+
+def test_of_a_file_of_macros_alone_their_names_are_said(arm):
+    expected = "robot: there is no <link>, as no macro is called; it defines 'arm'; give a file that includes this one"
+    with pytest.raises(
+        rne.UrdfError, match=rf"^{re.escape(str(arm(LINKS, 'links.xacro')))}: {expected} and calls them$"
+    ):
+        rne.load(arm(LINKS, "links.xacro"))

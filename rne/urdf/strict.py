@@ -34,6 +34,7 @@ def validate(root: Element, report: FindingsReport) -> bool:
         if any(XACRO.fullmatch(child.tag) for child in root):
             cure = "give the expanded file of a robot that calls these macros"
         report.error(root, "robot", "there is no <link>", cure)
+    _add_world(root, links, joints, report)
     fixed = fixed_links(links, joints)
     for link in links:
         _check_link(link, report, is_moved=link.get("name") not in fixed)
@@ -46,6 +47,18 @@ def validate(root: Element, report: FindingsReport) -> bool:
     _check_mimics(joints, report)
     rotors_of(root, report)
     return True
+
+
+def _add_world(root: Element, links: list[Element], joints: list[Element], report: FindingsReport) -> None:
+    """Add the link "world" where it is the parent of a joint and has no <link>, as in files for Drake."""
+    welded = [joint for joint in joints if link_of(joint, "parent") == "world"]
+    if links and welded and all(link.get("name") != "world" for link in links):
+        links.insert(0, root.makeelement("link", name="world"))
+        root.insert(0, links[0])
+        message = "<parent> names 'world', which has no <link>"
+        report.warning(
+            welded[0].find("parent"), describe(welded[0]), message, 'it is the fixed root; add <link name="world"/>'
+        )
 
 
 def _is_robot(root: Element, report: FindingsReport) -> bool:

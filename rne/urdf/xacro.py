@@ -57,6 +57,13 @@ def expanded(
         return None
     finally:
         finders._finder = finder
+    if "<link" not in text:
+        from lxml import etree
+
+        if names := [str(macro.get("name")) for macro in etree.parse(path).iter("{*}macro")]:
+            message = f"there is no <link>, as no macro is called; it defines {listed(names)}"
+            report.error(None, "robot", message, "give a file that includes this one and calls them")
+            return None
     unknown = [name for name in given if name not in given.known]
     if unknown:
         raise ValueError(f"`arguments` has {listed(unknown)}, which {near_path(report.file)} does not use")

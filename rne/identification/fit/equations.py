@@ -396,7 +396,8 @@ def beyond_limits(robot: Robot, prepared: Sequence[Prepared]) -> tuple[str, ...]
     speed, limit = np.max([np.abs(r.qd).max(0) for r in prepared], axis=0), robot.velocity_limit
     above, below = high - robot.upper, robot.lower - low
     at, end = np.where(above >= below, (high, robot.upper), (low, robot.lower))
-    outside = np.maximum(above, below) > reach * (robot.upper - robot.lower)
+    width = robot.upper - robot.lower  # zero where a URDF leaves the limits out
+    outside = (np.maximum(above, below) > reach * width) & (width > 0)
     told = [f"{names[j]} reaches {at[j]:.3g}, its limit is {end[j]:.3g}" for j in np.flatnonzero(outside)]
     fast = np.flatnonzero(speed > (1 + reach) * limit)
     told += [f"{names[j]} reaches {speed[j]:.3g}/s, its limit is {limit[j]:.3g}/s" for j in fast]
