@@ -273,3 +273,13 @@ def test_no_machine_path_is_committed():
         path = ROOT / name
         if path.suffix in {".py", ".md", ".toml", ".urdf", ".json"} and path.exists():
             assert "/" + "work/" not in path.read_text(encoding="utf-8"), name
+
+
+def test_dir_of_a_package_that_loads_names_on_first_use_lists_all_public_ones():
+    """Whether they were used before or not."""
+    packages = [importlib.import_module(module_of(path)) for path in SOURCES if path.name == "__init__.py"]
+    lazy = [package for package in packages if "__getattr__" in vars(package)]
+    assert {package.__name__ for package in lazy} >= {"rne", "rne.model", "rne.dynamics", "rne.trajectories"}
+    assert {package.__name__: set(dir(package)) - {"__version__"} for package in lazy} == {
+        package.__name__: set(package.__all__) for package in lazy
+    }

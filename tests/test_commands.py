@@ -18,7 +18,7 @@ from rne.commands.shared import as_options, join_numbers, warnings_in_one_line
 from rne.plotting import html_page
 
 from .faulty_logs import SCARA
-from .helpers import ROOT
+from .helpers import ROOT, first_joints
 from .helpers import kept as kept_parameters
 
 pytestmark = pytest.mark.usefixtures("irb140_once")
@@ -280,6 +280,19 @@ def test_robots_are_compared_joint_by_joint_and_by_their_torques(lift, tmp_path,
         "joints of irb140 alone: joint_1, joint_2, joint_3, joint_4, joint_5, joint_6",
         f"torques: not compared, {lift} has 1 joint, irb140 6",
     ]
+
+
+def test_of_two_different_robots_it_is_said_first_and_no_cause_is_guessed(tmp_path, capsys):
+    arm = first_joints(2).model
+    (tmp_path / "a.urdf").write_text(rne.to_urdf(arm))
+    tilted = np.array([[0, 0.6, 0.8], [0.8, 0, 0.6]])
+    longer = replace(arm, axis=tilted, translation=0.3 + arm.translation, com=0.2 + arm.com)
+    (tmp_path / "b.urdf").write_text(rne.to_urdf(longer))
+    assert main(["compare", str(tmp_path / "a.urdf"), str(tmp_path / "b.urdf")]) == 1
+    said = capsys.readouterr().out
+    assert said.startswith("different robots: 0 of 2 joints have the same name, axis and place\njoint_1: axis ")
+    assert "cause: unknown\n  no hypothesis explains the difference\n|" in said
+    assert "hypotheses" not in said
 
 
 def test_arguments_in_a_message_are_shown_as_options(capsys):

@@ -9,7 +9,10 @@ from typing import Any
 
 
 def on_first_use(package: str, names: Mapping[str, str]) -> Callable[[str], Any]:
-    """The `__getattr__` of a package: its modules, and the names that each of them gives, separated by blanks."""
+    """The `__getattr__` of a package: its modules, and the names that each of them gives, separated by blanks.
+
+    The package also gets a `__dir__`, which lists its `__all__`, unless it has its own.
+    """
     module_of = {name: module for module, given in names.items() for name in given.split()}
 
     def find(name: str) -> Any:
@@ -21,4 +24,6 @@ def on_first_use(package: str, names: Mapping[str, str]) -> Callable[[str], Any]
         setattr(sys.modules[package], name, value)
         return value
 
+    module = sys.modules[package]
+    vars(module).setdefault("__dir__", lambda: module.__all__)
     return find

@@ -6,6 +6,7 @@ import argparse
 import inspect
 import io
 import os
+import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -38,6 +39,9 @@ COMPARED = (
     *("joint_types", "lower", "upper", "velocity_limit", "effort_limit", "damping", "friction", "armature"),
     *("axis", "translation", "rotation", "mass", "com", "inertia"),
 )
+PLACE = re.compile(
+    "(.*): (joint type|axis|translation|rotation) (?!on its body)", re.DOTALL
+)  # a line on a joint's place
 LANGUAGES, TYPES = ("python", "numpy", "matlab", "c", "rust"), ("float64", "float32")
 
 
@@ -132,18 +136,25 @@ def run_compare(arguments: argparse.Namespace) -> int:
     alone = dict.fromkeys(("payload", "payload_com", "payload_inertia", "payload_link", "locked"))
     second = argparse.Namespace(**vars(arguments) | alone | {"robot": arguments.other})
     one, other = robot_of(arguments), robot_of(second)
-    lines = list(_differences(one.model, other.model, names, tolerance))
-    print("\n".join(lines or ["joints: the same, with the same limits, bodies and frames"]), flush=True)
+    differences = list(_differences(one.model, other.model, names, tolerance))
+    lines = differences or ["joints: the same, with the same limits, bodies and frames"]
     if one.n != other.n:
+        print(*lines, sep="\n")
         print(f"torques: not compared, {names[0]} has {counted(one.n, 'joint')}, {names[1]} {other.n}")
         return 1
     try:
         found = rne.compare_models(one, other, tolerance=tolerance)
     except ValueError as error:
         raise CommandError(in_one_line(error)) from None
+    report, moved = found.report(), {place[1] for line in differences if (place := PLACE.match(line))}
+    same = len(set(one.joint_names) & set(other.joint_names) - moved)
+    if found.causes == ("unknown",) and 2 * same < one.n:
+        print(f"different robots: {same} of {one.n} joints have the same name, axis and place")
+        report = report.partition("\nhypotheses (")[0].replace("; the nearest are below", "")
+    print(*lines, sep="\n")
     print(f"torques of {names[1]} beside those of {names[0]}, and the likely cause by torques alone")
-    print(found.report())
-    return int(bool(lines) or found.causes != ("none",))
+    print(report)
+    return int(bool(differences) or found.causes != ("none",))
 
 
 def _differences(one: Model, other: Model, names: Sequence[str], tolerance: float) -> Iterator[str]:

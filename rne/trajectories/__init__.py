@@ -25,7 +25,3 @@ __all__ = [
     "through",
     "trapezoidal",
 ]
-
-
-def __dir__() -> list[str]:
-    return __all__
