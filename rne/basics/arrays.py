@@ -6,9 +6,9 @@ import inspect
 import os
 import re
 from collections.abc import Callable
-from functools import cache
+from functools import cache, cached_property, wraps
 from numbers import Number
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 FULL_TURN = 6.3  # rad
+T = TypeVar("T")
 Sign = Literal["any", "not negative", "positive"]
 UNBOUNDED = 1e300  # in place of infinity, which a kernel does not hold
 lengths = cache(lambda shape: re.findall(r"[\w.]+", shape[: shape.index(")")]))  # in a shape such as "(n, 3)"
@@ -205,3 +206,30 @@ def is_equal(a: Any, b: Any) -> bool:
     if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
         return a.dtype == b.dtype and np.array_equal(a, b)
     return bool(a == b)
+
+
+def read_only(value: Any) -> Any:
+    """A read-only copy of an array, or of the arrays in a tuple, list or dictionary; one that is its own as it is."""
+    if isinstance(value, np.ndarray) and (value.flags.writeable or not value.flags.owndata):
+        value = value.copy()
+        value.flags.writeable = False
+    elif type(value) in (tuple, list):
+        value = type(value)(map(read_only, value))
+    elif type(value) is dict:
+        value = {name: read_only(part) for name, part in value.items()}
+    return value
+
+
+def cached_array(make: Callable[[Any], T]) -> cached_property[T]:
+    """A property that is computed once, whose arrays are read-only."""
+    return cached_property(wraps(make)(lambda owner: read_only(make(owner))))
+
+
+class ReadOnlyArrays:
+    """Base of dataclasses with arrays that other numbers are computed of later: NumPy refuses to change them."""
+
+    def __post_init__(self) -> None:
+        self.__setstate__(self.__dict__)
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update({name: read_only(value) for name, value in state.items()})

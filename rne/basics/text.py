@@ -10,6 +10,8 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from .arrays import ReadOnlyArrays
+
 MAX_NAME = 40  # characters of a joint's name
 DIGITS = 6
 WIDTH = 100  # of a line
@@ -196,8 +198,8 @@ def _from_the_point(text: str) -> str:
     return match.group() if match else ""
 
 
-class InNotebooks:
-    """Base of the classes that notebooks show as HTML, most as the text of `print`: their report, if they have one."""
+class InNotebooks(ReadOnlyArrays):
+    """Base of results, which notebooks show as HTML, most as the text of `print`: their report, if they have one."""
 
     _repr_html_: ClassVar[Callable[[Any], str]]  # set by `rne/__init__.py`, above all of them
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, reduce
+from functools import reduce
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import positive_number
+from ..basics.arrays import cached_array, positive_number
 from ..basics.spatial import Array
 from ..basics.text import summary
 from ..elementwise import maximum
@@ -38,7 +38,7 @@ class RobustLaw:
     def __repr__(self) -> str:
         return summary(self, cases=None)
 
-    @cached_property
+    @cached_array
     def error_bound(self) -> Array:
         """Bound on each joint's tracking error, shape (n,) [rad or m]; the function that makes the law derives it."""
         return self._bound_of_s() / self.bandwidth

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import is_equal, positive_number, whole_number
+from ..basics.arrays import cached_array, is_equal, positive_number, whole_number
 from ..basics.spatial import Array
 from ..robot import Robot
 from .gains import workspace
@@ -49,12 +49,12 @@ class Cases:
         """The robot with the mean of the parameters."""
         return self.robots[0].with_parameters(np.mean([robot.parameters for robot in self.robots], axis=0))
 
-    @cached_property
+    @cached_array
     def deviations(self) -> Array:
         """Parameters of the robots less those of the centre, shape (10 nb, robots)."""
         return np.stack([robot.parameters - self.centre.parameters for robot in self.robots], axis=1)
 
-    @cached_property
+    @cached_array
     def ball(self) -> Array:
         """Matrix W of a ball that holds all mixtures: parameters pi_0 + W z with |z| <= 1, shape (10 nb, k)."""
         size = np.abs(self.deviations).max(axis=1)

@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import positive_number, real_array
+from ..basics.arrays import ReadOnlyArrays, cached_array, positive_number, real_array
 from ..basics.spatial import Array, cross, cross_matrix, rotate, symmetric, transpose
 from ..basics.text import counted, listed, short, six_digits, wrapped
 from ..model.model import Model, model_argument, unchecked_model
@@ -38,7 +38,7 @@ FLAT = 16  # entries of Phi or xi
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class BaseParameters:
+class BaseParameters(ReadOnlyArrays):
     """Combinations of the standard parameters that determine torques, each named after the parameter it keeps.
 
     Each is a kept parameter plus multiples of others that torques cannot tell from it. Those of each body are kept
@@ -93,7 +93,7 @@ class BaseParameters:
                 text += f" {'+' if row[k] > 0 else '-'} {'' if factor == '1' else factor + ' '}{self.standard.names[k]}"
         return text
 
-    @cached_property
+    @cached_array
     def back(self) -> Array:
         """E with Y = Y E B in every state, and B E = 1; shape (standard.count, count).
 
@@ -103,7 +103,7 @@ class BaseParameters:
         E[list(self.independent), range(self.count)] = 1
         return E
 
-    @cached_property
+    @cached_array
     def values(self) -> Array:
         """The base parameters of the model; offsets and parameters of coupled motors count as zero."""
         return np.asarray(self.matrix @ self.standard.values)

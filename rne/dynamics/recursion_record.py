@@ -8,6 +8,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
+from ..basics.arrays import ReadOnlyArrays
 from ..basics.spatial import Array, cross, dot, rotate, rotate_back, zeros
 from ..basics.text import UNITS, Row, aligned, counted, listed, short, six_digits, wrapped
 from ..model.model import Model
@@ -37,7 +38,7 @@ BRANCHED = "The links of a branched robot have no single end: a_o, the origin's 
 
 
 @dataclass(frozen=True)
-class Recursion:
+class Recursion(ReadOnlyArrays):
     """All vectors of the Newton-Euler recursion, for every moving body.
 
     Body i is the one behind `joints[i]`; its vectors are in its own axes. Shapes (..., nb, 3) unless said.

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.archive import Kinds, names_of, read, write
-from ..basics.arrays import positive_number
+from ..basics.arrays import cached_array, positive_number
 from ..basics.spatial import Array
 from ..basics.text import InNotebooks, Row, aligned, counted, listed, short, wrapped
 from ..dynamics.base_inertial_parameters import BaseParameters
@@ -601,7 +601,7 @@ class Identification(InNotebooks):
         """
         return certified(self.base, self.data, self.unexplained.in_motion)
 
-    @cached_property
+    @cached_array
     def r_squared(self) -> Array:
         """Coefficient of determination of each joint's torques in motion on held-out blocks, NaN without any, (n,)."""
         size, used = self.equations.rms_torques(), self.data.used

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ..basics.arrays import whole_number
+from ..basics.arrays import read_only, whole_number
 from ..basics.spatial import Array
 from ..basics.text import short, wrapped
 from ..dynamics.quantity import (
@@ -115,7 +115,7 @@ class Kernel:
         engine: str = "numpy",
         order: str = "jacobian",
     ) -> None:
-        self.function, self.fixed = declared(function), dict(fixed)
+        self.function, self.fixed = declared(function), read_only(dict(fixed))
         self.quantity, self._rest = inputs_as_arrays(function, model, fixed)
         self.model = model_argument(model)
         self.wrt, self.order = tuple(wrt), order if wrt else "values"

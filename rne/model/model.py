@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
-from ..basics.arrays import convert_array, convert_numbers, is_equal, number_array, plain_array
+from ..basics.arrays import cached_array, convert_array, convert_numbers, is_equal, number_array, plain_array
 from ..basics.spatial import Array, point_mass_inertia
 from ..basics.text import brief_array, counted, listed, short, wrapped
 from ..errors import ModelError
@@ -217,14 +217,14 @@ class Model:
         """True if some joint mimics or follows others, so that q is not the list of the joints' positions."""
         return self.n != self.nb
 
-    @cached_property
+    @cached_array
     def coordinate_map(self) -> Array:
         """The matrix G of q_joints = G q + offset, shape (nb, n); a ModelError where couplings make it depend on q."""
         if self.couplings:
             raise ModelError(f"joint {self.couplings[0].joint!r} of robot {self.name!r} follows others by no constant")
         return self.mimic_map
 
-    @cached_property
+    @cached_array
     def mimic_map(self) -> Array:
         """The matrix of `coordinate_map`, with rows of zeros for the joints that follow by couplings."""
         G = np.zeros((self.nb, self.n), dtype=self.multiplier.dtype)
@@ -237,7 +237,7 @@ class Model:
         place, joints = self.moving_joints.index, self.joint_names
         return tuple((place(c.joint), [joints.index(name) for name in c.drivers], c) for c in self.couplings)
 
-    @cached_property
+    @cached_array
     def rest(self) -> Array:
         """Positions of the moving joints where the coordinates are 0, shape (nb,)."""
         rest = self.offset.copy()
@@ -275,7 +275,7 @@ class Model:
                 limits[name][k] = min(limits[name][k], of_joints[name][i] / abs(m))
         return limits
 
-    @cached_property
+    @cached_array
     def braking_limit(self) -> Array:
         """Largest decelerations of the moving joints: those of accelerations where none are known, shape (nb,)."""
         return np.where(np.isinf(self.deceleration_limit), self.acceleration_limit, self.deceleration_limit)
@@ -298,23 +298,23 @@ class Model:
         m, h, I = self.moments
         return Moments(m[..., i, None], h[..., i, :], I[..., i, :, :])
 
-    @cached_property
+    @cached_array
     def is_revolute(self) -> Array:
         """True for each moving joint that rotates, False for each that slides, shape (nb,)."""
         return np.array([kind in REVOLUTE_TYPES for kind in self.joint_types], dtype=bool)
 
-    @cached_property
+    @cached_array
     def joint_origin(self) -> Array:
         """Origin of each moving joint in its file, in frame i, shape (nb, 3); 0 unless it was moved at load [m]."""
         place = {joint: k for k, joint in enumerate(self.link_joints)}
         return np.array([self.link_translation[place[joint]] for joint in self.moving_joints]).reshape(self.nb, 3)
 
-    @cached_property
+    @cached_array
     def angular_axis(self) -> Array:
         """Angular part s of each joint's motion per unit velocity: its axis, 0 for a sliding joint, shape (nb, 3)."""
         return self.axis * self.is_revolute.astype(np.int8)[:, None]
 
-    @cached_property
+    @cached_array
     def linear_axis(self) -> Array:
         """Linear part t of each joint's motion per unit velocity: its axis, 0 for a rotating joint, shape (nb, 3)."""
         return self.axis * (~self.is_revolute).astype(np.int8)[:, None]

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import positive_number, real_array, vector
+from ..basics.arrays import ReadOnlyArrays, cached_array, positive_number, real_array, vector
 from ..basics.spatial import Array
 from ..basics.text import listed, summary
 from ..elementwise import less, where
@@ -105,7 +105,7 @@ def drive_argument(drives: Any) -> DriveModel:
 
 
 @dataclass(frozen=True, eq=False)
-class StandardParameters:
+class StandardParameters(ReadOnlyArrays):
     """The parameters that the torques of the drives are a linear function of, and their order.
 
     tau = L + Fv qd + Fc sign(qd) + Fs sign(qd) exp(-|qd| / vs) + Fl |L| sign(qd) + tau0, with L = Y pi + Ia qdd, and
@@ -147,7 +147,7 @@ class StandardParameters:
         if len(self.motors) and self.asked["Fvb"].any():
             raise ValueError('`friction` "asymmetric" is of drives without `coupled_motors`')
 
-    @cached_property
+    @cached_array
     def motors(self) -> Array:
         """Rows of coupled motors, shape (s, n)."""
         n, rows = self.model.n, self.drives.coupled_motors
@@ -158,7 +158,7 @@ class StandardParameters:
         """The velocity at which Coulomb friction is smoothed, 0 for a step."""
         return self.drives.smoothing or 0.0
 
-    @cached_property
+    @cached_array
     def asked(self) -> dict[str, Array]:
         """Joints of whose drives each kind of friction is modelled, shape (n,), by its symbol."""
         given, names = self.drives.friction, self.model.joint_names
@@ -207,7 +207,7 @@ class StandardParameters:
         names += [f"{symbol}_s{k}" for symbol in self.terms if symbol in OF_MOTORS for k in motors]
         return (*names, *(() if self.springs is None else self.springs.symbols))
 
-    @cached_property
+    @cached_array
     def values(self) -> Array:
         """The parameters that the model has; of offsets, coupled motors and other friction they are zero."""
         model, G = self.model, self.model.coordinate_map

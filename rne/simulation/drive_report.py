@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import per_joint_array, real_array
+from ..basics.arrays import cached_array, per_joint_array, real_array
 from ..basics.spatial import Array
 from ..basics.text import InNotebooks, column, counted, six_digits, summary, table
 from ..dynamics.recursion_record import bearing_loads
@@ -167,7 +167,7 @@ class DriveReport(InNotebooks):
         """Velocity of each motor, shape (T, n) [rad/s]."""
         return np.asarray(self.gear * self.speed)
 
-    @cached_property
+    @cached_array
     def motor_torque(self) -> Array:
         """Torque of each motor, shape (T, n): rotor, and load with the gear's losses, which change sides [N m]."""
         return self.rotor * self.gear * self.qdd + self._gear_input / self.gear

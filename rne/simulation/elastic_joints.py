@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import real_numbers
+from ..basics.arrays import read_only, real_numbers
 from ..basics.spatial import Array
 from ..basics.text import listed, summary
 from ..dynamics.rnea import inverse_dynamics
@@ -75,8 +75,7 @@ class ElasticJoints:
             raise ValueError(f"`reads` must be one of {list(READS)}, got {self.reads!r}")
         for name in ("stiffness", "damping", "rotor"):  # the caller may change them later
             value = getattr(self, name)
-            if isinstance(value, np.ndarray | Mapping):
-                object.__setattr__(self, name, value.copy() if isinstance(value, np.ndarray) else dict(value))
+            object.__setattr__(self, name, dict(value) if isinstance(value, Mapping) else read_only(value))
 
 
 def part_at_joints(robot: Robot, elastic: ElasticJoints) -> tuple[Robot, MotorSide]:

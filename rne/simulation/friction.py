@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import real_numbers
+from ..basics.arrays import ReadOnlyArrays, real_numbers
 from ..basics.spatial import Array
 from ..basics.text import listed, short, summary
 from ..elementwise import less, tanh, where
@@ -28,7 +28,7 @@ SMOOTHING = 0.01  # [rad/s or m/s]: velocity at which smoothed Coulomb friction 
 
 
 @dataclass(frozen=True, eq=False)
-class Friction:
+class Friction(ReadOnlyArrays):
     """Joint friction torques, which the drives must supply in addition to inverse dynamics.
 
     Attributes

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import UNBOUNDED, per_joint_array, positive_number, vector
+from ..basics.arrays import UNBOUNDED, ReadOnlyArrays, per_joint_array, positive_number, read_only, vector
 from ..basics.spatial import Array
 from ..basics.text import listed, summary
 from ..control.gains import LinearisedLoop
@@ -28,6 +28,7 @@ from .scene_dynamics import MotorSide, SceneDynamics
 from .springs import JointSpring, Spring, Springs, resolved_springs
 
 LOGGER = logging.getLogger("rne")
+GIVEN = "mounting", "gravity", "payload", "locked", "armature", "effort_limit", "torque_rate", "springs"
 _announced: weakref.WeakValueDictionary[int, Any] = weakref.WeakValueDictionary()  # laws that are called, by id
 
 
@@ -76,8 +77,18 @@ def payload_argument(given: Payload | HasPayload | float) -> Payload:
     return Payload(*given) if isinstance(given, tuple) else Payload(given)
 
 
+def _kept(given: Any) -> Any:
+    """A part of a scene as it is now: mappings, sequences and arrays are copied."""
+    if isinstance(given, Mapping):
+        return dict(given)
+    if isinstance(given, HasPayload | Payload):
+        return Payload(*map(read_only, payload_argument(given)))
+    is_list = isinstance(given, Sequence) and not isinstance(given, str)
+    return read_only(tuple(given) if is_list else given)
+
+
 @dataclass(frozen=True, eq=False)
-class ResolvedScene:
+class ResolvedScene(ReadOnlyArrays):
     """The parts of a scene in numbers, as the simulation needs them."""
 
     robot: Robot  # mounted, with payload, joints locked, the drives' inertia added
@@ -177,11 +188,8 @@ class Scene:
             raise ValueError(
                 "`torque_rate` needs a `sample_time`: it limits the change from one held torque to the next"
             )
-        for name in ("mounting", "gravity", "armature", "effort_limit", "torque_rate"):
-            if isinstance(getattr(self, name), np.ndarray):  # the caller may change the array later
-                object.__setattr__(self, name, getattr(self, name).copy())
-        if isinstance(self.springs, list):
-            object.__setattr__(self, "springs", tuple(self.springs))
+        for name in GIVEN:  # the caller may change it later
+            object.__setattr__(self, name, _kept(getattr(self, name)))
         _ = self.resolved  # raises the errors in the parts
         meant_for = getattr(self.controller, "robot", None)
         if not isinstance(meant_for, Robot):

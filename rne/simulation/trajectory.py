@@ -46,7 +46,7 @@ class Derived:
             return self  # as the default of the field: not given
         run = motion.run  # another thread may set it to None
         if self.name not in motion.__dict__:
-            motion.__dict__.update({**run.derived(), **motion.__dict__, "run": None})
+            motion.__setstate__({**run.derived(), **motion.__dict__, "run": None})
         return motion.__dict__[self.name]
 
     def __set__(self, motion: Any, value: Any) -> None:
@@ -176,6 +176,7 @@ class Trajectory(InNotebooks):
                 if kind.empty is None:
                     raise TypeError(f"Trajectory needs `{name}`")
                 self.__dict__[name] = kind.empty()
+        super().__post_init__()
 
     def __repr__(self) -> str:
         return wrapped("\n  ".join(trajectory_lines(self))).replace(UNBROKEN, " ")

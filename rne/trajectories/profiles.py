@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import TIME_ROUNDING, plain_array, positive_number, real_array, real_numbers
+from ..basics.arrays import TIME_ROUNDING, ReadOnlyArrays, plain_array, positive_number, real_array, real_numbers
 from ..basics.spatial import Array
 from ..basics.text import summary
 from ..elementwise import clip, less, where
@@ -40,7 +40,7 @@ def made_by(maker: str) -> Callable[[type[T]], type[T]]:
     return decorate
 
 
-class ReferenceMotion:
+class ReferenceMotion(ReadOnlyArrays):
     """Base of the motions: a function of time."""
 
     def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...basics.arrays import positive_number
+from ...basics.arrays import cached_array, positive_number
 from ...basics.spatial import Array
 from ...basics.text import counted, summary
 from .. import thresholds
@@ -110,7 +110,7 @@ class Prepared:
         ]
         return np.concatenate(filtered)
 
-    @cached_property
+    @cached_array
     def times(self) -> Array:
         """Times of the reduced rows, shape (R,) [s]."""
         return np.asarray(self.t[self.row_samples])
@@ -120,7 +120,7 @@ class Prepared:
         """Samples of the grid that the reduced rows are at, shape (R,)."""
         return np.concatenate(self._segment_rows)
 
-    @cached_property
+    @cached_array
     def valid(self) -> Array:
         """True where a reduced row of a joint's torque may be used, shape (R, n)."""
         return rows_without(self, ~self.usable)

@@ -10,7 +10,15 @@ from typing import Any, Literal, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...basics.arrays import convert_numbers, positive_number, real_array, vector, whole_number
+from ...basics.arrays import (
+    ReadOnlyArrays,
+    convert_numbers,
+    positive_number,
+    read_only,
+    real_array,
+    vector,
+    whole_number,
+)
 from ...basics.spatial import Array
 from ...basics.text import counted
 from ...simulation.motion_files import numbered_joints
@@ -26,7 +34,7 @@ GUESS = "guess"  # kind of the findings on what a log does not say
 UNITS = {"rad": 1.0, "m": 1.0, "deg": np.pi / 180}
 
 
-class Record:
+class Record(ReadOnlyArrays):
     """Measurements of one motion, screened for faults.
 
     Parameters
@@ -138,7 +146,7 @@ class Record:
                 array.flags.writeable = False
         self._screened = screen(name, self.joint_names, self.t, self.q, self.tau, self.qd, self._bridge, stamps)
         self.findings: tuple[RecordFinding, ...] = tuple(self._screened.findings)
-        self.encoder_step: Array = self._screened.encoder_step
+        self.encoder_step: Array = read_only(self._screened.encoder_step)
         self.sample_rate = 1 / self._screened.period
         self.source = ""
 
