@@ -7,6 +7,7 @@ that differentiation amplifies. Warnings tell of each; the numbers change only i
 from __future__ import annotations
 
 import argparse
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -14,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ..basics.arrays import per_joint_array
-from ..basics.text import UNITS
+from ..basics.text import UNITS, short
 from .shared import (
     CommandError,
     add_force,
@@ -413,6 +414,11 @@ def read_motion(file: Path, robot: rne.Robot, arguments: argparse.Namespace) -> 
     if qd is not None and len(t) >= SPIKED and not 1 / FACTOR < (ratio := velocity_ratio(t, q, qd) or 1.0) < FACTOR:
         note(f"warning: qd is {ratio:.3g} times the differences of q over those of t; check their units and signs")
     _warn_of_degrees(q, robot)
+    for joint, held in (arguments.locked or {}).items():
+        with suppress(MissingColumn):
+            unused = np.asarray(read_samples(file, [joint], needed=("q",)).q)
+            between = f"from {unused.min():.6g} to {unused.max():.6g}"
+            note(f"warning: column 'q.{short(joint)}', {between}, is not used: --locked holds the joint at {held:g}")
     return SampledMotion(t, q, qd, qdd)
 
 

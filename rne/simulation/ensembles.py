@@ -557,9 +557,9 @@ class SequentialRun:
         except SimulationInterrupted as interrupt:
             motion = interrupt.trajectory
         except SimulationError as error:
-            raise SimulationError(f"start {number}: {error}", error.time, error.trajectory) from None
+            raise SimulationError(f"start {number}: {error}", error.time, error.trajectory) from error.__cause__
         except (ValueError, NotFiniteError) as error:
-            raise ValueError(f"start {number}: {error}") from None
+            raise ValueError(f"start {number}: {error}") from error
         status, count, T = motion.status, len(self.times), len(motion.t)  # -1 if it was interrupted
         rows = np.minimum(np.arange(count if status >= 0 else T), T - 1)  # after a stop the state in which it ended
         ledger, entries = self.scene.dynamics.ledger, {"drives": motion.work, **motion.dissipated}

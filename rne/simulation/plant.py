@@ -130,11 +130,19 @@ class Plant:
         """Torques that the law returns, and the rates of its states; a NaN or a wrong shape is named with its time."""
         if self.law is None:
             return self.sampled
-        u, rates = call_law(self.law, t, x, self.dynamics.law_inputs)
+        u, rates = self.called(self.law, t, x)
         if rates is None:
             return checked_torques(self.law_name, u, self.robot, t)
         slopes = checked_state_rates(rates, self.dynamics.states, t)
         return np.concatenate([checked_torques(self.law_name, u, self.robot, t), slopes])
+
+    def called(self, law: Callable[..., Any], t: float, x: Array) -> tuple[Any, Any]:
+        """What a law returns; an arithmetic error of it ends the run as its cause, and says when it was called."""
+        try:
+            return call_law(law, t, x, self.dynamics.law_inputs)
+        except ArithmeticError as error:
+            text = f"`{self.law_name}` raised {type(error).__name__} at t = {t:.6g} s: {error}"
+            raise NotFiniteError(text, t) from error
 
     def __call__(self, t: float, x: Array) -> Array:
         """dx/dt."""

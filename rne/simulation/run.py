@@ -33,6 +33,7 @@ MIN_TOLERANCES = (
 )  # tolerances: 100 roundings in float64, as SciPy's solvers demand, and far below any state
 # Of the run that is compared with another one: times smaller tolerances; the other has an error too; comparisons a step
 FINER, MARGIN, COMPARED = 100.0, 1.1, 8
+NEARLY = 1 - 1e-12  # of the duration: later samples are those of its end, up to rounding
 EPS = float(np.finfo(np.float64).eps)
 ROUNDING = 1e-9  # of the largest value of a joint: what differs by less has not jumped
 
@@ -58,6 +59,7 @@ class Failure(NamedTuple):
     time: float
     cause: str
     is_interrupt: bool = False  # by the user
+    error: BaseException | None = None  # that ended it
 
 
 class Instants(NamedTuple):
@@ -130,6 +132,10 @@ class RunResult(NamedTuple):
         finer = task._replace(rtol=task.rtol * factor, atol=max(task.atol * factor, MIN_TOLERANCES[1]), t_eval=times)
         again = self.repeat(finer._replace(x0=task.x0 * (1 + EPS), method=run.method, is_auto=False))
         count = min(len(run.reported.t), len(again.reported.t))  # a stop may have come earlier
+        for failure in (run.failure, again.failure):
+            if failure is not None and not count:
+                text = f"the simulation, repeated, stopped at t = {failure.time:.6g} s: {failure.cause}"
+                raise NotFiniteError(text, failure.time) from failure.error
         difference = np.abs(run.reported.x[:count, :n] - again.reported.x[:count, :n]).max(axis=1, initial=0.0)
         return run.reported.t[:count], MARGIN * difference
 
@@ -245,6 +251,7 @@ class Run:
         self.solver = _solver(plant, task, task.method, hold)
         self.t, self.x = 0.0, task.x0.copy()
         self.stop: Stop | None = None
+        self.reports = False  # True while `progress` is called
         self.most = FIRST_STEPS  # steps taken at once
         self.monitor = MethodMonitor(plant, hold, task.method, task.duration, may_change=task.is_auto)
         self.record = Recorder(task.t_eval, len(task.x0))
@@ -256,19 +263,21 @@ class Run:
         """From the start to the end, a stop or a failure."""
         failure = None
         try:
-            if self.task.duration == 0 or self.plant.robot.n == 0:  # nothing moves; SciPy's solvers divide by both
+            if self.task.duration == 0 or not len(self.x):  # nothing moves; SciPy's solvers divide by both
                 self._begin_segment()
-                if self.hold is not None and not self.hold.count:  # the solver would have taken the first sample
-                    self.hold.sample(self.t, self.x)
+                while self.hold is not None and (not self.hold.count or self.hold.next < self.task.duration * NEARLY):
+                    self.hold.sample(self.hold.next, self.x)  # which a solver would have taken
                 self.t = self.task.duration
             else:
                 while self.t < self.task.duration and self.stop is None:
                     self._segment()
                     self._leave()
-                if self.hold is not None:
-                    self.hold.finish(self.t, self.x)
+            if self.hold is not None:
+                self.hold.finish(self.t, self.x)
             self.record.finish(self.t, self.x, self.plant, stopped=self.stop is not None)
         except FAILURES as error:
+            if self.reports:  # an error of the user's `progress`
+                raise
             failure = self._failure(error)
         except KeyboardInterrupt:
             failure = Failure(self.t, "interrupted", is_interrupt=True)
@@ -281,7 +290,8 @@ class Run:
                 self.monitor.check_chatter()
             except NotFiniteError as cause:
                 error = cause
-        return Failure(float(getattr(error, "time", None) or self.t), str(error))
+        time = float(getattr(error, "time", None) or self.t)
+        return Failure(time, str(error), error=error if error.__cause__ is None else error.__cause__)
 
     def _segment(self) -> None:
         """To the next sample, break, event or the end."""
@@ -302,7 +312,9 @@ class Run:
             self.t, self.x = (float(steps.T[-1]), steps.X[-1]) if crossing is None else (crossing.t, crossing.x)
             self.record.take(steps, count, self.t, self.x, self.plant)
             if self.task.progress is not None:
+                self.reports = True
                 self.task.progress(self.t, self.task.duration)
+                self.reports = False
             if self.plant.sticks:
                 self._leave_samples(steps, count)
             if crossing is not None and self.hold is not None:
@@ -343,7 +355,7 @@ class Run:
         """The next sample, the next break or the end."""
         duration, hold = self.task.duration, self.hold
         if hold is not None and not self.solver.takes_samples:
-            return hold.next if hold.next < duration * (1 - 1e-12) else duration
+            return hold.next if hold.next < duration * NEARLY else duration
         return next((b for b in self.breaks if b > self.t), duration)
 
     def _happen(self, event: Any) -> None:

@@ -89,8 +89,9 @@ def simulate(
     TypeError
         If `scene_or_robot` is neither, or `torque` takes other arguments.
     SimulationError
-        If a state or torque is not finite, M becomes singular, the solver fails, a law chatters, or a sampled loop
-        diverges before the end; has the time and the trajectory so far.
+        If a state or torque is not finite, M becomes singular, the solver fails, a law chatters or raises an
+        ArithmeticError, or a sampled loop diverges before the end; has the time and the trajectory so far, and the
+        error of a law as its cause. Other errors of your own functions leave as they are.
     SimulationInterrupted
         On Ctrl-C, a KeyboardInterrupt that has them too.
 
@@ -130,7 +131,8 @@ def simulate(
     motion, failure = run.trajectory()
     if failure is not None:
         message = f"simulation stopped at t = {failure.time:.6g} s of {end:g} s: {failure.cause}"
-        raise (SimulationInterrupted if failure.is_interrupt else SimulationError)(message, failure.time, motion)
+        kind = SimulationInterrupted if failure.is_interrupt else SimulationError
+        raise kind(message, failure.time, motion) from failure.error
     run.plant.status.raise_or_warn(stacklevel=2)
     return motion
 
@@ -205,7 +207,7 @@ def law_breaks(law: Any, further: Sequence[float] = ()) -> list[float]:
     owners: dict[str, Any] = {"controller": law, "controller.reference": getattr(law, "reference", None)}
     given, found = [*further], list[float]()
     for name, owner in owners.items():
-        if hasattr(owner, "breaks"):
+        if hasattr(type(owner), "breaks") or hasattr(owner, "breaks"):  # a property may raise an AttributeError itself
             given += real_array(f"{name}.breaks", owner.breaks, "(k,)").tolist()
     for instant in sorted(set(given)):
         if not found or instant - found[-1] > 1e-12 * max(1.0, abs(instant)):  # equal up to rounding

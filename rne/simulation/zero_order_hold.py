@@ -8,7 +8,6 @@ import numpy as np
 
 from ..basics.spatial import Array
 from ..control.gains import check_gains
-from ..control.traced_law import call_law
 from .plant import Plant, checked_state_rates, checked_torques
 from .scene import Scene
 
@@ -58,8 +57,7 @@ class ZeroOrderHold:
         """Renew the torques that the plant holds, within the limits of torque and torque rate."""
         held, moved = np.asarray(self.plant.sampled), x[: self.moving]
         self.state = self.next_state
-        inputs = self.plant.dynamics.law_inputs
-        returned, rates = call_law(self.scene.controller, t, np.concatenate([moved, self.state]), inputs)
+        returned, rates = self.plant.called(self.scene.controller, t, np.concatenate([moved, self.state]))
         if rates is not None:
             self.next_state = self.state + self.period * checked_state_rates(rates, len(self.state), t)
         u = np.clip(checked_torques(self.plant.law_name, returned, self.plant.robot, t), -self.limit, self.limit)
