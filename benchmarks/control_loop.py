@@ -3,13 +3,12 @@
 CPU time of a single call of inverse dynamics of the UR5, and of an impedance law, many times in a row, calls in turn;
 then a loop of 1 kHz that sleeps until each tick, and times one call behind it: how late the tick came, and how long the
 call took on the clock. The collection of garbage is off. Writes benchmarks/results/control_loop.json, the tables of
-docs/in-a-control-loop.md, with those of benchmarks.elsewhere_c as they were kept, and its picture.
+docs/in-a-control-loop.md and its picture.
 """
 
 from __future__ import annotations
 
 import gc
-import json
 import time
 from collections.abc import Callable
 from typing import Any
@@ -17,9 +16,8 @@ from typing import Any
 import numpy as np
 
 import rne
-from benchmarks import elsewhere_c
 from benchmarks.cases import engines, states
-from benchmarks.measure import QUICK_NOTE, RESULTS, interleaved, is_quick, many, nanoseconds, ratio, write
+from benchmarks.measure import QUICK_NOTE, interleaved, is_quick, many, nanoseconds, ratio, write
 from benchmarks.pages import DOCS, rewrite, table, three
 from benchmarks.peers.pinocchio import Pinocchio
 from benchmarks.pictures import NUMBA, OTHER, OURS, PINOCCHIO
@@ -183,8 +181,7 @@ def main() -> None:
         return
     write("control_loop.json", results)
     figure.savefig(DOCS / "benchmarks" / "control_loop.png", facecolor="white", dpi=150)
-    kept = json.loads((RESULTS / "elsewhere_c.json").read_text(encoding="utf-8"))
-    rewrite(DOCS / "in-a-control-loop.md", tables(results) | elsewhere_c.tables(kept))
+    rewrite(DOCS / "in-a-control-loop.md", tables(results))
 
 
 if __name__ == "__main__":

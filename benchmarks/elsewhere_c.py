@@ -2,7 +2,7 @@
 
 Printed C in double and single precision, Rust where there is a compiler, and what CasADi generates from a recursion
 written for it by hand. All are compiled with -O3 and run on the same states by a loop in C, in turn, on one thread;
-errors against 50 digits. CPU times. Writes benchmarks/results/elsewhere_c.json.
+errors against 50 digits. CPU times. `benchmarks.elsewhere` keeps them.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ import rne
 from benchmarks.cases import states
 from benchmarks.derivative_calls import recursion
 from benchmarks.derivatives import EXACT, error, exact
-from benchmarks.measure import QUICK_NOTE, is_quick, nanoseconds, per_state, ratio, write
+from benchmarks.measure import QUICK_NOTE, is_quick, nanoseconds, per_state, ratio
 from benchmarks.pages import table, three
 from benchmarks.peers.registry import import_failure
 
@@ -172,12 +172,9 @@ def tables(results: Results) -> dict[str, str]:
 
 def main() -> None:
     quick = is_quick(__doc__)
-    results = run(quick)
-    print("\n\n".join(tables(results).values()))
+    print("\n\n".join(tables(run(quick)).values()))
     if quick:
         print(QUICK_NOTE)
-    else:
-        write("elsewhere_c.json", results)
 
 
 if __name__ == "__main__":

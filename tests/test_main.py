@@ -308,11 +308,20 @@ def test_main_job_writes_page_and_pictures(tmp_path, short, capsys):
     assert not re.search(r"\(\d+\.\d+\)|\b\d\.\d-\d\b|Criterion", page)  # equations and runs that are explained nowhere
 
 
-def test_main_job_without_matplotlib_says_so(tmp_path, short, monkeypatch, capsys):
+def test_main_job_without_matplotlib_and_pinocchio_says_what_is_there(tmp_path, short, monkeypatch, capsys):
+    """Energies, which are no other program, with their own bound, and no picture."""
     monkeypatch.setattr("rne.plotting.html_page.has_matplotlib", lambda: False)
-    monkeypatch.setattr("rne.plotting.html_page.view", lambda *_: None)
+    monkeypatch.setattr("rne.plotting.html_page.importlib.util.find_spec", lambda name: None)
+    for module in ("rne.validation.agreement", "rne.commands.pages"):
+        monkeypatch.setattr(f"{module}.has_pinocchio", lambda: False)
     assert main(["--out", str(tmp_path)]) == 0
-    assert "matplotlib is not installed: no pictures" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "matplotlib is not installed: no pictures" in said
+    assert "\nComparison with energy and Lagrange identities\n" in said
+    assert "so they may differ by the bound: 1e-12, which is 4500 roundings; for accelerations 1e-13" in said
+    assert re.search(r"at best they are off by \de-\d\d of the largest, with steps of \de-\d\d rad", said)
+    for untrue in ("Pinocchio", "independent", "Both programs", "picture shows", "drawing"):
+        assert untrue not in said
     assert [p.name for p in tmp_path.iterdir()] == ["index.html"]
     assert f"<p>{BODIES}</p>" in (tmp_path / "index.html").read_text()
 

@@ -148,3 +148,11 @@ def test_tests_fail_on_warnings_of_this_package_and_not_on_those_of_others():
     for module in ("rne.robot", "tests.test_robot", "benchmarks"):
         with pytest.raises(DeprecationWarning):
             warnings.warn_explicit("old", DeprecationWarning, "x.py", 1, module=module)
+
+
+def test_the_extra_of_the_documentation_has_all_that_its_tutorials_draw_with():
+    """Which `CONTRIBUTING.md` installs alone."""
+    extras = PROJECT["optional-dependencies"]
+    (own,) = (re.search(r"\[(.*)\]", line)[1].split(",") for line in extras["docs"] if line.startswith("rne["))
+    assert {"plot", "view", "numba", "robots", "identify", "fastest", "casadi"} <= set(own) <= set(extras)
+    assert "pip install -q '.[docs]'" in (ROOT / "CONTRIBUTING.md").read_text()

@@ -67,14 +67,14 @@ FAST = (
 )
 SPEED = (
     "Measured while this page was made: medians of calls that took turns, on one core. The error is that of the worst "
-    "of 50 states against the recursion in long double, relative to its largest entry. Every time is compared with the "
-    "shortest of Pinocchio's in the same table."
+    "of 50 states against the recursion in long double, relative to its largest entry."
 )
+BESIDE = " Every time is compared with the shortest of Pinocchio's in the same table."
 LEAST = (
     "Joints 1 to 3 turn to the target above in 1 s, from rest to rest. Along a polynomial of degree 5 in time the mean "
     "squared torque is {:.0f} (N m)². The best polynomial of degree 10 needs {:.0f} (N m)²; it was found in {:.2g} s, "
-    "in {} steps with exact derivatives. Finite differences would take {} further motions in each step, and a "
-    "difference whose size must be guessed: the second picture shows their error."
+    "in {} steps with exact derivatives. Finite differences would take {} further motions in each step, and a step "
+    "whose size must be guessed: at best they are off by {:.0e} of the largest, with steps of {:.0e} rad."
 )
 
 
@@ -107,12 +107,12 @@ def _main_job(robot: Robot, page: Report) -> bool:
     )
     page.heading("Speed beside accuracy, on this machine")
     found = measured_speed(robot)
-    page.text(SPEED)
-    page.figure("speed", lambda: plot_speed(found), "Error against time per state, of both engines and Pinocchio")
+    who = dict.fromkeys(measured.way.who for measured in found)
+    page.text(SPEED + BESIDE * (PINOCCHIO in who))
+    page.figure("speed", lambda: plot_speed(found), f"Error against time per state: {', '.join(who)}")
     for title, (heads, *cells) in speed_tables(found).items():
         page.text(f"{title[0].upper()}{title[1:]}:")
         page.table(heads, cells)
-    page.heading("Comparison with an independent source")
     held = _compared(source, rows, False, page)
     page.heading("The motion with the least torque, found on this machine")
     _least_torque(robot, np.array(loop.reference[:MOVED]), page)
@@ -157,11 +157,13 @@ def _least_torque(robot: Robot, target: Array, page: Report) -> None:
     begun = time.perf_counter()
     found, taken = least_squares(torques, none, slopes), time.perf_counter() - begun
     both = np.array([torques(none), found.fun]).reshape(2, len(t), MOVED)
-    page.text(LEAST.format(*(both**2).sum(-1).mean(-1), taken, found.nfev, 2 * none.size))
-    page.figure("least", lambda: _plot_torques(t, both, arm.joint_names), "Torques of both motions over time")
     steps, exact = np.logspace(0, -12, 25), slopes(none).sum(-1)
     differences = [(torques(none + h) - torques(none - h)) / (2 * h) for h in steps]
     errors = np.abs(differences - exact).max(-1) / np.abs(exact).max()
+    best = errors.argmin()
+    numbers = *(both**2).sum(-1).mean(-1), taken, found.nfev, 2 * none.size, errors[best], steps[best]
+    page.text(LEAST.format(*numbers))
+    page.figure("least", lambda: _plot_torques(t, both, arm.joint_names), "Torques of both motions over time")
     page.figure("slopes", lambda: _plot_errors(steps, errors), "Relative error of finite differences over their size")
 
 
@@ -198,7 +200,7 @@ def _start(motion: Trajectory) -> Figure:
 def write_robot_page(robot: Robot, findings: str, folder: Path, say: Callable[[str], None]) -> bool:
     """Examine a robot and write the page; `findings` are the lines that `rne.check` prints about its file.
 
-    True if all differences from the independent source are within their bounds; False if M is singular.
+    True if all differences from Pinocchio or the energies are within their bounds; False if M is singular.
     """
     page = Report(f"Robot {robot.model.name}", say, folder)
     with page.kept_if_interrupted():
@@ -208,7 +210,7 @@ def write_robot_page(robot: Robot, findings: str, folder: Path, say: Callable[[s
 
 
 def _examination(robot: Robot, findings: str, page: Report) -> bool:
-    """A motion, what the robot consists of, whether the independent source agrees, and torques against gravity."""
+    """A motion, what the robot consists of, whether Pinocchio or the energies agree, and torques against gravity."""
     q, torque = moving_start(robot)
     motion = _swing(robot, q, torque, page)
     for line in repr(robot).splitlines():
@@ -217,7 +219,6 @@ def _examination(robot: Robot, findings: str, page: Report) -> bool:
         page.heading("Findings in the file")
         for line in findings.splitlines():
             page.text(line)
-    page.heading("Comparison with an independent source")
     within = _comparison(robot, page)
     page.heading("Torques against gravity")
     _gravity(robot, q, "at the start of the swing", page)
@@ -282,6 +283,7 @@ def _comparison(robot: Robot, page: Report) -> bool:
     try:
         source, rows = validate(robot, SAMPLES, by_terms=True)
     except SingularMassMatrixError as error:
+        page.heading("Comparison")
         page.text(f"Not compared, as forward dynamics do not exist: {error}.")
         return False
     return _compared(source, rows, True, page)
@@ -289,12 +291,14 @@ def _comparison(robot: Robot, page: Report) -> bool:
 
 def _compared(source: str, rows: Sequence[Match], by_terms: bool, page: Report) -> bool:
     """Say how far the results are apart; True if all are within their bounds."""
-    entry = "term" if by_terms else "entry"
+    entry, bound, eps = "term" if by_terms else "entry", rows[0].bound, np.finfo(float).eps
+    page.heading(f"Comparison with {source.partition(' (')[0]}")
     page.text(
         f"Largest difference over {SAMPLES} random states, velocities up to 10 rad/s or m/s, against {source}, "
-        f"relative to the largest {entry} of each state. Both programs round, so they may differ by the bound: 1e-13, "
-        "which is 450 roundings, or for accelerations one rounding times the condition number of the mass matrix, "
-        "where this is more. Forward after inverse: torques from accelerations, accelerations from these."
+        f"relative to the largest {entry} of each state. Both computations round, so they may differ by the bound: "
+        f"{bound:.0e}, which is {float(f'{bound / eps:.2g}'):g} roundings; for accelerations 1e-13, or one rounding "
+        "times the condition number of the mass matrix, where this is more. Forward after inverse: torques from "
+        "accelerations, accelerations from these."
     )
     held = [row.worst <= row.bound for row in rows]
     page.table(

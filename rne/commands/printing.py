@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 FIRST = 4096  # bytes that are looked at
 MARK = 8  # bytes that may precede "<": the mark of an encoding
 FOLDER = Path("rne-report")
-REPORT = "write a page on a robot: a motion, comparison with Pinocchio, torques against gravity, joints and links"
+REPORT = "write a page on a robot: a motion, comparison with Pinocchio or energies, gravity torques, joints and links"
 COMPARED = (
     *("joint_types", "lower", "upper", "velocity_limit", "effort_limit", "damping", "friction", "armature"),
     *("axis", "translation", "rotation", "mass", "com", "inertia"),

@@ -159,8 +159,9 @@ class Report:
 
         A motion that is no Trajectory is (t, q) of the robot.
         """
-        self.say("drawing the motion in 3-D and as an animation")
         in_3d = importlib.util.find_spec("viser") is not None
+        if ways := ["in 3-D"] * in_3d + ["as an animation"] * has_matplotlib():
+            self.say(f"drawing the motion {' and '.join(ways)}")
         if isinstance(motion, Trajectory):
             assert motion.model is not None
             robot = Robot(motion.model)
