@@ -14,7 +14,7 @@ import functools
 import inspect
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, is_dataclass
+from dataclasses import dataclass, field
 from typing import Any, Concatenate, NamedTuple, ParamSpec, Protocol, TypeVar, cast
 
 import numpy as np
@@ -323,7 +323,7 @@ def check_mass(name: str, model: Model, leading: tuple[int, ...]) -> None:
 
 def check_result(name: str, result: Any, leading: tuple[int, ...]) -> None:
     """Refuse a result that overflowed: finite arguments must not become a silent infinity or NaN."""
-    for part in vars(result).values() if is_dataclass(result) else [result]:
+    for part in vars(result.known).values() if hasattr(result, "known") else [result]:
         if isinstance(part, np.ndarray) and not is_finite(part).all():
             state = tuple(np.argwhere(~is_finite(part))[0, : len(leading)].tolist())
             text = f"{name} overflows {part.dtype} for these arguments; the result is not finite"

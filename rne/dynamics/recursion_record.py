@@ -5,6 +5,7 @@ from __future__ import annotations
 import operator
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +13,8 @@ from ..basics.arrays import ReadOnlyArrays
 from ..basics.spatial import Array, cross, dot, rotate, rotate_back, zeros
 from ..basics.text import UNITS, Row, aligned, counted, listed, short, six_digits, wrapped
 from ..model.model import Model
-from ..model.topology import tip
+from ..model.topology import loads_not_known, loop_joints, tip
+from .closing_forces import closing_forces
 from .kinematics import BASE, joint_transforms
 from .quantity import quantity
 from .rnea import External, newton_euler
@@ -34,6 +36,7 @@ LEGEND = (
     "omega, alpha: angular velocity, acceleration. a_c, a_e: true accelerations of mass centre and end.",
     "f, tau: of the joint on its link, at the joint. u: the drive's share of them.",
 )
+PIVOTS = "Pivots that close linkages: f on the first link, in its axes, in the plane of the linkage."
 BRANCHED = "The links of a branched robot have no single end: a_o, the origin's acceleration, stands for a_e."
 
 
@@ -59,13 +62,22 @@ class Recursion(ReadOnlyArrays):
         Gravity in each frame (5.33) [m/s^2].
     f, tau : ndarray
         Force (3.24) and torque (3.27) of the joint on the body, at the joint's origin in the file: the component along
-        the axis is the drive's, the rest the bearing's [N, N m].
+        the axis is the drive's, the rest the bearing's. NaN of joints in `not_known` [N, N m].
     u : ndarray, shape (..., n)
         Torques of the drives, the components of tau or f along the axes (section 5.3) [N m or N].
     joint_types : tuple of str
         "revolute", "continuous" or "prismatic", of each of `joints`.
     independent_joints : tuple of int, length n
         The joint that u[..., k] belongs to; all others mimic one.
+    pivots : tuple of str, length L
+        The pivots that close linkages, by their links.
+    pivot_force : ndarray, shape (..., L, 3)
+        Force of each pivot on its first link, in that link's axes, in the plane of the linkage: what is across it is
+        shared by stiffnesses that nobody knows, and is in f and tau of the tree's joints. NaN as f [N].
+    not_known : tuple of str
+        Joints and pivots whose forces are not known, as joints follow others by parts that the robot does not have.
+    follow : tuple of str
+        These joints.
 
     Examples
     --------
@@ -90,6 +102,19 @@ class Recursion(ReadOnlyArrays):
     u: Array
     joint_types: tuple[str, ...]
     independent_joints: tuple[int, ...]
+    pivots: tuple[str, ...]
+    pivot_force: Array
+    not_known: tuple[str, ...] = ()
+    follow: tuple[str, ...] = ()
+
+    @property
+    def known(self) -> Recursion:
+        """The record of those forces that are known."""
+        joints, pivots = (
+            [i for i, name in enumerate(names) if name not in self.not_known] for names in (self.joints, self.pivots)
+        )
+        f, tau, pivot_force = self.f[..., joints, :], self.tau[..., joints, :], self.pivot_force[..., pivots, :]
+        return replace(self, f=f, tau=tau, pivot_force=pivot_force)
 
     @property
     def batch(self) -> tuple[int, ...]:
@@ -155,6 +180,13 @@ def recursion(model: Model, q: Array, qd: Array, qdd: Array, *, external: Extern
     """
     at_rest = 0 * model.gravity  # without gravity's upward acceleration of the base the accelerations are the true ones
     loaded = newton_euler(model, q, qd, qdd, model.gravity, external)
+    unknown, causes = loads_not_known(model)
+    pivots, wrenches = closing_forces(model, q, loaded.of_joints, unknown)
+    if wrenches:
+        both = {**(external or {})}
+        for link, wrench in wrenches.items():
+            both[link] = both[link] + wrench if link in both else wrench
+        loaded = newton_euler(model, q, qd, qdd, model.gravity, both)
     true = newton_euler(model, q, qd, qdd, at_rest)
     R, _ = joint_transforms(model, q)
     gravity = {BASE: model.gravity}
@@ -169,6 +201,8 @@ def recursion(model: Model, q: Array, qd: Array, qdd: Array, *, external: Extern
         return result
 
     bodies, ends, origin = range(model.nb), link_ends(model), model.joint_origin
+    f, tau = collect(loaded.f[i] for i in bodies), collect(loaded.n[i] - cross(origin[i], loaded.f[i]) for i in bodies)
+    f[..., [*unknown], :] = tau[..., [*unknown], :] = np.nan
     return Recursion(
         joints=model.moving_joints,
         omega=collect(true.omega[i] for i in bodies),
@@ -177,11 +211,18 @@ def recursion(model: Model, q: Array, qd: Array, qdd: Array, *, external: Extern
         a_c=collect(true.a[i] + rotate(true.U[i], model.com[i]) for i in bodies),  # (3.37)
         a_e=None if ends is None else collect(true.a[i] + rotate(true.U[i], r) for i, r in enumerate(ends)),  # (3.38)
         gravity=collect(gravity[i] for i in bodies),
-        f=collect(loaded.f[i] for i in bodies),
-        tau=collect(loaded.n[i] - cross(origin[i], loaded.f[i]) for i in bodies),
+        f=f,
+        tau=tau,
         u=loaded.tau,
         joint_types=model.joint_types,
         independent_joints=model.independent_joints,
+        pivots=tuple(loop.name for loop in model.loops),
+        pivot_force=collect(pivots),
+        not_known=(
+            *(model.moving_joints[i] for i in sorted(unknown)),
+            *(loop.name for loop in model.loops if set.union(*loop_joints(model, loop)) & unknown),
+        ),
+        follow=tuple(causes),
     )
 
 
@@ -206,10 +247,11 @@ def bearing_loads(record: Recursion, model: Model) -> tuple[Array, Array]:
 
     Returns
     -------
-    force : ndarray, shape (..., nb)
-        Without the drive's component along the axis of a sliding joint [N].
-    torque : ndarray, shape (..., nb)
-        Without the drive's component along the axis of a rotating joint [N m].
+    force : ndarray, shape (..., nb + L)
+        Without the drive's component along the axis of a sliding joint; behind the joints those of `record.pivots`,
+        which close linkages. NaN where it is not known [N].
+    torque : ndarray, shape (..., nb + L)
+        Without the drive's component along the axis of a rotating joint; 0 in `record.pivots` [N m].
 
     Examples
     --------
@@ -221,6 +263,8 @@ def bearing_loads(record: Recursion, model: Model) -> tuple[Array, Array]:
     """
     s, t = model.angular_axis, model.linear_axis
     carried_f, carried_n = record.f - dot(record.f, t)[..., None] * t, record.tau - dot(record.tau, s)[..., None] * s
+    closing = record.pivot_force
+    carried_f, carried_n = (np.concatenate(x, -2) for x in ((carried_f, closing), (carried_n, 0 * closing)))
     return dot(carried_f, carried_f) ** 0.5, dot(carried_n, carried_n) ** 0.5
 
 
@@ -241,7 +285,19 @@ def recursion_table(record: Recursion) -> str:
     rows = [Row("", ("x", "y", "z"))]
     for i in range(len(record.joints)):
         rows += _joint(record, i)
-    return "\n".join([*lines, *aligned(rows)])
+    for name, force in zip(record.pivots, record.pivot_force, strict=True):
+        rows += [Row(f"{short(name)}, closing pivot"), *_vector("f", "", "N", list(force))]
+    lines += [PIVOTS] if record.pivots else []
+    return "\n".join([*lines, *not_known(record), *aligned(rows)])
+
+
+def not_known(record: Any) -> list[str]:
+    """Lines that say which forces are not known, and why; none where all are."""
+    if not record.not_known:
+        return []
+    text = f"Not known: forces in {listed(record.not_known)}, as {listed(record.follow)} moved by parts that the robot "
+    text += "does not have; rne.model.four_bar, cylinder and slider_crank close linkages with their pivots."
+    return wrapped(text.replace(" moved", " is moved" if len(record.follow) == 1 else " are moved")).split("\n")
 
 
 def _joint(record: Recursion, i: int) -> Iterator[Row]:
@@ -253,7 +309,13 @@ def _joint(record: Recursion, i: int) -> Iterator[Row]:
     if is_driven:
         unit = UNITS["tau"][record.joint_types[i] == "prismatic"]
         rows.append(("u", DRIVE, unit, [record.u[record.independent_joints.index(i)]]))
-    for name, equation, unit, values in rows:
-        yield Row(f"  {name:<7} {equation:<6} {unit:<7}", [six_digits(x.real) for x in values])
-        if any(np.iscomplexobj(x) or x.imag != 0 for x in values):  # of NumPy or mpmath
-            yield Row(f"  {'':<7} {'imag':<6} {unit:<7}", [six_digits(x.imag) for x in values])
+    for row in rows:
+        yield from _vector(*row)
+
+
+def _vector(name: str, equation: str, unit: str, values: list[Any]) -> Iterator[Row]:
+    """The line of a vector or of a number, and that of its imaginary part."""
+    digits = [six_digits(x.real) if x.real == x.real else "not known" for x in values]
+    yield Row(f"  {name:<7} {equation:<6} {unit:<7}", digits)
+    if any(np.iscomplexobj(x) or x.imag != 0 for x in values):  # of NumPy or mpmath
+        yield Row(f"  {'':<7} {'imag':<6} {unit:<7}", [six_digits(x.imag) for x in values])

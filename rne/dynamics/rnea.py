@@ -51,6 +51,7 @@ class NewtonEuler(NamedTuple):
     f: dict[int, Array]
     n: dict[int, Array]
     tau: Array
+    of_joints: Array  # what each moving joint would need alone, shape (..., nb), of which tau is the sum
 
 
 def newton_euler(
@@ -86,7 +87,7 @@ def newton_euler(
         tau[..., i] = dot(n[i], s[i]) + dot(f[i], t[i]) + model.armature[i] * qdd[..., i]  # section 5.3
         f[parent] = f[parent] + f_p  # (3.24)
         n[parent] = n[parent] + rotate(R[i], n[i]) + cross(p[i], f_p)  # (3.27)
-    return NewtonEuler(omega, alpha, a, U, f, n, on_coordinates(model, q, tau))
+    return NewtonEuler(omega, alpha, a, U, f, n, on_coordinates(model, q, tau), tau)
 
 
 def applied_wrenches(model: Model, external: External | None) -> dict[int, tuple[Array, Array]]:

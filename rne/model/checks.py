@@ -152,6 +152,11 @@ def _check_mimics(model: SimpleNamespace) -> None:
             raise ModelError(
                 f"`couplings` must lead from independent joints to others, got {[*c.drivers]} to {c.joint!r}"
             )
+    for loop in model.loops:
+        if not {*loop.followers} <= {*model.moving_joints} - coordinates:
+            raise ModelError(f"`loops` must name joints that follow others, got {[*loop.followers]}")
+        if not {link for link, _ in loop.ends} <= {*model.link_names}:
+            raise ModelError(f"`loops` must end at links of the robot, got {loop.name}")
     for i, joint in enumerate(model.moving_joints):
         if not 0 <= model.coordinate[i] < n:
             raise ModelError(f"joint {joint!r}: coordinate must be from 0 to {n - 1}, got {model.coordinate[i]}")

@@ -5,8 +5,8 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any
+from functools import cached_property, partial
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,12 +17,22 @@ from ..graph.differentiation import differentiate
 from ..graph.graph import Graph
 from ..graph.program import ON_ARRAYS, Instruction, Operand, Program, interpret, lower
 from ..graph.scalar import Scalar, inputs, references
-from .model import Model, model_argument
+from .model import Loop, Model, model_argument
 
 LOGGER = logging.getLogger("rne")
-SAMPLES = 2001  # of a driver's range, between which it is cut
-FARTHEST = 1e3  # [m] from its zero that an unlimited slide is looked at
+SAMPLES = 1000  # of a driver's range on either side of its zero, twice, between which it is cut
+NEAREST, FARTHEST = 1e-7, 1e3  # [m] from its zero that an unlimited slide is looked at
+HALVINGS = 60
 Followed = tuple[Sequence[str], Callable[..., Any]]  # drivers and function
+
+
+class Linked(NamedTuple):
+    """A joint of a linkage that follows: besides drivers and function the first driver's range, and the loop."""
+
+    drivers: Sequence[str]
+    position: Callable[..., Any]
+    ends: tuple[float, float]
+    loop: Loop | None
 
 
 @dataclass(frozen=True)
@@ -75,7 +85,7 @@ def _run(program: Program, given: Array) -> Array:
     return found
 
 
-def coupled(model: Model, couplings: Mapping[str, Followed]) -> Model:
+def coupled(model: Model, couplings: Mapping[str, Followed | Linked | Callable[..., Linked]]) -> Model:
     """The robot with some joints following others, by functions of their positions.
 
     Parameters
@@ -113,6 +123,7 @@ def coupled(model: Model, couplings: Mapping[str, Followed]) -> Model:
     (5, (5, 5))
     """
     followers = _checked(model_argument(model), couplings)
+    linked = {joint: value for joint, value in followers.items() if isinstance(value, Linked)}
     coordinates = [name for name in model.joint_names if name not in followers]
     place = [model.joint_names[k] for k in model.coordinate]  # a coordinate of each joint
     multiplier, offset, found = model.multiplier.copy(), model.offset.copy(), list[Coupling]()
@@ -133,13 +144,15 @@ def coupled(model: Model, couplings: Mapping[str, Followed]) -> Model:
         multiplier=multiplier,
         offset=offset,
         couplings=tuple(found),
+        loops=(*model.loops, *dict.fromkeys(value.loop for value in linked.values() if value.loop)),
     )
-    for driver in dict.fromkeys(name for coupling in found for name in coupling.drivers):
-        whole = _with_range_cut(whole, driver)
+    of_linkages = [value.drivers[0] for value in linked.values() if np.isfinite(value.ends).any()]
+    for driver in dict.fromkeys((*of_linkages, *(name for coupling in found for name in coupling.drivers))):
+        whole = _with_range_cut(whole, driver, linked)
     return whole
 
 
-def _checked(model: Model, couplings: Any) -> dict[str, Followed]:
+def _checked(model: Model, couplings: Any) -> dict[str, Followed | Linked]:
     """The drivers and function of each joint that is to follow, with the names checked."""
     if not isinstance(couplings, Mapping):
         raise TypeError(f"`couplings` must map joints to (drivers, function), got {type(couplings).__name__}")
@@ -147,8 +160,12 @@ def _checked(model: Model, couplings: Any) -> dict[str, Followed]:
     for joint, value in couplings.items():
         if joint not in model.joint_names:
             raise ValueError(f"`couplings` must name joints of {list(model.joint_names)}, got {joint!r}")
-        value = value(model, joint) if callable(value) else value
-        if not isinstance(value, tuple) or len(value) != 2 or isinstance(value[0], str) or not callable(value[1]):
+        if callable(value):
+            value = value(
+                model, joint, [name for name, other in couplings.items() if callable(other) and other == value]
+            )
+        form = isinstance(value, Linked) or (isinstance(value, tuple) and len(value) == 2)
+        if not form or isinstance(value[0], str) or not callable(value[1]):
             raise TypeError(f"`couplings[{joint!r}]` must be (drivers, function), got {value!r}")
         if not value[0] or not set(value[0]) <= set(joints):
             raise ValueError(f"the drivers of joint {joint!r} must be of {joints}, got {list(value[0])}")
@@ -156,7 +173,9 @@ def _checked(model: Model, couplings: Any) -> dict[str, Followed]:
     return found
 
 
-def _traced(model: Model, followers: Mapping[str, Followed], coordinates: Sequence[str], joint: str) -> Coupling:
+def _traced(
+    model: Model, followers: Mapping[str, Followed | Linked], coordinates: Sequence[str], joint: str
+) -> Coupling:
     """The position of a joint as a function of those coordinates that it depends on."""
     graph, own = Graph(), {c.joint: c.at({}) for c in model.couplings} | {**followers}
 
@@ -166,15 +185,15 @@ def _traced(model: Model, followers: Mapping[str, Followed], coordinates: Sequen
         if name in asked:
             raise ValueError(f"`couplings` must not follow each other in a circle, got {[*asked, name]}")
         if name in own:
-            return own[name][1](*(position(driver, *asked, name) for driver in own[name][0]))
+            found = np.asarray(own[name][1](*(position(driver, *asked, name) for driver in own[name][0])))
+            if found.shape != ():
+                raise ValueError(f"the function of joint {name!r} must return one number, got shape {found.shape}")
+            return found.item()
         i = model.moving_joints.index(name)
         of = position(model.joint_names[model.coordinate[i]], *asked, name)
         return of * float(model.multiplier[i]) + float(model.offset[i])
 
-    found = np.asarray(position(joint))
-    if found.shape != ():
-        raise ValueError(f"the function of joint {joint!r} must return one number, got shape {found.shape}")
-    program = lower(graph, references(graph, found), len(coordinates))
+    program = lower(graph, references(graph, np.asarray(position(joint))), len(coordinates))
     read = {*program.outputs, *(arg for instruction in program.instructions for arg in instruction.args)}
     by = sorted(int(arg.value) for arg in read if arg.kind == "input")
     if not by:
@@ -187,41 +206,84 @@ def _traced(model: Model, followers: Mapping[str, Followed], coordinates: Sequen
     return Coupling(joint, tuple(coordinates[k] for k in by), Program(instructions, moved(program.outputs), len(by)))
 
 
-def _with_range_cut(model: Model, driver: str) -> Model:
+def _with_range_cut(model: Model, driver: str, linked: Mapping[str, Linked]) -> Model:
     """The robot with a driver's range cut to where all joints that follow it have a position within their ranges."""
     k = model.moving_joints.index(driver)
-    ends, zero = [float(model.lower[k]), float(model.upper[k])], np.minimum(np.maximum(0.0, model.lower), model.upper)
-
-    def fails(x: Array) -> Array:
-        """Which of the joints that follow fail, shape (joints, ...)."""
-        failing = []
-        for i, _, coupling in model.coupled_joints:
-            q = [x if d == driver else np.full(x.shape, zero[model.moving_joints.index(d)]) for d in coupling.drivers]
-            position, (slopes, _) = coupling.position(np.stack(q, -1)), coupling.derivatives(np.stack(q, -1))
-            fine = np.isfinite(slopes).all(-1) & (model.lower[i] <= position) & (position <= model.upper[i])
-            failing.append(~fine & (driver in coupling.drivers))
-        return np.array(failing)
-
-    far = 2 * np.pi if model.is_revolute[k] else FARTHEST
-    values = np.linspace(max(ends[0], zero[k] - far), min(ends[1], zero[k] + far), SAMPLES)
-    values = np.sort(np.append(values, zero[k]))
-    bad, by = np.asarray(fails(values).any(0)), dict[str, None]()
-    if bad.all():
-        raise ModelError(f"the joints that follow {driver!r} have no positions within their ranges, wherever it is")
-    start = int(np.argmin(np.where(bad, np.inf, np.abs(values - zero[k]))))
-    for side, step in enumerate((-1, 1)):
-        if (beyond := np.flatnonzero(bad[start::step])).size:
-            inside, outside = values[start + step * (beyond[0] - 1)], values[start + step * beyond[0]]
-            while inside != (middle := (inside + outside) / 2) != outside:
-                inside, outside = (inside, middle) if fails(middle).any() else (middle, outside)
-            ends[side] = float(inside)
-            by |= {model.couplings[j].joint: None for j in np.flatnonzero(fails(outside))}
+    was, own = (float(model.lower[k]), float(model.upper[k])), [x for x in linked.items() if x[1].drivers[0] == driver]
+    ends = [max(was[0], *(x.ends[0] for _, x in own), was[0]), min(was[1], *(x.ends[1] for _, x in own), was[1])]
+    by = {joint for joint, x in own if x.ends[0] > was[0] or x.ends[1] < was[1]}
+    if driver in model.joint_names:
+        further = _where_followed(model, k, ends)
+        by |= further
     if not by:
         return model
     limits = {name: getattr(model, name).copy() for name in ("lower", "upper")}
-    was, now = (f"{low:.6g} ... {high:.6g}" for low, high in ((limits["lower"][k], limits["upper"][k]), ends))
-    text = f"range cut from {was} to {now}, beyond which {listed([*by])} cannot follow within the joints' ranges"
+    before, now = (f"{low:.6g} ... {high:.6g}" for low, high in (was, ends))
+    names = listed([joint for joint in model.moving_joints if joint in by])
+    text = f"range cut from {before} to {now}, beyond which {names} cannot follow within the joints' ranges"
     LOGGER.warning("joint %r: %s", driver, text)
     limits["lower"][k], limits["upper"][k] = ends
     kinds = tuple("revolute" if i == k and kind == "continuous" else kind for i, kind in enumerate(model.joint_types))
     return replace(model, **limits, joint_types=kinds, notes={**model.notes, driver: text})
+
+
+def _where_followed(model: Model, k: int, ends: list[float]) -> set[str]:
+    """Move the ends of the driver's range to where the joints that follow have positions; those that have none there.
+
+    Their failures are looked for at samples that are dense around its zero, and at extremes of positions between them.
+    """
+    driver, zero = model.moving_joints[k], np.minimum(np.maximum(0.0, model.lower), model.upper)
+    start = min(max(float(zero[k]), ends[0]), ends[1])
+    following = [(i, coupling) for i, _, coupling in model.coupled_joints if driver in coupling.drivers]
+
+    def found(coupling: Coupling, x: Array) -> tuple[Array, Array, Array]:
+        """Position, its slope by the driver, and whether both are numbers."""
+        q = [x if d == driver else np.full(x.shape, zero[model.moving_joints.index(d)]) for d in coupling.drivers]
+        position, (slopes, _) = coupling.position(np.stack(q, -1)), coupling.derivatives(np.stack(q, -1))
+        return position, slopes[..., coupling.drivers.index(driver)], np.asarray(np.isfinite(slopes).all(-1))
+
+    def slope(coupling: Coupling, x: Array) -> Array:
+        return found(coupling, x)[1]
+
+    def fails(x: Array) -> Array:
+        """Which of the joints that follow fail, shape (joints, ...)."""
+        failing = [np.zeros(x.shape, dtype=bool)]
+        for i, coupling in following:
+            position, _, fine = found(coupling, x)
+            failing.append(~(fine & (model.lower[i] <= position) & (position <= model.upper[i])))
+        return np.array(failing)
+
+    limits = np.abs([(model.lower[i], model.upper[i]) for i, _ in following])
+    turns = 2 * np.pi + float(np.max(limits, initial=0.0, where=np.isfinite(limits)))
+    values, far = np.array([start]), turns if model.is_revolute[k] else FARTHEST
+    for sign, end in zip((-1, 1), ends, strict=True):
+        span = min(abs(end - start), far)
+        steps = np.linspace(0, 1, SAMPLES + 1)[1:], np.geomspace(NEAREST / FARTHEST, 1, SAMPLES)
+        values = np.append(values, start + sign * span * np.concatenate(steps))
+    values = np.unique(np.clip(values, ends[0], ends[1]))
+    for _, coupling in following:
+        values = np.union1d(values, _extremes(values, partial(slope, coupling)))
+    bad, by = np.asarray(fails(values).any(0)), set[str]()
+    if bad.all():
+        raise ModelError(f"the joints that follow {driver!r} have no positions within their ranges, wherever it is")
+    first = int(np.argmin(np.where(bad, np.inf, np.abs(values - zero[k]))))
+    for side, step in enumerate((-1, 1)):
+        if (beyond := np.flatnonzero(bad[first::step])).size:
+            inside, outside = values[first + step * (beyond[0] - 1)], values[first + step * beyond[0]]
+            while inside != (middle := (inside + outside) / 2) != outside:
+                inside, outside = (inside, middle) if fails(middle).any() else (middle, outside)
+            ends[side] = float(inside)
+            by |= {following[j - 1][1].joint for j in np.flatnonzero(fails(outside))}
+    return by
+
+
+def _extremes(x: Array, slope: Callable[[Array], Array]) -> Array:
+    """Places between neighbours of different slopes at which the slope changes its sign."""
+    rising = slope(x) > 0
+    turns = np.flatnonzero(rising[1:] != rising[:-1])
+    low, high = x[turns], x[turns + 1]
+    for _ in range(HALVINGS):
+        middle = (low + high) / 2
+        left = (slope(middle) > 0) == rising[turns]
+        low, high = np.where(left, middle, low), np.where(left, high, middle)
+    return np.concatenate([low, high])

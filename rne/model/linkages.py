@@ -8,17 +8,18 @@ it. Vectors lie in the plane of the motion: pairs of numbers, or of traced ones.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import positive_number, real_array
-from ..basics.spatial import Array, cross, rotate, rotation_about
+from ..basics.spatial import Array, cross, rotate, rotate_back, rotation_about
 from ..elementwise import arctan2
 from ..errors import ModelError
-from .coupling import Followed, coupled
-from .model import Model, model_argument
+from .coupling import Linked, coupled
+from .model import Loop, Model, model_argument
 from .parameters import perpendicular
 
 CLOSED = 1e-9  # of a loop's size: how well it must close at the zero pose, and be plane
@@ -80,26 +81,33 @@ def four_bar(model: Model, driver: str, closing: Closing) -> Model:
     D, X, Y, Z, *second = loop = _loop(model, driver, closing, "RRRR", "RRRRR")
     x0, z, y0 = X.place - D.place, Z.place - D.place, Y.place - Z.place
     size = CLOSED * float(np.abs([x0, z, y0]).max())
-    if np.abs(x0 - y0).max() <= size and all(np.abs(E.place - D.place).max() <= size for E in second):
+    if np.abs(x0 - y0).max() <= size and all(np.abs(E.place - D.place).max() <= size and E.joint for E in second):
 
         def turns(position: Any, *other: Any) -> tuple[Any, ...]:
             turn = D.sense * position + sum(E.sense * x for E, x in zip(second, other, strict=True))
             return turn, -turn, turn, -turn
 
-        return _closed(model, loop, turns, driver, *(E.joint for E in second))
+        return _closed(model, loop, closing, turns, (-np.inf, np.inf), driver, *(E.joint for E in second))
     if second:
         raise ModelError(f"a loop with {[E.joint for E in (D, *second)]} must be a parallelogram, these on one axis")
-    branch = _branch(driver, x0 - z, y0)
+    branch, psi0 = _branch(driver, x0 - z, y0), float(_turn(z, x0))
+    a, g, b, r = (_length(v) for v in (x0, z, y0 - x0 + z, y0))
+
+    def links(alpha: Any) -> tuple[Any, Any]:
+        """Angles of coupler and rocker: the sides of the triangle beside the diagonal, by Heron's formula."""
+        S, C = np.sin((psi0 + alpha) / 2), np.cos((psi0 + alpha) / 2)
+        diagonal, squared = _across(a, g, psi0 + alpha, S, C)
+        nearest, farthest = (a - g - b + r) * (a - g + b - r), (b + r - a - g) * (b + r + a + g)
+        area = np.sqrt((nearest + 4 * a * g * S * S) * (farthest + 4 * a * g * C * C))  # four times it
+        at_x, at_z = (arctan2(area, squared + side) for side in ((b - r) * (b + r), (r - b) * (r + b)))
+        return diagonal - branch * at_x, diagonal + branch * at_z
 
     def motions(position: Any) -> tuple[Any, ...]:
         alpha = D.sense * position
-        u = _turned(x0, alpha) - z  # from Z to X
-        along = (u @ u + y0 @ y0 - (y0 - x0 + z) @ (y0 - x0 + z)) / (2 * (u @ u))
-        y = along * u + branch * np.sqrt(y0 @ y0 / (u @ u) - along * along) * np.array([-u[1], u[0]])
-        of_xy, of_yz = _turn(y0 - x0 + z, y - u), _turn(y0, y)
+        of_xy, of_yz = (now - then for now, then in zip(links(alpha), links(0.0), strict=True))
         return alpha, of_xy - alpha, of_yz - of_xy, -of_yz
 
-    return _closed(model, loop, motions, driver)
+    return _closed(model, loop, closing, motions, _ends(D.sense, *_span(a, g, psi0, abs(b - r), b + r)), driver)
 
 
 def cylinder(model: Model, driver: str, closing: Closing) -> Model:
@@ -136,25 +144,35 @@ def cylinder(model: Model, driver: str, closing: Closing) -> Model:
     """
     D, X, S, Z = loop = _loop(model, driver, closing, "RRPR")
     x0, z = X.place - D.place, Z.place - D.place
-    w0, product = x0 - z, float(np.sqrt((x0 @ x0) * (z @ z)))
-    length0, start = float(np.sqrt(w0 @ w0)), float(_turn(z, x0))
+    w0, a, g, psi0 = x0 - z, _length(x0), _length(z), float(_turn(z, x0))
+    length0, nearest, farthest = _length(w0), abs(a - g), a + g
     if abs(_cross(S.axis, w0)) > CLOSED * length0:
         raise ModelError(f"the axis of joint {S.joint!r} must be parallel to the line between the cylinder's pivots")
     sense = -float(np.sign(S.axis @ w0))  # of the length, in motions of the slide towards the next link
-    branch = _branch(driver, z, x0) if driver == S.joint else 0.0
+    slides = driver == S.joint
+    branch = _branch(driver, z, x0) if slides else 0.0
+    direction0 = _turn(z, w0) if slides else _across(a, g, psi0, np.sin(psi0 / 2), np.cos(psi0 / 2))[0]
 
     def motions(position: Any) -> tuple[Any, ...]:
-        alpha = D.sense * position
-        if driver == S.joint:  # the law of cosines
-            cos = (x0 @ x0 + z @ z - (length0 + sense * S.sense * position) ** 2) / (2 * product)
-            alpha = arctan2(branch * np.sqrt(1 - cos * cos), cos) - start
-        w = _turned(x0, alpha) - z
-        return alpha, _turn(w0, w) - alpha, sense * (np.sqrt(w @ w) - length0), -_turn(w0, w)
+        if slides:  # angles of the triangle, by Heron's formula with roots that no negative length has
+            l = length0 + sense * S.sense * position
+            area = np.sqrt((l - nearest) * (farthest - l)) * np.sqrt((l + nearest) * (farthest + l))
+            slid, psi = l - length0, branch * arctan2(area, a * a + g * g - l * l)
+            direction = branch * (np.pi - arctan2(area, l * l + (g - a) * (g + a)))
+        else:
+            psi = psi0 + D.sense * position
+            direction, squared = _across(a, g, psi, np.sin(psi / 2), np.cos(psi / 2))
+            slid = np.sqrt(squared) - length0
+        alpha, swing = psi - psi0, direction - direction0
+        return alpha, swing - alpha, sense * slid, -swing
 
-    return _closed(model, loop, motions, driver)
+    ends = _ends(D.sense, *_span(a, g, psi0, 0.0, np.inf))
+    if slides:
+        ends = _ends(sense * S.sense, nearest - length0, farthest - length0)
+    return _closed(model, loop, closing, motions, ends, driver)
 
 
-def slider_crank(driver: str, *, crank: float, rod: float, angle: float = 0.0) -> Callable[[Model, str], Followed]:
+def slider_crank(driver: str, *, crank: float, rod: float, angle: float = 0.0) -> SliderCrank:
     """A slider-crank for `rne.model.coupled`: the slider, the crank or the rod as a joint that follows another.
 
     The slider's line passes through the crank's axis, and the slider is on its positive side. Where the crank drives, a
@@ -190,38 +208,82 @@ def slider_crank(driver: str, *, crank: float, rod: float, angle: float = 0.0) -
     ('joint_1',)
     """
     r, l, theta0 = positive_number("crank", crank), positive_number("rod", rod), float(real_array("angle", angle, "()"))
-    if abs(side := r * float(np.sin(theta0))) >= l:
+    if abs(r * float(np.sin(theta0))) >= l:
         raise ValueError(f"`rod` must reach the slider's line at `angle`, got {rod!r}")
-    foot0 = float(np.sqrt(l * l - side * side))  # of the rod, along the slider's line
-    x0, rest = r * float(np.cos(theta0)) + foot0, float(np.arctan2(-side, foot0))
+    return SliderCrank(driver, r, l, float(np.arctan2(np.sin(theta0), np.cos(theta0))))
 
-    def of(model: Model, joint: str) -> Followed:
-        if driver not in model.moving_joints:
-            raise ValueError(f"`driver` must be one of {list(model.moving_joints)}, got {driver!r}")
-        (i, k), (R, _) = (model.moving_joints.index(name) for name in (joint, driver)), _zero_pose(model)
+
+@dataclass(frozen=True)
+class SliderCrank:
+    """Lengths of a slider-crank and the crank's angle at the zero pose, made by `slider_crank`."""
+
+    driver: str
+    crank: float
+    rod: float
+    angle: float
+
+    def __call__(self, model: Model, joint: str, joints: Sequence[str]) -> Linked:
+        """How a joint follows, one of `joints` that do."""
+        if self.driver not in model.moving_joints:
+            raise ValueError(f"`driver` must be one of {list(model.moving_joints)}, got {self.driver!r}")
+        (i, k), (R, _) = (model.moving_joints.index(name) for name in (joint, self.driver)), _zero_pose(model)
         turns, cranked, behind = bool(model.is_revolute[i]), bool(model.is_revolute[k]), k in _carriers(model, i)
         along = float(R[i] @ model.axis[i] @ (R[k] @ model.axis[k]))
         if abs(abs(along) - (turns and cranked)) > CLOSED or not (turns or cranked):
-            raise ModelError(f"the axes of joints {joint!r} and {driver!r} are not those of a slider-crank")
-        branch = 0.0 if cranked else _branch(driver, np.array([1.0, 0.0]), np.array([np.cos(theta0), np.sin(theta0)]))
+            raise ModelError(f"the axes of joints {joint!r} and {self.driver!r} are not those of a slider-crank")
+        r, l, theta0, side0 = self.crank, self.rod, self.angle, self.crank * float(np.sin(self.angle))
+        foot0 = float(np.sqrt((l - side0) * (l + side0)))  # of the rod, along the slider's line
+        x0, rest = r * float(np.cos(theta0)) + foot0, float(np.arctan2(-side0, foot0))
+        before = float(np.sign(x0)) * (abs(x0) > CLOSED * l)  # -1 for a slider behind the crank's axis
+        if cranked:
+            reach, middle = float(np.arcsin(min(1.0, l / r))), np.pi * round(theta0 / np.pi)
+            ends = (middle - theta0 - reach, middle - theta0 + reach) if r >= l * (1 - CLOSED) else (-np.inf, np.inf)
+            branch = 0.0
+        else:
+            ends = _ends(before, abs(l - r) - abs(x0), l + r - abs(x0))
+            branch = before * _branch(self.driver, np.array([before, 0.0]), np.array([np.cos(theta0), np.sin(theta0)]))
 
         def position(given: Any) -> Any:
-            theta, x = theta0 + given, x0 + given
-            if not cranked:  # the law of cosines
-                cos = (x * x + r * r - l * l) / (2 * r * x)
-                theta = arctan2(branch * np.sqrt(1 - cos * cos), cos)
-            side, near = r * np.sin(theta), r * np.cos(theta)
-            foot = np.sqrt(l * l - side * side) if cranked else x - near
-            if not turns:
-                return near + foot - x0
-            if not cranked and not behind:
-                return theta - theta0
-            turn = arctan2(-side, foot) - rest - (given if cranked and behind else 0.0)
-            return along * turn if cranked else turn
+            if cranked:
+                side, near = r * np.sin(theta0 + given), r * np.cos(theta0 + given)
+                foot = np.sqrt((l - side) * (l + side))
+                if not turns:
+                    return near + foot - x0
+                return along * (arctan2(-side, foot) - rest - (given if behind else 0.0))
+            y = before * (x0 + given)
+            area = branch * np.sqrt((l - r + y) * (l + r - y)) * np.sqrt((y + r - l) * (y + r + l))
+            if not behind:
+                return arctan2(area, before * (y * y + (r - l) * (r + l))) - theta0
+            return arctan2(-area, before * (y * y + (l - r) * (l + r))) - rest
 
-        return (driver,), position
+        return Linked((self.driver,), position, ends, self._loop(model, joints, x0))
 
-    return of
+    def _loop(self, model: Model, joints: Sequence[str], x0: float) -> Loop | None:
+        """The pivot at the rod's far end, in the plane of its other one; None if crank, rod and slider do not move all.
+
+        So it is where their places are not those of the lengths.
+        """
+        R, p = _zero_pose(model)
+        moving = [model.moving_joints.index(name) for name in (self.driver, *joints)]
+        slides = [i for i in moving if not model.is_revolute[i]]
+        rods = [i for i in moving if i not in slides and model.parent[i] in moving]
+        cranks = [i for i in moving if i not in (*slides, *rods)]
+        if (len(slides), len(rods), len(cranks)) != (1, 1, 1):
+            return None
+        (s,), (i,), (c,) = slides, rods, cranks
+        u, n = R[s] @ model.axis[s], R[c] @ model.axis[c]
+        pin = self.crank * (np.cos(self.angle) * u + np.sin(self.angle) * cross(n, u))
+        near, far = (pin, x0 * u)[:: 1 if model.parent[i] == c else -1]
+        gap = p[i] - p[c] - near
+        place, other = p[i] + far - near, s if model.parent[i] == c else c
+        if np.abs(gap - n * (n @ gap)).max() > CLOSED * (self.crank + self.rod):
+            return None
+        ends = []
+        for body in (i, other):
+            k = model.link_joints.index(model.moving_joints[body])
+            at = rotate_back(model.link_rotation[k], rotate_back(R[body], place - p[body]) - model.link_translation[k])
+            ends.append((model.link_names[k], tuple(at.tolist())))
+        return Loop(tuple(joints), tuple(ends))
 
 
 def _loop(model: Model, driver: str, closing: Closing, *forms: str) -> list[Pivot]:
@@ -251,7 +313,12 @@ def _loop(model: Model, driver: str, closing: Closing, *forms: str) -> list[Pivo
     if form not in forms and form[2:] + form[:2] in forms:
         form, loop = form[2:] + form[:2], loop[2:] + loop[:2]
     names = [model.moving_joints[i] for i, _ in loop if i >= 0]
-    if form not in forms or driver not in names or any(name not in (driver, *model.joint_names) for name in names):
+    free = (
+        driver,
+        *(model.moving_joints[i] for i, _ in loop[4:]),
+        *model.joint_names,
+    )  # both drivers may follow others
+    if form not in forms or driver not in names or not set(names) <= set(free):
         what = " or ".join(str(len(text) - 1) for text in forms)
         sliding = "one of them the slide of the cylinder" if "P" in forms[0] else "all rotating"
         raise ModelError(
@@ -265,7 +332,7 @@ def _in_plane(model: Model, loop: Sequence[tuple[int, float]], R: Any, p: Any, e
     turning = next(i for i, _ in loop if i >= 0 and model.is_revolute[i])
     normal, first = R[turning] @ model.axis[turning], R[turning] @ perpendicular(model.axis[turning])
     plane, places = np.array([first, cross(normal, first)]), [p[i] if i >= 0 else ends[0] for i, _ in loop]
-    gap, size = (float(np.abs(np.subtract(a, ends[0])).max()) for a in (ends[1:], places))
+    gap, size = (float(np.abs(np.subtract(a, ends[0])).max()) for a in (ends[1:], [p[i] for i, _ in loop if i >= 0]))
     if gap > CLOSED * size:
         raise ModelError(f"the loop must close at the zero pose, got a gap of {gap:.3g} m at the points of `closing`")
     found = []
@@ -296,21 +363,71 @@ def _carriers(model: Model, body: int) -> list[int]:
     return [] if body < 0 else [body, *_carriers(model, model.parent[body])]
 
 
-def _closed(model: Model, loop: Sequence[Pivot], motions: Callable[..., Sequence[Any]], *drivers: str) -> Model:
-    """The robot with the joints of a loop following the drivers, by their motions since the zero pose."""
+def _closed(
+    model: Model,
+    loop: Sequence[Pivot],
+    closing: Closing,
+    motions: Callable[..., Sequence[Any]],
+    ends: tuple[float, float],
+    *drivers: str,
+) -> Model:
+    """The robot with a loop's joints following the drivers, by motions since the zero pose, up to its ends."""
     rest = [float(model.rest[model.moving_joints.index(name)]) for name in drivers]
-
-    def following(k: int) -> Followed:
-        return drivers, lambda *given: loop[k].sense * motions(*(x - x0 for x, x0 in zip(given, rest, strict=True)))[k]
-
     names = {pivot.joint: k for k, pivot in enumerate(loop) if pivot.joint not in ("", *drivers)}
+    points = tuple((link, tuple(np.asarray(point, dtype=float).tolist())) for link, point in closing)
+    domain, kept = (ends[0] + rest[0], ends[1] + rest[0]), Loop(tuple(names), points)
+
+    def following(k: int) -> Linked:
+        def position(*given: Any) -> Any:
+            return loop[k].sense * motions(*(x - x0 for x, x0 in zip(given, rest, strict=True)))[k]
+
+        return Linked(drivers, position, domain, kept)
+
     return coupled(model, {name: following(k) for name, k in names.items()})
+
+
+def _across(a: float, g: float, psi: Any, S: Any, C: Any) -> tuple[Any, Any]:
+    """From the end of an arm g to that of an arm a on the same pivot, turned by psi from it; S and C are of psi / 2.
+
+    The direction from g's, continuous over all turns, and the square of the distance. The arm that is not shorter
+    carries the direction around; the other swings it by less than a right angle.
+    """
+    if a >= g:
+        direction = psi + arctan2(2 * g * S * C, (a - g) + 2 * g * S * S)
+    else:
+        direction = np.pi - arctan2(2 * a * S * C, (g - a) + 2 * a * S * S)
+    return direction, (a - g) ** 2 + 4 * a * g * S * S
+
+
+def _span(a: float, g: float, psi: float, low: float, high: float) -> tuple[float, float]:
+    """How far arm a turns from its angle psi to arm g while their ends are between `low` and `high` apart."""
+
+    def root(x: float, y: float) -> float:
+        return float(np.sqrt(max((x - y) * (x + y), 0.0)))
+
+    nearest, farthest, side = abs(a - g), a + g, np.sign(psi)
+    inner = outer = None
+    if nearest - low <= CLOSED * farthest:
+        inner = 2 * np.arctan2(root(low, nearest), root(farthest, low))
+    if high - farthest <= CLOSED * farthest:
+        outer = 2 * np.arctan2(root(high, nearest), root(farthest, high))
+    if inner is None:
+        inner, outer = (-np.inf, np.inf) if outer is None else (-outer, outer)
+    elif outer is None:
+        outer = 2 * np.pi - inner
+    low, high = sorted((side * inner - psi, side * outer - psi))
+    return float(low), float(high)
+
+
+def _ends(sense: float, low: float, high: float) -> tuple[float, float]:
+    """A range as that of a motion in the other sense, where that is -1."""
+    return (low, high) if sense > 0 else (-high, -low)
 
 
 def _branch(driver: str, u: Array, v: Array) -> float:
     """On which side of u the vector v is at the zero pose: 1 or -1; on neither, where branches meet, is an error."""
-    area = _cross(u, v)
-    if abs(area) <= CLOSED * np.sqrt((u @ u) * (v @ v)):
+    area, (short, long) = _cross(u, v), sorted((_length(u), _length(v)))
+    if abs(area) <= CLOSED * short * long or short <= CLOSED * long:
         raise ModelError(f"the zero pose is a dead point of the linkage that {driver!r} drives; move a joint's zero")
     return float(np.sign(area))
 
@@ -324,6 +441,5 @@ def _turn(u: Array, v: Array) -> Any:
     return arctan2(_cross(u, v), u @ v)
 
 
-def _turned(v: Array, angle: Any) -> Array:
-    cos, sin = np.cos(angle), np.sin(angle)
-    return np.array([cos * v[0] - sin * v[1], sin * v[0] + cos * v[1]])
+def _length(v: Array) -> float:
+    return float(np.hypot(*v))

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
@@ -23,6 +23,18 @@ REVOLUTE_TYPES = ("revolute", "continuous")
 
 UNSET: Any = None  # replaced in __post_init__ by a default of the right shape
 NOT_COMPARED = ("notes", "link_parent", "source", "given_moments")
+
+
+class Loop(NamedTuple):
+    """A closed linkage: its two joints that follow, and the pivot that closes it, a point of two links [m]."""
+
+    followers: tuple[str, ...]
+    ends: tuple[tuple[str, tuple[float, ...]], ...]
+
+    @property
+    def name(self) -> str:
+        """The pivot, by its links."""
+        return " to ".join(link for link, _ in self.ends)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -66,6 +78,8 @@ class Model:
     couplings : tuple of Coupling
         Joints whose positions are other functions of the coordinates, in their order in `moving_joints`, made by
         `rne.model.coupled` and the linkages beside it; their multipliers and offsets are 0.
+    loops : tuple of Loop
+        Linkages that these closed, with the pivots that no joint of the tree stands for.
     gravity : ndarray, shape (3,)
         In the axes of the root link [m/s^2].
     link_names : tuple of str
@@ -137,6 +151,7 @@ class Model:
     multiplier: Array = UNSET
     offset: Array = UNSET
     couplings: tuple[Any, ...] = ()
+    loops: tuple[Loop, ...] = ()
     base_mass: float = 0.0
     base_com: Array = field(default_factory=lambda: np.zeros(3))
     base_inertia: Array = field(default_factory=lambda: np.zeros((3, 3)))

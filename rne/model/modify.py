@@ -115,8 +115,8 @@ def locked(model: Model, positions: Mapping[str, float]) -> Model:
     if couplings:
         from .coupling import coupled  # loaded where there are couplings
 
-        return coupled(smaller, {joint: coupling.at(values) for joint, coupling in couplings.items()})
-    return smaller
+        smaller = coupled(smaller, {joint: coupling.at(values) for joint, coupling in couplings.items()})
+    return replace(smaller, loops=tuple(x for x in model.loops if {*x.followers} <= {*smaller.moving_joints}))
 
 
 def _moved(part: Part, position: float) -> Pose:

@@ -7,7 +7,7 @@ import numpy as np
 from ..basics.spatial import Array
 from ..basics.text import listed
 from ..errors import ModelError, NotFiniteError
-from .model import Model
+from .model import Loop, Model
 
 
 def end_link(model: Model, *, axes_count: bool = False) -> str:
@@ -107,6 +107,39 @@ def joint_groups(model: Model) -> list[tuple[int, ...]]:
             apart = [other for other in groups if not group & other]
             groups = [*apart, group.union(*(other for other in groups if group & other))]
     return sorted(tuple(sorted(group)) for group in groups)
+
+
+def carriers(model: Model, body: int) -> set[int]:
+    """A body and all that carry it."""
+    return set() if body < 0 else {body} | carriers(model, model.parent[body])
+
+
+def loop_joints(model: Model, loop: Loop) -> tuple[set[int], set[int]]:
+    """The joints of a closed linkage on the way to each link of its pivot."""
+    first, second = (carriers(model, model.link_body[model.link_index(link)]) for link, _ in loop.ends)
+    return first - second, second - first
+
+
+def loads_not_known(model: Model) -> tuple[set[int], list[str]]:
+    """Joints whose bearings' loads are not known, and those that cause it: they follow by parts that are not there.
+
+    Such parts may load all joints between those that move together, and with them the linkages that have one of these.
+    A joint that carries all of it, or is carried by it, feels the same forces with any parts.
+    """
+    closed = {joint for loop in model.loops for joint in loop.followers}
+    drivers = {i: [k] for i, k in enumerate(model.coordinate)} | {i: own for i, own, _ in model.coupled_joints}
+    unknown, causes = set[int](), list[str]()
+    for i, joint in enumerate(model.moving_joints):
+        if i not in model.independent_joints and joint not in closed:
+            moved = [i, *(model.independent_joints[k] for k in drivers[i])]
+            above = [carriers(model, j) for j in moved]
+            shared = set[int].intersection(*(x - {j} for x, j in zip(above, moved, strict=True)))
+            unknown |= set[int].union(*above) - shared
+            causes.append(joint)
+    loops = [set.union(*loop_joints(model, loop)) for loop in model.loops]
+    while further := set[int]().union(*(loop for loop in loops if loop & unknown)) - unknown:
+        unknown |= further
+    return unknown, causes
 
 
 def refuse_couplings(model: Model, what: str) -> None:

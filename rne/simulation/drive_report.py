@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import cached_array, per_joint_array, real_array
 from ..basics.spatial import Array
 from ..basics.text import InNotebooks, column, counted, six_digits, summary, table
-from ..dynamics.recursion_record import bearing_loads
+from ..dynamics.recursion_record import bearing_loads, not_known
 from ..model.model import Model
 from ..robot import Robot, robot_argument
 from .limits import limit_shares, share_texts
@@ -33,15 +33,21 @@ class BearingPeaks(InNotebooks):
     Attributes
     ----------
     joints : tuple of str
-        The moving joints, nb of them.
-    force, torque : ndarray, shape (nb,)
-        Largest force and torque on the bearing, without the component along the axis that the drive provides [N, N m].
-    force_time, torque_time : ndarray, shape (nb,)
+        The moving joints, nb of them, and behind them the L pivots that close linkages, by their links.
+    force, torque : ndarray, shape (nb + L,)
+        Largest force and torque on the bearing, without the component along the axis that the drive provides. In
+        linkages that `rne.model` closed, pivots share forces in their plane; others and torques are those of the tree's
+        joints. NaN of those in `not_known` [N, N m].
+    force_time, torque_time : ndarray, shape (nb + L,)
         When each was first reached [s].
     start, end : float
         Times of the first and last sample [s].
     samples : int
         Number of samples; peaks between them are not found.
+    not_known : tuple of str
+        Joints whose loads are not known, as they move together with others by parts that the robot does not have.
+    follow : tuple of str
+        Joints that follow by such parts: mimics, and those of `rne.model.coupled`.
 
     Examples
     --------
@@ -60,6 +66,8 @@ class BearingPeaks(InNotebooks):
     start: float
     end: float
     samples: int
+    not_known: tuple[str, ...] = ()
+    follow: tuple[str, ...] = ()
 
     __repr__ = summary
 
@@ -70,7 +78,8 @@ class BearingPeaks(InNotebooks):
             return f"{title}: no moving joints"
         heads = ("force [N]", "at t [s]", "torque [N m]", "at t [s]")
         columns = (self.force, self.force_time, self.torque, self.torque_time)
-        return "\n".join([title, *table("joint", heads, self.joints, *(map(six_digits, x) for x in columns))])
+        texts = (["not known" if np.isnan(x) else six_digits(x) for x in values] for values in columns)
+        return "\n".join([title, *table("joint", heads, self.joints, *texts), *not_known(self)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -407,17 +416,26 @@ def bearing_peaks(robot: Robot | Scene, motion: Any) -> BearingPeaks:
 def _bearing_peaks(robot: Robot, springs: Springs | None, t: Array, q: Array, qd: Array, qdd: Array) -> BearingPeaks:
     """Largest loads over samples of a robot's motion."""
     external = None if springs is None else springs.wrenches(robot, q)
-    force, torque = bearing_loads(robot.recursion(q, qd, qdd, external=external), robot.model)
+    record = robot.recursion(q, qd, qdd, external=external)
+    (force, force_time), (torque, torque_time) = (_peaks(t, x) for x in bearing_loads(record, robot.model))
     return BearingPeaks(
-        joints=robot.model.moving_joints,
-        force=force.max(axis=0),
-        force_time=t[np.argmax(force, axis=0)],
-        torque=torque.max(axis=0),
-        torque_time=t[np.argmax(torque, axis=0)],
+        joints=(*record.joints, *record.pivots),
+        force=force,
+        force_time=force_time,
+        torque=torque,
+        torque_time=torque_time,
         start=float(t[0]),
         end=float(t[-1]),
         samples=len(t),
+        not_known=record.not_known,
+        follow=record.follow,
     )
+
+
+def _peaks(t: Array, loads: Array) -> tuple[Array, Array]:
+    """Largest loads over the samples, and when; NaN both where they are not known."""
+    peaks = loads.max(axis=0)
+    return peaks, np.where(np.isnan(peaks), np.nan, t[np.argmax(loads, axis=0)])
 
 
 def _scene_of(robot: Robot | Scene, motion: Any) -> Scene:

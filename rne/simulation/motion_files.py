@@ -15,7 +15,7 @@ from ..basics.archive import Kinds, names_of, read, write
 from ..basics.arrays import output_file
 from ..basics.marks import TABLE
 from ..basics.spatial import Array
-from ..model.model import Model
+from ..model.model import Loop, Model
 from ..model.solids import Box, Cylinder
 from ..model.topology import refuse_couplings
 
@@ -34,7 +34,7 @@ SHAPES: dict[str, tuple[str, ...]] = {
 def _kinds(motion: type) -> Kinds:
     """What an archive holds: the motion, its model without couplings, which have programs, and its shapes."""
     left_out = {motion: NOT_KEPT, Model: ("couplings",)}
-    kinds = (motion, Model, Box, Cylinder)
+    kinds = (motion, Model, Loop, Box, Cylinder)
     return {x: (tuple(name for name in names_of(x) if name not in left_out.get(x, ())), x) for x in kinds}
 
 

@@ -236,6 +236,18 @@ class JointSpring:
         l, slope = self._stretch(model, q)
         return (self.stiffness * (l - self.rest))[..., None] * slope
 
+    def _wrenches(self, model: Model, T: Array, q: Array) -> dict[str, Array]:
+        """What the spring does to the links on both sides of the joint, from the poses of all links."""
+        i, k = model.moving_joints.index(self.joint), model.link_joints.index(self.joint)
+        axis = rotate(T[..., k, :3, :3], model.axis[i])
+        found, load = {}, self.stiffness * (self.rest - self._stretch(model, q)[0])[..., None] * axis
+        for sign, link in ((1, k), (-1, model.link_parent[k])):
+            pull = sign * rotate_back(T[..., link, :3, :3], load)
+            arm = rotate_back(T[..., link, :3, :3], T[..., k, :3, 3] - T[..., link, :3, 3])
+            pair = (pull, 0 * pull) if model.is_revolute[i] else (cross(arm, pull), pull)
+            found[model.link_names[link]] = np.concatenate(pair, axis=-1)
+        return found
+
     def _energy(self, model: Model, q: Array) -> Array:
         """Potential energy, (...)."""
         stretch = self._stretch(model, q)[0] - self.rest
@@ -295,7 +307,10 @@ class Springs:
             raise
 
     def wrenches(self, robot: Robot, q: Array) -> dict[str, Array]:
-        """What springs between links do to these, without damping, as `external` of the robot's recursion."""
+        """What springs do to links, without damping, as `external` of the robot's recursion.
+
+        Those at joints belong to the torque along the axis, but at joints of closed linkages pivots balance them.
+        """
         T, found = robot.link_poses(q), dict[str, Array]()
         for spring in self.each:
             if isinstance(spring, Spring):
@@ -305,6 +320,8 @@ class Springs:
                 for sign, (link, k, x) in zip((1, -1), sides, strict=True):
                     force = sign * rotate_back(T[..., k, :3, :3], pull)
                     found[link] = found.get(link, 0) + np.concatenate([cross(x, force), force], axis=-1)
+            elif any(spring.joint in loop.followers for loop in robot.model.loops):
+                found |= {link: found.get(link, 0) + w for link, w in spring._wrenches(robot.model, T, q).items()}
         return found
 
     def check_ends(self, model: Model, q: Array) -> None:

@@ -1,0 +1,87 @@
+"""Forces in the pivots that close linkages, which the open tree does not have, from torques that nothing supplies."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ..basics.spatial import Array, cross, dot, rotate, rotate_back
+from ..errors import NotFiniteError
+from ..model.model import Loop, Model
+from ..model.topology import loop_joints
+from .kinematics import body_poses
+
+DEAD = 1e-9  # sine of the angle between the ways in which the joints that follow move the pivot: a dead point
+
+
+def closing_forces(model: Model, q: Array, tau: Array, unknown: set[int]) -> tuple[list[Array], dict[str, Array]]:
+    """Force of each loop's pivot on its first link, in the link's axes, and of all pivots as wrenches on links.
+
+    `tau` (..., nb) are the torques that the joints of the open tree would need. Those of the two joints that follow
+    are supplied by the pivot: c_i F = tau_i, where c_i is its velocity per unit velocity of joint i, first link less
+    second. F is in the plane of the linkage. Forces of loops with one of the `unknown` joints are NaN.
+    """
+    if not model.loops:
+        return [], {}
+    poses, tau = body_poses(model, q), tau.copy()
+    found, wrenches = dict[Loop, Array](), dict[str, Array]()
+    for loop in in_order(model):
+        if set.union(*loop_joints(model, loop)) & unknown:
+            found[loop] = np.full(3, np.nan)
+            continue
+        sides, c = pivot_of(model, loop, poses)
+        F = plane_force(model, loop, c, tau, poses[0])
+        for i, way in c.items():
+            tau[..., i] = tau[..., i] - dot(way, F)
+        for sign, (link, point, R) in zip((1, -1), sides, strict=True):
+            force = sign * rotate_back(R, F)
+            found.setdefault(loop, force)
+            wrenches[link] = wrenches.get(link, 0) + np.concatenate([cross(point, force), force], axis=-1)
+    return [found[loop] for loop in model.loops], wrenches
+
+
+def in_order(model: Model) -> list[Loop]:
+    """The loops, each before those on whose joints it puts its force: these follow there and drive here."""
+    pending, order = [*model.loops], list[Loop]()
+    joints = {loop: {model.moving_joints[i] for i in set.union(*loop_joints(model, loop))} for loop in pending}
+    while pending:
+        order.append(
+            next(x for x in pending if not any(joints[y].intersection(x.followers) for y in pending if y != x))
+        )
+        pending.remove(order[-1])
+    return order
+
+
+def pivot_of(
+    model: Model, loop: Loop, poses: tuple[Mapping[int, Array], Mapping[int, Array]]
+) -> tuple[list[tuple[str, Array, Array]], dict[int, Array]]:
+    """Links, points and rotations of a loop's ends, and how each joint moves the first end away from the second."""
+    R0, p0 = poses
+    sides, c, pivot = list[tuple[str, Array, Array]](), dict[int, Array](), None
+    for sign, (link, point), joints in zip((1, -1), loop.ends, loop_joints(model, loop), strict=True):
+        k = model.link_index(link)
+        here, at = model.link_body[k], np.asarray(point)
+        sides.append((link, at, R0[here] @ model.link_rotation[k]))
+        if pivot is None:
+            at = model.link_translation[k] + rotate(model.link_rotation[k], at)
+            pivot = p0[here] + rotate(R0[here], at)
+        for i in joints:
+            s, t = rotate(R0[i], model.angular_axis[i]), rotate(R0[i], model.linear_axis[i])
+            c[i] = sign * (cross(s, pivot - p0[i]) + t)
+    return sides, c
+
+
+def plane_force(model: Model, loop: Loop, c: Mapping[int, Array], tau: Array, R0: Mapping[int, Array]) -> Any:
+    """The force F in the plane of a loop that does the work of both torques: c_i F = tau_i."""
+    i, j = (model.moving_joints.index(joint) for joint in loop.followers)
+    turning = i if model.is_revolute[i] else j
+    normal = rotate(R0[turning], model.axis[turning])
+    area = dot(cross(c[i], c[j]), normal)
+    size = abs(dot(c[i], c[i]) * dot(c[j], c[j])) ** 0.5
+    if (dead := np.asarray(abs(area) <= DEAD * size)).any():
+        what = f"the force in the pivot {loop.name} is not determined at a dead point, where its links are in line"
+        raise NotFiniteError(what, state=tuple(np.argwhere(dead)[0].tolist()))
+    shares = tau[..., i, None] * cross(c[j], normal) - tau[..., j, None] * cross(c[i], normal)
+    return shares / area[..., None]
