@@ -452,6 +452,10 @@ def test_logs_that_name_joints_differently_are_refused(names, error):
         rne.identify(SCARA, log if len(names) == SCARA.n else [log, whole], consistent=False)
 
 
+def replace_names(record, joint_names):
+    return Record(record.t, record.q, record.tau, joint_names=joint_names)
+
+
 def test_a_log_of_one_joint_of_six_is_refused_and_of_two_is_not():
     arm, t = loaded("irb140"), np.arange(0, 8, 0.01)
     log = Record(t, np.sin(t)[:, None], np.cos(t)[:, None], joint_names=["joint_2"], name="log")
@@ -464,6 +468,16 @@ def test_a_log_of_one_joint_of_six_is_refused_and_of_two_is_not():
         rne.identify(arm, log)
     two = Record(t, np.sin(np.outer(t, [1, 2])), np.cos(np.outer(t, [1, 2])), joint_names=["joint_2", "joint_3"])
     assert of_named_joints(arm, two)[0].joint_names == ("joint_2", "joint_3")
+    first = replace_names(
+        two, ["joint_1", "joint_2"]
+    )  # as rne numbers joints without names, and as this robot's are called
+    assert of_named_joints(arm, first)[0].joint_names == ("joint_1", "joint_2")
+    assert of_named_joints(arm, first.between(1, 7))[0].joint_names == ("joint_1", "joint_2")
+    other = of_named_joints(
+        loaded("ur5").locked({"wrist_1_joint": 0, "wrist_2_joint": 0, "wrist_3_joint": 0, "elbow_joint": 0}), first
+    )
+    assert other[2] == ("joints of record are taken in the robot's order, as they are numbered",)
+    assert of_named_joints(arm, replace_names(two, None))[0] is arm
 
 
 def test_rotors_are_declined_where_no_joint_feels_one():

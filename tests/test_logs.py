@@ -19,6 +19,12 @@ W = np.array([2.0, 3.0, 4.0])
 Q, QD, TAU = np.sin(np.outer(T, W)), W * np.cos(np.outer(T, W)), 5 * np.cos(np.outer(T, W[::-1]))
 EPOCH = 1_700_000_000_123_000_000  # [ns]
 NS = [EPOCH + 10_000_000 * k for k in range(len(T))]
+NUMBERS = "numbered columns are taken in the robot's order; else give their names as `joints`"
+ALIKE = "else name the columns alike"
+JSON = "JSON; write its arrays as .npz by numpy.savez('log.npz', t=..., q=..., tau=...)"
+TO_MCAP = (
+    "convert it to MCAP, without ROS: pip install rosbags; rosbags-convert --src BAG --dst FOLDER --dst-storage mcap"
+)
 CUT = "remove the row if the log was cut off there"
 JOINT_STATE = """std_msgs/Header header
 string[] name
@@ -108,11 +114,50 @@ def test_separators_and_decimal_commas_are_found(separator, decimal, tmp_path):
         ("left_arm_q1", ("q", "left_arm_1", "")),
         ("jointPosition1", ("q", "joint_1", "")),
         ("q[2]", ("q", "2", "")),
-        *((name, ("", "", "")) for name in ("target_q_0", "q_d_1", "tau_ext_3", "action.elbow.pos", "temperature_1", "index", "loop_time")),
+        ("q_dot_2", ("qd", "2", "")),
+        ("qDot[2]", ("qd", "2", "")),
+        ("q_vel_2", ("qd", "2", "")),
+        ("theta_dot_2", ("qd", "2", "")),
+        ("theta2", ("q", "2", "")),
+        ("theta2_effort", ("tau", "2", "")),
+        ("tau_q2", ("tau", "2", "")),
+        ("current_position_2", ("q", "2", "")),
+        ("Present Position 2", ("q", "2", "")),
+        ("torque_current_2", ("current", "2", "")),
+        ("MotorTorque.A2 [N·m]", ("tau", "A2", "Nm")),
+        ("A2 (degrees)", ("q", "A2", "deg")),
+        ("position[left wrist]", ("q", "left wrist", "")),
+        ("J2 torque [counts]", ("tau", "2", "counts")),
+        ("speed J2 [1/min]", ("qd", "2", "rpm")),
+        ("vel_2_rad_s", ("qd", "2", "rad/s")),
+        ("τ2", ("tau", "2", "")),
+        ("épaule_position", ("q", "épaule", "")),
+        ("/arm/joint_states/elbow/velocity", ("qd", "elbow", "")),
+        ("/arm/joint_states/position[4]", ("q", "4", "")),
+        ("joint_states_elbow_effort", ("tau", "elbow", "")),
+        ("/arm_controller/state/actual/positions.4", ("q", "4", "")),
+        ("left_q.4", ("q", "left_4", "")),
+        ("header.stamp", ("t", "header", "")),
+        *((name, ("", "", "")) for name in ("temperature_1", "index", "loop_time", "robot_state", "qdd_1", "q_ddot_1", "dtau_J_1", "acceleration_1")),
     ],
 )  # fmt: skip
 def test_names_of_columns(name, expected):
-    assert meaning(name) == expected
+    assert meaning(name) == (*expected, None)
+
+
+@pytest.mark.parametrize(
+    ("name", "own"),
+    [
+        *((name, "") for name in ("target_q_0", "action.elbow.pos", "/arm/desired/positions[0]", "position_soll_A1")),
+        ("d3_pos", "d3"),
+        ("q_d_1", "d_1"),
+        ("tau_ext_3", "ext_3"),
+        ("ref_arm_effort", "ref_arm"),
+    ],
+)  # fmt: skip
+def test_names_of_commands(name, own):
+    """They may be those of joints only where the word beside the joint is no clear one."""
+    assert meaning(name).own == own
 
 
 def test_logs_of_a_controller_by_numbers(tmp_path):
@@ -126,7 +171,8 @@ def test_logs_of_a_controller_by_numbers(tmp_path):
     assert record.joint_names == ("joint_1", "joint_2", "joint_3")
     assert abs(record.q - 60 * Q).max() <= 60 * ROUNDED
     assert abs(record.t - T).max() <= ROUNDED
-    degrees, stamps = guesses(record)
+    numbers, degrees, stamps = guesses(record)
+    assert numbers == f"ur.csv: guess that {NUMBERS}"
     assert (
         degrees == 'ur.csv: guess that positions are in degrees, as most pass two turns; else give units={"q": "rad"}'
     )
@@ -134,12 +180,12 @@ def test_logs_of_a_controller_by_numbers(tmp_path):
         r"ur\.csv: guess that column 'timestamp' looks like milliseconds, .*; else give time_unit=\"s\"", stamps
     )
     given = Record.from_log(path, units={"q": "deg"}, time_unit="ms")
-    assert guesses(given) == []
+    assert guesses(given) == [numbers]
     assert np.array_equal(given.q, record.q)
     part = record.between(0.5, 1.0)
     assert (guesses(part), part.source) == (guesses(record), record.source)
     for options, text in (({"units": {"q": "rad"}}, 1), ({"time_unit": "ms"}, 1)):
-        assert len(guesses(Record.from_log(path, **options))) == text
+        assert len(guesses(Record.from_log(path, joints=JOINTS, **options))) == text + 1
 
 
 def test_units_are_read_from_names_and_given(tmp_path):
@@ -165,9 +211,17 @@ def test_units_are_read_from_names_and_given(tmp_path):
     ):
         with exactly(text):
             Record.from_log(path, units=units)
-    path = table(tmp_path / "log.csv", ["t", "q1 [deg]", "q2 [rad]", "tau1", "tau2"], T, Q[:, :2], TAU[:, :2])
-    with exactly(f"{path}: columns 'q1 [deg]' to 'q2 [rad]' name different units; give units={{'q': ...}}"):
-        Record.from_log(path)
+    each = ["t", "q.turn [deg]", "q.lift [mm]", "qd.turn [°/s]", "qd.lift [mm/s]", "tau.turn [N·m]", "tau.lift [N]"]
+    x = [T, np.degrees(Q[:, 0]), 1e3 * Q[:, 1], np.degrees(QD[:, 0]), 1e3 * QD[:, 1], TAU[:, :2]]
+    record = Record.from_log(table(path, each, *x))
+    for given, expected in ((record.q, Q), (record.qd, QD), (record.tau, TAU)):
+        assert abs(given - expected[:, :2]).max() < ROUNDED
+    for wrong, text in (
+        ("tau.lift", "some of the columns 'tau.turn [N·m]' to 'tau.lift' name no unit; give units={'tau': ...}"),
+        ("tau.lift [%]", "the unit '%' of column 'tau.lift [%]' is not known; give units={'tau': ...}, by name or as SI units per unit of the log"),
+    ):  # fmt: skip
+        with exactly(f"{path}: {text}"):
+            Record.from_log(table(path, [*each[:-1], wrong], *x))
 
 
 def test_times_since_1970_count_from_the_first(tmp_path):
@@ -248,8 +302,184 @@ def test_joints_are_chosen_by_name(tmp_path):
     ]
     motors = table(tmp_path / "log.csv", ["t", "q1", "q2", "q3", *(f"motor {k} torque" for k in "123")], T, Q, TAU)
     assert guesses(Record.from_log(motors)) == [
-        "log.csv: guess that 'motor 1 torque' to 'motor 3 torque' are of the joints of 'q1' to 'q3' in this order; else name the columns alike"
+        f"log.csv: guess that 'motor 1 torque' to 'motor 3 torque' are of the joints of 'q1' to 'q3' in this order; {ALIKE}",
+        f"log.csv: guess that {NUMBERS}",
     ]
+
+
+def rows_of(path, names, rows):
+    path.write_text("\n".join([",".join(names), *rows]))
+    return path
+
+
+def test_names_in_the_file_come_before_numbers(tmp_path):
+    """Lists of names, a column for each name, and arrays of names, of joints in another order than the robot's."""
+    form = names_of("position", "velocity", "effort", joints="012", form="{}_{}")
+    numbers = [",".join(map(repr, x)) for x in np.column_stack([Q, QD, TAU]).tolist()]
+    path = tmp_path / "log.csv"
+    bagpy = [
+        f"{t!r},{k},\"['shoulder', 'elbow', 'wrist']\",{x}"
+        for k, (t, x) in enumerate(zip(T.tolist(), numbers, strict=True))
+    ]
+    same(Record.from_log(rows_of(path, ["Time", "header.seq", "name", *form], bagpy)))
+    assert Record.from_log(path).findings == ()
+    listed = [
+        f"{t!r},\"['shoulder', 'elbow', 'wrist']\",{','.join(chr(34) + str(x[k].tolist()) + chr(34) for x in (Q, QD, TAU))}"
+        for k, t in enumerate(T.tolist())
+    ]
+    same(Record.from_log(rows_of(path, ["time", "name", "position", "velocity", "effort"], listed)))
+    each = [f"{k // 100},{k % 100 * 10_000_000},shoulder,elbow,wrist,{x}" for k, x in enumerate(numbers)]
+    stamped = ["header.stamp.sec", "header.stamp.nanosec", "name_0", "name_1", "name_2", *form]
+    same(Record.from_log(rows_of(path, stamped, each)))
+    with exactly(
+        f"{path}: the names of joints must be different, and the same in all rows, got 'elbow', 'shoulder', 'wrist' and 'shoulder', 'elbow', 'wrist'"
+    ):
+        Record.from_log(rows_of(path, stamped, [each[0].replace("shoulder,elbow", "elbow,shoulder"), *each[1:]]))
+    with exactly(f"{path}, row 3: entry 2 must be a list of 3, got \"['finger']\""):
+        Record.from_log(
+            rows_of(
+                path,
+                ["t", "name", *form],
+                [bagpy[0].replace(",0,", ","), f"0.01,\"['finger']\",{numbers[1]}", bagpy[2].replace(",2,", ",")],
+            )
+        )
+    arrays = {"t": T, "q": Q, "qd": QD, "tau": TAU}
+    np.savez(tmp_path / "log.npz", joint_names=np.array(JOINTS), **arrays)
+    same(Record.from_log(tmp_path / "log.npz"))
+    for names in (list(JOINTS), np.array(JOINTS, dtype=object)):
+        savemat(tmp_path / "log.mat", {"run": {**arrays, "jointNames": names}})
+        same(Record.from_log(tmp_path / "log.mat"))
+
+
+def test_numbers_come_before_the_order_in_the_file(tmp_path):
+    """Numbers from 0 or 1, in any order; where one quantity is named, its names are of the numbers in this order."""
+    path = tmp_path / "log.csv"
+    for q, tau, qd in (("q1 q0 q2", "tau0 tau1 tau2", "dq_2 dq_0 dq_1"), ("q_2 q_1 q_3", "tau_0 tau_1 tau_2", "dq3 dq1 dq2"), ("q2 q1 q3", "tau.wrist tau.elbow tau.shoulder", "qd.elbow qd.wrist qd.shoulder")):  # fmt: skip
+        qdot = QD[:, [2, 0, 1]] if qd.startswith("dq") else QD[:, [1, 0, 2]]
+        record = Record.from_log(
+            table(path, ["t", *q.split(), *qd.split(), *tau.split()], T, Q[:, [1, 0, 2]], qdot, TAU)
+        )
+        assert record.joint_names == (
+            ("wrist", "elbow", "shoulder") if "wrist" in tau else ("joint_1", "joint_2", "joint_3")
+        )
+        for given, expected in ((record.q, Q), (record.qd, QD), (record.tau, TAU)):
+            np.testing.assert_array_equal(given, expected)
+        assert (f"log.csv: guess that {NUMBERS}" in guesses(record)) == ("wrist" not in tau)
+    some = Record.from_log(table(path, ["t", "q1", "q3", "tau1", "tau3"], T, Q[:, :2], TAU[:, :2]))
+    assert some.joint_names == ("joint_1", "joint_3")
+    names = ["t", "q.elbow", "q.wrist", "qd.wrist", "qd.elbow", "tau_2", "tau_1"]
+    record = Record.from_log(table(path, names, T, Q[:, :2], QD[:, 1::-1], TAU[:, 1::-1]))
+    for given, expected in ((record.q, Q), (record.qd, QD), (record.tau, TAU)):
+        np.testing.assert_array_equal(given, expected[:, :2])
+    other = table(path, ["t", "q.a", "q.b", "tau.c", "tau.d", "qd.a", "tau.a"][:5], T, Q[:, :2], TAU[:, :2])
+    with pytest.raises(
+        ValueError,
+        match=r'torques \'tau\.c\' to \'tau\.d\'; if these are of the same joints, give columns={"q": \.\.\., "tau": ',
+    ):
+        Record.from_log(other)
+    given = Record.from_log(other, columns={"q": ["q.a", "q.b"], "tau": ["tau.d", "tau.c"]})
+    assert (given.joint_names, guesses(given)) == (("a", "b"), [])
+    np.testing.assert_array_equal(given.tau, TAU[:, 1::-1])
+
+
+def test_what_is_not_read_is_said(tmp_path):
+    """Velocities of some joints, and torques of joints without positions."""
+    path = tmp_path / "log.csv"
+    names = ["t", *names_of("q"), "qd.elbow", *names_of("tau"), "tau.hand"]
+    record = Record.from_log(table(path, names, T, Q, QD[:, 1], TAU, T))
+    same(record, velocities=False)
+    lost = [
+        f"log.csv: guess that '{x}' are not of the joints of the positions and not read; {ALIKE}"
+        for x in ("tau.hand", "qd.elbow")
+    ]
+    assert guesses(record) == lost
+
+
+def test_joints_that_are_called_like_commands(tmp_path):
+    """The slide d3 of a SCARA and an axis "ext" are joints; columns of commands beside measured ones are not."""
+    joints = ("turn", "d3", "ext")
+    path = table(
+        tmp_path / "log.csv", ["t", *names_of("pos", "vel", "effort", joints=joints, form="{1}_{0}")], T, Q, QD, TAU
+    )
+    record = Record.from_log(path)
+    same(record, joints)
+    assert guesses(record) == [
+        f"log.csv: guess that '{x}_pos' is of a joint '{x}', not a command; else give `columns`" for x in joints[1:]
+    ]
+    franka = [
+        "time",
+        *(f"{x}_{k}" for x in ("q", "q_d", "dq", "dq_d", "tau_J", "tau_J_d", "tau_ext") for k in range(3)),
+    ]
+    record = Record.from_log(table(path, franka, T, Q, 0 * Q, QD, 0 * Q, TAU, 0 * Q, 0 * Q), joints=JOINTS)
+    same(record)
+    table(path, ["t", *names_of("q_d", "tau_d", joints="123", form="{}_{}")], T, Q, TAU)
+    with exactly(
+        f"{path}: there are no positions; there are 't', 'q_d_1', 'q_d_2', 'q_d_3', 'tau_d_1', 'tau_d_2', 'tau_d_3'; 'q_d_1' to 'tau_d_3' look like commands or errors; if some are, give columns={{\"q\": ...}}"
+    ):
+        Record.from_log(path)
+    table(
+        path,
+        ["t", *names_of("q", "cmd_q", "tau", "error_tau", joints="1", form="{}_{}"), "target_q_2"],
+        T,
+        Q[:, 0],
+        T,
+        TAU[:, 0],
+        T,
+        T,
+    )
+    assert guesses(Record.from_log(path)) == [
+        "log.csv: guess that 'target_q_2' are commands or errors and not read; else give `columns`"
+    ]
+    table(
+        path,
+        ["t", *names_of("q", "torque", joints="12", form="{}_{}"), "q_z", "force_z"],
+        T,
+        Q[:, :2],
+        TAU[:, :2],
+        Q[:, 2],
+        TAU[:, 2],
+    )
+    same(Record.from_log(path), joints=("1", "2", "z"), velocities=False)
+
+
+def test_topics_are_no_part_of_joints_names(tmp_path):
+    path = tmp_path / "log.csv"
+    for form in ("/joint_states/{1}/{0}", "/left/arm/joint_states/{1}/{0}", "joint_states.{1}.{0}", "/dynamic_joint_states/{1}/{0}", "robot/{1}/{0}/value"):  # fmt: skip
+        table(path, ["__time", *names_of("position", "velocity", "effort", form=form)], T, Q, QD, TAU)
+        for options in ({}, {"joints": JOINTS}):
+            record = Record.from_log(path, **options)
+            same(record)
+            assert guesses(record) == []
+    two = names_of("position", "effort", form="/left/{1}/{0}") + ["/right/elbow/position"]
+    table(path, ["__time", *two], T, Q, TAU, T)
+    with exactly(
+        f"{path}: columns '/left/elbow/position' and '/right/elbow/position' are both q of elbow; say which in columns={{\"q\": ...}}"
+    ):
+        Record.from_log(path)
+
+
+def test_velocities_that_are_missing_are_not_used(tmp_path):
+    """Of one joint or of all, in most samples; a log of messages of which some have none keeps the others."""
+    for missing, rows in ((slice(0, 3), slice(0, None)), (slice(1, 2), slice(60, None))):
+        qd = QD.copy()
+        qd[rows, missing] = np.nan
+        record = Record.from_log(table(tmp_path / "log.csv", ["t", *names_of("q", "qd", "tau")], T, Q, qd, TAU))
+        said = f"no finite velocity in {len(T[rows])} samples of 200; the velocities are not used"
+        assert [finding.message for finding in record.findings] == [f"log.csv: {x}: {said}" for x in JOINTS[missing]]
+        assert len(record.prepare(cutoff=5.0).t) > 100
+    path = echoed(tmp_path / "log.csv")
+    lines = [
+        ",".join([*(x := line.split(","))[:9], "", *x[12:]]) if k % 50 == 7 else line
+        for k, line in enumerate(path.read_text().splitlines())
+    ]
+    path.write_text("\n".join(lines))
+    assert np.flatnonzero(np.isnan(Record.from_log(path).qd[:, 0])).tolist() == [7, 57, 107, 157]
+
+
+def test_a_column_that_is_not_read_may_be_there_twice(tmp_path):
+    names = ["t", *names_of("q", "tau"), "temperature", "temperature"]
+    path = table(tmp_path / "log.csv", names, T, Q, TAU, T, 2 * T)
+    same(Record.from_log(path), velocities=False)
 
 
 def test_currents_need_gains(tmp_path):
@@ -291,15 +521,21 @@ def test_units_stand_beside_or_below_names(lines, tmp_path):
         ("t,q1,tau1\n0,1,2\n1,one,3\n", ", row 3, column 'q1': must be a finite number, got 'one'"),
         ("t,q1,tau1\n0,1,2\n1,inf,3\n", ", row 3, column 'q1': must be a finite number, got 'inf'"),
         ("t,q1,tau1\n0,1,2\n,2,3\n", ": the time of sample 1 is missing"),
-        ("t,q1,q1\n0,1,2\n1,2,3\n", ": column 'q1' is there twice"),
+        ("t,q1,q1,tau1\n0,1,2,3\n1,2,3,4\n", ": column 'q1' is there twice"),
         ("t,q1,pos1,tau1\n0,1,2,3\n", ": columns 'q1' and 'pos1' are both q of 1; say which in columns={\"q\": ...}"),
+        ("{\"t\": [0, 1], \"q\": [1, 2]}", f": is {JSON}"),
+        ("{\"t\": 0, \"q\": [1]}\n{\"t\": 1, \"q\": [2]}\n", f": is {JSON}"),
+        ("[{\"t\": 0}]", f": is {JSON}"),
+        ("<?xml version='1.0'?><Rob/>", ": is XML; write its numbers as CSV, a row per sample"),
+        ("header:\n  stamp: 1\n---\n", ": is YAML as of ros2 topic echo; add --csv, or -p with rostopic"),
+        ("t,joint,q,tau\n0,a,1,2\n0,b,1,2\n1,a,1,2\n1,b,1,2\n", ": has a row for each joint, which column 'joint' names; make a column of each quantity and joint, such as q.elbow, by pandas.DataFrame.pivot"),
         ("t,q1,q2\n0,1,2\n1,2,3\n", ": there are no torques or currents; there are 't', 'q1', 'q2'; if some are, give columns={\"tau\": ...}"),
         ("t,x,tau\n0,1,2\n1,2,3\n", ": there are no positions; there are 't', 'x', 'tau'; if some are, give columns={\"q\": ...}"),
         ("k,q,tau\n0,1,2\n1,2,3\n", ": there are no times; there are 'k', 'q', 'tau'; give columns={\"t\": ...} or `sample_rate`"),
-        ("t,q.a,q.b,tau.c\n0,1,2,3\n", ": no joint has positions and torques; positions are 'q.a' to 'q.b', torques 'tau.c'"),
+        ("t,q.a,q.b,tau.c\n0,1,2,3\n", ": no joint has positions and torques; positions are 'q.a' to 'q.b', torques 'tau.c'; if these are of the same joints, give columns={\"q\": ..., \"tau\": ...} in the same order"),
         ("1700000000,5,,a,b,1,2,3,4,5\n", ", row 1: must be seconds, nanoseconds, frame, and as many names of joints, positions, velocities and efforts"),
-        ("#ROSBAG V2.0\n", ": is a ROS 1 bag; write the topic as text: rostopic echo -b FILE -p /joint_states > log.csv"),
-        ("SQLite format 3\0", ": is a ROS 2 bag in SQLite; convert it to MCAP: ros2 bag convert"),
+        ("#ROSBAG V2.0\n", f": is a ROS 1 bag; {TO_MCAP}"),
+        ("SQLite format 3\0", f": is a ROS 2 bag in SQLite; {TO_MCAP}"),
         ("MATLAB 7.3 MAT-file", ": is a MATLAB file of version 7.3; save it by save(file, ..., '-v7')"),
         ("1700000000,5\n2,3\n", ": the names of its 2 columns are missing; give them, such as columns=[\"t\", \"q.shoulder\", \"tau.shoulder\"], with \"\" for one to ignore"),
         ("PK\3\4xl/", ": is a ZIP archive or a spreadsheet; write it as text"),

@@ -492,6 +492,12 @@ def test_wrong_arguments_are_refused(robot, measured):
             ValueError,
             "`with_load` must be of the joints ['joint_1', 'joint_2', 'joint_3', 'joint_4', 'joint_5', 'joint_6'], "
             "'record' has 5 joints without names: give the names of ",
+            lambda: calls(robot, without, Record(planar.t, planar.q, planar.tau)),
+        ),
+        (
+            ValueError,
+            "records must be of the same joints, record has ['joint_1', 'joint_2', 'joint_3', 'joint_4', 'joint_5', "
+            "'joint_6'], record ['joint_1', 'joint_2', 'joint_3', 'joint_4', 'joint_5']: give `joints` that both have",
             lambda: calls(robot, without, planar),
         ),
         (ValueError, "`without` must have a record without the load", lambda: calls(robot, None, with_load)),

@@ -52,6 +52,7 @@ ONE_STEP = 1.5  # steps of the encoder, below which a position that flickers bet
 LIKE_NOISE = 1.5  # scatter of positions about a line, over that of neighbours: white noise has 1
 TURNS = 20 * np.pi  # range of a position [rad] from which degrees are likely: ten turns
 VELOCITY_ERROR = 0.05  # relative deviation of measured velocities from the positions' that is named; RECORDS
+KNOWN_VELOCITIES = 0.5  # share of samples with a velocity, below which those of a joint count as not measured
 RESTING = 0.01  # of the fastest joint's motion: velocities of a joint that moves less are not compared
 COMPARED_OVER = 0.1  # [s], over which they are compared: longer than delays of drives
 

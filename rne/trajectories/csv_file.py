@@ -195,9 +195,6 @@ def _wanted(
         raise ValueError(
             f"{place}: the names of the columns are missing; above the numbers is needed, for example, {example!r}"
         )
-    twice = [column for k, column in enumerate(columns) if column and column in columns[:k]]
-    if twice:
-        raise ValueError(f"{place}: column {twice[0]!r} is there twice")
     hint = "; separate columns by commas" if len(columns) == 1 and len(joint_names) + timed > 1 else ""
     if hint and timed:
         hint += ", or read the file by rne.identification.Record.from_log"
@@ -218,6 +215,8 @@ def _wanted(
                 f"{place}: no column {listed_names(missing)}; the {quantity} of all joints or of none are needed"
             )
         wanted += own if not missing else []
+    if twice := [column for column in wanted if columns.count(column) > 1]:
+        raise ValueError(f"{place}: column {twice[0]!r} is there twice")
     return wanted
 
 

@@ -449,9 +449,14 @@ def of_named_joints(
     name a joint differently: the records lack a joint and have one that the robot does not know, or lack nearly all.
     """
     given = tuple(records) if isinstance(records, Sequence) else (records,)
-    named = [r for r in given if isinstance(r, Record) and r._has_names]
+    named = [r for r in given if isinstance(r, Record) and r._is_of(robot.joint_names)]
     if not named or len(named) < len(given):
-        return robot, given, ()
+        told = [r for r in given if isinstance(r, Record) and r._given_names]
+        return (
+            robot,
+            given,
+            tuple(f"joints of {r.name} are taken in the robot's order, as they are numbered" for r in told),
+        )
     first, *rest = named
     own = [name for name in robot.joint_names if name in first.joint_names]
     for record in rest:
@@ -485,12 +490,12 @@ def warn_of_locked(notes: Sequence[str]) -> None:
 def check_joints(robot: Robot, record: Record, argument: str) -> None:
     """Refuse a record of other joints, or of these in another order."""
     names = robot.joint_names
-    if record.n == robot.n and (not record._has_names or record.joint_names == names):
+    if record.n == robot.n and (not record._is_of(names) or record.joint_names == names):
         return
     lacking: Sequence[str] = names[record.n :]
     came = f"{counted(record.n, 'joint')} without names"
     cure = "give the names of those measured as `joint_names` of the Record"
-    if record._has_names:
+    if record._is_of(names):
         came, lacking = str(list(record.joint_names)), [name for name in names if name not in record.joint_names]
         cure = "name the joints of all records as the robot does, by `joint_names` of the Record"
     if record.n < robot.n:

@@ -4,54 +4,66 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ...basics.arrays import per_joint_array, positive_number
 from ...basics.spatial import Array
 from ...basics.text import MAX_NAME, cut, did_you_mean
-from ...simulation.motion_files import numbered_joints
 from ...trajectories.csv_file import Samples, guessed_unit, in_seconds, listed_names
-from .log_files import LISTED, Log, read_log
+from .log_files import LISTED, UNIT, Log, read_log, symbol, with_stamps
 
 WORDS = {
-    "t": "t time timestamp stamp sec secs seconds",
-    "q": "q pos position positions angle angles theta",
-    "qd": "qd dq vel velocity velocities speed speeds omega",
-    "tau": "tau torque torques effort efforts moment moments",
-    "current": "current currents iq",
+    "t": "t time timestamp stamp sec secs seconds zeit",
+    "q": "pos position positions angle angles winkel",
+    "qd": "qd dq qdot dtheta thetadot vel velocity velocities speed speeds omega ω geschwindigkeit",
+    "": "qdd ddq qddot ddot acc accel acceleration accelerations",  # not read
+    "tau": "tau τ torque torques trq effort efforts moment moments drehmoment",
+    "force": "force forces",
+    "current": "current currents curr iq strom",
 }
 WORD = {word: kind for kind, words in WORDS.items() for word in words.split()}
-ASKED = re.compile("target|desired|des|d|command|commanded|cmd|reference|ref|setpoint|goal|action|error|ext|external")
-SPARE = re.compile("actual|measured|field|observation|state|feedback|log|data|j")  # which say nothing of the joint
-TOKEN = re.compile(r"[A-Z]?[a-z]+|[A-Z]+|\d+")
-BRACKETS = re.compile(r"\s*[\[(]\s*([^\])\d][^\])]*?)\s*[\])]\s*$")  # a unit at the end of a name
-SUFFIX = re.compile(r"[_ .](deg|rad|ms|us|ns|rpm|mA|Nm)$")  # likewise
+SYMBOLS = ("q", "theta", "θ")  # positions where no other word names a quantity, as in "theta1" beside "theta1_effort"
+ASKED = re.compile(  # words of commands, and in a group those that a joint may have in its name, such as a slide d3
+    "target|desired|command|commanded|cmd|reference|setpoint|goal|action|soll|(d|des|ref|error|ext|external)"
+)
+SPARE = re.compile(  # words that say nothing of the joint
+    "actual|act|measured|meas|present|ist|angular|field|observation|state|feedback|log|data|values?|j"
+)
+CLOCKS = re.compile("header|elapsed|relative|system|epoch|unix|ros|rosbag|s")  # words beside "time" and "stamp"
+TOKEN = re.compile(r"[A-Z]+(?![^\W\d_A-Z])|[A-Z]?[^\W\d_A-Z]+|\d+")
+TOPIC = re.compile(r"(?:dynamic_?)?joint_?states?|[/.]", re.IGNORECASE)  # ends the name of a topic or structure
+BRACKETS = re.compile(r"\s*[\[(]\s*((?=[^\])]*[^\W\d_]|[%°])[^\])]+?)\s*[\])]\s*$")  # a unit at the end of a name
+SUFFIX = re.compile(r"[_ .](deg|rad|ms|us|ns|rpm|mA|m?Nm|(?:deg|rad)(?:_s|ps))$")  # likewise
+RAW = re.compile("%|counts?|ticks?|pulses?|raw|inc|turns?|rev|.*[/·^].*|lbf?.*", re.IGNORECASE)  # of no known size
 SI = {
     "q": {"rad": 1.0, "deg": np.pi / 180, "m": 1.0, "mm": 1e-3},
     "qd": {"rad/s": 1.0, "deg/s": np.pi / 180, "rpm": np.pi / 30, "m/s": 1.0, "mm/s": 1e-3},
     "tau": {"Nm": 1.0, "mNm": 1e-3, "N": 1.0, "A": 1.0, "mA": 1e-3},
 }
 SINCE = 1e6  # [s], times beyond which count from the first one
+AMBIGUOUS = ("m", "mm", "N")  # units that do not say the quantity
 ORDER = "else name the columns alike"
+Guesses = list[tuple[str, str]]  # what is guessed, and what to do where it is wrong
 Columns = dict[str, dict[str, str]]  # names of columns by quantity and joint
 
 
-def measured(path: Any, options: Mapping[str, Any]) -> tuple[dict[str, Any], list[str], list[tuple[str, str]]]:
+def measured(path: Any, options: Mapping[str, Any]) -> tuple[dict[str, Any], list[str], Guesses]:
     """The samples of a log, or of a file for each quantity, in units that are given, named in the log, or guessed.
 
     Returns t, q, tau, qd in SI units and the names of the joints, how the log was read, and guesses with their cures.
     """
     place = os.fspath(next(iter(path.values()), "`path`") if isinstance(path, Mapping) else path)
-    log = _joined(path, options) if isinstance(path, Mapping) else read_log(Path(place), options)
-    found = _by_joint(place, log, options["columns"] if isinstance(options["columns"], Mapping) else {})
-    said, guesses = list(log.said), list[tuple[str, str]]()
-    kinds, names = _same_joints(place, found, options["joints"], said, guesses)
+    log = _joined(path, options) if isinstance(path, Mapping) else with_stamps(place, read_log(Path(place), options))
+    given = options["columns"] if isinstance(options["columns"], Mapping) else {}
+    said, guesses = list(log.said), Guesses()
+    found = _by_joint(place, log, given, options["joints"] or (), guesses)
+    kinds, names = _same_joints(place, found, options["joints"], {"q", "tau"} <= given.keys(), (said, guesses))
     read = {kind: [log.numbers(place, name) for name in own] for kind, own in kinds.items()}
-    rate, stamps = options["sample_rate"], list(found["t"].values())[:1]
+    rate, stamps = options["sample_rate"], [found["t"][clock] for clock in sorted(found["t"])][:1]
     if rate is None and not stamps:
         there = listed_names(list(log.columns), LISTED)
         raise ValueError(f'{place}: there are no times; there are {there}; give columns={{"t": ...}} or `sample_rate`')
@@ -70,9 +82,9 @@ def measured(path: Any, options: Mapping[str, Any]) -> tuple[dict[str, Any], lis
     if units["q"] is None and np.median(np.nanmax(np.abs(x["q"]), axis=0, initial=0)) > 4 * np.pi:
         guesses.append(("positions are in degrees, as most pass two turns", 'else give units={"q": "rad"}'))
         units["q"] = "deg"
-    gains, n = options["gains"], len(names)
+    gains, n = options["gains"], len(kinds["q"])
     named = np.isin(np.asarray(units["tau"], dtype=object), ["A", "mA"]).any()
-    if gains is None and (named or _meaning(kinds["tau"][0])[0] == "current"):
+    if gains is None and (named or _meaning(kinds["tau"][0]).kind == "current"):
         cure = "give `gains` [N m/A]; gains=1 keeps currents, for `rne.identify_drive_gains`"
         raise ValueError(f"{place}: {_span(kinds['tau'])} are currents, not torques; {cure}")
     factors = per_joint_array("gains", 1 if gains is None else gains, n)
@@ -82,7 +94,7 @@ def measured(path: Any, options: Mapping[str, Any]) -> tuple[dict[str, Any], lis
     q = x["q"] * _in_si("q", units["q"], n) + per_joint_array("offsets", options["offsets"], n)
     qd = x["qd"] * _in_si("qd", units["qd"], n) if "qd" in x else None
     tau = x["tau"] * _in_si("tau", units["tau"], n) * factors
-    unit = options["time_unit"] or log.time_unit or (_meaning(stamps[0])[2] if timed else "s")
+    unit = options["time_unit"] or log.time_unit or (_meaning(stamps[0]).unit if timed else "s")
     if not unit and (seems := guessed_unit(t, q, qd)) is not None:
         guesses.append((f"column {stamps[0]!r} {seems.said}", 'else give time_unit="s"'))
         unit = seems.symbol
@@ -94,27 +106,70 @@ def measured(path: Any, options: Mapping[str, Any]) -> tuple[dict[str, Any], lis
     return {"t": t, "q": q, "tau": tau, "qd": qd, "joint_names": names}, said, guesses
 
 
-def _meaning(name: str) -> tuple[str, str, str]:
-    """Quantity, joint and unit in names such as `q.<joint>`, `actual_current_3`, `joint1 pos [deg]`, `time_ms`."""
-    unit = ""
-    if bracket := BRACKETS.search(name):
-        unit, name = bracket[1].replace(" ", "").replace("°", "deg"), name[: bracket.start()]
-    own, _, joint = name.partition(".")
+class Meaning(NamedTuple):
+    """What a column's name says: quantity, joint and unit; of one that looks like a command also whose it may be."""
+
+    kind: str = ""  # empty if it is none that is read
+    joint: str = ""
+    unit: str = ""
+    own: str | None = None  # the joint's name if the word for a command belongs to it, "" if it cannot; None without
+
+
+def _meaning(name: str, joints: Sequence[str] = ()) -> Meaning:
+    """Meaning of names such as `q.<joint>`, `actual_current_3`, `joint1 pos [deg]`, `/joint_states/elbow/position`."""
+    unit, bare = _unit(name)
+    own, _, joint = bare.partition(".")
     if own in ("q", "qd", "tau") and joint:
-        return own, joint, unit
-    if not unit and (suffix := SUFFIX.search(name)):
-        unit, name = suffix[1], name[: suffix.start()]
-    tokens = list(TOKEN.finditer(name))
-    words = [token[0].lower() for token in tokens]
-    kinds = [WORD[word] for word in words if word in WORD] or ["q"] * ("state" in words)
-    kept = [m for m, word in zip(tokens, words, strict=True) if word not in WORD and not SPARE.fullmatch(word)]
-    joint = name[kept[0].start() : kept[-1].end()] if kept else ""
-    if len(TOKEN.findall(joint)) != len(kept):
-        joint = "_".join(m[0] for m in kept)
-    kind = next((kind for kind in kinds if kind != "t"), "t")
-    if not kinds or any(map(ASKED.fullmatch, words)) or (kind == "t" and joint):
-        return "", "", ""
-    return kind, joint, unit
+        return Meaning(own, joint, unit)
+    for joint in sorted(joints, key=len, reverse=True):  # names that are given, whatever words are in them
+        for match in re.finditer(rf"(?<![^\W_]){re.escape(joint)}(?![^\W_])", name):
+            rest = _meaning(name[: match.start()] + name[match.end() :])
+            if rest.kind and not rest.joint:
+                return rest._replace(joint=joint)
+    parts = TOPIC.split(bare)
+    words = [word.lower() for part in parts for word in TOKEN.findall(part)]
+    kind, asked = _kind(words, unit), {word: found for word in words if (found := ASKED.fullmatch(word))}
+    names = {word for word in (*WORD, *SYMBOLS, "dot") if kind == "t" or WORD.get(word) != "t"}
+    names |= {word for word in words if SPARE.fullmatch(word)}
+    clock = [word for word in map(str.lower, TOKEN.findall(parts[-1])) if word not in names]
+    if not kind or (kind == "t" and not all(map(CLOCKS.fullmatch, clock))):
+        return Meaning()
+    joint, own = _joint(parts, names | asked.keys()), _joint(parts, names)
+    is_own = own != joint and all(found[1] for found in asked.values())
+    return Meaning(kind, joint, unit, None if not asked else own if is_own else "")
+
+
+def _unit(name: str) -> tuple[str, str]:
+    """A unit at the end of a name, and the name before it; what stands in brackets may be a joint."""
+    if bracket := BRACKETS.search(name):
+        unit, bare = symbol(bracket[1]), name[: bracket.start()]
+        is_joint = not (UNIT.fullmatch(unit) or RAW.fullmatch(bracket[1])) and not _meaning(bare).joint
+        return ("", name) if is_joint and _meaning(bare).kind else (unit, bare)
+    suffix = SUFFIX.search(name)
+    return (symbol(suffix[1]), name[: suffix.start()]) if suffix else ("", name)
+
+
+def _kind(words: Sequence[str], unit: str) -> str:
+    """The quantity in the last word that names one, since those before it are adjectives: "torque current"."""
+    kinds = [WORD[word] for word in words if word in WORD]
+    kind = next((kind for kind in reversed(kinds) if kind != "t"), None)
+    if kind is None and (not {*SYMBOLS}.isdisjoint(words) or {"observation", "state"} <= {*words}):
+        kind = "q"
+    if kind is None:
+        kind = "t" if kinds else next((x for x in SI if unit in SI[x] and unit not in AMBIGUOUS), "")
+    return kind if "dot" not in words else "qd" * (kind == "q")
+
+
+def _joint(parts: Sequence[str], others: Container[str]) -> str:
+    """The last part of a name that has words of a joint: before it stand topics, namespaces and structures."""
+    texts = []
+    for part in parts:
+        kept = [token for token in TOKEN.finditer(part) if token[0].lower() not in others]
+        text = part[kept[0].start() : kept[-1].end()] if kept else ""
+        texts.append(text if len(TOKEN.findall(text)) == len(kept) else "_".join(token[0] for token in kept))
+    last = max((k for k, text in enumerate(texts) if text), default=0)
+    matrix = texts[last - 1] if last and parts[last].isdigit() else ""  # of which this is a column
+    return f"{matrix}_{texts[last]}" if matrix else texts[last]
 
 
 def _joined(files: Mapping[str, Any], options: Mapping[str, Any]) -> Log:
@@ -126,41 +181,71 @@ def _joined(files: Mapping[str, Any], options: Mapping[str, Any]) -> Log:
             raise ValueError(f'`path` must be a file, or files by "t", "q", "qd" and "tau", got {kind!r}')
         place, log = os.fspath(path), read_log(Path(path), {**options, "quantity": kind})
         for name in log.columns:
-            what, joint, unit = _meaning(name)
+            what, joint, unit, own = _meaning(name)
             if "t" in (what, kind):
                 columns.setdefault("t" + f" [{unit}]" * bool(unit), log.numbers(place, name))
                 times[place] = log.numbers(place, name)
-            elif what in ("", kind):
-                columns[f"{kind}.{joint or name}" + f" [{unit}]" * bool(unit)] = log.numbers(place, name)
+            elif what in ("", kind) and own != "":
+                columns[f"{kind}.{own or joint or name}" + f" [{unit}]" * bool(unit)] = log.numbers(place, name)
     for place, t in times.items():
         if not np.array_equal(t, next(iter(times.values()))):
             raise ValueError(f"{place}: its times are not those of {next(iter(times))}; interpolate by numpy.interp")
     return log._replace(columns=columns)
 
 
-def _by_joint(place: str, log: Log, given: Mapping[str, Any]) -> Columns:
+def _by_joint(place: str, log: Log, given: Mapping[str, Any], joints: Sequence[str], guesses: Guesses) -> Columns:
     """The columns of each quantity by joint: those given, of the others what their names say."""
     found: Columns = {kind: {} for kind in WORDS}
     if unknown := [kind for kind in given if kind not in ("t", "q", "qd", "tau")]:
         raise ValueError(f'`columns` must be of "t", "q", "qd" and "tau", got {unknown[0]!r}')
+    asked = dict[str, Meaning]()
     for name in log.columns:
-        kind, joint, _ = _meaning(name)
-        if kind and kind not in given:
-            if joint in found[kind]:
+        meaning = _meaning(name, joints)
+        kind, joint = meaning.kind, log.joints.get(name, meaning.joint)
+        if kind and kind not in given and meaning.own is not None:
+            asked[name] = meaning._replace(joint=joint)
+        elif kind and kind not in given:
+            if joint in found[kind] and not (kind == "t" and joint):
                 both = f"{found[kind][joint]!r} and {name!r} are both {kind}{f' of {joint}' if joint else ''}"
                 raise ValueError(f'{place}: columns {both}; say which in columns={{"{kind}": ...}}')
-            found[kind][joint] = name
+            found[kind].setdefault(joint, name)
     for kind, wanted in given.items():
         parts = [wanted] if isinstance(wanted, str | int) else wanted
         own = [name for part in parts for name in _named(place, list(log.columns), part)]
-        joints = [_meaning(name)[1] for name in own]
-        found[kind] = dict(zip(joints if len(set(joints)) == len(own) else map(str, range(len(own))), own, strict=True))
+        names = [log.joints.get(name, _meaning(name, joints).joint) for name in own]
+        found[kind] = dict(zip(names if len(set(names)) == len(own) else map(str, range(len(own))), own, strict=True))
+    left = _not_commands(found, asked, list(log.columns), guesses)
+    forces = {x: name for x, name in found["force"].items() if x in found["q"] and not found["current"]}
+    found["tau"] = forces | found["tau"]
     for kind, what in (("q", "positions"), ("tau", "torques or currents")):
         if not found[kind] and not (kind == "tau" and found["current"]):
+            looks = f"; {_span(left)} look like commands or errors" if left else ""
             there = listed_names(list(log.columns), LISTED)
             cure = f'if some are, give columns={{"{kind}": ...}}'
-            raise ValueError(f"{place}: there are no {what}; there are {there}; {cure}")
+            raise ValueError(f"{place}: there are no {what}; there are {there}{looks}; {cure}")
+    if left:
+        guesses.append((f"{_span(left)} are commands or errors and not read", "else give `columns`"))
     return found
+
+
+def _not_commands(found: Columns, asked: Mapping[str, Meaning], order: Sequence[str], guesses: Guesses) -> list[str]:
+    """Add the columns of joints that are called like commands, and return those of commands without a measured one.
+
+    Such a joint has a position and a torque, beside other joints that have, and no column without the word is its own.
+    """
+    torques = found["tau"] | found["current"]
+    alone = {x: m for x, m in asked.items() if m.joint not in (torques if m.kind == "tau" else found[m.kind])}
+    own = {(m.kind, m.own): name for name, m in alone.items() if m.own}
+    for (kind, joint), name in own.items():
+        torque = "tau" if ("tau", joint) in own else "current"
+        if kind == "q" and (torque, joint) in own and found["q"] and torques:
+            guesses.append((f"{name!r} is of a joint {joint!r}, not a command", "else give `columns`"))
+            for x in ("q", "qd", torque):
+                if column := own.get((x, joint)):
+                    found[x][joint] = column
+                    del alone[column]
+    found["q"] = dict(sorted(found["q"].items(), key=lambda x: order.index(x[1]))) if asked else found["q"]
+    return [name for name, m in alone.items() if m.kind not in ("t", "qd")]
 
 
 def _named(place: str, names: list[str], wanted: str | int) -> list[str]:
@@ -173,30 +258,75 @@ def _named(place: str, names: list[str], wanted: str | int) -> list[str]:
 
 
 def _same_joints(
-    place: str, found: Columns, joints: Sequence[str] | None, said: list[str], guesses: list[tuple[str, str]]
-) -> tuple[dict[str, list[str]], tuple[str, ...]]:
-    """Columns of each quantity for the same joints, and the names of these."""
-    q, tau, qd = found["q"], found["tau"] or found["current"], found["qd"]
-    if not q.keys() & tau.keys() and len(q) == len(tau):
-        guesses.append((f"{_span([*tau.values()])} are of the joints of {_span([*q.values()])} in this order", ORDER))
-        tau, qd = dict(zip(q, tau.values(), strict=True)), dict(zip(q, qd.values(), strict=False))
-    common = [joint for joint in q if joint in tau]
-    are_numbered = len({joint.rstrip("0123456789") for joint in common}) == 1  # and alike but for that
-    if joints is not None and are_numbered and len(joints) == len(common) and not set(joints) & set(common):
-        guesses.append((f"{_span([*q.values()])} are of {_span(joints)} in this order", ORDER))
+    place: str, found: Columns, joints: Sequence[str] | None, paired: bool, remarks: tuple[list[str], Guesses]
+) -> tuple[dict[str, list[str]], Sequence[str] | None]:
+    """Columns of each quantity for the same joints, and the names of these, None for numbers.
+
+    Names come before numbers, and numbers before the order in the file, unless the columns are given (`paired`).
+    """
+    said, guesses = remarks
+    there = {"q": found["q"], "tau": found["tau"] or found["current"], "qd": found["qd"]}
+    numbers = {kind: _numbers(x) for kind, x in there.items()}
+    for kind, k in numbers.items():
+        if k and not paired:
+            there[kind] = dict(x for _, x in sorted(zip(k, there[kind].items(), strict=True)))
+    first = next((kind for kind, x in there.items() if x and not numbers[kind]), "q")
+    names, of = there[first], Columns()
+    for kind, x in there.items():
+        own, k, base = {_key(joint): column for joint, column in x.items()}, numbers[kind], numbers[first]
+        is_shifted = k and base and (0 in k) != (0 in base)
+        of[kind] = {joint: own[_key(joint)] for joint in names if _key(joint) in own and not is_shifted}
+        if not of[kind] and len(x) == len(names) and (k or paired):
+            of[kind] = dict(zip(names, x.values(), strict=True))
+            if kind != "qd" and not paired:
+                guesses.append(
+                    (f"{_span([*x.values()])} are of the joints of {_span([*names.values()])} in this order", ORDER)
+                )
+    common = [joint for joint in of["q"] if joint in of["tau"]]
+    own = {_key(joint): joint for joint in common}
+    if (
+        joints is not None
+        and _numbers(common)
+        and len(joints) == len(common)
+        and own.keys().isdisjoint(map(_key, joints))
+    ):
+        guesses.append((f"{_span([*of['q'].values()])} are of {_span(joints)} in this order", ORDER))
     elif joints is not None:
-        if missing := [joint for joint in joints if joint not in common]:
+        if missing := [joint for joint in joints if _key(joint) not in own]:
             hint = did_you_mean(missing[0], common) or f"; there are {listed_names(common, LISTED)}"
             raise ValueError(f"{place}: there are no positions and torques of joint {missing[0]!r}{hint}")
-        common = list(joints)
+        common = [own[_key(joint)] for joint in joints]
     if not common:
-        both = f"positions are {_span([*q.values()])}, torques {_span([*tau.values()])}"
-        raise ValueError(f"{place}: no joint has positions and torques; {both}")
-    if alone := [joint for joint in q if joint not in tau]:
+        both = f"positions are {_span([*there['q'].values()])}, torques {_span([*there['tau'].values()])}"
+        cure = 'if these are of the same joints, give columns={"q": ..., "tau": ...} in the same order'
+        raise ValueError(f"{place}: no joint has positions and torques; {both}; {cure}")
+    if alone := [joint for joint in of["q"] if joint not in of["tau"]]:
         said.append(f"without torques, left out: {listed_names(alone)}")
-    kinds = {"q": q, "tau": tau} | ({"qd": qd} if set(common) <= qd.keys() else {})
-    names = joints or (numbered_joints(len(common)) if all(x.isdigit() or not x for x in common) else common)
-    return {kind: [own[joint] for joint in common] for kind, own in kinds.items()}, tuple(names)
+    if set(common) - of["qd"].keys():
+        del of["qd"]
+    for kind in ("tau", "qd"):
+        if lost := [x for x in there[kind].values() if x not in of.get(kind, {}).values()]:
+            guesses.append((f"{_span(lost)} are not of the joints of the positions and not read", ORDER))
+    if joints is None and all(joint.isdigit() or not joint for joint in common):
+        k = [int(joint or 1) for joint in common]
+        joints = [] if k == list(range(k[0], k[0] + len(k))) and k[0] < 2 else [f"joint_{i + (0 in k)}" for i in k]
+        if len(common) > 1 and not paired:
+            guesses.append(("numbered columns are taken in the robot's order", "else give their names as `joints`"))
+    named = common if joints is None else joints
+    return {kind: [x[joint] for joint in common] for kind, x in of.items()}, named or None
+
+
+def _key(joint: str) -> str:
+    """A joint's name without what two columns may write differently."""
+    return re.sub(r"[\W_]", "", joint).casefold()
+
+
+def _numbers(joints: Iterable[str]) -> list[int]:
+    """Numbers at the ends of names that are alike but for these, 1 for a joint without a name; empty for others."""
+    ends = [re.fullmatch(r"(.*?)(\d*)", joint) for joint in joints]
+    parts = [end.groups() for end in ends if end]
+    alike = len({name for name, _ in parts}) == 1 and all(number or not name for name, number in parts)
+    return [int(number or 1) for _, number in parts] * alike
 
 
 def _units(place: str, kinds: Mapping[str, Sequence[str]], given: Mapping[str, Any]) -> dict[str, Any]:
@@ -204,14 +334,20 @@ def _units(place: str, kinds: Mapping[str, Sequence[str]], given: Mapping[str, A
     if not isinstance(given, Mapping) or set(given) - set(SI):
         raise ValueError(f'`units` must be a mapping of "q", "qd" and "tau", got {given!r}')
     units: dict[str, Any] = dict.fromkeys(SI) | dict(given)
+
+    def unit_of(name: str) -> str | None:
+        return _meaning(name).unit or ("A" if _meaning(name).kind == "current" else None)
+
     for kind in kinds.keys() - given.keys():
-        meanings = [_meaning(name) for name in kinds[kind]]
-        named = {unit or ("A" if what == "current" else None) for what, _, unit in meanings}
-        if len(named) > 1:
-            raise ValueError(
-                f"{place}: columns {_span(kinds[kind])} name different units; give units={{{kind!r}: ...}}"
-            )
-        (units[kind],) = named
+        known = SI["q"] | SI["qd"] if kind == "qd" else SI[kind]
+        named = {unit_of(name): name for name in kinds[kind]}
+        cure = f"give units={{{kind!r}: ...}}"
+        if unknown := [unit for unit in named if unit not in (None, *known)]:
+            cure += ", by name or as SI units per unit of the log"
+            raise ValueError(f"{place}: the unit {unknown[0]!r} of column {named[unknown[0]]!r} is not known; {cure}")
+        if len(named) > 1 and None in named:
+            raise ValueError(f"{place}: some of the columns {_span(kinds[kind])} name no unit; {cure}")
+        units[kind] = [unit_of(name) for name in kinds[kind]] if len(named) > 1 else next(iter(named))
     return units
 
 
@@ -222,11 +358,11 @@ def _in_si(kind: str, unit: Any, n: int) -> Array:
     known = SI["q"] | SI["qd"] if kind == "qd" else SI[kind]
     units = [unit] * n if isinstance(unit, str | int | float) else list(unit)
     names = ", ".join(map(repr, SI[kind]))
-    if len(units) != n or any(x.replace(" ", "") not in known if isinstance(x, str) else not x for x in units):
+    if len(units) != n or any(symbol(x) not in known if isinstance(x, str) else not x for x in units):
         raise ValueError(
             f"`units` of {kind} must be {names}, or a number of SI units, for all or {n} joints, got {unit!r}"
         )
-    factors = [known[x.replace(" ", "")] if isinstance(x, str) else x for x in units]
+    factors = [known[symbol(x)] if isinstance(x, str) else x for x in units]
     return per_joint_array(f"units of {kind}", factors, n)
 
 

@@ -9,7 +9,7 @@ import os
 import re
 import struct
 import zlib
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -23,20 +23,38 @@ Message = tuple[int, Sequence[str], Sequence[Sequence[float]]]  # time [ns], joi
 
 LISTED = 12  # columns that an error lists
 LARGEST = 2**30  # bytes of a chunk of an MCAP file
-UNIT = re.compile(r"[\[(]?(s|ms|us|ns|(rad|deg|°|m)(/s)?|mm|rpm|m?N ?m|N|m?A)[\])]?")  # in a row below names
+UNIT = re.compile(r"s|ms|us|ns|(rad|deg|mm?)(/s)?|rpm|m?Nm|N|m?A")
+SPELT = {  # of units as they are written
+    r"[\s.·⋅*^⁻¹-]": "", r"°|degrees?": "deg", r"radians?": "rad", r"[µμ]|micro": "u", r"milli": "m", r"nano": "n",
+    r"newtonmet(er|re)s?|^nm$": "Nm", r"sec(ond)?s?": "s", r"^(m?)amp(ere)?s?$": r"\1A", r"^(1|rev|r|u)[/p]min$": "rpm",
+    r"(?<=deg|rad)(_s|ps|s1?)$": "/s",
+}  # fmt: skip
 SNIFFED = 20  # rows from which separator and decimal sign are guessed
 FORMATS = [(";", "."), (";", ","), ("\t", "."), ("\t", ","), (",", "."), (" ", "."), (" ", ",")]
 JOINT_STATE = "sensor_msgs/msg/JointState"
+TO_MCAP = (
+    "convert it to MCAP, without ROS: pip install rosbags; rosbags-convert --src BAG --dst FOLDER --dst-storage mcap"
+)
 OTHERS = {  # first bytes of files that are not read, what they are, and the cure
-    b"#ROSBAG": "a ROS 1 bag; write the topic as text: rostopic echo -b FILE -p /joint_states > log.csv",
-    b"SQLite": "a ROS 2 bag in SQLite; convert it to MCAP: ros2 bag convert",
+    b"#ROSBAG": f"a ROS 1 bag; {TO_MCAP}",
+    b"SQLite": f"a ROS 2 bag in SQLite; {TO_MCAP}",
     b"MATLAB 7": "a MATLAB file of version 7.3; save it by save(file, ..., '-v7')",
     b"\x89HDF": "an HDF5 file; write its arrays as text, .npz or .mat",
     b"PK\x03\x04": "a ZIP archive or a spreadsheet; write it as text",
     b"\x1f\x8b": "compressed; decompress it first",
 }
+FORMS = {  # beginnings of texts that are not read, likewise
+    r"\s*[\[{]\s*[\[{\"]": "JSON; write its arrays as .npz by numpy.savez('log.npz', t=..., q=..., tau=...)",
+    r"\s*<\?*\w": "XML; write its numbers as CSV, a row per sample",
+    r"(---\s*)?(header|name|position):\s": "YAML as of ros2 topic echo; add --csv, or -p with rostopic",
+}
+NAMES = re.compile(
+    r"(?:.*[./])?(?:joint|axis|motor)?_?names?|joints?|axis|motor", re.IGNORECASE
+)  # of arrays of joints' names
+CELL = re.compile(r"\s*(?:array\('\w', *)?[\[(](.*)[\])]\)?\s*")  # an entry that is a list
+NUMBERED = re.compile(r"(.*?)[_.\[( ]*(\d+)[\])]?")  # columns of an array
 NUMERIC = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}  # of MATLAB
-COMPRESSED, STRUCTURE = 15, 2  # kinds of elements and of arrays
+COMPRESSED, CELLS, STRUCTURE, TEXT = 15, 1, 2, 4  # kinds of elements and of arrays
 NUMBERS = re.compile(r"((fixed_size_|large_)?list<.*)?\b(halffloat|float|double|u?int\d+)\b(>.*)?")  # types of Arrow
 
 
@@ -49,10 +67,14 @@ class Log(NamedTuple):
     decimal: str = "."
     rows: Sequence[int] = ()  # of texts, for messages
     is_lerobot: bool = False  # positions in degrees, or normalised
+    joints: Mapping[str, str] = {}  # by columns, where the file names the joints apart
+    twice: Collection[str] = ()  # names of different columns
 
     def numbers(self, place: str, name: str) -> Array:
         """A column as numbers, NaN where entries are left out."""
         x = self.columns[name]
+        if name in self.twice:
+            raise ValueError(f"{place}: column {name!r} is there twice")
         if x.dtype.kind != "U":
             return x
         values = np.array([_number(text, self.decimal) for text in x.tolist()])
@@ -65,25 +87,34 @@ class Log(NamedTuple):
         return values
 
 
+def symbol(unit: str) -> str:
+    """The symbol of a unit, such as Nm of `N.m`, `N·m`, `N m`, or the text if it is none."""
+    for spelt, short in SPELT.items():
+        unit = re.sub(spelt, short, unit, flags=re.IGNORECASE)
+    return unit
+
+
 def read_log(path: Path, options: Mapping[str, Any]) -> Log:
     """The columns of a file, whose format its first bytes say, or of a data set in a folder."""
     if path.is_dir():
         if (path / "meta" / "info.json").is_file():
             return _parquet(sorted(path.glob("data/*/*.parquet")), path / "meta" / "info.json", options)
+        if any(path.glob("*.db3")):
+            raise ValueError(f"{path}: is {OTHERS[b'SQLite']}")
         if not (bags := sorted(path.glob("*.mcap"))):
             raise ValueError(f"{path}: is a folder without meta/info.json, as LeRobot data sets have, or .mcap files")
         return _mcap(bags, options)
     with open(path, "rb") as stream:
         first, suffix = stream.read(16), path.suffix.lower()
     if suffix == ".npz":
-        return Log(_columns(_whole(path, lambda: dict(np.load(io.BytesIO(path.read_bytes()))))))
+        return _arrays(path, _whole(path, lambda: dict(np.load(io.BytesIO(path.read_bytes())))))
     for mark, what in OTHERS.items():
         if first.startswith(mark):
             raise ValueError(f"{path}: is {what}")
     if first.startswith(b"MATLAB 5") or suffix == ".mat":
         data = memoryview(path.read_bytes())
         order = "<" if bytes(data[126:128]) == b"IM" else ">"
-        return Log(_columns(_whole(path, lambda: _matlab(data[128:], order))))
+        return _arrays(path, _whole(path, lambda: _matlab(data[128:], order)))
     if first.startswith(b"\x89MCAP") or suffix == ".mcap":
         return _mcap([path], options)
     if first.startswith(b"PAR1") or suffix == ".parquet":
@@ -107,8 +138,11 @@ def _whole(path: Path, read: Callable[[], Any]) -> Any:
 
 def _text(path: Path, options: Mapping[str, Any]) -> Log:
     name, text = os.fspath(path), text_of(path)
+    for beginning, what in FORMS.items():
+        if re.match(beginning, text):
+            raise ValueError(f"{path}: is {what}")
     separator, decimal = _format(text, options["separator"], options["decimal"])
-    rows = csv_rows(name, text, separator)
+    rows = _without_lists(name, csv_rows(name, text, separator))
     first = next((k for k, (_, row) in enumerate(rows) if _is_numeric(row, decimal)), None)
     if first is None:
         raise ValueError(f"{name}: there are no rows of numbers" if rows else f"{name}: the file is empty")
@@ -119,8 +153,9 @@ def _text(path: Path, options: Mapping[str, Any]) -> Log:
     elif heading:
         heading = [entry.strip().lstrip("#% ") for entry in heading]
         heading = heading[len(heading) == width + 1 and not heading[0] :]  # "# t q1", separated by blanks
-        if first > 1 and all(map(UNIT.fullmatch, heading)) and len(above := rows[first - 2][1]) == len(heading):
-            heading = [f"{x.strip()} [{unit.strip('[]() ')}]" for x, unit in zip(above, heading, strict=True)]
+        units = [symbol(unit.strip("[]() ")) for unit in heading]
+        if first > 1 and all(map(UNIT.fullmatch, units)) and len(above := rows[first - 2][1]) == len(heading):
+            heading = [f"{x.strip()} [{unit}]" for x, unit in zip(above, units, strict=True)]
     elif width > 4 and body[0][1][1].isdigit() and math.isnan(as_number(body[0][1][3])):
         return _states(name, _echoed(name, body), options["joints"], "as of ros2 topic echo --csv")
     elif given is not None or options["quantity"]:
@@ -136,11 +171,64 @@ def _text(path: Path, options: Mapping[str, Any]) -> Log:
             raise ValueError(f"{name}, row {row}: must have {len(heading)} entries, got {len(fields)}; {cure}")
     if "field.position0" in heading:
         return _states(name, _rostopic(name, heading, body), options["joints"], "as of rostopic echo -p")
-    if twice := [column for k, column in enumerate(heading) if column and column in heading[:k]]:
-        raise ValueError(f"{name}: column {twice[0]!r} is there twice")
     columns = {column: np.array([row[k] for _, row in body]) for k, column in enumerate(heading) if column}
-    said = f"separator {separator!r}, decimal sign {decimal!r}"
-    return Log(columns, (said,) * ((separator, decimal) != (",", ".")), None, decimal, [row for row, _ in body])
+    said = (f"separator {separator!r}, decimal sign {decimal!r}",) * ((separator, decimal) != (",", "."))
+    cells = [(x, [row[k] for _, row in body]) for k, x in enumerate(heading) if heading.count(x) > 1]
+    twice = {x for x, column in cells if x and column != columns[x].tolist()}
+    is_text = re.compile(r"(?!nan$|inf)[^\W\d]", re.IGNORECASE).match
+    names = {
+        x: column for x, column in columns.items() if NAMES.fullmatch(NUMBERED.sub(r"\1", x)) and is_text(column[0])
+    }
+    if len(names) == 1 and len(set(next(iter(names.values())).tolist())) > 1:
+        cure = "make a column of each quantity and joint, such as q.elbow, by pandas.DataFrame.pivot"
+        raise ValueError(f"{name}: has a row for each joint, which column {next(iter(names))!r} names; {cure}")
+    joints = _of_names(name, columns, np.column_stack([*names.values()])) if names else {}
+    return Log(columns, said, None, decimal, [row for row, _ in body], joints=joints, twice=twice)
+
+
+def _without_lists(name: str, rows: list[tuple[int, list[str]]]) -> list[tuple[int, list[str]]]:
+    """Rows with an entry for each number, or name, of the lists that stand in entries."""
+    sizes = {k: len(_entries(x)) for k, x in enumerate(rows[-1][1]) if CELL.fullmatch(x)} if rows else {}
+    for at, row in rows if sizes else ():
+        parts = [_entries(x) for x in row]
+        if not any(CELL.fullmatch(x) for x in row):  # names of columns
+            parts = [[f"{x.strip()}_{i}" for i in range(sizes[k])] if k in sizes else [x] for k, x in enumerate(row)]
+        elif wrong := [k for k, size in sizes.items() if k < len(row) and len(parts[k]) != size]:
+            got = cut(row[wrong[0]], MAX_NAME)
+            raise ValueError(f"{name}, row {at}: entry {wrong[0] + 1} must be a list of {sizes[wrong[0]]}, got {got!r}")
+        row[:] = [x for part in parts for x in part]
+    return rows
+
+
+def _entries(entry: str) -> list[str]:
+    """What stands in a list, or the entry itself."""
+    found = CELL.fullmatch(entry)
+    return [x.strip("'\"") for x in re.split(r"[,;\s]+", found[1].strip()) if x] if found else [entry]
+
+
+def _of_names(place: str, columns: Iterable[str], names: Any) -> dict[str, str]:
+    """Joints of the columns that are numbered as the names of joints are, which must be the same in all rows."""
+    own, *others = np.unique(np.atleast_2d(np.char.strip(np.asarray(names, dtype=str))), axis=0).tolist()
+    if others or len(set(own)) < len(own):
+        both = " and ".join(map(listed_names, [own, *others[:1]]))
+        raise ValueError(f"{place}: the names of joints must be different, and the same in all rows, got {both}")
+    groups: dict[str, dict[int, str]] = {}
+    for column in columns:
+        if found := NUMBERED.fullmatch(column):
+            groups.setdefault(found[1], {})[int(found[2])] = column
+    whole = [group for group in groups.values() if sorted(group) in ([*range(len(own))], [*range(1, len(own) + 1)])]
+    return {group[k]: joint for group in whole for k, joint in zip(sorted(group), own, strict=True)}
+
+
+def with_stamps(place: str, log: Log) -> Log:
+    """A log whose times in seconds have the nanoseconds that stand in a column of their own."""
+    columns = dict(log.columns)
+    for name in log.columns:
+        found = re.fullmatch(r"(.*?)(?:nano|n)(sec(?:ond)?s?)", name, re.IGNORECASE)
+        if found and (whole := found[1] + found[2]) in columns:
+            t = log.numbers(place, whole)
+            columns[whole] = t - t[0] + 1e-9 * log.numbers(place, name)
+    return log._replace(columns=columns)
 
 
 def _format(text: str, separator: str | None, decimal: str | None) -> tuple[str, str]:
@@ -219,11 +307,10 @@ def _states(place: str, messages: Iterable[Message], joints: Sequence[str] | Non
     start, columns = found[0][0], {}
     columns["t"] = np.array([(ns - start) / 1e9 for ns, *_ in found])
     for k, quantity in enumerate(("q", "qd", "tau")):
-        if all(values[k] for *_, values in found):
+        if any(values[k] for *_, values in found):
             for joint in joints or found[0][1]:
-                columns[f"{quantity}.{joint}"] = np.array(
-                    [values[k][order[joint]] for _, order, values in found], float
-                )
+                values_ = [values[k][order[joint]] if values[k] else math.nan for _, order, values in found]
+                columns[f"{quantity}.{joint}"] = np.array(values_, float)
     return Log(columns, (f"{said}, times from the first message on, at {start / 1e9:.3f} s",), "s")
 
 
@@ -266,6 +353,22 @@ def _mcap(paths: Sequence[Path], options: Mapping[str, Any]) -> Log:
 # Arrays
 
 
+def _arrays(path: Path, arrays: Mapping[str, Any]) -> Log:
+    """The columns of arrays by name, of the joints that an array of texts names."""
+    columns, names = _columns(arrays), _names_in(arrays)
+    return Log(columns, joints={} if names is None else _of_names(os.fspath(path), columns, names))
+
+
+def _names_in(arrays: Mapping[str, Any]) -> Any:
+    """The array of joints' names, or None."""
+    for name, value in arrays.items():
+        if isinstance(value, Mapping) and (found := _names_in(value)) is not None:
+            return found
+        if NAMES.fullmatch(name) and np.asarray(value).dtype.kind in "US" and np.size(value) > 1:
+            return value
+    return None
+
+
 def _columns(arrays: Mapping[str, Any], names: Mapping[str, Sequence[str]] | None = None) -> dict[str, Array]:
     """Columns of arrays of numbers, those of a matrix named or numbered from 1; structures are joined by points."""
     columns: dict[str, Array] = {}
@@ -277,7 +380,7 @@ def _columns(arrays: Mapping[str, Any], names: Mapping[str, Sequence[str]] | Non
             x = x.T if len(x) > x.shape[1] else x
             own = (names or {}).get(name, ())
             own = own if len(own) == len(x) else [str(k + 1) for k in range(len(x))]
-            columns |= {name if np.ndim(value) == 1 else f"{name}.{k}": row for k, row in zip(own, x, strict=True)}
+            columns |= {name if len(x) == 1 else f"{name}.{k}": row for k, row in zip(own, x, strict=True)}
     return columns
 
 
@@ -308,7 +411,7 @@ def _elements(data: memoryview, order: str) -> Iterator[tuple[int, memoryview]]:
 
 
 def _matrix(body: memoryview, order: str) -> tuple[str, Any]:
-    """Name and value of an array: real numbers, the fields of a structure, or None."""
+    """Name and value of an array: real numbers, texts, the fields of a structure, or None."""
     if not body:
         return "", None
     (_, flags), (_, sizes), (_, name), *parts = _elements(body, order)
@@ -318,6 +421,12 @@ def _matrix(body: memoryview, order: str) -> tuple[str, Any]:
         (_, length), (_, fields), *values = parts
         names = np.frombuffer(fields, f"S{int(np.frombuffer(length, f'{order}i4')[0])}").tolist()
         value = {x.decode(): _matrix(part, order)[1] for x, (_, part) in zip(names, values, strict=True)}
+    elif kind == CELLS:
+        texts = [_matrix(part, order)[1] for _, part in parts]
+        value = np.concatenate(texts) if all(isinstance(x, np.ndarray) and x.dtype.kind == "U" for x in texts) else None
+    elif kind == TEXT and len(parts) == 1:
+        codes = np.frombuffer(parts[0][1], order + ("u2" if parts[0][0] == 4 else "u1")).reshape(shape, order="F")
+        value = np.array(["".join(map(chr, row)).strip() for row in codes])
     elif len(parts) == 1 and parts[0][0] in NUMERIC and kind in range(6, 16):
         value = np.frombuffer(parts[0][1], order + NUMERIC[parts[0][0]]).reshape(shape, order="F").squeeze()
     return bytes(name).decode(), value

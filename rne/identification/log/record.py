@@ -134,7 +134,7 @@ class Record(ReadOnlyArrays):
             raise ValueError(f"`joint_names` must have {n} names, got {len(self.joint_names)}")
         if twice := [name for name in self.joint_names if self.joint_names.count(name) > 1]:
             raise ValueError(f"`joint_names` must be different, got {twice[0]!r} {len(twice)} times")
-        self._has_names = self.joint_names != numbered_joints(n)
+        self._given_names = None if joint_names is None else self.joint_names
         units = [unit] * n if isinstance(unit, str) else list(unit)
         if len(units) != n or any(u not in UNITS for u in units):
             raise ValueError(f'`unit` must be "rad", "m" or "deg", or {n} of them, got {unit!r}')
@@ -426,6 +426,11 @@ class Record(ReadOnlyArrays):
         """Number of joints."""
         return int(self.q.shape[1])
 
+    def _is_of(self, joint_names: Sequence[str]) -> bool:
+        """True if the joints were named; joint_1 and so on are numbers for a robot without joints of these names."""
+        given = self._given_names or ()
+        return bool(given) and (given != numbered_joints(self.n) or set(given) <= set(joint_names))
+
     def between(self, start: float, end: float) -> Record:
         """The part of the record in an interval of time.
 
@@ -454,7 +459,11 @@ class Record(ReadOnlyArrays):
         """Some samples of some joints."""
         joints = [self.joint_names.index(name) for name in joint_names]
         qd = None if self.qd is None else self.qd[rows][:, joints]
-        options: dict[str, Any] = {"stamps": self._stamps, "bridge": self._bridge, "joint_names": joint_names}
+        options: dict[str, Any] = {
+            "stamps": self._stamps,
+            "bridge": self._bridge,
+            "joint_names": self._given_names and joint_names,
+        }
         q, tau = self.q[rows][:, joints], self.tau[rows][:, joints]
         part = Record(self.t[rows], q, tau, qd, name=self.name, **options)
         part._tell(self.source, [finding for finding in self.findings if finding.kind == GUESS])

@@ -293,6 +293,7 @@ def _check_gaps(found: Screened, t: Array, period: float, gap: Array) -> None:
 
 # Values
 
+NO_VELOCITY = "no finite velocity"
 NORMAL = 1.4826  # standard deviation of normal noise, per median of its magnitude
 
 
@@ -401,6 +402,7 @@ def screen(
     """Find what is wrong, take out or cut what can be, and put the rest on a grid of equal steps."""
     found, n = Screened(name, joint_names, t, q, tau, qd), q.shape[1]
     tau = np.where(np.isfinite(tau).any(0), tau, 0.0)  # a torque that was never read is constant
+    qd = found.qd = _known_velocities(found, qd)
     columns = {"position": q, "torque": tau} | ({} if qd is None else {"velocity": qd})
     measured = np.hstack(list(columns.values()))
     kept = check_order(found, t, measured, stamps) & _numbers(found, columns)
@@ -450,6 +452,17 @@ def _numbers(found: Screened, columns: dict[str, Array]) -> Array:
             if len(bad):
                 found.warning(j, f"no finite {name}", found.at(bad), "taken as missing samples", bad)
     return np.asarray(np.isfinite(np.hstack(list(columns.values()))).all(axis=1))
+
+
+def _known_velocities(found: Screened, qd: Array | None) -> Array | None:
+    """The velocities without those that are missing in most samples: zero for some joints, None for all."""
+    if qd is None:
+        return None
+    missing = np.isfinite(qd).mean(axis=0) < thresholds.KNOWN_VELOCITIES
+    for j in np.flatnonzero(missing):
+        share = f"in {counted(int((~np.isfinite(qd[:, j])).sum()), 'sample')} of {len(qd)}"
+        found.warning(int(j), NO_VELOCITY, share, "the velocities are not used")
+    return None if missing.all() else np.where(missing, 0.0, qd)
 
 
 def _check_unit_of_times(found: Screened, t: Array, q: Array, qd: Array | None) -> None:
@@ -565,9 +578,10 @@ def _check_velocities(found: Screened, t: Array, q: Array, qd: Array) -> Array:
     width = max(1, int(thresholds.COMPARED_OVER / found.period))
     moved = np.asfortranarray(q[width:] - q[:-width])
     believed = np.zeros(q.shape[1], dtype=bool)
+    missing = {finding.joint for finding in found.findings if finding.kind == NO_VELOCITY}
     for j, (x, velocity) in enumerate(zip(moved.T, qd.T, strict=True)):
         size = float(x @ x)
-        if size <= (thresholds.RESTING * np.abs(moved).max(initial=0)) ** 2 * len(x):
+        if size <= (thresholds.RESTING * np.abs(moved).max(initial=0)) ** 2 * len(x) or found.joint_names[j] in missing:
             continue
         area = cumulative_trapezoid(velocity, t, initial=0)
         factor = float(x @ (area[width:] - area[:-width])) / size
