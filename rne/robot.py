@@ -143,6 +143,9 @@ class Robot(InNotebooks):
     def __copy__(self) -> Robot:
         return self  # neither model nor kernels ever change
 
+    def __deepcopy__(self, _: Any) -> Robot:
+        return self
+
     def with_model(self, model: Model) -> Robot:
         """The robot of a model derived from this one's; of equal models it has the same kernels."""
         if model is self._model:

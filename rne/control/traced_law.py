@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import cache, cached_property
+from threading import RLock
 from typing import Any, NamedTuple
+from weakref import WeakValueDictionary
 
 import numpy as np
 
@@ -29,6 +32,21 @@ def check_law(name: str, law: Any) -> None:
     check_function(name, law, "(t, q, qd, z), as it has `states`" if has_states else "(t, q, qd)")
     if has_states:
         whole_number(f"{name}.states", law.states, least=0)
+
+
+_locks: WeakValueDictionary[int, Any] = WeakValueDictionary()  # of laws that run, by the id of what has their memory
+_guard = RLock()
+
+
+def one_at_a_time(law: Any) -> Any:
+    """A context in which no other thread runs a law, whose memory is that of one motion; of None any may run."""
+    if law is None:
+        return nullcontext()
+    with _guard:
+        lock = _locks.get(key := id(getattr(law, "__self__", law)))
+        if lock is None:
+            lock = _locks[key] = RLock()
+    return lock
 
 
 class LawInputs(NamedTuple):

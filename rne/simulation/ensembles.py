@@ -9,6 +9,8 @@ import itertools
 import pickle
 import threading
 from collections.abc import Callable, Sequence
+from contextlib import suppress
+from copy import copy, deepcopy
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial, reduce
 from math import ceil
@@ -20,6 +22,7 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import check_function, positive_number, real_array, real_numbers
 from ..basics.spatial import Array
 from ..basics.text import InNotebooks, counted, short
+from ..control.traced_law import one_at_a_time
 from ..dynamics.quantity import OK, PrecisionStatus
 from ..errors import NotFiniteError, SimulationError, SimulationInterrupted
 from ..integrators.lanes import run_batch
@@ -213,12 +216,15 @@ def ensemble(
         A function progress(done, total), called with numbers of motions, or with `step` of steps over all motions.
     executor : concurrent.futures.Executor or distributed.Client, optional
         Runs chunks of initial states in parallel: a process pool, a Dask client, or with engine "numba" a thread pool.
-        Each process traces and compiles the right-hand side once.
+        Each process traces and compiles the right-hand side once. In threads motions with a law that is called run one
+        after another, as only one at a time may run Python.
 
     Returns
     -------
     Ensemble
-        The motions at the times to report. The result of a motion does not depend on the others, nor on the executor.
+        The motions at the times to report. The result of a motion does not depend on the others, nor on the executor:
+        each runs with a deep copy of a law that is called. A law that cannot be copied, and a function, must begin anew
+        when it is called with t = 0, if it has memory.
 
     Raises
     ------
@@ -549,11 +555,13 @@ class SequentialRun:
 
     def _motion(self, chunk: Chunk, k: int, progress: Callable[..., Any]) -> Motions:
         x, parameters, number = chunk.x[k].astype(np.float64), chunk.parameters[k], chunk.first + k
-        scene = self.scene if not len(parameters) else at_parameters_of(self.scene, parameters)
+        shared = self.scene if not len(parameters) else at_parameters_of(self.scene, parameters)
+        scene = with_own_law(shared)
         n = scene.dynamics.n
         how = self.options | {"t_eval": self.times, "progress": progress}
         try:
-            motion = simulate(scene, x[:n], x[n : 2 * n], self.duration, **how)
+            with one_at_a_time(None if scene is shared else self.scene.controller):
+                motion = simulate(scene, x[:n], x[n : 2 * n], self.duration, **how)
         except SimulationInterrupted as interrupt:
             motion = interrupt.trajectory
         except SimulationError as error:
@@ -579,6 +587,16 @@ def joined(parts: Sequence[Motions]) -> Motions:
     verdict = reduce(PrecisionStatus.worse, [part.verdict for part in parts])
     evaluations, interrupted = sum(part.evaluations for part in parts), any(part.interrupted for part in parts)
     return Motions(q, qd, tau, energies, end, status, methods, evaluations, verdict, interrupted)
+
+
+def with_own_law(scene: Scene) -> Scene:
+    """The scene with a copy of a law that is called, whose memory is that of one motion; as it is where none is had."""
+    if scene.controller is None or scene.dynamics.law is not None or scene.traced_samples is not None:
+        return scene
+    own = copy(scene)
+    with suppress(Exception):  # of a law that holds a file, a generator, a lock
+        object.__setattr__(own, "controller", deepcopy(scene.controller))
+    return own
 
 
 def at_parameters_of(scene: Scene, parameters: Array) -> Scene:

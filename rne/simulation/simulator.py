@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import check_function, positive_number, real_array
 from ..basics.spatial import Array
-from ..control.traced_law import check_law
+from ..control.traced_law import check_law, one_at_a_time
 from ..errors import SimulationError, SimulationInterrupted
 from ..integrators.base import IMPLICIT, RODAS
 from ..integrators.tableaus import EXPLICIT
@@ -127,8 +127,10 @@ def simulate(
     task = Task(
         np.concatenate(start), end, method, *tolerances(rtol, atol), times, breaks, ends, method == "auto", progress
     )
-    run = _run(scene, dynamics, "controller" if torque is None else "torque", task)
-    motion, failure = run.trajectory()
+    called = scene.controller if dynamics.law is None else None
+    with one_at_a_time(called.law if isinstance(called, CalledLaw) else called):
+        run = _run(scene, dynamics, "controller" if torque is None else "torque", task)
+        motion, failure = run.trajectory()
     if failure is not None:
         message = f"simulation stopped at t = {failure.time:.6g} s of {end:g} s: {failure.cause}"
         kind = SimulationInterrupted if failure.is_interrupt else SimulationError
