@@ -11,6 +11,7 @@ import sys
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
+from functools import cache
 from pathlib import Path, PurePath
 from typing import Any, NamedTuple
 
@@ -19,9 +20,11 @@ from .findings import ECHO, FindingsReport, echo, listed, near_path
 
 Element = Any  # an element of lxml, which has no types
 MAX_BYTES = 16 * 2**20  # of a file
+MAX_TAGS, MAX_ATTRIBUTES = 300_000, 1000  # of a file and of an element, whose values lxml gives in quadratic time
 MAX_DEPTH = 256  # libxml2's own limit, which `huge_tree` would lift
 XACRO = re.compile(r"(?:\{.*xacro\}|xacro:)(.*)", re.DOTALL)  # elements of all its versions, declared or not
 DEFINITIONS, BUILT_IN = ("property", "arg", "macro", "include"), ("if", "unless", "insert_block", "element", "call")
+SUGGESTED = 1000  # findings, after which no cure suggests a name
 # Elements and names of other programs, for which there is no finding; names with an undeclared prefix have their own.
 EXTENSIONS = frozenset(["gazebo", "transmission", "ros2_control", "mujoco", "sensor", "contact", "frame"])
 FOREIGN = re.compile(r"\{[^}]*(?:drake|xacro|w3\.org/(?!2001/XInclude))|[^{:]+:")
@@ -46,7 +49,8 @@ CURES |= dict.fromkeys((42, 203), "keep one of the two") | {
     80: "write no -- within a comment",
 }
 # One decimal number in ASCII.
-NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?", re.ASCII)
+NUMBER = re.compile(r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?", re.ASCII)
+LONGEST = 1100  # characters of a number: all digits of the smallest double are 1077
 REFUSED = ("recover", "resolve_entities", "load_dtd", "dtd_validation", "huge_tree")
 STRICT = dict.fromkeys(("no_network", "remove_comments", "remove_pis"), True) | dict.fromkeys(REFUSED, False)
 
@@ -80,13 +84,36 @@ def read_bytes(path: str | os.PathLike[str], report: FindingsReport) -> bytes | 
         return stream.read(MAX_BYTES + 1)  # one more than allowed: `parse` refuses it
 
 
+def below(file: Path, *folders: Path) -> Path | None:
+    """The file, links followed, if it is there and below one of the folders."""
+    try:
+        found = file.resolve()
+        return found if found.is_file() and any(map(found.is_relative_to, folders)) else None
+    except (OSError, ValueError, RuntimeError):  # names that no file can have, links in a circle
+        return None
+
+
 def parse(data: bytes, report: FindingsReport) -> Element | None:
     """The root element without comments and processing instructions, or None with a finding."""
-    from lxml import etree
 
     if len(data) > MAX_BYTES:
         report.error(None, "file", f"is larger than {MAX_BYTES} bytes", "split the robot or remove what is not URDF")
         return None
+    root = _parsed(data, report)
+    if root is not None and (tags := data.count(b"<")) > MAX_TAGS:
+        report.error(None, "file", f"has {tags} tags, more than {MAX_TAGS}", "split the robot")
+        return None
+    for element in () if root is None else root.iter():
+        if len(element.attrib) > MAX_ATTRIBUTES:
+            message = f"has {len(element.attrib)} attributes, more than {MAX_ATTRIBUTES}"
+            report.error(element, f"<{cut(element.tag, ECHO)}>", message, "remove those that are not URDF")
+            return None
+    return root
+
+
+def _parsed(data: bytes, report: FindingsReport) -> Element | None:
+    from lxml import etree
+
     parser = etree.XMLParser(**STRICT)
     try:  # a document type declaration declares entities, so it must not be parsed; other errors are found again
         with suppress(StopIteration, etree.XMLSyntaxError):
@@ -185,6 +212,9 @@ def _command(file: str) -> str:
     return f"xacro {shlex.quote(os.fspath(path))} > {shlex.quote(os.fspath(path.with_name(bare)))}"
 
 
+words = cache(str.split)  # of the texts below
+
+
 class Rule(NamedTuple):
     """The attributes of an element, the children it may have once, and those it may have many times."""
 
@@ -195,7 +225,7 @@ class Rule(NamedTuple):
     @property
     def children(self) -> list[str]:
         """All children it may have."""
-        return [*self.once.split(), *self.many.split()]
+        return words(f"{self.once} {self.many}")
 
 
 RULES = {
@@ -239,7 +269,8 @@ UNREAD |= {"sphere", "mesh", "capsule"}
 def describe(element: Element) -> str:
     """An element as messages name it: link 'arm', joint 'elbow', or just its tag."""
     name = element.get("name")
-    return f"{element.tag} {echo(name)}" if name is not None else f"<{element.tag}>"
+    tag = cut(element.tag, ECHO)
+    return f"{tag} {echo(name)}" if name is not None else f"<{tag}>"
 
 
 def walk(root: Element) -> Iterator[tuple[Element, str, str, str]]:
@@ -265,10 +296,11 @@ def check_grammar(root: Element, report: FindingsReport) -> None:
             counts[child.tag] += 1
             if child.tag not in (*rule.children, *EXTENSIONS) and not _is_foreign(child.tag, rule):
                 message = f"unknown element {echo(child.tag)} in <{element.tag}> is ignored"
-                report.warning(child, owner, message, _cure(child.tag.rpartition("}")[2], rule.children))
-            elif child.tag in rule.once.split() and counts[child.tag] == 2:
+                local = child.tag.rpartition("}")[2] if len(report.findings) < SUGGESTED else ""
+                report.warning(child, owner, message, _cure(local, rule.children))
+            elif child.tag in words(rule.once) and counts[child.tag] == 2:
                 report.error(child, owner, f"<{child.tag}> is duplicated in <{element.tag}>", "keep one of them")
-        unknown = [x for x in element.attrib if x not in rule.attributes.split() and not _is_foreign(x, rule)]
+        unknown = [x for x in element.attrib if x not in words(rule.attributes) and not _is_foreign(x, rule)]
         if unknown:
             what = f"attributes {listed(unknown)}" if unknown[1:] else f"attribute {echo(unknown[0])}"
             message = f"unknown {what} of <{element.tag}> {'are' if unknown[1:] else 'is'} ignored"
@@ -278,12 +310,12 @@ def check_grammar(root: Element, report: FindingsReport) -> None:
 def _is_foreign(name: str, rule: Rule) -> bool:
     """True for a name of another program, by its namespace; False if what is read has the same name."""
     space, brace, local = name.rpartition("}")
-    is_known = local in (*rule.children, *rule.attributes.split()) or "XInclude" in space
+    is_known = local in (*rule.children, *words(rule.attributes)) or "XInclude" in space
     return bool(FOREIGN.match(name) or (brace and not is_known))
 
 
 def _cure(tag: str, known: Iterable[str]) -> str:
-    near = difflib.get_close_matches(tag, known, n=1)
+    near = difflib.get_close_matches(tag, known, n=1) if len(tag) < ECHO else []
     return f"remove it, or write <{near[0]}> if that is meant" if near else "remove it"
 
 
@@ -317,4 +349,5 @@ def checked_numbers(parent: Element, tag: str, owner: str, report: FindingsRepor
 def attribute_numbers(element: Element | None, attribute: str, default: str = "") -> list[float]:
     """The numbers of an attribute, or of the default if it or the element is missing; none if it is something else."""
     tokens = (default if element is None else element.get(attribute, default)).split()
-    return [float(token) for token in tokens] if all(NUMBER.fullmatch(token) for token in tokens) else []
+    are_numbers = all(len(token) <= LONGEST and NUMBER.fullmatch(token) for token in tokens)
+    return [float(token) for token in tokens] if are_numbers else []

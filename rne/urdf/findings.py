@@ -118,8 +118,15 @@ def echo(value: object) -> str:
 
 
 def listed(names: Iterable[str]) -> str:
-    """Names in quotes, separated by commas."""
-    return ", ".join(echo(name) for name in names)
+    """The first names in quotes, and how many more there are."""
+    return some(map(echo, names))
+
+
+def some(texts: Iterable[str]) -> str:
+    """The first texts, and how many more there are."""
+    shown = [*texts]
+    more = f" and {len(shown) - MAX_NAMES} more" if len(shown) > MAX_NAMES else ""
+    return ", ".join(shown[:MAX_NAMES]) + more
 
 
 def written(findings: Sequence[Finding], file: str, *, grouped: bool) -> list[str]:
@@ -148,6 +155,5 @@ def _owners(group: Sequence[Finding]) -> str:
     for owner, finding in zip(owners, group, strict=True):
         names.setdefault(owner.group(2) if owner else "", []).append(finding.detail)
     shown = [f"{name} ({'; '.join(details)})" if any(details) else name for name, details in names.items()]
-    more = f" and {len(shown) - MAX_NAMES} more" if len(shown) > MAX_NAMES else ""
     tag = owners[0].group(1) if owners[0] else ""
-    return f"{tag}{'s' * (len(names) > 1)} {', '.join(shown[:MAX_NAMES])}{more}"
+    return f"{tag}{'s' * (len(names) > 1)} {some(shown)}"

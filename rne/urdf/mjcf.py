@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from collections import Counter
@@ -17,22 +18,18 @@ from ..basics.text import cut
 from ..errors import ModelError
 from ..model.builder import Extended, Mimic, Part, Pose, assemble, pose
 from ..model.model import Model
-from .document import Element, describe, parse, read_bytes
-from .findings import ECHO, FindingsReport, echo
+from .document import MAX_BYTES, Element, attribute_numbers, below, describe, parse, read_bytes
+from .findings import ECHO, FindingsReport, echo, some
 
 MAX_INCLUDES = 100  # files
+MAX_ELEMENTS = 20_000  # that are compiled: the time of some grows with the square of their number
+MAX_MESHES = 2**27  # bytes of all mesh files
+MAX_MADE, LEAST_MADE = 300_000, 2_500  # vertices of all meshes that MuJoCo makes, and of a sphere
 SECTIONS = ("compiler", "option", "default", "asset", "worldbody", "equality", "actuator")  # that are compiled
-UNUSED = ("visual", "statistic", "size", "custom", "texture", "hfield", "skin", "model", "layer")  # by any body
+UNUSED = ("visual", "statistic", "size", "custom", "texture", "hfield", "skin", "model", "layer", "lengthrange")
 MAKERS = ("attach", "composite", "flexcomp", "replicate")  # elements that make bodies when they are compiled
-NOT_COMPILED = (
-    "meshdir",
-    "texturedir",
-    "assetdir",
-    "strippath",
-    "fusestatic",
-    "discardvisual",
-    "texture",
-)  # attributes
+NOT_COMPILED = ["meshdir", "texturedir", "assetdir", "strippath", "fusestatic", "discardvisual"]  # attributes
+NOT_COMPILED += ["texture", "user", "actdim", "nsample", "interp", "delay"]  # and sizes of what nothing reads
 NAN = re.compile(r"(?:.*\s)?[+-]?nan(?:\s.*)?", re.IGNORECASE | re.DOTALL)
 COMPILER = re.compile(r"(?:XML )?(?:Error: )?(.*?)(?:\nElement.* line (\d+))?\s*", re.DOTALL)  # its errors
 TENDONS = {"stiffness": "spring", "damping": "damper", "frictionloss": "source of friction", "armature": "rotor"}
@@ -96,10 +93,10 @@ def _mujoco() -> Any:
 def included(root: Element, report: FindingsReport) -> Element:
     """The <mujoco> with the elements of all files that it includes; they are below its folder, each included once."""
     file = Path(report.file).resolve()
-    folders, seen = {root: file.parent}, {file}
+    folders, seen, size = {root: file.parent}, {file}, 0
     while (include := root.find(".//include")) is not None:
         near = next(folders[x] for x in (include, *include.iterancestors()) if x in folders)
-        places = (_below(file.parent, folder, include.get("file", "")) for folder in (file.parent, near))
+        places = (below(folder / include.get("file", ""), file.parent) for folder in (file.parent, near))
         found = next(filter(None, places), None)
         if found is None or found in seen or len(seen) > MAX_INCLUDES:
             what = "is no file below that of the MJCF file" if found is None else "is included twice"
@@ -108,8 +105,11 @@ def included(root: Element, report: FindingsReport) -> Element:
             break
         seen.add(found)
         inner = FindingsReport(str(found))
-        other = parse(read_bytes(found, inner) or b"", inner)
-        if other is None:
+        data = read_bytes(found, inner) or b""
+        other, size = parse(data, inner), size + len(data)
+        if size > MAX_BYTES:
+            inner.error(None, "file", f"makes the files included larger than {MAX_BYTES} bytes", "include less")
+        if inner.errors or other is None:
             report.findings += inner.findings
             break
         for element in other.iter():
@@ -118,21 +118,16 @@ def included(root: Element, report: FindingsReport) -> Element:
         for child in reversed(other):
             include.addnext(child)
         include.getparent().remove(include)
+    _check_elements(root, report)
     return root
 
 
-def _below(main: Path, folder: Path, name: str) -> Path | None:
-    """The file of a name relative to a folder, if it is there and below the main folder, links followed."""
-    try:
-        found = (folder / name).resolve()
-        return found if found.is_relative_to(main) and found.is_file() else None
-    except (OSError, ValueError):  # names that no file can have
-        return None
-
-
-def _for_dynamics(root: Element, report: FindingsReport) -> Element:
-    """The <mujoco> without what has no bearing on the tree's dynamics; no file is needed of which it is independent."""
+def _check_elements(root: Element, report: FindingsReport) -> None:
+    """Report names with a namespace, which would hide elements from the checks, makers of bodies, and NaN."""
     for element in root.iter():
+        if spaced := [name for name in (element.tag, *element.attrib) if "{" in name or ":" in name]:
+            cure = "MJCF has no namespaces: remove xmlns and prefixes"
+            report.error(element, describe(element), f"the name {echo(spaced[0])} has a namespace", cure)
         if element.tag in MAKERS:
             cure = "load what mujoco.mj_saveLastXML writes of the compiled file"
             report.error(element, describe(element), f"<{element.tag}> makes bodies when it is compiled", cure)
@@ -140,11 +135,17 @@ def _for_dynamics(root: Element, report: FindingsReport) -> Element:
             if NAN.fullmatch(text):
                 message = f"attribute {attribute!r} must be finite, got {echo(text)}"
                 report.error(element, describe(element), message, "fix the attribute")
+
+
+def _for_dynamics(root: Element, report: FindingsReport) -> Element:
+    """The <mujoco> without what has no bearing on the tree's dynamics; no file is needed of which it is independent."""
     _report_tendons(root, report)
     by_geoms = any(x.get("inertiafromgeom") == "true" for x in root.findall("compiler"))
+    weighed = set() if by_geoms else {x.getparent() for x in root.iter("inertial")}
     for geom in list(root.iterfind("worldbody//geom")):
+        geom.attrib.update({"contype": "0", "conaffinity": "0"})  # no convex hulls, which only contacts need
         body = next(geom.iterancestors("body", "worldbody"))
-        if body.tag == "worldbody" or (body.find("inertial") is not None and not by_geoms):
+        if body.tag == "worldbody" or body in weighed:
             geom.getparent().remove(geom)
     for mesh in _without_files(root, report):
         message = f"{echo(mesh.get('file'))} is no file below that of the MJCF file, and a body's inertia is of it"
@@ -154,10 +155,10 @@ def _for_dynamics(root: Element, report: FindingsReport) -> Element:
 
 def _report_tendons(root: Element, report: FindingsReport) -> None:
     """Report and remove tendons that exert forces, by their attributes or those of their class."""
+    classes: dict[str | None, Element] = {x.get("class"): x for x in reversed([*root.iter("default")])}
+    classes[None] = root.find("default")
     for tendon in list(root.iterfind("tendon/*")):
-        kind = tendon.get("class")
-        default = next((x for x in root.iter("default") if kind is None or x.get("class") == kind), None)
-        stated = [tendon.attrib]
+        default, stated = classes.get(tendon.get("class")), [tendon.attrib]
         while default is not None and default.tag == "default":
             stated += [x.attrib for x in default.findall("tendon")]
             default = default.getparent()
@@ -183,20 +184,30 @@ def _without_files(root: Element, report: FindingsReport) -> list[Element]:
         left[element.tag] += (len(element) or 1) * (element.tag not in UNUSED)
         element.getparent().remove(element)
     if left := +left:
-        names = ", ".join(f"<{tag}> ({count})" for tag, count in left.items())
+        names = some(f"<{cut(tag, ECHO)}> ({count})" for tag, count in left.items())
         report.warning(None, "robot", f"not read: {names}", "none of them acts on the robot here")
     compiler = {name: text for x in root.findall("compiler") for name, text in x.attrib.items()}
     folder, main = compiler.get("meshdir", compiler.get("assetdir", "")), Path(report.file).resolve().parent
-    used, lost = {geom.get("mesh") for geom in root.iter("geom")}, []
-    for mesh in root.findall("asset/mesh[@file]"):
+    used, lost, size, made = {geom.get("mesh") for geom in root.iter("geom")}, [], 0, 0.0
+    for mesh in root.findall("asset/mesh"):
+        if mesh.get("file") is None:
+            if mesh.get("name") not in used:
+                mesh.getparent().remove(mesh)
+            elif mesh.get("builtin") is not None:
+                made += LEAST_MADE + max(attribute_numbers(mesh, "params") or [math.inf]) ** 2
+            continue
         place = re.split(r"[/\\]", mesh.get("file"))[-1] if compiler.get("strippath") == "true" else mesh.get("file")
         mesh.set("name", mesh.get("name") or Path(place).stem)
-        found = _below(main, main / folder, place)
+        found = below(main / folder / place, main)
         if mesh.get("name") in used and found is not None:
+            size += found.stat().st_size
             mesh.set("file", str(found))
             continue
         lost += [mesh] * (mesh.get("name") in used)
         mesh.getparent().remove(mesh)
+    if size > MAX_MESHES or made > MAX_MADE:
+        most = f"{MAX_MESHES} bytes of mesh files and {MAX_MADE} vertices of built-in meshes are compiled"
+        report.error(None, "file", f"at most {most}, got {size} and {made:g}", "make meshes smaller")
     for element in root.iter():
         for attribute in NOT_COMPILED:
             element.attrib.pop(attribute, None)
@@ -207,7 +218,11 @@ def _compiled(root: Element, report: FindingsReport) -> Any | None:
     """MuJoCo's compiled model, or None with an error."""
     from lxml import etree
 
+    etree.SubElement(etree.SubElement(root, "compiler"), "lengthrange", mode="none")  # else found by simulation
     elements = list(root.iter())
+    if len(elements) > MAX_ELEMENTS:
+        cure = "split the robot, or remove what is not it"
+        report.error(None, "file", f"has {len(elements)} elements to compile, more than {MAX_ELEMENTS}", cure)
     for element in elements:  # each begins a line of its own, by which MuJoCo's errors are traced to the file
         element.text = "\n" if len(element) else None
         element.tail = "\n" if element.getnext() is not None else None
@@ -279,7 +294,7 @@ def _joint(m: Any, j: int, name: str, report: FindingsReport) -> tuple[Array, Po
     """Of a hinge or slide: the foot of its axis, its pose at q = 0 seen from that at q = `ref`, fields of its Part."""
     axis, ref = unit_vector(m.jnt_axis[j].astype(Extended)), m.qpos0[j].astype(Extended)
     lower, upper = m.jnt_range[j].tolist() if m.jnt_limited[j] else (-np.inf, np.inf)
-    drives = [a for a in range(len(m.actuator_trnid)) if m.actuator_trnid[a, 0] == j]
+    drives = np.flatnonzero(m.actuator_trnid[:, 0] == j).tolist()
     joint = {"joint": name, "axis": snap(axis.astype(np.float64)), "lower": lower, "upper": upper}
     joint |= {"friction": float(m.dof_frictionloss[j]), "effort": _effort(m, j, drives, name, report)}
     for x in ("armature", "damping"):  # MuJoCo 4 has them for actuators too

@@ -20,19 +20,21 @@ def name_rotors(root: Element) -> Element:
 def rotors_of(root: Element, report: FindingsReport) -> dict[Any, float]:
     """Armature of the joints that have rotors, by name, with findings; Drake too takes 1 for a gear ratio."""
     kinds, found = {joint.get("name"): joint.get("type") for joint in root.findall("joint")}, dict[Any, float]()
-    for rotor in root.iterfind(f"transmission/actuator/{ROTOR}"):
-        actuator, transmission = rotor.getparent(), rotor.getparent().getparent()
+    for transmission in root.iterfind("transmission"):
         kind = transmission.findtext("type", transmission.get("type", "")).strip()
-        names = [joint.get("name") for joint in transmission.findall("joint")]
-        is_simple = SIMPLE in kind and len(names) == len(transmission.findall("actuator")) == 1
-        if not is_simple or names[0] not in kinds or names[0] in found or len(actuator.findall(GEAR)) > 1:
-            message = f"a rotor must have a {SIMPLE} of its own, with one actuator, gear ratio and joint of the robot"
-            got = f"got {echo(kind)} of {listed(map(str, names))}"
-            report.error(rotor, describe(transmission), f"{message}, {got}", "write it so, for each joint once")
-        elif kinds[names[0]] == "fixed":
-            report.warning(rotor, f"joint {echo(names[0])}", "the rotor of a fixed joint is ignored", "remove it")
-        else:
-            found[names[0]] = _armature(actuator, f"joint {echo(names[0])}", report)
+        actuators, names = transmission.findall("actuator"), [x.get("name") for x in transmission.findall("joint")]
+        got = f"got {echo(kind)} of {listed(map(str, names))}"
+        is_simple = SIMPLE in kind and len(names) == len(actuators) == 1 >= len(actuators[0].findall(GEAR))
+        for rotor in transmission.iterfind(f"actuator/{ROTOR}"):
+            if not is_simple or names[0] not in kinds or names[0] in found:
+                message = (
+                    f"a rotor must have a {SIMPLE} of its own, with one actuator, gear ratio and joint of the robot"
+                )
+                report.error(rotor, describe(transmission), f"{message}, {got}", "write it so, for each joint once")
+            elif kinds[names[0]] == "fixed":
+                report.warning(rotor, f"joint {echo(names[0])}", "the rotor of a fixed joint is ignored", "remove it")
+            else:
+                found[names[0]] = _armature(actuators[0], f"joint {echo(names[0])}", report)
     return found
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..model.checks import domain_error, inertia_error, triangle_excess
 from .document import NO_LIMIT, XACRO, Element, check_expanded, check_grammar, checked_numbers, describe
-from .findings import Finding, FindingsReport, echo, listed
+from .findings import Finding, FindingsReport, echo, listed, some
 from .rotors import name_rotors, rotors_of
 
 MOVING = ("revolute", "continuous", "prismatic")
@@ -221,7 +221,7 @@ def _check_duplicates(elements: list[Element], report: FindingsReport) -> None:
 def _check_types(joints: list[Element], report: FindingsReport) -> None:
     wrong = [j for j in joints if j.get("type") is not None and j.get("type") not in TYPES]
     if wrong:
-        names = ", ".join(f"{describe(j)} of type {listed([j.get('type')])}" for j in wrong)
+        names = some(f"{describe(j)} of type {listed([j.get('type')])}" for j in wrong)
         cure = f"supported are {', '.join(TYPES)}"
         report.error(wrong[0], describe(wrong[0]), f"unsupported joints: {names}", cure)
 
