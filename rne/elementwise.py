@@ -21,6 +21,7 @@ P = ParamSpec("P")
 # Functions that NumPy lacks for mpmath's numbers, with their names there.
 OF_MPMATH = {"tanh": "tanh", "exp": "exp", "arctan2": "atan2"}
 SHARED = ("tanh", "exp", "sign", "arctan2", "minimum", "maximum")  # functions of the names of operations of kernels
+CHOOSING = ("sign", "less", "minimum", "maximum")  # functions that are not analytic
 SECTIONS = """Parameters
     ----------
     {names} : array_like
@@ -51,13 +52,24 @@ def _entry(name: str, *x: Any) -> Any:
 
 def _apply(name: str, **x: ArrayLike) -> Array:
     arrays = [plain_array(argument, value) for argument, value in x.items()]
-    if any(array.dtype == object for array in arrays):
-        return np.asarray(np.frompyfunc(partial(_entry, name), len(arrays), 1)(*arrays))
+    if any(array.dtype == object for array in arrays):  # of single ones the number itself, which np.array can take
+        found: Any = np.frompyfunc(partial(_entry, name), len(arrays), 1)(*arrays)
+        return found.single() if hasattr(found, "single") else found  # type: ignore[no-any-return]
     if name == "arctan2" and any(array.dtype.kind == "c" for array in arrays):  # a complex step: NumPy has reals only
         a, b = arrays
         turned = (a * b.real - b * a.real) / (b * b.real + a * a.real)  # the tangent of the rest of the angle
         return np.asarray(np.arctan2(a.real, b.real) + np.arctan(turned))
+    if name in CHOOSING and any(array.dtype.kind == "c" for array in arrays):  # by real parts, as kernels do
+        return _by_real_parts(name, *arrays)
     return np.asarray(getattr(np, name)(*arrays))
+
+
+def _by_real_parts(name: str, a: Any, b: Any = 0.0) -> Array:
+    """A function of CHOOSING of complex numbers, for complex steps; of equal real parts the second is taken."""
+    if name == "sign":
+        return np.asarray(np.sign(a.real).astype(a.dtype))
+    first, second = (b.real, a.real) if name == "maximum" else (a.real, b.real)
+    return np.asarray(first < second if name == "less" else np.where((first < second) | np.isnan(a), a, b))
 
 
 def _documented(function: Callable[P, Array]) -> Callable[P, Array]:

@@ -1,5 +1,6 @@
 """`Kernel.into`: results in the caller's array, by both engines, and everything that is refused."""
 
+import copy
 import pickle
 import re
 import tracemalloc
@@ -52,6 +53,35 @@ def test_of_machine_code_python_calls_it_directly():
     np.testing.assert_array_equal(pickle.loads(pickle.dumps(kernel)).into(*arrays, np.empty(N)), out)
 
 
+def test_a_name_given_before_the_first_call_is_the_machine_code(monkeypatch):
+    """So a loop that keeps the method in a name calls machine code that is made once, of copies as well."""
+    pytest.importorskip("numba", reason="Numba is not installed")
+    from rne.kernels import llvm_backend
+
+    made, make = [], llvm_backend.into
+    monkeypatch.setattr(llvm_backend, "into", lambda kernel: made.append(kernel) or make(kernel))
+    original = rne.compile(gravity_torque, MODEL, engine="numba")
+    for kernel in (original, copy.copy(original), pickle.loads(pickle.dumps(original))):
+        into = kernel.into
+        assert type(into).__name__ == "builtin_function_or_method"
+        for q in states(N, 3)[0]:
+            np.testing.assert_array_equal(into(q, np.empty(N)), original(q))
+        assert kernel.into is into
+    assert len(made) == 3
+
+
+def test_a_kernel_that_no_one_keeps_is_made_again_once(monkeypatch):
+    pytest.importorskip("numba", reason="Numba is not installed")
+    from rne.kernels import kernel as module
+
+    into, traced, trace = rne.compile(gravity_torque, MODEL, engine="numba").into, [], module.trace
+    monkeypatch.setattr(module, "trace", lambda *given, **options: traced.append(given) or trace(*given, **options))
+    for _ in range(3):  # batches are not for this machine code
+        found = into(np.zeros((2, N)), np.empty((2, N)))
+        np.testing.assert_allclose(found, gravity_torque(MODEL, np.zeros((2, N))), rtol=1e-13)
+    assert len(traced) == 1
+
+
 def test_machine_code_allocates_nothing():
     pytest.importorskip("numba", reason="Numba is not installed")
     kernel = rne.compile(inverse_dynamics, MODEL, engine="numba")
@@ -91,6 +121,11 @@ REFUSED = {
     "out read only": (Q, READ_ONLY, "`out` must be C-contiguous and writeable"),
     "out is the input": (Q, Q, "`out` must not share memory with `q`"),
     "out batch": (np.zeros((4, N)), np.empty((5, N)), "`out` must be a float64 array of shape (4, 3), got float64 (5, 3)"),
+    "out None of a batch": (np.zeros((4, N)), None, "`out` must be a float64 array of shape (4, 3), got NoneType"),
+    "out list of a batch": (np.zeros((4, N)), [], "`out` must be a float64 array of shape (4, 3), got list"),
+    "ragged": ([[0.0], [1.0, 2.0]], np.empty(N), "`q` must be a float64 array of shape (3,), got list"),
+    "None": (None, np.empty(N), "`q` must be a float64 array of shape (3,), got NoneType"),
+    "object": (np.zeros(N, object), np.empty(N), "`q` must be a float64 array of shape (3,), got object (3,)"),
     "batch strided": (np.zeros((4, 2 * N))[:, :N], np.empty((4, N)), "`q` must be C-contiguous and aligned"),
 }  # fmt: skip
 
@@ -98,7 +133,7 @@ REFUSED = {
 @pytest.mark.parametrize("case", REFUSED)
 def test_what_is_not_such_an_array_is_refused_and_named(kernel, case):
     q, out, text = REFUSED[case]
-    before = None if out is None else out.copy()
+    before = None if out is None else np.copy(out)
     for _ in range(2):
         with pytest.raises(ValueError, match=f"^{re.escape(text)}$"):
             kernel.into(q, out)
@@ -199,5 +234,5 @@ def test_out_may_be_given_by_name(kernel):
         np.testing.assert_allclose(out, kernel(q), rtol=1e-14)
         with pytest.raises(TypeError, match="takes q, out; got 3 arrays"):
             kernel.into(q, out, out=out)
-        with pytest.raises(TypeError, match="keyword argument 'other'"):
+        with pytest.raises(TypeError, match=r"into\(\) got an unexpected keyword argument 'other'"):
             kernel.into(q, other=out)

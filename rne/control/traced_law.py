@@ -216,7 +216,8 @@ class TracedLaw:
         try:
             worst = self._error_of_trace(robot)
         except Exception as error:  # whatever the law raises when it meets traced numbers
-            return f"{type(error).__name__}: {error}".splitlines()[0]
+            cause = error.__cause__ or error  # NumPy's own text tells of sequences
+            return f"{type(cause).__name__}: {cause}".splitlines()[0]
         if worst <= AGREEMENT:
             return None
         return f"traced, it differs by {worst:.3g} from a call: it has memory, noise or a branch"

@@ -95,7 +95,8 @@ class Quantity:
     core(model, *arrays, **options) gives the result, or (result, pivots of M, diagonal of M) if there is a `check`,
     which turns the pivots into a PrecisionStatus. `moments`: the result depends on the inertial parameters, and through
     `model.moments` alone, so that they may be inputs of a kernel (`rne.kernels.trace`). `base_parameters`: only through
-    the base parameters, so that masses may be redistributed between bodies (``rne/model/parameters.py``).
+    the base parameters, so that masses may be redistributed between bodies (``rne/model/parameters.py``). `analytic`:
+    complex steps give its derivatives, on robots without couplings.
     """
 
     name: str
@@ -107,6 +108,7 @@ class Quantity:
     velocities: tuple[str, slice] | None = None  # entries that are joint velocities, whose squares may cost digits
     returns_array: bool = True  # False for a record, which is not traced
     wrenches: Mapping[str, str] = field(default_factory=dict)  # arrays of a kernel that are wrenches, with their links
+    analytic: bool = False
 
     def require_moments(self) -> None:
         """Refuse inertial parameters as an input, with a TypeError, if they cannot be one."""
@@ -240,6 +242,7 @@ def _declare(core: Callable[..., Any], check: Check | None, *, per_mass: bool = 
         widths={key: None for key in signature.parameters if key in JOINT_ARGUMENTS},
         check=check,
         velocities=("qd", slice(None)) if check is not None and "qd" in signature.parameters else None,
+        analytic=core.__module__.startswith(__name__.split(".")[0] + "."),
         **properties,
     )
     return public

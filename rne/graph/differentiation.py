@@ -12,13 +12,14 @@ even if its own slope is infinite.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial, reduce
+from functools import cache, partial, reduce
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..basics.spatial import note_solution
+from ..basics.spatial import Array, note_solution
 from .graph import COMPARISONS, Graph, LinearSystem
+from .program import ON_ARRAYS, Operand, Program, interpret, lower
 from .scalar import Scalar, references
 
 Rule = Callable[[Graph, int, int, int, int], int]  # (graph, value, operands a and b, slope) -> slope
@@ -288,3 +289,39 @@ def _forward(g: Graph, index: int, of: Callable[[int], int]) -> int:
 def _times(g: Graph, a: int, slope: int) -> int:
     """a times a slope; of what does not depend on the input there is no term, whatever a is."""
     return slope if g.value(slope) == 0 else g.multiply(a, slope)
+
+
+@cache
+def _with_slope(kind: str, moves: tuple[bool, ...]) -> Program:
+    """An operation and its slope; its inputs are the operands, then the slopes of those that move."""
+    graph, count = Graph(), len(moves)
+    result = graph.node(kind, *map(graph.input, range(count)))
+    by = {k: graph.input(count + k) for k in range(count) if moves[k]}
+    return lower(graph, [result, *Sweeps(graph).forwards([result], by)], 2 * count)
+
+
+def accumulated(program: Program, entries: int, inputs: Array, by: Sequence[int]) -> Array:
+    """The Jacobian of a program's first outputs, (states, entries, k), of inputs (states, width) of any type of number.
+
+    Forwards along all inputs `by` at once, each operation by itself: for programs too large to be differentiated.
+    """
+    slopes = np.zeros((len(inputs), entries, len(by)), dtype=inputs.dtype)
+    units, results = dict(zip(by, np.eye(len(by), dtype=inputs.dtype)[..., None], strict=True)), list[Any]()
+
+    def found(arg: Operand) -> Any:
+        if arg.kind == "constant":
+            return np.asarray(arg.value), None
+        k = int(arg.value)
+        return results[k] if arg.kind == "result" else (inputs[:, k], units.get(k))
+
+    with np.errstate(all="ignore"):
+        for kind, args in program.instructions:
+            if kind in ("minimum", "maximum") and args[0].kind == "constant":
+                args = args[::-1]  # of which `_choice` cannot know here
+            values, moved = zip(*map(found, args), strict=True)
+            piece = _with_slope(kind, tuple(slope is not None for slope in moved))
+            value, slope = interpret(piece, [*values, *moved], ON_ARRAYS, np.asarray)
+            results.append((value, None if piece.outputs[1].kind == "constant" else slope))
+    for column, output in zip(np.moveaxis(slopes, 1, 0), program.outputs, strict=False):
+        column[...] = 0.0 if (slope := found(output)[1]) is None else slope.T
+    return slopes

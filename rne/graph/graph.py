@@ -296,11 +296,23 @@ class Graph:
         x, y = self.value(a), self.value(b)
         if x is not None and y is not None:
             return self.constant(float((BINARY | COMPARISONS)[kind](x, y)))
+        if (found := self._beside_infinity(kind, a, b)) is not None:
+            return found
         if kind in COMPARISONS:
             return self.node(kind, self.plain(a), self.plain(b))
         if a & b & 1:
             return self.binary("maximum" if kind == "minimum" else "minimum", a ^ 1, b ^ 1) ^ 1
         return self.node(kind, *sorted((self.plain(a), self.plain(b))))
+
+    def _beside_infinity(self, kind: str, a: int, b: int) -> int | None:
+        """The result of `binary` where one operand is infinite: a bound that never acts, or one that always does."""
+        for bound, other in ((a, b), (b, a)):
+            if math.isinf(self._values.get(bound, 0.0)):
+                at_zero = (BINARY | COMPARISONS)[kind](self._values.get(a, 0.0), self._values.get(b, 0.0))
+                if kind in BINARY and at_zero == 0:  # even of what is infinite or NaN
+                    return other
+                return self.constant(float(at_zero)) if self._takes_as_finite(other) else None
+        return None
 
     def arctan2(self, y: int, x: int) -> int:
         """The angle of the vector (x, y)."""

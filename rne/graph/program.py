@@ -62,9 +62,10 @@ class Program:
 
     @property
     def is_finite(self) -> bool:
-        """True if every constant is finite; a product may overflow for a model with numbers near the largest."""
-        args = [arg for instruction in self.instructions for arg in instruction.args]
-        return all(math.isfinite(arg.value) for arg in (*args, *self.outputs) if arg.kind == "constant")
+        """True if no constant is NaN and none that is a result infinite; comparisons and choices read infinite ones."""
+        args = [arg.value for instruction in self.instructions for arg in instruction.args if arg.kind == "constant"]
+        results = [output.value for output in self.outputs if output.kind == "constant"]
+        return not any(map(math.isnan, args)) and all(map(math.isfinite, results))
 
 
 def interpret(

@@ -81,7 +81,9 @@ class Scalar:
     def __pos__(self) -> Scalar:
         return self
 
-    def __pow__(self, power: Any) -> Scalar:
+    conjugate = __pos__  # np.vecdot and np.linalg.norm along an axis ask for it
+
+    def __pow__(self, power: Any) -> Any:
         p = float(power) if isinstance(power, numbers.Real) else float("nan")
         if p.is_integer() and abs(p) <= MAX_POWER:
             return self._whole_power(int(p)) if p >= 0 else 1.0 / self._whole_power(int(-p))
@@ -89,10 +91,10 @@ class Scalar:
             return self.sqrt()
         raise TypeError(f"a traced number can be raised to whole powers up to {MAX_POWER} and to 0.5, not to {power!r}")
 
-    def _whole_power(self, k: int) -> Scalar:
+    def _whole_power(self, k: int) -> Any:
         """Whole powers by repeated squaring."""
         if k == 0:
-            return Scalar(self.graph, self.graph.constant(1.0))
+            return 1.0
         half = self._whole_power(k // 2) if k > 1 else None
         if half is None:
             return self
@@ -108,6 +110,10 @@ class Scalar:
         """`a` where this number is not 0, `b` elsewhere."""
         return Scalar(self.graph, self.graph.where(self.ref, self._other(a), self._other(b)))
 
+    def single(self) -> Single:
+        """The same, as rne.elementwise gives it."""
+        return Single(self.graph, self.ref)
+
     def _no_value(self, *_: Any, **__: Any) -> Any:
         raise TypeError(
             "a traced number has no value: a branch, float() or array conversion would freeze one outcome; "
@@ -120,6 +126,16 @@ class Scalar:
 
     def __repr__(self) -> str:
         return f"Scalar({'-' if self.ref & 1 else ''}{self.graph.nodes[self.ref >> 1].kind})"
+
+
+class Single(Scalar):
+    """A traced number with the subscripts () and None of a number of NumPy; NumPy takes others for sequences then."""
+
+    __slots__ = ()
+    __iter__ = None
+
+    def __getitem__(self, index: Any) -> Any:
+        return _as_entry(self)[index]
 
 
 def _as_entry(x: Scalar) -> Array:
@@ -141,15 +157,22 @@ def inputs(graph: Graph, shape: tuple[int, ...], start: int, *of: Any) -> Array:
 
 def references(graph: Graph, array: Array) -> list[int]:
     """The references of an array of traced numbers and plain ones."""
-    return [x.ref if isinstance(x, Scalar) else graph.constant(float(x)) for x in np.asarray(array).flat]
+    entries = [x[()] if isinstance(x, np.ndarray) else x for x in np.asarray(array).flat]  # np.array nests those of ()
+    return [x.ref if isinstance(x, Scalar) else graph.constant(float(x)) for x in entries]
+
+
+def _entries(array: Any) -> Iterable[Any]:
+    """The entries of an array of objects or of a list."""
+    is_array = isinstance(array, np.ndarray) and array.dtype == object
+    return array.flat if is_array else array if isinstance(array, list) else ()
 
 
 def is_traced(array: Any) -> bool:
-    """True for an array that holds traced numbers."""
-    return isinstance(array, np.ndarray) and array.dtype == object and any(isinstance(x, Scalar) for x in array.flat)
+    """True for an array or a list that holds traced numbers."""
+    return any(isinstance(x, Scalar) for x in _entries(array))
 
 
 def outline_of(arrays: Iterable[Any]) -> Graph | None:
     """The graph of traced numbers if it is an outline."""
-    graph = next(x.graph for array in arrays if is_traced(array) for x in array.flat if isinstance(x, Scalar))
+    graph = next(x.graph for array in arrays for x in _entries(array) if isinstance(x, Scalar))
     return graph if graph.is_outline else None

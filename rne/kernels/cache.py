@@ -22,7 +22,7 @@ from ..model.model import Model
 from .compilation import compile, derivative, gradient, hessian, hessian_product
 from .kernel import Kernel, engine_argument
 from .soundness import NeedsRecursion
-from .trace import by_recursion, wrench_links
+from .trace import by_recursion, takes_complex_steps, wrench_links
 
 # Counted on straight chains and on random ones: M with L^T D L takes fewer operations up to the first number of
 # joints, articulated bodies beyond the second.
@@ -103,7 +103,7 @@ class KernelCache:
     def evaluate_scene(self, function: Declared, wrt: Sequence[str], *arrays: Array) -> Array:
         """Derivatives of a function of a scene in one state; the first time by the recursion, which traces nothing."""
         key = function, tuple(wrt)
-        if key not in self._scenes and self._is_first_state(key, arrays):
+        if key not in self._scenes and self._is_first_state(key, arrays) and self._has_first(function, wrt):
             return by_recursion(function, self.model, arrays, wrt, {})[0]
         return self.scene_kernel(function, *wrt).evaluate(*arrays)[0]
 
@@ -145,7 +145,7 @@ class KernelCache:
         key = (function, *wrt, *fixed.items()) if wrt or fixed else function
         kernel = self._kernels.get(key)
         if kernel is None:
-            if self._is_first_state(key, arrays):
+            if self._is_first_state(key, arrays) and self._has_first(function, wrt):
                 return by_recursion(function, self.model, arrays, wrt, fixed)[0]
             kernel = self.kernel(function, *wrt, **fixed)
         try:
@@ -185,6 +185,10 @@ class KernelCache:
         if one_state:
             self._called.get_or_make(key, lambda: True)
         return one_state
+
+    def _has_first(self, function: Declared, wrt: Sequence[str]) -> bool:
+        """True if the first state may be the recursion's: derivatives only where its complex steps give them."""
+        return not wrt or takes_complex_steps(function, self.model)
 
     def _with_inputs(
         self, function: Declared, arrays: tuple[ArrayLike, ...], external: External | None, parameters: ArrayLike | None
@@ -243,6 +247,6 @@ class KernelCache:
         """Derivatives of forward dynamics by q, qd and tau side by side, (..., n, 3 n), and their status."""
         function, wrt, arrays = self.forward_method(), ("q", "qd", "tau"), (q, qd, tau)
         key = (function, *wrt)
-        if key not in self._kernels and self._is_first_state(key, arrays):
+        if key not in self._kernels and self._is_first_state(key, arrays) and self._has_first(function, wrt):
             return by_recursion(function, self.model, arrays, wrt, NOTHING)
         return self.kernel(function, *wrt).evaluate(*arrays)

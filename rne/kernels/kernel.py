@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property
 from math import prod
+from types import MethodType
 from typing import Any
 
 import numpy as np
@@ -27,7 +28,7 @@ from ..dynamics.quantity import (
     common_leading_shape,
 )
 from ..errors import NotFiniteError
-from ..graph.differentiation import ORDERS
+from ..graph.differentiation import ORDERS, accumulated
 from ..graph.graph import TooLarge
 from ..graph.program import evaluate
 from ..graph.scalar import inputs, is_traced, outline_of, references
@@ -46,6 +47,7 @@ from .trace import (
     inputs_as_arrays,
     named_by_function,
     run_core,
+    takes_complex_steps,
     trace,
     within_a_trace,
 )
@@ -79,6 +81,26 @@ def backends(engine: str) -> tuple[Callable[[Trace], Callable[..., Array]], Call
 
         return llvm_backend.state_function, llvm_backend.BatchProgram
     return state_function, BlockProgram
+
+
+class _LookedUp:
+    """A method that is machine code from its first look-up on, where the engine makes some.
+
+    Made at its first call it would stay unknown to a loop that has kept the method in a name.
+    """
+
+    def __init__(self, method: Callable[..., Array]) -> None:
+        self.method = method
+
+    def __get__(self, kernel: Kernel | None, owner: type) -> Callable[..., Array]:
+        if kernel is None:
+            return self.method
+        if not kernel.is_unrolled or kernel.engine != "numba":
+            return MethodType(self.method, kernel)
+        from .llvm_backend import into
+
+        kernel.__dict__["into"] = made = into(kernel)  # is found before the method
+        return made
 
 
 class Kernel:
@@ -176,8 +198,15 @@ class Kernel:
     def traced(self) -> Trace:
         """The traced program; raises TypeError if the recursion itself runs."""
         if self._trace is None:
-            raise TypeError(f"{self!r}: too large to be written out, or with a constant that is not finite")
+            raise TypeError(f"{self!r}: too large to be written out")
         return self._trace
+
+    @property
+    def printable(self) -> Trace:
+        """The traced program, for those that do not check its results: with a TypeError if it has no value anywhere."""
+        if not self.traced.program.is_finite:
+            raise TypeError(f"{self!r}: not written out, since it has a constant that is not finite")
+        return self.traced
 
     @cached_property
     def fast_call(self) -> Callable[..., Array | None]:
@@ -279,11 +308,12 @@ class Kernel:
             status.raise_or_warn(stacklevel=2)
         return result
 
+    @_LookedUp
     def into(self, *arrays: Array, out: Array | None = None) -> Array:
         """Write the result into an array; with engine "numba" nothing is allocated.
 
-        The first call compiles; from then on `kernel.into` is machine code that Python calls directly. States that the
-        program refuses are computed by the function, with its errors and warnings.
+        Looking `kernel.into` up compiles it: it is machine code that Python calls directly, in a name of yours as well.
+        States that the program refuses are computed by the function, with its errors and warnings.
 
         Parameters
         ----------
@@ -311,10 +341,6 @@ class Kernel:
         >>> kernel.into(q, out) is out
         True
         """
-        if self.is_unrolled and self.engine == "numba":
-            from .llvm_backend import into
-
-            self.__dict__["into"] = into(self)  # is found before the method
         return self._checked_into(*arrays, out=out)
 
     def _checked_into(self, *arrays: Array, out: Array | None = None) -> Array:
@@ -322,13 +348,13 @@ class Kernel:
         arrays = arrays if out is None else (*arrays, out)
         if len(arrays) != len(self.names) + 1:
             raise TypeError(f"`into` of this kernel takes {', '.join(self.names)}, out; got {len(arrays)} arrays")
-        given, out, leading = arrays[:-1], arrays[-1], np.shape(arrays[0])[:-1]
+        given, out, leading = arrays[:-1], arrays[-1], getattr(arrays[0], "shape", ())[:-1]
         for name, array, width in zip(self.names, given, self.widths, strict=True):
             check_array(name, array, (*leading, width), FLOAT64)
         result, status = self.evaluate(*given, out=out if leading else None)
         if status is not OK:
             status.raise_or_warn(stacklevel=3)
-        if not leading:
+        if not leading or out is None:
             check_out(out, np.shape(result), FLOAT64, self.names, given)[...] = result
         return out
 
@@ -384,17 +410,34 @@ class Kernel:
             leading = np.broadcast_shapes(*(a.shape[:-1] for a in arrays))
             given = tuple((a.shape, *references(outline, a)) for a in arrays)
             of = self.function, self.model, self.wrt, self.order, *self.fixed.items(), given
-            return inputs(outline, leading + self._trace.shape, 0, *of)
+            return inputs(outline, leading + self._trace.shape, 0, *of)[()]
         if not self.wrt:
             return within_a_trace(self.quantity, self.model, arguments, self._rest)
         return self._by_program([np.asarray(a, dtype=object) for a in arguments])
 
     def _by_program(self, arrays: Sequence[Array]) -> Array:
         """The traced operations on arrays of any type of number."""
-        leading, dtype = np.broadcast_shapes(*(a.shape[:-1] for a in arrays)), common_dtype(arrays)
-        states = [np.broadcast_to(a, (*leading, a.shape[-1])).astype(dtype, copy=False) for a in arrays]
-        inputs = np.concatenate(states, axis=-1).reshape(prod(leading), -1)
-        return evaluate(self.traced.program, self.traced.entries, inputs).reshape(leading + self.traced.shape)
+        leading, inputs = _rows(arrays)
+        found = evaluate(self.traced.program, self.traced.entries, inputs).reshape(leading + self.traced.shape)
+        return found[()]
+
+    @cached_property
+    def _values(self) -> Trace:
+        """The function itself as operations, of which the derivatives are too many to be written out."""
+        try:
+            with np.errstate(all="ignore"):
+                return trace(self.quantity, self.model, self._rest, is_large=True)
+        except TooLarge as error:
+            raise TypeError(f"{self.quantity.name} takes {error}: too large to be differentiated") from None
+
+    def _accumulated(self, arrays: Sequence[Array]) -> Array:
+        """The Jacobian of all entries, (..., entries, k), operation by operation."""
+        (leading, inputs), starts = _rows(arrays), np.cumsum([0, *self.widths])
+        places = [(starts[k], self.widths[k]) for k in map(self.names.index, self.wrt)]
+        by = [start + j for start, width in places for j in range(width)]
+        wide = inputs.astype(np.result_type(inputs, FLOAT64), copy=False)
+        found = accumulated(self._values.program, self._values.entries, wide, by).astype(inputs.dtype)
+        return found.reshape(*leading, self._values.entries, len(by))
 
     def source(self, language: str = "python", element: str | None = None, dtype: str = "float64") -> str:
         """The kernel as source text of a function of one state; it does not check its arguments, nor M's pivots.
@@ -432,7 +475,7 @@ class Kernel:
         ['function result = g4(q)', '% Entry 4 of gravity_torque of robot irb140']
         """
         name = re.sub("[ ,]+", "_", self._title)
-        traced, title, entry = self.traced, name, None
+        traced, title, entry = self.printable, name, None
         if element is not None:
             entry = entry_of_element(element, name, traced.shape)
             traced, title = trace(self.quantity, self.model, self._rest, self.wrt, entry, self.order), element
@@ -571,23 +614,27 @@ class Kernel:
     def by_recursion(self, *arguments: Any) -> tuple[Array, PrecisionStatus]:
         """Result and status of states that the program leaves to the function itself, or to its complex steps.
 
-        Of gradients and Hessians the function judges the state, and the program runs in the dtype of the arguments.
+        Of gradients, Hessians and what has no complex steps the function judges the state, and the operations that were
+        traced run in the dtype of the arguments.
         """
         count = len(self.quantity.widths)
         given, further = arguments[:count], arguments[count:]
-        if not further or self._trace is None:
-            slopes, status = by_recursion(self.function, self.model, given, self.wrt, self.fixed)
-            if not further or status.error is not None:
-                return slopes, status
-            leading, weights = np.broadcast_shapes(*(np.shape(a)[:-1] for a in given)), np.asarray(further[0])
-            slopes = slopes.reshape(*leading, weights.shape[-1], slopes.shape[-1])
-            return (weights[..., None, :] @ slopes)[..., 0, :], status
-        result, status = by_recursion(self.function, self.model, given, (), self.fixed)
-        if status.error is not None:
+        has_steps = takes_complex_steps(self.function, self.model) and (self._trace is None or not further)
+        wrt = self.wrt if has_steps else ()
+        result, status = by_recursion(self.function, self.model, given, wrt, self.fixed)
+        if status.error is not None or (wrt == self.wrt and not further):
             return result, status
         named = zip(self.names, arguments, self.widths, strict=True)
-        result = self._by_program([joint_array(name, a, self.model, width) for name, a, width in named])
-        check_result(self._title, result, result.shape[: result.ndim - ORDERS[self.order].axes])
+        arrays = [joint_array(name, a, self.model, width) for name, a, width in named]
+        leading = np.broadcast_shapes(*(a.shape[:-1] for a in arrays[:count]))
+        if self._trace is not None:
+            result = self._by_program(arrays)
+        elif not wrt:
+            result = self._accumulated(arrays[:count]).reshape(*np.shape(result), -1)
+        if self._trace is None and further:
+            slopes = result.reshape(*leading, self.widths[-1], result.shape[-1])
+            result = (arrays[-1][..., None, :] @ slopes)[..., 0, :]
+        check_result(self._title, result, leading)
         if status.loss is not None:
             digits = max(0.0, status.loss.digits - ORDERS[self.order].digits)
             status = PrecisionStatus(loss=status.loss._replace(digits=digits, what=f"the {self._title} keeps"))
@@ -622,6 +669,13 @@ class Kernel:
 
         rows = out.reshape(count, prod(self.traced.shape))
         return out, _run_in_threads(self.blocks.run, states, rows, by_function, workers)
+
+
+def _rows(arrays: Sequence[Array]) -> tuple[tuple[int, ...], Array]:
+    """The leading shape of arrays (..., width), and their states as rows of all widths."""
+    leading, dtype = np.broadcast_shapes(*(a.shape[:-1] for a in arrays)), common_dtype(arrays)
+    states = [np.broadcast_to(a, (*leading, a.shape[-1])).astype(dtype, copy=False) for a in arrays]
+    return leading, np.concatenate(states, axis=-1).reshape(prod(leading), -1)
 
 
 def _fast_call(kernel: Kernel) -> Callable[..., Array | None]:

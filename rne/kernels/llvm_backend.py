@@ -13,7 +13,7 @@ import time
 import weakref
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -237,11 +237,12 @@ def state_function(trace: Trace) -> Callable[..., Array]:
 def into(kernel: Any) -> Callable[..., Array]:
     """`Kernel.into` in machine code, which leaves all but sound results of right arguments to Python."""
     kept, recipe = weakref.ref(kernel), kernel.__reduce__()  # a cycle would keep machine code until it is looked for
+    again: Any = cache(lambda: recipe[0](*recipe[1]))  # of a kernel that no one else has kept
 
     def otherwise(*arrays: Any, out: Array | None = None) -> Array:
-        make, arguments = recipe
-        return (kept() or make(*arguments))._checked_into(*arrays, out=out)  # type: ignore[no-any-return]
+        return (kept() or again())._checked_into(*arrays, out=out)  # type: ignore[no-any-return]
 
+    otherwise.__qualname__ = "Kernel.into"  # for Python's errors
     return python_function(kernel.state_function.library, name="into", otherwise=otherwise)
 
 

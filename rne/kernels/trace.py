@@ -97,11 +97,13 @@ def trace(
     wrt: Sequence[str] = (),
     entry: tuple[int, ...] | None = None,
     order: str = "jacobian",
+    *,
+    is_large: bool = False,
 ) -> Trace:
     """Run the core on traced numbers, one state in a batch axis of length 1; differentiate by `wrt`, as in ORDERS.
 
     For a single `entry` of the result only the operations that it needs are kept. Raises TooLarge if the program has
-    too many operations or a constant that is not finite.
+    too many operations, where it `is_large` only if the graph has.
     """
     widths = argument_widths(quantity, model)
     starts = dict(zip(widths, np.cumsum([0, *widths.values()]).tolist(), strict=False))
@@ -129,10 +131,8 @@ def trace(
     needed = {*graph.needed(outputs)} if graph.checked else set()
     outputs += [2 * k for k in graph.checked if k in needed]
     program = lower(graph, outputs, sum(widths.values()))
-    if len(program.instructions) > LIMIT or not program.is_finite:  # the recursion runs, and names what is wrong
-        raise TooLarge(
-            f"{len(program.instructions)} operations" if program.is_finite else "constants that are not finite"
-        )
+    if len(program.instructions) > LIMIT and not is_large:
+        raise TooLarge(f"{len(program.instructions)} operations")
     velocities = range(0)
     if quantity.velocities is not None:
         name, entries = quantity.velocities
@@ -156,7 +156,7 @@ def within_a_trace(quantity: Quantity, model: Model, arguments: Sequence[Any], f
     arrays = [np.asarray(a) for a in arguments]
     single = all(a.ndim < 2 for a in arrays)
     result = run_core(quantity, model, [np.atleast_2d(a) for a in arrays] if single else arrays, fixed)[0]
-    return np.asarray(result[0] if single else result)
+    return result[0] if single else result  # type: ignore[no-any-return]
 
 
 def argument_widths(quantity: Quantity, model: Model) -> dict[str, int]:
@@ -230,6 +230,11 @@ def by_recursion(
         except NotFiniteError as error:
             raise NotFiniteError(error.args[0], state=error.state[:leading]) from None
     return np.concatenate(columns, axis=-1).astype(real), status
+
+
+def takes_complex_steps(function: Declared, model: Model) -> bool:
+    """True if complex steps give the derivatives: those of the functions of couplings they need not."""
+    return function.quantity.analytic and not model.couplings
 
 
 def wrench_links(model: Model, external: Any) -> tuple[str, ...]:

@@ -304,6 +304,7 @@ class SceneDynamics:
         widths |= {"a": self.n} if a else {}
         widths |= {"u": inputs} if modes or self.torque_given else {}
         how |= {"core": getattr(self, f"{name}_core"), "moments": True, "base_parameters": True}
+        how |= {"analytic": self.law is None and type(self.friction) in (type(None), Friction)}
         return MethodQuantity(self, Quantity(name=name, widths=widths, **how), title)
 
     @cached_property

@@ -17,7 +17,7 @@ SPARSE = ("jacobian", "hessian")  # orders whose zeros are structural, as in Cas
 
 def to_casadi(kernel: Any, name: str, symbolic: str = "SX") -> Any:
     """The function of a kernel's arrays; see `Kernel.to_casadi`."""
-    ca, trace = _casadi(name, symbolic), kernel.traced
+    ca, trace = _casadi(name, symbolic), kernel.printable
     inputs = _symbols(ca.SX, kernel)
     functions = {kind: getattr(ca, NAMES.get(kind, kind)) for kind in ON_ARRAYS if kind not in ARITHMETIC}
     operations = ON_ARRAYS | functions

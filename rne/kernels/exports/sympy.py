@@ -29,7 +29,7 @@ def to_sympy(kernel: Any) -> Any:
     functions["where"] = lambda c, a, b: sympy.Piecewise((a, sympy.Ne(c, 0)), (b, True))
     pairs = zip(kernel.names, kernel.widths, strict=True)
     symbols = [sympy.Symbol(name) for argument, width in pairs for name in _names(argument, width)]
-    shape, program = kernel.traced.shape, without_judged(kernel.traced.program, kernel.traced.entries)
+    shape, program = kernel.traced.shape, without_judged(kernel.printable.program, kernel.traced.entries)
     entries = interpret(program, symbols, functions, partial(_number, sympy))
     if len(shape) > 2:
         return sympy.ImmutableDenseNDimArray(entries, shape)
