@@ -1,5 +1,6 @@
 """rne simulate and rne torques, and what all subcommands share: help, errors in one line, robots by name."""
 
+import contextlib
 import csv
 import re
 import subprocess
@@ -293,6 +294,43 @@ def test_of_two_different_robots_it_is_said_first_and_no_cause_is_guessed(tmp_pa
     assert said.startswith("different robots: 0 of 2 joints have the same name, axis and place\njoint_1: axis ")
     assert "cause: unknown\n  no hypothesis explains the difference\n|" in said
     assert "hypotheses" not in said
+
+
+EVIL = "a\x9b31m", "b&#10;error: no", "c\u202ed"  # names that colour a terminal, forge a line and turn a text round
+FILE, MOTION = "x\x1b[2J.urdf", "m\u202e.csv"
+
+
+def test_names_with_control_characters_are_printed_as_escapes(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    text = LIFT.replace('"lift"', f'"{EVIL[0]}"').replace('"up"', f'"{EVIL[1]}"').replace('"car"', f'"{EVIL[2]}"')
+    (tmp_path / FILE).write_text(text, encoding="utf-8")
+    for words, shown in (
+        (["check", FILE], "warning: x\\x1b[2J.urdf:1: <robot>: attribute 'name' has control characters, read as the"),
+        (["simulate", FILE, "--duration", "0.1", "--every", "0.05", "--out", MOTION], "\nm\\u202e.csv: 3 samples"),
+        (["torques", FILE, MOTION], "robot a\\x9b31m, joints b error: no, gravity"),
+        (["torques", FILE, "no\n\x1b.csv"], "error: no\\n\\x1b.csv: No such file or directory"),
+        (["compare", FILE, FILE], "torques of x\\x1b[2J.urdf beside"),
+        (["compare", FILE, "irb140"], "joints of x\\x1b[2J.urdf alone: b error: no\n"),
+        (["identify", FILE, MOTION, "--page", "p\x1b"], "error: m\\u202e.csv: "),
+        (["x\x9by"], "invalid choice: 'x\\x9by'"),
+        (["check", FILE, "--\x1b"], "unrecognized arguments: --\\x1b"),
+    ):
+        with contextlib.suppress(SystemExit):
+            main(words)
+        said = "".join(capsys.readouterr())
+        assert shown in said
+        assert said.replace("\n", "").isprintable()
+        assert "\nerror: no" not in said
+
+
+def test_names_in_pages_and_messages_of_mujoco_are_escapes(tmp_path, capsys):
+    page = html_page.Report("A\x9b", lambda line: None, tmp_path)
+    page.table(["a\x1b"], [["b\u202e"]])
+    assert page.write().read_text(encoding="utf-8").replace("\n", "").isprintable()
+    text = '<mujoco><worldbody><body><joint name="j\x9b"/><geom size="1" class="k\x9b"/></body></worldbody></mujoco>'
+    (tmp_path / "m.xml").write_text(text, encoding="utf-8")
+    assert main(["check", str(tmp_path / "m.xml")]) == 1
+    assert "MuJoCo's compiler says: unknown default class name 'k\\x9b'" in capsys.readouterr().out
 
 
 def test_arguments_in_a_message_are_shown_as_options(capsys):

@@ -141,7 +141,16 @@ class Row(NamedTuple):
 
 def short(name: str) -> str:
     """A name from a file, fit for one line of a table."""
-    return cut(repr(name)[1:-1], MAX_NAME)
+    return cut(plain(name), MAX_NAME)
+
+
+def plain(text: str) -> str:
+    """The text with escapes for characters that move a terminal's cursor or hide what stands there, line ends too."""
+    if text.isprintable():
+        return text
+    from unicodedata import category
+
+    return "".join(c if c.isprintable() or category(c) == "Zs" else repr(c)[1:-1] for c in text)
 
 
 def cut(text: str, most: int) -> str:

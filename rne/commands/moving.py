@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ..basics.arrays import per_joint_array
-from ..basics.text import UNITS, short
+from ..basics.text import UNITS, plain, short
 from .shared import (
     CommandError,
     add_force,
@@ -252,7 +252,7 @@ def run_view(arguments: argparse.Namespace) -> int:
     check_file(out, arguments, suffixes=PAGES)
     robot = robot_of(arguments)
     work.begin("placing the links in all frames")
-    labels = [file.stem for file in (arguments.motion or out, arguments.other or out)]
+    labels = [plain(file.stem) for file in (arguments.motion or out, arguments.other or out)]
     try:
         motion, other = (
             None if file is None else _motion(file, robot, arguments) for file in (arguments.motion, arguments.other)

@@ -100,7 +100,7 @@ def _print_gap(robot: str, points: Sequence[str]) -> int:
         gap, q = loop_gap(rne.load(robot), *ends)
     except ValueError as error:
         return fail(f"--loops: {in_one_line(error)}")
-    print(f"{robot}: the points of --loops come {gap:.3g} m apart, at q = {np.round(q, 4).tolist()}")
+    say(f"{robot}: the points of --loops come {gap:.3g} m apart, at q = {np.round(q, 4).tolist()}")
     return 0
 
 
@@ -137,24 +137,26 @@ def run_compare(arguments: argparse.Namespace) -> int:
     second = argparse.Namespace(**vars(arguments) | alone | {"robot": arguments.other})
     one, other = robot_of(arguments), robot_of(second)
     differences = list(_differences(one.model, other.model, names, tolerance))
-    lines = differences or ["joints: the same, with the same limits, bodies and frames"]
+    lines = [*differences] or ["joints: the same, with the same limits, bodies and frames"]
     if one.n != other.n:
-        print(*lines, sep="\n")
-        print(f"torques: not compared, {names[0]} has {counted(one.n, 'joint')}, {names[1]} {other.n}")
-        return 1
-    try:
-        found = rne.compare_models(one, other, tolerance=tolerance)
-    except ValueError as error:
-        raise CommandError(in_one_line(error)) from None
-    report, moved = found.report(), {place[1] for line in differences if (place := PLACE.match(line))}
-    same = len(set(one.joint_names) & set(other.joint_names) - moved)
-    if found.causes == ("unknown",) and 2 * same < one.n:
-        print(f"different robots: {same} of {one.n} joints have the same name, axis and place")
-        report = report.partition("\nhypotheses (")[0].replace("; the nearest are below", "")
-    print(*lines, sep="\n")
-    print(f"torques of {names[1]} beside those of {names[0]}, and the likely cause by torques alone")
-    print(report)
-    return int(bool(differences) or found.causes != ("none",))
+        lines += [f"torques: not compared, {names[0]} has {counted(one.n, 'joint')}, {names[1]} {other.n}"]
+        differs = True
+    else:
+        try:
+            found = rne.compare_models(one, other, tolerance=tolerance)
+        except ValueError as error:
+            raise CommandError(in_one_line(error)) from None
+        report, moved = found.report(), {place[1] for line in differences if (place := PLACE.match(line))}
+        same = len(set(one.joint_names) & set(other.joint_names) - moved)
+        if found.causes == ("unknown",) and 2 * same < one.n:
+            lines = [f"different robots: {same} of {one.n} joints have the same name, axis and place", *lines]
+            report = report.partition("\nhypotheses (")[0].replace("; the nearest are below", "")
+        lines += [f"torques of {names[1]} beside those of {names[0]}, and the likely cause by torques alone"]
+        lines += report.split("\n")
+        differs = bool(differences) or found.causes != ("none",)
+    for line in lines:
+        say(line)
+    return int(differs)
 
 
 def _differences(one: Model, other: Model, names: Sequence[str], tolerance: float) -> Iterator[str]:
@@ -289,5 +291,5 @@ def run_cache(arguments: argparse.Namespace) -> int:
         )
     else:
         text = "empty"
-    print(f"{place}: {text}")
+    say(f"{place}: {text}")
     return 0

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import numpy as np
 
 from ..basics.arrays import UNBOUNDED
-from ..basics.text import did_you_mean, listed
+from ..basics.text import did_you_mean, listed, plain
 from ..model.topology import end_link
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """End with exit code 2."""
-        self.exit(2, f"error: {message}; {self.prog} --help shows what there is\n")
+        self.exit(2, f"error: {plain(message)}; {self.prog} --help shows what there is\n")
 
 
 def add_parser(
@@ -253,15 +253,15 @@ def check_file(
 
 
 def say(line: str) -> None:
-    """Print a line at once."""
+    """Print a line at once, with escapes for control characters."""
     work.said = time.monotonic()
-    print(line, flush=True)
+    print(plain(line), flush=True)
 
 
 def note(line: str) -> None:
     """Print a line on standard error, where it does not mix with output that is piped on."""
     work.said = time.monotonic()
-    print(line, file=sys.stderr, flush=True)
+    print(plain(line), file=sys.stderr, flush=True)
 
 
 class Work:

@@ -6,17 +6,18 @@ axes plain numbers, so that they can be read on a phone.
 
 from __future__ import annotations
 
+import html
 import importlib.util
 import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from html import escape
 from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..basics.marks import HTML, PICTURE
 from ..basics.spatial import Array
+from ..basics.text import plain
 from ..robot import Robot
 from ..simulation.trajectory import Trajectory
 from .plots import has_matplotlib, small_plots
@@ -111,12 +112,14 @@ class Report:
 
     def heading(self, text: str, level: int = 2) -> None:
         """Add a section's heading, or with level 3 that of its part."""
-        self.say(f"\n{text}")
+        self.say("")
+        self.say(text)
         self.blocks.append(PageBlock(f"h{level}", text))
 
     def text(self, text: str, tag: str = "p") -> None:
         """Add a paragraph, or with the tag `pre` lines in a fixed-width font."""
-        self.say(text)
+        for line in text.split("\n"):
+            self.say(line)
         self.blocks.append(PageBlock(tag, text))
 
     def lines(self, text: str) -> None:
@@ -206,6 +209,11 @@ class Report:
             f'<!doctype html><html lang="en"><head>{head}</head><body>{body}</body></html>\n', encoding="utf-8"
         )
         return path
+
+
+def escape(text: str) -> str:
+    """The HTML of a text, with escapes for control characters."""
+    return html.escape("\n".join(map(plain, text.split("\n"))))
 
 
 def is_heading(block: PageBlock) -> bool:

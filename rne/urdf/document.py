@@ -15,7 +15,7 @@ from functools import cache
 from pathlib import Path, PurePath
 from typing import Any, NamedTuple
 
-from ..basics.text import cut
+from ..basics.text import cut, plain
 from .findings import ECHO, FindingsReport, echo, listed, near_path
 
 Element = Any  # an element of lxml, which has no types
@@ -118,7 +118,7 @@ def _parsed(data: bytes, report: FindingsReport) -> Element | None:
     try:  # a document type declaration declares entities, so it must not be parsed; other errors are found again
         with suppress(StopIteration, etree.XMLSyntaxError):
             etree.fromstring(data, etree.XMLParser(target=_Prolog(), **STRICT))
-        return etree.fromstring(data, parser)
+        return _without_controls(etree.fromstring(data, parser), report)
     except _DocumentType:
         message = "document type declarations and entities are not allowed"
         # A parser target is not told lines: they are counted, in UTF-16 without the zero bytes.
@@ -127,9 +127,24 @@ def _parsed(data: bytes, report: FindingsReport) -> Element | None:
     except etree.XMLSyntaxError:
         other = _error_by_expat(data)
         if other is None and {entry.type for entry in parser.error_log} == {UNDECLARED}:
-            return etree.fromstring(data, etree.XMLParser(**(STRICT | {"recover": True})))
+            return _without_controls(etree.fromstring(data, etree.XMLParser(**(STRICT | {"recover": True}))), report)
         _report_syntax_error(data, parser.error_log, other, report)
     return None
+
+
+def _without_controls(root: Element, report: FindingsReport) -> Element:
+    """The element with escapes for control characters in attributes, and blanks for line ends, as XML has them."""
+    told = False
+    for element in root.iter():
+        for name, text in element.attrib.items():
+            if not text.isprintable():
+                text = re.sub(r"[\t\n\r]", " ", text)
+                element.set(name, plain(text))
+                if not told and plain(text) != text:
+                    told = True
+                    message = f"attribute {name!r} has control characters, read as the escapes in {echo(text)}"
+                    report.warning(element, f"<{element.tag}>", message, "remove them here and elsewhere")
+    return root
 
 
 def _error_by_expat(data: bytes) -> Any | None:

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-from ..basics.text import counted, cut, summary
+from ..basics.text import counted, cut, plain, summary
 from ..errors import UrdfError
 
 MAX_NAMES = 10  # in one line
@@ -62,7 +62,7 @@ class Finding:
     @property
     def place(self) -> str:
         """File and line."""
-        return self.file if self.line is None else f"{self.file}:{self.line}"
+        return plain(self.file) if self.line is None else f"{plain(self.file)}:{self.line}"
 
     @property
     def kind(self) -> str:
@@ -133,7 +133,7 @@ def written(findings: Sequence[Finding], file: str, *, grouped: bool) -> list[st
     """The lines that `rne.check` prints."""
     near = near_path(file)
     if not findings:
-        return [f"{near}: no findings"]
+        return [f"{plain(near)}: no findings"]
     groups: dict[object, list[Finding]] = {}
     for k, finding in enumerate(findings):
         owner = OWNER.fullmatch(finding.element)
@@ -143,7 +143,7 @@ def written(findings: Sequence[Finding], file: str, *, grouped: bool) -> list[st
     lines = [str(x if len(group) == 1 else replace(x, element=_owners(group), message=x.kind)) for x, group in firsts]
     number = Counter(finding.severity for finding in findings)
     counts = ", ".join(counted(number[name], name) for name in sorted(number))
-    return [*lines, f"{near}: {counts}: {'does not load' if number['error'] else 'loads as written'}"]
+    return [*lines, f"{plain(near)}: {counts}: {'does not load' if number['error'] else 'loads as written'}"]
 
 
 def _owners(group: Sequence[Finding]) -> str:

@@ -20,7 +20,7 @@ from ...basics.arrays import (
     whole_number,
 )
 from ...basics.spatial import Array
-from ...basics.text import counted
+from ...basics.text import counted, plain
 from ...simulation.motion_files import numbered_joints
 from ...simulation.trajectory import Trajectory, motors_at
 from ...trajectories.csv_file import in_seconds, read_samples
@@ -290,8 +290,10 @@ class Record(ReadOnlyArrays):
         reading = {"joints": joints, "columns": columns, "units": units or {}, "gains": gains, "offsets": offsets}
         reading |= {"time_unit": time_unit, "sample_rate": sample_rate, "separator": separator, "decimal": decimal}
         samples, said, guessed = measured(path, reading | {"topic": topic, "episode": episode, "quantity": ""})
+        if names := samples.get("joint_names"):
+            samples["joint_names"] = tuple(map(plain, names))
         first = next(iter(path.values())) if isinstance(path, Mapping) else path
-        record = cls(**(samples | {"name": Path(first).name} | options))
+        record = cls(**(samples | {"name": plain(Path(first).name)} | options))
         guesses = [RecordFinding("warning", record.name, "", GUESS, f"that {text}", cure) for text, cure in guessed]
         record._tell("; ".join(said), guesses)
         return record
