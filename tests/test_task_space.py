@@ -8,6 +8,7 @@ import pytest
 import rne
 
 from .helpers import EPS, Oracle, each, first_joints, kept, loaded
+from .random_robots import straight_chain
 
 ROBOTS = {"irb140": "tool0", "ur5": "tool0", "kinova": "j2s6s200_end_effector", "panda": "panda_hand"}
 ROBOTS |= {"ur10": "tool0", "z1": "gripperStator"}
@@ -477,7 +478,8 @@ class TestLinearisedLoops:
         law = rne.control.impedance(robot, link, *gains)
         loop = rne.Scene(robot, controller=law).check_gains(q)
         assert not loop.stable
-        assert f"\nzero poles: 2 of {2 * robot.n}, of motions that nothing holds or damps" in str(loop)
+        text = "of motions that nothing holds or damps: the law holds a link, not the joints; give it a `posture`"
+        assert str(loop).endswith(f"\nzero poles: 2 of {2 * robot.n}, {text}")
         held = rne.control.impedance(robot, link, *gains, posture=(q, 10.0, 5.0))
         loop = rne.Scene(robot, controller=held).check_gains(q)
         assert loop.stable
@@ -499,6 +501,71 @@ class TestLinearisedLoops:
         for ki, stable in ((5.0, True), (1e5, False)):
             law = rne.control.pid(robot, 50, ki, 20, self.Q, gravity=True)
             assert rne.Scene(robot, controller=law).check_gains(self.Q).stable is stable
+
+    def test_integrals_without_gain_are_no_poles(self):
+        """Nor those of some joints; those with a gain stay."""
+        robot = rne.Robot(straight_chain(2))
+        expected = rne.Scene(robot, controller=rne.control.pd(robot, 500, 40, 0.0)).check_gains([0.0, 0.0])
+        for ki, count, traceable in ((0.0, 0, True), ([0.0, 3.0], 1, True), ([0.0, 3.0], 1, False)):
+            law = rne.control.pid(robot, 500, ki, 40, 0.0)
+            object.__setattr__(law, "traceable", traceable)
+            loop = rne.Scene(robot, controller=law).check_gains([0.0, 0.0])
+            assert loop.stable
+            assert "zero poles" not in str(loop)
+            assert len(loop.poles) == 4 + count
+            if not count:
+                np.testing.assert_allclose(np.sort(loop.poles), np.sort(expected.poles), rtol=1e-9)
+        led = rne.control.pd_gravity(robot, 0, 40, 0.0)
+        text = str(rne.Scene(robot, controller=led).check_gains([0.0, 0.0]))
+        assert text.endswith("\nzero poles: 2 of 4, of motions that nothing holds or damps")
+
+    @pytest.mark.parametrize("kind", ["delay", "long delay", "differences", "noise"])
+    def test_a_law_with_memory_is_refused_and_its_cure_is_right(self, kind):
+        robot = rne.Robot(straight_chain(1))
+        pd = rne.control.pd_gravity(robot, 50, 5, 0.0)
+        delayed = [np.zeros(1)] * {"delay": 1, "long delay": 40}.get(kind, 0)
+        last = [np.zeros(1)]
+        rng = np.random.default_rng(0)
+
+        def law(t, q, qd):
+            if kind == "noise":
+                return pd(t, q, qd + 0.01 * rng.normal(size=1))
+            if kind == "differences":
+                if t == 0:
+                    last[0] = q
+                velocity, last[0] = (q - last[0]) / 1e-3, q
+                return pd(t, q, velocity)
+            delayed.append(pd(t, q, qd))
+            return delayed.pop(0)
+
+        text = (
+            r"^`controller` has memory or noise: its torques in one state differ by .* N m or N after different calls, "
+            r"so that it has no poles. Give it `states` for its memory: torques that act one sample late are a state z "
+            r"with the rate \(u - z\) / sample_time; or simulate a small step at the target instead$"
+        )
+        with pytest.raises(ValueError, match=text):
+            rne.Scene(robot, controller=law, sample_time=1e-3).check_gains([0.0])
+
+    def test_a_delay_of_a_sample_as_states_is_stable_where_its_simulation_is(self):
+        robot = rne.Robot(straight_chain(1))
+        pd = rne.control.pd(robot, 50, 5, 0.0)
+
+        class Late:
+            states = 1
+
+            def __init__(self, period):
+                self.period = period
+
+            def __call__(self, t, q, qd, z):
+                return z, (pd(t, q, qd) - z) / self.period
+
+        found = []
+        for period in (1e-3, 0.05):
+            scene = rne.Scene(robot, controller=Late(period), sample_time=period, gravity=[0, 0, 0])
+            motion = rne.simulate(scene, [1e-4], [0.0], 20 * period)
+            found.append(scene.check_gains([0.0]).stable)
+            assert found[-1] is bool(abs(motion.q[-1, 0]) < 2e-4)
+        assert found == [True, False]
 
     @pytest.mark.parametrize("ki", kept([5.0, 20.0], [20.0]))
     def test_laws_with_states_diverge_where_it_says_so(self, ki):

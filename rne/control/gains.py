@@ -101,7 +101,8 @@ class LinearisedLoop(InNotebooks):
     Attributes
     ----------
     poles : ndarray of complex, shape (2 n + states,)
-        Of the loop in continuous time [1/s].
+        Of the loop in continuous time, without states of the law that nothing depends on, such as the integrals of a
+        PID with `ki` = 0 [1/s].
     sample_time_limit : float
         Smallest sample time found at which the loop with held torques is unstable, a law's states by Euler's rule as in
         `rne.simulate`; infinite if none was, 0 if it is in continuous time [s].
@@ -113,6 +114,8 @@ class LinearisedLoop(InNotebooks):
         True if the target is an equilibrium: otherwise the motion leaves it, whatever the poles.
     has_smoothed_friction : bool
         True if Coulomb friction counts as damping, by `coulomb` / `smoothing` at rest and less in larger motions.
+    is_of_link : bool
+        True if the law holds a link alone, as `rne.control.impedance` does without `posture`.
 
     Examples
     --------
@@ -129,15 +132,17 @@ class LinearisedLoop(InNotebooks):
     stable: bool
     is_rest: bool
     has_smoothed_friction: bool = False
+    is_of_link: bool = False
 
     __repr__ = summary
 
     def __str__(self) -> str:
         held = "" if self.sample_time is None else f" with torques held for {self.sample_time:g} s"
         rest = "" if self.is_rest else "\nthe target is no equilibrium: the motion leaves it"
-        if free := int((abs(self.poles) <= FREE_POLE * abs(self.poles).max(initial=0)).sum()):
-            rest += f"\nzero poles: {free} of {len(self.poles)}, of motions that nothing holds or damps, such as those "
-            rest += "of a redundant arm under rne.control.impedance without `posture`"
+        free = int((abs(self.poles) <= FREE_POLE * abs(self.poles).max(initial=0)).sum())
+        if free and not self.sample_time_limit:  # not stable in continuous time: slow integrals are
+            rest += f"\nzero poles: {free} of {len(self.poles)}, of motions that nothing holds or damps"
+            rest += ": the law holds a link, not the joints; give it a `posture`" if self.is_of_link else ""
         if self.has_smoothed_friction:
             rest += (
                 "\nsmoothed Coulomb friction damps the loop near rest, less in larger motions: check it without, too"

@@ -9,8 +9,6 @@ import itertools
 import pickle
 import threading
 from collections.abc import Callable, Sequence
-from contextlib import suppress
-from copy import copy, deepcopy
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial, reduce
 from math import ceil
@@ -35,7 +33,7 @@ from ..model.parameters import PARAMETERS, at_parameters
 from ..robot import Robot
 from .elastic_joints import ElasticJoints
 from .plant import Plant
-from .scene import Scene
+from .scene import Scene, with_own_law
 from .scene_dynamics import SceneDynamics
 from .simulator import METHODS, check_times, law_breaks, simulate, tolerances
 
@@ -587,16 +585,6 @@ def joined(parts: Sequence[Motions]) -> Motions:
     verdict = reduce(PrecisionStatus.worse, [part.verdict for part in parts])
     evaluations, interrupted = sum(part.evaluations for part in parts), any(part.interrupted for part in parts)
     return Motions(q, qd, tau, energies, end, status, methods, evaluations, verdict, interrupted)
-
-
-def with_own_law(scene: Scene) -> Scene:
-    """The scene with a copy of a law that is called, whose memory is that of one motion; as it is where none is had."""
-    if scene.controller is None or scene.dynamics.law is not None or scene.traced_samples is not None:
-        return scene
-    own = copy(scene)
-    with suppress(Exception):  # of a law that holds a file, a generator, a lock
-        object.__setattr__(own, "controller", deepcopy(scene.controller))
-    return own
 
 
 def at_parameters_of(scene: Scene, parameters: Array) -> Scene:

@@ -11,25 +11,31 @@ from scipy.linalg import expm
 
 from ..basics.spatial import Array
 from ..control.gains import LinearisedLoop
+from ..control.traced_law import AGREEMENT
 from .plant import Plant
+from .scene import with_own_law
 
 AT_REST = 1e-6  # accelerations at the target that are no motion, of those that the torques alone give
 SLOWEST, FASTEST = 1e2, 1e-2  # sample times examined, over the times of the slowest and of the fastest mode
 STEP = 1.03  # from one to the next
+NEAR, LATER = 1e-2, 1e-3  # of the target, rad or m and per s, and s: where and when a law is called for its memory
+CALLS = 64  # that fill a memory, such as that of a delay
 MARGIN = 1e-9  # of a spectral radius beyond 1, or a pole beyond 0 over the fastest: less is rounding
 
 
 def linearised_loop(scene: Any, q: Array) -> LinearisedLoop:
     """The loop of a scene with a controller, at rest in q with the controller's states zero."""
-    n, sample_time, law = scene.n, scene.sample_time, scene.controller
-    free = replace(scene, sample_time=None, torque_rate=None)
-    closed, x, rates = _slopes(free, q)
-    state: tuple[Any, ...] = (x[n : 2 * n],) if not hasattr(law, "states") else (x[n : 2 * n], np.zeros(law.states))
-    u = law(0.0, q, *state)
-    torque = np.asarray(u[0] if hasattr(law, "states") else u)
+    n, sample_time = scene.n, scene.sample_time
+    free = with_own_law(replace(scene, sample_time=None, torque_rate=None))
+    if free.dynamics.law is None:
+        refuse_memory(free.controller, q, sample_time or LATER)
+    closed, _, rates = _slopes(free, q)
+    torque = _torques(free.controller, 0.0, q, 0 * q)
     alone = scene.resolved.robot.forward_dynamics(q, 0 * q, np.abs(torque))
     size = np.abs(alone).max(initial=0.0) + 1.0
     is_rest = bool(np.abs(rates[n : 2 * n]).max(initial=0.0) <= AT_REST * size)
+    read = _read(closed, 2 * n)
+    closed = closed[np.ix_(read, read)]
     poles = np.linalg.eigvals(closed)
     fastest = float(np.abs(poles).max(initial=1e-300))
     limit, stable = 0.0, bool((poles.real < -MARGIN * fastest).all())
@@ -45,7 +51,43 @@ def linearised_loop(scene: Any, q: Array) -> LinearisedLoop:
         stable = stable and spectral_radius(opened, closed - opened, sample_time) < 1 - MARGIN
     friction = scene.resolved.friction
     is_smoothed = friction is not None and bool(np.any(friction.coulomb) or np.any(friction.load))
-    return LinearisedLoop(poles, limit, sample_time, stable, is_rest, is_smoothed)
+    is_of_link = getattr(scene.controller, "posture", True) is None
+    return LinearisedLoop(poles, limit, sample_time, stable, is_rest, is_smoothed, is_of_link)
+
+
+def _torques(law: Any, t: float, q: Array, qd: Array) -> Array:
+    """The torques of a law, with its states zero."""
+    if not hasattr(law, "states"):
+        return np.asarray(law(t, q.copy(), qd.copy()), dtype=float)
+    return np.asarray(law(t, q.copy(), qd.copy(), np.zeros(law.states))[0], dtype=float)
+
+
+def refuse_memory(law: Any, q: Array, period: float) -> None:
+    """Raise a ValueError if the torques of a law at one time and state depend on the call before."""
+    found = []
+    for near in (NEAR, -NEAR):
+        _torques(law, 0.0, q, 0 * q)  # where a law with memory begins anew
+        for k in range(1, CALLS):
+            _torques(law, k * period, q + near, near + 0 * q)
+        found.append(_torques(law, CALLS * period, q, 0 * q))
+    difference = np.abs(found[1] - found[0]).max(initial=0.0)
+    if difference > AGREEMENT * max(1.0, np.abs(found).max(initial=0.0)):
+        raise ValueError(
+            f"`controller` has memory or noise: its torques in one state differ by {difference:.3g} N m or N after "
+            "different calls, so that it has no poles. Give it `states` for its memory: torques that act one sample "
+            "late are a state z with the rate (u - z) / sample_time; or simulate a small step at the target instead"
+        )
+
+
+def _read(closed: Array, moving: int) -> Array:
+    """Numbers of the states that others depend on, behind those of the motion; of an integral without gain none do."""
+    read = np.arange(len(closed))
+    while True:
+        among = closed[np.ix_(read, read)]
+        kept = read[(read < moving) | among.any(axis=0)]  # what is not read has slopes that are 0, not nearly 0
+        if len(kept) == len(read):
+            return kept
+        read = kept
 
 
 def _slopes(scene: Any, q: Array, slopes: Callable[..., Array] = Plant.jacobian) -> tuple[Array, Array, Array]:

@@ -6,6 +6,7 @@ import logging
 import weakref
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from copy import copy, deepcopy
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple, Protocol, runtime_checkable
@@ -450,9 +451,9 @@ class Scene:
             net = net - self.resolved.springs.torque(robot, q, qd)
         return robot.forward_dynamics(q, qd, net)
 
-    def _refuse_elastic(self, name: str, why: str) -> None:
+    def _refuse_elastic(self, name: str, why: str, cure: str = "use scene.resolved.robot for the links alone") -> None:
         if self.elastic is not None:
-            raise ValueError(f"`{name}` is not for elastic joints: {why}; use scene.resolved.robot for the links alone")
+            raise ValueError(f"`{name}` is not for elastic joints: {why}; {cure}")
 
     def check_gains(self, q: ArrayLike) -> LinearisedLoop:
         """Stability of the closed loop near a target, for any controller: linearised there.
@@ -472,7 +473,8 @@ class Scene:
         Raises
         ------
         ValueError
-            If there is no controller, joints are elastic, friction sticks, or `q` has the wrong shape or is not finite.
+            If there is no controller, or one with memory that is not in its `states`, joints are elastic, friction
+            sticks, or `q` has the wrong shape or is not finite.
 
         Examples
         --------
@@ -485,7 +487,7 @@ class Scene:
         from .linearised_loop import linearised_loop
 
         target, friction = per_joint_array("q", q, self.n), self.resolved.friction
-        self._refuse_elastic("check_gains", "the motors move as well")
+        self._refuse_elastic("check_gains", "the motors move as well", "simulate a small step at the target instead")
         if self.controller is None:
             raise ValueError("`controller` of the scene must be given")
         if friction is not None and friction.sticks:
@@ -525,6 +527,16 @@ class Scene:
             if np.any(getattr(self.resolved.robot.model, part)):
                 costs[part] = total - operations(**{part: nothing})
         return costs | {"law": law}
+
+
+def with_own_law(scene: Scene) -> Scene:
+    """The scene with a copy of a law that is called, whose memory is that of one motion; as it is where none is had."""
+    if scene.controller is None or scene.dynamics.law is not None or scene.traced_samples is not None:
+        return scene
+    own = copy(scene)
+    with suppress(Exception):  # of a law that holds a file, a generator, a lock
+        object.__setattr__(own, "controller", deepcopy(scene.controller))
+    return own
 
 
 def resolved_friction(friction: Friction | str | None, robot: Robot) -> Friction | None:
