@@ -32,8 +32,8 @@ from ..model.model import Model
 from ..model.parameters import PARAMETERS, at_parameters
 from ..robot import Robot
 from .elastic_joints import ElasticJoints
-from .plant import Plant
-from .scene import Scene, with_own_law
+from .plant import Plant, with_own_law
+from .scene import Scene
 from .scene_dynamics import SceneDynamics
 from .simulator import METHODS, check_times, law_breaks, simulate, tolerances
 

@@ -12,8 +12,7 @@ from scipy.linalg import expm
 from ..basics.spatial import Array
 from ..control.gains import LinearisedLoop
 from ..control.traced_law import AGREEMENT
-from .plant import Plant
-from .scene import with_own_law
+from .plant import Plant, with_own_law
 
 AT_REST = 1e-6  # accelerations at the target that are no motion, of those that the torques alone give
 SLOWEST, FASTEST = 1e2, 1e-2  # sample times examined, over the times of the slowest and of the fastest mode

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
+from copy import copy, deepcopy
 from functools import cached_property, partial
 from math import isfinite
 from typing import Any
@@ -261,6 +263,16 @@ class Plant:
 def state_function(kernel: Kernel) -> Callable[..., Array] | None:
     """A kernel's function of one state without the check of joint velocities; None if the recursion itself runs."""
     return kernel.state_function_unguarded if kernel.is_unrolled else None
+
+
+def with_own_law(scene: Any) -> Any:
+    """The scene with a copy of a law that is called, whose memory is that of one motion; as it is where none is had."""
+    if scene.controller is None or scene.dynamics.law is not None or scene.traced_samples is not None:
+        return scene
+    own = copy(scene)
+    with suppress(Exception):  # of a law that holds a file, a generator, a lock
+        object.__setattr__(own, "controller", deepcopy(scene.controller))
+    return own
 
 
 def with_modes(u: Array | None, modes: Array | None) -> Array | None:

@@ -6,7 +6,6 @@ import logging
 import weakref
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from copy import copy, deepcopy
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple, Protocol, runtime_checkable
@@ -527,16 +526,6 @@ class Scene:
             if np.any(getattr(self.resolved.robot.model, part)):
                 costs[part] = total - operations(**{part: nothing})
         return costs | {"law": law}
-
-
-def with_own_law(scene: Scene) -> Scene:
-    """The scene with a copy of a law that is called, whose memory is that of one motion; as it is where none is had."""
-    if scene.controller is None or scene.dynamics.law is not None or scene.traced_samples is not None:
-        return scene
-    own = copy(scene)
-    with suppress(Exception):  # of a law that holds a file, a generator, a lock
-        object.__setattr__(own, "controller", deepcopy(scene.controller))
-    return own
 
 
 def resolved_friction(friction: Friction | str | None, robot: Robot) -> Friction | None:
