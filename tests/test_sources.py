@@ -1,5 +1,6 @@
 """Generated source text computes what the kernel computes, in every language."""
 
+import functools
 import re
 import shutil
 import subprocess
@@ -19,7 +20,7 @@ from rne.kernels.soundness import Trace
 from rne.kernels.source import LANGUAGES as PRINTED
 from rne.kernels.source import Printable, harmless, most_alive, to_source
 
-from .compiled_sources import ARMS, TREES, c_library, call, check_all, kernels, model_of
+from .compiled_sources import ARMS, TREES, c_library, call, check_all, kernels, model_of, rust_library
 from .helpers import kept, states
 from .random_robots import random_tree
 
@@ -396,3 +397,72 @@ def test_names_are_cut_and_their_other_characters_written_as_numbers():
     assert harmless("a" * 61) == "a" * 60
     assert harmless("wrist_1.0 + x-y") == "wrist_1.0 + x-y"
     assert harmless('*/ "é\n') == "<U+002A><U+002F> <U+0022><U+00E9><U+000A>"
+
+
+NAMED = (
+    "lambda np q cos pow hypotf fmal sum class größe _cost __x t3 zeros isnan root self linux asm j0 match type print "
+    "M_x x" + "y" * 80
+)
+
+
+class OwnFunctions:
+    """Functions of every kind."""
+
+    traceable = True
+
+    def __call__(self, q):
+        return q + 1
+
+    def method(self, q):
+        return q - 1
+
+
+def of_a_name(name):
+    def function(q):
+        return q * np.sin(q)
+
+    function.__name__ = name
+    return rne.traceable(function)
+
+
+@pytest.fixture(scope="module")
+def own_kernels():
+    """A kernel of a function of each name."""
+    return [rne.compile(of_a_name(name), random_tree(1, 3)) for name in NAMED.split()]
+
+
+class TestNamesOfOwnFunctions:
+    def test_printed_text_runs_whatever_they_are(self, own_kernels):
+        others = [
+            rne.traceable(lambda q: q * 2), OwnFunctions(), rne.traceable(OwnFunctions().method),
+            rne.traceable(functools.partial(functools.partial(lambda q, k: k * q, k=3.0))),
+        ]  # fmt: skip
+        for kernel in [*own_kernels, *(rne.compile(other, random_tree(1, 3)) for other in others)]:
+            for language in ("python", "numpy"):
+                text, space = kernel.source(language), {}
+                exec(text, space)
+                (name,) = re.findall(r"^def (\w+)\(q\):", text, re.MULTILINE)[-1:]
+                assert space[name](np.array([0.3])) == pytest.approx(kernel([0.3]), rel=1e-15)
+                matlab = kernel.source("matlab")
+                assert re.match(rf"function result = {name}\(q\)\n", matlab)
+                assert f"Save as {name}.m" in matlab
+
+    @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler `cc`")
+    def test_in_c(self, own_kernels, tmp_path):
+        texts = [kernel.source("c") for kernel in own_kernels]
+        library = c_library(texts, tmp_path)
+        for kernel, text in zip(own_kernels, texts, strict=True):
+            (name,) = re.findall(r"^void (\w+)\(", text, re.MULTILINE)
+            assert call(library[name], [np.array([[0.3]])], 1, "float64")[0] == pytest.approx(kernel([0.3]), rel=1e-15)
+
+    @pytest.mark.skipif(shutil.which("rustc") is None, reason="there is no Rust compiler here")
+    def test_in_rust(self, own_kernels, tmp_path):
+        texts = [kernel.source("rust") for kernel in own_kernels]
+        names = [re.findall(r"^pub fn (\w+)\(", text, re.MULTILINE)[0] for text in texts]
+        assert len({*names}) == len(names)
+        rust_library(texts, tmp_path, {name: ["&[f64; 1]", "&mut [f64; 1]"] for name in names})  # compiles
+
+    def test_what_cannot_be_marked_is_told_how(self):
+        text = "^`law` cannot be marked: set `traceable = True` in the class builtin_function_or_method$"
+        with pytest.raises(TypeError, match=text):
+            rne.traceable(len)

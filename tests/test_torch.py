@@ -57,3 +57,26 @@ def test_errors_are_those_of_kernels():
     total = hessian(*tensors([np.zeros(3)]), torch.ones(1)).sum()
     with pytest.raises(TypeError, match="has no further derivative"):
         total.backward()
+
+
+@pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16])
+def test_half_precision_is_computed_in_single_and_returned_as_it_came(dtype):
+    call, q = rne.compile(rne.dynamics.gravity_torque, TREE).to_torch(), torch.tensor([0.25, -0.5, 0.75])
+    half = q.to(dtype).requires_grad_()
+    found = call(half)
+    assert found.dtype == dtype
+    assert torch.equal(found, call(q).to(dtype))
+    found.sum().backward()
+    assert half.grad.dtype == dtype
+    assert call(q.to(dtype).long()).dtype == torch.float64
+
+
+def test_what_is_no_tensor_of_real_numbers_is_named():
+    call, q = rne.compile(rne.dynamics.bias_torque, TREE).to_torch(), torch.zeros(3)
+    for x, got in ((q.to(torch.complex64), "torch.complex64"), ([0.0] * 3, "list"), (None, "NoneType")):
+        with pytest.raises(TypeError, match=rf"^`qd` must be a tensor of real numbers, got {got}$"):
+            call(q, x)
+    with pytest.raises(TypeError, match=r"^this kernel takes q, qd; got 1 arguments$"):
+        call(q)
+    with pytest.raises(ValueError, match=r"^`q` must have shape \(\.\.\., 3\) for robot"):
+        call(torch.zeros(()), torch.zeros(()))

@@ -37,7 +37,7 @@ from . import array_layout
 from .numpy_backend import BlockProgram, check_array, check_out
 from .python_backend import state_function
 from .soundness import NeedsRecursion, Recursion, Trace
-from .source import Printable, entry_of_element, heading, to_source
+from .source import Printable, entry_of_element, heading, identifier, to_source
 from .trace import (
     LIMIT,
     argument_widths,
@@ -541,7 +541,8 @@ class Kernel:
         """
         from .exports.casadi import to_casadi
 
-        return to_casadi(self, re.sub(r"\W+", "_", self._title).strip("_") if name is None else name, symbolic)
+        own = re.sub(r"[\W_]+", "_", identifier(re.sub("[ ,]+", "_", self._title)))
+        return to_casadi(self, own.strip("_") if name is None else name, symbolic)
 
     def to_jax(self, mode: str = "reverse") -> Callable[..., Any]:
         """The kernel as a function of JAX, for jit, vmap and derivatives of first and second order.
@@ -594,8 +595,9 @@ class Kernel:
         Returns
         -------
         callable
-            Of tensors (..., width) on the CPU, float64 or float32, in the order of `names`. The kernel reads and
-            writes their memory, without copies if they are contiguous. Its errors are those of a call.
+            Of tensors (..., width) on the CPU, in the order of `names`. The kernel reads and writes the memory of
+            float64 and float32, without copies if they are contiguous; float16 and bfloat16 are computed in float32 and
+            returned in their own type. Its errors are those of a call, and a TypeError for complex tensors.
 
         Raises
         ------

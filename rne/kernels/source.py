@@ -6,6 +6,9 @@ ASCII of a few harmless characters, so that no name can end the comment or conti
 
 from __future__ import annotations
 
+import builtins
+import keyword
+import math
 import re
 import textwrap
 from collections import Counter
@@ -89,12 +92,21 @@ def to_source(printable: Printable, language: str, dtype: str = "float64") -> st
         costs += [
             f"Stack - {alive} values at once at most in this order, {alive * size} bytes, besides saved registers"
         ]
-    name = f"{printable.name}{'_' * (printable.name in RESERVED.split())}"
+    name = identifier(printable.name, printable.arguments)
     costs += [f"Save as {name}.m"] if language == "matlab" else []
     printed = text(
         printable._replace(name=name, heading=[*printable.heading, *_wrapped(costs)]), *expressions(*arguments)
     )
     return "\n".join([*printed, ""]).replace("@", types[dtype][0]).replace("$", types[dtype][1])
+
+
+def identifier(name: str, taken: Sequence[str] = ()) -> str:
+    """A function's name in ASCII, as every language takes it: none of its own words, or of `taken`."""
+    name = re.sub(r"\W", lambda match: f"u{ord(match.group()):04x}", name, flags=re.ASCII)[:MAX_NAME]
+    name = name if name[:1].isalpha() else f"f{name}"
+    known = {*RESERVED.split(), *keyword.kwlist, *keyword.softkwlist, *dir(builtins), *dir(math), *taken}
+    is_known = name in known or (name[-1] in "fl" and name[:-1] in known) or re.fullmatch(r"t\d+", name)
+    return f"{name}_" if is_known else name
 
 
 def most_alive(program: Program) -> int:
@@ -194,11 +206,13 @@ LIBM = {name: f"{name}$({{}})" for name in ("sin", "cos", "sqrt", "tanh", "exp")
 LIBM |= {"abs": "fabs$({})", "arctan2": "atan2$({}, {})"}
 CHOICES = ("minimum", "maximum", "sign", "less", "less_equal", "where")
 # Functions' names that are words of a language or of its mathematics, but not of Python's.
-RESERVED = """abs abstract auto become box case catch char const cos crate default do double dyn elseif end enum exp
-    extern false final float fn function goto impl inline int let long loop macro main match maximum minimum
-    mod move mut otherwise override parfor persistent priv pub ref register restrict result self short sign
-    signed sin sizeof sqrt static struct super switch tanh trait true type typedef typeof union unsafe
-    unsigned unsized use virtual void volatile where"""
+RESERVED = """INFINITY NAN abstract arctan2 asm auto become box catch char classdef const crate default do double drem
+    dyn elseif end enum exp10 extern false fdim final finite float fma fmax fmin fn function goto ilogb impl
+    inline int j0 j1 jn let linux llrint llround logb long loop lrint lround macro main maximum minimum mod
+    move mut nearbyint nexttoward np otherwise override parfor persistent priv pub ref register remquo
+    restrict result rint root scalb scalbln scalbn self Self short sign signbit signed significand sizeof spmd
+    static struct super switch tgamma trait true typedef typeof union unix unsafe unsigned unsized use virtual
+    void volatile where y0 y1 yn zeros"""
 
 
 def _single(x: float) -> str:
@@ -311,7 +325,7 @@ def heading(
     arguments that are wrenches, each with its link.
     """
     sliding = [not model.is_revolute[i] for i in model.independent_joints]
-    what = f"{quantity} of robot {harmless(model.name)}"
+    what = f"{harmless(quantity)} of robot {harmless(model.name)}"
     if entry is not None:
         what = f"Entry {', '.join(str(k + 1) for k in entry)} of {what}"
     names = ", ".join(f"{k} {harmless(name)}" for k, name in enumerate(model.joint_names, 1))

@@ -57,10 +57,14 @@ def declared(function: Any) -> Declared:
             "arrays marked by rne.traceable, "
             f"got {function!r}"
         )
-    names = list(inspect.signature(function).parameters)
+    taken = inspect.signature(function).parameters.values()
+    names = [p.name for p in taken if p.name in JOINT_ARGUMENTS or p.default is p.empty]
     if not names or not set(names) <= set(JOINT_ARGUMENTS):
         raise TypeError(f"the arguments of `function` must have names of {list(JOINT_ARGUMENTS)}, got {names}")
-    name = re.sub(r"\W", "", function.__name__)
+    named = function
+    while isinstance(named, partial):
+        named = named.func
+    name = re.sub(r"\W", "", getattr(named, "__name__", type(named).__name__))
     widths: dict[str, int | None] = dict.fromkeys(names)
     core = partial(_one_by_one, function)
     own = Quantity(name=name, core=core, widths=widths, moments=False, base_parameters=False)

@@ -19,9 +19,17 @@ def to_torch(kernel: Any) -> Callable[..., Any]:
     run = differentiable(kernel, Rules(kernel, torch, differentiable))
 
     def function(*tensors: Any) -> Any:
+        if len(tensors) != len(kernel.names):
+            raise TypeError(f"this kernel takes {', '.join(kernel.names)}; got {len(tensors)} arguments")
+        for name, x in zip(kernel.names, tensors, strict=True):
+            if not isinstance(x, torch.Tensor) or x.is_complex():  # its gradients would need another convention
+                got = x.dtype if isinstance(x, torch.Tensor) else type(x).__name__
+                raise TypeError(f"`{name}` must be a tensor of real numbers, got {got}")
         leading = torch.broadcast_shapes(*(x.shape[:-1] for x in tensors))
         dtype = reduce(torch.promote_types, (x.dtype for x in tensors))
-        return run(*(x.to(dtype).expand(*leading, *x.shape[-1:]) for x in tensors))
+        number = torch.promote_types(dtype, torch.float32) if dtype.is_floating_point else dtype
+        found = run(*(x.to(number).expand(leading + x.shape[-1:]) for x in tensors))
+        return found.to(dtype) if dtype.is_floating_point else found
 
     return function
 
