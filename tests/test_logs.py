@@ -414,7 +414,7 @@ def test_joints_that_are_called_like_commands(tmp_path):
     same(record)
     table(path, ["t", *names_of("q_d", "tau_d", joints="123", form="{}_{}")], T, Q, TAU)
     with exactly(
-        f"{path}: there are no positions; there are 't', 'q_d_1', 'q_d_2', 'q_d_3', 'tau_d_1', 'tau_d_2', 'tau_d_3'; 'q_d_1' to 'tau_d_3' look like commands or errors; if some are, give columns={{\"q\": ...}}"
+        f"{path}: there are no positions; there are 't', 'q_d_1', 'q_d_2', 'q_d_3', 'tau_d_1', 'tau_d_2', 'tau_d_3'; 'q_d_1' to 'q_d_3' look like commands or errors; if some are, give columns={{\"q\": ...}}"
     ):
         Record.from_log(path)
     table(
@@ -440,16 +440,23 @@ def test_joints_that_are_called_like_commands(tmp_path):
         TAU[:, 2],
     )
     same(Record.from_log(path), joints=("1", "2", "z"), velocities=False)
+    names = [
+        "t",
+        *names_of("pos", joints=("turn", "d3", "Ext"), form="{1}_{0}"),
+        "turn_torque",
+        "d3_force",
+        "ext_torque",
+    ]
+    same(Record.from_log(table(path, names, T, Q, TAU)), ("turn", "d3", "Ext"), velocities=False)
 
 
 def test_topics_are_no_part_of_joints_names(tmp_path):
     path = tmp_path / "log.csv"
-    for form in ("/joint_states/{1}/{0}", "/left/arm/joint_states/{1}/{0}", "joint_states.{1}.{0}", "/dynamic_joint_states/{1}/{0}", "robot/{1}/{0}/value"):  # fmt: skip
+    for form, options in (("/left/joint_states/{1}/{0}", {"joints": JOINTS}), ("/dynamic_joint_states/{1}/{0}", {}), ("robot.{1}.{0}/value", {})):  # fmt: skip
         table(path, ["__time", *names_of("position", "velocity", "effort", form=form)], T, Q, QD, TAU)
-        for options in ({}, {"joints": JOINTS}):
-            record = Record.from_log(path, **options)
-            same(record)
-            assert guesses(record) == []
+        record = Record.from_log(path, **options)
+        same(record)
+        assert guesses(record) == []
     two = names_of("position", "effort", form="/left/{1}/{0}") + ["/right/elbow/position"]
     table(path, ["__time", *two], T, Q, TAU, T)
     with exactly(
@@ -466,7 +473,7 @@ def test_velocities_that_are_missing_are_not_used(tmp_path):
         record = Record.from_log(table(tmp_path / "log.csv", ["t", *names_of("q", "qd", "tau")], T, Q, qd, TAU))
         said = f"no finite velocity in {len(T[rows])} samples of 200; the velocities are not used"
         assert [finding.message for finding in record.findings] == [f"log.csv: {x}: {said}" for x in JOINTS[missing]]
-        assert len(record.prepare(cutoff=5.0).t) > 100
+        assert {finding.severity for finding in record.findings} == {"warning"}
     path = echoed(tmp_path / "log.csv")
     lines = [
         ",".join([*(x := line.split(","))[:9], "", *x[12:]]) if k % 50 == 7 else line
@@ -474,6 +481,62 @@ def test_velocities_that_are_missing_are_not_used(tmp_path):
     ]
     path.write_text("\n".join(lines))
     assert np.flatnonzero(np.isnan(Record.from_log(path).qd[:, 0])).tolist() == [7, 57, 107, 157]
+
+
+def test_lists_in_entries_as_programs_write_them(tmp_path):
+    for form in ("({})", "array('d', [{}])", "[{}] "):
+        sign = " " if form.endswith(" ") else ", "
+        lists = [
+            ",".join('"' + form.format(sign.join(map(repr, x[k].tolist()))) + '"' for x in (Q, TAU)) for k in range(200)
+        ]
+        rows = [f"{t!r},{x}" for t, x in zip(T.tolist(), lists, strict=True)]
+        path = rows_of(tmp_path / "log.csv", ["time", "position", "effort"], rows)
+        same(Record.from_log(path), ("joint_1", "joint_2", "joint_3"), velocities=False)
+
+
+def test_dates_and_rows_above_the_names(tmp_path):
+    rows = [f"2026-02-28T23:59:{58 + 0.01 * k:06.3f}" if k < 200 else "" for k in range(200)]
+    numbers = [",".join(map(repr, x)) for x in np.column_stack([Q, TAU]).tolist()]
+    path = rows_of(
+        tmp_path / "log.csv", ["time", *names_of("q", "tau")], [f"{a},{b}" for a, b in zip(rows, numbers, strict=True)]
+    )
+    same(Record.from_log(path), velocities=False)
+    path.write_text(path.read_text().replace("2026-02-28T", "28.2., ").replace("time,", "day,time,"))
+    with exactly(f"{path}, row 2, column 'time': must be a finite number, got ' 23:59:58.000'"):
+        Record.from_log(path)
+    path = table(
+        tmp_path / "log.txt",
+        ["time", *names_of("q", "tau")],
+        T,
+        Q,
+        TAU,
+        separator="\t",
+        heading="Version\t2\nEnd of head",
+    )
+    same(Record.from_log(path), velocities=False)
+
+
+def test_names_that_differ_in_signs_alone(tmp_path):
+    """j1_2 and j12 are two joints; Elbow_Pan and elbow-pan are one."""
+    names = ["t", "q.j1_2", "q.j12", "tau.j12", "tau.j1_2"]
+    record = Record.from_log(table(tmp_path / "log.csv", names, T, Q[:, :2], TAU[:, 1::-1]))
+    np.testing.assert_array_equal(record.tau, TAU[:, :2])
+    names = ["t", "Elbow_Pan pos", "Wrist pos", "wrist effort", "elbow-pan effort"]
+    record = Record.from_log(
+        table(tmp_path / "log.csv", names, T, Q[:, :2], TAU[:, 1::-1]), joints=["elbow_pan", "wrist"]
+    )
+    np.testing.assert_array_equal(record.tau, TAU[:, :2])
+
+
+def test_currents_beside_torques_are_not_read(tmp_path):
+    """Not even where two are of one joint; without torques that one has to be chosen."""
+    names = ["t", *names_of("q", "tau"), "elbow current", "elbow raw current", "elbow value current"]
+    path = table(tmp_path / "log.csv", names, T, Q, TAU, T, T, T)
+    same(Record.from_log(path), velocities=False)
+    table(path, [x for x in names if "tau" not in x], T, Q, T, T, T)
+    both = "'elbow current' and 'elbow value current' are both current of elbow"
+    with exactly(f'{path}: columns {both}; say which in columns={{"tau": ...}}'):
+        Record.from_log(path)
 
 
 def test_a_column_that_is_not_read_may_be_there_twice(tmp_path):
@@ -528,6 +591,7 @@ def test_units_stand_beside_or_below_names(lines, tmp_path):
         ("[{\"t\": 0}]", f": is {JSON}"),
         ("<?xml version='1.0'?><Rob/>", ": is XML; write its numbers as CSV, a row per sample"),
         ("header:\n  stamp: 1\n---\n", ": is YAML as of ros2 topic echo; add --csv, or -p with rostopic"),
+        ("t,motor_id,q,tau\n0,1,1,2\n0,2,1,2\n", ": has a row for each joint, which column 'motor_id' names; make a column of each quantity and joint, such as q.elbow, by pandas.DataFrame.pivot"),
         ("t,joint,q,tau\n0,a,1,2\n0,b,1,2\n1,a,1,2\n1,b,1,2\n", ": has a row for each joint, which column 'joint' names; make a column of each quantity and joint, such as q.elbow, by pandas.DataFrame.pivot"),
         ("t,q1,q2\n0,1,2\n1,2,3\n", ": there are no torques or currents; there are 't', 'q1', 'q2'; if some are, give columns={\"tau\": ...}"),
         ("t,x,tau\n0,1,2\n1,2,3\n", ": there are no positions; there are 't', 'x', 'tau'; if some are, give columns={\"q\": ...}"),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Container, Iterable, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,21 +17,22 @@ from ...trajectories.csv_file import Samples, guessed_unit, in_seconds, listed_n
 from .log_files import LISTED, UNIT, Log, read_log, symbol, with_stamps
 
 WORDS = {
-    "t": "t time timestamp stamp sec secs seconds zeit",
+    "t": "t tout time timestamp stamp sec secs seconds zeit",
     "q": "pos position positions angle angles winkel",
     "qd": "qd dq qdot dtheta thetadot vel velocity velocities speed speeds omega ω geschwindigkeit",
     "": "qdd ddq qddot ddot acc accel acceleration accelerations",  # not read
-    "tau": "tau τ torque torques trq effort efforts moment moments drehmoment",
+    "tau": "tau τ torque torques trq tor effort efforts moment moments drehmoment",
     "force": "force forces",
     "current": "current currents curr iq strom",
 }
+TORQUES = {"tau": "tau", "current": "tau", "force": "tau"}  # kinds that stand for torques
 WORD = {word: kind for kind, words in WORDS.items() for word in words.split()}
 SYMBOLS = ("q", "theta", "θ")  # positions where no other word names a quantity, as in "theta1" beside "theta1_effort"
 ASKED = re.compile(  # words of commands, and in a group those that a joint may have in its name, such as a slide d3
-    "target|desired|command|commanded|cmd|reference|setpoint|goal|action|soll|(d|des|ref|error|ext|external)"
+    "(?:target|desired|command|commanded|cmd|reference|setpoint|goal|action|soll|planned)s?|(d|des|ref|errors?|ext|external)"
 )
 SPARE = re.compile(  # words that say nothing of the joint
-    "actual|act|measured|meas|present|ist|angular|field|observation|state|feedback|log|data|values?|j"
+    "actual|act|measured|meas|present|ist|angular|field|observation|state|feedback|fbk|log|data|values?|j"
 )
 CLOCKS = re.compile("header|elapsed|relative|system|epoch|unix|ros|rosbag|s")  # words beside "time" and "stamp"
 TOKEN = re.compile(r"[A-Z]+(?![^\W\d_A-Z])|[A-Z]?[^\W\d_A-Z]+|\d+")
@@ -135,8 +136,8 @@ def _meaning(name: str, joints: Sequence[str] = ()) -> Meaning:
     if not kind or (kind == "t" and not all(map(CLOCKS.fullmatch, clock))):
         return Meaning()
     joint, own = _joint(parts, names | asked.keys()), _joint(parts, names)
-    is_own = own != joint and all(found[1] for found in asked.values())
-    return Meaning(kind, joint, unit, None if not asked else own if is_own else "")
+    own = own if own != joint and all(found[1] for found in asked.values()) else ""
+    return Meaning(kind, joint, unit, own if asked else None)
 
 
 def _unit(name: str) -> tuple[str, str]:
@@ -166,7 +167,8 @@ def _joint(parts: Sequence[str], others: Container[str]) -> str:
     for part in parts:
         kept = [token for token in TOKEN.finditer(part) if token[0].lower() not in others]
         text = part[kept[0].start() : kept[-1].end()] if kept else ""
-        texts.append(text if len(TOKEN.findall(text)) == len(kept) else "_".join(token[0] for token in kept))
+        is_whole = len(TOKEN.findall(text)) == len(kept) and not set(text) & set("[(")
+        texts.append(text if is_whole else "_".join(token[0] for token in kept))
     last = max((k for k, text in enumerate(texts) if text), default=0)
     matrix = texts[last - 1] if last and parts[last].isdigit() else ""  # of which this is a column
     return f"{matrix}_{texts[last]}" if matrix else texts[last]
@@ -198,7 +200,7 @@ def _by_joint(place: str, log: Log, given: Mapping[str, Any], joints: Sequence[s
     found: Columns = {kind: {} for kind in WORDS}
     if unknown := [kind for kind in given if kind not in ("t", "q", "qd", "tau")]:
         raise ValueError(f'`columns` must be of "t", "q", "qd" and "tau", got {unknown[0]!r}')
-    asked = dict[str, Meaning]()
+    asked, both = dict[str, Meaning](), dict[str, str]()
     for name in log.columns:
         meaning = _meaning(name, joints)
         kind, joint = meaning.kind, log.joints.get(name, meaning.joint)
@@ -206,8 +208,8 @@ def _by_joint(place: str, log: Log, given: Mapping[str, Any], joints: Sequence[s
             asked[name] = meaning._replace(joint=joint)
         elif kind and kind not in given:
             if joint in found[kind] and not (kind == "t" and joint):
-                both = f"{found[kind][joint]!r} and {name!r} are both {kind}{f' of {joint}' if joint else ''}"
-                raise ValueError(f'{place}: columns {both}; say which in columns={{"{kind}": ...}}')
+                what = f"are both {kind}{f' of {joint}' if joint else ''}; say which in columns="
+                both.setdefault(kind, f'{found[kind][joint]!r} and {name!r} {what}{{"{TORQUES.get(kind, kind)}": ...}}')
             found[kind].setdefault(joint, name)
     for kind, wanted in given.items():
         parts = [wanted] if isinstance(wanted, str | int) else wanted
@@ -215,11 +217,15 @@ def _by_joint(place: str, log: Log, given: Mapping[str, Any], joints: Sequence[s
         names = [log.joints.get(name, _meaning(name, joints).joint) for name in own]
         found[kind] = dict(zip(names if len(set(names)) == len(own) else map(str, range(len(own))), own, strict=True))
     left = _not_commands(found, asked, list(log.columns), guesses)
-    forces = {x: name for x, name in found["force"].items() if x in found["q"] and not found["current"]}
-    found["tau"] = forces | found["tau"]
+    forces = {x: name for x, name in found["force"].items() if x in found["q"] and x not in found["tau"]}
+    found["tau"] |= {} if found["current"] or "tau" in given else forces
+    for kind in ("t", "q", "qd", "tau" if found["tau"] else "current"):
+        if kind in both and kind not in given:
+            raise ValueError(f"{place}: columns {both[kind]}")
     for kind, what in (("q", "positions"), ("tau", "torques or currents")):
         if not found[kind] and not (kind == "tau" and found["current"]):
-            looks = f"; {_span(left)} look like commands or errors" if left else ""
+            alike = [name for name in left if TORQUES.get(asked[name].kind, "q") == kind]
+            looks = f"; {_span(alike)} look like commands or errors" if alike else ""
             there = listed_names(list(log.columns), LISTED)
             cure = f'if some are, give columns={{"{kind}": ...}}'
             raise ValueError(f"{place}: there are no {what}; there are {there}{looks}; {cure}")
@@ -235,13 +241,14 @@ def _not_commands(found: Columns, asked: Mapping[str, Meaning], order: Sequence[
     """
     torques = found["tau"] | found["current"]
     alone = {x: m for x, m in asked.items() if m.joint not in (torques if m.kind == "tau" else found[m.kind])}
-    own = {(m.kind, m.own): name for name, m in alone.items() if m.own}
-    for (kind, joint), name in own.items():
-        torque = "tau" if ("tau", joint) in own else "current"
-        if kind == "q" and (torque, joint) in own and found["q"] and torques:
+    own = {(m.kind, _key(m.own)): name for name, m in alone.items() if m.own}
+    for (kind, key), name in own.items():
+        torque = next((x for x in TORQUES if (x, key) in own), None)
+        if kind == "q" and torque and found["q"] and torques:
+            joint = str(alone[name].own)
             guesses.append((f"{name!r} is of a joint {joint!r}, not a command", "else give `columns`"))
             for x in ("q", "qd", torque):
-                if column := own.get((x, joint)):
+                if column := own.get((x, key)):
                     found[x][joint] = column
                     del alone[column]
     found["q"] = dict(sorted(found["q"].items(), key=lambda x: order.index(x[1]))) if asked else found["q"]
@@ -272,32 +279,27 @@ def _same_joints(
             there[kind] = dict(x for _, x in sorted(zip(k, there[kind].items(), strict=True)))
     first = next((kind for kind, x in there.items() if x and not numbers[kind]), "q")
     names, of = there[first], Columns()
+    key: Callable[[str], str] = _key if all(len({*map(_key, x)}) == len(x) for x in there.values()) else str
     for kind, x in there.items():
-        own, k, base = {_key(joint): column for joint, column in x.items()}, numbers[kind], numbers[first]
+        own, k, base = {key(joint): column for joint, column in x.items()}, numbers[kind], numbers[first]
         is_shifted = k and base and (0 in k) != (0 in base)
-        of[kind] = {joint: own[_key(joint)] for joint in names if _key(joint) in own and not is_shifted}
+        of[kind] = {joint: own[key(joint)] for joint in names if key(joint) in own and not is_shifted}
         if not of[kind] and len(x) == len(names) and (k or paired):
             of[kind] = dict(zip(names, x.values(), strict=True))
             if kind != "qd" and not paired:
-                guesses.append(
-                    (f"{_span([*x.values()])} are of the joints of {_span([*names.values()])} in this order", ORDER)
-                )
+                guesses.append((f"{_span(x)} are of the joints of {_span(names)} in this order", ORDER))
     common = [joint for joint in of["q"] if joint in of["tau"]]
-    own = {_key(joint): joint for joint in common}
-    if (
-        joints is not None
-        and _numbers(common)
-        and len(joints) == len(common)
-        and own.keys().isdisjoint(map(_key, joints))
-    ):
-        guesses.append((f"{_span([*of['q'].values()])} are of {_span(joints)} in this order", ORDER))
+    own = {key(joint): joint for joint in common}
+    is_order = _numbers(common) and len(joints or ()) == len(common) and own.keys().isdisjoint(map(key, joints or ()))
+    if is_order:
+        guesses.append((f"{_span(of['q'])} are of {_span(joints or ())} in this order", ORDER))
     elif joints is not None:
-        if missing := [joint for joint in joints if _key(joint) not in own]:
+        if missing := [joint for joint in joints if key(joint) not in own]:
             hint = did_you_mean(missing[0], common) or f"; there are {listed_names(common, LISTED)}"
             raise ValueError(f"{place}: there are no positions and torques of joint {missing[0]!r}{hint}")
-        common = [own[_key(joint)] for joint in joints]
+        common = [own[key(joint)] for joint in joints]
     if not common:
-        both = f"positions are {_span([*there['q'].values()])}, torques {_span([*there['tau'].values()])}"
+        both = f"positions are {_span(there['q'])}, torques {_span(there['tau'])}"
         cure = 'if these are of the same joints, give columns={"q": ..., "tau": ...} in the same order'
         raise ValueError(f"{place}: no joint has positions and torques; {both}; {cure}")
     if alone := [joint for joint in of["q"] if joint not in of["tau"]]:
@@ -366,7 +368,8 @@ def _in_si(kind: str, unit: Any, n: int) -> Array:
     return per_joint_array(f"units of {kind}", factors, n)
 
 
-def _span(names: Sequence[str]) -> str:
-    """The first and the last name."""
+def _span(names: Sequence[str] | dict[str, str]) -> str:
+    """The first and the last name, of columns by joint those of the columns."""
+    names = [*names.values()] if isinstance(names, dict) else names
     first, last = (repr(cut(names[k], MAX_NAME)) for k in (0, -1))
     return first if len(names) == 1 else f"{first} to {last}"

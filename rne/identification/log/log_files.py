@@ -10,7 +10,9 @@ import re
 import struct
 import zlib
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
+from statistics import mode
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -29,6 +31,8 @@ SPELT = {  # of units as they are written
     r"newtonmet(er|re)s?|^nm$": "Nm", r"sec(ond)?s?": "s", r"^(m?)amp(ere)?s?$": r"\1A", r"^(1|rev|r|u)[/p]min$": "rpm",
     r"(?<=deg|rad)(_s|ps|s1?)$": "/s",
 }  # fmt: skip
+DATE = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d(\.\d+)?")
+JOINTS = 64  # joints at most, of which a row each is looked for
 SNIFFED = 20  # rows from which separator and decimal sign are guessed
 FORMATS = [(";", "."), (";", ","), ("\t", "."), ("\t", ","), (",", "."), (" ", "."), (" ", ",")]
 JOINT_STATE = "sensor_msgs/msg/JointState"
@@ -49,9 +53,9 @@ FORMS = {  # beginnings of texts that are not read, likewise
     r"(---\s*)?(header|name|position):\s": "YAML as of ros2 topic echo; add --csv, or -p with rostopic",
 }
 NAMES = re.compile(
-    r"(?:.*[./])?(?:joint|axis|motor)?_?names?|joints?|axis|motor", re.IGNORECASE
+    r"(?:.*[./])?(?:joint|axis|motor|servo)?_?(?:names?|id)|joints?|axis|motor|servo", re.IGNORECASE
 )  # of arrays of joints' names
-CELL = re.compile(r"\s*(?:array\('\w', *)?[\[(](.*)[\])]\)?\s*")  # an entry that is a list
+CELL = re.compile(r"\s*(?:array\('\w', *)?[\[(](.*?)[\])]\)?\s*")  # an entry that is a list
 NUMBERED = re.compile(r"(.*?)[_.\[( ]*(\d+)[\])]?")  # columns of an array
 NUMERIC = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}  # of MATLAB
 COMPRESSED, CELLS, STRUCTURE, TEXT = 15, 1, 2, 4  # kinds of elements and of arrays
@@ -77,6 +81,9 @@ class Log(NamedTuple):
             raise ValueError(f"{place}: column {name!r} is there twice")
         if x.dtype.kind != "U":
             return x
+        if DATE.fullmatch(str(x[0])):
+            with suppress(ValueError):
+                return np.asarray((x.astype("datetime64[ns]") - np.datetime64(str(x[0]))) / np.timedelta64(1, "s"))
         values = np.array([_number(text, self.decimal) for text in x.tolist()])
         for k in np.flatnonzero(~np.isfinite(values)):
             if x[k].strip().lower() not in ("", "nan"):
@@ -143,11 +150,12 @@ def _text(path: Path, options: Mapping[str, Any]) -> Log:
             raise ValueError(f"{path}: is {what}")
     separator, decimal = _format(text, options["separator"], options["decimal"])
     rows = _without_lists(name, csv_rows(name, text, separator))
-    first = next((k for k, (_, row) in enumerate(rows) if _is_numeric(row, decimal)), None)
+    width = mode(len(row) for _, row in rows) if rows else 0
+    numeric = (k for k, (_, row) in enumerate(rows) if len(row) == width or (k == 0 and len(row) > 4))
+    first = next((k for k in numeric if _is_numeric(rows[k][1], decimal)), None)
     if first is None:
         raise ValueError(f"{name}: there are no rows of numbers" if rows else f"{name}: the file is empty")
     given, heading, body = options["columns"], rows[first - 1][1] if first else [], rows[first:]
-    width = len(body[0][1])
     if isinstance(given, Sequence):
         heading = list(given)
     elif heading:
@@ -175,14 +183,7 @@ def _text(path: Path, options: Mapping[str, Any]) -> Log:
     said = (f"separator {separator!r}, decimal sign {decimal!r}",) * ((separator, decimal) != (",", "."))
     cells = [(x, [row[k] for _, row in body]) for k, x in enumerate(heading) if heading.count(x) > 1]
     twice = {x for x, column in cells if x and column != columns[x].tolist()}
-    is_text = re.compile(r"(?!nan$|inf)[^\W\d]", re.IGNORECASE).match
-    names = {
-        x: column for x, column in columns.items() if NAMES.fullmatch(NUMBERED.sub(r"\1", x)) and is_text(column[0])
-    }
-    if len(names) == 1 and len(set(next(iter(names.values())).tolist())) > 1:
-        cure = "make a column of each quantity and joint, such as q.elbow, by pandas.DataFrame.pivot"
-        raise ValueError(f"{name}: has a row for each joint, which column {next(iter(names))!r} names; {cure}")
-    joints = _of_names(name, columns, np.column_stack([*names.values()])) if names else {}
+    joints = _joints_of(name, columns)
     return Log(columns, said, None, decimal, [row for row, _ in body], joints=joints, twice=twice)
 
 
@@ -206,16 +207,23 @@ def _entries(entry: str) -> list[str]:
     return [x.strip("'\"") for x in re.split(r"[,;\s]+", found[1].strip()) if x] if found else [entry]
 
 
-def _of_names(place: str, columns: Iterable[str], names: Any) -> dict[str, str]:
-    """Joints of the columns that are numbered as the names of joints are, which must be the same in all rows."""
-    own, *others = np.unique(np.atleast_2d(np.char.strip(np.asarray(names, dtype=str))), axis=0).tolist()
+def _joints_of(place: str, columns: Mapping[str, Array], rows: bool = True) -> dict[str, str]:
+    """The joints of numbered columns, where other columns name them in all `rows`, or an array of texts."""
+    found = {x: NUMBERED.fullmatch(x) for x in columns}
+    named = sorted((int(m[2]) if m else 0, x) for x, m in found.items() if NAMES.fullmatch(m[1] if m else x))
+    texts = [columns[x] for _, x in named if re.match(r"(?!nan$|inf)[^\W\d]", str(columns[x][0]), re.IGNORECASE)]
+    for _, x in named[: rows and len(named) == 1]:
+        if 1 < len({*columns[x].tolist()}) <= JOINTS and (texts or all(map(str.isdigit, columns[x].tolist()))):
+            cure = "make a column of each quantity and joint, such as q.elbow, by pandas.DataFrame.pivot"
+            raise ValueError(f"{place}: has a row for each joint, which column {x!r} names; {cure}")
+    own, *others = np.unique(np.column_stack(texts) if rows else texts[:1], axis=0).tolist() if texts else [[]]
     if others or len(set(own)) < len(own):
         both = " and ".join(map(listed_names, [own, *others[:1]]))
         raise ValueError(f"{place}: the names of joints must be different, and the same in all rows, got {both}")
     groups: dict[str, dict[int, str]] = {}
-    for column in columns:
-        if found := NUMBERED.fullmatch(column):
-            groups.setdefault(found[1], {})[int(found[2])] = column
+    for column, m in found.items():
+        if m:
+            groups.setdefault(m[1], {})[int(m[2])] = column
     whole = [group for group in groups.values() if sorted(group) in ([*range(len(own))], [*range(1, len(own) + 1)])]
     return {group[k]: joint for group in whole for k, joint in zip(sorted(group), own, strict=True)}
 
@@ -234,7 +242,7 @@ def with_stamps(place: str, log: Log) -> Log:
 def _format(text: str, separator: str | None, decimal: str | None) -> tuple[str, str]:
     """Separator and decimal sign with which most entries in the middle of a text are numbers."""
     lines = [line for line in text.splitlines() if line.strip()]
-    lines = lines[len(lines) // 2 :][:SNIFFED]
+    lines = [re.sub(r"\[.*?\]", "", line) for line in lines[len(lines) // 2 :][:SNIFFED]]
 
     def numbers(form: tuple[str, str]) -> int:
         fields = [x for line in lines for x in (line.split() if form[0] == " " else line.split(form[0]))]
@@ -355,26 +363,18 @@ def _mcap(paths: Sequence[Path], options: Mapping[str, Any]) -> Log:
 
 def _arrays(path: Path, arrays: Mapping[str, Any]) -> Log:
     """The columns of arrays by name, of the joints that an array of texts names."""
-    columns, names = _columns(arrays), _names_in(arrays)
-    return Log(columns, joints={} if names is None else _of_names(os.fspath(path), columns, names))
-
-
-def _names_in(arrays: Mapping[str, Any]) -> Any:
-    """The array of joints' names, or None."""
-    for name, value in arrays.items():
-        if isinstance(value, Mapping) and (found := _names_in(value)) is not None:
-            return found
-        if NAMES.fullmatch(name) and np.asarray(value).dtype.kind in "US" and np.size(value) > 1:
-            return value
-    return None
+    columns = _columns(arrays)
+    return Log(columns, joints=_joints_of(os.fspath(path), columns, rows=False))
 
 
 def _columns(arrays: Mapping[str, Any], names: Mapping[str, Sequence[str]] | None = None) -> dict[str, Array]:
-    """Columns of arrays of numbers, those of a matrix named or numbered from 1; structures are joined by points."""
+    """Columns of arrays of numbers, of a matrix each, and names of joints; structures are joined by points."""
     columns: dict[str, Array] = {}
     for name, value in arrays.items():
         if isinstance(value, Mapping):
             columns |= {f"{name}.{part}": x for part, x in _columns(value).items()}
+        elif NAMES.fullmatch(name) and np.asarray(value).dtype.kind in "US":
+            columns[name] = np.char.strip(np.ravel(value).astype(str))
         elif not name.startswith("__") and np.asarray(value).dtype.kind in "fiu" and np.ndim(value) in (1, 2):
             x = np.atleast_2d(np.asarray(value, dtype=np.float64).T)
             x = x.T if len(x) > x.shape[1] else x

@@ -224,8 +224,9 @@ class Record(ReadOnlyArrays):
         """Measurements in a log as a robot writes it.
 
         Read are text with or without names of the columns, ROS messages of joint states (`rostopic echo -p`,
-        `ros2 topic echo --csv`, MCAP files and folders of them), .mat files up to version 7, .npz files, and LeRobot
-        data sets. What the log does not say is given, or guessed, which `source` and `findings` tell.
+        `ros2 topic echo --csv`, MCAP files and folders of them), exports of bags by PlotJuggler and bagpy, .mat files
+        up to version 7, .npz files, and LeRobot data sets. Names of joints in the log count before numbers, and these
+        before guesses. What the log does not say is given, or guessed, which `source` and `findings` report.
 
         Parameters
         ----------
