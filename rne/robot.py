@@ -1481,9 +1481,10 @@ class Robot(InNotebooks):
         Parameters
         ----------
         effort, velocity, acceleration, deceleration, jerk : float, array_like of shape (n,), or mapping, optional
-            One number for all joints, one for each of `joint_names`, or some by name, inf for none; limits that are
-            not given stay. Deceleration is acceleration against the direction of motion, its limit where inf that of
-            acceleration [N m or N; rad/s or m/s; rad/s^2 or m/s^2, twice; rad/s^3 or m/s^3].
+            One number for all joints, one for each of `joint_names`, or some by name, also of joints that follow others
+            but for effort; inf for none; limits that are not given stay. Deceleration is acceleration against the
+            direction of motion, its limit where inf that of acceleration
+            [N m or N; rad/s or m/s; rad/s^2 or m/s^2, twice; rad/s^3 or m/s^3].
 
         Returns
         -------

@@ -19,7 +19,7 @@ MARGIN = 1.1  # on the largest values found
 BUDGET = 3.0  # of proofs, in units of `rne.Robot.bounds`: some seconds
 SHARED = (  # fields of a Model in which all cases agree
     *("moving_joints", "joint_types", "parent", "axis", "rotation", "translation", "joint_origin"),
-    *("gravity", "armature", "coordinate", "multiplier", "offset"),
+    *("gravity", "armature", "coordinate", "multiplier", "offset", "couplings"),
 )
 MIXTURES = 16  # robots drawn for the bound of an uncertainty
 

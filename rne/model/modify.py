@@ -156,7 +156,9 @@ def with_limits(
     for name, value in zip(DRIVES, (effort, velocity, acceleration, deceleration, jerk), strict=True):
         if value is not None:
             changed[f"{name}_limit"] = array = getattr(model, f"{name}_limit").copy()
-            array[coordinates] = limit_array(name, value, model.joint_names, array[coordinates])
+            named = isinstance(value, Mapping) and name != "effort"  # joints that follow have no drives
+            own = [*range(model.nb)] if named else coordinates
+            array[own] = limit_array(name, value, [model.moving_joints[i] for i in own], array[own])
     return replace(model, **changed) if changed else model
 
 

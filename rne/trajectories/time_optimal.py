@@ -26,6 +26,7 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import positive_number
 from ..basics.spatial import Array
 from ..basics.text import InNotebooks, column, listed, table
+from ..dynamics.kinematics import joint_accelerations, joint_positions, joint_velocities
 from ..robot import Robot, robot_argument
 from ..simulation.friction import Friction
 from ..simulation.limits import limit_shares, share_texts
@@ -96,16 +97,43 @@ class _Limits:
         """Kinds of limits of each n rows: 0 if they are limited on both sides, 1 above, 2 below."""
         return (1, 2, 1, 2) if np.any(self.friction.load) else (0, 1, 2)
 
+    @cached_property
+    def following(self) -> list[int]:
+        """The joints that follow by couplings, whose velocities and accelerations are limited too."""
+        return [i for i, *_ in self.robot.model.coupled_joints]
+
+    @cached_property
+    def of_all(self) -> dict[str, Array]:
+        """Limits of the coordinates, and behind them of the joints that follow, which have no torques."""
+        model, own = self.robot.model, self.following
+        other = {"deceleration_limit": model.braking_limit, "effort_limit": np.full(model.nb, np.inf)}
+        return {name: np.append(x, other.get(name, getattr(model, name))[own]) for name, x in self.known.items()}
+
+    def rates(self, q: Array, qd: Array, qdd: Array) -> tuple[Array, Array]:
+        """Velocities and accelerations of the coordinates, and behind them of the joints that follow."""
+        if not self.following:
+            return qd, qdd
+        pair = joint_velocities(self.robot.model, q, qd), joint_accelerations(self.robot.model, q, qd, qdd)
+        own = (np.concatenate([x, y[..., self.following]], -1) for x, y in zip((qd, qdd), pair, strict=True))
+        return next(own), next(own)
+
+    def padded(self, values: Array, by: float = 0.0) -> Array:
+        """Values of the coordinates, and behind them a constant for the joints that follow."""
+        missing = len(self.of_all["lower"]) - values.shape[-1]
+        return np.concatenate([values, np.full((*values.shape[:-1], missing), by)], -1) if missing else values
+
     def rows(self, torque: Array, acceleration: Array) -> Array:
         """Torques, accelerations and decelerations over their limits, 0 where there is none."""
-        both = (acceleration / self.known[f"{name}_limit"] for name in ("acceleration", "deceleration"))
-        return np.concatenate([torque / self.known["effort_limit"]] * (len(self.kinds) - 2) + [*both], axis=-1)
+        turned, moved = self.padded(torque), self.padded(acceleration)
+        both = (moved / self.of_all[f"{name}_limit"] for name in ("acceleration", "deceleration"))
+        return np.concatenate([turned / self.of_all["effort_limit"]] * (len(self.kinds) - 2) + [*both], axis=-1)
 
     def under_load(self, sign: Array) -> Array:
         """Factors of the rows of torques of inverse dynamics by friction under load, in the direction of motion."""
         if len(self.kinds) == 3:
             return np.ones(1)
-        lost = np.asarray(self.friction.load) * sign
+        lost = self.padded(np.asarray(self.friction.load) * sign)
+        sign = self.padded(sign)
         return np.concatenate([1 + lost, 1 - lost, np.ones_like(sign), np.ones_like(sign)], axis=-1)
 
     def shares(self, q: Array, qd: Array, qdd: Array) -> dict[str, Array]:
@@ -113,8 +141,10 @@ class _Limits:
         return limit_shares(self.known, qd, qdd, self.scene.inverse_dynamics(q, qd, qdd))
 
     def largest_shares(self, q: Array, qd: Array, qdd: Array) -> Array:
-        """Largest share of torques and accelerations, and of velocities, shape (2, ...)."""
-        torque, acceleration, velocity = (x.max(-1, initial=0) for x in self.shares(q, qd, qdd).values())
+        """Largest share of torques and accelerations, and of velocities, shape (2, ...); joints that follow count."""
+        tau = self.padded(self.scene.inverse_dynamics(q, qd, qdd))
+        shares = limit_shares(self.of_all, *self.rates(q, qd, qdd), tau)
+        torque, acceleration, velocity = (x.max(-1, initial=0) for x in shares.values())
         return np.stack([np.maximum(torque, acceleration), velocity])
 
 
@@ -150,22 +180,21 @@ class _Piece:
         zero = np.zeros_like(q)
         states = (np.stack(x) for x in ((q, q, q), (zero, zero, d1), (zero, d1, d2)))
         c, ac, bc = limits.robot.inverse_dynamics(*states)
-        inside = self.derivatives((grid[1:] + grid[:-1]) / 2)[1]  # q' does not change its sign between grid points
+        middle = self.derivatives((grid[1:] + grid[:-1]) / 2)  # q' does not change its sign between grid points
+        inside, (every, _), (rates, changes) = middle[1], limits.rates(*middle), limits.rates(q, d1, d2)
         springs = limits.springs(q, zero)
-        ends = [rows(part, by) for part, by in ((ac - c, d1), (bc - c, d2), (c + springs, zero))]
+        ends = [rows(part, by) for part, by in ((ac - c, rates), (bc - c, changes), (c + springs, zero))]
         a, b, c = (np.stack([x[:-1], x[1:]]) for x in ends)
         nothing, sign = np.zeros_like(inside), np.sign(inside)
         loaded = limits.under_load(sign)
         c = c * loaded + rows(limits.friction.coulomb_torque(sign * SLOW) + np.asarray(limits.friction.offset), nothing)
-        along = [np.ones_like(sign)] * (len(limits.kinds) - 2) + [
-            sign,
-            sign,
-        ]  # accelerations in the direction of motion
+        ways = np.sign(every)  # of accelerations in the direction of motion
+        along = [np.ones_like(ways)] * (len(limits.kinds) - 2) + [ways, ways]
         a, b = (x * loaded * np.concatenate(along, axis=1) for x in (a, b))
         v, _ = self.slowing(grid, np.full((2, len(inside)), SLOW**2))
         with np.errstate(divide="ignore"):
-            fastest = limits.known["velocity_limit"]
-            largest, within = (1 / np.max((slope / fastest) ** 2, axis=1) for slope in (d1, inside))
+            fastest = limits.of_all["velocity_limit"]
+            largest, within = (1 / np.max((slope / fastest) ** 2, axis=1) for slope in (rates, every))
         beside = np.minimum(np.append(within[:1], within), np.append(within, within[-1:]))
         # Where all joints turn, x is free, but not beside it.
         return a, b, c, v, np.where(largest > 2 * beside, beside / 2, largest)
@@ -658,7 +687,8 @@ def fastest(
     Pham and Pham 2018 (toppra), with limits at both ends of each interval of the grid, which is set closer until they
     hold in between to 5e-4 and one of them is used to 1 %, but for intervals below 1e-5 of the duration around switches
     from one limit to another. Limits hold to 1e-3 throughout, after an average too, and where a joint with Coulomb
-    friction turns around. Limits of joints that mimic others are included, except those of torques. The average of s(t)
+    friction turns around. Limits of joints that follow others are included, except those of torques, and of jerk where
+    a coupling moves them. The average of s(t)
     over a time w stays on the path, takes w longer for every stop, and has continuous accelerations; where it would
     exceed a limit, the motion is slowed there. Where viscous friction dwarfs inertia and all joints turn at once, up to
     2 % more were measured, for 1e-5 of the duration. Where no solution within limits is found, the whole piece is
@@ -713,11 +743,17 @@ def _checked_limits(scene: Scene, path: Path) -> _Limits:
 
 def _check_range(piece: _Piece) -> None:
     """Refuse a path that leaves the range of a joint."""
-    low, high, q = piece.limits.known["lower"], piece.limits.known["upper"], piece.derivatives(piece.first_grid)[0]
+    model, low, high = piece.limits.robot.model, piece.limits.of_all["lower"], piece.limits.of_all["upper"]
+    grid, following = piece.first_grid, piece.limits.following
+    parts = np.linspace(grid[:-1], grid[1:], CLOSER, endpoint=False).T.ravel()  # extremes of joints that follow
+    grid = np.append(parts, grid[-1]) if model.couplings else grid
+    q = piece.derivatives(grid)[0]
+    names = [*model.joint_names, *(model.moving_joints[i] for i in following)]
+    q = np.concatenate([q, joint_positions(model, q)[:, following]], axis=1)
     beyond = np.maximum(q - high, low - q)
-    k, j = np.unravel_index(int(beyond.argmax()), q.shape)
-    if beyond[k, j] > OUT_OF_RANGE:
-        joint, place = piece.limits.robot.joint_names[j], piece.path._via(piece.index, float(piece.first_grid[k]))
+    k, j = np.unravel_index(int(np.where(np.isnan(beyond), np.inf, beyond).argmax()), q.shape)
+    if not beyond[k, j] <= OUT_OF_RANGE:
+        place = piece.path._via(piece.index, float(grid[k]))
         raise OutOfRange(
-            f"`path` leaves the range of joint {joint!r}, {low[j]:.4g} to {high[j]:.4g}: {q[k, j]:.4g} {place}"
+            f"`path` leaves the range of joint {names[j]!r}, {low[j]:.4g} to {high[j]:.4g}: {q[k, j]:.4g} {place}"
         )

@@ -230,7 +230,8 @@ def check(
     ----------
     source : str, path-like, Robot or Model
         The path of a file as for `rne.load`, a name of `rne.robots()`, or a robot, such as one of `rne.dh_chain`; of
-        robots that were built and of MJCF, the URDF that `to_urdf` writes is examined.
+        robots that were built and of MJCF, the URDF that `to_urdf` writes is examined; the weight on drives is that
+        of a robot with its couplings.
     arguments, packages : mapping of str, optional
         Of a xacro file, as for `rne.load`.
     out : text stream, optional
@@ -275,14 +276,15 @@ def check(
     name = given.name if isinstance(given, Model) else given
     report = FindingsReport(os.fspath(name if isinstance(found, Model) else found))
     root = found if isinstance(found, Model) else described(found, report, arguments, packages)[0]
+    coupled = root if isinstance(root, Model) and root.couplings else None
     if isinstance(root, Model):  # what is examined is the URDF that it becomes
         report.has_lines = isinstance(found, Model) and found is not given
-        root = validated(to_urdf(replace(root, armature=np.zeros(root.nb))).encode(), report)
+        root = validated(to_urdf(replace(root, armature=np.zeros(root.nb)), couplings="drop").encode(), report)
     if root is not None:
         check_elements(root, report)
     if root is not None and not report.errors:
         try:
-            model = model_of(root, STANDARD_GRAVITY)
+            model = coupled or model_of(root, STANDARD_GRAVITY)
         except ModelError as error:
             report.error(None, "robot", str(error), "fix the file")
         else:
