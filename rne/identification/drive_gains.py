@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..basics.arrays import positive_number
 from ..basics.spatial import Array
@@ -112,6 +113,7 @@ def identify_drive_gains(
     *,
     drives: DriveModel | None = None,
     cutoff: float | None = None,
+    delay: ArrayLike | None = None,
 ) -> DriveGains:
     """Torque per ampere of each drive, from currents without and with a known load.
 
@@ -133,6 +135,9 @@ def identify_drive_gains(
         which has its own.
     cutoff : float, optional
         Cut-off of the low-pass filter, by default chosen from the measurements [Hz].
+    delay : float or array_like, shape (n,), optional
+        By which currents of these records were measured later than positions, by default estimated for each record, and
+        for a joint where it differs; records of an Identification keep theirs [s].
 
     Returns
     -------
@@ -164,8 +169,7 @@ def identify_drive_gains(
     -----
     A gain is found if it differs from zero by more than four standard errors. These contain errors of the drives, as
     those of `rne.identify_payload` do, and the change of a gain by an estimate of the load's centre and inertia beyond
-    chance. Drives are taken as the same without and with the load, and a delay of the currents only from an
-    Identification. Of coupled motors the gains are those of the joints' torques.
+    chance. Drives are taken as the same without and with the load. Of coupled motors the gains are those of the joints' torques.
 
     Examples
     --------
@@ -180,7 +184,7 @@ def identify_drive_gains(
     >>> print(found.report().split(";")[0][:32])
     gains of 6 of 6 joints, known to
     """
-    sets = record_sets(robot, without, with_load, drives, cutoff)
+    sets = record_sets(robot, without, with_load, drives, cutoff, delay)
     warn_of_locked(sets.data[0].notes)
     model, names = sets.robot.model, sets.robot.joint_names
     if payload is None:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import per_joint_array, positive_number, real_array
+from ..basics.arrays import positive_number, real_array
 from ..basics.spatial import Array
 from ..basics.text import counted
 from ..dynamics.base_inertial_parameters import BaseParameters, with_springs
@@ -27,6 +27,7 @@ from .diagnosis.hypotheses import (
     STRIBECK,
     Cause,
     Hypothesis,
+    added_delay,
     delay_text,
     delays_by_instruments,
     delays_of,
@@ -47,6 +48,7 @@ from .fit.equations import (
     along,
     build_regression,
     checked_records,
+    delay_argument,
     of_named_joints,
     warn_of_locked,
 )
@@ -255,11 +257,7 @@ def fit_with_delays(
     Returns the base parameters, the equations, the causes of what is left, those that are modelled, and notes. Without
     `hypotheses`, no causes but those that may be modelled are looked for.
     """
-    delays = np.zeros((len(records), robot.n))
-    if delay is not None:
-        delays = delays + per_joint_array("delay", delay, robot.n)
-        if (far := np.abs(delays).max(initial=0)) > 1:
-            raise ValueError(f"`delay` must be at most 1 s, got {far:g}: give seconds, 0.005 for 5 ms")
+    delays = np.zeros((len(records), robot.n)) + delay_argument(delay, robot.n)
     is_open = drives is None  # to Stribeck effects and fewer rotors
     drives = MEASURED if drives is None else drive_argument(drives)
     late: dict[tuple[Any, ...], Cause] = {}
@@ -287,8 +285,7 @@ def fit_with_delays(
                 found = delays_of(rest.beyond_friction.with_known(linear.leading))
             causes = () if found else likely_causes(rest, hypotheses, linear)
         for cause in found:
-            of_record = np.isnan(cause.at) | (np.arange(len(delays)) == cause.at)
-            delays = delays + cause.value * np.outer(of_record, np.isin(robot.joint_names, cause.joints))
+            delays = delays + added_delay(cause, len(delays), robot.joint_names)
             key = cause.joints, str(cause.at)
             late[key] = cause._replace(value=cause.value + (late[key].value if key in late else 0.0))
         slow = [] if found or is_last or not is_open else [cause for cause in causes if cause.kind == STRIBECK]

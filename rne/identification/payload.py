@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..basics.spatial import Array, point_mass_inertia
 from ..basics.text import Row, short, wrapped
@@ -140,6 +141,7 @@ def identify_payload(
     consistent: bool = True,
     drives: DriveModel | None = None,
     cutoff: float | None = None,
+    delay: ArrayLike | None = None,
 ) -> PayloadEstimate:
     """Mass, centre of mass and inertia of a load, from measured motions without and with it.
 
@@ -163,6 +165,9 @@ def identify_payload(
         which has its own.
     cutoff : float, optional
         Cut-off of the low-pass filter, by default chosen from the measurements [Hz].
+    delay : float or array_like, shape (n,), optional
+        By which torques of these records were measured later than positions, by default estimated for each record, and
+        for a joint where it differs; records of an Identification or DriveGains keep theirs [s].
 
     Returns
     -------
@@ -197,7 +202,7 @@ def identify_payload(
     or changes, offsets that change or drift. Each is a random coefficient of each joint, whose variance is estimated;
     where fits without one of the blocks of time scatter more, their scatter is the error. A factor common to all
     torques makes the mass as wrong as it is; it is seen beside the masses of the robot given alone, and a note tells
-    it. Torques are taken to be as late as an Identification found, otherwise not late. A load that least squares make
+    it. A load that least squares make
     impossible, or the motions do not tell all of, is replaced by the physically consistent one that fits best; where
     they say nothing, it is like a ball of 3000 kg/m^3.
 
@@ -217,9 +222,9 @@ def identify_payload(
     if isinstance(robot, DriveGains):
         if without is not None or drives is not None:
             raise ValueError("DriveGains have their records and drives: `without` and `drives` must be None")
-        sets = robot.currents.with_records(with_load, cutoff)
+        sets = robot.currents.with_records(with_load, cutoff, delay).with_delays(robot.gains)
     else:
-        sets = record_sets(robot, without, with_load, drives, cutoff)
+        sets = record_sets(robot, without, with_load, drives, cutoff, delay).with_delays()
         warn_of_locked(sets.data[0].notes)
     model, K = sets.robot.model, sets.base.count
     name = end_link(model, axes_count=True) if link is None else link

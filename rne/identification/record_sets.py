@@ -9,13 +9,14 @@ to all blocks of time but one (the jackknife of Tukey 1958) tell of what varies 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..basics.spatial import Array
 from ..basics.text import InNotebooks, Row, aligned, short, wrapped
@@ -24,7 +25,16 @@ from ..model.parameters import PARAMETERS, parameters_of_pseudo_inertia, pseudo_
 from ..model.standard_parameters import MEASURED, DriveModel, StandardParameters
 from ..robot import Robot, robot_argument
 from . import thresholds
-from .diagnosis.hypotheses import GEARS, Cause, changes_with_load, likely_causes, merged_by_kind
+from .diagnosis.hypotheses import (
+    GEARS,
+    Cause,
+    added_delay,
+    changes_with_load,
+    delay_text,
+    delays_of,
+    likely_causes,
+    merged_by_kind,
+)
 from .diagnosis.residuals import FitResiduals, by_joint
 from .diagnosis.rigid_body_test import percent
 from .fit.equations import (
@@ -33,6 +43,7 @@ from .fit.equations import (
     blocks_of_time,
     build_regression,
     checked_records,
+    delay_argument,
     delayed,
     equations,
     joined,
@@ -91,15 +102,18 @@ class RecordSets:
     data: tuple[RegressionData, ...]
     S: Array  # shape (sets, P, number of unknowns of the loads)
     known: Array  # shape (sets, P)
+    records: tuple[tuple[Record, ...], ...]  # of each set whose delays are to be estimated, otherwise none
 
-    def with_records(self, records: Record | Sequence[Record], cutoff: float | None) -> RecordSets:
-        """The equations with those of another set of records, torques as late as in the last one on average."""
+    def with_records(
+        self, records: Record | Sequence[Record], cutoff: float | None, delay: ArrayLike | None
+    ) -> RecordSets:
+        """The equations with those of another set of records, torques as late as in the last one unless given."""
         robot, given, notes = of_named_joints(self.robot, records)
         if robot is not self.robot:
             lacking = [name for name in self.robot.joint_names if name not in robot.joint_names]
             raise ValueError(f"`with_load` must have all joints of the other records, it lacks {lacking}")
         given = checked_records(self.robot, given, "with_load")
-        late = self.data[-1].delays.mean(0)
+        late = self.data[-1].delays.mean(0) if delay is None else delay_argument(delay, self.robot.n)
         data = build_regression(self.robot, given, self.base, None, cutoff, FEWEST_FOLDS, late)
         others = [pair for part in self.data for pair in zip(part.prepared, part.delays, strict=True)]
         for record, (other, delays) in product(given, others):
@@ -108,7 +122,28 @@ class RecordSets:
                 raise ValueError(f"`with_load` has {both}: one is the wrong file")
         data = replace(data, notes=(*notes, *data.notes))
         S, known = (np.concatenate([x, np.zeros((1, *x.shape[1:]))]) for x in (self.S, self.known))
-        return replace(self, data=(*self.data, data), S=S, known=known)
+        kept = (*self.records, given if delay is None else ())
+        return replace(self, data=(*self.data, data), S=S, known=known, records=kept)
+
+    def with_delays(self, gains: Array | None = None) -> RecordSets:
+        """The equations with delays of each record, and of a joint where it differs, as the residuals show them.
+
+        Torques are what was measured times `gains`.
+        """
+        found = list(self.data)
+        for i, records in enumerate(self.records):
+            cutoffs = [record.cutoff for record in found[i].prepared]
+            for _ in range(thresholds.DELAY_ROUNDS * bool(records)):
+                data = found[i] if gains is None else found[i].in_torques(gains)
+                fit = least_squares(data.fitted.mapped(self.base.back))
+                rest = FitResiduals(self.robot, self.base, data, fit.values, fit.sigma)
+                if not (causes := delays_of(rest.beyond_friction)):
+                    break
+                late = sum((added_delay(x, len(records), rest.names) for x in causes), found[i].delays)
+                again = build_regression(self.robot, records, self.base, None, cutoffs, FEWEST_FOLDS, late)
+                found[i] = replace(again, notes=found[i].notes)
+            found[i] = replace(found[i], notes=(*found[i].notes, *delay_notes(found[i], self.robot.joint_names)))
+        return replace(self, data=tuple(found), records=((),) * len(found))
 
     def with_load(self, link: str) -> RecordSets:
         """The equations with the ten parameters of a load on a link, in the last set, among the unknowns."""
@@ -304,6 +339,14 @@ def is_that_of(record: Record, prepared: Prepared, delays: Array) -> bool:
     return np.array_equal(again.tau, prepared.tau)
 
 
+def delay_notes(data: RegressionData, joints: Sequence[str]) -> Iterator[str]:
+    """Delays of each record that are taken into account, in words."""
+    for name, late in zip(data.names, data.delays, strict=True):
+        for x in np.unique(late[late != 0]):  # zero unless given or found
+            names = () if (late == x).all() else tuple(np.array(joints)[late == x])
+            yield f"{name}: {delay_text(names)(np.array([x]))}; taken into account"
+
+
 def joined_data(parts: Sequence[RegressionData]) -> RegressionData:
     """The equations of several sets of records as one."""
     tuples = {name: tuple(x for part in parts for x in getattr(part, name)) for name in ("names", "prepared", "notes")}
@@ -377,6 +420,7 @@ def record_sets(
     with_load: Record | Sequence[Record],
     drives: DriveModel | None,
     cutoff: float | None,
+    delay: ArrayLike | None,
 ) -> RecordSets:
     """The equations of both sets, of which the arguments are checked, without any unknown of a load."""
     if isinstance(robot, Identification):
@@ -384,7 +428,7 @@ def record_sets(
             raise ValueError("an Identification has its records and drives: `without` and `drives` must be None")
         if robot.data.Z is not None:
             raise ValueError("`robot` must be identified without `instruments`, or give the records as `without`")
-        return of_one_set(robot.initial, robot.base, robot.data).with_records(with_load, cutoff)
+        return of_one_set(robot.initial, robot.base, robot.data).with_records(with_load, cutoff, delay)
     if without is None:
         raise ValueError(
             "`without` must have a record without the load, unless an Identification is given: from records with it "
@@ -395,16 +439,21 @@ def record_sets(
     base = robot.base_parameters(drives=MEASURED if drives is None else drives)
     sets = {"without": named[: len(without)], "with_load": named[len(without) :]}
     given = {name: checked_records(robot, x, name) for name, x in sets.items()}
-    first = build_regression(robot, given["without"], base, None, cutoff, FEWEST_FOLDS)
+    late = delay_argument(delay, robot.n)
+    first = build_regression(robot, given["without"], base, None, cutoff, FEWEST_FOLDS, late)
     first = replace(first, notes=(*matched, *first.notes))
-    return of_one_set(robot, base, first).with_records(given["with_load"], cutoff)
+    kept = given["without"] if delay is None else ()
+    return of_one_set(robot, base, first, kept).with_records(given["with_load"], cutoff, delay)
 
 
-def of_one_set(robot: Robot, base: BaseParameters, data: RegressionData) -> RecordSets:
+def of_one_set(
+    robot: Robot, base: BaseParameters, data: RegressionData, records: tuple[Record, ...] = ()
+) -> RecordSets:
     """The equations of records without a load."""
     if "Fl" in base.standard.terms:
         raise ValueError('`drives`: friction under "load" changes with the load that is to be found; leave it out here')
-    return RecordSets(robot, base, (data,), np.zeros((1, base.standard.count, 0)), np.zeros((1, base.standard.count)))
+    S, known = np.zeros((1, base.standard.count, 0)), np.zeros((1, base.standard.count))
+    return RecordSets(robot, base, (data,), S, known, (records,))
 
 
 def load_map(standard: StandardParameters, link: str) -> Array:

@@ -36,7 +36,7 @@ from .hypotheses import (
     text_of,
     zero_columns,
 )
-from .residuals import Discrepancy, Torques
+from .residuals import Discrepancy, Torques, orthonormal
 
 SEVERAL_BODIES = "several bodies"  # explains whatever other bodies do
 OTHER_BODIES = {"one body", "payload"}  # two of them are several bodies
@@ -421,7 +421,7 @@ def candidates(data: TorqueDifference, hypotheses: Sequence[Hypothesis]) -> list
         rest = left
         if known is not None:
             A = data.few.weighted(np.asarray(known.columns)[data.chosen])
-            Q = np.linalg.qr(A / np.maximum(np.linalg.norm(A, axis=0), thresholds.TINY))[0]
+            Q = orthonormal(A)
             rest = left - (left @ Q) @ Q.T
         above_rounding = np.maximum((rest**2).mean(1), 1.0)
         for k in np.lexsort(([alternatives for alternatives, _ in changes], above_rounding))[:number]:

@@ -27,7 +27,7 @@ from .. import thresholds
 from ..fit.equations import in_space_of_instruments, solve, triangular
 from ..log.prepared import Prepared
 from ..log.screening import seconds
-from .residuals import Discrepancy, FitResiduals, Torques, by_joint, extended
+from .residuals import Discrepancy, FitResiduals, Torques, by_joint, extended, orthonormal
 
 LOGGER = logging.getLogger("rne")
 STRIBECK, SIZE, DIRECTION, GAIN = "Stribeck friction", "gravity magnitude", "gravity direction", "torque factor"
@@ -294,6 +294,12 @@ def delays_of(rest: FitResiduals) -> list[Cause]:
     places = [(joints, k if joints is names else np.nan) for joints, x in chosen for k in range(x.shape[-1])]
     sizes = zip(places, c.tolist(), errors.tolist(), strict=True)
     return [Cause("delay", joints, "", np.nan, x, e, at) for (joints, at), x, e in sizes]
+
+
+def added_delay(cause: Cause, records: int, names: Sequence[str]) -> Array:
+    """What a cause adds to the delays of so many records of joints of these names, shape (records, n) [s]."""
+    of_record = np.isnan(cause.at) | (np.arange(records) == cause.at)
+    return np.asarray(cause.value * np.outer(of_record, np.isin(names, cause.joints)))
 
 
 def delays_by_instruments(rest: FitResiduals, moved: Sequence[Prepared]) -> list[Cause]:
@@ -719,7 +725,7 @@ def of_convention(J: Array, T: Array, rest: FitResiduals) -> tuple[Array, ...]:
     for turned, tau in ((unit, rest.tau), (J, rest.tau @ T.T)):
         columns = left.moved(turned, tau)
         sigma = left.refitted(columns, tau)[1]
-        Q, b = np.linalg.qr(left.weighted(columns, sigma))[0], left.weighted(tau, sigma)
+        Q, b = orthonormal(left.weighted(columns, sigma)), left.weighted(tau, sigma)
         errors.append(left.held_out(Q, b, left.blocks))
     return errors[0], errors[1][np.argmax(np.abs(T) + unit / 2, axis=0)]
 
@@ -731,7 +737,7 @@ def torque_scale(rest: FitResiduals) -> Iterator[tuple[Cause, None]]:
     also as measured, those of all joints as fitted.
     """
     bodies, names = len(rest.bodies), rest.names
-    Q, ways = np.linalg.qr(rest.weighted(rest.Y[..., bodies:]))[0], []
+    Q, ways = orthonormal(rest.weighted(rest.Y[..., bodies:])), []
     own = (rest.Y[..., :bodies] @ x[:bodies] for x in (rest.x, rest.standard.values))
     torques = [rest.weighted(x) for x in (rest.tau, *own)]
     without = [x - Q @ (Q.T @ x) for x in torques]

@@ -133,7 +133,7 @@ class FitResiduals(Discrepancy):
         self.tau, self.Y, lengths = data.tau, data.Y, [len(record.times) for record in data.prepared]
         self.record = np.repeat(np.arange(len(lengths)), lengths)  # number of each row's record
         self.A = self.weighted(self.Y @ base.back)
-        self.Q = np.linalg.qr(self.A)[0]
+        self.Q = orthonormal(self.A)
         if known is not None:
             self.Q = extended(self.Q, self.weighted(known))
         b = self.weighted(self.tau)
@@ -329,8 +329,14 @@ def extended(Q: Array, X: Array) -> Array:
     """Orthonormal columns that span those of Q and X, without what is rounding."""
     left = X - Q @ (Q.T @ X)
     left -= Q @ (Q.T @ left)
-    U, S, _ = np.linalg.svd(left / np.maximum(np.linalg.norm(X, axis=0), thresholds.TINY), full_matrices=False)
-    return np.concatenate([Q, U[:, thresholds.INDEPENDENT < S]], axis=1)
+    own, R = np.linalg.qr(left / np.maximum(np.linalg.norm(X, axis=0), thresholds.TINY))
+    U, S, _ = np.linalg.svd(R, full_matrices=False)
+    return np.concatenate([Q, own @ U[:, thresholds.INDEPENDENT < S]], axis=1)
+
+
+def orthonormal(X: Array) -> Array:
+    """Orthonormal columns that span those of X, without directions that only rounding makes, as QR alone has them."""
+    return extended(X[:, :0], X)
 
 
 def by_joint(values: Array) -> Array:

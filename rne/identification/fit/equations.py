@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...basics.arrays import vector, whole_number
+from ...basics.arrays import per_joint_array, vector, whole_number
 from ...basics.spatial import Array
 from ...basics.text import counted, listed
 from ...dynamics.base_inertial_parameters import BaseParameters
@@ -412,6 +412,14 @@ def still_text(standard: StandardParameters, names: Sequence[str]) -> tuple[str,
     lost = " and ".join(name for name, term in (("rotor", "Ia"), ("friction", "Fv")) if term in standard.terms)
     does, its = ("does", "its") if len(names) == 1 else ("do", "their")
     return (f"{listed(names)} {does} not move" + (f": {its} {lost} cannot be found" if lost else ""),)
+
+
+def delay_argument(delay: ArrayLike | None, n: int) -> Array:
+    """The argument `delay`, checked, shape (n,) [s]; zero if it is not given."""
+    delays = np.zeros(n) if delay is None else per_joint_array("delay", delay, n)
+    if (far := np.abs(delays).max(initial=0)) > 1:
+        raise ValueError(f"`delay` must be at most 1 s, got {far:g}: give seconds, 0.005 for 5 ms")
+    return delays
 
 
 def delayed(record: Prepared, delays: Array) -> Prepared:
