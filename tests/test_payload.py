@@ -717,6 +717,51 @@ def test_a_load_far_from_its_place_is_refused_with_a_cure(robot):
         rne.identify_drive_gains(arm, *records, LOAD._replace(com=[-0.04, 0.03, -0.08]))
 
 
+def late(record, seconds):
+    """The record with torques that are measured later."""
+    tau = np.column_stack([np.interp(record.t - seconds, record.t, x) for x in record.tau.T])
+    return Record(record.t, record.q, tau, joint_names=record.joint_names)
+
+
+def test_delays_are_estimated_and_may_be_given(arm, three):
+    """6 and 4 ms, of 8 between samples: each set of records by itself."""
+    sets = record_sets(arm, late(three[0], 0.006), late(three[1], 0.004), None, 5.0, None).with_delays()
+    for data, true in zip(sets.data, (0.006, 0.004), strict=True):
+        np.testing.assert_allclose(data.delays, true, atol=5e-4)  # a tenth of it: the noise of these records
+        told = (
+            f"record: torques are measured {1000 * data.delays[0, 0]:.3g} ms later than positions; taken into account"
+        )
+        assert data.notes[-1] == told
+    as_given = record_sets(arm, *three, None, 5.0, 0.01).with_delays()
+    assert all((data.delays == 0.01).all() for data in as_given.data)
+    with pytest.raises(ValueError, match=r"^`delay` must be at most 1 s, got 4: give seconds, 0.005 for 5 ms$"):
+        rne.identify_payload(arm, *three, delay=4)
+
+
+@pytest.mark.parametrize("seconds", [0.006, pytest.param(0.0, marks=pytest.mark.long)])
+def test_delays_of_currents_are_estimated_though_their_unit_is_not_known(arm, currents, seconds, monkeypatch):
+    """The first gains do for them; all later steps have the delays."""
+    seen = []
+
+    def stop(sets):
+        seen.extend(sets.data)
+        raise rne.IdentificationError("far enough")
+
+    monkeypatch.setattr("rne.identification.drive_gains.of_all_joints", stop)
+    with pytest.raises(rne.IdentificationError, match="far enough"):
+        rne.identify_drive_gains(arm, *(late(record, seconds) for record in currents), LOAD.mass)
+    for data in seen:
+        np.testing.assert_allclose(data.delays, seconds, atol=5e-4 * bool(seconds))
+
+
+@pytest.mark.long
+def test_loads_and_gains_of_late_torques_are_as_wrong_as_their_errors_say(arm, three, currents):
+    load = rne.identify_payload(arm, late(three[0], 0.006), late(three[1], 0.004), link="tool0")
+    assert abs(load.mass - LOAD.mass) < 3 * load.mass_error
+    found = rne.identify_drive_gains(arm, *(late(record, 0.006) for record in currents), LOAD)
+    assert (np.abs(found.gains - GAINS[THREE]) < 3 * found.errors).all()
+
+
 @pytest.mark.parametrize("mass", [0.0, -3.0])
 def test_gains_need_a_positive_mass(robot, measured, mass):
     with pytest.raises(ValueError, match=rf"^`payload` must be positive, got {mass}$"):

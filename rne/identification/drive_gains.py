@@ -169,7 +169,8 @@ def identify_drive_gains(
     -----
     A gain is found if it differs from zero by more than four standard errors. These contain errors of the drives, as
     those of `rne.identify_payload` do, and the change of a gain by an estimate of the load's centre and inertia beyond
-    chance. Drives are taken as the same without and with the load. Of coupled motors the gains are those of the joints' torques.
+    chance. Drives are taken as the same without and with the load. Of coupled motors the gains are those of the joints'
+    torques.
 
     Examples
     --------
@@ -194,7 +195,8 @@ def identify_drive_gains(
     bare = load.inertia is None and not np.any(load.com)
     link = load.link or end_link(model, axes_count=not bare)
     S, first = sets.with_load(link).S, sets.base.count
-    fitted = weighed = replace(sets, S=S[..., 1:], known=mass * S[..., 0])
+    weighed = replace(sets, S=S[..., 1:], known=mass * S[..., 0])
+    fitted = weighed = weighed.with_delays(first_gains(weighed)[0])
     if bare:
         gains, errors, fit = of_all_joints(weighed)
         com, com_error = (x[first : first + 3] / mass for x in (fit.estimate.values, fit.estimate.errors))
@@ -203,7 +205,7 @@ def identify_drive_gains(
         of_bodies, com, notes = PARAMETERS * model.nb, np.array(load.com, np.float64), []
         known = np.zeros_like(sets.known)
         known[-1, :of_bodies] = sets.robot.with_payload(*load).parameters - sets.robot.parameters
-        fitted = replace(sets, known=known)
+        fitted = replace(weighed, S=sets.S, known=known)
         gains, errors, fit = of_all_joints(fitted)
         errors = np.hypot(errors, change_by_another_load(weighed, mass, com, gains))
     refuse_negative(names, gains, errors, bare)

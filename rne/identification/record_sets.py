@@ -105,7 +105,7 @@ class RecordSets:
     records: tuple[tuple[Record, ...], ...]  # of each set whose delays are to be estimated, otherwise none
 
     def with_records(
-        self, records: Record | Sequence[Record], cutoff: float | None, delay: ArrayLike | None
+        self, records: Record | Sequence[Record], cutoff: float | None, delay: ArrayLike | None = None
     ) -> RecordSets:
         """The equations with those of another set of records, torques as late as in the last one unless given."""
         robot, given, notes = of_named_joints(self.robot, records)
@@ -343,8 +343,9 @@ def delay_notes(data: RegressionData, joints: Sequence[str]) -> Iterator[str]:
     """Delays of each record that are taken into account, in words."""
     for name, late in zip(data.names, data.delays, strict=True):
         for x in np.unique(late[late != 0]):  # zero unless given or found
-            names = () if (late == x).all() else tuple(np.array(joints)[late == x])
-            yield f"{name}: {delay_text(names)(np.array([x]))}; taken into account"
+            names = tuple(joint for joint, own in zip(joints, late, strict=True) if own == x)
+            text = delay_text(names if len(names) < len(joints) else ())(np.array([x]))
+            yield f"{name}: {text}; taken into account"
 
 
 def joined_data(parts: Sequence[RegressionData]) -> RegressionData:
@@ -420,7 +421,7 @@ def record_sets(
     with_load: Record | Sequence[Record],
     drives: DriveModel | None,
     cutoff: float | None,
-    delay: ArrayLike | None,
+    delay: ArrayLike | None = None,
 ) -> RecordSets:
     """The equations of both sets, of which the arguments are checked, without any unknown of a load."""
     if isinstance(robot, Identification):

@@ -161,6 +161,7 @@ GRAM = 1e3  # condition number up to which W^T W leaves nine digits; numerics
 SHRINK = 0.85  # factor of a random motion whose torques are too large
 POSES, HELD_EFFORT = 2000, 0.9  # random ones, if mid-range cannot be held; share of the efforts at rest, the rest moves
 LAST_CHANGE, COARSE_CHANGE = 1e-4, 1e-3  # of the criterion's log at which the optimiser stops: last stage, earlier ones
+BEGINNINGS = 3  # of the optimiser, which rounding may end; EXCITATIONS: one more is enough
 BISECTIONS = 20  # towards the farthest motion that keeps its limits: 1e-6 of the way
 ACTIVE = 0.97  # share of a limit from which it is called active
 

@@ -154,6 +154,7 @@ def rest_pose(within: MotionLimits, rng: np.random.Generator) -> Array:
 
 
 LOGGER = logging.getLogger("rne")
+ENDS = (0, 9)  # of SLSQP: converged, and as many iterations as allowed
 NOT_BETTER = "no run found a better motion than the best random ones"
 
 Progress = Callable[[int, int], Any]  # (done, total)
@@ -231,7 +232,10 @@ class MotionSearch:
     def _minimise(
         self, criterion: Criterion, start: OptimizeResult, number: int, runs: tuple[int, int]
     ) -> OptimizeResult:
-        """One run of SLSQP, the k-th of all; where it ends no better than it started, the start."""
+        """One run of SLSQP, the k-th of all; where it ends no better than it started, the start.
+
+        Where rounding leaves its quadratic subproblem without a solution, it begins again at the best of its iterates.
+        """
         from scipy.optimize import minimize
 
         done, end, total = (self.iterations * k for k in (runs[0], runs[0] + 1, runs[1]))
@@ -241,27 +245,33 @@ class MotionSearch:
             slack, slopes = within.torque_slack, within.torque_slack_slopes
             limits.append({"fun": lambda x: slack(x, grid), "jac": lambda x: slopes(x, grid)})
 
-        def tick(_: Any = None) -> None:
+        path = [start.x]
+
+        def tick(x: Array) -> None:
             nonlocal done
-            done += 1
+            path.append(np.array(x))
+            done = min(done + 1, end)
             if self.progress is not None:
                 self.progress(done, total)
 
-        run = minimize(
-            lambda x: self.value(criterion, x),
-            start.x,
-            jac=lambda x: self.gradient(criterion, x),
-            constraints=[{"type": "ineq"} | limit for limit in limits],
-            method="SLSQP",
-            callback=tick,
-            options={
-                "maxiter": self.iterations,
-                "ftol": thresholds.LAST_CHANGE if criterion is self.stages[-1] else thresholds.COARSE_CHANGE,
-            },
-        )
+        last = thresholds.LAST_CHANGE if criterion is self.stages[-1] else thresholds.COARSE_CHANGE
+        for _ in range(thresholds.BEGINNINGS):
+            run = minimize(
+                lambda x: self.value(criterion, x),
+                path[-1],
+                jac=lambda x: self.gradient(criterion, x),
+                constraints=[{"type": "ineq"} | limit for limit in limits],
+                method="SLSQP",
+                callback=tick,
+                options={"maxiter": self.iterations, "ftol": last},
+            )
+            if run.status in ENDS:
+                break
+            kept = [self._held(start.x, x) for x in path]
+            path.append(min(kept, key=lambda x: self.value(criterion, x)))
         if done < end:  # what an early end saves counts as done
             done = end - 1
-            tick()
+            tick(run.x)
         LOGGER.info("excitation, start %d: %s after %d iterations", number, run.message, run.nit)
         run.x = self._held(start.x, run.x)
         run.fun = self.value(self.exact, run.x)
