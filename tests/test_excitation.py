@@ -220,15 +220,30 @@ def test_early_stop_is_reported_and_keeps_the_limits(arm, caplog):
 def test_message_is_that_of_the_run_that_found_the_motion(arm, monkeypatch, ends, expected):
     """Runs end at multiples of a series that excites the more the larger it is; they start at its half."""
     search, x = search_of(arm, log_volume)
-    said = [(False, "Iteration limit reached"), (True, "Optimization terminated successfully")]
+    said = [(False, 9, "Iteration limit reached"), (True, 0, "Optimization terminated successfully")]
     runs = iter(
-        OptimizeResult(x=end * x, success=success, message=message, nit=1)
-        for end, (success, message) in zip(ends, said, strict=True)
+        OptimizeResult(x=end * x, success=success, status=status, message=message, nit=1)
+        for end, (success, status, message) in zip(ends, said, strict=True)
     )
     monkeypatch.setattr("scipy.optimize.minimize", lambda *arguments, **options: next(runs))
     found = dataclasses.replace(search, stages=2 * search.stages).run(0.5 * x[None])
     np.testing.assert_array_equal(found.x, expected[0] * x)
     assert (found.success, found.message) == expected[1:]
+
+
+def test_a_run_that_rounding_ends_begins_again_at_the_best_of_its_iterates(arm, monkeypatch):
+    search, x = search_of(arm, log_volume)
+    begun = []
+
+    def minimize(_, start, *, callback, **options):
+        begun.append(start / x)
+        callback(0.9 * x)
+        callback(0.2 * x)
+        return OptimizeResult(x=0.2 * x, success=len(begun) > 1, status=4 * (len(begun) == 1), message="", nit=2)
+
+    monkeypatch.setattr("scipy.optimize.minimize", minimize)
+    search.run(0.5 * x[None])
+    np.testing.assert_allclose(np.array(begun), [np.full(len(x), 0.5), np.full(len(x), 0.9)], rtol=1e-12)
 
 
 def test_a_run_that_ends_beyond_the_limits_is_taken_back_to_them(arm):
