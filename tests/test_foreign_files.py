@@ -1,11 +1,17 @@
 """Files from elsewhere: nothing outside of their folder is read, sizes are bounded, and what is wrong is one kind of error."""
 
 import io
+import json
 import re
+import struct
+import zipfile
+import zlib
 
+import numpy as np
 import pytest
 
 import rne
+from rne.basics.archive import Arrays, contents
 from rne.urdf.findings import ECHO
 
 INERTIAL = '<inertial pos="0 0 0" mass="2" diaginertia="0.1 0.1 0.1"/>'
@@ -136,3 +142,114 @@ def test_rotors_of_one_transmission_are_read_in_linear_time(tmp_path, monkeypatc
     monkeypatch.setattr("rne.urdf.rotors.listed", lambda names: calls.append(0) or ", ".join(names))
     rne.check(urdf(tmp_path, f"{LINK}<transmission><joint name='j'/>{rotor * 50}</transmission>"), out=io.StringIO())
     assert len(calls) == 1
+
+
+def archive(file, **arrays):
+    np.savez_compressed(file, **arrays)
+    return file
+
+
+def test_arrays_are_compared_with_the_size_of_a_file_before_they_are_unpacked(tmp_path, monkeypatch):
+    """Small numbers that take eight times as much in double precision; what is not asked for is not unpacked."""
+    monkeypatch.setattr("rne.basics.archive.FREE", 1000)  # of 64 MiB
+    count = 20_000
+    log = archive(tmp_path / "log.npz", t=np.zeros(9), q=np.zeros(count, np.int8))
+    with pytest.raises(
+        ValueError, match=r"its arrays take more than .* bytes in double precision, the most for a file"
+    ):
+        rne.identification.Record.from_log(log)
+    motion = rne.simulate(rne.load("irb140"), [0] * 6, [0] * 6, 0.01).save(tmp_path / "motion.npz")
+    with np.load(motion) as found:
+        arrays = dict(found)
+    file = archive(motion, **arrays, other=np.zeros(count, np.int8))
+    unpacked = []
+
+    class Reader(Arrays):
+        def __getitem__(self, name):
+            unpacked.append(name)
+            return super().__getitem__(name)
+
+    monkeypatch.setattr("rne.basics.archive.Arrays", Reader)
+    rne.Trajectory.load(file)
+    assert set(unpacked) == set(arrays)
+
+
+def test_an_array_that_takes_more_than_its_entry_has_is_refused(tmp_path):
+    """Its header says 8 TB."""
+    file, text = tmp_path / "log.npz", io.BytesIO()
+    np.lib.format.write_array_header_1_0(text, {"descr": "<f8", "fortran_order": False, "shape": (10**6, 10**6)})
+    with zipfile.ZipFile(file, "w") as entries:
+        entries.writestr("q.npy", text.getvalue())
+    with pytest.raises(ValueError, match="its arrays take more than"):
+        rne.identification.Record.from_log(file)
+
+
+def test_an_archive_names_no_file_that_is_read(tmp_path):
+    """Neither one that is saved, nor one of a former version or another author."""
+    (tmp_path / "arm.urdf").write_text(rne.to_urdf(rne.irb140()))
+    motion = rne.simulate(rne.load(tmp_path / "arm.urdf"), [0] * 6, [0] * 6, 0.01)
+    file = motion.save(tmp_path / "motion.npz")
+    arrays, texts = contents(file, "a motion")
+    assert "source" not in texts["value"]["fields"]["model"]["fields"]
+    texts["value"]["fields"]["model"]["fields"]["source"] = "/dev/zero"
+    back = rne.Trajectory.load(archive(file, texts=np.array(json.dumps(texts)), **arrays))
+    assert back.model == motion.model
+    assert back.model.source is None
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "error"),
+    [
+        (["evaluations"], "many", "`Trajectory.evaluations` must be of type int, got 'many'"),
+        (["model", "fields", "name"], 3, "`Trajectory.model.name` must be of type str, got 3"),
+        (["model", "fields", "moving_joints"], [1] * 6, "`Trajectory.model.moving_joints` must be of type tuple[str, ...]"),
+        (["model", "fields", "shapes", 0, "fields", "size"], [1.0], "`Trajectory.model.shapes[0].size` must be of type"),
+        (["dissipated"], {"mapping": {"viscous": 0.5}}, "`Trajectory.dissipated` must be of type Mapping[str, Array]"),
+        (["dissipated"], [[[]]] * 2, "`Trajectory.dissipated` must be of type Mapping[str, Array]"),
+        (["model", "fields"], 4, "is damaged (AttributeError: "),
+    ],
+)  # fmt: skip
+def test_types_in_archives_are_those_of_annotations(place, value, error, tmp_path):
+    file = rne.simulate(rne.load("irb140"), [0] * 6, [0] * 6, 0.01).save(tmp_path / "motion.npz")
+    arrays, texts = contents(file, "a motion")
+    *above, last = place
+    part = texts["value"]["fields"]
+    for name in above:
+        part = part[name]
+    part[last] = value
+    with pytest.raises(ValueError, match=re.escape(f"{str(file)!r}: {error}")):
+        rne.Trajectory.load(archive(file, texts=np.array(json.dumps(texts)), **arrays))
+
+
+def test_texts_nested_deeply_are_no_archive(tmp_path):
+    for text, error in (("[" * 9**5, "is not written by Trajectory.save"), ('{"version": 2, "value": ' + "[" * 900 + "]" * 900 + "}", "is damaged (RecursionError")):  # fmt: skip
+        with pytest.raises(ValueError, match=re.escape(error)):
+            rne.Trajectory.load(archive(tmp_path / "motion.npz", texts=np.array(text)))
+
+
+def element(kind, content):
+    return struct.pack("<II", kind, len(content)) + content.ljust(-(-len(content) // 8) * 8, b"\0")
+
+
+def test_elements_of_matlab_state_their_sizes(tmp_path):
+    """One that is compressed says how much it unpacks to; a list of nothing ends."""
+    file, head = tmp_path / "log.mat", b"MATLAB 5.0".ljust(124) + b"\0\1IM"
+    large = zlib.compress(struct.pack("<II", 14, 2**31) + bytes(99))
+    file.write_bytes(head + element(15, large))
+    with pytest.raises(ValueError, match="its arrays take more than 67"):
+        rne.identification.Record.from_log(file)
+    cells = (
+        element(6, struct.pack("<II", 1, 0)) + element(5, struct.pack("<ii", 1, 1)) + element(1, b"q") + bytes(10**6)
+    )
+    file.write_bytes(head + element(15, zlib.compress(element(14, cells))))
+    with pytest.raises(ValueError, match="an array has 100000 parts or more"):
+        rne.identification.Record.from_log(file)
+
+
+@pytest.mark.parametrize("name", ["(" * 10**5, "x" + " " * 10**5 + "y", "_" * 10**5])
+def test_names_in_logs_have_a_longest_one(name, tmp_path):
+    """The patterns that look for units and numbers take quadratic time."""
+    file = tmp_path / "log.csv"
+    file.write_text(f"t,q.a,tau.a,{name}\n" + "0,0,0,0\n" * 9)
+    with pytest.raises(ValueError, match=r"names of columns and joints must have at most 200 characters, .* has 10000"):
+        rne.identification.Record.from_log(file)

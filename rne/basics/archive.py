@@ -4,44 +4,87 @@ from __future__ import annotations
 
 import io
 import json
+import math
 import zipfile
-import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from types import UnionType
+from typing import Any, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
+from numpy.lib.format import read_array_header_1_0, read_array_header_2_0, read_magic
 
 from .arrays import output_file
 from .marks import TEXTS
 from .text import cut
 
-# What NumPy, zlib and JSON raise for other files and damaged ones.
-DAMAGED = (
-    *(ValueError, KeyError, EOFError, AttributeError, TypeError, NotImplementedError),
-    *(zipfile.BadZipFile, zlib.error),
-)
-SIMPLE: dict[str, Any] = {
-    "Array": np.ndarray,
-    "str": str,
-    "int": int,
-    "float": int | float,
-    "bool": bool,
-}  # by annotation
+LARGEST = 2**29  # bytes that the arrays of a file may take together, numbers in double precision
+FREE, RATIO = 2**26, 100  # bytes that every file may unpack to, and each of its own bytes
+LONGEST, LINE = 2**24, 400  # bytes of the texts of an archive, characters of an error
+NOT_KEPT = "source"  # field of a Model: the path of a file, which a page of the robot would read
 
 Kinds = dict[Any, tuple[tuple[str, ...], Callable[..., Any]]]  # of each type in files its fields, and what makes it
 
 
-def contents(file: Path, what: str) -> tuple[dict[str, Any], dict[str, Any]]:
+class TooLargeError(ValueError):
+    """A file whose arrays take more memory than a file of its size may."""
+
+    def __init__(self, most: int) -> None:
+        super().__init__(f"its arrays take more than {most} bytes in double precision, the most for a file of its size")
+
+
+def most_unpacked(file: Path) -> int:
+    """Bytes that a file's arrays may take in double precision."""
+    return min(LARGEST, FREE + RATIO * file.stat().st_size)
+
+
+class Arrays(Mapping[str, Any]):
+    """The arrays of a NumPy archive, each read when it is asked for; TooLargeError if those read are."""
+
+    def __init__(self, file: Path, most: int = LARGEST) -> None:
+        self._archive = zipfile.ZipFile(io.BytesIO(file.read_bytes()))
+        self.entries = {x.filename.removesuffix(".npy"): x for x in self._archive.infolist()}
+        self._left = self._most = most
+
+    def stated(self, name: str) -> tuple[Any, tuple[int, ...], bool, np.dtype[Any]]:
+        """Stream, shape, order and type of an array, by its header."""
+        if self.entries[name].compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+            raise ValueError("it is compressed in a way that numpy.savez does not use")
+        stream = self._archive.open(self.entries[name])
+        header = read_array_header_1_0 if read_magic(stream) == (1, 0) else read_array_header_2_0
+        return stream, *header(stream)
+
+    def __getitem__(self, name: str) -> Any:
+        stream, shape, is_fortran, kind = self.stated(name)
+        size = math.prod(shape)
+        self._left -= size * max(kind.itemsize, 8)
+        if self._left < 0 or min(shape, default=0) < 0:
+            raise TooLargeError(self._most)
+        if kind.hasobject:
+            raise ValueError(f"array {cut(name, 80)!r} holds Python objects, as allow_pickle=True would load")
+        data = stream.read(size * kind.itemsize)
+        return np.frombuffer(data, kind, size).reshape(shape, order="F" if is_fortran else "C")
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.entries)
+
+    def __len__(self) -> int:
+        return len(self.entries)
+
+
+def contents(file: Path, what: str) -> tuple[Mapping[str, Any], dict[str, Any]]:
     """Arrays and the rest of an archive; a ValueError for any other file, which is not `what` it should be."""
-    data = file.read_bytes()  # NumPy leaves a damaged file open
+    file.stat()  # OSError if it is not there
     try:
-        with np.load(io.BytesIO(data), allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in archive.files}
-        return arrays, dict(json.loads(str(arrays.pop(TEXTS))).items())
-    except DAMAGED:
+        arrays = Arrays(file)
+        if arrays.entries[TEXTS].file_size > LONGEST:
+            raise ValueError
+        texts = json.loads(str(arrays[TEXTS]))
+        del arrays.entries[TEXTS]
+        return arrays, dict(texts.items())
+    except Exception:  # of the many that NumPy, zipfile, zlib and JSON raise for other files and damaged ones
         raise ValueError(f"{str(file)!r} is not {what}") from None
 
 
@@ -49,12 +92,16 @@ def write(path: str | PathLike[str], kinds: Kinds, value: Any, version: int) -> 
     """Write an object of one of the kinds to an archive."""
     file, arrays = output_file(path, ".npz"), dict[str, Any]()
     texts = {"version": version, "value": _encoded(value, kinds, arrays)}
+    if (size := sum(x.nbytes for x in arrays.values())) > LARGEST:
+        raise ValueError(f"the arrays take {size} bytes, more than the {LARGEST} that are read; keep fewer samples")
     np.savez_compressed(file, allow_pickle=False, **arrays, **{TEXTS: np.array(json.dumps(texts))})
     return file
 
 
-def read(path: str | PathLike[str], kinds: Kinds, wanted: type, version: int) -> Any:
-    """The object in an archive; a ValueError names what is not as expected."""
+def read(
+    path: str | PathLike[str], kinds: Kinds, wanted: type, version: int, check: Callable[[Any], Any] = lambda _: None
+) -> Any:
+    """The object in an archive; a ValueError names what is not as expected, in parts or by the check of the whole."""
     arrays, texts = contents(file := Path(path), f"written by {wanted.__name__}.save")
     try:
         if texts.get("version") != version:
@@ -62,8 +109,12 @@ def read(path: str | PathLike[str], kinds: Kinds, wanted: type, version: int) ->
         found = _decoded(texts.get("value"), {kind.__name__: kind for kind in kinds}, kinds, arrays, wanted.__name__)
         if not isinstance(found, wanted):
             raise ValueError(f"the object must be of type {wanted.__name__}, got {type(found).__name__}")
-    except DAMAGED as error:
-        raise ValueError(f"{str(file)!r}: {error}") from None
+        check(found)
+    except Exception as error:  # likewise, and of what is made of the parts
+        told = (
+            str(error) if isinstance(error, ValueError | TypeError) else f"is damaged ({type(error).__name__}: {error})"
+        )
+        raise ValueError(f"{str(file)!r}: {cut(told, LINE)}") from None
     return found
 
 
@@ -113,17 +164,36 @@ def _decoded(value: Any, types: Mapping[str, type], kinds: Kinds, arrays: Mappin
         return {name: inner(x, f".{name}") for name, x in value["mapping"].items()}
     if value.get("type") not in types:
         raise ValueError(f"`{place}` is of a type that is not known to this version, {value.get('type')!r}")
-    names, make = kinds[types[value["type"]]]
-    for name in value["fields"].keys() - names:
-        raise ValueError(f"`{place}.{name}` is not known to this version")
-    found = {name: inner(x, f".{name}") for name, x in value["fields"].items()}
+    kind: Any = types[value["type"]]
+    (names, make), stated = kinds[kind], value["fields"]
+    for name in stated.keys() - {*names, NOT_KEPT}:
+        raise ValueError(f"`{place}.{cut(name, 80)}` is not known to this version")
+    found = {name: inner(stated[name], f".{name}") for name in names if name in stated}
+    hints = get_type_hints(kind if is_dataclass(kind) or hasattr(kind, "_fields") else kind.__init__)
     for name, x in found.items():
-        stated = types[value["type"]].__annotations__.get(name, "")
-        if not isinstance(x, SIMPLE.get(stated, object)):
-            raise ValueError(f"`{place}.{name}` must be of type {stated}, got {cut(repr(x), 80)}")
+        if not _fits(x, hints.get(name, Any)):
+            of = kind.__annotations__.get(name, hints[name])
+            raise ValueError(f"`{place}.{name}` must be of type {of}, got {cut(repr(x), 80)}")
     return make(**found)
 
 
+def _fits(value: Any, hint: Any) -> bool:
+    """True if a value and its entries are of a type as annotations state it; others than those of files pass."""
+    origin, parts = get_origin(hint), get_args(hint)
+    if origin in (Union, UnionType):
+        return any(_fits(value, part) for part in parts)
+    if origin is tuple:
+        kinds = parts[:1] * len(value) if parts[1:] == (...,) and isinstance(value, tuple) else parts
+        return isinstance(value, tuple) and len(value) == len(kinds) and all(map(_fits, value, kinds))
+    if isinstance(origin, type) and issubclass(origin, Mapping):
+        return isinstance(value, Mapping) and all(_fits(x, parts[1]) for x in value.values())
+    if hint in (int, float):
+        return isinstance(value, int | hint) and not isinstance(value, bool)
+    kind = origin or hint
+    return not isinstance(kind, type) or kind is Any or isinstance(value, kind)
+
+
 def names_of(made: Any) -> tuple[str, ...]:
-    """Names of the fields of a dataclass or a NamedTuple."""
-    return tuple(f.name for f in fields(made)) if is_dataclass(made) else tuple(made._fields)
+    """Names of the fields of a dataclass or a NamedTuple that are kept in files."""
+    names = (f.name for f in fields(made)) if is_dataclass(made) else made._fields
+    return tuple(name for name in names if name != NOT_KEPT)

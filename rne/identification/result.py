@@ -358,7 +358,7 @@ class Identification(InNotebooks):
         --------
         >>> found = rne.Identification.load("found.npz")  # doctest: +SKIP
         """
-        found: Identification = read(path, KINDS, cls, VERSION)
+        found: Identification = read(path, KINDS, cls, VERSION, cls.report)
         return found
 
     def essential(self, limit: float = 0.3) -> Identification:

@@ -47,12 +47,7 @@ def write_archive(path: str | PathLike[str], motion: Any) -> Path:
 
 def read_archive(path: str | PathLike[str], kind: type) -> Any:
     """The Trajectory in an archive, checked."""
-    motion = read(path, _kinds(kind), kind, VERSION)
-    try:
-        _check(motion)
-    except ValueError as error:
-        raise ValueError(f"{str(Path(path))!r}: {error}") from None
-    return motion
+    return read(path, _kinds(kind), kind, VERSION, _check)
 
 
 def write_columns(path: str | PathLike[str], t: Array, columns: Mapping[str, Array]) -> Path:

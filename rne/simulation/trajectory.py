@@ -380,12 +380,13 @@ class Trajectory(InNotebooks):
         Returns
         -------
         pathlib.Path
-            The file written; `Trajectory.load` reads it. It names the path of the robot's URDF file, as `model.source`.
+            The file written; `Trajectory.load` reads it. It names no file: to see the meshes of a robot's file with
+            the motion that is read, give `rne.view` the robot, and `t` and `q`.
 
         Raises
         ------
         ValueError
-            If `path` does not end in .npz.
+            If `path` does not end in .npz, or the arrays take more than 512 MiB, the most that is read.
         FileNotFoundError
             If its folder does not exist.
 

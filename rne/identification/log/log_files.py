@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
-import io
 import json
 import math
 import os
 import re
 import struct
+import sys
 import zlib
+from array import array
+from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
+from itertools import islice
 from pathlib import Path
 from statistics import mode
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from ...basics.archive import FREE, LARGEST, RATIO, Arrays, TooLargeError, most_unpacked
 from ...basics.spatial import Array
 from ...basics.text import MAX_NAME, cut
 from ...trajectories.csv_file import as_number, csv_rows, listed_names, text_of
@@ -24,7 +28,7 @@ from ...trajectories.csv_file import as_number, csv_rows, listed_names, text_of
 Message = tuple[int, Sequence[str], Sequence[Sequence[float]]]  # time [ns], joints, and their q, qd, tau
 
 LISTED = 12  # columns that an error lists
-LARGEST = 2**30  # bytes of a chunk of an MCAP file
+MOST_PARTS, LONGEST = 100_000, 200  # parts of an array of MATLAB, characters of a name
 UNIT = re.compile(r"s|ms|us|ns|(rad|deg|mm?)(/s)?|rpm|m?Nm|N|m?A")
 SPELT = {  # of units as they are written
     r"[\s.·⋅*^⁻¹-]": "", r"°|degrees?": "deg", r"radians?": "rad", r"[µμ]|micro": "u", r"milli": "m", r"nano": "n",
@@ -36,6 +40,20 @@ JOINTS = 64  # joints at most, of which a row each is looked for
 SNIFFED = 20  # rows from which separator and decimal sign are guessed
 FORMATS = [(";", "."), (";", ","), ("\t", "."), ("\t", ","), (",", "."), (" ", "."), (" ", ",")]
 JOINT_STATE = "sensor_msgs/msg/JointState"
+DEFINITION = """std_msgs/Header header
+string[] name
+float64[] position
+float64[] velocity
+float64[] effort
+================================================================================
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+================================================================================
+MSG: builtin_interfaces/Time
+int32 sec
+uint32 nanosec
+"""  # of it: that in a file may be any text
 TO_MCAP = (
     "convert it to MCAP, without ROS: pip install rosbags; rosbags-convert --src BAG --dst FOLDER --dst-storage mcap"
 )
@@ -114,14 +132,14 @@ def read_log(path: Path, options: Mapping[str, Any]) -> Log:
     with open(path, "rb") as stream:
         first, suffix = stream.read(16), path.suffix.lower()
     if suffix == ".npz":
-        return _arrays(path, _whole(path, lambda: dict(np.load(io.BytesIO(path.read_bytes())))))
+        return _arrays(path, _whole(path, lambda: _numpy(Arrays(path, most_unpacked(path)))))
     for mark, what in OTHERS.items():
         if first.startswith(mark):
             raise ValueError(f"{path}: is {what}")
     if first.startswith(b"MATLAB 5") or suffix == ".mat":
         data = memoryview(path.read_bytes())
         order = "<" if bytes(data[126:128]) == b"IM" else ">"
-        return _arrays(path, _whole(path, lambda: _matlab(data[128:], order)))
+        return _arrays(path, _whole(path, lambda: _matlab(data[128:], order, most_unpacked(path))))
     if first.startswith(b"\x89MCAP") or suffix == ".mcap":
         return _mcap([path], options)
     if first.startswith(b"PAR1") or suffix == ".parquet":
@@ -134,8 +152,10 @@ def _whole(path: Path, read: Callable[[], Any]) -> Any:
     try:
         return read()
     except Exception as error:  # each library has its own
-        if isinstance(error, ImportError) or getattr(error, "errno", None):
+        if isinstance(error, ImportError | FileNotFoundError | PermissionError):
             raise
+        if isinstance(error, TooLargeError):
+            raise ValueError(f"{path}: {error}; write fewer samples, or less beside them, to a file") from None
         reason = cut(" ".join(str(error).split()), 3 * MAX_NAME) or type(error).__name__
         raise ValueError(f"{path}: is damaged or cut off ({reason})") from None
 
@@ -173,6 +193,7 @@ def _text(path: Path, options: Mapping[str, Any]) -> Log:
             f"{name}: the names of its {width} columns are missing; give them, such as "
             'columns=["t", "q.shoulder", "tau.shoulder"], with "" for one to ignore'
         )
+    _check_names(name, heading)
     for row, fields in body:
         if len(fields) != len(heading):
             cure = "remove the row if the log was cut off there"
@@ -181,7 +202,8 @@ def _text(path: Path, options: Mapping[str, Any]) -> Log:
         return _states(name, _rostopic(name, heading, body), options["joints"], "as of rostopic echo -p")
     columns = {column: np.array([row[k] for _, row in body]) for k, column in enumerate(heading) if column}
     said = (f"separator {separator!r}, decimal sign {decimal!r}",) * ((separator, decimal) != (",", "."))
-    cells = [(x, [row[k] for _, row in body]) for k, x in enumerate(heading) if heading.count(x) > 1]
+    count = Counter(heading)
+    cells = [(x, [row[k] for _, row in body]) for k, x in enumerate(heading) if count[x] > 1]
     twice = {x for x, column in cells if x and column != columns[x].tolist()}
     joints = _joints_of(name, columns)
     return Log(columns, said, None, decimal, [row for row, _ in body], joints=joints, twice=twice)
@@ -262,6 +284,12 @@ def _is_numeric(row: Sequence[str], decimal: str) -> bool:
     return 2 * sum(math.isfinite(_number(x, decimal)) for x in filled) >= len(filled) > 0
 
 
+def _check_names(place: str, names: Iterable[str]) -> None:
+    if long := next((name for name in names if len(name) > LONGEST), None):
+        cure = f"{cut(long, MAX_NAME)!r} has {len(long)}"
+        raise ValueError(f"{place}: names of columns and joints must have at most {LONGEST} characters, {cure}")
+
+
 # Messages: sensor_msgs/JointState
 
 
@@ -299,6 +327,7 @@ def _states(place: str, messages: Iterable[Message], joints: Sequence[str] | Non
     found: list[tuple[int, dict[str, int], Sequence[Sequence[float]]]] = []
     groups: dict[tuple[str, ...], int] = {}
     for k, (ns, names, values) in enumerate(messages):
+        _check_names(place, names)
         group = tuple(sorted(names))
         groups[group] = groups.get(group, 0) + 1
         if any(len(part) not in (0, len(names)) for part in values) or len(set(names)) < len(names):
@@ -307,10 +336,11 @@ def _states(place: str, messages: Iterable[Message], joints: Sequence[str] | Non
         if joints is None or set(joints) <= set(group):
             found.append((ns, {name: j for j, name in enumerate(names)}, values))
     if joints is None and len(groups) > 1:
-        sets = " and ".join(f"{listed_names(group)} ({count} messages)" for group, count in groups.items())
+        few = islice(groups.items(), LISTED)
+        sets = " and ".join(f"{listed_names(group)} ({count} messages)" for group, count in few)
         raise ValueError(f"{place}: joint states are of different joints, {sets}; give those to read as `joints`")
     if not found:
-        there = " and ".join(map(listed_names, groups)) or "no message"
+        there = " and ".join(map(listed_names, islice(groups, LISTED))) or "no message"
         raise ValueError(f"{place}: no message has all of `joints`, {listed_names(joints or ())}; there is {there}")
     start, columns = found[0][0], {}
     columns["t"] = np.array([(ns - start) / 1e9 for ns, *_ in found])
@@ -326,24 +356,35 @@ def _mcap(paths: Sequence[Path], options: Mapping[str, Any]) -> Log:
     """Joint states of one topic of an MCAP file, or of the files of a bag."""
     try:
         from mcap.reader import make_reader
+        from mcap.records import Schema
         from mcap_ros2.decoder import DecoderFactory
     except ImportError:
         raise ImportError("reading MCAP files needs mcap-ros2-support: pip install 'rne[mcap]'") from None
     topics: dict[str, str] = {}
-    messages: list[Message] = []
+    messages: list[tuple[int, Message]] = []
+    decode: Any = DecoderFactory().decoder_for("cdr", Schema(1, DEFINITION.encode(), "ros2msg", JOINT_STATE))
 
     def read(path: Path, wanted: str | None) -> None:
+        most, numbers = most_unpacked(path), 0
         with open(path, "rb") as stream:
-            reader = make_reader(stream, validate_crcs=True, decoder_factories=[DecoderFactory()])
+            reader = make_reader(stream, validate_crcs=True)
             if (summary := reader.get_summary()) is None:
                 raise ValueError("it has no summary; mend it: mcap recover FILE")
             if (size := max((x.uncompressed_size for x in summary.chunk_indexes), default=0)) > LARGEST:
                 raise ValueError(f"a chunk is said to have {size} bytes")
             schemas = {k: schema.name for k, schema in summary.schemas.items()}
             topics.update({x.topic: schemas.get(x.schema_id, "unknown") for x in summary.channels.values()})
-            for *_, raw, state in reader.iter_decoded_messages(topics=[wanted]) if wanted else ():
+            if wanted is None:
+                return
+            _check_chunks(stream, summary.chunk_indexes, FREE + RATIO * path.stat().st_size)
+            for _, _, raw in reader.iter_messages(topics=[wanted], log_time_order=False):
+                state = decode(raw.data)
+                values = [array("d", x) for x in (state.position, state.velocity, state.effort)]
+                if (numbers := numbers + 4 + sum(map(len, values))) * 8 > most:
+                    raise TooLargeError(most)
                 ns = state.header.stamp.sec * 10**9 + state.header.stamp.nanosec or raw.log_time
-                messages.append((ns, state.name, [state.position, state.velocity, state.effort]))
+                messages.append((raw.log_time, (ns, tuple(map(sys.intern, state.name)), values)))
+        messages.sort(key=lambda message: message[0])
 
     for path in paths:
         _whole(path, lambda path=path: read(path, None))  # type: ignore[misc]
@@ -355,7 +396,27 @@ def _mcap(paths: Sequence[Path], options: Mapping[str, Any]) -> Log:
         raise ValueError(f"{paths[0]}: there is no topic {topic or ''} of {JOINT_STATE}; there is {there}")
     for path in paths:
         _whole(path, lambda path=path: read(path, topic or states[0]))  # type: ignore[misc]
-    return _states(os.fspath(paths[0]), messages, options["joints"], f"topic {topic or states[0]}")
+    return _states(os.fspath(paths[0]), (x for _, x in messages), options["joints"], f"topic {topic or states[0]}")
+
+
+def _check_chunks(stream: Any, indexes: Iterable[Any], most: int) -> None:
+    """An error if a chunk unpacks to more bytes than it says, or all to more than most."""
+    import zstandard
+    from lz4.frame import LZ4FrameDecompressor
+    from mcap.stream_reader import StreamReader
+
+    for index in indexes:
+        stream.seek(index.chunk_start_offset)
+        chunk: Any = next(StreamReader(stream, skip_magic=True, emit_chunks=True, record_size_limit=LARGEST).records)
+        size = chunk.uncompressed_size + 1
+        if (most := most - size) < 0:
+            raise ValueError("its chunks unpack to more bytes than a file of its size may")
+        if chunk.compression == "zstd":
+            found = len(zstandard.ZstdDecompressor().stream_reader(chunk.data).read(size))
+        else:
+            found = len(LZ4FrameDecompressor().decompress(chunk.data, size)) if chunk.compression == "lz4" else 0
+        if found == size:
+            raise ValueError("a chunk has more bytes than it says")
 
 
 # Arrays
@@ -364,6 +425,7 @@ def _mcap(paths: Sequence[Path], options: Mapping[str, Any]) -> Log:
 def _arrays(path: Path, arrays: Mapping[str, Any]) -> Log:
     """The columns of arrays by name, of the joints that an array of texts names."""
     columns = _columns(arrays)
+    _check_names(os.fspath(path), columns)
     return Log(columns, joints=_joints_of(os.fspath(path), columns, rows=False))
 
 
@@ -384,16 +446,33 @@ def _columns(arrays: Mapping[str, Any], names: Mapping[str, Sequence[str]] | Non
     return columns
 
 
-def _matlab(data: memoryview, order: str) -> dict[str, Any]:
+def _numpy(arrays: Arrays) -> dict[str, Any]:
+    """The vectors and matrices of numbers, and texts, of a NumPy archive."""
+    stated = {name: arrays.stated(name)[1:] for name in arrays}
+    return {x: arrays[x] for x, (shape, _, kind) in stated.items() if len(shape) <= 2 and kind.kind in "fiuUSO"}
+
+
+def _matlab(data: memoryview, order: str, most: int) -> dict[str, Any]:
     """Arrays of numbers, and structures of them, of a MATLAB file of version 5 to 7; SciPy crashes on damaged ones."""
-    arrays: dict[str, Any] = {}
+    arrays, left = dict[str, Any](), most
     for kind, body in _elements(data, order):
-        if kind == COMPRESSED:
-            arrays |= _matlab(memoryview(zlib.decompressobj().decompress(body, LARGEST)), order)
-        else:
-            name, value = _matrix(body, order)
-            arrays |= {} if value is None else {name: value}
+        if kind == COMPRESSED:  # one element, which begins with its size
+            stream = zlib.decompressobj()
+            head = stream.decompress(body, 8)
+            left -= (size := struct.unpack(f"{order}II", head)[1])
+            if left < 0:
+                raise TooLargeError(most)
+            ((_, body),) = _elements(memoryview(head + stream.decompress(stream.unconsumed_tail, size)), order)
+        name, value = _matrix(body, order)
+        arrays |= {} if value is None else {name: value}
+    if 8 * _count(arrays) > most:
+        raise TooLargeError(most)
     return arrays
+
+
+def _count(value: Any) -> int:
+    """How many numbers stand in an array, or in a structure of them."""
+    return sum(map(_count, value.values())) if isinstance(value, Mapping) else np.size(value)
 
 
 def _elements(data: memoryview, order: str) -> Iterator[tuple[int, memoryview]]:
@@ -414,17 +493,20 @@ def _matrix(body: memoryview, order: str) -> tuple[str, Any]:
     """Name and value of an array: real numbers, texts, the fields of a structure, or None."""
     if not body:
         return "", None
-    (_, flags), (_, sizes), (_, name), *parts = _elements(body, order)
+    (_, flags), (_, sizes), (_, name), *parts = islice(_elements(body, order), MOST_PARTS)
+    if len(parts) == MOST_PARTS - 3:
+        raise ValueError(f"an array has {MOST_PARTS} parts or more")
     shape, kind = np.frombuffer(sizes, f"{order}i4"), flags[0 if order == "<" else 3]
     value: Any = None
     if kind == STRUCTURE and shape.prod() == 1:
         (_, length), (_, fields), *values = parts
-        names = np.frombuffer(fields, f"S{int(np.frombuffer(length, f'{order}i4')[0])}").tolist()
+        width = int(np.frombuffer(length, f"{order}i4")[0])
+        names = np.frombuffer(fields[: width * MOST_PARTS], f"S{width}").tolist()
         value = {x.decode(): _matrix(part, order)[1] for x, (_, part) in zip(names, values, strict=True)}
     elif kind == CELLS:
         texts = [_matrix(part, order)[1] for _, part in parts]
         value = np.concatenate(texts) if all(isinstance(x, np.ndarray) and x.dtype.kind == "U" for x in texts) else None
-    elif kind == TEXT and len(parts) == 1:
+    elif kind == TEXT and len(parts) == 1 and len(parts[0][1]) < MOST_PARTS:
         codes = np.frombuffer(parts[0][1], order + ("u2" if parts[0][0] == 4 else "u1")).reshape(shape, order="F")
         value = np.array(["".join(map(chr, row)).strip() for row in codes])
     elif len(parts) == 1 and parts[0][0] in NUMERIC and kind in range(6, 16):
@@ -440,8 +522,13 @@ def _parquet(paths: Sequence[Path], info: Path | None, options: Mapping[str, Any
         raise ImportError("reading LeRobot data sets needs pyarrow: pip install 'rne[lerobot]'") from None
 
     def arrays_of(path: Path) -> dict[str, Array]:
-        table = parquet.read_table(path, partitioning=None)
-        kept = [column.name for column in table.schema if NUMBERS.fullmatch(str(column.type))]
+        file, most = parquet.ParquetFile(path), most_unpacked(path)
+        kept = [column.name for column in file.schema_arrow if NUMBERS.fullmatch(str(column.type))]
+        groups = [file.metadata.row_group(k) for k in range(file.metadata.num_row_groups)]
+        columns = [group.column(k) for group in groups for k in range(group.num_columns)]
+        if 8 * sum(x.num_values for x in columns if x.path_in_schema.partition(".")[0] in kept) > most:
+            raise TooLargeError(most)
+        table = file.read(columns=kept)
         return {name: np.array(table[name].to_pylist(), dtype=np.float64) for name in kept}
 
     if not paths:
