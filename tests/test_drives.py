@@ -10,6 +10,7 @@ import rne
 from rne.trajectories import quintic
 
 from .helpers import Oracle
+from .random_robots import straight_chain
 
 SUMS = 1e-9  # relative to the largest, of two recursions and sums over thousands of samples
 BETWEEN_STEPS = 2e-4  # relative, of torques that a simulation interpolates between its steps
@@ -312,6 +313,26 @@ def test_the_command_plans_and_reports_and_writes_a_page(tmp_path, capsys, monke
     via.write_text("joint_1,joint_2\n1,2\n")
     assert main([*call, *effort]) == 2
     assert f"the first row must be {','.join(f'q.{x}' for x in names)}" in capsys.readouterr().err
+
+
+def test_picture_has_the_torques_that_its_limits_count():
+    """Those of the rotors are in both; joints of which the first has no limit have one legend."""
+    robot = rne.Robot(straight_chain(2)).with_limits(effort=[np.inf, 9.0])
+    motion = rne.trajectories.quintic([0.3, 0.2], [1.3, 0.7], 0.5)
+    rotor, gear = 2e-4, 100.0
+    report = rne.drives(robot, motion, gear=gear, rotor=rotor)
+    carried = report.tau + rotor * gear**2 * report.qdd
+    figure = rne.plotting.torque_speed(report)
+    for k, ax in enumerate(figure.axes):
+        drawn = ax.lines[0].get_ydata()
+        np.testing.assert_allclose(drawn, carried[:, k], rtol=1e-12)  # rounding
+        assert ax.lines[1].get_ydata() == drawn[np.abs(drawn).argmax()]
+        (rms,) = {abs(line.get_ydata()[0]) for line in ax.lines if line.get_linestyle() == ":"}
+        mean_square = np.trapezoid(carried[:, k] ** 2, report.t) / report.duration
+        assert rms == pytest.approx(mean_square**0.5, rel=1e-12)
+    assert np.abs(report.drive_torque[:, 1]).max() / 9.0 == pytest.approx(report.torque_share[1])
+    (legend,) = figure.legends
+    assert {text.get_text() for text in legend.get_texts()} == {"cycle", "peak", "rms", "limits"}
 
 
 def test_picture_has_the_limits_of_every_joint(report):

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import rne
+from rne.elementwise import less
 from rne.integrators import lanes, rows
 from rne.integrators.rows import NEEDS_RECURSION, STIFF, run_rows
 from rne.integrators.step_control import Interval
@@ -700,3 +701,24 @@ def test_an_executor_is_no_name():
     message = r"`executor` must be a concurrent\.futures\.Executor or a distributed\.Client, got str"
     with pytest.raises(TypeError, match=message):
         rne.ensemble(rne.load("irb140"), np.zeros((2, 6)), np.zeros((2, 6)), 0.01, executor="dask")
+
+
+@pytest.mark.parametrize("kind", ["side by side", "equal steps", "float32", "stops", "called"])
+def test_torques_at_a_break_are_those_after_it(kind):
+    """As those of a single motion, in every way in which an ensemble runs."""
+
+    class Stairs:
+        traceable, breaks = kind != "called", (0.0, 0.1, 0.2)
+
+        def __call__(self, t, q, qd):
+            return 1.0 + less(0.0, t) + less(0.1, t) + less(0.2, t) + 0 * q
+
+    robot, times = rne.Robot(straight_chain(1)), [0.0, 0.05, 0.1, 0.2]
+    scene = rne.Scene(robot, controller=Stairs(), stops=kind == "stops")
+    dtype = np.float32 if kind == "float32" else np.float64
+    start = np.zeros((2, 1), dtype)
+    how = {"step": 0.01} if kind in ("equal steps", "float32") else {}
+    found = rne.ensemble(scene, start, start, 0.2, t_eval=times, **how).tau[:, :, 0]
+    alone = rne.simulate(scene, [0.0], [0.0], 0.2, t_eval=times).tau[:, 0]
+    assert alone.tolist() == [2, 2, 3, 4]
+    assert (found == alone[:, None]).all()

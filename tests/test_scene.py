@@ -578,6 +578,34 @@ class Held:
         return rne.elementwise.clip(-self.gain * q - 5 * qd, -self.limit, self.limit)
 
 
+def test_cost_says_why_a_law_is_called(two):
+    law, unmarked = rne.control.pd(two, 20, 5, 0.0), lambda t, q, qd: -q
+    branch = rne.traceable(lambda t, q, qd: -q if q[0] > 0 else q)
+    found = {
+        name: rne.Scene(two, controller=given, sample_time=period).cost()
+        for name, given, period in (
+            ("traced", law, None), ("sampled", law, 0.01), ("unmarked", unmarked, 0.01), ("branch", branch, 0.01),
+        )
+    }  # fmt: skip
+    assert "why" not in found["traced"]
+    assert {found[name]["law"] for name in ("sampled", "unmarked", "branch")} == {"called"}
+    assert (
+        found["sampled"]["why"] == "a sampled law is called at each sample; engine 'numba' samples it in machine code"
+    )
+    assert found["unmarked"]["why"] == "it is not marked by rne.traceable"
+    assert found["branch"]["why"].startswith("TypeError: a traced number has no value: a branch")
+
+
+@pytest.mark.long
+def test_a_law_that_is_sampled_in_machine_code_is_traced(two, caplog):
+    fast = rne.Robot(two.model, "numba")
+    assert rne.Scene(fast, controller=rne.control.pd(fast, 20, 5, 0.0), sample_time=0.01).cost()["law"] == "traced"
+    branch = rne.traceable(lambda t, q, qd: -q if q[0] > 0 else q)
+    assert rne.Scene(fast, controller=branch, sample_time=0.01).cost()["law"] == "called"
+    (line,) = [record.getMessage() for record in caplog.records if "not traced" in record.getMessage()]
+    assert line.startswith("`controller` is called, not traced: TypeError: a traced number has no value: a branch")
+
+
 @pytest.mark.parametrize("anew", [True, False], ids=["new scene", "same scene"])
 @pytest.mark.parametrize("sample_time", [None, 0.01])
 def test_a_law_that_was_changed_runs_as_it_is_now(two, sample_time, anew):

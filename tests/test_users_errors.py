@@ -142,3 +142,16 @@ def test_the_column_of_a_locked_joint_is_reported(tmp_path, capsys):
     line = "warning: column 'q.joint_6', from 0.1 to 0.4, is not used: --locked holds the joint at 0.2\n"
     assert main(["torques", "irb140", str(file), "--locked", "joint_6=0.2", "--out", str(tmp_path / "out.csv")]) == 0
     assert line in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("sample_time", [None, 0.25])
+def test_dry_friction_has_nothing_to_hold_without_joints(sample_time):
+    class Clock:
+        states = 1
+
+        def __call__(self, t, q, qd, z):
+            return np.zeros(0), np.ones(1)
+
+    friction = rne.Friction(coulomb=1.0, smoothing=0)
+    scene = rne.Scene(PENDULUM, locked={"joint0": 0.3}, friction=friction, controller=Clock(), sample_time=sample_time)
+    assert rne.simulate(scene, [], [], 1.0).controller_state[-1] == pytest.approx([1.0])

@@ -274,7 +274,9 @@ def draw_panel(ax: Axes, panel: Panel, motion: Motion, other: Motion | None = No
 
 
 def torque_speed(report: DriveReport) -> Figure:
-    """Torque over speed of each joint during a cycle, with the limits of both as a frame, and the rms torque.
+    """Torque over speed of each drive during a cycle, with the limits of both as a frame, and the rms torque.
+
+    Torques are those that the limits count, `DriveReport.drive_torque`: with the rotors that `rne.drives` was given.
 
     Parameters
     ----------
@@ -303,13 +305,15 @@ def torque_speed(report: DriveReport) -> Figure:
     rows = -(-len(report.joints) // columns)
     figure = blank_figure(2.6 * columns, 2.2 * rows + 0.4)
     grid = list(figure.subplots(rows, columns, squeeze=False).flat)
+    torque = report.drive_torque
+    rms = np.sqrt(np.trapezoid(torque**2, report.t, axis=0) / report.duration)
     for k, (ax, joint) in enumerate(zip(grid, report.joints, strict=False)):
-        qd, tau, limit, speed = report.speed[:, k], report.tau[:, k], report.effort_limit[k], report.velocity_limit[k]
+        qd, tau, limit, speed = report.speed[:, k], torque[:, k], report.effort_limit[k], report.velocity_limit[k]
         ax.plot(qd, tau, linewidth=1.0, label="cycle")
         peak = int(np.abs(tau).argmax())
         ax.plot(qd[peak], tau[peak], "x", color="C3", label="peak")
         for sign in (-1, 1):
-            ax.axhline(sign * report.rms_torque[k], color="C2", linestyle=":", label="rms" if sign > 0 else HIDDEN)
+            ax.axhline(sign * rms[k], color="C2", linestyle=":", label="rms" if sign > 0 else HIDDEN)
             for line, bound in ((ax.axhline, limit), (ax.axvline, speed)):
                 if np.isfinite(bound):
                     line(sign * bound, color="C1", linestyle="--", label="limits" if sign > 0 else HIDDEN)
@@ -318,8 +322,10 @@ def torque_speed(report: DriveReport) -> Figure:
         ax.ticklabel_format(scilimits=(-3, 4))
     for ax in grid[len(report.joints) :]:
         ax.remove()
-    if grid:
-        handles = dict(zip(*reversed(grid[0].get_legend_handles_labels()), strict=True))
+    handles: dict[str, Any] = {}
+    for ax in grid[: len(report.joints)]:
+        handles = dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True)) | handles
+    if handles:
         figure.legend(list(handles.values()), list(handles), loc="outside lower center", ncols=4, frameon=False)
     for ax in grid[: len(report.joints)][-columns:]:
         ax.set_xlabel("speed [rad/s or m/s]")

@@ -158,8 +158,7 @@ class DriveReport(InNotebooks):
 
     @cached_property
     def _shares(self) -> dict[str, Array]:
-        turned = self.tau + self.rotor * self.gear**2 * self.qdd  # what the drive supplies, its rotor's share included
-        return limit_shares(self.robot.model.coordinate_limits(), self.speed, self.qdd, turned)
+        return limit_shares(self.robot.model.coordinate_limits(), self.speed, self.qdd, self.drive_torque)
 
     @property
     def duration(self) -> float:
@@ -170,6 +169,11 @@ class DriveReport(InNotebooks):
     def power(self) -> Array:
         """Mechanical power of each drive, behind its gear, shape (T, n) [W]."""
         return np.asarray(self.tau * self.speed)
+
+    @property
+    def drive_torque(self) -> Array:
+        """Torque of each drive behind its gear, its rotor's share included, which limits count, (T, n) [N m or N]."""
+        return np.asarray(self.tau + self.rotor * self.gear**2 * self.qdd)
 
     @property
     def motor_speed(self) -> Array:

@@ -57,7 +57,7 @@ class Ensemble(InNotebooks):
     q, qd : ndarray, shape (S, N, n)
         Positions and velocities of each motion at these times [rad or m; rad/s or m/s].
     tau : ndarray, shape (S, N, n)
-        Torques of the drives at these times, zero without a controller [N m or N].
+        Torques of the drives at these times, at a break those after it, zero without a controller [N m or N].
     energies : ndarray, shape (S, N, k)
         Work of the drives and losses by friction and in springs since the start, in the order of `ledger` [J].
     ledger : tuple of str, length k
@@ -481,7 +481,9 @@ class BatchRun:
     def _part(self, x: Array, done: Array, evaluations: int, verdict: PrecisionStatus) -> Motions:
         """States as positions, velocities, torques and energies, with NaN where there are none."""
         n, first, N, size = self.dynamics.joints, self.dynamics.n, x.shape[1], self.dynamics.counted
-        t, states = np.repeat(self.times, N).astype(x.dtype), x[..., :size].reshape(len(self.times) * N, size)
+        times, breaks = self.times.astype(x.dtype), law_breaks(self.fallback.scene.controller)
+        times = np.where(np.isin(self.times, breaks), np.nextafter(times, np.inf, dtype=x.dtype), times)  # after them
+        t, states = np.repeat(times, N), x[..., :size].reshape(len(times) * N, size)
         known = np.asarray(np.isfinite(states).all(axis=1))
         plant = Plant(self.dynamics, self.fallback.scene.resolved.robot)
         q, qd, energies = x[..., :n], x[..., first : first + n], x[..., size:]

@@ -15,7 +15,7 @@ from ..basics.arrays import real_array
 from ..basics.spatial import Array
 from ..control.traced_law import call_law
 from ..dynamics.quantity import OK, MethodQuantity, PrecisionStatus
-from ..errors import NotFiniteError
+from ..errors import NotFiniteError, RneError
 from ..kernels.kernel import Kernel
 from ..kernels.soundness import NeedsRecursion
 from ..robot import Robot
@@ -83,7 +83,7 @@ class Plant:
     @property
     def sticks(self) -> bool:
         """True if friction can hold joints."""
-        return self.dynamics.friction is not None and self.dynamics.friction.sticks
+        return self.dynamics.friction is not None and self.dynamics.friction.sticks and self.robot.n > 0
 
     @cached_property
     def slopes(self) -> Kernel:
@@ -139,9 +139,11 @@ class Plant:
         return np.concatenate([checked_torques(self.law_name, u, self.robot, t), slopes])
 
     def called(self, law: Callable[..., Any], t: float, x: Array) -> tuple[Any, Any]:
-        """What a law returns; an arithmetic error of it ends the run as its cause, and says when it was called."""
+        """What a law returns; an error of it that ends the run is its cause."""
         try:
             return call_law(law, t, x, self.dynamics.law_inputs)
+        except RneError as error:
+            raise NotFiniteError(str(error), getattr(error, "time", None)) from error
         except ArithmeticError as error:
             text = f"`{self.law_name}` raised {type(error).__name__} at t = {t:.6g} s: {error}"
             raise NotFiniteError(text, t) from error

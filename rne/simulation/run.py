@@ -59,7 +59,7 @@ class Failure(NamedTuple):
     time: float
     cause: str
     is_interrupt: bool = False  # by the user
-    error: BaseException | None = None  # that ended it
+    error: BaseException | None = None  # of the user's law, that ended it
 
 
 class Instants(NamedTuple):
@@ -263,7 +263,7 @@ class Run:
         """From the start to the end, a stop or a failure."""
         failure = None
         try:
-            if self.task.duration == 0 or not len(self.x):  # nothing moves; SciPy's solvers divide by both
+            if self.task.duration == 0 or not self.plant.counted:  # nothing moves; SciPy's solvers divide by both
                 self._begin_segment()
                 while self.hold is not None and (not self.hold.count or self.hold.next < self.task.duration * NEARLY):
                     self.hold.sample(self.hold.next, self.x)  # which a solver would have taken
@@ -291,7 +291,7 @@ class Run:
             except NotFiniteError as cause:
                 error = cause
         time = float(getattr(error, "time", None) or self.t)
-        return Failure(time, str(error), error=error if error.__cause__ is None else error.__cause__)
+        return Failure(time, str(error), error=error.__cause__)
 
     def _segment(self) -> None:
         """To the next sample, break, event or the end."""

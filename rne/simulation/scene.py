@@ -290,7 +290,7 @@ class Scene:
         reason = law.why_not_traced(self.resolved.robot)
         if reason is None:
             return law
-        if self.sample_time is None and _announced.get(id(self.controller)) is not self.controller:
+        if _announced.get(id(self.controller)) is not self.controller:
             LOGGER.warning("`controller` is called, not traced: %s", reason)
             with suppress(TypeError):  # an object without weak references
                 _announced[id(self.controller)] = self.controller
@@ -307,6 +307,13 @@ class Scene:
     def is_traced(self) -> bool:
         """True if the controller is part of the kernel, False if it is called or there is none."""
         return self.dynamics.law is not None
+
+    @property
+    def _why_called(self) -> str:
+        """Why a controller that is not traced is called."""
+        law = self._law if getattr(self.controller, "traceable", False) else None
+        why = law.why_not_traced(self.resolved.robot) if law else "it is not marked by rne.traceable"
+        return why or "a sampled law is called at each sample; engine 'numba' samples it in machine code"
 
     @property
     def kernel(self) -> Kernel:
@@ -370,9 +377,7 @@ class Scene:
                 "dry `friction` sticks and slips by events: give it a `smoothing` above 0, a large one for `steps`"
             )
         elif controller is not None and (self.sample_time is not None or not self.is_traced):
-            law = self._law if getattr(controller, "traceable", False) else None
-            why = law.why_not_traced(self.resolved.robot) if law else "it is not marked by rne.traceable"
-            how = "sampled" if self.sample_time is not None else f"called, as {why}"
+            how = "sampled" if self.sample_time is not None else f"called, as {self._why_called}"
             refused = f"`controller` is {how}; without it the torques are an argument u"
         if refused:
             raise ValueError(f"no function of time and state: {refused}")
@@ -500,8 +505,9 @@ class Scene:
         -------
         dict
             "total"; for payload, friction, springs, effort_limit, controller (where given), armature and gravity, the
-            operations saved without it; "law", whether the controller is "traced", "called" or "none". The cost of a
-            called controller is not known, nor that of a robot too large to be written out: then "total" is None.
+            operations saved without it; "law", whether the controller is "traced", "called" or "none", and "why" it is
+            called. The cost of a called controller is not known, nor that of a robot too large to be written out: then
+            "total" is None.
 
         Examples
         --------
@@ -509,9 +515,12 @@ class Scene:
         >>> rne.Scene(rne.load("irb140"), payload=rne.Payload(5.0, [0.1, 0.0, 0.1])).cost()["payload"] > 0
         True
         """
-        law = "none" if self.controller is None else "traced" if self.is_traced else "called"
+        law: dict[str, int | str | None] = {"law": "none"}
+        if self.controller is not None:
+            is_traced = self.is_traced or self.traced_samples is not None
+            law = {"law": "traced"} if is_traced else {"law": "called", "why": self._why_called}
         if not self.kernel.is_unrolled:
-            return {"total": None, "law": law}
+            return {"total": None} | law
 
         def operations(**changes: Any) -> int:
             return sum(replace(self, **changes).kernel.operations.values())
@@ -525,7 +534,7 @@ class Scene:
         for part, nothing in (("armature", 0.0), ("gravity", np.zeros(3))):
             if np.any(getattr(self.resolved.robot.model, part)):
                 costs[part] = total - operations(**{part: nothing})
-        return costs | {"law": law}
+        return costs | law
 
 
 def resolved_friction(friction: Friction | str | None, robot: Robot) -> Friction | None:

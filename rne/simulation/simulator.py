@@ -142,7 +142,7 @@ def simulate(
 def _run(scene: Scene, dynamics: SceneDynamics, law_name: str, task: Task) -> RunResult:
     """One run of a scene, by the method that suits it where that is "auto"."""
     robot, law = scene.resolved.robot, scene.controller if dynamics.inputs == "called" else None
-    sticks = dynamics.friction is not None and dynamics.friction.sticks
+    sticks = dynamics.friction is not None and dynamics.friction.sticks and robot.n > 0
     plant = (DryPlant if sticks else Plant)(dynamics, robot, law, law_name)
     hold = None if scene.sample_time is None else ZeroOrderHold(scene, plant)
     method, reason = task.method, f"{task.method} as requested"
