@@ -137,6 +137,11 @@ def test_separators_and_decimal_commas_are_found(separator, decimal, tmp_path):
         ("joint_states_elbow_effort", ("tau", "elbow", "")),
         ("/arm_controller/state/actual/positions.4", ("q", "4", "")),
         ("left_q.4", ("q", "left_4", "")),
+        ("/joint_states/torque_tube/angle", ("q", "torque_tube", "")),
+        ("velocity[state_joint]", ("qd", "state_joint", "")),
+        ("effort.t", ("tau", "t", "")),
+        ("x.q", ("q", "x", "")),
+        ("run.q.4", ("q", "4", "")),
         ("header.stamp", ("t", "header", "")),
         *((name, ("", "", "")) for name in ("temperature_1", "index", "loop_time", "robot_state", "qdd_1", "q_ddot_1", "dtau_J_1", "acceleration_1")),
     ],
@@ -460,9 +465,12 @@ def test_topics_are_no_part_of_joints_names(tmp_path):
     two = names_of("position", "effort", form="/left/{1}/{0}") + ["/right/elbow/position"]
     table(path, ["__time", *two], T, Q, TAU, T)
     with exactly(
-        f"{path}: columns '/left/elbow/position' and '/right/elbow/position' are both q of elbow; say which in columns={{\"q\": ...}}"
+        f"{path}: columns '/left/elbow/position' and '/right/elbow/position' are both q of elbow; say which in columns={{\"q\": ...}}, "
+        "or give the joints with more of these names as `joints`"
     ):
         Record.from_log(path)
+    left = [f"left/{joint}" for joint in JOINTS]
+    same(Record.from_log(path, joints=left), left, velocities=False)
 
 
 def test_velocities_that_are_missing_are_not_used(tmp_path):

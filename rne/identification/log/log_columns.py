@@ -27,7 +27,9 @@ WORDS = {
 }
 TORQUES = {"tau": "tau", "current": "tau", "force": "tau"}  # kinds that stand for torques
 WORD = {word: kind for kind, words in WORDS.items() for word in words.split()}
+BETWEEN = ("", *"/.[]()")  # around a joint's name that is a part of its own
 SYMBOLS = ("q", "theta", "θ")  # positions where no other word names a quantity, as in "theta1" beside "theta1_effort"
+KINDS = {*WORD, *SYMBOLS, "dot"}
 ASKED = re.compile(  # words of commands, and in a group those that a joint may have in its name, such as a slide d3
     "(?:target|desired|command|commanded|cmd|reference|setpoint|goal|action|soll|planned)s?|(d|des|ref|errors?|ext|external)"
 )
@@ -39,7 +41,7 @@ TOKEN = re.compile(r"[A-Z]+(?![^\W\d_A-Z])|[A-Z]?[^\W\d_A-Z]+|\d+")
 TOPIC = re.compile(r"(?:dynamic_?)?joint_?states?|[/.]", re.IGNORECASE)  # ends the name of a topic or structure
 BRACKETS = re.compile(r"\s*[\[(]\s*((?=[^\])]*[^\W\d_]|[%°])[^\])]+?)\s*[\])]\s*$")  # a unit at the end of a name
 SUFFIX = re.compile(r"[_ .](deg|rad|ms|us|ns|rpm|mA|m?Nm|(?:deg|rad)(?:_s|ps))$")  # likewise
-RAW = re.compile("%|counts?|ticks?|pulses?|raw|inc|turns?|rev|.*[/·^].*|lbf?.*", re.IGNORECASE)  # of no known size
+RAW = re.compile("%|counts?|ticks?|pulses?|raw|inc|turns?|rev|.*[/·^].*|lb[fs]?", re.IGNORECASE)  # of no known size
 SI = {
     "q": {"rad": 1.0, "deg": np.pi / 180, "m": 1.0, "mm": 1e-3},
     "qd": {"rad/s": 1.0, "deg/s": np.pi / 180, "rpm": np.pi / 30, "m/s": 1.0, "mm/s": 1e-3},
@@ -61,7 +63,8 @@ def measured(path: Any, options: Mapping[str, Any]) -> tuple[dict[str, Any], lis
     log = _joined(path, options) if isinstance(path, Mapping) else with_stamps(place, read_log(Path(place), options))
     given = options["columns"] if isinstance(options["columns"], Mapping) else {}
     said, guesses = list(log.said), Guesses()
-    found = _by_joint(place, log, given, options["joints"] or (), guesses)
+    meanings = {name: _meaning(name, options["joints"] or ()) for name in log.columns}
+    found = _by_joint(place, log, given, meanings, guesses)
     kinds, names = _same_joints(place, found, options["joints"], {"q", "tau"} <= given.keys(), (said, guesses))
     read = {kind: [log.numbers(place, name) for name in own] for kind, own in kinds.items()}
     rate, stamps = options["sample_rate"], [found["t"][clock] for clock in sorted(found["t"])][:1]
@@ -76,7 +79,7 @@ def measured(path: Any, options: Mapping[str, Any]) -> tuple[dict[str, Any], lis
         if sizes := {len(column) for column in columns} - {len(t)}:
             raise ValueError(f"{place}: there are {len(t)} times and {min(sizes)} samples of {kind}")
     x = {kind: np.column_stack(columns) for kind, columns in read.items()}
-    units = _units(place, kinds, options["units"])
+    units = _units(place, kinds, options["units"], meanings)
     if log.is_lerobot and "q" not in options["units"]:
         cure = 'give units={"q": "deg"}, or rad per unit of each joint and `offsets`'
         raise ValueError(f"{place}: positions of LeRobot data sets are in degrees or normalised; {cure}")
@@ -85,7 +88,7 @@ def measured(path: Any, options: Mapping[str, Any]) -> tuple[dict[str, Any], lis
         units["q"] = "deg"
     gains, n = options["gains"], len(kinds["q"])
     named = np.isin(np.asarray(units["tau"], dtype=object), ["A", "mA"]).any()
-    if gains is None and (named or _meaning(kinds["tau"][0]).kind == "current"):
+    if gains is None and (named or meanings[kinds["tau"][0]].kind == "current"):
         cure = "give `gains` [N m/A]; gains=1 keeps currents, for `rne.identify_drive_gains`"
         raise ValueError(f"{place}: {_span(kinds['tau'])} are currents, not torques; {cure}")
     factors = per_joint_array("gains", 1 if gains is None else gains, n)
@@ -95,7 +98,7 @@ def measured(path: Any, options: Mapping[str, Any]) -> tuple[dict[str, Any], lis
     q = x["q"] * _in_si("q", units["q"], n) + per_joint_array("offsets", options["offsets"], n)
     qd = x["qd"] * _in_si("qd", units["qd"], n) if "qd" in x else None
     tau = x["tau"] * _in_si("tau", units["tau"], n) * factors
-    unit = options["time_unit"] or log.time_unit or (_meaning(stamps[0]).unit if timed else "s")
+    unit = options["time_unit"] or log.time_unit or (meanings[stamps[0]].unit if timed else "s")
     if not unit and (seems := guessed_unit(t, q, qd)) is not None:
         guesses.append((f"column {stamps[0]!r} {seems.said}", 'else give time_unit="s"'))
         unit = seems.symbol
@@ -124,17 +127,23 @@ def _meaning(name: str, joints: Sequence[str] = ()) -> Meaning:
         return Meaning(own, joint, unit)
     for joint in sorted(joints, key=len, reverse=True):  # names that are given, whatever words are in them
         for match in re.finditer(rf"(?<![^\W_]){re.escape(joint)}(?![^\W_])", name):
-            rest = _meaning(name[: match.start()] + name[match.end() :])
-            if rest.kind and not rest.joint:
+            before, after = name[: match.start()], name[match.end() :]
+            rest = _meaning(before + after)
+            if rest.kind and (not rest.joint or (before[-1:] in BETWEEN and after[:1] in BETWEEN)):
                 return rest._replace(joint=joint)
-    parts = TOPIC.split(bare)
-    words = [word.lower() for part in parts for word in TOKEN.findall(part)]
-    kind, asked = _kind(words, unit), {word: found for word in words if (found := ASKED.fullmatch(word))}
-    names = {word for word in (*WORD, *SYMBOLS, "dot") if kind == "t" or WORD.get(word) != "t"}
-    names |= {word for word in words if SPARE.fullmatch(word)}
-    clock = [word for word in map(str.lower, TOKEN.findall(parts[-1])) if word not in names]
-    if not kind or (kind == "t" and not all(map(CLOCKS.fullmatch, clock))):
+    split = TOPIC.split(bare)
+    tokens = [[word.lower() for word in TOKEN.findall(part)] for part in split]
+    words = [word for part in tokens for word in part]
+    spare = {word for word in words if SPARE.fullmatch(word)}
+    kinds = [k for k, part in enumerate(tokens) if part and KINDS >= {*part} - spare != set()]  # parts of nothing else
+    kinds.sort(key=lambda k: max((WORD.get(x, "q") != "t") + (x in WORD) for x in tokens[k] if x in KINDS))
+    asked = {word: found for word in words if (found := ASKED.fullmatch(word))}
+    kind = _kind(tokens[kinds[-1]] if kinds else words, unit)
+    names = spare | {word for word in KINDS if kind == "t" or WORD.get(word) != "t"}
+    if not kind or (kind == "t" and not all(x in names or CLOCKS.fullmatch(x) for x in tokens[-1])):
         return Meaning()
+    parts = [part for k, part in enumerate(split) if k not in kinds[-1:] and not spare.issuperset(tokens[k])][-1:]
+    parts, names = (parts, set()) if kinds and parts else (split, names)
     joint, own = _joint(parts, names | asked.keys()), _joint(parts, names)
     own = own if own != joint and all(found[1] for found in asked.values()) else ""
     return Meaning(kind, joint, unit, own if asked else None)
@@ -145,7 +154,7 @@ def _unit(name: str) -> tuple[str, str]:
     if bracket := BRACKETS.search(name):
         unit, bare = symbol(bracket[1]), name[: bracket.start()]
         is_joint = not (UNIT.fullmatch(unit) or RAW.fullmatch(bracket[1])) and not _meaning(bare).joint
-        return ("", name) if is_joint and _meaning(bare).kind else (unit, bare)
+        return ("", f"{bare}.{bracket[1]}") if is_joint and _meaning(bare).kind else (unit, bare)
     suffix = SUFFIX.search(name)
     return (symbol(suffix[1]), name[: suffix.start()]) if suffix else ("", name)
 
@@ -195,26 +204,29 @@ def _joined(files: Mapping[str, Any], options: Mapping[str, Any]) -> Log:
     return log._replace(columns=columns)
 
 
-def _by_joint(place: str, log: Log, given: Mapping[str, Any], joints: Sequence[str], guesses: Guesses) -> Columns:
+def _by_joint(
+    place: str, log: Log, given: Mapping[str, Any], meanings: Mapping[str, Meaning], guesses: Guesses
+) -> Columns:
     """The columns of each quantity by joint: those given, of the others what their names say."""
     found: Columns = {kind: {} for kind in WORDS}
     if unknown := [kind for kind in given if kind not in ("t", "q", "qd", "tau")]:
         raise ValueError(f'`columns` must be of "t", "q", "qd" and "tau", got {unknown[0]!r}')
     asked, both = dict[str, Meaning](), dict[str, str]()
-    for name in log.columns:
-        meaning = _meaning(name, joints)
+    for name, meaning in meanings.items():
         kind, joint = meaning.kind, log.joints.get(name, meaning.joint)
         if kind and kind not in given and meaning.own is not None:
             asked[name] = meaning._replace(joint=joint)
         elif kind and kind not in given:
             if joint in found[kind] and not (kind == "t" and joint):
                 what = f"are both {kind}{f' of {joint}' if joint else ''}; say which in columns="
-                both.setdefault(kind, f'{found[kind][joint]!r} and {name!r} {what}{{"{TORQUES.get(kind, kind)}": ...}}')
+                whole = ", or give the joints with more of these names as `joints`" * bool(joint and TOPIC.search(name))
+                which = f'{what}{{"{TORQUES.get(kind, kind)}": ...}}{whole}'
+                both.setdefault(kind, f"{found[kind][joint]!r} and {name!r} {which}")
             found[kind].setdefault(joint, name)
     for kind, wanted in given.items():
         parts = [wanted] if isinstance(wanted, str | int) else wanted
         own = [name for part in parts for name in _named(place, list(log.columns), part)]
-        names = [log.joints.get(name, _meaning(name, joints).joint) for name in own]
+        names = [log.joints.get(name, meanings[name].joint) for name in own]
         found[kind] = dict(zip(names if len(set(names)) == len(own) else map(str, range(len(own))), own, strict=True))
     left = _not_commands(found, asked, list(log.columns), guesses)
     forces = {x: name for x, name in found["force"].items() if x in found["q"] and x not in found["tau"]}
@@ -331,25 +343,25 @@ def _numbers(joints: Iterable[str]) -> list[int]:
     return [int(number or 1) for _, number in parts] * alike
 
 
-def _units(place: str, kinds: Mapping[str, Sequence[str]], given: Mapping[str, Any]) -> dict[str, Any]:
+def _units(
+    place: str, kinds: Mapping[str, Sequence[str]], given: Mapping[str, Any], meanings: Mapping[str, Meaning]
+) -> dict[str, Any]:
     """Units that are given, or that the names of all columns of a quantity have, or None; currents are in A or mA."""
     if not isinstance(given, Mapping) or set(given) - set(SI):
         raise ValueError(f'`units` must be a mapping of "q", "qd" and "tau", got {given!r}')
     units: dict[str, Any] = dict.fromkeys(SI) | dict(given)
 
-    def unit_of(name: str) -> str | None:
-        return _meaning(name).unit or ("A" if _meaning(name).kind == "current" else None)
-
+    unit_of = {name: x.unit or ("A" if x.kind == "current" else None) for name, x in meanings.items()}
     for kind in kinds.keys() - given.keys():
         known = SI["q"] | SI["qd"] if kind == "qd" else SI[kind]
-        named = {unit_of(name): name for name in kinds[kind]}
+        named = {unit_of[name]: name for name in kinds[kind]}
         cure = f"give units={{{kind!r}: ...}}"
         if unknown := [unit for unit in named if unit not in (None, *known)]:
             cure += ", by name or as SI units per unit of the log"
             raise ValueError(f"{place}: the unit {unknown[0]!r} of column {named[unknown[0]]!r} is not known; {cure}")
         if len(named) > 1 and None in named:
             raise ValueError(f"{place}: some of the columns {_span(kinds[kind])} name no unit; {cure}")
-        units[kind] = [unit_of(name) for name in kinds[kind]] if len(named) > 1 else next(iter(named))
+        units[kind] = [unit_of[name] for name in kinds[kind]] if len(named) > 1 else next(iter(named))
     return units
 
 
