@@ -1,5 +1,6 @@
 """Object code kept on disk: found by other processes, of bounded size, never run if damaged or somebody else's."""
 
+import contextlib
 import logging
 import os
 import subprocess
@@ -12,6 +13,7 @@ import pytest
 import rne
 from rne.__main__ import main
 from rne.basics import disk_cache
+from rne.basics.disk_cache import key
 from rne.kernels import object_code
 
 from .helpers import ROOT
@@ -150,6 +152,46 @@ def test_the_linker_that_windows_has_links_the_same_code(place, monkeypatch):
     np.testing.assert_array_equal(run_kernel(), expected)
 
 
+@pytest.mark.skipif(not OWN, reason="there are no owners")
+class TestWhatIsExaminedIsRead:
+    """Another user may change a folder's link, or a file, between the two."""
+
+    @pytest.fixture
+    def exchanged(self, place, tmp_path, monkeypatch):
+        """A link to a folder that becomes one to another folder as soon as the first one was examined."""
+        for name, code in (("true", b"code"), ("false", b"foreign")):
+            monkeypatch.setenv("RNE_CACHE", str(tmp_path / name))
+            disk_cache.write(key("a"), code)
+        (tmp_path / "false").chmod(0o777)
+        monkeypatch.setenv("RNE_CACHE", str(place))
+        place.symlink_to(tmp_path / "true")
+        own = disk_cache._is_own
+
+        def examined(*arguments):
+            found = own(*arguments)
+            place.unlink()
+            place.symlink_to(tmp_path / "false")
+            monkeypatch.setattr(disk_cache, "_is_own", own)
+            return found
+
+        monkeypatch.setattr(disk_cache, "_is_own", examined)
+        return tmp_path
+
+    def test_reading(self, exchanged):
+        assert disk_cache.read(key("a")) == b"code"
+        assert disk_cache.read(key("a")) is None
+
+    def test_writing(self, exchanged):
+        disk_cache.write(key("b"), b"new")
+        assert (exchanged / "true" / f"{key('b')}.rne").exists()
+        assert not (exchanged / "false" / f"{key('b')}.rne").exists()
+
+    def test_a_pipe_is_no_file_and_is_not_waited_for(self, place):
+        place.mkdir(mode=0o700)
+        os.mkfifo(place / f"{key('a')}.rne", 0o600)
+        assert disk_cache.read(key("a")) is None
+
+
 class TestNumbers:
     def loaded(self, mass):
         model = rne.model.with_payload(straight_chain(2), mass, [0.1, 0.2, 0.3])
@@ -186,14 +228,14 @@ class TestFiles:
     def test_the_least_recently_used_are_removed(self, place, monkeypatch):
         monkeypatch.setattr(disk_cache, "LIMIT", 10_000)
         for k in range(9):
-            disk_cache.write(f"{k}", bytes(1000))
-            os.utime(place / f"{k}.rne", (k, k))
-        os.utime(place / "0.rne")  # used again
-        disk_cache.write("last", bytes(1000))
+            disk_cache.write(key(f"{k}"), bytes(1000))
+            os.utime(place / f"{key(f'{k}')}.rne", (k, k))
+        os.utime(place / f"{key('0')}.rne")  # used again
+        disk_cache.write(key("last"), bytes(1000))
         left = {path.stem for path in place.iterdir()}
-        assert left == {"0", "last", "8", "7", "6", "5", "4"}
-        assert disk_cache.read("1") is None
-        assert disk_cache.read("last") == bytes(1000)
+        assert left == {key(x) for x in ("0", "last", "8", "7", "6", "5", "4")}
+        assert disk_cache.read(key("1")) is None
+        assert disk_cache.read(key("last")) == bytes(1000)
 
     def test_reading_counts_as_use(self, place):
         disk_cache.write("a", b"code")
@@ -246,13 +288,31 @@ class TestCommand:
     def test_it_shows_place_size_and_count_and_clears(self, place, capsys):
         assert main(["cache"]) == 0
         assert capsys.readouterr().out == f"{place}: empty\n"
-        disk_cache.write("a", bytes(1_500_000))
-        disk_cache.write("b", bytes(500_000))
+        disk_cache.write(key("a"), bytes(1_500_000))
+        disk_cache.write(key("b"), bytes(500_000))
         main(["cache"])
         assert capsys.readouterr().out == f"{place}: 2 files of object code, 2.0 MB of at most 64.0 MB\n"
         main(["cache", "--clear"])
         assert capsys.readouterr().out == f"{place}: 2 files removed\n"
         assert list(place.iterdir()) == []
+
+    def test_files_of_the_user_stay(self, place, monkeypatch):
+        """Their names end or begin as those of the cache do; links and folders have even its names."""
+        place.mkdir()
+        (place / f"{key('folder')}.rne").mkdir()
+        for name in ("notes.rne", "unfinished-symphony", "unfinished-" + "x" * 32, f"{key('a')}.txt"):
+            (place / name).write_text("mine")
+        with contextlib.suppress(OSError):  # on Windows
+            (place / f"{key('link')}.rne").symlink_to(place / "notes.rne")
+        own = set(place.iterdir())
+        monkeypatch.setattr(disk_cache, "LIMIT", 1)
+        disk_cache.write(key("a"), b"code")  # too large: removed at once
+        assert set(place.iterdir()) == own
+        monkeypatch.undo()
+        monkeypatch.setenv("RNE_CACHE", str(place))
+        disk_cache.write(key("a"), b"code")
+        assert disk_cache.clear() == 1
+        assert set(place.iterdir()) == own
 
     def test_without_a_cache_it_says_so(self, monkeypatch, capsys):
         monkeypatch.setenv("RNE_CACHE", "")

@@ -2,7 +2,8 @@
 
 The folder is the platform's for caches, or what RNE_CACHE names; none if that is empty. Code that is read from it is
 run: a folder or a file that another user owns or may write to is refused. A file holds a digest of its name and of what
-follows; one that is damaged or another's is passed over. Files are written under another name and renamed, so that
+follows; one that is damaged or another's is passed over. What is examined is what is read: the folder and the file are
+opened once, and no link of a file is followed. Files are written under another name and renamed, so that
 several processes may use the folder; the least recently used go when all together exceed LIMIT.
 """
 
@@ -12,16 +13,21 @@ import functools
 import hashlib
 import logging
 import os
+import re
+import secrets
 import stat
-import tempfile
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 LOGGER = logging.getLogger("rne")
 LIMIT = 64_000_000  # bytes
 KEPT = 0.8  # of the limit, once it is exceeded
 ENDING, UNFINISHED = ".rne", "unfinished-"
+NAME = re.compile(rf"[0-9a-f]{{64}}\{ENDING}|{UNFINISHED}[0-9a-f]{{32}}")  # of files: no user's own are called so
+PLAIN = sum(getattr(os, name, 0) for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_BINARY"))  # no link, no waiting for a pipe
 DIGEST = hashlib.sha256
+FOREIGN = "is not used: another user owns it or may write to it"
 
 
 def folder() -> Path | None:
@@ -49,18 +55,34 @@ def read(name: str) -> bytes | None:
     place = folder()
     if place is None:
         return None
-    path = place / f"{name}{ENDING}"
     try:
-        if not is_own(place) or not is_own(path):
-            return None
-        content = path.read_bytes()
-        size = DIGEST().digest_size
-        if DIGEST(name.encode() + content[size:]).digest() != content[:size]:
-            return None
-        os.utime(path)  # used now
+        with _entered(place) as (prefix, number):
+            file = os.open(path := os.path.join(prefix, f"{name}{ENDING}"), os.O_RDONLY | PLAIN, dir_fd=number)
+            with os.fdopen(file, "rb") as stream:
+                state = os.fstat(file)
+                content = stream.read() if _is_own(state, place) and stat.S_ISREG(state.st_mode) else b""
+            size = DIGEST().digest_size
+            if DIGEST(name.encode() + content[size:]).digest() != content[:size]:
+                return None
+            os.utime(path, dir_fd=number)  # used now
     except OSError:
         return None
     return content[size:]
+
+
+@contextmanager
+def _entered(place: Path) -> Iterator[tuple[str, int | None]]:
+    """A folder to prefix names with and the descriptor they are relative to; an OSError if it is another user's."""
+    if not hasattr(os, "getuid"):  # Windows has no such descriptors, and guards the profile's folder
+        yield os.fspath(place), None
+        return
+    number = os.open(place, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        if not _is_own(os.fstat(number), place):
+            raise PermissionError(FOREIGN)
+        yield "", number
+    finally:
+        os.close(number)
 
 
 def write(name: str, code: bytes) -> None:
@@ -70,16 +92,17 @@ def write(name: str, code: bytes) -> None:
         return
     try:
         place.mkdir(mode=0o700, parents=True, exist_ok=True)
-        if not is_own(place):
-            return
-        number, temporary = tempfile.mkstemp(prefix=UNFINISHED, dir=place)
-        try:
-            with os.fdopen(number, "wb") as file:
-                file.write(DIGEST(name.encode() + code).digest() + code)
-            os.replace(temporary, place / f"{name}{ENDING}")
-        except BaseException:
-            os.unlink(temporary)
-            raise
+        with _entered(place) as (prefix, number):
+            temporary = os.path.join(prefix, f"{UNFINISHED}{secrets.token_hex(16)}")
+            file = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | PLAIN, 0o600, dir_fd=number)
+            try:
+                with os.fdopen(file, "wb") as stream:
+                    stream.write(DIGEST(name.encode() + code).digest() + code)
+                path = os.path.join(prefix, f"{name}{ENDING}")
+                os.replace(temporary, path, src_dir_fd=number, dst_dir_fd=number)
+            except BaseException:
+                os.unlink(temporary, dir_fd=number)
+                raise
         _remove_least_recently_used(place)
     except OSError as error:
         LOGGER.info("object code is not kept in %s: %s", place, error)
@@ -92,12 +115,12 @@ def entries(place: Path) -> Iterator[tuple[Path, os.stat_result]]:
             found = path.lstat()
         except FileNotFoundError:  # another process removed it
             continue
-        if path.suffix == ENDING or path.name.startswith(UNFINISHED):
+        if NAME.fullmatch(path.name) and stat.S_ISREG(found.st_mode):
             yield path, found
 
 
 def clear() -> int:
-    """Remove all files, and return how many there were."""
+    """Remove all files of the cache and no others, and return how many there were."""
     place, count = folder(), 0
     for path, _ in entries(place) if place is not None else ():
         path.unlink(missing_ok=True)
@@ -105,21 +128,22 @@ def clear() -> int:
     return count
 
 
-def is_own(path: Path) -> bool:
-    """True for a folder, or a file that is no link, if only this user may write to it."""
-    found = path.lstat() if path.suffix == ENDING else path.stat()
-    if not hasattr(os, "getuid"):  # Windows guards the profile's folder
-        return True
-    foreign = found.st_uid != os.getuid() or found.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
-    if foreign or stat.S_ISLNK(found.st_mode):
-        _warn(path)
+def is_own(place: Path) -> bool:
+    """True for a folder that only this user may write to."""
+    return not hasattr(os, "getuid") or _is_own(place.stat(), place)
+
+
+def _is_own(found: os.stat_result, place: Path) -> bool:
+    """True for the state of a file or folder that only this user may write to; Windows guards the profile's folder."""
+    if hasattr(os, "getuid") and (found.st_uid != os.getuid() or found.st_mode & (stat.S_IWGRP | stat.S_IWOTH)):
+        _warn(place)
         return False
     return True
 
 
 @functools.cache
 def _warn(path: Path) -> None:
-    LOGGER.warning("object code in %s is not used: another user owns it or may write to it", path)
+    LOGGER.warning("object code in %s %s", path, FOREIGN)
 
 
 def _remove_least_recently_used(place: Path) -> None:
