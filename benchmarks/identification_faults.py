@@ -6,13 +6,15 @@ without the fault, noise and delay by more than the 99.9 % point of chi-square; 
 IdentificationWarning came, named if the fault is among its first two causes, and blamed if a cause other than friction
 of gears is given. `--noisy` has logs by controllers that feed noise of the positions back and with uneven clocks, whose
 stamps are those of the samples, or of what read them. Writes benchmarks/results/identification_faults.json, of some
-faults alone with `--only`, and the tables of docs/identification.md.
+faults alone with `--only`, and the tables of docs/identification.md. `--processes` share the runs.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+from concurrent.futures import ProcessPoolExecutor
+from itertools import islice
 from typing import Any
 
 from benchmarks.identification_tables import rewrite_page
@@ -35,6 +37,13 @@ def row_of(fault: str, outcomes: list[Outcome]) -> dict[str, Any]:
     }
 
 
+def text_of(o: Outcome) -> str:
+    """A run in a line."""
+    marks = {"WRONG": o.wrong, "warned": o.warned, "named": o.named, "equal": o.hidden, "blamed": o.blamed}
+    said = " ".join(word for word, is_so in marks.items() if is_so)
+    return f"  {o.robot:8} {o.seed} {o.chi_square:8.3g} {said} {o.causes[:3]} {o.error[:110]}"
+
+
 def keep(kind: str, row: dict[str, Any], order: list[str]) -> None:
     """A row in the place of the last one of its fault."""
     kept = json.loads((RESULTS / "identification_faults.json").read_text(encoding="utf-8"))
@@ -50,20 +59,25 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=10)
     parser.add_argument("--clean", type=int, default=200)
     parser.add_argument("--noisy", action="store_true")
+    parser.add_argument("--processes", type=int, default=1)
     given = parser.parse_args()
     kinds, names, logged = ["clean", *FAULTS], list(robots()), LOGGED[1:] if given.noisy else LOGGED[:1]
-    for fault in given.only or kinds:
-        first, outcomes = 1000 * kinds.index(fault), []
+    chosen = [fault for fault in kinds if fault in (given.only or kinds)]
+    tasks = []
+    for fault in chosen:
         for k in range(given.clean if fault == "clean" else given.runs):
-            outcomes.append(run(fault, names[k % len(names)], first + k, logged[k // len(names) % len(logged)]))
-            o = outcomes[-1]
-            if given.verbose and (fault != "clean" or o.wrong or o.warned):
-                marks = {"WRONG": o.wrong, "warned": o.warned, "named": o.named, "equal": o.hidden, "blamed": o.blamed}
-                said = " ".join(word for word, is_so in marks.items() if is_so)
-                print(f"  {o.robot:8} {o.seed} {o.chi_square:8.3g} {said} {o.causes[:3]} {o.error[:110]}", flush=True)
-        row = row_of(fault, outcomes)
-        print(row, flush=True)
-        keep("noisy" if given.noisy else "rows", row, kinds)
+            seed = 1000 * kinds.index(fault) + k
+            tasks.append((fault, names[k % len(names)], seed, logged[k // len(names) % len(logged)]))
+    with ProcessPoolExecutor(given.processes) as pool:
+        every = pool.map(run, *zip(*tasks, strict=True))
+        for fault in chosen:
+            outcomes = list(islice(every, sum(task[0] == fault for task in tasks)))
+            for o in outcomes:
+                if given.verbose and (fault != "clean" or o.wrong or o.warned):
+                    print(text_of(o), flush=True)
+            row = row_of(fault, outcomes)
+            print(row, flush=True)
+            keep("noisy" if given.noisy else "rows", row, kinds)
     rewrite_page()
 
 

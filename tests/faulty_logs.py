@@ -34,6 +34,11 @@ ENCODER = 2 * np.pi / 2**20
 CHANCE = 0.999
 HIDDEN = 0.4  # of what noise leaves: a residual that no test tells from it
 BANDWIDTH = 20.0  # of the coloured part of the noise [Hz]
+SMALL, STIFF_GEARS = (
+    (1 / 3, 1 / 20),
+    3.0,
+)  # length and mass of a small arm over those of its kind; friction of its gears
+COUPLED = 0.15, 1.0  # turns of a wrist's last motor per turn of the joint before
 LOAD = 0.03, 0.08  # friction per load of a harmonic drive
 SATURATING = 0.5, 1.5  # of the largest speed, at which viscous friction saturates
 LATE = 0.0, 0.008  # delay of the torques [s]
@@ -45,6 +50,7 @@ DRIFT, JITTER, READ = (
 )  # [s] by which samples are late, slowly; periods by which one is; by which it is read
 FEEDBACK, CLOCKS = "feedback", ("samples", "reader")  # a clock's stamps are those of the samples, or of the reader
 LOGGED = ("", FEEDBACK, *CLOCKS)
+SMALL_ARM = "tilted gravity of a small arm"
 
 
 class Log(NamedTuple):
@@ -218,9 +224,18 @@ def fed_back(states: tuple[np.ndarray, ...], t: np.ndarray, seed: int) -> tuple[
     return tuple(x + y for x, y in zip(states, moved, strict=True)), noise
 
 
-def case(name: str, seed: int, linear: bool = False, logged: str = "") -> Case:
+def small(robot: rne.Robot) -> rne.Robot:
+    """The robot at a third of its size, and a twentieth of its masses."""
+    model, (length, mass) = robot.model, SMALL
+    places = {name: length * getattr(model, name) for name in ("translation", "com", "link_translation")}
+    ends = {name: np.where(model.is_revolute, 1, length) * getattr(model, name) for name in ("lower", "upper")}
+    return rne.Robot(replace(model, mass=mass * model.mass, inertia=mass * length**2 * model.inertia, **places, **ends))
+
+
+def case(name: str, seed: int, linear: bool = False, logged: str = "", is_small: bool = False) -> Case:
     """A robot, its motion and torques; `linear` friction is that of the fit, and without a delay."""
     robot, rng, gears = robots()[name], np.random.default_rng(seed), np.random.default_rng([seed, 1])
+    robot = small(robot) if is_small else robot
     t = np.arange(int(DURATION * RATE)) / RATE
     if logged == "samples":
         t = uneven(t, seed)
@@ -230,6 +245,8 @@ def case(name: str, seed: int, linear: bool = False, logged: str = "") -> Case:
         states, noise = fed_back(states, t, seed)
     body = robot.inverse_dynamics(*states)
     arm, late = drives_of(robot, rng, gears, body, states[1]), float(gears.uniform(*LATE))
+    if is_small:  # whose gears take more
+        arm = arm._replace(viscous=STIFF_GEARS * arm.viscous, coulomb=STIFF_GEARS * arm.coulomb)
     if linear:
         arm, late = arm._replace(load=0 * arm.load, saturating=1e6 * arm.saturating), 0.0
     tau = body + friction(arm, *states[1:], body)
@@ -383,6 +400,13 @@ def gravity(c: Case) -> Log:
     return log(c, c.tau + other.gravity_torque(c.states[0]) - robot.gravity_torque(c.states[0]))
 
 
+def coupled(c: Case) -> Log:
+    """Positions of the last joint are those of its motor, behind a gear that the joint before turns too."""
+    q = c.states[0].copy()
+    q[:, -1] += c.rng.choice([-1, 1]) * c.rng.uniform(*COUPLED) * q[:, -2]
+    return log(c, c.tau, q)
+
+
 def rotor(c: Case) -> Log:
     """The drives have rotors of 20 to 60 % of a joint's inertia, the robot given has none."""
     return log(c, c.tau)
@@ -419,6 +443,8 @@ FAULTS: dict[str, tuple[Callable[[Case], Log], tuple[str, ...]]] = {
     "gravity's direction": (gravity, ("gravity direction",)),
     "unmodelled rotor": (rotor, ("rotor",)),
     "Stribeck": (stribeck, ("Stribeck friction",)),
+    "coupled wrist": (coupled, ("coupling",)),
+    SMALL_ARM: (gravity, ("gravity direction",)),
 }
 
 
@@ -443,7 +469,8 @@ class Outcome(NamedTuple):
 
 def run(fault: str, name: str, seed: int, logged: str = "") -> Outcome:
     """A log with a fault, identified."""
-    c, (make, names) = case(name, seed, logged=logged), FAULTS.get(fault, (clean, ()))
+    is_small = fault == SMALL_ARM
+    c, (make, names) = case(name, seed, logged=logged, is_small=is_small), FAULTS.get(fault, (clean, ()))
     data, known = make(c), given_robot(c.arm.robot, c.rng)
     qd = np.gradient(data.q, data.t, axis=0) if logged in CLOCKS else None
     read = READ / RATE * np.random.default_rng([seed, 4]).uniform(-0.5, 0.5, len(data.t))
@@ -458,20 +485,21 @@ def run(fault: str, name: str, seed: int, logged: str = "") -> Outcome:
             return Outcome(fault, name, seed, np.inf, True, (), named, False, str(error))
     told = [str(w.message) for w in said if issubclass(w.category, rne.IdentificationWarning)]
     kinds, causes = tuple(f.kind for f in record.findings), tuple(cause.kind for cause in found.causes)
-    gap = found.estimate.values - values_without(case(name, seed, logged=logged), found, stribeck=fault == "Stribeck")
+    again = case(name, seed, logged=logged, is_small=is_small)
+    gap = found.estimate.values - values_without(again, found, stribeck=fault == "Stribeck")
     weight = np.linalg.pinv(found.estimate.covariance, rcond=1e-12, hermitian=True)
     chi_square = float(gap @ weight @ gap) / chi2.ppf(CHANCE, found.base.count)
     named = any(kind in (*causes[:2], *kinds) for kind in names)
-    hidden = fault != "clean" and chi_square > 1 and not named and is_hidden(make, name, seed)
+    hidden = fault != "clean" and chi_square > 1 and not named and is_hidden(make, name, seed, is_small)
     warned = bool(told or record.findings)
     blamed, said = any(kind not in GEARS for kind in causes), " | ".join(told)
     return Outcome(fault, name, seed, chi_square, warned, causes + kinds, named, hidden, said, blamed)
 
 
-def is_hidden(make: Callable[[Case], Log], name: str, seed: int) -> bool:
+def is_hidden(make: Callable[[Case], Log], name: str, seed: int, is_small: bool = False) -> bool:
     """True if the fault leaves hardly anything beside noise: other parameters give the same torques."""
-    quiet = case(name, seed, linear=True)
-    logs = make(quiet._replace(size=0 * quiet.size)), clean(case(name, seed, linear=True))
+    quiet, same = (case(name, seed, linear=True, is_small=is_small) for _ in range(2))
+    logs = make(quiet._replace(size=0 * quiet.size)), clean(same)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         robot = given_robot(quiet.arm.robot, quiet.rng)

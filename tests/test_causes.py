@@ -11,7 +11,7 @@ import pytest
 import rne
 from rne.dynamics.base_inertial_parameters import with_springs
 from rne.dynamics.regressors import gravity_torques
-from rne.identification import Record
+from rne.identification import Record, thresholds
 from rne.identification.diagnosis.hypotheses import (
     contacts,
     dissipates,
@@ -586,13 +586,13 @@ def test_a_base_that_is_tilted_by_some_degrees_is_told(robot, degrees):
 
 
 def test_torques_of_one_joint_in_another_unit_are_told_without_a_residual():
-    """The slider of a SCARA in kN: only the robot given tells, because masses may be a thousand times larger."""
+    """The slider of a SCARA in kN: only the robot given tells, as masses may be a thousand times larger, offsets 2 %."""
 
     def in_kN(c):
         data = faults.clean(c)
         return data._replace(tau=data.tau * np.array([1, 1, 1e-3, 1]))
 
-    with pytest.warns(rne.IdentificationWarning, match="the torque of c is 0.000879 times that of the robot given"):
+    with pytest.warns(rne.IdentificationWarning, match=r"the torque of c is 0\.0009 times that of the robot given"):
         found = identified(in_kN)
     assert (found.unexplained.in_motion < 0.01).all()
     assert [(cause.kind, cause.joints) for cause in found.causes] == [("torque unit", ("c",))]
@@ -607,6 +607,82 @@ def test_signs_and_units_are_told_by_what_drives_cannot_explain(factor):
     assert found.causes[0].joints == ("a",) if factor > 0 else found.causes[0].text.endswith("have the wrong sign")
     if factor > 0:
         assert re.match(r"the torque of a is (8|9|1\d)\d(\.\d)? times that of the robot", found.causes[0].text)
+
+
+def test_a_joint_of_a_rotor_and_friction_alone_is_in_no_other_unit():
+    """The hand weighs 20 g and lies on the axis, so that its drive takes a thousand times the torque of its body."""
+    c = case("SCARA", 5)
+    model = c.arm.robot.model
+    mass, com, inertia = model.mass.copy(), model.com.copy(), model.inertia.copy()
+    mass[3], com[3], inertia[3] = 0.02, 0, 1e-5 * np.eye(3)
+    robot = rne.Robot(dataclasses.replace(model, mass=mass, com=com, inertia=inertia))
+    drives = faults.friction(c.arm, *c.states[1:], np.zeros_like(c.tau)) + np.eye(4)[3] * 0.3 * c.states[2]
+    tau = robot.inverse_dynamics(*c.states) + drives
+    tau += 0.01 * tau.std(0) * c.rng.normal(size=tau.shape)
+    found = rne.identify(robot, Record(c.t, c.states[0], tau), consistent=False)
+    assert not {"torque unit", "torque sign", "torque factor"} & {cause.kind for cause in found.causes}
+
+
+@pytest.mark.filterwarnings("ignore::rne.IdentificationWarning")
+def test_the_sign_of_all_torques_comes_before_gravity_and_what_else_is_left():
+    """Gravity is a fifth too large as well, friction rises by half of the load, and a spring pulls."""
+    c = case("gantry", 3)
+    heavy = rne.Robot(dataclasses.replace(c.arm.robot.model, gravity=np.array([0, 0, -1.2 * 9.81])))
+    body = heavy.inverse_dynamics(*c.states)
+    tau = -(body + faults.friction(c.arm, *c.states[1:], body) + 0.5 * np.abs(body) * np.sign(c.states[1]))
+    tau += 0.02 * c.size * c.rng.normal(size=tau.shape) + c.size * (c.states[0] - 0.3) * np.eye(4)[1]
+    found = rne.identify(c.arm.robot, Record(c.t, c.states[0], tau), consistent=False)
+    assert found.causes[0].text == "the torques of all joints have the wrong sign"
+
+
+def test_torques_of_drives_whose_friction_gives_power_have_the_wrong_sign():
+    """Viscous friction of two joints is negative, Coulomb friction is not: no residual tells it."""
+    c = case("gantry", 6)
+    push = np.array([0, 0, 1, 3]) * c.size / np.abs(c.states[1]).max(0)
+    data = faults.log(c, c.tau - push * c.states[1])
+    with pytest.warns(rne.IdentificationWarning, match="the torque of [zw], [zw] has the wrong sign, or is not its"):
+        found = rne.identify(known_robot("gantry", 6), Record(*data), consistent=False)
+    assert set(found.causes[0].joints) == {"z", "w"}
+    assert found.causes[0].text.endswith("its friction gives power (negative drive_gains of Record.from_motors)")
+    assert (found.unexplained.in_motion < 0.05).all()
+
+
+@pytest.mark.filterwarnings("ignore::rne.IdentificationWarning")
+@pytest.mark.parametrize(("ratio", "of_torques"), kept([(0.35, False), (-0.6, True)], [(0.35, False)]))
+def test_a_motor_that_turns_with_the_joint_before_is_told_with_its_ratio(ratio, of_torques):
+    c = case("mimic", 3)
+    data = faults.log(c, c.tau)
+    q, tau = data.q.copy(), data.tau.copy()
+    q[:, 1] += ratio * q[:, 0]
+    tau[:, 0] -= of_torques * ratio * tau[:, 1]
+    cause = rne.identify(known_robot("mimic", 3), Record(data.t, q, tau), consistent=False).causes[0]
+    assert (cause.kind, cause.joints) == ("coupling", ("joint_1", "joint_2"))
+    assert abs(cause.value - ratio) < 0.03
+    assert ("not in the torques (subtract" in cause.text) is not of_torques
+    assert cause.text.endswith("(coupling of Record.from_motors)") is of_torques
+
+
+def test_a_cause_of_small_effect_is_a_note(monkeypatch):
+    monkeypatch.setattr(thresholds, "MATTERS", 1.0)
+    found = identified(pulled, "gantry")
+    assert not found.causes
+    assert not found.doubt
+    (note,) = [note for note in found.notes if note.startswith("evident, but of little effect, no likely causes: ")]
+    assert "something pulls y as a spring of" in note
+    assert note in found.report(details=True)
+
+
+def test_gravity_is_looked_for_where_more_is_left_than_noise_though_the_fit_is_fair():
+    """Gears take nearly all of the torque: 60 degrees of tilt leave less than 5 % of it."""
+    c = case("mimic", 3)
+    turned = 9.81 * np.array([np.sin(1.05), 0, -np.cos(1.05)])
+    other = rne.Robot(dataclasses.replace(c.arm.robot.model, gravity=turned))
+    drives = 120 * c.size * c.states[1] / np.abs(c.states[1]).max(0)
+    tau = other.inverse_dynamics(*c.states) + faults.friction(c.arm, *c.states[1:], c.tau) + drives
+    tau += 3e-4 * tau.std(0) * c.rng.normal(size=tau.shape)
+    with pytest.warns(rne.IdentificationWarning, match="gravity acts along .*, (59|60|61)[.0-9]* degrees"):
+        found = rne.identify(c.arm.robot, Record(c.t, c.states[0], tau), consistent=False)
+    assert (found.unexplained.in_motion < thresholds.POOR).all()
 
 
 def test_a_motion_of_few_degrees_is_blamed_on_no_sign_and_no_degrees():

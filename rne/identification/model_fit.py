@@ -54,7 +54,7 @@ from .fit.equations import (
 )
 from .fit.least_squares import Estimator, LeastSquares, held_out, least_squares, with_correlation
 from .log.record import Record
-from .result import IMPOSSIBLE, NOT_CONSISTENT, NOT_SOUGHT, WRONG_SIGN, Identification
+from .result import IMPOSSIBLE, NAMED, NOT_CONSISTENT, NOT_SOUGHT, WRONG_SIGN, Identification
 
 Instruments = Motion | ArrayLike | Sequence[Motion | ArrayLike]
 KINDS_OF_INSTRUMENTS = (
@@ -275,6 +275,7 @@ def fit_with_delays(
         is_last = k == thresholds.DELAY_ROUNDS
         found: list[Cause] = []
         causes: tuple[Cause, ...] = ()
+        small: tuple[Cause, ...] = ()
         if not is_last and delay is None:
             motions = zip(data.prepared, options["instruments"], strict=False)
             moved = [along(record, motion) for record, motion in motions]
@@ -283,7 +284,7 @@ def fit_with_delays(
             linear = linear_causes(rest, hypotheses)
             if linear.leading is not None and not is_last and delay is None:  # which may hide a delay
                 found = delays_of(rest.beyond_friction.with_known(linear.leading))
-            causes = () if found else likely_causes(rest, hypotheses, linear)
+            causes, small = ((), ()) if found else likely_causes(rest, hypotheses, linear)
         for cause in found:
             delays = delays + added_delay(cause, len(delays), robot.joint_names)
             key = cause.joints, str(cause.at)
@@ -298,7 +299,7 @@ def fit_with_delays(
             if is_last or not is_open or not drives.rotor or not has_no_rotors(robot, base, data, causes):
                 break
             drives = replace(drives, rotor=False)
-    declined = (NO_ROTORS,) if is_open and not drives.rotor else ()
+    declined = (NO_ROTORS,) * (is_open and not drives.rotor) + small_text(small)
     prepared = tuple(replace(record, notes=text) for record, text in zip(data.prepared, notes, strict=True))
     causes = causes if hypotheses is not None else ()
     return base, replace(data, prepared=prepared), causes, [*late.values(), *sharp.values()], declined
@@ -443,6 +444,13 @@ def taken_text(cause: Cause) -> str:
         text = delay_text(cause.joints if np.isnan(cause.at) else ())(np.array([cause.value]))
         return f"delay of {1000 * cause.value:.3g} ms: {text} (+- {1000 * cause.error:.2g} ms); taken into account"
     return f"{cause.kind}: {cause.text} (+- {cause.error:.2g}); taken into account"
+
+
+def small_text(causes: Sequence[Cause]) -> tuple[str, ...]:
+    """A note on causes that matter little to the model, but for friction that sound gears have."""
+    told = merged_by_kind([cause for cause in causes if cause.kind not in GEARS])[:NAMED]
+    texts = [f"{cause.text} (held out: {cause.effect})" for cause in told]
+    return (f"evident, but of little effect, no likely causes: {'; '.join(texts)}",) * bool(texts)
 
 
 def ignored_drives(standard: StandardParameters) -> tuple[str, ...]:

@@ -163,7 +163,7 @@ class RecordSets:
         told = {cause.kind: [c for c in found if c.kind == cause.kind] for cause in found}
         for data in self.data:
             estimate = least_squares(data.fitted.mapped(self.base.back))
-            causes = likely_causes(FitResiduals(self.robot, self.base, data, estimate.values, estimate.sigma))
+            causes, _ = likely_causes(FitResiduals(self.robot, self.base, data, estimate.values, estimate.sigma))
             found += [
                 x for x in causes if all(x.joints != c.joints and x.score > c.score for c in told.get(x.kind, ()))
             ]

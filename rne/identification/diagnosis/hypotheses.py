@@ -28,6 +28,7 @@ from ..fit.equations import in_space_of_instruments, solve, triangular
 from ..log.prepared import Prepared
 from ..log.screening import seconds
 from .residuals import Discrepancy, FitResiduals, Torques, by_joint, extended, orthonormal
+from .rigid_body_test import torque_noise
 
 LOGGER = logging.getLogger("rne")
 STRIBECK, SIZE, DIRECTION, GAIN = "Stribeck friction", "gravity magnitude", "gravity direction", "torque factor"
@@ -72,6 +73,8 @@ MENDED_BY = {  # kind: what fits it or mends the log
     "joint zero": "offsets of Record.from_motors",
     "coupling": "coupling of Record.from_motors",
     GAIN: "drive_gains of Record.from_motors",
+    "torque sign": "negative drive_gains of Record.from_motors",
+    "joint sign": "negative ratios of Record.from_motors",
     "joint order": "joint_names of the Record",
     "degrees": 'unit="deg" of the Record',
 }
@@ -114,7 +117,7 @@ class Cause(NamedTuple):
     removed: Array = np.zeros(0)
 
 
-Trial = Callable[[FitResiduals], tuple[Array, ...]]  # errors held out without a change and with it, (n,) each
+Trial = Callable[[FitResiduals], tuple[Array, ...]]  # `FitResiduals.held_out` without a change and with it
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,51 +232,64 @@ def linear_causes(rest: FitResiduals, hypotheses: Sequence[Hypothesis] | None) -
 
 def likely_causes(
     rest: FitResiduals, hypotheses: Sequence[Hypothesis] | None = (), linear: LinearCauses | None = None
-) -> tuple[Cause, ...]:
-    """The best cause of each kind and joints that is evident and improves what was held out, the likeliest first.
+) -> tuple[tuple[Cause, ...], tuple[Cause, ...]]:
+    """The best cause of each kind and joints that is evident and improves what was held out, and those of small effect.
 
-    Causes that explain what friction cannot come first. Without `hypotheses`, only the friction of gears is looked for;
-    `linear` causes may be known.
+    The likeliest first; causes that explain what friction cannot come before friction of gears. Without `hypotheses`,
+    only that is looked for; `linear` causes may be known.
     """
     tried_linear, evident, _ = linear_causes(rest, hypotheses) if linear is None else linear
     found = list(evident)
     if hypotheses is not None:
-        found += [*torque_scale(rest), *gravity_directions(rest), *other_conventions(rest, rest.beyond_friction)]
+        conventions = other_conventions(rest, rest.beyond_friction)
+        found += [*torque_scale(rest), *powered(rest), *gravity_directions(rest), *conventions]
     best: dict[tuple[str, tuple[str, ...]], tuple[Cause, Trial | None]] = {}
     for cause, trial in sorted(found, key=lambda pair: (pair[0].kind in GEARS, -pair[0].score)):
         if cause.score > thresholds.EVIDENT:
             best.setdefault((cause.kind, cause.joints), (cause, trial))
     tried = [with_effect(rest, cause, trial) for cause, trial in best.values()]
-    causes = tuple(cause for cause in tried if cause is not None)
-    LOGGER.info("%d changes tried, %d evident, %d improve what is held out", tried_linear, len(tried), len(causes))
-    return causes
+    named, small = (tuple(x[0] for x in tried if x is not None and x[1] is named) for named in (True, False))
+    LOGGER.info("%d changes tried, %d evident, %d improve what is held out", tried_linear, len(tried), len(named))
+    return named, small
 
 
 def of_columns(columns: Array, is_event: bool, rest: FitResiduals) -> tuple[Array, ...]:
-    """Errors held out without further columns and with them."""
+    """What is held out without further columns and with them."""
     blocks = rest.short_blocks if is_event else rest.blocks
     Q = extended(rest.Q, rest.weighted(columns))
     return rest.errors[is_event], rest.held_out(Q, rest.weighted(rest.tau), blocks)
 
 
-def with_effect(rest: FitResiduals, cause: Cause, trial: Trial | None) -> Cause | None:
-    """The cause with its effect on what was held out, unless it improves no joint or makes one worse.
+def with_effect(rest: FitResiduals, cause: Cause, trial: Trial | None) -> tuple[Cause, bool] | None:
+    """The cause with its effect on what was held out, and if it matters; None if it improves no joint, or costs one.
 
-    Both beside friction that gears without a fault have. The effect is that without it, where that is one.
+    It matters if it takes 5 % of a joint's error and twice what that varies by over the blocks. All beside friction
+    that gears without a fault have. The effect is that without it, where that is one.
     """
     if trial is None:
-        return cause._replace(removed=np.zeros(rest.robot.n))
+        return cause._replace(removed=np.zeros(rest.robot.n)), True
     left = rest if cause.kind in GEARS else rest.beyond_friction
-    ratio, told = (np.divide(*(np.maximum(x, thresholds.LEAST) for x in trial(r)[::-1])) for r in (left, rest))
+    (ratio, scatter), (told, _) = map(held_out_ratio, map(trial, (left, rest)))
     gains, least = -left.counts * np.log(ratio), 1 - thresholds.BETTER
     if ratio.min() > least or gains.sum() < thresholds.EVIDENT or gains.min() < -thresholds.WORSE * gains.sum():
         return None
+    matters = (ratio < 1 - thresholds.MATTERS) & (1 - ratio > thresholds.SURELY * scatter)
     shown, factor, words = (rest, told, "") if told.min() < least else (left, ratio, " beside friction of gears")
-    errors = 100 * shown.errors[0]
+    errors = 100 * np.sqrt(shown.errors[0].sum(0))
     largest = [j for j in np.argsort(errors**2 * (factor**2 - 1)) if factor[j] < least][: thresholds.EFFECTS]
     effects = [f"{errors[j]:.3g} to {errors[j] * factor[j]:.3g} % on {rest.names[j]}{words}" for j in largest]
-    text = f"{cause.text} ({MENDED_BY[cause.kind]})" if cause.kind in MENDED_BY else cause.text
-    return cause._replace(text=text, effect=", ".join(effects), removed=1 - told**2)
+    has_cure = cause.kind not in MENDED_BY or cause.text.endswith(")")
+    text = cause.text if has_cure else f"{cause.text} ({MENDED_BY[cause.kind]})"
+    return cause._replace(text=text, effect=", ".join(effects), removed=1 - told**2), bool(matters.any())
+
+
+def held_out_ratio(shares: tuple[Array, ...]) -> tuple[Array, Array]:
+    """Each joint's error with a change over that without it, and its standard error by the scatter between blocks."""
+    before, after = shares
+    size = np.maximum(before.sum(0), thresholds.LEAST**2)
+    ratio = np.sqrt(np.maximum(after.sum(0), thresholds.LEAST**2) / size)
+    scatter = np.sqrt(len(before) / max(len(before) - 1, 1) * ((after - ratio**2 * before) ** 2).sum(0)) / size
+    return ratio, scatter / (2 * ratio)
 
 
 def delays_of(rest: FitResiduals) -> list[Cause]:
@@ -337,8 +353,8 @@ def merged_by_kind(causes: Sequence[Cause]) -> tuple[Cause, ...]:
 def merged_text(texts: Sequence[str]) -> str:
     """One text of several that differ in names and numbers."""
     places = list(zip(*(text.split(" ") for text in texts), strict=False))
-    differ = sum(len(set(words)) > 1 for words in places)
-    if len({text.count(" ") for text in texts}) > 1 or 2 * differ > len(places):
+    differ, words_of_cause = sum(len(set(words)) > 1 for words in places), texts[0].partition(" (")[0].split(" ")
+    if len({text.count(" ") for text in texts}) > 1 or 2 * differ > len(words_of_cause):
         return "; ".join(texts)
     return " ".join(words[0] if len(set(words)) == 1 else ", ".join(words) for words in places)
 
@@ -668,18 +684,37 @@ def interchanged(n: int, i: int, j: int) -> Array:
     return order
 
 
-def dissipates(rest: FitResiduals) -> Array:
-    """True for joints whose friction takes power, as with a torque of the right sign; False where none is modelled."""
-    power = np.zeros(rest.robot.n)
+def friction_power(rest: FitResiduals) -> tuple[Array, Array]:
+    """Mean power that friction takes in each joint, and its standard error, shape (n,) each [W]; 0 without friction."""
+    n, each = rest.robot.n, np.zeros((rest.robot.n, rest.standard.count))
     for symbol, exponent in (("Fv", 2), ("Fc", 1)):
         if symbol in rest.standard.groups:
             size = np.mean([(np.abs(record.qd) ** exponent).mean(0) for record in rest.records], axis=0)
-            power += rest.x[rest.standard.groups[symbol]] * size
-    return np.asarray(power > 0)
+            each[range(n), rest.standard.groups[symbol].start + np.arange(n)] = size
+    R = rest.Q.T @ rest.A
+    apart = np.linalg.lstsq(R.T, (each @ rest.base.back).T, rcond=thresholds.DEPENDENT)[0]
+    return each @ rest.x, np.sqrt(rest.correlation) * np.linalg.norm(apart, axis=0)
+
+
+def dissipates(rest: FitResiduals) -> Array:
+    """True for joints whose friction takes power, as with a torque of the right sign; False where none is modelled."""
+    return np.asarray(friction_power(rest)[0] > 0)
+
+
+def powered(rest: FitResiduals) -> Iterator[tuple[Cause, None]]:
+    """Torques of the wrong sign that no residual tells, because friction of the wrong sign makes up for it."""
+    (power, error), v = friction_power(rest), np.concatenate([record.reduce(record.qd) for record in rest.records])
+    work = np.abs(rest.tau * v).mean(0)
+    is_explained = rest.squares < thresholds.EXPLAINED**2 * rest.torques  # otherwise anything may come out negative
+    is_driven = (power < -thresholds.IMPOSSIBLY * error) & (power < -thresholds.LITTLE * work)
+    for j in np.flatnonzero(is_explained & is_driven).tolist():
+        text = f"the torque of {rest.names[j]} has the wrong sign, or is not its drive's: its friction gives power"
+        score = float(rest.counts.sum())
+        yield Cause("torque sign", rest.names[j : j + 1], f"{text} ({MENDED_BY['torque sign']})", score), None
 
 
 def other_conventions(rest: FitResiduals, beyond: FitResiduals) -> Iterator[tuple[Cause, Trial]]:
-    """Torques of other signs and in another order; if much is left, joints too, or coupled, or in degrees.
+    """Torques of other signs and in another order; if noise leaves less, joints too, or coupled, or in degrees.
 
     Joints are J q, and their torques T tau.
     """
@@ -691,21 +726,16 @@ def other_conventions(rest: FitResiduals, beyond: FitResiduals) -> Iterator[tupl
     for i, j in pairs:
         text = f"the torques of {names[i]} and {names[j]} are interchanged"
         changes.append(("torque order", (names[i], names[j]), text, unit, unit[interchanged(n, i, j)]))
-    coupled = (rest.standard.motors != 0).astype(int)
-    known = coupled.T @ coupled  # pairs of joints that a motor of the drives turns with
-    is_poor = rest.share > thresholds.POOR
-    for i, j in pairs * is_poor:
+    odd = odd_joints(rest)
+    is_odd = len(odd) > 0
+    for i, j in pairs * is_odd:
         text, J = f"{names[i]} and {names[j]} are interchanged", unit[interchanged(n, i, j)]
         changes.append(("joint order", (names[i], names[j]), text, J, J))
-    for j, k in ((j, k) for j in range(1, n * is_poor) for k in (1, -1) if not known[j, j - 1]):
-        text = f"the motor of {names[j]} turns with {names[j - 1]} too: a coupling is missing"
-        J = unit - k * np.outer(unit[j], unit[j - 1])  # positions read as those of motors
-        changes.append(("coupling", (names[j - 1], names[j]), text, J, np.linalg.inv(J).T))
-    for j in range(n * is_poor):
+    for j in range(n * is_odd):
         J = unit - 2 * np.diag(unit[j])
         changes.append(("joint sign", names[j : j + 1], f"{names[j]} turns the other way", J, J))
     turns = rest.robot.model.is_revolute[list(rest.robot.model.independent_joints)]
-    if is_poor and max(np.ptp(record.q[:, turns], axis=0).max(initial=0) for record in rest.records) > 1:
+    if is_odd and max(np.ptp(record.q[:, turns], axis=0).max(initial=0) for record in rest.records) > 1:
         J = np.diag(np.where(turns, np.pi / 180, 1.0))
         changes.append(("degrees", names, "positions are in degrees", J, unit))
     left = beyond.coarse
@@ -715,37 +745,83 @@ def other_conventions(rest: FitResiduals, beyond: FitResiduals) -> Iterator[tupl
         return left.torques * left.refitted(left.moved(J, tau), tau)[2]
 
     before = squares(unit, unit)
+
+    def gain(J: Array, T: Array) -> float:
+        return left.gain(squares(J, T), before)
+
     for kind, which, text, J, T in changes:
-        yield Cause(kind, which, text, left.gain(squares(J, T), before)), partial(of_convention, J, T)
+        yield Cause(kind, which, text, gain(J, T)), partial(of_convention, J, T)
+    for j in [j for j in odd if j][: thresholds.TURNED_ALONG]:
+        yield from couplings(rest, j, gain)
+
+
+def odd_joints(rest: FitResiduals) -> list[int]:
+    """Joints of which more is left beyond friction of gears than noise explains, the largest part first."""
+    left, noise, size = rest.beyond_friction, np.zeros(rest.robot.n), np.full(rest.robot.n, thresholds.TINY)
+    for record in rest.records:
+        noise += record.valid.sum(0) * np.nan_to_num(torque_noise(record))
+        size += ((record.reduce(record.tau) * record.valid) ** 2).sum(0)
+    share = np.sqrt(left.squares / left.torques)
+    odd = share > np.maximum(thresholds.ABOVE_NOISE * np.sqrt(noise / size), thresholds.ODD)
+    return [j for j in np.argsort(-share).tolist() if odd[j] and rest.counts[j]]
+
+
+def couplings(rest: FitResiduals, j: int, gain: Callable[[Array, Array], float]) -> Iterator[tuple[Cause, Trial]]:
+    """A joint's motor that turns with the joint before too, by any ratio: its positions, and its torques or not."""
+    from scipy.optimize import minimize_scalar
+
+    motors, unit, (name, other) = rest.standard.motors != 0, np.eye(rest.robot.n), (rest.names[j], rest.names[j - 1])
+    if (motors[:, j] & motors[:, j - 1]).any():  # known
+        return
+    step = np.outer(unit[j], unit[j - 1])
+
+    def fitted(k: float, of_torques: bool) -> float:  # positions read as those of motors
+        return gain(unit - k * step, unit + k * of_torques * step.T)
+
+    starts = [(sign * k, x) for sign in (1, -1) for k in thresholds.COUPLINGS for x in (False, True)]
+    start, of_torques = max(starts, key=lambda pair: fitted(*pair))
+    options = {"bounds": (0.5, 2.0), "method": "bounded", "options": {"maxiter": 10, "xatol": 0.01}}
+    k = start * minimize_scalar(lambda x: -fitted(x * start, of_torques), **options).x
+    text = f"the motor of {name} turns with {other} too, {k:.3g} times: a coupling is missing"
+    if not of_torques:
+        text += f" in its positions, not in the torques (subtract {k:.3g} times the positions of {other})"
+    score = fitted(k, of_torques) - rest.penalty(1)
+    change = partial(of_convention, unit - k * step, unit + k * of_torques * step.T)
+    yield Cause("coupling", (other, name), text, score, k), change
 
 
 def of_convention(J: Array, T: Array, rest: FitResiduals) -> tuple[Array, ...]:
-    """Errors held out of the torques measured, with joints q, and with joints J q and their torques T tau."""
+    """What is held out of the torques measured, with joints q, and with joints J q and their torques T tau."""
     unit, left, errors = np.eye(len(J)), rest.coarse, []
     for turned, tau in ((unit, rest.tau), (J, rest.tau @ T.T)):
         columns = left.moved(turned, tau)
         sigma = left.refitted(columns, tau)[1]
         Q, b = orthonormal(left.weighted(columns, sigma)), left.weighted(tau, sigma)
-        errors.append(left.held_out(Q, b, left.blocks))
-    return errors[0], errors[1][np.argmax(np.abs(T) + unit / 2, axis=0)]
+        shares = left.held_out(Q, b, left.blocks)
+        errors.append(np.maximum(shares, thresholds.ODD**2 / len(shares)))  # steps of friction are off by as much
+    return errors[0], errors[1][:, np.argmax(np.abs(T) + unit / 2, axis=0)]
 
 
 def torque_scale(rest: FitResiduals) -> Iterator[tuple[Cause, None]]:
     """Torques many times larger or smaller than the bodies of the robot given ask for, or of the opposite sign.
 
-    Without what drives can explain, as an offset the weight of an arm that hardly moves; the torques of single joints
-    also as measured, those of all joints as fitted.
+    Without what drives can explain: rotors and friction, and offsets, as the weight of an arm that hardly moves. The
+    torques of single joints also with offsets, those of all joints as fitted.
     """
-    bodies, names = len(rest.bodies), rest.names
-    Q, ways = orthonormal(rest.weighted(rest.Y[..., bodies:])), []
+    bodies, names, drives = len(rest.bodies), rest.names, rest.Y[..., len(rest.bodies) :]
+    is_offset = np.array([name.startswith("tau0") for name in rest.standard.names[bodies:]], bool)
+    moved = [rest.of_each_joint(OF_JOINTS[kind][1]) for kind in ("rotor", "viscous friction", "Coulomb friction")]
     own = (rest.Y[..., :bodies] @ x[:bodies] for x in (rest.x, rest.standard.values))
     torques = [rest.weighted(x) for x in (rest.tau, *own)]
-    without = [x - Q @ (Q.T @ x) for x in torques]
-    for tau, _, given in (torques, without):
+    with_offsets = orthonormal(rest.weighted(np.concatenate([*moved, drives[..., ~is_offset]], axis=-1)))
+    ways, parts = [], []
+    for Q in (with_offsets, extended(with_offsets, rest.weighted(drives[..., is_offset]))):
+        parts.append([x - Q @ (Q.T @ x) for x in torques])
+        tau, _, given = parts[-1]
         both, squares, measured = (rest.by_joint(*x) for x in ((tau, given), (given, given), (tau, tau)))
         each = both / np.maximum(squares, thresholds.TINY)
         ways.append((each, each * np.abs(both) / np.maximum(measured, thresholds.TINY)))  # factors, squared cosines
-    (_, found, given), (factors, cosines) = without, np.where(ways[0][1] > ways[1][1], *ways)
+    (_, found, given), (factors, cosines) = parts[1], np.where(ways[1][1] > thresholds.ALIKE, *ways[::-1])
     alike = cosines > thresholds.ALIKE
     usual = np.median(factors[alike]) if alike.any() else 1.0
     odd = alike & (np.abs(np.log(np.where(alike, factors, usual) / usual)) > thresholds.UNIT)
@@ -760,9 +836,11 @@ def torque_scale(rest: FitResiduals) -> Iterator[tuple[Cause, None]]:
     if odd.any() or size == 0 or whole < thresholds.ALIKE or 1 / thresholds.FACTOR < factor < thresholds.FACTOR:
         return
     kind, text = "torque unit", f"torques are {factor:.3g} times those of the robot given: N mm, mA, or at the motors?"
+    score = certain if rest.share < thresholds.POOR else 2 * thresholds.EVIDENT  # a fit that fails tells of no factor
     if factor < 0:
         kind, text = "torque sign", "the torques of all joints have the wrong sign"
-    score = certain if rest.share < thresholds.POOR else 2 * thresholds.EVIDENT  # a fit that fails tells of no factor
+        if friction_power(rest)[0].sum() < 0:  # which tells it too: before all that residuals tell
+            score = certain * float(np.log(1 / thresholds.LEAST))
     yield Cause(kind, names, text, score, factor), None
 
 
@@ -771,7 +849,7 @@ def gravity_directions(rest: FitResiduals) -> Iterator[tuple[Cause, Trial]]:
     from scipy.optimize import minimize
 
     model, size = rest.robot.model, float(np.linalg.norm(rest.robot.model.gravity))
-    if size == 0 or rest.share <= thresholds.POOR:
+    if size == 0 or not (rest.share > thresholds.POOR or odd_joints(rest)):
         return
     given, coarse = model.gravity / size, rest.coarse
 

@@ -212,16 +212,20 @@ class FitResiduals(Discrepancy):
         return np.arange(len(self.tau)) // rows % thresholds.FOLDS
 
     def held_out(self, Q: Array, b: Array, blocks: Array) -> Array:
-        """|predicted - measured| / |measured| of each joint on blocks not fitted, of b by orthonormal columns Q."""
+        """|predicted - measured|^2 of each block, which is not fitted, over the joint's |measured|^2, (blocks, n).
+
+        b, shape (R,), is predicted by orthonormal columns Q; measured are the torques of all blocks.
+        """
         left, whole, unit = np.zeros(len(b)), Q.T @ b, (1 + thresholds.DEPENDENT) * np.eye(Q.shape[1])
-        block = blocks[np.nonzero(self.used)[0]]
+        block, n = blocks[np.nonzero(self.used)[0]], self.robot.n
         for part in (block == k for k in np.unique(block)):
             left[part] = b[part] - Q[part] @ np.linalg.solve(unit - Q[part].T @ Q[part], whole - Q[part].T @ b[part])
-        return np.asarray(np.sqrt(self.by_joint(left) / np.maximum(self.by_joint(b), thresholds.TINY)))
+        squares = np.bincount(block * n + self.joint, left**2, minlength=n * (int(blocks.max(initial=0)) + 1))
+        return np.asarray(squares.reshape(-1, n) / np.maximum(self.by_joint(b), thresholds.TINY))
 
     @cached_property
     def errors(self) -> tuple[Array, Array]:
-        """Errors held out without further columns, in blocks of time and in short ones, shape (n,) each."""
+        """What is held out without further columns, in blocks of time and in short ones, shape (blocks, n) each."""
         b = self.weighted(self.tau)
         return self.held_out(self.Q, b, self.blocks), self.held_out(self.Q, b, self.short_blocks)
 

@@ -166,7 +166,7 @@ def single_joint_fit(equations: Equations) -> tuple[Array, float, int]:
 
 
 def torque_noise(record: Prepared) -> Array:
-    """Variance that noise gives the torques after the filter, shape (n,) [N^2 m^2 or N^2].
+    """Variance that noise gives the torques after the filter, shape (n,) [N^2 m^2 or N^2]; NaN if no band shows it.
 
     Noise that is equal at all frequencies has the spectral density S. It is the mean from a quarter of the sample rate
     to 0.45 of it, above twice the cut-off, where no motion is left. The filter leaves S times the integral of its
@@ -182,6 +182,8 @@ def torque_noise(record: Prepared) -> Array:
     f = spectra[0][0]
     density = np.average([s for _, s in spectra], axis=0, weights=[part.stop - part.start for part in parts])
     above = (f >= max(thresholds.ABOVE_CUTOFF * record.cutoff, lowest * rate)) & (f <= highest * rate)
+    if not above.any():
+        return np.full(record.tau.shape[1], np.nan)
     k = 1 / (2 * ORDER)
     bandwidth = record.cutoff * (1 - k) * np.pi * k / np.sin(np.pi * k)
     return np.asarray(density[above].mean(0) * bandwidth)
