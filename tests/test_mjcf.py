@@ -301,6 +301,10 @@ FINDINGS = {
         ARM + '<equality><weld body1="a"/></equality>',
         "robot: not read: <weld> (1); none of them acts on the robot here",
     ),
+    "loop that is closed": (
+        ARM + '<equality><connect body1="a" anchor="0 0 0"/><weld active="false" body1="a"/></equality>',
+        "<connect>: its constraint is missing, the bodies move freely; close a loop by rne.model.four_bar, slider_crank,",
+    ),
     "gear": (
         ARM + '<actuator><motor joint="j"/></actuator>',
         "joint 'j': gear, gains and dynamics of its actuator are not read; torques are those of the joint",

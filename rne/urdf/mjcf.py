@@ -139,7 +139,7 @@ def _check_elements(root: Element, report: FindingsReport) -> None:
 
 def _for_dynamics(root: Element, report: FindingsReport) -> Element:
     """The <mujoco> without what has no bearing on the tree's dynamics; no file is needed of which it is independent."""
-    _report_tendons(root, report)
+    _report_missing(root, report)
     by_geoms = any(x.get("inertiafromgeom") == "true" for x in root.findall("compiler"))
     weighed = set() if by_geoms else {x.getparent() for x in root.iter("inertial")}
     for geom in list(root.iterfind("worldbody//geom")):
@@ -153,11 +153,14 @@ def _for_dynamics(root: Element, report: FindingsReport) -> Element:
     return root
 
 
-def _report_tendons(root: Element, report: FindingsReport) -> None:
-    """Report and remove tendons that exert forces, by their attributes or those of their class."""
+def _report_missing(root: Element, report: FindingsReport) -> None:
+    """Report constraints of bodies; report and remove tendons that exert forces, also by defaults of their class."""
+    for held in root.xpath("equality/*[self::connect or self::weld or self::tendon][not(@active='false')]"):
+        cure = "close a loop by rne.model.four_bar, slider_crank, cylinder or coupled, or lock joints"
+        report.warning(held, describe(held), "its constraint is missing, the bodies move freely", cure)
     classes: dict[str | None, Element] = {x.get("class"): x for x in reversed([*root.iter("default")])}
     classes[None] = root.find("default")
-    for tendon in list(root.iterfind("tendon/*")):
+    for tendon in root.xpath("tendon/*"):
         default, stated = classes.get(tendon.get("class")), [tendon.attrib]
         while default is not None and default.tag == "default":
             stated += [x.attrib for x in default.findall("tendon")]
@@ -167,10 +170,9 @@ def _report_tendons(root: Element, report: FindingsReport) -> None:
             message = f"is a {' and '.join(acts)} that is missing from all torques"
             cure = "add rne.Spring, or a law with its torques, to a scene"
             report.warning(tendon, f"tendon {echo(tendon.get('name', ''))}", message, cure)
-            section = tendon.getparent()
-            section.remove(tendon)
-            if not len(section):
-                section.getparent().remove(section)
+            tendon.getparent().remove(tendon)
+    for section in root.xpath("tendon[not(*)]"):
+        root.remove(section)
 
 
 def _without_files(root: Element, report: FindingsReport) -> list[Element]:
