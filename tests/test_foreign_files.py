@@ -2,6 +2,7 @@
 
 import io
 import json
+import os
 import re
 import struct
 import zipfile
@@ -12,6 +13,7 @@ import pytest
 
 import rne
 from rne.basics.archive import Arrays, contents
+from rne.plotting.shapes import link_shapes
 from rne.urdf.findings import ECHO
 
 INERTIAL = '<inertial pos="0 0 0" mass="2" diaginertia="0.1 0.1 0.1"/>'
@@ -253,3 +255,49 @@ def test_names_in_logs_have_a_longest_one(name, tmp_path):
     file.write_text(f"t,q.a,tau.a,{name}\n" + "0,0,0,0\n" * 9)
     with pytest.raises(ValueError, match=r"names of columns and joints must have at most 200 characters, .* has 10000"):
         rne.identification.Record.from_log(file)
+
+
+STL = b"solid\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\nendsolid\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "package", "found"),
+    [
+        ("own.stl", False, True),
+        ("../urdf/own.stl", False, True),
+        ("../near.stl", False, False),
+        ("../near.stl", True, True),
+        ("package://robot/near.stl", False, True),
+        ("package://robot/../far.stl", True, False),
+        ("package://folder/far.stl", False, False),
+        ("../../far.stl", True, False),
+        ("FOLDER/far.stl", True, False),
+        ("file://FOLDER/far.stl", True, False),
+        ("FOLDER/robot/near.stl", True, True),
+        ("link.stl", True, False),
+        ("pipe.stl", True, False),
+        ("own.zip", True, False),
+        ("large.stl", True, False),
+    ],
+)
+def test_meshes_of_urdf_are_below_its_folder_or_that_of_its_package(name, package, found, tmp_path, monkeypatch):
+    """As includes and meshes of MJCF are; files of meshes alone, of a limited size."""
+    pytest.importorskip("yourdfpy")
+    folder = tmp_path / "folder"
+    own = folder / "robot" / "urdf"
+    own.mkdir(parents=True)
+    for file in (own / "own.stl", own / "own.zip", own / "large.stl", own.parent / "near.stl", folder / "far.stl"):
+        file.write_bytes(STL + b" " * 1000 * (file.stem == "large"))
+    (own / "link.stl").symlink_to(folder / "far.stl")
+    if hasattr(os, "mkfifo"):
+        os.mkfifo(own / "pipe.stl")
+    if package:
+        (own.parent / "package.xml").write_text("<package/>")
+    monkeypatch.setattr("rne.plotting.shapes.LARGEST", 1000)
+    mesh = f'<visual><geometry><mesh filename="{name.replace("FOLDER", folder.as_posix())}"/></geometry></visual>'
+    model = rne.load(urdf(own, f'<link name="base">{mesh}</link>')).model
+    if found:
+        assert [shape.kind for shape in link_shapes(model)] == ["mesh"]
+        return
+    with pytest.warns(UserWarning, match=r"is not found below the folder of the URDF file|is no file of \.stl, \.obj"):
+        assert link_shapes(model) == []

@@ -121,7 +121,7 @@ LOST = {
     "not found": (
         "none.stl",
         CRANE,
-        "robot 'crane <1>': visual shapes are not shown: link 'hook': mesh 'package://crane/meshes/none.stl' is not found",
+        "robot 'crane <1>': visual shapes are not shown: link 'hook': mesh 'package://crane/meshes/none.stl' is not found below the folder of the URDF file or of its package, which has a package.xml",
     ),
     "empty": (
         "empty.obj",
@@ -176,6 +176,7 @@ class TestShapes:
     def test_meshes_may_be_named_by_the_address_of_a_file(self, tmp_path):
         file = tmp_path / "a mesh.obj"
         file.write_text(OBJ)
+        (tmp_path / "package.xml").write_text("<package/>")  # of which all robots below it may read
         mesh = f'<visual><geometry><mesh filename="{file.as_uri()}"/></geometry></visual>'
         robot = crane(tmp_path, text=f'<robot name="r"><link name="l">{mesh}</link></robot>')
         assert [s.kind for s in link_shapes(robot.model)] == ["mesh"]
@@ -199,7 +200,9 @@ class TestShapes:
     def test_many_losses_are_counted(self, tmp_path):
         visual = '<visual><geometry><mesh filename="a.stl"/></geometry></visual>'
         robot = crane(tmp_path, text=f'<robot name="r"><link name="l">{6 * visual}</link></robot>')
-        with pytest.warns(UserWarning, match=r"link 'l': mesh 'a.stl' is not found and 2 more; links without"):
+        with pytest.warns(
+            UserWarning, match=r"link 'l': mesh 'a.stl' is not found .* package.xml and 2 more; links without"
+        ):
             assert link_shapes(robot.model) == []
 
     def test_without_yourdfpy_cylinders_are_left_and_the_cure_is_named(self, tmp_path, monkeypatch):
@@ -233,7 +236,8 @@ class TestShapes:
 
     @pytest.mark.parametrize("faces", ["f 1 2 3", "f 1 2 3\nf 2 3 4"])
     def test_flat_meshes_have_faces_too(self, tmp_path, faces):
-        (tmp_path / "flat.obj").write_text(f"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\n{faces}\n")
+        (tmp_path / "crane" / "urdf").mkdir(parents=True)
+        (tmp_path / "crane" / "urdf" / "flat.obj").write_text(f"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\n{faces}\n")
         mesh = '<visual><geometry><mesh filename="flat.obj"/></geometry></visual>'
         robot = crane(tmp_path, text=f'<robot name="r"><link name="l">{mesh}</link></robot>')
         corners = surface(link_shapes(robot.model)).reshape(-1, 3)

@@ -16,6 +16,8 @@ import numpy as np
 from ..basics.spatial import Array, rotate, rotation_from_rpy
 from ..model.model import Model
 from ..model.solids import Box, Cylinder
+from ..urdf.document import below, parse, read_bytes
+from ..urdf.findings import FindingsReport, echo
 from ..urdf.mjcf import drawn, names_of, rotation_of
 
 if TYPE_CHECKING:
@@ -28,6 +30,8 @@ SHOWN = 3  # groups of geoms, from 0, that MuJoCo's viewer shows
 NO_COLOR = (0.5, 0.5, 0.5, 1.0)  # MuJoCo's, of geoms whose material may have one
 GEOMS = {2: "sphere", 3: "capsule", 4: "ellipsoid", 5: "cylinder", 6: "box", 7: "mesh"}  # numbers of mujoco.mjtGeom
 Color = tuple[float, ...]
+MESHES = (".stl", ".obj", ".dae", ".ply", ".glb", ".gltf", ".off")  # suffixes of files that are opened: no archives
+LARGEST = 2**27  # bytes of the file of a mesh
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,9 +110,10 @@ def _from_model(shape: Cylinder | Box) -> Shape:
 
 def _root(source: str) -> Any:
     """The root element of a file, or of the URDF text that xacro made."""
-    from lxml import etree
-
-    return etree.fromstring(source.encode() if source.startswith("<") else Path(source).read_bytes())
+    report = FindingsReport(source)
+    root = parse(source.encode() if source.startswith("<") else read_bytes(source, report) or b"", report)
+    report.raise_first_error()
+    return root
 
 
 def _beyond_the_model(source: str, package: str | None) -> tuple[str, ...]:
@@ -123,13 +128,14 @@ def _beyond_the_model(source: str, package: str | None) -> tuple[str, ...]:
 @lru_cache(maxsize=8)
 def _from_file(source: str, changed: int) -> tuple[tuple[Shape, ...], tuple[str, ...]]:
     """The shapes of a URDF or MJCF file as of its last change, and what is lost of it."""
-    if _root(source).tag == "mujoco":
+    root = _root(source)
+    if root.tag == "mujoco":
         return _from_mjcf(source)
     import yourdfpy
+    from lxml import etree
 
-    is_text = source.startswith("<")
-    file, folders = (BytesIO(source.encode()), [Path(os.sep)]) if is_text else (source, Path(source).parents)
-    robot = yourdfpy.URDF.load(file, build_scene_graph=False, load_meshes=False).robot
+    folders = [Path(os.sep)] if source.startswith("<") else _folders(Path(source))
+    robot = yourdfpy.URDF.load(BytesIO(etree.tostring(root)), build_scene_graph=False, load_meshes=False).robot
     colors = {material.name: material.color for material in robot.materials if material.color is not None}
     shapes: list[Shape] = []
     lost: list[str] = []
@@ -209,19 +215,34 @@ def _check(what: str, pose: Array, size: Array) -> None:
         raise ValueError(f"{what} has a size or origin that is not positive and finite")
 
 
+def _folders(file: Path) -> list[Path]:
+    """The folders that a URDF file, or the one that it is a link to, may read meshes of: its own and its package's."""
+    found: list[Path] = []
+    for path in dict.fromkeys((file, file.resolve())):
+        near = next((k for k, folder in enumerate(path.parents) if (folder / "package.xml").is_file()), 0)
+        found += path.parents[: near + 1]
+    return found
+
+
 def _find(name: str, folders: Sequence[Path]) -> Path:
-    """The file of a mesh in or above the URDF's folder, with the name of its package as a folder and without."""
+    """The file of a mesh below one of the folders, with the name of its package as a folder and without.
+
+    A package without package.xml is the folder of its name above the URDF file's folder `urdf`.
+    """
     from urllib.request import url2pathname
 
-    from yourdfpy import filename_handler_ignore_directive, filename_handler_ignore_directive_package
-
-    handlers = (filename_handler_ignore_directive, filename_handler_ignore_directive_package)
-    places = [str(handler(name)) for handler in handlers]
+    place = name.split("://", 1)[-1]
+    places = [place] + [place.partition("/")[2]] * name.startswith("package://")
     places += [url2pathname(name.removeprefix("file://"))] * name.startswith("file://")
-    for file in (folder / place for folder in folders for place in places):
-        if file.is_file():
-            return file
-    raise FileNotFoundError(f"mesh {name!r} is not found")
+    named = [x.parent for x in folders if x.name == "urdf" and name.startswith(f"package://{x.parent.name}/")]
+    folders = [*folders, *named]
+    found = (below(folder / place, *folders) for folder in folders for place in places)
+    if (file := next(filter(None, found), None)) is None:
+        there = " below the folder of the URDF file or of its package, which has a package.xml"
+        raise FileNotFoundError(f"mesh {echo(name)} is not found{there}")
+    if file.suffix.lower() not in MESHES or file.stat().st_size > LARGEST:
+        raise ValueError(f"mesh {echo(name)} is no file of {', '.join(MESHES)} with at most {LARGEST} bytes")
+    return file
 
 
 def _meshes(file: Path, name: str) -> list[Trimesh]:
