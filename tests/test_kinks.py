@@ -72,6 +72,12 @@ class TestTooLargeToBeWrittenOut:
         found = rne.kernels.derivative(rne.dynamics.inverse_dynamics, model, "q")(q, qd, qdd)
         np.testing.assert_allclose(found, expected, rtol=0, atol=SAME * np.abs(expected).max())
 
+    def test_a_function_may_be_too_large_whose_derivative_is_not(self, monkeypatch):
+        monkeypatch.setattr(module, "LIMIT", 8)
+        steps = rne.traceable(lambda q: sum(sign(x - 0.1 * k) for x in q for k in range(4)) + 2 * q[0])
+        slopes = rne.kernels.derivative(steps, random_tree(2, 1), "q")
+        np.testing.assert_array_equal(slopes([0.25, -0.75]), [2.0, 0.0])
+
     def test_a_derivative_that_is_infinite_is_an_error(self, monkeypatch):
         monkeypatch.setattr(module, "LIMIT", 2)
         root = rne.kernels.gradient(rne.traceable(lambda q: np.sqrt(q @ q)), random_tree(2, 1))
@@ -93,6 +99,11 @@ class TestTooLargeToBeWrittenOut:
 
 
 class TestFirstCalls:
+    @pytest.mark.parametrize("dtype", [np.float32, np.float64, np.longdouble])
+    def test_of_a_single_number_are_of_the_same_type(self, dtype):
+        robot, q = rne.Robot(random_tree(2, 1)), np.ones(2, dtype)
+        assert {type(robot.potential_energy(q)) for _ in range(3)} == {dtype}
+
     def test_of_a_robot_whose_coupling_has_a_kink(self):
         model = rne.model.coupled(
             random_tree(3, 4), {"joint2": (["joint0"], lambda x: 0.7 * abs(x - 0.1) + sign(x) / 9)}

@@ -670,7 +670,8 @@ class Kernel:
             return np.asarray(result).reshape(end - begin, -1), status.with_state(place)
 
         rows = out.reshape(count, prod(self.traced.shape))
-        return out, _run_in_threads(self.blocks.run, states, rows, by_function, workers)
+        status = _run_in_threads(self.blocks.run, states, rows, by_function, workers)
+        return (out if shape else out[()]), status  # a number of NumPy, as from the recursion
 
 
 def _rows(arrays: Sequence[Array]) -> tuple[tuple[int, ...], Array]:

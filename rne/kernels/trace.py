@@ -87,7 +87,7 @@ def check_own(function: Declared, model: Model) -> None:
     arrays = np.split(states, np.cumsum(list(widths.values()))[:-1], axis=-1)
     arrays = [where_loops_close(model, a) if name == "q" else a for name, a in zip(widths, arrays, strict=True)]
     called, _ = function.evaluate(model, *arrays)
-    found = trace(quantity, model, {})
+    found = trace(quantity, model, {}, is_large=True)
     traced = evaluate(found.program, found.entries, np.concatenate(arrays, axis=-1)).reshape(called.shape)
     worst = float(np.abs(traced - called).max(initial=0.0)) / max(1.0, float(np.abs(called).max(initial=0.0)))
     if not worst <= AGREEMENT:
