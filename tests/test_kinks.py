@@ -132,6 +132,14 @@ class TestFirstCalls:
 
         assert not rne.Scene(robot, controller=law).check_gains([0.0]).stable
 
+    @pytest.mark.parametrize("mark", [rne.traceable, lambda law: law])
+    def test_a_kink_at_the_target_is_judged_on_both_sides(self, mark):
+        """On one side -40 q + 90 abs(q) is +50 q, though abs has the slope 0 at 0."""
+        robot = rne.Robot(random_tree(1, 1))
+        for slope, stable in ((90.0, False), (-90.0, False), (30.0, True)):
+            law = mark(lambda t, q, qd, k=slope: robot.gravity_torque(q) - 40 * q + k * abs(q) - 30 * qd)
+            assert rne.Scene(robot, controller=law).check_gains([0.0]).stable is stable
+
 
 class TestInfiniteBounds:
     def test_they_are_folded(self):

@@ -102,7 +102,7 @@ class LinearisedLoop(InNotebooks):
     ----------
     poles : ndarray of complex, shape (2 n + states,)
         Of the loop in continuous time, without states of the law that nothing depends on, such as the integrals of a
-        PID with `ki` = 0 [1/s].
+        PID with `ki` = 0 [1/s]. Where the loop has a kink at the target, as abs has, they are of its least stable side.
     sample_time_limit : float
         Smallest sample time found at which the loop with held torques is unstable, a law's states by Euler's rule as in
         `rne.simulate`; infinite if none was, 0 if it is in continuous time [s].

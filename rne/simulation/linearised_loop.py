@@ -19,6 +19,7 @@ SLOWEST, FASTEST = 1e2, 1e-2  # sample times examined, over the times of the slo
 STEP = 1.03  # from one to the next
 NEAR, LATER = 1e-2, 1e-3  # of the target, rad or m and per s, and s: where and when a law is called for its memory
 CALLS = 64  # that fill a memory, such as that of a delay
+BESIDE, JUMP = 1e-6, 1e-3  # of the target, rad or m and per s; relative change of the slopes there that is a kink
 MARGIN = 1e-9  # of a spectral radius beyond 1, or a pole beyond 0 over the fastest: less is rounding
 
 
@@ -29,6 +30,10 @@ def linearised_loop(scene: Any, q: Array) -> LinearisedLoop:
     if free.dynamics.law is None:
         refuse_memory(free.controller, q, sample_time or LATER)
     closed, _, rates = _slopes(free, q)
+    sides = [closed, *(_slopes(free, q, beside=by)[0] for by in (BESIDE, -BESIDE))]
+    jumps = [np.abs(side - closed).max(initial=0.0) > JUMP * np.abs(closed).max(initial=0.0) for side in sides]
+    if any(jumps):  # a kink at the target: what holds is the least stable side
+        closed = max(sides, key=lambda side: np.linalg.eigvals(side).real.max())
     torque = _torques(free.controller, 0.0, q, 0 * q)
     alone = scene.resolved.robot.forward_dynamics(q, 0 * q, np.abs(torque))
     size = np.abs(alone).max(initial=0.0) + 1.0
@@ -89,12 +94,18 @@ def _read(closed: Array, moving: int) -> Array:
         read = kept
 
 
-def _slopes(scene: Any, q: Array, slopes: Callable[..., Array] = Plant.jacobian) -> tuple[Array, Array, Array]:
-    """The slopes of the state's rates without energies and impulses, at rest in q, that state, and its rates."""
+def _slopes(
+    scene: Any, q: Array, slopes: Callable[..., Array] = Plant.jacobian, beside: float = 0.0
+) -> tuple[Array, Array, Array]:
+    """The slopes of the state's rates without energies and impulses, at rest in q, that state, and its rates.
+
+    Or `beside` that state, in each of its entries by another distance.
+    """
     dynamics = scene.dynamics
     plant = Plant(dynamics, scene.resolved.robot, scene.controller if dynamics.inputs == "called" else None)
     x = np.zeros(dynamics.size)
     x[: scene.n], moving = q, 2 * scene.n + dynamics.states
+    x[:moving] += beside * np.linspace(1.0, 2.0, moving)
     return slopes(plant, 0.0, x)[:moving, :moving], x, plant(0.0, x)
 
 
