@@ -599,8 +599,8 @@ def test_units_stand_beside_or_below_names(lines, tmp_path):
         ("[{\"t\": 0}]", f": is {JSON}"),
         ("<?xml version='1.0'?><Rob/>", ": is XML; write its numbers as CSV, a row per sample"),
         ("header:\n  stamp: 1\n---\n", ": is YAML as of ros2 topic echo; add --csv, or -p with rostopic"),
-        ("t,motor_id,q,tau\n0,1,1,2\n0,2,1,2\n", ": has a row for each joint, which column 'motor_id' names; make a column of each quantity and joint, such as q.elbow, by pandas.DataFrame.pivot"),
-        ("t,joint,q,tau\n0,a,1,2\n0,b,1,2\n1,a,1,2\n1,b,1,2\n", ": has a row for each joint, which column 'joint' names; make a column of each quantity and joint, such as q.elbow, by pandas.DataFrame.pivot"),
+        ("t,motor_id,q,tau\n0,1,1,2\n0,2,1,2\n", ": has a row for each joint, which column 'motor_id' names; make columns of all: p = pandas.read_csv(LOG).pivot(index=TIME, columns='motor_id'), p.columns = p.columns.map('{0[0]}.{0[1]}'.format), p.to_csv(NEW)"),
+        ("t,joint,q,tau\n0,a,1,2\n0,b,1,2\n1,a,1,2\n1,b,1,2\n", ": has a row for each joint, which column 'joint' names; make columns of all: p = pandas.read_csv(LOG).pivot(index=TIME, columns='joint'), p.columns = p.columns.map('{0[0]}.{0[1]}'.format), p.to_csv(NEW)"),
         ("t,q1,q2\n0,1,2\n1,2,3\n", ": there are no torques or currents; there are 't', 'q1', 'q2'; if some are, give columns={\"tau\": ...}"),
         ("t,x,tau\n0,1,2\n1,2,3\n", ": there are no positions; there are 't', 'x', 'tau'; if some are, give columns={\"q\": ...}"),
         ("k,q,tau\n0,1,2\n1,2,3\n", ": there are no times; there are 'k', 'q', 'tau'; give columns={\"t\": ...} or `sample_rate`"),
@@ -903,6 +903,9 @@ def test_rne_identify(tmp_path, monkeypatch, capsys):
     assert capsys.readouterr().err.endswith(
         "there are no positions and torques of joint 'knee'; there are 'joint_1', 'joint_2'\n"
     )
+    table(tmp_path / "a.csv", ["t", "q1", "tau1"], t, t, np.cos(3 * t))
+    assert main([*call, *out]) == 2
+    assert "has 1 joint without names: give the names of those measured as --joints" in capsys.readouterr().err
     table(tmp_path / "a.csv", ["t", "q.joint_1", "current.joint_1"], t, t, t)
     assert main([*call, *out]) == 2
     assert "are currents, not torques; give --gains [N m/A]" in capsys.readouterr().err

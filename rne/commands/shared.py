@@ -314,6 +314,7 @@ def in_one_line(error: BaseException) -> str:
 def as_options(text: str, arguments: argparse.Namespace) -> str:
     """A text on arguments in Python with the options of the command, `units={"q": "deg"}` as `--units q=deg`."""
     text = re.sub(r"`robot\.locked(?:\((.*?)\))?`", lambda m: f"locked={m[1]}" if m[1] else "`locked`", text)
+    text = text.replace("`joint_names` of the Record", "`joints`")
     known = set(re.findall(r"--[\w-]+", arguments.parser.format_usage()))
 
     def option(found: re.Match[str]) -> str:

@@ -36,6 +36,7 @@ SPELT = {  # of units as they are written
     r"(?<=deg|rad)(_s|ps|s1?)$": "/s",
 }  # fmt: skip
 DATE = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d(\.\d+)?")
+WIDE = "p.columns = p.columns.map('{0[0]}.{0[1]}'.format), p.to_csv(NEW)"
 JOINTS = 64  # joints at most, of which a row each is looked for
 SNIFFED = 20  # rows from which separator and decimal sign are guessed
 FORMATS = [(";", "."), (";", ","), ("\t", "."), ("\t", ","), (",", "."), (" ", "."), (" ", ",")]
@@ -236,8 +237,10 @@ def _joints_of(place: str, columns: Mapping[str, Array], rows: bool = True) -> d
     texts = [columns[x] for _, x in named if re.match(r"(?!nan$|inf)[^\W\d]", str(columns[x][0]), re.IGNORECASE)]
     for _, x in named[: rows and len(named) == 1]:
         if 1 < len({*columns[x].tolist()}) <= JOINTS and (texts or all(map(str.isdigit, columns[x].tolist()))):
-            cure = "make a column of each quantity and joint, such as q.elbow, by pandas.DataFrame.pivot"
-            raise ValueError(f"{place}: has a row for each joint, which column {x!r} names; {cure}")
+            cure = f"p = pandas.read_csv(LOG).pivot(index=TIME, columns={x!r}), {WIDE}"
+            raise ValueError(
+                f"{place}: has a row for each joint, which column {x!r} names; make columns of all: {cure}"
+            )
     own, *others = np.unique(np.column_stack(texts) if rows else texts[:1], axis=0).tolist() if texts else [[]]
     if others or len(set(own)) < len(own):
         both = " and ".join(map(listed_names, [own, *others[:1]]))
