@@ -503,14 +503,14 @@ def test_lists_in_entries_as_programs_write_them(tmp_path):
 
 
 def test_dates_and_rows_above_the_names(tmp_path):
-    rows = [f"2026-02-28T23:59:{58 + 0.01 * k:06.3f}" if k < 200 else "" for k in range(200)]
+    rows = [f"2026-02-28T23:59:{58 + 0.01 * k:06.3f}Z" for k in range(200)]
     numbers = [",".join(map(repr, x)) for x in np.column_stack([Q, TAU]).tolist()]
     path = rows_of(
         tmp_path / "log.csv", ["time", *names_of("q", "tau")], [f"{a},{b}" for a, b in zip(rows, numbers, strict=True)]
     )
     same(Record.from_log(path), velocities=False)
     path.write_text(path.read_text().replace("2026-02-28T", "28.2., ").replace("time,", "day,time,"))
-    with exactly(f"{path}, row 2, column 'time': must be a finite number, got ' 23:59:58.000'"):
+    with exactly(f"{path}, row 2, column 'time': must be a finite number, got ' 23:59:58.000Z'"):
         Record.from_log(path)
     path = table(
         tmp_path / "log.txt",
@@ -521,6 +521,12 @@ def test_dates_and_rows_above_the_names(tmp_path):
         separator="\t",
         heading="Version\t2\nEnd of head",
     )
+    same(Record.from_log(path), velocities=False)
+
+
+def test_entries_in_quotes(tmp_path):
+    path = table(tmp_path / "log.csv", ["t", *names_of("q", "tau")], T, Q, TAU)
+    path.write_text('"' + path.read_text().strip().replace(",", '","').replace("\n", '"\n"') + '"')
     same(Record.from_log(path), velocities=False)
 
 
@@ -591,6 +597,7 @@ def test_units_stand_beside_or_below_names(lines, tmp_path):
         ("t,q1,tau1\n0,1,2\n1,1\n", f", row 3: must have 3 entries, got 2; {CUT}"),
         ("t,q1,tau1\n0,1,2\n1,one,3\n", ", row 3, column 'q1': must be a finite number, got 'one'"),
         ("t,q1,tau1\n0,1,2\n1,inf,3\n", ", row 3, column 'q1': must be a finite number, got 'inf'"),
+        ("t (min),q1,tau1\n0,1,2\n1,2,3\n", ": the unit 'min' of column 't (min)' is not known; give `time_unit`, or `sample_rate` in place of the times"),
         ("t,q1,tau1\n0,1,2\n,2,3\n", ": the time of sample 1 is missing"),
         ("t,q1,q1,tau1\n0,1,2,3\n1,2,3,4\n", ": column 'q1' is there twice"),
         ("t,q1,pos1,tau1\n0,1,2,3\n", ": columns 'q1' and 'pos1' are both q of 1; say which in columns={\"q\": ...}"),

@@ -174,6 +174,7 @@ CSV_ERRORS = {
         ", row 1: no column 'qd.lift'; the qd of all joints or of none are needed",
     ),
     "column twice": ("t,q.lift,q.lift,q.turn\n0,1,2,3\n", ", row 1: column 'q.lift' is there twice"),
+    "other column twice, short row": ("t,x,x,q.lift,q.turn\n0,1,2,3,4\n1,2,3,4\n", ", row 3: must have 5 entries as the heading has, got 4"),
     "short row": ("t,q.lift,q.turn\n0,1,2\n1,2\n", ", row 3: must have 3 entries as the heading has, got 2"),
     "no heading": (
         "0.000e+00,0.000e+00,1.0\n0.5,0.1,1.5\n",

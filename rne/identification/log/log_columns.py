@@ -36,7 +36,9 @@ ASKED = re.compile(  # words of commands, and in a group those that a joint may 
 SPARE = re.compile(  # words that say nothing of the joint
     "actual|act|measured|meas|present|ist|angular|field|observation|state|feedback|fbk|log|data|values?|j"
 )
-CLOCKS = re.compile("header|elapsed|relative|system|epoch|unix|ros|rosbag|s")  # words beside "time" and "stamp"
+CLOCKS = re.compile(
+    "header|elapsed|rel|relative|since|start|system|epoch|unix|ros|rosbag|robot|sim|recv|s"
+)  # words beside "time" and "stamp"
 TOKEN = re.compile(r"[A-Z]+(?![^\W\d_A-Z])|[A-Z]?[^\W\d_A-Z]+|\d+")
 TOPIC = re.compile(r"(?:dynamic_?)?joint_?states?|[/.]", re.IGNORECASE)  # ends the name of a topic or structure
 BRACKETS = re.compile(r"\s*[\[(]\s*((?=[^\])]*[^\W\d_]|[%°])[^\])]+?)\s*[\])]\s*$")  # a unit at the end of a name
@@ -102,6 +104,9 @@ def measured(path: Any, options: Mapping[str, Any]) -> tuple[dict[str, Any], lis
     if not unit and (seems := guessed_unit(t, q, qd)) is not None:
         guesses.append((f"column {stamps[0]!r} {seems.said}", 'else give time_unit="s"'))
         unit = seems.symbol
+    if timed and options["time_unit"] is None and unit not in (None, "", "s", "ms", "us", "ns"):
+        cure = "give `time_unit`, or `sample_rate` in place of the times"
+        raise ValueError(f"{place}: the unit {unit!r} of column {stamps[0]!r} is not known; {cure}")
     t = in_seconds(place, Samples(t), unit or "s").t
     if t[0] > SINCE:
         said.append(f"times from the first sample on, at {t[0]:.3f} s")
@@ -153,8 +158,9 @@ def _unit(name: str) -> tuple[str, str]:
     """A unit at the end of a name, and the name before it; what stands in brackets may be a joint."""
     if bracket := BRACKETS.search(name):
         unit, bare = symbol(bracket[1]), name[: bracket.start()]
-        is_joint = not (UNIT.fullmatch(unit) or RAW.fullmatch(bracket[1])) and not _meaning(bare).joint
-        return ("", f"{bare}.{bracket[1]}") if is_joint and _meaning(bare).kind else (unit, bare)
+        what = _meaning(bare)
+        is_joint = what.kind not in ("", "t") and not (what.joint or UNIT.fullmatch(unit) or RAW.fullmatch(bracket[1]))
+        return ("", f"{bare}.{bracket[1]}") if is_joint else (unit, bare)
     suffix = SUFFIX.search(name)
     return (symbol(suffix[1]), name[: suffix.start()]) if suffix else ("", name)
 

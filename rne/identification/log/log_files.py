@@ -35,7 +35,7 @@ SPELT = {  # of units as they are written
     r"newtonmet(er|re)s?|^nm$": "Nm", r"sec(ond)?s?": "s", r"^(m?)amp(ere)?s?$": r"\1A", r"^(1|rev|r|u)[/p]min$": "rpm",
     r"(?<=deg|rad)(_s|ps|s1?)$": "/s",
 }  # fmt: skip
-DATE = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d(\.\d+)?")
+DATE = re.compile(r"(\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d(?:\.\d+)?)(?:Z|[+-]\d\d:?\d\d)?")
 WIDE = "p.columns = p.columns.map('{0[0]}.{0[1]}'.format), p.to_csv(NEW)"
 JOINTS = 64  # joints at most, of which a row each is looked for
 SNIFFED = 20  # rows from which separator and decimal sign are guessed
@@ -102,7 +102,8 @@ class Log(NamedTuple):
             return x
         if DATE.fullmatch(str(x[0])):
             with suppress(ValueError):
-                return np.asarray((x.astype("datetime64[ns]") - np.datetime64(str(x[0]))) / np.timedelta64(1, "s"))
+                dates = np.array([DATE.sub(r"\1", text) for text in x.tolist()], dtype="datetime64[ns]")
+                return np.asarray((dates - dates[0]) / np.timedelta64(1, "s"))
         values = np.array([_number(text, self.decimal) for text in x.tolist()])
         for k in np.flatnonzero(~np.isfinite(values)):
             if x[k].strip().lower() not in ("", "nan"):
@@ -267,7 +268,7 @@ def with_stamps(place: str, log: Log) -> Log:
 def _format(text: str, separator: str | None, decimal: str | None) -> tuple[str, str]:
     """Separator and decimal sign with which most entries in the middle of a text are numbers."""
     lines = [line for line in text.splitlines() if line.strip()]
-    lines = [re.sub(r"\[.*?\]", "", line) for line in lines[len(lines) // 2 :][:SNIFFED]]
+    lines = [re.sub(r'\[.*?\]|"', "", line) for line in lines[len(lines) // 2 :][:SNIFFED]]
 
     def numbers(form: tuple[str, str]) -> int:
         fields = [x for line in lines for x in (line.split() if form[0] == " " else line.split(form[0]))]
