@@ -703,7 +703,7 @@ def test_a_joint_without_torque_is_not_blamed_on_the_order_of_joints(missing):
         return data._replace(tau=data.tau * np.array([1, 1, 1, missing]))
 
     found = identified(without)
-    assert "d has no torque that can be used" in found.notes
+    assert any(note.startswith("d has no torque that can be used") for note in found.notes)
     assert not {"torque order", "joint order"} & {cause.kind for cause in found.causes}
 
 

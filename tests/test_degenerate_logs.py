@@ -1,12 +1,14 @@
 """Logs that tell little or nothing end in one sentence of their own class of error, or in a report that says so."""
 
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import rne
 from rne.identification import Record
+from rne.identification.diagnosis.hypotheses import Cause, merged_by_kind
 
 from .helpers import first_joints
 
@@ -66,3 +68,22 @@ def test_rest_is_cut_off_whatever_samples_are_missing(missing):
 def test_a_record_without_motion_says_so(q):
     with pytest.raises(ValueError, match=r"^record: no joint moves$"):
         Record(np.arange(len(q)) / 10, q, np.zeros(q.shape)).in_motion()
+
+
+def test_a_joint_is_named_once_in_causes_of_one_kind():
+    """As where records without and with a load both show it."""
+    of = [Cause("zero", (name,), f"the zero of {name} is off", 9.0) for name in ("a", "b", "b", "c", "a")]
+    (cause,) = merged_by_kind(of)
+    assert (cause.joints, cause.text) == (("a", "b", "c"), "the zero of a, b, c is off")
+
+
+def test_a_joint_that_was_taken_as_locked_comes_before_the_causes_that_it_looks_like():
+    t, q, qd, qdd = swing(2)
+    arm, names = first_joints(3), ["joint_1", "joint_2"]
+    tau = arm.locked({"joint_3": 1.2}).inverse_dynamics(q, qd, qdd)
+    found = quiet(arm, Record(t, q, tau, joint_names=names))
+    spring = Cause("spring", ("joint_2",), "something pulls joint_2 as a spring", 9.0, removed=np.zeros(2))
+    assert replace(found, causes=(spring,)).doubt.startswith(
+        "joints that the records do not have, taken as locked: joint_3 at 0: if they stood elsewhere, that is the cause: "
+        "lock them there by `robot.locked`. the likely cause: something pulls joint_2"
+    )

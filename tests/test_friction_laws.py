@@ -322,7 +322,9 @@ def test_essential_parameters_predict_as_well(found):
 def test_a_report_begins_with_a_verdict_and_is_short(found):
     lines = found.report().splitlines()
     assert lines[0] == found.verdict
-    assert lines[0].startswith("good for simulation and feed-forward of all joints: ")
+    assert lines[0].startswith(
+        "good for simulation and feed-forward of all joints below 10 Hz: held-out errors in motion of "
+    )
     assert len(lines) <= 40
     long = replace(found, notes=tuple(f"note {k}" for k in range(99))).report().splitlines()
     assert len(lines) < len(long) <= 40
@@ -337,8 +339,13 @@ def test_a_report_begins_with_a_verdict_and_is_short(found):
     errors = found.unexplained._replace(in_motion=np.array([0.05, 0.22, np.nan]))
     poor = replace(found, unexplained=errors, consistent=False)
     assert poor.verdict == (
-        "good for feed-forward, not simulation (least squares alone) of all joints but joint_2 (22 %), joint_3 (does "
-        "not move): held-out errors in motion of 5 % or less"
+        "not known: joint_2 (22 %), joint_3 (does not move); good for feed-forward, not simulation (least squares alone) "
+        "of joint_1 below 10 Hz: held-out errors in motion of 5 % or less"
+    )
+    most = replace(found, unexplained=errors._replace(in_motion=np.array([0.05, 0.08, 0.22])))
+    assert most.verdict == (
+        "good for simulation and feed-forward of joint_1, joint_2 below 10 Hz: held-out errors in motion of 8 % or less; "
+        "not known: joint_3 (22 %)"
     )
     far = replace(poor, unexplained=errors._replace(in_motion=np.array([0.3, 0.4, 0.5])), notes=(f"{BEYOND} joint_1",))
     assert far.verdict.startswith(f"{BEYOND} joint_1; not good for simulation or feed-forward: ")

@@ -340,7 +340,8 @@ def test_a_joint_without_torques_is_no_perfect_one(scene, motions):
     )
     assert np.isnan(found.held_out[-1])
     assert (found.held_out[:-1] < 0.1).all()
-    assert f"joint_{scene.n} has no torque that can be used" in found.notes
+    assert f"joint_{scene.n} has no torque that can be used: constant torque of 0 in all samples" in found.notes
+    assert f"joint_{scene.n} (its torque cannot be used: constant torque of 0 in all samples)" in found.verdict
 
 
 def test_a_torque_of_the_wrong_sign_is_told_from_negative_friction(scene, motions):
@@ -418,7 +419,7 @@ def test_joints_that_are_not_in_the_log_are_locked_and_others_taken_by_name():
     assert str(warned[0].message) == f"{said}; if they stood elsewhere, lock them there by `robot.locked`"
     expected = rne.identify(locked, plain, consistent=False, causes=False)
     assert found.notes[0] == said
-    assert re.fullmatch(rf"good for .* of all joints of the records: .*; {said}", found.verdict)
+    assert re.fullmatch(rf"good for .* of all joints of the records below .* Hz: .*; {said}", found.verdict)
     np.testing.assert_array_equal(found.estimate.values, expected.estimate.values)
     np.testing.assert_array_equal(found.check(log).relative, expected.check(plain).relative)
     assert found.consistency().joint_names == ("a", "b", "c")

@@ -33,7 +33,7 @@ from . import thresholds
 from .diagnosis.hypotheses import GEARS, Cause
 from .diagnosis.rigid_body_test import Consistency, certified
 from .fit.consistent import expected_sizes, model_prior
-from .fit.equations import BEYOND, EARLY, LOCKED, Equations, RegressionData, check_joints, delayed, solve
+from .fit.equations import BEYOND, EARLY, LOCKED, NO_TORQUE, Equations, RegressionData, check_joints, delayed, solve
 from .fit.least_squares import (
     Bias,
     Estimator,
@@ -154,7 +154,11 @@ class Identification(InNotebooks):
             lines.append(self.unexcited)
         elif self.data.Z is None:  # otherwise the noise of the positions is in what is left
             lines += unexplained_text(names, left)
-        lines += likely_text(self.causes)
+        named = likely_text(self.causes)
+        if lines or named:  # which a joint that stood elsewhere looks like
+            told = "if they stood elsewhere, that is the cause: lock them there by `robot.locked`"
+            lines += [f"{note}: {told}" for note in self.notes if note.startswith(LOCKED)]
+        lines += named
         were_sought = not self.unexcited and NOT_SOUGHT not in self.notes and self.data.Z is None
         if were_sought and any(all(cause.removed[j] < thresholds.EXPLAINS for cause in self.causes) for j in poor):
             lines.append(UNKNOWN)
@@ -618,27 +622,40 @@ class Identification(InNotebooks):
 
     @property
     def verdict(self) -> str:
-        """What the model is good for, in one sentence: joints predicted within 15 % on held-out blocks are good."""
+        """What the model is good for, in one sentence, and which joints are not known: above 15 % on held-out blocks.
+
+        Errors are those below the cut-off of the filter; above it, they may be many times larger.
+        """
         names, left = self.initial.joint_names, self.unexplained.in_motion
         good = left <= thresholds.EXPLAINED
         use = "simulation and feed-forward" if self.consistent else "feed-forward, not simulation (least squares alone)"
-        told = np.where(np.isnan(left), -1, 100 * np.minimum(left, thresholds.FARTHEST_TOLD))
-        other = listed(
-            [f"{names[j]} ({f'{told[j]:.0f} %' if told[j] >= 0 else 'does not move'})" for j in np.flatnonzero(~good)]
-        )
+        below = f"below {min(record.cutoff for record in self.records):.3g} Hz"
+        other = ", ".join(f"{short(names[j])} ({self._why_not(j)})" for j in np.flatnonzero(~good).tolist())
         first = [note for note in self.notes if note.startswith((BEYOND, EARLY))] + self._far_from_given
         if self.data.Z is not None and not self.unexcited:
             text = "by instrumental variables; held-out errors contain the noise of the positions"
             return "; ".join([*first, f"{text}{f': {other}' if other else ''}"])
         if self.unexcited or not good.any():
-            text = f"not good for simulation or feed-forward: {self.unexcited or f'held-out errors in motion: {other}'}"
-            return "; ".join([*first, text])
+            why = self.unexcited or f"held-out errors in motion {below}: {other}"
+            return "; ".join([*first, f"not good for simulation or feed-forward: {why}"])
         remarks = [note for note in self.notes if note.startswith(LOCKED)]
-        which = "all joints" + " of the records" * bool(remarks) + (f" but {other}" if other else "")
-        text = f"good for {use} of {which}: held-out errors in motion of {told[good].max():.2g} % or less"
+        which = listed([names[j] for j in np.flatnonzero(good)])
+        if not other:
+            which = "all joints" + " of the records" * bool(remarks)
+        known = f"held-out errors in motion of {100 * left[good].max():.2g} % or less"
+        parts = [f"good for {use} of {which} {below}: {known}", *[f"not known: {other}"] * bool(other)]
+        text = "; ".join(parts if 2 * good.sum() > len(good) else parts[::-1])
         if any(cause.kind not in GEARS for cause in self.causes):
             remarks.append("a likely cause of what is left is named below: if it is true, the model is wrong there")
         return "; ".join([*first, text, *remarks])
+
+    def _why_not(self, j: int) -> str:
+        """What the verdict says of a joint that is not predicted."""
+        left, start = self.unexplained.in_motion[j], f"{self.initial.joint_names[j]} {NO_TORQUE}"
+        if not np.isnan(left):
+            return f"{100 * min(left, thresholds.FARTHEST_TOLD):.0f} %"
+        silent = [note.removeprefix(start) for note in self.notes if note.startswith(start)]
+        return f"its torque cannot be used{silent[0]}" if silent else "does not move"
 
     @property
     def _far_from_given(self) -> list[str]:

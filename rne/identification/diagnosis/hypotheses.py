@@ -342,7 +342,11 @@ def merged_by_kind(causes: Sequence[Cause]) -> tuple[Cause, ...]:
         first, *others = (cause for cause in causes if cause.kind == kind)
         if kind == LOAD or len(first.joints) != 1:  # on one link; those beside it look alike
             others = []
-        others = [cause for cause in others if not set(cause.joints) & set(first.joints)]
+        known = [first.joints]
+        for cause in [*others]:  # of records without and with a load, both may show it of one joint
+            if any(set(cause.joints) & set(joints) for joints in known):
+                others.remove(cause)
+            known.append(cause.joints)
         names = dict.fromkeys(name for cause in (first, *others) for name in cause.joints)
         effects = dict.fromkeys(part for cause in (first, *others) for part in cause.effect.split(", ") if part)
         texts = [cause.text for cause in (first, *others)]

@@ -38,6 +38,8 @@ Motion = Callable[[Array], tuple[Array, Array, Array]]  # q, qd and qdd, shape (
 BEYOND = "the motion leaves the robot's limits: in other units, or from another zero?"  # start of a note
 EARLY = "torques come before the positions, as where noise is fed back: give `instruments`"  # start of a note
 LOCKED = "joints that the records do not have, taken as locked"  # start of a note
+NO_TORQUE = "has no torque that can be used"  # in a note
+UNUSABLE = ("constant torque", "saturated torque")  # kinds of findings on such torques
 LARGEST = 1e150  # number whose square is still one
 MOST_TOLD = 3  # limits that a note names
 ROUNDINGS = 1e3  # of a position, within which it does not change
@@ -318,7 +320,7 @@ def build_regression(
     if each > shortest:
         most = shortest * len(prepared)
         raise ValueError(f"`folds` must be at most {most}, got {folds}: there are no more equations")
-    silent = [f"{robot.joint_names[j]} has no torque that can be used" for j in np.flatnonzero(~valid.any(0))]
+    silent = [no_torque_text(given, j, robot.joint_names[j]) for j in np.flatnonzero(~valid.any(0)).tolist()]
     still_names = [robot.joint_names[j] for j in np.flatnonzero(still)]
     notes = (*beyond_limits(robot, prepared), *still_text(standard, still_names), *silent)
     blocks = blocks_of_time(prepared, each)
@@ -403,6 +405,13 @@ def beyond_limits(robot: Robot, prepared: Sequence[Prepared]) -> tuple[str, ...]
     told += [f"{names[j]} reaches {speed[j]:.3g}/s, its limit is {limit[j]:.3g}/s" for j in fast]
     more = f" and {len(told) - MOST_TOLD} more" * (len(told) > MOST_TOLD)
     return (f"{BEYOND} {'; '.join(told[:MOST_TOLD])}{more}",) * bool(told)
+
+
+def no_torque_text(records: Sequence[Record], j: int, name: str) -> str:
+    """A note on a joint of which no torque follows the motion, with what the records' findings say of it."""
+    found = [f for record in records for f in record.findings if f.joint == record.joint_names[j]]
+    why = [f"{f.kind} {f.text.split(':')[0]}" for f in found if f.kind in UNUSABLE]
+    return f"{name} {NO_TORQUE}{f': {why[0]}' if why else ''}"
 
 
 def still_text(standard: StandardParameters, names: Sequence[str]) -> tuple[str, ...]:
