@@ -219,3 +219,10 @@ def test_a_file_that_is_not_there_is_an_error_of_the_system(tmp_path):
         read_csv(tmp_path / "none.csv", JOINTS)
     with pytest.raises(IsADirectoryError):
         read_csv(tmp_path, JOINTS)
+
+
+def test_joints_with_control_characters_are_found_by_their_escapes(tmp_path):
+    """As robots read from files call them."""
+    (tmp_path / "m.csv").write_text("t,q.a\x9b\n0,1\n1,2\n", encoding="utf-8")
+    for name in ("a\x9b", r"a\x9b"):
+        assert rne.trajectories.read_csv(tmp_path / "m.csv", [name]).q.tolist() == [[1], [2]]

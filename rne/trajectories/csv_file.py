@@ -14,7 +14,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from ..basics.spatial import Array
-from ..basics.text import MAX_NAME, cut
+from ..basics.text import MAX_NAME, cut, plain
 
 QUANTITIES = ("q", "qd", "qdd", "tau")
 MAX_NAMES = 4  # columns that a message names
@@ -137,7 +137,7 @@ def read_samples(
     if isinstance(joint_names, str) or not isinstance(joint_names, Iterable):
         given = type(joint_names).__name__
         raise TypeError(f"`joint_names` must be a sequence of str, such as robot.joint_names, got {given}")
-    joint_names = tuple(joint_names)
+    joint_names = tuple(plain(str(joint)) for joint in joint_names)  # as robots from files have them
     name = os.fspath(path)
     rows = csv_rows(name, text_of(Path(path)))
     if not rows:
@@ -145,7 +145,7 @@ def read_samples(
     while rows[1:] and rows[1][1][0].lstrip().startswith("#"):
         rows.pop(0)  # a comment above the heading
     (row, heading), *body = rows
-    columns = [column.strip() for column in (heading[0].strip().lstrip("#"), *heading[1:])]
+    columns = [plain(column.strip()) for column in (heading[0].strip().lstrip("#"), *heading[1:])]
     wanted = _wanted(f"{name}, row {row}", columns, joint_names, needed, timed)
     if not timed:
         columns = ["t", *("" if column == "t" else column for column in columns)]
