@@ -215,6 +215,8 @@ def read_only(value: Any) -> Any:
         value.flags.writeable = False
     elif type(value) in (tuple, list):
         value = type(value)(map(read_only, value))
+    elif hasattr(value, "_make"):  # of a named tuple
+        value = value._make(map(read_only, value))
     elif type(value) is dict:
         value = {name: read_only(part) for name, part in value.items()}
     return value

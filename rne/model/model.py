@@ -300,7 +300,7 @@ class Model:
         """The parent of each coordinate in the sparsity pattern of M; the previous one if mimics fill it."""
         return tuple(range(-1, self.n - 1)) if self.has_mimics else self.parent
 
-    @cached_property
+    @cached_array
     def moments(self) -> Moments:
         """Mass, first moment and inertia of the bodies about their frames' origins: the inertial parameters."""
         if self.given_moments is not None:

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import positive_number
+from ..basics.arrays import cached_array, positive_number
 from ..basics.spatial import Array
 from ..basics.text import InNotebooks, column, listed, table
 from ..dynamics.kinematics import joint_accelerations, joint_positions, joint_velocities
@@ -587,7 +587,7 @@ class FastestMotion(ReferenceMotion, InNotebooks):
         """
         return self.scene.inverse_dynamics(*self(t))
 
-    @cached_property
+    @cached_array
     def instants(self) -> Array:
         """Times of all corners of the motion, around those at which joints may turn, and one between each two [s]."""
         starts = zip(self._starts, self._profiles, strict=False)

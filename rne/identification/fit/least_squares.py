@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...basics.arrays import ReadOnlyArrays
 from ...basics.spatial import Array
 from ...dynamics.base_inertial_parameters import BaseParameters
 from ...model.parameters import PARAMETERS
@@ -20,7 +21,7 @@ from .equations import Equations, solve, with_prior
 
 
 @dataclass(frozen=True, eq=False)
-class LeastSquares:
+class LeastSquares(ReadOnlyArrays):
     """Estimates and how far to trust them, such as by `rne.identify`.
 
     Attributes

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...basics.arrays import cached_array, positive_number
+from ...basics.arrays import ReadOnlyArrays, cached_array, positive_number
 from ...basics.spatial import Array
 from ...basics.text import counted, summary
 from .. import thresholds
@@ -17,7 +17,7 @@ from .screening import Screened, consecutive
 
 
 @dataclass(frozen=True, eq=False)
-class Prepared:
+class Prepared(ReadOnlyArrays):
     """Measurements on an equally spaced grid with velocities and accelerations, as `Record.prepare` returns them.
 
     Attributes
