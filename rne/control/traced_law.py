@@ -43,10 +43,7 @@ def one_at_a_time(law: Any) -> Any:
     if law is None:
         return nullcontext()
     with _guard:
-        lock = _locks.get(key := id(getattr(law, "__self__", law)))
-        if lock is None:
-            lock = _locks[key] = RLock()
-    return lock
+        return _locks.setdefault(id(getattr(law, "__self__", law)), RLock())
 
 
 class LawInputs(NamedTuple):

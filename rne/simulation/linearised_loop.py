@@ -11,7 +11,7 @@ from scipy.linalg import expm
 
 from ..basics.spatial import Array
 from ..control.gains import LinearisedLoop
-from ..control.traced_law import AGREEMENT
+from ..control.traced_law import AGREEMENT, LawInputs, call_law
 from .plant import Plant, with_own_law
 
 AT_REST = 1e-6  # accelerations at the target that are no motion, of those that the torques alone give
@@ -61,9 +61,8 @@ def linearised_loop(scene: Any, q: Array) -> LinearisedLoop:
 
 def _torques(law: Any, t: float, q: Array, qd: Array) -> Array:
     """The torques of a law, with its states zero."""
-    if not hasattr(law, "states"):
-        return np.asarray(law(t, q.copy(), qd.copy()), dtype=float)
-    return np.asarray(law(t, q.copy(), qd.copy(), np.zeros(law.states))[0], dtype=float)
+    x = np.concatenate([q, qd, np.zeros(int(getattr(law, "states", 0)))])
+    return np.asarray(call_law(law, t, x, LawInputs(0, len(q), len(q)))[0], dtype=float)
 
 
 def refuse_memory(law: Any, q: Array, period: float) -> None:

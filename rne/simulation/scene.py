@@ -234,43 +234,33 @@ class Scene:
     def dynamics(self) -> SceneDynamics:
         """The equations of motion of the scene, with the controller as it is now; equal scenes share their kernels."""
         law = self._traced_law() if self.sample_time is None else None
-        if law is None:
-            return self._dynamics_without_law
-        known: SceneDynamics | None = self.__dict__.get("_dynamics_with_law")
-        if known is None or known.law is not law:
-            known = self.__dict__["_dynamics_with_law"] = self._dynamics("none", law)
-        return known
+        return self._dynamics_without_law if law is None else self._dynamics("none", law)
 
     @property
     def _dynamics_without_law(self) -> SceneDynamics:
-        inputs = "none" if self.controller is None else "called" if self.sample_time is None else "held"
-        known: SceneDynamics | None = self.__dict__.get("_dynamics_called")
-        if known is None or known.states != self._states:
-            known = self.__dict__["_dynamics_called"] = self._dynamics(inputs)
-        return known
-
-    @property
-    def _states(self) -> int:
-        """Number of the controller's states that are integrated."""
-        return 0 if self.sample_time is not None else int(getattr(self.controller, "states", 0))
+        return self._dynamics("none" if self.controller is None else "called" if self.sample_time is None else "held")
 
     def _dynamics(self, inputs: str, law: TracedLaw | None = None) -> SceneDynamics:
-        parts, kernels = self.resolved, self.resolved.robot._kernels
-        limit, side, is_held = parts.effort_limit, parts.motor_side, self.sample_time is not None
-        has_impulses = limit is not None and self.controller is not None and not is_held
+        parts, is_held, kernels = self.resolved, self.sample_time is not None, self.resolved.robot._kernels
+        limit, states = parts.effort_limit, 0 if is_held else int(getattr(self.controller, "states", 0))
+        known: SceneDynamics | None = self.__dict__.get(f"_dynamics_{inputs}")
+        if known is not None and known.law is law and known.states == states:
+            return known
+        has_impulses, side = limit is not None and self.controller is not None and not is_held, parts.motor_side
         inertia = kernels.typical_inertia.tolist() if side is None else side.rotor
-        return (SceneDynamics if side is None else ElasticDynamics)(
+        known = self.__dict__[f"_dynamics_{inputs}"] = (SceneDynamics if side is None else ElasticDynamics)(
             parts.robot.n * (1 if side is None else 2),
             kernels.forward_method(),
             parts.friction,
             None if limit is None else tuple(limit.tolist()),
             law,
             inputs,
-            self._states,
+            states,
             tuple(inertia) if has_impulses else None,
             motor_side=side,
             springs=parts.springs,
         )
+        return known
 
     @property
     def _law(self) -> TracedLaw:

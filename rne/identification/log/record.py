@@ -10,15 +10,7 @@ from typing import Any, Literal, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...basics.arrays import (
-    ReadOnlyArrays,
-    convert_numbers,
-    positive_number,
-    read_only,
-    real_array,
-    vector,
-    whole_number,
-)
+from ...basics.arrays import ReadOnlyArrays, convert_numbers, positive_number, real_array, vector, whole_number
 from ...basics.spatial import Array
 from ...basics.text import counted, plain
 from ...simulation.motion_files import numbered_joints
@@ -146,7 +138,8 @@ class Record(ReadOnlyArrays):
                 array.flags.writeable = False
         self._screened = screen(name, self.joint_names, self.t, self.q, self.tau, self.qd, self._bridge, stamps)
         self.findings: tuple[RecordFinding, ...] = tuple(self._screened.findings)
-        self.encoder_step: Array = read_only(self._screened.encoder_step)
+        self.encoder_step: Array = self._screened.encoder_step
+        self.encoder_step.flags.writeable = False
         self.sample_rate = 1 / self._screened.period
         self.source = ""
 
