@@ -217,6 +217,15 @@ class TestSingleNumbers:
         kernel, (q, *_) = rne.compile(rne.traceable(function), ROBOT.model), states(3)
         np.testing.assert_allclose(kernel(q), function(q), rtol=SAME, atol=SAME)
 
+    def test_one_that_is_put_into_an_array_of_floats_says_that_it_has_no_value(self, caplog):
+        def law(t, q, qd):
+            torques = np.zeros(3)
+            torques[0] = clip(q[0], -1, 1)
+            return torques
+
+        assert not rne.Scene(ROBOT, controller=rne.traceable(law)).is_traced
+        assert "TypeError: a traced number has no value" in caplog.text
+
     def test_of_laws(self):
         law = rne.traceable(lambda t, q, qd: np.array([clip(-60 * q[k] - 4 * qd[k], -30, 30) for k in range(3)]))
         assert rne.Scene(ROBOT, controller=law).is_traced

@@ -213,7 +213,7 @@ class TracedLaw:
         try:
             worst = self._error_of_trace(robot)
         except Exception as error:  # whatever the law raises when it meets traced numbers
-            cause = error.__cause__ or error  # NumPy's own text tells of sequences
+            cause = error.__cause__ if isinstance(error.__cause__, TypeError) else error  # NumPy's tells of sequences
             return f"{type(cause).__name__}: {cause}".splitlines()[0]
         if worst <= AGREEMENT:
             return None
