@@ -136,6 +136,7 @@ def of_torques(arm: Arm, quantity: str, ours: Any, theirs: np.ndarray, sizes: np
 def of_vectors(arm: Arm, quantity: str, ours: np.ndarray, theirs: np.ndarray, sizes: np.ndarray) -> Difference:
     """One row for wrenches, shape (N, nb, 3), or loads, shape (N, nb), relative to the largest of `sizes`, (N, nb)."""
     apart = np.abs(ours - theirs) if ours.ndim == 2 else lengths(ours - theirs)
+    apart = np.where(np.isnan(apart), 0.0, apart)  # forces between fingers that mimic each other are not known
     return Difference(quantity, arm.robot.model.moving_joints, quotients(apart.max(axis=0), sizes.max(axis=0)))
 
 
