@@ -582,6 +582,22 @@ ERRORS = {
         rne.ModelError,
         "the joints that follow 'crank' have no positions within their ranges, wherever it is",
     ),
+    "jump": (
+        lambda m: coupled(
+            replace(m, lower=np.array([-3.0, -3, -3, -9]), upper=np.array([3.0, 3, 3, 9])),
+            {"arm": (("crank",), lambda x: arctan2(np.sin(x + 2), np.cos(x + 2)))},
+        ),
+        rne.ModelError,
+        "the position of joint 'arm' jumps by a turn where 'crank' is 1.14; give it a function without the jump, or the "
+        "driver a range that ends before",
+    ),
+    "rod on the crank of a slider that drives": (
+        lambda m: coupled(
+            linkage("press")[1], dict.fromkeys(("rod", "crank"), slider_crank("slider", crank=0.1, rod=0.5, angle=0.7))
+        ),
+        rne.ModelError,
+        "the rod 'rod' must be mounted on the slider 'slider' that drives",
+    ),
     "gap": (
         lambda m: four_bar(m, "crank", (("coupler", (0.8, 0, 0.25)), ("rocker", (0, 0.1, 0.601)))),
         rne.ModelError,
@@ -648,7 +664,7 @@ ERRORS = {
         lambda m: robot_of(linkage("bar")[0]).base_parameters(),
         rne.ModelError,
         "standard parameters, base parameters and identification take no couplings, but joint 'coupler' of robot "
-        "'linkage' follows crank",
+        "'linkage' follows crank; with its drivers locked by Robot.locked, what moves besides can be identified",
     ),
     "damping of a joint that follows": (
         lambda m: rne.Scene(rne.Robot(replace(linkage("bar")[0], damping=np.ones(4))), friction="urdf").resolved,

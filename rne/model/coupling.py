@@ -23,6 +23,7 @@ LOGGER = logging.getLogger("rne")
 SAMPLES = 1000  # of a driver's range on either side of its zero, twice, between which it is cut
 NEAREST, FARTHEST = 1e-7, 1e3  # [m] from its zero that an unlimited slide is looked at
 HALVINGS = 60
+JUMP = 0.1  # [rad] from a full turn, between neighbours: what functions like arctan2 leave out
 Followed = tuple[Sequence[str], Callable[..., Any]]  # drivers and function
 
 
@@ -109,7 +110,7 @@ def coupled(model: Model, couplings: Mapping[str, Followed | Linked | Callable[.
         If the mapping has another form, names no joint, one that follows already or a circle; if a function is constant
         or returns something else than one number.
     ModelError
-        If a joint has no position within its range, wherever its driver is.
+        If a joint has no position within its range, wherever its driver is, or its position jumps by a turn.
 
     Notes
     -----
@@ -242,9 +243,6 @@ def _where_followed(model: Model, k: int, ends: list[float]) -> set[str]:
         position, (slopes, _) = coupling.position(np.stack(q, -1)), coupling.derivatives(np.stack(q, -1))
         return position, slopes[..., coupling.drivers.index(driver)], np.asarray(np.isfinite(slopes).all(-1))
 
-    def slope(coupling: Coupling, x: Array) -> Array:
-        return found(coupling, x)[1]
-
     def fails(x: Array) -> Array:
         """Which of the joints that follow fail, shape (joints, ...)."""
         failing = [np.zeros(x.shape, dtype=bool)]
@@ -262,7 +260,7 @@ def _where_followed(model: Model, k: int, ends: list[float]) -> set[str]:
         values = np.append(values, start + sign * span * np.concatenate(steps))
     values = np.unique(np.clip(values, ends[0], ends[1]))
     for _, coupling in following:
-        values = np.union1d(values, _extremes(values, partial(slope, coupling)))
+        values = np.union1d(values, _extremes(values, partial(found, coupling)))
     bad, by = np.asarray(fails(values).any(0)), set[str]()
     if bad.all():
         raise ModelError(f"the joints that follow {driver!r} have no positions within their ranges, wherever it is")
@@ -274,16 +272,25 @@ def _where_followed(model: Model, k: int, ends: list[float]) -> set[str]:
                 inside, outside = (inside, middle) if fails(middle).any() else (middle, outside)
             ends[side] = float(inside)
             by |= {following[j - 1][1].joint for j in np.flatnonzero(fails(outside))}
+    values = values[(values >= ends[0]) & (values <= ends[1])]
+    for i, coupling in following:
+        position, slope, _ = found(coupling, values)
+        expected = np.maximum(np.abs(slope[1:]), np.abs(slope[:-1])) * np.diff(values)
+        jumps = (np.abs(np.abs(np.diff(position)) - 2 * np.pi) < JUMP) & (expected < JUMP) & model.is_revolute[i]
+        if jumps.any():
+            what = f"the position of joint {coupling.joint!r} jumps by a turn where {driver!r} is"
+            cure = "give it a function without the jump, or the driver a range that ends before"
+            raise ModelError(f"{what} {values[jumps.argmax()]:.4g}; {cure}")
     return by
 
 
-def _extremes(x: Array, slope: Callable[[Array], Array]) -> Array:
-    """Places between neighbours of different slopes at which the slope changes its sign."""
-    rising = slope(x) > 0
+def _extremes(x: Array, found: Callable[[Array], tuple[Array, ...]]) -> Array:
+    """Places between neighbours of different slopes, the second of what is found, at which it changes its sign."""
+    rising = found(x)[1] > 0
     turns = np.flatnonzero(rising[1:] != rising[:-1])
     low, high = x[turns], x[turns + 1]
     for _ in range(HALVINGS):
         middle = (low + high) / 2
-        left = (slope(middle) > 0) == rising[turns]
+        left = (found(middle)[1] > 0) == rising[turns]
         low, high = np.where(left, middle, low), np.where(left, high, middle)
     return np.concatenate([low, high])

@@ -21,6 +21,7 @@ from ..errors import ModelError
 from .coupling import Linked, coupled
 from .model import Loop, Model, model_argument
 from .parameters import perpendicular
+from .topology import carriers
 
 CLOSED = 1e-9  # of a loop's size: how well it must close at the zero pose, and be plane
 Closing = tuple[tuple[str, ArrayLike], tuple[str, ArrayLike]]
@@ -227,7 +228,7 @@ class SliderCrank:
         if self.driver not in model.moving_joints:
             raise ValueError(f"`driver` must be one of {list(model.moving_joints)}, got {self.driver!r}")
         (i, k), (R, _) = (model.moving_joints.index(name) for name in (joint, self.driver)), _zero_pose(model)
-        turns, cranked, behind = bool(model.is_revolute[i]), bool(model.is_revolute[k]), k in _carriers(model, i)
+        turns, cranked, behind = bool(model.is_revolute[i]), bool(model.is_revolute[k]), k in carriers(model, i)
         along = float(R[i] @ model.axis[i] @ (R[k] @ model.axis[k]))
         if abs(abs(along) - (turns and cranked)) > CLOSED or not (turns or cranked):
             raise ModelError(f"the axes of joints {joint!r} and {self.driver!r} are not those of a slider-crank")
@@ -264,21 +265,23 @@ class SliderCrank:
         So it is where their places are not those of the lengths.
         """
         R, p = _zero_pose(model)
-        moving = [model.moving_joints.index(name) for name in (self.driver, *joints)]
-        slides = [i for i in moving if not model.is_revolute[i]]
-        rods = [i for i in moving if i not in slides and model.parent[i] in moving]
-        cranks = [i for i in moving if i not in (*slides, *rods)]
-        if (len(slides), len(rods), len(cranks)) != (1, 1, 1):
+        bodies = [model.moving_joints.index(name) for name in (self.driver, *joints)]
+        kinds = [
+            "slider" if not model.is_revolute[i] else "rod" if model.parent[i] in bodies else "crank" for i in bodies
+        ]
+        if sorted(kinds) != ["crank", "rod", "slider"]:
             return None
-        (s,), (i,), (c,) = slides, rods, cranks
+        c, i, s = (bodies[kinds.index(kind)] for kind in ("crank", "rod", "slider"))
+        if kinds[0] == "slider" and model.parent[i] != s:
+            raise ModelError(
+                f"the rod {model.moving_joints[i]!r} must be mounted on the slider {self.driver!r} that drives"
+            )
         u, n = R[s] @ model.axis[s], R[c] @ model.axis[c]
-        pin = self.crank * (np.cos(self.angle) * u + np.sin(self.angle) * cross(n, u))
-        near, far = (pin, x0 * u)[:: 1 if model.parent[i] == c else -1]
-        gap = p[i] - p[c] - near
-        place, other = p[i] + far - near, s if model.parent[i] == c else c
+        pin, end = self.crank * (np.cos(self.angle) * u + np.sin(self.angle) * cross(n, u)), x0 * u
+        near, far, other = (pin, end, s) if model.parent[i] == c else (end, pin, c)
+        gap, place, ends = p[i] - p[c] - near, p[i] + far - near, list[tuple[str, tuple[float, ...]]]()
         if np.abs(gap - n * (n @ gap)).max() > CLOSED * (self.crank + self.rod):
             return None
-        ends = []
         for body in (i, other):
             k = model.link_joints.index(model.moving_joints[body])
             at = rotate_back(model.link_rotation[k], rotate_back(R[body], place - p[body]) - model.link_translation[k])
@@ -300,7 +303,7 @@ def _loop(model: Model, driver: str, closing: Closing, *forms: str) -> list[Pivo
     for k, (link, point) in enumerate(closing):
         index, here = model.link_index(link), real_array(f"closing[{k}][1]", point, "(3,)")
         body, here = model.link_body[index], model.link_translation[index] + rotate(model.link_rotation[index], here)
-        paths.append(_carriers(model, body))
+        paths.append(carriers(model, body))
         ends.append(p[body] + rotate(R[body], here))
     inwards, outwards = ([i for i in own if i not in other] for own, other in (paths, paths[::-1]))
     d = model.moving_joints.index(driver)
@@ -356,11 +359,6 @@ def _zero_pose(model: Model) -> tuple[dict[int, Array], dict[int, Array]]:
         turn = np.array(model.rest[i] * model.is_revolute[i])
         R[i] = R[parent] @ model.rotation[i] @ rotation_about(model.axis[i], turn)
     return R, p
-
-
-def _carriers(model: Model, body: int) -> list[int]:
-    """A body and all that carry it, towards the base."""
-    return [] if body < 0 else [body, *_carriers(model, model.parent[body])]
 
 
 def _closed(

@@ -139,7 +139,8 @@ class StandardParameters(ReadOnlyArrays):
 
     def __post_init__(self) -> None:
         n = model_argument(self.model).n
-        refuse_couplings(self.model, "standard parameters, base parameters and identification take")
+        cure = "; with its drivers locked by Robot.locked, what moves besides can be identified"
+        refuse_couplings(self.model, "standard parameters, base parameters and identification take", cure)
         drive_argument(self.drives)
         for name in ("stribeck", "saturation"):
             if getattr(self.drives, name) is not None:

@@ -93,30 +93,27 @@ def joint_groups(model: Model) -> list[tuple[int, ...]]:
     A joint that mimics no other and is mimicked by none is a group by itself. Others are joined with those that mimic
     them, and with the bodies on the paths between them.
     """
-    carriers: list[set[int]] = []  # of each body, itself included
-    for i, parent in enumerate(model.parent):
-        carriers.append({i} | (carriers[parent] if parent >= 0 else set()))
     groups = [{i for i in range(model.nb) if model.coordinate[i] == k} for k in range(model.n)]
     before: list[set[int]] = []
     while groups != before:
         before, groups = groups, []
         for group in before:
             if len(group) > 1:  # the paths between them
-                above = [carriers[i] - {i} for i in group]
+                above = [{*carriers(model, model.parent[i])} for i in group]
                 group = group.union(*above) - above[0].intersection(*above)
             apart = [other for other in groups if not group & other]
             groups = [*apart, group.union(*(other for other in groups if group & other))]
     return sorted(tuple(sorted(group)) for group in groups)
 
 
-def carriers(model: Model, body: int) -> set[int]:
-    """A body and all that carry it."""
-    return set() if body < 0 else {body} | carriers(model, model.parent[body])
+def carriers(model: Model, body: int) -> list[int]:
+    """A body and all that carry it, towards the base."""
+    return [] if body < 0 else [body, *carriers(model, model.parent[body])]
 
 
 def loop_joints(model: Model, loop: Loop) -> tuple[set[int], set[int]]:
     """The joints of a closed linkage on the way to each link of its pivot."""
-    first, second = (carriers(model, model.link_body[model.link_index(link)]) for link, _ in loop.ends)
+    first, second = ({*carriers(model, model.link_body[model.link_index(link)])} for link, _ in loop.ends)
     return first - second, second - first
 
 
@@ -132,9 +129,10 @@ def loads_not_known(model: Model) -> tuple[set[int], list[str]]:
     for i, joint in enumerate(model.moving_joints):
         if i not in model.independent_joints and joint not in closed:
             moved = [i, *(model.independent_joints[k] for k in drivers[i])]
-            above = [carriers(model, j) for j in moved]
-            shared = set[int].intersection(*(x - {j} for x, j in zip(above, moved, strict=True)))
-            unknown |= set[int].union(*above) - shared
+            above = [{*carriers(model, j)} for j in moved]
+            unknown |= set[int].union(*above) - set[int].intersection(
+                *(x - {j} for x, j in zip(above, moved, strict=True))
+            )
             causes.append(joint)
     loops = [set.union(*loop_joints(model, loop)) for loop in model.loops]
     while further := set[int]().union(*(loop for loop in loops if loop & unknown)) - unknown:
@@ -142,11 +140,11 @@ def loads_not_known(model: Model) -> tuple[set[int], list[str]]:
     return unknown, causes
 
 
-def refuse_couplings(model: Model, what: str) -> None:
+def refuse_couplings(model: Model, what: str, cure: str = "") -> None:
     """Raise a ModelError that names the first coupling, if there is one; `what` is that which takes none."""
     if model.couplings:
         joint, drivers = model.couplings[0].joint, listed(model.couplings[0].drivers)
-        raise ModelError(f"{what} no couplings, but joint {joint!r} of robot {model.name!r} follows {drivers}")
+        raise ModelError(f"{what} no couplings, but joint {joint!r} of robot {model.name!r} follows {drivers}{cure}")
 
 
 def check_closure(model: Model, q: Array) -> None:
