@@ -77,7 +77,7 @@ def test_an_input_is_not_replaced_even_by_force(way, words, read, what, files, c
     ],
 )
 def test_a_file_without_the_mark_is_kept(words, own, files, capsys):
-    np.savez(files / "log.npz", t=[0.0, 1.0])
+    np.savez(files / "log.npz", t=[0.0, 1.0], texts=["of", "another program"])
     for name in {"notes.csv", "another.urdf", "diary.html", "log.csv"}:
         (files / name).write_text('"t","q.hinge"\n0,0\n')  # as R writes it
     kept = (files / own).read_bytes()

@@ -24,7 +24,7 @@ def is_marked(file: Path) -> bool:
     suffix = file.suffix.lower()
     if suffix == ".npz":
         with suppress(zipfile.BadZipFile), zipfile.ZipFile(file) as archive:
-            return f"{TEXTS}.npy" in archive.namelist()
+            return {f"{TEXTS}.npy", "array_0.npy"} <= {*archive.namelist()}
         return False
     with file.open("rb") as stream:
         return suffix in PATTERNS and re.search(PATTERNS[suffix].encode(), stream.read(4096)) is not None
