@@ -42,7 +42,9 @@ CLOCKS = re.compile(
 TOKEN = re.compile(r"[A-Z]+(?![^\W\d_A-Z])|[A-Z]?[^\W\d_A-Z]+|\d+")
 TOPIC = re.compile(r"(?:dynamic_?)?joint_?states?|[/.]", re.IGNORECASE)  # ends the name of a topic or structure
 BRACKETS = re.compile(r"\s*[\[(]\s*((?=[^\])]*[^\W\d_]|[%°])[^\])]+?)\s*[\])]\s*$")  # a unit at the end of a name
-SUFFIX = re.compile(r"[_ .](deg|rad|ms|us|ns|rpm|mA|m?Nm|(?:deg|rad)(?:_s|ps))$")  # likewise
+SUFFIX = re.compile(
+    r"[_ .](deg(?:rees)?|rad(?:ians)?|ms|us|ns|rpm|mm|mA|(?<=current.)A|m?N_?m|(?:deg|rad)(?:_s|ps|_per_s(?:ec)?))$"
+)  # likewise
 RAW = re.compile("%|counts?|ticks?|pulses?|raw|inc|turns?|rev|.*[/·^].*|lb[fs]?", re.IGNORECASE)  # of no known size
 SI = {
     "q": {"rad": 1.0, "deg": np.pi / 180, "m": 1.0, "mm": 1e-3},
@@ -330,7 +332,7 @@ def _same_joints(
     if joints is None and all(joint.isdigit() or not joint for joint in common):
         k = [int(joint or 1) for joint in common]
         joints = [] if k == list(range(k[0], k[0] + len(k))) and k[0] < 2 else [f"joint_{i + (0 in k)}" for i in k]
-        if len(common) > 1 and not paired:
+        if len(common) > 1:
             guesses.append(("numbered columns are taken in the robot's order", "else give their names as `joints`"))
     named = common if joints is None else joints
     return {kind: [x[joint] for joint in common] for kind, x in of.items()}, named or None

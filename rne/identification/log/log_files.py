@@ -31,9 +31,10 @@ LISTED = 12  # columns that an error lists
 MOST_PARTS, LONGEST = 100_000, 200  # parts of an array of MATLAB, characters of a name
 UNIT = re.compile(r"s|ms|us|ns|(rad|deg|mm?)(/s)?|rpm|m?Nm|N|m?A")
 SPELT = {  # of units as they are written
-    r"[\s.·⋅*^⁻¹-]": "", r"°|degrees?": "deg", r"radians?": "rad", r"[µμ]|micro": "u", r"milli": "m", r"nano": "n",
-    r"newtonmet(er|re)s?|^nm$": "Nm", r"sec(ond)?s?": "s", r"^(m?)amp(ere)?s?$": r"\1A", r"^(1|rev|r|u)[/p]min$": "rpm",
-    r"(?<=deg|rad)(_s|ps|s1?)$": "/s",
+    r"[\s.·⋅*^⁻¹-]": "", r"(?<=deg|rad)(_s|ps|s1|_?per_?s(ec(ond)?)?)$": "/s",
+    r"°|deg(ree)?s?": "deg", r"rad(ian)?s?": "rad", r"[µμ]|micro": "u", r"milli": "m", r"nano": "n",
+    r"newtonmet(er|re)s?|^n_?m$": "Nm", r"sec(ond)?s?": "s",
+    r"^(m?)amp(ere)?s?$": r"\1A", r"^(1|rev|r|u)[/p]min$": "rpm",
 }  # fmt: skip
 DATE = re.compile(r"(\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d(?:\.\d+)?)(?:Z|[+-]\d\d:?\d\d)?")
 WIDE = "p.columns = p.columns.map('{0[0]}.{0[1]}'.format), p.to_csv(NEW)"
