@@ -18,7 +18,7 @@ from ..dynamics.base_inertial_parameters import BaseParameters, with_springs
 from ..errors import IdentificationError, IdentificationWarning
 from ..model.parameters import PARAMETERS, parameters_of_pseudo_inertia
 from ..model.standard_parameters import MEASURED, DriveModel, StandardParameters, drive_argument
-from ..robot import Robot, robot_argument
+from ..robot import Robot
 from ..simulation.springs import JointSpring, Spring, Springs, resolved_springs
 from . import thresholds
 from .diagnosis.hypotheses import (
@@ -49,6 +49,7 @@ from .fit.equations import (
     build_regression,
     checked_records,
     delay_argument,
+    fitted_robot,
     of_named_joints,
     warn_of_locked,
 )
@@ -185,7 +186,7 @@ def identify(
     >>> found.check(record).measured.shape[1], len(found.plot().axes)
     (6, 12)
     """
-    whole = robot_argument(robot)
+    whole = fitted_robot(robot)
     robot, records, matched = of_named_joints(whole, records)
     warn_of_locked(matched)
     fitted = fitted_springs(springs, whole, robot)

@@ -23,7 +23,7 @@ from ..basics.text import InNotebooks, Row, aligned, short, wrapped
 from ..dynamics.base_inertial_parameters import BaseParameters
 from ..model.parameters import PARAMETERS, parameters_of_pseudo_inertia, pseudo_inertia
 from ..model.standard_parameters import MEASURED, DriveModel, StandardParameters
-from ..robot import Robot, robot_argument
+from ..robot import Robot
 from . import thresholds
 from .diagnosis.hypotheses import (
     GEARS,
@@ -46,6 +46,7 @@ from .fit.equations import (
     delay_argument,
     delayed,
     equations,
+    fitted_robot,
     joined,
     of_named_joints,
     solve,
@@ -436,7 +437,7 @@ def record_sets(
             "alone its mass is not told from the last body's, nor gains from masses"
         )
     without, with_load = (x if isinstance(x, Sequence) else (x,) for x in (without, with_load))
-    robot, named, matched = of_named_joints(robot_argument(robot), [*without, *with_load])
+    robot, named, matched = of_named_joints(fitted_robot(robot), [*without, *with_load])
     base = robot.base_parameters(drives=MEASURED if drives is None else drives)
     sets = {"without": named[: len(without)], "with_load": named[len(without) :]}
     given = {name: checked_records(robot, x, name) for name, x in sets.items()}

@@ -16,7 +16,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,7 +27,7 @@ from ...basics.text import counted, listed
 from ...dynamics.base_inertial_parameters import BaseParameters
 from ...errors import IdentificationWarning, NotFiniteError
 from ...model.standard_parameters import StandardParameters
-from ...robot import Robot
+from ...robot import Robot, robot_argument
 from .. import thresholds
 from ..log.filtering import impulse_response, low_pass, settling
 from ..log.prepared import Prepared, rows_without, undisturbed
@@ -443,6 +443,12 @@ def delayed(record: Prepared, delays: Array) -> Prepared:
         for j in np.flatnonzero(delays):
             tau[part, j] = CubicSpline(t, record.tau[part, j])(np.clip(t + delays[j], t[0], t[-1]))
     return replace(record, tau=tau)
+
+
+def fitted_robot(robot: Any) -> Robot:
+    """The argument `robot`, refused where joints follow others by couplings, before its records are looked at."""
+    StandardParameters(robot_argument(robot).model)
+    return robot_argument(robot)
 
 
 def checked_records(robot: Robot, records: Record | Sequence[Record], name: str = "records") -> tuple[Record, ...]:
