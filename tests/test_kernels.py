@@ -585,7 +585,7 @@ class TestScalars:
 
     def test_whole_powers_are_products(self, x):
         assert (x**3).ref == (x * x * x).ref
-        assert x**0 == 1.0
+        assert (x**0).ref == (0 * x + 1).ref
         assert (x**-2).ref == (1 / (x * x)).ref
         assert (x**0.5).ref == x.sqrt().ref
         assert np.sin(x).ref == x.sin().ref

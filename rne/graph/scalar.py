@@ -83,7 +83,7 @@ class Scalar:
 
     conjugate = __pos__  # np.vecdot and np.linalg.norm along an axis ask for it
 
-    def __pow__(self, power: Any) -> Any:
+    def __pow__(self, power: Any) -> Scalar:
         p = float(power) if isinstance(power, numbers.Real) else float("nan")
         if p.is_integer() and abs(p) <= MAX_POWER:
             return self._whole_power(int(p)) if p >= 0 else 1.0 / self._whole_power(int(-p))
@@ -91,10 +91,10 @@ class Scalar:
             return self.sqrt()
         raise TypeError(f"a traced number can be raised to whole powers up to {MAX_POWER} and to 0.5, not to {power!r}")
 
-    def _whole_power(self, k: int) -> Any:
+    def _whole_power(self, k: int) -> Scalar:
         """Whole powers by repeated squaring."""
         if k == 0:
-            return 1.0
+            return Scalar(self.graph, self.graph.constant(1.0))
         half = self._whole_power(k // 2) if k > 1 else None
         if half is None:
             return self

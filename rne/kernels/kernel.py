@@ -56,6 +56,7 @@ LOGGER = logging.getLogger("rne")
 ENGINES = ("numpy", "numba")
 Run = Callable[[Sequence[Array], Array, Recursion], PrecisionStatus]  # (states, results, recursion)
 ALONE = 1  # thread
+NUMBERS = 2**24  # of derivatives that are kept at once, of operations that are too many to be written out
 FLOAT64, FLOAT32 = np.dtype("float64"), np.dtype("float32")
 
 
@@ -84,10 +85,7 @@ def backends(engine: str) -> tuple[Callable[[Trace], Callable[..., Array]], Call
 
 
 class _LookedUp:
-    """A method that is machine code from its first look-up on, where the engine makes some.
-
-    Made at its first call it would stay unknown to a loop that has kept the method in a name.
-    """
+    """A method that is machine code from its first look-up on: a loop that keeps it in a name before a call has it."""
 
     def __init__(self, method: Callable[..., Array]) -> None:
         self.method = method
@@ -435,9 +433,11 @@ class Kernel:
         (leading, inputs), starts = _rows(arrays), np.cumsum([0, *self.widths])
         places = [(starts[k], self.widths[k]) for k in map(self.names.index, self.wrt)]
         by = [start + j for start, width in places for j in range(width)]
-        wide = inputs.astype(np.result_type(inputs, FLOAT64), copy=False)
-        found = accumulated(self._values.program, self._values.entries, wide, by).astype(inputs.dtype)
-        return found.reshape(*leading, self._values.entries, len(by))
+        wide, (program, entries) = np.result_type(inputs, FLOAT64), (self._values.program, self._values.entries)
+        few = max(1, NUMBERS // (1 + len(program.instructions) * len(by)))  # states
+        parts = [inputs[k : k + few].astype(wide) for k in range(0, max(1, len(inputs)), few)]
+        found = np.concatenate([accumulated(program, entries, part, by) for part in parts])
+        return found.astype(inputs.dtype).reshape(*leading, entries, len(by))
 
     def source(self, language: str = "python", element: str | None = None, dtype: str = "float64") -> str:
         """The kernel as source text of a function of one state; it does not check its arguments, nor M's pivots.
