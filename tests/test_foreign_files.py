@@ -5,6 +5,8 @@ import json
 import os
 import re
 import struct
+import subprocess
+import sys
 import zipfile
 import zlib
 
@@ -15,6 +17,9 @@ import rne
 from rne.basics.archive import Arrays, contents
 from rne.plotting.shapes import link_shapes
 from rne.urdf.findings import ECHO
+
+from . import hostile_files
+from .helpers import ROOT
 
 INERTIAL = '<inertial pos="0 0 0" mass="2" diaginertia="0.1 0.1 0.1"/>'
 BODY = f'<body name="arm"><joint name="hinge"/>{INERTIAL}</body>'
@@ -33,6 +38,11 @@ def urdf(folder, text):
     file = folder / "arm.urdf"
     file.write_text(f'<robot name="arm">{text}</robot>')
     return file
+
+
+@pytest.fixture(scope="module")
+def originals(tmp_path_factory):
+    return hostile_files.originals(tmp_path_factory.mktemp("originals"))
 
 
 @pytest.mark.parametrize(
@@ -151,7 +161,7 @@ def archive(file, **arrays):
     return file
 
 
-def test_arrays_are_compared_with_the_size_of_a_file_before_they_are_unpacked(tmp_path, monkeypatch):
+def test_arrays_are_compared_with_the_size_of_a_file_before_they_are_unpacked(originals, tmp_path, monkeypatch):
     """Small numbers that take eight times as much in double precision; what is not asked for is not unpacked."""
     monkeypatch.setattr("rne.basics.archive.FREE", 1000)  # of 64 MiB
     count = 20_000
@@ -160,7 +170,7 @@ def test_arrays_are_compared_with_the_size_of_a_file_before_they_are_unpacked(tm
         ValueError, match=r"its arrays take more than .* bytes in double precision, the most for a file"
     ):
         rne.identification.Record.from_log(log)
-    motion = rne.simulate(rne.load("irb140"), [0] * 6, [0] * 6, 0.01).save(tmp_path / "motion.npz")
+    (motion := tmp_path / "motion.npz").write_bytes(originals["motion"])
     with np.load(motion) as found:
         arrays = dict(found)
     file = archive(motion, **arrays, other=np.zeros(count, np.int8))
@@ -211,8 +221,8 @@ def test_an_archive_names_no_file_that_is_read(tmp_path):
         (["model", "fields"], 4, "is damaged (AttributeError: "),
     ],
 )  # fmt: skip
-def test_types_in_archives_are_those_of_annotations(place, value, error, tmp_path):
-    file = rne.simulate(rne.load("irb140"), [0] * 6, [0] * 6, 0.01).save(tmp_path / "motion.npz")
+def test_types_in_archives_are_those_of_annotations(place, value, error, originals, tmp_path):
+    (file := tmp_path / "motion.npz").write_bytes(originals["motion"])
     arrays, texts = contents(file, "a motion")
     *above, last = place
     part = texts["value"]["fields"]
@@ -263,7 +273,6 @@ STL = b"solid\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nverte
 @pytest.mark.parametrize(
     ("name", "package", "found"),
     [
-        ("own.stl", False, True),
         ("../urdf/own.stl", False, True),
         ("../near.stl", False, False),
         ("../near.stl", True, True),
@@ -301,3 +310,27 @@ def test_meshes_of_urdf_are_below_its_folder_or_that_of_its_package(name, packag
         return
     with pytest.warns(UserWarning, match=r"is not found below the folder of the URDF file|is no file of \.stl, \.obj"):
         assert link_shapes(model) == []
+
+
+@pytest.mark.filterwarnings("ignore")  # of files that are read
+@pytest.mark.parametrize("kind", hostile_files.KINDS[:-1])
+def test_damaged_files_are_read_or_refused_by_one_class_of_error(kind, originals, tmp_path):
+    if kind == "mjcf":
+        pytest.importorskip("mujoco")
+    if kind not in originals:
+        pytest.skip("a package that reads them is not installed")
+    assert hostile_files.read(kind, originals[kind], tmp_path) == "read"
+    rng = np.random.default_rng(7)
+    for _ in range(5):
+        hostile_files.read(kind, hostile_files.damaged(kind, originals[kind], rng), tmp_path)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("kind", hostile_files.KINDS)
+def test_500_damaged_files_are_read_or_refused_in_limited_memory(kind):
+    pytest.importorskip("resource")
+    for module in {"mjcf": ["mujoco"], "mcap": ["mcap_ros2"]}.get(kind, []):
+        pytest.importorskip(module)
+    command = [sys.executable, "-m", "tests.hostile_files", kind, "500"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr

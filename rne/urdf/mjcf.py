@@ -144,7 +144,7 @@ def _for_dynamics(root: Element, report: FindingsReport) -> Element:
     weighed = set() if by_geoms else {x.getparent() for x in root.iter("inertial")}
     for geom in list(root.iterfind("worldbody//geom")):
         geom.attrib.update({"contype": "0", "conaffinity": "0"})  # no convex hulls, which only contacts need
-        body = next(geom.iterancestors("body", "worldbody"))
+        body = next(geom.iterancestors("body", "worldbody"), root)  # in another geom that is removed: none
         if body.tag == "worldbody" or body in weighed:
             geom.getparent().remove(geom)
     for mesh in _without_files(root, report):
