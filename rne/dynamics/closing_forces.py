@@ -16,17 +16,17 @@ from .kinematics import body_poses
 DEAD = 1e-9  # sine of the angle between the ways in which the joints that follow move the pivot: a dead point
 
 
-def closing_forces(model: Model, q: Array, tau: Array, unknown: set[int]) -> tuple[list[Array], dict[str, Array]]:
-    """Force of each loop's pivot on its first link, in the link's axes, and of all pivots as wrenches on links.
+def closing_forces(
+    model: Model, q: Array, tau: Array, unknown: set[int], external: Mapping[str, Array] | None
+) -> tuple[list[Array], dict[str, Array]]:
+    """Force of each loop's pivot on its first link, in the link's axes; all, and those given, as wrenches on links.
 
     `tau` (..., nb) are the torques that the joints of the open tree would need. Those of the two joints that follow
     are supplied by the pivot: c_i F = tau_i, where c_i is its velocity per unit velocity of joint i, first link less
     second. F is in the plane of the linkage. Forces of loops with one of the `unknown` joints are NaN.
     """
-    if not model.loops:
-        return [], {}
+    found, wrenches = dict[Loop, Array](), dict(external or {})
     poses, tau = body_poses(model, q), tau.copy()
-    found, wrenches = dict[Loop, Array](), dict[str, Array]()
     for loop in in_order(model):
         if set.union(*loop_joints(model, loop)) & unknown:
             found[loop] = np.full(3, np.nan)

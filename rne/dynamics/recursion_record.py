@@ -110,9 +110,7 @@ class Recursion(ReadOnlyArrays):
     @property
     def known(self) -> Recursion:
         """The record of those forces that are known."""
-        joints, pivots = (
-            [i for i, name in enumerate(names) if name not in self.not_known] for names in (self.joints, self.pivots)
-        )
+        joints, pivots = ([x not in self.not_known for x in names] for names in (self.joints, self.pivots))
         f, tau, pivot_force = self.f[..., joints, :], self.tau[..., joints, :], self.pivot_force[..., pivots, :]
         return replace(self, f=f, tau=tau, pivot_force=pivot_force)
 
@@ -181,12 +179,8 @@ def recursion(model: Model, q: Array, qd: Array, qdd: Array, *, external: Extern
     at_rest = 0 * model.gravity  # without gravity's upward acceleration of the base the accelerations are the true ones
     loaded = newton_euler(model, q, qd, qdd, model.gravity, external)
     unknown, causes = loads_not_known(model)
-    pivots, wrenches = closing_forces(model, q, loaded.of_joints, unknown)
-    if wrenches:
-        both = {**(external or {})}
-        for link, wrench in wrenches.items():
-            both[link] = both[link] + wrench if link in both else wrench
-        loaded = newton_euler(model, q, qd, qdd, model.gravity, both)
+    pivots, wrenches = closing_forces(model, q, loaded.of_joints, unknown, external)
+    loaded = newton_euler(model, q, qd, qdd, model.gravity, wrenches) if pivots else loaded
     true = newton_euler(model, q, qd, qdd, at_rest)
     R, _ = joint_transforms(model, q)
     gravity = {BASE: model.gravity}
@@ -295,9 +289,9 @@ def not_known(record: Any) -> list[str]:
     """Lines that say which forces are not known, and why; none where all are."""
     if not record.not_known:
         return []
-    text = f"Not known: forces in {listed(record.not_known)}, as {listed(record.follow)} moved by parts that the robot "
-    text += "does not have; rne.model.four_bar, cylinder and slider_crank close linkages with their pivots."
-    return wrapped(text.replace(" moved", " is moved" if len(record.follow) == 1 else " are moved")).split("\n")
+    text = f"Not known: forces in {listed(record.not_known)}, as what moves {listed(record.follow)} is no part of the "
+    text += "robot; rne.model.four_bar, cylinder and slider_crank close linkages with their pivots."
+    return wrapped(text).split("\n")
 
 
 def _joint(record: Recursion, i: int) -> Iterator[Row]:
