@@ -703,7 +703,7 @@ def test_an_executor_is_no_name():
         rne.ensemble(rne.load("irb140"), np.zeros((2, 6)), np.zeros((2, 6)), 0.01, executor="dask")
 
 
-@pytest.mark.parametrize("kind", ["side by side", "equal steps", "float32", "stops", "called"])
+@pytest.mark.parametrize("kind", ["side by side", "float32", "stops", "called"])
 def test_torques_at_a_break_are_those_after_it(kind):
     """As those of a single motion, in every way in which an ensemble runs."""
 
@@ -717,7 +717,7 @@ def test_torques_at_a_break_are_those_after_it(kind):
     scene = rne.Scene(robot, controller=Stairs(), stops=kind == "stops")
     dtype = np.float32 if kind == "float32" else np.float64
     start = np.zeros((2, 1), dtype)
-    how = {"step": 0.01} if kind in ("equal steps", "float32") else {}
+    how = {"step": 0.01} if kind == "float32" else {}
     found = rne.ensemble(scene, start, start, 0.2, t_eval=times, **how).tau[:, :, 0]
     alone = rne.simulate(scene, [0.0], [0.0], 0.2, t_eval=times).tau[:, 0]
     assert alone.tolist() == [2, 2, 3, 4]

@@ -12,6 +12,7 @@ import pytest
 import rne
 from rne.simulation import ensembles
 
+from .helpers import kept
 from .random_robots import straight_chain
 
 PENDULUM = rne.Robot(straight_chain(1))
@@ -69,7 +70,7 @@ def motions(law, executor=None):
     return rne.ensemble(scene, STARTS, 0 * STARTS, 0.02, executor=executor)
 
 
-@pytest.mark.parametrize("kind", LAWS)
+@pytest.mark.parametrize("kind", kept([*LAWS], ["object", "class", "not copied"]))
 def test_an_ensemble_in_threads_is_that_of_one_thread(kind):
     with ThreadPoolExecutor(3) as pool:
         together = motions(LAWS[kind](), pool)

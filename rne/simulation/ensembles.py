@@ -659,7 +659,10 @@ def run_elsewhere(plan: Plan | bytes, chunk: Chunk, stop: threading.Event | None
         if stop is not None and stop.is_set():
             raise KeyboardInterrupt
 
-    return (_unpickled(plan) if isinstance(plan, bytes) else plan).run(chunk, advance)
+    if isinstance(plan, bytes):
+        with one_at_a_time(_unpickled):  # threads of one process share the plan, and so its law
+            plan = _unpickled(plan)
+    return plan.run(chunk, advance)
 
 
 def _pickled(plan: Plan) -> bytes:
