@@ -342,7 +342,7 @@ def test_names_in_the_file_come_before_numbers(tmp_path):
     stamped = ["header.stamp.sec", "header.stamp.nanosec", "name_0", "name_1", "name_2", *form]
     same(Record.from_log(rows_of(path, stamped, each)))
     with exactly(
-        f"{path}: the names of joints must be different, and the same in all rows, got 'elbow', 'shoulder', 'wrist' and 'shoulder', 'elbow', 'wrist'"
+        f"{path}: the names of joints must be different, and the same in all rows, got 'elbow', 'shoulder', 'wrist' and 'shoulder', 'elbow', 'wrist'; keep the rows of one, or read the bag as MCAP"
     ):
         Record.from_log(rows_of(path, stamped, [each[0].replace("shoulder,elbow", "elbow,shoulder"), *each[1:]]))
     with exactly(f"{path}, row 3: entry 2 must be a list of 3, got \"['finger']\""):
@@ -582,11 +582,17 @@ def test_currents_need_gains(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "lines", ["t,q,tau\n[ms],deg,Nm\n", "t [ms],q [deg],tau [N m]\n", "Log 7\n\n# t_ms,q_deg,tau_Nm\n"]
+    "lines",
+    [
+        "t,q,tau\n[ms],deg,Nm\n",
+        "t,q,tau,mode\nms,°,N.m,-\n",
+        "t [ms],q [deg],tau [N m]\n",
+        "Log 7\n\n# t_ms,q_deg,tau_Nm\n",
+    ],
 )
 def test_units_stand_beside_or_below_names(lines, tmp_path):
     path = tmp_path / "log.csv"
-    path.write_text(lines + "".join(f"{10 * k},{180 + k},{k}\n" for k in range(20)))
+    path.write_text(lines + "".join(f"{10 * k},{180 + k},{k}{',1' * ('mode' in lines)}\n" for k in range(20)))
     record = Record.from_log(path)
     assert guesses(record) == []
     assert (record.t[1], record.tau[2, 0]) == (0.01, 2)

@@ -185,8 +185,9 @@ def _text(path: Path, options: Mapping[str, Any]) -> Log:
         heading = [entry.strip().lstrip("#% ") for entry in heading]
         heading = heading[len(heading) == width + 1 and not heading[0] :]  # "# t q1", separated by blanks
         units = [symbol(unit.strip("[]() ")) for unit in heading]
-        if first > 1 and all(map(UNIT.fullmatch, units)) and len(above := rows[first - 2][1]) == len(heading):
-            heading = [f"{x.strip()} [{unit}]" for x, unit in zip(above, units, strict=True)]
+        above = rows[first - 2][1] if first > 1 else []
+        if len(above) == len(units) and any(units) and all(UNIT.fullmatch(x or "s") for x in units):
+            heading = [x.strip() + f" [{unit}]" * bool(unit) for x, unit in zip(above, units, strict=True)]
     elif width > 4 and body[0][1][1].isdigit() and math.isnan(as_number(body[0][1][3])):
         return _states(name, _echoed(name, body), options["joints"], "as of ros2 topic echo --csv")
     elif given is not None or options["quantity"]:
@@ -246,7 +247,8 @@ def _joints_of(place: str, columns: Mapping[str, Array], rows: bool = True) -> d
     own, *others = np.unique(np.column_stack(texts) if rows else texts[:1], axis=0).tolist() if texts else [[]]
     if others or len(set(own)) < len(own):
         both = " and ".join(map(listed_names, [own, *others[:1]]))
-        raise ValueError(f"{place}: the names of joints must be different, and the same in all rows, got {both}")
+        what = f"the names of joints must be different, and the same in all rows, got {both}"
+        raise ValueError(f"{place}: {what}; keep the rows of one, or read the bag as MCAP")
     groups: dict[str, dict[int, str]] = {}
     for column, m in found.items():
         if m:
@@ -547,7 +549,7 @@ def _parquet(paths: Sequence[Path], info: Path | None, options: Mapping[str, Any
         raise ValueError(f"{paths[0]}: there are episodes {low} to {high}; give one as `episode`")
     if wanted is not None:
         arrays = {name: x[episodes == wanted] for name, x in arrays.items()}
-    return Log(_columns(arrays, names), (f"episode {wanted or 0}",), "s", is_lerobot=True)
+    return Log(_columns(arrays, names), (f"episode {wanted or 0}",), "s", is_lerobot="episode_index" in arrays)
 
 
 def _names_of_features(info: Path) -> dict[str, list[str]]:
