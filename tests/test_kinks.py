@@ -10,6 +10,8 @@ from rne.elementwise import arctan2, clip, exp, less, maximum, minimum, sign, ta
 from rne.graph.graph import COMPARISONS, Graph
 from rne.kernels import kernel as kernels
 from rne.kernels import trace as module
+from rne.simulation.plant import Plant
+from rne.validation.agreement import validate
 
 from .helpers import EPS, states
 from .random_robots import random_tree
@@ -123,6 +125,31 @@ class TestFirstCalls:
         np.testing.assert_allclose(
             robot.linearize(q, qd, qdd)[0][2:, 0], slope, rtol=1e-6, atol=1e-6 * abs(slope).max()
         )
+
+    def test_of_the_modes_of_a_scene(self):
+        class Drag(rne.Friction):
+            def viscous_torque(self, qd):
+                return 2 * abs(qd) * qd
+
+        robot = rne.Robot(random_tree(2, 1))
+        scene = rne.Scene(robot, friction=Drag(viscous=1.0))
+        x = np.array([0.3, -0.2, 0.7, -0.4, *np.zeros(scene.dynamics.size - 4)])
+        first, again = (Plant(scene.dynamics, robot).linearised(0.0, x) for _ in range(2))
+        np.testing.assert_array_equal(first, again)
+        np.testing.assert_allclose(
+            -robot.mass_matrix(x[:2]) @ first[2:4, 2:4], self.drag_and_coriolis(robot, x), rtol=1e-6
+        )
+
+    def drag_and_coriolis(self, robot, x, h=1e-6):
+        """Derivative of bias torques and drag by the velocities, by differences."""
+        torques = [robot.bias_torque(x[:2], v) + 2 * abs(v) * v for s in (h, -h) for v in x[2:4] + s * np.eye(2)]
+        return (np.array(torques[:2]) - torques[2:]).T / (2 * h)
+
+    def test_energies_of_a_coupling_with_a_kink_agree_with_its_torques(self):
+        """By complex steps through kinetic and potential energy."""
+        model = rne.model.coupled(random_tree(2, 4), {"joint1": (["joint0"], lambda x: x / 3 + abs(x) / 2)})
+        _, matches = validate(rne.Robot(model), 10)
+        assert all(match.worst <= match.bound for match in matches)
 
     def test_an_unstable_loop_is_unstable_with_an_infinite_bound(self):
         """Near zero the law pushes the joints away: -40 q + 90 (abs(2 + q) - 2) is +50 q."""
