@@ -14,10 +14,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..basics.spatial import Array, rotate, rotation_from_rpy
+from ..basics.text import cut
 from ..model.model import Model
 from ..model.solids import Box, Cylinder
 from ..urdf.document import below, parse, read_bytes
-from ..urdf.findings import FindingsReport, echo
+from ..urdf.findings import ECHO, FindingsReport, echo, some
 from ..urdf.mjcf import drawn, names_of, rotation_of
 
 if TYPE_CHECKING:
@@ -120,7 +121,7 @@ def _beyond_the_model(source: str, package: str | None) -> tuple[str, ...]:
     """The shapes of a file that need a package, in words."""
     root = _root(source)
     kinds = {geometry.tag for geometry in root.iterfind("link/visual/geometry/*")} - {"cylinder", "box"}
-    found = ", ".join(f"<{kind}>" for kind in sorted(str(kind) for kind in kinds | {x.tag for x in root.iter("geom")}))
+    found = some(f"<{cut(kind, ECHO)}>" for kind in sorted(kinds | {x.tag for x in root.iter("geom")}))
     cure = "pip install 'rne[mjcf]'" if package == "mujoco" else INSTALL
     return (f"{found} need {package}, which is not installed: {cure}",) if found else ()
 
@@ -202,7 +203,7 @@ def _shapes_of(link: str, visual: Any, colors: dict[str, Any], folders: Sequence
     mesh = visual.geometry.mesh
     if mesh is not None:
         scale = np.broadcast_to(1.0 if mesh.scale is None else mesh.scale, 3).astype(float)
-        _check(f"mesh {mesh.filename!r}", pose, np.abs(scale))
+        _check(f"mesh {echo(mesh.filename)}", pose, np.abs(scale))
         for part in _meshes(_find(mesh.filename, folders), mesh.filename):
             look: Any = part.visual
             main = np.array(getattr(look, "material", look).main_color) / 255 if look.defined else None
@@ -252,10 +253,10 @@ def _meshes(file: Path, name: str) -> list[Trimesh]:
     try:
         parts = trimesh.load_scene(file).dump()
     except Exception as error:  # each of trimesh's readers raises its own
-        raise ValueError(f"mesh {name!r} is not readable ({type(error).__name__}: {error})") from None
+        raise ValueError(f"mesh {echo(name)} is not readable ({type(error).__name__}: {echo(error)})") from None
     found = [x for x in parts if isinstance(x, trimesh.Trimesh) and len(x.faces) and np.isfinite(x.vertices).all()]
     if not found:
-        raise ValueError(f"mesh {name!r} has no triangles")
+        raise ValueError(f"mesh {echo(name)} has no triangles")
     return found
 
 

@@ -42,20 +42,11 @@ JOINTS = 64  # joints at most, of which a row each is looked for
 SNIFFED = 20  # rows from which separator and decimal sign are guessed
 FORMATS = [(";", "."), (";", ","), ("\t", "."), ("\t", ","), (",", "."), (" ", "."), (" ", ",")]
 JOINT_STATE = "sensor_msgs/msg/JointState"
-DEFINITION = """std_msgs/Header header
-string[] name
-float64[] position
-float64[] velocity
-float64[] effort
-================================================================================
-MSG: std_msgs/Header
-builtin_interfaces/Time stamp
-string frame_id
-================================================================================
-MSG: builtin_interfaces/Time
-int32 sec
-uint32 nanosec
-"""  # of it: that in a file may be any text
+DEFINITION = (  # of it: that in a file may be any text
+    "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort\n{0}MSG: "
+    "std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n{0}MSG: builtin_interfaces/Time\nint32 sec\n"
+    "uint32 nanosec\n"
+).format("=" * 80 + "\n")
 TO_MCAP = (
     "convert it to MCAP, without ROS: pip install rosbags; rosbags-convert --src BAG --dst FOLDER --dst-storage mcap"
 )
