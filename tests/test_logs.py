@@ -158,7 +158,7 @@ def test_names_of_columns(name, expected):
 @pytest.mark.parametrize(
     ("name", "own"),
     [
-        *((name, "") for name in ("target_q_0", "action.elbow.pos", "/arm/desired/positions[0]", "position_soll_A1")),
+        *((name, "") for name in ("target_q_0", "effort_limit_1", "max pos 1", "action.elbow.pos", "/arm/desired/positions[0]", "position_soll_A1")),
         ("d3_pos", "d3"),
         ("q_d_1", "d_1"),
         ("tau_ext_3", "ext_3"),
@@ -304,6 +304,15 @@ def test_joints_are_chosen_by_name(tmp_path):
         f"{path}: there are no positions and torques of joint 'finger'; there are 'shoulder', 'elbow', 'wrist'"
     ):
         Record.from_log(path, joints=["finger"])
+    with exactly(
+        f"{path}: there are no positions and torques of joint 'j1'; there are 'shoulder', 'elbow', 'wrist'; to name them so, give "
+        'columns={"q": ..., "tau": ...} in the order of `joints`'
+    ):
+        Record.from_log(path, joints=["j1", "j2", "j3"])
+    columns = {"q": names_of("q"), "tau": names_of("tau")}
+    renamed = Record.from_log(path, joints=["j1", "j2", "j3"], columns=columns)
+    same(renamed, ("j1", "j2", "j3"), velocities=False)
+    assert guesses(renamed) == []
     numbered = table(tmp_path / "log.csv", ["t", "q1", "q2", "q3", "tau1", "tau2", "tau3"], T, Q, TAU)
     record = Record.from_log(numbered, joints=JOINTS)
     same(record, velocities=False)

@@ -30,21 +30,22 @@ WORD = {word: kind for kind, words in WORDS.items() for word in words.split()}
 BETWEEN = ("", *"/.[]()")  # around a joint's name that is a part of its own
 SYMBOLS = ("q", "theta", "θ")  # positions where no other word names a quantity, as in "theta1" beside "theta1_effort"
 KINDS = {*WORD, *SYMBOLS, "dot"}
-ASKED = re.compile(  # words of commands, and in a group those that a joint may have in its name, such as a slide d3
-    "(?:target|desired|command|commanded|cmd|reference|setpoint|goal|action|soll|planned)s?|(d|des|ref|errors?|ext|external)"
+ASKED = re.compile(  # words of commands and limits; in the second group those of joints' names too, such as a slide d3
+    "(?:target|desired|command|commanded|cmd|reference|setpoint|goal|action|soll|planned|limit|min|max)s?"
+    "|(d|des|ref|errors?|ext|external)"
 )
 SPARE = re.compile(  # words that say nothing of the joint
     "actual|act|measured|meas|present|ist|angular|field|observation|state|feedback|fbk|log|data|values?|j"
 )
-CLOCKS = re.compile(
+CLOCKS = re.compile(  # words beside "time" and "stamp"
     "header|elapsed|rel|relative|since|start|system|epoch|unix|ros|rosbag|robot|sim|recv|s"
-)  # words beside "time" and "stamp"
+)
 TOKEN = re.compile(r"[A-Z]+(?![^\W\d_A-Z])|[A-Z]?[^\W\d_A-Z]+|\d+")
 TOPIC = re.compile(r"(?:dynamic_?)?joint_?states?|[/.]", re.IGNORECASE)  # ends the name of a topic or structure
 BRACKETS = re.compile(r"\s*[\[(]\s*((?=[^\])]*[^\W\d_]|[%°])[^\])]+?)\s*[\])]\s*$")  # a unit at the end of a name
-SUFFIX = re.compile(
+SUFFIX = re.compile(  # likewise
     r"[_ .](deg(?:rees)?|rad(?:ians)?|ms|us|ns|rpm|mm|mA|(?<=current.)A|m?N_?m|(?:deg|rad)(?:_s|ps|_per_s(?:ec)?))$"
-)  # likewise
+)
 RAW = re.compile("%|counts?|ticks?|pulses?|raw|inc|turns?|rev|.*[/·^].*|lb[fs]?", re.IGNORECASE)  # of no known size
 SI = {
     "q": {"rad": 1.0, "deg": np.pi / 180, "m": 1.0, "mm": 1e-3},
@@ -142,7 +143,8 @@ def _meaning(name: str, joints: Sequence[str] = ()) -> Meaning:
     tokens = [[word.lower() for word in TOKEN.findall(part)] for part in split]
     words = [word for part in tokens for word in part]
     spare = {word for word in words if SPARE.fullmatch(word)}
-    kinds = [k for k, part in enumerate(tokens) if part and KINDS >= {*part} - spare != set()]  # parts of nothing else
+    # parts of a name that are a quantity and nothing else
+    kinds = [k for k, part in enumerate(tokens) if {*part} - spare and {*part} - spare <= KINDS]
     kinds.sort(key=lambda k: max((WORD.get(x, "q") != "t") + (x in WORD) for x in tokens[k] if x in KINDS))
     asked = {word: found for word in words if (found := ASKED.fullmatch(word))}
     kind = _kind(tokens[kinds[-1]] if kinds else words, unit)
@@ -310,13 +312,15 @@ def _same_joints(
                 guesses.append((f"{_span(x)} are of the joints of {_span(names)} in this order", ORDER))
     common = [joint for joint in of["q"] if joint in of["tau"]]
     own = {key(joint): joint for joint in common}
-    is_order = _numbers(common) and len(joints or ()) == len(common) and own.keys().isdisjoint(map(key, joints or ()))
-    if is_order:
-        guesses.append((f"{_span(of['q'])} are of {_span(joints or ())} in this order", ORDER))
+    are_others = len(joints or ()) == len(common) and own.keys().isdisjoint(map(key, joints or ()))
+    if are_others and (paired or _numbers(common)):
+        if not paired:
+            guesses.append((f"{_span(of['q'])} are of {_span(joints or ())} in this order", ORDER))
     elif joints is not None:
         if missing := [joint for joint in joints if key(joint) not in own]:
             hint = did_you_mean(missing[0], common) or f"; there are {listed_names(common, LISTED)}"
-            raise ValueError(f"{place}: there are no positions and torques of joint {missing[0]!r}{hint}")
+            cure = '; to name them so, give columns={"q": ..., "tau": ...} in the order of `joints`' * are_others
+            raise ValueError(f"{place}: there are no positions and torques of joint {missing[0]!r}{hint}{cure}")
         common = [own[key(joint)] for joint in joints]
     if not common:
         both = f"positions are {_span(there['q'])}, torques {_span(there['tau'])}"
