@@ -95,7 +95,6 @@ def below(file: Path, *folders: Path) -> Path | None:
 
 def parse(data: bytes, report: FindingsReport) -> Element | None:
     """The root element without comments and processing instructions, or None with a finding."""
-
     if len(data) > MAX_BYTES:
         report.error(None, "file", f"is larger than {MAX_BYTES} bytes", "split the robot or remove what is not URDF")
         return None
@@ -108,7 +107,7 @@ def parse(data: bytes, report: FindingsReport) -> Element | None:
             message = f"has {len(element.attrib)} attributes, more than {MAX_ATTRIBUTES}"
             report.error(element, f"<{cut(element.tag, ECHO)}>", message, "remove those that are not URDF")
             return None
-    return root
+    return None if root is None else _without_controls(root, report)
 
 
 def _parsed(data: bytes, report: FindingsReport) -> Element | None:
@@ -118,7 +117,7 @@ def _parsed(data: bytes, report: FindingsReport) -> Element | None:
     try:  # a document type declaration declares entities, so it must not be parsed; other errors are found again
         with suppress(StopIteration, etree.XMLSyntaxError):
             etree.fromstring(data, etree.XMLParser(target=_Prolog(), **STRICT))
-        return _without_controls(etree.fromstring(data, parser), report)
+        return etree.fromstring(data, parser)
     except _DocumentType:
         message = "document type declarations and entities are not allowed"
         # A parser target is not told lines: they are counted, in UTF-16 without the zero bytes.
@@ -127,7 +126,7 @@ def _parsed(data: bytes, report: FindingsReport) -> Element | None:
     except etree.XMLSyntaxError:
         other = _error_by_expat(data)
         if other is None and {entry.type for entry in parser.error_log} == {UNDECLARED}:
-            return _without_controls(etree.fromstring(data, etree.XMLParser(**(STRICT | {"recover": True}))), report)
+            return etree.fromstring(data, etree.XMLParser(**(STRICT | {"recover": True})))
         _report_syntax_error(data, parser.error_log, other, report)
     return None
 
@@ -142,8 +141,8 @@ def _without_controls(root: Element, report: FindingsReport) -> Element:
                 element.set(name, plain(text))
                 if not told and plain(text) != text:
                     told = True
-                    message = f"attribute {name!r} has control characters, read as the escapes in {echo(text)}"
-                    report.warning(element, f"<{element.tag}>", message, "remove them here and elsewhere")
+                    message = f"attribute {echo(name)} has control characters, read as the escapes in {echo(text)}"
+                    report.warning(element, f"<{cut(element.tag, ECHO)}>", message, "remove them here and elsewhere")
     return root
 
 
