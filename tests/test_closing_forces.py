@@ -274,6 +274,10 @@ def test_dead_points_determine_no_force():
     [
         ((("upper", "tie"), TIE), "`loops` must name joints that follow others, got ['upper', 'tie']"),
         ((("head", "tie"), (("x", (0, 0, 0)), TIE[1])), "`loops` must end at links of the robot, got x to head"),
+        (
+            (("head", "tie"), (("tie", (0, 0)), ("head", (0, 0)))),
+            "`loops` must end at a point of each of two links, got (('tie', (0, 0)), ('head', (0, 0)))",
+        ),
     ],
 )
 def test_loops_are_checked(loop, text):

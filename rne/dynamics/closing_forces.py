@@ -47,9 +47,8 @@ def in_order(model: Model) -> list[Loop]:
     pending, order = [*model.loops], list[Loop]()
     joints = {loop: {model.moving_joints[i] for i in set.union(*loop_joints(model, loop))} for loop in pending}
     while pending:
-        order.append(
-            next(x for x in pending if not any(joints[y].intersection(x.followers) for y in pending if y != x))
-        )
+        ready = (x for x in pending if not any(joints[y].intersection(x.followers) for y in pending if y != x))
+        order.append(next(ready, pending[0]))
         pending.remove(order[-1])
     return order
 

@@ -157,6 +157,8 @@ def _check_mimics(model: SimpleNamespace) -> None:
             raise ModelError(f"`loops` must name joints that follow others, got {[*loop.followers]}")
         if not {link for link, _ in loop.ends} <= {*model.link_names}:
             raise ModelError(f"`loops` must end at links of the robot, got {loop.name}")
+        if np.array([point for _, point in loop.ends], dtype=np.float64).shape != (2, 3):
+            raise ModelError(f"`loops` must end at a point of each of two links, got {loop.ends!r}")
     for i, joint in enumerate(model.moving_joints):
         if not 0 <= model.coordinate[i] < n:
             raise ModelError(f"joint {joint!r}: coordinate must be from 0 to {n - 1}, got {model.coordinate[i]}")

@@ -174,9 +174,7 @@ def _checked(model: Model, couplings: Any) -> dict[str, Followed | Linked]:
     return found
 
 
-def _traced(
-    model: Model, followers: Mapping[str, Followed | Linked], coordinates: Sequence[str], joint: str
-) -> Coupling:
+def _traced(model: Model, followers: Mapping[str, Any], coordinates: Sequence[str], joint: str) -> Coupling:
     """The position of a joint as a function of those coordinates that it depends on."""
     graph, own = Graph(), {c.joint: c.at({}) for c in model.couplings} | {**followers}
 
@@ -211,11 +209,10 @@ def _with_range_cut(model: Model, driver: str, linked: Mapping[str, Linked]) -> 
     """The robot with a driver's range cut to where all joints that follow it have a position within their ranges."""
     k = model.moving_joints.index(driver)
     was, own = (float(model.lower[k]), float(model.upper[k])), [x for x in linked.items() if x[1].drivers[0] == driver]
-    ends = [max(was[0], *(x.ends[0] for _, x in own), was[0]), min(was[1], *(x.ends[1] for _, x in own), was[1])]
+    ends = [max([was[0], *(x.ends[0] for _, x in own)]), min([was[1], *(x.ends[1] for _, x in own)])]
     by = {joint for joint, x in own if x.ends[0] > was[0] or x.ends[1] < was[1]}
     if driver in model.joint_names:
-        further = _where_followed(model, k, ends)
-        by |= further
+        by |= _where_followed(model, k, ends)
     if not by:
         return model
     limits = {name: getattr(model, name).copy() for name in ("lower", "upper")}

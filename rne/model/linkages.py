@@ -25,6 +25,8 @@ from .topology import carriers
 
 CLOSED = 1e-9  # of a loop's size: how well it must close at the zero pose, and be plane
 Closing = tuple[tuple[str, ArrayLike], tuple[str, ArrayLike]]
+Motions = Callable[..., Sequence[Any]]  # of the joints of a loop, from those of its drivers
+Ends = tuple[float, float]  # of a range
 
 
 class Pivot(NamedTuple):
@@ -361,14 +363,7 @@ def _zero_pose(model: Model) -> tuple[dict[int, Array], dict[int, Array]]:
     return R, p
 
 
-def _closed(
-    model: Model,
-    loop: Sequence[Pivot],
-    closing: Closing,
-    motions: Callable[..., Sequence[Any]],
-    ends: tuple[float, float],
-    *drivers: str,
-) -> Model:
+def _closed(model: Model, loop: list[Pivot], closing: Closing, motions: Motions, ends: Ends, *drivers: str) -> Model:
     """The robot with a loop's joints following the drivers, by motions since the zero pose, up to its ends."""
     rest = [float(model.rest[model.moving_joints.index(name)]) for name in drivers]
     names = {pivot.joint: k for k, pivot in enumerate(loop) if pivot.joint not in ("", *drivers)}
@@ -397,7 +392,7 @@ def _across(a: float, g: float, psi: Any, S: Any, C: Any) -> tuple[Any, Any]:
     return direction, (a - g) ** 2 + 4 * a * g * S * S
 
 
-def _span(a: float, g: float, psi: float, low: float, high: float) -> tuple[float, float]:
+def _span(a: float, g: float, psi: float, low: float, high: float) -> Ends:
     """How far arm a turns from its angle psi to arm g while their ends are between `low` and `high` apart."""
 
     def root(x: float, y: float) -> float:
@@ -417,7 +412,7 @@ def _span(a: float, g: float, psi: float, low: float, high: float) -> tuple[floa
     return float(low), float(high)
 
 
-def _ends(sense: float, low: float, high: float) -> tuple[float, float]:
+def _ends(sense: float, low: float, high: float) -> Ends:
     """A range as that of a motion in the other sense, where that is -1."""
     return (low, high) if sense > 0 else (-high, -low)
 
