@@ -1,12 +1,15 @@
-"""Identification from three published logs of real arms: python -m benchmarks.public_logs FOLDER
+"""Identification from published logs of three real arms and two pendulums: python -m benchmarks.public_logs FOLDER
 
-FOLDER has three archives of the numbers of these repositories, which are not part of this one:
+FOLDER has archives of the numbers of these repositories, which are not part of this one:
 
 tx40.npz  Stäubli TX40, github.com/thanhndv212/figaroh-examples (c0b5c7f, Apache-2.0), and its tx40.urdf: motor_position
           [rad] and motor_torque [N m], shape (T, 6), dt [s], reduction
 ur10.npz  UR10, github.com/unisa-acg/inverse-dynamics-solver (41e196d, BSD-3-Clause): t, q, tau
 kr300.npz KUKA KR300 R2500, github.com/JonasWeigand/Robot_Identification (9e403c0, MIT): for each of the motions A, B
           and C A_t, A_motor_angle_deg, A_motor_torque_nm, and gear
+pendulums.npz  double and simple pendulum, github.com/dfki-ric-underactuated-lab/double_pendulum
+          (1e8544e) and torque_limited_simple_pendulum (ed17ea2, both BSD-3-Clause), and their double_pendulum.urdf and
+          simple_pendulum.urdf: of the motions dp00, dp12 and sp dp00_t, dp00_q, dp00_qd, dp00_tau
 
 Writes benchmarks/results/public_logs.json and the tables of docs/identification.md.
 """
@@ -83,6 +86,15 @@ def kr300(folder: Path, cutoff: float | None) -> tuple[Identification, Any]:
     return found, found.check(records[2]).relative
 
 
+def pendulum(motion: str, folder: Path, cutoff: float | None) -> tuple[Identification, Any]:
+    """Blocks of a tenth of the log, each predicted from the others."""
+    log = np.load(folder / "pendulums.npz")
+    t, q, qd, tau = (np.asarray(log[f"{motion}_{name}"], float) for name in ("t", "q", "qd", "tau"))
+    robot = rne.load(folder / f"{'simple' if motion == 'sp' else 'double'}_pendulum.urdf")
+    found = rne.identify(robot, Record(t, q, tau, qd, name=motion), cutoff=cutoff)
+    return found, found.held_out
+
+
 def drive_parameters(found: Identification) -> dict[str, list[float]]:
     """Friction as seen at each joint, that of shafts included."""
     groups, x = found.standard.groups, found.parameters
@@ -108,6 +120,7 @@ def main() -> None:
         ("TX40 without the shaft", partial(tx40, shafts=None), 10.0),
         ("UR10", ur10, None),
         ("KR300", kr300, None),
+        *((f"pendulum {motion}", partial(pendulum, motion), None) for motion in ("dp00", "dp12", "sp")),
     )
     for name, measured, cutoff in cases:
         found, errors = measured(folder, cutoff)
@@ -122,7 +135,7 @@ def main() -> None:
                 **drive_parameters(found),
             }
         )
-        print(results[-1])
+        print(results[-1], [cause.text for cause in found.causes])
     write("public_logs.json", {"logs": results})
     rewrite_page()
 

@@ -782,10 +782,14 @@ def couplings(rest: FitResiduals, j: int, gain: Callable[[Array, Array], float])
     def fitted(k: float, of_torques: bool) -> float:  # positions read as those of motors
         return gain(unit - k * step, unit + k * of_torques * step.T)
 
-    starts = [(sign * k, x) for sign in (1, -1) for k in thresholds.COUPLINGS for x in (False, True)]
-    start, of_torques = max(starts, key=lambda pair: fitted(*pair))
-    options = {"bounds": (0.5, 2.0), "method": "bounded", "options": {"maxiter": 10, "xatol": 0.01}}
-    k = start * minimize_scalar(lambda x: -fitted(x * start, of_torques), **options).x
+    def nearest(start: float, of_torques: bool) -> float:
+        options = {"bounds": (0.5, 2.0), "method": "bounded", "options": {"maxiter": 10, "xatol": 0.01}}
+        return float(start * minimize_scalar(lambda x: -fitted(x * start, of_torques), **options).x)
+
+    start = max((sign * k for sign in (1, -1) for k in thresholds.COUPLINGS), key=lambda k: fitted(k, False))
+    k = nearest(start, False)
+    if of_torques := fitted(k, True) > fitted(k, False):
+        k = nearest(k, True)
     text = f"the motor of {name} turns with {other} too, {k:.3g} times: a coupling is missing"
     if not of_torques:
         text += f" in its positions, not in the torques (subtract {k:.3g} times the positions of {other})"
