@@ -87,3 +87,9 @@ def test_a_joint_that_was_taken_as_locked_comes_before_the_causes_that_it_looks_
         "joints that the records do not have, taken as locked: joint_3 at 0: if they stood elsewhere, that is the cause: "
         "lock them there by `robot.locked`. the likely cause: something pulls joint_2"
     )
+
+
+def test_instruments_of_a_record_of_one_time_are_refused():
+    record = Record(np.zeros(30), np.ones((30, 1)), np.ones((30, 1)))
+    with pytest.raises(ValueError, match=r"^`instruments\[0\]` needs a record of several times, 'record' has 1$"):
+        rne.identify(first_joints(1), record, instruments=np.ones((30, 1)), consistent=False)

@@ -390,6 +390,8 @@ def motions_of(given: Any, records: Sequence[Record]) -> tuple[Motion, ...]:
         if not callable(motion):
             t, rows = np.unique(record.t, return_index=True)
             q = real_array(f"instruments[{k}]", motion, f"({len(record.t)}, {record.n})")[rows]
+            if len(t) < 2:
+                raise ValueError(f"`instruments[{k}]` needs a record of several times, {record.name!r} has {len(t)}")
             spline = CubicSpline(t, q)
             motion = partial(lambda s, t: (s(t), s(t, 1), s(t, 2)), spline)
         motions.append(evaluated_once(motion))

@@ -645,6 +645,10 @@ class Identification(InNotebooks):
         known = f"held-out errors in motion of {100 * left[good].max():.2g} % or less"
         parts = [f"good for {use} of {which} {below}: {known}", *[f"not known: {other}"] * bool(other)]
         text = "; ".join(parts if 2 * good.sum() > len(good) else parts[::-1])
+        if unknown := int(np.isinf(self.estimate.errors).sum()):
+            remarks.append(
+                f"{unknown} of {self.base.count} base parameters are not determined: other motions may differ"
+            )
         if any(cause.kind not in GEARS for cause in self.causes):
             remarks.append("a likely cause of what is left is named below: if it is true, the model is wrong there")
         return "; ".join([*first, text, *remarks])

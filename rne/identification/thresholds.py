@@ -107,6 +107,7 @@ HELD = 1e-4  # weight of the model's drives, of that of the measurements: they d
 LEAST_NOISE = 1e-3  # of the torques: the consistent fit does not take measurements for more exact than this
 AT_BOUND = 1e-6  # of its usual size: a parameter of a drive below it is at its bound
 INSIDE = 1e-12  # eigenvalues of bodies over those of the prior from which Newton's method begins; numerics
+PATH = 10  # decades of the prior's weight, from where the minimum is the prior, along which Newton's method follows it
 BOUND_ROUNDS, CONE_GAP = 20, 1e-9  # changes of the set of such, and gap of the objective per weight of the prior
 NEWTON_STEPS, STEP_HALVINGS, CONVERGED = 100, 40, 1e-16  # of Newton's method; CONVERGED is twice the gap it ends at
 PRIOR_STD = 0.3  # of the prior: that bodies differ from it by 30 % is as likely as one standard deviation of noise

@@ -50,12 +50,15 @@ def consistent_fit(factor: Array, prior: Array, weight: float, bounded: Array, s
     R, b, nb = factor[:, :-1] @ scale, factor[:, -1], len(prior)
     like_prior = np.append(np.tile(TRACE, nb), np.zeros(len(size)))  # X = 1, drives zero
     by_cones, status = cone_solution(R, b, weight * like_prior, bounded)
-    gap, least = thresholds.CONE_GAP * weight, -thresholds.CONE_GAP * max(1.0, np.abs(b).max(initial=0))
-    for start in (inside(by_cones, nb), like_prior):  # where the cone solver ends far from the minimum
-        held = ENTRIES * nb + np.flatnonzero(bounded)
-        y = at_minimum(*barrier_objective(R, b, weight, nb), start, held, gap, least)
+    least = -thresholds.CONE_GAP * max(1.0, np.abs(b).max(initial=0))
+    held, start = ENTRIES * nb + np.flatnonzero(bounded), inside(by_cones, nb)
+    for first in (0, thresholds.PATH):  # from there; or, where that is far from the minimum, along the central path
+        for w in weight * 10.0 ** np.arange(first, -1, -1):
+            y = at_minimum(*barrier_objective(R, b, w, nb), start, held, thresholds.CONE_GAP * w, least)
+            start = start if y is None else y
         if y is not None:
             return np.asarray(scale @ y)
+        start = like_prior
     raise IdentificationError(
         f"no physically consistent bodies were found (Clarabel: {status}); check the signs and units of the torques"
     )

@@ -480,7 +480,7 @@ def _usable_torques(found: Screened, q: Array, tau: Array, steps: Array, spike: 
     usable = np.ones(tau.shape, dtype=bool)
     moved = np.abs(np.gradient(q, axis=0))
     for j, x in enumerate(tau.T):
-        if np.ptp(x) <= thresholds.NOTHING * np.abs(x).max():
+        if np.ptp(x) <= max(thresholds.NOTHING * np.abs(x).max(), thresholds.SILENT):
             found.warning(j, "constant torque", f"of {x[0]:.6g} in all samples", "no row of this joint is used")
             usable[:, j] = False
             continue
