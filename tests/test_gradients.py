@@ -1,6 +1,7 @@
 """Gradients and Hessians of weighted sums: against 100 digits, complex steps, Jacobians, and each other."""
 
 import warnings
+from dataclasses import replace
 from functools import cache
 
 import mpmath
@@ -338,6 +339,17 @@ class TestStatesThatTheProgramRefuses:
             kernel = make(rne.dynamics.forward_dynamics, gimbal())
             with pytest.raises(rne.SingularMassMatrixError, match="'outer', 'inner'"):
                 kernel([0.3, 0.0, 0.2], *np.ones((3, 3)))
+
+    def test_so_is_an_m_that_is_singular_in_every_state(self):
+        """The program of the derivatives divides by a constant that is 0."""
+        model = small("pair").model
+        last = np.arange(model.nb) < model.nb - 1
+        model = replace(model, mass=model.mass * last, inertia=model.inertia * last[:, None, None])
+        for make in (hessian, hessian_product):
+            kernel = make(rne.dynamics.forward_dynamics, model)
+            vectors = [np.ones(width) for width in kernel.widths]
+            with pytest.raises(rne.SingularMassMatrixError, match="M is singular: nothing with inertia moves"):
+                kernel(*vectors)
 
     def test_fast_states_are_judged_by_the_function_and_run_by_the_program(self):
         robot = small("pair")
