@@ -119,7 +119,6 @@ class TracedLaw:
         self.given = given or LawInputs(0, n, n)
         self.size = 2 * self.given.coordinates + self.states
         self.formula = self.changes, self._formula()  # its parameters are constants of kernels
-        self._hash = hash((id(law), n, self.given, self.formula))
 
     def __reduce__(self) -> tuple[Any, ...]:
         return TracedLaw, (self.law, self.n, self.given)
@@ -130,14 +129,14 @@ class TracedLaw:
         return self.law is other.law and (self.n, self.given, self.formula) == (other.n, other.given, other.formula)
 
     def __hash__(self) -> int:
-        return self._hash
+        return hash((id(self.law), self.n, self.given))
 
     def _formula(self) -> tuple[Any, ...] | None:
         """The operations of the torques, with the quantities of robots as inputs; None if the law cannot be traced.
 
         All that a law reads takes part, wherever it is kept. To look there instead would miss some of it.
         """
-        graph = Graph(8 * LIMIT, is_outline=True)
+        graph = Graph(8 * LIMIT, outline=True)
         x = inputs(graph, (1, 1 + self.size), 0)
         try:
             with np.errstate(all="ignore"):

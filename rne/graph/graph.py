@@ -73,10 +73,8 @@ class Graph:
     is by a pivot of M. In an outline the quantities of robots are inputs: it is made to be compared with another one.
     """
 
-    def __init__(
-        self, limit: int = 10**9, by_pivots: Iterable[bool] | None = None, *, is_outline: bool = False
-    ) -> None:
-        self.is_outline = is_outline
+    def __init__(self, limit: int = 10**9, by_pivots: Iterable[bool] | None = None, *, outline: bool = False) -> None:
+        self.is_outline = outline
         self.nodes: list[Node] = []
         self.systems: list[LinearSystem] = []  # that were solved
         self.checked: dict[int, None] = {}  # nodes whose values kernels check to be finite

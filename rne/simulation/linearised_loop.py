@@ -84,13 +84,10 @@ def refuse_memory(law: Any, q: Array, period: float) -> None:
 
 def _read(closed: Array, moving: int) -> Array:
     """Numbers of the states that others depend on, behind those of the motion; of an integral without gain none do."""
-    read = np.arange(len(closed))
-    while True:
-        among = closed[np.ix_(read, read)]
-        kept = read[(read < moving) | among.any(axis=0)]  # what is not read has slopes that are 0, not nearly 0
-        if len(kept) == len(read):
-            return kept
-        read = kept
+    read, before = np.arange(len(closed)), -1
+    while len(read) != before:  # the slopes of what is not read are 0, not nearly 0
+        before, read = len(read), read[(read < moving) | closed[np.ix_(read, read)].any(axis=0)]
+    return read
 
 
 def _slopes(

@@ -142,11 +142,10 @@ class Plant:
         """What a law returns; an error of it that ends the run is its cause."""
         try:
             return call_law(law, t, x, self.dynamics.law_inputs)
-        except RneError as error:
-            raise NotFiniteError(str(error), getattr(error, "time", None)) from error
-        except ArithmeticError as error:
+        except (RneError, ArithmeticError) as error:
             text = f"`{self.law_name}` raised {type(error).__name__} at t = {t:.6g} s: {error}"
-            raise NotFiniteError(text, t) from error
+            text = str(error) if isinstance(error, RneError) else text
+            raise NotFiniteError(text, getattr(error, "time", t)) from error
 
     def __call__(self, t: float, x: Array) -> Array:
         """dx/dt."""
