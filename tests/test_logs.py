@@ -401,6 +401,14 @@ def test_numbers_come_before_the_order_in_the_file(tmp_path):
     np.testing.assert_array_equal(given.tau, TAU[:, 1::-1])
 
 
+def test_motions_that_rne_wrote_are_read(tmp_path):
+    """Also those of elastic joints, whose motors have positions and velocities of their own."""
+    names = ["t", *names_of("motor_q", "q", "motor_qd", "qd", "qdd", "tau")]
+    record = Record.from_log(table(tmp_path / "motion.csv", names, T, 0 * Q, Q, 0 * Q, QD, 0 * Q, TAU))
+    same(record)
+    assert guesses(record) == []
+
+
 def test_what_is_not_read_is_said(tmp_path):
     """Velocities of some joints, and torques of joints without positions."""
     path = tmp_path / "log.csv"

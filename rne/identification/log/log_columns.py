@@ -226,7 +226,7 @@ def _by_joint(
         kind, joint = meaning.kind, log.joints.get(name, meaning.joint)
         if kind and kind not in given and meaning.own is not None:
             asked[name] = meaning._replace(joint=joint)
-        elif kind and kind not in given:
+        elif kind and kind not in given and (f"{kind}.{joint}" == name or f"{kind}.{joint}" not in log.columns):
             if joint in found[kind] and not (kind == "t" and joint):
                 what = f"are both {kind}{f' of {joint}' if joint else ''}; say which in columns="
                 whole = ", or give the joints with more of these names as `joints`" * bool(joint and TOPIC.search(name))

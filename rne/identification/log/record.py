@@ -425,7 +425,7 @@ class Record(ReadOnlyArrays):
     def _is_of(self, joint_names: Sequence[str]) -> bool:
         """True if the joints were named; joint_1 and so on are numbers for a robot without joints of these names."""
         given = self._given_names or ()
-        return bool(given) and (given != numbered_joints(self.n) or set(given) <= set(joint_names))
+        return bool(given) and (given != numbered_joints(self.n) or not set(given).isdisjoint(joint_names))
 
     def between(self, start: float, end: float) -> Record:
         """The part of the record in an interval of time.
