@@ -62,7 +62,7 @@ def test_inverse_dynamics_is_mass_matrix_times_acceleration_plus_bias(tree):
 def test_kinetic_energy_is_half_qd_M_qd(tree):
     q, qd, _ = states(tree.n, 10)
     half = (qd * multiply(rne.dynamics.mass_matrix(tree, q), qd)).sum(-1) / 2
-    np.testing.assert_allclose(rne.dynamics.kinetic_energy(tree, q, qd), half, atol=LAW * np.abs(tau).max(), rtol=LAW)
+    np.testing.assert_allclose(rne.dynamics.kinetic_energy(tree, q, qd), half, rtol=LAW)
 
 
 def test_kinetic_energy_is_the_sum_over_links(tree):
@@ -238,7 +238,7 @@ def test_kinetic_energy_with_armature_is_half_qd_M_qd(tree):
     q, qd, _ = states(tree.n, 5)
     geared = replace(tree, armature=np.linspace(0.1, 1.0, tree.nb))
     half = (qd * multiply(rne.dynamics.mass_matrix(geared, q), qd)).sum(-1) / 2
-    np.testing.assert_allclose(rne.dynamics.kinetic_energy(geared, q, qd), half, atol=LAW * np.abs(tau).max(), rtol=LAW)
+    np.testing.assert_allclose(rne.dynamics.kinetic_energy(geared, q, qd), half, rtol=LAW)
 
 
 def test_euler_lagrange_from_the_energies_gives_the_same_torque(tree):
