@@ -220,7 +220,7 @@ def gripper(joint="mimic"):
 
 
 @pytest.mark.parametrize("joint", ["mimic", "coupling"])
-def test_forces_of_parts_that_are_not_there_are_not_known(joint):
+def test_forces_of_parts_that_are_not_there_are_not_known(joint, caplog):
     """What carries or is carried by both fingers has the forces of the open tree; u is right in any case."""
     model = gripper(joint)
     whole = gripper(joint), rne.Robot(model)
@@ -234,6 +234,10 @@ def test_forces_of_parts_that_are_not_there_are_not_known(joint):
     assert np.array_equal(record.u, whole[1].inverse_dynamics(*np.full((3, 4), 0.1)))
     peaks = rne.bearing_peaks(whole[1], Rest(4))
     assert np.isnan(peaks.force).tolist() == np.isnan(peaks.force_time).tolist() == [False, False, True, True, False]
+    assert caplog.messages[-1] == (
+        "Not known: forces in left, right, as what moves right is no part of the robot; rne.model.four_bar, cylinder and "
+        "slider_crank close linkages with their pivots."
+    )
     lines = str(peaks).splitlines()
     assert lines[4].split() == ["left", *["not", "known"] * 4]
     why = "Not known: forces in left, right, as what moves right is no part of the robot;"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -20,6 +21,7 @@ from .scene import Scene
 from .springs import Springs
 from .trajectory import MOST_LOADS, Trajectory, between, motors_at, samples_of
 
+LOGGER = logging.getLogger("rne")
 EVERY = 1e-3  # [s] between the instants of a motion that is a function of time
 MOVING = 0.01  # of a joint's largest speed, above which its drive is on duty
 OVER = 1.005  # share of a limit that is above it: plans keep to 1 by some 1e-3
@@ -414,7 +416,10 @@ def bearing_peaks(robot: Robot | Scene, motion: Any) -> BearingPeaks:
     """
     scene = _scene_of(robot, motion)
     parts = scene.resolved
-    return _bearing_peaks(parts.robot, parts.springs, *_samples(scene, motion, instant=True)[:4])
+    peaks = _bearing_peaks(parts.robot, parts.springs, *_samples(scene, motion, instant=True)[:4])
+    if peaks.not_known:  # printed with the peaks, but arrays are read too
+        LOGGER.warning(" ".join(map(str.strip, not_known(peaks))))
+    return peaks
 
 
 def _bearing_peaks(robot: Robot, springs: Springs | None, t: Array, q: Array, qd: Array, qdd: Array) -> BearingPeaks:
