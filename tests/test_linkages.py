@@ -88,6 +88,8 @@ def test_a_cylinder_between_equal_arms_ends_at_length_zero():
     by_boom = cylinder(open_tree, "boom", closing)
     assert by_boom.lower[0] == pytest.approx(-1.0, abs=ENDS)
     assert by_boom.upper[0] == pytest.approx(2 * np.pi - 1.0, abs=ENDS)
+    with pytest.raises(rne.NotFiniteError, match="cannot follow 'boom'"):
+        rne.dynamics.gravity_torque(by_boom, [-1.01])
 
 
 @pytest.mark.parametrize(("arm", "gap", "turns"), [(1.0, 0.7, 1), (0.7, 1.0, 0)])
@@ -132,6 +134,9 @@ def test_change_points_end_a_range():
         model = four_bar(open_tree, "crank", closing)
         assert model.lower[0] == pytest.approx(-1.0, abs=1e-7)
         assert model.upper[0] == pytest.approx((np.pi if lengths[0] != 0.9 else 2 * np.pi) - 1.0, abs=1e-7)
+        for behind in (model.lower[0] - 0.01, model.upper[0] + 0.01):
+            with pytest.raises(rne.NotFiniteError, match="cannot follow 'crank'"):
+                rne.dynamics.gravity_torque(model, [behind])
 
 
 def test_ranges_of_joints_that_follow_cut_between_samples():

@@ -98,7 +98,7 @@ def four_bar(model: Model, driver: str, closing: Closing) -> Model:
 
     def links(alpha: Any) -> tuple[Any, Any]:
         """Angles of coupler and rocker: the sides of the triangle beside the diagonal, by Heron's formula."""
-        S, C = np.sin((psi0 + alpha) / 2), np.cos((psi0 + alpha) / 2)
+        S, C = _half(psi0 + alpha, np.sign(psi0), abs(a - g) - abs(b - r), b + r - a - g, CLOSED * (a + g))
         diagonal, squared = _across(a, g, psi0 + alpha, S, C)
         nearest, farthest = (a - g - b + r) * (a - g + b - r), (b + r - a - g) * (b + r + a + g)
         area = np.sqrt((nearest + 4 * a * g * S * S) * (farthest + 4 * a * g * C * C))  # four times it
@@ -164,7 +164,7 @@ def cylinder(model: Model, driver: str, closing: Closing) -> Model:
             direction = branch * (np.pi - arctan2(area, l * l + (g - a) * (g + a)))
         else:
             psi = psi0 + D.sense * position
-            direction, squared = _across(a, g, psi, np.sin(psi / 2), np.cos(psi / 2))
+            direction, squared = _across(a, g, psi, *_half(psi, np.sign(psi0), nearest, np.inf, CLOSED * farthest))
             slid = np.sqrt(squared) - length0
         alpha, swing = psi - psi0, direction - direction0
         return alpha, swing - alpha, sense * slid, -swing
@@ -377,6 +377,14 @@ def _closed(model: Model, loop: list[Pivot], closing: Closing, motions: Motions,
         return Linked(drivers, position, domain, kept)
 
     return coupled(model, {name: following(k) for name, k in names.items()})
+
+
+def _half(psi: Any, side: float, inner: float, outer: float, near: float) -> tuple[Any, Any]:
+    """Sine and cosine of half an angle; no numbers behind a change point, where what is missing of a full turn is 0."""
+    S, C = np.sin(psi / 2), np.cos(psi / 2)
+    if abs(inner) <= near:
+        S = side * np.sqrt(side * S) * np.sqrt(side * S)
+    return S, np.sqrt(C) * np.sqrt(C) if abs(outer) <= near else C
 
 
 def _across(a: float, g: float, psi: Any, S: Any, C: Any) -> tuple[Any, Any]:
