@@ -1,5 +1,6 @@
 """Laws with memory in several threads: motions are those of one thread, whatever holds the memory."""
 
+import copy
 import sys
 import threading
 import time
@@ -126,3 +127,13 @@ def test_motions_without_a_called_law_do_not_wait():
 
     with ThreadPoolExecutor(2) as pool:
         assert list(pool.map(run, range(2))) == [0, 0]
+
+
+def test_copies_of_laws_share_robots_and_kernels():
+    """Which never change, and are not traced anew for each motion."""
+    kernel = PENDULUM.kernel(rne.dynamics.gravity_torque)
+    law = {"robot": PENDULUM, "kernel": kernel, "memory": []}
+    own = copy.deepcopy(law)
+    assert own["robot"] is PENDULUM
+    assert own["kernel"] is kernel
+    assert own["memory"] is not law["memory"]

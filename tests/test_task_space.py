@@ -546,6 +546,14 @@ class TestLinearisedLoops:
         with pytest.raises(ValueError, match=text):
             rne.Scene(robot, controller=law, sample_time=1e-3).check_gains([0.0])
 
+    def test_a_reference_that_ends_soon_is_no_memory(self):
+        robot = rne.Robot(straight_chain(1))
+        path = rne.simulate(robot, [0.0], [0.0], 0.01)
+        law = rne.control.computed_torque(robot, 50, 20, path)
+        with pytest.raises(ValueError, match="must be within the motion"):
+            law(1.0, np.zeros(1), np.zeros(1))
+        assert rne.Scene(robot, controller=law, sample_time=0.01).check_gains([0.0]).stable
+
     def test_a_delay_of_a_sample_as_states_is_stable_where_its_simulation_is(self):
         robot = rne.Robot(straight_chain(1))
         pd = rne.control.pd(robot, 50, 5, 0.0)

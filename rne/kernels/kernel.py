@@ -157,6 +157,9 @@ class Kernel:
     def __reduce__(self) -> tuple[Any, ...]:
         return Kernel, (self.function, self.model, self.fixed, self.wrt, self.engine, self.order)
 
+    def __deepcopy__(self, _: Any) -> Kernel:
+        return self  # which never changes
+
     @property
     def _title(self) -> str:
         by = f" by {', '.join(self.wrt)}" if self.wrt else ""

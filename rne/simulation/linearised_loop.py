@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -67,13 +68,14 @@ def _torques(law: Any, t: float, q: Array, qd: Array) -> Array:
 
 def refuse_memory(law: Any, q: Array, period: float) -> None:
     """Raise a ValueError if the torques of a law at one time and state depend on the call before."""
-    found = []
+    found: list[Array] = []
     for near in (NEAR, -NEAR):
-        _torques(law, 0.0, q, 0 * q)  # where a law with memory begins anew
-        for k in range(1, CALLS):
-            _torques(law, k * period, q + near, near + 0 * q)
-        found.append(_torques(law, CALLS * period, q, 0 * q))
-    difference = np.abs(found[1] - found[0]).max(initial=0.0)
+        with suppress(Exception):  # of a law that knows the target or a span of time alone, such as its reference's
+            _torques(law, 0.0, q, 0 * q)  # where a law with memory begins anew
+            for k in range(1, CALLS):
+                _torques(law, k * period, q + near, near + 0 * q)
+            found.append(_torques(law, CALLS * period, q, 0 * q))
+    difference = np.abs(found[-1] - found[0]).max(initial=0.0) if found else 0.0
     if difference > AGREEMENT * max(1.0, np.abs(found).max(initial=0.0)):
         raise ValueError(
             f"`controller` has memory or noise: its torques in one state differ by {difference:.3g} N m or N after "
