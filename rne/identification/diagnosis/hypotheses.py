@@ -273,14 +273,18 @@ def with_effect(rest: FitResiduals, cause: Cause, trial: Trial | None) -> tuple[
     gains, least = -left.counts * np.log(ratio), 1 - thresholds.BETTER
     if ratio.min() > least or gains.sum() < thresholds.EVIDENT or gains.min() < -thresholds.WORSE * gains.sum():
         return None
-    matters = (ratio < 1 - thresholds.MATTERS) & (1 - ratio > thresholds.SURELY * scatter)
     shown, factor, words = (rest, told, "") if told.min() < least else (left, ratio, " beside friction of gears")
     errors = 100 * np.sqrt(shown.errors[0].sum(0))
     largest = [j for j in np.argsort(errors**2 * (factor**2 - 1)) if factor[j] < least][: thresholds.EFFECTS]
     effects = [f"{errors[j]:.3g} to {errors[j] * factor[j]:.3g} % on {rest.names[j]}{words}" for j in largest]
     has_cure = cause.kind not in MENDED_BY or cause.text.endswith(")")
     text = cause.text if has_cure else f"{cause.text} ({MENDED_BY[cause.kind]})"
-    return cause._replace(text=text, effect=", ".join(effects), removed=1 - told**2), bool(matters.any())
+    return cause._replace(text=text, effect=", ".join(effects), removed=1 - told**2), matters(ratio, scatter)
+
+
+def matters(ratio: Array, scatter: Array) -> bool:
+    """True if a joint's error falls by more than 5 % of it, and twice what that varies by over the blocks."""
+    return bool(((ratio < 1 - thresholds.MATTERS) & (1 - ratio > thresholds.SURELY * scatter)).any())
 
 
 def held_out_ratio(shares: tuple[Array, ...]) -> tuple[Array, Array]:
@@ -632,7 +636,7 @@ def contacts(rest: FitResiduals) -> Iterator[Hypothesis]:
 
 
 def changes_with_load(rest: FitResiduals, known: Array, loaded: Array, body: int) -> list[Cause]:
-    """Changes that the residuals of all records show, the likeliest first, each beside those before it.
+    """Changes that matter of those that the residuals of all records show, the likeliest first, each beside the others.
 
     Torques of the loads, and friction of sound gears, are `known` columns. Rows with the load, shape (rows, 1, 1),
     have the parameters of `rest`; it is on the body of this number. Residuals are as independent as all of the changes
@@ -650,8 +654,10 @@ def changes_with_load(rest: FitResiduals, known: Array, loaded: Array, body: int
         k = int(np.argmax([cause.score for cause in causes]))
         if causes[k].score <= thresholds.EVIDENT:
             break
-        found.append(causes[k])
-        left = left.with_known(options.pop(k)[1])
+        columns = options.pop(k)[1]
+        if matters(*held_out_ratio(of_columns(columns, False, left))):
+            found.append(causes[k])
+        left = left.with_known(columns)
     return found
 
 
