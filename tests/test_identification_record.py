@@ -995,6 +995,9 @@ def test_torques_that_were_not_recorded_are_told_as_such(true, missing):
     with pytest.raises(ValueError, match=r"^record: no torque in any sample, all are zero or missing; did the driver "):
         unpublished.prepare()
     assert "constant torque" not in [finding.kind for finding in unpublished.findings]
+    tau[:, -1] = missing
+    kinds = [finding.kind for finding in Record(t, q, tau).findings if finding.joint]
+    assert kinds == ["torque missing" if np.isnan(missing) else "constant torque"]
 
 
 def test_an_arm_at_rest_has_one_finding(true):

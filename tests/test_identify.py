@@ -481,6 +481,36 @@ def test_a_log_of_one_joint_of_six_is_refused_and_of_two_is_not():
     assert of_named_joints(arm, replace_names(two, None))[0] is arm
 
 
+@pytest.mark.parametrize(
+    ("robot", "log", "order"),
+    [
+        (["j1", "j10", "j2"], ["joint_10", "joint_2", "joint_1"], [2, 0, 1]),  # as q_j10, q_j2, q_j1 are read
+        (["arm_a3", "arm_a1", "arm_a2"], ["A1", "A2", "A3"], [2, 0, 1]),
+        (["x", "y", "z"], ["Joint1", "Joint2", "Joint3"], [0, 1, 2]),
+        (["x", "y", "z"], ["joint_0", "joint_1", "joint_2"], [0, 1, 2]),
+        (["left_1", "left_2", "left_3"], ["right_1", "right_2", "right_3"], None),
+        (["j0", "j1", "j2", "j3"], ["joint_1", "joint_3", "joint_2"], None),  # from 0 or from 1
+    ],
+)
+def test_joints_that_are_numbered_go_by_number_and_else_in_the_robots_order(robot, log, order):
+    t, first = np.arange(0, 2, 0.01), first_joints(len(robot)).model
+    called = dict(zip(first.moving_joints, robot, strict=True))
+    named = rne.Robot(
+        dataclasses.replace(
+            first, moving_joints=tuple(robot), link_joints=tuple(called.get(x, x) for x in first.link_joints)
+        )
+    )
+    q = np.sin(np.outer(t, [1, 2, 3]))
+    record = Record(t, q, q, joint_names=log)
+    if order is None:
+        with pytest.raises(ValueError, match="records must name the robot's joints, record has"):
+            of_named_joints(named, record)
+        return
+    kept, (given,), _ = of_named_joints(named, record)
+    assert kept.joint_names == tuple(robot)
+    np.testing.assert_array_equal(given.q, q[:, order])
+
+
 def test_rotors_are_declined_where_no_joint_feels_one():
     """As by torque sensors behind the gears."""
     t, q, tau = swings(SCARA)
@@ -614,6 +644,12 @@ def short():
                 r, rec, drives=rne.DriveModel(rotor=True, friction="viscous+coulomb", offset=True), cutoff=0.9
             ),
             "`records` give 25 equations for 58 base parameters: a longer motion is needed, or a higher `cutoff`",
+        ),
+        (
+            ValueError,
+            lambda r, rec: rne.identify(r, Record(rec.t, rec.q, 0 * rec.tau + 5)),
+            "`records` give no equations: joint_1 has no torque that can be used: constant torque of 5 in all samples and so "
+            "on: record torques in motion",
         ),
         (
             ValueError,

@@ -135,6 +135,9 @@ def test_separators_and_decimal_commas_are_found(separator, decimal, tmp_path):
         ("arm_current_A", ("current", "arm", "A")),
         ("Speed A2 [RAD s^-1]", ("qd", "A2", "rad/s")),
         ("Torque A2 (N-m)", ("tau", "A2", "Nm")),
+        ("panda_joint2_eff", ("tau", "panda_joint2", "")),
+        ("motor_state[2].tau_est", ("tau", "motor_state_2", "")),
+        ("qvel_elbow", ("qd", "elbow", "")),
         ("τ2", ("tau", "2", "")),
         ("épaule_position", ("q", "épaule", "")),
         ("/arm/joint_states/elbow/velocity", ("qd", "elbow", "")),
@@ -158,7 +161,7 @@ def test_names_of_columns(name, expected):
 @pytest.mark.parametrize(
     ("name", "own"),
     [
-        *((name, "") for name in ("target_q_0", "effort_limit_1", "max pos 1", "action.elbow.pos", "/arm/desired/positions[0]", "position_soll_A1")),
+        *((name, "") for name in ("target_q_0", "effort_limit_1", "max pos 1", "action.elbow.pos", "/arm/desired/positions[0]", "position_soll_A1", "MAIN.Axis_1.SetPos")),
         ("d3_pos", "d3"),
         ("q_d_1", "d_1"),
         ("tau_ext_3", "ext_3"),
@@ -232,6 +235,14 @@ def test_units_are_read_from_names_and_given(tmp_path):
     ):  # fmt: skip
         with exactly(f"{path}: {text}"):
             Record.from_log(table(path, [*each[:-1], wrong], *x))
+
+
+def test_degrees_are_guessed_where_most_joints_turn_twice_and_not_where_half_do(tmp_path):
+    names = ["t", *(f"{x}.{y}" for x in ("q", "tau") for y in ("joint", "motor"))]
+    path = table(tmp_path / "log.csv", names, T, Q[:, :1], 100 * Q[:, :1], TAU[:, :2])
+    record = Record.from_log(path)
+    assert guesses(record) == []
+    np.testing.assert_array_equal(record.q, Q[:, :1] * [1, 100])
 
 
 def test_times_since_1970_count_from_the_first(tmp_path):
@@ -313,6 +324,13 @@ def test_joints_are_chosen_by_name(tmp_path):
     renamed = Record.from_log(path, joints=["j1", "j2", "j3"], columns=columns)
     same(renamed, ("j1", "j2", "j3"), velocities=False)
     assert guesses(renamed) == []
+    moved = [*names_of("q"), *names_of("tau")]  # one name of three is the robot's, and of the next joint
+    paths = table(tmp_path / "log.csv", ["t", *moved], T, Q, TAU)
+    same(
+        Record.from_log(paths, joints=("elbow", "wrist", "tool"), columns=columns),
+        ("elbow", "wrist", "tool"),
+        velocities=False,
+    )
     numbered = table(tmp_path / "log.csv", ["t", "q1", "q2", "q3", "tau1", "tau2", "tau3"], T, Q, TAU)
     record = Record.from_log(numbered, joints=JOINTS)
     same(record, velocities=False)
@@ -384,6 +402,10 @@ def test_numbers_come_before_the_order_in_the_file(tmp_path):
         for given, expected in ((record.q, Q), (record.qd, QD), (record.tau, TAU)):
             np.testing.assert_array_equal(given, expected)
         assert (f"log.csv: guess that {NUMBERS}" in guesses(record)) == ("wrist" not in tau)
+    speeds = [f"TCP_speed_{k}" for k in range(3)]  # more velocities than joints name none of them
+    names = ["t", *(f"{x}{k}" for x in ("q", "joint_torque", "qd") for k in (1, 2, 3)), *speeds]
+    record = Record.from_log(table(path, names, T, Q, TAU, QD, Q))
+    same(record, ("joint_1", "joint_2", "joint_3"))
     some = Record.from_log(table(path, ["t", "q1", "q3", "tau1", "tau3"], T, Q[:, :2], TAU[:, :2]))
     assert some.joint_names == ("joint_1", "joint_3")
     names = ["t", "q.elbow", "q.wrist", "qd.wrist", "qd.elbow", "tau_2", "tau_1"]
@@ -941,6 +963,9 @@ def test_rne_identify(tmp_path, monkeypatch, capsys):
     table(tmp_path / "a.csv", ["t", "q1", "tau1"], t, t, np.cos(3 * t))
     assert main([*call, *out]) == 2
     assert "has 1 joint without names: give the names of those measured as --joints" in capsys.readouterr().err
+    table(tmp_path / "a.csv", ["t", "q.hip", "tau.hip", "q.knee", "tau.knee"], t, t, np.cos(3 * t), t, np.cos(2 * t))
+    assert main([*call, *out]) == 2
+    assert capsys.readouterr().err.endswith(", as --joints with --columns q=...,tau=... in this order\n")
     table(tmp_path / "a.csv", ["t", "q.joint_1", "current.joint_1"], t, t, t)
     assert main([*call, *out]) == 2
     assert "are currents, not torques; give --gains [N m/A]" in capsys.readouterr().err

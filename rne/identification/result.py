@@ -33,7 +33,18 @@ from . import thresholds
 from .diagnosis.hypotheses import GEARS, Cause
 from .diagnosis.rigid_body_test import Consistency, certified
 from .fit.consistent import expected_sizes, model_prior
-from .fit.equations import BEYOND, EARLY, LOCKED, NO_TORQUE, Equations, RegressionData, check_joints, delayed, solve
+from .fit.equations import (
+    BEYOND,
+    EARLY,
+    LOCKED,
+    NO_TORQUE,
+    Equations,
+    RegressionData,
+    by_number,
+    check_joints,
+    delayed,
+    solve,
+)
 from .fit.least_squares import (
     Bias,
     Estimator,
@@ -551,6 +562,7 @@ class Identification(InNotebooks):
         """
         if not isinstance(record, Record):
             raise TypeError(f"`record` must be an rne.identification.Record, got {type(record).__name__}")
+        record = by_number(record, self.initial.joint_names)
         if set(self.initial.joint_names) <= set(record.joint_names):
             record = record._part(slice(None), self.initial.joint_names)
         check_joints(self.initial, record, "record")

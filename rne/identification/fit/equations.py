@@ -30,6 +30,7 @@ from ...model.standard_parameters import StandardParameters
 from ...robot import Robot, robot_argument
 from .. import thresholds
 from ..log.filtering import impulse_response, low_pass, settling
+from ..log.log_columns import numbers_at_ends, plain_name
 from ..log.prepared import Prepared, rows_without, undisturbed
 from ..log.record import Record
 from ..log.screening import consecutive, runs
@@ -39,7 +40,7 @@ BEYOND = "the motion leaves the robot's limits: in other units, or from another 
 EARLY = "torques come before the positions, as where noise is fed back: give `instruments`"  # start of a note
 LOCKED = "joints that the records do not have, taken as locked"  # start of a note
 NO_TORQUE = "has no torque that can be used"  # in a note
-UNUSABLE = ("constant torque", "saturated torque")  # kinds of findings on such torques
+UNUSABLE = ("constant torque", "saturated torque", "torque missing")  # kinds of findings on such torques
 LARGEST = 1e150  # number whose square is still one
 MOST_TOLD = 3  # limits that a note names
 ROUNDINGS = 1e3  # of a position, within which it does not change
@@ -311,6 +312,11 @@ def build_regression(
         Z = np.concatenate([part[0] @ base.back for part in parts])
         used &= (both_move := np.concatenate([part[3] for part in parts]))  # so that the direction of friction is known
         sure &= both_move
+    silent = [no_torque_text(given, j, robot.joint_names[j]) for j in np.flatnonzero(~valid.any(0)).tolist()]
+    if len(silent) == robot.n:
+        raise ValueError(
+            f"`records` give no equations: {silent[0]}{' and so on' * (robot.n > 1)}: record torques in motion"
+        )
     if used.sum() <= base.count:
         raise ValueError(
             f"`records` give {used.sum()} equations for {base.count} base parameters: a longer motion is needed, or a "
@@ -320,7 +326,6 @@ def build_regression(
     if each > shortest:
         most = shortest * len(prepared)
         raise ValueError(f"`folds` must be at most {most}, got {folds}: there are no more equations")
-    silent = [no_torque_text(given, j, robot.joint_names[j]) for j in np.flatnonzero(~valid.any(0)).tolist()]
     still_names = [robot.joint_names[j] for j in np.flatnonzero(still)]
     notes = (*beyond_limits(robot, prepared), *still_text(standard, still_names), *silent)
     blocks = blocks_of_time(prepared, each)
@@ -472,6 +477,7 @@ def of_named_joints(
     name a joint differently: the records lack a joint and have one that the robot does not know, or lack nearly all.
     """
     given = tuple(records) if isinstance(records, Sequence) else (records,)
+    given = tuple(by_number(r, robot.joint_names) if isinstance(r, Record) else r for r in given)
     named = [r for r in given if isinstance(r, Record) and r._is_of(robot.joint_names)]
     if not named or len(named) < len(given):
         told = [r for r in given if isinstance(r, Record) and r._given_names]
@@ -492,7 +498,8 @@ def of_named_joints(
     if missing and (set(others) - set(robot.model.link_joints) or len(own) < thresholds.LEAST_NAMED * robot.n):
         both = f"{first.name} has {list(first.joint_names)} and lacks {list(missing)}"
         cure = f", or lock these where they were, `robot.locked({missing})`" if own else ""
-        raise ValueError(f"records must name the robot's joints, {both}: give names as the robot has them{cure}")
+        how = ', as `joints` with columns={"q": ..., "tau": ...} in this order' if first.source else ""
+        raise ValueError(f"records must name the robot's joints, {both}: give names as the robot has them{how}{cure}")
     notes = [f"{name} of the records is not a joint of the robot, or locked: left out" for name in others]
     if missing:
         notes = [f"{LOCKED}: {listed([f'{name} at {q:.4g}' for name, q in missing.items()])}", *notes]
@@ -500,6 +507,19 @@ def of_named_joints(
     if any(record.joint_names != robot.joint_names for record in named):
         given = tuple(record._part(slice(None), robot.joint_names) for record in named)
     return robot, given, tuple(notes)
+
+
+def by_number(record: Record, names: Sequence[str]) -> Record:
+    """The record with the robot's names where both have numbers alone: joint_2 or j2 is then the robot's arm_j2."""
+    own = record._given_names or ()
+    k, theirs = numbers_at_ends(own), numbers_at_ends(names)
+    if not k or not set(own).isdisjoint(names) or not set(k) <= set(theirs) or (0 in k) != (0 in theirs):
+        return record
+    stem, whole = (plain_name(x[0].rstrip("0123456789")) for x in (own, names))
+    if stem != "joint" and not whole.endswith(stem):  # another arm's
+        return record
+    called = dict(zip(theirs, names, strict=True))
+    return record._part(slice(None), own, [called[i] for i in k])
 
 
 def warn_of_locked(notes: Sequence[str]) -> None:

@@ -17,11 +17,11 @@ from ...trajectories.csv_file import Samples, guessed_unit, in_seconds, listed_n
 from .log_files import LISTED, UNIT, Log, read_log, symbol, with_stamps
 
 WORDS = {
-    "t": "t tout time timestamp stamp sec secs seconds zeit",
-    "q": "pos position positions angle angles winkel",
-    "qd": "qd dq qdot dtheta thetadot vel velocity velocities speed speeds omega ω geschwindigkeit",
+    "t": "t ts tout time timestamp stamp sec secs seconds zeit",
+    "q": "pos qpos position positions angle angles winkel",
+    "qd": "qd dq qdot dtheta thetadot vel qvel velocity velocities speed speeds omega ω geschwindigkeit",
     "": "qdd ddq qddot ddot acc accel acceleration accelerations",  # not read
-    "tau": "tau τ torque torques trq tor effort efforts moment moments drehmoment",
+    "tau": "tau τ torque torques trq tor eff effort efforts moment moments drehmoment",
     "force": "force forces",
     "current": "current currents curr iq strom",
 }
@@ -31,11 +31,11 @@ BETWEEN = ("", *"/.[]()")  # around a joint's name that is a part of its own
 SYMBOLS = ("q", "theta", "θ")  # positions where no other word names a quantity, as in "theta1" beside "theta1_effort"
 KINDS = {*WORD, *SYMBOLS, "dot"}
 ASKED = re.compile(  # words of commands and limits; in the second group those of joints' names too, such as a slide d3
-    "(?:target|desired|command|commanded|cmd|reference|setpoint|goal|action|soll|planned|limit|min|max)s?"
+    "(?:target|desired|command|commanded|cmd|reference|set|setpoint|goal|action|soll|planned|limit|min|max)s?"
     "|(d|des|ref|errors?|ext|external)"
 )
 SPARE = re.compile(  # words that say nothing of the joint
-    "actual|act|measured|meas|present|ist|angular|field|observation|state|feedback|fbk|log|data|values?|j"
+    "actual|act|measured|meas|est|estimated|present|ist|angular|field|observation|state|feedback|fbk|log|data|values?|j"
 )
 CLOCKS = re.compile(  # words beside "time" and "stamp"
     "header|elapsed|rel|relative|since|start|system|epoch|unix|ros|rosbag|robot|sim|recv|s"
@@ -88,7 +88,7 @@ def measured(path: Any, options: Mapping[str, Any]) -> tuple[dict[str, Any], lis
     if log.is_lerobot and "q" not in options["units"]:
         cure = 'give units={"q": "deg"}, or rad per unit of each joint and `offsets`'
         raise ValueError(f"{place}: positions of LeRobot data sets are in degrees or normalised; {cure}")
-    if units["q"] is None and np.median(np.nanmax(np.abs(x["q"]), axis=0, initial=0)) > 4 * np.pi:
+    if units["q"] is None and np.mean(np.nanmax(np.abs(x["q"]), axis=0, initial=0) > 4 * np.pi) > 0.5:
         guesses.append(("positions are in degrees, as most pass two turns", 'else give units={"q": "rad"}'))
         units["q"] = "deg"
     gains, n = options["gains"], len(kinds["q"])
@@ -263,7 +263,7 @@ def _not_commands(found: Columns, asked: Mapping[str, Meaning], order: Sequence[
     """
     torques = found["tau"] | found["current"]
     alone = {x: m for x, m in asked.items() if m.joint not in (torques if m.kind == "tau" else found[m.kind])}
-    own = {(m.kind, _key(m.own)): name for name, m in alone.items() if m.own}
+    own = {(m.kind, plain_name(m.own)): name for name, m in alone.items() if m.own}
     for (kind, key), name in own.items():
         torque = next((x for x in TORQUES if (x, key) in own), None)
         if kind == "q" and torque and found["q"] and torques:
@@ -295,13 +295,14 @@ def _same_joints(
     """
     said, guesses = remarks
     there = {"q": found["q"], "tau": found["tau"] or found["current"], "qd": found["qd"]}
-    numbers = {kind: _numbers(x) for kind, x in there.items()}
+    numbers = {kind: numbers_at_ends(x) for kind, x in there.items()}
     for kind, k in numbers.items():
         if k and not paired:
             there[kind] = dict(x for _, x in sorted(zip(k, there[kind].items(), strict=True)))
-    first = next((kind for kind, x in there.items() if x and not numbers[kind]), "q")
+    other = [kind for kind, x in there.items() if x and not numbers[kind]]  # velocities may be of more than the joints
+    first = next((kind for kind in other if kind != "qd" or len(there["qd"]) == len(there["q"])), "q")
     names, of = there[first], Columns()
-    key: Callable[[str], str] = _key if all(len({*map(_key, x)}) == len(x) for x in there.values()) else str
+    key: Callable[[str], str] = plain_name if all(len({*map(plain_name, x)}) == len(x) for x in there.values()) else str
     for kind, x in there.items():
         own, k, base = {key(joint): column for joint, column in x.items()}, numbers[kind], numbers[first]
         is_shifted = k and base and (0 in k) != (0 in base)
@@ -312,8 +313,9 @@ def _same_joints(
                 guesses.append((f"{_span(x)} are of the joints of {_span(names)} in this order", ORDER))
     common = [joint for joint in of["q"] if joint in of["tau"]]
     own = {key(joint): joint for joint in common}
-    are_others = len(joints or ()) == len(common) and own.keys().isdisjoint(map(key, joints or ()))
-    if are_others and (paired or _numbers(common)):
+    shared = own.keys() & set(map(key, joints or ()))
+    are_others = len(joints or ()) == len(common) and len(shared) < len(common)
+    if are_others and (paired or (numbers_at_ends(common) and not shared)):
         if not paired:
             guesses.append((f"{_span(of['q'])} are of {_span(joints or ())} in this order", ORDER))
     elif joints is not None:
@@ -342,12 +344,12 @@ def _same_joints(
     return {kind: [x[joint] for joint in common] for kind, x in of.items()}, named or None
 
 
-def _key(joint: str) -> str:
+def plain_name(joint: str) -> str:
     """A joint's name without what two columns may write differently."""
     return re.sub(r"[\W_]", "", joint).casefold()
 
 
-def _numbers(joints: Iterable[str]) -> list[int]:
+def numbers_at_ends(joints: Iterable[str]) -> list[int]:
     """Numbers at the ends of names that are alike but for these, 1 for a joint without a name; empty for others."""
     ends = [re.fullmatch(r"(.*?)(\d*)", joint) for joint in joints]
     parts = [end.groups() for end in ends if end]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, Self
@@ -425,7 +426,9 @@ class Record(ReadOnlyArrays):
     def _is_of(self, joint_names: Sequence[str]) -> bool:
         """True if the joints were named; joint_1 and so on are numbers for a robot without joints of these names."""
         given = self._given_names or ()
-        return bool(given) and (given != numbered_joints(self.n) or not set(given).isdisjoint(joint_names))
+        plain = tuple(re.sub(r"[ _]*0*(\d+)$", r"_\1", name.lower()) for name in given)  # Joint1, joint 01
+        are_numbers = plain in (numbered_joints(self.n), tuple(f"joint_{k}" for k in range(self.n)))
+        return bool(given) and not (are_numbers and set(given).isdisjoint(joint_names))
 
     def between(self, start: float, end: float) -> Record:
         """The part of the record in an interval of time.
@@ -451,14 +454,14 @@ class Record(ReadOnlyArrays):
             raise ValueError(f"there are no samples between {start:.12g} and {end:.12g} s: {span}")
         return self._part(part, self.joint_names)
 
-    def _part(self, rows: Array | slice, joint_names: Sequence[str]) -> Record:
-        """Some samples of some joints."""
+    def _part(self, rows: Array | slice, joint_names: Sequence[str], called: Sequence[str] = ()) -> Record:
+        """Some samples of some joints, with other names if given (`called`)."""
         joints = [self.joint_names.index(name) for name in joint_names]
         qd = None if self.qd is None else self.qd[rows][:, joints]
         options: dict[str, Any] = {
             "stamps": self._stamps,
             "bridge": self._bridge,
-            "joint_names": self._given_names and joint_names,
+            "joint_names": self._given_names and (called or joint_names),
         }
         q, tau = self.q[rows][:, joints], self.tau[rows][:, joints]
         part = Record(self.t[rows], q, tau, qd, name=self.name, **options)

@@ -481,7 +481,9 @@ def _usable_torques(found: Screened, q: Array, tau: Array, steps: Array, spike: 
     moved = np.abs(np.gradient(q, axis=0))
     for j, x in enumerate(tau.T):
         if np.ptp(x) <= max(thresholds.NOTHING * np.abs(x).max(), thresholds.SILENT):
-            found.warning(j, "constant torque", f"of {x[0]:.6g} in all samples", "no row of this joint is used")
+            what = ("constant torque", f"of {x[0]:.6g} in all samples")
+            what = what if np.isfinite(found.tau[:, j]).any() else ("torque missing", "in all samples")
+            found.warning(j, *what, "no row of this joint is used")
             usable[:, j] = False
             continue
         usual = np.sqrt(np.mean(moved[:, j] ** 2))
