@@ -38,7 +38,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt as interrupt:
         note(f"interrupted{f': {interrupt}' if interrupt.args else ''}")
         return 130  # as shells say it
-    except (CommandError, RneError, OSError, ImportError) as error:
+    except (CommandError, RneError, ValueError, OSError, ImportError) as error:
         return fail(as_options(in_one_line(error), arguments))
 
 

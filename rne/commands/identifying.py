@@ -9,27 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 from ..basics.marks import URDF
 from ..trajectories.csv_file import as_number
+from . import shared
 from .moving import add_units, rotating
-from .shared import (
-    CommandError,
-    add_force,
-    add_parser,
-    add_robot,
-    as_options,
-    check_file,
-    check_folder,
-    fail,
-    in_one_line,
-    note,
-    number,
-    numbers,
-    one_or_each,
-    robot_of,
-    say,
-    used,
-    warnings_in_one_line,
-    work,
-)
+from .shared import CommandError, as_options, fail, in_one_line, note, number, numbers, say, used, work
 
 if TYPE_CHECKING:
     import rne
@@ -40,8 +22,8 @@ IDENTIFY = "rne identify ur5 run1.mcap run2.mcap --check run3.mcap --out ur5.urd
 def add_identify(commands: Any) -> None:
     """Register `rne identify`."""
     title = "find masses, rotors and friction from logs of motions"
-    parser = add_parser(commands, "identify", title, IDENTIFY, run_identify)
-    add_robot(parser)
+    parser = shared.add_parser(commands, "identify", title, IDENTIFY, run_identify)
+    shared.add_robot(parser)
     logs = "files as rne.identification.Record.from_log reads them: text, MCAP, .mat, .npz, LeRobot data sets"
     parser.add_argument("logs", metavar="LOG", type=Path, nargs="+", help=logs)
     parser.add_argument("--check", metavar="LOG", type=Path, help="another motion, to be predicted")
@@ -62,7 +44,7 @@ def add_identify(commands: Any) -> None:
     parser.add_argument("--out", metavar="FILE.urdf", type=Path, help="file for the robot found")
     page = "folder for the page (default: rne-identify)"
     parser.add_argument("--page", metavar="FOLDER", type=Path, default=Path("rne-identify"), help=page)
-    add_force(parser)
+    shared.add_force(parser)
 
 
 def run_identify(arguments: argparse.Namespace) -> int:
@@ -71,33 +53,28 @@ def run_identify(arguments: argparse.Namespace) -> int:
 
     from ..plotting.html_page import Report
 
-    check_file(arguments.out, arguments, suffixes=(".urdf",))
-    check_folder(arguments.page, arguments, "--page")
-    robot, held_out = robot_of(arguments), [arguments.check] * (arguments.check is not None)
-    try:
-        work.begin("reading the logs")
-        records = [_record(file, robot, arguments) for file in (*arguments.logs, *held_out)]
-        for record in records:
-            say(f"{record.name}: {record.source}")
-        for finding in held_out and records[-1].findings:
-            note(as_options(f"{finding}", arguments))
-        work.begin("identifying")
-        with warnings_in_one_line(arguments):
-            found = rne.identify(robot, records[: len(arguments.logs)], cutoff=arguments.cutoff)
-        page = Report(f"{robot.model.name} identified", say, arguments.page)
-        page.text(used(robot, arguments))
-        report = found.report(details=arguments.details).replace("`report(details=True)`", "--details")
-        page.lines(as_options(report, arguments))
-        for k, record in enumerate(records):
-            check, how = found.check(record), "fitted" if k < len(arguments.logs) else "predicted"
-            page.heading(f"{record.name}, {how}")
-            page.lines(check.report())
-            page.figure(
-                f"torques_{k}", check.plot, f"{record.name}: measured torques, {how} ones, and their difference"
-            )
-        say(f"page: {page.write()}")
-    except (ValueError, ImportError) as error:
-        raise CommandError(in_one_line(error)) from None
+    shared.check_file(arguments.out, arguments, suffixes=(".urdf",))
+    shared.check_folder(arguments.page, arguments, "--page")
+    robot, held_out = shared.robot_of(arguments), [arguments.check] * (arguments.check is not None)
+    work.begin("reading the logs")
+    records = [_record(file, robot, arguments) for file in (*arguments.logs, *held_out)]
+    for record in records:
+        say(f"{record.name}: {record.source}")
+    for finding in held_out and records[-1].findings:
+        note(as_options(f"{finding}", arguments))
+    work.begin("identifying")
+    with shared.warnings_in_one_line(arguments):
+        found = rne.identify(robot, records[: len(arguments.logs)], cutoff=arguments.cutoff)
+    page = Report(f"{robot.model.name} identified", say, arguments.page)
+    page.text(used(robot, arguments))
+    report = found.report(details=arguments.details).replace("`report(details=True)`", "--details")
+    page.lines(as_options(report, arguments))
+    for k, record in enumerate(records):
+        check, how = found.check(record), "fitted" if k < len(arguments.logs) else "predicted"
+        page.heading(f"{record.name}, {how}")
+        page.lines(check.report())
+        page.figure(f"torques_{k}", check.plot, f"{record.name}: measured torques, {how} ones, and their difference")
+    say(f"page: {page.write()}")
     try:
         urdf = found.to_urdf()
     except rne.IdentificationError as error:
@@ -114,7 +91,7 @@ def _record(file: Path, robot: rne.Robot, arguments: argparse.Namespace) -> rne.
     import rne
 
     given = {name: getattr(arguments, name) for name in ("time_unit", "sample_rate", "joints", "topic", "episode")}
-    given |= {name: one_or_each(getattr(arguments, name)) for name in ("gains", "offsets")}
+    given |= {name: shared.one_or_each(getattr(arguments, name)) for name in ("gains", "offsets")}
     units, columns = _merged("--units", arguments.units), _merged("--columns", arguments.columns)
     if arguments.degrees:
         turns = dict(zip(robot.joint_names, rotating(robot), strict=True))

@@ -16,30 +16,8 @@ import numpy as np
 
 from ..basics.arrays import per_joint_array
 from ..basics.text import UNITS, plain, short
-from .shared import (
-    CommandError,
-    add_force,
-    add_parser,
-    add_robot,
-    bodies,
-    check_file,
-    check_folder,
-    fail,
-    in_one_line,
-    note,
-    number,
-    numbers,
-    one_or_each,
-    robot_of,
-    say,
-    say_limits,
-    say_samples,
-    units_of,
-    used,
-    warnings_in_one_line,
-    work,
-    written,
-)
+from . import shared
+from .shared import CommandError, bodies, fail, in_one_line, note, number, numbers, say, units_of, used, work, written
 
 if TYPE_CHECKING:
     import rne
@@ -49,6 +27,7 @@ if TYPE_CHECKING:
 NOT_GIVEN = " (not given: zero)"
 MOTIONS = (".npz", ".csv")
 SIMULATION = "rne simulate irb140 --q0 0 0.5 0 0 0 0 --duration 2 --out motion.csv"
+TORQUES = "rne torques irb140 motion.csv --out torques.csv"
 VIEW = "rne view irb140 --motion motion.csv --out irb140.html"
 COLUMNS = ".npz of rne.Trajectory.save, or .csv with columns t and q.<joint> [s, rad or m]"
 CYCLE = "rne cycle irb140 via.csv --effort 250 250 150 50 50 20 --gear 100 --rotor 1e-4 --efficiency 0.85"
@@ -69,8 +48,8 @@ RESIDUAL = 1.2  # ratio of what a filter removes to the noise
 def add_simulate(commands: Any) -> None:
     """Register `rne simulate`."""
     title = "simulate a motion and write it to a file"
-    parser = add_parser(commands, "simulate", title, SIMULATION, run_simulate)
-    add_robot(parser)
+    parser = shared.add_parser(commands, "simulate", title, SIMULATION, run_simulate)
+    shared.add_robot(parser)
     joints = "one number per joint, separated by blanks or commas"
     parser.add_argument("--q0", metavar="Q", type=numbers, help=f"initial positions [rad or m], {joints}; else zero")
     parser.add_argument("--qd0", metavar="QD", type=numbers, help="initial velocities [rad/s or m/s]; else at rest")
@@ -81,15 +60,15 @@ def add_simulate(commands: Any) -> None:
     parser.add_argument("--every", metavar="S", type=number, help="time between samples [s]; else the solver's steps")
     out = "file to write: .npz, for rne.Trajectory.load, or .csv, for other programs"
     parser.add_argument("--out", metavar="FILE", type=Path, required=True, help=out)
-    add_force(parser)
+    shared.add_force(parser)
 
 
 def run_simulate(arguments: argparse.Namespace) -> int:
     """Simulate, write the file, and say from what and with which result; 1 if the simulation failed."""
     import rne
 
-    check_file(arguments.out, arguments, suffixes=MOTIONS)
-    robot = robot_of(arguments)
+    shared.check_file(arguments.out, arguments, suffixes=MOTIONS)
+    robot = shared.robot_of(arguments)
     times = _times(arguments.duration, arguments.every)
     q0, qd0, torque = (_per_joint(robot, name, getattr(arguments, name)) for name in ("q0", "qd0", "torque"))
     say(used(robot, arguments))
@@ -98,14 +77,12 @@ def run_simulate(arguments: argparse.Namespace) -> int:
     say(f"torque {written(torque)} {units_of(robot, 'N m', 'N')}{NOT_GIVEN if arguments.torque is None else ''}")
     say(f"{bodies(robot)}: no friction, stops or torque limits")
     try:
-        with warnings_in_one_line(arguments):
+        with shared.warnings_in_one_line(arguments):
             options = {"method": arguments.method, "rtol": arguments.rtol, "t_eval": times}
             law = None if arguments.torque is None else torque
             work.begin("simulating")
             motion = rne.simulate(robot, q0, qd0, arguments.duration, torque=law, progress=work.progress, **options)
             work.begin("energies and the file")
-    except ValueError as error:
-        raise CommandError(in_one_line(error)) from None
     except rne.SimulationError as error:
         fail(in_one_line(error))
         return 1
@@ -115,8 +92,8 @@ def run_simulate(arguments: argparse.Namespace) -> int:
     _write(motion, arguments.out)
     say(motion.message)
     say(f"energy drift {motion.energy_drift:.3g} J")
-    say_limits(say, robot, motion.check_limits())
-    say_samples(arguments.out, motion.t)
+    shared.say_limits(say, robot, motion.check_limits())
+    shared.say_samples(arguments.out, motion.t)
     return 0
 
 
@@ -145,8 +122,8 @@ def _times(duration: float, every: float | None) -> list[float] | None:
 def add_torques(commands: Any) -> None:
     """Register `rne torques`."""
     title = "compute the torques of a motion in a CSV file"
-    parser = add_parser(commands, "torques", title, "rne torques irb140 motion.csv --out torques.csv", run_torques)
-    add_robot(parser)
+    parser = shared.add_parser(commands, "torques", title, TORQUES, run_torques)
+    shared.add_robot(parser)
     columns = "CSV with columns t and q.<joint>, if known qd.<joint> and qdd.<joint>, in any order [s, rad or m]"
     parser.add_argument("motion", metavar="MOTION.csv", type=Path, help=columns)
     add_units(parser)
@@ -154,7 +131,7 @@ def add_torques(commands: Any) -> None:
     parser.add_argument("--cutoff", metavar="HZ", type=number, help=cutoff)
     out = "CSV file to write, columns t and tau.<joint> (default: standard output)"
     parser.add_argument("--out", metavar="FILE", type=Path, help=out)
-    add_force(parser)
+    shared.add_force(parser)
 
 
 def run_torques(arguments: argparse.Namespace) -> int:
@@ -162,20 +139,17 @@ def run_torques(arguments: argparse.Namespace) -> int:
     from ..simulation.limits import limit_violations
     from ..simulation.motion_files import csv_text, write_columns
 
-    check_file(arguments.out, arguments, suffixes=(".csv",))
-    robot = robot_of(arguments)
-    try:
-        given = read_motion(arguments.motion, robot, arguments)
-        if given.qd is None:
-            refuse_wrapped_angles(given, robot, arguments.motion)
-        motion, change = given, ""
-        if arguments.cutoff is not None:
-            motion, change = filtered(given, arguments.cutoff)
-        q, qd, qdd, source = differentiated(motion, arguments.motion)
-        with warnings_in_one_line(arguments):
-            tau = robot.inverse_dynamics(q, qd, qdd)
-    except ValueError as error:
-        raise CommandError(in_one_line(error)) from None
+    shared.check_file(arguments.out, arguments, suffixes=(".csv",))
+    robot = shared.robot_of(arguments)
+    given = read_motion(arguments.motion, robot, arguments)
+    if given.qd is None:
+        refuse_wrapped_angles(given, robot, arguments.motion)
+    motion, change = given, ""
+    if arguments.cutoff is not None:
+        motion, change = filtered(given, arguments.cutoff)
+    q, qd, qdd, source = differentiated(motion, arguments.motion)
+    with shared.warnings_in_one_line(arguments):
+        tau = robot.inverse_dynamics(q, qd, qdd)
     tell = note if arguments.out is None else say
     tell(used(robot, arguments))
     tell(source)
@@ -189,13 +163,13 @@ def run_torques(arguments: argparse.Namespace) -> int:
     exceeded = limit_violations(robot.model, motion.t - motion.t[0], q, qd, tau)
     if exceeded and motion.t[0]:
         tell(f"times of limits count from the first row, t = {motion.t[0]:.13g} s")
-    say_limits(tell, robot, exceeded)
+    shared.say_limits(tell, robot, exceeded)
     columns = {f"tau.{name}": tau[:, k] for k, name in enumerate(robot.joint_names)}
     if arguments.out is None:
         print(csv_text(motion.t, columns), end="")
     else:
         write_columns(arguments.out, motion.t, columns)
-        say_samples(arguments.out, motion.t)
+        shared.say_samples(arguments.out, motion.t)
     return 0
 
 
@@ -232,13 +206,14 @@ def _rms(x: Array) -> Array:
 
 def add_view(commands: Any) -> None:
     """Register `rne view`."""
-    parser = add_parser(commands, "view", "write a robot or its motion as an HTML page with a 3-D view", VIEW, run_view)
-    add_robot(parser)
+    title = "write a robot or its motion as an HTML page with a 3-D view"
+    parser = shared.add_parser(commands, "view", title, VIEW, run_view)
+    shared.add_robot(parser)
     parser.add_argument("--motion", metavar="FILE", type=Path, help=f"{COLUMNS}; else the zero position")
     parser.add_argument("--other", metavar="FILE", type=Path, help="a second motion, shown half transparent")
     add_units(parser)
     parser.add_argument("--out", metavar="FILE.html", type=Path, help="page to write (default: <name of ROBOT>.html)")
-    add_force(parser)
+    shared.add_force(parser)
     parser.add_argument("--speed", type=number, default=1.0, help="seconds of the motion per second (default: 1)")
     parser.add_argument("--frames", action="store_true", help="show the links' frames at first")
     parser.add_argument("--inertia", action="store_true", help="show masses as solids of their inertia at first")
@@ -249,23 +224,20 @@ def run_view(arguments: argparse.Namespace) -> int:
     import rne
 
     out = arguments.out or Path(f"{Path(arguments.robot).stem}.html")
-    check_file(out, arguments, suffixes=PAGES)
-    robot = robot_of(arguments)
+    shared.check_file(out, arguments, suffixes=PAGES)
+    robot = shared.robot_of(arguments)
     work.begin("placing the links in all frames")
     labels = [plain(file.stem) for file in (arguments.motion or out, arguments.other or out)]
-    try:
-        motion, other = (
-            None if file is None else _motion(file, robot, arguments) for file in (arguments.motion, arguments.other)
-        )
-        shown = {name: getattr(arguments, name) for name in ("speed", "frames", "inertia")}
-        with warnings_in_one_line(arguments):
-            if isinstance(motion, rne.Trajectory):
-                page = rne.view(motion, out, other=other, labels=labels, **shown)
-            else:
-                t, q = (None, None) if motion is None else motion
-                page = rne.view(robot, out, q=q, t=t, other=other, labels=labels, **shown)
-    except (ValueError, ImportError) as error:
-        raise CommandError(in_one_line(error)) from None
+    motion, other = (
+        None if file is None else _motion(file, robot, arguments) for file in (arguments.motion, arguments.other)
+    )
+    shown = {name: getattr(arguments, name) for name in ("speed", "frames", "inertia")}
+    with shared.warnings_in_one_line(arguments):
+        if isinstance(motion, rne.Trajectory):
+            page = rne.view(motion, out, other=other, labels=labels, **shown)
+        else:
+            t, q = (None, None) if motion is None else motion
+            page = rne.view(robot, out, q=q, t=t, other=other, labels=labels, **shown)
     say(f"{page.path}: {len(page.html.encode()) / 1e6:.2f} MB")
     return 0
 
@@ -291,8 +263,8 @@ def _motion(file: Path, robot: rne.Robot, arguments: argparse.Namespace) -> rne.
 def add_cycle(commands: Any) -> None:
     """Register `rne cycle`."""
     title = "drive through via points in least time and report on the drives"
-    parser = add_parser(commands, "cycle", title, CYCLE, run_cycle)
-    add_robot(parser)
+    parser = shared.add_parser(commands, "cycle", title, CYCLE, run_cycle)
+    shared.add_robot(parser)
     columns = "CSV with columns q.<joint>, a row for each via point [rad or m]"
     parser.add_argument("via", metavar="VIA.csv", type=Path, help=columns)
     parser.add_argument("--degrees", action="store_true", help="angles are in degrees")
@@ -310,7 +282,7 @@ def add_cycle(commands: Any) -> None:
         )
     folder = "folder for the page (default: rne-cycle)"
     parser.add_argument("--out", metavar="FOLDER", type=Path, default=Path("rne-cycle"), help=folder)
-    add_force(parser)
+    shared.add_force(parser)
 
 
 def run_cycle(arguments: argparse.Namespace) -> int:
@@ -321,11 +293,11 @@ def run_cycle(arguments: argparse.Namespace) -> int:
     from ..plotting.plots import small_plots, torque_speed
     from ..trajectories.csv_file import read_samples
 
-    check_folder(arguments.out, arguments)
-    robot = robot_of(arguments)
+    shared.check_folder(arguments.out, arguments)
+    robot = shared.robot_of(arguments)
     try:
         if arguments.acceleration is not None:
-            robot = robot.with_limits(acceleration=one_or_each(arguments.acceleration))
+            robot = robot.with_limits(acceleration=shared.one_or_each(arguments.acceleration))
         q = read_samples(arguments.via, robot.joint_names, needed=["q"], timed=False).q
         assert q is not None
         if len(q) < 2:
@@ -334,7 +306,7 @@ def run_cycle(arguments: argparse.Namespace) -> int:
         path = rne.trajectories.through(points, stops=arguments.stops)
         work.begin("planning the motion")
         gear, rotor, efficiency = (
-            per_joint_array(name, one_or_each(getattr(arguments, name)), robot.n)
+            per_joint_array(name, shared.one_or_each(getattr(arguments, name)), robot.n)
             for name in ("gear", "rotor", "efficiency")
         )
         turned = robot.model.armature.copy()
@@ -406,11 +378,8 @@ def read_motion(file: Path, robot: rne.Robot, arguments: argparse.Namespace) -> 
     unit = np.where(rotating(robot) & arguments.degrees, np.pi / 180, 1.0)
     q = samples.q * unit
     qd, qdd = (None if x is None else x * unit for x in (samples.qd, samples.qdd))
-    try:
-        cure = "give --time-unit {}, or s if they are seconds"
-        t = in_seconds(file, Samples(samples.t, q, qd), arguments.time_unit, cure, robot.velocity_limit).t
-    except ValueError as error:
-        raise CommandError(in_one_line(error)) from None
+    cure = "give --time-unit {}, or s if they are seconds"
+    t = in_seconds(file, Samples(samples.t, q, qd), arguments.time_unit, cure, robot.velocity_limit).t
     if qd is not None and len(t) >= SPIKED and not 1 / FACTOR < (ratio := velocity_ratio(t, q, qd) or 1.0) < FACTOR:
         note(f"warning: qd is {ratio:.3g} times the differences of q over those of t; check their units and signs")
     _warn_of_degrees(q, robot)

@@ -14,19 +14,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..basics.text import counted
-from .shared import (
-    ROBOT,
-    CommandError,
-    add_force,
-    add_parser,
-    add_robot,
-    check_folder,
-    fail,
-    in_one_line,
-    number,
-    robot_of,
-    say,
-)
+from . import shared
+from .shared import ROBOT, CommandError, fail, in_one_line, number, say
 
 if TYPE_CHECKING:
     from ..model import Model
@@ -63,7 +52,7 @@ def quantities() -> list[str]:
 def add_check(commands: Any) -> None:
     """Register `rne check`."""
     title = "print errors and warnings about robots' files"
-    parser = add_parser(commands, "check", title, "rne check irb140.urdf", run_check)
+    parser = shared.add_parser(commands, "check", title, "rne check irb140.urdf", run_check)
     parser.add_argument("robots", metavar="ROBOT", nargs="+", help=ROBOT)
     parser.add_argument("--all", action="store_true", help="print findings that are alike one by one")
     what = "two points, as LINK,X,Y,Z in metres: print how far apart they come over the ranges of the joints"
@@ -117,8 +106,8 @@ def _refuse_other_files(robot: str) -> None:
 def add_compare(commands: Any) -> None:
     """Register `rne compare`."""
     title = "print how two robots differ: joints, limits, bodies, and the likely cause of other torques"
-    parser = add_parser(commands, "compare", title, "rne compare irb140 irb140.urdf", run_compare)
-    add_robot(parser)
+    parser = shared.add_parser(commands, "compare", title, "rne compare irb140 irb140.urdf", run_compare)
+    shared.add_robot(parser)
     other = "another robot, of as many joints for torques to be compared; payload and locked joints are of ROBOT alone"
     parser.add_argument("other", metavar="OTHER", help=other)
     least = "differences below this part of a joint's torques are rounding (default: that of rne.compare_models)"
@@ -135,17 +124,14 @@ def run_compare(arguments: argparse.Namespace) -> int:
     names = arguments.robot, arguments.other
     alone = dict.fromkeys(("payload", "payload_com", "payload_inertia", "payload_link", "locked"))
     second = argparse.Namespace(**vars(arguments) | alone | {"robot": arguments.other})
-    one, other = robot_of(arguments), robot_of(second)
+    one, other = shared.robot_of(arguments), shared.robot_of(second)
     differences = list(_differences(one.model, other.model, names, tolerance))
     lines = [*differences] or ["joints: the same, with the same limits, bodies and frames"]
     if one.n != other.n:
         lines += [f"torques: not compared, {names[0]} has {counted(one.n, 'joint')}, {names[1]} {other.n}"]
         differs = True
     else:
-        try:
-            found = rne.compare_models(one, other, tolerance=tolerance)
-        except ValueError as error:
-            raise CommandError(in_one_line(error)) from None
+        found = rne.compare_models(one, other, tolerance=tolerance)
         report, moved = found.report(), {place[1] for line in differences if (place := PLACE.match(line))}
         same = len(set(one.joint_names) & set(other.joint_names) - moved)
         if found.causes == ("unknown",) and 2 * same < one.n:
@@ -183,7 +169,7 @@ def _differences(one: Model, other: Model, names: Sequence[str], tolerance: floa
 def add_urdf(commands: Any) -> None:
     """Register `rne urdf`."""
     title = "print a robot as URDF, without shapes that are meshes"
-    parser = add_parser(commands, "urdf", title, "rne urdf irb140 > irb140.urdf", run_urdf)
+    parser = shared.add_parser(commands, "urdf", title, "rne urdf irb140 > irb140.urdf", run_urdf)
     parser.add_argument("robot", metavar="ROBOT", help=ROBOT)
 
 
@@ -198,7 +184,7 @@ def run_urdf(arguments: argparse.Namespace) -> int:
 def add_source(commands: Any) -> None:
     """Register `rne source`."""
     title, example = "print a quantity as C, Rust, MATLAB, Python or NumPy", "rne source irb140 --language c > tau.c"
-    parser = add_parser(commands, "source", title, example, run_source)
+    parser = shared.add_parser(commands, "source", title, example, run_source)
     parser.add_argument("robot", metavar="ROBOT", help=ROBOT)
     choices = quantities()
     default = f"{', '.join(choices)} (default: inverse_dynamics, or that of the element)"
@@ -235,17 +221,17 @@ def add_out(parser: argparse.ArgumentParser, default: Any) -> None:
 
 def add_report(commands: Any) -> None:
     """Register `rne report`."""
-    parser = add_parser(commands, "report", REPORT, "rne report irb140.urdf --out irb140-page", run_report)
+    parser = shared.add_parser(commands, "report", REPORT, "rne report irb140.urdf --out irb140-page", run_report)
     parser.add_argument("robot", metavar="ROBOT", help=ROBOT)
     add_out(parser, argparse.SUPPRESS)  # where it is not given here, that before the subcommand holds
-    add_force(parser)
+    shared.add_force(parser)
 
 
 def run_main_page(arguments: argparse.Namespace) -> int:
     """Write the main page; 1 if a comparison exceeds its bound."""
     from . import pages
 
-    check_folder(arguments.out, arguments)
+    shared.check_folder(arguments.out, arguments)
     return 0 if pages.write_main_page(arguments.out, say) else 1
 
 
@@ -257,7 +243,7 @@ def run_report(arguments: argparse.Namespace) -> int:
     from . import pages
 
     robot = rne.load(arguments.robot)
-    check_folder(arguments.out, arguments)
+    shared.check_folder(arguments.out, arguments)
     printed = io.StringIO()
     if isinstance(resolve(arguments.robot), str):  # the path of a file
         rne.check(arguments.robot, out=printed)
@@ -267,7 +253,7 @@ def run_report(arguments: argparse.Namespace) -> int:
 def add_cache(commands: Any) -> None:
     """Register `rne cache`."""
     title = "show where object code of compiled kernels is kept, or remove it"
-    parser = add_parser(commands, "cache", title, "rne cache --clear", run_cache)
+    parser = shared.add_parser(commands, "cache", title, "rne cache --clear", run_cache)
     parser.add_argument("--clear", action="store_true", help="remove all of it")
 
 
