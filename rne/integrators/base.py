@@ -31,62 +31,42 @@ class GaveUpError(NotFiniteError):
 
 @dataclass(frozen=True)
 class IntegrationOptions:
-    """How an initial value problem is integrated.
-
-    Attributes
-    ----------
-    method : str
-    rtol, atol : float
-        Relative and absolute tolerance of the state, per step.
-    t_eval : ndarray, shape (S,), or None
-        Times to report, ascending; None for the ends of steps.
-    """
+    """How an initial value problem is integrated."""
 
     method: str
-    rtol: float
+    rtol: float  # relative and absolute tolerance of the state, per step
     atol: float
-    t_eval: Array | None = None
+    t_eval: Array | None = None  # (S,), times to report, ascending; None for the ends of steps
 
 
 class System(Protocol):
-    """What is integrated.
+    """What is integrated: dx/dt = f(t, x, u)."""
 
-    Attributes
-    ----------
-    held : ndarray or None
-        The inputs u of f(t, x, u) that are held over the segment, if it has some.
-    span : (float, float)
-        Times within which f is evaluated: inside the segment, on this side of its breaks.
-    evaluations : int
-        Calls of f so far.
-    counted : int
-        Number of components of the state, the first ones, that are held to the tolerances. Those behind, such as
-        energies, are integrals: their rates depend on the others alone.
-    integral_scale : float
-        Size that is added to that of an integral, to which its error is relative.
-    jacobian : callable or None
-        df/dx at (t, x), where a solver may use it.
-    kernel : Kernel
-        f in machine code, or traced.
-    """
-
-    span: tuple[float, float]
-    evaluations: int
+    span: tuple[float, float]  # times within which f is evaluated: inside the segment, on this side of its breaks
+    evaluations: int  # of f so far
 
     @property
-    def counted(self) -> int: ...
+    def counted(self) -> int:
+        """Number of the first components of the state, which are held to the tolerances.
+
+        Those behind, such as energies, are integrals: their rates depend on the others alone.
+        """
 
     @property
-    def integral_scale(self) -> float: ...
+    def integral_scale(self) -> float:
+        """Size that is added to that of an integral, to which its error is relative."""
 
     @property
-    def held(self) -> Array | None: ...
+    def held(self) -> Array | None:
+        """The inputs u that are held over the segment, if it has some."""
 
     @property
-    def jacobian(self) -> Callable[[float, Array], Array] | None: ...
+    def jacobian(self) -> Callable[[float, Array], Array] | None:
+        """df/dx at (t, x), where a solver may use it."""
 
     @property
-    def kernel(self) -> Kernel: ...
+    def kernel(self) -> Kernel:
+        """f in machine code, or traced."""
 
     def __call__(self, t: float, x: Array) -> Array:
         """dx/dt under the inputs that are held, counted."""
@@ -96,25 +76,13 @@ class System(Protocol):
 
 
 class Sampler(Protocol):
-    """A law that is sampled: its outputs are held as inputs of the system until the next sample.
+    """A law that is sampled: its outputs are held as inputs of the system until the next sample."""
 
-    Attributes
-    ----------
-    period : float
-        Time between two samples.
-    count : int
-        Samples so far.
-    state, next_state : ndarray, shape (m,)
-        Of the law, at the last sample and the next.
-    traced : Kernel or None
-        The law, where it is traced.
-    """
-
-    period: float
-    count: int
-    state: Array
-    next_state: Array
-    traced: Any  # a kernel or None
+    period: float  # time between two samples
+    count: int  # samples so far
+    state: Array  # (m,), of the law, at the last sample
+    next_state: Array  # (m,), at the next one
+    traced: Any  # the kernel of the law, where it is traced, or None
 
     @property
     def next(self) -> float:
@@ -133,12 +101,7 @@ class Sampler(Protocol):
 class Steps:
     """Steps of a solver that follow one another, and the motion inside them.
 
-    Parameters
-    ----------
-    T : ndarray, shape (k + 1,)
-        The ends of the steps [s].
-    X : ndarray, shape (k + 1, size)
-        The states there.
+    T, of shape (k + 1,), has the ends of the steps [s], X, of shape (k + 1, size), the states there.
     """
 
     U: Array | None = None  # torques held in each step, where samples were taken between them
@@ -167,12 +130,7 @@ class Steps:
 
 
 class Solver(ABC):
-    """A method that steps along a system and can be restarted; a new one writes `steps`, and what `resume` needs more.
-
-    Parameters
-    ----------
-    options : IntegrationOptions
-    """
+    """A method that steps along a system and can be restarted; a new one writes `steps`, and more of `resume`."""
 
     note = ""  # for the message of a run
     tableau: Any = ()

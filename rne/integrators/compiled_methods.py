@@ -31,19 +31,10 @@ FIRST = 1e-6  # of the time to go: a first step of Rodas5P to try, from which th
 
 
 class Block(Steps):
-    """Steps of a compiled loop.
+    """Steps of a compiled loop, with the slopes K of each step's stages, shape (k, stages, size).
 
-    Parameters
-    ----------
-    solver : CompiledSolver
-    T, X : ndarray
-        As of Steps.
-    K : ndarray, shape (k, stages, size)
-        The slopes of each step's stages.
-    u : ndarray or None
-        The inputs of the right-hand side.
-    U : ndarray, shape (k, n), optional
-        The first inputs in each step, where samples were taken between them.
+    Inputs of the right-hand side are u; of these the first were U in each step, shape (k, n), where samples were taken
+    between the steps.
     """
 
     def __init__(
@@ -86,13 +77,8 @@ class Block(Steps):
 class CompiledSolver(Solver):
     """An explicit method whose steps are taken in machine code, many per call.
 
-    A step that the compiled loop leaves undone is taken by SciPy's solver, which names what is wrong.
-
-    Parameters
-    ----------
-    options : IntegrationOptions
-    kernel : Kernel
-        The right-hand side, of time, state and what the system holds.
+    The kernel is the right-hand side, of time, state and what the system holds. A step that the compiled loop leaves
+    undone is taken by SciPy's solver, which names what is wrong.
     """
 
     def __init__(self, options: IntegrationOptions, kernel: Kernel) -> None:
@@ -166,15 +152,7 @@ class CompiledSolver(Solver):
 
 
 class SampledSolver(CompiledSolver):
-    """The same with a traced law that is sampled between the steps.
-
-    Parameters
-    ----------
-    options, kernel
-        As of CompiledSolver.
-    sampler : Sampler
-        With a traced law.
-    """
+    """The same with a traced law that is sampled between the steps."""
 
     takes_samples = True
 
@@ -222,15 +200,8 @@ class RosenbrockSteps(Steps):
 class RosenbrockSolver(Solver):
     """Rodas5P, many steps per call.
 
-    Parameters
-    ----------
-    options : IntegrationOptions
-    system : System
-    slopes : Kernel
-        Of the implicit equations of motion by state, accelerations and time, a function of time, state, accelerations
-        and what the system holds; see `rosenbrock`.
-    n : int
-        Number of accelerations.
+    The slopes are those of the implicit equations of motion by state, n accelerations and time, a kernel of time,
+    state, accelerations and what the system holds; see `rosenbrock`.
     """
 
     def __init__(self, options: IntegrationOptions, system: System, slopes: Kernel, n: int) -> None:

@@ -37,16 +37,9 @@ class BatchResult(NamedTuple):
 
 
 class Rates:
-    """dx/dt of the motions that are still on their way.
+    """dx/dt of the motions that are still on their way, by a kernel of time, state and perhaps inertial parameters.
 
-    Parameters
-    ----------
-    kernel : Kernel
-        Of time, state and perhaps inertial parameters.
-    parameters : ndarray, shape (N, 10 nb), or (N, 0)
-    numbers : ndarray, shape (N,)
-        Of the motions, for errors.
-    interval : Interval
+    The parameters have shape (N, 10 nb), or (N, 0); errors name the motions by their numbers, shape (N,).
     """
 
     def __init__(self, kernel: Kernel, parameters: Array, numbers: Array, interval: Interval) -> None:

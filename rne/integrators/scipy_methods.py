@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cached_property, partial
 from math import isfinite
 from typing import Any, Literal
@@ -50,11 +50,8 @@ class SolverSteps(Steps):
 class SciPySolver(Solver):
     """One of SciPy's solvers, or a tableau of one's own in its RK45.
 
-    Parameters
-    ----------
-    options : IntegrationOptions
-    keeps : sequence of float, True or None
-        Times in whose steps interpolants are needed; True: in all; None: each step is returned before the next one.
+    Interpolants are needed in the steps of some times that it `keeps`, in all if that is True; with None each step is
+    returned before the next one.
     """
 
     def __init__(self, options: IntegrationOptions, keeps: Keeps = None) -> None:
@@ -70,7 +67,7 @@ class SciPySolver(Solver):
         options: dict[str, Any] = {"max_step": max_step, "first_step": first}
         options |= _tolerances(self.options, system, len(x))
         if self.method in IMPLICIT and (system.jacobian is not None or system.counted < len(x)):
-            options["jac"] = system.jacobian or partial(differences, system)
+            options["jac"] = system.jacobian or partial(_slopes, system)
         self.scipy = scipy_class(self.method)(system, t, x, end, **options)
 
     def resume(self, system: System, t: float, x: Array, end: float) -> None:
@@ -135,13 +132,18 @@ def _tolerances(options: IntegrationOptions, system: System, size: int) -> dict[
     }
 
 
-def differences(system: System, t: float, x: Array) -> Array:
-    """df/dx by differences over the components that count; SciPy's would scale the others by their tolerance."""
-    slopes, f = np.zeros((len(x), len(x))), system(t, x)
-    for j in range(system.counted):
+def _slopes(system: System, t: float, x: Array) -> Array:
+    """df/dx over the components that count; SciPy's differences would scale the others by their tolerance."""
+    return differences(lambda moved: system(t, moved), x, system(t, x), system.counted)
+
+
+def differences(f: Callable[[Array], Array], x: Array, value: Array, count: int) -> Array:
+    """Slopes of f, whose value at x is given, by forward differences over the first components of x; 0 by others."""
+    slopes = np.zeros((len(value), len(x)))
+    for j in range(count):
         moved = np.array(x)
         moved[j] += EPS**0.5 * max(abs(x[j]), 1.0)
-        slopes[:, j] = (system(t, moved) - f) / (moved[j] - x[j])
+        slopes[:, j] = (f(moved) - value) / (moved[j] - x[j])
     return slopes
 
 

@@ -27,46 +27,23 @@ UNKNOWN, GUESS, CHANGE, FLAT, GROWTH = 1e-5, 1e-6, 0.01, 1e-15, 100
 
 
 class Interval(NamedTuple):
-    """A stretch of time without a switch, and how its steps are taken; the last four are of batches.
+    """A stretch of time without a switch, and how its steps are taken; the last four are of batches."""
 
-    Attributes
-    ----------
-    tableau : tuple
-        Of the method.
-    begin, end : float
-    first, last : float
-        Times within which the right-hand side is evaluated.
-    rtol, atol : float
-    counted : int
-        Number of components of the state, the first ones, whose errors count.
-    max_step : float
-    t_eval : ndarray, shape (S,)
-        Times to report, ascending, the end as the last.
-    grid : ndarray
-        The begin, and the ends of steps that are not controlled; empty for those that are.
-    integral_scale : float
-        Size that is added to that of the components behind `counted`, to which their error is relative; infinite where
-        it does not count.
-    positions : int
-        The number of components that move with the rates at the end of the step.
-    watched : int
-        1 to leave motions in which a fast decay, not the error, holds the steps to short ones.
-    """
-
-    tableau: Any
+    tableau: Any  # of the method
     begin: float
     end: float
-    first: float
+    first: float  # from here to `last` the right-hand side is evaluated
     last: float
     rtol: float
     atol: float
-    counted: int
+    counted: int  # number of the first components of the state, whose errors count
     max_step: float = float("inf")
+    # Added to the size of a component behind `counted`, to which its error is relative; infinite: it does not count
     integral_scale: float = float("inf")
-    t_eval: Array = np.zeros(0)
-    grid: Array = np.zeros(0)
-    positions: int = 0
-    watched: int = 0  # not a bool, which machine code takes by a detour
+    t_eval: Array = np.zeros(0)  # (S,), times to report, ascending, the end as the last
+    grid: Array = np.zeros(0)  # the begin, and the ends of steps that are not controlled; empty for those that are
+    positions: int = 0  # number of components that move with the rates at the end of the step
+    watched: int = 0  # 1 to leave motions whose steps a fast decay holds short; a bool takes a detour in machine code
 
 
 class Problem(NamedTuple):

@@ -103,7 +103,7 @@ class KernelCache:
     def evaluate_scene(self, function: Declared, wrt: Sequence[str], *arrays: Array) -> Array:
         """Derivatives of a function of a scene in one state; the first time by the recursion, which traces nothing."""
         key = function, tuple(wrt)
-        if key not in self._scenes and self._is_first_state(key, arrays) and self._has_first(function, wrt):
+        if key not in self._scenes and self._is_first_state(key, arrays, function, wrt):
             return by_recursion(function, self.model, arrays, wrt, {})[0]
         return self.scene_kernel(function, *wrt).evaluate(*arrays)[0]
 
@@ -145,7 +145,7 @@ class KernelCache:
         key = (function, *wrt, *fixed.items()) if wrt or fixed else function
         kernel = self._kernels.get(key)
         if kernel is None:
-            if self._is_first_state(key, arrays) and self._has_first(function, wrt):
+            if self._is_first_state(key, arrays, function, wrt):
                 return by_recursion(function, self.model, arrays, wrt, fixed)[0]
             kernel = self.kernel(function, *wrt, **fixed)
         try:
@@ -169,13 +169,15 @@ class KernelCache:
             inputs, arrays = self._with_inputs(forward_dynamics, arrays, external, parameters)
         kernel = self._forward.get(tuple(inputs.items()) if inputs else ())
         if kernel is None:
-            if self._is_first_state(("forward dynamics", *inputs.items()), arrays):
+            if self._is_first_state(("forward dynamics", *inputs.items()), arrays, forward_dynamics):
                 return by_recursion(self._candidates()[-1], self.model, arrays, (), inputs)
             kernel = self.forward_kernel(**inputs)
         return kernel.evaluate(*arrays)
 
-    def _is_first_state(self, key: Any, arrays: Sequence[ArrayLike]) -> bool:
-        """True for the first single state that a quantity is evaluated of; remembers it."""
+    def _is_first_state(
+        self, key: Any, arrays: Sequence[ArrayLike], function: Declared, wrt: Sequence[str] = ()
+    ) -> bool:
+        """True for the first single state of a quantity, if the recursion has its derivatives; remembers it."""
         if key in self._called or any(is_traced(a) for a in arrays):
             return False
         try:
@@ -184,11 +186,7 @@ class KernelCache:
             one_state = True  # no array: named where the function checks its arguments
         if one_state:
             self._called.get_or_make(key, lambda: True)
-        return one_state
-
-    def _has_first(self, function: Declared, wrt: Sequence[str]) -> bool:
-        """True if the first state may be the recursion's: derivatives only where its complex steps give them."""
-        return not wrt or takes_complex_steps(function, self.model)
+        return one_state and (not wrt or takes_complex_steps(function, self.model))
 
     def _with_inputs(
         self, function: Declared, arrays: tuple[ArrayLike, ...], external: External | None, parameters: ArrayLike | None
@@ -247,6 +245,6 @@ class KernelCache:
         """Derivatives of forward dynamics by q, qd and tau side by side, (..., n, 3 n), and their status."""
         function, wrt, arrays = self.forward_method(), ("q", "qd", "tau"), (q, qd, tau)
         key = (function, *wrt)
-        if key not in self._kernels and self._is_first_state(key, arrays) and self._has_first(function, wrt):
+        if key not in self._kernels and self._is_first_state(key, arrays, function, wrt):
             return by_recursion(function, self.model, arrays, wrt, NOTHING)
         return self.kernel(function, *wrt).evaluate(*arrays)

@@ -80,17 +80,9 @@ def compiled(text: str, *, loops: bool = False) -> bytes:
 
 
 class Library:
-    """Object code in memory; its functions may be called as long as it lives.
+    """Object code in memory; its functions, found by name at an `address`, may be called as long as it lives."""
 
-    Attributes
-    ----------
-    address : dict
-        Address of each of its functions, by name.
-    seconds : float
-        Time that it took to make.
-    """
-
-    seconds = 0.0
+    seconds = 0.0  # that it took to make
 
     def __init__(self, code: bytes, functions: Sequence[str]) -> None:
         builder = binding.JITLibraryBuilder().add_object_img(code).add_current_process()

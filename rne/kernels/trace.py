@@ -16,14 +16,7 @@ from typing import Any
 import numpy as np
 
 from ..basics.spatial import Array
-from ..dynamics.quantity import (
-    JOINT_ARGUMENTS,
-    Declared,
-    MethodQuantity,
-    PrecisionStatus,
-    Quantity,
-    check_arguments,
-)
+from ..dynamics.quantity import JOINT_ARGUMENTS, Declared, MethodQuantity, PrecisionStatus, Quantity, check_arguments
 from ..errors import NotFiniteError
 from ..graph.differentiation import ORDERS, differentiate
 from ..graph.graph import Graph, TooLarge
@@ -36,7 +29,7 @@ from .soundness import Trace
 
 LIMIT = 50_000  # operations that are written out at most
 AGREEMENT = 1e-9  # relative: values that differ by less are the same
-TRIALS = 3  # random states in which a user's function must agree with its trace
+TRIALS = 3  # random states in which a user's function or law must agree with its trace
 STEP = 1e-30  # of complex steps: its square vanishes beside 1, so nothing cancels and nothing is truncated
 
 
