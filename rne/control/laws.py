@@ -253,13 +253,7 @@ def pd_gravity(
 
 
 def _pd(
-    robot: Robot,
-    kp: ArrayLike,
-    kd: ArrayLike,
-    reference: Any,
-    *,
-    gravity: float,
-    feedforward: HasTorque | None = None,
+    robot: Robot, kp: ArrayLike, kd: ArrayLike, reference: Any, *, gravity: float, feedforward: HasTorque | None = None
 ) -> PD:
     check_feedforward(robot, feedforward)
     p, d = checked_vectors(robot, sign="not negative", kp=kp, kd=kd)

@@ -17,13 +17,10 @@ from ..dynamics.quantity import MethodQuantity, Quantity
 from ..graph.graph import Graph
 from ..graph.scalar import inputs, references
 from ..kernels.kernel import Kernel
-from ..kernels.trace import LIMIT
+from ..kernels.trace import AGREEMENT, LIMIT, TRIALS
 from ..model.model import Model
 from ..model.topology import where_loops_close
 from ..robot import Robot, robot_argument
-
-AGREEMENT = 1e-9  # relative: torques that differ by less are the same
-TRIALS = 3  # random states on which a traced law must agree with a call of it
 
 
 def check_law(name: str, law: Any) -> None:
@@ -103,13 +100,7 @@ def changed(law: Any) -> None:
 class TracedLaw:
     """A law marked by `rne.traceable`, for the kernels of a scene; equal to that of the same law of the same formula.
 
-    Parameters
-    ----------
-    law : callable
-    n : int
-        Number of joints.
-    given : LawInputs, optional
-        All coordinates of the joints, if not given.
+    It is given all coordinates of n joints, or those of `given`.
     """
 
     changes = 0  # that were reported by `changed`

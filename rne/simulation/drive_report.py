@@ -305,12 +305,7 @@ class DriveReport(InNotebooks):
 
 
 def drives(
-    robot: Robot | Scene,
-    motion: Any,
-    *,
-    gear: ArrayLike = 1.0,
-    rotor: ArrayLike = 0.0,
-    efficiency: ArrayLike = 1.0,
+    robot: Robot | Scene, motion: Any, *, gear: ArrayLike = 1.0, rotor: ArrayLike = 0.0, efficiency: ArrayLike = 1.0
 ) -> DriveReport:
     """Loads of the drives, gears and bearings of a robot over the cycle of a motion.
 
@@ -427,18 +422,8 @@ def _bearing_peaks(robot: Robot, springs: Springs | None, t: Array, q: Array, qd
     external = None if springs is None else springs.wrenches(robot, q)
     record = robot.recursion(q, qd, qdd, external=external)
     (force, force_time), (torque, torque_time) = (_peaks(t, x) for x in bearing_loads(record, robot.model))
-    return BearingPeaks(
-        joints=(*record.joints, *record.pivots),
-        force=force,
-        force_time=force_time,
-        torque=torque,
-        torque_time=torque_time,
-        start=float(t[0]),
-        end=float(t[-1]),
-        samples=len(t),
-        not_known=record.not_known,
-        follow=record.follow,
-    )
+    joints, span = (*record.joints, *record.pivots), (float(t[0]), float(t[-1]), len(t))
+    return BearingPeaks(joints, force, force_time, torque, torque_time, *span, record.not_known, record.follow)
 
 
 def _peaks(t: Array, loads: Array) -> tuple[Array, Array]:

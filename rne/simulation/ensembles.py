@@ -410,28 +410,14 @@ def _between_breaks(whole: Interval, times: Array, breaks: list[float]) -> tuple
 
 @dataclass(frozen=True, eq=False)
 class BatchRun:
-    """Motions by an explicit method, all at once.
-
-    Attributes
-    ----------
-    method : str
-    dynamics : SceneDynamics
-    times : ndarray, shape (S,)
-        To report.
-    intervals : tuple of Interval
-        The parts of the time between which torques jump.
-    with_parameters : bool
-        True if each motion has its own inertial parameters.
-    fallback : SequentialRun
-        For motions that turn out to be stiff.
-    """
+    """Motions by an explicit method, all at once."""
 
     method: str
     dynamics: SceneDynamics
-    times: Array
-    intervals: tuple[Interval, ...]
-    with_parameters: bool
-    fallback: SequentialRun
+    times: Array  # (S,), to report
+    intervals: tuple[Interval, ...]  # the parts of the time between which torques jump
+    with_parameters: bool  # True if each motion has its own inertial parameters
+    fallback: SequentialRun  # for motions that turn out to be stiff
 
     @property
     def kernel(self) -> Kernel:
@@ -498,21 +484,12 @@ class BatchRun:
 
 @dataclass(frozen=True, eq=False)
 class SequentialRun:
-    """Motions as `rne.simulate` runs them, for scenes with events, samples or called laws.
-
-    Attributes
-    ----------
-    scene : Scene
-    duration : float
-    times : ndarray, shape (S,)
-    options : dict
-        Of `rne.simulate`.
-    """
+    """Motions as `rne.simulate` runs them, for scenes with events, samples or called laws."""
 
     scene: Scene
     duration: float
-    times: Array
-    options: dict[str, Any]
+    times: Array  # (S,), to report
+    options: dict[str, Any]  # of `rne.simulate`
     work = 1
 
     def most_shares(self, size: int) -> int:

@@ -80,22 +80,10 @@ class Violation:
 
 
 def limit_violations(model: Model, t: Array, q: Array, qd: Array, tau: Array) -> list[Violation]:
-    """The limits of a model that a motion exceeds.
+    """The limits of a model that a motion exceeds at its samples, of shapes (T,) and (T, n).
 
-    Parameters
-    ----------
-    model : Model
-        The robot's parameters.
-    t : ndarray, shape (T,)
-        Times of the samples; what happens between them is not seen here [s].
-    q, qd, tau : ndarray, shape (T, n)
-        Joint positions, velocities and torques [rad or m; rad/s or m/s; N m or N].
-
-    Returns
-    -------
-    list of Violation
-        In the order of the joints, for each its position (each side), velocity and torque. A limit counts as exceeded
-        by more than 1e-9 of it, so that a motion that ends at a stop, or with saturated torque, does not.
+    They are in the order of the joints, for each its position (each side), velocity and torque. A limit counts as
+    exceeded by more than 1e-9 of it, so that a motion that ends at a stop, or with saturated torque, does not.
 
     Examples
     --------

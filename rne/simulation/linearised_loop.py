@@ -12,7 +12,8 @@ from scipy.linalg import expm
 
 from ..basics.spatial import Array
 from ..control.gains import LinearisedLoop
-from ..control.traced_law import AGREEMENT, LawInputs, call_law
+from ..control.traced_law import LawInputs, call_law
+from ..kernels.trace import AGREEMENT
 from .plant import Plant, with_own_law
 
 AT_REST = 1e-6  # accelerations at the target that are no motion, of those that the torques alone give

@@ -46,17 +46,7 @@ SAME_SPAN = 1e-4
 class MethodMonitor:
     """Decides, every 100 steps or more, whether a run goes on with another method, and refuses laws that chatter.
 
-    Parameters
-    ----------
-    plant : Plant
-    hold : ZeroOrderHold or None
-        Of a controller that is sampled.
-    method : str
-        The method to begin with, and the attribute of this name the one to go on with.
-    duration : float
-        Of the run [s].
-    may_change : bool
-        True if the method may be changed.
+    It is made with the method to begin with; its `method` is the one to go on with, another one if it `may_change`.
     """
 
     def __init__(

@@ -16,6 +16,7 @@ from ..basics.spatial import Array
 from ..control.traced_law import call_law
 from ..dynamics.quantity import OK, MethodQuantity, PrecisionStatus
 from ..errors import NotFiniteError, RneError
+from ..integrators.scipy_methods import differences
 from ..kernels.kernel import Kernel
 from ..kernels.soundness import NeedsRecursion
 from ..robot import Robot
@@ -26,15 +27,8 @@ from .scene_dynamics import SceneDynamics
 class Plant:
     """dx/dt of a robot in a scene, with its kernels; nothing in it switches by itself, see `DryPlant` for what does.
 
-    Parameters
-    ----------
-    dynamics : SceneDynamics
-    robot : Robot
-        With payload, armature and locked joints.
-    law : callable, optional
-        f(t, q, qd) for the torques where `dynamics.inputs` is "called".
-    law_name : {"controller", "torque"}
-        The argument that the user gave the law as, for error messages.
+    The robot has payload, armature and locked joints. The law, f(t, q, qd) for the torques where `dynamics.inputs` is
+    "called", has the name of the argument that the user gave it as, "controller" or "torque".
     """
 
     events: Sequence[Event] = ()  # what ends a segment, beside samples, breaks and stops
@@ -235,7 +229,8 @@ class Plant:
         slopes = evaluate(np.array([t]), x, qdd, *u)
         by_x, M = slopes[:, :size], slopes[:n, size : size + n]
         if u and self.sampled is None:
-            by_x = by_x + slopes[:, size + n :] @ self._law_slopes(t, x, *u)
+            law_slopes = differences(partial(self.law_outputs, t), x, u[0], self.counted)
+            by_x = by_x + slopes[:, size + n :] @ law_slopes
         accelerations = np.linalg.solve(M, -by_x[:n])
         return np.concatenate([np.eye(n, size, n), accelerations, by_x[n:]])
 
@@ -250,15 +245,6 @@ class Plant:
         with np.errstate(all="ignore"):  # a traced law may pass through infinities, which its kernel does in silence
             torques, rates = self.dynamics.law(t, x)
         return np.asarray(torques if rates is None else np.concatenate([torques, rates]))
-
-    def _law_slopes(self, t: float, x: Array, u: Array) -> Array:
-        """Derivatives of a law's torques and of the rates of its states, shape (n + m, size)."""
-        slopes = np.zeros((len(u), len(x)))
-        for j in range(self.counted):
-            moved = x.copy()
-            moved[j] += np.sqrt(np.finfo(float).eps) * max(abs(x[j]), 1.0)
-            slopes[:, j] = (self.law_outputs(t, moved) - u) / (moved[j] - x[j])
-        return slopes
 
 
 def state_function(kernel: Kernel) -> Callable[..., Array] | None:

@@ -27,10 +27,7 @@ from .zero_order_hold import MAX_EVALUATIONS, ControlSamples, ZeroOrderHold
 
 # Steps per call of the solver: at first, where an event may throw them away or progress is reported, and at most
 FIRST_STEPS, MAX_STEPS = 8, 1000
-MIN_TOLERANCES = (
-    2.3e-14,
-    1e-20,
-)  # tolerances: 100 roundings in float64, as SciPy's solvers demand, and far below any state
+MIN_TOLERANCES = 2.3e-14, 1e-20  # 100 roundings in float64, as SciPy's solvers demand, and far below any state
 # Of the run that is compared with another one: times smaller tolerances; the other has an error too; comparisons a step
 FINER, MARGIN, COMPARED = 100.0, 1.1, 8
 NEARLY = 1 - 1e-12  # of the duration: later samples are those of its end, up to rounding
@@ -165,13 +162,9 @@ class RunResult(NamedTuple):
         jumps, qdd_before, tau_before = self._jumps(t, qdd, tau)
         found: dict[str, Any] = {"qdd": qdd, "tau": tau, "kinetic": kinetic, "potential": potential}
         found |= {"energy": kinetic + potential, "work": work, "dissipated": energies, "energy_start": start}
-        found |= {
-            "energy_drift": float(np.abs(balance).max(initial=0.0)),
-            "controller_state": z,
-            "scene": repr(self.scene),
-        }
+        found |= {"energy_drift": float(np.abs(balance).max(initial=0.0)), "controller_state": z}
         found |= dict(zip(("motor_q", "motor_qd"), moved if side else 2 * (np.zeros((0, 0)),), strict=False))
-        found |= {"jumps": jumps, "qdd_before": qdd_before, "tau_before": tau_before}
+        found |= {"jumps": jumps, "qdd_before": qdd_before, "tau_before": tau_before, "scene": repr(self.scene)}
         rest = None if side or "drives" in dynamics.ledger or x0[N : 2 * N].any() else x0[:N]
         how = rest, dynamics.springs, side.rotor if side else None
         crept = "" if dynamics.friction is None else creep(dynamics.friction, robot, moved, *how)
@@ -236,15 +229,7 @@ def _torques_and_accelerations(
 
 
 class Run:
-    """From an initial state to the end, a stop or a failure, in segments.
-
-    Parameters
-    ----------
-    plant : Plant
-    task : Task
-    hold : ZeroOrderHold, optional
-        For a sampled controller.
-    """
+    """From an initial state to the end, a stop or a failure, in segments; with a hold for a sampled controller."""
 
     def __init__(self, plant: Plant, task: Task, hold: ZeroOrderHold | None = None) -> None:
         self.plant, self.task, self.hold = plant, task, hold
@@ -405,12 +390,7 @@ class Run:
 class Recorder:
     """Times and states in ascending order; where something jumps, those after the jump.
 
-    Parameters
-    ----------
-    t_eval : ndarray, shape (T,), or None
-        Times to report; None for the beginnings of segments and the ends of steps.
-    size : int
-        Length of the state.
+    They are those of `t_eval`, or if it is None the beginnings of segments and the ends of steps.
     """
 
     def __init__(self, t_eval: Array | None, size: int) -> None:

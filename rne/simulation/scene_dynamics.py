@@ -51,40 +51,18 @@ class MotorSide(NamedTuple):
 
 @dataclass(frozen=True)
 class SceneDynamics:
-    """What moves a robot in a scene beside its own dynamics, in numbers; equal by value, laws by identity.
+    """What moves a robot in a scene beside its own dynamics, in numbers; equal by value, laws by identity."""
 
-    Attributes
-    ----------
-    n : int
-        Number of coordinates.
-    forward : Declared
-        The function for accelerations under net torques.
-    friction : Friction or None
-    effort_limit : tuple of float, length n, or None
-        Largest torque of each drive [N m or N].
-    law : TracedLaw or None
-    inputs : {"none", "called", "held"}
-        Whether torques of the drives are an argument u, and from where.
-    states : int
-        Number of the controller's states; if the controller is called, their rates follow the torques in u.
-    inertia : tuple of float, length n, or None
-        Constant inertia that makes rates of impulses; None if the state has no impulses [kg m^2 or kg].
-    has_energies : bool
-        False without the energies as states.
-    motor_side : MotorSide or None
-        What is behind elastic joints.
-    """
-
-    n: int
-    forward: Declared
+    n: int  # number of coordinates
+    forward: Declared  # the function for accelerations under net torques
     friction: Friction | None = None
-    effort_limit: tuple[float, ...] | None = None
+    effort_limit: tuple[float, ...] | None = None  # largest torque of each drive [N m or N]
     law: TracedLaw | None = None
-    inputs: str = "none"
-    states: int = 0
-    inertia: tuple[float, ...] | None = None
-    has_energies: bool = True
-    motor_side: MotorSide | None = None
+    inputs: str = "none"  # or "called", "held": whether torques of the drives are an argument u, and from where
+    states: int = 0  # of the controller; if it is called, their rates follow the torques in u
+    inertia: tuple[float, ...] | None = None  # constant, makes rates of impulses, if the state has some [kg m^2 or kg]
+    has_energies: bool = True  # False without the energies as states
+    motor_side: MotorSide | None = None  # what is behind elastic joints
     springs: Springs | None = None
 
     @cached_property

@@ -29,10 +29,7 @@ MOST_LOADS = 20_000  # where a recursion is computed at each
 class Derived:
     """A field of a motion that its run computes, together with the others, when one of them is first asked for.
 
-    Parameters
-    ----------
-    empty : callable, optional
-        Makes the value of a motion without a run that does not give it; without this it must be given.
+    `empty` makes the value of a motion without a run that does not give it; without this it must be given.
     """
 
     def __init__(self, empty: Callable[[], Any] | None = None) -> None:

@@ -431,11 +431,8 @@ def _finer(piece: _Piece, grid: Array, x: Array) -> Array:
     step = np.repeat(h / parts, parts)
     number = np.arange(len(step)) - np.repeat(np.cumsum(parts) - parts, parts)
     near = (meet + np.array([[-NEAR], [0], [NEAR]]))[:, switch]
-    return np.unique(
-        np.concatenate(
-            [np.repeat(grid[:-1], parts) + number * step, grid[-1:], (grid[:-1][switch] + near * h[switch]).ravel()]
-        )
-    )
+    divided, around_switches = np.repeat(grid[:-1], parts) + number * step, grid[:-1][switch] + near * h[switch]
+    return np.unique(np.concatenate([divided, grid[-1:], around_switches.ravel()]))
 
 
 def _fastest_profile(piece: _Piece) -> _Profile:
