@@ -152,15 +152,16 @@ def read_samples(
         body = [(at, [str(k), *fields]) for k, (at, fields) in enumerate(body)]
     if not body:
         raise ValueError(f"{name}: there are no rows below the names of the columns")
-    table = np.array([_numbers(name, row, fields, columns, wanted, gaps) for row, fields in body])
-    place = {column: k for k, column in enumerate(wanted)}
-    _check_times(name, [row for row, _ in body], table[:, 0])
-    arrays = {
-        quantity: table[:, [place[f"{quantity}.{joint}"] for joint in joint_names]]
-        for quantity in QUANTITIES
-        if joint_names and f"{quantity}.{joint_names[0]}" in place
-    }
-    return Samples(table[:, 0], **arrays)
+    if wrong := [(at, len(fields)) for at, fields in body if len(fields) != len(columns)]:
+        counts = f"must have {len(columns)} entries as the heading has, got {wrong[0][1]}"
+        raise ValueError(f"{name}, row {wrong[0][0]}: {counts}")
+    places, entries = zip(*body, strict=True)
+    texts = dict(zip(columns, zip(*entries, strict=True), strict=True))
+    read = {x: finite_numbers(name, x, places, texts[x], gaps=gaps and x != "t") for x in wanted}
+    _check_times(name, places, read["t"])
+    there = [x for x in QUANTITIES if joint_names and f"{x}.{joint_names[0]}" in read]
+    arrays = {x: np.column_stack([read[f"{x}.{joint}"] for joint in joint_names]) for x in there}
+    return Samples(read["t"], **arrays)
 
 
 def text_of(path: Path) -> str:
@@ -192,9 +193,8 @@ def _wanted(
     """The columns to read: t, and every quantity that is there for all joints."""
     if all(math.isfinite(as_number(column)) for column in columns):
         example = ",".join([*["t"] * timed, *(f"q.{joint}" for joint in joint_names)])
-        raise ValueError(
-            f"{place}: the names of the columns are missing; above the numbers is needed, for example, {example!r}"
-        )
+        above = f"above the numbers is needed, for example, {example!r}"
+        raise ValueError(f"{place}: the names of the columns are missing; {above}")
     hint = "; separate columns by commas" if len(columns) == 1 and len(joint_names) + timed > 1 else ""
     if hint and timed:
         hint += ", or read the file by rne.identification.Record.from_log"
@@ -205,38 +205,34 @@ def _wanted(
         own = [f"{quantity}.{joint}" for joint in joint_names]
         missing = [column for column in own if column not in columns]
         if missing and quantity in needed:
-            alike = [column for column in columns if column.startswith(f"{quantity}.")]
-            raise MissingColumn(
-                f"{place}: there is no column {listed_names(missing)}, which is needed; there are "
-                f"{listed_names(alike or columns)}{hint}"
-            )
+            there = listed_names([column for column in columns if column.startswith(f"{quantity}.")] or columns)
+            what = f"there is no column {listed_names(missing)}, which is needed; there are {there}{hint}"
+            raise MissingColumn(f"{place}: {what}")
         if missing and len(missing) < len(own):
-            raise MissingColumn(
-                f"{place}: no column {listed_names(missing)}; the {quantity} of all joints or of none are needed"
-            )
+            what = f"no column {listed_names(missing)}; the {quantity} of all joints or of none are needed"
+            raise MissingColumn(f"{place}: {what}")
         wanted += own if not missing else []
     if twice := [column for column in wanted if columns.count(column) > 1]:
         raise ValueError(f"{place}: column {twice[0]!r} is there twice")
     return wanted
 
 
-def _numbers(
-    name: str, row: int, fields: Sequence[str], columns: Sequence[str], wanted: Sequence[str], gaps: bool
-) -> list[float]:
-    if len(fields) != len(columns):
-        raise ValueError(f"{name}, row {row}: must have {len(columns)} entries as the heading has, got {len(fields)}")
-    entry = dict(zip(columns, fields, strict=True))
-    numbers = [as_number(entry[column]) for column in wanted]
-    for column, number in zip(wanted, numbers, strict=True):
-        left_out = gaps and column != "t" and entry[column].strip().lower() in ("", "nan")
-        if not (math.isfinite(number) or left_out):
-            got = repr(cut(entry[column], MAX_NAME))
-            raise ValueError(f"{name}, row {row}, column {column!r}: must be a finite number, got {got}")
+def finite_numbers(
+    place: str, column: str, rows: Sequence[int], texts: Sequence[str], decimal: str = ".", gaps: bool = True
+) -> Array:
+    """The numbers of a column; with `gaps`, NaN for entries left out."""
+    numbers = np.array([as_number(text, decimal) for text in texts])
+    for k in np.flatnonzero(~np.isfinite(numbers)).tolist():
+        if not gaps or texts[k].strip().lower() not in ("", "nan"):
+            got = repr(cut(texts[k], MAX_NAME))
+            raise ValueError(f"{place}, row {rows[k]}, column {column!r}: must be a finite number, got {got}")
     return numbers
 
 
-def as_number(text: str) -> float:
+def as_number(text: str, decimal: str = ".") -> float:
     """The number that a text is, NaN if it is none."""
+    if decimal != ".":
+        text = text.replace(".", "?").replace(decimal, ".")
     try:
         return float(text) if text.isascii() and "_" not in text else math.nan
     except ValueError:
@@ -244,12 +240,9 @@ def as_number(text: str) -> float:
 
 
 def _check_times(name: str, rows: Sequence[int], t: Array) -> None:
-    late = np.flatnonzero(np.diff(t) <= 0)
-    if len(late):
-        k = int(late[0])
-        raise ValueError(
-            f"{name}, row {rows[k + 1]}, column 't': times must ascend, got {t[k + 1]:.10g} after {t[k]:.10g}"
-        )
+    for k in np.flatnonzero(np.diff(t) <= 0).tolist():
+        late = f"got {t[k + 1]:.10g} after {t[k]:.10g}"
+        raise ValueError(f"{name}, row {rows[k + 1]}, column 't': times must ascend, {late}")
 
 
 def listed_names(names: Sequence[str], most: int = MAX_NAMES) -> str:

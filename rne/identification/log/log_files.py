@@ -10,7 +10,6 @@ import struct
 import sys
 import zlib
 from array import array
-from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from itertools import islice
@@ -23,7 +22,7 @@ import numpy as np
 from ...basics.archive import FREE, LARGEST, RATIO, Arrays, TooLargeError, most_unpacked
 from ...basics.spatial import Array
 from ...basics.text import MAX_NAME, cut
-from ...trajectories.csv_file import as_number, csv_rows, listed_names, text_of
+from ...trajectories.csv_file import as_number, csv_rows, finite_numbers, listed_names, text_of
 
 Message = tuple[int, Sequence[str], Sequence[Sequence[float]]]  # time [ns], joints, and their q, qd, tau
 
@@ -96,14 +95,7 @@ class Log(NamedTuple):
             with suppress(ValueError):
                 dates = np.array([DATE.sub(r"\1", text) for text in x.tolist()], dtype="datetime64[ns]")
                 return np.asarray((dates - dates[0]) / np.timedelta64(1, "s"))
-        values = np.array([_number(text, self.decimal) for text in x.tolist()])
-        for k in np.flatnonzero(~np.isfinite(values)):
-            if x[k].strip().lower() not in ("", "nan"):
-                got = repr(cut(str(x[k]), MAX_NAME))
-                raise ValueError(
-                    f"{place}, row {self.rows[int(k)]}, column {name!r}: must be a finite number, got {got}"
-                )
-        return values
+        return finite_numbers(place, name, self.rows, x.tolist(), self.decimal)
 
 
 def symbol(unit: str) -> str:
@@ -184,10 +176,8 @@ def _text(path: Path, options: Mapping[str, Any]) -> Log:
     elif given is not None or options["quantity"]:
         heading = [str(k) for k in range(width)]
     else:
-        raise ValueError(
-            f"{name}: the names of its {width} columns are missing; give them, such as "
-            'columns=["t", "q.shoulder", "tau.shoulder"], with "" for one to ignore'
-        )
+        cure = 'columns=["t", "q.shoulder", "tau.shoulder"], with "" for one to ignore'
+        raise ValueError(f"{name}: the names of its {width} columns are missing; give them, such as {cure}")
     _check_names(name, heading)
     for row, fields in body:
         if len(fields) != len(heading):
@@ -195,11 +185,10 @@ def _text(path: Path, options: Mapping[str, Any]) -> Log:
             raise ValueError(f"{name}, row {row}: must have {len(heading)} entries, got {len(fields)}; {cure}")
     if "field.position0" in heading:
         return _states(name, _rostopic(name, heading, body), options["joints"], "as of rostopic echo -p")
-    columns = {column: np.array([row[k] for _, row in body]) for k, column in enumerate(heading) if column}
+    cells = [*zip(heading, zip(*(row for _, row in body), strict=True), strict=True)]
+    columns = {x: np.array(column) for x, column in cells if x}
     said = (f"separator {separator!r}, decimal sign {decimal!r}",) * ((separator, decimal) != (",", "."))
-    count = Counter(heading)
-    cells = [(x, [row[k] for _, row in body]) for k, x in enumerate(heading) if count[x] > 1]
-    twice = {x for x, column in cells if x and column != columns[x].tolist()}
+    twice = {x for x, column in cells if x and heading.count(x) > 1 and [*column] != columns[x].tolist()}
     joints = _joints_of(name, columns)
     return Log(columns, said, None, decimal, [row for row, _ in body], joints=joints, twice=twice)
 
@@ -232,9 +221,8 @@ def _joints_of(place: str, columns: Mapping[str, Array], rows: bool = True) -> d
     for _, x in named[: rows and len(named) == 1]:
         if 1 < len({*columns[x].tolist()}) <= JOINTS and (texts or all(map(str.isdigit, columns[x].tolist()))):
             cure = f"p = pandas.read_csv(LOG).pivot(index=TIME, columns={x!r}), {WIDE}"
-            raise ValueError(
-                f"{place}: has a row for each joint, which column {x!r} names; make columns of all: {cure}"
-            )
+            what = f"has a row for each joint, which column {x!r} names"
+            raise ValueError(f"{place}: {what}; make columns of all: {cure}")
     own, *others = np.unique(np.column_stack(texts) if rows else texts[:1], axis=0).tolist() if texts else [[]]
     if others or len(set(own)) < len(own):
         both = " and ".join(map(listed_names, [own, *others[:1]]))
@@ -266,20 +254,16 @@ def _format(text: str, separator: str | None, decimal: str | None) -> tuple[str,
 
     def numbers(form: tuple[str, str]) -> int:
         fields = [x for line in lines for x in (line.split() if form[0] == " " else line.split(form[0]))]
-        return sum(math.isfinite(_number(x, form[1])) for x in fields)
+        return sum(math.isfinite(as_number(x, form[1])) for x in fields)
 
     possible = [f for f in FORMATS if separator in (None, f[0]) and decimal in (None, f[1])]
     return max(possible or [(separator or ",", decimal or ".")], key=numbers)
 
 
-def _number(text: str, decimal: str) -> float:
-    return as_number(text if decimal == "." else text.replace(".", "?").replace(decimal, "."))
-
-
 def _is_numeric(row: Sequence[str], decimal: str) -> bool:
     """True if half of the entries that are not left out are numbers."""
     filled = [x for x in row if x.strip()]
-    return 2 * sum(math.isfinite(_number(x, decimal)) for x in filled) >= len(filled) > 0
+    return 2 * sum(math.isfinite(as_number(x, decimal)) for x in filled) >= len(filled) > 0
 
 
 def _check_names(place: str, names: Iterable[str]) -> None:
