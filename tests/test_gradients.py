@@ -397,6 +397,11 @@ def test_large_programs(monkeypatch):
 
 
 class TestFunctionsOfYourOwn:
+    def test_a_sum_of_thousands_of_terms(self):
+        """Longer than Python's stack: their signs are moved from one to the next."""
+        series = rne.traceable(lambda q: sum(-abs(q[0] - k) for k in range(1500)))
+        np.testing.assert_array_equal(gradient(series, small("pair").model)([-1.0, 0.0]), [1500.0, 0.0])
+
     def test_a_cost_of_torques_poses_and_states(self):
         robot = small("pair")
 

@@ -77,6 +77,25 @@ class TestTooLargeToBeWrittenOut:
         found = rne.kernels.derivative(rne.dynamics.inverse_dynamics, model, "q")(q, qd, qdd)
         np.testing.assert_allclose(found, expected, rtol=0, atol=SAME * np.abs(expected).max())
 
+    def test_what_a_bound_makes_constant_does_not_change_behind_it(self, monkeypatch):
+        """A root of 0 has an infinite derivative, and none that counts where the 0 is a bound: forwards as backwards."""
+        model = random_tree(3, 4)
+
+        @rne.traceable
+        def speeds(q, qd):
+            left = 2 * maximum(q - 0.5, 0.0)
+            return np.stack([*np.sqrt(left), arctan2(left[0], left[0]) * qd[0], np.sqrt(left @ left), qd[1] / qd[2]])
+
+        for limit in (module.LIMIT, 6):
+            monkeypatch.setattr(module, "LIMIT", limit)
+            slopes = rne.kernels.derivative(speeds, model, "q", "qd")
+            for q in ([0.5, -0.3, 0.7], [0.1, 0.5, 0.7]):
+                found = slopes(q, [0.3, 0.1, 0.2])
+                np.testing.assert_array_equal(found[:, :2], 0.0)
+                np.testing.assert_allclose(found[2:5, 2], [1 / np.sqrt(0.4), 0.0, 2.0], rtol=SAME)
+        with pytest.raises(rne.NotFiniteError, match="the result is not finite"):
+            rne.kernels.derivative(rne.traceable(lambda q: np.sqrt(q @ q)), model, "q")([0.0, 0.0, 0.0])
+
     def test_a_function_may_be_too_large_whose_derivative_is_not(self, monkeypatch):
         monkeypatch.setattr(module, "LIMIT", 8)
         steps = rne.traceable(lambda q: sum(sign(x - 0.1 * k) for x in q for k in range(4)) + 2 * q[0])
@@ -165,6 +184,22 @@ class TestFirstCalls:
 
         gentle = rne.traceable(lambda t, q, qd: law(t, q, qd, 30.0))
         for controller, stable in ((rne.traceable(partial(law, k=-90.0)), False), (law, False), (gentle, True)):
+            assert rne.Scene(robot, controller=controller).check_gains([0.0]).stable is stable
+
+    def test_a_loop_whose_torques_jump_at_the_target_has_no_poles(self):
+        """Compensated friction, by its sign; where it jumps elsewhere, or is steep, it has."""
+        robot = rne.Robot(random_tree(1, 1))
+
+        def law(t, q, qd, f=sign):
+            return robot.gravity_torque(q) - 40 * q - 30 * qd + 2 * f(qd)
+
+        for controller in (law, rne.traceable(law)):
+            with pytest.raises(
+                ValueError, match=r"^the torques of `controller` jump by 4 N m or N at the target, so th"
+            ):
+                rne.Scene(robot, controller=controller).check_gains([0.0])
+        for f, stable in ((lambda v: sign(v - 0.1), True), (lambda v: tanh(1e3 * v), False), (lambda v: abs(v), True)):
+            controller = rne.traceable(lambda t, q, qd, f=f: law(t, q, qd, f))
             assert rne.Scene(robot, controller=controller).check_gains([0.0]).stable is stable
 
 

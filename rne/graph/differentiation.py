@@ -23,6 +23,7 @@ from .program import ON_ARRAYS, Operand, Program, interpret, lower
 from .scalar import Scalar, references
 
 Rule = Callable[[Graph, int, int, int, int], int]  # (graph, value, operands a and b, slope) -> slope
+_Change = tuple[int, int]  # references of a node's slope, and of 1, or 0 where `where` takes what does not change
 
 
 class Order(NamedTuple):
@@ -147,33 +148,51 @@ class Sweeps:
 
     def forwards(self, outputs: Sequence[int], by: Mapping[int, int]) -> list[int]:
         """Slopes of the outputs in a direction: of the inputs in `by`, which are given by their numbers, the slopes."""
-        slopes = {self.graph.input(k) >> 1: slope for k, slope in by.items()}  # of the nodes that depend on these
+        changes = self.changes(outputs, {k: (slope, self.one) for k, slope in by.items()})
+        return [self._of(ref, changes) for ref in outputs]
+
+    def changes(self, outputs: Sequence[int], by: Mapping[int, _Change]) -> dict[int, _Change]:
+        """Slopes of the nodes that depend on the inputs in `by`, and 1 each, or 0 where `where` takes constants."""
+        found = {self.graph.input(k) >> 1: change for k, change in by.items()}
         for index in self._order(outputs):
-            if index not in slopes and any(k in slopes for k in self._depends(index)):
+            if index not in found and any(k in found for k in self._depends(index)):
                 if index in self.solved:
-                    self._solution_forwards(self.solved[index], slopes)
+                    self._solution_forwards(self.solved[index], found)
                 else:
-                    self._forward(index, slopes)
-        return [self._of(ref, slopes) for ref in outputs]
+                    self._forward(index, found)
+        return found
 
-    def _of(self, ref: int, slopes: Mapping[int, int]) -> int:
+    def _of(self, ref: int, changes: Mapping[int, _Change]) -> int:
         """The slope of a reference from that of its node."""
-        slope = slopes.get(ref >> 1, self.zero)
-        return self.graph.negate(slope) if ref & 1 else slope
+        return _signed(self.graph, ref, changes[ref >> 1][0]) if ref >> 1 in changes else self.zero
 
-    def _forward(self, index: int, slopes: dict[int, int]) -> None:
-        slope = _forward(self.graph, index, lambda ref: self._of(ref, slopes))
-        if slope != self.zero:
-            slopes[index] = slope
+    def _moves(self, refs: Sequence[int], changes: Mapping[int, _Change]) -> int:
+        """1 where one of some references changes."""
+        found = sorted({changes[ref >> 1][1] for ref in refs if ref >> 1 in changes})
+        return self.one if self.one in found else reduce(partial(self.graph.binary, "maximum"), found, self.zero)
 
-    def _solution_forwards(self, solved: _SystemNodes, slopes: dict[int, int]) -> None:
-        g, inner = self.graph, {k: slopes[k] for k in solved.before if k in slopes}
+    def _forward(self, index: int, changes: dict[int, _Change]) -> None:
+        g = self.graph
+        slope = _forward(g, index, lambda ref: self._of(ref, changes))
+        if slope == self.zero:
+            return
+        if choice := _choice(g, index):
+            condition, *taken = choice
+            moves = g.where(condition, *(self._moves([ref], changes) for ref in taken))
+        else:
+            moves = self._moves(g.nodes[index].args, changes)
+            if g.nodes[index].kind in SINGULAR or g.is_doubtful(index):
+                slope = g.where(moves, slope, self.zero)
+        changes[index] = slope, moves
+
+    def _solution_forwards(self, solved: _SystemNodes, changes: dict[int, _Change]) -> None:
+        g, inner = self.graph, {k: changes[k] for k in solved.before if k in changes}
         for index in solved.nodes:
             self._forward(index, inner)
-        changes = [g.negate(self._of(ref, inner)) for ref in solved.residual]
-        if any(change != self.zero for change in changes):
-            for ref, slope in zip(solved.x, references(g, solved.solve(_row(g, changes))), strict=True):
-                slopes[ref >> 1] = g.negate(slope) if ref & 1 else slope
+        right, moves = [g.negate(self._of(ref, inner)) for ref in solved.residual], self._moves(solved.residual, inner)
+        if any(slope != self.zero for slope in right):
+            for ref, slope in zip(solved.x, references(g, solved.solve(_row(g, right))), strict=True):
+                changes[ref >> 1] = _signed(g, ref, slope), moves
 
     def gradient(self, outputs: Sequence[int], weights: Sequence[int], by: Sequence[int]) -> list[int]:
         """References of d (weights . outputs) / d input, by one sweep from the outputs to the inputs."""
@@ -194,7 +213,8 @@ class Sweeps:
         if not taken:
             return
         is_taken = reduce(partial(g.binary, "maximum"), taken)
-        right, inner = _row(g, [self._of(ref, slopes.of) for ref in solved.x]), _Slopes(g)
+        inner, zero = _Slopes(g), self.zero
+        right = _row(g, [_signed(g, ref, slopes.of.get(ref >> 1, zero)) for ref in solved.x])
         p = solved.solve(right)
         note_solution(p, solved.solve, solved.product, lambda p: solved.product(p) - right)
         for ref, slope in zip(solved.residual, references(g, p), strict=True):
@@ -220,7 +240,7 @@ class _Slopes:
         g, k = self.graph, ref >> 1
         if g.nodes[k].kind == "constant" or g.value(slope) == 0:
             return
-        slope = g.negate(slope) if ref & 1 else slope
+        slope = _signed(g, ref, slope)
         self.of[k] = g.add(self.of[k], slope) if k in self.of else slope
         before = self.taken.get(k, self.zero)
         self.taken[k] = self.one if self.one in (before, is_taken) else g.binary("maximum", before, is_taken)
@@ -260,6 +280,11 @@ def _nodes_of(g: Graph, system: LinearSystem) -> _SystemNodes | None:
     return _SystemNodes(system.solve, system.product, x, residual, nodes, before)
 
 
+def _signed(g: Graph, ref: int, slope: int) -> int:
+    """The slope of a reference from that of its node, or the other way around."""
+    return g.negate(slope) if ref & 1 else slope
+
+
 def _row(g: Graph, refs: Sequence[int]) -> Any:
     """References as an array of traced numbers, shape (1, n)."""
     return np.array([[Scalar(g, ref) for ref in refs]], dtype=object)
@@ -292,12 +317,17 @@ def _times(g: Graph, a: int, slope: int) -> int:
 
 
 @cache
-def _with_slope(kind: str, moves: tuple[bool, ...]) -> Program:
-    """An operation and its slope; its inputs are the operands, then the slopes of those that move."""
-    graph, count = Graph(), len(moves)
-    result = graph.node(kind, *map(graph.input, range(count)))
-    by = {k: graph.input(count + k) for k in range(count) if moves[k]}
-    return lower(graph, [result, *Sweeps(graph).forwards([result], by)], 2 * count)
+def _with_slope(kind: str, slopes: tuple[bool, ...], moves: tuple[bool, ...]) -> Program:
+    """An operation, its slope, and where it moves, as in `Sweeps.changes`.
+
+    Its inputs are the operands, then their slopes, if they have one, then where they move, if not everywhere.
+    """
+    graph, count = Graph(), len(slopes)
+    result, one, zero = graph.node(kind, *map(graph.input, range(count))), graph.constant(1.0), graph.constant(0.0)
+    places = [graph.input(2 * count + k) if moves[k] else one for k in range(count)]
+    by = {k: (graph.input(count + k), places[k]) for k in range(count) if slopes[k]}
+    slope, where = Sweeps(graph).changes([result], by).get(result >> 1, (zero, zero))
+    return lower(graph, [result, graph.where(where, slope, zero), where], 3 * count)
 
 
 def accumulated(program: Program, entries: int, inputs: Array, by: Sequence[int]) -> Array:
@@ -310,18 +340,19 @@ def accumulated(program: Program, entries: int, inputs: Array, by: Sequence[int]
 
     def found(arg: Operand) -> Any:
         if arg.kind == "constant":
-            return np.asarray(arg.value), None
+            return np.asarray(arg.value), None, None
         k = int(arg.value)
-        return results[k] if arg.kind == "result" else (inputs[:, k], units.get(k))
+        return results[k] if arg.kind == "result" else (inputs[:, k], units.get(k), None)
 
     with np.errstate(all="ignore"):
         for kind, args in program.instructions:
             if kind in ("minimum", "maximum") and args[0].kind == "constant":
                 args = args[::-1]  # of which `_choice` cannot know here
-            values, moved = zip(*map(found, args), strict=True)
-            piece = _with_slope(kind, tuple(slope is not None for slope in moved))
-            value, slope = interpret(piece, [*values, *moved], ON_ARRAYS, np.asarray)
-            results.append((value, None if piece.outputs[1].kind == "constant" else slope))
+            values, *changes = zip(*map(found, args), strict=True)
+            piece = _with_slope(kind, *(tuple(part is not None for part in parts) for parts in changes))
+            value, *change = interpret(piece, [*values, *changes[0], *changes[1]], ON_ARRAYS, np.asarray)
+            fixed = [output.kind == "constant" for output in piece.outputs[1:]]
+            results.append((value, *(None if is_fixed else part for is_fixed, part in zip(fixed, change, strict=True))))
     for column, output in zip(np.moveaxis(slopes, 1, 0), program.outputs, strict=False):
         column[...] = 0.0 if (slope := found(output)[1]) is None else slope.T
     return slopes

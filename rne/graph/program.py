@@ -131,6 +131,9 @@ def lower(graph: Graph, outputs: list[int], inputs: int) -> Program:
     return _Lowering(graph, outputs).program(inputs)
 
 
+NONE = -1  # no operation
+
+
 class _Lowering:
     def __init__(self, graph: Graph, outputs: list[int]) -> None:
         self.graph = graph
@@ -144,24 +147,26 @@ class _Lowering:
         signs: dict[int, set[int]] = {}
         for output in self.outputs:
             signs.setdefault(output >> 1, set()).add(output & 1)
-        flipped: set[int] = set()
+        flips, flipped = self._flips({*signs}), set[int]()
         for k, wanted in signs.items():
-            if wanted == {1} and not self.uses[k]:
-                flipped |= self._flip(k) or set()
+            following = k if wanted == {1} and not self.uses[k] else NONE
+            while following in flips:
+                flipped.add(following)
+                following = flips[following]
         return flipped
 
-    def _flip(self, k: int) -> set[int] | None:
-        """The operations to flip so that operation k gives its negative; None if it would cost one."""
-        node = self.graph.nodes[k]
-        if node.kind == "subtract" or (node.kind == "multiply" and self.graph.value(node.args[0]) is not None):
-            return {k}
-        if node.kind in ("multiply", "divide", "add"):
-            outputs = {output >> 1 for output in self.outputs}
-            for a in self.graph.arguments(k):
-                inner = self._flip(a) if self.uses[a] == 1 and a not in outputs else None
-                if inner is not None:
-                    return inner | {k}
-        return None
+    def _flips(self, outputs: set[int]) -> dict[int, int]:
+        """Operations that can give their negative at no cost, and the operand that is flipped with each, or NONE."""
+        found: dict[int, int] = {}
+        for k in self.order:
+            node = self.graph.nodes[k]
+            if node.kind == "subtract" or (node.kind == "multiply" and self.graph.value(node.args[0]) is not None):
+                found[k] = NONE
+            elif node.kind in ("multiply", "divide", "add"):
+                inner = [a for a in self.graph.arguments(k) if a in found and self.uses[a] == 1 and a not in outputs]
+                if inner:
+                    found[k] = inner[0]
+        return found
 
     def _written(self, k: int) -> tuple[str, list[int]]:
         """Kind and arguments of operation k, with its sign as wanted."""

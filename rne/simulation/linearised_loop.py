@@ -31,6 +31,7 @@ def linearised_loop(scene: Any, q: Array) -> LinearisedLoop:
     free = with_own_law(replace(scene, sample_time=None, torque_rate=None))
     if free.dynamics.law is None:
         refuse_memory(free.controller, q, sample_time or LATER)
+    refuse_jump(free.controller, q)
     closed, _, rates = _slopes(free, q)
     sides = [closed, *(_slopes(free, q, beside=by)[0] for by in (BESIDE, -BESIDE))]
     jumps = [np.abs(side - closed).max(initial=0.0) > JUMP * np.abs(closed).max(initial=0.0) for side in sides]
@@ -85,6 +86,26 @@ def refuse_memory(law: Any, q: Array, period: float) -> None:
         )
 
 
+def refuse_jump(law: Any, q: Array) -> None:
+    """Raise a ValueError if the torques of a law jump at the target, at rest."""
+
+    def at(step: float) -> Array:
+        return _torques(law, 0.0, *np.split(np.r_[q, 0 * q] + _beside(step, 2 * len(q)), 2))
+
+    far, near = (np.abs(at(step) - at(-step)) for step in (BESIDE, BESIDE / 100))
+    jump = (near * (near > far / 2)).max(initial=0.0)
+    if jump > AGREEMENT * max(1.0, np.abs(at(0.0)).max(initial=0.0)):
+        raise ValueError(
+            f"the torques of `controller` jump by {jump:.3g} N m or N at the target, so that it has no poles there: "
+            "write tanh(x / width) for sign(x), or simulate a small step at the target instead"
+        )
+
+
+def _beside(step: float, states: int) -> Array:
+    """A step in each of some states, by another distance."""
+    return step * np.linspace(1.0, 2.0, states)
+
+
 def _read(closed: Array, moving: int) -> Array:
     """Numbers of the states that others depend on, behind those of the motion; of an integral without gain none do."""
     read, before = np.arange(len(closed)), -1
@@ -104,7 +125,7 @@ def _slopes(
     plant = Plant(dynamics, scene.resolved.robot, scene.controller if dynamics.inputs == "called" else None)
     x = np.zeros(dynamics.size)
     x[: scene.n], moving = q, 2 * scene.n + dynamics.states
-    x[:moving] += beside * np.linspace(1.0, 2.0, moving)
+    x[:moving] += _beside(beside, moving)
     return slopes(plant, 0.0, x)[:moving, :moving], x, plant(0.0, x)
 
 

@@ -467,8 +467,8 @@ class Scene:
         Raises
         ------
         ValueError
-            If there is no controller, or one with memory that is not in its `states`, joints are elastic, friction
-            sticks, or `q` has the wrong shape or is not finite.
+            If there is no controller, or one with memory that is not in its `states` or whose torques jump at the
+            target, joints are elastic, friction sticks, or `q` has the wrong shape or is not finite.
 
         Examples
         --------
