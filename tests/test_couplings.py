@@ -477,6 +477,36 @@ def test_any_joint_of_a_loop_drives_it(driver, lengths, end):
     assert loop_gap(robot_of(model), *closing)[0] < 1e-6
 
 
+def test_a_slider_crank_must_close():
+    """At the zero pose: not where the slider's axis points to the crank, the crank is longer or has another angle."""
+    text = (
+        r"^crank, rod and slider must close at the zero pose: the rod 'rod' is mounted {} m from where they put it; `an"
+    )
+    for name, joint, lengths, gap in (
+        ("press", "slider", {"crank": 0.1}, "0.2"),
+        ("press", "", {"crank": 0.2}, "0.1"),
+        ("press", "", {"crank": 0.1, "angle": np.pi / 2}, "0.1"),
+        ("engine", "slider", {"crank": 0.1, "angle": 0.7}, "1.14"),
+    ):
+        _, open_tree, _ = linkage(name)
+        turned = replace(
+            open_tree, axis=open_tree.axis * np.where(np.array(open_tree.moving_joints) == joint, -1, 1)[:, None]
+        )
+        driver, others = ("crank", ("rod", "slider")) if name == "press" else ("slider", ("rod", "crank"))
+        with pytest.raises(rne.ModelError, match=text.format(gap)):
+            coupled(turned, dict.fromkeys(others, slider_crank(driver, rod=0.5, **lengths)))
+
+
+def test_a_long_slide_is_no_jump_of_a_crank_without_range():
+    """Places as far apart as those of 1e6 rad may differ by a turn of the rod without a jump between them."""
+    _, open_tree, _ = linkage("press")
+    wide = replace(open_tree, lower=np.array([-np.inf, -np.inf, -1e6]), upper=np.array([np.inf, np.inf, 1e6]))
+    for rod in (0.1 + 1e-7, 0.1 + 1e-5):
+        places = replace(wide, translation=wide.translation + [[0, 0, 0], [0, 0, 0], [rod - 0.5, 0, 0]])
+        value = slider_crank("crank", crank=0.1, rod=rod)
+        assert coupled(places, {"rod": value, "slider": value}).lower[0] == -np.inf
+
+
 def test_rods_axis_may_point_the_other_way():
     _, open_tree, (closing,) = linkage("press")
     turned = replace(
@@ -588,7 +618,7 @@ ERRORS = {
             {"arm": (("crank",), lambda x: arctan2(np.sin(x + 2), np.cos(x + 2)))},
         ),
         rne.ModelError,
-        "the position of joint 'arm' jumps by a turn where 'crank' is 1.14; give it a function without the jump, or the "
+        "the position of joint 'arm' jumps by a turn where 'crank' is 1.142; give it a function without the jump, or the "
         "driver a range that ends before",
     ),
     "rod on the crank of a slider that drives": (

@@ -274,20 +274,37 @@ def _where_followed(model: Model, k: int, ends: list[float]) -> set[str]:
         position, slope, _ = found(coupling, values)
         expected = np.maximum(np.abs(slope[1:]), np.abs(slope[:-1])) * np.diff(values)
         jumps = (np.abs(np.abs(np.diff(position)) - 2 * np.pi) < JUMP) & (expected < JUMP) & model.is_revolute[i]
-        if jumps.any():
+        places = _jumps(values[:-1][jumps], values[1:][jumps], partial(found, coupling))
+        if places.size:
             what = f"the position of joint {coupling.joint!r} jumps by a turn where {driver!r} is"
             cure = "give it a function without the jump, or the driver a range that ends before"
-            raise ModelError(f"{what} {values[jumps.argmax()]:.4g}; {cure}")
+            raise ModelError(f"{what} {places[0]:.4g}; {cure}")
     return by
+
+
+def _jumps(low: Array, high: Array, found: Callable[[Array], tuple[Array, ...]]) -> Array:
+    """Places between neighbours, as near as numbers are, at which a position jumps by a turn."""
+
+    def changes(x: Array, y: Array) -> Array:
+        return np.asarray(np.abs(found(y)[0] - found(x)[0]))
+
+    low, high = _halved(low, high, lambda low, middle, high: changes(middle, high) > changes(low, middle))
+    return np.asarray(low[np.abs(changes(low, high) - 2 * np.pi) < JUMP])
 
 
 def _extremes(x: Array, found: Callable[[Array], tuple[Array, ...]]) -> Array:
     """Places between neighbours of different slopes, the second of what is found, at which it changes its sign."""
     rising = found(x)[1] > 0
     turns = np.flatnonzero(rising[1:] != rising[:-1])
-    low, high = x[turns], x[turns + 1]
+    return np.concatenate(
+        _halved(x[turns], x[turns + 1], lambda _, middle, __: (found(middle)[1] > 0) == rising[turns])
+    )
+
+
+def _halved(low: Array, high: Array, is_above: Callable[[Array, Array, Array], Array]) -> tuple[Array, Array]:
+    """Intervals halved until they end, with what is above their middles or below."""
     for _ in range(HALVINGS):
         middle = (low + high) / 2
-        left = (found(middle)[1] > 0) == rising[turns]
-        low, high = np.where(left, middle, low), np.where(left, high, middle)
-    return np.concatenate([low, high])
+        above = is_above(low, middle, high)
+        low, high = np.where(above, middle, low), np.where(above, high, middle)
+    return low, high

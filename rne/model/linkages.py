@@ -178,9 +178,9 @@ def cylinder(model: Model, driver: str, closing: Closing) -> Model:
 def slider_crank(driver: str, *, crank: float, rod: float, angle: float = 0.0) -> SliderCrank:
     """A slider-crank for `rne.model.coupled`: the slider, the crank or the rod as a joint that follows another.
 
-    The slider's line passes through the crank's axis, and the slider is on its positive side. Where the crank drives, a
-    sliding joint that follows is the slider, a rotating one the rod, mounted on the crank or on the slider; where the
-    slider drives, a joint mounted on it is the rod, any other the crank.
+    The slider's line passes through the crank's axis, and its joint's axis points away from there. Where the crank
+    drives, a sliding joint that follows is the slider, a rotating one the rod, mounted on the crank or on the slider;
+    where the slider drives, a joint mounted on it is the rod, any other the crank.
 
     Parameters
     ----------
@@ -189,8 +189,8 @@ def slider_crank(driver: str, *, crank: float, rod: float, angle: float = 0.0) -
     crank, rod : float
         Their lengths between axes [m].
     angle : float
-        From the slider's direction to the crank at the zero pose, about the crank's axis, or that of a rod that follows
-        the slider. Where the slider drives, no multiple of pi, which is a dead point [rad].
+        From the slider's direction to the crank at the zero pose, about the crank's axis, or about that of a rod that
+        follows the slider. Where the slider drives, no multiple of pi, which is a dead point [rad].
 
     Returns
     -------
@@ -262,10 +262,7 @@ class SliderCrank:
         return Linked((self.driver,), position, ends, self._loop(model, joints, x0))
 
     def _loop(self, model: Model, joints: Sequence[str], x0: float) -> Loop | None:
-        """The pivot at the rod's far end, in the plane of its other one; None if crank, rod and slider do not move all.
-
-        So it is where their places are not those of the lengths.
-        """
+        """The pivot at the rod's far end, in the plane of its other one; None unless crank, rod and slider all move."""
         R, p = _zero_pose(model)
         bodies = [model.moving_joints.index(name) for name in (self.driver, *joints)]
         kinds = [
@@ -282,8 +279,12 @@ class SliderCrank:
         pin, end = self.crank * (np.cos(self.angle) * u + np.sin(self.angle) * cross(n, u)), x0 * u
         near, far, other = (pin, end, s) if model.parent[i] == c else (end, pin, c)
         gap, place, ends = p[i] - p[c] - near, p[i] + far - near, list[tuple[str, tuple[float, ...]]]()
-        if np.abs(gap - n * (n @ gap)).max() > CLOSED * (self.crank + self.rod):
-            return None
+        if (apart := float(np.abs(gap - n * (n @ gap)).max())) > CLOSED * (self.crank + self.rod):
+            raise ModelError(
+                f"crank, rod and slider must close at the zero pose: the rod {model.moving_joints[i]!r} is mounted "
+                f"{apart:.3g} m from where they put it; `angle` is about the crank's axis, from the slider's axis, "
+                "which points away from the crank"
+            )
         for body in (i, other):
             k = model.link_joints.index(model.moving_joints[body])
             at = rotate_back(model.link_rotation[k], rotate_back(R[body], place - p[body]) - model.link_translation[k])
