@@ -1383,20 +1383,9 @@ class Robot(InNotebooks):
         """
         from .bounds.bounds import robot_bounds
 
-        return robot_bounds(
-            self._kernels,
-            positions,
-            rates,
-            accelerations,
-            payload,
-            masses,
-            tolerance,
-            budget,
-            seconds,
-            quantities,
-            link,
-            point_argument(point) or ORIGIN,
-        )
+        box = positions, rates, accelerations, payload, masses
+        effort, place = (tolerance, budget, seconds), (link, point_argument(point) or ORIGIN)
+        return robot_bounds(self._kernels, *box, *effort, quantities, *place)
 
     def with_payload(
         self, mass: float, com: ArrayLike = (0.0, 0.0, 0.0), inertia: ArrayLike | None = None, link: str | None = None

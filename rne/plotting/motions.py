@@ -13,11 +13,10 @@ from ..basics.spatial import Array
 from ..dynamics.energy import kinetic_energy, potential_energy
 from ..model.model import Model
 from ..robot import Robot
-from ..simulation.motion_files import numbered_joints
+from ..simulation.motion_files import MOTORS, numbered_joints
 from ..simulation.trajectory import Trajectory, motors_at, samples_of
 
 JOINT_ARRAYS = ("q", "qd", "qdd", "tau")
-MOTORS = ("motor_q", "motor_qd")
 POINTS = 600  # of a curve between samples, more where the solver's steps are shorter
 EXPECTED = "an rne.Trajectory or a tuple of arrays (t, q)"
 

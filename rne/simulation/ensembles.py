@@ -35,7 +35,7 @@ from .elastic_joints import ElasticJoints
 from .plant import Plant, with_own_law
 from .scene import Scene
 from .scene_dynamics import SceneDynamics
-from .simulator import METHODS, check_times, law_breaks, simulate, tolerances
+from .simulator import METHODS, check_times, law_breaks, scene_argument, simulate, tolerances
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor, Future
@@ -248,9 +248,7 @@ def ensemble(
     >>> motions.q.shape, motions.q[-1, :, 1].mean().round(2).item()  # joint 2 at the end [rad]
     ((2, 100, 6), 0.09)
     """
-    scene = Scene(scene_or_robot) if isinstance(scene_or_robot, Robot) else scene_or_robot
-    if not isinstance(scene, Scene):
-        raise TypeError(f"`scene_or_robot` must be an rne.Scene or rne.Robot, got {type(scene).__name__}")
+    scene = scene_argument(scene_or_robot)
     if progress is not None:
         check_function("progress", progress, "(done, total)")
     q, qd, pi = _starts(scene, q0, qd0, parameters, is_fixed=step is not None)
@@ -290,8 +288,10 @@ def _starts(
     """Initial positions and velocities, float32 only for fixed steps, and the inertial parameters of each motion."""
     n = scene.n
     given = [real_numbers(name, x, f"(N, {n})") for name, x in (("q0", q0), ("qd0", qd0))]
-    is_table = given[0].ndim == 2 and parameters is not None
-    pi = _parameters(parameters, scene, len(given[0])) if is_table else None  # type: ignore[arg-type]
+    pi = None
+    if given[0].ndim == 2 and parameters is not None:
+        shape = (len(given[0]), PARAMETERS * scene.resolved.robot.model.nb)
+        pi = real_array("parameters", parameters, f"{shape}, ten per body for each initial state").astype(np.float64)
     q, qd = scene.dynamics.start(scene.resolved.robot, given[0], given[1], pi)
     if q.ndim != 2 or q.shape != qd.shape:
         raise ValueError(f"`q0` and `qd0` must have the same shape (N, {n}), got {q.shape} and {qd.shape}")
@@ -353,14 +353,6 @@ def _plan(
         positions = dynamics.n if chosen == "semi-implicit-euler" else 0
         intervals = (_in_equal_steps(whole, times, max_step)._replace(positions=positions),)
     return BatchRun(chosen, dynamics, times, intervals, with_parameters, fallback)
-
-
-def _parameters(parameters: ArrayLike, scene: Scene, count: int) -> Array:
-    """Inertial parameters of each motion."""
-    robot = scene.resolved.robot
-    shape = (count, PARAMETERS * robot.model.nb)
-    pi = real_array("parameters", parameters, f"{shape}, ten per body for each initial state")
-    return np.asarray(pi, np.float64)
 
 
 class Chunk(NamedTuple):

@@ -77,7 +77,7 @@ class Plant:
     @property
     def sticks(self) -> bool:
         """True if friction can hold joints."""
-        return self.dynamics.friction is not None and self.dynamics.friction.sticks and self.robot.n > 0
+        return self.dynamics.sticks
 
     @cached_property
     def slopes(self) -> Kernel:

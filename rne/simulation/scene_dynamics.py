@@ -121,6 +121,11 @@ class SceneDynamics:
         """True if torques of the drives are an argument."""
         return self.inputs != "none"
 
+    @cached_property
+    def sticks(self) -> bool:
+        """True if friction can hold joints."""
+        return self.friction is not None and self.friction.sticks and self.joints > 0
+
     def without_law(self) -> SceneDynamics:
         """The same with the torques of a traced law as an argument."""
         return self if self.law is None else replace(self, law=None, inputs="called")

@@ -112,7 +112,7 @@ def simulate(
     >>> swing.q[-1].round(3)[[2, 4]].tolist()  # joints 3 and 5 fell [rad]
     [0.103, 0.035]
     """
-    scene = _scene(scene_or_robot, torque)
+    scene = _with_torque(scene_argument(scene_or_robot), torque)
     if method != "auto" and method not in METHODS:
         raise ValueError(f"`method` must be 'auto' or one of {list(METHODS)}, got {method!r}")
     if progress is not None:
@@ -142,8 +142,7 @@ def simulate(
 def _run(scene: Scene, dynamics: SceneDynamics, law_name: str, task: Task) -> RunResult:
     """One run of a scene, by the method that suits it where that is "auto"."""
     robot, law = scene.resolved.robot, scene.controller if dynamics.inputs == "called" else None
-    sticks = dynamics.friction is not None and dynamics.friction.sticks and robot.n > 0
-    plant = (DryPlant if sticks else Plant)(dynamics, robot, law, law_name)
+    plant = (DryPlant if dynamics.sticks else Plant)(dynamics, robot, law, law_name)
     hold = None if scene.sample_time is None else ZeroOrderHold(scene, plant)
     method, reason = task.method, f"{task.method} as requested"
     if method == "auto":
@@ -168,17 +167,11 @@ def tolerances(rtol: float, atol: float) -> tuple[float, float]:
     return checked
 
 
-def _scene(scene_or_robot: Scene | Robot, torque: ArrayLike | TorqueLaw | None) -> Scene:
-    if isinstance(scene_or_robot, Scene):
-        if torque is None:
-            return scene_or_robot
-        if scene_or_robot.controller is not None:
-            raise ValueError("`torque` cannot be given for a scene that has a controller")
-        return _with_law(scene_or_robot, torque)
-    if not isinstance(scene_or_robot, Robot):
+def scene_argument(scene_or_robot: Scene | Robot) -> Scene:
+    """The scene that is given, or that of a robot alone."""
+    if not isinstance(scene_or_robot, Scene | Robot):
         raise TypeError(f"`scene_or_robot` must be an rne.Scene or rne.Robot, got {type(scene_or_robot).__name__}")
-    scene = Scene(scene_or_robot)
-    return scene if torque is None else _with_law(scene, torque)
+    return Scene(scene_or_robot) if isinstance(scene_or_robot, Robot) else scene_or_robot
 
 
 class CalledLaw:
@@ -192,15 +185,18 @@ class CalledLaw:
         return self.law(t, q, qd)
 
 
-def _with_law(scene: Scene, torque: ArrayLike | TorqueLaw) -> Scene:
-    """The scene with a torque law that is called, not traced, as it may change between runs."""
+def _with_torque(scene: Scene, torque: ArrayLike | TorqueLaw | None) -> Scene:
+    """The scene with a torque law, if one is given, that is called, not traced, as it may change between runs."""
+    if torque is None:
+        return scene
+    if scene.controller is not None:
+        raise ValueError("`torque` cannot be given for a scene that has a controller")
     if callable(torque):
         if hasattr(torque, "states"):
             raise ValueError("`torque` with states needs a scene: rne.Scene(robot, controller=...)")
         check_law("torque", torque)
         return replace(scene, controller=CalledLaw(torque))
-    n = scene.n
-    constant = real_array("torque", torque, f"({n},)")
+    constant = real_array("torque", torque, f"({scene.n},)")
     return replace(scene, controller=lambda t, q, qd: constant)
 
 

@@ -18,7 +18,7 @@ from ..basics.spatial import Array
 from ..basics.text import UNBROKEN, InNotebooks, counted, listed, short, wrapped
 from ..model.model import Model
 from .limits import Violation, limit_violations
-from .motion_files import numbered_joints, read_archive, write_archive, write_columns
+from .motion_files import MOTORS, numbered_joints, read_archive, write_archive, write_columns
 
 LONGEST = 240  # characters of the solver's message
 SUDDEN = 10.0  # times between two instants: within them an error may grow at once
@@ -482,7 +482,7 @@ class Trajectory(InNotebooks):
 
     def _columns(self) -> dict[str, Array]:
         names = numbered_joints(self.q.shape[1]) if self.model is None else self.model.joint_names
-        parts = ("q", "qd", "qdd", "tau", *(("motor_q", "motor_qd") if self.motor_q.size else ()))
+        parts = ("q", "qd", "qdd", "tau", *(MOTORS if self.motor_q.size else ()))
         return {f"{part}.{name}": getattr(self, part)[:, k] for part in parts for k, name in enumerate(names)}
 
 
