@@ -20,18 +20,10 @@ from ..model.model import Model
 from ..model.modify import with_payload
 from ..model.topology import refuse_couplings
 from .branch_and_bound import Clock, ProvenMaximum, largest
-from .criteria import (
-    ROUNDING,
-    Coriolis,
-    LargestModulus,
-    LargestOfInverse,
-    Modulus,
-    Norm,
-    Torque,
-    half_of_corners,
-)
+from .criteria import ROUNDING, Coriolis, LargestModulus, LargestOfInverse, Modulus, Norm, Torque, half_of_corners
 from .polynomials import Polynomial, PositionBox, box_argument, independent, levers, polynomial, sizes_of_terms
 
+Range = tuple[float, float]
 QUANTITIES = ("gravity_torque", "gravity_stiffness", "mass_matrix", "mass_eigenvalues", "coriolis", "torque")
 NAMES = (*QUANTITIES, "point_speed")  # which needs a link
 SAMPLES = 500  # random positions, over which M is averaged to scale slacks
@@ -156,26 +148,20 @@ class Bounds(InNotebooks):
     def _entries(self) -> Iterator[tuple[Bound, str, Any, bool]]:
         """Each bound with its name, its index in the arrays, and True if it bounds from below."""
         names = [short(name) for name in self.joint_names]
-        scalars = {
-            "gravity_stiffness": "norm of dg/dq",
-            "coriolis": "|C(q, v) w| of unit v and w",
-            "point_speed": "speed of the point",
+        pairs = [(i, j) for i in range(len(names)) for j in range(i, len(names))]
+        places: dict[str, dict[Any, str]] = {
+            "gravity_torque": {i: f"gravity torque of {name}" for i, name in enumerate(names)},
+            "gravity_stiffness": {(): "norm of dg/dq"},
+            "mass_matrix": {(i, j): f"|M| of {names[i]}" + (f" and {names[j]}" if i != j else "") for i, j in pairs},
+            "mass_eigenvalues": {0: "least eigenvalue of M", 1: "largest eigenvalue of M"},
+            "coriolis": {(): "|C(q, v) w| of unit v and w"},
+            "torque": {i: f"torque of {name}" for i, name in enumerate(names)},
+            "point_speed": {(): "speed of the point"},
         }
-        for quantity in NAMES:
+        for quantity, rows in places.items():
             bound = getattr(self, quantity)
-            if bound is None:
-                continue
-            if quantity == "mass_eigenvalues":
-                yield bound, "least eigenvalue of M", 0, True
-                yield bound, "largest eigenvalue of M", 1, False
-            elif quantity == "mass_matrix":
-                for i, j in zip(*map(np.ndarray.tolist, np.triu_indices(len(names))), strict=True):
-                    yield bound, f"|M| of {names[i]}" + (f" and {names[j]}" if i != j else ""), (i, j), False
-            elif quantity in scalars:
-                yield bound, scalars[quantity], (), False
-            else:
-                for i, name in enumerate(names):
-                    yield bound, f"{quantity.replace('_', ' ')} of {name}", i, False
+            for place, name in rows.items() if bound is not None else ():
+                yield bound, name, place, name.startswith("least")
 
 
 def robot_bounds(
@@ -183,8 +169,8 @@ def robot_bounds(
     positions: Any,
     rates: ArrayLike | None,
     accelerations: ArrayLike | None,
-    payload: tuple[float, float] | None,
-    masses: Mapping[str, tuple[float, float]] | None,
+    payload: Range | None,
+    masses: Mapping[str, Range] | None,
     tolerance: float,
     budget: float,
     seconds: float | None,
@@ -241,9 +227,7 @@ def robot_bounds(
     )
 
 
-def corners_of_masses(
-    model: Model, payload: tuple[float, float] | None, masses: Mapping[str, tuple[float, float]] | None
-) -> list[Model]:
+def corners_of_masses(model: Model, payload: Range | None, masses: Mapping[str, Range] | None) -> list[Model]:
     """Models at the corners of the ranges of masses; none without ranges.
 
     M, g and C are linear in the masses, and the quantities are convex in these matrices (the least eigenvalue of M is
@@ -275,7 +259,7 @@ def corners_of_masses(
     return models
 
 
-def mass_range(name: str, ends: Any) -> tuple[float, float]:
+def mass_range(name: str, ends: Any) -> Range:
     """The least and the largest mass of a range, checked."""
     low, high = real_array(name, ends, "(2,)").tolist() if np.shape(ends) == (2,) else (1.0, 0.0)
     if not 0 <= low <= high:
@@ -331,10 +315,8 @@ def without_first_joint(box: PositionBox, link: str) -> PositionBox:
         body = model.parent[body]
     k = model.coordinate[body]
     held = (np.arange(model.n) == k) & (list(model.coordinate).count(k) == 1)
-    middle = (box.lower + box.upper) / 2
-    return replace(
-        box, lower=np.where(held, middle, box.lower), upper=np.where(held, middle, box.upper), circle=box.circle & ~held
-    )
+    lower, upper = (np.where(held, (box.lower + box.upper) / 2, end) for end in (box.lower, box.upper))
+    return replace(box, lower=lower, upper=upper, circle=box.circle & ~held)
 
 
 def bound_of(
@@ -437,11 +419,9 @@ def about_first_angle(g: Polynomial) -> Polynomial:
         return np.stack([now, mean, around[0] - mean, around[1] - mean], axis=1)
 
     turns = g.frequency[:, 0]
-    factors = np.stack([0 * turns, turns == 0, 2 * (turns > 0), 2j * (turns > 0)], axis=1)
+    c = g.coefficients * np.stack([0 * turns, turns == 0, 2 * (turns > 0), 2j * (turns > 0)], axis=1)
     frequency = g.frequency * (np.arange(g.frequency.shape[1]) > 0)
-    return replace(
-        g, evaluate=evaluate, coefficients=g.coefficients * factors, frequency=frequency, terms=g.terms * [1, 1, 2, 2]
-    )
+    return replace(g, evaluate=evaluate, coefficients=c, frequency=frequency, terms=g.terms * [1, 1, 2, 2])
 
 
 def inertia_extremes(

@@ -97,9 +97,8 @@ class Proof:
     @property
     def is_open(self) -> bool:
         """True if another search may prove more."""
-        return not self.fails and self.upper > (
-            VANISHES * self.floor if self.vanishes else (1 + self.tolerance) * self.best
-        )
+        enough = VANISHES * self.floor if self.vanishes else (1 + self.tolerance) * self.best
+        return not self.fails and self.upper > enough
 
     @property
     def result(self) -> ProvenMaximum:
@@ -276,9 +275,8 @@ class CellSearch:
         self.began = 0.0
         self.radius = (box.upper - box.lower) / 2
         polynomial, share = criterion.polynomial, criterion.importance(q)
-        self.basis = short_basis(
-            np.einsum("m,mi,mj->ij", share, polynomial.frequency, polynomial.frequency), box.circle
-        )
+        frequency = polynomial.frequency
+        self.basis = short_basis(np.einsum("m,mi,mj->ij", share, frequency, frequency), box.circle)
         self.share = share
         slope, self.curvatures = polynomial.derivatives(self.basis)
         # A coordinate on which A hardly depends stays at its middle, at the cost of its slope times the half width.
@@ -329,9 +327,8 @@ class CellSearch:
             for place, k in enumerate(places):
                 weights = self.curvatures[on, k]
                 work = (deadline - self.clock.now()) / (len(places) - place)
-                ratio = known.get((number, k)) or ratio_on_grid(
-                    criterion, frequency[on], on, weights, steps, self.clock, work
-                )
+                found = known.get((number, k))
+                ratio = found or ratio_on_grid(criterion, frequency[on], on, weights, steps, self.clock, work)
                 if ratio is None:
                     return
                 known[number, k] = ratio
@@ -383,17 +380,15 @@ class Corners:
 
     def __init__(self, cells: Array, counts: Array, free: Array, box: PositionBox) -> None:
         self.cells, self.counts, self.free, self.box = cells, counts, free, box
-        self.points = np.where(
-            free, counts + np.where(box.circle, 0, 1), 1
-        )  # on each axis; a circle ends where it begins
+        self.points = np.where(free, counts + ~box.circle, 1)  # on each axis; a circle ends where it begins
         total = int(self.points.prod(dtype=float))
         whole = np.int32 if total < 2**31 else np.int64
         self.strides = np.concatenate([[1], np.cumprod(self.points[:-1])]).astype(whole)
-        if total <= DENSE:
-            present = np.zeros(total, dtype=bool)
+        self.table = np.zeros(total, dtype=bool) if total <= DENSE else None
+        if self.table is not None:
             for numbers in self.sides():
-                present[numbers] = True
-            self.numbers = np.flatnonzero(present)
+                self.table[numbers] = True
+            self.numbers = np.flatnonzero(self.table)
         else:
             numbers = np.sort(np.concatenate(list(self.sides())))  # np.unique's hash table takes eight times the time
             self.numbers = numbers[np.append(True, numbers[1:] > numbers[:-1])]
@@ -418,16 +413,13 @@ class Corners:
         """Positions of corners, shape (N, n)."""
         index = numbers[:, None] // self.strides % self.points
         width = self.box.upper - self.box.lower
-        q: Array = self.box.lower + np.where(self.free, index / self.counts, 0.5) * width
-        return q
+        return np.asarray(self.box.lower + np.where(self.free, index / self.counts, 0.5) * width)
 
     def all_of(self, holds: Array) -> Array:
         """True for each cell all of whose corners hold."""
-        total = int(self.points.prod(dtype=float))
-        table = np.zeros(total, dtype=bool) if total <= DENSE else None
-        if table is not None:
-            table[self.numbers[holds]] = True
+        if self.table is not None:
+            self.table[self.numbers] = holds
         proven = np.ones(len(self.cells), dtype=bool)
         for numbers in self.sides():
-            proven &= table[numbers] if table is not None else holds[np.searchsorted(self.numbers, numbers)]
+            proven &= self.table[numbers] if self.table is not None else holds[np.searchsorted(self.numbers, numbers)]
         return proven

@@ -43,12 +43,10 @@ class PositionBox:
 def box_argument(model: Model, positions: Any) -> PositionBox:
     """Box of the argument `positions`: "circle", "limits" or (lower, upper). Angles without a range make full turns."""
     lower, upper = (model.coordinate_limits()[name] for name in ("lower", "upper"))
-    if isinstance(positions, str):
-        if positions not in ("circle", "limits"):
-            raise ValueError(f'`positions` must be "circle", "limits" or (lower, upper), got {positions!r}')
-    else:
-        if not isinstance(positions, Sequence | np.ndarray) or len(positions) != 2:
-            raise ValueError(f'`positions` must be "circle", "limits" or (lower, upper), got {positions!r}')
+    is_word, is_pair = isinstance(positions, str), isinstance(positions, Sequence | np.ndarray) and len(positions) == 2
+    if not (positions in ("circle", "limits") if is_word else is_pair):
+        raise ValueError(f'`positions` must be "circle", "limits" or (lower, upper), got {positions!r}')
+    if not is_word:
         lower, upper = (per_joint_array("positions", x, model.n) for x in positions)
     whole = model.is_revolute & (model.multiplier == np.round(model.multiplier))  # these come back after a full turn
     periodic = np.array([whole[np.array(model.coordinate) == k].all() for k in range(model.n)], bool)
@@ -58,9 +56,8 @@ def box_argument(model: Model, positions: Any) -> PositionBox:
     for k in np.flatnonzero(~circle & ~np.isfinite(upper - lower)):
         turns = model.is_revolute[model.independent_joints[k]]
         why = "drives joints that turn by a fraction of its angle or slide" if turns else "slides"
-        raise ValueError(
-            f"bounds need a range of {model.joint_names[k]!r}, which {why}; give `positions`=(lower, upper)"
-        )
+        need = f"bounds need a range of {model.joint_names[k]!r}, which {why}"
+        raise ValueError(f"{need}; give `positions`=(lower, upper)")
     return PositionBox(model, np.where(circle, -np.pi, lower), np.where(circle, np.pi, upper), circle)
 
 

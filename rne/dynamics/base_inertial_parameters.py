@@ -27,7 +27,7 @@ from ..basics.text import counted, listed, short, six_digits, wrapped
 from ..model.model import Model, model_argument, unchecked_model
 from ..model.parameters import PARAMETERS, UNITS
 from ..model.standard_parameters import OF_MOTORS, DriveModel, StandardParameters, drive_argument
-from ..model.topology import joint_groups
+from ..model.topology import carriers, joint_groups
 from .kinematics import BASE, joint_transforms
 from .regressors import regressor
 
@@ -194,9 +194,9 @@ class BaseParameters(ReadOnlyArrays):
         >>> np.allclose(base.regressor(q, qd, qdd) @ base.values, robot.inverse_dynamics(q, qd, qdd))
         True
         """
-        bodies = self.body_regressor(*(np.asarray(x) for x in (q, qd, qdd)))
         at, rates, accelerations = (np.asarray(x) for x in (q, qd, qdd))
-        load = self.standard.load(np.asarray(bodies), at, accelerations, self.standard.values)
+        bodies = np.asarray(self.body_regressor(at, rates, accelerations))
+        load = self.standard.load(bodies, at, accelerations, self.standard.values)
         drives = self.standard.drive_columns(rates, accelerations, load)
         springs = self.standard.spring_columns(at)
         return np.asarray(np.concatenate([bodies, drives, springs], axis=-1)[..., list(self.independent)])
@@ -247,7 +247,6 @@ def regrouped(standard: StandardParameters, tolerance: float) -> tuple[tuple[int
     whole = np.abs(matrix - matrix.round()) < ROUNDING
     matrix[whole] = matrix[whole].round()
     matrix[:, kept] = np.eye(len(kept))
-    matrix.setflags(write=False)
     return tuple(kept), matrix
 
 
@@ -275,11 +274,9 @@ def _friction_rows(standard: StandardParameters, symbol: str) -> Array:
             same &= np.abs(sizes[turning, None] - sizes[turning]) < ROUNDING
         entries = np.zeros((len(turning), len(shafts)))
         entries[:, turning] = np.where(same, sizes[turning], 0)
-    rows = np.zeros((len(entries), standard.count))
-    n = standard.model.n
+    rows, n = np.zeros((len(entries), standard.count)), standard.model.n
     rows[:, columns[0]], rows[:, columns[1]] = entries[:, :n], entries[:, n:]
-    found: Array = rows[entries.any(axis=1)]
-    return found
+    return np.asarray(rows[entries.any(axis=1)])
 
 
 def independent_columns(rows: Array) -> list[int]:
@@ -325,10 +322,7 @@ def observed_combinations(standard: StandardParameters, tolerance: float) -> tup
     """
     model, length, gravity, coordinates = scaled(standard.model)
     place = {name: list(range(standard.count))[places] for name, places in standard.groups.items()}
-    turning = [
-        *place.get("Ia", []),
-        *place.get("Ia of coupled motors", []),
-    ]  # rotors turn as shafts do, each with its joint
+    turning = place.get("Ia", []) + place.get("Ia of coupled motors", [])  # rotors turn as shafts, with their joints
     shafts = np.concatenate([np.eye(model.n), standard.motors])[: len(turning)] * coordinates
     offsets = np.diag(coordinates) if standard.drives.offset else np.zeros((0, model.n))
     groups = [_group(model, bodies) for bodies in joint_groups(model)]
@@ -431,9 +425,8 @@ def _energies_of_group(
     ]
     met = {}
     for b, i in enumerate(group.bodies):
-        energies = [_flat(moved[b, :, :, None], falls)] + [
-            _flat(x[b, ..., None, :, :], np.zeros(1)) for x in (mixed, within)
-        ]
+        energies = [_flat(moved[b, :, :, None], falls)]
+        energies += [_flat(x[b, ..., None, :, :], np.zeros(1)) for x in (mixed, within)]
         velocities = [_flat(x[b, ..., None, :, :], turns) for x, turns in ((seen, carried), (own, turned))]
         met[i] = np.concatenate(energies), np.concatenate(velocities)
     return np.concatenate(rows), met
@@ -466,17 +459,14 @@ def _of_all_bodies(groups: list[Group], k: int, observed: Array, bodies: int) ->
 
 def _shafts_between_branches(model: Model, groups: list[Group], shafts: Array) -> Array:
     """Entries of M that shafts alone add to: those of two coordinates that move no common body."""
-    place = {i: g for g, group in enumerate(groups) for i in group.bodies}
-    carriers: list[set[int]] = []
-    for group in groups:
-        above = place.get(group.parent)
-        carriers.append({len(carriers)} | (carriers[above] if above is not None else set()))
+    place = {i: g for g, group in enumerate(groups) for i in group.bodies} | {BASE: BASE}
+    above = [place[group.parent] for group in groups]
     of = [place[i] for i in model.independent_joints]
-    pairs = [(j, k) for k in range(model.n) for j in range(k) if not {of[j], of[k]} & carriers[of[j]] & carriers[of[k]]]
+    on = [{*carriers(above, g)} for g in of]  # the groups on the way to each coordinate's own
+    pairs = [(j, k) for k in range(model.n) for j in range(k) if not {of[j], of[k]} & on[j] & on[k]]
     first, second = np.array(pairs, dtype=int).reshape(-1, 2).T
     entries = (shafts[:, first] * shafts[:, second]).T
-    found: Array = entries[entries.any(axis=1)]
-    return found
+    return np.asarray(entries[entries.any(axis=1)])
 
 
 def span(rows: Array, tolerance: float) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection
 from typing import Any
 
 import numpy as np
@@ -11,27 +11,28 @@ from ..basics.spatial import Array, cross, dot, rotate, rotate_back
 from ..errors import NotFiniteError
 from ..model.model import Loop, Model
 from ..model.topology import loop_joints
-from .kinematics import body_poses
+from .kinematics import Bodies, body_poses
+from .rnea import External
 
 DEAD = 1e-9  # sine of the angle between the ways in which the joints that follow move the pivot: a dead point
 
 
 def closing_forces(
-    model: Model, q: Array, tau: Array, unknown: set[int], external: Mapping[str, Array] | None
+    model: Model, q: Array, tau: Array, not_known: Collection[str], external: External | None
 ) -> tuple[list[Array], dict[str, Array]]:
     """Force of each loop's pivot on its first link, in the link's axes; all, and those given, as wrenches on links.
 
     `tau` (..., nb) are the torques that the joints of the open tree would need. Those of the two joints that follow
     are supplied by the pivot: c_i F = tau_i, where c_i is its velocity per unit velocity of joint i, first link less
-    second. F is in the plane of the linkage. Forces of loops with one of the `unknown` joints are NaN.
+    second. F is in the plane of the linkage. Forces of loops that are `not_known` are NaN.
     """
     found, wrenches = dict[Loop, Array](), dict(external or {})
     poses, tau = body_poses(model, q), tau.copy()
     for loop in in_order(model):
-        if set.union(*loop_joints(model, loop)) & unknown:
+        if loop.name in not_known:
             found[loop] = np.full(3, np.nan)
             continue
-        sides, c = pivot_of(model, loop, poses)
+        sides, c = pivot_of(model, loop, *poses)
         F = plane_force(model, loop, c, tau, poses[0])
         for i, way in c.items():
             tau[..., i] = tau[..., i] - dot(way, F)
@@ -53,11 +54,8 @@ def in_order(model: Model) -> list[Loop]:
     return order
 
 
-def pivot_of(
-    model: Model, loop: Loop, poses: tuple[Mapping[int, Array], Mapping[int, Array]]
-) -> tuple[list[tuple[str, Array, Array]], dict[int, Array]]:
+def pivot_of(model: Model, loop: Loop, R0: Bodies, p0: Bodies) -> tuple[list[tuple[str, Array, Array]], Bodies]:
     """Links, points and rotations of a loop's ends, and how each joint moves the first end away from the second."""
-    R0, p0 = poses
     sides, c, pivot = list[tuple[str, Array, Array]](), dict[int, Array](), None
     for sign, (link, point), joints in zip((1, -1), loop.ends, loop_joints(model, loop), strict=True):
         k = model.link_index(link)
@@ -72,7 +70,7 @@ def pivot_of(
     return sides, c
 
 
-def plane_force(model: Model, loop: Loop, c: Mapping[int, Array], tau: Array, R0: Mapping[int, Array]) -> Any:
+def plane_force(model: Model, loop: Loop, c: Bodies, tau: Array, R0: Bodies) -> Any:
     """The force F in the plane of a loop that does the work of both torques: c_i F = tau_i."""
     i, j = (model.moving_joints.index(joint) for joint in loop.followers)
     turning = i if model.is_revolute[i] else j

@@ -10,6 +10,7 @@ import numpy as np
 from ..basics.spatial import Array, cross, cross_matrix, dot, mirrored, note_solution, rotate, transpose, zeros
 from ..model.model import Model
 from ..model.solids import Moments
+from ..model.topology import carriers
 from .kinematics import BASE, coordinate_map, joint_transforms
 from .quantity import quantity
 
@@ -74,15 +75,6 @@ def mass_diagonal(model: Model, composites: dict[int, Moments], like: Array) -> 
     return diagonal
 
 
-def ancestors(parent: tuple[int, ...], k: int) -> list[int]:
-    """The coordinates above k in the tree, from the base outwards."""
-    chain: list[int] = []
-    while parent[k] >= 0:
-        k = parent[k]
-        chain.insert(0, k)
-    return chain
-
-
 def factorise(M: Array, parent: tuple[int, ...]) -> tuple[Array, Array]:
     """L (unit lower triangular) and pivots D with M = L^T D L, no fill-in between branches of the tree.
 
@@ -92,7 +84,7 @@ def factorise(M: Array, parent: tuple[int, ...]) -> tuple[Array, Array]:
     L = M.copy()
     D = zeros(M.shape[:-1], like=M)
     for k in reversed(range(len(parent))):
-        above = np.array(ancestors(parent, k), dtype=int)
+        above = np.array(carriers(parent, parent[k])[::-1], dtype=int)
         row = L[..., k, above]
         D[..., k] = L[..., k, k]
         scaled = row / D[..., k, None]
@@ -119,10 +111,10 @@ def solve_factored(L: Array, D: Array, parent: tuple[int, ...], y: Array) -> Arr
     """Solve L^T D L x = y, shape (..., n)."""
     x = np.array(np.broadcast_to(y, np.broadcast_shapes(y.shape, D.shape)))
     for k in reversed(range(len(parent))):  # L^T z = y
-        above = ancestors(parent, k)
+        above = carriers(parent, parent[k])[::-1]
         x[..., above] = x[..., above] - L[..., k, above] * x[..., k, None]
     x = x / D
     for k in range(len(parent)):  # L x = z
-        above = ancestors(parent, k)
+        above = carriers(parent, parent[k])[::-1]
         x[..., k] = x[..., k] - (L[..., k, above] * x[..., above]).sum(-1)
     return x

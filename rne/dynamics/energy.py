@@ -12,26 +12,12 @@ from .quantity import quantity
 def link_kinetic_energies(model: Model, q: Array, qd: Array) -> Array:
     """Kinetic energy of every moving body: (m v_c.v_c + omega.I omega) / 2.
 
-    Parameters
-    ----------
-    model : Model
-        The robot's parameters.
-    q, qd : ndarray, shape (..., n)
-        Joint positions and velocities [rad or m; rad/s or m/s].
+    Høifødt 2011, (6.30). Parameters and errors are those of `rne.Robot.kinetic_energy`, with the model first.
 
     Returns
     -------
     ndarray, shape (..., nb)
         In the order of `model.moving_joints`, without that of the drives (`armature`) [J].
-
-    Raises
-    ------
-    ValueError
-        If an array has the wrong shape or is not finite, or the energy overflows.
-
-    Notes
-    -----
-    Høifødt 2011, (6.30).
 
     Examples
     --------

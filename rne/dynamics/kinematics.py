@@ -16,6 +16,7 @@ from .quantity import quantity
 
 BASE = -1
 ORIGIN = (0.0, 0.0, 0.0)
+Bodies = dict[int, Array]  # an array of each body, and of the base under BASE
 
 
 def joint_positions(model: Model, q: Array) -> Array:
@@ -84,11 +85,11 @@ def joint_transforms(model: Model, q: Array) -> tuple[list[Array], list[Array]]:
     return [R[..., i, :, :] for i in range(model.nb)], [p[..., i, :] for i in range(model.nb)]
 
 
-def body_poses(model: Model, q: Array) -> tuple[dict[int, Array], dict[int, Array]]:
+def body_poses(model: Model, q: Array) -> tuple[Bodies, Bodies]:
     """Rotation and origin of every body's frame, seen from the root link."""
     R, p = joint_transforms(model, q)
-    R0: dict[int, Array] = {BASE: IDENTITY}
-    p0: dict[int, Array] = {BASE: zeros((3,), like=q)}
+    R0: Bodies = {BASE: IDENTITY}
+    p0: Bodies = {BASE: zeros((3,), like=q)}
     for i, parent in enumerate(model.parent):
         R0[i] = R0[parent] @ R[i]
         p0[i] = p0[parent] + rotate(R0[parent], p[i])
@@ -112,7 +113,7 @@ def link_poses(model: Model, q: Array) -> Array:
     return T
 
 
-def velocities(model: Model, R: list[Array], p: list[Array], qd: Array) -> tuple[dict[int, Array], dict[int, Array]]:
+def velocities(model: Model, R: list[Array], p: list[Array], qd: Array) -> tuple[Bodies, Bodies]:
     """Angular velocity of every body and velocity of its frame's origin, in its own axes.
 
     `qd` (..., nb) are the velocities of the moving joints.
@@ -126,7 +127,7 @@ def velocities(model: Model, R: list[Array], p: list[Array], qd: Array) -> tuple
     return omega, v
 
 
-def body_jacobians(model: Model, R: list[Array], p: list[Array]) -> tuple[dict[int, Array], dict[int, Array]]:
+def body_jacobians(model: Model, R: list[Array], p: list[Array]) -> tuple[Bodies, Bodies]:
     """Jw[i], Jv[i], shape (..., nb, 3): row j is body i's angular velocity, and its origin's velocity, per qd_j.
 
     Everything in the axes of body i.
@@ -144,8 +145,8 @@ def body_jacobians(model: Model, R: list[Array], p: list[Array]) -> tuple[dict[i
 
 
 def body_jacobian_derivatives(
-    model: Model, R: list[Array], p: list[Array], qd: Array, Jw: dict[int, Array], Jv: dict[int, Array]
-) -> tuple[dict[int, Array], dict[int, Array]]:
+    model: Model, R: list[Array], p: list[Array], qd: Array, Jw: Bodies, Jv: Bodies
+) -> tuple[Bodies, Bodies]:
     """Time derivatives of `body_jacobians`' components in the axes of body i, at joint velocities qd, (..., nb)."""
     zero = np.zeros_like(Jw[BASE])
     dJw, dJv = {BASE: zero}, {BASE: zero}
@@ -230,8 +231,7 @@ def centre_of_mass(model: Model, q: Array) -> Array:
     for i in range(model.nb):
         m, h, _ = model.body_moments(i)
         total, moment = total + m, moment + m * p0[i] + rotate(R0[i], h)
-    centre: Array = moment / total
-    return centre
+    return np.asarray(moment / total)
 
 
 @quantity(moments=True, per_mass=True)

@@ -96,16 +96,14 @@ def inertia_derivatives(model: Model, terms: list[Body], like: Array) -> Array:
         dJc, dJw = jacobian_derivatives(b)
         half = half + b.mass * (dJc @ transpose(b.Jc)[..., None, :, :])
         half = half + dJw @ (b.inertia @ transpose(b.Jw))[..., None, :, :]
-    dM: Array = np.moveaxis(half + transpose(half), -3, -1)
-    return dM
+    return np.asarray(np.moveaxis(half + transpose(half), -3, -1))
 
 
 def christoffel(dM: Array) -> Array:
     """c_ijk = (dM_kj/dq_i + dM_ki/dq_j - dM_ij/dq_k) / 2."""
     dM_kj_dq_i: Array = np.swapaxes(dM, -3, -1)  # [i, j, k]
     dM_ki_dq_j = np.swapaxes(dM_kj_dq_i, -3, -2)
-    c: Array = (dM_kj_dq_i + dM_ki_dq_j - dM) / 2
-    return c
+    return np.asarray((dM_kj_dq_i + dM_ki_dq_j - dM) / 2)
 
 
 def gravity_terms(model: Model, terms: list[Body], like: Array) -> Array:
@@ -235,18 +233,15 @@ def body_coriolis_matrix(model: Model, i: int, omega: Array, Jw: Array, Jv: Arra
         m, h = m[..., None], h[..., None, :]
         a = dJv + cross(omega[..., None, :], Jv)
         f = m * a + cross(dJw, h) + cross(omega[..., None, :], cross(Jw, h))
-        by_moments: Array = Jv @ transpose(f) + Jw @ transpose(cross(h, a) + angular_part(I, omega, Jw, dJw))
-        return by_moments
+        return np.asarray(Jv @ transpose(f) + Jw @ transpose(cross(h, a) + angular_part(I, omega, Jw, dJw)))
     m, c, I = model.mass[i], model.com[i], model.inertia[i]
     Jc, dJc = Jv + cross(Jw, c), dJv + cross(dJw, c)
     f = m * (dJc + cross(omega[..., None, :], Jc))
-    C: Array = Jc @ transpose(f) + Jw @ transpose(angular_part(I, omega, Jw, dJw))
-    return C
+    return np.asarray(Jc @ transpose(f) + Jw @ transpose(angular_part(I, omega, Jw, dJw)))
 
 
 def angular_part(I: Array, omega: Array, Jw: Array, dJw: Array) -> Array:
     """I dJw + (tr(I)/2 [omega]x - [I omega]x) Jw, rows are joints."""
     trace = I[..., :1, :1] + I[..., 1:2, 1:2] + I[..., 2:, 2:]
     spin = trace / 2 * cross_matrix(omega) - cross_matrix(rotate(I, omega))
-    n: Array = dJw @ I + Jw @ transpose(spin)
-    return n
+    return np.asarray(dJw @ I + Jw @ transpose(spin))

@@ -13,7 +13,7 @@ from ..basics.arrays import ReadOnlyArrays
 from ..basics.spatial import Array, cross, dot, rotate, rotate_back, zeros
 from ..basics.text import UNITS, Row, aligned, counted, listed, short, six_digits, wrapped
 from ..model.model import Model
-from ..model.topology import loads_not_known, loop_joints, tip
+from ..model.topology import loads_not_known, tip
 from .closing_forces import closing_forces
 from .kinematics import BASE, joint_transforms
 from .quantity import quantity
@@ -178,8 +178,8 @@ def recursion(model: Model, q: Array, qd: Array, qdd: Array, *, external: Extern
     """
     at_rest = 0 * model.gravity  # without gravity's upward acceleration of the base the accelerations are the true ones
     loaded = newton_euler(model, q, qd, qdd, model.gravity, external)
-    unknown, causes = loads_not_known(model)
-    pivots, wrenches = closing_forces(model, q, loaded.of_joints, unknown, external)
+    not_known, follow = loads_not_known(model)
+    pivots, wrenches = closing_forces(model, q, loaded.of_joints, not_known, external)
     loaded = newton_euler(model, q, qd, qdd, model.gravity, wrenches) if pivots else loaded
     true = newton_euler(model, q, qd, qdd, at_rest)
     R, _ = joint_transforms(model, q)
@@ -196,7 +196,8 @@ def recursion(model: Model, q: Array, qd: Array, qdd: Array, *, external: Extern
 
     bodies, ends, origin = range(model.nb), link_ends(model), model.joint_origin
     f, tau = collect(loaded.f[i] for i in bodies), collect(loaded.n[i] - cross(origin[i], loaded.f[i]) for i in bodies)
-    f[..., [*unknown], :] = tau[..., [*unknown], :] = np.nan
+    unknown = [joint in not_known for joint in model.moving_joints]
+    f[..., unknown, :] = tau[..., unknown, :] = np.nan
     return Recursion(
         joints=model.moving_joints,
         omega=collect(true.omega[i] for i in bodies),
@@ -212,11 +213,8 @@ def recursion(model: Model, q: Array, qd: Array, qdd: Array, *, external: Extern
         independent_joints=model.independent_joints,
         pivots=tuple(loop.name for loop in model.loops),
         pivot_force=collect(pivots),
-        not_known=(
-            *(model.moving_joints[i] for i in sorted(unknown)),
-            *(loop.name for loop in model.loops if set.union(*loop_joints(model, loop)) & unknown),
-        ),
-        follow=tuple(causes),
+        not_known=not_known,
+        follow=follow,
     )
 
 

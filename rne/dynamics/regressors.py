@@ -176,22 +176,12 @@ def gravity_torques(model: Model, q: Array, bodies: Array) -> Array:
 def kinetic_energy_regressor(model: Model, q: Array, qd: Array) -> Array:
     """The row y of T = y pi: kinetic energy per unit of each inertial parameter, that of `armature` apart.
 
-    Parameters
-    ----------
-    model : Model
-        The robot's parameters.
-    q, qd : ndarray, shape (..., n)
-        Joint positions and velocities [rad or m; rad/s or m/s].
+    Parameters and errors are those of `rne.Robot.kinetic_energy`, with the model first.
 
     Returns
     -------
     ndarray, shape (..., 10 nb)
         Columns as of `rne.dynamics.regressor`.
-
-    Raises
-    ------
-    ValueError
-        If an array has the wrong shape or is not finite, or an entry overflows.
 
     Examples
     --------
@@ -216,22 +206,12 @@ def kinetic_energy_regressor(model: Model, q: Array, qd: Array) -> Array:
 def potential_energy_regressor(model: Model, q: Array) -> Array:
     """The row y of U = y pi: potential energy per unit of each inertial parameter.
 
-    Parameters
-    ----------
-    model : Model
-        The robot's parameters.
-    q : ndarray, shape (..., n)
-        Joint positions [rad or m].
+    Parameters and errors are those of `rne.Robot.potential_energy`, with the model first.
 
     Returns
     -------
     ndarray, shape (..., 10 nb)
         Columns as of `rne.dynamics.regressor`; those of inertias are zero. Zero level: the root link's origin.
-
-    Raises
-    ------
-    ValueError
-        If `q` has the wrong shape or is not finite.
 
     Examples
     --------

@@ -148,9 +148,8 @@ def _notes() -> dict[str, str]:
     notes = {"robot": NOTES["robot"], "base_link": NOTES["base_link"], "flange": NOTES["flange"]}
     for i, link in enumerate(LINKS, 1):
         limits = NOTES["limits"] + (NOTES["unlimited"] if i in (4, 6) else "")
-        notes[f"joint_{i}"] = (
-            f"Origin: R_i^{{i-1}} and r_{{i-2,i-1}} of the thesis for i = {i}; axis b_{i} (3.30). {limits}"
-        )
+        origin = f"R_i^{{i-1}} and r_{{i-2,i-1}} of the thesis for i = {i}"
+        notes[f"joint_{i}"] = f"Origin: {origin}; axis b_{i} (3.30). {limits}"
         notes[f"link_{i}"] = (
             f"Table 4.1: cylinder of {link.mass} kg, radius {link.radius} m, height {link.height} m; "
             f"centre r_{{{i - 1},c{i}}}; "

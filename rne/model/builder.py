@@ -46,8 +46,22 @@ class Mimic(NamedTuple):
     """The joint's position is `multiplier` times that of part `independent`'s joint, plus `offset`."""
 
     independent: int
-    multiplier: float
-    offset: float
+    multiplier: Any
+    offset: Any
+
+
+def composed(written: Mapping[int, Mimic]) -> dict[int, Mimic]:
+    """Mimics of independent parts in place of mimics of mimics; those in a circle, or of one, follow a part of it."""
+    found: dict[int, Mimic] = {}
+    for k in written:
+        chain = dict[int, None]()
+        while k in written and k not in found and k not in chain:
+            chain[k], k = None, written[k].independent
+        for mimic in reversed(chain):
+            (_, factor, offset), followed = written[mimic], found.get(k, Mimic(k, Extended(1), Extended(0)))
+            found[mimic] = Mimic(followed.independent, factor * followed.multiplier, factor * followed.offset + offset)
+            k = mimic
+    return {k: Mimic(x, float(factor), float(offset)) for k, (x, factor, offset) in found.items()}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,21 +107,17 @@ def assemble(
 ) -> Model:
     """The Model of a tree of parts, the root first and every parent before its children."""
     moving = [k for k, part in enumerate(parts) if part.kind != "fixed"]
-    body_of: list[int] = []
-    frames: list[Pose] = []  # of each link in its body's frame
-    placements: list[Pose] = []  # of each body in its parent body's frame
-    parents: list[int] = []
+    body_of, parents = list[int](), list[int]()
+    frames, placements = list[Pose](), list[Pose]()  # of each link in its body's frame, of each body in its parent's
     for part in parts:
-        host, frame = (body_of[part.parent], frames[part.parent]) if part.parent >= 0 else (-1, NO_MOTION)
-        placed = frame.then(part.placement)
-        if part.kind == "fixed":
-            body_of.append(host)
-            frames.append(placed)
-        else:
-            body_of.append(len(placements))
-            frames.append(NO_MOTION)
-            placements.append(placed)
-            parents.append(host)
+        body, frame = (body_of[part.parent], frames[part.parent]) if part.parent >= 0 else (-1, NO_MOTION)
+        frame = frame.then(part.placement)
+        if part.kind != "fixed":
+            parents.append(body)
+            placements.append(frame)
+            body, frame = len(placements) - 1, NO_MOTION
+        body_of.append(body)
+        frames.append(frame)
     members: list[list[tuple[Part, Pose]]] = [[] for _ in range(len(moving) + 1)]  # the base last
     for part, body, frame in zip(parts, body_of, frames, strict=True):
         members[body].append((part, frame))
@@ -116,10 +126,9 @@ def assemble(
     joint_at = {k: i for i, k in enumerate(moving)}
     coordinate_at = {k: i for i, k in enumerate(independent)}
     joints = [parts[k] for k in moving]
-    limits_and_drives: dict[str, Any] = {
-        name: np.array([getattr(joint, own) for joint in joints]) for own, name in LIMITS_AND_DRIVES.items()
-    }
+    numbers: dict[str, Any] = {name: [getattr(x, own) for x in joints] for own, name in LIMITS_AND_DRIVES.items()}
     mimics = [parts[k].mimic or Mimic(k, 1.0, 0.0) for k in moving]
+    origins = [x.p + rotate(x.R, part.link_origin) for part, x in zip(parts, frames, strict=True)]
     return Model(
         name=name,
         moving_joints=tuple(joint.joint for joint in joints),
@@ -139,10 +148,8 @@ def assemble(
         link_parent=tuple(part.parent for part in parts),
         link_body=tuple(body_of),
         link_rotation=_stacked([snap(frame.R) for frame in frames], (3, 3)),
-        link_translation=_stacked(
-            [x.p + rotate(x.R, part.link_origin) for part, x in zip(parts, frames, strict=True)], (3,)
-        ),
-        **limits_and_drives,
+        link_translation=_stacked(origins, (3,)),
+        **numbers,
         coordinate=tuple(coordinate_at[mimic.independent] for mimic in mimics),
         independent_joints=tuple(joint_at[k] for k in independent),
         multiplier=np.array([mimic.multiplier for mimic in mimics]),

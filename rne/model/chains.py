@@ -183,9 +183,8 @@ def dh_chain(
         raise ValueError(f"`convention` must be 'standard' or 'modified', got {convention!r}")
     length = extended("a", a, "(n,)")
     n = len(length)
-    twist, shift, angle = (
-        extended(column, x, f"({n},)") for column, x in (("alpha", alpha), ("d", d), ("theta", theta))
-    )
+    columns = {"alpha": alpha, "d": d, "theta": theta}
+    twist, shift, angle = (extended(column, x, f"({n},)") for column, x in columns.items())
     refuse_degrees("alpha", twist)
     refuse_degrees("theta", angle)
     zero = per_joint_array("offset", offset, n).astype(Extended)

@@ -149,9 +149,8 @@ def _check_mimics(model: SimpleNamespace) -> None:
     coordinates = {model.moving_joints[i] for i in model.independent_joints}
     for c in model.couplings:
         if c.joint not in {*model.moving_joints} - coordinates or not {*c.drivers} <= coordinates:
-            raise ModelError(
-                f"`couplings` must lead from independent joints to others, got {[*c.drivers]} to {c.joint!r}"
-            )
+            got = f"got {[*c.drivers]} to {c.joint!r}"
+            raise ModelError(f"`couplings` must lead from independent joints to others, {got}")
     for loop in model.loops:
         if not {*loop.followers} <= {*model.moving_joints} - coordinates:
             raise ModelError(f"`loops` must name joints that follow others, got {[*loop.followers]}")

@@ -162,9 +162,8 @@ def _checked(model: Model, couplings: Any) -> dict[str, Followed | Linked]:
         if joint not in model.joint_names:
             raise ValueError(f"`couplings` must name joints of {list(model.joint_names)}, got {joint!r}")
         if callable(value):
-            value = value(
-                model, joint, [name for name, other in couplings.items() if callable(other) and other == value]
-            )
+            alike = [name for name, other in couplings.items() if callable(other) and other == value]
+            value = value(model, joint, alike)
         form = isinstance(value, Linked) or (isinstance(value, tuple) and len(value) == 2)
         if not form or isinstance(value[0], str) or not callable(value[1]):
             raise TypeError(f"`couplings[{joint!r}]` must be (drivers, function), got {value!r}")
@@ -250,12 +249,9 @@ def _where_followed(model: Model, k: int, ends: list[float]) -> set[str]:
 
     limits = np.abs([(model.lower[i], model.upper[i]) for i, _ in following])
     turns = 2 * np.pi + float(np.max(limits, initial=0.0, where=np.isfinite(limits)))
-    values, far = np.array([start]), turns if model.is_revolute[k] else FARTHEST
-    for sign, end in zip((-1, 1), ends, strict=True):
-        span = min(abs(end - start), far)
-        steps = np.linspace(0, 1, SAMPLES + 1)[1:], np.geomspace(NEAREST / FARTHEST, 1, SAMPLES)
-        values = np.append(values, start + sign * span * np.concatenate(steps))
-    values = np.unique(np.clip(values, ends[0], ends[1]))
+    steps = np.append(np.linspace(0, 1, SAMPLES + 1), np.geomspace(NEAREST / FARTHEST, 1, SAMPLES))
+    below, above = (min(abs(end - start), turns if model.is_revolute[k] else FARTHEST) * steps for end in ends)
+    values = np.unique(np.clip(np.append(start - below, start + above), ends[0], ends[1]))
     for _, coupling in following:
         values = np.union1d(values, _extremes(values, partial(found, coupling)))
     bad, by = np.asarray(fails(values).any(0)), set[str]()

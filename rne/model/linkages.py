@@ -230,7 +230,7 @@ class SliderCrank:
         if self.driver not in model.moving_joints:
             raise ValueError(f"`driver` must be one of {list(model.moving_joints)}, got {self.driver!r}")
         (i, k), (R, _) = (model.moving_joints.index(name) for name in (joint, self.driver)), _zero_pose(model)
-        turns, cranked, behind = bool(model.is_revolute[i]), bool(model.is_revolute[k]), k in carriers(model, i)
+        turns, cranked, behind = bool(model.is_revolute[i]), bool(model.is_revolute[k]), k in carriers(model.parent, i)
         along = float(R[i] @ model.axis[i] @ (R[k] @ model.axis[k]))
         if abs(abs(along) - (turns and cranked)) > CLOSED or not (turns or cranked):
             raise ModelError(f"the axes of joints {joint!r} and {self.driver!r} are not those of a slider-crank")
@@ -265,16 +265,14 @@ class SliderCrank:
         """The pivot at the rod's far end, in the plane of its other one; None unless crank, rod and slider all move."""
         R, p = _zero_pose(model)
         bodies = [model.moving_joints.index(name) for name in (self.driver, *joints)]
-        kinds = [
-            "slider" if not model.is_revolute[i] else "rod" if model.parent[i] in bodies else "crank" for i in bodies
-        ]
+        turns = model.is_revolute
+        kinds = ["slider" if not turns[i] else "rod" if model.parent[i] in bodies else "crank" for i in bodies]
         if sorted(kinds) != ["crank", "rod", "slider"]:
             return None
         c, i, s = (bodies[kinds.index(kind)] for kind in ("crank", "rod", "slider"))
         if kinds[0] == "slider" and model.parent[i] != s:
-            raise ModelError(
-                f"the rod {model.moving_joints[i]!r} must be mounted on the slider {self.driver!r} that drives"
-            )
+            rod, cure = model.moving_joints[i], f"must be mounted on the slider {self.driver!r} that drives"
+            raise ModelError(f"the rod {rod!r} {cure}")
         u, n = R[s] @ model.axis[s], R[c] @ model.axis[c]
         pin, end = self.crank * (np.cos(self.angle) * u + np.sin(self.angle) * cross(n, u)), x0 * u
         near, far, other = (pin, end, s) if model.parent[i] == c else (end, pin, c)
@@ -306,7 +304,7 @@ def _loop(model: Model, driver: str, closing: Closing, *forms: str) -> list[Pivo
     for k, (link, point) in enumerate(closing):
         index, here = model.link_index(link), real_array(f"closing[{k}][1]", point, "(3,)")
         body, here = model.link_body[index], model.link_translation[index] + rotate(model.link_rotation[index], here)
-        paths.append(carriers(model, body))
+        paths.append(carriers(model.parent, body))
         ends.append(p[body] + rotate(R[body], here))
     inwards, outwards = ([i for i in own if i not in other] for own, other in (paths, paths[::-1]))
     d = model.moving_joints.index(driver)
@@ -319,17 +317,12 @@ def _loop(model: Model, driver: str, closing: Closing, *forms: str) -> list[Pivo
     if form not in forms and form[2:] + form[:2] in forms:
         form, loop = form[2:] + form[:2], loop[2:] + loop[:2]
     names = [model.moving_joints[i] for i, _ in loop if i >= 0]
-    free = (
-        driver,
-        *(model.moving_joints[i] for i, _ in loop[4:]),
-        *model.joint_names,
-    )  # both drivers may follow others
-    if form not in forms or driver not in names or not set(names) <= set(free):
+    drivers = (driver, *(model.moving_joints[i] for i, _ in loop[4:]))  # which may follow others
+    if form not in forms or driver not in names or not set(names) <= {*drivers, *model.joint_names}:
         what = " or ".join(str(len(text) - 1) for text in forms)
         sliding = "one of them the slide of the cylinder" if "P" in forms[0] else "all rotating"
-        raise ModelError(
-            f"the loop must have {what} joints, {driver!r} and others that follow none, {sliding}; it has {names}"
-        )
+        needed = f"{what} joints, {driver!r} and others that follow none, {sliding}"
+        raise ModelError(f"the loop must have {needed}; it has {names}")
     return _in_plane(model, loop, R, p, ends)
 
 
@@ -408,15 +401,13 @@ def _span(a: float, g: float, psi: float, low: float, high: float) -> Ends:
         return float(np.sqrt(max((x - y) * (x + y), 0.0)))
 
     nearest, farthest, side = abs(a - g), a + g, np.sign(psi)
-    inner = outer = None
-    if nearest - low <= CLOSED * farthest:
-        inner = 2 * np.arctan2(root(low, nearest), root(farthest, low))
+    outer, inner = np.inf, -np.inf
     if high - farthest <= CLOSED * farthest:
         outer = 2 * np.arctan2(root(high, nearest), root(farthest, high))
-    if inner is None:
-        inner, outer = (-np.inf, np.inf) if outer is None else (-outer, outer)
-    elif outer is None:
-        outer = 2 * np.pi - inner
+        inner = -outer
+    if nearest - low <= CLOSED * farthest:
+        inner = 2 * np.arctan2(root(low, nearest), root(farthest, low))
+        outer = min(outer, 2 * np.pi - inner)
     low, high = sorted((side * inner - psi, side * outer - psi))
     return float(low), float(high)
 

@@ -10,16 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import convert_numbers, real_array, real_numbers, refuse_degrees
-from ..basics.spatial import (
-    Array,
-    combine_bodies,
-    rotate,
-    rotate_back,
-    rotation_about,
-    rotation_from_rpy,
-    symmetric,
-    transpose,
-)
+from ..basics.spatial import Array, combine_bodies, rotate, rotate_back, rotation_about, rotation_from_rpy, symmetric
 from .builder import Part, Pose, assemble, disassemble, pose
 from .checks import DRIVES, domain_error, inertia_error, symmetric_up_to_rounding, triangle_excess
 from .model import Model, model_argument
@@ -64,7 +55,7 @@ def with_payload(
     if m and (distance := np.linalg.norm(c)) > FAR * size > 0:
         text = "the centre of mass is %.4g m from the link's origin, the robot measures %.4g m; check `com`: metres"
         LOGGER.warning("payload on link %r: " + text, link, distance, size)
-    payload = (float(m), p + rotate(R, c), R @ I @ transpose(R))
+    payload = (float(m), p + rotate(R, c), R @ I @ R.T)
     if body < 0:
         base = combine_bodies([(model.base_mass, model.base_com, model.base_inertia), payload])
         return replace(model, base_mass=base[0], base_com=base[1], base_inertia=symmetric(base[2]))
@@ -81,10 +72,8 @@ def locked(model: Model, positions: Mapping[str, float]) -> Model:
     """
     model_argument(model)
     if not isinstance(positions, Mapping):
-        example = f"{{{model.joint_names[-1] if model.n else 'joint'!r}: 0.0}}"
-        raise TypeError(
-            f"`positions` must map joint names to positions, such as {example}, got {type(positions).__name__}"
-        )
+        example = f"such as {{{model.joint_names[-1] if model.n else 'joint'!r}: 0.0}}"
+        raise TypeError(f"`positions` must map joint names to positions, {example}, got {type(positions).__name__}")
     values = {}
     for joint, value in positions.items():
         if joint not in model.joint_names:
@@ -93,29 +82,21 @@ def locked(model: Model, positions: Mapping[str, float]) -> Model:
         if array.ndim:
             raise ValueError(f"`positions[{joint!r}]` must be one number, got shape {array.shape}")
         values[joint] = float(array)
-    parts = disassemble(model)
-    fixed = {}
-    couplings = {c.joint: c for c in model.couplings}
     check_closure(model, np.array([values.get(name, 0.0) for name in model.joint_names]))
+    ends = [c for c in model.couplings if {*c.drivers} <= {*values}]  # whose drivers are all locked
+    fixed = values | {c.joint: c.position(np.array([values[name] for name in c.drivers])) for c in ends}
+    parts = disassemble(model)
     for k, part in enumerate(parts):
-        coupling = couplings.get(part.joint)
-        if coupling and all(driver in values for driver in coupling.drivers):
-            position = float(couplings.pop(part.joint).position(np.array([values[name] for name in coupling.drivers])))
-            fixed[k] = replace(part, kind="fixed", placement=_moved(part, position))
-            continue
-        independent = parts[part.mimic.independent] if part.mimic else part
-        if independent.joint in values and part.kind != "fixed":
-            position = values[independent.joint]
-            if part.mimic:
-                position = part.mimic.multiplier * position + part.mimic.offset
-            fixed[k] = replace(part, kind="fixed", mimic=None, placement=_moved(part, position))
-    edited = [fixed.get(k, part) for k, part in enumerate(parts)]
-    smaller = assemble(model.name, edited, gravity=model.gravity, shapes=model.shapes, notes=model.notes)
+        if part.mimic and (independent := parts[part.mimic.independent].joint) in values:
+            fixed[part.joint] = part.mimic.multiplier * values[independent] + part.mimic.offset
+        if part.joint in fixed:
+            parts[k] = replace(part, kind="fixed", mimic=None, placement=_moved(part, float(fixed[part.joint])))
+    smaller = assemble(model.name, parts, gravity=model.gravity, shapes=model.shapes, notes=model.notes)
     smaller = replace(smaller, link_parent=model.link_parent, source=model.source)
-    if couplings:
+    if left := {c.joint: c.at(values) for c in model.couplings if c not in ends}:
         from .coupling import coupled  # loaded where there are couplings
 
-        smaller = coupled(smaller, {joint: coupling.at(values) for joint, coupling in couplings.items()})
+        smaller = coupled(smaller, left)
     return replace(smaller, loops=tuple(x for x in model.loops if {*x.followers} <= {*smaller.moving_joints}))
 
 

@@ -114,8 +114,7 @@ def perpendicular(b: Array) -> Array:
     """A unit vector perpendicular to b: along a frame axis if b is."""
     k = int(np.argmin(np.abs(b)))
     e = np.eye(3)[k] - b[k] * b
-    unit: Array = e / np.sqrt(e @ e)
-    return unit
+    return np.asarray(e / np.sqrt(e @ e))
 
 
 def _moments_of_rod(mass: Array, first: Array, second: Array, p: Array, u: Array) -> Moments:

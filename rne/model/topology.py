@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Sequence
+
 import numpy as np
 
 from ..basics.spatial import Array
@@ -48,8 +50,7 @@ def tip(model: Model) -> Array | None:
         return None
     if model.link_joints[ends[-1]] == model.moving_joints[-1]:
         return None
-    end: Array = model.link_translation[ends[-1]]
-    return end
+    return np.asarray(model.link_translation[ends[-1]])
 
 
 def _is_chain(model: Model) -> bool:
@@ -97,28 +98,35 @@ def joint_groups(model: Model) -> list[tuple[int, ...]]:
     before: list[set[int]] = []
     while groups != before:
         before, groups = groups, []
-        for group in before:
-            if len(group) > 1:  # the paths between them
-                above = [{*carriers(model, model.parent[i])} for i in group]
-                group = group.union(*above) - above[0].intersection(*above)
+        for group in (_with_paths(model, group) for group in before):
             apart = [other for other in groups if not group & other]
             groups = [*apart, group.union(*(other for other in groups if group & other))]
     return sorted(tuple(sorted(group)) for group in groups)
 
 
-def carriers(model: Model, body: int) -> list[int]:
-    """A body and all that carry it, towards the base."""
-    return [] if body < 0 else [body, *carriers(model, model.parent[body])]
+def carriers(parent: Sequence[int], body: int) -> list[int]:
+    """A body and all that carry it, towards the base, by the parent of each."""
+    found = []
+    while body >= 0:
+        found.append(body)
+        body = parent[body]
+    return found
+
+
+def _with_paths(model: Model, bodies: Collection[int]) -> set[int]:
+    """Bodies, and those on the paths between them."""
+    above = [set(carriers(model.parent, model.parent[i])) for i in bodies]
+    return {*bodies}.union(*above) - above[0].intersection(*above)
 
 
 def loop_joints(model: Model, loop: Loop) -> tuple[set[int], set[int]]:
     """The joints of a closed linkage on the way to each link of its pivot."""
-    first, second = ({*carriers(model, model.link_body[model.link_index(link)])} for link, _ in loop.ends)
+    first, second = ({*carriers(model.parent, model.link_body[model.link_index(link)])} for link, _ in loop.ends)
     return first - second, second - first
 
 
-def loads_not_known(model: Model) -> tuple[set[int], list[str]]:
-    """Joints whose bearings' loads are not known, and those that cause it: they follow by parts that are not there.
+def loads_not_known(model: Model) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Joints and pivots whose loads are not known, and the joints that cause it: they follow by parts not there.
 
     Such parts may load all joints between those that move together, and with them the linkages that have one of these.
     A joint that carries all of it, or is carried by it, feels the same forces with any parts.
@@ -128,16 +136,13 @@ def loads_not_known(model: Model) -> tuple[set[int], list[str]]:
     unknown, causes = set[int](), list[str]()
     for i, joint in enumerate(model.moving_joints):
         if i not in model.independent_joints and joint not in closed:
-            moved = [i, *(model.independent_joints[k] for k in drivers[i])]
-            above = [{*carriers(model, j)} for j in moved]
-            unknown |= set[int].union(*above) - set[int].intersection(
-                *(x - {j} for x, j in zip(above, moved, strict=True))
-            )
+            unknown |= _with_paths(model, [i, *(model.independent_joints[k] for k in drivers[i])])
             causes.append(joint)
-    loops = [set.union(*loop_joints(model, loop)) for loop in model.loops]
-    while further := set[int]().union(*(loop for loop in loops if loop & unknown)) - unknown:
+    loops = {loop.name: set.union(*loop_joints(model, loop)) for loop in model.loops}
+    while further := set[int]().union(*(joints for joints in loops.values() if joints & unknown)) - unknown:
         unknown |= further
-    return unknown, causes
+    pivots = (name for name, joints in loops.items() if joints & unknown)
+    return (*(model.moving_joints[i] for i in sorted(unknown)), *pivots), tuple(causes)
 
 
 def refuse_couplings(model: Model, what: str, cure: str = "") -> None:
@@ -165,5 +170,4 @@ def where_loops_close(model: Model, q: Array) -> Array:
     if not model.couplings:
         return q
     low, high = (np.clip(model.coordinate_limits()[name], -np.pi, np.pi) for name in ("lower", "upper"))
-    inner: Array = (low + high) / 2 + 0.4 * (high - low) * np.sin(q)
-    return inner
+    return np.asarray((low + high) / 2 + 0.4 * (high - low) * np.sin(q))

@@ -129,7 +129,7 @@ def quintic(start: ArrayLike, end: ArrayLike, duration: float) -> Quintic:
     [[0.0], [1.0], [2.0]]
     """
     motion = Quintic(*_ends(start, end), positive_number("duration", duration))
-    _refuse_overflow(motion, motion.duration * (0.5 - np.sqrt(3) / 6))
+    _refuse_overflow(motion, motion.duration * (0.5 - np.sqrt(3) / 6), duration=motion.duration)
     return motion
 
 
@@ -203,7 +203,7 @@ def trapezoidal(start: ArrayLike, end: ArrayLike, duration: float, ramp: float) 
     if 2 * r > T:
         raise ValueError(f"`ramp` must be at most half the duration of {T:g} s, got {r:g}")
     motion = Trapezoidal(*_ends(start, end), T, r)
-    _refuse_overflow(motion, r / 2)
+    _refuse_overflow(motion, r / 2, duration=T, ramp=r)
     return motion
 
 
@@ -219,13 +219,12 @@ def _overflows(motion: ReferenceMotion, t: ArrayLike) -> bool:
         return not all(np.isfinite(x).all() for x in motion(t))
 
 
-def _refuse_overflow(motion: Quintic | Trapezoidal, t: float) -> None:
+def _refuse_overflow(motion: ReferenceMotion, t: float, **times: float) -> None:
     """Raise ValueError if the motion is not finite at a time, that of its largest acceleration."""
     if _overflows(motion, t):
-        times = "`duration`" if isinstance(motion, Quintic) else "`duration` or `ramp`"
-        got = f"{motion.duration:g}" if isinstance(motion, Quintic) else f"{motion.duration:g} and {motion.ramp:g}"
+        names, got = " or ".join(f"`{name}`" for name in times), " and ".join(f"{x:g}" for x in times.values())
         need = "is too short for the way from `start` to `end`: accelerations exceed the range of float64"
-        raise ValueError(f"{times} {need}, got {got} s")
+        raise ValueError(f"{names} {need}, got {got} s")
 
 
 @made_by("spline")
@@ -311,8 +310,6 @@ def spline(t: ArrayLike, q: ArrayLike) -> Spline:
     miss = np.abs(curve(s) - positions).max(initial=0.0)
     if not miss <= MISMATCH * np.abs(positions).max(initial=0.0):
         raise ValueError(_uneven(times))
-    for array in (times, positions):
-        array.flags.writeable = False
     motion = Spline(times, positions, degree, curve)
     if _overflows(motion, times):
         span = f"accelerations exceed the range of float64 within {times[-1] - times[0]:g} s"
@@ -425,9 +422,8 @@ def through(points: ArrayLike, *, stops: bool | Sequence[int] = False) -> Path:
     with np.errstate(over="ignore"):
         lengths = np.linalg.norm(np.diff(q, axis=0), axis=1)
     if not np.isfinite(lengths.sum()):
-        raise ValueError(
-            f"`points` are too far apart: the way exceeds the range of float64, got up to {np.abs(q).max():g}"
-        )
+        got = f"got up to {np.abs(q).max():g}"
+        raise ValueError(f"`points` are too far apart: the way exceeds the range of float64, {got}")
     if not lengths.all():
         k = int(np.argmin(lengths))
         raise ValueError(f"`points` must differ from one to the next, got the same at index {k} and {k + 1}")

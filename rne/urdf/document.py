@@ -159,11 +159,10 @@ def _error_by_expat(data: bytes) -> Any | None:
 
 def _report_syntax_error(data: bytes, log: Any, other: Any, report: FindingsReport) -> None:
     """Report the first error of the XML, with what mends it; the other is expat's."""
-    found = [(entry.type, entry.line, entry.message) for entry in log if entry.type != UNDECLARED]
     code = getattr(other, "code", 0)
-    kind, line, text = (
-        found[0] if found else (42 if code == 8 else 5 if code else 32, getattr(other, "lineno", None), str(other))
-    )
+    by_expat = 42 if code == 8 else 5 if code else 32, getattr(other, "lineno", None), str(other)
+    found = [(entry.type, entry.line, entry.message) for entry in log if entry.type != UNDECLARED]
+    kind, line, text = (found or [by_expat])[0]
     reason = cut(" ".join(text.split()), ECHO)
     cure = CURES.get(KINDS.get(reason, kind), "fix the XML there")
     if kind != 45 and code in TRUNCATED:

@@ -25,10 +25,10 @@ from .document import Element, parse, read_bytes
 from .findings import Finding, FindingsReport, written
 from .mjcf import mjcf_model
 from .plausibility import check_bodies, check_elements
-from .read import model_of, validated
+from .read import loaded, model_of, validated
 from .strict import validate
 from .write import to_urdf
-from .xacro import expanded
+from .xacro import Options, expanded
 
 PACKAGE = "example-robot-data"
 BUILDERS: dict[str, Callable[[], Model]] = {"irb140": irb140}  # the built-in robots, for which no file is read
@@ -77,7 +77,7 @@ def robots() -> tuple[str, ...]:
     return (*BUILDERS, *(name for name in library() if name not in BUILDERS))
 
 
-def resolve(source: str | os.PathLike[str], *given: Mapping[str, Any] | None) -> Model | str:
+def resolve(source: str | os.PathLike[str], *given: Options) -> Model | str:
     """The built-in robot of a name, or the path of a URDF file, which goes before a name of example-robot-data.
 
     Raises FileNotFoundError if it is neither a file nor a robot's name, ValueError if what is given is not for it.
@@ -184,13 +184,11 @@ def load(
     return Robot(model, engine)
 
 
-def described(
-    path: str, report: FindingsReport, arguments: Mapping[str, Any] | None, packages: Mapping[str, Any] | None
-) -> tuple[Element | Model | None, str]:
+def described(path: str, report: FindingsReport, *given: Options) -> tuple[Element | Model | None, str]:
     """The <robot> of a URDF or xacro file, or the Model of an MJCF file, or None with an error; and its source."""
     text = None
     if path.endswith(".xacro"):
-        text = expanded(report, arguments, packages)
+        text = expanded(report, *given)
         report.has_lines = text is None
     data = None if report.errors else read_bytes(path, report) if text is None else text.encode()
     root = None if data is None else parse(data, report)
@@ -199,16 +197,10 @@ def described(
     return (root if root is not None and validate(root, report) else None), text or os.path.abspath(path)
 
 
-def _model_of_file(path: str, arguments: Mapping[str, Any] | None, packages: Mapping[str, Any] | None) -> Model:
+def _model_of_file(path: str, *given: Options) -> Model:
     report = FindingsReport(path)
-    try:
-        found, source = described(path, report, arguments, packages)
-        report.raise_first_error()
-        return found if isinstance(found, Model) else model_of(found, STANDARD_GRAVITY, source)
-    except UrdfError:
-        raise
-    except ModelError as error:
-        raise UrdfError(f"{path}: {error}") from error
+    found, source = described(path, report, *given)
+    return found if isinstance(found, Model) else loaded(found, report, STANDARD_GRAVITY, source)
 
 
 def check(

@@ -8,6 +8,7 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ import numpy as np
 from ..basics.spatial import Array, cross_matrix, rotation_about, snap, transpose, unit_vector
 from ..basics.text import cut
 from ..errors import ModelError
-from ..model.builder import Extended, Mimic, Part, Pose, assemble, pose
+from ..model.builder import Extended, Mimic, Part, Pose, assemble, composed, pose
 from ..model.model import Model
 from .document import MAX_BYTES, Element, attribute_numbers, below, describe, parse, read_bytes
 from .findings import ECHO, FindingsReport, echo, some
@@ -38,6 +39,7 @@ OFF = {  # arrays of a compiled model that a flag of <option> takes out of MuJoC
     "mjDSBL_FRICTIONLOSS": "dof_frictionloss",
     "mjDSBL_SPRING": "jnt_stiffness",
     "mjDSBL_DAMPER": "dof_damping",
+    "mjDSBL_GRAVITY": "opt.gravity",
 }
 LEFT = {  # numbers of compiled joints and bodies that are not read
     "jnt_stiffnesspoly": ("joint", "the polynomial of its spring is not read", "torques of it are missing"),
@@ -54,14 +56,14 @@ def mjcf_model(root: Element, report: FindingsReport) -> Model | None:
         return None
     for flag, array in OFF.items():
         if m.opt.disableflags & int(getattr(_mujoco().mjtDisableBit, flag, 0)):
-            getattr(m, array)[:] = 0
+            attrgetter(array)(m)[:] = 0
     _report_left(m, report)
-    is_off = m.opt.disableflags & int(_mujoco().mjtDisableBit.mjDSBL_GRAVITY)
-    g = np.zeros(3) if is_off else m.opt.gravity
     try:
         with np.errstate(all="ignore"):  # the Model reports what overflows
             parts = [] if report.errors else _parts(m, report)
-        return None if report.errors else assemble(name, parts, gravity=g, source=os.path.abspath(report.file))
+        return (
+            None if report.errors else assemble(name, parts, gravity=m.opt.gravity, source=os.path.abspath(report.file))
+        )
     except ModelError as error:
         report.error(None, "robot", str(error), "fix the file")
     return None
@@ -256,8 +258,7 @@ def rotation_of(quaternion: Array) -> Array:
     """The rotation matrix of a quaternion w, x, y, z of any length, in long double."""
     w, v = np.split(unit_vector(quaternion.astype(Extended)), [1])
     V = cross_matrix(v)
-    R: Array = np.eye(3) + 2 * (w * V + V @ V)
-    return R
+    return np.asarray(np.eye(3) + 2 * (w * V + V @ V))
 
 
 def _parts(m: Any, report: FindingsReport) -> list[Part]:
@@ -286,9 +287,9 @@ def _parts(m: Any, report: FindingsReport) -> list[Part]:
         if not carried:
             parts.append(Part(parent=parent, placement=place, joint=unused(f"{links[b]}_fixed", joints), **body))
         part_of.append(len(parts) - 1)
-    for j, (other, factor, offset) in _mimics(m, joints, report).items():
-        k = part_of_joint[j]
-        parts[k] = replace(parts[k], mimic=Mimic(part_of_joint[other], factor, offset))
+    for j, mimic in _mimics(m, joints, report).items():
+        k, independent = part_of_joint[j], part_of_joint[mimic.independent]
+        parts[k] = replace(parts[k], mimic=mimic._replace(independent=independent))
     return parts
 
 
@@ -324,30 +325,24 @@ def _effort(m: Any, j: int, drives: list[int], name: str, report: FindingsReport
     return float(min((abs(high) for _, high in ranges), default=np.inf))
 
 
-def _mimics(m: Any, joints: list[str], report: FindingsReport) -> dict[int, tuple[int, float, float]]:
-    """Of each dependent joint: the independent one, multiplier and offset, composed along chains.
+def _mimics(m: Any, joints: list[str], report: FindingsReport) -> dict[int, Mimic]:
+    """Mimics by the numbers of dependent joints, of those of independent ones.
 
     MuJoCo's constraint is y - y0 = a0 + a1 (x - x0) + ... with y0 and x0 the joints' `ref`.
     """
-    written: dict[int, tuple[int, Any, Any]] = {}
+    written: dict[int, Mimic] = {}
     for y, x, a, active in zip(m.eq_obj1id.tolist(), m.eq_obj2id.tolist(), m.eq_data[:, :5], m.eq_active0, strict=True):
         if active and x >= 0 and not a[2:].any() and y not in written:
             a0, a1 = a[:2].astype(Extended)
-            written[y] = x, a1, m.qpos0[y] + a0 - a1 * m.qpos0[x]
+            written[y] = Mimic(x, a1, m.qpos0[y] + a0 - a1 * m.qpos0[x])
         else:
             message = "an <equality> that is no active straight line of one other joint is not read"
             report.warning(None, f"joint {echo(joints[y])}", message, "the joint moves freely")
-    composed = {}
-    for y, (x, factor, offset) in written.items():
-        passed = {y}
-        while x in written and x not in passed:
-            passed.add(x)
-            x, inner, constant = written[x]
-            factor, offset = factor * inner, factor * constant + offset
-        if x in passed:
+    found = composed(written)
+    for y in written:
+        if found[y].independent in written:
             report.error(None, f"joint {echo(joints[y])}", "<equality> couples joints in a circle", "remove one")
-        composed[y] = x, float(factor), float(offset)
-    return composed
+    return found
 
 
 def _report_left(m: Any, report: FindingsReport) -> None:

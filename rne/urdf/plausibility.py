@@ -6,6 +6,7 @@ All of it loads as written; `rne.check` warns. The bounds are wide: what they re
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -32,7 +33,7 @@ THINNEST = 1.0  # kg/m^3: less than air
 SLENDEREST = 0.01  # axes of that ellipsoid, relative to its longest: rods and frames are thin
 LONGEST = 20.0  # m: longer links are those of cranes, or in millimetres
 OVERLOAD, POSES = 10, 64  # times an effort limit: no drive carries a weight that takes more at some random position
-UNITS = "is the file in millimetres? give metres"
+UNITS, RADIANS = "is the file in millimetres? give metres", "give radians: degrees times pi/180"
 PLACEHOLDER = 1e-3  # kg: lighter links are often there for their frame alone, with any shape and inertia
 
 
@@ -44,9 +45,8 @@ def check_elements(root: Element, report: FindingsReport) -> None:
         for origin in element.iter("origin"):
             angles = attribute_numbers(origin, "rpy")
             if any(abs(angle) > FULL_TURN for angle in angles):
-                message = "attribute 'rpy' of <origin> looks like degrees"
-                cure = "give radians: degrees times pi/180"
-                report.warning(origin, describe(element), message, cure, detail=echo(origin.get("rpy")))
+                message, detail = "attribute 'rpy' of <origin> looks like degrees", echo(origin.get("rpy"))
+                report.warning(origin, describe(element), message, RADIANS, detail=detail)
         limit = element.find("limit")
         if element.tag == "joint" and limit is not None:
             _check_limit(element, limit, report)
@@ -57,8 +57,7 @@ def _check_limit(joint: Element, limit: Element, report: FindingsReport) -> None
     bounds = attribute_numbers(limit, "lower") + attribute_numbers(limit, "upper")
     if kind == "revolute" and looks_like_degrees(*bounds):
         detail = f"{limit.get('lower', '0')} to {limit.get('upper', '0')}"
-        cure = "give radians: degrees times pi/180"
-        report.warning(limit, owner, "the range of <limit> looks like degrees", cure, detail=detail)
+        report.warning(limit, owner, "the range of <limit> looks like degrees", RADIANS, detail=detail)
     if kind not in MOVING or joint.find("mimic") is not None:
         return
     zero = [repr(name) for name in DRIVES if attribute_numbers(limit, name) == [0.0]]
@@ -77,10 +76,8 @@ def check_bodies(root: Element, model: Model, report: FindingsReport) -> None:
         found = bodies(root, parts)
         size, with_coms = robot_size(parts, found), robot_size(parts, found, with_coms=True)
         for body in found:
-            if body.mass > 0:
-                _check_centre(body, size, report)
-                _check_inertia(body, max(size, with_coms), report)
-                _check_shapes(body, report)
+            for message, cure, detail in _faults(body, size, with_coms) if body.mass > 0 else ():
+                report.warning(body.element, body.owner, message, cure, detail=detail)
 
 
 def _check_subtrees(root: Element, parts: list[Part], report: FindingsReport) -> None:
@@ -118,42 +115,33 @@ def _check_lengths_and_weight(root: Element, parts: list[Part], model: Model, re
             report.warning(joints[name], describe(joints[name]), message, cure, detail=detail)
 
 
-def _check_centre(body: LinkBody, size: float, report: FindingsReport) -> None:
-    measure = max(size, body.radius_of_gyration)
+def _faults(body: LinkBody, size: float, with_coms: float) -> Iterator[tuple[str, str, str]]:
+    """Texts, cures and numbers of what no body of a robot of this size is, the second with centres of mass."""
+    radius = body.radius_of_gyration
+    measure, largest = max(size, radius), max(size, with_coms)
     if math.isfinite(body.com) and body.com > FAR * measure > 0:
         detail = f"{body.com:.3g} m from the link's origin, the robot measures {measure:.3g} m"
-        cure = "check <origin> of <inertial>: metres"
-        report.warning(body.element, body.owner, "the centre of mass is far outside the robot", cure, detail=detail)
-
-
-def _check_inertia(body: LinkBody, size: float, report: FindingsReport) -> None:
-    radius = body.radius_of_gyration
-    if radius > LARGE * size > 0 and body.mass > PLACEHOLDER:
-        detail = f"radius of gyration {radius:.3g} m, the robot measures {size:.3g} m"
-        cure = "check ixx ... izz: kg m^2 about the centre of mass"
-        message = "mass and inertia are those of a body larger than the robot"
-        report.warning(body.element, body.owner, message, cure, detail=detail)
-    elif body.least_density < THINNEST and body.mass > PLACEHOLDER:
-        message, cure = "mass and inertia are those of a body lighter than air", "check ixx ... izz: kg m^2"
-        cure += f"; {UNITS}" if radius > 1 else ""
-        report.warning(body.element, body.owner, message, cure, detail=f"{body.least_density:.2g} kg/m^3")
-    if body.density > DENSEST and body.mass > PLACEHOLDER:
-        message = "mass and inertia are those of a body denser than any metal"
+        yield "the centre of mass is far outside the robot", "check <origin> of <inertial>: metres", detail
+    if body.mass <= PLACEHOLDER:
+        return
+    if radius > LARGE * largest > 0:
+        what, cure = "larger than the robot", "check ixx ... izz: kg m^2 about the centre of mass"
+        detail = f"radius of gyration {radius:.3g} m, the robot measures {largest:.3g} m"
+        yield f"mass and inertia are those of a body {what}", cure, detail
+    elif body.least_density < THINNEST:
+        cure = f"check ixx ... izz: kg m^2{f'; {UNITS}' if radius > 1 else ''}"
+        yield "mass and inertia are those of a body lighter than air", cure, f"{body.least_density:.2g} kg/m^3"
+    if body.density > DENSEST:
         cure = "check the units of <mass> and <inertia>: kg and kg m^2"
-        report.warning(body.element, body.owner, message, cure, detail=f"{body.density:.2g} kg/m^3")
-
-
-def _check_shapes(body: LinkBody, report: FindingsReport) -> None:
-    if body.mass <= PLACEHOLDER or body.shapes is None:
+        yield "mass and inertia are those of a body denser than any metal", cure, f"{body.density:.2g} kg/m^3"
+    if body.shapes is None:
         return
     heaviest, lightest = body.mass / body.shapes.largest_volume, body.mass / body.shapes.surrounding_volume
     cure = "check the units of <mass> and of the shapes: kg and m"
-    if lightest > DENSEST and body.radius_of_gyration <= body.shapes.radius and body.density <= DENSEST:
-        message = "the mass makes its shapes denser than any metal"
-        report.warning(body.element, body.owner, message, cure, detail=f"{lightest:.2g} kg/m^3")
+    if lightest > DENSEST >= body.density and radius <= body.shapes.radius:
+        yield "the mass makes its shapes denser than any metal", cure, f"{lightest:.2g} kg/m^3"
     elif heaviest < AIR:
-        message = "the mass makes its shapes lighter than air"
-        report.warning(body.element, body.owner, message, cure, detail=f"{heaviest:.2g} kg/m^3")
+        yield "the mass makes its shapes lighter than air", cure, f"{heaviest:.2g} kg/m^3"
 
 
 class Shapes(NamedTuple):

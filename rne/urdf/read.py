@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from ..basics.spatial import Array, dot, rotate, rotate_back, rotation_from_rpy, snap, transpose, unit_vector
 from ..errors import ModelError, UrdfError
-from ..model.builder import Extended, Mimic, Part, Pose, assemble
+from ..model.builder import Extended, Mimic, Part, Pose, assemble, composed
 from ..model.checks import DRIVES
 from ..model.model import REVOLUTE_TYPES, STANDARD_GRAVITY, Model
 from ..model.solids import Box, Cylinder
@@ -65,11 +65,14 @@ def read_urdf(path: str | os.PathLike[str], *, gravity: ArrayLike = STANDARD_GRA
     """
     report = FindingsReport(os.fspath(path))
     root = validated(read_bytes(path, report), report)
+    return loaded(root, report, gravity, os.path.abspath(path))
+
+
+def loaded(root: Element | None, report: FindingsReport, gravity: ArrayLike, source: str) -> Model:
+    """The Model of a <robot>, or the UrdfError of the report's first error or of numbers that no robot has."""
     report.raise_first_error()
     try:
-        return model_of(root, gravity, os.path.abspath(path))
-    except UrdfError:
-        raise
+        return model_of(root, gravity, source)
     except ModelError as error:
         raise UrdfError(f"{report.file}: {error}") from error
 
@@ -95,10 +98,11 @@ def parts_of(root: Element) -> list[Part]:
     root_link = next(iter(links))
     part_of_link = {root_link: 0} | {link_of(joint, "child"): k for k, joint in enumerate(joints, 1)}
     part_of_joint = {joint.get("name"): k for k, joint in enumerate(joints, 1)}
-    mimics = {
-        name: Mimic(part_of_joint[independent], float(multiplier), float(offset))
-        for name, (independent, multiplier, offset) in _mimics(joints).items()
+    written = {
+        part_of_joint[name]: Mimic(part_of_joint[x.get("joint")], _number(x, "multiplier", 1), _number(x, "offset", 0))
+        for name, x in mimics_of(joints).items()
     }
+    mimics = composed(written)
     rotors = rotors_of(root, FindingsReport(""))
     parts = [Part(link=root_link, **_inertial(links[root_link]))]
     for joint in joints:
@@ -110,7 +114,7 @@ def parts_of(root: Element) -> list[Part]:
             parent=part_of_link[link_of(joint, "parent")],
             placement=_pose(joint),
             axis=snap(_axis(joint).astype(np.float64)),
-            mimic=mimics.get(joint.get("name")),
+            mimic=mimics.get(len(parts)),
             armature=rotors.get(joint.get("name"), 0.0),
             **_limits_and_friction(joint),
             **_inertial(links[child]),
@@ -183,23 +187,6 @@ def _limits_and_friction(joint: Element) -> dict[str, Any]:
     if joint.get("type") in ("revolute", "prismatic"):
         values |= {name: _number(limit, name, 0.0) for name in ("lower", "upper")}
     return friction | {name: float(np.copysign(np.inf, x)) if abs(x) == LARGEST else x for name, x in values.items()}
-
-
-def _mimics(joints: list[Element]) -> dict[str, tuple[str, Any, Any]]:
-    """The independent joint at the end of each mimic's chain, with multiplier and offset composed along it."""
-    written = mimics_of(joints)
-    composed: dict[str, tuple[str, Any, Any]] = {}
-    for name in written:
-        chain = []
-        while name in written and name not in composed:
-            chain.append(name)
-            name = written[name].get("joint")
-        for mimic in reversed(chain):
-            independent, multiplier, offset = composed.get(name, (name, Extended(1), Extended(0)))
-            factor = _number(written[mimic], "multiplier", 1.0)
-            offset = factor * offset + _number(written[mimic], "offset", 0.0)
-            name, composed[mimic] = mimic, (independent, factor * multiplier, offset)
-    return composed
 
 
 def _shapes(link: Element) -> list[Cylinder | Box]:

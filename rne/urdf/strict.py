@@ -15,6 +15,7 @@ from .rotors import name_rotors, rotors_of
 
 MOVING = ("revolute", "continuous", "prismatic")
 TYPES = (*MOVING, "fixed")
+NO_LOOPS = "loops are not supported; remove one of the joints"
 TRIANGLE_TOLERANCE = 1e-6  # of the trace: files give about six decimals
 
 
@@ -55,10 +56,8 @@ def _add_world(root: Element, links: list[Element], joints: list[Element], repor
     if links and welded and all(link.get("name") != "world" for link in links):
         links.insert(0, root.makeelement("link", name="world"))
         root.insert(0, links[0])
-        message = "<parent> names 'world', which has no <link>"
-        report.warning(
-            welded[0].find("parent"), describe(welded[0]), message, 'it is the fixed root; add <link name="world"/>'
-        )
+        where, cure = welded[0].find("parent"), 'it is the fixed root; add <link name="world"/>'
+        report.warning(where, describe(welded[0]), "<parent> names 'world', which has no <link>", cure)
 
 
 def _is_robot(root: Element, report: FindingsReport) -> bool:
@@ -241,9 +240,7 @@ def _check_tree(root: Element, links: list[Element], joints: list[Element], repo
         child = link_of(joint, "child")
         if child in above:
             message = f"two parents, through {describe(above[child])} and {describe(joint)}"
-            report.error(
-                joint, f"link {listed([str(child)])}", message, "loops are not supported; remove one of the joints"
-            )
+            report.error(joint, f"link {listed([str(child)])}", message, NO_LOOPS)
             valid = False
         elif child:
             above[child] = joint
@@ -252,7 +249,7 @@ def _check_tree(root: Element, links: list[Element], joints: list[Element], repo
     loops = [above[child] for loop in _cycles({c: link_of(j, "parent") for c, j in above.items()}) for child in loop]
     if loops:
         message = f"joints form a loop: {listed(joint.get('name') for joint in loops)}"
-        report.error(loops[0], describe(loops[0]), message, "loops are not supported; remove one of the joints")
+        report.error(loops[0], describe(loops[0]), message, NO_LOOPS)
     roots = [link.get("name") for link in links if link.get("name") not in above]
     if len(roots) > 1:
         report.error(root, "robot", f"several roots: links {listed(roots)}", "connect them, or remove all but one")

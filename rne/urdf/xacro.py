@@ -10,6 +10,7 @@ from typing import Any
 from ..basics.text import cut
 from .findings import ECHO, FindingsReport, listed, near_path
 
+Options = Mapping[str, Any] | None  # arguments or packages of a xacro file
 LONG = 3 * ECHO  # characters of an error of xacro
 
 
@@ -29,9 +30,7 @@ class _Arguments(dict[str, str]):
         return super().__getitem__(name)
 
 
-def expanded(
-    report: FindingsReport, arguments: Mapping[str, Any] | None, packages: Mapping[str, Any] | None
-) -> str | None:
+def expanded(report: FindingsReport, arguments: Options, packages: Options) -> str | None:
     """The URDF text that the report's xacro file makes, with absolute paths of meshes.
 
     None with an error, or without one if xacrodoc is not installed. Running a xacro file reads what it names: other

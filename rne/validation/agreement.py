@@ -155,13 +155,11 @@ def euler_lagrange(model: Model, q: Array, qd: Array, qdd: Array) -> Array:
 
     def momenta(q: Array, qd: Array) -> Array:
         q, qd = q[..., None, :], qd[..., None, :]
-        p: Array = (T(model, q, qd + e) - T(model, q, qd - e)) / 2
-        return p
+        return np.asarray((T(model, q, qd + e) - T(model, q, qd - e)) / 2)
 
     force = momenta(q + 1j * STEP * qd, qd + 1j * STEP * qdd).imag
     shifted = q[..., None, :] + 1j * STEP * e
-    tau: Array = (force - T(model, shifted, qd[..., None, :]).imag + U(model, shifted).imag) / STEP
-    return tau
+    return np.asarray((force - T(model, shifted, qd[..., None, :]).imag + U(model, shifted).imag) / STEP)
 
 
 def against_energies(robot: Robot, samples: int, *, by_terms: bool = False) -> Iterator[Match]:

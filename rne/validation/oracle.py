@@ -47,14 +47,12 @@ class Oracle:
 
     def torque(self, tau: Array) -> Array:
         """Pinocchio's torques in this package's order, shape (n,)."""
-        ours: Array = self.model.coordinate_map.T @ np.asarray(tau)[self.v]
-        return ours
+        return np.asarray(self.model.coordinate_map.T @ np.asarray(tau)[self.v])
 
     def matrix(self, M: Array) -> Array:
         """A joint-space matrix of Pinocchio in this package's order, shape (n, n)."""
         G = self.model.coordinate_map
-        ours: Array = G.T @ np.asarray(M)[np.ix_(self.v, self.v)] @ G
-        return ours
+        return np.asarray(G.T @ np.asarray(M)[np.ix_(self.v, self.v)] @ G)
 
     def inverse_dynamics(self, q: Array, qd: Array, qdd: Array, *forces: Any) -> Array:
         """Joint torques by `rnea`."""
@@ -82,8 +80,7 @@ class Oracle:
         """Joint accelerations by `aba`; for robots without mimic joints."""
         theirs = np.zeros(self.theirs.nv)
         theirs[self.v] = tau
-        qdd: Array = self.pin.aba(self.theirs, self.data, self.q(q), self.velocities(qd), theirs)[self.v]
-        return qdd
+        return np.asarray(self.pin.aba(self.theirs, self.data, self.q(q), self.velocities(qd), theirs)[self.v])
 
 
 def each(call: Callable[..., Array], *arrays: Array) -> Array:

@@ -44,13 +44,11 @@ class BaseRegressor(NamedTuple):
     @classmethod
     def of(cls, base: BaseParameters) -> BaseRegressor:
         """The regressor of a robot's base parameters."""
-        drives = base.standard.drives
-        rows = tuple(map(tuple, base.standard.motors.tolist())) or None
-        given = drives.friction
-        friction = tuple(given.items()) if isinstance(given, Mapping) else given
-        velocities = (
-            None if x is None else tuple(np.asarray(x, float).tolist()) for x in (drives.stribeck, drives.saturation)
-        )
+        drives, rows = base.standard.drives, tuple(map(tuple, base.standard.motors.tolist())) or None
+        friction: Any = drives.friction
+        friction = tuple(friction.items()) if isinstance(friction, Mapping) else friction
+        given = drives.stribeck, drives.saturation
+        velocities = (None if x is None else tuple(np.asarray(x, float).tolist()) for x in given)
         return cls(base.independent, (drives.rotor, friction, drives.offset, rows, drives.smoothing, *velocities))
 
     @property
@@ -71,8 +69,7 @@ class BaseRegressor(NamedTuple):
         rotor, friction, *others = self.drives
         given = DriveModel(rotor, dict(friction) if isinstance(friction, tuple) else friction, *others)
         drives = StandardParameters(model, given).drive_columns(qd, qdd)
-        columns: Array = np.concatenate([bodies, drives], axis=-1)[..., list(self.columns)]
-        return columns
+        return np.asarray(np.concatenate([bodies, drives], axis=-1)[..., list(self.columns)])
 
 
 Criterion = Callable[[Array], tuple[float, Array]]  # of singular values: value, derivatives by their logarithms
@@ -230,7 +227,7 @@ class MotionSearch:
         return found
 
     def _minimise(
-        self, criterion: Criterion, start: OptimizeResult, number: int, runs: tuple[int, int]
+        self, criterion: Criterion, start: OptimizeResult, number: int, of: tuple[int, int]
     ) -> OptimizeResult:
         """One run of SLSQP, the k-th of all; where it ends no better than it started, the start.
 
@@ -238,7 +235,7 @@ class MotionSearch:
         """
         from scipy.optimize import minimize
 
-        done, end, total = (self.iterations * k for k in (runs[0], runs[0] + 1, runs[1]))
+        done, end, total = (self.iterations * k for k in (of[0], of[0] + 1, of[1]))
         A, within, grid = self.within.rows, self.within, self._grid
         limits: list[dict[str, Any]] = [{"fun": lambda x: 1 - A @ x, "jac": lambda x: -A}]
         if len(within.driven):
@@ -564,9 +561,9 @@ def _drives(robot: Robot, given: DriveModel | None, moving: list[int], velocity_
     friction, names = drives.friction, [robot.joint_names[k] for k in moving]
     if isinstance(friction, Mapping):
         friction = {name: words for name, words in friction.items() if name in names}
-    velocities = [None if x is None else np.asarray(x)[moving] for x in (drives.stribeck, drives.saturation)]
-    motors, (stribeck, saturation) = standard.motors[:, moving], velocities
+    stribeck, saturation = (None if x is None else np.asarray(x)[moving] for x in (drives.stribeck, drives.saturation))
     slow = thresholds.SMOOTHING_SPEED * float(velocity_limit.min()) if drives.smoothing is None else drives.smoothing
+    motors = standard.motors[:, moving]
     drives = replace(drives, coupled_motors=motors[motors.any(1)], friction=friction, smoothing=slow)
     return replace(drives, stribeck=stribeck, saturation=saturation)
 
