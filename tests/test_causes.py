@@ -4,6 +4,7 @@ import dataclasses
 import functools
 import itertools
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ import rne
 from rne.dynamics.base_inertial_parameters import with_springs
 from rne.dynamics.regressors import gravity_torques
 from rne.identification import Record, thresholds
+from rne.identification.diagnosis import hypotheses
 from rne.identification.diagnosis.hypotheses import (
     contacts,
     dissipates,
@@ -798,3 +800,14 @@ def test_a_warning_can_be_an_error():
         warnings.simplefilter("error", rne.IdentificationWarning)
         with pytest.raises(rne.IdentificationWarning, match="has the wrong sign"):
             identified(faults.sign, "gantry")
+
+
+@pytest.mark.parametrize(
+    ("felt", "text"),
+    [(0, "the load on the link behind joint_1 changes near 3 s"), (1, "the payload changes by 2 kg near 3 s")],
+)
+def test_a_load_whose_mass_is_not_felt_is_named_without_one(felt, text, monkeypatch):
+    monkeypatch.setattr(hypotheses, "starts", lambda rest: [("3 s", np.ones((4, 1, 1)))])
+    Y = np.ones((4, 1, 10)) * [felt, *[1] * 9]
+    (one,) = hypotheses.payloads(SimpleNamespace(robot=first_joints(1), Y=Y, share=0))
+    assert one.text(np.full(10, 2.0)) == text

@@ -8,7 +8,7 @@ import pytest
 
 import rne
 from rne.identification import Record
-from rne.identification.fit.equations import BEYOND, beyond_limits, of_named_joints
+from rne.identification.fit.equations import BEYOND, beyond_limits, locked_text, of_named_joints
 from rne.identification.fit.least_squares import least_squares
 from rne.identification.result import without_gaps
 from rne.model.parameters import pseudo_inertia
@@ -413,6 +413,12 @@ def test_joints_that_are_not_in_the_log_are_locked_and_others_taken_by_name():
     t, q, tau = swings(locked)
     log = Record(t, q[:, [2, 0, 1]], tau[:, [2, 0, 1]], joint_names=["c", "a", "b"])
     plain = Record(t, q, tau, joint_names=["a", "b", "c"])
+    turning = replace_names(Record(t, np.c_[q, np.sin(t)], np.c_[tau, tau[:, 2]]), ["a", "b", "c", "d"])
+    note = of_named_joints(locked, turning)[2][0]
+    assert note == "joints that the robot has locked, and that move in the records: d by 2"
+    assert locked_text([note], ": ", "that is the cause: ") == [
+        f"{note}: that is the cause: fit them too, or take a part in which they rest (`Record.between`)"
+    ]
     said = "joints that the records do not have, taken as locked: d at 0"
     with pytest.warns(rne.IdentificationWarning) as warned:
         found = rne.identify(SCARA, log, consistent=False, causes=False)
@@ -543,14 +549,14 @@ def test_the_report_says_how_far_the_prior_moves_what_is_known(found):
 
 
 def test_errors_of_each_motion_show_the_bad_one(scene, motions):
-    good, bad = (
+    good, other, bad = (
         Record(*measure(motions[0], k, torque_noise=NOISE[: scene.n]), name=name)
-        for k, name in enumerate(("good", "bad"))
+        for k, name in enumerate(("good", "good too", "bad"))
     )
     bad = Record(bad.t, bad.q, bad.tau * np.array([1, 1, -1, 1, 1, 1])[: scene.n], name="bad")
     options = {"drives": rne.DriveModel(friction="viscous+coulomb"), "folds": 2, "consistent": False, "causes": False}
     with pytest.warns(rne.IdentificationWarning):
-        text = rne.identify(scene.robot, [good, good, bad], **options).report()
+        text = rne.identify(scene.robot, [good, other, bad], **options).report()
     lines = {line.split()[0]: line.split() for line in text.split("errors of each motion [%]")[1].splitlines()[1:4]}
     assert float(lines["bad"][3]) > 2 * float(lines["good"][3])
 
@@ -644,6 +650,12 @@ def short():
                 r, rec, drives=rne.DriveModel(rotor=True, friction="viscous+coulomb", offset=True), cutoff=0.9
             ),
             "`records` give 25 equations for 58 base parameters: a longer motion is needed, or a higher `cutoff`",
+        ),
+        (
+            ValueError,
+            lambda r, rec: rne.identify(r, [rec, Record(rec.t + 9, rec.q, rec.tau, name="copy")]),
+            "`records` has the same measurements twice, 'record' and 'copy': one is the wrong file, or to be left out, since "
+            "blocks of one are predicted by fits to the other",
         ),
         (
             ValueError,

@@ -37,12 +37,14 @@ from .fit.equations import (
     BEYOND,
     EARLY,
     LOCKED,
+    MOVING,
     NO_TORQUE,
     Equations,
     RegressionData,
     by_number,
     check_joints,
     delayed,
+    locked_text,
     solve,
 )
 from .fit.least_squares import (
@@ -167,8 +169,7 @@ class Identification(InNotebooks):
             lines += unexplained_text(names, left)
         named = likely_text(self.causes)
         if lines or named:  # which a joint that stood elsewhere looks like
-            told = "if they stood elsewhere, that is the cause: lock them there by `robot.locked`"
-            lines += [f"{note}: {told}" for note in self.notes if note.startswith(LOCKED)]
+            lines += locked_text(self.notes, ": ", "that is the cause: ")
         lines += named
         were_sought = not self.unexcited and NOT_SOUGHT not in self.notes and self.data.Z is None
         if were_sought and any(all(cause.removed[j] < thresholds.EXPLAINS for cause in self.causes) for j in poor):
@@ -650,10 +651,10 @@ class Identification(InNotebooks):
         if self.unexcited or not good.any():
             why = self.unexcited or f"held-out errors in motion {below}: {other}"
             return "; ".join([*first, f"not good for simulation or feed-forward: {why}"])
-        remarks = [note for note in self.notes if note.startswith(LOCKED)]
+        remarks = [note for note in self.notes if note.startswith((LOCKED, MOVING))]
         which = listed([names[j] for j in np.flatnonzero(good)])
         if not other:
-            which = "all joints" + " of the records" * bool(remarks)
+            which = "all joints" + " of the records" * any(note.startswith(LOCKED) for note in remarks)
         known = f"held-out errors in motion of {100 * left[good].max():.2g} % or less"
         parts = [f"good for {use} of {which} {below}: {known}", *[f"not known: {other}"] * bool(other)]
         text = "; ".join(parts if 2 * good.sum() > len(good) else parts[::-1])

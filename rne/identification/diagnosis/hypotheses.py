@@ -606,7 +606,8 @@ def payloads(rest: FitResiduals) -> Iterator[Hypothesis]:
     for i in range(nb) if rest.share > thresholds.SEEN else (nb - 1,):
         body = rest.Y[..., PARAMETERS * i : PARAMETERS * (i + 1)]
         text = "the payload changes by {1:.3g} kg near {0}"
-        if i < nb - 1:  # whose mass alone need not be felt
+        mass, most = (float(np.abs(x).max(initial=0.0)) for x in (body[..., 0], body))
+        if i < nb - 1 or mass <= thresholds.NOTHING * most:  # whose mass alone need not be felt
             text = f"the load on the link behind {names[i]} changes near {{0}}"
         many = thresholds.PLACES * (nb - i)
         for time, on in times:

@@ -16,6 +16,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -39,6 +40,8 @@ Motion = Callable[[Array], tuple[Array, Array, Array]]  # q, qd and qdd, shape (
 BEYOND = "the motion leaves the robot's limits: in other units, or from another zero?"  # start of a note
 EARLY = "torques come before the positions, as where noise is fed back: give `instruments`"  # start of a note
 LOCKED = "joints that the records do not have, taken as locked"  # start of a note
+MOVING = "joints that the robot has locked, and that move in the records"  # start of a note
+RESTS = 0.05  # [rad or m], below which a joint's motion is taken for none
 NO_TORQUE = "has no torque that can be used"  # in a note
 UNUSABLE = ("constant torque", "saturated torque", "torque missing")  # kinds of findings on such torques
 LARGEST = 1e150  # number whose square is still one
@@ -465,6 +468,12 @@ def checked_records(robot: Robot, records: Record | Sequence[Record], name: str 
         if not isinstance(record, Record):
             raise TypeError(f"`{name}` must be an rne.identification.Record or several, got {type(record).__name__}")
         check_joints(robot, record, name)
+    for one, other in combinations(given, 2):
+        if one.q.shape == other.q.shape and all(
+            np.array_equal(getattr(one, x), getattr(other, x)) for x in ("q", "tau")
+        ):
+            cure = "one is the wrong file, or to be left out, since blocks of one are predicted by fits to the other"
+            raise ValueError(f"`{name}` has the same measurements twice, {one.name!r} and {other.name!r}: {cure}")
     return given
 
 
@@ -501,6 +510,16 @@ def of_named_joints(
         how = ', as `joints` with columns={"q": ..., "tau": ...} in this order' if first.source else ""
         raise ValueError(f"records must name the robot's joints, {both}: give names as the robot has them{how}{cure}")
     notes = [f"{name} of the records is not a joint of the robot, or locked: left out" for name in others]
+    ranges = {
+        x: np.ptp(q[np.isfinite(q)])
+        for r in named
+        for x, q in zip(r.joint_names, r.q.T, strict=True)
+        if np.isfinite(q).any()
+    }
+    if moving := [
+        f"{x} by {ranges[x]:.3g}" for x in robot.model.link_joints if x in others and ranges.get(x, 0) > RESTS
+    ]:
+        notes = [f"{MOVING}: {listed(moving)}", *notes]
     if missing:
         notes = [f"{LOCKED}: {listed([f'{name} at {q:.4g}' for name, q in missing.items()])}", *notes]
         robot = robot.locked(missing)
@@ -523,11 +542,16 @@ def by_number(record: Record, names: Sequence[str]) -> Record:
 
 
 def warn_of_locked(notes: Sequence[str]) -> None:
-    """Warn, where a public function was called, of joints that the records do not have."""
-    for note in notes:
-        if note.startswith(LOCKED):
-            text = f"{note}; if they stood elsewhere, lock them there by `robot.locked`"
-            warnings.warn(text, IdentificationWarning, stacklevel=3)
+    """Warn, where a public function was called, of joints that the records do not have, or that are locked and move."""
+    for text in locked_text(notes, "; "):
+        warnings.warn(text, IdentificationWarning, stacklevel=3)
+
+
+def locked_text(notes: Sequence[str], then: str, why: str = "") -> list[str]:
+    """The notes on locked joints, each with what to do."""
+    cures = {LOCKED: f"if they stood elsewhere, {why}lock them there by `robot.locked`"}
+    cures[MOVING] = f"{why}fit them too, or take a part in which they rest (`Record.between`)"
+    return [f"{note}{then}{cure}" for note in notes for start, cure in cures.items() if note.startswith(start)]
 
 
 def check_joints(robot: Robot, record: Record, argument: str) -> None:
