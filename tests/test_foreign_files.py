@@ -66,6 +66,20 @@ def test_names_with_a_namespace_are_refused_in_mjcf(element, name, tmp_path):
         rne.load(file)
 
 
+@pytest.mark.parametrize(
+    ("text", "where"),
+    [
+        (f"<Worldbody>{BODY}</Worldbody>", "<Worldbody> is no element of MJCF in <mujoco>"),
+        (f"<worldbody>{BODY}</worldbody><defaults/>", "<defaults> is no element of MJCF in <mujoco>"),
+        (f"<worldbody>{BODY}</worldbody><equality><jnt/></equality>", "<jnt> is no element of MJCF in <equality>"),
+    ],
+)
+def test_unknown_elements_are_refused_where_known_ones_are_left_out(text, where, tmp_path):
+    """Bodies, defaults and couplings below a name that is misspelt would be lost."""
+    with pytest.raises(rne.UrdfError, match=re.escape(f"{where}; correct its name")):
+        rne.load(mjcf(tmp_path, text))
+
+
 def test_what_nothing_reads_is_not_compiled(tmp_path):
     """Ranges of actuators would be found by simulating for 1e9 s; sizes stated for users' data would be allocated."""
     text = f"""<compiler><lengthrange mode="all" useexisting="false" inttotal="1e9"/></compiler><size memory="900G"/>
@@ -256,6 +270,31 @@ def test_elements_of_matlab_state_their_sizes(tmp_path):
     file.write_bytes(head + element(15, zlib.compress(element(14, cells))))
     with pytest.raises(ValueError, match="an array has 100000 parts or more"):
         rne.identification.Record.from_log(file)
+
+
+@pytest.mark.parametrize("suffix", ["csv", "npz", "mat", "mcap"])
+def test_pipes_and_devices_are_no_logs(suffix, tmp_path):
+    """They need not end; nor is a file read whole that states more bytes than memory has."""
+    pipe, sparse = tmp_path / f"pipe.{suffix}", tmp_path / f"sparse.{suffix}"
+    os.mkfifo(pipe)
+    with open(sparse, "wb") as stream:
+        stream.truncate(2**34)
+    with pytest.raises(ValueError, match="is not a regular file; copy to one what it gives"):
+        rne.identification.Record.from_log(pipe)
+    with pytest.raises(ValueError, match=r"has 17179869184 bytes, more than|no MATLAB file|is damaged"):
+        rne.identification.Record.from_log(sparse)
+    for read in (rne.Trajectory.load, rne.Identification.load, lambda path: rne.trajectories.read_csv(path, ["a"])):
+        with pytest.raises(ValueError, match=r"not a regular file|is not written by \w+.save"):
+            read(pipe)
+
+
+def test_a_matlab_file_of_version_4_is_said_to_be_none_of_5_to_7(tmp_path):
+    scipy_io = pytest.importorskip("scipy.io")
+    scipy_io.savemat(tmp_path / "log.mat", {"t": np.arange(9.0)}, format="4")
+    with pytest.raises(
+        ValueError, match=re.escape("is no MATLAB file of version 5 to 7; save it by save(file, ..., '-v7')")
+    ):
+        rne.identification.Record.from_log(tmp_path / "log.mat")
 
 
 @pytest.mark.parametrize("name", ["(" * 10**5, "x" + " " * 10**5 + "y", "_" * 10**5])

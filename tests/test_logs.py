@@ -805,6 +805,12 @@ def test_mcap_of_other_topics(tmp_path):
     there = "/chatter (std_msgs/msg/String), /left/joint_states (sensor_msgs/msg/JointState), /right/joint_states (sensor_msgs/msg/JointState)"
     with exactly(f"{path}: there is no topic /up of sensor_msgs/msg/JointState; there is {there}"):
         Record.from_log(path, topic="/up")
+    path = mcap(tmp_path / "controls.mcap", ("/a\x1b[31m\u202e",), kind="arm/msg/State")
+    with exactly(
+        f"{path}: there is no topic  of sensor_msgs/msg/JointState; there is /a\\x1b[31m\\u202e (arm/msg/State), "
+        "/chatter (std_msgs/msg/String)"
+    ):
+        Record.from_log(path)
     path = mcap(tmp_path / "twice.mcap", names=("elbow", "elbow", "wrist"))
     with exactly(f"{path}: message 1 has 2 different names, and 3, 3, 3 positions, velocities and efforts"):
         Record.from_log(path)

@@ -162,6 +162,22 @@ class TestTracing:
         np.testing.assert_allclose(traced.q[-1], called.q[-1], atol=1e-9)
         np.testing.assert_allclose(traced.tau[-1], law(0.2, traced.q[-1], traced.qd[-1]), rtol=1e-12, atol=1e-12)
 
+    @pytest.mark.parametrize(
+        "rates",
+        [lambda q, z: np.array([1.0, -2.0]), lambda q, z: np.array([1.0 - z[0], 2.0]), lambda q, z: q[:2] - q[0]],
+    )
+    def test_rates_that_are_constant_or_of_one_state_are_traced(self, irb140, rates):
+        """The rates of many states at once are compared with those of each, as their torques are."""
+        law = rne.traceable(lambda t, q, qd, z: (-5 * q, rates(q, z)))
+        law.states = 2
+        scene = rne.Scene(irb140, controller=law)
+        assert scene.cost()["law"] == "traced"
+        ends = []
+        for law.traceable in (True, False):
+            motion = rne.simulate(rne.Scene(irb140, controller=law), [0.1, 0.3] * 3, [0] * 6, 0.1, rtol=1e-9)
+            ends.append(motion.controller_state[-1])
+        np.testing.assert_allclose(*ends, atol=1e-8)
+
     @pytest.mark.parametrize("n", [2, 3])
     def test_a_matrix_times_as_many_states_as_joints_is_no_law_of_many_states(self, n):
         """-2 I q is -2 q of n states too, but of no other number of them."""

@@ -88,6 +88,7 @@ ERRORS = {
     "division by zero": (ARM.replace("2 * length", "1 / 0"), "division by zero"),
     "no such file": (ARM.replace("parts/links", "links"), "No such file or directory"),
     "no such macro": (ARM.replace("<xacro:arm ", "<xacro:arn "), "unknown macro name: xacro:arn"),
+    "hidden characters": (ARM.replace("2 * length", "\u202e2 * length"), r"'\u202e2 * length'"),
     "truncated": (ARM[:300], "unclosed token"),
 }
 

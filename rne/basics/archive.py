@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from os import PathLike
 from pathlib import Path
+from stat import S_ISREG
 from types import UnionType
 from typing import Any, Union, get_args, get_origin, get_type_hints
 
@@ -21,6 +22,7 @@ from .marks import TEXTS
 from .text import cut
 
 LARGEST = 2**29  # bytes that the arrays of a file may take together, numbers in double precision
+BIGGEST = 5 * 2**27  # bytes of a file that is read whole
 FREE, RATIO = 2**26, 100  # bytes that every file may unpack to, and each of its own bytes
 LONGEST, LINE = 2**24, 400  # bytes of the texts of an archive, characters of an error
 NOT_KEPT = "source"  # field of a Model: the path of a file, which a page of the robot would read
@@ -40,11 +42,25 @@ def most_unpacked(file: Path) -> int:
     return min(LARGEST, FREE + RATIO * file.stat().st_size)
 
 
+def check_regular(file: Path) -> None:
+    """Raise a ValueError for a pipe or a device, which need not end, an OSError if there is nothing."""
+    if not S_ISREG(file.stat().st_mode):
+        raise ValueError(f"{file}: is not a regular file; copy to one what it gives")
+
+
+def bytes_of(file: Path) -> bytes:
+    """All bytes of a regular file; a ValueError if there are too many."""
+    check_regular(file)
+    if (size := file.stat().st_size) > BIGGEST:
+        raise ValueError(f"{file}: has {size} bytes, more than {BIGGEST}; split it, or leave out what is not needed")
+    return file.read_bytes()
+
+
 class Arrays(Mapping[str, Any]):
     """The arrays of a NumPy archive, each read when it is asked for; TooLargeError if those read are."""
 
     def __init__(self, file: Path, most: int = LARGEST) -> None:
-        self._archive = zipfile.ZipFile(io.BytesIO(file.read_bytes()))
+        self._archive = zipfile.ZipFile(io.BytesIO(bytes_of(file)))
         self.entries = {x.filename.removesuffix(".npy"): x for x in self._archive.infolist()}
         self._left = self._most = most
 

@@ -153,7 +153,7 @@ class TracedLaw:
         return u, None if found[0][1] is None else np.array([r for _, r in found]).reshape(*x.shape[:-1], -1)
 
     def _call(self, t: Any, x: Array) -> tuple[Array, Array | None]:
-        """The law's torques with one row per state, where a constant is repeated, and the rates of its states."""
+        """The law's torques and the rates of its states with one row per state, where a constant is repeated."""
         u, rates = call_law(self.law, t, x, self.given)
         try:
             torques = np.asarray(u)
@@ -167,6 +167,8 @@ class TracedLaw:
         rates = None if rates is None else np.asarray(rates)
         if torques.dtype == object and x.dtype != object:  # numbers in an array of objects, as a law may build
             torques = torques.astype(x.dtype)
+        if rates is not None and rates.shape == (self.states,) and x.ndim > 1:
+            rates = rates + 0 * x[..., : self.states]
         return torques if torques.shape == shape else torques + 0 * x[..., : self.n], rates
 
     @cached_property
@@ -175,11 +177,11 @@ class TracedLaw:
         count = self.n + 1  # a matrix (n, n) times so many states fails
         t, X = _trials(count, self.size)
         try:
-            together, _ = self._call(t, X)
-            single = [self._call(float(s[0]), x)[0] for s, x in zip(t, X, strict=True)]
+            together = self._row(self._call(t, X))
+            single = [self._row(self._call(float(s[0]), x)) for s, x in zip(t, X, strict=True)]
         except Exception:  # whatever the law raises
             return False
-        if together.shape != (count, self.n) or together.dtype != np.float64:  # a batch of times in one entry
+        if together.shape != (count, self.n + self.states) or together.dtype != np.float64:  # times in one entry
             return False
         return np.allclose(together, single, rtol=AGREEMENT, atol=AGREEMENT)
 
@@ -191,7 +193,11 @@ class TracedLaw:
         return MethodQuantity(self, traced, "the controller")
 
     def _core(self, model: Model, t: Array, x: Array) -> Array:
-        u, rates = self(t, x)
+        return self._row(self(t, x))
+
+    @staticmethod
+    def _row(returned: tuple[Array, Array | None]) -> Array:
+        u, rates = returned
         return u if rates is None else np.concatenate([u, rates], axis=-1)
 
     def core_of_joints(self, model: Model, t: Array, q: Array, qd: Array, z: Array | None = None) -> Array:

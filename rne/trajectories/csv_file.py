@@ -13,6 +13,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
+from ..basics.archive import bytes_of
 from ..basics.spatial import Array
 from ..basics.text import MAX_NAME, cut, plain
 
@@ -166,7 +167,7 @@ def read_samples(
 
 def text_of(path: Path) -> str:
     """The text of a file in UTF-8."""
-    data = path.read_bytes()
+    data = bytes_of(path)
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:

@@ -27,6 +27,8 @@ MAX_ELEMENTS = 20_000  # that are compiled: the time of some grows with the squa
 MAX_MESHES = 2**27  # bytes of all mesh files
 MAX_MADE, LEAST_MADE = 300_000, 2_500  # vertices of all meshes that MuJoCo makes, and of a sphere
 SECTIONS = ("compiler", "option", "default", "asset", "worldbody", "equality", "actuator")  # that are compiled
+OTHERS = ("contact", "custom", "deformable", "extension", "keyframe", "sensor", "size", "statistic", "tendon", "visual")
+EQUALITIES = ("connect", "weld", "joint", "tendon", "flex", "flexvert", "flexstrain")
 UNUSED = ("visual", "statistic", "size", "custom", "texture", "hfield", "skin", "model", "layer", "lengthrange")
 MAKERS = ("attach", "composite", "flexcomp", "replicate")  # elements that make bodies when they are compiled
 NOT_COMPILED = ["meshdir", "texturedir", "assetdir", "strippath", "fusestatic", "discardvisual"]  # attributes
@@ -125,7 +127,11 @@ def included(root: Element, report: FindingsReport) -> Element:
 
 
 def _check_elements(root: Element, report: FindingsReport) -> None:
-    """Report names with a namespace, which would hide elements from the checks, makers of bodies, and NaN."""
+    """Report names with a namespace, which would hide elements from the checks, unknown ones, makers of bodies, NaN."""
+    for element in (*root.xpath("*"), *root.xpath("equality/*")):  # of these the compiler is not given all
+        if element.tag not in (EQUALITIES if element.getparent() is not root else SECTIONS + OTHERS):
+            what = f"<{cut(element.tag, ECHO)}> is no element of MJCF in <{element.getparent().tag}>"
+            report.error(element, describe(element), what, "correct its name")
     for element in root.iter():
         if spaced := [name for name in (element.tag, *element.attrib) if "{" in name or ":" in name]:
             cure = "MJCF has no namespaces: remove xmlns and prefixes"

@@ -7,7 +7,7 @@ import os
 from collections.abc import Mapping
 from typing import Any
 
-from ..basics.text import cut
+from ..basics.text import cut, plain
 from .findings import ECHO, FindingsReport, listed, near_path
 
 Options = Mapping[str, Any] | None  # arguments or packages of a xacro file
@@ -50,7 +50,7 @@ def expanded(report: FindingsReport, arguments: Options, packages: Options) -> s
         xacrodoc.xacro.init_stacks(path)  # includes are relative to the file
         text: str = xacrodoc.XacroDoc.from_file(path, subargs=given).to_urdf_string()
     except Exception as error:  # whatever its expressions raise
-        message = cut(" ".join(f"{type(error).__name__}: {error}".split()), LONG)
+        message = cut(plain(" ".join(f"{type(error).__name__}: {error}".split())), LONG)
         cure = "fix the file, or give what it needs by `arguments` and `packages`"
         report.error(None, "file", f"xacro says: {message}", cure)
         return None

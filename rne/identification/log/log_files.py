@@ -19,9 +19,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...basics.archive import FREE, LARGEST, RATIO, Arrays, TooLargeError, most_unpacked
+from ...basics.archive import FREE, LARGEST, RATIO, Arrays, TooLargeError, bytes_of, check_regular, most_unpacked
 from ...basics.spatial import Array
-from ...basics.text import MAX_NAME, cut
+from ...basics.text import MAX_NAME, cut, plain
 from ...trajectories.csv_file import as_number, csv_rows, finite_numbers, listed_names, text_of
 
 Message = tuple[int, Sequence[str], Sequence[Sequence[float]]]  # time [ns], joints, and their q, qd, tau
@@ -115,6 +115,7 @@ def read_log(path: Path, options: Mapping[str, Any]) -> Log:
         if not (bags := sorted(path.glob("*.mcap"))):
             raise ValueError(f"{path}: is a folder without meta/info.json, as LeRobot data sets have, or .mcap files")
         return _mcap(bags, options)
+    check_regular(path)
     with open(path, "rb") as stream:
         first, suffix = stream.read(16), path.suffix.lower()
     if suffix == ".npz":
@@ -123,7 +124,9 @@ def read_log(path: Path, options: Mapping[str, Any]) -> Log:
         if first.startswith(mark):
             raise ValueError(f"{path}: is {what}")
     if first.startswith(b"MATLAB 5") or suffix == ".mat":
-        data = memoryview(path.read_bytes())
+        data = memoryview(bytes_of(path))
+        if not first.startswith(b"MATLAB 5"):
+            raise ValueError(f"{path}: is no MATLAB file of version 5 to 7; save it by save(file, ..., '-v7')")
         order = "<" if bytes(data[126:128]) == b"IM" else ">"
         return _arrays(path, _whole(path, lambda: _matlab(data[128:], order, most_unpacked(path))))
     if first.startswith(b"\x89MCAP") or suffix == ".mcap":
@@ -375,10 +378,12 @@ def _mcap(paths: Sequence[Path], options: Mapping[str, Any]) -> Log:
         raise ValueError(f"{paths[0]}: there are joint states of {listed_names(states)}; give one as `topic`")
     if not states or topic not in (None, *states):
         there = ", ".join(f"{name} ({kind})" for name, kind in sorted(topics.items())[:LISTED]) or "nothing"
-        raise ValueError(f"{paths[0]}: there is no topic {topic or ''} of {JOINT_STATE}; there is {there}")
+        raise ValueError(f"{paths[0]}: there is no topic {topic or ''} of {JOINT_STATE}; there is {plain(there)}")
     for path in paths:
         _whole(path, lambda path=path: read(path, topic or states[0]))  # type: ignore[misc]
-    return _states(os.fspath(paths[0]), (x for _, x in messages), options["joints"], f"topic {topic or states[0]}")
+    return _states(
+        os.fspath(paths[0]), (x for _, x in messages), options["joints"], f"topic {plain(topic or states[0])}"
+    )
 
 
 def _check_chunks(stream: Any, indexes: Iterable[Any], most: int) -> None:

@@ -219,8 +219,8 @@ class Record(ReadOnlyArrays):
 
         Read are text with or without names of the columns, ROS messages of joint states (`rostopic echo -p`,
         `ros2 topic echo --csv`, MCAP files and folders of them), exports of bags by PlotJuggler and bagpy, .mat files
-        up to version 7, .npz files, and LeRobot data sets. Names of joints in the log count before numbers, and these
-        before guesses. What the log does not say is given, or guessed, which `source` and `findings` report.
+        of versions 5 to 7, .npz files, and LeRobot data sets. Names of joints in the log count before numbers, and
+        these before guesses. What the log does not say is given, or guessed, which `source` and `findings` report.
 
         Parameters
         ----------
