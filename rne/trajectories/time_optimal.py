@@ -114,8 +114,8 @@ class _Limits:
         if not self.following:
             return qd, qdd
         pair = joint_velocities(self.robot.model, q, qd), joint_accelerations(self.robot.model, q, qd, qdd)
-        own = (np.concatenate([x, y[..., self.following]], -1) for x, y in zip((qd, qdd), pair, strict=True))
-        return next(own), next(own)
+        rate, change = (np.concatenate([x, y[..., self.following]], -1) for x, y in zip((qd, qdd), pair, strict=True))
+        return rate, change
 
     def padded(self, values: Array, by: float = 0.0) -> Array:
         """Values of the coordinates, and behind them a constant for the joints that follow."""
@@ -431,8 +431,11 @@ def _finer(piece: _Piece, grid: Array, x: Array) -> Array:
     step = np.repeat(h / parts, parts)
     number = np.arange(len(step)) - np.repeat(np.cumsum(parts) - parts, parts)
     near = (meet + np.array([[-NEAR], [0], [NEAR]]))[:, switch]
-    divided, around_switches = np.repeat(grid[:-1], parts) + number * step, grid[:-1][switch] + near * h[switch]
-    return np.unique(np.concatenate([divided, grid[-1:], around_switches.ravel()]))
+    return np.unique(
+        np.concatenate(
+            [np.repeat(grid[:-1], parts) + number * step, grid[-1:], (grid[:-1][switch] + near * h[switch]).ravel()]
+        )
+    )
 
 
 def _fastest_profile(piece: _Piece) -> _Profile:
