@@ -16,6 +16,7 @@ from rne.elementwise import arctan2
 from rne.graph.program import evaluate
 from rne.kernels.trace import by_recursion
 from rne.model import coupled, cylinder, four_bar, slider_crank
+from rne.trajectories.time_optimal import OutOfRange
 from rne.validation.agreement import loop_gap, validate
 
 from .helpers import EPS, Part, assemble, kept, pose
@@ -684,6 +685,41 @@ ERRORS = {
         lambda m: coupled(linkage("engine")[1], {"crank": slider_crank("slider", crank=0.1, rod=0.5)}),
         rne.ModelError,
         "the zero pose is a dead point of the linkage that 'slider' drives; move a joint's zero",
+    ),
+    "infinite": (
+        lambda m: coupled(m, {"arm": (("crank",), lambda x: x * x + np.inf)}),
+        rne.ModelError,
+        "the joints that follow 'crank' have no positions within their ranges, wherever it is",
+    ),
+    "no length": (
+        lambda m: four_bar(
+            tree(part("crank", 0, (0, 0, 0)), part("coupler", 1, (0, 0, 0.3)), part("rocker", 0, (0, 0, 0))),
+            "crank",
+            (("coupler", (0, 0, 0)), ("rocker", (0, 0, 0.3))),
+        ),
+        rne.ModelError,
+        "two pivots of the loop of joint 'crank' are at one place: a link has no length",
+    ),
+    "no length of a cylinder": (
+        lambda m: cylinder(
+            tree(
+                part("boom", 0, (0, 0, 0)),
+                part("barrel", 0, (0, 0, 0.3)),
+                part("rod", 2, (0, 0, 0), (0, 0, -1), kind="prismatic"),
+            ),
+            "boom",
+            (("rod", (0, 0, -0.3)), ("boom", (0, 0, 0))),
+        ),
+        rne.ModelError,
+        "two pivots of the loop of joint 'boom' are at one place: a link has no length",
+    ),
+    "a path that a driver cannot take": (
+        lambda m: rne.trajectories.fastest(
+            robot_of(coupled(m, {"coupler": (("crank",), lambda x: np.sqrt(1 - x))})).with_limits(acceleration=1.0),
+            [[0, 0, 0], [2, 0, 0]],
+        ),
+        OutOfRange,
+        "`path` leaves the range of joint 'crank', -3 to 1: 2 at via point 1",
     ),
     "bounds": (
         lambda m: robot_of(linkage("bar")[0]).bounds(),

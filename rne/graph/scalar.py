@@ -124,6 +124,11 @@ class Scalar:
     __eq__ = __ne__ = _no_value
     __hash__ = None  # type: ignore[assignment]
 
+    def __getattr__(self, name: str) -> Any:
+        raise AttributeError(
+            f"a traced number has no {name!r}, but NumPy's sin, cos, sqrt and those of rne.elementwise"
+        )
+
     def __repr__(self) -> str:
         return f"Scalar({'-' if self.ref & 1 else ''}{self.graph.nodes[self.ref >> 1].kind})"
 

@@ -237,7 +237,8 @@ def _where_followed(model: Model, k: int, ends: list[float]) -> set[str]:
         """Position, its slope by the driver, and whether both are numbers."""
         q = [x if d == driver else np.full(x.shape, zero[model.moving_joints.index(d)]) for d in coupling.drivers]
         position, (slopes, _) = coupling.position(np.stack(q, -1)), coupling.derivatives(np.stack(q, -1))
-        return position, slopes[..., coupling.drivers.index(driver)], np.asarray(np.isfinite(slopes).all(-1))
+        fine = np.isfinite(position) & np.isfinite(slopes).all(-1)
+        return position, slopes[..., coupling.drivers.index(driver)], np.asarray(fine)
 
     def fails(x: Array) -> Array:
         """Which of the joints that follow fail, shape (joints, ...)."""

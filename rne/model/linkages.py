@@ -44,8 +44,8 @@ class Pivot(NamedTuple):
 def four_bar(model: Model, driver: str, closing: Closing) -> Model:
     """The robot with a four-bar linkage closed: two joints follow the driver, on the branch of the zero pose.
 
-    In a parallelogram they mimic it, by 1 or -1. There the loop may have one joint more, before the driver and on its
-    axis, as with the shoulder and the elbow drive of a palletiser: both drive.
+    In a parallelogram, flat at the zero pose or not, they mimic it, by 1 or -1. There the loop may have one joint more,
+    before the driver and on its axis, as with the shoulder and the elbow drive of a palletiser: both drive.
 
     Parameters
     ----------
@@ -64,8 +64,8 @@ def four_bar(model: Model, driver: str, closing: Closing) -> Model:
     Raises
     ------
     ModelError
-        If the loop has other joints, is not plane, or at the zero pose does not close to 1e-9 of its size or is at a
-        dead point, where its branches meet.
+        If the loop has other joints, is not plane, has a link without length, or at the zero pose does not close to
+        1e-9 of its size or is at a dead point, where its branches meet.
     ValueError, TypeError
         If an argument is of another form, or names no joint or link.
 
@@ -83,7 +83,7 @@ def four_bar(model: Model, driver: str, closing: Closing) -> Model:
     """
     D, X, Y, Z, *second = loop = _loop(model, driver, closing, "RRRR", "RRRRR")
     x0, z, y0 = X.place - D.place, Z.place - D.place, Y.place - Z.place
-    size = CLOSED * float(np.abs([x0, z, y0]).max())
+    size = _size(D, X, Y, Z)
     if np.abs(x0 - y0).max() <= size and all(np.abs(E.place - D.place).max() <= size and E.joint for E in second):
 
         def turns(position: Any, *other: Any) -> tuple[Any, ...]:
@@ -146,6 +146,7 @@ def cylinder(model: Model, driver: str, closing: Closing) -> Model:
     ('joint_3',)
     """
     D, X, S, Z = loop = _loop(model, driver, closing, "RRPR")
+    _size(D, X, Z)
     x0, z = X.place - D.place, Z.place - D.place
     w0, a, g, psi0 = x0 - z, _length(x0), _length(z), float(_turn(z, x0))
     length0, nearest, farthest = _length(w0), abs(a - g), a + g
@@ -324,6 +325,14 @@ def _loop(model: Model, driver: str, closing: Closing, *forms: str) -> list[Pivo
         needed = f"{what} joints, {driver!r} and others that follow none, {sliding}"
         raise ModelError(f"the loop must have {needed}; it has {names}")
     return _in_plane(model, loop, R, p, ends)
+
+
+def _size(*pivots: Pivot) -> float:
+    """What counts as no length beside the links between pivots, each of which has one."""
+    lengths = [float(_length(p.place - q.place)) for p, q in zip(pivots, (*pivots[1:], pivots[0]), strict=True)]
+    if min(lengths) <= CLOSED * max(lengths):
+        raise ModelError(f"two pivots of the loop of joint {pivots[0].joint!r} are at one place: a link has no length")
+    return CLOSED * max(lengths)
 
 
 def _in_plane(model: Model, loop: Sequence[tuple[int, float]], R: Any, p: Any, ends: Sequence[Array]) -> list[Pivot]:

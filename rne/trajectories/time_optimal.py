@@ -750,9 +750,9 @@ def _check_range(piece: _Piece) -> None:
     q = piece.derivatives(grid)[0]
     names = [*model.joint_names, *(model.moving_joints[i] for i in following)]
     q = np.concatenate([q, joint_positions(model, q)[:, following]], axis=1)
-    beyond = np.maximum(q - high, low - q)
-    k, j = np.unravel_index(int(np.where(np.isnan(beyond), np.inf, beyond).argmax()), q.shape)
-    if not beyond[k, j] <= OUT_OF_RANGE:
+    beyond = np.nan_to_num(np.maximum(q - high, low - q), nan=2 * OUT_OF_RANGE)  # mostly its driver is farther beyond
+    k, j = np.unravel_index(int(beyond.argmax()), q.shape)
+    if beyond[k, j] > OUT_OF_RANGE:
         place = piece.path._via(piece.index, float(grid[k]))
         raise OutOfRange(
             f"`path` leaves the range of joint {names[j]!r}, {low[j]:.4g} to {high[j]:.4g}: {q[k, j]:.4g} {place}"
