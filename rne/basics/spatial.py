@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[Any]
+Map = Callable[[Array], Array]
 
 # Entries of a rotation this close to 0 or +-1 are roundings of an exact 0 or +-1; a real angle is larger.
 SNAP = 4 * float(np.finfo(np.float64).eps)
@@ -185,9 +186,7 @@ def combine_bodies(bodies: list[tuple[Any, Array, Array]]) -> tuple[Any, Array, 
     return mass, com, inertia
 
 
-def note_solution(
-    x: Array, solve: Callable[[Array], Array], product: Callable[[Array], Array], residual: Callable[[Array], Array]
-) -> None:
+def note_solution(x: Array, solve: Map, product: Map, residual: Map) -> None:
     """Let derivatives of traced numbers x be those of residual(x) = 0, whose slope by x is M.
 
     Derivatives of what x was computed by, such as the factors of M, would lose twice as many digits.

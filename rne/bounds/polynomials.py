@@ -14,12 +14,11 @@ from typing import Any
 import numpy as np
 
 from ..basics.arrays import per_joint_array
-from ..basics.spatial import Array
+from ..basics.spatial import Array, Map
 from ..graph.program import Operand, Program
 from ..kernels.kernel import Kernel
 from ..model.model import Model
 
-Map = Callable[[Array], Array]
 MOST_SAMPLES = 2_000_000  # of a grid for the coefficients
 NARROW = 1e-150  # half width of a sliding joint's range below which its inverse square is not a number
 
@@ -63,30 +62,15 @@ def box_argument(model: Model, positions: Any) -> PositionBox:
 
 @dataclass(frozen=True)
 class Polynomial:
-    """An array A(q) as a sum of modes, each the product of one function of modulus at most 1 per joint.
+    """An array A(q) as a sum of modes, each the product of one function of modulus at most 1 per joint."""
 
-    Attributes
-    ----------
-    evaluate : callable
-        (N, n) -> (N, ...).
-    coefficients : ndarray, shape (modes, ...)
-    frequency : ndarray, shape (modes, n)
-        Frequency of each mode in the angle of each coordinate.
-    power, power_squares : ndarray, shape (modes, n)
-        Sums of p / h and p / h^2 of the powers p of sliding joints that a coordinate drives, h their half widths.
-    terms : ndarray, shape (...)
-        Bounds of the sums of the moduli that the recursions add up to each entry, for their rounding.
-    operations : int
-        Of `evaluate`, for each position.
-    """
-
-    evaluate: Map
-    coefficients: Array
-    frequency: Array
-    power: Array
-    power_squares: Array
-    terms: Array
-    operations: int = 0
+    evaluate: Map  # (N, n) -> (N, ...)
+    coefficients: Array  # (modes, ...)
+    frequency: Array  # (modes, n), in the angle of each coordinate
+    power: Array  # (modes, n), sums of p / h of the powers p of sliding joints that a coordinate drives,
+    power_squares: Array  # and of p / h^2, with h their half widths
+    terms: Array  # (...), bounds of the sums of the moduli that the recursions add up to each entry, for their rounding
+    operations: int = 0  # of `evaluate`, for each position
 
     def derivatives(self, basis: Array) -> tuple[Array, Array]:
         """Bounds of a mode's first and second derivative by each x of q = basis x, shape (modes, n)."""

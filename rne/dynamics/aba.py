@@ -121,9 +121,8 @@ def articulated_forward_dynamics(
     M). Parameters, result and errors are those of `rne.Robot.forward_dynamics`, with the model first.
     """
     if model.has_mimics:
-        raise ModelError(
-            f"robot {model.name!r} has joints that mimic or follow others; use forward_dynamics, which reduces M to q"
-        )
+        cure = "use forward_dynamics, which reduces M to q"
+        raise ModelError(f"robot {model.name!r} has joints that mimic or follow others; {cure}")
     R, p = joint_transforms(model, q)
     s, t = model.angular_axis, model.linear_axis
 

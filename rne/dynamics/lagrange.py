@@ -118,23 +118,13 @@ def gravity_terms(model: Model, terms: list[Body], like: Array) -> Array:
 def christoffel_symbols(model: Model, q: Array) -> Array:
     """Christoffel symbols of the first kind of M(q): the Coriolis torque is their sum with qd_i qd_j over i and j.
 
-    Parameters
-    ----------
-    model : Model
-        The robot's parameters.
-    q : ndarray, shape (..., n)
-        Joint positions [rad or m].
+    Parameters and errors are those of `rne.Robot.mass_matrix`, with the model first.
 
     Returns
     -------
     ndarray, shape (..., n, n, n)
         Entry [..., i, j, k] is (dM_kj/dq_i + dM_ki/dq_j - dM_ij/dq_k) / 2, symmetric in i and j; k is the joint on
         which the torque acts [kg m^2, kg m or kg].
-
-    Raises
-    ------
-    ValueError
-        If `q` has the wrong shape or is not finite, or a symbol overflows.
 
     Notes
     -----

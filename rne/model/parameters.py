@@ -135,12 +135,6 @@ def pseudo_inertia(pi: Array) -> Array:
     """The pseudo-inertias (..., nb, 4, 4) of bodies with inertial parameters (..., 10 nb), numbers or traced numbers.
 
     Second moments [kg m^2], first moments [kg m] and mass [kg], about the point and in the axes of the parameters.
-
-    >>> import numpy as np, rne
-    >>> from rne.model.parameters import pseudo_inertia
-    >>> P = pseudo_inertia(rne.load("irb140").parameters)
-    >>> P.shape, P[1, 3, 3].item(), bool((np.linalg.eigvalsh(P[1]) > 0).all())
-    ((6, 4, 4), 22.0, True)
     """
     return combined(pi, UNITS)
 

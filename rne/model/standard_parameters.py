@@ -113,15 +113,6 @@ class StandardParameters(ReadOnlyArrays):
     Springs add functions of the positions to L. The load L in the term of Fl has parameters of its own, so that the
     equations are linear: those of the last fit.
 
-    Attributes
-    ----------
-    model : Model
-        The robot's parameters.
-    drives : DriveModel
-        Which torques of the drives are modelled.
-    springs : Springs or None
-        Springs whose parameters follow those of drives and coupled motors.
-
     Examples
     --------
     >>> import rne
@@ -132,8 +123,8 @@ class StandardParameters(ReadOnlyArrays):
     """
 
     model: Model
-    drives: DriveModel = DriveModel()
-    springs: Any = None
+    drives: DriveModel = DriveModel()  # which of their torques are modelled
+    springs: Any = None  # Springs, whose parameters follow those of drives and coupled motors
 
     __repr__ = summary
 

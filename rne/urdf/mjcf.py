@@ -200,21 +200,19 @@ def _without_files(root: Element, report: FindingsReport) -> list[Element]:
     folder, main = compiler.get("meshdir", compiler.get("assetdir", "")), Path(report.file).resolve().parent
     used, lost, size, made = {geom.get("mesh") for geom in root.iter("geom")}, [], 0, 0.0
     for mesh in root.findall("asset/mesh"):
-        if mesh.get("file") is None:
-            if mesh.get("name") not in used:
-                mesh.getparent().remove(mesh)
-            elif mesh.get("builtin") is not None:
-                made += LEAST_MADE + max(attribute_numbers(mesh, "params") or [math.inf]) ** 2
-            continue
-        place = re.split(r"[/\\]", mesh.get("file"))[-1] if compiler.get("strippath") == "true" else mesh.get("file")
-        mesh.set("name", mesh.get("name") or Path(place).stem)
-        found = below(main / folder / place, main)
-        if mesh.get("name") in used and found is not None:
+        place, found = mesh.get("file"), None
+        if place is not None:
+            place = re.split(r"[/\\]", place)[-1] if compiler.get("strippath") == "true" else place
+            mesh.set("name", mesh.get("name") or Path(place).stem)
+            found = below(main / folder / place, main)
+        if mesh.get("name") not in used or (place is not None and found is None):
+            lost += [mesh] * (mesh.get("name") in used)
+            mesh.getparent().remove(mesh)
+        elif found is not None:
             size += found.stat().st_size
             mesh.set("file", str(found))
-            continue
-        lost += [mesh] * (mesh.get("name") in used)
-        mesh.getparent().remove(mesh)
+        elif mesh.get("builtin") is not None:
+            made += LEAST_MADE + max(attribute_numbers(mesh, "params") or [math.inf]) ** 2
     if size > MAX_MESHES or made > MAX_MADE:
         most = f"{MAX_MESHES} bytes of mesh files and {MAX_MADE} vertices of built-in meshes are compiled"
         report.error(None, "file", f"at most {most}, got {size} and {made:g}", "make meshes smaller")

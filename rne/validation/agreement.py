@@ -80,33 +80,12 @@ def _bound_of_accelerations(M: Array) -> float:
 
 
 def validate(robot: Robot, samples: int = 1000, *, by_terms: bool = False) -> tuple[str, list[Match]]:
-    """Compare inverse dynamics, M, gravity, bias and forward dynamics with an independent source.
+    """Compare inverse dynamics, M, gravity, bias and forward dynamics with an independent source, in random states.
 
-    Parameters
-    ----------
-    robot : Robot
-        The robot.
-    samples : int
-        Number of random states.
-    by_terms : bool
-        True to relate differences of torques and accelerations to the largest term of each state, for robots of few
-        joints, whose torques can cancel.
+    The name of the source comes first: Pinocchio, or the energies if it is not installed or joints follow others by
+    couplings. With `by_terms`, differences of torques and accelerations are relative to the largest term of each state,
+    for robots of few joints, whose torques can cancel. A SingularMassMatrixError says where M is singular.
 
-    Returns
-    -------
-    source : str
-        Name of the source: Pinocchio, or the energies if it is not installed or joints follow others by couplings.
-    rows : list of Match
-
-    Raises
-    ------
-    TypeError
-        If `robot` is no Robot.
-    SingularMassMatrixError
-        If M is singular in one of the states.
-
-    Examples
-    --------
     >>> import rne
     >>> from rne.validation.agreement import validate
     >>> source, rows = validate(rne.load("irb140"), samples=10)

@@ -56,9 +56,8 @@ class Oracle:
 
     def inverse_dynamics(self, q: Array, qd: Array, qdd: Array, *forces: Any) -> Array:
         """Joint torques by `rnea`."""
-        return self.torque(
-            self.pin.rnea(self.theirs, self.data, self.q(q), self.velocities(qd), self.velocities(qdd), *forces)
-        )
+        state = self.q(q), self.velocities(qd), self.velocities(qdd)
+        return self.torque(self.pin.rnea(self.theirs, self.data, *state, *forces))
 
     def mass_matrix(self, q: Array) -> Array:
         """Mass matrix by `crba`."""

@@ -98,13 +98,7 @@ def locked_positions(robot: Robot, locked: Locked | None, values: Mapping[str, A
 
 @dataclass(frozen=True, eq=False)
 class MotionLimits:
-    """The limits of one robot, and its series x: coefficients over the velocity limits, zero in mid-range.
-
-    Raises
-    ------
-    ValueError
-        If a range is empty, a limit negative, or a joint has no range or velocity limit.
-    """
+    """The limits of one robot, and its series x: coefficients over the velocity limits, zero in mid-range."""
 
     robot: Robot
     basis: FourierBasis

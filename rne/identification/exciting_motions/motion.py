@@ -226,16 +226,14 @@ class MotionSearch:
             found = self._minimise(criterion, found, best, (k, total))
         return found
 
-    def _minimise(
-        self, criterion: Criterion, start: OptimizeResult, number: int, of: tuple[int, int]
-    ) -> OptimizeResult:
+    def _minimise(self, criterion: Criterion, start: OptimizeResult, k: int, runs: tuple[int, int]) -> OptimizeResult:
         """One run of SLSQP, the k-th of all; where it ends no better than it started, the start.
 
         Where rounding leaves its quadratic subproblem without a solution, it begins again at the best of its iterates.
         """
         from scipy.optimize import minimize
 
-        done, end, total = (self.iterations * k for k in (of[0], of[0] + 1, of[1]))
+        done, end, total = (self.iterations * run for run in (runs[0], runs[0] + 1, runs[1]))
         A, within, grid = self.within.rows, self.within, self._grid
         limits: list[dict[str, Any]] = [{"fun": lambda x: 1 - A @ x, "jac": lambda x: -A}]
         if len(within.driven):
@@ -269,7 +267,7 @@ class MotionSearch:
         if done < end:  # what an early end saves counts as done
             done = end - 1
             tick(run.x)
-        LOGGER.info("excitation, start %d: %s after %d iterations", number, run.message, run.nit)
+        LOGGER.info("excitation, start %d: %s after %d iterations", k, run.message, run.nit)
         run.x = self._held(start.x, run.x)
         run.fun = self.value(self.exact, run.x)
         return start if run.x is start.x or not run.fun <= start.fun else run
