@@ -127,10 +127,9 @@ def read(
             raise ValueError(f"the object must be of type {wanted.__name__}, got {type(found).__name__}")
         check(found)
     except Exception as error:  # likewise, and of what is made of the parts
-        told = (
-            str(error) if isinstance(error, ValueError | TypeError) else f"is damaged ({type(error).__name__}: {error})"
-        )
-        raise ValueError(f"{str(file)!r}: {cut(told, LINE)}") from None
+        is_told = isinstance(error, ValueError | TypeError)
+        text = str(error) if is_told else f"is damaged ({type(error).__name__}: {error})"
+        raise ValueError(f"{str(file)!r}: {cut(text, LINE)}") from None
     return found
 
 
@@ -148,10 +147,8 @@ def _encoded(value: Any, kinds: Kinds, arrays: dict[str, Any]) -> Any:
     if isinstance(value, Mapping):
         return {"mapping": {name: _encoded(x, kinds, arrays) for name, x in value.items()}}
     if type(value) in kinds:
-        names, _ = kinds[type(value)]
-        return {"type": type(value).__name__} | {
-            "fields": {n: _encoded(getattr(value, n), kinds, arrays) for n in names}
-        }
+        parts = {name: _encoded(getattr(value, name), kinds, arrays) for name in kinds[type(value)][0]}
+        return {"type": type(value).__name__, "fields": parts}
     if isinstance(value, tuple | list):
         return [_encoded(x, kinds, arrays) for x in value]
     raise TypeError(f"{type(value).__name__} cannot be written to a file")

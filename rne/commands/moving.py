@@ -16,6 +16,7 @@ import numpy as np
 
 from ..basics.arrays import per_joint_array
 from ..basics.text import UNITS, plain, short
+from ..trajectories.csv_file import FACTOR, SPIKED, MissingColumn, Samples, in_seconds, read_samples, velocity_ratio
 from . import shared
 from .shared import CommandError, bodies, fail, in_one_line, note, number, numbers, say, units_of, used, work, written
 
@@ -228,9 +229,8 @@ def run_view(arguments: argparse.Namespace) -> int:
     robot = shared.robot_of(arguments)
     work.begin("placing the links in all frames")
     labels = [plain(file.stem) for file in (arguments.motion or out, arguments.other or out)]
-    motion, other = (
-        None if file is None else _motion(file, robot, arguments) for file in (arguments.motion, arguments.other)
-    )
+    files = arguments.motion, arguments.other
+    motion, other = (None if file is None else _motion(file, robot, arguments) for file in files)
     shown = {name: getattr(arguments, name) for name in ("speed", "frames", "inertia")}
     with shared.warnings_in_one_line(arguments):
         if isinstance(motion, rne.Trajectory):
@@ -277,9 +277,8 @@ def add_cycle(commands: Any) -> None:
     parser.add_argument("--friction", action="store_const", const="urdf", help=friction)
     options = ("gear", "gear ratios", 1.0), ("rotor", "rotors [kg m^2]", 0.0), ("efficiency", "of the gears, to 1", 1.0)
     for option, text, value in options:
-        parser.add_argument(
-            f"--{option}", metavar=option[0].upper(), type=numbers, default=[value], help=f"{text}, {each}"
-        )
+        letter = option[0].upper()
+        parser.add_argument(f"--{option}", metavar=letter, type=numbers, default=[value], help=f"{text}, {each}")
     folder = "folder for the page (default: rne-cycle)"
     parser.add_argument("--out", metavar="FOLDER", type=Path, default=Path("rne-cycle"), help=folder)
     shared.add_force(parser)
@@ -291,7 +290,6 @@ def run_cycle(arguments: argparse.Namespace) -> int:
 
     from ..plotting.html_page import Report
     from ..plotting.plots import small_plots, torque_speed
-    from ..trajectories.csv_file import read_samples
 
     shared.check_folder(arguments.out, arguments)
     robot = shared.robot_of(arguments)
@@ -305,10 +303,8 @@ def run_cycle(arguments: argparse.Namespace) -> int:
         points = q * np.where(rotating(robot) & arguments.degrees, np.pi / 180, 1.0)
         path = rne.trajectories.through(points, stops=arguments.stops)
         work.begin("planning the motion")
-        gear, rotor, efficiency = (
-            per_joint_array(name, shared.one_or_each(getattr(arguments, name)), robot.n)
-            for name in ("gear", "rotor", "efficiency")
-        )
+        given = {x: shared.one_or_each(getattr(arguments, x)) for x in ("gear", "rotor", "efficiency")}
+        gear, rotor, efficiency = (per_joint_array(name, values, robot.n) for name, values in given.items())
         turned = robot.model.armature.copy()
         turned[list(robot.model.independent_joints)] += rotor * gear**2  # limits hold for loads with their rotors
         options = {"friction": arguments.friction, "smoothing": arguments.smoothing}
@@ -334,7 +330,6 @@ def run_cycle(arguments: argparse.Namespace) -> int:
 
 def _cure(error: Exception, robot: Any) -> str:
     """The cure of an error on the command line, in words."""
-    from ..trajectories.csv_file import MissingColumn
     from ..trajectories.time_optimal import MissingLimit, OutOfRange
 
     if isinstance(error, MissingLimit):
@@ -365,8 +360,6 @@ def read_motion(file: Path, robot: rne.Robot, arguments: argparse.Namespace) -> 
 
     Times that look like another unit are refused; if the angles do so, a warning is given.
     """
-    from ..trajectories.csv_file import FACTOR, SPIKED, MissingColumn, Samples, in_seconds, read_samples, velocity_ratio
-
     heading = ",".join(["t", *(f"q.{joint}" for joint in robot.joint_names)])
     needed = f"; the first row must be {heading}, with qd. and qdd. of the joints if they are known"
     try:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import time
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from itertools import product
 from pathlib import Path
 from statistics import median
@@ -245,10 +246,8 @@ def _swing(robot: Robot, q: Array, torque: Array, page: Report) -> Trajectory | 
         page.text(f"The swing cannot be simulated: {error}")
         return None
     page.film("swing", motion, f"{robot.model.name} swings freely")
-    page.text(
-        f"It swings for {SWING:g} s from rest at {place}, without friction and limits. Of {SAMPLES} random positions "
-        "this is where gravity pulls hardest."
-    )
+    chosen = f"Of {SAMPLES} random positions this is where gravity pulls hardest."
+    page.text(f"It swings for {SWING:g} s from rest at {place}, without friction and limits. {chosen}")
     pushed = ", ".join(f"{n} by {x:.3g}" for n, x in zip(moving.joint_names, torque[moves], strict=True) if x)
     if pushed:
         page.text(f"Joints that gravity hardly moves are pushed [{units_of(moving, 'N m', 'N')}]: {pushed}.")
@@ -300,15 +299,9 @@ def _compared(source: str, rows: Sequence[Match], by_terms: bool, page: Report) 
         "times the condition number of the mass matrix, where this is more. Forward after inverse: torques from "
         "accelerations, accelerations from these."
     )
-    held = [row.worst <= row.bound for row in rows]
-    page.table(
-        ["quantity", "largest difference", "bound", "within bound"],
-        [
-            [row.quantity, f"{row.worst:.1e}", f"{row.bound:.1e}", "yes" if is_held else "NO"]
-            for row, is_held in zip(rows, held, strict=True)
-        ],
-    )
-    return all(held)
+    cells = [[x.quantity, f"{x.worst:.1e}", f"{x.bound:.1e}", "yes" if x.worst <= x.bound else "NO"] for x in rows]
+    page.table(["quantity", "largest difference", "bound", "within bound"], cells)
+    return all(row.worst <= row.bound for row in rows)
 
 
 def carried_masses(model: Model) -> Array:
@@ -407,14 +400,8 @@ def _own(robot: Robot, quantity: str, arrays: list[Array]) -> Iterator[Way]:
         kernel: Any = Robot(robot.model, engine).kernel(function)
         out = kernel(*arrays)
         yield _singles(quantity, who, kernel, arrays)
-        yield Way(
-            quantity,
-            BATCH,
-            who,
-            lambda kernel=kernel, out=out: kernel(*arrays, out=out),  # type: ignore[misc]
-            STATES,
-            lambda kernel=kernel: kernel(*arrays)[:COMPARED],  # type: ignore[misc]
-        )
+        in_place = partial(kernel, *arrays, out=out)
+        yield Way(quantity, BATCH, who, in_place, STATES, lambda out=out: out[:COMPARED])  # type: ignore[misc]
 
 
 def _of_pinocchio(robot: Robot, quantity: str, arrays: list[Array]) -> Iterator[Way]:

@@ -272,9 +272,8 @@ def run_cache(arguments: argparse.Namespace) -> int:
     elif arguments.clear:
         text = f"{disk_cache.clear()} files removed"
     elif sizes:
-        text = (
-            f"{len(sizes)} files of object code, {sum(sizes) / 1e6:.1f} MB of at most {disk_cache.LIMIT / 1e6:.1f} MB"
-        )
+        used, most = sum(sizes) / 1e6, disk_cache.LIMIT / 1e6
+        text = f"{len(sizes)} files of object code, {used:.1f} MB of at most {most:.1f} MB"
     else:
         text = "empty"
     say(f"{place}: {text}")

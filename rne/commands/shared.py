@@ -227,9 +227,8 @@ def _check_replaced(file: Path, arguments: argparse.Namespace, option: str, kind
             return
     except OSError as error:
         raise CommandError(f"{option}: cannot write {str(file)!r}: {error.strerror}") from None
-    raise CommandError(
-        f"{option}: {str(file)!r} was not written by rne; name another {kind}, or give --force to replace it"
-    )
+    cure = f"name another {kind}, or give --force to replace it"
+    raise CommandError(f"{option}: {str(file)!r} was not written by rne; {cure}")
 
 
 def check_file(

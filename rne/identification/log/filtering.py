@@ -33,21 +33,16 @@ def low_pass(x: Array, cutoff: float, sample_rate: float, kept: Array | None = N
 
     A Butterworth filter forwards and backwards: the gain is 1 / (1 + (f / cutoff)^8), but for the bilinear transform.
     """
-    from scipy.signal import sosfilt
+    from scipy.signal import sosfiltfilt
 
-    sections, settled = _butterworth(cutoff / sample_rate)
-    padding = min(settling(cutoff, sample_rate), len(x) - 1)
+    sections, padding = _butterworth(cutoff / sample_rate), min(settling(cutoff, sample_rate), len(x) - 1)
     rows: Array = np.arange(len(x)) if kept is None else kept
     columns = x.reshape(len(x), -1)
     filtered = np.empty((len(rows), columns.shape[1]))
     width = max(1, BLOCK // len(x))
     for k in range(0, columns.shape[1], width):
-        part = columns[:, k : k + width]
-        before, after = 2 * part[0] - part[padding:0:-1], 2 * part[-1] - part[-2 : -2 - padding : -1]
-        y = np.concatenate([before, part, after])
-        for _ in range(2):  # forwards, then backwards, from a steady state at the first value
-            y = sosfilt(sections, y, axis=0, zi=settled * y[0])[0][::-1]
-        filtered[:, k : k + width] = y[padding + rows]
+        y = sosfiltfilt(sections, columns[:, k : k + width], axis=0, padlen=padding)
+        filtered[:, k : k + width] = y[rows]
     return filtered.reshape(len(rows), *x.shape[1:])
 
 
@@ -59,15 +54,11 @@ def impulse_response(cutoff: float, sample_rate: float, reach: int) -> Array:
 
 
 @cache
-def _butterworth(cutoff: float) -> tuple[Array, Array]:
-    """Second-order sections for a cut-off as a part of the sample rate, and their state at rest at 1, (sections, 2, 1).
+def _butterworth(cutoff: float) -> Array:
+    """Second-order sections for a cut-off as a part of the sample rate; kept, as a design takes long."""
+    from scipy.signal import butter
 
-    Kept: a design takes longer than a column.
-    """
-    from scipy.signal import butter, sosfilt_zi
-
-    sections = np.asarray(butter(ORDER, 2 * cutoff, output="sos"))
-    return sections, np.asarray(sosfilt_zi(sections))[..., None]
+    return np.asarray(butter(ORDER, 2 * cutoff, output="sos"))
 
 
 def settling(cutoff: float, sample_rate: float) -> int:

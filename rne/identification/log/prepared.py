@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -99,16 +99,13 @@ class Prepared(ReadOnlyArrays):
         """
         values = np.asarray(columns, dtype=np.float64)
         if not values.ndim or len(values) != len(self.t):
-            raise ValueError(
-                f"`columns` must have {len(self.t)} rows, one for each time of the grid, got {values.shape}"
-            )
+            rows = f"{len(self.t)} rows, one for each time of the grid"
+            raise ValueError(f"`columns` must have {rows}, got {values.shape}")
         if not np.isfinite(values).all():
             raise ValueError("`columns` must be finite")
+        low_pass = partial(filtering.low_pass, cutoff=self.cutoff, sample_rate=self.sample_rate)
         parts = zip(self.segments, self._segment_rows, strict=True)
-        filtered = [
-            filtering.low_pass(values[part], self.cutoff, self.sample_rate, rows - part.start) for part, rows in parts
-        ]
-        return np.concatenate(filtered)
+        return np.concatenate([low_pass(values[part], kept=rows - part.start) for part, rows in parts])
 
     @cached_array
     def times(self) -> Array:
@@ -210,10 +207,8 @@ def prepare(name: str, screened: Screened, cutoff: float | None, start: float) -
     notes = [*reasons, *notes, f"{drop} samples at either end of a segment dropped after the filter of the positions"]
     if len(kept) < len(parts):
         left_out = [length for length in lengths if length < needed]
-        notes.append(
-            f"{counted(len(left_out), 'segment')}, {sum(left_out)} samples in all, left out: "
-            f"the filters need {needed} samples without a gap"
-        )
+        short = f"{counted(len(left_out), 'segment')}, {sum(left_out)} samples in all"
+        notes.append(f"{short}, left out: the filters need {needed} samples without a gap")
     if start:
         notes.append(f"times are counted from the first stamp, {start:.3f} s")
     notes += [*screened.notes, *(str(finding) for finding in screened.findings)]

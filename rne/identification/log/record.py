@@ -131,18 +131,14 @@ class Record(ReadOnlyArrays):
         units = [unit] * n if isinstance(unit, str) else list(unit)
         if len(units) != n or any(u not in UNITS for u in units):
             raise ValueError(f'`unit` must be "rad", "m" or "deg", or {n} of them, got {unit!r}')
-        for array in (self.q, self.qd):
-            if array is not None:
-                array *= [UNITS[u] for u in units]
-        for array in (self.q, self.tau, self.qd):
-            if array is not None:
-                array.flags.writeable = False
+        self.q *= (factors := [UNITS[u] for u in units])
+        self.qd = None if self.qd is None else self.qd * factors
         self._screened = screen(name, self.joint_names, self.t, self.q, self.tau, self.qd, self._bridge, stamps)
         self.findings: tuple[RecordFinding, ...] = tuple(self._screened.findings)
         self.encoder_step: Array = self._screened.encoder_step
-        self.encoder_step.flags.writeable = False
         self.sample_rate = 1 / self._screened.period
         self.source = ""
+        self.__post_init__()
 
     def _tell(self, source: str, guessed: Iterable[RecordFinding]) -> None:
         """Add how the record was made, and findings on what was guessed."""
@@ -401,10 +397,8 @@ class Record(ReadOnlyArrays):
         mixed = np.eye(n) if coupling is None else np.array(real_array("coupling", coupling, f"({n}, {n})"), np.float64)
         K, rows = _not_zero("ratios", ratios, n)[:, None] * mixed, np.linalg.norm(mixed, axis=1)
         if (rows == 0).any() or np.linalg.cond(mixed / rows[:, None]) > 1 / thresholds.SINGULAR_COUPLING:
-            raise ValueError(
-                "`coupling` must be invertible: joint positions do not follow from the motors' through a singular "
-                "matrix"
-            )
+            why = "joint positions do not follow from the motors' through a singular matrix"
+            raise ValueError(f"`coupling` must be invertible: {why}")
         torques = (gains * samples_array("motor_tau", motor_tau, positions.shape)) @ K
         velocities = None
         if motor_qd is not None:
@@ -458,11 +452,8 @@ class Record(ReadOnlyArrays):
         """Some samples of some joints, with other names if given (`called`)."""
         joints = [self.joint_names.index(name) for name in joint_names]
         qd = None if self.qd is None else self.qd[rows][:, joints]
-        options: dict[str, Any] = {
-            "stamps": self._stamps,
-            "bridge": self._bridge,
-            "joint_names": self._given_names and (called or joint_names),
-        }
+        options: dict[str, Any] = {"stamps": self._stamps, "bridge": self._bridge}
+        options["joint_names"] = self._given_names and (called or joint_names)
         q, tau = self.q[rows][:, joints], self.tau[rows][:, joints]
         part = Record(self.t[rows], q, tau, qd, name=self.name, **options)
         part._tell(self.source, [finding for finding in self.findings if finding.kind == GUESS])
