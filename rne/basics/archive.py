@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from os import PathLike
 from pathlib import Path
-from stat import S_ISREG
+from stat import S_ISDIR, S_ISREG
 from types import UnionType
 from typing import Any, Union, get_args, get_origin, get_type_hints
 
@@ -44,7 +44,8 @@ def most_unpacked(file: Path) -> int:
 
 def check_regular(file: Path) -> None:
     """Raise a ValueError for a pipe or a device, which need not end, an OSError if there is nothing."""
-    if not S_ISREG(file.stat().st_mode):
+    mode = file.stat().st_mode
+    if not (S_ISREG(mode) or S_ISDIR(mode)):  # of a folder the system says what it is
         raise ValueError(f"{file}: is not a regular file; copy to one what it gives")
 
 
