@@ -384,8 +384,9 @@ class Corners:
         total = int(self.points.prod(dtype=float))
         whole = np.int32 if total < 2**31 else np.int64
         self.strides = np.concatenate([[1], np.cumprod(self.points[:-1])]).astype(whole)
-        self.table = np.zeros(total, dtype=bool) if total <= DENSE else None
-        if self.table is not None:
+        self.table: Array | None = None  # of all corners: True for those of cells, then for those that hold
+        if total <= DENSE:
+            self.table = np.zeros(total, dtype=bool)
             for numbers in self.sides():
                 self.table[numbers] = True
             self.numbers = np.flatnonzero(self.table)

@@ -117,8 +117,8 @@ def _check_lengths_and_weight(root: Element, parts: list[Part], model: Model, re
 
 def _faults(body: LinkBody, size: float, with_coms: float) -> Iterator[tuple[str, str, str]]:
     """Texts, cures and numbers of what no body of a robot of this size is, the second with centres of mass."""
-    radius = body.radius_of_gyration
-    measure, largest = max(size, radius), max(size, with_coms)
+    measure = max(size, body.radius_of_gyration)
+    radius, largest = body.radius_of_gyration, max(size, with_coms)
     if math.isfinite(body.com) and body.com > FAR * measure > 0:
         detail = f"{body.com:.3g} m from the link's origin, the robot measures {measure:.3g} m"
         yield "the centre of mass is far outside the robot", "check <origin> of <inertial>: metres", detail
