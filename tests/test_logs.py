@@ -138,6 +138,8 @@ def test_separators_and_decimal_commas_are_found(separator, decimal, tmp_path):
         ("panda_joint2_eff", ("tau", "panda_joint2", "")),
         ("motor_state[2].tau_est", ("tau", "motor_state_2", "")),
         ("qvel_elbow", ("qd", "elbow", "")),
+        ("dQ2", ("qd", "2", "")),
+        ("dTheta_elbow", ("qd", "elbow", "")),
         ("τ2", ("tau", "2", "")),
         ("épaule_position", ("q", "épaule", "")),
         ("/arm/joint_states/elbow/velocity", ("qd", "elbow", "")),
@@ -151,7 +153,7 @@ def test_separators_and_decimal_commas_are_found(separator, decimal, tmp_path):
         ("x.q", ("q", "x", "")),
         ("run.q.4", ("q", "4", "")),
         ("header.stamp", ("t", "header", "")),
-        *((name, ("", "", "")) for name in ("temperature_1", "index", "loop_time", "robot_state", "qdd_1", "q_ddot_1", "dtau_J_1", "acceleration_1")),
+        *((name, ("", "", "")) for name in ("temperature_1", "index", "loop_time", "robot_state", "qdd_1", "ddQ1", "q_ddot_1", "dtau_J_1", "acceleration_1")),
     ],
 )  # fmt: skip
 def test_names_of_columns(name, expected):
@@ -386,6 +388,27 @@ def test_names_in_the_file_come_before_numbers(tmp_path):
     for names in (list(JOINTS), np.array(JOINTS, dtype=object)):
         savemat(tmp_path / "log.mat", {"run": {**arrays, "jointNames": names}})
         same(Record.from_log(tmp_path / "log.mat"))
+
+
+def test_names_of_joints_that_fit_no_columns_are_refused(tmp_path):
+    """Names of another count, without which numbered columns would be taken in the robot's order."""
+    path = tmp_path / "log.csv"
+    names = ["t", *(f"{x}_{k}" for x in ("position", "effort") for k in range(3))]
+    table(path, [*names, "name_0", "name_1"], T, Q, TAU, np.tile(["'elbow'", "'wrist'"], (len(T), 1)))
+    error = f"{path}: there are 2 names of joints, 'elbow' to 'wrist', and 3 numbered positions; give "
+    path.write_text(path.read_text().replace("'", "").replace('"', ""))
+    with exactly(f'{error}columns={{"q": ..., "tau": ...}} and `joints`'):
+        Record.from_log(path)
+    same(Record.from_log(path, columns={"q": names[1:4], "tau": names[4:]}, joints=JOINTS), velocities=False)
+    np.savez(tmp_path / "log.npz", t=T, q=Q, tau=TAU[:, :2], joint_names=JOINTS)
+    with pytest.raises(ValueError, match=r"no joint has positions and torques; positions are 'q\.1' to 'q\.3'"):
+        Record.from_log(tmp_path / "log.npz", joints=JOINTS)
+
+
+def test_columns_that_are_given_are_of_one_quantity(tmp_path):
+    savemat(tmp_path / "log.mat", {"q": {"Time": T, "Data": Q}, "tau": {"Data": TAU}})
+    record = Record.from_log(tmp_path / "log.mat", columns={"t": "q.Time"})
+    same(record, ("Data.1", "Data.2", "Data.3"), velocities=False)
 
 
 def test_numbers_come_before_the_order_in_the_file(tmp_path):

@@ -20,7 +20,7 @@ WORDS = {
     "t": "t ts tout time timestamp stamp sec secs seconds zeit",
     "q": "pos qpos position positions angle angles winkel",
     "qd": "qd dq qdot dtheta thetadot vel qvel velocity velocities speed speeds omega ω geschwindigkeit",
-    "": "qdd ddq qddot ddot acc accel acceleration accelerations",  # not read
+    "": "qdd ddq ddtheta qddot ddot acc accel acceleration accelerations",  # not read
     "tau": "tau τ torque torques trq tor eff effort efforts moment moments drehmoment",
     "force": "force forces",
     "current": "current currents curr iq strom",
@@ -40,7 +40,7 @@ SPARE = re.compile(  # words that say nothing of the joint
 CLOCKS = re.compile(  # words beside "time" and "stamp"
     "header|elapsed|rel|relative|since|start|system|epoch|unix|ros|rosbag|robot|sim|recv|s"
 )
-TOKEN = re.compile(r"[A-Z]+(?![^\W\d_A-Z])|[A-Z]?[^\W\d_A-Z]+|\d+")
+TOKEN = re.compile(r"d+(?:Q|Theta)(?![^\W\d_])|[A-Z]+(?![^\W\d_A-Z])|[A-Z]?[^\W\d_A-Z]+|\d+")
 TOPIC = re.compile(r"(?:dynamic_?)?joint_?states?|[/.]", re.IGNORECASE)  # ends the name of a topic or structure
 BRACKETS = re.compile(r"\s*[\[(]\s*((?=[^\])]*[^\W\d_]|[%°])[^\])]+?)\s*[\])]\s*$")  # a unit at the end of a name
 SUFFIX = re.compile(  # likewise
@@ -222,7 +222,13 @@ def _by_joint(
     if unknown := [kind for kind in given if kind not in ("t", "q", "qd", "tau")]:
         raise ValueError(f'`columns` must be of "t", "q", "qd" and "tau", got {unknown[0]!r}')
     asked, both = dict[str, Meaning](), dict[str, str]()
+    wanted = {kind: [x] if isinstance(x, str | int) else x for kind, x in given.items()}
+    columns = {
+        kind: [name for part in x for name in _named(place, list(log.columns), part)] for kind, x in wanted.items()
+    }
     for name, meaning in meanings.items():
+        if any(name in own for own in columns.values()):
+            continue
         kind, joint = meaning.kind, log.joints.get(name, meaning.joint)
         if kind and kind not in given and meaning.own is not None:
             asked[name] = meaning._replace(joint=joint)
@@ -233,9 +239,7 @@ def _by_joint(
                 which = f'{what}{{"{TORQUES.get(kind, kind)}": ...}}{whole}'
                 both.setdefault(kind, f"{found[kind][joint]!r} and {name!r} {which}")
             found[kind].setdefault(joint, name)
-    for kind, wanted in given.items():
-        parts = [wanted] if isinstance(wanted, str | int) else wanted
-        own = [name for part in parts for name in _named(place, list(log.columns), part)]
+    for kind, own in columns.items():
         names = [log.joints.get(name, meanings[name].joint) for name in own]
         found[kind] = dict(zip(names if len(set(names)) == len(own) else map(str, range(len(own))), own, strict=True))
     left = _not_commands(found, asked, list(log.columns), guesses)
@@ -251,6 +255,9 @@ def _by_joint(
             there = listed_names(list(log.columns), LISTED)
             cure = f'if some are, give columns={{"{kind}": ...}}'
             raise ValueError(f"{place}: there are no {what}; there are {there}{looks}; {cure}")
+    if len(log.unused) > 1 and "q" not in given and numbers_at_ends(found["q"]):
+        there = f"{len(log.unused)} names of joints, {_span(log.unused)}, and {len(found['q'])} numbered positions"
+        raise ValueError(f'{place}: there are {there}; give columns={{"q": ..., "tau": ...}} and `joints`')
     if left:
         guesses.append((f"{_span(left)} are commands or errors and not read", "else give `columns`"))
     return found
@@ -318,7 +325,7 @@ def _same_joints(
     if are_others and (paired or (numbers_at_ends(common) and not shared)):
         if not paired:
             guesses.append((f"{_span(of['q'])} are of {_span(joints or ())} in this order", ORDER))
-    elif joints is not None:
+    elif joints is not None and common:
         if missing := [joint for joint in joints if key(joint) not in own]:
             hint = did_you_mean(missing[0], common) or f"; there are {listed_names(common, LISTED)}"
             cure = '; to name them so, give columns={"q": ..., "tau": ...} in the order of `joints`' * are_others

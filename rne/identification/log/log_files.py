@@ -83,6 +83,7 @@ class Log(NamedTuple):
     is_lerobot: bool = False  # positions in degrees, or normalised
     joints: Mapping[str, str] = {}  # by columns, where the file names the joints apart
     twice: Collection[str] = ()  # names of different columns
+    unused: Sequence[str] = ()  # names of joints that are as many as no numbered columns
 
     def numbers(self, place: str, name: str) -> Array:
         """A column as numbers, NaN where entries are left out."""
@@ -192,8 +193,8 @@ def _text(path: Path, options: Mapping[str, Any]) -> Log:
     columns = {x: np.array(column) for x, column in cells if x}
     said = (f"separator {separator!r}, decimal sign {decimal!r}",) * ((separator, decimal) != (",", "."))
     twice = {x for x, column in cells if x and heading.count(x) > 1 and [*column] != columns[x].tolist()}
-    joints = _joints_of(name, columns)
-    return Log(columns, said, None, decimal, [row for row, _ in body], joints=joints, twice=twice)
+    joints, unused = _joints_of(name, columns)
+    return Log(columns, said, None, decimal, [row for row, _ in body], joints=joints, twice=twice, unused=unused)
 
 
 def _without_lists(name: str, rows: list[tuple[int, list[str]]]) -> list[tuple[int, list[str]]]:
@@ -216,8 +217,8 @@ def _entries(entry: str) -> list[str]:
     return [x.strip("'\"") for x in re.split(r"[,;\s]+", found[1].strip()) if x] if found else [entry]
 
 
-def _joints_of(place: str, columns: Mapping[str, Array], rows: bool = True) -> dict[str, str]:
-    """The joints of numbered columns, where other columns name them in all `rows`, or an array of texts."""
+def _joints_of(place: str, columns: Mapping[str, Array], rows: bool = True) -> tuple[dict[str, str], Sequence[str]]:
+    """The joints of numbered columns, where other columns name them in all `rows`, or an array; names of no columns."""
     found = {x: NUMBERED.fullmatch(x) for x in columns}
     named = sorted((int(m[2]) if m else 0, x) for x, m in found.items() if NAMES.fullmatch(m[1] if m else x))
     texts = [columns[x] for _, x in named if re.match(r"(?!nan$|inf)[^\W\d]", str(columns[x][0]), re.IGNORECASE)]
@@ -233,10 +234,10 @@ def _joints_of(place: str, columns: Mapping[str, Array], rows: bool = True) -> d
         raise ValueError(f"{place}: {what}; keep the rows of one, or read the bag as MCAP")
     groups: dict[str, dict[int, str]] = {}
     for column, m in found.items():
-        if m:
+        if m and not NAMES.fullmatch(m[1]):
             groups.setdefault(m[1], {})[int(m[2])] = column
     whole = [group for group in groups.values() if sorted(group) in ([*range(len(own))], [*range(1, len(own) + 1)])]
-    return {group[k]: joint for group in whole for k, joint in zip(sorted(group), own, strict=True)}
+    return {x[k]: joint for x in whole for k, joint in zip(sorted(x), own, strict=True)}, () if whole else own
 
 
 def with_stamps(place: str, log: Log) -> Log:
@@ -413,7 +414,8 @@ def _arrays(path: Path, arrays: Mapping[str, Any]) -> Log:
     """The columns of arrays by name, of the joints that an array of texts names."""
     columns = _columns(arrays)
     _check_names(os.fspath(path), columns)
-    return Log(columns, joints=_joints_of(os.fspath(path), columns, rows=False))
+    joints, unused = _joints_of(os.fspath(path), columns, rows=False)
+    return Log(columns, joints=joints, unused=unused)
 
 
 def _columns(arrays: Mapping[str, Any], names: Mapping[str, Sequence[str]] | None = None) -> dict[str, Array]:
