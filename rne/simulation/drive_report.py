@@ -37,9 +37,9 @@ class BearingPeaks(InNotebooks):
     joints : tuple of str
         The moving joints, nb of them, and behind them the L pivots that close linkages, by their links.
     force, torque : ndarray, shape (nb + L,)
-        Largest force and torque on the bearing, without the component along the axis that the drive provides. In
-        linkages that `rne.model` closed, pivots share forces in their plane; others and torques are those of the tree's
-        joints. NaN of those in `not_known` [N, N m].
+        Largest force and torque on the bearing, without the component along the axis that the drive provides. The
+        pivots of closed linkages (`rne.model.four_bar`, `rne.model.cylinder`) share the forces in their plane; all else
+        is carried by the joints of the tree. NaN of those in `not_known` [N, N m].
     force_time, torque_time : ndarray, shape (nb + L,)
         When each was first reached [s].
     start, end : float
