@@ -186,10 +186,12 @@ class TestWhatIsExaminedIsRead:
         assert (exchanged / "true" / f"{key('b')}.rne").exists()
         assert not (exchanged / "false" / f"{key('b')}.rne").exists()
 
-    def test_a_pipe_is_no_file_and_is_not_waited_for(self, place):
+    def test_a_pipe_is_not_waited_for_and_a_file_of_more_than_is_kept_is_not_read(self, place):
         place.mkdir(mode=0o700)
         os.mkfifo(place / f"{key('a')}.rne", 0o600)
-        assert disk_cache.read(key("a")) is None
+        (place / f"{key('b')}.rne").touch(0o600)
+        os.truncate(place / f"{key('b')}.rne", 2**40)
+        assert [disk_cache.read(key(name)) for name in "ab"] == [None, None]
 
 
 class TestNumbers:

@@ -347,8 +347,25 @@ def test_meshes_of_urdf_are_below_its_folder_or_that_of_its_package(name, packag
     if found:
         assert [shape.kind for shape in link_shapes(model)] == ["mesh"]
         return
-    with pytest.warns(UserWarning, match=r"is not found below the folder of the URDF file|is no file of \.stl, \.obj"):
+    with pytest.warns(
+        UserWarning, match=r"is not found below the folder of the URDF file|is no file of \.stl|1000 remain"
+    ):
         assert link_shapes(model) == []
+
+
+def test_a_mesh_counts_as_often_as_it_is_shown(tmp_path, monkeypatch):
+    pytest.importorskip("yourdfpy")
+    pytest.importorskip("mujoco")
+    (tmp_path / "part.stl").write_bytes(STL)
+    monkeypatch.setattr("rne.plotting.shapes.LARGEST", 3 * len(STL))
+    visual = '<visual><geometry><mesh filename="part.stl"/></geometry></visual>'
+    with pytest.warns(UserWarning, match=r"has \d+ bytes, 0 remain: at most \d+ bytes are read for a robot"):
+        assert len(link_shapes(rne.load(urdf(tmp_path, f'<link name="base">{5 * visual}</link>')).model)) == 3
+    asset = '<asset><mesh name="part" vertex="0 0 0 1 0 0 0 1 0 0 0 1" face="0 1 2 0 1 3 0 2 3 1 2 3"/></asset>'
+    geom = '<geom type="mesh" mesh="part" mass="0"/>'
+    shown = f"{asset}<worldbody>{99 * geom}</worldbody>"
+    with pytest.warns(UserWarning, match="a mesh is beyond the"):
+        assert len(link_shapes(rne.load(mjcf(tmp_path, shown)).model)) == 3 * len(STL) // 50 // 4
 
 
 @pytest.mark.filterwarnings("ignore")  # of files that are read

@@ -32,7 +32,7 @@ NO_COLOR = (0.5, 0.5, 0.5, 1.0)  # MuJoCo's, of geoms whose material may have on
 GEOMS = {2: "sphere", 3: "capsule", 4: "ellipsoid", 5: "cylinder", 6: "box", 7: "mesh"}  # numbers of mujoco.mjtGeom
 Color = tuple[float, ...]
 MESHES = (".stl", ".obj", ".dae", ".ply", ".glb", ".gltf", ".off")  # suffixes of files that are opened: no archives
-LARGEST = 2**27  # bytes of the file of a mesh
+LARGEST, OF_TRIANGLE = 2**27, 50  # bytes of the meshes of a robot, and of a triangle in STL
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,10 +140,14 @@ def _from_file(source: str, changed: int) -> tuple[tuple[Shape, ...], tuple[str,
     colors = {material.name: material.color for material in robot.materials if material.color is not None}
     shapes: list[Shape] = []
     lost: list[str] = []
+    left = LARGEST
     for link in robot.links:
         for visual in link.visuals:
             try:
-                shapes += _shapes_of(link.name, visual, colors, folders)
+                mesh = visual.geometry.mesh
+                file, size = (None, 0) if mesh is None else _find(mesh.filename, folders, left)
+                left -= size
+                shapes += _shapes_of(link.name, visual, colors, file)
             except (ValueError, TypeError, OSError) as error:  # TypeError: yourdfpy's for an attribute that is missing
                 lost.append(f"link {link.name!r}: {error}")
     return tuple(shapes), tuple(lost)
@@ -155,7 +159,8 @@ def _from_mjcf(file: str) -> tuple[tuple[Shape, ...], tuple[str, ...]]:
     from trimesh.creation import icosphere
 
     m, lost = drawn(file)
-    links, shapes = names_of(m, "body"), list[Shape]()
+    links, shapes, left = names_of(m, "body"), list[Shape](), LARGEST // OF_TRIANGLE
+    gone = [f"mesh {name!r} is no file below that of the MJCF file" for name in lost]
     shown = [g for g in range(m.ngeom) if m.geom_group[g] < SHOWN]
     touched = {g: bool(m.geom_contype[g] or m.geom_conaffinity[g]) for g in shown}
     untouched = {m.geom_bodyid[g] for g in shown if not touched[g]}
@@ -170,6 +175,9 @@ def _from_mjcf(file: str) -> tuple[tuple[Shape, ...], tuple[str, ...]]:
             shapes.append(Shape(link, kind, pose, color, float(size[0]), float(2 * size[1])))
         elif kind == "mesh":
             k = m.geom_dataid[g]
+            if (left := left - int(m.mesh_facenum[k])) < 0:
+                gone.append(f"link {link!r}: a mesh is beyond the {LARGEST // OF_TRIANGLE} triangles read for a robot")
+                continue
             corners = m.mesh_vert[m.mesh_vertadr[k] :][: m.mesh_vertnum[k]]
             faces = m.mesh_face[m.mesh_faceadr[k] :][: m.mesh_facenum[k]]
             shapes.append(Shape(link, kind, pose, color, mesh=Trimesh(corners, faces)))
@@ -178,11 +186,11 @@ def _from_mjcf(file: str) -> tuple[tuple[Shape, ...], tuple[str, ...]]:
             corners = ball.vertices * (size if kind == "ellipsoid" else size[0])
             corners[:, 2] += (kind == "capsule") * size[1] * np.sign(corners[:, 2])
             shapes.append(Shape(link, "sphere", pose, color, mesh=Trimesh(corners, ball.faces)))
-    return tuple(shapes), tuple(f"mesh {name!r} is no file below that of the MJCF file" for name in lost)
+    return tuple(shapes), tuple(gone)
 
 
-def _shapes_of(link: str, visual: Any, colors: dict[str, Any], folders: Sequence[Path]) -> Iterator[Shape]:
-    """The shapes of a <visual> element as yourdfpy reads it."""
+def _shapes_of(link: str, visual: Any, colors: dict[str, Any], file: Path | None) -> Iterator[Shape]:
+    """The shapes of a <visual> element as yourdfpy reads it, and of the file of its mesh."""
     from trimesh.creation import icosphere
 
     pose = np.eye(4) if visual.origin is None else np.array(visual.origin, dtype=float)
@@ -201,10 +209,10 @@ def _shapes_of(link: str, visual: Any, colors: dict[str, Any], folders: Sequence
             else:
                 yield Shape(link, kind, pose, color, mesh=icosphere(radius=size[0]))
     mesh = visual.geometry.mesh
-    if mesh is not None:
+    if file is not None:
         scale = np.broadcast_to(1.0 if mesh.scale is None else mesh.scale, 3).astype(float)
         _check(f"mesh {echo(mesh.filename)}", pose, np.abs(scale))
-        for part in _meshes(_find(mesh.filename, folders), mesh.filename):
+        for part in _meshes(file, mesh.filename):
             look: Any = part.visual
             main = np.array(getattr(look, "material", look).main_color) / 255 if look.defined else None
             own = color or (None if main is None else _rgba(main))
@@ -225,8 +233,8 @@ def _folders(file: Path) -> list[Path]:
     return found
 
 
-def _find(name: str, folders: Sequence[Path]) -> Path:
-    """The file of a mesh below one of the folders, with the name of its package as a folder and without.
+def _find(name: str, folders: Sequence[Path], left: int) -> tuple[Path, int]:
+    """The file of a mesh below one of the folders, with the name of its package as a folder and without; its size.
 
     A package without package.xml is the folder of its name above the URDF file's folder `urdf`.
     """
@@ -241,9 +249,12 @@ def _find(name: str, folders: Sequence[Path]) -> Path:
     if (file := next(filter(None, found), None)) is None:
         there = " below the folder of the URDF file or of its package, which has a package.xml"
         raise FileNotFoundError(f"mesh {echo(name)} is not found{there}")
-    if file.suffix.lower() not in MESHES or file.stat().st_size > LARGEST:
-        raise ValueError(f"mesh {echo(name)} is no file of {', '.join(MESHES)} with at most {LARGEST} bytes")
-    return file
+    if file.suffix.lower() not in MESHES:
+        raise ValueError(f"mesh {echo(name)} is no file of {', '.join(MESHES)}")
+    if (size := file.stat().st_size) > left:
+        most = f"at most {LARGEST} bytes are read for a robot, meshes shown twice counted twice"
+        raise ValueError(f"mesh {echo(name)} has {size} bytes, {left} remain: {most}; simplify meshes")
+    return file, size
 
 
 def _meshes(file: Path, name: str) -> list[Trimesh]:
