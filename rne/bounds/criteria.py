@@ -58,8 +58,8 @@ class Criterion:
     of_value: ClassVar[int] = 0  # operations of `values` beside those of `holds`, for each position
 
     def values(self, q: Array) -> Array:
-        """phi(A(q)) at positions, shape (N,)."""
-        raise NotImplementedError
+        """phi(A(q)) at positions, shape (N,); by default as of the moduli."""
+        return self.moduli(self.polynomial.evaluate(q))
 
     def counted(self, q: Array, clock: Any) -> Array:
         """The `values`, whose operations a clock counts."""
@@ -123,9 +123,6 @@ class Criterion:
 class Modulus(Criterion):
     """Euclidean norm of a vector, or modulus of a number; A has shape (N, m)."""
 
-    def values(self, q: Array) -> Array:
-        return np.asarray(np.linalg.norm(self.polynomial.evaluate(q), axis=1))
-
     def moduli(self, arrays: Array) -> Array:
         return np.asarray(np.linalg.norm(arrays, axis=1))
 
@@ -135,9 +132,6 @@ class LargestModulus(Criterion):
 
     def of_test(self, n: int) -> float:
         return 12.0 * self.polynomial.terms.size  # vectors are made of a Jacobian
-
-    def values(self, q: Array) -> Array:
-        return self.moduli(self.polynomial.evaluate(q))
 
     def moduli(self, arrays: Array) -> Array:
         return np.asarray(np.linalg.norm(arrays, axis=2).max(axis=1))

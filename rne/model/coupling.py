@@ -293,9 +293,8 @@ def _extremes(x: Array, found: Callable[[Array], tuple[Array, ...]]) -> Array:
     """Places between neighbours of different slopes, the second of what is found, at which it changes its sign."""
     rising = found(x)[1] > 0
     turns = np.flatnonzero(rising[1:] != rising[:-1])
-    return np.concatenate(
-        _halved(x[turns], x[turns + 1], lambda _, middle, __: (found(middle)[1] > 0) == rising[turns])
-    )
+    ends = _halved(x[turns], x[turns + 1], lambda _, middle, __: (found(middle)[1] > 0) == rising[turns])
+    return np.concatenate(ends)
 
 
 def _halved(low: Array, high: Array, is_above: Callable[[Array, Array, Array], Array]) -> tuple[Array, Array]:

@@ -422,8 +422,7 @@ def joint_array(
     n = model.n if width is None else width
     array = (convert_numbers if may_be_infinite else number_array)(name, value, f"(..., {n})")
     if array.ndim == 0 or array.shape[-1] != n:
-        cure = ""
-        if array.ndim == 2 and array.shape[0] == n:
-            cure = f"; states go along the first axis: pass `{name}`.T, of shape {array.shape[::-1]}"
+        turned = f"; states go along the first axis: pass `{name}`.T, of shape {array.shape[::-1]}"
+        cure = turned if array.ndim == 2 and array.shape[0] == n else ""
         raise ValueError(f"`{name}` must have shape (..., {n}) for robot {model.name!r}, got {array.shape}{cure}")
     return array
