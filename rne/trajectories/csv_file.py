@@ -17,6 +17,8 @@ from ..basics.archive import bytes_of
 from ..basics.spatial import Array
 from ..basics.text import MAX_NAME, cut, plain
 
+File = str | os.PathLike[str]
+TimeSymbol = Literal["s", "ms", "us", "ns"]
 QUANTITIES = ("q", "qd", "qdd", "tau")
 MAX_NAMES = 4  # columns that a message names
 UNITS = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}  # of each in a second
@@ -62,9 +64,7 @@ class MissingColumn(ValueError):
     """A file without a column that is needed."""
 
 
-def read_csv(
-    path: str | os.PathLike[str], joint_names: Sequence[str], *, time_unit: Literal["s", "ms", "us", "ns"] | None = None
-) -> Samples:
+def read_csv(path: File, joint_names: Sequence[str], *, time_unit: TimeSymbol | None = None) -> Samples:
     """Read the samples of a motion from a CSV file.
 
     Parameters
@@ -110,9 +110,7 @@ def read_csv(
     return in_seconds(path, samples, time_unit, 'give time_unit="{}", or "s" if they are seconds')
 
 
-def in_seconds(
-    path: str | os.PathLike[str], samples: Samples, unit: str | None, cure: str = "", limits: Array | None = None
-) -> Samples:
+def in_seconds(path: File, samples: Samples, unit: str | None, cure: str = "", limits: Array | None = None) -> Samples:
     """Samples with times in seconds, given in a unit, or seconds unless they look like another."""
     if unit is not None and unit not in UNITS:
         raise ValueError(f'`time_unit` must be "s", "ms", "us" or "ns", got {unit!r}')
@@ -124,12 +122,7 @@ def in_seconds(
 
 
 def read_samples(
-    path: str | os.PathLike[str],
-    joint_names: Sequence[str],
-    *,
-    needed: Sequence[str] = (),
-    gaps: bool = False,
-    timed: bool = True,
+    path: File, joint_names: Sequence[str], *, needed: Sequence[str] = (), gaps: bool = False, timed: bool = True
 ) -> Samples:
     """The samples of a file that must have the quantities `needed`; with `gaps`, NaN for entries left out but times.
 

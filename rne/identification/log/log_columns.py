@@ -371,7 +371,6 @@ def _units(
     if not isinstance(given, Mapping) or set(given) - set(SI):
         raise ValueError(f'`units` must be a mapping of "q", "qd" and "tau", got {given!r}')
     units: dict[str, Any] = dict.fromkeys(SI) | dict(given)
-
     unit_of = {name: x.unit or ("A" if x.kind == "current" else None) for name, x in meanings.items()}
     for kind in kinds.keys() - given.keys():
         known = SI["q"] | SI["qd"] if kind == "qd" else SI[kind]
@@ -394,9 +393,8 @@ def _in_si(kind: str, unit: Any, n: int) -> Array:
     units = [unit] * n if isinstance(unit, str | int | float) else list(unit)
     names = ", ".join(map(repr, SI[kind]))
     if len(units) != n or any(symbol(x) not in known if isinstance(x, str) else not x for x in units):
-        raise ValueError(
-            f"`units` of {kind} must be {names}, or a number of SI units, for all or {n} joints, got {unit!r}"
-        )
+        wanted = f"{names}, or a number of SI units, for all or {n} joints"
+        raise ValueError(f"`units` of {kind} must be {wanted}, got {unit!r}")
     factors = [known[symbol(x)] if isinstance(x, str) else x for x in units]
     return per_joint_array(f"units of {kind}", factors, n)
 

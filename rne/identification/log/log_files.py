@@ -10,6 +10,7 @@ import struct
 import sys
 import zlib
 from array import array
+from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from itertools import islice
@@ -311,11 +312,10 @@ def _rostopic(name: str, heading: Sequence[str], body: Iterable[tuple[int, list[
 def _states(place: str, messages: Iterable[Message], joints: Sequence[str] | None, said: str) -> Log:
     """Columns of the messages that have all joints asked for, or of all messages."""
     found: list[tuple[int, dict[str, int], Sequence[Sequence[float]]]] = []
-    groups: dict[tuple[str, ...], int] = {}
+    groups = Counter[tuple[str, ...]]()
     for k, (ns, names, values) in enumerate(messages):
         _check_names(place, names)
-        group = tuple(sorted(names))
-        groups[group] = groups.get(group, 0) + 1
+        groups[group := tuple(sorted(names))] += 1
         if any(len(part) not in (0, len(names)) for part in values) or len(set(names)) < len(names):
             sizes = f"{len(set(names))} different names, and {', '.join(str(len(part)) for part in values)}"
             raise ValueError(f"{place}: message {k + 1} has {sizes} positions, velocities and efforts")
@@ -328,8 +328,8 @@ def _states(place: str, messages: Iterable[Message], joints: Sequence[str] | Non
     if not found:
         there = " and ".join(map(listed_names, islice(groups, LISTED))) or "no message"
         raise ValueError(f"{place}: no message has all of `joints`, {listed_names(joints or ())}; there is {there}")
-    start, columns = found[0][0], {}
-    columns["t"] = np.array([(ns - start) / 1e9 for ns, *_ in found])
+    start = found[0][0]
+    columns = {"t": np.array([(ns - start) / 1e9 for ns, *_ in found])}
     for k, quantity in enumerate(("q", "qd", "tau")):
         if any(values[k] for *_, values in found):
             for joint in joints or found[0][1]:
@@ -380,11 +380,10 @@ def _mcap(paths: Sequence[Path], options: Mapping[str, Any]) -> Log:
     if not states or topic not in (None, *states):
         there = ", ".join(f"{name} ({kind})" for name, kind in sorted(topics.items())[:LISTED]) or "nothing"
         raise ValueError(f"{paths[0]}: there is no topic {topic or ''} of {JOINT_STATE}; there is {plain(there)}")
+    topic = topic or states[0]
     for path in paths:
-        _whole(path, lambda path=path: read(path, topic or states[0]))  # type: ignore[misc]
-    return _states(
-        os.fspath(paths[0]), (x for _, x in messages), options["joints"], f"topic {plain(topic or states[0])}"
-    )
+        _whole(path, lambda path=path: read(path, topic))  # type: ignore[misc]
+    return _states(os.fspath(paths[0]), (x for _, x in messages), options["joints"], f"topic {plain(topic)}")
 
 
 def _check_chunks(stream: Any, indexes: Iterable[Any], most: int) -> None:

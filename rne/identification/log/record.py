@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -16,7 +15,7 @@ from ...basics.spatial import Array
 from ...basics.text import counted, plain
 from ...simulation.motion_files import numbered_joints
 from ...simulation.trajectory import Trajectory, motors_at
-from ...trajectories.csv_file import in_seconds, read_samples
+from ...trajectories.csv_file import File, TimeSymbol, in_seconds, read_samples
 from .. import thresholds
 from .log_columns import measured
 from .prepared import Prepared, prepare
@@ -147,14 +146,7 @@ class Record(ReadOnlyArrays):
         self.findings = (*guessed, *self.findings)
 
     @classmethod
-    def from_csv(
-        cls,
-        path: str | os.PathLike[str],
-        joint_names: Sequence[str],
-        *,
-        time_unit: Literal["s", "ms", "us", "ns"] = "s",
-        **options: Any,
-    ) -> Self:
+    def from_csv(cls, path: File, joint_names: Sequence[str], *, time_unit: TimeSymbol = "s", **options: Any) -> Self:
         """Measurements in a CSV file.
 
         Parameters
@@ -196,12 +188,12 @@ class Record(ReadOnlyArrays):
     @classmethod
     def from_log(
         cls,
-        path: str | os.PathLike[str] | Mapping[str, str | os.PathLike[str]],
+        path: File | Mapping[str, File],
         *,
         joints: Sequence[str] | None = None,
         columns: Sequence[str] | Mapping[str, Any] | None = None,
         units: Mapping[str, Any] | None = None,
-        time_unit: Literal["s", "ms", "us", "ns"] | None = None,
+        time_unit: TimeSymbol | None = None,
         sample_rate: float | None = None,
         gains: ArrayLike | None = None,
         offsets: ArrayLike = 0.0,

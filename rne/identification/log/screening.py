@@ -18,6 +18,7 @@ from ...basics.text import counted, summary
 from ...trajectories.csv_file import guessed_unit
 from .. import thresholds
 
+Severity = Literal["error", "warning"]
 NAMED = 3  # samples that a text names
 
 
@@ -55,7 +56,7 @@ class RecordFinding:
     warning: run 1: gap after sample 7; cut here
     """
 
-    severity: Literal["error", "warning"]
+    severity: Severity
     record: str
     joint: str
     kind: str
@@ -100,17 +101,11 @@ class Screened:
         self.stamps, self.rows = self.t, np.arange(len(self.t))
 
     def warning(
-        self,
-        joint: int | None,
-        kind: str,
-        text: str,
-        cure: str,
-        samples: Iterable[int] = (),
-        severity: Literal["error", "warning"] = "warning",
+        self, joint: int | None, kind: str, text: str, cure: str, at: Iterable[int] = (), severity: Severity = "warning"
     ) -> None:
         """Add a finding; `joint` is None for all joints."""
         name = "" if joint is None else self.joint_names[joint]
-        indices = tuple(int(self.rows[k]) for k in samples)
+        indices = tuple(int(self.rows[k]) for k in at)
         self.findings.append(RecordFinding(severity, self.name, name, kind, text, cure, indices))
 
     def error(self, kind: str, text: str, cure: str, samples: Iterable[int] = ()) -> None:
@@ -471,7 +466,7 @@ def _check_unit_of_times(found: Screened, t: Array, q: Array, qd: Array | None) 
     is_slow = rate < thresholds.SLOWEST_RATE
     if unit is not None or is_slow:
         cure = "are the times in seconds?" if unit is None else f"`t` {unit.said}; divide it by {unit.divisor}"
-        severity: Literal["error", "warning"] = "error" if is_slow else "warning"
+        severity: Severity = "error" if is_slow else "warning"
         found.warning(None, "sample rate", f"of {rate:.4g} samples per second", cure, severity=severity)
 
 
