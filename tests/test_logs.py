@@ -406,9 +406,12 @@ def test_names_of_joints_that_fit_no_columns_are_refused(tmp_path):
 
 
 def test_columns_that_are_given_are_of_one_quantity(tmp_path):
-    savemat(tmp_path / "log.mat", {"q": {"Time": T, "Data": Q}, "tau": {"Data": TAU}})
+    savemat(tmp_path / "log.mat", {"q": {"Time": T, "Data": Q}, "tau": {"Time": T, "Data": TAU}})
     record = Record.from_log(tmp_path / "log.mat", columns={"t": "q.Time"})
     same(record, ("Data.1", "Data.2", "Data.3"), velocities=False)
+    assert guesses(record) == [
+        f"log.mat: guess that 'tau.Time' are not of the joints of the positions and not read; {ALIKE}"
+    ]
 
 
 def test_numbers_come_before_the_order_in_the_file(tmp_path):
@@ -867,7 +870,10 @@ def test_matlab_and_numpy_files(tmp_path):
     with exactly(f"{path}: there are 200 times and 199 samples of tau"):
         Record.from_log(path)
     np.savez(path, t=T, q=np.array([{}], dtype=object))
-    with pytest.raises(ValueError, match=r"is damaged or cut off .*allow_pickle"):
+    with pytest.raises(
+        ValueError,
+        match=r"is damaged or cut off .*allow_pickle=True would load; save texts by numpy\.array\(x, dtype=str\)\)$",
+    ):
         Record.from_log(path)
 
 

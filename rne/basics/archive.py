@@ -80,7 +80,8 @@ class Arrays(Mapping[str, Any]):
         if self._left < 0 or min(shape, default=0) < 0:
             raise TooLargeError(self._most)
         if kind.hasobject:
-            raise ValueError(f"array {cut(name, 80)!r} holds Python objects, as allow_pickle=True would load")
+            what = f"array {cut(name, 80)!r} holds Python objects, as allow_pickle=True would load"
+            raise ValueError(f"{what}; save texts by numpy.array(x, dtype=str)")
         data = stream.read(size * kind.itemsize)
         return np.frombuffer(data, kind, size).reshape(shape, order="F" if is_fortran else "C")
 
