@@ -210,6 +210,16 @@ def test_an_array_that_takes_more_than_its_entry_has_is_refused(tmp_path):
         rne.identification.Record.from_log(file)
 
 
+@pytest.mark.filterwarnings("ignore:Duplicate name")
+def test_an_array_that_is_there_twice_is_refused(tmp_path):
+    file = tmp_path / "log.npz"
+    np.savez(file, t=np.arange(9.0))
+    with zipfile.ZipFile(file, "a") as archive:
+        archive.writestr("t.npy", archive.read("t.npy"))
+    with pytest.raises(ValueError, match=r"is damaged or cut off \(an array is there twice\)"):
+        rne.identification.Record.from_log(file)
+
+
 def test_an_archive_names_no_file_that_is_read(tmp_path):
     """Neither one that is saved, nor one of a former version or another author."""
     (tmp_path / "arm.urdf").write_text(rne.to_urdf(rne.irb140()))

@@ -133,8 +133,9 @@ def test_columns_are_found_by_name_in_any_order(write):
     assert samples.tau is None
 
 
-def test_marks_of_windows_do_no_harm(write):
-    path = write('\ufefft,"q.lift",q.turn\r\n0,"1",2\r\n'.encode())
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-16-le", "utf-16-be"])
+def test_marks_of_windows_do_no_harm(encoding, write):
+    path = write('\ufefft,"q.lift",q.turn\r\n0,"1",2\r\n'.encode(encoding))
     assert read_csv(path, JOINTS).q.tolist() == [[1.0, 2.0]]
 
 

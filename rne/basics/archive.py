@@ -63,6 +63,8 @@ class Arrays(Mapping[str, Any]):
     def __init__(self, file: Path, most: int = LARGEST) -> None:
         self._archive = zipfile.ZipFile(io.BytesIO(bytes_of(file)))
         self.entries = {x.filename.removesuffix(".npy"): x for x in self._archive.infolist()}
+        if len(self.entries) < len(self._archive.infolist()):
+            raise ValueError("an array is there twice")
         self._left = self._most = most
 
     def stated(self, name: str) -> tuple[Any, tuple[int, ...], bool, np.dtype[Any]]:

@@ -6,6 +6,7 @@ import csv
 import io
 import math
 import os
+from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Literal, NamedTuple
@@ -159,10 +160,10 @@ def read_samples(
 
 
 def text_of(path: Path) -> str:
-    """The text of a file in UTF-8."""
+    """The text of a file in UTF-8, or in UTF-16 that begins with its mark, as Windows writes it."""
     data = bytes_of(path)
     try:
-        text = data.decode("utf-8-sig")
+        text = data.decode("utf-16" if data[:2] in (BOM_UTF16_LE, BOM_UTF16_BE) else "utf-8-sig")
     except UnicodeDecodeError:
         text = "\0"
     if "\0" in text:
