@@ -675,7 +675,7 @@ def test_units_stand_beside_or_below_names(lines, tmp_path):
         ("t,q1,tau1\n0,1,2\n1,inf,3\n", ", row 3, column 'q1': must be a finite number, got 'inf'"),
         ("t (min),q1,tau1\n0,1,2\n1,2,3\n", ": the unit 'min' of column 't (min)' is not known; give `time_unit`, or `sample_rate` in place of the times"),
         ("t,q1,tau1\n0,1,2\n,2,3\n", ": the time of sample 1 is missing"),
-        ("t,q1,q1,tau1\n0,1,2,3\n1,2,3,4\n", ": column 'q1' is there twice"),
+        ("t,q1,q1,tau1\n0,1,2,3\n1,2,3,4\n", ": column 'q1' is there twice; give names of all columns as `columns`"),
         ("t,q1,pos1,tau1\n0,1,2,3\n", ": columns 'q1' and 'pos1' are both q of 1; say which in columns={\"q\": ...}"),
         ("{\"t\": [0, 1], \"q\": [1, 2]}", f": is {JSON}"),
         ("{\"t\": 0, \"q\": [1]}\n{\"t\": 1, \"q\": [2]}\n", f": is {JSON}"),

@@ -90,7 +90,7 @@ class Log(NamedTuple):
         """A column as numbers, NaN where entries are left out."""
         x = self.columns[name]
         if name in self.twice:
-            raise ValueError(f"{place}: column {name!r} is there twice")
+            raise ValueError(f"{place}: column {name!r} is there twice; give names of all columns as `columns`")
         if x.dtype.kind != "U":
             return x
         if DATE.fullmatch(str(x[0])):
