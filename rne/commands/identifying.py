@@ -112,7 +112,7 @@ def _named(text: str) -> dict[str, Any]:
 
 
 def _merged(option: str, given: list[dict[str, Any]] | None) -> dict[str, Any]:
-    kinds = [kind for part in given or () for kind in part]
-    if len(set(kinds)) < len(kinds) or ("" in kinds and len(kinds) > 1):
+    merged = {kind: value for part in given or () for kind, value in part.items()}
+    if len(merged) < len(given or ()) or ("" in merged and len(merged) > 1):
         raise CommandError(f"{option}: must name each quantity once, or be given once without a quantity")
-    return {kind: value for part in given or () for kind, value in part.items()}
+    return merged

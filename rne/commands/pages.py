@@ -421,11 +421,7 @@ def _of_pinocchio(robot: Robot, quantity: str, arrays: list[Array]) -> Iterator[
 
 
 def _singles(
-    quantity: str,
-    who: str,
-    call: Callable[..., Any],
-    arrays: Sequence[Array],
-    turn: Callable[[Array], Array] = np.array,
+    quantity: str, who: str, call: Callable[..., Any], arrays: Sequence[Array], turn: Callable[..., Array] = np.array
 ) -> Way:
     """A loop over states, each an array of its own; `turn` brings a result into our order."""
     states = [[x[k].copy() for x in arrays] for k in range(SINGLES)]

@@ -153,10 +153,13 @@ def read_samples(
     places, entries = zip(*body, strict=True)
     texts = dict(zip(columns, zip(*entries, strict=True), strict=True))
     read = {x: finite_numbers(name, x, places, texts[x], gaps=gaps and x != "t") for x in wanted}
-    _check_times(name, places, read["t"])
+    t = read["t"]
+    for k in np.flatnonzero(np.diff(t) <= 0).tolist():
+        late = f"got {t[k + 1]:.10g} after {t[k]:.10g}"
+        raise ValueError(f"{name}, row {places[k + 1]}, column 't': times must ascend, {late}")
     there = [x for x in QUANTITIES if joint_names and f"{x}.{joint_names[0]}" in read]
     arrays = {x: np.column_stack([read[f"{x}.{joint}"] for joint in joint_names]) for x in there}
-    return Samples(read["t"], **arrays)
+    return Samples(t, **arrays)
 
 
 def text_of(path: Path) -> str:
@@ -232,12 +235,6 @@ def as_number(text: str, decimal: str = ".") -> float:
         return float(text) if text.isascii() and "_" not in text else math.nan
     except ValueError:
         return math.nan
-
-
-def _check_times(name: str, rows: Sequence[int], t: Array) -> None:
-    for k in np.flatnonzero(np.diff(t) <= 0).tolist():
-        late = f"got {t[k + 1]:.10g} after {t[k]:.10g}"
-        raise ValueError(f"{name}, row {rows[k + 1]}, column 't': times must ascend, {late}")
 
 
 def listed_names(names: Sequence[str], most: int = MAX_NAMES) -> str:

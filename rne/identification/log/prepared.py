@@ -196,10 +196,9 @@ def prepare(name: str, screened: Screened, cutoff: float | None, start: float) -
     lengths = [len(q) for q in positions]
     kept = [k for k, length in enumerate(lengths) if length >= needed]
     if not kept:
-        raise ValueError(
-            f"{name}: a cut-off of {cutoff:.3g} Hz needs a segment of {needed} samples, the longest has "
-            f"{max(lengths, default=0)}; give a higher `cutoff`, or record longer without gaps"
-        )
+        what = f"needs a segment of {needed} samples, the longest has {max(lengths, default=0)}"
+        cure = "give a higher `cutoff`, or record longer without gaps"
+        raise ValueError(f"{name}: a cut-off of {cutoff:.3g} Hz {what}; {cure}")
     differentiated = [_differentiated(positions[k], position_cutoff, rate, drop) for k in kept]
     q, qd, qdd = (np.concatenate(arrays) for arrays in zip(*differentiated, strict=True))
     rows = np.concatenate([np.arange(parts[k].start + drop, parts[k].stop - drop) for k in kept])
@@ -213,9 +212,8 @@ def prepare(name: str, screened: Screened, cutoff: float | None, start: float) -
         notes.append(f"times are counted from the first stamp, {start:.3f} s")
     notes += [*screened.notes, *(str(finding) for finding in screened.findings)]
     t, tau, usable = (x[rows] for x in (screened.t, screened.tau, screened.usable))
-    return Prepared(
-        t, q, qd, qdd, tau, segments, rate, cutoff, position_cutoff, decimation, usable, tuple(notes), start
-    )
+    filters = rate, cutoff, position_cutoff, decimation
+    return Prepared(t, q, qd, qdd, tau, segments, *filters, usable, tuple(notes), start)
 
 
 def _fused(
