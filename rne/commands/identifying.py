@@ -5,16 +5,15 @@ from __future__ import annotations
 import argparse
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import rne
 
 from ..basics.marks import URDF
 from ..trajectories.csv_file import as_number
 from . import shared
 from .moving import add_units, rotating
 from .shared import CommandError, as_options, fail, in_one_line, note, number, numbers, say, used, work
-
-if TYPE_CHECKING:
-    import rne
 
 IDENTIFY = "rne identify ur5 run1.mcap run2.mcap --check run3.mcap --out ur5.urdf"
 
@@ -49,8 +48,6 @@ def add_identify(commands: Any) -> None:
 
 def run_identify(arguments: argparse.Namespace) -> int:
     """Identify, print the report, write the page and the robot; 1 if no possible robot was found."""
-    import rne
-
     from ..plotting.html_page import Report
 
     shared.check_file(arguments.out, arguments, suffixes=(".urdf",))
@@ -88,8 +85,6 @@ def run_identify(arguments: argparse.Namespace) -> int:
 
 def _record(file: Path, robot: rne.Robot, arguments: argparse.Namespace) -> rne.identification.Record:
     """The record of a log, in the units of `add_units`, without rest at its ends."""
-    import rne
-
     given = {name: getattr(arguments, name) for name in ("time_unit", "sample_rate", "joints", "topic", "episode")}
     given |= {name: shared.one_or_each(getattr(arguments, name)) for name in ("gains", "offsets")}
     units, columns = _merged("--units", arguments.units), _merged("--columns", arguments.columns)

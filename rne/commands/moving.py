@@ -10,20 +10,18 @@ import argparse
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+import rne
+
 from ..basics.arrays import per_joint_array
+from ..basics.spatial import Array
 from ..basics.text import UNITS, plain, short
 from ..trajectories.csv_file import FACTOR, SPIKED, MissingColumn, Samples, in_seconds, read_samples, velocity_ratio
 from . import shared
 from .shared import CommandError, bodies, fail, in_one_line, note, number, numbers, say, units_of, used, work, written
-
-if TYPE_CHECKING:
-    import rne
-
-    from ..basics.spatial import Array
 
 NOT_GIVEN = " (not given: zero)"
 MOTIONS = (".npz", ".csv")
@@ -66,8 +64,6 @@ def add_simulate(commands: Any) -> None:
 
 def run_simulate(arguments: argparse.Namespace) -> int:
     """Simulate, write the file, and say from what and with which result; 1 if the simulation failed."""
-    import rne
-
     shared.check_file(arguments.out, arguments, suffixes=MOTIONS)
     robot = shared.robot_of(arguments)
     times = _times(arguments.duration, arguments.every)
@@ -222,8 +218,6 @@ def add_view(commands: Any) -> None:
 
 def run_view(arguments: argparse.Namespace) -> int:
     """Write the page, and say where and how large it is."""
-    import rne
-
     out = arguments.out or Path(f"{Path(arguments.robot).stem}.html")
     shared.check_file(out, arguments, suffixes=PAGES)
     robot = shared.robot_of(arguments)
@@ -244,8 +238,6 @@ def run_view(arguments: argparse.Namespace) -> int:
 
 def _motion(file: Path, robot: rne.Robot, arguments: argparse.Namespace) -> rne.Trajectory | tuple[Array, Array]:
     """The motion in a file: with this robot's model, or times and positions."""
-    import rne
-
     if file.suffix.lower() == ".npz":
         motion = rne.Trajectory.load(file)
         if motion.q.shape[1] != robot.n:
@@ -286,8 +278,6 @@ def add_cycle(commands: Any) -> None:
 
 def run_cycle(arguments: argparse.Namespace) -> int:
     """Plan the motion, print the reports and write the page."""
-    import rne
-
     from ..plotting.html_page import Report
     from ..plotting.plots import small_plots, torque_speed
 
@@ -421,8 +411,6 @@ def refuse_wrapped_angles(motion: SampledMotion, robot: rne.Robot, file: Path) -
 
 def differentiated(motion: SampledMotion, file: Path) -> tuple[Array, Array, Array, str]:
     """Positions, velocities and accelerations, by splines where the file has none, and a line on their source."""
-    import rne
-
     t, q, qd, qdd = motion
     if qd is not None and qdd is not None:
         return q, qd, qdd, f"q, qd and qdd from {file}"

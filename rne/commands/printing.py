@@ -9,16 +9,16 @@ import os
 import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+import rne
+
 from ..basics.text import counted
+from ..model import Model
 from . import shared
 from .shared import ROBOT, CommandError, fail, in_one_line, number, say
-
-if TYPE_CHECKING:
-    from ..model import Model
 
 FIRST = 4096  # bytes that are looked at
 MARK = 8  # bytes that may precede "<": the mark of an encoding
@@ -61,8 +61,6 @@ def add_check(commands: Any) -> None:
 
 def run_check(arguments: argparse.Namespace) -> int:
     """Check every file, also after one that cannot be read."""
-    import rne
-
     code = 0
     for robot in arguments.robots:
         try:
@@ -80,8 +78,6 @@ def run_check(arguments: argparse.Namespace) -> int:
 
 def _print_gap(robot: str, points: Sequence[str]) -> int:
     """Print how far apart two points of a robot come."""
-    import rne
-
     from ..validation.agreement import loop_gap
 
     try:
@@ -116,8 +112,6 @@ def add_compare(commands: Any) -> None:
 
 def run_compare(arguments: argparse.Namespace) -> int:
     """Print the differences; 1 if there are any."""
-    import rne
-
     from ..identification import thresholds
 
     tolerance = thresholds.TOLERANCE if arguments.tolerance is None else arguments.tolerance
@@ -175,8 +169,6 @@ def add_urdf(commands: Any) -> None:
 
 def run_urdf(arguments: argparse.Namespace) -> int:
     """Print the robot as `rne.to_urdf` writes it."""
-    import rne
-
     print(rne.to_urdf(rne.load(arguments.robot).model), end="")
     return 0
 
@@ -197,8 +189,6 @@ def add_source(commands: Any) -> None:
 
 def run_source(arguments: argparse.Namespace) -> int:
     """Print the source."""
-    import rne
-
     from ..kernels.source import quantity_of_element
 
     try:
@@ -237,8 +227,6 @@ def run_main_page(arguments: argparse.Namespace) -> int:
 
 def run_report(arguments: argparse.Namespace) -> int:
     """Write the page on the robot; 1 if a comparison exceeds its bound."""
-    import rne
-
     from ..urdf.loading import resolve
     from . import pages
 

@@ -13,18 +13,16 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 
+import rne
+
 from ..basics.arrays import UNBOUNDED
+from ..basics.spatial import Array
 from ..basics.text import did_you_mean, listed, plain
 from ..model.topology import end_link
-
-if TYPE_CHECKING:
-    import rne
-
-    from ..basics.spatial import Array
 
 ROBOT = "path of a URDF, MJCF or xacro file, or a name of rne.robots() such as irb140"
 ARGUMENT = re.compile(r"`(?P<name>\w+)(?P<rest>[^`]*)`|\b(?P<key>\w+)=(?P<value>\[.*?\]|\{.*?\}|\"[^\"]*\"|[\w.]+)")
@@ -88,8 +86,6 @@ def add_robot(parser: argparse.ArgumentParser) -> None:
 
 def robot_of(arguments: argparse.Namespace) -> rne.Robot:
     """The robot that the arguments of `add_robot` describe."""
-    import rne
-
     names = "com", "inertia", "link"
     given = {name: x for name in names if (x := getattr(arguments, f"payload_{name}")) is not None}
     if arguments.payload is None and given:
