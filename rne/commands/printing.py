@@ -28,25 +28,23 @@ COMPARED = (
     *("joint_types", "lower", "upper", "velocity_limit", "effort_limit", "damping", "friction", "armature"),
     *("axis", "translation", "rotation", "mass", "com", "inertia"),
 )
-PLACE = re.compile(
-    "(.*): (joint type|axis|translation|rotation) (?!on its body)", re.DOTALL
-)  # a line on a joint's place
+PLACE = re.compile("(.*): (joint type|axis|translation|rotation) (?!on its body)", re.DOTALL)  # of a joint
 LANGUAGES, TYPES = ("python", "numpy", "matlab", "c", "rust"), ("float64", "float32")
 
 
 def quantities() -> list[str]:
     """Names of the functions of a model that take joint arrays alone and return an array."""
-    from .. import dynamics
 
     def takes_joint_arrays_alone(name: str) -> bool:
-        declared = getattr(getattr(dynamics, name), "quantity", None)
+        function = getattr(rne.dynamics, name)
+        declared = getattr(function, "quantity", None)
         if declared is None or not declared.returns_array:
             return False
-        parameters = inspect.signature(getattr(dynamics, name)).parameters.values()
+        parameters = inspect.signature(function).parameters.values()
         needed = [p.name for p in parameters if p.default is p.empty and p.name != "model"]
         return needed == list(declared.widths)
 
-    return [name for name in dynamics.__all__ if takes_joint_arrays_alone(name)]
+    return [name for name in rne.dynamics.__all__ if takes_joint_arrays_alone(name)]
 
 
 def add_check(commands: Any) -> None:

@@ -55,14 +55,9 @@ def add_parser(
     commands: Any, name: str, title: str, example: str, run: Callable[[argparse.Namespace], int]
 ) -> argparse.ArgumentParser:
     """The parser of a subcommand that `run` does, whose help ends with an example."""
-    parser: argparse.ArgumentParser = commands.add_parser(
-        name,
-        help=title,
-        description=f"{title[0].upper()}{title[1:]}.",
-        epilog=f"example:\n  {example}",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
-    )
+    texts = {"help": title, "description": f"{title[0].upper()}{title[1:]}.", "epilog": f"example:\n  {example}"}
+    form = argparse.RawDescriptionHelpFormatter
+    parser: argparse.ArgumentParser = commands.add_parser(name, formatter_class=form, allow_abbrev=False, **texts)
     parser.set_defaults(run=run, parser=parser)
     return parser
 
