@@ -758,7 +758,8 @@ def other_conventions(rest: FitResiduals, beyond: FitResiduals) -> Iterator[tupl
     before = squares(unit, unit)
 
     def gain(J: Array, T: Array) -> float:
-        return left.gain(squares(J, T), before)
+        least = left.torques * (thresholds.ODD**2 if (unit != J).any() else 0)  # as of `of_convention`
+        return left.gain(np.maximum(squares(J, T), least), np.maximum(before, least))
 
     for kind, which, text, J, T in changes:
         yield Cause(kind, which, text, gain(J, T)), partial(of_convention, J, T)
