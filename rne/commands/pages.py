@@ -14,24 +14,17 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .. import dynamics
+import rne
+
 from ..basics.arrays import UNBOUNDED
 from ..basics.spatial import Array
 from ..control.gains import workspace
-from ..control.laws import pd_gravity
-from ..errors import SimulationError, SingularMassMatrixError
 from ..model.abb_irb140 import CLOSED_LOOPS, KD, KP
-from ..model.model import Model
 from ..plotting.html_page import Report, log_axis
 from ..plotting.notebook import BODIES, body_table, joint_table
 from ..plotting.plots import BELOW, WIDTH, blank_figure, small_plots
 from ..plotting.robot_picture import small_picture
-from ..robot import Robot
-from ..simulation.simulator import simulate
 from ..simulation.trajectory import Trajectory, between, trajectory_lines
-from ..trajectories.profiles import quintic
-from ..urdf.loading import load
-from ..urdf.write import to_urdf
 from ..validation.agreement import ROUNDING, Match, has_pinocchio, random_states, relative, validate
 from ..validation.oracle import Oracle, each
 from .shared import units_of
@@ -84,18 +77,18 @@ def write_main_page(folder: Path, say: Callable[[str], None]) -> bool:
     started = time.perf_counter()
     page = Report("An ABB IRB 140 moves, and why to believe it", say, folder)
     with page.kept_if_interrupted():
-        held = _main_job(load("irb140"), page)
+        held = _main_job(rne.load("irb140"), page)
     page.text(f"Made in {time.perf_counter() - started:.0f} s.")
     say(f"page: {page.write()}")
     return held
 
 
-def _main_job(robot: Robot, page: Report) -> bool:
+def _main_job(robot: rne.Robot, page: Report) -> bool:
     loop, rest = CLOSED_LOOPS[0], np.zeros(robot.n)
-    law = pd_gravity(robot, KP, KD, loop.reference)
+    law = rne.control.pd_gravity(robot, KP, KD, loop.reference)
     page.say("simulating two motions and comparing random states")
-    motion = simulate(robot, loop.start, rest, loop.duration, torque=law)
-    swing = simulate(robot, HANGING, rest, MAIN_SWING, rtol=1e-9)
+    motion = rne.simulate(robot, loop.start, rest, loop.duration, torque=law)
+    swing = rne.simulate(robot, HANGING, rest, MAIN_SWING, rtol=1e-9)
     source, rows = validate(robot, SAMPLES)
     page.film("motion", motion, "The arm moves from its zero position to a target")
     page.text(WHAT)
@@ -134,14 +127,14 @@ def _main_job(robot: Robot, page: Report) -> bool:
     return held
 
 
-def _least_torque(robot: Robot, target: Array, page: Report) -> None:
+def _least_torque(robot: rne.Robot, target: Array, page: Report) -> None:
     """Find the motion of the first joints with the least mean squared torque, by exact derivatives."""
     from numpy.polynomial import Polynomial
     from scipy.optimize import least_squares
 
     arm, none = robot.locked(dict.fromkeys(robot.joint_names[MOVED:], 0.0)), np.zeros(SHAPES * MOVED)
     t, s = np.linspace(0, 1, 101), Polynomial([0, 1])
-    guess = quintic(0 * target, target, 1.0)(t)
+    guess = rne.trajectories.quintic(0 * target, target, 1.0)(t)
     shapes = [64 * s ** (3 + k) * (1 - s) ** 3 for k in range(SHAPES)]  # that leave both ends at rest
     basis = np.array([[shape.deriv(k)(t) for shape in shapes] for k in range(3)])  # q, qd and qdd of each shape
 
@@ -198,7 +191,7 @@ def _start(motion: Trajectory) -> Figure:
     return figure
 
 
-def write_robot_page(robot: Robot, findings: str, folder: Path, say: Callable[[str], None]) -> bool:
+def write_robot_page(robot: rne.Robot, findings: str, folder: Path, say: Callable[[str], None]) -> bool:
     """Examine a robot and write the page; `findings` are the lines that `rne.check` prints about its file.
 
     True if all differences from Pinocchio or the energies are within their bounds; False if M is singular.
@@ -210,7 +203,7 @@ def write_robot_page(robot: Robot, findings: str, folder: Path, say: Callable[[s
     return held
 
 
-def _examination(robot: Robot, findings: str, page: Report) -> bool:
+def _examination(robot: rne.Robot, findings: str, page: Report) -> bool:
     """A motion, what the robot consists of, whether Pinocchio or the energies agree, and torques against gravity."""
     q, torque = moving_start(robot)
     motion = _swing(robot, q, torque, page)
@@ -231,7 +224,7 @@ def _examination(robot: Robot, findings: str, page: Report) -> bool:
     return within
 
 
-def _swing(robot: Robot, q: Array, torque: Array, page: Report) -> Trajectory | None:
+def _swing(robot: rne.Robot, q: Array, torque: Array, page: Report) -> Trajectory | None:
     """Show a swing under gravity and constant torques; None if it cannot be simulated."""
     place = f"q = ({', '.join(f'{x:.3g}' for x in q)})"
     turns = robot.model.is_revolute[list(robot.model.independent_joints)]
@@ -240,8 +233,8 @@ def _swing(robot: Robot, q: Array, torque: Array, page: Report) -> Trajectory | 
     moves = np.isin(names, held, invert=True)
     moving = robot.locked(dict(zip(held, q[~moves], strict=True))) if held else robot
     try:
-        motion = simulate(moving, q[moves], np.zeros(moving.n), SWING, torque=torque[moves])
-    except (SimulationError, SingularMassMatrixError) as error:
+        motion = rne.simulate(moving, q[moves], np.zeros(moving.n), SWING, torque=torque[moves])
+    except (rne.SimulationError, rne.SingularMassMatrixError) as error:
         page.figure("robot", lambda: small_picture(robot, q), f"The robot at {place}")
         page.text(f"The swing cannot be simulated: {error}")
         return None
@@ -256,7 +249,7 @@ def _swing(robot: Robot, q: Array, torque: Array, page: Report) -> Trajectory | 
     return motion
 
 
-def moving_start(robot: Robot) -> tuple[Array, Array]:
+def moving_start(robot: rne.Robot) -> tuple[Array, Array]:
     """A position where gravity pulls hard, and constant torques that push the joints that it hardly pulls there.
 
     Hard is relative to the largest torque of each joint; hardly is less than would give it `PUSH` alone.
@@ -269,7 +262,7 @@ def moving_start(robot: Robot) -> tuple[Array, Array]:
     return q[k], np.where(weak, PUSH * inertia[k], 0.0)
 
 
-def _parts(robot: Robot, page: Report) -> None:
+def _parts(robot: rne.Robot, page: Report) -> None:
     page.heading("Joints and links")
     heads, *rows = joint_table(robot.model)
     page.table(heads, rows)
@@ -278,10 +271,10 @@ def _parts(robot: Robot, page: Report) -> None:
     page.table(heads, rows)
 
 
-def _comparison(robot: Robot, page: Report) -> bool:
+def _comparison(robot: rne.Robot, page: Report) -> bool:
     try:
         source, rows = validate(robot, SAMPLES, by_terms=True)
-    except SingularMassMatrixError as error:
+    except rne.SingularMassMatrixError as error:
         page.heading("Comparison")
         page.text(f"Not compared, as forward dynamics do not exist: {error}.")
         return False
@@ -304,7 +297,7 @@ def _compared(source: str, rows: Sequence[Match], by_terms: bool, page: Report) 
     return all(row.worst <= row.bound for row in rows)
 
 
-def carried_masses(model: Model) -> Array:
+def carried_masses(model: rne.Model) -> Array:
     """The mass behind each joint: the body that it moves and all bodies beyond, shape (nb,) [kg]."""
     carried = model.mass.copy()
     for i in reversed(range(model.nb)):
@@ -313,7 +306,7 @@ def carried_masses(model: Model) -> Array:
     return carried
 
 
-def _gravity(robot: Robot, q: Array, place: str, page: Report) -> None:
+def _gravity(robot: rne.Robot, q: Array, place: str, page: Report) -> None:
     holding = robot.gravity_torque(q)
     largest = np.abs(robot.gravity_torque(np.vstack([_positions(robot), q]))).max(axis=0)
     rounding = ROUNDING * largest.max(initial=0.0)
@@ -330,7 +323,7 @@ def _gravity(robot: Robot, q: Array, place: str, page: Report) -> None:
     page.table([*heads, "largest / effort"][:known], [row[:known] for row in rows])
 
 
-def _positions(robot: Robot) -> Array:
+def _positions(robot: rne.Robot) -> Array:
     """Random positions within the ranges of the joints."""
     low, high = workspace(robot)
     return np.random.default_rng(0).uniform(np.minimum(low, high), np.maximum(low, high), (SAMPLES, robot.n))
@@ -371,7 +364,7 @@ class Measured(NamedTuple):
     error: float
 
 
-def measured_speed(robot: Robot) -> list[Measured]:
+def measured_speed(robot: rne.Robot) -> list[Measured]:
     """Time all ways in turn and take medians, so that changes of the machine's speed affect all alike."""
     found: list[Measured] = []
     for quantity in (INVERSE, FORWARD):
@@ -384,7 +377,7 @@ def measured_speed(robot: Robot) -> list[Measured]:
                 begun = time.perf_counter()
                 way.call()
                 times.append((time.perf_counter() - begun) / way.states)
-        function = dynamics.inverse_dynamics if quantity == INVERSE else dynamics.forward_dynamics
+        function = rne.dynamics.inverse_dynamics if quantity == INVERSE else rne.dynamics.forward_dynamics
         # Long double has three decimal digits more on most machines.
         exact = function(robot.model.astype(np.longdouble), *[x[:COMPARED].astype(np.longdouble) for x in arrays])
         for way, times in zip(ways, seconds, strict=True):
@@ -392,23 +385,23 @@ def measured_speed(robot: Robot) -> list[Measured]:
     return found
 
 
-def _own(robot: Robot, quantity: str, arrays: list[Array]) -> Iterator[Way]:
+def _own(robot: rne.Robot, quantity: str, arrays: list[Array]) -> Iterator[Way]:
     """Ways by both engines, machine code where it can be made."""
-    function = dynamics.inverse_dynamics if quantity == INVERSE else dynamics.forward_dynamics
+    function = rne.dynamics.inverse_dynamics if quantity == INVERSE else rne.dynamics.forward_dynamics
     compiles = importlib.util.find_spec("llvmlite") is not None
     for who, engine in ((NUMPY, "numpy"), (MACHINE_CODE, "numba")) if compiles else ((NUMPY, "numpy"),):
-        kernel: Any = Robot(robot.model, engine).kernel(function)
+        kernel: Any = rne.Robot(robot.model, engine).kernel(function)
         out = kernel(*arrays)
         yield _singles(quantity, who, kernel, arrays)
         in_place = partial(kernel, *arrays, out=out)
         yield Way(quantity, BATCH, who, in_place, STATES, lambda out=out: out[:COMPARED])  # type: ignore[misc]
 
 
-def _of_pinocchio(robot: Robot, quantity: str, arrays: list[Array]) -> Iterator[Way]:
+def _of_pinocchio(robot: rne.Robot, quantity: str, arrays: list[Array]) -> Iterator[Way]:
     """Ways by Pinocchio's `rnea` and `aba`, one state or many, on one thread; arrays are in its order and layout."""
     if robot.model.couplings or not has_pinocchio():
         return
-    oracle = Oracle(robot.model, to_urdf(robot.model))
+    oracle = Oracle(robot.model, rne.to_urdf(robot.model))
     pin, model, data = oracle.pin, oracle.theirs, oracle.data
     one, many = (pin.rnea, pin.rneaInParallel) if quantity == INVERSE else (pin.aba, pin.abaInParallel)
     q, *others = arrays
