@@ -650,16 +650,21 @@ def test_torques_of_drives_whose_friction_gives_power_have_the_wrong_sign():
     assert (found.unexplained.in_motion < 0.05).all()
 
 
+TURNED = [("mimic", 0.35, False, 0.01), ("mimic", -0.6, True, 0.01), ("IRB 140", -0.6, False, 1e-3)]
+
+
 @pytest.mark.filterwarnings("ignore::rne.IdentificationWarning")
-@pytest.mark.parametrize(("ratio", "of_torques"), kept([(0.35, False), (-0.6, True)], [(0.35, False)]))
-def test_a_motor_that_turns_with_the_joint_before_is_told_with_its_ratio(ratio, of_torques):
-    c = case("mimic", 3)
+@pytest.mark.parametrize(("robot", "ratio", "of_torques", "noise"), kept(TURNED, TURNED[:1]))
+def test_a_motor_that_turns_with_the_joint_before_is_told_with_its_ratio(monkeypatch, robot, ratio, of_torques, noise):
+    """Steps of friction, which few samples tell to a hundredth, do not hide it where there is less noise."""
+    monkeypatch.setattr(faults, "NOISE", noise)
+    c = case(robot, 3)
     data = faults.log(c, c.tau)
     q, tau = data.q.copy(), data.tau.copy()
-    q[:, 1] += ratio * q[:, 0]
-    tau[:, 0] -= of_torques * ratio * tau[:, 1]
-    cause = rne.identify(known_robot("mimic", 3), Record(data.t, q, tau), consistent=False).causes[0]
-    assert (cause.kind, cause.joints) == ("coupling", ("joint_1", "joint_2"))
+    q[:, -1] += ratio * q[:, -2]
+    tau[:, -2] -= of_torques * ratio * tau[:, -1]
+    cause = rne.identify(known_robot(robot, 3), Record(data.t, q, tau), consistent=False).causes[0]
+    assert (cause.kind, cause.joints) == ("coupling", c.arm.robot.joint_names[-2:])
     assert abs(cause.value - ratio) < 0.03
     assert ("not in the torques (subtract" in cause.text) is not of_torques
     assert cause.text.endswith("(coupling of Record.from_motors)") is of_torques
