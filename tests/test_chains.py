@@ -459,7 +459,7 @@ def test_a_range_in_degrees_is_warned_of():
 def test_an_inertia_turned_by_a_rotation_is_taken_as_symmetric():
     Q, _ = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))
     turned = Q @ np.diag([1.0, 2, 2.5]) @ Q.T
-    assert not np.array_equal(turned, turned.T)
+    turned[0, 1] = np.nextafter(turned[1, 0], np.inf)  # as most processors round it
     arm = bad(inertias=[turned, np.eye(3)])
     np.testing.assert_array_equal(arm.inertia[0], arm.inertia[0].T)
 
