@@ -718,7 +718,7 @@ def powered(rest: FitResiduals) -> Iterator[tuple[Cause, None]]:
     work = np.abs(rest.tau * v).mean(0)
     is_explained = rest.squares < thresholds.EXPLAINED**2 * rest.torques  # otherwise anything may come out negative
     is_driven = (power < -thresholds.IMPOSSIBLY * error) & (power < -thresholds.LITTLE * work)
-    for j in np.flatnonzero(is_explained & is_driven).tolist():
+    for j in np.flatnonzero(is_explained & is_driven & (rest.counts > 0)).tolist():
         text = f"the torque of {rest.names[j]} has the wrong sign, or is not its drive's: its friction gives power"
         score = float(rest.counts.sum())
         yield Cause("torque sign", rest.names[j : j + 1], f"{text} ({MENDED_BY['torque sign']})", score), None
