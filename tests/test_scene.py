@@ -595,6 +595,7 @@ class Held:
 
 
 def test_cost_says_why_a_law_is_called(two):
+    two = rne.Robot(two.model, "numpy")
     law, unmarked = rne.control.pd(two, 20, 5, 0.0), lambda t, q, qd: -q
     branch = rne.traceable(lambda t, q, qd: -q if q[0] > 0 else q)
     found = {
