@@ -254,7 +254,7 @@ def likely_causes(
 
 
 def of_columns(columns: Array, is_event: bool, rest: FitResiduals) -> tuple[Array, ...]:
-    """What is held out without further columns and with them."""
+    """Validation errors without further columns and with them."""
     blocks = rest.short_blocks if is_event else rest.blocks
     Q = extended(rest.Q, rest.weighted(columns))
     return rest.errors[is_event], rest.held_out(Q, rest.weighted(rest.tau), blocks)
@@ -713,7 +713,7 @@ def dissipates(rest: FitResiduals) -> Array:
 
 
 def powered(rest: FitResiduals) -> Iterator[tuple[Cause, None]]:
-    """Torques of the wrong sign that no residual tells, because friction of the wrong sign makes up for it."""
+    """Torques of the wrong sign that leave no residual, because negative friction compensates them."""
     (power, error), v = friction_power(rest), np.concatenate([record.reduce(record.qd) for record in rest.records])
     work = np.abs(rest.tau * v).mean(0)
     is_explained = rest.squares < thresholds.EXPLAINED**2 * rest.torques  # otherwise anything may come out negative
