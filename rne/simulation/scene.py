@@ -133,6 +133,9 @@ class Scene:
         Marked by `rne.traceable` it becomes part of the kernel if it can, otherwise it is called.
     sample_time : float, optional
         The controller is evaluated every `sample_time`, and its torque is held in between [s].
+    delay : float, optional
+        A sampled controller's torque acts this long after its sample, until the next one's does; none acts before the
+        first has arrived [s].
     elastic : ElasticJoints, optional
         Joints that yield between motor and link.
     springs : sequence of Spring, optional
@@ -168,6 +171,7 @@ class Scene:
     sample_time: float | None = None
     elastic: ElasticJoints | None = None
     springs: Sequence[Spring | JointSpring] | None = None
+    delay: float | None = None
 
     __repr__ = summary
 
@@ -188,6 +192,10 @@ class Scene:
             raise ValueError(
                 "`torque_rate` needs a `sample_time`: it limits the change from one held torque to the next"
             )
+        if self.delay is not None:
+            if self.sample_time is None:
+                raise ValueError("`delay` needs a `sample_time`: it is that of a sampled controller's torques")
+            positive_number("delay", self.delay, zero_allowed=True)
         for name in GIVEN:  # the caller may change it later
             object.__setattr__(self, name, _kept(getattr(self, name)))
         _ = self.resolved  # raises the errors in the parts
