@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from itertools import pairwise
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -19,6 +18,7 @@ from ..basics.text import UNBROKEN, InNotebooks, counted, listed, short, wrapped
 from ..model.model import Model
 from .limits import Violation, limit_violations
 from .motion_files import MOTORS, numbered_joints, read_archive, write_archive, write_columns
+from .piecewise import Piecewise, cubic, monotone, quintic
 
 LONGEST = 240  # characters of the solver's message
 SUDDEN = 10.0  # times between two instants: within them an error may grow at once
@@ -269,22 +269,21 @@ class Trajectory(InNotebooks):
         return [self._curves[name](times).reshape(*shape, self.q.shape[1]) for name in names]
 
     @cached_property
-    def _curves(self) -> dict[str, Callable[[Array], Array]]:
+    def _curves(self) -> dict[str, Piecewise]:
         """Positions, velocities, accelerations and torques as functions of times (T,); none reaches across a jump."""
-        from scipy.interpolate import CubicHermiteSpline
-
         keep = np.append(True, np.diff(self.t) > 0)
         t, q, qd, qdd, tau = (x[keep] for x in (self.t, self.q, self.qd, self.qdd, self.tau))
-        motors = (self.motor_q[keep], self.motor_qd[keep]) if self.motor_q.size else (q, qd)
+        motor_q, motor_qd = (self.motor_q[keep], self.motor_qd[keep]) if self.motor_q.size else (q, qd)
         names = "q", "qd", "qdd", "tau", "qdd of reports", "motor_q", "motor_qd"
         if len(t) == 1:
-            return {name: _constant(x) for name, x in zip(names, (q, qd, qdd, tau, qdd, *motors), strict=True)}
+            values = q, qd, qdd, tau, qdd, motor_q, motor_qd
+            return {name: Piecewise(np.append(t, t + 1), x[None]) for name, x in zip(names, values, strict=True)}
         jumps = np.searchsorted(t, self.jumps)
-        positions = _quintic(t, q, qd, *_step_ends(qdd, jumps, self.qdd_before))
+        positions = quintic(t, q, qd, *_step_ends(qdd, jumps, self.qdd_before))
         velocities = positions.derivative()
         pairs = (tau, self.tau_before), (qdd, self.qdd_before)
-        others = (_monotone(t, *_step_ends(after, jumps, before), jumps) for after, before in pairs)
-        motor = CubicHermiteSpline(t, *motors) if self.motor_q.size else positions
+        others = (monotone(t, *_step_ends(after, jumps, before), jumps) for after, before in pairs)
+        motor = cubic(t, motor_q[:-1], motor_q[1:], motor_qd[:-1], motor_qd[1:]) if self.motor_q.size else positions
         curves = positions, velocities, velocities.derivative(), *others, motor, motor.derivative()
         return dict(zip(names, curves, strict=True))
 
@@ -541,30 +540,3 @@ def _step_ends(after: Array, jumps: Array, before: Array) -> tuple[Array, Array]
     if len(jumps):
         ends[jumps - 1] = before
     return after[:-1], ends
-
-
-def _constant(x: Array) -> Callable[[Array], Array]:
-    return lambda t: np.repeat(x, len(t), axis=0)
-
-
-def _quintic(t: Array, q: Array, qd: Array, a0: Array, a1: Array) -> Any:
-    """In each step the polynomial of fifth degree through the positions, velocities and accelerations at its ends."""
-    from scipy.interpolate import BPoly
-
-    h, q0, q1, v0, v1 = np.diff(t)[:, None], q[:-1], q[1:], qd[:-1], qd[1:]
-    begin = [q0, q0 + h * v0 / 5, q0 + 2 * h * v0 / 5 + h * h * a0 / 20]
-    end = [q1 - 2 * h * v1 / 5 + h * h * a1 / 20, q1 - h * v1 / 5, q1]
-    return BPoly(np.array([*begin, *end]), t)
-
-
-def _monotone(t: Array, begin: Array, end: Array, jumps: Array) -> Any:
-    """Monotone cubic polynomials between jumps, which show no peak that the samples do not have."""
-    from scipy.interpolate import PchipInterpolator, PPoly
-
-    h = np.diff(t)
-    c = np.stack([0 * begin, 0 * begin, (end - begin) / h[:, None], begin])  # straight lines
-    for first, last in pairwise(np.unique([0, *jumps, len(h)])):
-        if last - first > 1:
-            piece = np.concatenate([begin[first:last], end[last - 1 : last]])
-            c[:, first:last] = PchipInterpolator(t[first : last + 1], piece).c
-    return PPoly(c, t)

@@ -1,0 +1,83 @@
+"""Piecewise polynomials through the samples of a motion; reports need them, and loading SciPy's takes 0.1 to 0.4 s."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..basics.spatial import Array
+
+
+class Piecewise(NamedTuple):
+    """Polynomials in ((time - t[k]) / (t[k + 1] - t[k])), the last one also at the end.
+
+    Attributes
+    ----------
+    t : ndarray, shape (N + 1,)
+        Ends of the pieces [s].
+    c : ndarray, shape (degree + 1, N, n)
+        Coefficients, that of the power 0 first.
+    """
+
+    t: Array
+    c: Array
+
+    def __call__(self, times: Array) -> Array:
+        """Values at times (T,), shape (T, n)."""
+        k = np.clip(np.searchsorted(self.t, times, side="right") - 1, 0, len(self.t) - 2)
+        s = ((times - self.t[k]) / (self.t[k + 1] - self.t[k]))[:, None]
+        total = self.c[-1, k]
+        for c in self.c[-2::-1]:
+            total = total * s + c[k]
+        return np.asarray(total)
+
+    def derivative(self) -> Piecewise:
+        """The derivative by time."""
+        powers = np.arange(1, len(self.c))[:, None, None]
+        return Piecewise(self.t, self.c[1:] * powers / np.diff(self.t)[:, None])
+
+
+def quintic(t: Array, q: Array, qd: Array, begin: Array, end: Array) -> Piecewise:
+    """Polynomials of fifth degree through positions and velocities (N + 1, n) and each step's accelerations (N, n)."""
+    h = np.diff(t)[:, None]
+    v0, v1, a0, a1, change = h * qd[:-1], h * qd[1:], h * h * begin / 2, h * h * end / 2, np.diff(q, axis=0)
+    third = 10 * change - 6 * v0 - 4 * v1 - 3 * a0 + a1
+    fourth = -15 * change + 8 * v0 + 7 * v1 + 3 * a0 - 2 * a1
+    return Piecewise(t, np.stack([q[:-1], v0, a0, third, fourth, 6 * change - 3 * (v0 + v1) - a0 + a1]))
+
+
+def cubic(t: Array, begin: Array, end: Array, slopes: Array, end_slopes: Array) -> Piecewise:
+    """Polynomials of third degree through values and slopes at both ends of each step, shapes (N, n)."""
+    h, change = np.diff(t)[:, None], end - begin
+    m0, m1 = h * slopes, h * end_slopes
+    return Piecewise(t, np.stack([begin, m0, 3 * change - 2 * m0 - m1, m0 + m1 - 2 * change]))
+
+
+def monotone(t: Array, begin: Array, end: Array, jumps: Array) -> Piecewise:
+    """Monotone cubics between jumps, the numbers of steps that begin with one; they show no peak of their own.
+
+    Slopes are those of Fritsch and Butland 1984, as in SciPy's PchipInterpolator; a step between two jumps is straight.
+    """
+    h, N = np.diff(t)[:, None], len(t) - 1
+    first = np.isin(np.arange(N), [0, *jumps])  # steps with which a piece begins
+    last, k = np.append(first[1:], True), np.arange(N)
+    secants = (end - begin) / h
+    before, after = secants[:-1], secants[1:]
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        mean = 3 * (h[:-1] + h[1:]) / ((2 * h[1:] + h[:-1]) / before + (h[1:] + 2 * h[:-1]) / after)
+    mean = np.where((before > 0) & (after > 0) | (before < 0) & (after < 0), mean, 0.0)
+    none = np.zeros_like(secants[:1])
+    slopes = np.where(first[:, None], _end_slopes(h, secants, np.where(last, k, k + 1)), np.append(none, mean, axis=0))
+    end_slopes = np.where(
+        last[:, None], _end_slopes(h, secants, np.where(first, k, k - 1)), np.append(mean, none, axis=0)
+    )
+    return cubic(t, begin, end, slopes, end_slopes)
+
+
+def _end_slopes(h: Array, secants: Array, k: Array) -> Array:
+    """Slopes at the end of each step that has no neighbour, by three points, those of step k as well, limited."""
+    h1, other = h[k], secants[k]
+    slopes = ((2 * h + h1) * secants - h * other) / (h + h1)
+    most = np.where(secants * other < 0, 3 * np.abs(secants), np.inf)
+    return np.where(slopes * secants > 0, np.sign(secants) * np.minimum(np.abs(slopes), most), 0.0)
