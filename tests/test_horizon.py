@@ -92,8 +92,8 @@ def test_the_other_run_has_other_tolerances(rtol, factor):
     asked, t = [], np.linspace(0, 1, 11)
     task = Task(np.ones(2), 1.0, "LSODA", rtol, 1e-9, is_auto=True)
     plant = SimpleNamespace(robot=SimpleNamespace(n=1), keep_kernels=lambda: None)
-    of_plant = plant, task, Instants(t, np.zeros((11, 2)))
-    run = RunResult(*of_plant, None, None, 0, "", None, "DOP853", repeat=lambda other: asked.append(other) or run)
+    again = {"method": "DOP853", "repeat": lambda other: asked.append(other) or run}
+    run = RunResult(plant, task, parts=[Instants(t, np.zeros((11, 2)))], **again)
     run.position_errors()
     again = asked[-1]
     assert (again.rtol, again.atol) == pytest.approx((rtol * factor, 1e-9 * factor), rel=1e-12)

@@ -428,6 +428,10 @@ def test_torques_and_energies_are_computed_when_one_of_them_is_asked_for(two, na
     expected, found = (getattr(m, name) for m in (dataclasses.replace(whole), motion))
     assert str(found) == str(expected)
     assert name in vars(motion)
-    assert "tau" in vars(rne.simulate(two, [0.1] * 2, [0] * 2, 0.01, torque=lambda t, q, qd: 0 * q))
+    calls: list[float] = []
+    called = rne.simulate(two, [0.1] * 2, [0] * 2, 0.01, torque=lambda t, q, qd: calls.append(t) or 0 * q)
+    count = len(calls)
+    assert called.tau.shape == called.q.shape
+    assert len(calls) == count  # not again, when the torques are asked for
     with pytest.raises(AttributeError, match="no attribute 'torque'"):
         _ = motion.torque

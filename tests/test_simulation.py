@@ -12,7 +12,7 @@ from rne.control import pd_gravity
 from rne.integrators.base import Steps
 from rne.integrators.scipy_methods import SciPySolver
 from rne.simulation.plant import Plant
-from rne.simulation.run import Recorder
+from rne.simulation.run import RunResult
 
 from .helpers import Part, assemble, kept
 from .random_robots import random_tree, straight_chain
@@ -33,12 +33,12 @@ def double():
 @pytest.mark.parametrize("count", [1, 2, 3, 5])
 def test_every_step_is_reported_however_many_are_taken_at_once(count):
     T = np.arange(6.0)
-    record, steps = Recorder(None, 1), Steps(T, T[:, None])
     system = SimpleNamespace(modes=None, reported=lambda x: x)
-    record.begin(0.0, T[:1], system)
-    record.take(steps, count, T[count], T[count, None], system)
-    record.begin(T[count], np.array([7.0]), system)  # the next segment, after a jump of the state
-    t, x, _ = record.instants()
+    record, steps = RunResult(system, SimpleNamespace(t_eval=None)), Steps(T, T[:, None])
+    record.begin(0.0, T[:1])
+    record.take(steps, count, T[count], T[count, None])
+    record.begin(T[count], np.array([7.0]))  # the next segment, after a jump of the state
+    t, x, _ = record.reported
     assert t.tolist() == T[: count + 1].tolist()
     assert x[:, 0].tolist() == [*T[:count], 7.0]
 

@@ -8,6 +8,8 @@ begins, or the run ends at a stop. States at times to report come from the steps
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -71,46 +73,112 @@ class Instants(NamedTuple):
         return Instants(self.t[:count], self.x[:count], None if self.modes is None else self.modes[:count])
 
 
-class RunResult(NamedTuple):
-    """The result of a run."""
+@dataclass(eq=False)
+class RunResult:
+    """The record of a run: the loop adds to it, the Trajectory reads it.
+
+    Laws of its arrays, and of what `derived` computes of them:
+
+    1. Times ascend, and none stands twice: 0 and the ends of the solver's steps, samples, breaks and events among
+       them; or, with `t_eval`, its times as far as the run came, and the time of a stop.
+    2. Values at a time are those from it on: after a sample, a break or an event at this time. Where `tau` or `qdd`
+       jump there, by more than 1e-9 of a joint's largest value, the time is one of `jumps`, and `tau_before` and
+       `qdd_before` have the values before it. With `t_eval` no jumps are known.
+    3. Torques of a sampled controller are held: between two samples `tau` is that of the first.
+    4. While a joint sticks its velocity and acceleration are exactly 0, and `tau` is the torque of its drive, not what
+       friction holds.
+    5. `work` and each of `dissipated` count from t = 0, whatever `t_eval` leaves out; `energy_drift` is the largest
+       magnitude of energy - energy_start - work + dissipated at these times.
+    6. Of a run that fails all arrays end before the first time at which a torque or an acceleration is not finite.
+    """
 
     plant: Plant
     task: Task
-    reported: Instants
-    before: Instants | None  # just before what ends a segment; None where samples alone do
-    samples: ControlSamples | None  # of a controller that is sampled
-    status: int
-    ending: str
-    failure: Failure | None
-    method: str
     scene: Any = None
     repeat: Callable[[Task], RunResult] | None = None  # runs another task of the scene
+    samples: ControlSamples | None = None  # of a controller that is sampled
+    status: int = 0
+    ending: str = ""
+    failure: Failure | None = None
+    method: str = ""
+    parts: list[Instants] = field(default_factory=list)  # of what is reported
+    ends: list[Instants] = field(default_factory=list)  # just before what ends a segment
+    asked: int = 0  # times of `t_eval` that were reported
+
+    def begin(self, t: float, x: Array) -> None:
+        """A segment begins."""
+        if self.task.t_eval is None:
+            self._add(self.parts, np.array([t]), x[None])
+
+    def take(self, steps: Steps, count: int, end: float, x: Array) -> None:
+        """So many steps were taken, the last as far as `end`, where the state is x."""
+        times, before = self.task.t_eval, slice(1, count)
+        if times is None:
+            T, X = np.append(steps.T[before], end), np.concatenate([steps.X[before], x[None]])
+            return self._add(self.parts, T, X)
+        first, self.asked = self.asked, int(np.searchsorted(times, end * (1 - SAME), side="left"))
+        times = times[first : self.asked]
+        if len(times):
+            self._add(self.parts, times, steps.states(times, np.searchsorted(steps.T[before], times)))
+        return None
+
+    def leave(self, t: Array, x: Array) -> None:
+        """Note the states just before times t at which values may jump; of several at one time the first."""
+        before, from_samples = np.nextafter(t, 0.0), self.plant.sampled is not None and not self.plant.sticks
+        if self.task.t_eval is None and not from_samples and (not self.ends or self.ends[-1].t[-1] < before[0]):
+            self._add(self.ends, before, x)
+
+    def finish(self, t: float, x: Array, *, stopped: bool) -> None:
+        """The run ends: the last instant, if it is asked for or a stop."""
+        times = np.array([t]) if self.task.t_eval is None else self.task.t_eval[self.asked :]
+        times = times[times <= t * (1 + SAME)]
+        if len(times):
+            self._add(self.parts, times, np.repeat(x[None], len(times), axis=0))
+        if stopped and not (self.parts and self.parts[-1].t[-1] >= t):
+            self._add(self.parts, np.array([t]), x[None])
+
+    def _add(self, parts: list[Instants], t: Array, x: Array) -> None:
+        """Instants that follow those before, of which the last gives way if it is not earlier."""
+        while parts and parts[-1].t[-1] >= t[0]:
+            before = parts.pop()
+            if len(before.t) > 1:
+                parts.append(before.first(-1))
+        modes = None if self.plant.modes is None else np.repeat(self.plant.modes[None], len(t), axis=0)
+        parts.append(Instants(t, self.plant.reported(x), modes))
+
+    def _joined(self, parts: list[Instants]) -> Instants:
+        if not parts:
+            return Instants(np.zeros(0), np.zeros((0, len(self.task.x0))))
+        t, x, modes = zip(*parts, strict=True)
+        return Instants(np.concatenate(t), np.concatenate(x), None if modes[0] is None else np.concatenate(modes))
+
+    @cached_property
+    def reported(self) -> Instants:
+        """What is reported, when the run has ended."""
+        return self._joined(self.parts)
 
     def trajectory(self) -> tuple[Trajectory, Failure | None]:
         """The motion as far as it is finite, and the failure; torques and energies later, where no law is called."""
-        n, N, failure, T = self.plant.robot.n, self.plant.dynamics.n, self.failure, len(self.reported.t)
-        found: dict[str, Any] = {}
-        if failure is not None or self.plant.law is not None:
-            found, failure = self.quantities()
-            T = len(found["tau"])
-            found |= {"message": failure.cause} if failure else {}
-        elif self.plant.dynamics.friction is None:
-            found = {"message": self.ending}  # which does not wait for the torques
-        t, x, _ = self.reported.first(T)
+        n, N, (t, x, _), given = self.plant.robot.n, self.plant.dynamics.n, self.reported, dict[str, Any]()
+        if self.failure is not None or self.plant.law is not None:
+            found, self.failure = self._quantities
+            t, x, _ = self.reported.first(len(found["tau"]))
+        if self.failure is not None or self.plant.dynamics.friction is None:  # which does not wait for the torques
+            given["message"] = self.failure.cause if self.failure else self.ending
         motion = Trajectory(
             t,
             x[:, :n],
             x[:, N : N + n],
             self.plant.evaluations,
             self.method,
-            -1 if failure else self.status,
-            **found,
+            -1 if self.failure else self.status,
+            **given,
             error_estimate=self.position_errors,
             model=self.plant.robot.model,
             at_steps=self.task.t_eval is None,
-            run=None if "tau" in found else self,
+            run=self,
         )
-        return motion, failure
+        return motion, self.failure
 
     def position_errors(self) -> tuple[Array, Array]:
         """Times, eight in each of the solver's steps, and the largest difference of a position from a finer run.
@@ -138,12 +206,13 @@ class RunResult(NamedTuple):
 
     def derived(self) -> dict[str, Any]:
         """What a Trajectory has beside times and states; NotFiniteError where it is not finite."""
-        found, failure = self.quantities()
-        if failure is not None and self.failure is None:
+        found, failure = self._quantities
+        if failure is not None and failure is not self.failure:
             raise NotFiniteError(failure.cause, failure.time)
         return found
 
-    def quantities(self) -> tuple[dict[str, Any], Failure | None]:
+    @cached_property
+    def _quantities(self) -> tuple[dict[str, Any], Failure | None]:
         """Torques, accelerations and energies of the motion, and its jumps, as far as they are finite; the failure."""
         plant, dynamics, n, N = self.plant, self.plant.dynamics, self.plant.robot.n, self.plant.dynamics.n
         tau, rates, failure = _torques_and_accelerations(plant, self._after_breaks(), self._held(self.reported.t))
@@ -156,12 +225,12 @@ class RunResult(NamedTuple):
             number = self.samples.held(t, SAME)
             z, work = self.samples.z[number], self.samples.work(moved[0], number, driven)
         robot, x0, side = plant.robot, self.task.x0, dynamics.motor_side
-        kinetic, potential = dynamics.energies_of(robot, x)
-        start = float(sum(dynamics.energies_of(robot, x0)))
-        balance = kinetic + potential - start - work + sum(energies.values(), np.zeros(len(t)))
+        kinetic, potential = dynamics.energies_of(robot, np.concatenate([x0[None], x]))
+        energy = kinetic + potential
+        balance = energy[1:] - energy[0] - work + sum(energies.values(), np.zeros(len(t)))
         jumps, qdd_before, tau_before = self._jumps(t, qdd, tau)
-        found: dict[str, Any] = {"qdd": qdd, "tau": tau, "kinetic": kinetic, "potential": potential}
-        found |= {"energy": kinetic + potential, "work": work, "dissipated": energies, "energy_start": start}
+        found: dict[str, Any] = {"qdd": qdd, "tau": tau, "kinetic": kinetic[1:], "potential": potential[1:]}
+        found |= {"energy": energy[1:], "work": work, "dissipated": energies, "energy_start": float(energy[0])}
         found |= {"energy_drift": float(np.abs(balance).max(initial=0.0)), "controller_state": z}
         found |= dict(zip(("motor_q", "motor_qd"), moved if side else 2 * (np.zeros((0, 0)),), strict=False))
         found |= {"jumps": jumps, "qdd_before": qdd_before, "tau_before": tau_before, "scene": repr(self.scene)}
@@ -179,10 +248,10 @@ class RunResult(NamedTuple):
         """The torques that are held, (T, n), where they are; after a sample those that begin there, up to rounding."""
         return None if self.samples is None else self.samples.u[self.samples.held(t, same)]
 
-    def _before_jumps(self) -> Instants | None:
+    def _before_jumps(self) -> Instants:
         """The instants just before those at which accelerations or torques may jump."""
-        if self.samples is None or self.before is not None or self.task.t_eval is not None:
-            return self.before
+        if self.samples is None or self.plant.sticks or self.task.t_eval is not None:
+            return self._joined(self.ends)
         t = self.samples.t
         within = (t > 0) & (t < self.reported.t.max(initial=0.0))
         x = np.pad(self.samples.x[within], ((0, 0), (0, self.plant.dynamics.size - self.samples.x.shape[1])))
@@ -191,7 +260,7 @@ class RunResult(NamedTuple):
     def _jumps(self, t: Array, qdd: Array, tau: Array) -> tuple[Array, Array, Array]:
         """Times at which accelerations or torques jump, and both just before."""
         before, none = self._before_jumps(), np.zeros((0, self.plant.robot.n))
-        if before is None or not len(before.t) or not len(t):
+        if not len(before.t) or not len(t):
             return np.zeros(0), none, none
         tau_before, qdd_before, _ = _torques_and_accelerations(self.plant, before, self._held(before.t, 0.0))
         qdd_before = qdd_before[:, : qdd.shape[1]]
@@ -239,9 +308,7 @@ class Run:
         self.reports = False  # True while `progress` is called
         self.most = FIRST_STEPS  # steps taken at once
         self.monitor = MethodMonitor(plant, hold, task.method, task.duration, may_change=task.is_auto)
-        self.record = Recorder(task.t_eval, len(task.x0))
-        known = task.t_eval is not None or (hold is not None and not plant.sticks)  # from the samples
-        self.ends = None if known else Recorder(None, len(task.x0))  # of segments, before what may jump there
+        self.record = RunResult(plant, task)
         self.breaks = sorted({b for b in task.breaks if 0 < b < task.duration}) if hold is None else []
 
     def result(self) -> RunResult:
@@ -256,10 +323,11 @@ class Run:
             else:
                 while self.t < self.task.duration and self.stop is None:
                     self._segment()
-                    self._leave()
+                    if self.t < self.task.duration:
+                        self.record.leave(np.array([self.t]), self.x[None])
             if self.hold is not None:
                 self.hold.finish(self.t, self.x)
-            self.record.finish(self.t, self.x, self.plant, stopped=self.stop is not None)
+            self.record.finish(self.t, self.x, stopped=self.stop is not None)
         except FAILURES as error:
             if self.reports:  # an error of the user's `progress`
                 raise
@@ -267,7 +335,10 @@ class Run:
         except KeyboardInterrupt:
             failure = Failure(self.t, "interrupted", is_interrupt=True)
         self.plant.span = (-np.inf, np.inf)
-        return self._result(failure)
+        record = self.record
+        record.failure, record.samples = failure, None if self.hold is None else self.hold.samples()
+        record.status, record.ending, record.method = int(self.stop is not None), self._ending(), self.monitor.method
+        return record
 
     def _failure(self, error: Exception) -> Failure:
         if isinstance(error, GaveUpError) and self.plant.sampled is None:
@@ -295,7 +366,7 @@ class Run:
             crossing = first_crossing(events, steps)
             count = len(steps.T) - 1 if crossing is None else crossing.step + 1
             self.t, self.x = (float(steps.T[-1]), steps.X[-1]) if crossing is None else (crossing.t, crossing.x)
-            self.record.take(steps, count, self.t, self.x, self.plant)
+            self.record.take(steps, count, self.t, self.x)
             if self.task.progress is not None:
                 self.reports = True
                 self.task.progress(self.t, self.task.duration)
@@ -312,17 +383,11 @@ class Run:
         self.x = self.plant.reported(self.x)
         return None
 
-    def _leave(self) -> None:
-        """Note the values just before the end of a segment, whose instant reports those after it."""
-        before = float(np.nextafter(self.t, 0.0))  # of several segments that end at this time the first
-        if self.ends is not None and self.t < self.task.duration and self.ends.last < before:
-            self.ends.add(np.array([before]), self.x[None], self.plant)
-
     def _leave_samples(self, steps: Steps, count: int) -> None:
-        """The same before the samples within so many steps."""
+        """Note the values just before the samples within so many steps."""
         rows = np.flatnonzero(steps.jumps[1:count]) + 1
-        if self.ends is not None and len(rows):
-            self.ends.add(np.nextafter(steps.T[rows], 0.0), steps.X[rows], self.plant)
+        if len(rows):
+            self.record.leave(steps.T[rows], steps.X[rows])
 
     def _begin_segment(self) -> tuple[float, bool]:
         """Sample the controller if it is due, settle what sticks; the segment's end, and whether the solver goes on."""
@@ -333,7 +398,7 @@ class Run:
         end = self._next_switch()
         begin = float(np.nextafter(t, np.inf)) if t in self.breaks else t
         self.plant.begin(t, self.x, (begin, float(np.nextafter(end, 0.0))))
-        self.record.begin(t, self.x, self.plant)
+        self.record.begin(t, self.x)
         return end, is_sample and not self.plant.has_changed
 
     def _next_switch(self) -> float:
@@ -369,13 +434,6 @@ class Run:
             self.t,
         )
 
-    def _result(self, failure: Failure | None) -> RunResult:
-        before = None if self.ends is None else self.ends.instants()
-        samples = None if self.hold is None else self.hold.samples()
-        status, reported = 0 if self.stop is None else 1, self.record.instants()
-        ending, method = self._ending(), self.monitor.method
-        return RunResult(self.plant, self.task, reported, before, samples, status, ending, failure, method)
-
     def _ending(self) -> str:
         """How the run went, for the message."""
         parts = [self.monitor.note, self.plant.note]
@@ -385,67 +443,6 @@ class Run:
         went = "; ".join(part for part in parts if part) or "the end was reached"
         words = [self.solver.note, went if self.stop is None else self.stop.message(self.t)]
         return "; ".join(word for word in words if word)
-
-
-class Recorder:
-    """Times and states in ascending order; where something jumps, those after the jump.
-
-    They are those of `t_eval`, or if it is None the beginnings of segments and the ends of steps.
-    """
-
-    def __init__(self, t_eval: Array | None, size: int) -> None:
-        self.t_eval, self.size = t_eval, size
-        self.parts: list[Instants] = []
-        self.asked = 0  # times of `t_eval` that were reported
-
-    @property
-    def last(self) -> float:
-        """The last time so far."""
-        return float(self.parts[-1][0][-1]) if self.parts else -np.inf
-
-    def instants(self) -> Instants:
-        """All of them."""
-        if not self.parts:
-            return Instants(np.zeros(0), np.zeros((0, self.size)))
-        t, x, modes = zip(*self.parts, strict=True)
-        return Instants(np.concatenate(t), np.concatenate(x), None if modes[0] is None else np.concatenate(modes))
-
-    def begin(self, t: float, x: Array, plant: Plant) -> None:
-        """A segment begins."""
-        if self.t_eval is None:
-            self.add(np.array([t]), x[None], plant)
-
-    def take(self, steps: Steps, count: int, end: float, x: Array, plant: Plant) -> None:
-        """So many steps were taken, the last as far as `end`, where the state is x."""
-        if self.t_eval is None:
-            if count == 1:
-                return self.add(np.array([end]), x[None], plant)
-            before = slice(1, count)
-            return self.add(np.append(steps.T[before], end), np.concatenate([steps.X[before], x[None]]), plant)
-        first, self.asked = self.asked, int(np.searchsorted(self.t_eval, end * (1 - SAME), side="left"))
-        times = self.t_eval[first : self.asked]
-        if len(times):
-            self.add(times, steps.states(times, np.searchsorted(steps.T[1:count], times)), plant)
-        return None
-
-    def finish(self, t: float, x: Array, plant: Plant, *, stopped: bool) -> None:
-        """The run ends: the last instant, if it is asked for or a stop."""
-        times = np.array([t]) if self.t_eval is None else self.t_eval[self.asked :]
-        if self.t_eval is not None:
-            times = times[times <= t * (1 + SAME)]
-        if len(times):
-            self.add(times, np.repeat(x[None], len(times), axis=0), plant)
-        if stopped and not self.last >= t:
-            self.add(np.array([t]), x[None], plant)
-
-    def add(self, t: Array, x: Array, plant: Plant) -> None:
-        """Instants that follow those before, of which the last gives way if it is not earlier."""
-        while self.parts and self.last >= t[0]:
-            before = self.parts.pop()
-            if len(before.t) > 1:
-                self.parts.append(before.first(-1))
-        modes = None if plant.modes is None else np.repeat(plant.modes[None], len(t), axis=0)
-        self.parts.append(Instants(t, plant.reported(x), modes))
 
 
 def _solver(plant: Plant, task: Task, method: str, hold: ZeroOrderHold | None) -> Solver:

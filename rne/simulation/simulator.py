@@ -154,8 +154,9 @@ def _run(scene: Scene, dynamics: SceneDynamics, law_name: str, task: Task) -> Ru
         )
     check_within_stops(task.stops, task.x0)
     result = Run(plant, task._replace(method=method), hold).result()
-    repeat = partial(_run, scene, dynamics, law_name)
-    return result._replace(ending=f"{reason}; {result.ending}", scene=scene, repeat=repeat)
+    result.ending, result.scene = f"{reason}; {result.ending}", scene
+    result.repeat = partial(_run, scene, dynamics, law_name)
+    return result
 
 
 def tolerances(rtol: float, atol: float) -> tuple[float, float]:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import TIME_ROUNDING, positive_number, real_numbers
+from ..basics.arrays import TIME_ROUNDING, positive_number, read_only, real_numbers
 from ..basics.spatial import Array
 from ..basics.text import UNBROKEN, InNotebooks, counted, listed, short, wrapped
 from ..model.model import Model
@@ -26,29 +26,21 @@ PARTS, MOST = 16, 100_000  # of a step, and of a motion: of many samples, fewer 
 MOST_LOADS = 20_000  # where a recursion is computed at each
 
 
-class Derived:
-    """A field of a motion that its run computes, together with the others, when one of them is first asked for.
+class Derived(cached_property[Any]):
+    """A field of a motion that is computed by its run when it is first asked for, unless it is given.
 
     `empty` makes the value of a motion without a run that does not give it; without this it must be given.
     """
 
     def __init__(self, empty: Callable[[], Any] | None = None) -> None:
+        super().__init__(lambda motion: read_only(motion.run.derived()[self.attrname]))
         self.empty = empty
 
-    def __set_name__(self, owner: type, name: str) -> None:
-        self.name = name
-
-    def __get__(self, motion: Any, owner: type) -> Any:
-        if motion is None:
-            return self  # as the default of the field: not given
-        run = motion.run  # another thread may set it to None
-        if self.name not in motion.__dict__:
-            motion.__setstate__({**run.derived(), **motion.__dict__, "run": None})
-        return motion.__dict__[self.name]
-
-    def __set__(self, motion: Any, value: Any) -> None:
-        if value is not self:
-            motion.__dict__[self.name] = value
+    def of_no_run(self) -> Any:
+        """The value of a motion without a run that does not give it."""
+        if self.empty is None:
+            raise TypeError(f"Trajectory needs `{self.attrname}`")
+        return self.empty()
 
 
 def derived(empty: Callable[[], Any] | None = None) -> Any:
@@ -168,11 +160,11 @@ class Trajectory(InNotebooks):
     run: Any = None
 
     def __post_init__(self) -> None:
-        for name, kind in vars(type(self)).items() if self.run is None else ():
-            if isinstance(kind, Derived) and name not in self.__dict__:
-                if kind.empty is None:
-                    raise TypeError(f"Trajectory needs `{name}`")
-                self.__dict__[name] = kind.empty()
+        for name, value in [(name, value) for name, value in vars(self).items() if isinstance(value, Derived)]:
+            if self.run is None:
+                vars(self)[name] = value.of_no_run()
+            else:
+                del vars(self)[name]  # computed when it is first asked for
         super().__post_init__()
 
     def __repr__(self) -> str:
