@@ -178,8 +178,8 @@ def test_joints_that_stick_and_slip(free, static, monkeypatch):
 @pytest.mark.parametrize("method", kept(["RK45", "DOP853"], ["RK45"]))
 def test_samples_while_joints_stick_and_slip(free, method, monkeypatch):
     """Steps under the torques of many samples, thrown away behind the first at which or after which a mode changes."""
-    called, sample = [], ZeroOrderHold.sample
-    monkeypatch.setattr(ZeroOrderHold, "sample", lambda hold, t, x: called.append(t) or sample(hold, t, x))
+    called, renew = [], ZeroOrderHold.renew
+    monkeypatch.setattr(ZeroOrderHold, "renew", lambda hold, t, x: called.append(t) or renew(hold, t, x))
     motions = []
     for robot in free:
         if robot.model.name == "interpreted":

@@ -226,12 +226,12 @@ def test_every_condition_of_order(method):
 class Sampler:
     """A law that pulls back, sampled every 0.1 s: u = -2 q."""
 
-    period, count, next = 0.1, 0, 0.0
+    period, delay, count, arrived, next = 0.1, (0.0, 0.0), 0, 0, 0.0
     state = next_state = np.zeros(0)
 
     def __init__(self, system):
         self.system, self.entries, self.traced = system, 1, self
-        self.kernel, self.widths = self, (1, 2)
+        self.kernel, self.widths, self.pending = self, (1, 2), np.zeros((1, 1))
 
     def address(self):
         """Of the law, as its kernel."""
@@ -245,9 +245,9 @@ class Sampler:
     def bounds(self):
         return np.full((2, 1), np.inf)
 
-    def note(self, samples, states, evaluations):
-        self.system.held = samples[2][-1]
-        self.count += len(samples[0])
+    def note(self, samples, acting, states, evaluations):
+        self.system.held = acting[2][-1]
+        self.count, self.arrived = self.count + len(samples[0]), self.arrived + len(acting[0])
         self.next = self.period * self.count
 
 

@@ -76,26 +76,32 @@ class System(Protocol):
 
 
 class Sampler(Protocol):
-    """A law that is sampled: its outputs are held as inputs of the system until the next sample."""
+    """A law that is sampled: its commands are held as inputs of the system, each until the next one acts."""
 
     period: float  # time between two samples
+    delay: tuple[float, float]  # from a sample until its command acts: a whole number of periods, and a rest of time
     count: int  # samples so far
+    arrived: int  # commands so far that act or have acted
+    pending: Array  # (p, n), the last commands; that of sample k in row k % p
     state: Array  # (m,), of the law, at the last sample
     next_state: Array  # (m,), at the next one
     traced: Any  # the kernel of the law, where it is traced, or None
 
     @property
     def next(self) -> float:
-        """Time of the next sample."""
+        """Time of the next sample or the next command, whichever is first."""
 
     def bounds(self) -> Array:
-        """Bounds of the outputs, and of their change from one sample to the next, shape (2, n)."""
+        """Bounds of the commands, and of their change from one sample to the next, shape (2, n)."""
 
-    def sample(self, t: float, x: Array) -> None:
-        """Renew the inputs that the system holds."""
+    def renew(self, t: float, x: Array) -> None:
+        """Take the sample, and have the command act, that are due."""
 
-    def note(self, samples: tuple[Array, ...], states: Array, evaluations: int) -> None:
-        """Samples (t, x, u, z) were taken in machine code, with the law's states at the last and the next one."""
+    def note(self, samples: tuple[Array, ...], acting: tuple[Array, ...], states: Array, evaluations: int) -> None:
+        """In machine code samples (t, x, u, z) were taken, and from times on, at states, commands acted, (t, x, u).
+
+        With the law's states at the last and the next sample; `pending` is as the loop has left it.
+        """
 
 
 class Steps:

@@ -166,21 +166,25 @@ class SampledSolver(CompiledSolver):
         work, u = self._storage(max_steps), np.array(self.system.held)
         moving = self.law.widths[1] - m
         law = self.law.address(), _arguments(moving + m, None), np.empty(self.law.traced.entries)
-        number, z = np.array([sampler.count, 0]), np.stack([sampler.state, sampler.next_state])
-        begun, U, Z = np.empty(max_steps + 1, np.int64), np.empty((max_steps + 1, n)), np.empty((max_steps + 1, m))
+        number, z = np.array([sampler.count, sampler.arrived, 0, 0]), np.stack([sampler.state, sampler.next_state])
+        (begun, came), (U, W) = np.empty((2, max_steps + 1), np.int64), np.empty((2, max_steps + 1, n))
+        Z, timing = np.empty((max_steps + 1, m)), (sampler.period, *sampler.delay)
         problem = Problem(self.rates, _arguments(len(self.x), u), self.interval())
-        taken = take_samples(law, problem, sampler.period, self.how, work, (number, self.bounds, z, begun, U, Z))
-        begun = begun[: number[1]]
-        if len(begun):
-            samples = work.T[begun], work.X[begun, :moving], U[begun], Z[: len(begun)]
-            sampler.note(samples, z, self.system.evaluations + int(work.evaluations[: begun[-1]].sum()))
+        room = number, self.bounds, z, sampler.pending, begun, came, U, W, Z
+        taken = take_samples(law, problem, timing, self.how, work, room)
+        begun, came = begun[: number[2]], came[: number[3]]
+        last = max((*begun[-1:], *came[-1:]), default=-1)
+        if last >= 0:
+            samples = work.T[begun], work.X[begun, :moving], W[: len(begun)], Z[: len(begun)]
+            acting = work.T[came], work.X[came, :moving], U[came]
+            sampler.note(samples, acting, z, self.system.evaluations + int(work.evaluations[:last].sum()))
         if taken:
             block = self._taken(taken, work, u, U[:taken])
-            if len(begun) and begun[-1] == taken:  # the slope there is that before the sample
+            if last == taken:  # the slope there is that before the sample
                 self.how = KEEP_LENGTH
             return block
         if self.t >= sampler.next:
-            sampler.sample(self.t, self.x)
+            sampler.renew(self.t, self.x)
         return self._step_by_scipy(min(sampler.next, self.end))
 
 

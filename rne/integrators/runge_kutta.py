@@ -97,51 +97,70 @@ def add_stages(problem: Any, T: Any, X: Any, K: Any, U: Any) -> bool:
     return valid
 
 
-def take_samples(law: Any, problem: Any, period: Any, how: Any, steps: Any, samples: Any) -> int:
-    """`take_steps` with a law that is sampled, and whose outputs, the first of arguments[2], are held in between.
+@inline
+def sample(law: Any, period: Any, t: Any, x: Any, number: Any, samples: Any) -> bool:
+    """Sample a law: its command, within the bounds, becomes the last one that is pending; True if it is valid."""
+    function, (time, states), found = law
+    _, bounds, z, pending, _, _, _, W, Z = samples
+    count, here, n, m, moving = number[0], number[2], len(bounds[0]), len(z[0]), len(states) - len(z[0])
+    before, last = (count - 1) % len(pending), count % len(pending)
+    for j in range(m):
+        z[0, j] = states[moving + j] = z[1, j]
+    time[0] = t
+    for i in range(moving):
+        states[i] = x[i]
+    if not evaluate(function, (time, states), found):
+        return False
+    for i in range(n):
+        u, held = min(max(found[i], -bounds[0, i]), bounds[0, i]), pending[before, i]
+        if count > 0:
+            u = min(max(u, held - bounds[1, i]), held + bounds[1, i])
+        pending[last, i] = W[here, i] = u
+    for j in range(m):
+        z[1, j] = z[0, j] + period * found[n + j]
+        Z[here, j] = z[0, j]
+    number[0] += 1
+    number[2] += 1
+    return True
+
+
+def take_samples(law: Any, problem: Any, timing: Any, how: Any, steps: Any, samples: Any) -> int:
+    """`take_steps` with a law that is sampled, and whose commands, the first of arguments[2], are held in between.
 
     `law` has its function, its arguments t and (x, z), and room for its outputs and the rates of its states z, which go
-    on by Euler's rule. `samples` has the number of samples so far, how often the law was sampled here, the bounds of
-    outputs and of their change, (2, n), the states z at the last sample and the next, (2, m), the steps that began with
-    a sample, the outputs in each step, and z at each sample.
+    on by Euler's rule. `timing` has the period and the delay with which a command acts after its sample: a whole number
+    of periods and the rest of it. `samples` has the numbers of samples and of commands that have acted so far, and of
+    both in this call; the bounds of commands and of their change, (2, n); the states z at the last sample and the next,
+    (2, m); the commands that are pending, (p, n), the one of sample k in row k % p; the steps that began with a sample,
+    and with another command; the commands in each step; and the command and z of each sample.
     """
-    function, (time, states), found = law
-    number, bounds, z, begun, U, Z = samples
+    period, late, rest = timing
+    number, bounds, _, pending, begun, came, U, _, _ = samples
     T, X, K, H, count, work = steps
     u, n, step, end = problem.arguments[2], len(bounds[0]), 0, problem.interval.end
-    moving = len(states) - len(z[0])  # positions and velocities
-    coordinates = moving // 2
-    number[1] = 0
+    coordinates = (len(law[1][1]) - len(samples[2][0])) // 2
+    number[2] = number[3] = 0
     while step < len(T) - 1 and T[step] < end:
-        if T[step] >= number[0] * period:
-            for j in range(len(z[0])):
-                z[0, j] = z[1, j]
-                states[moving + j] = z[0, j]
-            for i in range(len(u) - n - coordinates):  # behind the outputs, 0 for a rate that is held at zero
+        sample_time, arrival = number[0] * period, (number[1] + late) * period + rest
+        if T[step] >= min(sample_time, arrival):
+            for i in range(len(u) - n - coordinates):  # behind the commands, 0 for a rate that is held at zero
                 X[step, coordinates + i] *= u[n + i]
-            time[0] = T[step]
-            for i in range(moving):
-                states[i] = X[step, i]
-            if not evaluate(function, (time, states), found):
-                return step
-            for i in range(n):
-                output = min(max(found[i], -bounds[0, i]), bounds[0, i])
-                held = min(max(output, u[i] - bounds[1, i]), u[i] + bounds[1, i])
-                u[i] = output if number[0] == 0 else held
-                U[step, i] = u[i]
-            for j in range(len(z[0])):
-                z[1, j] = z[0, j] + period * found[n + j]
-                Z[number[1], j] = z[0, j]
-            begun[number[1]] = step
-            if number[0] == 0:
-                H[step] = period  # the first step is tried as far as the next sample
+            if T[step] >= sample_time:
+                begun[number[2]] = step
+                if number[0] == 0:
+                    H[step] = period  # the first step is tried as far as the next sample
+                if not sample(law, period, T[step], X[step], number, samples):
+                    return step
+            if T[step] >= arrival:
+                for i in range(n):
+                    u[i] = U[step, i] = pending[number[1] % len(pending), i]
+                came[number[3]] = step
+                number[1] += 1
+                number[3] += 1
             how = KEEP_LENGTH if H[step] > 0 else RESTART
-            number[0] += 1
-            number[1] += 1
-        next_sample = number[0] * period
-        until = next_sample if next_sample < end * (1 - 1e-12) else end
-        rest = Storage(T[step:], X[step:], K[step:], H[step:], count[step:], work)
-        taken = take_steps(problem, until, how, rest)
+        switch = min(number[0] * period, (number[1] + late) * period + rest)
+        until = switch if switch < end * (1 - 1e-12) else end
+        taken = take_steps(problem, until, how, Storage(T[step:], X[step:], K[step:], H[step:], count[step:], work))
         for k in range(step, step + taken):
             for i in range(n):
                 U[k, i] = u[i]

@@ -1,8 +1,9 @@
 """The simulation loop: segments between the instants at which something switches.
 
-At the start of a segment the controller is sampled, if it is due, and the modes of dry friction are settled. A solver
-then steps to the next sample or break, unless an event happens inside a step: there the segment ends, and the next one
-begins, or the run ends at a stop. States at times to report come from the steps' interpolants.
+At the start of a segment the controller is sampled and a late command begins to act, where they are due, and the modes
+of dry friction are settled. A solver then steps to the next of these or a break, unless an event happens inside a step:
+there the segment ends, and the next one begins, or the run ends at a stop. States at times to report come from the
+steps' interpolants.
 """
 
 from __future__ import annotations
@@ -84,7 +85,8 @@ class RunResult:
     2. Values at a time are those from it on: after a sample, a break or an event at this time. Where `tau` or `qdd`
        jump there, by more than 1e-9 of a joint's largest value, the time is one of `jumps`, and `tau_before` and
        `qdd_before` have the values before it. With `t_eval` no jumps are known.
-    3. Torques of a sampled controller are held: between two samples `tau` is that of the first.
+    3. Torques of a sampled controller are held: from a sample's time and the scene's `delay` on until the next one's
+       `tau` is that of the sample; before the first it is 0.
     4. While a joint sticks its velocity and acceleration are exactly 0, and `tau` is the torque of its drive, not what
        friction holds.
     5. `work` and each of `dissipated` count from t = 0, whatever `t_eval` leaves out; `energy_drift` is the largest
@@ -97,6 +99,7 @@ class RunResult:
     scene: Any = None
     repeat: Callable[[Task], RunResult] | None = None  # runs another task of the scene
     samples: ControlSamples | None = None  # of a controller that is sampled
+    acting: ControlSamples | None = None  # from when on which of its torques acted
     status: int = 0
     ending: str = ""
     failure: Failure | None = None
@@ -221,9 +224,9 @@ class RunResult:
         moved = x[:, :N][:, driven], x[:, N : 2 * N][:, driven], rates[:, driven]  # by the drives
         energies = dict(zip(dynamics.energies, x[:, dynamics.counted :].T, strict=True))
         work, z = energies.pop("drives", np.zeros(len(t))), x[:, 2 * N : 2 * N + dynamics.states]
-        if self.samples is not None:
-            number = self.samples.held(t, SAME)
-            z, work = self.samples.z[number], self.samples.work(moved[0], number, driven)
+        if self.samples is not None and self.acting is not None:
+            z = self.samples.z[self.samples.held(t, SAME)]
+            work = self.acting.work(moved[0], self.acting.held(t, SAME), driven)
         robot, x0, side = plant.robot, self.task.x0, dynamics.motor_side
         kinetic, potential = dynamics.energies_of(robot, np.concatenate([x0[None], x]))
         energy = kinetic + potential
@@ -245,16 +248,16 @@ class RunResult:
         return self.reported._replace(t=np.where(np.isin(t, self.task.breaks), np.nextafter(t, np.inf), t))
 
     def _held(self, t: Array, same: float = SAME) -> Array | None:
-        """The torques that are held, (T, n), where they are; after a sample those that begin there, up to rounding."""
-        return None if self.samples is None else self.samples.u[self.samples.held(t, same)]
+        """The torques that are held, (T, n), where they are; at a change those that begin there, up to rounding."""
+        return None if self.acting is None else self.acting.u[self.acting.held(t, same)]
 
     def _before_jumps(self) -> Instants:
         """The instants just before those at which accelerations or torques may jump."""
-        if self.samples is None or self.plant.sticks or self.task.t_eval is not None:
+        if self.acting is None or self.plant.sticks or self.task.t_eval is not None:
             return self._joined(self.ends)
-        t = self.samples.t
+        t = self.acting.t
         within = (t > 0) & (t < self.reported.t.max(initial=0.0))
-        x = np.pad(self.samples.x[within], ((0, 0), (0, self.plant.dynamics.size - self.samples.x.shape[1])))
+        x = np.pad(self.acting.x[within], ((0, 0), (0, self.plant.dynamics.size - self.acting.x.shape[1])))
         return Instants(np.nextafter(t[within], 0.0), x)
 
     def _jumps(self, t: Array, qdd: Array, tau: Array) -> tuple[Array, Array, Array]:
@@ -318,7 +321,7 @@ class Run:
             if self.task.duration == 0 or not self.plant.counted:  # nothing moves; SciPy's solvers divide by both
                 self._begin_segment()
                 while self.hold is not None and (not self.hold.count or self.hold.next < self.task.duration * NEARLY):
-                    self.hold.sample(self.hold.next, self.x)  # which a solver would have taken
+                    self.hold.renew(self.hold.next, self.x)  # which a solver would have taken
                 self.t = self.task.duration
             else:
                 while self.t < self.task.duration and self.stop is None:
@@ -336,7 +339,9 @@ class Run:
             failure = Failure(self.t, "interrupted", is_interrupt=True)
         self.plant.span = (-np.inf, np.inf)
         record = self.record
-        record.failure, record.samples = failure, None if self.hold is None else self.hold.samples()
+        record.failure = failure
+        if self.hold is not None:
+            record.samples, record.acting = self.hold.samples(), self.hold.commands()
         record.status, record.ending, record.method = int(self.stop is not None), self._ending(), self.monitor.method
         return record
 
@@ -350,7 +355,7 @@ class Run:
         return Failure(time, str(error), error=error.__cause__)
 
     def _segment(self) -> None:
-        """To the next sample, break, event or the end."""
+        """To the next sample or command, break, event or the end."""
         end, resumes = self._begin_segment()
         if resumes:
             self.solver.resume(self.plant, self.t, self.x, end)
@@ -390,19 +395,19 @@ class Run:
             self.record.leave(steps.T[rows], steps.X[rows])
 
     def _begin_segment(self) -> tuple[float, bool]:
-        """Sample the controller if it is due, settle what sticks; the segment's end, and whether the solver goes on."""
+        """Renew held torques if it is due, settle what sticks; the segment's end, and whether the solver goes on."""
         t, hold = self.t, self.hold
-        is_sample = hold is not None and t >= hold.next and not (self.solver.takes_samples and not self.plant.sticks)
-        if hold is not None and is_sample:
-            hold.sample(t, self.x)
+        is_due = hold is not None and t >= hold.next and not (self.solver.takes_samples and not self.plant.sticks)
+        if hold is not None and is_due:
+            hold.renew(t, self.x)
         end = self._next_switch()
         begin = float(np.nextafter(t, np.inf)) if t in self.breaks else t
         self.plant.begin(t, self.x, (begin, float(np.nextafter(end, 0.0))))
         self.record.begin(t, self.x)
-        return end, is_sample and not self.plant.has_changed
+        return end, is_due and not self.plant.has_changed
 
     def _next_switch(self) -> float:
-        """The next sample, the next break or the end."""
+        """The next sample or command, the next break or the end."""
         duration, hold = self.task.duration, self.hold
         if hold is not None and not self.solver.takes_samples:
             return hold.next if hold.next < duration * NEARLY else duration
@@ -439,7 +444,8 @@ class Run:
         parts = [self.monitor.note, self.plant.note]
         if self.hold is not None:
             count = self.hold.count
-            parts.append(f"the controller was sampled {count} times, every {self.hold.period:g} s")
+            late = f", and acted {self.hold.scene.delay:g} s later" if any(self.hold.delay) else ""
+            parts.append(f"the controller was sampled {count} times, every {self.hold.period:g} s{late}")
         went = "; ".join(part for part in parts if part) or "the end was reached"
         words = [self.solver.note, went if self.stop is None else self.stop.message(self.t)]
         return "; ".join(word for word in words if word)

@@ -143,7 +143,7 @@ def _run(scene: Scene, dynamics: SceneDynamics, law_name: str, task: Task) -> Ru
     """One run of a scene, by the method that suits it where that is "auto"."""
     robot, law = scene.resolved.robot, scene.controller if dynamics.inputs == "called" else None
     plant = (DryPlant if dynamics.sticks else Plant)(dynamics, robot, law, law_name)
-    hold = None if scene.sample_time is None else ZeroOrderHold(scene, plant)
+    hold = None if scene.sample_time is None else ZeroOrderHold(scene, plant, task.duration)
     method, reason = task.method, f"{task.method} as requested"
     if method == "auto":
         method, reason = choose_method(plant, task.x0, task.duration, hold)

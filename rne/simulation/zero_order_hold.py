@@ -1,4 +1,8 @@
-"""A controller that is sampled, with its torques held from one sample to the next."""
+"""A controller that is sampled, with its torques held from one sample to the next, perhaps some time later.
+
+The command of a sample acts a delay after it, until the next one does; before the first one no torque acts. With the
+delay a whole number of sample times, commands act at the instants of samples, to the last bit.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +15,7 @@ from ..control.gains import check_gains
 from .plant import Plant, checked_state_rates, checked_torques
 from .scene import Scene
 
+WHOLE = 1e-12  # relative: delays that are a whole number of sample times up to rounding
 MAX_EVALUATIONS = 20_000  # of the right-hand side between two samples, some hundred times what a stable loop takes
 
 
@@ -33,6 +38,10 @@ class ControlSamples(NamedTuple):
         work: Array = done[k] + ((q - start[k]) * self.u[k]).sum(axis=1)
         return work
 
+    def first(self, count: int) -> ControlSamples:
+        """The first of them."""
+        return ControlSamples(*(part[:count] for part in self))
+
 
 class ZeroOrderHold:
     """A controller that is sampled: the torques held since the last sample, and the controller's states.
@@ -40,22 +49,35 @@ class ZeroOrderHold:
     The states are integrated by Euler's rule from sample to sample.
     """
 
-    def __init__(self, scene: Scene, plant: Plant) -> None:
+    def __init__(self, scene: Scene, plant: Plant, duration: float) -> None:
         self.scene, self.plant = scene, plant
         self.period = float(scene.sample_time or 0.0)
+        self.delay = in_periods(min(float(scene.delay or 0.0), duration + 2 * self.period), self.period)
+        self.pending = np.zeros((int(self.delay[0]) + 1, scene.n))  # the last commands, that of sample k in row k % p
         self.state = self.next_state = np.zeros(int(getattr(scene.controller, "states", 0)))  # at the last sample
         law = scene.traced_samples
         self.traced = None if law is None else plant.robot._kernels.scene_kernel(law.outputs)  # where it is traced
         self.moving = 2 * plant.dynamics.n  # entries of the state that samples keep
         none = np.zeros(0), np.zeros((0, self.moving)), np.zeros((0, scene.n)), np.zeros((0, len(self.state)))
         self.table = [ControlSamples(*none)]
-        self.count, self.evaluations_before = 0, 0  # samples, and evaluations before the last one
+        self.acting = [ControlSamples(*none)] if any(self.delay) else self.table  # when commands begin to act
+        self.count, self.arrived = 0, 0  # samples, and commands that act or have acted
+        self.evaluations_before = 0  # evaluations before the last of both
         self.limit, self.change = self.bounds()
         plant.law, plant.sampled = None, np.zeros(scene.n)  # the solver sees torques that are held
 
-    def sample(self, t: float, x: Array) -> None:
-        """Renew the torques that the plant holds, within the limits of torque and torque rate."""
-        held, moved = np.asarray(self.plant.sampled), x[: self.moving]
+    def renew(self, t: float, x: Array) -> None:
+        """Take the sample, and have the command act, that are due."""
+        moved = x[: self.moving]
+        if t >= self.count * self.period:
+            self._sample(t, moved)
+        if t >= self._arrival:
+            self._act(np.array([t]), moved[None], self.pending[[self.arrived % len(self.pending)]])
+        self.evaluations_before = self.plant.evaluations
+
+    def _sample(self, t: float, moved: Array) -> None:
+        """The command of the controller, within the limits of torque and torque rate."""
+        held = self.pending[(self.count - 1) % len(self.pending)]
         self.state = self.next_state
         returned, rates = self.plant.called(self.scene.controller, t, np.concatenate([moved, self.state]))
         if rates is not None:
@@ -63,11 +85,10 @@ class ZeroOrderHold:
         u = np.clip(checked_torques(self.plant.law_name, returned, self.plant.robot, t), -self.limit, self.limit)
         if self.count:
             u = np.clip(u, held - self.change, held + self.change)
-        self.plant.sampled = u
+        self.pending[self.count % len(self.pending)] = u
         if callable(getattr(self.scene.controller, "delivered", None)):
             self.scene.controller.delivered(u.copy())
-        self._append(ControlSamples(np.array([t]), moved[None], u[None], self.state[None]))
-        self.evaluations_before = self.plant.evaluations
+        self._append(np.array([t]), moved[None], u[None], self.state[None])
 
     def bounds(self) -> Array:
         """Bounds of the torques, and of their change from one sample to the next, shape (2, n)."""
@@ -75,42 +96,66 @@ class ZeroOrderHold:
         limit, rate = (np.inf if bound is None else bound for bound in (parts.effort_limit, parts.torque_rate))
         return np.array([np.broadcast_to(bound, self.scene.n) for bound in (limit, rate * self.period)])
 
-    def note(self, samples: tuple[Array, ...], states: Array, evaluations: int) -> None:
-        """Samples were taken in machine code: with the controller's states at the last and the next one."""
-        t, x, u, z = samples
-        self._append(ControlSamples(t, x[:, : self.moving], u, z))
-        self.state, self.next_state = states
-        self.plant.sampled, self.evaluations_before = samples[2][-1], evaluations
+    def note(self, samples: tuple[Array, ...], acting: tuple[Array, ...], states: Array, evaluations: int) -> None:
+        """In machine code samples were taken and commands began to act: with the controller's states behind them."""
+        self._append(*samples)
+        self._act(*acting)
+        (self.state, self.next_state), self.evaluations_before = states, evaluations
 
-    def _append(self, samples: ControlSamples) -> None:
-        self.table.append(samples)
-        self.count += len(samples.t)
+    def _append(self, t: Array, x: Array, u: Array, z: Array) -> None:
+        """Keep samples; before the first command acts none does."""
+        if self.acting is not self.table and not self.count:
+            self.acting.append(ControlSamples(t[:1], x[:1, : self.moving], np.zeros_like(u[:1]), z[:1]))
+        if len(t):
+            self.table.append(ControlSamples(t, x[:, : self.moving], u, z))
+        self.count += len(t)
+
+    def _act(self, t: Array, x: Array, u: Array) -> None:
+        """From these times on commands act."""
+        if not len(t):
+            return
+        self.plant.sampled, self.arrived = u[-1], self.arrived + len(t)
+        if self.acting is not self.table:
+            self.acting.append(ControlSamples(t, x, u, np.zeros((len(t), len(self.state)))))
+
+    @property
+    def _arrival(self) -> float:
+        """Time at which the next command acts."""
+        late, rest = self.delay
+        return (self.arrived + late) * self.period + rest
 
     @property
     def next(self) -> float:
-        """Time of the next sample."""
-        return self.count * self.period
+        """Time of the next sample or the next command, whichever is first."""
+        return min(self.count * self.period, self._arrival)
 
     def rewind(self, t: float) -> None:
-        """Drop the samples after t."""
-        if self.count and t < self.table[-1].t[-1]:
-            samples = self.samples()
-            k = self.count = int(np.searchsorted(samples.t, t, side="right"))
-            self.next_state, self.state, self.plant.sampled = samples.z[k], samples.z[k - 1], samples.u[k - 1]
-            self.table = [ControlSamples(*(part[:k] for part in samples))]
+        """Drop the samples, and the commands that began to act, after t."""
+        if not self.count or t >= max(self.table[-1].t[-1], self.acting[-1].t[-1]):
+            return
+        samples, acting, rows = self.samples(), self.commands(), len(self.pending)
+        k, self.arrived = (int(np.searchsorted(found.t, t, side="right")) for found in (samples, acting))
+        self.count, self.state, self.plant.sampled = k, samples.z[k - 1], acting.u[self.arrived - 1]
+        self.next_state = samples.z[k] if k < len(samples.t) else self.next_state
+        last = np.arange(max(k - rows, 0), k)
+        self.pending[last % rows] = samples.u[last]
+        self.table[:], self.acting[:] = [samples.first(k)], [acting.first(self.arrived)]
+        self.arrived -= self.acting is not self.table
 
     def finish(self, t: float, x: Array) -> None:
         """The run ends at t: what was sampled behind it is void, and what follows a sample there counts."""
         self.rewind(t)
-        if t >= self.next:
-            u = np.asarray(self.plant.sampled)
+        if t >= self.count * self.period:
+            u = self.pending[(self.count - 1) % len(self.pending)]
             self.table.append(ControlSamples(np.array([t]), x[None, : self.moving], u[None], self.next_state[None]))
 
     def samples(self) -> ControlSamples:
         """All samples so far."""
-        if len(self.table) > 1:
-            self.table = [ControlSamples(*(np.concatenate(parts) for parts in zip(*self.table, strict=True)))]
-        return self.table[0]
+        return _joined(self.table)
+
+    def commands(self) -> ControlSamples:
+        """All torques that have acted so far: times from which on, states then, and the torques."""
+        return _joined(self.acting)
 
     def stability(self) -> str:
         """What check_gains says of the controller, for the error of a loop that diverges."""
@@ -124,3 +169,19 @@ class ZeroOrderHold:
         except (ValueError, TypeError):
             return "see rne.check_gains for the sample time that its gains need"
         return f"by rne.check_gains it is stable up to {limit:.4g} s, and sampled every {self.period:g} s"
+
+
+def _joined(parts: list[ControlSamples]) -> ControlSamples:
+    """All rows of a table, whose parts become one."""
+    if len(parts) > 1:
+        parts[:] = [ControlSamples(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))]
+    return parts[0]
+
+
+def in_periods(delay: float, period: float) -> tuple[float, float]:
+    """A delay as a whole number of periods and the rest [s], which is 0 where rounding has left it."""
+    whole, rest = float(round(delay / period)), 0.0
+    if abs(delay - whole * period) > WHOLE * max(delay, period):
+        whole = float(np.floor(delay / period))
+        rest = delay - whole * period
+    return whole, rest
