@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Mapping, Sequence
@@ -29,7 +30,8 @@ from .trace import by_recursion, takes_complex_steps, wrench_links
 FEW_JOINTS, MANY_JOINTS = 9, 20
 NOTHING: Mapping[str, Any] = {}
 SCENES, VARIANTS = 64, 16  # kernels of scenes and robots derived from one that are kept, those used last
-CALLED = 256  # quantities and functions of scenes that are known to have been evaluated once
+CALLED = 256  # quantities and functions of scenes that are known to have been evaluated
+OF_TRACING, OF_A_CALL = 1500, 150  # states by the recursion that take as long as tracing, and as a call of it does
 MAKERS = {"gradient": gradient, "hessian": hessian, "hessian_product": hessian_product}
 K = TypeVar("K")
 V = TypeVar("V")
@@ -64,7 +66,7 @@ class KernelCache:
         self.model, self.engine = model, engine_argument(engine)
         self._kernels: dict[Any, Kernel] = {}
         self._forward: dict[Any, Kernel] = {}  # of forward dynamics by the method chosen
-        self._called: Recent[Any, bool] = Recent(CALLED)  # quantities that one state was evaluated of
+        self._called: Recent[Any, int] = Recent(CALLED)  # evaluations by the recursion so far
         self._links: dict[tuple[str, ...], tuple[str, ...]] = {}  # of wrenches as given: in the model's order
         self._scenes: Recent[Any, Kernel] = Recent(SCENES)
         self._variants: Recent[Model, KernelCache] = Recent(VARIANTS)
@@ -100,22 +102,23 @@ class KernelCache:
         key = function, wrt, *fixed.items()
         return self._scenes.get_or_make(key, lambda: Kernel(function, self.model, fixed, wrt, self.engine))
 
-    def evaluate_scene(self, function: Declared, wrt: Sequence[str], *arrays: Array) -> Array:
-        """Derivatives of a function of a scene in one state; the first time by the recursion, which traces nothing."""
-        key = function, tuple(wrt)
-        if key not in self._scenes and self._is_first_state(key, arrays, function, wrt):
-            return by_recursion(function, self.model, arrays, wrt, {})[0]
-        return self.scene_kernel(function, *wrt).evaluate(*arrays)[0]
+    def evaluate_some(self, function: Declared, *arrays: Array) -> Array:
+        """A quantity of a robot or a scene in states that are evaluated once, such as the energies of a motion.
+
+        By the recursion, until this took about as long as tracing would: for six joints 4 ms.
+        """
+        kernel, key = self._kernels.get(function) or self._scenes.get((function, ())), ("some", function)
+        if kernel is None and not any(is_traced(a) for a in arrays):
+            count = self._called.pop(key, 0) + OF_A_CALL + max(math.prod(a.shape[:-1]) for a in arrays)
+            if self._called.get_or_make(key, lambda: count) <= OF_TRACING:
+                return by_recursion(function, self.model, arrays, (), {})[0]
+        return (kernel or self.scene_kernel(function)).evaluate(*arrays)[0]
 
     def keep_scene(self, kernel: Kernel) -> None:
         """Keep a kernel of a scene under its function."""
         key = kernel.function, kernel.wrt, *kernel.fixed.items()
         self._scenes.pop(key, None)
         self._scenes.get_or_make(key, lambda: kernel)
-
-    def has_scene(self, function: Declared, *wrt: str) -> bool:
-        """True if the kernel of a function of a scene, or of its derivatives, is kept."""
-        return (function, wrt) in self._scenes
 
     def variant(self, model: Model) -> KernelCache:
         """The kernels of another model derived from this one; of equal models the same."""
@@ -185,7 +188,7 @@ class KernelCache:
         except ValueError:
             one_state = True  # no array: named where the function checks its arguments
         if one_state:
-            self._called.get_or_make(key, lambda: True)
+            self._called.get_or_make(key, lambda: 1)
         return one_state and (not wrt or takes_complex_steps(function, self.model))
 
     def _with_inputs(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -467,7 +468,7 @@ def _times(motion: Any) -> Array:
 
 def _samples(scene: Scene, motion: Any, *, instant: bool = False) -> tuple[Array, Array, Array, Array, Array]:
     """Samples t, q, qd, qdd and tau of a motion; those of an `instant` suffice, if it is allowed."""
-    found: tuple[Any, ...]
+    found: Sequence[Any]
     if isinstance(motion, Trajectory):
         found = samples_of(motion, between(motion.t, samples=MOST_LOADS))
     elif callable(motion):

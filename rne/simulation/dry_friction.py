@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -82,15 +81,11 @@ class DryPlant(Plant):
 
     def linearised(self, t: float, x: Array) -> Array:
         """df/dx with all joints slipping, for the choice of a method."""
-        smooth = self.smooth
-        smooth.span, smooth.sampled, smooth.law = self.span, self.sampled, self.law
-        self.evaluations += self.counted
-        return smooth.linearised(t, x)
-
-    @cached_property
-    def smooth(self) -> Plant:
-        """The plant with all joints slipping."""
-        return Plant(self.dynamics, self.robot, self.law, self.law_name)
+        before, self.mode = self.mode, np.ones_like(self.mode)
+        try:
+            return super().linearised(t, x)
+        finally:
+            self.mode = before
 
     @property
     def held(self) -> Array:

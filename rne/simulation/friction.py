@@ -13,6 +13,8 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import ReadOnlyArrays, real_numbers
 from ..basics.spatial import Array
 from ..basics.text import listed, short, summary
+from ..dynamics.crba import mass_matrix
+from ..dynamics.rnea import gravity_torque, inverse_dynamics
 from ..elementwise import less, tanh, where
 from ..model.checks import domain_error
 from ..model.friction_laws import direction, magnitude, saturating, stribeck_effect
@@ -312,9 +314,10 @@ def creep(
     forward, back = np.asarray(friction.coulomb, dtype=float), np.asarray(friction.coulomb_back, dtype=float)
     if friction.smoothing == 0 or not (forward.any() or back.any()) or len(q) < 2:
         return ""
-    inverse, passed = np.linalg.inv(robot.mass_matrix(q) if rotor is None else np.diag(rotor)), 0 * qd
+    evaluate, passed = robot._kernels.evaluate_some, 0 * qd
+    inverse = np.linalg.inv(evaluate(mass_matrix, q) if rotor is None else np.diag(rotor))
     if np.any(friction.load):
-        passed = robot.inverse_dynamics(q, qd, qdd) + (0.0 if springs is None else springs.torque(robot, q, qd))
+        passed = evaluate(inverse_dynamics, q, qd, qdd) + (0.0 if springs is None else springs.torque(robot, q, qd))
     resisting = friction.torque(robot.model, qd, passed) - np.asarray(friction.offset)
     # Friction that would keep each joint from accelerating
     load = resisting + qdd / np.diagonal(inverse, axis1=-2, axis2=-1)
@@ -327,7 +330,7 @@ def creep(
     )
     held = caught > released
     moved = (np.abs(np.diff(q, axis=0)) * (held[1:] & held[:-1])).sum(axis=0)
-    weight = None if rest is None else robot.gravity_torque(rest) + np.asarray(friction.offset)
+    weight = None if rest is None else evaluate(gravity_torque, rest) + np.asarray(friction.offset)
     if weight is not None and rest is not None and springs is not None:
         weight = weight + springs.torque(robot, rest, 0 * rest)
     if weight is not None and (np.abs(weight) < np.where(weight > 0, back, forward)).all():

@@ -192,14 +192,14 @@ class MethodMonitor:
 
     def _jump(self, t: float, x: Array, h: float) -> Array | None:
         """The jump of the torques between a state and one a few steps ahead, or None if they are continuous."""
-        plant, n = self.plant.smooth, self.plant.robot.n
+        plant, n = self.plant, self.plant.robot.n
 
         def torques(state: Array) -> Array:
             return plant.drive_torques(np.array([t]), state[None])
 
         u = torques(x)
         try:
-            ahead = x + REACH * h * plant.rates(t, x, plant.torque(t, x))
+            ahead = x + REACH * h * plant(t, x)
             beyond = torques(ahead)
             change = np.abs(beyond - u).max()
             if not change > NOTICED * np.abs(u).max():

@@ -23,6 +23,8 @@ from ..robot import Robot
 from .events import Event
 from .scene_dynamics import SceneDynamics
 
+FEW = 500  # states for which machine code of one state takes less time than loading that of many, some 8 ms
+
 
 class Plant:
     """dx/dt of a robot in a scene, with its kernels; nothing in it switches by itself, see `DryPlant` for what does.
@@ -89,11 +91,6 @@ class Plant:
         for kernel in (self.kernel, self._law_kernel, self.__dict__.get("slopes")):
             if kernel is not None:
                 self.robot._kernels.keep_scene(kernel)
-
-    @property
-    def smooth(self) -> Plant:
-        """The equations without modes of dry friction."""
-        return self
 
     def begin(self, t: float, x: Array, span: tuple[float, float]) -> None:
         """Prepare for a segment that begins at t; torques are evaluated within `span`."""
@@ -176,7 +173,11 @@ class Plant:
 
     def all_rates(self, t: Array, X: Array, u: Array | None = None) -> Array:
         """dx/dt at many times, shapes (T,) and (T, size), for laws that are traced or inputs that are given."""
-        rates, status = self.kernel.evaluate(t[:, None], X, *(() if u is None else (u,)))
+        states = t[:, None], X, *(() if u is None else (u,))
+        if self._state_function is not None and self.robot.engine == "numba" and 0 < len(t) <= FEW:
+            with suppress(NeedsRecursion):
+                return np.array([self._state_function(*row) for row in zip(*states, strict=True)])
+        rates, status = self.kernel.evaluate(*states)
         self.note_loss(status)
         return rates
 
@@ -201,50 +202,30 @@ class Plant:
             raise NotFiniteError(f"state is not finite at t = {t:.6g} s", t)
 
     def jacobian(self, t: float, x: Array) -> Array:
-        """df/dx for an implicit solver: exact, but for called laws."""
-        return self._slopes_of_rates(self.dynamics, t, x, is_traced=True)
-
-    def linearised(self, t: float, x: Array) -> Array:
-        """df/dx for judging its modes: laws by forward differences, unless a kernel with the law is there.
-
-        This needs no kernel of the law, and the first time none at all.
-        """
-        dynamics = self.dynamics
-        is_traced = self.robot._kernels.has_scene(dynamics.residual, *self._wrt(dynamics))
-        return self._slopes_of_rates(dynamics if is_traced else dynamics.without_law(), t, x, is_traced=is_traced)
-
-    def _slopes_of_rates(self, dynamics: SceneDynamics, t: float, x: Array, *, is_traced: bool) -> Array:
-        """df/dx: dynamics, friction and the law of `dynamics` exactly, torques that it is given by forward differences.
+        """df/dx for an implicit solver: exact, but for called laws, by forward differences.
 
         From M qdd + h - torques = 0: M dqdd = -d(M qdd + h - torques) at constant qdd. Counted as one evaluation per
         component of the state, the cost of differences.
         """
         self._check_state(t, x)
         self.evaluations += self.counted
-        t, n, size, kernels = self.within(t), dynamics.n, len(x), self.robot._kernels
+        t, n, size, dynamics = self.within(t), self.dynamics.n, len(x), self.dynamics
         qdd = self.rates(t, x, self.torque(t, x))[n : 2 * n]
-        u = (self.law_outputs(t, x),) if dynamics.torque_given else ()
-        residual, wrt = dynamics.residual, self._wrt(dynamics)
-        evaluate = kernels.scene_kernel(residual, *wrt) if is_traced else partial(kernels.evaluate_scene, residual, wrt)
-        slopes = evaluate(np.array([t]), x, qdd, *u)
+        torque: Callable[..., Any] = partial(self.torque, t)
+        u = (torque(x),) if dynamics.torque_given else ()
+        wrt = ("x", "a", "u") if u else ("x", "a", "t") if self.is_compiled else ("x", "a")  # the time is for Rodas5P
+        slopes = self.robot._kernels.scene_kernel(dynamics.residual, *wrt)(np.array([t]), x, qdd, *u)
         by_x, M = slopes[:, :size], slopes[:n, size : size + n]
         if u and self.sampled is None:
-            law_slopes = differences(partial(self.law_outputs, t), x, u[0], self.counted)
+            law_slopes = differences(torque, x, u[0], self.counted)
             by_x = by_x + slopes[:, size + n :] @ law_slopes
         accelerations = np.linalg.solve(M, -by_x[:n])
         return np.concatenate([np.eye(n, size, n), accelerations, by_x[n:]])
 
-    def _wrt(self, dynamics: SceneDynamics) -> tuple[str, ...]:
-        """The arguments by which the equations of motion are differentiated; Rodas5P needs the time."""
-        return ("x", "a", "u") if dynamics.torque_given else ("x", "a", "t") if self.is_compiled else ("x", "a")
-
-    def law_outputs(self, t: float, x: Array) -> Array:
-        """Torques of the law, traced, called or sampled, without limits, and the rates of its states."""
-        if self.dynamics.law is None:
-            return np.asarray(self.torque(t, x))
-        with np.errstate(all="ignore"):  # a traced law may pass through infinities, which its kernel does in silence
-            torques, rates = self.dynamics.law(t, x)
-        return np.asarray(torques if rates is None else np.concatenate([torques, rates]))
+    def linearised(self, t: float, x: Array) -> Array:
+        """df/dx for judging its modes, by forward differences of what runs: nothing is traced for it."""
+        self._check_state(t, x)
+        return differences(partial(self, t), x, self(t, x), self.counted)
 
 
 def state_function(kernel: Kernel) -> Callable[..., Array] | None:

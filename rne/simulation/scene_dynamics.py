@@ -20,7 +20,7 @@ torques without limits, divided by a constant inertia, are further states of suc
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -30,6 +30,7 @@ from numpy.typing import ArrayLike
 from ..basics.spatial import Array, rotate
 from ..control.traced_law import LawInputs, TracedLaw
 from ..dynamics.crba import mass_matrix, solve_with_pivots
+from ..dynamics.energy import kinetic_energy, potential_energy
 from ..dynamics.precision import check_accelerations, check_singularity
 from ..dynamics.quantity import Declared, MethodQuantity, PrecisionStatus, Quantity
 from ..dynamics.rnea import bias_torque, inverse_dynamics
@@ -126,10 +127,6 @@ class SceneDynamics:
         """True if friction can hold joints."""
         return self.friction is not None and self.friction.sticks and self.joints > 0
 
-    def without_law(self) -> SceneDynamics:
-        """The same with the torques of a traced law as an argument."""
-        return self if self.law is None else replace(self, law=None, inputs="called")
-
     def drives(self, t: Any, x: Array, u: Array | None) -> tuple[Array | None, list[Array]]:
         """Torques of the drives within their limits, and the rates of the states behind (q, qd), without energies."""
         n, rates = self.joints, None
@@ -153,10 +150,10 @@ class SceneDynamics:
 
     def energies_of(self, robot: Robot, x: Array) -> tuple[Array, Array]:
         """Kinetic and potential energy in states [J]."""
-        q = x[..., : self.joints]
-        potential = robot.potential_energy(q)
+        q, evaluate = x[..., : self.joints], robot._kernels.evaluate_some
+        potential = evaluate(potential_energy, q)
         potential = potential if self.springs is None else potential + self.springs.energy(robot, q)
-        return robot.kinetic_energy(q, x[..., self.n : self.n + self.joints]), potential
+        return evaluate(kinetic_energy, q, x[..., self.n : self.n + self.joints]), potential
 
     def _powers(self, qd: Array, torques: dict[str, Array | None]) -> list[Array]:
         """Rates of the energies under given torques."""

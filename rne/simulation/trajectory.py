@@ -348,8 +348,7 @@ class Trajectory(InNotebooks):
         """
         if self.model is None:
             raise ValueError("this trajectory has no model: give it one by dataclasses.replace(trajectory, model=...)")
-        t, q, qd, _, tau = samples_of(self, between(self.t))
-        return limit_violations(self.model, t, q, qd, tau)
+        return limit_violations(self.model, *samples_of(self, between(self.t), "q", "qd", "tau"))
 
     @property
     def balance(self) -> Array:
@@ -491,24 +490,25 @@ def _horizon(bound: float, t: Array, error: Array) -> float:
     return float(t[k - 1] + part * (t[k] - t[k - 1]))
 
 
-def samples_of(motion: Trajectory, times: Array) -> tuple[Array, Array, Array, Array, Array]:
-    """t, q, qd, qdd and tau of a motion for reports: its samples, the values before jumps and those at further times.
+def samples_of(motion: Trajectory, times: Array, *names: str) -> list[Array]:
+    """t and q, qd, qdd, tau of a motion, or those named, for reports: its samples, and values at further times.
 
     The time of a jump stands twice, first with the values before it. Between times of `t_eval` nothing is known and
     nothing added. Accelerations are monotone between the solver's steps as torques are: the second derivative of an
     interpolant shows the solver's errors over the square of its step.
     """
-    known = motion.t, motion.q, motion.qd, motion.qdd, motion.tau
+    names = names or ("q", "qd", "qdd", "tau")
+    known = [motion.t, *(getattr(motion, name) for name in names)]
     if not motion.at_steps or len(motion.t) < 2:
         return known
-    inside = np.setdiff1d(times, motion.t)
-    k = np.searchsorted(motion.t, motion.jumps)
-    before = [x.reshape(len(k), motion.q.shape[1]) for x in (motion.qdd_before, motion.tau_before)]
-    added = inside, *motion._at(inside, "q", "qd", "qdd of reports", "tau")
-    t, *others = map(np.concatenate, zip(added, (motion.jumps, motion.q[k], motion.qd[k], *before), known, strict=True))
-    order = np.argsort(t, kind="stable")
-    q, qd, qdd, tau = (x[order] for x in others)
-    return t[order], q, qd, qdd, tau
+    inside = times[motion.t[np.clip(np.searchsorted(motion.t, times), 0, len(motion.t) - 1)] != times]
+    k, n = np.searchsorted(motion.t, motion.jumps), motion.q.shape[1]
+    jumping = {"qdd": motion.qdd_before.reshape(len(k), n), "tau": motion.tau_before.reshape(len(k), n)}
+    before = [motion.jumps, *(jumping[name] if name in jumping else getattr(motion, name)[k] for name in names)]
+    added = inside, *motion._at(inside, *("qdd of reports" if name == "qdd" else name for name in names))
+    samples = [np.concatenate(parts) for parts in zip(added, before, known, strict=True)]
+    order = np.argsort(samples[0], kind="stable")
+    return [x[order] for x in samples]
 
 
 def motors_at(motion: Trajectory, t: Array) -> tuple[Array, Array]:
