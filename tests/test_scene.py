@@ -537,13 +537,10 @@ class TestDryFrictionOfSeveralJoints:
         rates = np.concatenate(
             [rates, [(np.sin(t) - moving) @ moving, friction.viscous * moving @ moving, dry @ moving]]
         )
-        kernels, function = robot._kernels, dynamics.right_hand_side_under_modes
+        kernels, function, largest = robot._kernels, dynamics.right_hand_side_under_modes, np.abs(net).max()
         for found in (kernels.scene_kernel(function)(t, x, modes), function.evaluate(robot.model, t, x, modes)[0]):
-            np.testing.assert_allclose(found, rates, rtol=1e-9, atol=1e-9 * np.abs(rates).max())
-        found = np.split(kernels.scene_kernel(dynamics.loads_under_modes)(t, x, modes), 3)
-        largest = np.abs(net).max()
-        for got, expected in zip(found, (qdd, load, net), strict=True):
-            np.testing.assert_allclose(got, expected, rtol=1e-9, atol=1e-9 * max(largest, np.abs(expected).max()))
+            for got, expected in zip(np.split(found, [len(x), len(x) + n]), (rates, load, net), strict=True):
+                np.testing.assert_allclose(got, expected, rtol=1e-9, atol=1e-9 * max(largest, np.abs(expected).max()))
 
     def test_pid_with_limits_passes_through_many_events(self, two):
         law = rne.control.pid(two, [50, 20], [30, 10], [10, 4], [0.3, -0.2], gravity=True)

@@ -31,7 +31,7 @@ FIRST = 1e-6  # of the time to go: a first step of Rodas5P to try, from which th
 
 
 class Block(Steps):
-    """Steps of a compiled loop, with the slopes K of each step's stages, shape (k, stages, size).
+    """Steps of a compiled loop, with the slopes K of each step's stages first in what the kernel gives there.
 
     Inputs of the right-hand side are u; of these the first were U in each step, shape (k, n), where samples were taken
     between the steps.
@@ -55,7 +55,7 @@ class Block(Steps):
     def polynomials(self) -> Array:
         """The coefficients of each step's interpolant, as of Tableau, shape (k, degree, size)."""
         self.solver.extend(self)
-        coefficients: Array = np.diff(self.T)[:, None, None] * (self.solver.tableau.D @ self.K)
+        coefficients: Array = np.diff(self.T)[:, None, None] * (self.solver.tableau.D @ self.K[..., : self.X.shape[1]])
         return coefficients
 
     def _factors(self, s: Any) -> Array:
@@ -77,13 +77,13 @@ class Block(Steps):
 class CompiledSolver(Solver):
     """An explicit method whose steps are taken in machine code, many per call.
 
-    The kernel is the right-hand side, of time, state and what the system holds. A step that the compiled loop leaves
-    undone is taken by SciPy's solver, which names what is wrong.
+    The kernel gives the right-hand side, and perhaps more behind it, of time, state and what the system holds. A step
+    that the compiled loop leaves undone is taken by SciPy's solver, which names what is wrong.
     """
 
     def __init__(self, options: IntegrationOptions, kernel: Kernel) -> None:
         super().__init__(options)
-        self.rates, self.tableau = kernel.address(), tableau(options.method)
+        self.rates, self.width, self.tableau = kernel.address(), kernel.traced.entries, tableau(options.method)
         self.how, self.by_scipy = RESTART, 0
 
     def start(self, system: System, t: float, x: Array, end: float, max_step: float = np.inf) -> None:
@@ -94,7 +94,7 @@ class CompiledSolver(Solver):
     def resume(self, system: System, t: float, x: Array, end: float) -> None:
         """Restart after the inputs changed, with the last step's length, or the whole interval's if there is none."""
         super().resume(system, t, x, end)
-        self.how, self.f = KEEP_LENGTH, np.zeros(len(x))
+        self.how, self.f = KEEP_LENGTH, np.zeros(self.width)
 
     @property
     def note(self) -> str:  # type: ignore[override]
@@ -111,7 +111,7 @@ class CompiledSolver(Solver):
     def _storage(self, max_steps: int) -> Storage:
         """Room for steps, with what is known of the first."""
         n, stages = len(self.x), self.tableau.D.shape[1]
-        T, X, K = np.empty(max_steps + 1), np.empty((max_steps + 1, n)), np.empty((max_steps, stages, n))
+        T, X, K = np.empty(max_steps + 1), np.empty((max_steps + 1, n)), np.empty((max_steps, stages, self.width))
         H, count = np.empty(max_steps + 1), np.zeros(max_steps, dtype=np.int64)
         T[0], X[0], K[0, 0], H[0] = self.t, self.x, self.f, self.h
         return Storage(T, X, K, H, count, np.empty(n))
@@ -148,7 +148,7 @@ class CompiledSolver(Solver):
                 u[: len(held)] = held
             for s, (a, c) in enumerate(zip(A, C, strict=True), start=len(K) - len(C)):
                 time = min(max(t + c * h, interval.first), interval.last)
-                K[s] = system.rates(time, x + h * (a[:s] @ K[:s]), u)
+                K[s, : len(x)] = system.rates(time, x + h * (a[:s] @ K[:s, : len(x)]), u)
 
 
 class SampledSolver(CompiledSolver):

@@ -16,7 +16,7 @@ from ..basics.spatial import Array
 from ..errors import NotFiniteError
 from ..robot import Robot
 from .events import Event
-from .plant import Plant, state_function, with_modes
+from .plant import Plant, with_modes
 from .scene_dynamics import SceneDynamics
 
 MAX_MODE_CHANGES, MAX_AT_ONE_TIME = 1000, 20
@@ -57,8 +57,7 @@ class DryPlant(Plant):
         assert dynamics.friction is not None
         self.friction = friction = dynamics.friction
         self.n = n = dynamics.n
-        self.loads_kernel = robot._kernels.scene_kernel(dynamics.loads_under_modes)
-        self._loads_function = state_function(self.loads_kernel)
+        self._parts = dynamics.size, dynamics.size + n  # of what the kernel gives: rates, loads and net torques
         self.coulomb = self._of_drives(friction.coulomb), self._of_drives(friction.coulomb_back)
         self.statics = self.coulomb if friction.static is None else (self._of_drives(friction.static),) * 2
         self.mode, self.has_changed = np.full(n, -2), True  # no modes yet
@@ -140,27 +139,18 @@ class DryPlant(Plant):
         u = self.sampled if self.law is None else self.torque(t, self.reported(x))
         return np.asarray(with_modes(u, self.modes))
 
-    def loads(self, t: float, x: Array, u: Array | None = None) -> Array:
-        """Accelerations, dry friction or the loads of sticking joints, net torques without dry friction, shape (3, n).
+    def rates(self, t: float, x: Array, u: Array | None) -> Array:
+        """dx/dt under given torques and modes."""
+        return self.outputs(t, x, u)[: self.dynamics.size]
 
-        Under the torques that are held or returned by a law, or others.
+    def loads(self, t: float, x: Array) -> tuple[Array, Array, Array]:
+        """Accelerations, dry friction or the loads of sticking joints, and net torques without dry friction, (n,) each.
+
+        Under the torques that are held or returned by a law.
         """
         t = self.within(t)
-        inputs = self.inputs(t, x) if u is None else with_modes(u, self.modes)
-        found = self._evaluate(self.dynamics.loads_under_modes, self._loads_function, t, x, inputs)
-        return np.reshape(found, (3, self.n))
-
-    def loads_at(self, t: Array, X: Array, u: Array | None = None) -> Array:
-        """The same in many states, shape (3, T, n)."""
-        if len(t) == 1:  # as where an event is searched for
-            return self.loads(float(t[0]), X[0], None if u is None else u[0])[:, None]
-        t = np.clip(t, *self.span)
-        if u is None:
-            u = self.torques_at(t, self.reported(X)) if self.law is not None else self.sampled
-        modes = self.modes if u is None or u.ndim == 1 else np.repeat(self.modes[None], len(t), axis=0)
-        found, status = self.loads_kernel.evaluate(t[:, None], X, with_modes(u, modes))
-        self.note_loss(status)
-        return found.reshape(len(t), 3, self.n).swapaxes(0, 1)
+        found, loads, net = np.split(self.outputs(t, x, self.inputs(t, x)), self._parts)
+        return np.where(self.mode == 0, 0.0, found[self.n : 2 * self.n]), loads, net
 
     def settle(self, t: float, x: Array, overloaded: list[int]) -> None:
         """Set the modes of the joints from their rates, and of those at rest from their loads.
@@ -219,7 +209,12 @@ class DryPlant(Plant):
     def margins(self, t: Array, X: Array, u: Array | None) -> Array:
         """Static friction of each joint minus its load, in many states; those last asked for are kept."""
         if X is not self.asked:
-            _, loads, net = self.loads_at(t, X, u)
+            t = np.clip(t, *self.span)
+            if u is None:
+                u = self.torques_at(t, self.reported(X)) if self.law is not None else self.sampled
+            u = None if u is None else np.broadcast_to(u, (len(t), u.shape[-1]))
+            inputs = with_modes(u, np.repeat(self.modes[None], len(t), axis=0))
+            _, loads, net = np.split(self.all_outputs(t, X, inputs), self._parts, axis=-1)
             self.asked, self.last_margins = X, self._margin(loads, net)
         return self.last_margins
 

@@ -14,7 +14,7 @@ import numpy as np
 from ..basics.arrays import real_array
 from ..basics.spatial import Array
 from ..control.traced_law import call_law
-from ..dynamics.quantity import OK, MethodQuantity, PrecisionStatus
+from ..dynamics.quantity import OK, PrecisionStatus
 from ..errors import NotFiniteError, RneError
 from ..integrators.scipy_methods import differences
 from ..kernels.kernel import Kernel
@@ -22,8 +22,6 @@ from ..kernels.soundness import NeedsRecursion
 from ..robot import Robot
 from .events import Event
 from .scene_dynamics import SceneDynamics
-
-FEW = 500  # states for which machine code of one state takes less time than loading that of many, some 8 ms
 
 
 class Plant:
@@ -147,23 +145,21 @@ class Plant:
         return self.rates(t, x, self.torque(t, x))
 
     def rates(self, t: float, x: Array, u: Array | None) -> Array:
-        """dx/dt under given inputs."""
-        return self._evaluate(self._function, self._state_function, t, x, u)
+        """dx/dt under given inputs, by the kernel or else by the recursion, which names what is wrong."""
+        return self.outputs(t, x, u)
 
-    def _evaluate(
-        self, function: MethodQuantity, call: Callable[..., Array] | None, t: float, x: Array, u: Any
-    ) -> Array:
-        """A function in one state, by its kernel's `call` or else by the recursion, which names what is wrong."""
-        if call is not None:
+    def outputs(self, t: float, x: Array, u: Array | None) -> Array:
+        """All that the kernel of the equations gives in one state, dx/dt first."""
+        if self._state_function is not None:
             try:
                 self._time[0] = t
-                return call(self._time, x) if u is None else call(self._time, x, u)
+                return self._state_function(self._time, x, *(() if u is None else (u,)))
             except NeedsRecursion:
                 pass
         self._check_state(t, x)
         try:
             rates: Array
-            rates, status = function.evaluate(self.robot.model, np.array([t]), x, u)
+            rates, status = self._function.evaluate(self.robot.model, np.array([t]), x, u)
         except NotFiniteError as error:
             drives = None if self.dynamics.law is None else self.dynamics.drives(np.array([t]), x, None)[0]
             of_law = None if drives is None else _not_finite(np.asarray(drives, dtype=float), self.robot, t)
@@ -171,15 +167,18 @@ class Plant:
         self.note_loss(status)
         return rates
 
-    def all_rates(self, t: Array, X: Array, u: Array | None = None) -> Array:
-        """dx/dt at many times, shapes (T,) and (T, size), for laws that are traced or inputs that are given."""
+    def all_outputs(self, t: Array, X: Array, u: Array | None = None, few: int = 1) -> Array:
+        """The same at many times, shapes (T,) and (T, size), for laws that are traced or inputs that are given.
+
+        Machine code of one state gives those of a few: loading that of many takes some 8 ms.
+        """
         states = t[:, None], X, *(() if u is None else (u,))
-        if self._state_function is not None and self.robot.engine == "numba" and 0 < len(t) <= FEW:
+        if 0 < len(t) <= few and self._state_function is not None:
             with suppress(NeedsRecursion):
                 return np.array([self._state_function(*row) for row in zip(*states, strict=True)])
-        rates, status = self.kernel.evaluate(*states)
+        found, status = self.kernel.evaluate(*states)
         self.note_loss(status)
-        return rates
+        return found
 
     def drive_torques(self, t: Array, X: Array, u: Array | None = None) -> Array:
         """Torques of the drives at many times, within their limits, zero without drives, shape (T, n)."""

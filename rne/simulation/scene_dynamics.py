@@ -240,22 +240,18 @@ class SceneDynamics:
         return qdd, loads, net, further, np.diagonal(M, axis1=-2, axis2=-1), pivots, diagonal
 
     def right_hand_side_under_modes_core(self, model: Model, t: Array, x: Array, u: Array) -> Any:
-        """(dx/dt, pivots, their diagonal) while some joints stick and the others slip under dry friction, traced.
+        """([dx/dt, loads, net torques without dry friction], pivots, their diagonal) while some joints stick, traced.
 
         `u` ends with the modes: 1 for each joint that slips and 0 for one that sticks, then the dry friction torques of
-        those that slip. The place of a sticking joint's rate has the acceleration that its load would give it if
-        nothing held it, for the error control to follow.
+        those that slip; loads are these, and what holds the joints that stick. The place of a sticking joint's rate has
+        the acceleration that its load would give it if nothing held it, for the error control to follow.
         """
         n = self.n
         slips = u[..., -2 * n : -n]
-        qdd, loads, _, further, inertia, pivots, diagonal = self._balance(model, t, x, u)
+        qdd, loads, net, further, inertia, pivots, diagonal = self._balance(model, t, x, u)
         held = (1 - slips) * loads / (slips + (1 - slips) * inertia)
-        return np.concatenate([slips * x[..., n : 2 * n], qdd + held, *further], axis=-1), pivots, diagonal
-
-    def loads_under_modes_core(self, model: Model, t: Array, x: Array, u: Array) -> Any:
-        """[accelerations, dry friction or loads of sticking joints, net torques without dry friction], pivots, ..."""
-        *found, _, _, pivots, diagonal = self._balance(model, t, x, u)
-        return np.concatenate(found, axis=-1), pivots, diagonal
+        rates = slips * x[..., n : 2 * n], qdd + held, *further
+        return np.concatenate([*rates, loads, net], axis=-1), pivots, diagonal
 
     def _check_rates(
         self, model: Model, arguments: Any, rates: Array, pivots: Array, diagonal: Array
@@ -305,12 +301,7 @@ class SceneDynamics:
 
     @cached_property
     def right_hand_side_under_modes(self) -> MethodQuantity:
-        """dx/dt while some joints stick."""
+        """dx/dt while some joints stick, the loads of dry friction and net torques without it."""
         return self._declared(
             "right_hand_side_under_modes", "the right-hand side", modes=True, check=self._check_balance
         )
-
-    @cached_property
-    def loads_under_modes(self) -> MethodQuantity:
-        """What dry friction must hold while some joints stick."""
-        return self._declared("loads_under_modes", "the right-hand side", modes=True, check=self._check_balance)
