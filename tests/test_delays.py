@@ -113,8 +113,8 @@ def growth(gain, delay, inertia):
 def test_loops_beside_their_limits_of_stability_grow_and_decay(made, count):
     """By the spectral radius: 3 % below the largest stable gain, and above it."""
     rng, inertia = np.random.default_rng(count), inertia_of(straight_chain(1))
-    for _ in range(count):
-        delay = T * rng.choice([0.0, 0.5, 1.0, 2.0, 2.7]) + T * rng.choice([0.0, rng.random()])
+    for k in range(count):
+        delay = T * (rng.uniform(0, 3) if k % 2 else rng.integers(0, 4))
         limit = brentq(lambda *given: growth(*given) - 1, 0.3, 100.0, args=(delay, inertia))
         for gain in (0.97 * limit, 1.03 * limit):
             robot, law = made(straight_chain(1), lambda t, q, qd: gain * (-KP * q - KD * qd), "called")  # noqa: B023
@@ -123,7 +123,7 @@ def test_loops_beside_their_limits_of_stability_grow_and_decay(made, count):
             motion = rne.simulate(rne.Scene(robot, **parts, **NO_GRAVITY), [0.1], [0.0], times[-1], t_eval=times)
             size = np.hypot(KP * motion.q, KD * motion.qd)
             rate = np.log(size[90:].max() / size[60:90].max()) / 30
-            assert rate == pytest.approx(np.log(growth(gain, delay, inertia)), abs=0.003), (delay, gain)
+            assert rate == pytest.approx(np.log(growth(gain, delay, inertia)), rel=0.5), (delay, gain)  # beats
 
 
 @pytest.mark.parametrize("late", [1, 2])
