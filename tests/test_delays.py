@@ -6,7 +6,7 @@ from scipy.linalg import expm
 from scipy.optimize import brentq
 
 import rne
-from rne.simulation.zero_order_hold import in_periods
+from rne.control.sampled_loop import in_periods
 
 from .helpers import Part, assemble, kept
 from .random_robots import straight_chain
@@ -259,3 +259,20 @@ def test_a_delay_beyond_the_end_and_one_of_roundings(made):
 )
 def test_a_delay_in_periods(delay, period, expected):
     assert in_periods(delay, period) == pytest.approx(expected, abs=1e-15)
+
+
+@pytest.mark.parametrize("delay", [0.6 * T, 2 * T])
+def test_a_watched_law_knows_what_acts(delay):
+    """No contact is seen without one, but where the law is not told the delay; and one within some samples."""
+    robot = rne.Robot(straight_chain(2))
+    law = lambda t, q, qd: np.array([3.0, 1.0]) * np.sin(20 * t) - [8.0, 2.0] * q - [0.5, 0.1] * qd  # noqa: E731
+    observer, contacts = rne.control.MomentumObserver(robot, floor=0.05), []
+    for given, push in ((delay, 0.0), (0.0, 0.0), (delay, 1.0)):
+        watched = observer.watching(law, law, T, given)
+        pushed = lambda t, q, qd: watched(t, q, qd) + push * (t > 0.1)  # noqa: B023, E731
+        scene = rne.Scene(robot, controller=pushed if push else watched, sample_time=T, delay=delay, effort_limit=2.5)
+        rne.simulate(scene, [0.3, 0.2], [0, 0], 0.2, rtol=1e-9)
+        contacts.append(watched.contact)
+    assert contacts[0] is None
+    assert contacts[1] == pytest.approx(T)
+    assert 0.1 + delay < contacts[2] < 0.1 + delay + 4 * T

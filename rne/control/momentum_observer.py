@@ -23,6 +23,7 @@ from ..basics.arrays import check_function, per_joint_array, positive_number, re
 from ..basics.spatial import Array
 from ..basics.text import InNotebooks, short, summary
 from ..robot import Robot, robot_argument
+from .sampled_loop import in_periods
 from .uncertainty import check_shared
 
 EXPLAINED = 0.98  # share of the residuals' squares that a payload explains, if it is one
@@ -294,15 +295,17 @@ class MomentumObserver:
         masses, left = nnls(np.stack(columns, axis=1), target)
         return float(masses.sum()), max(1 - left**2 / float(target @ target), 0.0)
 
-    def watching(self, law: Callable[..., Any], reaction: Callable[..., Any], sample_time: float) -> GuardedLaw:
+    def watching(
+        self, law: Callable[..., Any], reaction: Callable[..., Any], sample_time: float, delay: float = 0.0
+    ) -> GuardedLaw:
         """A control law for a sampled scene that is replaced by another from the first contact on.
 
         Parameters
         ----------
         law, reaction : callable
             Functions f(t, q, qd) that return torques, shape (n,): the law, and what follows a contact.
-        sample_time : float
-            Sample time of the scene [s].
+        sample_time, delay : float
+            Those of the scene [s]: torques act `delay` after their sample.
 
         Returns
         -------
@@ -316,11 +319,12 @@ class MomentumObserver:
         TypeError
             If `law` or `reaction` is no function of (t, q, qd).
         ValueError
-            If `sample_time` is not positive.
+            If `sample_time` is not positive, or `delay` is negative.
         """
+        late = positive_number("delay", delay, zero_allowed=True)
         for name, given in (("law", law), ("reaction", reaction)):
             check_function(name, given, "(t, q, qd)")
-        return GuardedLaw(self, law, reaction, positive_number("sample_time", sample_time))
+        return GuardedLaw(self, law, reaction, positive_number("sample_time", sample_time), late)
 
 
 @dataclass(eq=False)
@@ -329,7 +333,7 @@ class GuardedLaw:
 
     Attributes
     ----------
-    observer, law, reaction, sample_time
+    observer, law, reaction, sample_time, delay
         Arguments of `MomentumObserver.watching`.
     contact : float or None
         The time of the first contact [s].
@@ -347,8 +351,10 @@ class GuardedLaw:
     law: Callable[..., Any]
     reaction: Callable[..., Any]
     sample_time: float
+    delay: float = 0.0
     contact: float | None = None
     _samples: list[tuple[Array, Array, Array]] = field(default_factory=list, repr=False)  # the last two q, qd, tau
+    _commands: list[Array] = field(default_factory=list, repr=False)  # the last ones, some of which do not act yet
     _filters: tuple[Any, Any] = field(default=(0.0, 0.0), repr=False)
     _time: float = field(default=0.0, repr=False)
 
@@ -360,7 +366,7 @@ class GuardedLaw:
     def __call__(self, t: float, q: Array, qd: Array) -> Array:
         """Torques, shape (n,) [N m or N]; a run begins at t = 0."""
         if t == 0:
-            self.contact, self._samples, self._filters = None, [], (0.0, 0.0)
+            self.contact, self._samples, self._commands, self._filters = None, [], [], (0.0, 0.0)
         elif abs(t - self._time - self.sample_time) > SAME_STEP * self.sample_time:
             raise ValueError(
                 f"a guarded law must be called every {self.sample_time:g} s from t = 0 on, got t = {t:.6g} s after "
@@ -369,11 +375,12 @@ class GuardedLaw:
         elif self.contact is None:
             self._update(t, q, qd)
         torque = np.asarray((self.law if self.contact is None else self.reaction)(t, q, qd), dtype=float)
-        self._time, self._samples = float(t), [*self._samples[-1:], (q.copy(), qd.copy(), torque)]
+        self._time, self._commands = float(t), [*self._commands, torque]
+        self._samples = [*self._samples[-1:], (q.copy(), qd.copy(), self._acting())]
         return torque
 
     def delivered(self, torque: Array) -> None:
-        """Take the torques that the drives give until the next sample, within the limits of the scene.
+        """Take the torques of the last sample as the limits of the scene let them through, which act `delay` later.
 
         Parameters
         ----------
@@ -387,7 +394,16 @@ class GuardedLaw:
         >>> watched = rne.control.MomentumObserver(arm).watching(lambda t, q, qd: -9 * q, print, 0.01)
         >>> watched.delivered(np.clip(watched(0.0, np.ones(6), np.zeros(6)), -5, 5))
         """
-        self._samples[-1] = (*self._samples[-1][:2], torque)
+        self._commands[-1] = torque
+        self._samples[-1] = (*self._samples[-1][:2], self._acting())
+
+    def _acting(self) -> Array:
+        """Mean of the torques from the last sample to the next."""
+        late, rest = in_periods(self.delay, self.sample_time)
+        count, share = int(late), rest / self.sample_time
+        self._commands = given = self._commands[-count - 2 :]
+        before, then = (given[-k] if k <= len(given) else np.zeros_like(given[-1]) for k in (count + 2, count + 1))
+        return np.asarray(share * before + (1 - share) * then)
 
     def _update(self, t: float, q: Array, qd: Array) -> None:
         """One step of the filters of `MomentumObserver.observe`."""

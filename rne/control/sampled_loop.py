@@ -22,6 +22,7 @@ CLOSE = 0.1  # of their size: eigenvectors of closer eigenvalues may be nearly p
 LARGEST_GROWTH = 100.0  # of an inverted pendulum over one sample, exp(100): longer sample times are undecided
 SUM_ROUNDING = 16 * float(np.finfo(float).eps)  # of sums of a few products, relative to their largest terms
 NONE = np.empty((0, 2))  # windows
+WHOLE = 1e-12  # relative: delays that are a whole number of sample times up to rounding
 
 
 class Window(NamedTuple):
@@ -218,3 +219,12 @@ def _dominant(constant: Array, residual: Array, distance: Array) -> Array:
         for _ in range(5):  # d = (1 + A + ... + A^31) 1
             d, power = d + power @ d, power @ power
         return np.asarray(clear & (A @ d < d * (1 - 1e-12)).all(axis=(-2, -1)))
+
+
+def in_periods(delay: float, period: float) -> tuple[float, float]:
+    """A delay as a whole number of periods and the rest [s], which is 0 where rounding has left it."""
+    whole, rest = float(round(delay / period)), 0.0
+    if abs(delay - whole * period) > WHOLE * max(delay, period):
+        whole = float(np.floor(delay / period))
+        rest = delay - whole * period
+    return whole, rest

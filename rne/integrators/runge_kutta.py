@@ -102,8 +102,8 @@ def sample(law: Any, period: Any, t: Any, x: Any, number: Any, samples: Any) -> 
     """Sample a law: its command, within the bounds, becomes the last one that is pending; True if it is valid."""
     function, (time, states), found = law
     _, bounds, z, pending, _, _, _, W, Z = samples
-    count, here, n, m, moving = number[0], number[2], len(bounds[0]), len(z[0]), len(states) - len(z[0])
-    before, last = (count - 1) % len(pending), count % len(pending)
+    count, here, n, m = number[0], number[2], bounds.shape[1], z.shape[1]
+    before, last, moving = (count - 1) % len(pending), count % len(pending), len(states) - m
     for j in range(m):
         z[0, j] = states[moving + j] = z[1, j]
     time[0] = t
@@ -135,10 +135,11 @@ def take_samples(law: Any, problem: Any, timing: Any, how: Any, steps: Any, samp
     and with another command; the commands in each step; and the command and z of each sample.
     """
     period, late, rest = timing
-    number, bounds, _, pending, begun, came, U, _, _ = samples
+    _, (_, states), _ = law
+    number, bounds, z, pending, begun, came, U, _, _ = samples
     T, X, K, H, count, work = steps
-    u, n, step, end = problem.arguments[2], len(bounds[0]), 0, problem.interval.end
-    coordinates = (len(law[1][1]) - len(samples[2][0])) // 2
+    u, n, step, end = problem.arguments[2], bounds.shape[1], 0, problem.interval.end
+    coordinates = (len(states) - z.shape[1]) // 2
     number[2] = number[3] = 0
     while step < len(T) - 1 and T[step] < end:
         sample_time, arrival = number[0] * period, (number[1] + late) * period + rest

@@ -12,10 +12,10 @@ import numpy as np
 
 from ..basics.spatial import Array
 from ..control.gains import check_gains
+from ..control.sampled_loop import in_periods
 from .plant import Plant, checked_state_rates, checked_torques
 from .scene import Scene
 
-WHOLE = 1e-12  # relative: delays that are a whole number of sample times up to rounding
 MAX_EVALUATIONS = 20_000  # of the right-hand side between two samples, some hundred times what a stable loop takes
 
 
@@ -176,12 +176,3 @@ def _joined(parts: list[ControlSamples]) -> ControlSamples:
     if len(parts) > 1:
         parts[:] = [ControlSamples(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))]
     return parts[0]
-
-
-def in_periods(delay: float, period: float) -> tuple[float, float]:
-    """A delay as a whole number of periods and the rest [s], which is 0 where rounding has left it."""
-    whole, rest = float(round(delay / period)), 0.0
-    if abs(delay - whole * period) > WHOLE * max(delay, period):
-        whole = float(np.floor(delay / period))
-        rest = delay - whole * period
-    return whole, rest
