@@ -7,6 +7,8 @@ from scipy.optimize import brentq
 
 import rne
 from rne.control.sampled_loop import in_periods
+from rne.simulation.plant import Plant
+from rne.simulation.zero_order_hold import ZeroOrderHold
 
 from .helpers import Part, assemble, kept
 from .random_robots import straight_chain
@@ -251,6 +253,27 @@ def test_a_delay_beyond_the_end_and_one_of_roundings(made):
         slid = START[0] + START[1] * decay * (1 - np.exp(-motion.t / decay))
         np.testing.assert_allclose(motion.q[:, 0], slid, rtol=1e-6)
         np.testing.assert_array_equal(motion.tau, 0.0)  # of no command
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.3 * T, 2 * T, 2.6 * T])
+def test_a_hold_that_was_set_back_is_one_that_never_went_on(made, delay):
+    """Behind each of its instants and between them; the pending commands are those of the samples that are kept."""
+    scene = linear_loop(made, "called", delay, torque_rate=500.0)
+
+    def held(*until):
+        plant = Plant(scene.dynamics, scene.resolved.robot)
+        hold = ZeroOrderHold(scene, plant, 1.0)
+        for t in until:
+            hold.rewind(t)
+            while hold.next <= t:
+                hold.renew(hold.next, np.array([0.3 + hold.next, np.cos(50 * hold.next)]))
+        acting, count = hold.commands(), min(hold.count, len(hold.pending))
+        last = hold.pending[np.arange(hold.count - count, hold.count) % len(hold.pending)]
+        return [*hold.samples(), *acting, last, plant.sampled, hold.next, hold.count, hold.arrived]
+
+    for back in np.arange(0.0, 7.3, 0.1):
+        for one, other in zip(held(7.35 * T, back * T), held(back * T), strict=True):
+            np.testing.assert_array_equal(one, other)
 
 
 @pytest.mark.parametrize(

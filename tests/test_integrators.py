@@ -270,6 +270,28 @@ def test_the_torque_of_a_sample_is_told_where_its_first_step_is_left_to_scipy(in
     assert system.held == -2 * START[0]
 
 
+def test_a_sample_ends_a_block_where_its_first_step_cannot_be_taken(interpreted):
+    """The slope there under the torque before it is not that of the next step."""
+    system, answers = Oscillator(with_energy=False), iter([False])
+
+    def function(t, x, u, rates):
+        return system.function(t, x, u, rates) and (u[0] == -2 * START[0] or next(answers, True))
+
+    system.kernel.address = lambda: function
+    system.held, sampler = np.zeros(1), Sampler(system)
+    solver = SampledSolver(IntegrationOptions("RK45", 1e-12, 1e-13), system.kernel, sampler)
+    solver.start(system, 0.0, START, 0.12)
+    ends = []
+    while solver.is_running:
+        ends.append(solver.steps(500).T[-1])
+    x = START
+    for duration in (0.1, 0.02):
+        system.held = np.array([-2 * x[0]])
+        x = scipy.integrate.solve_ivp(system, (0, duration), x, method="DOP853", rtol=1e-13, atol=1e-14).y[:, -1]
+    assert ends[0] == 0.1
+    np.testing.assert_allclose(solver.x, x, rtol=0, atol=1e-11)
+
+
 def test_a_method_is_its_tableau(interpreted, monkeypatch):
     """Heun's method with Euler's in SciPy, in a loop, sampled, by rows and in lanes: the same steps."""
 
