@@ -32,7 +32,7 @@ class Oscillator:
 
     def __init__(self, with_energy):
         self.counted, self.size, self.evaluations = 2, 2 + with_energy, 0
-        self.kernel = SimpleNamespace(address=lambda: self.function)
+        self.kernel = SimpleNamespace(address=lambda: self.function, traced=SimpleNamespace(entries=self.size))
 
     def rates(self, t, x, u):
         force = 0.0 if u is None else u[0]
