@@ -53,6 +53,8 @@ def add_check(commands: Any) -> None:
     parser = shared.add_parser(commands, "check", title, "rne check irb140.urdf", run_check)
     parser.add_argument("robots", metavar="ROBOT", nargs="+", help=ROBOT)
     parser.add_argument("--all", action="store_true", help="print findings that are alike one by one")
+    what = "round angles as rne.load(..., round_angles=True) does, and name each"
+    parser.add_argument("--round-angles", action="store_true", help=what)
     what = "two points, as LINK,X,Y,Z in metres: print how far apart they come over the ranges of the joints"
     parser.add_argument("--loops", metavar="POINT", nargs=2, help=what)
 
@@ -63,7 +65,7 @@ def run_check(arguments: argparse.Namespace) -> int:
     for robot in arguments.robots:
         try:
             _refuse_other_files(robot)
-            findings = rne.check(robot, grouped=not arguments.all)
+            findings = rne.check(robot, grouped=not arguments.all, round_angles=arguments.round_angles)
         except (CommandError, OSError) as error:
             code = fail(in_one_line(error))
         else:

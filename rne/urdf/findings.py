@@ -76,6 +76,7 @@ class FindingsReport:
     def __init__(self, file: str) -> None:
         self.file, self.has_lines = file, True
         self.findings: list[Finding] = []
+        self.angles: list[tuple[int, int]] = []  # multiples of 15 degrees as far as written, and their decimals
 
     def error(self, where: Any, element: str, message: str, cure: str) -> None:
         """Add an error; `where` is the XML element, a line, or None."""
@@ -129,8 +130,8 @@ def some(texts: Iterable[str]) -> str:
     return ", ".join(shown[:MAX_NAMES]) + more
 
 
-def written(findings: Sequence[Finding], file: str, *, grouped: bool) -> list[str]:
-    """The lines that `rne.check` prints."""
+def written(findings: Sequence[Finding], file: str, *, grouped: bool, how: str = "as written") -> list[str]:
+    """The lines that `rne.check` prints about a file that loads, if it does, in a way that is said."""
     near = near_path(file)
     if not findings:
         return [f"{plain(near)}: no findings"]
@@ -143,7 +144,7 @@ def written(findings: Sequence[Finding], file: str, *, grouped: bool) -> list[st
     lines = [str(x if len(group) == 1 else replace(x, element=_owners(group), message=x.kind)) for x, group in firsts]
     number = Counter(finding.severity for finding in findings)
     counts = ", ".join(counted(number[name], name) for name in sorted(number))
-    return [*lines, f"{plain(near)}: {counts}: {'does not load' if number['error'] else 'loads as written'}"]
+    return [*lines, f"{plain(near)}: {counts}: {'does not load' if number['error'] else f'loads {how}'}"]
 
 
 def _owners(group: Sequence[Finding]) -> str:

@@ -21,6 +21,7 @@ from ..model.abb_irb140 import irb140
 from ..model.model import STANDARD_GRAVITY, Model
 from ..model.modify import LimitValues, with_armature, with_limits
 from ..robot import Robot
+from .angles import LARGEST, origins, read_angles, report_savings
 from .document import Element, parse, read_bytes
 from .findings import Finding, FindingsReport, written
 from .mjcf import mjcf_model
@@ -121,6 +122,7 @@ def load(
     deceleration: LimitValues = None,
     jerk: LimitValues = None,
     armature: LimitValues = None,
+    round_angles: bool = False,
 ) -> Robot:
     """Load a robot by name or from a URDF, MJCF or xacro file.
 
@@ -143,6 +145,10 @@ def load(
         some by the joint's name [N m or N; rad/s or m/s; rad/s^2 or m/s^2, twice; rad/s^3 or m/s^3].
     armature : float, array_like of shape (nb,), or mapping, optional
         Inertias of the rotors at the joints in place of those of the file, as for `Robot.with_armature` [kg m^2 or kg].
+    round_angles : bool
+        True to take angles of joints and inertials (`rpy` of a URDF or expanded xacro file, `euler` in radians of MJCF)
+        as the multiples of 15 degrees that they are rounded or truncated from, such as 1.5708 as pi/2, if at least
+        three decimals are written. Axes stay as written. `rne.check` says what it would save, and names the angles.
 
     Returns
     -------
@@ -155,6 +161,8 @@ def load(
         For the first error in the file, naming file, element and attribute, and how many more there are.
     FileNotFoundError
         If it is neither a file nor a robot's name; suggests names that are near.
+    TypeError
+        If `round_angles` is not True or False, or `source` is neither text nor a path.
     ValueError
         If `gravity` is not three finite numbers, a limit or rotor negative or not one per joint, the engine none, or
         `arguments` are not those of a xacro file.
@@ -169,9 +177,11 @@ def load(
     ('joint_1', 300.0)
     """
     g = None if gravity is None else real_array("gravity", gravity, "(3,)")
+    _check_flag(round_angles)
     found = resolve(source, arguments, packages)
     try:
-        model = _model_of_file(found, arguments, packages) if isinstance(found, str) else found
+        options = arguments, packages
+        model = found if isinstance(found, Model) else _model_of_file(found, *options, round_angles=round_angles)
     except UrdfError as error:
         name = os.fspath(source)
         if name == found:
@@ -184,22 +194,32 @@ def load(
     return Robot(model, engine)
 
 
-def described(path: str, report: FindingsReport, *given: Options) -> tuple[Element | Model | None, str]:
+def _check_flag(round_angles: object) -> None:
+    if not isinstance(round_angles, bool):
+        raise TypeError(f"`round_angles` must be True or False, got {type(round_angles).__name__}")
+
+
+def described(
+    path: str, report: FindingsReport, *options: Options, round_angles: bool = False
+) -> tuple[Element | Model | None, str]:
     """The <robot> of a URDF or xacro file, or the Model of an MJCF file, or None with an error; and its source."""
     text = None
     if path.endswith(".xacro"):
-        text = expanded(report, *given)
+        text = expanded(report, *options)
         report.has_lines = text is None
     data = None if report.errors else read_bytes(path, report) if text is None else text.encode()
     root = None if data is None else parse(data, report)
     if root is not None and root.tag == "mujoco":
-        return mjcf_model(root, report), os.path.abspath(path)
-    return (root if root is not None and validate(root, report) else None), text or os.path.abspath(path)
+        return mjcf_model(root, report, round_angles=round_angles), os.path.abspath(path)
+    if root is None or not validate(root, report):
+        return None, text or os.path.abspath(path)
+    read_angles(origins(root), "rpy", report, rounded=round_angles)
+    return root, text or os.path.abspath(path)
 
 
-def _model_of_file(path: str, *given: Options) -> Model:
+def _model_of_file(path: str, *options: Options, round_angles: bool) -> Model:
     report = FindingsReport(path)
-    found, source = described(path, report, *given)
+    found, source = described(path, report, *options, round_angles=round_angles)
     return found if isinstance(found, Model) else loaded(found, report, STANDARD_GRAVITY, source)
 
 
@@ -210,13 +230,15 @@ def check(
     packages: Mapping[str, str | os.PathLike[str]] | None = None,
     out: TextIO | None = None,
     grouped: bool = True,
+    round_angles: bool = False,
 ) -> list[Finding]:
     """Print all errors and warnings about a URDF, MJCF or xacro file, or about a robot, and return them.
 
     Errors are what keeps the file from loading. Warnings are what is ignored, and what probably is not meant: degrees
     or millimetres, centres of mass far outside the robot, masses and inertias of impossible bodies, drives without
     torque or speed. Rotors are named as they add to M. What other programs add, such as `<gazebo>` and
-    `<ros2_control>`, is no finding.
+    `<ros2_control>`, is no finding. Of angles that `round_angles` rounds, it is said how many operations of M and
+    inverse dynamics that saves, if any, and by how much torques change in 64 random states.
 
     Parameters
     ----------
@@ -230,6 +252,8 @@ def check(
         Where to print; standard output by default.
     grouped : bool
         True to print findings of one kind in one line that names the links or joints.
+    round_angles : bool
+        True to check the robot that `rne.load` makes with it: each angle that is rounded is a warning.
 
     Returns
     -------
@@ -240,6 +264,8 @@ def check(
     ------
     FileNotFoundError
         If it is neither a file nor a robot's name.
+    TypeError
+        If `round_angles` is not True or False.
     ValueError
         If `arguments` or `packages` are given for a file that does not end in .xacro, or it does not use an argument.
     ImportError
@@ -263,11 +289,14 @@ def check(
     robots/irb140.urdf: no findings
     []
     """
+    _check_flag(round_angles)
     given = source.model if isinstance(source, Robot) else source
     found = given if isinstance(given, Model) else resolve(given, arguments, packages)
     name = given.name if isinstance(given, Model) else given
     report = FindingsReport(os.fspath(name if isinstance(found, Model) else found))
-    root = found if isinstance(found, Model) else described(found, report, arguments, packages)[0]
+    options = arguments, packages
+    read = described(found, report, *options, round_angles=round_angles)[0] if isinstance(found, str) else found
+    root = read
     coupled = root if isinstance(root, Model) and root.couplings else None
     if isinstance(root, Model):  # what is examined is the URDF that it becomes
         report.has_lines = isinstance(found, Model) and found is not given
@@ -281,7 +310,20 @@ def check(
             report.error(None, "robot", str(error), "fix the file")
         else:
             check_bodies(root, model, report)
+            if report.angles and not round_angles and 0 < model.nb <= LARGEST:
+                _report_rounding(read, model, report, *options)
     findings = sorted(report.findings, key=lambda finding: finding.line or 0)
+    how = "with angles rounded" if round_angles and report.angles else "as written"
     stream = sys.stdout if out is None else out
-    stream.write("\n".join(written(findings, report.file, grouped=grouped)) + "\n")
+    stream.write("\n".join(written(findings, report.file, grouped=grouped, how=how)) + "\n")
     return findings
+
+
+def _report_rounding(read: Element | Model, model: Model, report: FindingsReport, *options: Options) -> None:
+    """Report what it would save to round angles of a <robot> and its Model, or of a file that is compiled anew."""
+    if isinstance(read, Model):
+        rounded = _model_of_file(report.file, *options, round_angles=True)
+    else:
+        read_angles(origins(read), "rpy", FindingsReport(report.file), rounded=True)
+        rounded = model_of(read, STANDARD_GRAVITY)
+    report_savings(read if isinstance(read, Model) else model, rounded, report)

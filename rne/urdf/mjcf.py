@@ -6,7 +6,7 @@ import math
 import os
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from operator import attrgetter
 from pathlib import Path
@@ -19,6 +19,7 @@ from ..basics.text import cut
 from ..errors import ModelError
 from ..model.builder import Extended, Mimic, Part, Pose, assemble, composed, pose
 from ..model.model import Model
+from .angles import read_angles
 from .document import MAX_BYTES, Element, attribute_numbers, below, describe, parse, read_bytes
 from .findings import ECHO, FindingsReport, echo, some
 
@@ -50,10 +51,13 @@ LEFT = {  # numbers of compiled joints and bodies that are not read
 }
 
 
-def mjcf_model(root: Element, report: FindingsReport) -> Model | None:
+def mjcf_model(root: Element, report: FindingsReport, *, round_angles: bool = False) -> Model | None:
     """The Model of a <mujoco>, with the file's gravity, or None with an error in the report."""
     name = root.get("model") or Path(report.file).stem
-    m = _compiled(_for_dynamics(included(root, report), report), report)
+    root = _for_dynamics(included(root, report), report)
+    if _settings(root).get("angle") == "radian":  # decimal degrees have their multiples of 15 exactly
+        read_angles(_turned(root), "euler", report, rounded=round_angles)
+    m = _compiled(root, report)
     if m is None:
         return None
     for flag, array in OFF.items():
@@ -83,6 +87,18 @@ def drawn(file: str) -> tuple[Any, list[str]]:
     m = _compiled(root, report)
     report.raise_first_error()
     return m, lost
+
+
+def _settings(root: Element) -> dict[str, str]:
+    """The attributes of all <compiler> elements, of which the last counts."""
+    return {name: text for x in root.findall("compiler") for name, text in x.attrib.items()}
+
+
+def _turned(root: Element) -> Iterator[tuple[str, Element]]:
+    """Elements that Euler angles turn, each behind the body that it is or belongs to, in words."""
+    for element in root.iterfind(".//*[@euler]"):
+        name = element.xpath("string(ancestor-or-self::body[1]/@name)")
+        yield f"link {echo(name)}" if name else describe(element), element
 
 
 def _mujoco() -> Any:
@@ -196,7 +212,7 @@ def _without_files(root: Element, report: FindingsReport) -> list[Element]:
     if left := +left:
         names = some(f"<{cut(tag, ECHO)}> ({count})" for tag, count in left.items())
         report.warning(None, "robot", f"not read: {names}", "none of them acts on the robot here")
-    compiler = {name: text for x in root.findall("compiler") for name, text in x.attrib.items()}
+    compiler = _settings(root)
     folder, main = compiler.get("meshdir", compiler.get("assetdir", "")), Path(report.file).resolve().parent
     used, lost, size, made = {geom.get("mesh") for geom in root.iter("geom")}, [], 0, 0.0
     for mesh in root.findall("asset/mesh"):
@@ -275,7 +291,7 @@ def _parts(m: Any, report: FindingsReport) -> list[Part]:
     parts, part_of, part_of_joint = [Part(link=links[0])], [0], list[int]()
     for b in range(1, m.nbody):
         parent, place = part_of[m.body_parentid[b]], pose(rotation_of(m.body_quat[b]), m.body_pos[b])
-        R = rotation_of(m.body_iquat[b])
+        R = snap(rotation_of(m.body_iquat[b]))
         inertia = R @ np.diag(m.body_inertia[b].astype(Extended)) @ transpose(R)
         body = {"link": links[b], "mass": float(m.body_mass[b]), "com": m.body_ipos[b].astype(Extended)}
         body["inertia"] = (inertia + inertia.T) / 2
