@@ -8,7 +8,7 @@ import pytest
 import scipy.integrate
 
 from rne.integrators import compiled_methods, lanes, rosenbrock, runge_kutta, step_control, tableaus
-from rne.integrators.base import IntegrationOptions
+from rne.integrators.base import Implicit, IntegrationOptions
 from rne.integrators.compiled_methods import CompiledSolver, RosenbrockSolver, SampledSolver
 from rne.integrators.rows import run_rows
 from rne.integrators.scipy_methods import SciPySolver
@@ -27,12 +27,20 @@ LOOPS = ["RK45", "DOP853", "Rodas5P"]
 class Oscillator:
     """q'' = u - q - 0.3 q', with u = 0 or held, and behind (q, q') what is dissipated so far, if that is asked for."""
 
-    jacobian, span, held = None, (-np.inf, np.inf), None
+    span, held = (-np.inf, np.inf), None
     integral_scale = 1e300  # any error of the energy is small
 
     def __init__(self, with_energy):
         self.counted, self.size, self.evaluations = 2, 2 + with_energy, 0
-        self.kernel = SimpleNamespace(address=lambda: self.function, traced=SimpleNamespace(entries=self.size))
+        self.kernel, self.width = SimpleNamespace(address=lambda: self.function), self.size
+        self.implicit = Implicit(1, SimpleNamespace(address=lambda: self.slopes))
+
+    def jacobian(self, t, x):
+        """Over q and q'."""
+        slopes = np.zeros((self.size, self.size))
+        slopes[:2, :2] = [[0, 1], [-1, -DAMPING]]
+        slopes[2:, 1] = 2 * DAMPING * x[1]
+        return slopes
 
     def rates(self, t, x, u):
         force = 0.0 if u is None else u[0]
@@ -69,7 +77,7 @@ def solver_of(system, way, options):
     if way == "scipy":
         return SciPySolver(options, True)
     if options.method == "Rodas5P":
-        return RosenbrockSolver(options, system, SimpleNamespace(address=lambda: system.slopes), 1)
+        return RosenbrockSolver(options, system)
     return CompiledSolver(options, system.kernel)
 
 

@@ -259,7 +259,7 @@ def test_blocks_of_any_number_of_steps_are_the_same_steps(pair):
     for most in (1, 100):
         plant = Plant(rne.Scene(pair[1], controller=of_time).dynamics, pair[1])
         how = IntegrationOptions("Rodas5P", 1e-6, 1e-9), plant
-        solvers.append(compiled_methods.RosenbrockSolver(*how, plant.slopes, 2))
+        solvers.append(compiled_methods.RosenbrockSolver(*how))
         solvers[-1].start(plant, 0.0, np.array([0.5, 0.2, 0, 1.0, 0]), 0.1)
         times.append([0.0])
         while solvers[-1].is_running:
@@ -273,7 +273,7 @@ def test_the_first_step_is_a_part_of_the_time_that_is_left(pair):
     plant, lengths = Plant(rne.Scene(pair[1]).dynamics, pair[1]), []
     how = IntegrationOptions("Rodas5P", 1e-6, 1e-9), plant
     for begin in (0.0, 1e3):
-        solver = compiled_methods.RosenbrockSolver(*how, plant.slopes, 2)
+        solver = compiled_methods.RosenbrockSolver(*how)
         solver.start(plant, begin, np.array([0.5, 0.2, 0, 1.0]), begin + 0.1)
         lengths.append(np.diff(solver.steps(1).T)[0])
     assert lengths[0] == pytest.approx(0.1 * compiled_methods.FIRST)

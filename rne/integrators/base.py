@@ -8,7 +8,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -39,40 +39,65 @@ class IntegrationOptions:
     t_eval: Array | None = None  # (S,), times to report, ascending; None for the ends of steps
 
 
+class Implicit(NamedTuple):
+    """Equations of motion R(t, x, a, u) = 0, linear in a, of which a system's rates are solved.
+
+    The state is x = (q, qd, z, e): n coordinates, their rates, further states, integrals. The first n rows of R are
+    M a - forces, with the mass matrix M = dR/da, which is not singular, and a = d(qd)/dt; the others are the rates of
+    (z, e), which do not depend on a. `slopes` gives dR/dx, dR/da and dR/dt side by side, (size - n, size + n + 1), of
+    (t, x, a) and what the system holds.
+    """
+
+    n: int
+    slopes: Kernel
+
+
 class System(Protocol):
-    """What is integrated: dx/dt = f(t, x, u)."""
+    """What is integrated: dx/dt = f(t, x, u). What solvers may rely on, and what they owe:
 
-    span: tuple[float, float]  # times within which f is evaluated: inside the segment, on this side of its breaks
-    evaluations: int  # of f so far
+    1. The first `counted` entries of the state x, (size,), are held to the tolerances. The others are integrals, such
+       as energies: their rates depend on the first alone, and an error of theirs is relative to `integral_scale` plus
+       their own size. Where the scale is infinite it does not count.
+    2. f is evaluated within `span` alone, which the system sets before a solver starts or resumes: it lies on one side
+       of each jump of f. A solver whose stage is outside takes the time of `span` that is closest.
+    3. `held` is u, or None of an f without inputs. It stays as it is from `start` or `resume` until the solver has
+       reached the end that it was given; a solver that samples a law itself changes its own copy.
+    4. `kernel` is f for loops: of t, (1,), x and, where there is one, u, it gives dx/dt, and `width` numbers in all:
+       those behind dx/dt are carried along unread. Where it is not certain of its result, it says so, and the solver
+       calls `rates` there, which knows more or raises an error that names the cause.
+    5. `evaluations` counts calls of f. A call of the system adds itself, and `jacobian` what it takes; loops and calls
+       of `rates` are added by who makes them.
+    6. `jacobian` is df/dx at (t, x) under what is held, (size, size); its columns of integrals are 0.
+    7. `implicit` has the same motion as equations with a mass matrix, for methods that solve with it instead of M^-1.
+    """
 
-    @property
-    def counted(self) -> int:
-        """Number of the first components of the state, which are held to the tolerances.
-
-        Those behind, such as energies, are integrals: their rates depend on the others alone.
-        """
-
-    @property
-    def integral_scale(self) -> float:
-        """Size that is added to that of an integral, to which its error is relative."""
-
-    @property
-    def held(self) -> Array | None:
-        """The inputs u that are held over the segment, if it has some."""
-
-    @property
-    def jacobian(self) -> Callable[[float, Array], Array] | None:
-        """df/dx at (t, x), where a solver may use it."""
+    span: tuple[float, float]
+    evaluations: int
+    width: int
 
     @property
-    def kernel(self) -> Kernel:
-        """f in machine code, or traced."""
+    def counted(self) -> int: ...
+
+    @property
+    def integral_scale(self) -> float: ...
+
+    @property
+    def held(self) -> Array | None: ...
+
+    @property
+    def kernel(self) -> Kernel: ...
+
+    @property
+    def implicit(self) -> Implicit: ...
 
     def __call__(self, t: float, x: Array) -> Array:
         """dx/dt under the inputs that are held, counted."""
 
     def rates(self, t: float, x: Array, u: Array | None) -> Array:
         """dx/dt under given inputs; errors name what is wrong."""
+
+    def jacobian(self, t: float, x: Array) -> Array:
+        """df/dx under the inputs that are held."""
 
 
 class Sampler(Protocol):

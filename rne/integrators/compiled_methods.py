@@ -83,7 +83,7 @@ class CompiledSolver(Solver):
 
     def __init__(self, options: IntegrationOptions, kernel: Kernel) -> None:
         super().__init__(options)
-        self.rates, self.width, self.tableau = kernel.address(), kernel.traced.entries, tableau(options.method)
+        self.rates, self.tableau = kernel.address(), tableau(options.method)
         self.how, self.by_scipy = RESTART, 0
 
     def start(self, system: System, t: float, x: Array, end: float, max_step: float = np.inf) -> None:
@@ -94,7 +94,7 @@ class CompiledSolver(Solver):
     def resume(self, system: System, t: float, x: Array, end: float) -> None:
         """Restart after the inputs changed, with the last step's length, or the whole interval's if there is none."""
         super().resume(system, t, x, end)
-        self.how, self.f = KEEP_LENGTH, np.zeros(self.width)
+        self.how, self.f = KEEP_LENGTH, np.zeros(system.width)
 
     @property
     def note(self) -> str:  # type: ignore[override]
@@ -111,7 +111,11 @@ class CompiledSolver(Solver):
     def _storage(self, max_steps: int) -> Storage:
         """Room for steps, with what is known of the first."""
         n, stages = len(self.x), self.tableau.D.shape[1]
-        T, X, K = np.empty(max_steps + 1), np.empty((max_steps + 1, n)), np.empty((max_steps, stages, self.width))
+        T, X, K = (
+            np.empty(max_steps + 1),
+            np.empty((max_steps + 1, n)),
+            np.empty((max_steps, stages, self.system.width)),
+        )
         H, count = np.empty(max_steps + 1), np.zeros(max_steps, dtype=np.int64)
         T[0], X[0], K[0, 0], H[0] = self.t, self.x, self.f, self.h
         return Storage(T, X, K, H, count, np.empty(n))
@@ -202,16 +206,12 @@ class RosenbrockSteps(Steps):
 
 
 class RosenbrockSolver(Solver):
-    """Rodas5P, many steps per call.
+    """Rodas5P, many steps per call, by the system's implicit equations; see `rosenbrock`."""
 
-    The slopes are those of the implicit equations of motion by state, n accelerations and time, a kernel of time,
-    state, accelerations and what the system holds; see `rosenbrock`.
-    """
-
-    def __init__(self, options: IntegrationOptions, system: System, slopes: Kernel, n: int) -> None:
+    def __init__(self, options: IntegrationOptions, system: System) -> None:
         super().__init__(options)
-        self.system, self.slopes, self.n, self.tableau = system, slopes, n, rosenbrock.TABLEAU
-        self.functions: tuple[Any, Any] = (system.kernel.address(), slopes.address())
+        (self.n, self.slopes), self.tableau = system.implicit, rosenbrock.TABLEAU
+        self.functions: tuple[Any, Any] = (system.kernel.address(), self.slopes.address())
 
     def steps(self, max_steps: int) -> Steps:
         """The next steps, at most so many; NotFiniteError if there is none."""

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Callable, Sequence
-from functools import cached_property, partial
+from collections.abc import Sequence
+from functools import cached_property
 from math import isfinite
 from typing import Any, Literal
 
@@ -66,8 +66,8 @@ class SciPySolver(Solver):
         """Begin at time t; steps are at most `max_step` long."""
         options: dict[str, Any] = {"max_step": max_step, "first_step": first}
         options |= _tolerances(self.options, system, len(x))
-        if self.method in IMPLICIT and (system.jacobian is not None or system.counted < len(x)):
-            options["jac"] = system.jacobian or partial(_slopes, system)
+        if self.method in IMPLICIT:
+            options["jac"] = system.jacobian
         self.scipy = scipy_class(self.method)(system, t, x, end, **options)
 
     def resume(self, system: System, t: float, x: Array, end: float) -> None:
@@ -130,21 +130,6 @@ def _tolerances(options: IntegrationOptions, system: System, size: int) -> dict[
         "rtol": max(share * options.rtol, SMALLEST_RTOL),
         "atol": np.append(np.full(counted, share * options.atol), np.full(size - counted, share * allowed)),
     }
-
-
-def _slopes(system: System, t: float, x: Array) -> Array:
-    """df/dx over the components that count; SciPy's differences would scale the others by their tolerance."""
-    return differences(lambda moved: system(t, moved), x, system(t, x), system.counted)
-
-
-def differences(f: Callable[[Array], Array], x: Array, value: Array, count: int) -> Array:
-    """Slopes of f, whose value at x is given, by forward differences over the first components of x; 0 by others."""
-    slopes = np.zeros((len(value), len(x)))
-    for j in range(count):
-        moved = np.array(x)
-        moved[j] += EPS**0.5 * max(abs(x[j]), 1.0)
-        slopes[:, j] = (f(moved) - value) / (moved[j] - x[j])
-    return slopes
 
 
 def _on_polynomials(times: Array, which: Array, given: Sequence[Any]) -> Array:

@@ -48,8 +48,6 @@ class DryPlant(Plant):
     state. The modes follow the torques in the inputs of the equations.
     """
 
-    jacobian = None  # type: ignore[assignment]  # the modes change between two steps
-
     def __init__(
         self, dynamics: SceneDynamics, robot: Robot, law: Callable[..., Any] | None = None, law_name: str = "controller"
     ) -> None:
@@ -58,6 +56,7 @@ class DryPlant(Plant):
         self.friction = friction = dynamics.friction
         self.n = n = dynamics.n
         self._parts = dynamics.size, dynamics.size + n  # of what the kernel gives: rates, loads and net torques
+        self.width = dynamics.size + 2 * n
         self.coulomb = self._of_drives(friction.coulomb), self._of_drives(friction.coulomb_back)
         self.statics = self.coulomb if friction.static is None else (self._of_drives(friction.static),) * 2
         self.mode, self.has_changed = np.full(n, -2), True  # no modes yet
@@ -77,6 +76,10 @@ class DryPlant(Plant):
     @property
     def _function(self) -> Any:
         return self.dynamics.right_hand_side_under_modes
+
+    def jacobian(self, t: float, x: Array) -> Array:
+        """df/dx in the modes as they are, by differences."""
+        return super().linearised(t, x)
 
     def linearised(self, t: float, x: Array) -> Array:
         """df/dx with all joints slipping, for the choice of a method."""

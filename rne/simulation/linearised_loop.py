@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any
@@ -48,7 +47,7 @@ def linearised_loop(scene: Any, q: Array) -> LinearisedLoop:
     limit, stable = 0.0, bool((poles.real < -MARGIN * fastest).all())
     opened = np.zeros_like(closed)  # states of a sampled law are held too: they follow by Euler's rule
     held = replace(free, controller=lambda t, q, qd: torque)
-    opened[: 2 * n, : 2 * n] = _slopes(held, q, Plant.linearised)[0]  # exact too, and traces nothing the first time
+    opened[: 2 * n, : 2 * n] = _slopes(held, q)[0]
     if stable:
         first, last = FASTEST / fastest, SLOWEST / float(np.abs(poles).min())
         times = np.geomspace(first, last, int(np.ceil(np.log(last / first) / np.log(STEP))))
@@ -114,9 +113,7 @@ def _read(closed: Array, moving: int) -> Array:
     return read
 
 
-def _slopes(
-    scene: Any, q: Array, slopes: Callable[..., Array] = Plant.jacobian, beside: float = 0.0
-) -> tuple[Array, Array, Array]:
+def _slopes(scene: Any, q: Array, beside: float = 0.0) -> tuple[Array, Array, Array]:
     """The slopes of the state's rates without energies and impulses, at rest in q, that state, and its rates.
 
     Or `beside` that state, in each of its entries by another distance.
@@ -126,7 +123,7 @@ def _slopes(
     x = np.zeros(dynamics.size)
     x[: scene.n], moving = q, 2 * scene.n + dynamics.states
     x[:moving] += _beside(beside, moving)
-    return slopes(plant, 0.0, x)[:moving, :moving], x, plant(0.0, x)
+    return plant.jacobian(0.0, x)[:moving, :moving], x, plant(0.0, x)
 
 
 def spectral_radius(opened: Array, feedback: Array, T: float) -> float:

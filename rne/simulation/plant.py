@@ -16,7 +16,8 @@ from ..basics.spatial import Array
 from ..control.traced_law import call_law
 from ..dynamics.quantity import OK, PrecisionStatus
 from ..errors import NotFiniteError, RneError
-from ..integrators.scipy_methods import differences
+from ..integrators.base import Implicit
+from ..integrators.step_control import EPS
 from ..kernels.kernel import Kernel
 from ..kernels.soundness import NeedsRecursion
 from ..robot import Robot
@@ -41,6 +42,7 @@ class Plant:
     ) -> None:
         self.dynamics, self.robot, self.law, self.law_name = dynamics, robot, law, law_name
         self.counted = dynamics.counted  # entries of the state that are held to the tolerances
+        self.width = dynamics.size  # of what the kernel gives
         self.kernel = robot._kernels.scene_kernel(self._function)
         self.sampled: Array | None = None  # torques (n,) of a sampled controller since its last sample
         # As it is now: a law may be changed before someone asks for torques.
@@ -83,6 +85,11 @@ class Plant:
     def slopes(self) -> Kernel:
         """The Jacobian of the equations of motion R(t, x, a) = 0 by x, by the accelerations a and by t."""
         return self.robot._kernels.scene_kernel(self.dynamics.residual, "x", "a", "t")
+
+    @property
+    def implicit(self) -> Implicit:
+        """The equations of motion with their mass matrix."""
+        return Implicit(self.dynamics.n, self.slopes)
 
     def keep_kernels(self) -> None:
         """Have the cache find the kernels of this run, so that it is repeated with the law as it was."""
@@ -216,15 +223,26 @@ class Plant:
         slopes = self.robot._kernels.scene_kernel(dynamics.residual, *wrt)(np.array([t]), x, qdd, *u)
         by_x, M = slopes[:, :size], slopes[:n, size : size + n]
         if u and self.sampled is None:
-            law_slopes = differences(torque, x, u[0], self.counted)
+            law_slopes = differences(torque, x, self.counted)
             by_x = by_x + slopes[:, size + n :] @ law_slopes
         accelerations = np.linalg.solve(M, -by_x[:n])
         return np.concatenate([np.eye(n, size, n), accelerations, by_x[n:]])
 
     def linearised(self, t: float, x: Array) -> Array:
-        """df/dx for judging its modes, by forward differences of what runs: nothing is traced for it."""
+        """df/dx for judging its modes, by differences of what runs: nothing is traced for it."""
         self._check_state(t, x)
-        return differences(partial(self, t), x, self(t, x), self.counted)
+        return differences(partial(self, t), x, self.counted)
+
+
+def differences(f: Callable[[Array], Array], x: Array, count: int) -> Array:
+    """Slopes of f at x by forward differences over the first components of x; 0 by others."""
+    value = f(x)
+    slopes = np.zeros((len(value), len(x)))
+    for j in range(count):
+        moved = np.array(x)
+        moved[j] += EPS**0.5 * max(abs(x[j]), 1.0)
+        slopes[:, j] = (f(moved) - value) / (moved[j] - x[j])
+    return slopes
 
 
 def state_function(kernel: Kernel) -> Callable[..., Array] | None:

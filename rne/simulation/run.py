@@ -457,7 +457,7 @@ def _solver(plant: Plant, task: Task, method: str, hold: ZeroOrderHold | None) -
     """A method's loop in machine code where there is one, or SciPy's solver."""
     options = IntegrationOptions(method, task.rtol, task.atol, task.t_eval)
     if method == RODAS:
-        return RosenbrockSolver(options, plant, plant.slopes, plant.dynamics.n)
+        return RosenbrockSolver(options, plant)
     if method not in EXPLICIT or not plant.is_compiled:
         keeps: Keeps = () if task.t_eval is None else task.t_eval.tolist()
         if plant.sticks or task.stops or plant.law is not None:  # that looks inside each step
