@@ -9,7 +9,7 @@ import pytest
 
 import rne
 from rne.integrators import compiled_methods
-from rne.integrators.base import IntegrationOptions, Steps
+from rne.integrators.base import Implicit, IntegrationOptions, Steps
 from rne.model.abb_irb140 import CLOSED_LOOPS
 from rne.simulation import run
 from rne.simulation.method_choice import CHECKED, MethodMonitor, stiffness, work_per_step
@@ -122,7 +122,7 @@ class Linear:
     is_compiled, is_conservative, sticks, sampled, counted = True, False, False, np.zeros(2), 4
     robot, dynamics = SimpleNamespace(n=2, joint_names=("a", "b")), SimpleNamespace(n=2, states=0)
     kernel = SimpleNamespace(operations={"multiply": 500})
-    slopes = SimpleNamespace(operations={"multiply": 500}, is_unrolled=True)
+    implicit = Implicit(2, SimpleNamespace(operations={"multiply": 500}, is_unrolled=True))
     fastest = 1.0
 
     def linearised(self, t, x):

@@ -266,7 +266,7 @@ def stiff_method(plant: Plant) -> str:
 
 def has_rodas5p(plant: Plant) -> bool:
     """True if the equations of motion and their slopes are machine code and no joint sticks."""
-    return plant.is_compiled and not plant.sticks and plant.slopes.is_unrolled
+    return plant.is_compiled and not plant.sticks and plant.implicit.slopes.is_unrolled
 
 
 def work_per_step(plant: Plant, method: str) -> float:
@@ -275,7 +275,7 @@ def work_per_step(plant: Plant, method: str) -> float:
     if method != RODAS:
         stages = len(tableau(method).B)
         return stages * operations + stages * (stages + 1) * size
-    slopes, rows = sum(plant.slopes.operations.values()), size - n
+    slopes, rows = sum(plant.implicit.slopes.operations.values()), size - n
     systems = 2 * rows**2 * (rows + size) + 2 * STAGES * rows * size
     return STAGES * operations + SLOPES * slopes + systems + 2 * STAGES * (STAGES + 3) * size
 

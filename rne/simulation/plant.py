@@ -18,7 +18,6 @@ from ..dynamics.quantity import OK, PrecisionStatus
 from ..errors import NotFiniteError, RneError
 from ..integrators.base import Implicit
 from ..integrators.step_control import EPS
-from ..kernels.kernel import Kernel
 from ..kernels.soundness import NeedsRecursion
 from ..robot import Robot
 from .events import Event
@@ -43,14 +42,15 @@ class Plant:
         self.dynamics, self.robot, self.law, self.law_name = dynamics, robot, law, law_name
         self.counted = dynamics.counted  # entries of the state that are held to the tolerances
         self.width = dynamics.size  # of what the kernel gives
-        self.kernel = robot._kernels.scene_kernel(self._function)
+        self.kernel = kernel = robot._kernels.scene_kernel(self._function)
+        # Without the check of joint velocities; None where the recursion itself runs
+        self._state_function = kernel.state_function_unguarded if kernel.is_unrolled else None
         self.sampled: Array | None = None  # torques (n,) of a sampled controller since its last sample
         # As it is now: a law may be changed before someone asks for torques.
         self._law_kernel = None if dynamics.law is None else robot._kernels.scene_kernel(dynamics.law.outputs)
         self.evaluations, self.status = 0, OK  # the status of the worst state so far
         self.span = (-np.inf, np.inf)  # times at which torques are evaluated: inside the segment, between its breaks
         self._time = np.zeros(1)  # t as an argument of the kernel
-        self._state_function = state_function(self.kernel)
 
     @property
     def _function(self) -> Any:
@@ -69,7 +69,7 @@ class Plant:
     @property
     def is_compiled(self) -> bool:
         """True if no law is called and the kernel is machine code."""
-        return self.law is None and self.kernel.is_unrolled and self.robot.engine == "numba"
+        return self.law is None and self.kernel.is_unrolled and self.kernel.engine == "numba"
 
     @property
     def is_conservative(self) -> bool:
@@ -82,18 +82,15 @@ class Plant:
         return self.dynamics.sticks
 
     @cached_property
-    def slopes(self) -> Kernel:
-        """The Jacobian of the equations of motion R(t, x, a) = 0 by x, by the accelerations a and by t."""
-        return self.robot._kernels.scene_kernel(self.dynamics.residual, "x", "a", "t")
-
-    @property
     def implicit(self) -> Implicit:
-        """The equations of motion with their mass matrix."""
-        return Implicit(self.dynamics.n, self.slopes)
+        """The equations of motion with their mass matrix, for Rodas5P, which also needs the time."""
+        kernel = self.robot._kernels.scene_kernel(self.dynamics.residual, "x", "a", "t")
+        return Implicit(self.dynamics.n, kernel)
 
     def keep_kernels(self) -> None:
         """Have the cache find the kernels of this run, so that it is repeated with the law as it was."""
-        for kernel in (self.kernel, self._law_kernel, self.__dict__.get("slopes")):
+        _, slopes = self.__dict__.get("implicit", (0, None))
+        for kernel in (self.kernel, self._law_kernel, slopes):
             if kernel is not None:
                 self.robot._kernels.keep_scene(kernel)
 
@@ -243,11 +240,6 @@ def differences(f: Callable[[Array], Array], x: Array, count: int) -> Array:
         moved[j] += EPS**0.5 * max(abs(x[j]), 1.0)
         slopes[:, j] = (f(moved) - value) / (moved[j] - x[j])
     return slopes
-
-
-def state_function(kernel: Kernel) -> Callable[..., Array] | None:
-    """A kernel's function of one state without the check of joint velocities; None if the recursion itself runs."""
-    return kernel.state_function_unguarded if kernel.is_unrolled else None
 
 
 def with_own_law(scene: Any) -> Any:

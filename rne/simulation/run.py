@@ -286,7 +286,7 @@ def _torques_and_accelerations(
         return np.zeros((0, plant.robot.n)), np.zeros((0, n)), None
     try:
         u = plant.torques_at(t, x) if u is None else u
-        few = FEW if plant.robot.engine == "numba" else 1
+        few = FEW if plant.kernel.engine == "numba" else 1
         qdd = plant.all_outputs(t, x, with_modes(u, modes), few)[:, n : 2 * n]
         qdd = qdd if modes is None else np.where(modes[:, :n], qdd, 0.0)
         return plant.drive_torques(t, x, u), qdd, None
@@ -359,17 +359,17 @@ class Run:
     def _segment(self) -> None:
         """To the next sample or command, break, event or the end."""
         end, resumes = self._begin_segment()
-        if resumes:
-            self.solver.resume(self.plant, self.t, self.x, end)
-        else:
-            self.solver.start(self.plant, self.t, self.x, end, self.plant.longest_step(self.task.duration))
         events: list[Event] = [*self.plant.events, *self.task.stops]
+        solver = self.solver  # of this segment: another one may take over at its end
         if not resumes:
             self.most = FIRST_STEPS if events or self.task.progress else MAX_STEPS
-        solver = self.solver  # of this segment: another one may take over at its end
+        most = self._steps_at_once()
+        if resumes:
+            solver.resume(self.plant, self.t, self.x, end)
+        else:
+            solver.start(self.plant, self.t, self.x, end, self.plant.longest_step(self.task.duration))
         while solver.is_running:
-            steps = solver.steps(min(self.most, MAX_STEPS if self.solver.takes_samples else self.monitor.steps_to_look))
-            self.most = 2 * self.most
+            steps = solver.steps(most)
             crossing = first_crossing(events, steps)
             count = len(steps.T) - 1 if crossing is None else crossing.step + 1
             self.t, self.x = (float(steps.T[-1]), steps.X[-1]) if crossing is None else (crossing.t, crossing.x)
@@ -387,8 +387,13 @@ class Run:
             sample_is_due = self.plant.sticks and self.hold is not None and self.t >= self.hold.next
             if crossing is not None or (self._looks_further(steps) and self.t < end) or sample_is_due:
                 break
+            self.most = 2 * self.most
+            most = self._steps_at_once()
         self.x = self.plant.reported(self.x)
         return None
+
+    def _steps_at_once(self) -> int:
+        return min(self.most, MAX_STEPS if self.solver.takes_samples else self.monitor.steps_to_look)
 
     def _leave_samples(self, steps: Steps, count: int) -> None:
         """Note the values just before the samples within so many steps."""

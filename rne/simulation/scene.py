@@ -236,7 +236,7 @@ class Scene:
     @property
     def n(self) -> int:
         """Number of joint coordinates, without locked joints."""
-        return self.resolved.robot.n
+        return self.resolved.robot.model.n
 
     @property
     def dynamics(self) -> SceneDynamics:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -118,17 +119,15 @@ def simulate(
     if progress is not None:
         check_function("progress", progress, "(t, duration)")
     robot, dynamics = scene.resolved.robot, scene.dynamics
-    q, qd = dynamics.start(robot, q0, qd0)
-    start = [_one_state("q0", q), _one_state("qd0", qd), np.zeros(dynamics.size - 2 * dynamics.n)]
-    end = positive_number("duration", duration, zero_allowed=True)
+    end, further = positive_number("duration", duration, zero_allowed=True), real_array("breaks", breaks, "(k,)")
     times = None if t_eval is None else check_times(t_eval, end)
-    ends = stops(robot.model) if scene.stops else []
-    breaks = law_breaks(scene.controller, real_array("breaks", breaks, "(k,)").tolist())
-    task = Task(
-        np.concatenate(start), end, method, *tolerances(rtol, atol), times, breaks, ends, method == "auto", progress
-    )
+    q, qd = dynamics.start(robot, q0, qd0)
+    x0 = np.concatenate([_one_state("q0", q), _one_state("qd0", qd), np.zeros(dynamics.size - 2 * dynamics.n)])
+    breaks, ends = law_breaks(scene.controller, further.tolist()), stops(robot.model) if scene.stops else []
+    task = Task(x0, end, method, *tolerances(rtol, atol), times, breaks, ends, method == "auto", progress)
     called = scene.controller if dynamics.law is None else None
-    with one_at_a_time(called.law if isinstance(called, CalledLaw) else called):
+    called = called.law if isinstance(called, CalledLaw) else called
+    with nullcontext() if called is None else one_at_a_time(called):
         run = _run(scene, dynamics, "controller" if torque is None else "torque", task)
         motion, failure = run.trajectory()
     if failure is not None:
