@@ -91,7 +91,7 @@ def linear_loop(make, way, delay, **parts):
 @pytest.mark.parametrize("delay", DELAYS)
 def test_a_linear_loop_is_that_of_the_matrix_exponential(made, way, method, delay):
     """To 1e-10 at tolerances of 1e-12, at the samples; the energies balance, and no torque acts before its time."""
-    times = T * np.arange(26)
+    times = T * np.arange(21)
     scene = linear_loop(made, way, delay)
     motion = rne.simulate(scene, START[:1], START[1:], times[-1], method=method, t_eval=times, **TIGHT)
     expected = exact(inertia_of(straight_chain(1)), delay, len(times))
@@ -100,7 +100,7 @@ def test_a_linear_loop_is_that_of_the_matrix_exponential(made, way, method, dela
     arrived = np.floor((times - delay) / T + 1e-9).astype(int)  # number of the last command that acts
     commands = pd(0.0, *expected.T)
     np.testing.assert_allclose(motion.tau[:-1, 0], np.where(arrived < 0, 0, commands[arrived])[:-1], atol=1e-9)
-    assert motion.message.endswith(f"the controller was sampled 25 times, every 0.01 s, and acted {delay:g} s later")
+    assert motion.message.endswith(f"the controller was sampled 20 times, every 0.01 s, and acted {delay:g} s later")
 
 
 def growth(gain, delay, inertia):
@@ -111,7 +111,7 @@ def growth(gain, delay, inertia):
     return np.abs(np.linalg.eigvals(step)).max()
 
 
-@pytest.mark.parametrize("count", kept([3, 50], [3]))
+@pytest.mark.parametrize("count", kept([2, 50], [2]))
 def test_loops_beside_their_limits_of_stability_grow_and_decay(made, count):
     """By the spectral radius: 3 % below the largest stable gain, and above it."""
     rng, inertia = np.random.default_rng(count), inertia_of(straight_chain(1))
@@ -128,7 +128,7 @@ def test_loops_beside_their_limits_of_stability_grow_and_decay(made, count):
             assert rate == pytest.approx(np.log(growth(gain, delay, inertia)), rel=0.5), (delay, gain)  # beats
 
 
-@pytest.mark.parametrize("late", [1, 2])
+@pytest.mark.parametrize("late", kept([1, 2], [2]))
 @pytest.mark.parametrize("way", kept(["called", "numba called"], ["called"]))
 def test_a_delay_of_whole_samples_is_a_memory_of_the_law_to_the_last_bit(made, way, late):
     class Late:
@@ -208,8 +208,8 @@ def test_samples_in_machine_code_are_those_of_scipys_solvers(made, parts, delay,
         further |= {"effort_limit": [9.0, 3.0], "torque_rate": [200.0, 100.0], "friction": rne.Friction(**friction)}
         scene = rne.Scene(robot, controller=law, sample_time=T, delay=delay, **further)
         how = {"method": "DOP853", "rtol": 1e-9, "atol": 1e-12}
-        ways = {}, {"t_eval": np.linspace(0, 0.15, 21)}
-        motions.append([rne.simulate(scene, [0.3, 0.2], [0, 0], 0.15, **how, **further) for further in ways])
+        ways = {}, {"t_eval": np.linspace(0, 0.1, 11)}
+        motions.append([rne.simulate(scene, [0.3, 0.2], [0, 0], 0.1, **how, **further) for further in ways])
     at_steps, at_times = ("jumps", "qdd_before", "tau_before"), ("q", "qd", "qdd", "tau", "work", "controller_state")
     for expected, got, names in zip(*motions, (at_steps, at_times), strict=True):
         assert got.message.replace("; in machine code", "") == expected.message
@@ -255,7 +255,7 @@ def test_a_delay_beyond_the_end_and_one_of_roundings(made):
         np.testing.assert_array_equal(motion.tau, 0.0)  # of no command
 
 
-@pytest.mark.parametrize("delay", [0.0, 0.3 * T, 2 * T, 2.6 * T])
+@pytest.mark.parametrize("delay", kept([0.0, 0.3 * T, 2 * T, 2.6 * T], [0.3 * T, 2 * T]))
 def test_a_hold_that_was_set_back_is_one_that_never_went_on(made, delay):
     """Behind each of its instants and between them; the pending commands are those of the samples that are kept."""
     scene = linear_loop(made, "called", delay, torque_rate=500.0)
@@ -271,7 +271,7 @@ def test_a_hold_that_was_set_back_is_one_that_never_went_on(made, delay):
         last = hold.pending[np.arange(hold.count - count, hold.count) % len(hold.pending)]
         return [*hold.samples(), *acting, last, plant.sampled, hold.next, hold.count, hold.arrived]
 
-    for back in np.arange(0.0, 7.3, 0.1):
+    for back in np.arange(0.0, 7.3, 0.2):
         for one, other in zip(held(7.35 * T, back * T), held(back * T), strict=True):
             np.testing.assert_array_equal(one, other)
 
@@ -284,7 +284,7 @@ def test_a_delay_in_periods(delay, period, expected):
     assert in_periods(delay, period) == pytest.approx(expected, abs=1e-15)
 
 
-@pytest.mark.parametrize("delay", [0.6 * T, 2 * T])
+@pytest.mark.parametrize("delay", kept([0.6 * T, 2 * T], [0.6 * T]))
 def test_a_watched_law_knows_what_acts(delay):
     """No contact is seen without one, but where the law is not told the delay; and one within some samples."""
     robot = rne.Robot(straight_chain(2))
@@ -294,7 +294,7 @@ def test_a_watched_law_knows_what_acts(delay):
         watched = observer.watching(law, law, T, given)
         pushed = lambda t, q, qd: watched(t, q, qd) + push * (t > 0.1)  # noqa: B023, E731
         scene = rne.Scene(robot, controller=pushed if push else watched, sample_time=T, delay=delay, effort_limit=2.5)
-        rne.simulate(scene, [0.3, 0.2], [0, 0], 0.2, rtol=1e-9)
+        rne.simulate(scene, [0.3, 0.2], [0, 0], 0.16, rtol=1e-8)
         contacts.append(watched.contact)
     assert contacts[0] is None
     assert contacts[1] == pytest.approx(T)
