@@ -276,6 +276,13 @@ def test_a_hold_that_was_set_back_is_one_that_never_went_on(made, delay):
             np.testing.assert_array_equal(one, other)
 
 
+def test_a_loop_that_diverges_is_told_with_its_delay():
+    robot = rne.Robot(straight_chain(1))
+    scene = rne.Scene(robot, controller=rne.control.pd(robot, 1.0, 0.5, [0]), sample_time=T, delay=2 * T)
+    text = ZeroOrderHold(scene, Plant(scene.dynamics, robot), 1.0).stability()
+    assert text.endswith("sampled every 0.01 s with torques 0.02 s late, of which that knows nothing")
+
+
 @pytest.mark.parametrize(
     ("delay", "period", "expected"),
     [(0.0, 0.1, (0, 0)), (0.3, 0.1, (3, 0)), (0.1 + 0.2, 0.1, (3, 0)), (0.25, 0.1, (2, 0.05)), (0.29, 0.1, (2, 0.09))],

@@ -168,7 +168,8 @@ class ZeroOrderHold:
             limit = check_gains(self.scene.resolved.robot, *gains).sample_time_limit  # type: ignore[arg-type]
         except (ValueError, TypeError):
             return "see rne.check_gains for the sample time that its gains need"
-        return f"by rne.check_gains it is stable up to {limit:.4g} s, and sampled every {self.period:g} s"
+        late = f" with torques {self.scene.delay:g} s late, of which that knows nothing" if any(self.delay) else ""
+        return f"by rne.check_gains it is stable up to {limit:.4g} s, and sampled every {self.period:g} s{late}"
 
 
 def _joined(parts: list[ControlSamples]) -> ControlSamples:
