@@ -97,6 +97,6 @@ def report_savings(written: Model, rounded: Model, report: FindingsReport) -> No
         angles = f"{counted(len(report.angles), 'angle')} {'are' if report.angles[1:] else 'is'}"
         digits = "-".join(str(x) for x in sorted({min(decimals), max(decimals)}))
         message = f"{angles} {some(map(name_of, sorted(multiples)))} to {digits} decimals"
-        part = f"{change:.0e}".replace("e-0", "e-")
+        part = f"{change:.1g}".replace("e-0", "e-")
         cure = f"with round_angles=True {', '.join(counts)}, torques change by {part} of the largest"
         report.warning(None, "robot", message, cure)
