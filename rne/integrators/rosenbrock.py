@@ -26,7 +26,7 @@ import numpy as np
 
 from ..basics.spatial import Array
 from .loops import combine, copy, evaluate, inline
-from .step_control import integral_errors, shortest_step, step_factor
+from .step_control import error_norm, shortest_step, step_factor
 
 STAGES = 8
 EXPONENT = -0.2  # of the error in the factor between two steps: the estimate is of order 4
@@ -78,7 +78,7 @@ def _tableau() -> tuple[Array, Array, Array, Array]:
 
 
 A, C, ALPHA, GAMMAS = _tableau()
-TABLEAU = (A, C, ALPHA, GAMMAS, INTERPOLANT)
+TABLEAU = (A, C, ALPHA, GAMMAS, INTERPOLANT, np.eye(STAGES)[-1:])  # the last stage is the error
 
 
 @inline
@@ -170,11 +170,11 @@ def take_steps(problem: Any, slopes: Any, steps: Any) -> int:
     count[0] and count[1] gain the evaluations of right-hand side and Jacobian. `work` is what `workspace` makes.
     """
     rates, state, interval = problem
-    end, first, last, rtol, atol = interval.end, interval.first, interval.last, interval.rtol, interval.atol
-    A, C, alpha, gamma, interpolant = interval.tableau
+    end, first, last = interval.end, interval.first, interval.last
+    A, C, alpha, gamma, interpolant, last_stage = interval.tableau
     T, X, P, H, count, (S, W, G, b, U, start, f) = steps
     time, x, qdd = state[0], state[1], slopes[1][2]
-    size, n, counted = len(x), len(qdd), interval.counted
+    size, n = len(x), len(qdd)
     for step in range(len(T) - 1):
         t, y = T[step], X[step]
         smallest = shortest_step(t)
@@ -211,10 +211,7 @@ def take_steps(problem: Any, slopes: Any, steps: Any) -> int:
                     solve_stage(S, G, n, c, gamma[s] * h, f, b, U[s])
                 for i in range(size):
                     x[i] += U[STAGES - 1, i]
-                error = integral_errors(U[STAGES - 1], y, x, interval)
-                for i in range(counted):
-                    error += (U[STAGES - 1, i] / (atol + rtol * max(abs(y[i]), abs(x[i])))) ** 2
-                error = math.sqrt(error / counted)
+                error = error_norm(last_stage, U, 1.0, y, x, interval, f)
             if error < 1:
                 break
             h *= step_factor(error, EXPONENT)

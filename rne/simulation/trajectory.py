@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import TIME_ROUNDING, positive_number, read_only, real_numbers
+from ..basics.piecewise import Piecewise, cubic, monotone, quintic
 from ..basics.spatial import Array
 from ..basics.text import UNBROKEN, InNotebooks, counted, listed, short, wrapped
 from ..model.model import Model
 from .limits import Violation, limit_violations
 from .motion_files import MOTORS, numbered_joints, read_archive, write_archive, write_columns
-from .piecewise import Piecewise, cubic, monotone, quintic
 
 LONGEST = 240  # characters of the solver's message
 SUDDEN = 10.0  # times between two instants: within them an error may grow at once

@@ -1,4 +1,4 @@
-"""Piecewise polynomials through the samples of a motion; reports need them, and loading SciPy's takes 0.1 to 0.4 s."""
+"""Piecewise polynomials through samples; loading those of SciPy takes 0.1 to 0.4 s."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..basics.spatial import Array
+from .spatial import Array
 
 
 class Piecewise(NamedTuple):
