@@ -136,3 +136,29 @@ def test_an_unsound_state_runs_its_kernel_once_before_the_recursion(call):
     with pytest.raises(rne.NotFiniteError, match="overflows"):
         (robot.inverse_dynamics if call == "robot" else kernel)(q, qd, qdd)
     assert len(runs) == 1
+
+
+SMOOTH, STICKING = rne.Friction(viscous=1.0, coulomb=0.5), rne.Friction(viscous=1.0, coulomb=0.5, smoothing=0)
+
+
+@pytest.mark.parametrize(
+    "parts", [{}, {"friction": SMOOTH}, {"friction": STICKING}], ids=["free", "smooth", "sticking"]
+)
+def test_neither_the_choice_of_a_method_nor_the_report_of_a_motion_traces(traced, parts):
+    """The kernel of what runs is all that a scene traces, and a second run with its report traces nothing."""
+    robot = rne.Robot(straight_chain(3))
+    for _ in range(2):
+        motion = rne.simulate(rne.Scene(robot, **parts), [0.1] * 3, [0] * 3, 0.05, method="auto")
+        assert motion.method == "DOP853"
+        assert "largest energy error" in repr(motion)
+        assert len(traced) == 1
+
+
+def test_energies_of_many_states_are_traced_and_the_same(traced):
+    """By the recursion at first, by kernels from where it would have taken longer."""
+    robot = rne.Robot(straight_chain(3))
+    times = np.linspace(0, 0.05, 500)
+    few, again, more = (rne.simulate(robot, [0.1] * 3, [0] * 3, 0.05, t_eval=times).energy for _ in range(3))
+    assert traced == ["right_hand_side", "potential_energy", "kinetic_energy"]
+    np.testing.assert_array_equal(again, few)
+    np.testing.assert_allclose(more, few, rtol=4e-15 * 6)
