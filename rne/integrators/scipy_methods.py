@@ -34,13 +34,7 @@ class SolverSteps(Steps):
 
     def states(self, times: Array, k: Array) -> Array:
         """States at ascending times within the steps k, shape (m, size)."""
-        if len(self.interpolants) > 1:
-            return _on_polynomials(times, k, self.interpolants)
-        (p,) = self.interpolants
-        if not hasattr(p, "yh"):
-            return np.asarray(p(times).T)
-        powers = ((times - p.t) / p.h)[:, None] ** np.arange(p.yh.shape[1])  # of LSODA, summed as those of many steps
-        return np.asarray(np.einsum("nj,tj->tn", np.ascontiguousarray(p.yh), powers))
+        return _on_polynomials(times, k, self.interpolants)
 
     def inside(self, k: int) -> Interpolant:
         """SciPy's interpolant itself."""
