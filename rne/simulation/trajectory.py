@@ -26,21 +26,24 @@ PARTS, MOST = 16, 100_000  # of a step, and of a motion: of many samples, fewer 
 MOST_LOADS = 20_000  # where a recursion is computed at each
 
 
-class Derived(cached_property[Any]):
-    """A field of a motion that is computed by its run when it is first asked for, unless it is given.
+class Derived:
+    """A field of a motion that its run computes, unless it is given.
 
     `empty` makes the value of a motion without a run that does not give it; without this it must be given.
     """
 
     def __init__(self, empty: Callable[[], Any] | None = None) -> None:
-        super().__init__(lambda motion: read_only(motion.run.derived()[self.attrname]))
         self.empty = empty
 
-    def of_no_run(self) -> Any:
-        """The value of a motion without a run that does not give it."""
-        if self.empty is None:
-            raise TypeError(f"Trajectory needs `{self.attrname}`")
-        return self.empty()
+    def __set_name__(self, owner: type, name: str) -> None:
+        self.name = name
+
+    def __get__(self, motion: Any, owner: type) -> Any:
+        given = self if motion is None else vars(motion)[self.name]  # itself, the default of the field: not given
+        return self if motion is None else motion._derived[self.name] if given is self else given
+
+    def __set__(self, motion: Any, value: Any) -> None:
+        vars(motion)[self.name] = value
 
 
 def derived(empty: Callable[[], Any] | None = None) -> Any:
@@ -160,12 +163,16 @@ class Trajectory(InNotebooks):
     run: Any = None
 
     def __post_init__(self) -> None:
-        for name, value in [(name, value) for name, value in vars(self).items() if isinstance(value, Derived)]:
-            if self.run is None:
-                vars(self)[name] = value.of_no_run()
-            else:
-                del vars(self)[name]  # computed when it is first asked for
+        for name, value in vars(self).items() if self.run is None else ():
+            if isinstance(value, Derived):
+                if value.empty is None:
+                    raise TypeError(f"Trajectory needs `{name}`")
+                vars(self)[name] = value.empty()
         super().__post_init__()
+
+    @cached_property
+    def _derived(self) -> dict[str, Any]:
+        return {name: read_only(value) for name, value in self.run.derived().items()}
 
     def __repr__(self) -> str:
         return wrapped("\n  ".join(trajectory_lines(self))).replace(UNBROKEN, " ")
