@@ -133,14 +133,14 @@ class Scene:
         Marked by `rne.traceable` it becomes part of the kernel if it can, otherwise it is called.
     sample_time : float, optional
         The controller is evaluated every `sample_time`, and its torque is held in between [s].
-    delay : float, optional
-        A sampled controller's torque acts this long after its sample, until the next one's does; none acts before the
-        first has arrived [s].
     elastic : ElasticJoints, optional
         Joints that yield between motor and link.
     springs : sequence of Spring, optional
         Springs between links or at joints. Their energy counts as potential energy; those at or between what locked
         joints hold do nothing.
+    delay : float, optional
+        A sampled controller's torque acts this long after its sample, until the next one's does; none acts before the
+        first has arrived [s].
 
     Raises
     ------
