@@ -104,6 +104,19 @@ def exact(t):
     return np.stack([q, qd, (START @ START - q**2 - qd**2) / 2], axis=-1)
 
 
+@pytest.mark.parametrize("method", ["RK45", "DOP853"])
+def test_what_a_kernel_gives_behind_the_rates_is_carried_along_unread(interpreted, method):
+    plain, wide = Oscillator(with_energy=True), Oscillator(with_energy=True)
+
+    def function(*arguments):
+        arguments[-1][wide.size :] = np.nan
+        return plain.function(*arguments[:-1], arguments[-1][: wide.size])
+
+    wide.width, wide.kernel = wide.size + 2, SimpleNamespace(address=lambda: function)
+    for found, expected in zip(motion(wide, "loop", method), motion(plain, "loop", method), strict=True):
+        np.testing.assert_array_equal(found, expected)
+
+
 @pytest.mark.parametrize(("way", "method"), [*(("scipy", m) for m in SCIPY), *(("loop", m) for m in LOOPS)])
 def test_energies_behind_the_state_change_no_step(interpreted, way, method):
     """And their error is that of the tolerance, at the steps and inside them."""

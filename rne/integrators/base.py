@@ -135,7 +135,7 @@ class Steps:
     T, of shape (k + 1,), has the ends of the steps [s], X, of shape (k + 1, size), the states there.
     """
 
-    U: Array | None = None  # torques held in each step, where samples were taken between them
+    U: Array | None = None  # inputs held in each step, where samples were taken between them
 
     def __init__(self, T: Array, X: Array) -> None:
         self.T, self.X = T, X
@@ -146,7 +146,7 @@ class Steps:
 
     @property
     def jumps(self) -> list[bool]:
-        """Whether torques that are held change where a step begins, of k steps."""
+        """Whether inputs that are held change where a step begins, of k steps."""
         return [False] * (len(self.T) - 1)
 
     def inside(self, k: int) -> Interpolant:
