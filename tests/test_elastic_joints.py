@@ -192,7 +192,7 @@ def test_slopes_of_the_motion_are_those_of_a_complex_step(arm):
     elastic = rne.ElasticJoints([2e3, 1e3], 1.0, [0.2, 0.1], "both")
     scene = rne.Scene(arm, elastic=elastic, controller=law, friction=rne.Friction(1.0, 0.5))
     plant, x = Plant(scene.dynamics, scene.resolved.robot), np.random.default_rng(0).uniform(-1, 1, scene.dynamics.size)
-    rates, step = scene.dynamics.right_hand_side.quantity.core, 1e-30
+    rates, step = scene.dynamics.right_hand_side_core, 1e-30
     columns = []
     for k in range(len(x)):
         moved = x.astype(complex)
@@ -333,7 +333,7 @@ def test_the_function_of_casadi_is_the_right_hand_side(arm):
     x, u = np.random.default_rng(0).uniform(-1, 1, 8), np.array([1.0, 2.0])
     dx, tau = scene.to_casadi()(0.0, x, u)
     torqued = replace(scene.dynamics, inputs="called", has_energies=False)
-    expected, _ = torqued.right_hand_side.evaluate(scene.resolved.robot.model, np.zeros(1), x, u)
+    expected, _ = torqued.right_hand_side.evaluate(scene.resolved.robot.model, np.zeros(1), x, u, torqued.vector)
     np.testing.assert_allclose(np.array(dx).ravel(), expected, rtol=1e-12, atol=1e-12)
     assert np.array(tau).ravel().tolist() == [1.0, 2.0]
 

@@ -527,7 +527,7 @@ class TestMemory:
     def test_machine_code_goes_with_its_kernel(self):
         """At once: nothing that keeps it refers to itself."""
         kernel = self.kernel(0.5)
-        libraries = [kernel.state_function.library, kernel._libraries[8]]
+        libraries = [kernel.state_function.library, kernel._libraries[8, True]]
         libraries += [x for x in kernel.blocks.compiled(np.dtype("float64")).__self__ if type(x) is object_code.Library]
         kept = [weakref.ref(library) for library in libraries]
         assert len(set(libraries)) == 3

@@ -459,13 +459,13 @@ def test_scenes_have_them():
     scene = rne.Scene(robot, controller=law, friction=friction)
     dynamics = scene.dynamics
     rates = dynamics.right_hand_side
-    slopes, bends = gradient(rates, robot.model, "x"), hessian(rates, robot.model, "x")
+    slopes, bends = (make(rates, robot.model, "x", numbers=dynamics.vector) for make in (gradient, hessian))
     rng = np.random.default_rng(0)
     x, v = rng.uniform(-0.5, 0.5, (2, dynamics.size))
     weights, h, t = rng.normal(size=slopes.widths[-1]), 1e-6, np.zeros(1)
 
     def value(x):
-        return rates.evaluate(robot.model, t, x)[0] @ weights
+        return rates.evaluate(robot.model, t, x, dynamics.vector)[0] @ weights
 
     assert slopes(t, x, weights) @ v == pytest.approx((value(x + h * v) - value(x - h * v)) / (2 * h), rel=1e-6)
     ahead, behind = slopes(t, x + h * v, weights), slopes(t, x - h * v, weights)

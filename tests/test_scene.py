@@ -43,7 +43,7 @@ class TestDynamics:
     def test_right_hand_side_is_the_scene_written_out(self, full):
         q, qd, _ = states(6, 20)
         kernel = Plant(full.dynamics, full.resolved.robot).kernel
-        rates = kernel(np.zeros((20, 1)), np.concatenate([q, qd, np.zeros((20, 2))], axis=1))
+        rates = kernel(np.zeros((20, 1)), np.concatenate([q, qd, np.zeros((20, 2))], axis=1), full.dynamics.vector)
         assert np.array_equal(rates[:, :6], qd)
         assert relative(rates[:, 6:12], full.forward_dynamics(q, qd, 0 * q)) <= 1e-11
         friction = full.resolved.friction
@@ -538,7 +538,8 @@ class TestDryFrictionOfSeveralJoints:
             [rates, [(np.sin(t) - moving) @ moving, friction.viscous * moving @ moving, dry @ moving]]
         )
         kernels, function, largest = robot._kernels, dynamics.right_hand_side_under_modes, np.abs(net).max()
-        for found in (kernels.scene_kernel(function)(t, x, modes), function.evaluate(robot.model, t, x, modes)[0]):
+        given = t, x, modes, dynamics.vector
+        for found in (kernels.scene_kernel(function)(*given), function.evaluate(robot.model, *given)[0]):
             for got, expected in zip(np.split(found, [len(x), len(x) + n]), (rates, load, net), strict=True):
                 np.testing.assert_allclose(got, expected, rtol=1e-9, atol=1e-9 * max(largest, np.abs(expected).max()))
 

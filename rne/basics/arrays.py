@@ -227,6 +227,15 @@ def cached_array(make: Callable[[Any], T]) -> cached_property[T]:
     return cached_property(wraps(make)(lambda owner: read_only(make(owner))))
 
 
+def copy_with(thing: T, **parts: Any) -> T:
+    """A copy with other attributes, none of which is checked; what was computed of the former ones is forgotten."""
+    kind: Any = type(thing)
+    own: T = object.__new__(kind)
+    kept = {k: v for k, v in vars(thing).items() if not isinstance(getattr(kind, k, None), cached_property)}
+    vars(own).update(kept | parts)
+    return own
+
+
 class ReadOnlyArrays:
     """Base of dataclasses with arrays that other numbers are computed of later: NumPy refuses to change them."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from contextlib import nullcontext
 from dataclasses import replace
 from functools import cache, cached_property
@@ -11,16 +12,18 @@ from weakref import WeakValueDictionary
 
 import numpy as np
 
-from ..basics.arrays import check_function, whole_number
+from ..basics.arrays import UNBOUNDED, check_function, copy_with, whole_number
 from ..basics.spatial import Array
 from ..dynamics.quantity import MethodQuantity, Quantity
 from ..graph.graph import Graph
-from ..graph.scalar import inputs, references
+from ..graph.scalar import inputs, is_traced, references
+from ..kernels.cache import KernelCache
 from ..kernels.kernel import Kernel
 from ..kernels.trace import AGREEMENT, LIMIT, TRIALS
 from ..model.model import Model
 from ..model.topology import where_loops_close
 from ..robot import Robot, robot_argument
+from .law_numbers import law_at, numbers_of
 
 
 def check_law(name: str, law: Any) -> None:
@@ -97,6 +100,43 @@ def changed(law: Any) -> None:
     TracedLaw.changes += 1
 
 
+def is_input(number: Array, *, named: bool = False) -> Array:
+    """Which entries of a number of a scene are inputs of kernels: those that are not 0, unless it is named, and finite.
+
+    Zeros and infinities are structure: they take no operations.
+    """
+    return np.asarray((np.abs(number) < UNBOUNDED) & ((number != 0) | named))
+
+
+def placed(numbers: Mapping[str, Array], inputs: Mapping[str, Array], vector: Array) -> dict[str, Array]:
+    """Numbers by name, with the entries of a vector, traced or not, in the places that are inputs.
+
+    Numbers of which each state of (..., p) has its own have its leading shape.
+    """
+    found, first, leading = dict[str, Array](), 0, vector.shape[:-1]
+    for name, mask in inputs.items():
+        count = int(mask.sum())
+        own, first = vector[..., first : first + count], first + count
+        if leading and (own == own.reshape(-1, count)[0]).all():
+            own = own.reshape(-1, count)[0]
+        full = np.broadcast_to(numbers[name].astype(vector.dtype), own.shape[:-1] + mask.shape).copy()
+        full[..., mask] = own
+        found[name] = full
+    return found
+
+
+def vectors(numbers: Mapping[str, Array], inputs: Mapping[str, Array], own: Mapping[str, Array]) -> Array:
+    """The entries that are inputs of kernels, (N, p), where N motions have some numbers (N, ...) of their own."""
+    count = len(next(iter(own.values())))
+    parts = [
+        own[name].reshape(count, -1)[:, mask.reshape(-1)]
+        if name in own
+        else np.broadcast_to(numbers[name][mask], (count, mask.sum()))
+        for name, mask in inputs.items()
+    ]
+    return np.concatenate([np.zeros((count, 0)), *parts], axis=1)
+
+
 class TracedLaw:
     """A law marked by `rne.traceable`, for the kernels of a scene; equal to that of the same law of the same formula.
 
@@ -105,22 +145,74 @@ class TracedLaw:
 
     changes = 0  # that were reported by `changed`
 
-    def __init__(self, law: Any, n: int, given: LawInputs | None = None) -> None:
+    def __init__(self, law: Any, n: int, given: LawInputs | None = None, named: frozenset[str] = frozenset()) -> None:
         self.law, self.n, self.states = law, n, int(getattr(law, "states", 0))
-        self.given = given or LawInputs(0, n, n)
+        self.given, self.named = given or LawInputs(0, n, n), named
         self.size = 2 * self.given.coordinates + self.states
-        self.formula = self.changes, self._formula()  # its parameters are constants of kernels
+        self.numbers, formula = self._with_inputs()
+        self.formula = self.changes, formula
+        self._key = self.n, self.given, self.formula, tuple((k, m.tobytes()) for k, m in self.inputs.items())
+        self._hash = hash(self._key) if formula is not None else id(law)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return TracedLaw, (self.law, self.n, self.given)
+        return TracedLaw, (self.law, self.n, self.given, self.named)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, TracedLaw):
             return NotImplemented
-        return self.law is other.law and (self.n, self.given, self.formula) == (other.n, other.given, other.formula)
+        if self.formula[1] is None:
+            return self.law is other.law and self._key == other._key
+        return self._hash == other._hash and self._key == other._key
 
     def __hash__(self) -> int:
-        return hash((id(self.law), self.n, self.given))
+        return self._hash
+
+    def _with_inputs(self) -> tuple[dict[str, Array], tuple[Any, ...] | None]:
+        """The numbers of the law that can be traced, and its formula with them as inputs."""
+        self.numbers = numbers = numbers_of(self.law)
+        formula = self._formula()
+        if formula is not None or not numbers:
+            return numbers, formula
+        self.numbers = {}
+        without = self._formula()
+        if without is None:
+            return {}, None
+        taken = {}
+        for name, number in numbers.items():  # a law may branch on some of them, which stay constants
+            self.numbers = {name: number}
+            if self._formula() is not None:
+                taken[name] = number
+        self.numbers = taken
+        formula = self._formula()
+        if formula is not None:
+            return taken, formula
+        self.numbers = {}
+        return {}, without
+
+    @property
+    def inputs(self) -> dict[str, Array]:
+        """Which entries of its numbers are inputs of kernels."""
+        masks = {name: is_input(x, named=name in self.named) for name, x in self.numbers.items()}
+        return {name: mask for name, mask in masks.items() if mask.any()}
+
+    @property
+    def vector(self) -> Array:
+        """The numbers that are inputs of kernels, shape (p,)."""
+        return np.concatenate([np.zeros(0), *(self.numbers[name][mask] for name, mask in self.inputs.items())])
+
+    def vectors(self, own: Mapping[str, Array]) -> Array:
+        """The vector of each of some motions, (N, p), which have numbers (N, ...) of their own."""
+        return vectors(self.numbers, self.inputs, own)
+
+    def filled(self, vector: Array) -> TracedLaw:
+        """The law with the numbers of a vector, traced or not."""
+        return self.at(placed(self.numbers, self.inputs, vector))
+
+    def at(self, numbers: Mapping[str, Any]) -> TracedLaw:
+        """The law with other numbers of some names, which may be traced."""
+        own = {name: x for name, x in numbers.items() if name in self.numbers}
+        values = {name: x for name, x in own.items() if not is_traced(x)}
+        return copy_with(self, law=law_at(self.law, own), numbers=self.numbers | values)
 
     def _formula(self) -> tuple[Any, ...] | None:
         """The operations of the torques, with the quantities of robots as inputs; None if the law cannot be traced.
@@ -128,10 +220,10 @@ class TracedLaw:
         All that a law reads takes part, wherever it is kept. To look there instead would miss some of it.
         """
         graph = Graph(8 * LIMIT, outline=True)
-        x = inputs(graph, (1, 1 + self.size), 0)
+        x = inputs(graph, (1, 1 + self.size + len(self.vector)), 0)
         try:
             with np.errstate(all="ignore"):
-                torques, rates = self(x[:, :1], x[:, 1:])
+                torques, rates = self.filled(x[0, 1 + self.size :])(x[:, :1], x[:, 1 : 1 + self.size])
             found = [references(graph, part) for part in (torques, rates) if part is not None]
         except Exception:  # whatever the law raises when it meets traced numbers: the trace for a kernel tells it
             return None
@@ -188,12 +280,19 @@ class TracedLaw:
     @cached_property
     def outputs(self) -> MethodQuantity:
         """[torques, dz/dt] as a function of time and state, to be traced."""
-        widths: dict[str, int | None] = {"t": 1, "x": self.size}
-        traced = Quantity(name="controller", core=self._core, widths=widths, moments=True, base_parameters=True)
+        widths: dict[str, int | None] = {"t": 1, "x": self.size, "numbers": len(self.vector)}
+        how: dict[str, Any] = {"moments": True, "base_parameters": True, "of_run": "numbers"}
+        traced = Quantity(name="controller", core=self._core, widths=widths, **how)
         return MethodQuantity(self, traced, "the controller")
 
-    def _core(self, model: Model, t: Array, x: Array) -> Array:
-        return self._row(self(t, x))
+    def _core(self, model: Model, t: Array, x: Array, numbers: Any = None) -> Array:
+        if numbers is None:
+            return self._row(self(t, x))
+        given, width = np.asarray(numbers), len(self.vector)
+        rows = given.reshape(-1, width) if width else np.zeros((1, 0))
+        if rows.dtype == object or (rows == rows[:1]).all():
+            return self._row(self.filled(rows[0])(t, x))
+        return np.array([self._row(self.filled(v)(s, y)) for v, s, y in zip(rows, t, x, strict=True)])
 
     @staticmethod
     def _row(returned: tuple[Array, Array | None]) -> Array:
@@ -204,10 +303,10 @@ class TracedLaw:
         """The same as a function of time, positions, velocities and the law's states."""
         return self._core(model, t, np.concatenate([q, qd] if z is None else [q, qd, z], axis=-1))
 
-    def why_not_traced(self, robot: Robot) -> str | None:
+    def why_not_traced(self, kernels: KernelCache) -> str | None:
         """Why the law must be called: it cannot be traced, or its trace differs from calls. None if it is traced."""
         try:
-            worst = self._error_of_trace(robot)
+            worst = self._error_of_trace(kernels)
         except Exception as error:  # whatever the law raises when it meets traced numbers
             cause = error.__cause__ if isinstance(error.__cause__, TypeError) else error  # NumPy's tells of sequences
             return f"{type(cause).__name__}: {cause}".splitlines()[0]
@@ -215,16 +314,16 @@ class TracedLaw:
             return None
         return f"traced, it differs by {worst:.3g} from a call: it has memory, noise or a branch"
 
-    def _error_of_trace(self, robot: Robot) -> float:
+    def _error_of_trace(self, kernels: KernelCache) -> float:
         """Largest difference between traced and called torques in some states, relative where they exceed 1."""
-        kernel, (t, x) = robot._kernels.scene_kernel(self.outputs), _trials(TRIALS, self.size)
-        x = np.concatenate([where_loops_close(robot.model, x[:, : self.n]), x[:, self.n :]], axis=1)
+        kernel, (t, x), model = kernels.scene_kernel(self.outputs), _trials(TRIALS, self.size), kernels.model
+        x = np.concatenate([where_loops_close(model, x[:, : self.n]), x[:, self.n :]], axis=1)
         with np.errstate(all="ignore"):
-            called = self._core(robot.model, t, x)
+            called = self._core(model, t, x)
         if called.dtype != np.float64 or not np.isfinite(called).all():
-            called, _ = self.outputs.evaluate(robot.model, t, x)  # names what is wrong
+            called, _ = self.outputs.evaluate(model, t, x, self.vector)  # names what is wrong
         scales = np.abs(called).max(axis=1, initial=1.0)
-        return float((np.abs(kernel(t, x) - called).max(axis=1, initial=0.0) / scales).max())
+        return float((np.abs(kernel(t, x, self.vector) - called).max(axis=1, initial=0.0) / scales).max())
 
 
 @cache
@@ -271,7 +370,7 @@ def compiled(law: Any, robot: Robot | None = None, *, engine: str | None = None)
     if not getattr(law, "traceable", False):
         raise TypeError("`law` must be marked by rne.traceable")
     traced = TracedLaw(law, known.n)
-    reason = traced.why_not_traced(known)
+    reason = traced.why_not_traced(known._kernels)
     if reason is not None:
         raise TypeError(f"`law` cannot be traced: {reason}")
     widths: dict[str, int | None] = {"t": 1, "q": known.n, "qd": known.n}

@@ -109,6 +109,7 @@ class Quantity:
     returns_array: bool = True  # False for a record, which is not traced
     wrenches: Mapping[str, str] = field(default_factory=dict)  # arrays of a kernel that are wrenches, with their links
     analytic: bool = False
+    of_run: str | None = None  # argument that is the same over a run: what is computed of it alone is computed once
 
     def require_moments(self) -> None:
         """Refuse inertial parameters as an input, with a TypeError, if they cannot be one."""

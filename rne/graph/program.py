@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import operator
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -34,9 +34,9 @@ BLOCK = 256  # states at once where every result is kept
 
 
 class Operand(NamedTuple):
-    """An operand of an instruction: input k, a constant, number k of a table, or the result of instruction k."""
+    """An operand: an input, a constant, a number of a table or of a run, or the result of instruction k."""
 
-    kind: str  # "input", "constant", "table", "result"
+    kind: str  # "input", "constant", "table", "number" (of a run), "result"
     value: float | int
 
 
@@ -113,6 +113,36 @@ def with_table(program: Program) -> tuple[Program, list[float]]:
     return Program(instructions, place(program.outputs), program.inputs), table
 
 
+def divided(program: Program, first: int, count: int) -> tuple[Program, Program]:
+    """What is computed of some inputs alone, as a program of these, and the rest, whose inputs they are in their place.
+
+    Those inputs, `count` from the `first` on, are numbers that stay the same while the rest is evaluated many times.
+    """
+    fixed = {Operand("input", k): Operand("input", k - first) for k in range(first, first + count)}
+    kept: list[list[Instruction]] = [[], []]  # of the numbers, and of the rest
+    place: dict[Operand, Operand] = {}
+    for k, (kind, args) in enumerate(program.instructions):
+        varies = any(arg.kind != "constant" and arg not in fixed for arg in args)
+        target = place if varies else fixed
+        kept[varies].append(Instruction(kind, args))
+        target[Operand("result", k)] = Operand("result", len(kept[varies]) - 1)
+    read = [arg for instruction in kept[1] for arg in instruction.args] + [*program.outputs]
+    handed = list(dict.fromkeys(arg for arg in read if arg in fixed))
+    place |= {arg: Operand("input", first + k) for k, arg in enumerate(handed)}
+    for k in range(first + count, program.inputs):
+        place[Operand("input", k)] = Operand("input", k - count + len(handed))
+
+    def moved(args: Iterable[Operand], to: Mapping[Operand, Operand]) -> tuple[Operand, ...]:
+        return tuple(to.get(arg, arg) for arg in args)
+
+    of_numbers, rest = (
+        tuple(Instruction(kind, moved(args, to)) for kind, args in some)
+        for some, to in zip(kept, (fixed, place), strict=True)
+    )
+    constants = Program(of_numbers, moved(handed, fixed), count)
+    return constants, Program(rest, moved(program.outputs, place), program.inputs - count + len(handed))
+
+
 def without_judged(program: Program, entries: int) -> Program:
     """The program of the first outputs alone, which are the result, with the operations that these need."""
     outputs, place, kept = program.outputs[:entries], dict[Operand, Operand](), list[Instruction]()
@@ -124,6 +154,20 @@ def without_judged(program: Program, entries: int) -> Program:
             place[Operand("result", k)] = Operand("result", len(kept))
             kept.append(Instruction(kind, tuple(place.get(arg, arg) for arg in args)))
     return Program(tuple(kept), tuple(place.get(arg, arg) for arg in outputs), program.inputs)
+
+
+def with_scalars(program: Program, first: int, count: int) -> Program:
+    """The program with some inputs as operands of kind "number", which are one for all states."""
+    numbers = range(first, first + count)
+
+    def moved(arg: Operand) -> Operand:
+        if arg.kind != "input" or arg.value < first:
+            return arg
+        k = int(arg.value)
+        return Operand("number", k - first) if k in numbers else Operand("input", k - count)
+
+    instructions = tuple(Instruction(kind, tuple(map(moved, args))) for kind, args in program.instructions)
+    return Program(instructions, tuple(map(moved, program.outputs)), program.inputs - count)
 
 
 def lower(graph: Graph, outputs: list[int], inputs: int) -> Program:

@@ -177,6 +177,12 @@ def is_traced(array: Any) -> bool:
     return any(isinstance(x, Scalar) for x in _entries(array))
 
 
+def is_present(value: Any) -> bool:
+    """True if an entry is traced or not zero, so that what it multiplies must be computed."""
+    array = np.asarray(value)
+    return any(isinstance(x, Scalar) or x != 0 for x in array.flat) if array.dtype == object else bool(array.any())
+
+
 def outline_of(arrays: Iterable[Any]) -> Graph | None:
     """The graph of traced numbers if it is an outline."""
     graph = next(x.graph for array in arrays for x in _entries(array) if isinstance(x, Scalar))

@@ -53,7 +53,7 @@ class Implicit(NamedTuple):
 
 
 class System(Protocol):
-    """What is integrated: dx/dt = f(t, x, u). What solvers may rely on, and what they owe:
+    """What is integrated: dx/dt = f(t, x, u, numbers). What solvers may rely on, and what they owe:
 
     1. The first `counted` entries of the state x, (size,), are held to the tolerances. The others are integrals, such
        as energies: their rates depend on the first alone, and an error of theirs is relative to `integral_scale` plus
@@ -62,7 +62,8 @@ class System(Protocol):
        of each jump of f. A solver whose stage is outside takes the time of `span` that is closest.
     3. `held` is u, or None of an f without inputs. It stays as it is from `start` or `resume` until the solver has
        reached the end that it was given; a solver that samples a law itself changes its own copy.
-    4. `kernel` is f for loops: of t, (1,), x and, where there is one, u, it gives dx/dt, and `width` numbers in all:
+    4. `kernel` is f for loops: of t, (1,), x, u where there is one, and what `Kernel.coefficients` makes of `numbers`,
+       (p,), which stay the same over a run, it gives dx/dt, and `width` numbers in all:
        those behind dx/dt are carried along unread. Where it is not certain of its result, it says so, and the solver
        calls `rates` there, which knows more or raises an error that names the cause.
     5. `evaluations` counts calls of f. A call of the system adds itself, and `jacobian` what it takes; loops and calls
@@ -71,6 +72,7 @@ class System(Protocol):
     7. `implicit` has the same motion as equations with a mass matrix, for methods that solve with it instead of M^-1.
     """
 
+    numbers: Array
     span: tuple[float, float]
     evaluations: int
     width: int

@@ -83,7 +83,7 @@ class CompiledSolver(Solver):
 
     def __init__(self, options: IntegrationOptions, kernel: Kernel) -> None:
         super().__init__(options)
-        self.rates, self.tableau = kernel.address(), tableau(options.method)
+        self.kernel, self.rates, self.tableau = kernel, kernel.address(), tableau(options.method)
         self.how, self.by_scipy = RESTART, 0
 
     def start(self, system: System, t: float, x: Array, end: float, max_step: float = np.inf) -> None:
@@ -95,6 +95,7 @@ class CompiledSolver(Solver):
         """Restart after the inputs changed, with the last step's length, or the whole interval's if there is none."""
         super().resume(system, t, x, end)
         self.how, self.f = KEEP_LENGTH, np.zeros(system.width)
+        self.coefficients = self.kernel.coefficients(system.numbers)
 
     @property
     def note(self) -> str:  # type: ignore[override]
@@ -104,9 +105,13 @@ class CompiledSolver(Solver):
     def steps(self, max_steps: int) -> Steps:
         """The next steps, at most so many."""
         work, u = self._storage(max_steps), None if self.system.held is None else np.array(self.system.held)
-        problem = Problem(self.rates, _arguments(len(self.x), u), self.interval())
+        problem = Problem(self.rates, self._arguments(u), self.interval())
         taken = take_steps(problem, problem.interval.end, self.how, work)
         return self._taken(taken, work, u) if taken else self._step_by_scipy(self.end)
+
+    def _arguments(self, u: Array | None) -> tuple[Array, ...]:
+        """Arrays for the arguments of the right-hand side."""
+        return _arguments(len(self.x), u, self.coefficients)
 
     def _storage(self, max_steps: int) -> Storage:
         """Room for steps, with what is known of the first."""
@@ -144,7 +149,7 @@ class CompiledSolver(Solver):
         u = None if block.u is None else block.u.copy()
         U = np.zeros((len(block.K), 0)) if block.U is None else block.U
         system.evaluations += len(C) * len(block.K)
-        problem = Problem(self.rates, _arguments(block.X.shape[1], u), interval)
+        problem = Problem(self.rates, self._arguments(u), interval)
         if add_stages(problem, block.T, block.X, block.K, U):
             return
         for t, h, x, K, held in zip(block.T, np.diff(block.T), block.X, block.K, U, strict=False):
@@ -169,11 +174,12 @@ class SampledSolver(CompiledSolver):
         sampler, n, m = self.sampler, self.bounds.shape[1], len(self.sampler.state)
         work, u = self._storage(max_steps), np.array(self.system.held)
         moving = self.law.widths[1] - m
-        law = self.law.address(), _arguments(moving + m, None), np.empty(self.law.traced.entries)
+        given = _arguments(moving + m, None, self.law.coefficients(sampler.numbers))
+        law = self.law.address(), given, np.empty(self.law.traced.entries)
         number, z = np.array([sampler.count, sampler.arrived, 0, 0]), np.stack([sampler.state, sampler.next_state])
         (begun, came), (U, W) = np.empty((2, max_steps + 1), np.int64), np.empty((2, max_steps + 1, n))
         Z, timing = np.empty((max_steps + 1, m)), (sampler.period, *sampler.delay)
-        problem = Problem(self.rates, _arguments(len(self.x), u), self.interval())
+        problem = Problem(self.rates, self._arguments(u), self.interval())
         room = number, self.bounds, z, sampler.pending, begun, came, U, W, Z
         taken = take_samples(law, problem, timing, self.how, work, room)
         begun, came = begun[: number[2]], came[: number[3]]
@@ -228,8 +234,9 @@ class RosenbrockSolver(Solver):
         (T, H), X, P = np.empty((2, max_steps + 1)), np.empty((max_steps + 1, size)), np.empty((max_steps, 3, size))
         work = rosenbrock.workspace(n, system.counted, size)
         T[0], X[0], H[0] = self.t, self.x, self.h or FIRST * (self.end - self.t)
-        time, x, *held = arguments = _arguments(size, None if system.held is None else np.array(system.held))
-        slopes = functions[1], (time, x, np.empty(n), *held)
+        u, numbers = None if system.held is None else np.array(system.held), system.numbers
+        time, x, *held, _ = arguments = _arguments(size, u, system.kernel.coefficients(numbers))
+        slopes = functions[1], (time, x, np.empty(n), *held, self.slopes.coefficients(numbers))
         taken = loop(Problem(functions[0], arguments, self.interval()), slopes, Storage(T, X, P, H, count, work))
         system.evaluations += int(count[0]) + system.counted * int(count[1])
         self.t, self.x, self.h = float(T[taken]), X[taken], float(H[taken])
@@ -237,15 +244,15 @@ class RosenbrockSolver(Solver):
 
     def _rates(self, t: Array, x: Array, *rest: Array) -> bool:
         """dx/dt, under inputs that are held, into the last array."""
-        rest[-1][:] = self.system.rates(float(t[0]), x, rest[0] if len(rest) == 2 else None)
+        rest[-1][:] = self.system.rates(float(t[0]), x, rest[0] if len(rest) == 3 else None)
         return True
 
     def _slopes(self, *arguments: Array) -> bool:
         """The slopes of the equations of motion into the last array."""
-        arguments[-1][:] = self.slopes(*arguments[:-1])
+        arguments[-1][:] = self.slopes(*arguments[:-2], self.system.numbers)
         return True
 
 
-def _arguments(size: int, u: Array | None) -> tuple[Array, ...]:
-    """Arrays for the arguments of a right-hand side."""
-    return (np.empty(1), np.empty(size)) if u is None else (np.empty(1), np.empty(size), u)
+def _arguments(size: int, u: Array | None, coefficients: Array) -> tuple[Array, ...]:
+    """Arrays for the arguments of a function: t, x, inputs if it has some, and what the run's numbers give."""
+    return (np.empty(1), np.empty(size), *(() if u is None else (u,)), coefficients)

@@ -27,9 +27,13 @@ MOTION, TIME, STEPS, TAKEN, WANTS, LANE_ROWS = 0, 1, 2, 3, 4, 5
 NOW, LENGTH, END, FIFTH, THIRD, NEXT, STEP_ROWS = 0, 1, 2, 3, 4, 5, 6
 
 
-def workspace(widths: tuple[int, ...], tableau: Tableau) -> tuple[Any, ...]:
-    """Arrays for `run_all`, of a kernel's arguments of these widths, the second of which is the state."""
+def workspace(widths: tuple[int, ...], tableau: Tableau, common: tuple[Array, ...] = ()) -> tuple[Any, ...]:
+    """Arrays for `run_all`: of a kernel's arguments that differ from lane to lane, of these widths, and of common ones.
+
+    The second argument is the state; the common ones come last.
+    """
     inputs, saved = (tuple(np.zeros(width * LANES) for width in widths) for _ in range(2))
+    inputs += common
     entries, rows = widths[1] * LANES, max(len(tableau.B) + 1, tableau.D.shape[1])
     slopes = np.zeros((rows, entries)), np.zeros((max(1, len(tableau.D)), entries))
     numbers = np.zeros((LANE_ROWS, LANES), np.int64), np.zeros((STEP_ROWS, LANES))
@@ -39,7 +43,7 @@ def workspace(widths: tuple[int, ...], tableau: Tableau) -> tuple[Any, ...]:
 @inline
 def put_motion(sources: Any, motion: Any, inputs: Any, k: Any) -> None:
     """A motion's rows into a lane."""
-    for a in range(len(inputs)):
+    for a in range(len(sources)):
         for i in range(sources[a].shape[1]):
             inputs[a][i * LANES + k] = sources[a][motion, i]
 
@@ -57,18 +61,18 @@ def mark_invalid(function: Any, inputs: Any, saved: Any, out: Any, lane: Any, co
 
     If it `asks`, only those that want the result.
     """
-    for a in range(len(inputs)):
+    for a in range(len(saved)):
         for e in range(len(inputs[a])):
             saved[a][e] = inputs[a][e]
     for k in range(LANES):
         if lane[MOTION, k] >= 0 and (not asks or lane[WANTS, k]):
-            for a in range(len(inputs)):
+            for a in range(len(saved)):
                 for e in range(len(inputs[a])):
                     inputs[a][e] = saved[a][e - e % LANES + k]
             if not evaluate(function, inputs, out):
                 code[lane[MOTION, k]] = NEEDS_RECURSION
                 lane[MOTION, k] = EMPTY
-    for a in range(len(inputs)):
+    for a in range(len(saved)):
         for e in range(len(inputs[a])):
             inputs[a][e] = saved[a][e]
 
@@ -107,7 +111,7 @@ def fill_lanes(waiting: Any, sources: Any, F: Any, H: Any, code: Any, work: Any)
             source = k
     for k in range(LANES):
         if lane[MOTION, k] == EMPTY and source >= 0:
-            for a in range(len(inputs)):
+            for a in range(len(sources)):
                 copy_lane(inputs[a], source, k)
             copy_lane(y, source, k)
             copy_lane(K[0], source, k)
@@ -308,15 +312,18 @@ def run_all(
 
 
 def run_lanes(
-    interval: Interval, kernel: Kernel, parameters: Array, x: Array, X: Array, progress: Progress
+    interval: Interval, kernel: Kernel, numbers: Array, x: Array, X: Array, progress: Progress
 ) -> BatchResult:
     """Motions from states x, shape (N, size), into X[time, motion], which is NaN where nothing is reported.
 
-    Machine code returns to Python after some OPERATIONS, so that Ctrl-C is heard.
+    Numbers of the run, the kernel's last argument, are (p,) for all or (N, p). Machine code returns to Python after
+    some OPERATIONS, so that Ctrl-C is heard.
     """
     x, N, units = np.ascontiguousarray(x), len(x), max(len(interval.grid) - 1, 1)
-    work, address = workspace(kernel.widths, interval.tableau), kernel.address(LANES)
-    more = (np.ascontiguousarray(parameters),)[: len(kernel.names) - 2]
+    coefficients, widths = np.ascontiguousarray(kernel.coefficients(numbers)), kernel.traced.widths
+    common, more = ((coefficients,), ()) if numbers.ndim == 1 else ((), (coefficients,))
+    work = workspace(widths[: 2 + len(more)], interval.tableau, common)
+    address = kernel.address(LANES, common=numbers.ndim == 1)
     code, count, H, F = np.zeros(N, np.int64), np.zeros(N, np.int64), np.zeros(N), np.zeros_like(x)
 
     def rates(t: Array, states: Array, F: Array) -> Array:
@@ -343,16 +350,17 @@ def run_lanes(
 
 
 def run_batch(
-    interval: Interval, kernel: Kernel, parameters: Array, numbers: Array, x: Array, X: Array, progress: Progress
+    interval: Interval, kernel: Kernel, numbers: Array, places: Array, x: Array, X: Array, progress: Progress
 ) -> BatchResult:
     """The same by machine code where the kernel is that, and by NumPy otherwise and for what needs the recursion."""
     part, left = BatchResult(np.full(len(x), NEEDS_RECURSION), 0, OK, is_done=True), np.arange(len(x))
     if kernel.engine == "numba" and kernel.is_unrolled and x.dtype == np.float64:
-        part = run_lanes(interval, kernel, parameters, x, X, progress)
+        part = run_lanes(interval, kernel, numbers, x, X, progress)
         left = np.flatnonzero(part.code == NEEDS_RECURSION)
     if not len(left) or not part.is_done:
         return part
     some = np.full((len(X), len(left), x.shape[1]), np.nan, x.dtype)
-    rest = run_rows(interval, kernel, parameters[left], numbers[left], x[left], some, progress)
+    own = numbers if numbers.ndim == 1 else numbers[left]
+    rest = run_rows(interval, kernel, own, places[left], x[left], some, progress)
     X[:, left], part.code[left] = some, rest.code
     return rest._replace(code=part.code, evaluations=part.evaluations + rest.evaluations)

@@ -37,21 +37,23 @@ class BatchResult(NamedTuple):
 
 
 class Rates:
-    """dx/dt of the motions that are still on their way, by a kernel of time, state and perhaps inertial parameters.
+    """dx/dt of the motions that are still on their way, by a kernel of time, state and numbers of the run.
 
-    The parameters have shape (N, 10 nb), or (N, 0); errors name the motions by their numbers, shape (N,).
+    The numbers have shape (p,), or (N, p) of each motion; errors name the motions by their `places`, shape (N,).
     """
 
-    def __init__(self, kernel: Kernel, parameters: Array, numbers: Array, interval: Interval) -> None:
-        self.kernel, self.parameters, self.numbers, self.interval = kernel, parameters, numbers, interval
-        self.evaluations, self.moving, self.verdict = 0, len(numbers), OK
+    def __init__(self, kernel: Kernel, numbers: Array, places: Array, interval: Interval) -> None:
+        self.kernel, self.numbers, self.places, self.interval = kernel, numbers, places, interval
+        self.coefficients = kernel.coefficients(numbers)
+        self.evaluations, self.moving, self.verdict = 0, len(places), OK
         self.program = None
         if kernel.is_unrolled:
             self.program = kernel.blocks if kernel.engine == "numpy" else BlockProgram(kernel.traced)
 
     def keep(self, chosen: Array) -> None:
         """Forget the other motions."""
-        self.parameters, self.numbers = self.parameters[chosen], self.numbers[chosen]
+        self.places = self.places[chosen]
+        self.numbers, self.coefficients = (_of(a, chosen) for a in (self.numbers, self.coefficients))
 
     def __call__(self, t: Any, x: Array, out: Array | None = None, chosen: Any = EVERY) -> Array:
         """dx/dt at times t, of all motions or of some."""
@@ -59,13 +61,14 @@ class Rates:
         self.evaluations += self.moving if chosen is EVERY else count
         within = np.clip(t, self.interval.first, self.interval.last)
         times = np.broadcast_to(within.astype(x.dtype), count)[:, None]
-        states = [times, x.T, self.parameters[chosen]][: len(self.kernel.names)]
+        states = [times, x.T, _of(self.coefficients, chosen)]
         to_check = np.arange(count) if self.program is None else np.flatnonzero(~self.program.sound(states, out.T))
         if len(to_check):
-            out[:, to_check] = self._by_recursion([a[to_check] for a in states], self.numbers[chosen][to_check])
+            given = [_of(a, to_check) for a in (times, x.T, _of(self.numbers, chosen))]
+            out[:, to_check] = self._by_recursion(given, self.places[chosen][to_check])
         return out
 
-    def _by_recursion(self, states: Sequence[Array], numbers: Array) -> Array:
+    def _by_recursion(self, states: Sequence[Array], places: Array) -> Array:
         """The same by the recursion, which names what is wrong."""
         try:
             rates, verdict = self.kernel.by_recursion(*states)
@@ -74,13 +77,18 @@ class Rates:
             if len(grid):
                 cure = f"; steps of {grid[1] - grid[0]:g} s may be too long for the fastest decay: try shorter ones"
             t = float(states[0][k, 0])
-            raise NotFiniteError(f"start {numbers[k]} at t = {t:.6g} s: {error.args[0]}{cure}", t) from None
+            raise NotFiniteError(f"start {places[k]} at t = {t:.6g} s: {error.args[0]}{cure}", t) from None
         if verdict.error is not None:
             (k,) = verdict.error.state
-            text = f"start {numbers[k]} at t = {states[0][k, 0]:.6g} s: {verdict.error.what}"
+            text = f"start {places[k]} at t = {states[0][k, 0]:.6g} s: {verdict.error.what}"
             raise SingularMassMatrixError(text, verdict.error.cause, verdict.error.joints)
-        self.verdict = self.verdict.worse(verdict.with_state(lambda state: (int(numbers[state[0]]),)))
+        self.verdict = self.verdict.worse(verdict.with_state(lambda state: (int(places[state[0]]),)))
         return np.asarray(rates.T)
+
+
+def _of(array: Array, chosen: Any) -> Array:
+    """The rows of some motions; a vector is that of all."""
+    return array if array.ndim == 1 else array[chosen]
 
 
 def combine(weights: Array, K: Array) -> Array:
@@ -147,7 +155,7 @@ class RowSteps:
         endless = self.steps * (interval.end - interval.begin) > MOST_STEPS * (self.t - interval.begin)
         short = ~(self.taken | (self.h >= smallest)) | np.isnan(self.h)
         for k in np.flatnonzero(short | endless & (self.steps >= EARLY)):
-            where = f"start {self.rates.numbers[k]} at t = {self.t[k]:.6g} s"
+            where = f"start {self.rates.places[k]} at t = {self.t[k]:.6g} s"
             if endless[k]:
                 text = f"{where}: {self.steps[k]} steps came no further, and the motion would take more than"
                 raise NotFiniteError(f"{text} {MOST_STEPS:g}", float(self.t[k]))
@@ -226,10 +234,10 @@ class RowSteps:
 
 
 def run_rows(
-    interval: Interval, kernel: Kernel, parameters: Array, numbers: Array, x: Array, X: Array, progress: Progress
+    interval: Interval, kernel: Kernel, numbers: Array, places: Array, x: Array, X: Array, progress: Progress
 ) -> BatchResult:
     """Motions from states x, shape (N, size), into X[time, motion]."""
-    rates, is_done = Rates(kernel, parameters, numbers, interval), True
+    rates, is_done = Rates(kernel, numbers, places, interval), True
     rows = RowSteps(rates, X)
     try:
         rows.run(x, progress)

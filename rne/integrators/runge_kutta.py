@@ -84,13 +84,13 @@ def take_steps(problem: Any, end: Any, how: Any, steps: Any) -> int:
 def add_stages(problem: Any, T: Any, X: Any, K: Any, U: Any) -> bool:
     """The stages that only interpolants need, in the last rows of K; False if one of them is not valid.
 
-    The first entries of the last argument are the row of U that was held in each step.
+    The first entries of the last argument but one are the row of U that was held in each step, if U has columns.
     """
     A, C, valid = problem.interval.tableau.A2, problem.interval.tableau.C2, True
     for step in range(len(K)):
         h, k = T[step + 1] - T[step], K[step]
         for i in range(U.shape[1]):
-            problem.arguments[-1][i] = U[step, i]
+            problem.arguments[-2][i] = U[step, i]
         for extra in range(len(C)):
             s = len(k) - len(C) + extra
             valid &= stage(problem, T[step], X[step], h, A[extra], k, s, C[extra] * h)
@@ -100,7 +100,7 @@ def add_stages(problem: Any, T: Any, X: Any, K: Any, U: Any) -> bool:
 @inline
 def sample(law: Any, period: Any, t: Any, x: Any, number: Any, samples: Any) -> bool:
     """Sample a law: its command, within the bounds, becomes the last one that is pending; True if it is valid."""
-    function, (time, states), found = law
+    function, (time, states, numbers), found = law
     _, bounds, z, pending, _, _, _, W, Z = samples
     count, here, n, m = number[0], number[2], bounds.shape[1], z.shape[1]
     before, last, moving = (count - 1) % len(pending), count % len(pending), len(states) - m
@@ -109,7 +109,7 @@ def sample(law: Any, period: Any, t: Any, x: Any, number: Any, samples: Any) -> 
     time[0] = t
     for i in range(moving):
         states[i] = x[i]
-    if not evaluate(function, (time, states), found):
+    if not evaluate(function, (time, states, numbers), found):
         return False
     for i in range(n):
         u, held = min(max(found[i], -bounds[0, i]), bounds[0, i]), pending[before, i]
@@ -127,15 +127,15 @@ def sample(law: Any, period: Any, t: Any, x: Any, number: Any, samples: Any) -> 
 def take_samples(law: Any, problem: Any, timing: Any, how: Any, steps: Any, samples: Any) -> int:
     """`take_steps` with a law that is sampled, and whose commands, the first of arguments[2], are held in between.
 
-    `law` has its function, its arguments t and (x, z), and room for its outputs and the rates of its states z, which go
-    on by Euler's rule. `timing` has the period and the delay with which a command acts after its sample: a whole number
-    of periods and the rest of it. `samples` has the numbers of samples and of commands that have acted so far, and of
+    `law` has its function, its arguments t, (x, z) and numbers, and room for its outputs and the rates of its states z,
+    which go on by Euler's rule. `timing` has the period and the delay with which a command acts after its sample: a
+    whole number of periods and the rest of it. `samples` has the numbers of samples and of commands that have acted so far, and of
     both in this call; the bounds of commands and of their change, (2, n); the states z at the last sample and the next,
     (2, m); the commands that are pending, (p, n), the one of sample k in row k % p; the steps that began with a sample,
     and with another command; the commands in each step; and the command and z of each sample.
     """
     period, late, rest = timing
-    _, (_, states), _ = law
+    _, (_, states, _), _ = law
     number, bounds, z, pending, begun, came, U, _, _ = samples
     T, X, K, H, count, work = steps
     u, n, step, end = problem.arguments[2], bounds.shape[1], 0, problem.interval.end

@@ -93,7 +93,7 @@ class _LookedUp:
     def __get__(self, kernel: Kernel | None, owner: type) -> Callable[..., Array]:
         if kernel is None:
             return self.method
-        if not kernel.is_unrolled or kernel.engine != "numba":
+        if not kernel.is_unrolled or kernel.engine != "numba" or kernel.traced.of_run is not None:
             return MethodType(self.method, kernel)
         from .llvm_backend import into
 
@@ -151,8 +151,8 @@ class Kernel:
             self._trace = None
         if self.function is not function and self._trace is not None:
             check_own(self.function, self.model)
-        self.widths = self._trace.widths if self._trace else self._widths_of_recursion(widths)
-        self._libraries: dict[int, Any] = {}  # of `address`, by lanes
+        self.widths = self._widths(widths)
+        self._libraries: dict[tuple[int, bool], Any] = {}  # of `address`, by its arguments
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Kernel, (self.function, self.model, self.fixed, self.wrt, self.engine, self.order)
@@ -165,8 +165,10 @@ class Kernel:
         by = f" by {', '.join(self.wrt)}" if self.wrt else ""
         return f"{ORDERS[self.order].title}{self.quantity.name}{by}"
 
-    def _widths_of_recursion(self, widths: Mapping[str, int]) -> tuple[int, ...]:
-        """The widths of the arguments, the weights among them, of a function that is too large to be traced."""
+    def _widths(self, widths: Mapping[str, int]) -> tuple[int, ...]:
+        """The widths of the arguments, the weights among them."""
+        if self._trace is not None:
+            return *widths.values(), *self._trace.widths[len(widths) :]
         if self.order != "gradient":
             return tuple(widths.values())
         zeros = [np.zeros((1, width)) for width in widths.values()]
@@ -209,12 +211,29 @@ class Kernel:
             raise TypeError(f"{self!r}: not written out, since it has a constant that is not finite")
         return self.traced
 
+    def coefficients(self, numbers: Array) -> Array:
+        """What the program takes in place of the argument that is the same over a run, shape (..., k)."""
+        of_numbers = self._trace.of_numbers if self._trace else None
+        if of_numbers is None:
+            return numbers
+        rows, count = numbers.reshape(prod(numbers.shape[:-1]), of_numbers.inputs), len(of_numbers.outputs)
+        return evaluate(of_numbers, count, rows).reshape(*numbers.shape[:-1], count)
+
+    def _ready(self, arrays: Sequence[Array]) -> list[Array]:
+        """The arguments as the program takes them."""
+        given = [*arrays]
+        if self._trace is not None and self._trace.of_run is not None:
+            given[self._trace.of_run] = self.coefficients(given[self._trace.of_run])
+        return given
+
     @cached_property
     def fast_call(self) -> Callable[..., Array | None]:
         """The shortest way to a result; gives None for arguments that are not plain float64 arrays.
 
         It raises NeedsRecursion where the recursion must compute the state.
         """
+        if self._trace is not None and self._trace.of_run is not None:
+            return lambda *_: None
         if self.is_unrolled and self.engine == "numba":
             from .llvm_backend import fast_call
 
@@ -236,13 +255,16 @@ class Kernel:
         """The program on batches."""
         return backends(self.engine)[1](self.traced)
 
-    def address(self, lanes: int = 1) -> int:
+    def address(self, lanes: int = 1, *, common: bool = True) -> int:
         """The program in machine code: address of a function for loops that are compiled.
 
         Parameters
         ----------
         lanes : int
             States side by side that a call computes, 1 or ``rne.integrators.loops.LANES``.
+        common : bool
+            False if what is the same over a run, such as the numbers of a scene, differs from lane to lane; it is
+            given as `coefficients` of the numbers, of shape (k,) where it is common.
 
         Returns
         -------
@@ -262,16 +284,17 @@ class Kernel:
         >>> rne.compile(rne.dynamics.gravity_torque, rne.irb140()).address() > 0  # doctest: +SKIP
         True
         """
-        if lanes not in self._libraries:
+        form = lanes, common or lanes == 1 or self.traced.of_run is None
+        if form not in self._libraries:
             from .llvm_backend import lanes_library
 
             own = lanes == 1 and self.engine == "numba"
-            self._libraries[lanes] = (
+            self._libraries[form] = (
                 self.state_function.library  # type: ignore[attr-defined]
                 if own
-                else lanes_library(self.traced, lanes)
+                else lanes_library(self.traced, lanes, common=form[1])
             )
-        return int(self._libraries[lanes].address["function"])
+        return int(self._libraries[form].address["function"])
 
     def __call__(self, *arguments: Any, out: Array | None = None, workers: int = ALONE) -> Array:
         """Run the kernel.
@@ -393,7 +416,7 @@ class Kernel:
         if self._trace is not None and dtype in (FLOAT64, FLOAT32):
             if out is None and dtype == FLOAT64 and all(a.ndim == 1 for a in arrays):
                 try:
-                    return self.state_function(*(a.astype(FLOAT64, copy=False) for a in arrays)), OK
+                    return self.state_function(*(a.astype(FLOAT64, copy=False) for a in self._ready(arrays))), OK
                 except NeedsRecursion:
                     return self.by_recursion(*arrays)
             return self._batch(arrays, dtype, out, workers)
@@ -418,7 +441,7 @@ class Kernel:
 
     def _by_program(self, arrays: Sequence[Array]) -> Array:
         """The traced operations on arrays of any type of number."""
-        leading, inputs = _rows(arrays)
+        leading, inputs = _rows(self._ready(arrays))
         found = evaluate(self.traced.program, self.traced.entries, inputs).reshape(leading + self.traced.shape)
         return found[()]
 
@@ -433,7 +456,7 @@ class Kernel:
 
     def _accumulated(self, arrays: Sequence[Array]) -> Array:
         """The Jacobian of all entries, (..., entries, k), operation by operation."""
-        (leading, inputs), starts = _rows(arrays), np.cumsum([0, *self.widths])
+        (leading, inputs), starts = _rows(arrays), np.cumsum([0, *self.widths])  # never of numbers of a run
         places = [(starts[k], self.widths[k]) for k in map(self.names.index, self.wrt)]
         by = [start + j for start, width in places for j in range(width)]
         wide, (program, entries) = np.result_type(inputs, FLOAT64), (self._values.program, self._values.entries)
@@ -656,6 +679,11 @@ class Kernel:
             (a if a.shape[:-1] == leading else np.broadcast_to(a, (*leading, width))).reshape(count, width)
             for a, width in zip(arrays, self.widths, strict=True)
         ]
+        ready = states
+        if self.traced.of_run is not None:
+            k, ready = self.traced.of_run, [*states]
+            common = arrays[k].ndim == 1
+            ready[k] = self.coefficients(arrays[k].astype(dtype, copy=False) if common else states[k])
 
         def by_function(begin: int, end: int) -> tuple[Array, PrecisionStatus]:
             for name, array, width in zip(self.names, arrays, self.widths, strict=True):
@@ -673,7 +701,7 @@ class Kernel:
             return np.asarray(result).reshape(end - begin, -1), status.with_state(place)
 
         rows = out.reshape(count, prod(self.traced.shape))
-        status = _run_in_threads(self.blocks.run, states, rows, by_function, workers)
+        status = _run_in_threads(self.blocks.run, ready, rows, by_function, workers)
         return (out if shape else out[()]), status  # a number of NumPy, as from the recursion
 
 
@@ -715,7 +743,7 @@ def _run_in_threads(
         return run(states, results, recursion)
 
     def run_part(first: int, last: int) -> PrecisionStatus:
-        arrays = [a[first:last] for a in states]
+        arrays = [a[first:last] if a.ndim > 1 else a for a in states]  # those of one axis are common to all
         return run(arrays, results[first:last], lambda i, j: recursion(first + i, first + j))
 
     own, *others = itertools.pairwise(count * k // workers for k in range(workers + 1))

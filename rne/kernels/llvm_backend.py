@@ -63,10 +63,11 @@ def emit_group(
     return emitter.lanes_of(conditions + trace.sound_results(outputs, emitter.dtype, emitter))
 
 
-def emit_plain(module: ir.Module, trace: Trace, lanes: int) -> ir.Function:
+def emit_plain(module: ir.Module, trace: Trace, lanes: int, *, common: bool = False) -> ir.Function:
     """int64 f(const double* a0, ..., double* out): 1 if the results are sound, else 0.
 
-    Argument k has shape (width, lanes), out (entries, lanes), in C order.
+    Argument k has shape (width, lanes), out (entries, lanes), in C order; where the argument that is the same over a
+    run is `common` to the lanes, it has shape (width,).
     """
     pointers = [NUMBERS["float64"].as_pointer()] * (len(trace.widths) + 1)
     function = ir.Function(module, ir.FunctionType(INTEGER, pointers), "function")
@@ -76,7 +77,9 @@ def emit_plain(module: ir.Module, trace: Trace, lanes: int) -> ir.Function:
     def place(array: ir.Value, k: int) -> ir.Value:
         return builder.bitcast(builder.gep(array, [ir.Constant(INTEGER, k * lanes)]), emitter.type.as_pointer())
 
-    def load(array: ir.Value, k: int) -> Callable[[], ir.Value]:
+    def load(array: ir.Value, k: int, *, repeated: bool = False) -> Callable[[], ir.Value]:
+        if repeated:
+            return lambda: emitter.repeated(builder.gep(array, [ir.Constant(INTEGER, k)]))
         return lambda: builder.load(place(array, k), align=1)
 
     def store(values: list[ir.Value]) -> None:
@@ -85,7 +88,11 @@ def emit_plain(module: ir.Module, trace: Trace, lanes: int) -> ir.Function:
 
     *given, out = function.args
     out.add_attribute("noalias")
-    loads = [load(a, k) for a, width in zip(given, trace.widths, strict=True) for k in range(width)]
+    loads = [
+        load(a, k, repeated=common and number == trace.of_run)
+        for number, (a, width) in enumerate(zip(given, trace.widths, strict=True))
+        for k in range(width)
+    ]
     sound = emit_group(emitter, trace, loads, store)
     builder.ret(builder.zext(builder.icmp_unsigned("==", sound, ir.Constant(sound.type, -1)), INTEGER))
     return function
@@ -187,9 +194,10 @@ def emit_rows(module: ir.Module, trace: Trace, dtype: str) -> ir.Function:
     return function
 
 
-def lanes_library(trace: Trace, lanes: int) -> Library:
+def lanes_library(trace: Trace, lanes: int, *, common: bool) -> Library:
     """The program on states side by side: "function" by the interface of loops."""
-    return trace_library(trace, f"{lanes} lanes", "float64", ("function",), partial(emit_plain, lanes=lanes))
+    form = f"{lanes} lanes, {'common' if common else 'own'} numbers"
+    return trace_library(trace, form, "float64", ("function",), partial(emit_plain, lanes=lanes, common=common))
 
 
 def trace_library(
@@ -198,7 +206,7 @@ def trace_library(
     """A form of the program. Programs that differ in numbers alone share the object code, with tables of their own."""
     began = time.perf_counter()
     program, numbers = with_table(trace.program)
-    shared = replace(trace, program=program)
+    shared = replace(trace, program=program, of_numbers=None)
 
     def text() -> str:
         count = len(program.instructions)
@@ -344,6 +352,7 @@ class BatchProgram:
         function, count, status, stretch = self.compiled(dtype), len(results), OK, FEW
         if not count:
             return OK
+        states = [a if a.ndim > 1 else np.broadcast_to(a, (count, len(a))) for a in states]  # common to all
         begin = function(*states, results, 0)
         if begin is None:
             with np.errstate(all="ignore"):

@@ -61,8 +61,11 @@ class Emitter:
     def from_table(self, k: int) -> ir.Value:
         """Number k of the module's table, which is filled when the code is loaded."""
         table = self.builder.module.globals["table"]
-        zero = ir.Constant(INDEX, 0)
-        one = self.builder.load(self.builder.gep(table, [zero, ir.Constant(INDEX, k)]))
+        return self.repeated(self.builder.gep(table, [ir.Constant(INDEX, 0), ir.Constant(INDEX, k)]))
+
+    def repeated(self, place: ir.Value) -> ir.Value:
+        """The number at a place in memory, in every lane."""
+        zero, one = ir.Constant(INDEX, 0), self.builder.load(place)
         if self.lanes == 1:
             return one
         first = self.builder.insert_element(ir.Constant(self.type, ir.Undefined), one, zero)

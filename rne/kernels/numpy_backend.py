@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import cache, cached_property, partial
 from math import isfinite
 from typing import Any, NamedTuple
@@ -13,13 +14,14 @@ import numpy as np
 
 from ..basics.spatial import Array
 from ..dynamics.quantity import OK, PrecisionStatus
-from ..graph.program import Operand, Program
+from ..graph.program import Operand, Program, with_scalars
 from .soundness import Conditions, Recursion, Trace
 
 Call = tuple[Callable[..., Any], tuple[Any, ...]]
 LINE = 64  # bytes of a cache line
 REGISTER_BYTES = 8 * 2**20  # of all registers: more no longer pay for fewer calls
 MAX_BLOCK, MIN_BLOCK = 8192, 256  # states per block
+NONE = np.zeros(0)
 
 
 class Step(NamedTuple):
@@ -36,13 +38,14 @@ class Layout(NamedTuple):
     steps: tuple[Step, ...]
     registers: int
     copies: tuple[tuple[int, Operand | int], ...]  # output rows that repeat another register or hold a constant
+    numbers: int  # of a run
 
 
 def allocate(program: Program) -> Layout:
     """Registers by liveness: each is free again after its last reader, which may put its result there."""
     place, copies = _places(program)
     last = {arg: k for k, instruction in enumerate(program.instructions) for arg in instruction.args}
-    kept = {*program.outputs, *(arg for arg in last if arg.kind == "constant")}
+    kept = {*program.outputs, *(arg for arg in last if arg.kind in ("constant", "number"))}
     registers = itertools.count(program.inputs + len(program.outputs))
     free: list[int] = []
     partners = _sine_and_cosine(program)
@@ -68,7 +71,8 @@ def allocate(program: Program) -> Layout:
             steps.append(Step(kind, args, (result(k),)))
             continue
         free += finished
-    return Layout(tuple(steps), next(registers), copies)
+    numbers = max((int(arg.value) + 1 for arg in kept if arg.kind == "number"), default=0)
+    return Layout(tuple(steps), next(registers), copies, numbers)
 
 
 def _places(program: Program) -> tuple[dict[Operand, int], tuple[tuple[int, Operand | int], ...]]:
@@ -97,7 +101,10 @@ def _sine_and_cosine(program: Program) -> dict[int, int]:
 
 
 class BlockProgram:
-    """A trace that runs on arrays of states, block by block."""
+    """A trace that runs on arrays of states, block by block.
+
+    The argument that is the same over a run may be one vector for all states: then its entries are scalars.
+    """
 
     def __init__(self, trace: Trace) -> None:
         self.trace = trace
@@ -110,13 +117,28 @@ class BlockProgram:
         """Registers of the program."""
         return allocate(self.trace.program)
 
+    @cached_property
+    def common(self) -> BlockProgram:
+        """The program with the argument of a run as scalars."""
+        given = self.trace.coefficients
+        program = with_scalars(self.trace.program, given.start, len(given))
+        widths = [width for k, width in enumerate(self.trace.widths) if k != self.trace.of_run]
+        return BlockProgram(replace(self.trace, program=program, widths=tuple(widths), of_run=None))
+
+    def _of_arrays(self, states: Sequence[Array]) -> tuple[BlockProgram, Sequence[Array], Array]:
+        """The program for arrays of states, those that have one row per state, and the scalars."""
+        k = self.trace.of_run
+        if k is None or states[k].ndim > 1:
+            return self, states, NONE
+        return self.common, [*states[:k], *states[k + 1 :]], states[k]
+
     def run(self, states: Sequence[Array], results: Array, recursion: Recursion) -> PrecisionStatus:
         """Fill `results`, shape (count, entries), from one array of shape (count, width) per argument.
 
         A block that is not known to be sound is left to the recursion, whose first error ends the run.
         """
-        status = OK
-        for block, conditions in self._blocks(states, results, _OfRows()):
+        status, (program, rows, numbers) = OK, self._of_arrays(states)
+        for block, conditions in program._blocks(rows, numbers, results, _OfRows()):
             if not all(conditions):
                 found, its_status = recursion(block.start, block.stop)
                 status = status.worse(its_status)
@@ -127,16 +149,19 @@ class BlockProgram:
 
     def sound(self, states: Sequence[Array], results: Array) -> Array:
         """Fill `results`, no state affecting another's bits; True for each that is sound, others' results are void."""
-        found = np.ones(len(results), dtype=bool)
-        for block, conditions in self._blocks(states, results, _OfStates()):
+        found, (program, rows, numbers) = np.ones(len(results), dtype=bool), self._of_arrays(states)
+        for block, conditions in program._blocks(rows, numbers, results, _OfStates()):
             found[block] = np.logical_and.reduce(conditions)
         return found
 
-    def _blocks(self, states: Sequence[Array], results: Array, write: Conditions) -> Iterator[tuple[slice, list[Any]]]:
+    def _blocks(
+        self, states: Sequence[Array], numbers: Array, results: Array, write: Conditions
+    ) -> Iterator[tuple[slice, list[Any]]]:
         """Run block by block; the conditions under which each is sound."""
         count, dtype, trace = len(results), results.dtype, self.trace
         length = min(block_length(self.layout.registers, dtype.itemsize), _rounded(max(count, 1)))
         with np.errstate(all="ignore"), self._workspace(length, dtype) as workspace:
+            workspace.numbers[: len(numbers)] = numbers
             for begin in range(0, count, length):
                 block = slice(begin, min(begin + length, count))
                 rows = workspace.rows[:, : block.stop - begin]
@@ -200,6 +225,7 @@ class Workspace:
         self.trig = METHODS[faster(dtype.name)]
         self.rows = aligned_zeros(layout.registers, length, dtype)
         self.constants: dict[float, Array] = {}
+        self.numbers = np.zeros(layout.numbers, dtype)  # of a run
         self._calls: dict[int, list[Call]] = {}
 
     def calls(self, length: int) -> list[Call]:
@@ -217,6 +243,8 @@ class Workspace:
     def _operand(self, arg: Operand | int, rows: list[Array]) -> Array:
         if isinstance(arg, int):
             return rows[arg]
+        if arg.kind == "number":
+            return self.numbers[int(arg.value), ...]
         return self.constants.setdefault(float(arg.value), np.array(arg.value, dtype=self.dtype))
 
     def _of(self, step: Step, rows: list[Array]) -> list[Call]:

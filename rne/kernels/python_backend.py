@@ -96,7 +96,7 @@ def state_source(trace: Trace) -> str:
     lines, outputs = expressions(trace.program)
     names = iter([f"x{k}" for k in range(trace.program.inputs)])
     taken = [[next(names) for _ in range(width)] for width in trace.widths]
-    unpacked = [f"[{', '.join(group)}] = a{k}.tolist()" for k, group in enumerate(taken)]
+    unpacked = [f"[{', '.join(group)}] = a{k}.tolist()" for k, group in enumerate(taken) if group]
     results = [f"r{k}" for k in range(trace.entries)]
     before = trace.sound_inputs([name for group in taken for name in group], np.float64, _Text())
     after = trace.sound_results([*results, *outputs[len(results) :]], np.float64, _Text())

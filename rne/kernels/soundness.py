@@ -13,7 +13,7 @@ import numpy as np
 from ..basics.spatial import Array
 from ..dynamics.precision import NEARLY_SINGULAR, pivot_bound, velocity_bound
 from ..dynamics.quantity import PrecisionStatus
-from ..graph.program import Program
+from ..graph.program import Program, divided
 
 # Operations whose result is not finite if an operand is not. So is x / y if y is a pivot of M, which is checked.
 PROPAGATING = frozenset({"add", "subtract", "multiply", "negative", "sin", "cos", "sqrt", "abs"})
@@ -51,11 +51,30 @@ class Trace:
     shape: tuple[int, ...]  # of the result for one state
     velocities: range = range(0)  # inputs that are joint velocities whose squares may cost digits
     pivots: int = 0
+    of_run: int | None = None  # the argument that is the same over a run; its inputs are what `of_numbers` gives
+    of_numbers: Program | None = None
 
     @property
     def entries(self) -> int:
         """Number of entries of the result."""
         return math.prod(self.shape)
+
+    @cached_property
+    def coefficients(self) -> range:
+        """The inputs that are the same over a run."""
+        if self.of_run is None:
+            return range(0)
+        first = sum(self.widths[: self.of_run])
+        return range(first, first + self.widths[self.of_run])
+
+    def divided(self) -> Trace:
+        """The trace with what is computed of the argument `of_run` alone as its inputs, in place of it."""
+        assert self.of_run is not None
+        given = self.coefficients
+        of_numbers, program = divided(self.program, given.start, len(given))
+        widths = list(self.widths)
+        widths[self.of_run] = len(of_numbers.outputs)
+        return replace(self, program=program, widths=tuple(widths), of_numbers=of_numbers)
 
     def unguarded(self) -> Trace:
         """The trace without the condition on joint velocities."""
@@ -70,6 +89,7 @@ class Trace:
         passed_on = {arg.value for arg in read if arg.kind == "input"}
         if hiding - {"divide"} or (hiding and not self.pivots):
             passed_on = set()
+        passed_on |= set(self.coefficients)  # which are not checked: constants of a kernel are not either
         return [k for k in range(program.inputs) if k not in passed_on]
 
     def sound_inputs(self, inputs: Any, dtype: Any, write: Conditions) -> list[Any]:

@@ -135,7 +135,10 @@ def trace(
         name, entries = quantity.velocities
         velocities = range(starts[name], starts[name] + widths[name])[entries]
     pivots = np.shape(judged[0])[-1] if judged and entry is None else 0
-    return Trace(program, tuple(widths.values()), shape, velocities, pivots)
+    found = Trace(program, tuple(widths.values()), shape, velocities, pivots)
+    if quantity.of_run not in widths:
+        return found
+    return replace(found, of_run=[*widths].index(quantity.of_run)).divided()
 
 
 def run_core(quantity: Quantity, model: Model, arrays: Sequence[Any], fixed: Mapping[str, Any]) -> tuple[Any, ...]:
@@ -172,10 +175,12 @@ def inputs_as_arrays(function: Declared, model: Model, fixed: Mapping[str, Any])
     """The function's quantity with further arrays behind its joint arrays: wrenches, then inertial parameters.
 
     `fixed` may have `external`, a sequence of link names, whose wrenches are external_1, ... of shape (..., 6), and
-    `parameters`, True or False, of shape (..., 10 nb); the rest of it is returned. A TypeError tells that the function
-    takes no such input, or an argument is of another type, a ValueError that a link is unknown or named twice.
+    `parameters`, True or False, of shape (..., 10 nb), or the value of an array; the rest of it is returned. A TypeError
+    tells that the function takes no such input, or an argument is of another type, a ValueError that a link is unknown
+    or named twice.
     """
     quantity, rest = declared(function).quantity, dict(fixed)
+    given = {name: width for name, width in quantity.widths.items() if name not in rest}  # the others have values
     external, parameters = rest.pop("external", None), rest.pop("parameters", False)
     wrenches: dict[str, str] = {}
     if external is not None:
@@ -197,7 +202,7 @@ def inputs_as_arrays(function: Declared, model: Model, fixed: Mapping[str, Any])
     if parameters:
         quantity.require_moments()
         widths["parameters"] = PARAMETERS * model_argument(model).nb
-    return replace(quantity, widths={**quantity.widths, **widths}, wrenches=wrenches), rest
+    return replace(quantity, widths={**given, **widths}, wrenches=wrenches), rest
 
 
 def by_recursion(

@@ -13,28 +13,37 @@ from numpy.typing import ArrayLike
 
 from ..basics.spatial import Array
 from ..elementwise import exp, less, sign, tanh, where
+from ..graph.scalar import is_present
 
 
 def direction(qd: Array, smoothing: float) -> Array:
     """The direction of motion: tanh(qd / smoothing), or with 0 the sign of qd, which is 0 at rest."""
-    return tanh(qd * (1 / smoothing)) if smoothing else sign(qd)
+    return tanh(qd * (1 / smoothing)) if is_present(smoothing) else sign(qd)
 
 
 def saturating(qd: Array, velocity: ArrayLike | None) -> Array:
     """Viscous friction, qd, or velocity tanh(qd / velocity), which saturates, where the velocity is not 0."""
     if velocity is None:
         return qd
-    given = np.asarray(velocity, np.float64)
-    saturated: Array = where(given > 0, given * tanh(qd / np.where(given > 0, given, 1.0)), qd)
+    given, acts = _positive(velocity)
+    saturated: Array = where(acts, given * tanh(qd / given), qd)
     return saturated
 
 
 def stribeck_effect(qd: Array, velocity: ArrayLike, smoothing: float) -> Array:
     """The direction of motion times exp(-|qd| / velocity), 0 where the velocity is 0."""
-    given = np.asarray(velocity, np.float64)
-    falling = exp(-magnitude(qd) / np.where(given > 0, given, 1.0))
-    effect: Array = (given > 0) * (direction(qd, smoothing) * falling)
+    given, acts = _positive(velocity)
+    effect: Array = acts * (direction(qd, smoothing) * exp(-magnitude(qd) / given))
     return effect
+
+
+def _positive(velocity: ArrayLike) -> tuple[Array, Array]:
+    """Velocities, with 1 in place of zeros, and 1.0 where they are not zero; traced ones are not."""
+    given = np.asarray(velocity)
+    if given.dtype != object:
+        return np.where(given > 0, given, 1.0), (given > 0).astype(np.float64)
+    acts = np.array([is_present(v) for v in given.flat]).reshape(given.shape)
+    return np.where(acts, given, 1.0), acts.astype(np.float64)
 
 
 def magnitude(x: Any) -> Array:

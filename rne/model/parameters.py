@@ -42,10 +42,29 @@ def with_moments(model: Model, moments: Moments) -> Model:
 
 def parameters_of(model: Model) -> Array:
     """Mass, first moment and inertia of each body about the origin of its joint's frame in the URDF."""
-    centre = model.com - model.joint_origin
-    inertia = model.inertia + point_mass_inertia(model.mass[:, None, None], centre)
-    moments = model.mass[:, None] * centre
-    return np.concatenate([model.mass[:, None], moments, inertia[:, ROWS, COLUMNS]], axis=1).reshape(-1)
+    if model.given_moments is None:
+        return parameters_of_bodies(model.mass, model.com - model.joint_origin, model.inertia).reshape(-1)
+    return parameters_seen_from(*model.given_moments, -model.joint_origin).reshape(-1)
+
+
+def parameters_of_bodies(mass: Array, centre: Array, inertia: Array) -> Array:
+    """The ten parameters about a point, (..., 10), of bodies with centres of mass seen from there."""
+    inertia = inertia + point_mass_inertia(mass[..., None, None], centre)
+    moments = mass[..., None] * centre
+    return np.concatenate([mass[..., None], moments, inertia[..., ROWS, COLUMNS]], axis=-1)
+
+
+def parameters_seen_from(m: Array, h: Array, inertia: Array, p: Array) -> Array:
+    """The ten parameters (..., 10) of bodies about another point, from where the former one is at p."""
+    shift = 2 * dot(h, p)[..., None, None] * IDENTITY - outer(h, p) - outer(p, h)
+    inertia = inertia + shift + point_mass_inertia(m[..., None, None], p)
+    return np.concatenate([m[..., None], h + m[..., None] * p, inertia[..., ROWS, COLUMNS]], axis=-1)
+
+
+def body_of_parameters(pi: Array) -> tuple[Array, Array, Array]:
+    """Mass, centre of mass, and inertia about it, of a body with ten parameters about a point."""
+    mass, centre = pi[0], pi[1:4] / pi[0] if pi[0] else np.zeros(3)
+    return mass, centre, pi[4:].take(ENTRIES, -1) - point_mass_inertia(mass[None, None], centre)
 
 
 def at_parameters(model: Model, parameters: Array) -> Model:
@@ -81,6 +100,8 @@ def with_parameters(model: Model, parameters: ArrayLike) -> Model:
 def with_fewest_terms(model: Model) -> Model:
     """The robot for dynamics alone, with every inertial parameter that may be moved towards the base moved there.
 
+    Its moments may differ from state to state.
+
     Torques, M and accelerations are the same in every state, with fewer terms; energies and joint wrenches are not.
 
     A mass on the axis of a rotating joint moves alike with the bodies on both sides of it, so it may be counted with
@@ -95,19 +116,35 @@ def with_fewest_terms(model: Model) -> Model:
         R, p, b = model.rotation[i], model.translation[i], model.axis[i]
         if model.is_revolute[i]:
             e = perpendicular(b)
-            on_axis = mass[i], first_moment[i] @ b, e @ inertia[i] @ e
+            on_axis = mass[..., i].copy(), first_moment[..., i, :] @ b, e @ inertia[..., i, :, :] @ e
             moved = _moments_of_rod(*on_axis, p, R @ b)
-            mass[i], first_moment[i] = 0, first_moment[i] - on_axis[1] * b
-            inertia[i] = inertia[i] - on_axis[2] * (IDENTITY - outer(b, b))
+            mass[..., i], first_moment[..., i, :] = 0, first_moment[..., i, :] - on_axis[1][..., None] * b
+            inertia[..., i, :, :] = inertia[..., i, :, :] - on_axis[2][..., None, None] * (IDENTITY - outer(b, b))
         else:
-            moved = Moments(0 * mass[i], 0 * first_moment[i], R @ inertia[i] @ transpose(R))
-            inertia[i] = 0
+            turned = R @ inertia[..., i, :, :] @ transpose(R)
+            moved = Moments(0 * mass[..., i], 0 * first_moment[..., i, :], turned)
+            inertia[..., i, :, :] = 0
         if model.parent[i] >= 0:
             k = model.parent[i]
-            mass[k] = mass[k] + moved.mass
-            first_moment[k] = first_moment[k] + moved.first_moment
-            inertia[k] = inertia[k] + moved.inertia
+            mass[..., k] = mass[..., k] + moved.mass
+            first_moment[..., k, :] = first_moment[..., k, :] + moved.first_moment
+            inertia[..., k, :, :] = inertia[..., k, :, :] + moved.inertia
     return with_moments(model, Moments(mass, first_moment, inertia))
+
+
+def moments_as_vector(model: Model) -> Array:
+    """The moments of the bodies one after another, shape (..., 10 nb): masses, first moments, inertias."""
+    m, h, inertia = model.moments
+    leading = m.shape[:-1]
+    return np.concatenate([m, h.reshape(*leading, -1), inertia[..., ROWS, COLUMNS].reshape(*leading, -1)], axis=-1)
+
+
+def moments_of_vector(vector: Array) -> Moments:
+    """The moments of bodies from the vector of `moments_as_vector`, which may be traced."""
+    leading, nb = vector.shape[:-1], vector.shape[-1] // PARAMETERS
+    m, h, products = vector[..., :nb], vector[..., nb : 4 * nb], vector[..., 4 * nb :]
+    inertia = products.reshape(*leading, nb, 6).take(ENTRIES, -1)
+    return Moments(m, h.reshape(*leading, nb, 3), inertia)
 
 
 def perpendicular(b: Array) -> Array:
@@ -120,8 +157,10 @@ def perpendicular(b: Array) -> Array:
 def _moments_of_rod(mass: Array, first: Array, second: Array, p: Array, u: Array) -> Moments:
     """Moments of masses on a line through p along u, from their moments along it about p."""
     cross_terms = 2 * (p @ u) * IDENTITY - outer(p, u) - outer(u, p)
-    inertia = point_mass_inertia(mass, p) + first * cross_terms + second * (IDENTITY - outer(u, u))
-    return Moments(mass, mass * p + first * u, inertia)
+    first, second = np.asarray(first), np.asarray(second)
+    inertia: Array = point_mass_inertia(np.asarray(mass)[..., None, None], p) + first[..., None, None] * cross_terms
+    inertia = inertia + second[..., None, None] * (IDENTITY - outer(u, u))
+    return Moments(mass, np.asarray(mass)[..., None] * p + first[..., None] * u, inertia)
 
 
 # P = sum over k of pi_k UNITS[k]: the pseudo-inertia per unit of each parameter

@@ -49,9 +49,9 @@ class DryPlant(Plant):
     """
 
     def __init__(
-        self, dynamics: SceneDynamics, robot: Robot, law: Callable[..., Any] | None = None, law_name: str = "controller"
+        self, dynamics: SceneDynamics, robot: Robot, law: Callable[..., Any] | None = None, *more: Any
     ) -> None:
-        super().__init__(dynamics, robot, law, law_name)
+        super().__init__(dynamics, robot, law, *more)
         assert dynamics.friction is not None
         self.friction = friction = dynamics.friction
         self.n = n = dynamics.n

@@ -23,6 +23,7 @@ from ..basics.arrays import read_only, real_numbers
 from ..basics.spatial import Array
 from ..basics.text import listed, summary
 from ..dynamics.rnea import inverse_dynamics
+from ..graph.scalar import is_present
 from ..model.model import Model, joint_array
 from ..model.modify import LimitValues, limit_array
 from ..robot import Robot
@@ -139,7 +140,7 @@ class ElasticDynamics(SceneDynamics):
         """Torsion of the joints, the links' net torques, and the powers that are lost, where energies are states."""
         q, motor_q, qd, motor_qd = self._parts(x)
         torsion, lost = np.array(self.motor_side.stiffness) * (motor_q - q), list[Array]()
-        if any(self.motor_side.damping):
+        if is_present(self.motor_side.damping):
             damped = np.array(self.motor_side.damping) * (motor_qd - qd)
             torsion, lost = torsion + damped, self._powers(motor_qd - qd, {"joint_damping": damped})
         if self.springs is None:

@@ -8,8 +8,8 @@ from __future__ import annotations
 import itertools
 import pickle
 import threading
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial, reduce
 from math import ceil
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -29,12 +29,12 @@ from ..integrators.step_control import Interval
 from ..integrators.tableaus import EXPLICIT, FIXED, tableau
 from ..kernels.kernel import Kernel
 from ..model.model import Model
-from ..model.parameters import PARAMETERS, at_parameters
+from ..model.parameters import PARAMETERS
 from ..robot import Robot
-from .elastic_joints import ElasticJoints
 from .plant import Plant, with_own_law
 from .scene import Scene
-from .scene_dynamics import SceneDynamics
+from .scene_dynamics import Bodies, SceneDynamics
+from .scene_numbers import BODIES, SceneNumbers, bodies_as_numbers, bodies_of, checked, scene_at
 from .simulator import METHODS, check_times, law_breaks, scene_argument, simulate, tolerances
 
 if TYPE_CHECKING:
@@ -78,6 +78,8 @@ class Ensemble(InNotebooks):
         The robot that moved.
     parameters : ndarray, shape (N, 10 nb), or None
         Inertial parameters of the robot of each motion; None if all had the robot's own.
+    numbers : mapping of str to ndarray, shape (N, ...)
+        The numbers of the scene that each motion had of its own, by name.
 
     Examples
     --------
@@ -103,6 +105,7 @@ class Ensemble(InNotebooks):
     status: Array
     model: Model
     parameters: Array | None = None
+    numbers: Mapping[str, Array] = field(default_factory=dict)
 
     def quantiles(self, probabilities: ArrayLike = (0.05, 0.5, 0.95), of: str = "q") -> Array:
         """Quantiles over the motions at each stored time, without those that Ctrl-C ended.
@@ -169,6 +172,7 @@ def ensemble(
     atol: float = 1e-9,
     t_eval: ArrayLike | None = None,
     parameters: ArrayLike | None = None,
+    numbers: Mapping[str, ArrayLike] | None = None,
     method: str = "auto",
     step: float | None = None,
     keep: int | None = None,
@@ -251,13 +255,15 @@ def ensemble(
     scene = scene_argument(scene_or_robot)
     if progress is not None:
         check_function("progress", progress, "(done, total)")
-    q, qd, pi = _starts(scene, q0, qd0, parameters, is_fixed=step is not None)
+    given = real_numbers("q0", q0, f"(N, {scene.n})")
+    scene, own = _numbers(scene, numbers, parameters, len(given)) if given.ndim == 2 else (scene, {})
+    q, qd = _starts(scene, own, q0, qd0, is_fixed=step is not None)
     end = positive_number("duration", duration, zero_allowed=True)
     times = _times(t_eval, keep, end)
-    plan = _plan(scene, method, step, times, end, tolerances(rtol, atol), with_parameters=pi is not None)
+    plan = _plan(scene, method, step, times, end, tolerances(rtol, atol), has_own=bool(own))
     further = plan.dynamics.size - 2 * plan.dynamics.n if isinstance(plan, BatchRun) else 0
     x0 = np.concatenate([q, qd, np.zeros((len(q), further), q.dtype)], axis=1)
-    starts = Chunk(x0, np.zeros((len(q), 0), q.dtype) if pi is None else pi.astype(q.dtype))
+    starts = Chunk(x0, own)
     part = run_all(plan, starts, progress, executor)
     if not part.interrupted:
         part.verdict.raise_or_warn(stacklevel=2)
@@ -274,7 +280,8 @@ def ensemble(
         part.end,
         part.status,
         scene.resolved.robot.model,
-        pi,
+        own.get("parameters"),
+        SceneNumbers(own),
     )
     if part.interrupted:
         text = f"ensemble interrupted: {(part.status >= 0).sum()} of {counted(len(q), 'motion')} finished"
@@ -282,21 +289,39 @@ def ensemble(
     return motions
 
 
-def _starts(
-    scene: Scene, q0: ArrayLike, qd0: ArrayLike, parameters: ArrayLike | None, *, is_fixed: bool
-) -> tuple[Array, Array, Array | None]:
-    """Initial positions and velocities, float32 only for fixed steps, and the inertial parameters of each motion."""
+def _numbers(scene: Scene, numbers: Mapping[str, ArrayLike] | None, parameters: ArrayLike | None, count: int) -> Any:
+    """The scene with its own numbers named that motions have in place of them, and these, (N, ...) each."""
+    if parameters is not None and numbers is not None and "parameters" in numbers:
+        raise ValueError("`parameters` and `numbers['parameters']` are the same: give one of them")
+    given = dict(numbers or {})
+    if parameters is not None:
+        shape = (count, PARAMETERS * scene.resolved.robot.model.nb)
+        given["parameters"] = real_array("parameters", parameters, f"{shape}, ten per body for each initial state")
+    own = checked(scene, given, count)
+    for name, array in own.items():  # what parts accept at both ends they accept in between
+        if name not in BODIES and count:
+            for end in (array.min(axis=0), array.max(axis=0)):
+                scene_at(scene, {name: end})
+    varying = None
+    if {*BODIES} & {*own}:
+        models = bodies_of(scene, own)
+        varying = Bodies.mask(models)
+    return scene._naming({}, own, varying), own
+
+
+def _starts(scene: Scene, own: Mapping[str, Array], q0: ArrayLike, qd0: ArrayLike, *, is_fixed: bool) -> Any:
+    """Initial positions and velocities, float32 only for fixed steps."""
     n = scene.n
     given = [real_numbers(name, x, f"(N, {n})") for name, x in (("q0", q0), ("qd0", qd0))]
-    pi = None
-    if given[0].ndim == 2 and parameters is not None:
-        shape = (len(given[0]), PARAMETERS * scene.resolved.robot.model.nb)
-        pi = real_array("parameters", parameters, f"{shape}, ten per body for each initial state").astype(np.float64)
-    q, qd = scene.dynamics.start(scene.resolved.robot, given[0], given[1], pi)
+    q, qd = scene.dynamics.start(scene.resolved.robot, given[0], given[1])
     if q.ndim != 2 or q.shape != qd.shape:
         raise ValueError(f"`q0` and `qd0` must have the same shape (N, {n}), got {q.shape} and {qd.shape}")
+    if scene.elastic is not None and own and given[0].shape[-1] == n:  # torsion holds the links, by each one's numbers
+        each = [scene.with_numbers({k: x[i] for k, x in own.items()}) for i in range(len(q))]
+        starts = [s.dynamics.start(s.resolved.robot, a, b) for s, a, b in zip(each, *given, strict=True)]
+        q, qd = (np.array(part).reshape(q.shape) for part in zip(*starts, strict=True)) if len(q) else (q, qd)
     dtype = np.result_type(*given) if is_fixed else np.float64
-    return q.astype(dtype), qd.astype(dtype), pi
+    return q.astype(dtype), qd.astype(dtype)
 
 
 def _times(t_eval: ArrayLike | None, keep: int | None, end: float) -> Array:
@@ -319,7 +344,7 @@ def _plan(
     end: float,
     tolerated: tuple[float, float],
     *,
-    with_parameters: bool,
+    has_own: bool,
 ) -> Plan:
     """How the motions of a scene are run."""
     friction = scene.resolved.friction
@@ -352,19 +377,20 @@ def _plan(
     else:
         positions = dynamics.n if chosen == "semi-implicit-euler" else 0
         intervals = (_in_equal_steps(whole, times, max_step)._replace(positions=positions),)
-    return BatchRun(chosen, dynamics, times, intervals, with_parameters, fallback)
+    return BatchRun(chosen, dynamics, times, intervals, has_own, fallback)
 
 
 class Chunk(NamedTuple):
-    """Initial states, their inertial parameters (of no columns where all have the robot's), and the first's number."""
+    """Initial states, their own numbers of the scene by name, (N, ...) each, and the first one's place."""
 
     x: Array
-    parameters: Array
+    numbers: Mapping[str, Array]
     first: int = 0
 
     def part(self, begin: int, end: int) -> Chunk:
         """Some of them."""
-        return Chunk(self.x[begin:end], self.parameters[begin:end], self.first + begin)
+        own = {name: array[begin:end] for name, array in self.numbers.items()}
+        return Chunk(self.x[begin:end], own, self.first + begin)
 
 
 class Motions(NamedTuple):
@@ -408,14 +434,20 @@ class BatchRun:
     dynamics: SceneDynamics
     times: Array  # (S,), to report
     intervals: tuple[Interval, ...]  # the parts of the time between which torques jump
-    with_parameters: bool  # True if each motion has its own inertial parameters
+    has_own: bool  # True if each motion has its own numbers
     fallback: SequentialRun  # for motions that turn out to be stiff
 
     @property
     def kernel(self) -> Kernel:
-        """dx/dt, of the chunk's inertial parameters where it has some."""
-        fixed = {"parameters": True} if self.with_parameters else {}
-        return self.fallback.scene.resolved.robot._kernels.scene_kernel(self.dynamics.right_hand_side, **fixed)
+        """dx/dt."""
+        return self.fallback.scene.kernels.scene_kernel(self.dynamics.right_hand_side)
+
+    def _of_dynamics(self, own: Mapping[str, Array]) -> dict[str, Array]:
+        """The numbers of motions as the equations have them: moments of bodies in place of their parameters."""
+        found = {name: array for name, array in own.items() if name not in BODIES}
+        if {*BODIES} & {*own}:
+            found |= bodies_as_numbers(self.fallback.scene, own)
+        return found
 
     @property
     def steps(self) -> Array:
@@ -434,6 +466,7 @@ class BatchRun:
     def run(self, chunk: Chunk, advance: Progress) -> Motions:
         """The motions of a chunk."""
         x, evaluations, verdict, is_done = chunk.x, 0, OK, True
+        own = self.dynamics.vectors(self._of_dynamics(chunk.numbers)) if self.has_own else self.dynamics.vector
         numbers, stiff = chunk.first + np.arange(len(x)), np.zeros(len(x), dtype=bool)
         states, reported = np.full((len(self.times), *x.shape), np.nan, x.dtype), 0
         if 0.0 in self.times:
@@ -441,7 +474,7 @@ class BatchRun:
         for interval in self.intervals:
             is_last = interval is self.intervals[-1]
             X = np.full((len(interval.t_eval), *x.shape), np.nan, x.dtype)
-            how = interval, self.kernel, chunk.parameters, numbers
+            how = interval, self.kernel, own, numbers
             part = run_batch(*how, x, X, advance if is_last else lambda _: advance(0))
             stiff |= part.code == STIFF
             evaluations, verdict, is_done = evaluations + part.evaluations, verdict.worse(part.verdict), part.is_done
@@ -451,23 +484,28 @@ class BatchRun:
             if not is_done:
                 break
         done = np.asarray(np.isfinite(x).all(axis=1)) & is_last
-        motions = self._part(states, done, evaluations, verdict)._replace(interrupted=not is_done)
+        motions = self._part(states, done, evaluations, verdict, chunk.numbers)._replace(interrupted=not is_done)
         if not stiff.any() or not is_done:
             return motions
         return self.fallback.replaced(motions, chunk, np.flatnonzero(stiff), advance)
 
-    def _part(self, x: Array, done: Array, evaluations: int, verdict: PrecisionStatus) -> Motions:
+    def _part(
+        self, x: Array, done: Array, evaluations: int, verdict: PrecisionStatus, own: Mapping[str, Array]
+    ) -> Motions:
         """States as positions, velocities, torques and energies, with NaN where there are none."""
         n, first, N, size = self.dynamics.joints, self.dynamics.n, x.shape[1], self.dynamics.counted
         times, breaks = self.times.astype(x.dtype), law_breaks(self.fallback.scene.controller)
         times = np.where(np.isin(self.times, breaks), np.nextafter(times, np.inf, dtype=x.dtype), times)  # after them
         t, states = np.repeat(times, N), x[..., :size].reshape(len(times) * N, size)
         known = np.asarray(np.isfinite(states).all(axis=1))
-        plant = Plant(self.dynamics, self.fallback.scene.resolved.robot)
+        scene = self.fallback.scene
+        plant = Plant(self.dynamics, scene.resolved.robot, kernels=scene.kernels)
         q, qd, energies = x[..., :n], x[..., first : first + n], x[..., size:]
         tau = np.where(known[:, None], 0.0, np.nan).repeat(n, axis=1).astype(x.dtype)
         if "drives" in self.dynamics.ledger:
-            tau[known] = plant.drive_torques(t[known], x.reshape(len(t), -1)[known])
+            row = np.flatnonzero(known) % N
+            mine = {name: array[row] for name, array in own.items()}
+            tau[known] = plant.drive_torques(t[known], x.reshape(len(t), -1)[known], own=mine)
         last = known.reshape(len(self.times), N).sum(axis=0)
         end = np.where(done, self.intervals[-1].end, np.append(0.0, self.times)[last])
         status = np.where(done, 0, -1)
@@ -523,8 +561,9 @@ class SequentialRun:
         return part._replace(methods=tuple(sorted({*methods, *others.methods})), evaluations=evaluations)
 
     def _motion(self, chunk: Chunk, k: int, progress: Callable[..., Any]) -> Motions:
-        x, parameters, number = chunk.x[k].astype(np.float64), chunk.parameters[k], chunk.first + k
-        shared = self.scene if not len(parameters) else at_parameters_of(self.scene, parameters)
+        x, number = chunk.x[k].astype(np.float64), chunk.first + k
+        own = {name: array[k] for name, array in chunk.numbers.items()}
+        shared = self.scene._naming(own, (), self.scene._varying) if own else self.scene
         scene = with_own_law(shared)
         n = scene.dynamics.n
         how = self.options | {"t_eval": self.times, "progress": progress}
@@ -556,18 +595,6 @@ def joined(parts: Sequence[Motions]) -> Motions:
     verdict = reduce(PrecisionStatus.worse, [part.verdict for part in parts])
     evaluations, interrupted = sum(part.evaluations for part in parts), any(part.interrupted for part in parts)
     return Motions(q, qd, tau, energies, end, status, methods, evaluations, verdict, interrupted)
-
-
-def at_parameters_of(scene: Scene, parameters: Array) -> Scene:
-    """The scene at other inertial parameters of its robot with payload."""
-    parts = scene.resolved
-    robot = Robot(at_parameters(parts.robot.model, parameters), parts.robot.engine)
-    contained: dict[str, Any] = dict.fromkeys(("mounting", "gravity", "payload", "locked", "armature"))
-    if parts.motor_side is not None:
-        contained["elastic"] = ElasticJoints(**parts.motor_side._asdict())
-    springs = parts.springs.each if parts.springs else None
-    kept: dict[str, Any] = {"friction": parts.friction, "effort_limit": parts.effort_limit, "springs": springs}
-    return replace(scene, robot=robot, **kept, **contained)
 
 
 Plan = BatchRun | SequentialRun

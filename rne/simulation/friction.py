@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import ReadOnlyArrays, real_numbers
+from ..basics.arrays import ReadOnlyArrays, copy_with, real_numbers
 from ..basics.spatial import Array
 from ..basics.text import listed, short, summary
 from ..dynamics.crba import mass_matrix
 from ..dynamics.rnea import gravity_torque, inverse_dynamics
 from ..elementwise import less, tanh, where
+from ..graph.scalar import is_present
 from ..model.checks import domain_error
 from ..model.friction_laws import direction, magnitude, saturating, stribeck_effect
 from ..model.model import Model, joint_array
@@ -25,8 +26,13 @@ from ..robot import Robot
 SIZES = ("viscous", "coulomb", "viscous_back", "coulomb_back", "static", "load", "saturation", "stribeck")
 SIGNED = ("stribeck_rise", "offset")  # sizes that may be negative
 OPTIONAL = ("static", "saturation", "stribeck")
+BACK = ("viscous", "coulomb")  # sizes that may differ by the direction
 TOLD = {"rad": 0.01, "m": 0.001}  # of creep, from which on the message of a run names it
 SMOOTHING = 0.01  # [rad/s or m/s]: velocity at which smoothed Coulomb friction reaches tanh(1) = 76 % of its value
+
+
+class Following(np.ndarray[Any, Any]):
+    """A size of the negative direction that was not given: it follows that of the positive one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +107,7 @@ class Friction(ReadOnlyArrays):
     @cached_property
     def _values(self) -> tuple[object, ...]:
         """The numbers, which make two frictions equal."""
-        return (self.smoothing, *((name, size.shape, size.tobytes()) for name, size in self._given().items()))
+        return tuple((name, size.shape, size.tobytes()) for name, size in self._given().items())
 
     def __eq__(self, other: object) -> bool:
         if type(self) is not Friction or type(other) is not Friction:  # of a subclass the numbers do not tell all
@@ -112,14 +118,36 @@ class Friction(ReadOnlyArrays):
         return hash(self._values)
 
     def _same_back(self, name: str) -> bool:
-        return np.array_equal(getattr(self, name), getattr(self, f"{name}_back"))
+        return isinstance(getattr(self, f"{name}_back"), Following)
+
+    @property
+    def numbers(self) -> dict[str, Array]:
+        """The numbers by name; a size of the negative direction that is that of the positive one has none."""
+        follow = [f"{name}_back" for name in BACK if self._same_back(name)]
+        return {name: size for name, size in self._given().items() if name not in follow}
+
+    def of_joints(self, n: int, named: Collection[str] = ()) -> Friction:
+        """The same with one number per joint; equal sizes of both directions are one, if the second is not named."""
+        sizes = {k: np.broadcast_to(x, (n,)) for k, x in self.numbers.items() if k != "smoothing"}
+        for name in BACK:
+            if np.array_equal(sizes[name], sizes.get(back := f"{name}_back", sizes[name])) and back not in named:
+                sizes[back] = sizes[name].view(Following)
+        return copy_with(self, **sizes)
+
+    def at(self, numbers: Mapping[str, Any]) -> Friction:
+        """The same with other numbers, which are not checked and may be traced."""
+        found = dict(numbers)
+        for name in BACK:
+            if self._same_back(name) and name in found:
+                found.setdefault(f"{name}_back", np.asarray(found[name]).view(Following))
+        return copy_with(self, **found)
 
     def __post_init__(self) -> None:
         for name in SIZES:
             value = getattr(self, name)
-            if value is None and name.endswith("_back"):
-                value = getattr(self, name.removesuffix("_back"))
-            if value is not None or name not in OPTIONAL:
+            if name.endswith("_back") and (value is None or isinstance(value, Following)):
+                object.__setattr__(self, name, getattr(self, name.removesuffix("_back")).view(Following))
+            elif value is not None or name not in OPTIONAL:
                 object.__setattr__(self, name, _not_negative(name, value))
         for name in SIGNED:
             object.__setattr__(self, name, _read_only(name, getattr(self, name)))
@@ -144,25 +172,26 @@ class Friction(ReadOnlyArrays):
             raise ValueError("`static` needs dry friction: set `smoothing` to 0")
 
     def _given(self) -> dict[str, Array]:
-        return {name: np.asarray(size) for name in (*SIZES, *SIGNED) if (size := getattr(self, name)) is not None}
+        names = (*SIZES, *SIGNED, "smoothing")
+        return {name: np.asarray(size) for name in names if (size := getattr(self, name)) is not None}
 
     @property
     def sticks(self) -> bool:
         """True for dry friction, under which a joint can stick."""
         dry = ("coulomb", "coulomb_back", "static", "stribeck_rise", "load")
-        return self.smoothing == 0 and any(size.any() for k, size in self._given().items() if k in dry)
+        return not is_present(self.smoothing) and any(is_present(x) for k, x in self._given().items() if k in dry)
 
     @property
     def varying(self) -> str:
         """The names of what makes Coulomb friction change with speed or load; empty for none."""
-        return " and ".join(f"`{name}`" for name in ("stribeck_rise", "load") if np.any(getattr(self, name)))
+        return " and ".join(f"`{name}`" for name in ("stribeck_rise", "load") if is_present(getattr(self, name)))
 
     @cached_property
     def losses(self) -> tuple[str, ...]:
         """Names of the torques that are not zero: "viscous", "coulomb", "offset" and "load"."""
         sizes = {"viscous": ("viscous", "viscous_back"), "coulomb": ("coulomb", "coulomb_back", "stribeck_rise")}
         sizes |= {"offset": ("offset",), "load": ("load",)}
-        return tuple(name for name, of in sizes.items() if any(np.any(getattr(self, size)) for size in of))
+        return tuple(name for name, of in sizes.items() if any(is_present(getattr(self, size)) for size in of))
 
     def check(self, model: Model) -> None:
         """Refuse arrays that do not have one entry per joint.
@@ -234,14 +263,14 @@ class Friction(ReadOnlyArrays):
         >>> rne.Friction(coulomb=2.0, smoothing=0).coulomb_torque(np.array([0.5, -0.5, 0.0])).tolist()
         [2.0, -2.0, 0.0]
         """
-        forward, back = np.asarray(self.coulomb, dtype=float), np.asarray(self.coulomb_back, dtype=float)
-        if self.stribeck is not None and np.any(self.stribeck_rise):
+        forward, back = np.asarray(self.coulomb), np.asarray(self.coulomb_back)
+        if self.stribeck is not None and is_present(self.stribeck_rise):
             effect = np.asarray(self.stribeck_rise) * stribeck_effect(qd, self.stribeck, self.smoothing)
-            both: Array = replace(self, stribeck_rise=0.0).coulomb_torque(qd) + effect
+            both: Array = self.at({"stribeck_rise": 0.0}).coulomb_torque(qd) + effect
             return both
-        if not (forward.any() or back.any()):
+        if not (is_present(forward) or is_present(back)):
             return 0 * qd
-        if self.smoothing == 0:
+        if not is_present(self.smoothing):
             return where(less(0, qd), forward, 0) - where(less(qd, 0), back, 0)
         size = forward if self._same_back("coulomb") else where(less(qd, 0), back, forward)
         return size * tanh(qd * (1 / self.smoothing))

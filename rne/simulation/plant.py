@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from copy import copy, deepcopy
 from functools import cached_property, partial
@@ -18,10 +18,15 @@ from ..dynamics.quantity import OK, PrecisionStatus
 from ..errors import NotFiniteError, RneError
 from ..integrators.base import Implicit
 from ..integrators.step_control import EPS
+from ..kernels.cache import KernelCache
+from ..kernels.kernel import Kernel
 from ..kernels.soundness import NeedsRecursion
 from ..robot import Robot
 from .events import Event
 from .scene_dynamics import SceneDynamics
+
+
+NONE: Mapping[str, Array] = {}
 
 
 class Plant:
@@ -37,17 +42,23 @@ class Plant:
     note = ""  # for the message of a run
 
     def __init__(
-        self, dynamics: SceneDynamics, robot: Robot, law: Callable[..., Any] | None = None, law_name: str = "controller"
+        self,
+        dynamics: SceneDynamics,
+        robot: Robot,
+        law: Callable[..., Any] | None = None,
+        law_name: str = "controller",
+        kernels: KernelCache | None = None,
     ) -> None:
         self.dynamics, self.robot, self.law, self.law_name = dynamics, robot, law, law_name
+        self.numbers = dynamics.vector  # of the scene, the last argument of its kernels
+        self.kernels = kernels or robot._kernels  # of another robot, where bodies are numbers of the scene
         self.counted = dynamics.counted  # entries of the state that are held to the tolerances
         self.width = dynamics.size  # of what the kernel gives
-        self.kernel = kernel = robot._kernels.scene_kernel(self._function)
-        # Without the check of joint velocities; None where the recursion itself runs
-        self._state_function = kernel.state_function_unguarded if kernel.is_unrolled else None
+        self.kernel = self.kernels.scene_kernel(self._function)
+        self._state_function = state_function(self.kernel, self.numbers)
         self.sampled: Array | None = None  # torques (n,) of a sampled controller since its last sample
         # As it is now: a law may be changed before someone asks for torques.
-        self._law_kernel = None if dynamics.law is None else robot._kernels.scene_kernel(dynamics.law.outputs)
+        self._law_kernel = None if dynamics.law is None else self.kernels.scene_kernel(dynamics.law.outputs)
         self.evaluations, self.status = 0, OK  # the status of the worst state so far
         self.span = (-np.inf, np.inf)  # times at which torques are evaluated: inside the segment, between its breaks
         self._time = np.zeros(1)  # t as an argument of the kernel
@@ -84,7 +95,7 @@ class Plant:
     @cached_property
     def implicit(self) -> Implicit:
         """The equations of motion with their mass matrix, for Rodas5P, which also needs the time."""
-        kernel = self.robot._kernels.scene_kernel(self.dynamics.residual, "x", "a", "t")
+        kernel = self.kernels.scene_kernel(self.dynamics.residual, "x", "a", "t")
         return Implicit(self.dynamics.n, kernel)
 
     def keep_kernels(self) -> None:
@@ -92,7 +103,7 @@ class Plant:
         _, slopes = self.__dict__.get("implicit", (0, None))
         for kernel in (self.kernel, self._law_kernel, slopes):
             if kernel is not None:
-                self.robot._kernels.keep_scene(kernel)
+                self.kernels.keep_scene(kernel)
 
     def begin(self, t: float, x: Array, span: tuple[float, float]) -> None:
         """Prepare for a segment that begins at t; torques are evaluated within `span`."""
@@ -163,7 +174,8 @@ class Plant:
         self._check_state(t, x)
         try:
             rates: Array
-            rates, status = self._function.evaluate(self.robot.model, np.array([t]), x, u)
+            inputs = (np.array([t]), x) if u is None else (np.array([t]), x, u)
+            rates, status = self._function.evaluate(self.kernels.model, *inputs, self.numbers)
         except NotFiniteError as error:
             drives = None if self.dynamics.law is None else self.dynamics.drives(np.array([t]), x, None)[0]
             of_law = None if drives is None else _not_finite(np.asarray(drives, dtype=float), self.robot, t)
@@ -180,16 +192,23 @@ class Plant:
         if 0 < len(t) <= few and self._state_function is not None:
             with suppress(NeedsRecursion):
                 return np.array([self._state_function(*row) for row in zip(*states, strict=True)])
-        found, status = self.kernel.evaluate(*states)
+        found, status = self.kernel.evaluate(*states, self.numbers)
         self.note_loss(status)
         return found
 
-    def drive_torques(self, t: Array, X: Array, u: Array | None = None) -> Array:
-        """Torques of the drives at many times, within their limits, zero without drives, shape (T, n)."""
-        if self._law_kernel is not None:
-            found = self._law_kernel.evaluate(t[:, None], X[:, : self._law_kernel.widths[1]])[0][:, : self.robot.n]
-            limit = self.dynamics.effort_limit
-            return np.asarray(found if limit is None else np.clip(found, -np.array(limit), limit))
+    def drive_torques(self, t: Array, X: Array, u: Array | None = None, own: Mapping[str, Array] = NONE) -> Array:
+        """Torques of the drives at many times, within their limits, zero without drives, shape (T, n).
+
+        Numbers of the scene that each time has of its `own` have shapes (T, ...).
+        """
+        law, limit = self.dynamics.law, self.dynamics.effort_limit
+        if self._law_kernel is not None and law is not None:
+            states, numbers = X[:, : self._law_kernel.widths[1]], law.vector
+            if mine := {k.removeprefix("controller."): x for k, x in own.items() if k.startswith("controller.")}:
+                numbers = law.vectors(mine)
+            found = self._law_kernel.evaluate(t[:, None], states, numbers)[0][:, : self.robot.n]
+            bound = own.get("effort_limit", limit)
+            return np.asarray(found if bound is None else np.clip(found, -np.asarray(bound), bound))
         drives, _ = self.dynamics.drives(t[:, None], X, self.torques_at(t, X) if u is None else u)
         return np.zeros((len(t), self.robot.n)) if drives is None else np.asarray(drives, dtype=np.float64)
 
@@ -217,7 +236,7 @@ class Plant:
         torque: Callable[..., Any] = partial(self.torque, t)
         u = (torque(x),) if dynamics.torque_given else ()
         wrt = ("x", "a", "u") if u else ("x", "a", "t") if self.is_compiled else ("x", "a")  # the time is for Rodas5P
-        slopes = self.robot._kernels.scene_kernel(dynamics.residual, *wrt)(np.array([t]), x, qdd, *u)
+        slopes = self.kernels.scene_kernel(dynamics.residual, *wrt)(np.array([t]), x, qdd, *u, self.numbers)
         by_x, M = slopes[:, :size], slopes[:n, size : size + n]
         if u and self.sampled is None:
             law_slopes = differences(torque, x, self.counted)
@@ -229,6 +248,17 @@ class Plant:
         """df/dx for judging its modes, by differences of what runs: nothing is traced for it."""
         self._check_state(t, x)
         return differences(partial(self, t), x, self.counted)
+
+
+def state_function(kernel: Kernel, numbers: Array) -> Callable[..., Array] | None:
+    """A kernel's function of one state under given numbers, without the check of joint velocities.
+
+    None if the recursion itself runs.
+    """
+    if not kernel.is_unrolled:
+        return None
+    call, coefficients = kernel.state_function_unguarded, kernel.coefficients(numbers)
+    return lambda *arrays: call(*arrays, coefficients)
 
 
 def differences(f: Callable[[Array], Array], x: Array, count: int) -> Array:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import logging
 import weakref
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple, Protocol, runtime_checkable
@@ -17,14 +18,18 @@ from ..basics.arrays import UNBOUNDED, ReadOnlyArrays, per_joint_array, positive
 from ..basics.spatial import Array
 from ..basics.text import listed, summary
 from ..control.gains import LinearisedLoop
+from ..control.law_numbers import numbers_of
 from ..control.traced_law import TracedLaw, check_law, is_ours
+from ..kernels.cache import KernelCache
 from ..kernels.kernel import Kernel
 from ..model.model import joint_array
 from ..model.modify import LimitValues, limit_array
 from ..robot import Robot
 from .elastic_joints import ElasticDynamics, ElasticJoints, part_at_joints
 from .friction import Friction, urdf_friction
-from .scene_dynamics import MotorSide, SceneDynamics
+from .scene_dynamics import Bodies, MotorSide, SceneDynamics
+from .scene_numbers import BODIES, SceneNumbers, numbers_of_scene, scene_at
+from .scene_numbers import checked as checked_numbers
 from .springs import JointSpring, Spring, Springs, resolved_springs
 
 LOGGER = logging.getLogger("rne")
@@ -249,7 +254,7 @@ class Scene:
         return self._dynamics("none" if self.controller is None else "called" if self.sample_time is None else "held")
 
     def _dynamics(self, inputs: str, law: TracedLaw | None = None) -> SceneDynamics:
-        parts, is_held, kernels = self.resolved, self.sample_time is not None, self.resolved.robot._kernels
+        parts, is_held, kernels = self.resolved, self.sample_time is not None, self.kernels
         limit, states = parts.effort_limit, 0 if is_held else int(getattr(self.controller, "states", 0))
         known: SceneDynamics | None = self.__dict__.get(f"_dynamics_{inputs}")
         if known is not None and known.law is law and known.states == states:
@@ -259,7 +264,7 @@ class Scene:
         known = self.__dict__[f"_dynamics_{inputs}"] = (SceneDynamics if side is None else ElasticDynamics)(
             parts.robot.n * (1 if side is None else 2),
             kernels.forward_method(),
-            parts.friction,
+            None if parts.friction is None else parts.friction.of_joints(parts.robot.n, self._named_of("friction.")),
             None if limit is None else tuple(limit.tolist()),
             law,
             inputs,
@@ -267,15 +272,111 @@ class Scene:
             tuple(inertia) if has_impulses else None,
             motor_side=side,
             springs=parts.springs,
+            bodies=Bodies.of(parts.robot.model, self._varying) if self._named & {*BODIES} else None,
+            named=self._named,
         )
         return known
 
     @property
+    def _named(self) -> frozenset[str]:
+        """The numbers that were named: inputs of kernels as wholes."""
+        return self.__dict__.get("_names", frozenset())  # type: ignore[no-any-return]
+
+    def _named_of(self, part: str) -> frozenset[str]:
+        return frozenset(name.removeprefix(part) for name in self._named if name.startswith(part))
+
+    @property
+    def _varying(self) -> Array | None:
+        """Which moments of bodies are inputs of kernels, where others than those that are not zero."""
+        return self.__dict__.get("_varying_moments")
+
+    @property
+    def kernels(self) -> KernelCache:
+        """The kernels of the scene: those of its robot, or of the robot whose bodies became numbers."""
+        return self.__dict__.get("_kernels") or self.resolved.robot._kernels
+
+    @property
+    def numbers(self) -> SceneNumbers:
+        """What may differ without another program, by name: read-only arrays in SI units.
+
+        "friction.<field>", one number per joint (`smoothing` is one); "effort_limit", "torque_rate", (n,); "delay";
+        "controller.<name>" of the floats and arrays of floats that a law holds, as fields, attributes, in the cells of
+        its closure or as defaults; "springs[k].<field>"; "elastic.<field>", (n,). By a second program: "parameters",
+        (10 nb,), of the robot with its payload as `Robot.parameters`; "payload", (10,), of the added body alone, about
+        the origin of its link; "armature", (nb,); "gravity", (3,), as the scene takes it. Its print says the units.
+        Parts that the scene does not have give no names.
+
+        Examples
+        --------
+        >>> import rne
+        >>> scene = rne.Scene(rne.load("irb140"), friction=rne.Friction(viscous=2.0))
+        >>> scene.numbers["friction.viscous"].tolist()
+        [2.0, 2.0, 2.0, 2.0, 2.0, 2.0]
+        """
+        return SceneNumbers(numbers_of_scene(self))
+
+    @property
+    def numbers_of_controller(self) -> dict[str, Array]:
+        """Those of the controller, as far as it can be traced with others."""
+        if self.controller is None:
+            return {}
+        law = self._law if getattr(self.controller, "traceable", False) else None
+        found = numbers_of(self.controller) if law is None or law.formula[1] is None else law.numbers
+        return {f"controller.{name}": number for name, number in found.items()}
+
+    def with_numbers(self, numbers: Mapping[str, ArrayLike]) -> Scene:
+        """The scene with other numbers, which runs the same program.
+
+        Parameters
+        ----------
+        numbers : mapping of str to array_like
+            By the names of `numbers`, in their shapes, or one number for all joints. An array that is named here stays
+            an input as a whole from then on, zeros included; infinite limits stay no limits.
+
+        Returns
+        -------
+        Scene
+            Equal to one that is made with these numbers; its parts check them.
+
+        Raises
+        ------
+        KeyError
+            If the scene has no such number; lists those that it has.
+        ValueError
+            If an array has the wrong shape, is not finite, or does not fit its part.
+
+        Examples
+        --------
+        >>> import rne
+        >>> arm = rne.load("irb140")
+        >>> scene = rne.Scene(arm, controller=rne.control.pd_gravity(arm, 50, 20, 0), friction=rne.Friction(viscous=2))
+        >>> stiffer = scene.with_numbers({"controller.kp": 80.0, "friction.viscous": [1, 1, 1, 2, 2, 2]})
+        >>> stiffer.controller.kp[0].item(), stiffer.friction.viscous.tolist()
+        (80.0, [1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
+        """
+        return self._naming(checked_numbers(self, numbers), numbers)
+
+    def _naming(self, numbers: Mapping[str, Array], names: Iterable[str], varying: Array | None = None) -> Scene:
+        """The scene with other numbers that were checked; `names` are inputs of its kernels as wholes."""
+        found = scene_at(self, numbers) if numbers else copy(self)
+        for name in [key for key in vars(found) if key.startswith("_dynamics_") or key == "_law_before"]:
+            del vars(found)[name]
+        named = self._named | set(names)
+        vars(found)["_names"] = frozenset(named)
+        if named & {*BODIES}:
+            vars(found)["_kernels"], before = self.kernels, self._varying
+            mask = [m for m in (varying, before) if m is not None]
+            if mask:
+                vars(found)["_varying_moments"] = np.logical_or.reduce([*mask, Bodies.mask(found.resolved.robot.model)])
+        return found
+
+    @property
     def _law(self) -> TracedLaw:
         """The controller as it is now."""
-        law = TracedLaw(self.controller, self.n, self._dynamics_without_law.law_inputs)
+        given = self._dynamics_without_law.law_inputs
+        law = TracedLaw(self.controller, self.n, given, self._named_of("controller."))
         before: TracedLaw | None = self.__dict__.get("_law_before")
-        if before == law:
+        if before == law and before.law is law.law and np.array_equal(before.vector, law.vector):
             return before
         self.__dict__["_law_before"] = law
         return law
@@ -285,7 +386,7 @@ class Scene:
         if not getattr(self.controller, "traceable", False):
             return None
         law = self._law
-        reason = law.why_not_traced(self.resolved.robot)
+        reason = law.why_not_traced(self.kernels)
         if reason is None:
             return law
         if _announced.get(id(self.controller)) is not self.controller:
@@ -310,14 +411,15 @@ class Scene:
     def _why_called(self) -> str:
         """Why a controller that is not traced is called."""
         law = self._law if getattr(self.controller, "traceable", False) else None
-        why = law.why_not_traced(self.resolved.robot) if law else "it is not marked by rne.traceable"
+        why = law.why_not_traced(self.kernels) if law else "it is not marked by rne.traceable"
         return why or "a sampled law is called at each sample; engine 'numba' samples it in machine code"
 
     @property
     def kernel(self) -> Kernel:
         """The whole right-hand side in one kernel, the controller included if it is traceable."""
         dynamics = replace(self.dynamics, has_energies=False)
-        return self.resolved.robot._kernels.scene_kernel(dynamics.right_hand_side)
+        numbers = tuple(dynamics.vector.tolist())
+        return self.kernels.scene_kernel(dynamics.right_hand_side, numbers=numbers)
 
     def to_casadi(
         self, name: str = "scene", *, symbolic: str = "SX", steps: int | None = None, parameters: bool = False
@@ -362,8 +464,9 @@ class Scene:
         """
         from ..kernels.exports.casadi import scene_to_casadi
 
-        rates, model = self._exported().rates_and_drives, self.resolved.robot.model
-        return scene_to_casadi(Kernel(rates, model, {"parameters": parameters}), name, symbolic, steps)
+        dynamics, model = self._exported(), self.resolved.robot.model
+        fixed = {"parameters": parameters, "numbers": tuple(dynamics.vector.tolist())}
+        return scene_to_casadi(Kernel(dynamics.rates_and_drives, model, fixed), name, symbolic, steps)
 
     def _exported(self) -> SceneDynamics:
         """The equations as a function of time, state and perhaps torques alone; a ValueError names what is not."""

@@ -20,22 +20,25 @@ torques without limits, divided by a constant inertia, are further states of suc
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from functools import cached_property
-from typing import Any, NamedTuple
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property, partial
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.spatial import Array, rotate
-from ..control.traced_law import LawInputs, TracedLaw
+from ..control.traced_law import LawInputs, TracedLaw, is_input, placed, vectors
 from ..dynamics.crba import mass_matrix, solve_with_pivots
 from ..dynamics.energy import kinetic_energy, potential_energy
 from ..dynamics.precision import check_accelerations, check_singularity
 from ..dynamics.quantity import Declared, MethodQuantity, PrecisionStatus, Quantity
 from ..dynamics.rnea import bias_torque, inverse_dynamics
 from ..elementwise import clip
-from ..model.model import Model, joint_array
+from ..graph.scalar import is_present
+from ..model.model import Model, joint_array, unchecked_model
+from ..model.parameters import moments_as_vector, moments_of_vector, with_fewest_terms
 from ..robot import Robot
 from .friction import Friction
 from .springs import Springs
@@ -50,9 +53,50 @@ class MotorSide(NamedTuple):
     reads: str
 
 
+class Bodies(NamedTuple):
+    """Bodies, rotors and gravity as numbers of a scene: regrouped moments, as of `moments_as_vector`, and `varying`.
+
+    `varying` says which of the moments are inputs of kernels.
+    """
+
+    moments: Any
+    armature: Any
+    gravity: Any
+    varying: tuple[bool, ...]
+
+    @classmethod
+    def of(cls, model: Model, varying: Array | None = None) -> Bodies:
+        """Those of a model."""
+        moments = moments_as_vector(with_fewest_terms(model))
+        mask = moments != 0 if varying is None else varying
+        m, armature, gravity = map(_hashable, (moments, model.armature, model.gravity))
+        return cls(m, armature, gravity, tuple(mask.tolist()))
+
+    @staticmethod
+    def mask(model: Model) -> Array:
+        """Which of a model's regrouped moments are not zero, in one of its states if they differ."""
+        moments = moments_as_vector(with_fewest_terms(model))
+        return np.asarray((moments.reshape(-1, moments.shape[-1]) != 0).any(axis=0))
+
+    def in_model(self, model: Model) -> Model:
+        """The model with these, for dynamics alone."""
+        values = {f.name: getattr(model, f.name) for f in fields(model)}
+        values |= {"armature": np.array(self.armature), "gravity": np.array(self.gravity)}
+        return unchecked_model(values | {"given_moments": moments_of_vector(np.asarray(self.moments))})
+
+
+def _hashable(numbers: Any) -> Any:
+    """Floats as a tuple; traced numbers as they are."""
+    array = np.asarray(numbers)
+    return tuple(array.tolist()) if array.dtype.kind == "f" else array
+
+
 @dataclass(frozen=True)
 class SceneDynamics:
-    """What moves a robot in a scene beside its own dynamics, in numbers; equal by value, laws by identity."""
+    """Forces, limits and controller of a scene; equal by value, laws by their formulas.
+
+    Kernels of its functions take its numbers as their last argument. They are traced on its `template`.
+    """
 
     n: int  # number of coordinates
     forward: Declared  # the function for accelerations under net torques
@@ -65,10 +109,12 @@ class SceneDynamics:
     has_energies: bool = True  # False without the energies as states
     motor_side: MotorSide | None = None  # what is behind elastic joints
     springs: Springs | None = None
+    bodies: Bodies | None = None  # where these are numbers of the scene, in place of the model's
+    named: frozenset[str] = field(default=frozenset(), compare=False)  # numbers that are inputs even where they are 0
 
     @cached_property
     def _hash(self) -> int:
-        return hash(tuple(getattr(self, f.name) for f in fields(self)))
+        return hash(tuple(getattr(self, f.name) for f in fields(self) if f.compare))
 
     def __hash__(self) -> int:  # several times a run, to find kernels
         return self._hash
@@ -82,7 +128,7 @@ class SceneDynamics:
         names = ["drives"] if self.law is not None or self.inputs != "none" else []
         names += () if self.friction is None else self.friction.losses
         names += ["springs"] if self.springs is not None and self.springs.dissipates else []
-        names += ["joint_damping"] if self.motor_side is not None and any(self.motor_side.damping) else []
+        names += ["joint_damping"] if self.motor_side is not None and is_present(self.motor_side.damping) else []
         return tuple(names)
 
     @cached_property
@@ -127,6 +173,107 @@ class SceneDynamics:
         """True if friction can hold joints."""
         return self.friction is not None and self.friction.sticks and self.joints > 0
 
+    @cached_property
+    def numbers(self) -> dict[str, Array]:
+        """The numbers of its parts by their names in a scene."""
+        found = {} if self.friction is None else {f"friction.{k}": x for k, x in self.friction.numbers.items()}
+        if self.effort_limit is not None:
+            found["effort_limit"] = np.array(self.effort_limit)
+        if self.law is not None:
+            found |= {f"controller.{k}": x for k, x in self.law.numbers.items()}
+        found |= {} if self.springs is None else self.springs.numbers
+        if self.motor_side is not None:
+            found |= {f"elastic.{k}": np.array(getattr(self.motor_side, k)) for k in MotorSide._fields[:3]}
+        if self.bodies is not None:
+            found |= {k: np.array(getattr(self.bodies, k)) for k in Bodies._fields[:3]}
+        return found
+
+    def at(self, numbers: Mapping[str, Any]) -> Self:
+        """The same with other numbers of some names, which are not checked and may be traced."""
+
+        def of(part: str) -> dict[str, Any]:
+            return {k.removeprefix(part): x for k, x in numbers.items() if k.startswith(part)}
+
+        found: dict[str, Any] = {}
+        if self.friction is not None and (own := of("friction.")):
+            found["friction"] = self.friction.at(own)
+        if "effort_limit" in numbers:
+            found["effort_limit"] = _hashable(numbers["effort_limit"])
+        if self.law is not None and (own := of("controller.")):
+            found["law"] = self.law.at(own)
+        if self.springs is not None and (own := of("springs[")):
+            found["springs"] = self.springs.with_numbers({f"springs[{k}": x for k, x in own.items()})
+        if self.motor_side is not None and (own := of("elastic.")):
+            found["motor_side"] = self.motor_side._replace(**{k: _hashable(x) for k, x in own.items()})
+        if self.bodies is not None:
+            bodies = {k: _hashable(numbers[k]) for k in Bodies._fields[:3] if k in numbers}
+            found["bodies"] = self.bodies._replace(**bodies)
+        return replace(self, **found)
+
+    @cached_property
+    def inputs_of_kernels(self) -> dict[str, Array]:
+        """Which entries of its numbers are inputs of kernels: neither 0, if they are not named, nor infinite."""
+        masks = {name: is_input(x, named=name in self.named) for name, x in self.numbers.items()}
+        if self.bodies is not None:
+            masks["moments"] = np.array(self.bodies.varying)
+        return {name: mask for name, mask in masks.items() if mask.any()}
+
+    @cached_property
+    def vector(self) -> Array:
+        """The numbers that are inputs of kernels, shape (p,)."""
+        parts = [self.numbers[name][mask] for name, mask in self.inputs_of_kernels.items()]
+        return np.concatenate([np.zeros(0), *parts])
+
+    def vectors(self, own: Mapping[str, Array]) -> Array:
+        """The vector of each of some motions, (N, p), which have numbers (N, ...) of their own."""
+        return vectors(self.numbers, self.inputs_of_kernels, own)
+
+    @cached_property
+    def template(self) -> Self:
+        """The same with all these numbers at 1: scenes of equal templates share their kernels."""
+        found = self.at(
+            {name: np.where(mask, 1.0, self.numbers[name]) for name, mask in self.inputs_of_kernels.items()}
+        )
+        found.__dict__["template"] = found
+        found.__dict__["inputs_of_kernels"] = self.inputs_of_kernels
+        return found
+
+    def filled(self, vector: Array) -> Self:
+        """The same with the numbers of a vector, traced or not, in the places of its own.
+
+        Of moments of bodies one per state, (..., p), which is the vector of the other numbers repeated.
+        """
+        return self.at(placed(self.numbers, self.inputs_of_kernels, vector))
+
+    def core_at(self, name: str, model: Model, *, numbers: Any, **arrays: Array) -> Any:
+        """One of the functions under the numbers of a vector, or of one per state."""
+        given, width = np.asarray(numbers), len(self.vector)
+        rows = given.reshape(-1, width) if width else np.zeros((1, 0))
+        if given.dtype.kind == "c" and not given.imag.any():
+            rows = rows.real
+        differ = np.zeros(width, bool) if rows.dtype == object else (rows != rows[:1]).any(axis=0)
+        if not differ.any():
+            return self.filled(rows[0])._evaluated(name, model, arrays)
+        if not differ[~self._side_by_side].any():
+            common = np.where(self._side_by_side, given, rows[0])
+            return self.filled(common)._evaluated(name, model, arrays)
+        each = [
+            self.filled(row)._evaluated(name, model, {k: a[index][None] for k, a in arrays.items()})
+            for index, row in zip(np.ndindex(given.shape[:-1]), rows, strict=True)
+        ]
+        if not isinstance(each[0], tuple):
+            return np.concatenate(each).reshape(*given.shape[:-1], -1)
+        return tuple(np.concatenate(part).reshape(*given.shape[:-1], -1) for part in zip(*each, strict=True))
+
+    @cached_property
+    def _side_by_side(self) -> Array:
+        """Which entries of the vector may differ from state to state in one call of a function: moments of bodies."""
+        counts = {name: int(mask.sum()) for name, mask in self.inputs_of_kernels.items()}
+        return np.concatenate([np.zeros(0, bool), *(np.full(k, name == "moments") for name, k in counts.items())])
+
+    def _evaluated(self, name: str, model: Model, arrays: Mapping[str, Array]) -> Any:
+        return getattr(self, name)(model if self.bodies is None else self.bodies.in_model(model), **arrays)
+
     def drives(self, t: Any, x: Array, u: Array | None) -> tuple[Array | None, list[Array]]:
         """Torques of the drives within their limits, and the rates of the states behind (q, qd), without energies."""
         n, rates = self.joints, None
@@ -139,7 +286,7 @@ class SceneDynamics:
             return u, further
         if self.inertia is not None:
             further.append(u * (1 / np.array(self.inertia)))
-        limit = np.array(self.effort_limit)
+        limit = np.asarray(self.effort_limit)
         return clip(u, -limit, limit), further
 
     def start(
@@ -207,6 +354,10 @@ class SceneDynamics:
         drives = 0 * x[..., : self.joints] if drives is None else drives
         return np.concatenate([rates, drives], axis=-1), pivots, diagonal
 
+    def net_core(self, model: Model, t: Array, x: Array, u: Array | None = None) -> Array:
+        """Net torques."""
+        return self._acting(model, t, x, u)[0]
+
     def residual_core(self, model: Model, t: Array, x: Array, a: Array, u: Array | None = None) -> Any:
         """[M a + C qd + g - net torques, rates of the states behind (q, qd)] at accelerations a, traced."""
         net, further = self._acting(model, t, x, u)
@@ -256,9 +407,10 @@ class SceneDynamics:
     def _check_rates(
         self, model: Model, arguments: Any, rates: Array, pivots: Array, diagonal: Array
     ) -> PrecisionStatus:
-        t, x, joints = arguments["t"], arguments["x"], slice(self.n, self.n + self.joints)
+        given = {k: a for k, a in arguments.items() if k != "numbers"}
+        x, joints = given["x"], slice(self.n, self.n + self.joints)
         self._check_springs(model, x)
-        net, _ = self._acting(model, t, x, arguments.get("u"))
+        net = self.core_at("net_core", model, numbers=arguments["numbers"], **given)
         q, qd = x[..., : self.joints], x[..., joints]
         state = {"q": q, "qd": qd, "tau": np.broadcast_to(net[..., : self.joints], q.shape)}
         return check_accelerations(model, state, np.asarray(rates[..., joints]), pivots, diagonal)
@@ -279,20 +431,23 @@ class SceneDynamics:
         widths: dict[str, int | None] = {"t": 1, "x": self.size}
         widths |= {"a": self.n} if a else {}
         widths |= {"u": inputs} if modes or self.torque_given else {}
-        how |= {"core": getattr(self, f"{name}_core"), "moments": True, "base_parameters": True}
+        widths["numbers"] = len(self.vector)
+        core = partial(self.template.core_at, f"{name}_core")
+        how |= {"core": core, "moments": True, "base_parameters": True, "of_run": "numbers"}
         how |= {"analytic": self.law is None and type(self.friction) in (type(None), Friction)}
-        return MethodQuantity(self, Quantity(name=name, widths=widths, **how), title)
+        return MethodQuantity(self.template, Quantity(name=name, widths=widths, **how), title)
 
     @cached_property
     def right_hand_side(self) -> MethodQuantity:
         """dx/dt."""
         velocities = ("x", slice(self.n, self.n + self.joints))
-        return self._declared("right_hand_side", "the right-hand side", check=self._check_rates, velocities=velocities)
+        how: dict[str, Any] = {"check": self.template._check_rates, "velocities": velocities}
+        return self._declared("right_hand_side", "the right-hand side", **how)
 
     @cached_property
     def rates_and_drives(self) -> MethodQuantity:
         """dx/dt, then the torques of the drives within their limits."""
-        return self._declared("rates_and_drives", "the right-hand side", check=self._check_rates)
+        return self._declared("rates_and_drives", "the right-hand side", check=self.template._check_rates)
 
     @cached_property
     def residual(self) -> MethodQuantity:
@@ -303,5 +458,5 @@ class SceneDynamics:
     def right_hand_side_under_modes(self) -> MethodQuantity:
         """dx/dt while some joints stick, the loads of dry friction and net torques without it."""
         return self._declared(
-            "right_hand_side_under_modes", "the right-hand side", modes=True, check=self._check_balance
+            "right_hand_side_under_modes", "the right-hand side", modes=True, check=self.template._check_balance
         )

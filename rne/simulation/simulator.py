@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
@@ -40,6 +40,7 @@ def simulate(
     duration: float,
     *,
     torque: ArrayLike | TorqueLaw | None = None,
+    numbers: Mapping[str, ArrayLike] | None = None,
     method: str = "auto",
     rtol: float = 1e-6,
     atol: float = 1e-9,
@@ -60,6 +61,8 @@ def simulate(
         Time to simulate [s].
     torque : array_like, shape (n,), or callable f(t, q, qd) -> (n,), optional
         Drive torques, for a robot or a scene without a controller; zero if not given [N m or N].
+    numbers : mapping of str to array_like, optional
+        Numbers of the scene in place of its own, as `Scene.with_numbers` takes them: gains, friction, limits, bodies.
     method : str
         "auto", one of SciPy's (RK45, RK23, DOP853, Radau, BDF, LSODA), "Tsit5", which errs less than RK45 for as many
         evaluations, or "Rodas5P" for stiff motions in machine code (engine "numba", a law that is traced or sampled).
@@ -114,6 +117,7 @@ def simulate(
     [0.103, 0.035]
     """
     scene = _with_torque(scene_argument(scene_or_robot), torque)
+    scene = scene if numbers is None else scene.with_numbers(numbers)
     if method != "auto" and method not in METHODS:
         raise ValueError(f"`method` must be 'auto' or one of {list(METHODS)}, got {method!r}")
     if progress is not None:
@@ -141,7 +145,7 @@ def simulate(
 def _run(scene: Scene, dynamics: SceneDynamics, law_name: str, task: Task) -> RunResult:
     """One run of a scene, by the method that suits it where that is "auto"."""
     robot, law = scene.resolved.robot, scene.controller if dynamics.inputs == "called" else None
-    plant = (DryPlant if dynamics.sticks else Plant)(dynamics, robot, law, law_name)
+    plant = (DryPlant if dynamics.sticks else Plant)(dynamics, robot, law, law_name, scene.kernels)
     hold = None if scene.sample_time is None else ZeroOrderHold(scene, plant, task.duration)
     method, reason = task.method, f"{task.method} as requested"
     if method == "auto":

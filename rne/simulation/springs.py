@@ -6,20 +6,20 @@ which in a scene without drives acts as minus that torque. With k l0 + F = c the
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import positive_number, real_array, vector
+from ..basics.arrays import copy_with, positive_number, real_array, vector
 from ..basics.spatial import IDENTITY, Array, cross, dot, rotate, rotate_back, sqrt, transpose, zeros
 from ..basics.text import did_you_mean, listed, short
 from ..dynamics.kinematics import BASE, coordinate_map, joint_positions, joint_transforms, point_of_body
 from ..dynamics.quantity import MethodQuantity, Quantity
 from ..errors import NotFiniteError
-from ..graph.scalar import is_traced
+from ..graph.scalar import is_present, is_traced
 from ..model.model import Model, joint_array
 from ..robot import Robot
 
@@ -128,7 +128,7 @@ class Spring:
     @property
     def has_length(self) -> bool:
         """False if its tension is proportional to the distance, so that its ends may meet."""
-        return bool(self.length or self.force or self.damping)
+        return any(map(is_present, (self.length, self.force, self.damping)))
 
     @property
     def symbols(self) -> tuple[str, ...]:
@@ -259,17 +259,37 @@ class Springs:
     """The springs of a scene as functions of the joints; equal by value, so that kernels are found."""
 
     each: tuple[Spring | JointSpring, ...]
+    places: tuple[int, ...]  # among the springs that the scene was given
+
+    @property
+    def numbers(self) -> dict[str, Array]:
+        """The numbers by name, "springs[0].stiffness"."""
+        return {
+            f"springs[{k}].{name}": np.array(getattr(spring, name))
+            for k, spring in zip(self.places, self.each, strict=True)
+            for name in ("stiffness", "length", "force", "rest", "damping")
+            if hasattr(spring, name)
+        }
+
+    def with_numbers(self, numbers: Mapping[str, Any]) -> Springs:
+        """The same with other numbers, which are not checked and may be traced."""
+        found = []
+        for k, spring in zip(self.places, self.each, strict=True):
+            own = f"springs[{k}]."
+            parts = {name.removeprefix(own): x for name, x in numbers.items() if name.startswith(own)}
+            found.append(copy_with(spring, **{name: np.asarray(x)[()] for name, x in parts.items()}))
+        return replace(self, each=tuple(found))
 
     @property
     def dissipates(self) -> bool:
         """True if any has damping."""
-        return any(spring.damping for spring in self.each)
+        return any(is_present(spring.damping) for spring in self.each)
 
     def torques(self, model: Model, q: Array, qd: Array) -> tuple[Array, Array | None]:
         """What drives must supply against the springs, and the part of it against damping, None without, (..., n)."""
         total, damping = sum((spring._elastic(model, q) for spring in self.each), 0 * q), None
         for spring in self.each:
-            if spring.damping:
+            if is_present(spring.damping):
                 _, slope = spring._stretch(model, q)
                 torque = spring.damping * dot(slope, qd)[..., None] * slope
                 total, damping = total + torque, torque if damping is None else damping + torque
@@ -367,5 +387,5 @@ def resolved_springs(springs: Any, robot: Robot, scene: Robot) -> Springs | None
                 raise ValueError(f"`springs[{k}].{part}` must be one of {of}")
         if not any(spring._bodies(robot.model)):
             raise ValueError(f"`springs[{k}]`: no joint moves between the ends of the {spring}")
-    moving = tuple(spring for spring in springs if any(spring._bodies(scene.model)))
-    return Springs(moving) if moving else None
+    places = tuple(k for k, spring in enumerate(springs) if any(spring._bodies(scene.model)))
+    return Springs(tuple(springs[k] for k in places), places) if places else None

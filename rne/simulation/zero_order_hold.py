@@ -56,7 +56,8 @@ class ZeroOrderHold:
         self.pending = np.zeros((int(self.delay[0]) + 1, scene.n))  # the last commands, that of sample k in row k % p
         self.state = self.next_state = np.zeros(int(getattr(scene.controller, "states", 0)))  # at the last sample
         law = scene.traced_samples
-        self.traced = None if law is None else plant.robot._kernels.scene_kernel(law.outputs)  # where it is traced
+        self.traced = None if law is None else plant.kernels.scene_kernel(law.outputs)  # where it is traced
+        self.numbers = None if law is None else law.vector
         self.moving = 2 * plant.dynamics.n  # entries of the state that samples keep
         none = np.zeros(0), np.zeros((0, self.moving)), np.zeros((0, scene.n)), np.zeros((0, len(self.state)))
         self.table = [ControlSamples(*none)]

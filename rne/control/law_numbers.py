@@ -1,0 +1,109 @@
+"""The numbers of a control law by name, and the law with others: fields of dataclasses, attributes, cells, defaults.
+
+A number is a float, or an array of floats of at most two axes. It may be replaced by traced numbers, so that a law of
+other numbers needs no other program. Robots, references and what a law calls keep theirs, but for frictions.
+"""
+
+from __future__ import annotations
+
+import functools
+import types
+from collections.abc import Iterator, Mapping
+from dataclasses import fields, is_dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ..basics.arrays import copy_with
+from ..basics.spatial import Array
+
+MOST = 400  # entries of an array that is a number of a law: larger ones are tables
+Numbers = dict[str, Array]
+
+
+def is_number(value: Any) -> bool:
+    """True for a float and for an array of floats that is no table."""
+    if isinstance(value, np.ndarray):
+        return value.dtype.kind == "f" and 0 < value.size <= MOST and value.ndim <= 2
+    return isinstance(value, float)
+
+
+def parts_of(law: Any) -> dict[str, Any]:
+    """What a law holds, by the names that its author gave it."""
+    if isinstance(law, types.MethodType):
+        return parts_of(law.__self__)
+    if isinstance(law, types.FunctionType):
+        return dict(_cells(law)) | dict(_defaults(law)) | (law.__kwdefaults__ or {})
+    if is_dataclass(law):
+        return {f.name: getattr(law, f.name) for f in fields(law) if f.init}
+    cached = {k for k in vars(type(law)) if isinstance(getattr(type(law), k, None), functools.cached_property)}
+    return {k: v for k, v in getattr(law, "__dict__", {}).items() if k not in cached}
+
+
+def numbers_of(law: Any) -> Numbers:
+    """The numbers of a law by name, "kp", and those of parts with numbers of their own, "feedforward.viscous"."""
+    found: Numbers = {}
+    for name, part in parts_of(law).items():
+        if is_number(part):
+            found[name] = np.array(part, dtype=np.float64)  # a copy: the law may be changed
+        elif {"numbers", "at"} <= {*dir(type(part))}:  # as of frictions
+            found |= {f"{name}.{k}": np.array(number) for k, number in part.numbers.items()}
+    return found
+
+
+def law_at(law: Any, numbers: Mapping[str, Any]) -> Any:
+    """The law with other numbers, which may be traced; their names are those of `numbers_of`."""
+    changed: dict[str, Any] = {}
+    for name, part in parts_of(law).items():
+        inner = {k.removeprefix(f"{name}."): v for k, v in numbers.items() if k.startswith(f"{name}.")}
+        if inner:
+            changed[name] = part.at(inner)
+        elif name in numbers:
+            changed[name] = as_given(numbers[name], part)
+    return law_with(law, changed) if changed else law
+
+
+def as_given(number: Any, part: Any) -> Any:
+    """A number in place of a part: an array of its shape, or a number alone where that is one."""
+    array = np.asarray(number)
+    if isinstance(part, np.ndarray):
+        return array.reshape(part.shape)
+    return array.item() if array.dtype == object or array.ndim == 0 else array
+
+
+def law_with(law: Any, parts: Mapping[str, Any]) -> Any:
+    """The law with some of its parts replaced."""
+    if isinstance(law, types.MethodType):
+        return types.MethodType(law.__func__, law_with(law.__self__, parts))
+    if isinstance(law, types.FunctionType):
+        return _function_with(law, parts)
+    if is_dataclass(law):
+        return replace(law, **parts)  # type: ignore[type-var]
+    return copy_with(law, **parts)
+
+
+def _cells(law: types.FunctionType) -> Iterator[tuple[str, Any]]:
+    for name, cell in zip(law.__code__.co_freevars, law.__closure__ or (), strict=True):
+        try:
+            yield name, cell.cell_contents
+        except ValueError:  # not yet filled
+            continue
+
+
+def _defaults(law: types.FunctionType) -> Iterator[tuple[str, Any]]:
+    values = law.__defaults__ or ()
+    taken = law.__code__.co_varnames[: law.__code__.co_argcount]
+    return zip(taken[len(taken) - len(values) :], values, strict=True)
+
+
+def _function_with(law: types.FunctionType, parts: Mapping[str, Any]) -> types.FunctionType:
+    """The function with other values in its cells and defaults."""
+    cells = [
+        types.CellType(parts[name]) if name in parts else cell
+        for name, cell in zip(law.__code__.co_freevars, law.__closure__ or (), strict=True)
+    ]
+    defaults = tuple(parts.get(name, value) for name, value in _defaults(law)) or None
+    own = types.FunctionType(law.__code__, law.__globals__, law.__name__, defaults, tuple(cells) or None)
+    own.__dict__.update(law.__dict__)
+    own.__kwdefaults__ = {k: parts.get(k, v) for k, v in (law.__kwdefaults__ or {}).items()} or None
+    return own

@@ -1,0 +1,239 @@
+"""The numbers of a scene by name: those that may differ from motion to motion without another program."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..basics.arrays import UNBOUNDED, convert_numbers, read_only
+from ..basics.spatial import Array, rotate_back, rotation_from_rpy
+from ..basics.text import brief, did_you_mean, listed
+from ..control.law_numbers import law_at
+from ..model.parameters import (
+    ENTRIES,
+    PARAMETERS,
+    at_parameters,
+    body_of_parameters,
+    moments_as_vector,
+    parameters_of_bodies,
+    parameters_seen_from,
+    with_fewest_terms,
+)
+from ..model.topology import end_link
+from ..robot import Robot
+from .elastic_joints import ElasticJoints
+
+BODIES = ("parameters", "payload", "armature", "gravity")  # whose names take the second program of a scene
+UNITS = {
+    "friction.viscous": "N m s/rad or N s/m",
+    "friction.viscous_back": "N m s/rad or N s/m",
+    "friction.smoothing": "rad/s or m/s",
+    "friction.stribeck": "rad/s or m/s",
+    "friction.saturation": "rad/s or m/s",
+    "friction.load": "1",
+    "effort_limit": "N m or N",
+    "torque_rate": "N m/s or N/s",
+    "delay": "s",
+    "elastic.stiffness": "N m/rad or N/m",
+    "elastic.damping": "N m s/rad or N s/m",
+    "elastic.rotor": "kg m^2 or kg",
+    "parameters": "kg, kg m, kg m^2; ten per body",
+    "payload": "kg, kg m, kg m^2; about the link's origin",
+    "armature": "kg m^2 or kg",
+    "gravity": "m/s^2",
+    "stiffness": "N/m; N m/rad at joints",
+    "length": "m",
+    "force": "N",
+    "rest": "rad or m",
+    "damping": "N s/m; N m s/rad at joints",
+}
+
+
+class SceneNumbers(Mapping[str, Array]):
+    """Arrays by name, read-only; see `Scene.numbers`."""
+
+    def __init__(self, numbers: Mapping[str, Array]) -> None:
+        self._numbers = read_only({name: np.array(x, dtype=np.float64) for name, x in numbers.items()})
+
+    def __getitem__(self, name: str) -> Array:
+        try:
+            return self._numbers[name]  # type: ignore[no-any-return]
+        except KeyError:
+            raise KeyError(unknown(name, self._numbers)) from None
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._numbers)
+
+    def __len__(self) -> int:
+        return len(self._numbers)
+
+    def __repr__(self) -> str:
+        width = max(map(len, self), default=0)
+        lines = [f"  {name:{width}}  {x.shape!s:8} {brief(x)}{unit_of(name)}" for name, x in self.items()]
+        return "\n".join(["Numbers of a scene, by name, with their shapes:", *lines])
+
+
+def unknown(name: Any, known: Mapping[str, Any]) -> str:
+    """The text of the error for a name that a scene does not have."""
+    return f"the scene has the numbers {listed(tuple(known))}, got {name!r}{did_you_mean(str(name), tuple(known))}"
+
+
+def unit_of(name: str) -> str:
+    """The unit of a number in brackets; empty for those of controllers, which only their authors know."""
+    unit = UNITS.get(name)
+    if unit is None and name.startswith("springs["):
+        unit = UNITS[name.rpartition(".")[2]]
+    if unit is None and name.startswith("friction."):
+        unit = "N m or N"
+    return "" if unit is None else f" [{unit}]"
+
+
+def numbers_of_scene(scene: Any) -> dict[str, Array]:
+    """The numbers of a scene by name, as far as it has the parts."""
+    parts, n = scene.resolved, scene.n
+    found: dict[str, Array] = {}
+    if parts.friction is not None:
+        sizes = parts.friction.numbers
+        found |= {f"friction.{k}": x if k == "smoothing" else np.broadcast_to(x, (n,)) for k, x in sizes.items()}
+    for name in ("effort_limit", "torque_rate"):
+        if (limit := getattr(parts, name)) is not None:
+            found[name] = np.where(limit >= UNBOUNDED, np.inf, limit)
+    if scene.delay is not None:
+        found["delay"] = np.array(float(scene.delay))
+    found |= scene.numbers_of_controller
+    found |= {} if parts.springs is None else parts.springs.numbers
+    if parts.motor_side is not None:
+        found |= {f"elastic.{k}": np.array(getattr(parts.motor_side, k)) for k in parts.motor_side._fields[:3]}
+    found["parameters"] = parts.robot.parameters
+    if scene.payload is not None:
+        found["payload"] = payload_parameters(scene.payload)
+    if parts.motor_side is None:
+        found["armature"] = parts.robot.model.armature
+    found["gravity"] = np.asarray(scene.robot.model.gravity if scene.gravity is None else scene.gravity)
+    return found
+
+
+def payload_parameters(payload: Any) -> Array:
+    """Mass, first moment and inertia of a payload about the origin of its link, in the link's axes, shape (10,)."""
+    mass, com, inertia, _ = payload
+    inertia = np.zeros((3, 3)) if inertia is None else np.asarray(inertia, dtype=np.float64)
+    return parameters_of_bodies(np.asarray(mass, dtype=np.float64), np.asarray(com, dtype=np.float64), inertia)
+
+
+def checked(scene: Any, numbers: Mapping[str, ArrayLike], count: int | None = None) -> dict[str, Array]:
+    """Numbers by name as arrays of the right shapes, with a leading axis of `count` motions if it is given."""
+    if not isinstance(numbers, Mapping):
+        raise TypeError(f"`numbers` must be a mapping of names to arrays, got {type(numbers).__name__}")
+    known, found = scene.numbers, dict[str, Array]()
+    for name, value in numbers.items():
+        shape = known[name].shape
+        wanted = shape if count is None else (count, *shape)
+        array = np.asarray(convert_numbers(name, value, str(wanted)))
+        if array.dtype.kind not in "f" or np.isnan(array).any():
+            raise ValueError(f"`numbers[{name!r}]` must be real numbers, none of them NaN")
+        if array.ndim == 0 and count is None:
+            array = np.full(shape, array)
+        if array.shape != wanted:
+            raise ValueError(f"`numbers[{name!r}]` must have shape {wanted}, got {array.shape}")
+        bounded = name not in ("effort_limit", "torque_rate") and not name.startswith("controller.")
+        if bounded and not np.isfinite(array).all():
+            raise ValueError(f"`numbers[{name!r}]` must be finite, got {array[~np.isfinite(array)][0]}")
+        found[name] = array.astype(np.float64)
+    if "parameters" in found and "payload" in found:
+        raise ValueError("`numbers` must have 'parameters', which contain the payload, or 'payload', not both")
+    return found
+
+
+def scene_at(scene: Any, numbers: Mapping[str, Array]) -> Any:
+    """The scene with other numbers, which its parts check."""
+
+    def of(part: str) -> dict[str, Array]:
+        return {k.removeprefix(part): x for k, x in numbers.items() if k.startswith(part)}
+
+    parts = scene.resolved
+    changed: dict[str, Any] = {k: numbers[k] for k in ("effort_limit", "torque_rate", "gravity") if k in numbers}
+    if "armature" in numbers:
+        changed["armature"] = numbers["armature"]
+    if "delay" in numbers:
+        changed["delay"] = float(numbers["delay"])
+    if own := of("friction."):
+        smoothing = {"smoothing": float(own.pop("smoothing"))} if "smoothing" in own else {}
+        changed["friction"] = replace(parts.friction, **own, **smoothing)
+    if own := of("controller."):
+        changed["controller"] = law_at(scene.controller, own)
+    if any(name.startswith("springs[") for name in numbers):
+        changed["springs"] = _springs_at(scene.springs, numbers)
+    if own := of("elastic."):
+        given = {k: np.array(getattr(parts.motor_side, k)) for k in parts.motor_side._fields[:3]} | own
+        changed["elastic"] = ElasticJoints(**given, reads=parts.motor_side.reads)
+        changed["armature"] = None if scene.elastic.rotor is not None else 0.0
+    if "payload" in numbers:
+        changed["payload"] = _payload_at(scene.payload, numbers["payload"])
+    found = replace(scene, **changed)
+    return at_parameters_of(found, numbers["parameters"]) if "parameters" in numbers else found
+
+
+def _springs_at(springs: Any, numbers: Mapping[str, Array]) -> list[Any]:
+    found = []
+    for k, spring in enumerate(springs):
+        own = {x.removeprefix(f"springs[{k}]."): v for x, v in numbers.items() if x.startswith(f"springs[{k}].")}
+        found.append(replace(spring, **{name: float(x) for name, x in own.items()}))
+    return found
+
+
+def _payload_at(payload: Any, pi: Array) -> Any:
+    """A payload of other parameters about the origin of its link."""
+    mass, centre, inertia = body_of_parameters(pi)
+    return payload._replace(mass=float(mass), com=centre, inertia=inertia)
+
+
+def bodies_of(scene: Any, own: Mapping[str, Array]) -> Any:
+    """The robot with payload of a scene, whose bodies differ from motion to motion, for dynamics alone."""
+    model = scene.resolved.robot.model
+    if "parameters" in own:
+        return at_parameters(model, own["parameters"])
+    if "payload" not in own:
+        return model
+    added = parameters_on_body(model, scene.payload.link, own["payload"])
+    without = replace(scene, payload=None).resolved.robot.parameters
+    return at_parameters(model, without + added)
+
+
+def bodies_as_numbers(scene: Any, own: Mapping[str, Array]) -> dict[str, Array]:
+    """The numbers of the equations of motion, by name, for bodies, rotors and gravity of motions, (N, ...) each."""
+    found: dict[str, Array] = {}
+    if "parameters" in own or "payload" in own:
+        found["moments"] = moments_as_vector(with_fewest_terms(bodies_of(scene, own)))
+    if "armature" in own:
+        found["armature"] = own["armature"]
+    if "gravity" in own:
+        turn = np.zeros(3) if scene.mounting is None else scene.mounting
+        found["gravity"] = rotate_back(rotation_from_rpy(np.asarray(turn, float)), own["gravity"]) + 0.0
+    return found
+
+
+def parameters_on_body(model: Any, link: str | None, pi: Array) -> Array:
+    """The inertial parameters (..., 10 nb) that bodies of (..., 10), about a link's origin, add to those of a robot."""
+    index = model.link_index(end_link(model) if link is None else link)
+    R, p, body = model.link_rotation[index], model.link_translation[index], model.link_body[index]
+    found = np.zeros((*pi.shape[:-1], model.nb, PARAMETERS))
+    if body >= 0:
+        m, h, I = pi[..., 0], pi[..., 1:4], pi[..., 4:].take(ENTRIES, -1)
+        found[..., body, :] = parameters_seen_from(m, h @ R.T, R @ I @ R.T, p - model.joint_origin[body])
+    return found.reshape(*pi.shape[:-1], -1)
+
+
+def at_parameters_of(scene: Any, parameters: Array) -> Any:
+    """The scene at other inertial parameters of its robot with payload."""
+    parts = scene.resolved
+    robot = Robot(at_parameters(parts.robot.model, parameters), parts.robot.engine)
+    contained: dict[str, Any] = dict.fromkeys(("mounting", "gravity", "payload", "locked", "armature"))
+    if parts.motor_side is not None:
+        contained["elastic"] = ElasticJoints(**parts.motor_side._asdict())
+    springs = parts.springs.each if parts.springs else None
+    kept: dict[str, Any] = {"friction": parts.friction, "effort_limit": parts.effort_limit, "springs": springs}
+    return replace(scene, robot=robot, **kept, **contained)
