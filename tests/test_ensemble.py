@@ -336,17 +336,25 @@ class TestSequentialRun:
             rne.ensemble(scene, [[0.5, 0], [1.5, 0]], np.zeros((2, 2)), 0.1)
 
 
+def rates_of(scene):
+    """The kernel of the motion alone, without its energies, and the numbers of the scene."""
+    dynamics = replace(scene.dynamics, has_energies=False)
+    return scene.kernels.scene_kernel(dynamics.right_hand_side), dynamics.vector
+
+
 class TestLanes:
     """The loop for machine code, its text run by Python, beside NumPy's rows."""
 
     @pytest.fixture
     def plain(self, monkeypatch):
-        def address(kernel, lanes):
+        def address(kernel, lanes, common=True):
             program = BlockProgram(kernel.traced)
 
             def function(*arguments):
-                *given, out = (np.reshape(a, (-1, lanes)) for a in arguments)
-                return program.sound([a.T for a in given], out.T).all()
+                *given, numbers, out = arguments
+                given = [np.reshape(a, (-1, lanes)).T for a in given]
+                numbers = numbers if common else np.reshape(numbers, (-1, lanes)).T
+                return program.sound([*given, numbers], np.reshape(out, (-1, lanes)).T).all()
 
             return function
 
@@ -357,7 +365,7 @@ class TestLanes:
     @pytest.mark.parametrize("method", ["DOP853", "RK45", "rk4", "semi-implicit-euler"])
     def test_are_the_rows(self, plain, chain, starts, count, method):
         law = rne.traceable(lambda t, q, qd: rne.elementwise.tanh(10 * t) + 0 * q)
-        kernel, fixed = rne.Scene(chain, controller=law).kernel, method in FIXED
+        (kernel, numbers), fixed = rates_of(rne.Scene(chain, controller=law)), method in FIXED
         times, grid = np.array([0.05, 0.07, 0.2]), np.linspace(0, 0.2, 21 if fixed else 0)
         t_eval, positions = grid[[5, 7, 20]] if fixed else times, 2 * (method == FIXED[1])
         options = {"t_eval": t_eval, "grid": grid, "positions": positions}
@@ -365,21 +373,21 @@ class TestLanes:
         x = np.concatenate(starts, axis=1)[:count]
         X, expected = np.full((2, 3, count, 4), np.nan)
         told = []
-        found = lanes.run_lanes(*how, np.zeros((count, 0)), x, X, told.append)
+        found = lanes.run_lanes(*how, numbers, x, X, told.append)
         assert found.is_done
         assert sum(told) == count * max(1, len(grid) - 1)
-        by_rows = run_rows(*how, np.zeros((count, 0)), np.arange(count), x, expected, lambda done: None)
+        by_rows = run_rows(*how, numbers, np.arange(count), x, expected, lambda done: None)
         assert not found.code.any()
         np.testing.assert_allclose(X, expected, rtol=1e-9, atol=1e-9)  # rounding moves the estimates of errors
         assert 0.9 * by_rows.evaluations <= found.evaluations <= 1.1 * by_rows.evaluations
 
     def test_motions_to_be_examined_are_left(self, plain, chain, starts):
-        kernel, x = rne.Scene(chain).kernel, np.concatenate(starts, axis=1)[:12]
+        (kernel, numbers), x = rates_of(rne.Scene(chain)), np.concatenate(starts, axis=1)[:12]
         interval = Interval(tableau("RK45"), 0.0, 1e-9, -np.inf, np.inf, 1e-3, 1e-6, 4, t_eval=np.array([1e-9]))
         x[[0, 7], 2:] = 3e8, -2e8
         x[11, 1] = np.inf
         X, told = np.full((1, 12, 4), np.nan), []
-        code = lanes.run_lanes(interval, kernel, np.zeros((12, 0)), x, X, told.append).code
+        code = lanes.run_lanes(interval, kernel, numbers, x, X, told.append).code
         assert sum(told) == 9
         left = np.flatnonzero(code)
         assert left.tolist() == [0, 7, 11]
@@ -400,8 +408,8 @@ class TestLanes:
         x, X = np.concatenate(starts, axis=1)[:3], np.full((1, 3, 4), np.nan)
         t_eval = np.array([min(0.2, 5 / viscous)])
         interval = Interval(tableau("RK45"), 0.0, t_eval[0], -np.inf, np.inf, 1e-6, 1e-9, 4, t_eval=t_eval, watched=1)
-        kernel = rne.Scene(chain, friction=rne.Friction(viscous=viscous)).kernel
-        found = lanes.run_lanes(interval, kernel, np.zeros((3, 0)), x, X, lambda count: None)
+        kernel, numbers = rates_of(rne.Scene(chain, friction=rne.Friction(viscous=viscous)))
+        found = lanes.run_lanes(interval, kernel, numbers, x, X, lambda count: None)
         assert found.code.tolist() == [code] * 3
 
     @pytest.mark.parametrize("method", ["RK45", "rk4"])
@@ -553,7 +561,8 @@ def test_a_motion_without_end_is_given_up(chain, engine, monkeypatch):
     """Of 1e20 rad/s steps would be 1e-21 s long."""
     how = Interval(tableau("RK45"), 0.0, 1.0, -np.inf, np.inf, 1e-3, 1e-6, 4, t_eval=np.ones(1))
     x, X = np.array([[0, 0, 1.0, 1.0], [0, 0, 1e20, 0]]), np.full((1, 2, 4), np.nan)
-    kernel = SimpleNamespace(names=("t", "x"), widths=(1, 4), operations={}, is_unrolled=True, engine="numpy")
+    kernel = SimpleNamespace(operations={}, is_unrolled=True, engine="numpy", coefficients=lambda numbers: numbers)
+    kernel.traced = SimpleNamespace(widths=(1, 4, 0))
     turning = lambda t, x: np.stack([x[:, 2], x[:, 3], -x[:, 2] * np.sin(x[:, 0]) * x[:, 2], 0 * x[:, 3]], axis=1)  # noqa: E731
 
     def sound(given, out):
@@ -566,15 +575,15 @@ def test_a_motion_without_end_is_given_up(chain, engine, monkeypatch):
             rne.NotFiniteError,
             match=r"^start 1 at t = \d\.\d+e-\d+ s: 100 steps came no further, and the motion would take more than 1e\+10$",
         ):
-            run_rows(how, kernel, np.zeros((2, 0)), np.arange(2), x, X, lambda count: None)
+            run_rows(how, kernel, np.zeros(0), np.arange(2), x, X, lambda count: None)
         return
     monkeypatch.setattr(lanes, "compiled", lambda text: text)
 
-    def function(t, x, out):
+    def function(t, x, numbers, out):
         return sound([t.reshape(1, -1).T, x.reshape(4, -1).T], out.reshape(4, -1).T).all()
 
-    kernel.address = lambda lanes: function
-    code = lanes.run_lanes(how, kernel, np.zeros((2, 0)), x, X, lambda count: None).code
+    kernel.address = lambda lanes, common: function
+    code = lanes.run_lanes(how, kernel, np.zeros(0), x, X, lambda count: None).code
     assert code.tolist() == [0, NEEDS_RECURSION]
 
 

@@ -27,13 +27,14 @@ LOOPS = ["RK45", "DOP853", "Rodas5P"]
 class Oscillator:
     """q'' = u - q - 0.3 q', with u = 0 or held, and behind (q, q') what is dissipated so far, if that is asked for."""
 
-    span, held = (-np.inf, np.inf), None
+    span, held, numbers = (-np.inf, np.inf), None, np.zeros(0)
     integral_scale = 1e300  # any error of the energy is small
 
     def __init__(self, with_energy):
         self.counted, self.size, self.evaluations = 2, 2 + with_energy, 0
-        self.kernel, self.width = SimpleNamespace(address=lambda: self.function), self.size
-        self.implicit = Implicit(1, SimpleNamespace(address=lambda: self.slopes))
+        self.kernel = SimpleNamespace(address=lambda: self.function, coefficients=lambda numbers: numbers)
+        slopes = SimpleNamespace(address=lambda: self.slopes, coefficients=lambda numbers: numbers)
+        self.width, self.implicit = self.size, Implicit(1, slopes)
 
     def jacobian(self, t, x):
         """Over q and q'."""
@@ -52,10 +53,10 @@ class Oscillator:
 
     def function(self, *arguments):
         *given, rates = arguments
-        rates[:] = self.rates(given[0][0], given[1], given[2] if len(given) == 3 else None)
+        rates[:] = self.rates(given[0][0], given[1], given[2] if len(given) == 4 else None)
         return True
 
-    def slopes(self, t, x, a, out):
+    def slopes(self, t, x, a, numbers, out):
         """Of q'' + q + 0.3 q' and of the dissipated power, by x, q'' and t."""
         out[:] = 0.0
         out[0, [0, 1, self.size]] = 1.0, DAMPING, 1.0
@@ -145,7 +146,7 @@ class Pushed(Oscillator):
     def rates(self, t, x, u):
         return np.array([x[1], 3 * t**2, 3 * t**2 * x[1]])
 
-    def slopes(self, t, x, a, out):
+    def slopes(self, t, x, a, numbers, out):
         out[:] = 0.0
         out[0, self.size], out[0, self.size + 1] = 1.0, -6 * t[0]
         out[1, 1], out[1, self.size + 1] = 3 * t[0] ** 2, 6 * t[0] * x[1]
@@ -253,11 +254,12 @@ class Sampler:
     def __init__(self, system):
         self.system, self.entries, self.traced = system, 1, self
         self.kernel, self.widths, self.pending = self, (1, 2), np.zeros((1, 1))
+        self.numbers, self.coefficients = np.zeros(0), lambda numbers: numbers
 
     def address(self):
         """Of the law, as its kernel."""
 
-        def law(t, x, found):
+        def law(t, x, numbers, found):
             found[0] = -2 * x[0]
             return True
 
@@ -295,7 +297,7 @@ def test_a_sample_ends_a_block_where_its_first_step_cannot_be_taken(interpreted)
     """The slope there under the torque before it is not that of the next step."""
     system, answers = Oscillator(with_energy=False), iter([False])
 
-    def function(t, x, u, rates):
+    def function(t, x, u, numbers, rates):
         return system.function(t, x, u, rates) and (u[0] == -2 * START[0] or next(answers, True))
 
     system.kernel.address = lambda: function
@@ -341,16 +343,17 @@ def test_a_method_is_its_tableau(interpreted, monkeypatch):
         out[:] = in_all(given[0].T, given[1].T).T
         return np.ones(len(out), dtype=bool)
 
-    def in_lanes(times, states, out):
+    def in_lanes(times, states, numbers, out):
         out[:] = in_all(times, states.reshape(3, -1)).ravel()
         return True
 
-    kernel = SimpleNamespace(names=("t", "x"), widths=(1, 3), operations={}, is_unrolled=True, engine="numpy")
-    kernel.blocks, kernel.address = SimpleNamespace(sound=valid), lambda count: in_lanes
+    kernel = SimpleNamespace(operations={}, is_unrolled=True, engine="numpy", coefficients=lambda numbers: numbers)
+    kernel.traced = SimpleNamespace(widths=(1, 3, 0))
+    kernel.blocks, kernel.address = SimpleNamespace(sound=valid), lambda count, common: in_lanes
     interval = Interval(tableau("Heun"), 0.0, 1.0, -np.inf, np.inf, 1e-4, 1e-4, 2, t_eval=np.array([T[3], 1.0]))
     starts, results = np.tile(np.append(START, 0.0), (3, 1)), np.full((2, 2, 3, 3), np.nan)
-    run_rows(interval, kernel, np.zeros((3, 0)), np.arange(3), starts, results[0], lambda count: None)
-    lanes.run_lanes(interval, kernel, np.zeros((3, 0)), starts, results[1], lambda count: None)
+    run_rows(interval, kernel, np.zeros(0), np.arange(3), starts, results[0], lambda count: None)
+    lanes.run_lanes(interval, kernel, np.zeros(0), starts, results[1], lambda count: None)
     np.testing.assert_allclose(results, np.broadcast_to(X[[3, -1], None], results.shape), rtol=1e-9, atol=1e-12)
 
     sampled = Oscillator(with_energy=True)

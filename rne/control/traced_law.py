@@ -12,7 +12,7 @@ from weakref import WeakValueDictionary
 
 import numpy as np
 
-from ..basics.arrays import UNBOUNDED, check_function, copy_with, whole_number
+from ..basics.arrays import UNBOUNDED, check_function, copy_with, read_only, whole_number
 from ..basics.spatial import Array
 from ..dynamics.quantity import MethodQuantity, Quantity
 from ..graph.graph import Graph
@@ -149,7 +149,8 @@ class TracedLaw:
         self.law, self.n, self.states = law, n, int(getattr(law, "states", 0))
         self.given, self.named = given or LawInputs(0, n, n), named
         self.size = 2 * self.given.coordinates + self.states
-        self.numbers, formula = self._with_inputs()
+        found, formula = self._with_inputs()
+        self.numbers = read_only(found)
         self.formula = self.changes, formula
         self._key = self.n, self.given, self.formula, tuple((k, m.tobytes()) for k, m in self.inputs.items())
         self._hash = hash(self._key) if formula is not None else id(law)

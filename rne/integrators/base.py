@@ -112,6 +112,7 @@ class Sampler(Protocol):
     pending: Array  # (p, n), the last commands; that of sample k in row k % p
     state: Array  # (m,), of the law, at the last sample
     next_state: Array  # (m,), at the next one
+    numbers: Any  # the last argument of `traced`, as `System.numbers`
     traced: Any  # the kernel of the law, where it is traced, or None
 
     @property

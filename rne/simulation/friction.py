@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import ReadOnlyArrays, copy_with, real_numbers
+from ..basics.arrays import ReadOnlyArrays, copy_with, read_only, real_numbers
 from ..basics.spatial import Array
 from ..basics.text import listed, short, summary
 from ..dynamics.crba import mass_matrix
@@ -128,19 +128,19 @@ class Friction(ReadOnlyArrays):
 
     def of_joints(self, n: int, named: Collection[str] = ()) -> Friction:
         """The same with one number per joint; equal sizes of both directions are one, if the second is not named."""
-        sizes = {k: np.broadcast_to(x, (n,)) for k, x in self.numbers.items() if k != "smoothing"}
+        sizes = {k: read_only(np.broadcast_to(x, (n,))) for k, x in self.numbers.items() if k != "smoothing"}
         for name in BACK:
             if np.array_equal(sizes[name], sizes.get(back := f"{name}_back", sizes[name])) and back not in named:
-                sizes[back] = sizes[name].view(Following)
+                sizes[back] = read_only(sizes[name].view(Following))
         return copy_with(self, **sizes)
 
     def at(self, numbers: Mapping[str, Any]) -> Friction:
         """The same with other numbers, which are not checked and may be traced."""
-        found = dict(numbers)
+        found = {name: np.array(number) for name, number in numbers.items()}
         for name in BACK:
             if self._same_back(name) and name in found:
-                found.setdefault(f"{name}_back", np.asarray(found[name]).view(Following))
-        return copy_with(self, **found)
+                found.setdefault(f"{name}_back", found[name].view(Following))
+        return copy_with(self, **read_only(found))
 
     def __post_init__(self) -> None:
         for name in SIZES:

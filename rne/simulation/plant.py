@@ -25,7 +25,6 @@ from ..robot import Robot
 from .events import Event
 from .scene_dynamics import SceneDynamics
 
-
 NONE: Mapping[str, Array] = {}
 
 

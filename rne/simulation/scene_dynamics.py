@@ -28,6 +28,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..basics.arrays import cached_array
 from ..basics.spatial import Array, rotate
 from ..control.traced_law import LawInputs, TracedLaw, is_input, placed, vectors
 from ..dynamics.crba import mass_matrix, solve_with_pivots
@@ -173,7 +174,7 @@ class SceneDynamics:
         """True if friction can hold joints."""
         return self.friction is not None and self.friction.sticks and self.joints > 0
 
-    @cached_property
+    @cached_array
     def numbers(self) -> dict[str, Array]:
         """The numbers of its parts by their names in a scene."""
         found = {} if self.friction is None else {f"friction.{k}": x for k, x in self.friction.numbers.items()}
@@ -210,7 +211,7 @@ class SceneDynamics:
             found["bodies"] = self.bodies._replace(**bodies)
         return replace(self, **found)
 
-    @cached_property
+    @cached_array
     def inputs_of_kernels(self) -> dict[str, Array]:
         """Which entries of its numbers are inputs of kernels: neither 0, if they are not named, nor infinite."""
         masks = {name: is_input(x, named=name in self.named) for name, x in self.numbers.items()}
@@ -218,7 +219,7 @@ class SceneDynamics:
             masks["moments"] = np.array(self.bodies.varying)
         return {name: mask for name, mask in masks.items() if mask.any()}
 
-    @cached_property
+    @cached_array
     def vector(self) -> Array:
         """The numbers that are inputs of kernels, shape (p,)."""
         parts = [self.numbers[name][mask] for name, mask in self.inputs_of_kernels.items()]
@@ -265,11 +266,15 @@ class SceneDynamics:
             return np.concatenate(each).reshape(*given.shape[:-1], -1)
         return tuple(np.concatenate(part).reshape(*given.shape[:-1], -1) for part in zip(*each, strict=True))
 
-    @cached_property
+    @cached_array
     def _side_by_side(self) -> Array:
         """Which entries of the vector may differ from state to state in one call of a function: moments of bodies."""
         counts = {name: int(mask.sum()) for name, mask in self.inputs_of_kernels.items()}
         return np.concatenate([np.zeros(0, bool), *(np.full(k, name == "moments") for name, k in counts.items())])
+
+    def _model_at(self, model: Model, numbers: Array) -> Model:
+        """The robot of some states, for checks of its mass matrix."""
+        return model if self.bodies is None else self.filled(numbers).bodies.in_model(model)  # type: ignore[union-attr]
 
     def _evaluated(self, name: str, model: Model, arrays: Mapping[str, Array]) -> Any:
         return getattr(self, name)(model if self.bodies is None else self.bodies.in_model(model), **arrays)
@@ -408,6 +413,7 @@ class SceneDynamics:
         self, model: Model, arguments: Any, rates: Array, pivots: Array, diagonal: Array
     ) -> PrecisionStatus:
         given = {k: a for k, a in arguments.items() if k != "numbers"}
+        model = self._model_at(model, arguments["numbers"])
         x, joints = given["x"], slice(self.n, self.n + self.joints)
         self._check_springs(model, x)
         net = self.core_at("net_core", model, numbers=arguments["numbers"], **given)
@@ -418,6 +424,7 @@ class SceneDynamics:
     def _check_balance(
         self, model: Model, arguments: Any, rates: Array, pivots: Array, diagonal: Array
     ) -> PrecisionStatus:
+        model = self._model_at(model, arguments["numbers"])
         self._check_springs(model, arguments["x"])
         return check_singularity(model, {"q": arguments["x"][..., : self.joints]}, rates, pivots, diagonal)
 
