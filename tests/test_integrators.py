@@ -298,7 +298,7 @@ def test_a_sample_ends_a_block_where_its_first_step_cannot_be_taken(interpreted)
     system, answers = Oscillator(with_energy=False), iter([False])
 
     def function(t, x, u, numbers, rates):
-        return system.function(t, x, u, rates) and (u[0] == -2 * START[0] or next(answers, True))
+        return system.function(t, x, u, numbers, rates) and (u[0] == -2 * START[0] or next(answers, True))
 
     system.kernel.address = lambda: function
     system.held, sampler = np.zeros(1), Sampler(system)

@@ -131,8 +131,8 @@ def take_samples(law: Any, problem: Any, timing: Any, how: Any, steps: Any, samp
     which go on by Euler's rule. `timing` has the period and the delay with which a command acts after its sample: a
     whole number of periods and the rest of it. `samples` has the numbers of samples and of commands that have acted so
     far, and of both in this call; the bounds of commands and of their change, (2, n); the states z at the last sample
-    and the next, (2, m); the commands that are pending, (p, n), the one of sample k in row k % p; the steps that began with a sample,
-    and with another command; the commands in each step; and the command and z of each sample.
+    and the next, (2, m); the commands that are pending, (p, n), the one of sample k in row k % p; the steps that began
+    with a sample, and with another command; the commands in each step; and the command and z of each sample.
     """
     period, late, rest = timing
     _, (_, states, _), _ = law

@@ -196,15 +196,16 @@ def ensemble(
     t_eval : array_like, shape (S,), optional
         Times to report, ascending within [0, duration]; the start and the end if not given [s].
     parameters : array_like, shape (N, 10 nb), optional
-        Inertial parameters in each motion, in the order of `Robot.parameters`. They replace those of the robot that
-        carries the payload of the scene, so that the payload must be contained in them: start from
-        `scene.resolved.robot.parameters`. With the parameters of the robot alone, its own `robot.parameters`, the
-        payload is left out without a warning. Controllers keep the parameters that they were made with. The bodies
-        need not be possible ones: base parameters that were identified move the arm as it moves, with masses that may
-        be negative, as long as M is positive definite. Of random ones `Robot.with_parameters` refuses the impossible.
-        Motions that run one after another trace the
-        equations of each robot anew, which takes 0.1 to 0.4 s per motion for six joints; half of it is saved if
-        `method` is given, since "auto" linearises each.
+        The same as numbers={"parameters": ...}: inertial parameters in each motion, in the order of `Robot.parameters`.
+        They replace those of the robot that carries the payload of the scene, so that the payload must be contained in
+        them: start from `scene.numbers["parameters"]`. With the parameters of the robot alone, its own
+        `robot.parameters`, the payload is left out without a warning. Controllers keep the parameters that they were
+        made with. The bodies need not be possible ones: base parameters that were identified move the arm as it moves,
+        with masses that may be negative, as long as M is positive definite. Of random ones `Robot.with_parameters`
+        refuses the impossible.
+    numbers : mapping of str to array_like, shape (N, ...), optional
+        Numbers of the scene that each motion has of its own, by the names of `Scene.numbers`, with one axis more than
+        there: {"friction.viscous": (N, n), "controller.kp": (N, n)}.
     method : str
         "auto" is DOP853, or what `rne.simulate` chooses for motions that run one after another and for those that turn
         out to be stiff. Other explicit methods run side by side as well, implicit ones one after another. With

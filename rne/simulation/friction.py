@@ -122,20 +122,29 @@ class Friction(ReadOnlyArrays):
 
     @property
     def numbers(self) -> dict[str, Array]:
-        """The numbers by name; a size of the negative direction that is that of the positive one has none."""
+        """The numbers by name, as arrays; a size of the negative direction that was not given has none."""
         follow = [f"{name}_back" for name in BACK if self._same_back(name)]
         return {name: size for name, size in self._given().items() if name not in follow}
 
-    def of_joints(self, n: int, named: Collection[str] = ()) -> Friction:
-        """The same with one number per joint; equal sizes of both directions are one, if the second is not named."""
-        sizes = {k: read_only(np.broadcast_to(x, (n,))) for k, x in self.numbers.items() if k != "smoothing"}
-        for name in BACK:
-            if np.array_equal(sizes[name], sizes.get(back := f"{name}_back", sizes[name])) and back not in named:
-                sizes[back] = read_only(sizes[name].view(Following))
-        return copy_with(self, **sizes)
-
     def at(self, numbers: Mapping[str, Any]) -> Friction:
-        """The same with other numbers, which are not checked and may be traced."""
+        """The same with other numbers, which are not checked.
+
+        Parameters
+        ----------
+        numbers : mapping of str to array_like
+            By the names of `numbers`; traced numbers, too.
+
+        Returns
+        -------
+        Friction
+            What follows a size of the positive direction follows the new one.
+
+        Examples
+        --------
+        >>> import rne
+        >>> rne.Friction(viscous=2.0).at({"viscous": 3.0}).viscous_back.item()
+        3.0
+        """
         found = {name: np.array(number) for name, number in numbers.items()}
         for name in BACK:
             if self._same_back(name) and name in found:
@@ -329,6 +338,15 @@ class Friction(ReadOnlyArrays):
         size = np.asarray(self.load) * magnitude(by)
         with_load: Array = total + size * direction(np.asarray(rates), self.smoothing)
         return with_load
+
+
+def one_per_joint(friction: Friction, n: int, named: Collection[str]) -> Friction:
+    """Friction of n numbers per size; equal sizes of both directions are one, if that of the negative is not named."""
+    sizes = {k: read_only(np.broadcast_to(x, (n,))) for k, x in friction.numbers.items() if k != "smoothing"}
+    for name in BACK:
+        if np.array_equal(sizes[name], sizes.get(back := f"{name}_back", sizes[name])) and back not in named:
+            sizes[back] = read_only(sizes[name].view(Following))
+    return copy_with(friction, **sizes)
 
 
 def creep(

@@ -26,7 +26,7 @@ from ..model.model import joint_array
 from ..model.modify import LimitValues, limit_array
 from ..robot import Robot
 from .elastic_joints import ElasticDynamics, ElasticJoints, part_at_joints
-from .friction import Friction, urdf_friction
+from .friction import Friction, one_per_joint, urdf_friction
 from .scene_dynamics import Bodies, MotorSide, SceneDynamics
 from .scene_numbers import BODIES, SceneNumbers, numbers_of_scene, scene_at
 from .scene_numbers import checked as checked_numbers
@@ -264,7 +264,7 @@ class Scene:
         known = self.__dict__[f"_dynamics_{inputs}"] = (SceneDynamics if side is None else ElasticDynamics)(
             parts.robot.n * (1 if side is None else 2),
             kernels.forward_method(),
-            None if parts.friction is None else parts.friction.of_joints(parts.robot.n, self._named_of("friction.")),
+            parts.friction and one_per_joint(parts.friction, parts.robot.n, self._named_of("friction.")),
             None if limit is None else tuple(limit.tolist()),
             law,
             inputs,
