@@ -437,10 +437,6 @@ REFUSED = [
         "`forward_dynamics` is not for elastic joints: accelerations follow from the torsion, not from the drives' "
         "torques; use scene.resolved.robot for the links alone",
     ),
-    (
-        lambda arm: scene_of(arm).check_gains([0] * 2),
-        "`check_gains` is not for elastic joints: the motors move as well; simulate a small step at the target instead",
-    ),
     (lambda arm: rne.simulate(scene_of(arm), [0] * 3, [0] * 2, 1.0), "`q0` must have shape (..., 2) for robot 'chain2', got (3,)"),
     (lambda arm: rne.simulate(scene_of(arm), [0] * 2, [np.nan] * 4, 1.0), "`qd0` must be finite, got nan at index (0,)"),
     (

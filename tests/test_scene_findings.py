@@ -123,6 +123,20 @@ def test_a_windup_that_is_no_number_is_named(irb140):
 
 
 @pytest.mark.parametrize(
+    ("parts", "text"),
+    [
+        ({"elastic": rne.ElasticJoints(3e3, 1.0, 0.1)}, r"it is stable up to 0\.00\d+ s"),
+        ({"springs": [rne.Spring.at_joint("joint0", 50.0, 0.0)]}, r"it is stable up to 0\.000\d+ s"),
+        ({"delay": 2e-3}, "it is stable at no sample time with its delay of 0.002 s"),
+    ],
+)
+def test_the_error_of_a_sampled_loop_that_diverges_names_its_limit(parts, text, two):
+    law = rne.control.pd_gravity(two, 50, 100, 0.0)
+    with pytest.raises(rne.SimulationError, match=f"; by scene.check_gains {text}, and sampled every 0.01 s$"):
+        rne.simulate(rne.Scene(two, controller=law, sample_time=0.01, **parts), [0.1] * 2, [0] * 2, 1.0)
+
+
+@pytest.mark.parametrize(
     ("name", "kp", "kd", "limit"),
     [
         pytest.param("irb140", [50] * 5 + [60], [20] * 5 + [22], "0.0001308", marks=pytest.mark.long),

@@ -424,6 +424,14 @@ class TestLinearisedLoops:
             assert found.is_rest
             np.testing.assert_allclose(found.sample_time_limit, proven.sample_time_limit, rtol=1e-4)
             np.testing.assert_allclose(-found.poles.real.min(), proven.fastest_pole, rtol=1e-9)
+        sampled = rne.check_gains(robot, kp, kd, 0.5 * proven.sample_time_limit, q=self.Q)
+        found = replace(scene, sample_time=sampled.sample_time).check_gains(self.Q)
+        assert isinstance(sampled, rne.control.LinearisedLoop)
+        assert proven.gain_margin == np.inf
+        assert 1 < sampled.gain_margin < 3
+        np.testing.assert_allclose(sampled.gain_margin, found.gain_margin, rtol=1e-6)
+        np.testing.assert_allclose(sampled.delay_margin, found.delay_margin, rtol=1e-6)
+        assert f"gain margin {found.gain_margin:.4g}, delay margin {found.delay_margin:.4g} s" in str(found)
 
     @pytest.mark.parametrize("carried", kept([0.0, 4.0], [4.0]))
     def test_sampled_impedances_diverge_where_it_says_so(self, carried):
@@ -520,31 +528,41 @@ class TestLinearisedLoops:
         assert text.endswith("\nzero poles: 2 of 4, of motions that nothing holds or damps")
 
     @pytest.mark.parametrize("kind", ["delay", "long delay", "differences", "noise"])
-    def test_a_law_with_memory_is_refused_and_its_cure_is_right(self, kind):
-        robot = rne.Robot(straight_chain(1))
+    def test_a_law_with_memory_is_judged_without_it_and_a_warning_names_the_cure(self, kind):
+        """As in motion at constant velocity, after which q - delay qd is the position that a late law saw."""
+        robot, period = rne.Robot(straight_chain(1)), 1e-3
         pd = rne.control.pd_gravity(robot, 50, 5, 0.0)
-        delayed = [np.zeros(1)] * {"delay": 1, "long delay": 40}.get(kind, 0)
-        last = [np.zeros(1)]
-        rng = np.random.default_rng(0)
+        count = {"delay": 1, "long delay": 40}.get(kind, 0)
+        delayed, last, rng = [np.zeros(1)] * count, [np.zeros(1)], np.random.default_rng(0)
 
         def law(t, q, qd):
             if kind == "noise":
                 return pd(t, q, qd + 0.01 * rng.normal(size=1))
             if kind == "differences":
-                if t == 0:
-                    last[0] = q
-                velocity, last[0] = (q - last[0]) / 1e-3, q
+                velocity, last[0] = (q - last[0]) / period, q
                 return pd(t, q, velocity)
             delayed.append(pd(t, q, qd))
             return delayed.pop(0)
 
+        scene = rne.Scene(robot, controller=law, sample_time=period)
+        if kind == "noise":
+            with pytest.raises(
+                ValueError, match=r"^`controller` has noise: its torques differ by .* after equal calls"
+            ):
+                scene.check_gains([0.0])
+            return
         text = (
-            r"^`controller` has memory or noise: its torques in one state differ by .* N m or N after different calls, "
-            r"so that it has no poles. Give it `states` for its memory: torques that act one sample late are a state z "
-            r"with the rate \(u - z\) / sample_time; or simulate a small step at the target instead$"
+            r"^`controller` has memory: its torques in one state differ by .* N m or N after different calls. The loop is "
+            r"judged as if it had none, by its torques at constant velocity: give torques that act late as the scene's "
+            r"`delay`, other memory as `states` of the law$"
         )
-        with pytest.raises(ValueError, match=text):
-            rne.Scene(robot, controller=law, sample_time=1e-3).check_gains([0.0])
+        with pytest.warns(UserWarning, match=text):
+            found = scene.check_gains([0.0])
+        weight = float(robot.kernel(rne.dynamics.gravity_torque, "q")([0.0])[0, 0])  # its compensation is late, too
+        late = rne.control.pd_gravity(robot, 50, 5 - count * period * (50 - weight), 0.0)
+        expected = rne.Scene(robot, controller=late, sample_time=period).check_gains([0.0])
+        np.testing.assert_allclose(np.sort(found.poles), np.sort(expected.poles), rtol=1e-6)
+        assert found.stable
 
     def test_a_reference_that_ends_soon_is_no_memory(self):
         robot = rne.Robot(straight_chain(1))
@@ -554,7 +572,7 @@ class TestLinearisedLoops:
             law(1.0, np.zeros(1), np.zeros(1))
         assert rne.Scene(robot, controller=law, sample_time=0.01).check_gains([0.0]).stable
 
-    def test_a_delay_of_a_sample_as_states_is_stable_where_its_simulation_is(self):
+    def test_a_delay_of_a_sample_or_as_states_is_stable_where_its_simulation_is(self):
         robot = rne.Robot(straight_chain(1))
         pd = rne.control.pd(robot, 50, 5, 0.0)
 
@@ -573,6 +591,11 @@ class TestLinearisedLoops:
             motion = rne.simulate(scene, [1e-4], [0.0], 20 * period)
             found.append(scene.check_gains([0.0]).stable)
             assert found[-1] is bool(abs(motion.q[-1, 0]) < 2e-4)
+            late = replace(scene, controller=pd, delay=period).check_gains([0.0])  # the same loop
+            maps = late.loop.step_matrix, scene.check_gains([0.0]).loop.step_matrix
+            modes = [np.sort_complex(np.linalg.eigvals(step)) for step in maps]
+            np.testing.assert_allclose(modes[0], modes[1], rtol=1e-6, atol=1e-6)
+            assert late.stable is found[-1]
         assert found == [True, False]
 
     @pytest.mark.parametrize("ki", kept([5.0, 20.0], [20.0]))

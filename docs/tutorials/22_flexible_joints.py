@@ -86,20 +86,17 @@ figure
 # Why lower gains are better
 # --------------------------
 # High gains hold the motor as if its shaft were clamped: then nothing but the joint's own
-# damping takes energy from the link. A motor that yields takes some with it. The modes of
-# the arm linearised at the target show it, and that an encoder on the link's side, with
+# damping takes energy from the link. A motor that yields takes some with it. The poles that
+# ``Scene.check_gains`` finds at the target show it, and that an encoder on the link's side, with
 # the same gains, is worse than none: its loop is unstable.
 
 
 def modes(w, reads="motor"):
-    (P, Q), K, D = map(np.diag, gains(w)), np.diag(stiffness), np.diag(damping)
-    links, none = M - np.diag(rotor), np.zeros((3, 3))
-    on_motor, on_link = (1, 0) if reads == "motor" else (0, 1)
-    torsion = np.block([[K, -K], [on_link * P - K, K + on_motor * P]])
-    losses = np.block([[D, -D], [on_link * Q - D, D + on_motor * Q]])
-    inertia = np.block([[links, none], [none, np.diag(rotor)]])
-    forces = np.linalg.solve(inertia, np.hstack([-torsion, -losses]))
-    return np.linalg.eigvals(np.vstack([np.eye(6, 12, 6), forces]))
+    (kp, kd), weight = gains(w), arm.gravity_torque(target)
+    rest = target + weight / stiffness if reads == "motor" else target
+    law = rne.traceable(lambda t, q, qd: kp * (rest - q) - kd * qd + weight)
+    scene = replace(soft, elastic=replace(soft.elastic, reads=reads), controller=law)
+    return scene.check_gains(target).poles
 
 
 rates = np.array([5, 10, 20, 40, 80, 160])
@@ -117,7 +114,7 @@ bars
 
 # %%
 # The simulation agrees: gains on the links' positions diverge within half a second, while
-# ``check_gains``, which knows the rigid arm alone, called them stable.
+# ``rne.check_gains``, which knows the rigid arm alone, called them stable.
 
 law = rne.control.pd(arm, *gains(40), target)
 on_links = replace(soft, elastic=replace(soft.elastic, reads="link"), controller=law)

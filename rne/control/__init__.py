@@ -1,7 +1,7 @@
 """Control laws: functions of (t, q, qd) that return joint torques; the stability of PD gains, and contacts."""
 
 from .adaptive_law import Adaptive, adaptive
-from .gains import LinearisedLoop
+from .closed_loop import FeedbackLoop, LinearisedLoop
 from .laws import PD, PID, ComputedTorque, Reference, computed_torque, pd, pd_gravity, pid, traceable
 from .momentum_observer import GuardedLaw, MomentumObserver, Residuals
 from .robust_laws import Robust, RobustPassive, SlidingMode, robust, robust_passive, sliding_mode
@@ -15,6 +15,7 @@ __all__ = [
     "Adaptive",
     "Cases",
     "ComputedTorque",
+    "FeedbackLoop",
     "GuardedLaw",
     "Impedance",
     "LinearisedLoop",

@@ -11,10 +11,11 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import per_joint_array, positive_number
 from ..basics.spatial import Array
-from ..basics.text import InNotebooks, listed, summary
+from ..basics.text import listed, summary
 from ..dynamics.forward import solve_mass_matrix
 from ..dynamics.rnea import gravity_torque
 from ..robot import Robot
+from .closed_loop import FeedbackLoop, LinearisedLoop
 from .laws import checked_vectors, of_robot
 from .sampled_loop import LinearLoop, Window, first_unstable_time, gravity_modes, step_matrix
 
@@ -25,13 +26,12 @@ SAMPLES, REFINED = 2048, 4  # configurations that are drawn, and the best of the
 SWEPT = np.append(np.arange(1, 16) / 16, 1 - 0.5 ** np.arange(5, 13))  # of the limit: times tried with some
 LONGEST, ROUNDS = 1.25, 40  # sample times examined, of a loop's horizon; lowering the sample time and searching again
 BOTH = "beats_gravity", "sample_time_limit"  # results that bounds may prove
-FREE_POLE = 1e-6  # of the fastest pole, below which one is zero: double ones keep half the digits
 FREE = np.pi  # range of a coordinate without limits: -pi to pi [rad or m]
 
 
-@dataclass(frozen=True, eq=False)
-class Gains(InNotebooks):
-    """Stability of PD gains, as found by `check_gains`.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Gains(LinearisedLoop):
+    """Stability of PD gains, as found by `check_gains`: a `rne.control.LinearisedLoop` in the worst configuration.
 
     Attributes
     ----------
@@ -57,6 +57,11 @@ class Gains(InNotebooks):
         The given sample time [s].
     stable : bool or None
         True if the sample time is below the limit; None if none was given.
+    loop : FeedbackLoop
+        The loop in the configuration `sample_time_q`, of which poles and margins are: with gravity compensated, and
+        with the compensation in what is held, late, or larger.
+    is_rest, has_smoothed_friction, is_of_link : bool
+        As of other linearised loops: True, False, False.
 
     Examples
     --------
@@ -69,14 +74,10 @@ class Gains(InNotebooks):
     largest_mode: float
     worst_q: Array
     fastest_pole: float
-    sample_time_limit: float
     sample_time_q: Array
-    windows: tuple[Window, ...]
     gravity_stiffness: float
     beats_gravity: bool
     proven: tuple[str, ...]
-    sample_time: float | None
-    stable: bool | None
 
     __repr__ = summary
 
@@ -89,70 +90,6 @@ class Gains(InNotebooks):
             f"largest stable sample time {self.sample_time_limit:.4g} s ({found[1]}).{verdict}\n"
             f"gravity's stiffness {self.gravity_stiffness:.4g} N m/rad ({found[0]}): "
             f"without compensation the gains {exceed} it"
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class LinearisedLoop(InNotebooks):
-    """Stability of a closed loop near a target, as found by `Scene.check_gains`.
-
-    It holds near the target; no theorem says how near.
-
-    Attributes
-    ----------
-    poles : ndarray of complex, shape (2 n + states,)
-        Of the loop in continuous time, without states of the law that nothing depends on, such as the integrals of a
-        PID with `ki` = 0 [1/s]. Where the loop has a kink at the target, as abs has, they are of its least stable side.
-    sample_time_limit : float
-        Smallest sample time found at which the loop with held torques is unstable, a law's states by Euler's rule as in
-        `rne.simulate`; infinite if none was, 0 if it is in continuous time [s].
-    sample_time : float or None
-        The scene's own [s].
-    stable : bool
-        True if the loop is stable near the target, with torques held if the scene holds them.
-    is_rest : bool
-        True if the target is an equilibrium: otherwise the motion leaves it, whatever the poles.
-    has_smoothed_friction : bool
-        True if Coulomb friction counts as damping, by `coulomb` / `smoothing` at rest and less in larger motions.
-    is_of_link : bool
-        True if the law holds a link alone, as `rne.control.impedance` does without `posture`.
-
-    Examples
-    --------
-    >>> import rne
-    >>> arm = rne.load("irb140")
-    >>> loop = rne.Scene(arm, controller=rne.control.pd_gravity(arm, 50, 20, 0)).check_gains([0] * 6)
-    >>> loop.stable, loop.is_rest
-    (True, True)
-    """
-
-    poles: Array
-    sample_time_limit: float
-    sample_time: float | None
-    stable: bool
-    is_rest: bool
-    has_smoothed_friction: bool = False
-    is_of_link: bool = False
-
-    __repr__ = summary
-
-    def __str__(self) -> str:
-        held = "" if self.sample_time is None else f" with torques held for {self.sample_time:g} s"
-        rest = "" if self.is_rest else "\nthe target is no equilibrium: the motion leaves it"
-        free = int((abs(self.poles) <= FREE_POLE * abs(self.poles).max(initial=0)).sum())
-        if free and not self.sample_time_limit:  # not stable in continuous time: slow integrals are
-            rest += f"\nzero poles: {free} of {len(self.poles)}, of motions that nothing holds or damps"
-            rest += ": the law holds a link, not the joints; give it a `posture`" if self.is_of_link else ""
-        if self.has_smoothed_friction:
-            rest += (
-                "\nsmoothed Coulomb friction damps the loop near rest, less in larger motions: check it without, too"
-            )
-        limit = f"smallest unstable sample time {self.sample_time_limit:.4g} s"
-        limit = limit if np.isfinite(self.sample_time_limit) else "no unstable sample time found"
-        return (
-            f"linearised at the target, which holds near it only: {'' if self.stable else 'NOT '}stable"
-            f"{held}\npoles without sampling from {self.poles.real.max():.6g} to {self.poles.real.min():.6g} 1/s; "
-            f"{limit}{rest}"
         )
 
 
@@ -225,7 +162,11 @@ def check_gains(
     if n == 0:
         stable = None if sample_time is None else True
         none, always = np.zeros(0), (Window(0.0, np.inf, "stable"),)
-        return Gains(0.0, none, 0.0, np.inf, none, always, 0.0, True, BOTH, sample_time, stable)
+        return Gains(
+            FeedbackLoop(none, none, none, sample_time=sample_time), always, np.inf, sample_time, stable,
+            largest_mode=0.0, worst_q=none, fastest_pole=0.0, sample_time_q=none,
+            gravity_stiffness=0.0, beats_gravity=True, proven=BOTH,
+        )  # fmt: skip
     space = workspace(robot) if q is None else (per_joint_array("q", q, n),) * 2
     loop, half = SampledLoop(robot, p, d), np.sqrt(d)
 
@@ -234,18 +175,20 @@ def check_gains(
 
     largest, worst = largest_over(fastest, *space)
     stiffness, _ = largest_over(lambda q: np.linalg.norm(loop.slope(q), 2, axis=(-2, -1)), *space)
-    inverse = inverse_mass_matrix(robot, worst)
-    A = np.block([[np.zeros((n, n)), np.eye(n)], [-inverse * p, -inverse * d]])
     limit, limit_q = loop.limit(worst, *space)
     proven = BOTH[: 0 if q is None else 2]
     if bounds is not None and not hasattr(bounds, "joint_names"):
         raise TypeError(f"`bounds` must be a result of robot.bounds(), got {type(bounds).__name__}")
     if bounds is not None and q is None:
         stiffness, limit, proven = bounded(robot, p, d, bounds, limit)
-    there, pole = LinearLoop(*loop.modes(limit_q)), float(-np.linalg.eigvals(A).real.min())
+    there, pole = LinearLoop(*loop.modes(limit_q)), float(-loop.feedback(worst).poles.real.min())
     windows = tuple(there.windows(max_sample_time or LONGEST * max(there.horizon, limit)))
     beats, stable = bool(p.min() > stiffness), None if sample_time is None else bool(sample_time < limit)
-    return Gains(largest, worst, pole, limit, limit_q, windows, stiffness, beats, proven, sample_time, stable)
+    return Gains(
+        loop.feedback(limit_q, sample_time), windows, limit, sample_time, stable,
+        largest_mode=largest, worst_q=worst, fastest_pole=pole, sample_time_q=limit_q,
+        gravity_stiffness=stiffness, beats_gravity=beats, proven=proven,
+    )  # fmt: skip
 
 
 def bounded(robot: Robot, kp: Array, kd: Array, bounds: Bounds, limit: float) -> tuple[float, float, tuple[str, ...]]:
@@ -314,6 +257,13 @@ class SampledLoop:
         """Modes of gravity and gains in configurations q, shape (..., n); raises SingularMassMatrixError."""
         self.check(q, np.zeros(self.robot.n))
         return gravity_modes(self.robot.mass_matrix(q), self.slope(q), self.kp, self.kd)
+
+    def feedback(self, q: Array, sample_time: float | None = None) -> FeedbackLoop:
+        """The loop of (e, qd) in one configuration."""
+        inverse, G, none = inverse_mass_matrix(self.robot, q), self.slope(q), np.zeros_like(q * self.kp[:, None])
+        A = np.block([[none, np.eye(len(q))], [-inverse @ G, none]])
+        F = np.hstack([G - np.diag(self.kp), -np.diag(self.kd)])
+        return FeedbackLoop(A, np.vstack([none, inverse]), F, sample_time=sample_time)
 
     def radius(self, q: Array, T: float | Array) -> Array:
         """Spectral radius of the map from sample to sample, for configurations q, shape (...)."""

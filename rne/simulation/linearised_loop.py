@@ -2,63 +2,58 @@
 
 from __future__ import annotations
 
+import warnings
 from contextlib import suppress
+from copy import deepcopy
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from scipy.linalg import expm
 
 from ..basics.spatial import Array
-from ..control.gains import LinearisedLoop
+from ..control.closed_loop import FeedbackLoop, LinearisedLoop, end_of_stability
 from ..control.traced_law import LawInputs, call_law
 from ..kernels.trace import AGREEMENT
+from ..robot import Robot
 from .plant import Plant, with_own_law
+from .scene_dynamics import SceneDynamics
 
 AT_REST = 1e-6  # accelerations at the target that are no motion, of those that the torques alone give
-SLOWEST, FASTEST = 1e2, 1e-2  # sample times examined, over the times of the slowest and of the fastest mode
-STEP = 1.03  # from one to the next
 NEAR, LATER = 1e-2, 1e-3  # of the target, rad or m and per s, and s: where and when a law is called for its memory
 CALLS = 64  # that fill a memory, such as that of a delay
 BESIDE, JUMP = 1e-6, 1e-3  # of the target, rad or m and per s; relative change of the slopes there that is a kink
-MARGIN = 1e-9  # of a spectral radius beyond 1, or a pole beyond 0 over the fastest: less is rounding
 
 
 def linearised_loop(scene: Any, q: Array) -> LinearisedLoop:
     """The loop of a scene with a controller, at rest in q with the controller's states zero."""
-    n, sample_time = scene.n, scene.sample_time
-    free = with_own_law(replace(scene, sample_time=None, torque_rate=None))
-    if free.dynamics.law is None:
-        refuse_memory(free.controller, q, sample_time or LATER)
-    refuse_jump(free.controller, q)
-    closed, _, rates = _slopes(free, q)
+    free = with_own_law(replace(scene, sample_time=None, torque_rate=None, delay=None))
+    dynamics, (first, last, n) = free.dynamics, free.dynamics.law_inputs
+    seen = _at_rest(dynamics, free.resolved.robot, q)[first:last]
+    if dynamics.law is None:
+        law = without_memory(free.controller, seen, scene.sample_time or LATER)
+        free = free if law is free.controller else replace(free, controller=law)
+    refuse_jump(free.controller, seen)
+    closed, rates = _slopes(free, q)
     sides = [closed, *(_slopes(free, q, beside=by)[0] for by in (BESIDE, -BESIDE))]
     jumps = [np.abs(side - closed).max(initial=0.0) > JUMP * np.abs(closed).max(initial=0.0) for side in sides]
     if any(jumps):  # a kink at the target: what holds is the least stable side
         closed = max(sides, key=lambda side: np.linalg.eigvals(side).real.max())
-    torque = _torques(free.controller, 0.0, q, 0 * q)
+    torque = _torques(free.controller, 0.0, seen, 0 * seen)
     alone = scene.resolved.robot.forward_dynamics(q, 0 * q, np.abs(torque))
-    size = np.abs(alone).max(initial=0.0) + 1.0
-    is_rest = bool(np.abs(rates[n : 2 * n]).max(initial=0.0) <= AT_REST * size)
-    read = _read(closed, 2 * n)
-    closed = closed[np.ix_(read, read)]
-    poles = np.linalg.eigvals(closed)
-    fastest = float(np.abs(poles).max(initial=1e-300))
-    limit, stable = 0.0, bool((poles.real < -MARGIN * fastest).all())
-    opened = np.zeros_like(closed)  # states of a sampled law are held too: they follow by Euler's rule
+    is_rest = bool(np.abs(rates[n : 2 * n]).max(initial=0.0) <= AT_REST * (np.abs(alone).max(initial=0.0) + 1.0))
     held = replace(free, controller=lambda t, q, qd: torque)
-    opened[: 2 * n, : 2 * n] = _slopes(held, q)[0]
-    if stable:
-        first, last = FASTEST / fastest, SLOWEST / float(np.abs(poles).min())
-        times = np.geomspace(first, last, int(np.ceil(np.log(last / first) / np.log(STEP))))
-        own = [] if sample_time is None else [sample_time]
-        limit = first_unstable_sample_time(opened, closed - opened, np.sort([*times, *own]))
-    if sample_time is not None:
-        stable = stable and spectral_radius(opened, closed - opened, sample_time) < 1 - MARGIN
-    friction = scene.resolved.friction
+    opened, _ = _slopes(held, q)
+    used, driven = _read(closed, 2 * n), np.arange(2 * n)[n:][dynamics.driven]
+    closed = closed[:, used]
+    A, B = opened[: 2 * n, : 2 * n], np.eye(2 * n)[:, driven]
+    F = closed[driven]
+    F[:, : 2 * n] -= A[driven]
+    loop = FeedbackLoop(A, B, F, closed[used[2 * n :]], scene.sample_time, scene.delay or 0.0)
+    windows, friction = loop.windows, scene.resolved.friction
     is_smoothed = friction is not None and bool(np.any(friction.coulomb) or np.any(friction.load))
     is_of_link = getattr(scene.controller, "posture", True) is None
-    return LinearisedLoop(poles, limit, sample_time, stable, is_rest, is_smoothed, is_of_link)
+    limit, stable = end_of_stability(windows), loop.is_stable
+    return LinearisedLoop(loop, windows, limit, scene.sample_time, stable, is_rest, is_smoothed, is_of_link)
 
 
 def _torques(law: Any, t: float, q: Array, qd: Array) -> Array:
@@ -67,22 +62,51 @@ def _torques(law: Any, t: float, q: Array, qd: Array) -> Array:
     return np.asarray(call_law(law, t, x, LawInputs(0, len(q), len(q)))[0], dtype=float)
 
 
-def refuse_memory(law: Any, q: Array, period: float) -> None:
-    """Raise a ValueError if the torques of a law at one time and state depend on the call before."""
-    found: list[Array] = []
+def without_memory(law: Any, q: Array, period: float) -> Any:
+    """The law; if its torques in one state depend on the calls before, with a warning, those of steady motion.
+
+    They are what it returns after samples at constant velocity that lead to the state. A ValueError if it has noise.
+    """
+
+    def settled(t: float, q: Array, qd: Array, *z: Array) -> Any:
+        own = _own(law)
+        return [own(k * period, q - (CALLS - k) * period * qd, qd, *z) for k in range(CALLS + 1)][-1]
+
+    found, own = list[Array](), _own(law)
     for near in (NEAR, -NEAR):
         with suppress(Exception):  # of a law that knows the target or a span of time alone, such as its reference's
-            _torques(law, 0.0, q, 0 * q)  # where a law with memory begins anew
+            _torques(own, 0.0, q, 0 * q)  # where a law with memory begins anew
             for k in range(1, CALLS):
-                _torques(law, k * period, q + near, near + 0 * q)
-            found.append(_torques(law, CALLS * period, q, 0 * q))
-    difference = np.abs(found[-1] - found[0]).max(initial=0.0) if found else 0.0
-    if difference > AGREEMENT * max(1.0, np.abs(found).max(initial=0.0)):
+                _torques(own, k * period, q + near, near + 0 * q)
+            found.append(_torques(own, CALLS * period, q, 0 * q))
+    if not (memory := _difference(found)):
+        return law
+    vars(settled).update({"states": law.states} if hasattr(law, "states") else {})
+    if noise := _difference([_torques(settled, 0.0, q, 0 * q) for _ in range(2)]):
         raise ValueError(
-            f"`controller` has memory or noise: its torques in one state differ by {difference:.3g} N m or N after "
-            "different calls, so that it has no poles. Give it `states` for its memory: torques that act one sample "
-            "late are a state z with the rate (u - z) / sample_time; or simulate a small step at the target instead"
+            f"`controller` has noise: its torques differ by {noise:.3g} N m or N after equal calls, so that it has no "
+            "poles; simulate a small step at the target instead"
         )
+    warnings.warn(
+        f"`controller` has memory: its torques in one state differ by {memory:.3g} N m or N after different calls. The "
+        "loop is judged as if it had none, by its torques at constant velocity: give torques that act late as the "
+        "scene's `delay`, other memory as `states` of the law",
+        stacklevel=4,
+    )
+    return settled
+
+
+def _own(law: Any) -> Any:
+    """A copy of a law, whose memory is that of one motion; the law where none is had."""
+    with suppress(Exception):  # of a law that holds a file, a generator, a lock
+        return deepcopy(law)
+    return law
+
+
+def _difference(found: list[Array]) -> float:
+    """The largest difference between the first and the last torques, 0 if it is rounding."""
+    difference = np.abs(found[-1] - found[0]).max(initial=0.0) if found else 0.0
+    return float(difference * (difference > AGREEMENT * max(1.0, np.abs(found).max(initial=0.0))))
 
 
 def refuse_jump(law: Any, q: Array) -> None:
@@ -113,33 +137,21 @@ def _read(closed: Array, moving: int) -> Array:
     return read
 
 
-def _slopes(scene: Any, q: Array, beside: float = 0.0) -> tuple[Array, Array, Array]:
-    """The slopes of the state's rates without energies and impulses, at rest in q, that state, and its rates.
+def _at_rest(dynamics: SceneDynamics, robot: Robot, q: Array) -> Array:
+    """The state at rest with the links in q, and zero behind the coordinates."""
+    x = np.zeros(dynamics.size)
+    x[: dynamics.n], _ = dynamics.start(robot, q, 0 * q)
+    return x
+
+
+def _slopes(scene: Any, q: Array, beside: float = 0.0) -> tuple[Array, Array]:
+    """The slopes of the state's rates without energies and impulses, at rest in q, and its rates.
 
     Or `beside` that state, in each of its entries by another distance.
     """
-    dynamics = scene.dynamics
-    plant = Plant(dynamics, scene.resolved.robot, scene.controller if dynamics.inputs == "called" else None)
-    x = np.zeros(dynamics.size)
-    x[: scene.n], moving = q, 2 * scene.n + dynamics.states
+    dynamics, robot = scene.dynamics, scene.resolved.robot
+    plant, moving = Plant(dynamics, robot, scene.controller if dynamics.law is None else None), 2 * dynamics.n
+    moving += dynamics.states
+    x = _at_rest(dynamics, robot, q)
     x[:moving] += _beside(beside, moving)
-    return plant.jacobian(0.0, x)[:moving, :moving], x, plant(0.0, x)
-
-
-def spectral_radius(opened: Array, feedback: Array, T: float) -> float:
-    """Of the map from sample to sample of x' = opened x + feedback x_k (Åström and Wittenmark 1997, section 2.3)."""
-    n = len(opened)
-    both = expm(T * np.block([[opened, feedback], [np.zeros((n, 2 * n))]]))
-    return float(np.abs(np.linalg.eigvals(both[:n, :n] + both[:n, n:])).max())
-
-
-def first_unstable_sample_time(opened: Array, feedback: Array, times: Array) -> float:
-    """The smallest sample time at which the loop with held torques is not stable, by ascending times examined [s]."""
-    k = next((k for k, T in enumerate(times) if spectral_radius(opened, feedback, T) > 1 + MARGIN), None)
-    if k is None:
-        return float("inf")
-    start, end = float(times[k - 1]) if k else 0.0, float(times[k])
-    while end - start > 1e-6 * end:
-        middle = (start + end) / 2
-        start, end = (start, middle) if spectral_radius(opened, feedback, middle) > 1 + MARGIN else (middle, end)
-    return float(end)
+    return plant.jacobian(0.0, x)[:moving, :moving], plant(0.0, x)

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import UNBOUNDED, ReadOnlyArrays, per_joint_array, positive_number, read_only, vector
 from ..basics.spatial import Array
 from ..basics.text import listed, summary
-from ..control.gains import LinearisedLoop
+from ..control.closed_loop import LinearisedLoop
 from ..control.law_numbers import numbers_of
 from ..control.traced_law import TracedLaw, check_law, is_ours
 from ..kernels.cache import KernelCache
@@ -573,13 +573,18 @@ class Scene:
         Returns
         -------
         LinearisedLoop
-            Poles, the smallest unstable sample time that was found, and whether the target is an equilibrium.
+            Poles, windows of sample times, margins of gain and delay, and whether the target is an equilibrium.
 
         Raises
         ------
         ValueError
-            If there is no controller, or one with memory that is not in its `states` or whose torques jump at the
-            target, joints are elastic, friction sticks, or `q` has the wrong shape or is not finite.
+            If there is no controller, or one with noise or whose torques jump at the target, friction sticks, or `q`
+            has the wrong shape or is not finite.
+
+        Notes
+        -----
+        The scene's delay, springs and elastic joints belong to the loop; the motors are where they hold the links at
+        rest. A warning tells of a controller with memory that is not in its `states`.
 
         Examples
         --------
@@ -592,7 +597,6 @@ class Scene:
         from .linearised_loop import linearised_loop
 
         target, friction = per_joint_array("q", q, self.n), self.resolved.friction
-        self._refuse_elastic("check_gains", "the motors move as well", "simulate a small step at the target instead")
         if self.controller is None:
             raise ValueError("`controller` of the scene must be given")
         if friction is not None and friction.sticks:

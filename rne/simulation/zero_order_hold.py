@@ -159,18 +159,20 @@ class ZeroOrderHold:
         return _joined(self.acting)
 
     def stability(self) -> str:
-        """What check_gains says of the controller, for the error of a loop that diverges."""
-        if self.scene.elastic is not None:
-            return "rne.check_gains tells only what rigid joints need"
-        gains = [getattr(self.scene.controller, name, None) for name in ("kp", "kd")]
-        if self.scene.resolved.springs is not None:
-            return "springs, which rne.check_gains does not know, may need shorter sample times"
+        """What check_gains says of the loop, in the workspace or where it began, for the error of one that diverges."""
+        scene, gains = self.scene, [getattr(self.scene.controller, name, None) for name in ("kp", "kd")]
+        is_rigid = scene.elastic is None and scene.resolved.springs is None and not scene.delay
         try:
-            limit = check_gains(self.scene.resolved.robot, *gains).sample_time_limit  # type: ignore[arg-type]
-        except (ValueError, TypeError):
-            return "see rne.check_gains for the sample time that its gains need"
-        late = f" with torques {self.scene.delay:g} s late, of which that knows nothing" if any(self.delay) else ""
-        return f"by rne.check_gains it is stable up to {limit:.4g} s, and sampled every {self.period:g} s{late}"
+            if is_rigid and all(gain is not None for gain in gains):
+                name, robot = "rne.check_gains", scene.resolved.robot
+                limit = check_gains(robot, *gains).sample_time_limit  # type: ignore[arg-type]
+            else:
+                name, limit = "scene.check_gains", scene.check_gains(self.samples().x[0, : scene.n]).sample_time_limit
+        except Exception:  # whatever a law raises
+            return "see scene.check_gains for the sample time that it needs"
+        until = f"stable up to {limit:.4g} s" if limit else "stable at no sample time"
+        late = f" with its delay of {scene.delay:g} s" if scene.delay else ""
+        return f"by {name} it is {until}{late}, and sampled every {self.period:g} s"
 
 
 def _joined(parts: list[ControlSamples]) -> ControlSamples:
