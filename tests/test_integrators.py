@@ -113,7 +113,7 @@ def test_what_a_kernel_gives_behind_the_rates_is_carried_along_unread(interprete
         arguments[-1][wide.size :] = np.nan
         return plain.function(*arguments[:-1], arguments[-1][: wide.size])
 
-    wide.width, wide.kernel = wide.size + 2, SimpleNamespace(address=lambda: function)
+    wide.width, wide.kernel = wide.size + 2, SimpleNamespace(address=lambda: function, coefficients=lambda x: x)
     for found, expected in zip(motion(wide, "loop", method), motion(plain, "loop", method), strict=True):
         np.testing.assert_array_equal(found, expected)
 

@@ -212,7 +212,25 @@ class Kernel:
         return self.traced
 
     def coefficients(self, numbers: Array) -> Array:
-        """What the program takes in place of the argument that is the same over a run, shape (..., k)."""
+        """What the program takes in place of the argument that stays the same over a run, such as a scene's numbers.
+
+        Parameters
+        ----------
+        numbers : ndarray, shape (..., p)
+            That argument.
+
+        Returns
+        -------
+        ndarray, shape (..., k)
+            What is computed of it alone; itself, of a kernel that has no such argument.
+
+        Examples
+        --------
+        >>> import numpy as np, rne
+        >>> kernel = rne.compile(rne.dynamics.mass_matrix, rne.irb140())
+        >>> kernel.coefficients(np.zeros(2)).tolist()
+        [0.0, 0.0]
+        """
         of_numbers = self._trace.of_numbers if self._trace else None
         if of_numbers is None:
             return numbers

@@ -194,7 +194,7 @@ def emit_rows(module: ir.Module, trace: Trace, dtype: str) -> ir.Function:
     return function
 
 
-def lanes_library(trace: Trace, lanes: int, *, common: bool) -> Library:
+def lanes_library(trace: Trace, lanes: int, *, common: bool = True) -> Library:
     """The program on states side by side: "function" by the interface of loops."""
     form = f"{lanes} lanes, {'common' if common else 'own'} numbers"
     return trace_library(trace, form, "float64", ("function",), partial(emit_plain, lanes=lanes, common=common))

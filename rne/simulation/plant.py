@@ -14,6 +14,7 @@ import numpy as np
 from ..basics.arrays import real_array
 from ..basics.spatial import Array
 from ..control.traced_law import call_law
+from ..dynamics.precision import velocity_bound
 from ..dynamics.quantity import OK, PrecisionStatus
 from ..errors import NotFiniteError, RneError
 from ..integrators.base import Implicit
@@ -188,7 +189,8 @@ class Plant:
         Machine code of one state gives those of a few: loading that of many takes some 8 ms.
         """
         states = t[:, None], X, *(() if u is None else (u,))
-        if 0 < len(t) <= few and self._state_function is not None:
+        fastest = np.abs(X[:, self.dynamics.n : 2 * self.dynamics.n]).max(initial=0.0)
+        if 0 < len(t) <= few and self._state_function is not None and fastest <= velocity_bound(X.dtype):
             with suppress(NeedsRecursion):
                 return np.array([self._state_function(*row) for row in zip(*states, strict=True)])
         found, status = self.kernel.evaluate(*states, self.numbers)

@@ -229,7 +229,11 @@ class RunResult:
             z = self.samples.z[self.samples.held(t, SAME)]
             work = self.acting.work(moved[0], self.acting.held(t, SAME), driven)
         robot, x0, side = plant.robot, self.task.x0, dynamics.motor_side
-        kinetic, potential = dynamics.energies_of(robot, np.concatenate([x0[None], x]))
+        try:
+            kinetic, potential = dynamics.energies_of(robot, np.concatenate([x0[None], x]))
+        except NotFiniteError as error:  # with torques that are finite: squares of velocities overflow
+            kinetic, potential = np.full((2, len(x) + 1), np.inf)
+            failure = failure or Failure(float(t[0]) if len(t) else 0.0, str(error))
         energy = kinetic + potential
         balance = energy[1:] - energy[0] - work + sum(energies.values(), np.zeros(len(t)))
         jumps, qdd_before, tau_before = self._jumps(t, qdd, tau)
