@@ -23,7 +23,7 @@ from ..kernels.trace import AGREEMENT, LIMIT, TRIALS
 from ..model.model import Model
 from ..model.topology import where_loops_close
 from ..robot import Robot, robot_argument
-from .law_numbers import law_at, numbers_of
+from .law_numbers import is_number, law_at, numbers_of, parts_of
 
 
 def check_law(name: str, law: Any) -> None:
@@ -215,6 +215,26 @@ class TracedLaw:
         values = {name: x for name, x in own.items() if not is_traced(x)}
         return copy_with(self, law=law_at(self.law, own), numbers=self.numbers | values)
 
+    @classmethod
+    def known(cls, law: Any, n: int, given: LawInputs, named: frozenset[str], kernels: KernelCache) -> TracedLaw:
+        """The law as the kernels of a scene know it: of this package's laws that differ in numbers alone one is traced.
+
+        What others read is not all to be seen, so that their formula is compared.
+        """
+        held = parts_of(law) if is_ours(law) else {"": law}
+        others = {name: part for name, part in held.items() if not is_number(part)}
+        if not all(part is None or isinstance(part, bool | int | str | Robot) for part in others.values()):
+            return cls(law, n, given, named)
+        numbers = numbers_of(law)
+        masks = {name: is_input(x, named=name in named) for name, x in numbers.items()}
+        structure = [(name, x.shape, masks[name].tobytes(), x[~masks[name]].tobytes()) for name, x in numbers.items()]
+        key = type(law), n, given, named, cls.changes, *structure, *others.items()
+        found: TracedLaw = kernels.laws.get_or_make(key, lambda: cls(law, n, given, named))
+        constant, theirs = numbers.keys() - found.numbers.keys(), numbers_of(found.law)  # those that it branches on
+        if not all(np.array_equal(numbers[name], theirs[name]) for name in constant):
+            return cls(law, n, given, named)
+        return copy_with(found, law=law, numbers=read_only({name: numbers[name] for name in found.numbers}))
+
     def _formula(self) -> tuple[Any, ...] | None:
         """The operations of the torques, with the quantities of robots as inputs; None if the law cannot be traced.
 
@@ -305,7 +325,16 @@ class TracedLaw:
         return self._core(model, t, np.concatenate([q, qd] if z is None else [q, qd, z], axis=-1))
 
     def why_not_traced(self, kernels: KernelCache) -> str | None:
-        """Why the law must be called: it cannot be traced, or its trace differs from calls. None if it is traced."""
+        """Why the law must be called: it cannot be traced, or its trace differs from calls. None if it is traced.
+
+        A law that was once compared with its trace is compared no more, and neither are this package's of this formula.
+        """
+        if self.formula[1] is None:
+            return self._why_not_traced(kernels)
+        key = self, None if is_ours(self.law) else id(self.law)  # which is alive as long as it is part of a key
+        return kernels.reasons.get_or_make(key, lambda: self._why_not_traced(kernels) or "") or None
+
+    def _why_not_traced(self, kernels: KernelCache) -> str | None:
         try:
             worst = self._error_of_trace(kernels)
         except Exception as error:  # whatever the law raises when it meets traced numbers

@@ -72,6 +72,8 @@ class KernelCache:
         self._links: dict[tuple[str, ...], tuple[str, ...]] = {}  # of wrenches as given: in the model's order
         self._scenes: Recent[Any, Kernel] = Recent(SCENES)
         self._variants: Recent[Model, KernelCache] = Recent(VARIANTS)
+        self.laws: Recent[Any, Any] = Recent(SCENES)  # traced laws by their structure
+        self.reasons: Recent[Any, str] = Recent(SCENES)  # why laws are not traced, empty for those that are
         self.base_parameters: Recent[str, Any] = Recent(VARIANTS)  # by their options: found once for a robot
 
     @cached_property

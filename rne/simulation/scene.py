@@ -374,7 +374,7 @@ class Scene:
     def _law(self) -> TracedLaw:
         """The controller as it is now."""
         given = self._dynamics_without_law.law_inputs
-        law = TracedLaw(self.controller, self.n, given, self._named_of("controller."))
+        law = TracedLaw.known(self.controller, self.n, given, self._named_of("controller."), self.kernels)
         before: TracedLaw | None = self.__dict__.get("_law_before")
         if before == law and before.law is law.law and np.array_equal(before.vector, law.vector):
             return before
