@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from .arrays import TIME_ROUNDING
 from .spatial import Array
+
+NO_TABLE: Array = np.zeros((0, 0))
 
 
 class Piecewise(NamedTuple):
@@ -36,6 +39,45 @@ class Piecewise(NamedTuple):
         """The derivative by time."""
         powers = np.arange(1, len(self.c))[:, None, None]
         return Piecewise(self.t, self.c[1:] * powers / np.diff(self.t)[:, None])
+
+    @property
+    def table(self) -> Array:
+        """Each piece as a row: begin, end, coefficients of n values, ascending, shape (N, 2 + (degree + 1) n)."""
+        rows = self.c.transpose(1, 0, 2).reshape(len(self.t) - 1, -1)
+        return np.column_stack([self.t[:-1], self.t[1:], rows])
+
+
+def rows_at(table: Array, t: Array) -> Array:
+    """Rows of a table (N, width) that hold at times t; a ValueError outside of all pieces, but for rounding.
+
+    Where one piece ends and the next begins it is the next.
+    """
+    start, end = float(table[0, 0]), float(table[-1, 1])
+    outside = t[np.abs(t - np.clip(t, start, end)) > TIME_ROUNDING * max(abs(start), abs(end))]
+    if outside.size:
+        raise ValueError(f"`t` must be within the samples, {start:g} to {end:g} s, got {outside.flat[0]:g}")
+    return np.asarray(table[np.maximum(np.searchsorted(table[:, 0], t, side="right") - 1, 0)])
+
+
+def pieces_at(table: Array, t: Array) -> tuple[Array, ...]:
+    """The rows that hold at times t of shape (..., 1), as the argument of a kernel; nothing without a table."""
+    return (rows_at(table, t[..., 0]),) if len(table) else ()
+
+
+def on_rows(t: Any, rows: Array, n: int) -> tuple[Array, Array, Array]:
+    """n values, their rates and second derivatives at times t by rows of a table, (..., width); both may be traced."""
+    begin, end = rows[..., :1], rows[..., 1:2]
+    *lower, value = (rows[..., k : k + n] for k in range(2, rows.shape[-1], n))
+    slope = curvature = 0 * value
+    if not lower:
+        return value, slope, curvature
+    h = end - begin
+    s = (t - begin) / h
+    for c in reversed(lower):  # Horner's scheme for a polynomial and its derivatives
+        curvature = curvature * s + slope
+        slope = slope * s + value
+        value = value * s + c
+    return value, slope / h, 2 * curvature / (h * h)
 
 
 def quintic(t: Array, q: Array, qd: Array, begin: Array, end: Array) -> Piecewise:

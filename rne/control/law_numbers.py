@@ -1,7 +1,8 @@
 """The numbers of a control law by name, and the law with others: fields of dataclasses, attributes, cells, defaults.
 
 A number is a float, or an array of floats of at most two axes. It may be replaced by traced numbers, so that a law of
-other numbers needs no other program. Robots, references and what a law calls keep theirs, but for frictions.
+other numbers needs no other program. Robots, references and what a law calls keep theirs, but for frictions. A motion
+through samples is a table beside the program, and its samples are a number.
 """
 
 from __future__ import annotations
@@ -10,11 +11,12 @@ import functools
 import types
 from collections.abc import Iterator, Mapping
 from dataclasses import fields, is_dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..basics.arrays import copy_with
+from ..basics.piecewise import on_rows
 from ..basics.spatial import Array
 
 MOST = 400  # entries of an array that is a number of a law: larger ones are tables
@@ -51,6 +53,29 @@ def numbers_of(law: Any) -> Numbers:
     return found
 
 
+def motion_of(law: Any) -> tuple[str, Any] | None:
+    """The name and the motion through samples that a law holds, which has a `table`; None if it holds none, or some."""
+    found = [(name, part) for name, part in parts_of(law).items() if hasattr(type(part), "with_samples")]
+    return found[0] if len(found) == 1 else None
+
+
+def samples_of(law: Any) -> Numbers:
+    """The samples of the motion that a law holds, by its name."""
+    found = motion_of(law)
+    return {} if found is None else {found[0]: found[1].samples}
+
+
+class OnRows(NamedTuple):
+    """In place of a motion through samples of n joints: its values at a time by the rows that hold there, or traced."""
+
+    rows: Array
+    n: int
+
+    def __call__(self, t: Any) -> tuple[Array, Array, Array]:
+        """Positions, velocities and accelerations."""
+        return on_rows(t, self.rows, self.n)
+
+
 def law_at(law: Any, numbers: Mapping[str, Any]) -> Any:
     """The law with other numbers, which may be traced; their names are those of `numbers_of`."""
     changed: dict[str, Any] = {}
@@ -58,6 +83,8 @@ def law_at(law: Any, numbers: Mapping[str, Any]) -> Any:
         inner = {k.removeprefix(f"{name}."): v for k, v in numbers.items() if k.startswith(f"{name}.")}
         if inner:
             changed[name] = part.at(inner)
+        elif name in numbers and hasattr(type(part), "with_samples"):
+            changed[name] = part.with_samples(numbers[name])
         elif name in numbers:
             changed[name] = as_given(numbers[name], part)
     return law_with(law, changed) if changed else law

@@ -13,17 +13,18 @@ from weakref import WeakValueDictionary
 import numpy as np
 
 from ..basics.arrays import UNBOUNDED, check_function, copy_with, read_only, whole_number
+from ..basics.piecewise import NO_TABLE, pieces_at
 from ..basics.spatial import Array
 from ..dynamics.quantity import MethodQuantity, Quantity
 from ..graph.graph import Graph
 from ..graph.scalar import inputs, is_traced, references
 from ..kernels.cache import KernelCache
-from ..kernels.kernel import Kernel
+from ..kernels.kernel import Kernel, with_table
 from ..kernels.trace import AGREEMENT, LIMIT, TRIALS
 from ..model.model import Model
 from ..model.topology import where_loops_close
 from ..robot import Robot, robot_argument
-from .law_numbers import is_number, law_at, numbers_of, parts_of
+from .law_numbers import OnRows, is_number, law_at, law_with, motion_of, numbers_of, parts_of
 
 
 def check_law(name: str, law: Any) -> None:
@@ -140,15 +141,19 @@ def vectors(numbers: Mapping[str, Array], inputs: Mapping[str, Array], own: Mapp
 class TracedLaw:
     """A law marked by `rne.traceable`, for the kernels of a scene; equal to that of the same law of the same formula.
 
-    It is given all coordinates of n joints, or those of `given`.
+    It is given all coordinates of n joints, or those of `given`. A motion through samples that it holds is a `table`
+    of pieces, of which a kernel of the law is given the row that holds at its time, `piece`.
     """
 
     changes = 0  # that were reported by `changed`
+    piece: Array | None = None  # rows (..., width) that take the place of the motion, traced or not
 
     def __init__(self, law: Any, n: int, given: LawInputs | None = None, named: frozenset[str] = frozenset()) -> None:
         self.law, self.n, self.states = law, n, int(getattr(law, "states", 0))
         self.given, self.named = given or LawInputs(0, n, n), named
         self.size = 2 * self.given.coordinates + self.states
+        self.motion = motion_of(law)
+        self.table: Array = NO_TABLE if self.motion is None else self.motion[1].table
         found, formula = self._with_inputs()
         self.numbers = read_only(found)
         self.formula = self.changes, formula
@@ -222,6 +227,10 @@ class TracedLaw:
         What others read is not all to be seen, so that their formula is compared.
         """
         held = parts_of(law) if is_ours(law) else {"": law}
+        motion, own = motion_of(law), dict[str, Any]()
+        if motion is not None:
+            own = {"motion": motion, "table": motion[1].table}
+            held[motion[0]] = f"{motion[1].table.shape[1]} {motion[1].samples.shape[1]}"
         others = {name: part for name, part in held.items() if not is_number(part)}
         if not all(part is None or isinstance(part, bool | int | str | Robot) for part in others.values()):
             return cls(law, n, given, named)
@@ -233,7 +242,12 @@ class TracedLaw:
         constant, theirs = numbers.keys() - found.numbers.keys(), numbers_of(found.law)  # those that it branches on
         if not all(np.array_equal(numbers[name], theirs[name]) for name in constant):
             return cls(law, n, given, named)
-        return copy_with(found, law=law, numbers=read_only({name: numbers[name] for name in found.numbers}))
+        numbers = read_only({name: numbers[name] for name in found.numbers})
+        return copy_with(found, law=law, numbers=numbers, **own)
+
+    def on_piece(self, piece: Array | None) -> TracedLaw:
+        """The law with rows of its table, traced or not, (..., width), in place of its motion through samples."""
+        return self if piece is None or self.motion is None else copy_with(self, piece=piece)
 
     def _formula(self) -> tuple[Any, ...] | None:
         """The operations of the torques, with the quantities of robots as inputs; None if the law cannot be traced.
@@ -241,10 +255,11 @@ class TracedLaw:
         All that a law reads takes part, wherever it is kept. To look there instead would miss some of it.
         """
         graph = Graph(8 * LIMIT, outline=True)
-        x = inputs(graph, (1, 1 + self.size + len(self.vector)), 0)
+        first, last = 1 + self.size, 1 + self.size + len(self.vector)
+        x = inputs(graph, (1, last + self.table.shape[1]), 0)
         try:
             with np.errstate(all="ignore"):
-                torques, rates = self.filled(x[0, 1 + self.size :])(x[:, :1], x[:, 1 : 1 + self.size])
+                torques, rates = self.filled(x[0, first:last]).on_piece(x[:, last:])(x[:, :1], x[:, 1:first])
             found = [references(graph, part) for part in (torques, rates) if part is not None]
         except Exception:  # whatever the law raises when it meets traced numbers: the trace for a kernel tells it
             return None
@@ -257,17 +272,22 @@ class TracedLaw:
         if the law takes them so.
         """
         if x.ndim == 1:
-            return self._call(np.asarray(t).item(), x)
+            return self._call(np.asarray(t).item(), x, self.piece)
         if x.dtype != object and self._takes_batches:
-            return self._call(t, x)
+            return self._call(t, x, self.piece)
         times = np.broadcast_to(t, (*x.shape[:-1], 1)).reshape(-1)
-        found = [self._call(*state) for state in zip(times, x.reshape(-1, x.shape[-1]), strict=True)]
+        pieces = [None] * len(times) if self.piece is None else self.piece.reshape(len(times), -1)
+        found = [self._call(*state) for state in zip(times, x.reshape(-1, x.shape[-1]), pieces, strict=True)]
         u = np.array([torques for torques, _ in found]).reshape(*x.shape[:-1], -1)
         return u, None if found[0][1] is None else np.array([r for _, r in found]).reshape(*x.shape[:-1], -1)
 
-    def _call(self, t: Any, x: Array) -> tuple[Array, Array | None]:
+    def _call(self, t: Any, x: Array, piece: Array | None = None) -> tuple[Array, Array | None]:
         """The law's torques and the rates of its states with one row per state, where a constant is repeated."""
-        u, rates = call_law(self.law, t, x, self.given)
+        law = self.law
+        if piece is not None and self.motion is not None:
+            name, motion = self.motion
+            law = law_with(law, {name: OnRows(piece, motion.samples.shape[1])})
+        u, rates = call_law(law, t, x, self.given)
         try:
             torques = np.asarray(u)
         except ValueError:
@@ -288,7 +308,7 @@ class TracedLaw:
     def _takes_batches(self) -> bool:
         """True if the law gives for some states at once what it gives for each."""
         count = self.n + 1  # a matrix (n, n) times so many states fails
-        t, X = _trials(count, self.size)
+        t, X = self._trials(count)
         try:
             together = self._row(self._call(t, X))
             single = [self._row(self._call(float(s[0]), x)) for s, x in zip(t, X, strict=True)]
@@ -298,31 +318,42 @@ class TracedLaw:
             return False
         return np.allclose(together, single, rtol=AGREEMENT, atol=AGREEMENT)
 
+    @property
+    def piece_width(self) -> dict[str, int | None]:
+        """The length of the argument `piece`, by its name, if there is one."""
+        return {"piece": self.table.shape[1]} if len(self.table) else {}
+
     @cached_property
     def outputs(self) -> MethodQuantity:
         """[torques, dz/dt] as a function of time and state, to be traced."""
-        widths: dict[str, int | None] = {"t": 1, "x": self.size, "numbers": len(self.vector)}
+        widths: dict[str, int | None] = {"t": 1, "x": self.size, **self.piece_width}
+        widths["numbers"] = len(self.vector)
         how: dict[str, Any] = {"moments": True, "base_parameters": True, "of_run": "numbers"}
         traced = Quantity(name="controller", core=self._core, widths=widths, **how)
         return MethodQuantity(self, traced, "the controller")
 
-    def _core(self, model: Model, t: Array, x: Array, numbers: Any = None) -> Array:
+    def _core(self, model: Model, t: Array, x: Array, numbers: Any = None, piece: Array | None = None) -> Array:
+        law = self.on_piece(piece)
         if numbers is None:
-            return self._row(self(t, x))
+            return self._row(law(t, x))
         given, width = np.asarray(numbers), len(self.vector)
         rows = given.reshape(-1, width) if width else np.zeros((1, 0))
         if rows.dtype == object or (rows == rows[:1]).all():
-            return self._row(self.filled(rows[0])(t, x))
-        return np.array([self._row(self.filled(v)(s, y)) for v, s, y in zip(rows, t, x, strict=True)])
+            return self._row(law.filled(rows[0])(t, x))
+        pieces = [None] * len(t) if piece is None else piece
+        each = zip(rows, t, x, pieces, strict=True)
+        return np.array([self._row(self.filled(v).on_piece(p)(s, y)) for v, s, y, p in each])
 
     @staticmethod
     def _row(returned: tuple[Array, Array | None]) -> Array:
         u, rates = returned
         return u if rates is None else np.concatenate([u, rates], axis=-1)
 
-    def core_of_joints(self, model: Model, t: Array, q: Array, qd: Array, z: Array | None = None) -> Array:
-        """The same as a function of time, positions, velocities and the law's states."""
-        return self._core(model, t, np.concatenate([q, qd] if z is None else [q, qd, z], axis=-1))
+    def core_of_joints(
+        self, model: Model, t: Array, q: Array, qd: Array, z: Array | None = None, piece: Array | None = None
+    ) -> Array:
+        """The same as a function of time, positions, velocities, the law's states and the piece of its motion."""
+        return self._core(model, t, np.concatenate([q, qd] if z is None else [q, qd, z], axis=-1), piece=piece)
 
     def why_not_traced(self, kernels: KernelCache) -> str | None:
         """Why the law must be called: it cannot be traced, or its trace differs from calls. None if it is traced.
@@ -346,14 +377,23 @@ class TracedLaw:
 
     def _error_of_trace(self, kernels: KernelCache) -> float:
         """Largest difference between traced and called torques in some states, relative where they exceed 1."""
-        kernel, (t, x), model = kernels.scene_kernel(self.outputs), _trials(TRIALS, self.size), kernels.model
+        kernel, (t, x), model = kernels.scene_kernel(self.outputs), self._trials(TRIALS), kernels.model
         x = np.concatenate([where_loops_close(model, x[:, : self.n]), x[:, self.n :]], axis=1)
         with np.errstate(all="ignore"):
             called = self._core(model, t, x)
         if called.dtype != np.float64 or not np.isfinite(called).all():
-            called, _ = self.outputs.evaluate(model, t, x, self.vector)  # names what is wrong
-        scales = np.abs(called).max(axis=1, initial=1.0)
-        return float((np.abs(kernel(t, x, self.vector) - called).max(axis=1, initial=0.0) / scales).max())
+            called, _ = self.outputs.evaluate(model, t, x, *self.pieces(t), self.vector)  # names what is wrong
+        scales, traced = np.abs(called).max(axis=1, initial=1.0), kernel(t, x, *self.pieces(t), self.vector)
+        return float((np.abs(traced - called).max(axis=1, initial=0.0) / scales).max())
+
+    def pieces(self, t: Array) -> tuple[Array, ...]:
+        """The argument `piece` at times t, shape (..., 1), if there is one."""
+        return pieces_at(self.table, t)
+
+    def _trials(self, count: int) -> tuple[Array, Array]:
+        """Times and states in which the law is compared with its trace."""
+        t, x = _trials(count, self.size)
+        return (self.table[0, 0] + t * (self.table[-1, 1] - self.table[0, 0]), x) if len(self.table) else (t, x)
 
 
 @cache
@@ -380,7 +420,9 @@ def compiled(law: Any, robot: Robot | None = None, *, engine: str | None = None)
     Kernel
         Of t, shape (..., 1), and q and qd, shape (..., n), and of z, shape (..., m), for a law with states. It gives
         torques, and behind them the m rates of the states: shape (..., n + m). `Kernel.into` writes them without
-        allocation, `Kernel.source` prints them. Without limits: clip the torques to what your drives bear.
+        allocation, `Kernel.source` prints them. Without limits: clip the torques to what your drives bear. Where the
+        law holds a motion through samples, the last argument is the `piece` of it that holds at t: a call finds it
+        if it is left out, `kernel.piece(t)` gives it to `into`, and in C a function that is printed as well.
 
     Raises
     ------
@@ -405,7 +447,8 @@ def compiled(law: Any, robot: Robot | None = None, *, engine: str | None = None)
         raise TypeError(f"`law` cannot be traced: {reason}")
     widths: dict[str, int | None] = {"t": 1, "q": known.n, "qd": known.n}
     widths |= {"z": traced.states} if traced.states else {}
+    widths |= traced.piece_width
     declared = replace(traced.outputs.quantity, name="control_law", core=traced.core_of_joints, widths=widths)
     kernel = Kernel(MethodQuantity(traced, declared, "the law"), known.model, {}, engine=engine or known.engine)
     _ = kernel.traced  # raises the TypeError of a law that is too large
-    return kernel
+    return with_table(kernel, traced.table)

@@ -8,14 +8,17 @@ import logging
 import re
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from copy import copy
 from functools import cached_property
 from math import prod
 from types import MethodType
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from ..basics.arrays import read_only, whole_number
+from ..basics.arrays import read_only, real_numbers, whole_number
+from ..basics.piecewise import NO_TABLE, rows_at
 from ..basics.spatial import Array
 from ..basics.text import short, wrapped
 from ..dynamics.quantity import (
@@ -153,9 +156,44 @@ class Kernel:
             check_own(self.function, self.model)
         self.widths = self._widths(widths)
         self._libraries: dict[tuple[int, bool], Any] = {}  # of `address`, by its arguments
+        self.table = NO_TABLE  # of the pieces of a motion through samples, where `piece` is an argument
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Kernel, (self.function, self.model, self.fixed, self.wrt, self.engine, self.order)
+        made = self.function, self.model, self.fixed, self.wrt, self.engine, self.order
+        return (Kernel, made, {"table": self.table}) if len(self.table) else (Kernel, made)
+
+    def piece(self, t: ArrayLike) -> Array:
+        """The argument `piece` at times, for `into` and functions in C.
+
+        Parameters
+        ----------
+        t : array_like, shape (..., 1)
+            Times [s].
+
+        Returns
+        -------
+        ndarray, shape (..., width)
+            Begin, end and coefficients of the pieces.
+
+        Raises
+        ------
+        ValueError
+            If a time is outside the samples.
+        TypeError
+            If the kernel has no such argument, or no samples.
+
+        Examples
+        --------
+        >>> import rne
+        >>> arm = rne.load("irb140")
+        >>> steps = rne.trajectories.sampled([0.0, 1.0], [[0.0] * 6, [1.0] * 6])
+        >>> law = rne.control.compiled(rne.control.pd_gravity(arm, 50, 20, steps))
+        >>> law.piece([0.5])[:2].tolist()  # its begin and end [s]
+        [0.0, 1.0]
+        """
+        if not len(self.table):
+            raise TypeError(f"{self!r} has no samples of a motion")
+        return rows_at(self.table, real_numbers("t", t, "(..., 1)")[..., 0])
 
     def __deepcopy__(self, _: Any) -> Kernel:
         return self  # which never changes
@@ -404,6 +442,9 @@ class Kernel:
         self, *arguments: Any, out: Array | None = None, workers: int = ALONE
     ) -> tuple[Array, PrecisionStatus]:
         """The result and its PrecisionStatus, not yet announced; see `__call__` for the arguments."""
+        if len(self.table) and len(arguments) == len(self.names) - 1:
+            k = self.names.index("piece")
+            arguments = *arguments[:k], self.piece(arguments[0]), *arguments[k:]
         if out is None and workers is ALONE and len(arguments) == len(self.names):
             try:
                 result = self.fast_call(*arguments)
@@ -721,6 +762,13 @@ class Kernel:
         rows = out.reshape(count, prod(self.traced.shape))
         status = _run_in_threads(self.blocks.run, ready, rows, by_function, workers)
         return (out if shape else out[()]), status  # a number of NumPy, as from the recursion
+
+
+def with_table(kernel: Kernel, table: Array) -> Kernel:
+    """The same kernel, whose calls find `piece`, the row of a table, (N, width), that holds at their times."""
+    found = copy(kernel) if len(table) else kernel
+    found.table = table
+    return found
 
 
 def _rows(arrays: Sequence[Array]) -> tuple[tuple[int, ...], Array]:

@@ -351,7 +351,7 @@ def _plan(
     friction = scene.resolved.friction
     has_events = scene.sample_time is not None or scene.stops or (friction is not None and friction.sticks)
     dynamics = scene.dynamics
-    is_called = dynamics.inputs == "called"
+    is_called = dynamics.inputs == "called" or len(dynamics.table) > 0
     rtol, atol = tolerated
     fallback = SequentialRun(scene, end, times, {"method": method, "rtol": rtol, "atol": atol})
     if step is None:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..basics.arrays import real_array
+from ..basics.piecewise import pieces_at
 from ..basics.spatial import Array
 from ..control.traced_law import call_law
 from ..dynamics.precision import velocity_bound
@@ -51,6 +52,7 @@ class Plant:
     ) -> None:
         self.dynamics, self.robot, self.law, self.law_name = dynamics, robot, law, law_name
         self.numbers = dynamics.vector  # of the scene, the last argument of its kernels
+        self.table = dynamics.table  # of the motion that a traced law holds
         self.kernels = kernels or robot._kernels  # of another robot, where bodies are numbers of the scene
         self.counted = dynamics.counted  # entries of the state that are held to the tolerances
         self.width = dynamics.size  # of what the kernel gives
@@ -80,7 +82,8 @@ class Plant:
     @property
     def is_compiled(self) -> bool:
         """True if no law is called and the kernel is machine code."""
-        return self.law is None and self.kernel.is_unrolled and self.kernel.engine == "numba"
+        in_loops = self.law is None and not len(self.table)
+        return in_loops and self.kernel.is_unrolled and self.kernel.engine == "numba"
 
     @property
     def is_conservative(self) -> bool:
@@ -168,13 +171,13 @@ class Plant:
         if self._state_function is not None:
             try:
                 self._time[0] = t
-                return self._state_function(self._time, x, *(() if u is None else (u,)))
+                return self._state_function(*self._inputs(self._time, x, u))
             except NeedsRecursion:
                 pass
         self._check_state(t, x)
         try:
             rates: Array
-            inputs = (np.array([t]), x) if u is None else (np.array([t]), x, u)
+            inputs = self._inputs(np.array([t]), x, u)
             rates, status = self._function.evaluate(self.kernels.model, *inputs, self.numbers)
         except NotFiniteError as error:
             drives = None if self.dynamics.law is None else self.dynamics.drives(np.array([t]), x, None)[0]
@@ -183,12 +186,16 @@ class Plant:
         self.note_loss(status)
         return rates
 
+    def _inputs(self, t: Array, x: Array, *others: Array | None) -> tuple[Array, ...]:
+        """The arguments of a kernel but for the numbers, at times of shape (..., 1)."""
+        return t, x, *(a for a in others if a is not None), *pieces_at(self.table, t)
+
     def all_outputs(self, t: Array, X: Array, u: Array | None = None, few: int = 1) -> Array:
         """The same at many times, shapes (T,) and (T, size), for laws that are traced or inputs that are given.
 
         Machine code of one state gives those of a few: loading that of many takes some 8 ms.
         """
-        states = t[:, None], X, *(() if u is None else (u,))
+        states = self._inputs(t[:, None], X, u)
         fastest = np.abs(X[:, self.dynamics.n : 2 * self.dynamics.n]).max(initial=0.0)
         if 0 < len(t) <= few and self._state_function is not None and fastest <= velocity_bound(X.dtype):
             with suppress(NeedsRecursion):
@@ -207,7 +214,7 @@ class Plant:
             states, numbers = X[:, : self._law_kernel.widths[1]], law.vector
             if mine := {k.removeprefix("controller."): x for k, x in own.items() if k.startswith("controller.")}:
                 numbers = law.vectors(mine)
-            found = self._law_kernel.evaluate(t[:, None], states, numbers)[0][:, : self.robot.n]
+            found = self._law_kernel.evaluate(*self._inputs(t[:, None], states), numbers)[0][:, : self.robot.n]
             bound = own.get("effort_limit", limit)
             return np.asarray(found if bound is None else np.clip(found, -np.asarray(bound), bound))
         drives, _ = self.dynamics.drives(t[:, None], X, self.torques_at(t, X) if u is None else u)
@@ -235,11 +242,13 @@ class Plant:
         t, n, size, dynamics = self.within(t), self.dynamics.n, len(x), self.dynamics
         qdd = self.rates(t, x, self.torque(t, x))[n : 2 * n]
         torque: Callable[..., Any] = partial(self.torque, t)
-        u = (torque(x),) if dynamics.torque_given else ()
-        wrt = ("x", "a", "u") if u else ("x", "a", "t") if self.is_compiled else ("x", "a")  # the time is for Rodas5P
-        slopes = self.kernels.scene_kernel(dynamics.residual, *wrt)(np.array([t]), x, qdd, *u, self.numbers)
+        u = torque(x) if dynamics.torque_given else None
+        has_u = u is not None
+        wrt = ("x", "a", "u") if has_u else ("x", "a", "t") if self.is_compiled else ("x", "a")  # t is for Rodas5P
+        given = *self._inputs(np.array([t]), x, qdd, u), self.numbers
+        slopes = self.kernels.scene_kernel(dynamics.residual, *wrt)(*given)
         by_x, M = slopes[:, :size], slopes[:n, size : size + n]
-        if u and self.sampled is None:
+        if has_u and self.sampled is None:
             law_slopes = differences(torque, x, self.counted)
             by_x = by_x + slopes[:, size + n :] @ law_slopes
         accelerations = np.linalg.solve(M, -by_x[:n])

@@ -18,10 +18,10 @@ from ..basics.arrays import UNBOUNDED, ReadOnlyArrays, per_joint_array, positive
 from ..basics.spatial import Array
 from ..basics.text import listed, summary
 from ..control.closed_loop import LinearisedLoop
-from ..control.law_numbers import numbers_of
+from ..control.law_numbers import numbers_of, samples_of
 from ..control.traced_law import TracedLaw, check_law, is_ours
 from ..kernels.cache import KernelCache
-from ..kernels.kernel import Kernel
+from ..kernels.kernel import Kernel, with_table
 from ..model.model import joint_array
 from ..model.modify import LimitValues, limit_array
 from ..robot import Robot
@@ -322,7 +322,7 @@ class Scene:
             return {}
         law = self._law if getattr(self.controller, "traceable", False) else None
         found = numbers_of(self.controller) if law is None or law.formula[1] is None else law.numbers
-        return {f"controller.{name}": number for name, number in found.items()}
+        return {f"controller.{name}": number for name, number in (found | samples_of(self.controller)).items()}
 
     def with_numbers(self, numbers: Mapping[str, ArrayLike]) -> Scene:
         """The scene with other numbers, which runs the same program.
@@ -376,7 +376,8 @@ class Scene:
         given = self._dynamics_without_law.law_inputs
         law = TracedLaw.known(self.controller, self.n, given, self._named_of("controller."), self.kernels)
         before: TracedLaw | None = self.__dict__.get("_law_before")
-        if before == law and before.law is law.law and np.array_equal(before.vector, law.vector):
+        same = before == law and before.law is law.law and before.table is law.table
+        if before is not None and same and np.array_equal(before.vector, law.vector):
             return before
         self.__dict__["_law_before"] = law
         return law
@@ -400,7 +401,8 @@ class Scene:
         """A sampled controller as machine code, where that is possible."""
         if self.sample_time is None or self.resolved.robot.engine != "numba":
             return None
-        return self._traced_law()
+        law = self._traced_law()
+        return None if law is None or len(law.table) else law
 
     @property
     def is_traced(self) -> bool:
@@ -419,7 +421,7 @@ class Scene:
         """The whole right-hand side in one kernel, the controller included if it is traceable."""
         dynamics = replace(self.dynamics, has_energies=False)
         numbers = tuple(dynamics.vector.tolist())
-        return self.kernels.scene_kernel(dynamics.right_hand_side, numbers=numbers)
+        return with_table(self.kernels.scene_kernel(dynamics.right_hand_side, numbers=numbers), dynamics.table)
 
     def to_casadi(
         self, name: str = "scene", *, symbolic: str = "SX", steps: int | None = None, parameters: bool = False

@@ -29,6 +29,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import cached_array
+from ..basics.piecewise import NO_TABLE
 from ..basics.spatial import Array, rotate
 from ..control.traced_law import LawInputs, TracedLaw, is_input, placed, vectors
 from ..dynamics.crba import mass_matrix, solve_with_pivots
@@ -225,6 +226,11 @@ class SceneDynamics:
         parts = [self.numbers[name][mask] for name, mask in self.inputs_of_kernels.items()]
         return np.concatenate([np.zeros(0), *parts])
 
+    @property
+    def table(self) -> Array:
+        """The pieces of the motion through samples that a traced law holds, a row each; empty without one."""
+        return NO_TABLE if self.law is None else self.law.table
+
     def vectors(self, own: Mapping[str, Array]) -> Array:
         """The vector of each of some motions, (N, p), which have numbers (N, ...) of their own."""
         return vectors(self.numbers, self.inputs_of_kernels, own)
@@ -277,7 +283,10 @@ class SceneDynamics:
         return model if self.bodies is None else self.filled(numbers).bodies.in_model(model)  # type: ignore[union-attr]
 
     def _evaluated(self, name: str, model: Model, arrays: Mapping[str, Array]) -> Any:
-        return getattr(self, name)(model if self.bodies is None else self.bodies.in_model(model), **arrays)
+        given, dynamics = dict(arrays), self
+        if self.law is not None and "piece" in given:
+            dynamics = replace(self, law=self.law.on_piece(given.pop("piece")))
+        return getattr(dynamics, name)(model if self.bodies is None else self.bodies.in_model(model), **given)
 
     def drives(self, t: Any, x: Array, u: Array | None) -> tuple[Array | None, list[Array]]:
         """Torques of the drives within their limits, and the rates of the states behind (q, qd), without energies."""
@@ -433,11 +442,12 @@ class SceneDynamics:
             self.springs.check_ends(model, x[..., : self.joints])
 
     def _declared(self, name: str, title: str, *, a: bool = False, modes: bool = False, **how: Any) -> MethodQuantity:
-        """One of the functions, with the lengths of its arguments: t, x, perhaps a, and u where there are inputs."""
+        """One of the functions, with the lengths of its arguments: t, x, perhaps a, u where there are inputs, piece."""
         inputs = (self.joints + self.states if self.torque_given else 0) + (2 * self.n if modes else 0)
         widths: dict[str, int | None] = {"t": 1, "x": self.size}
         widths |= {"a": self.n} if a else {}
         widths |= {"u": inputs} if modes or self.torque_given else {}
+        widths |= {} if self.law is None else self.law.piece_width
         widths["numbers"] = len(self.vector)
         core = partial(self.template.core_at, f"{name}_core")
         how |= {"core": core, "moments": True, "base_parameters": True, "of_run": "numbers"}

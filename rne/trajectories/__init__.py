@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 from ..basics import on_first_use
 from .csv_file import Samples, read_csv
-from .profiles import Path, Quintic, Spline, Trapezoidal, quintic, spline, through, trapezoidal
+from .profiles import Path, Quintic, Sampled, Spline, Trapezoidal, quintic, sampled, spline, through, trapezoidal
 
 if TYPE_CHECKING:
     from .time_optimal import FastestMotion, fastest
@@ -15,12 +15,14 @@ __all__ = [
     "FastestMotion",
     "Path",
     "Quintic",
+    "Sampled",
     "Samples",
     "Spline",
     "Trapezoidal",
     "fastest",
     "quintic",
     "read_csv",
+    "sampled",
     "spline",
     "through",
     "trapezoidal",

@@ -4,21 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import wraps
+from functools import cached_property, wraps
 from itertools import pairwise
+from math import factorial
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import TIME_ROUNDING, ReadOnlyArrays, plain_array, positive_number, real_array, real_numbers
+from ..basics.arrays import ReadOnlyArrays, plain_array, positive_number, read_only, real_array, real_numbers
+from ..basics.piecewise import Piecewise, on_rows, rows_at
 from ..basics.spatial import Array
 from ..basics.text import summary
 from ..elementwise import clip, less, where
 
 DEGREE = 5  # of a spline: continuous third derivatives of q, so that accelerations have no corners
 MISMATCH = 1e-6  # of the largest |q|: by so much the spline may miss a sample before it is refused
+KINDS = ("hold", "linear", "cubic")  # of motions through samples
 T = TypeVar("T")
+I = TypeVar("I", bound="Interpolated")
 
 
 def made_by(maker: str) -> Callable[[type[T]], type[T]]:
@@ -63,7 +67,7 @@ class ReferenceMotion(ReadOnlyArrays):
         ValueError
             If `t` is not real or not finite, or outside the samples of a spline.
         TypeError
-            If `t` is traced and the motion is a spline: a law that follows it is called.
+            If `t` is traced and the motion passes through samples: a law that does not hold it itself is called.
         """
         times = plain_array("t", t)
         if not is_traced(times):
@@ -227,9 +231,67 @@ def _refuse_overflow(motion: ReferenceMotion, t: float, **times: float) -> None:
         raise ValueError(f"{names} {need}, got {got} s")
 
 
+class Interpolated(ReferenceMotion):
+    """Base of the motions through samples, piece by piece along polynomials.
+
+    A law that holds one as a field, an attribute or in its closure is traced: the table of pieces stays beside its
+    program, which is given the row that holds at each time.
+    """
+
+    t: Array
+    _curve: Piecewise
+
+    @cached_property
+    def table(self) -> Array:
+        """A row for each piece, as of `Piecewise.table`."""
+        found: Array = read_only(self._curve.table)
+        return found
+
+    @property
+    def samples(self) -> Array:
+        """Values at the times `t`, shape (K, n)."""
+        raise NotImplementedError
+
+    def with_samples(self, samples: ArrayLike) -> Interpolated:
+        """The motion through other samples at the same times.
+
+        Parameters
+        ----------
+        samples : array_like, shape (K, n)
+            Joint positions [rad or m].
+
+        Returns
+        -------
+        Spline or Sampled
+            Of the same kind.
+
+        Raises
+        ------
+        ValueError
+            As `spline` and `sampled`.
+
+        Examples
+        --------
+        >>> import rne
+        >>> path = rne.trajectories.spline([0.0, 1.0], [[0.0], [1.0]])
+        >>> path.with_samples([[0.0], [3.0]])(0.5)[0].tolist()
+        [1.5]
+        """
+        return self._through(samples)
+
+    def _through(self, samples: ArrayLike) -> Interpolated:
+        raise NotImplementedError
+
+    def _at(self, t: Array) -> tuple[Array, Array, Array]:
+        if is_traced(t):
+            raise TypeError("a motion through samples is traced where a law holds it itself, and called elsewhere")
+        rows = rows_at(self.table, t[..., 0] if t.ndim else t)
+        return on_rows(np.clip(t, self.t[0], self.t[-1]), rows, self.samples.shape[1])
+
+
 @made_by("spline")
 @dataclass(frozen=True, eq=False)
-class Spline(ReferenceMotion):
+class Spline(Interpolated):
     """A motion through samples, made by `spline`.
 
     Its attributes are the arguments, and `degree`, of the polynomials: 5, or K - 1 if there are fewer than six samples.
@@ -238,20 +300,15 @@ class Spline(ReferenceMotion):
     t: Array
     q: Array
     degree: int
-    _curve: Callable[..., Array] = field(repr=False)  # over times from 0 to 1
+    _curve: Piecewise = field(repr=False)
 
-    def _at(self, t: Array) -> tuple[Array, Array, Array]:
-        if is_traced(t):
-            raise TypeError("a spline through samples is evaluated with numbers and cannot be traced")
-        start, end = float(self.t[0]), float(self.t[-1])
-        inside = np.clip(t, start, end)
-        outside = t[np.abs(t - inside) > TIME_ROUNDING * max(abs(start), abs(end))]
-        if outside.size:
-            raise ValueError(f"`t` must be within the samples, {start:g} to {end:g} s, got {outside.flat[0]:g}")
-        unit = end - start
-        s = ((inside[..., 0] if inside.ndim else inside) - start) / unit
-        q, by_s, by_s_twice = (self._curve(s, nu=order) for order in range(3))
-        return q, by_s / unit, by_s_twice / unit / unit
+    @property
+    def samples(self) -> Array:
+        """Positions at the times `t`, shape (K, n)."""
+        return self.q
+
+    def _through(self, samples: ArrayLike) -> Spline:
+        return spline(self.t, samples)
 
 
 def spline(t: ArrayLike, q: ArrayLike) -> Spline:
@@ -268,8 +325,8 @@ def spline(t: ArrayLike, q: ArrayLike) -> Spline:
     -------
     Spline
         A function f(t) -> (q, qd, qdd), each of shape (n,) for one time, (T, n) for an array of T times; a reference
-        for `rne.control.computed_torque`, where it is called, not traced. Outside the samples it raises ValueError:
-        what the motion does there is not known, and rest is not assumed.
+        for `rne.control.computed_torque`. Outside the samples it raises ValueError: what the motion does there is not
+        known, and rest is not assumed.
 
     Raises
     ------
@@ -310,18 +367,106 @@ def spline(t: ArrayLike, q: ArrayLike) -> Spline:
     miss = np.abs(curve(s) - positions).max(initial=0.0)
     if not miss <= MISMATCH * np.abs(positions).max(initial=0.0):
         raise ValueError(_uneven(times))
-    motion = Spline(times, positions, degree, curve)
-    if _overflows(motion, times):
-        span = f"accelerations exceed the range of float64 within {times[-1] - times[0]:g} s"
-        raise ValueError(f"`t` is spaced too closely for `q`: {span}")
+    return _not_too_close("q", Spline(times, positions, degree, _pieces(times, range(3, len(times) - 3), s, curve)))
+
+
+def _pieces(t: Array, inner: Sequence[int], s: Array, curve: Any) -> Piecewise:
+    """The polynomials of one of SciPy's splines over s, which end at the first, some inner and the last time."""
+    ends = [0, *inner, len(t) - 1]
+    h, begins = np.diff(s[ends])[:, None], s[ends[:-1]]
+    degree = curve.k if hasattr(curve, "k") else len(curve.c) - 1
+    return Piecewise(t[ends], np.stack([curve(begins, nu=k) * h**k / factorial(k) for k in range(degree + 1)]))
+
+
+@made_by("sampled")
+@dataclass(frozen=True, eq=False)
+class Sampled(Interpolated):
+    """A motion through samples, made by `sampled`; attributes are its arguments."""
+
+    t: Array
+    values: Array
+    kind: str
+    _curve: Piecewise = field(repr=False)
+
+    @property
+    def breaks(self) -> tuple[float, ...]:
+        """Times at which positions or velocities jump [s]."""
+        return () if self.kind == "cubic" else tuple(self.t.tolist())
+
+    @property
+    def samples(self) -> Array:
+        """Positions at the times `t`, shape (K, n)."""
+        return self.values
+
+    def _through(self, samples: ArrayLike) -> Sampled:
+        return sampled(self.t, samples, self.kind)
+
+
+def sampled(t: ArrayLike, values: ArrayLike, kind: str = "hold") -> Sampled:
+    """A motion through samples of joint positions, held or joined by straight lines or cubic polynomials.
+
+    Parameters
+    ----------
+    t : array_like, shape (K,)
+        Times, ascending; at least two [s].
+    values : array_like, shape (K, n)
+        Joint positions [rad or m].
+    kind : {"hold", "linear", "cubic"}
+        Each sample held until the next one, so that velocities and accelerations are zero, as set points that are sent
+        to a controller; straight lines, whose accelerations are zero; or the cubic spline with continuous
+        accelerations, the first and the last two pieces of which are one polynomial each (not-a-knot ends).
+
+    Returns
+    -------
+    Sampled
+        A function f(t) -> (q, qd, qdd), each of shape (n,) for one time, (T, n) for an array of T times; at a sample
+        the values from there on. Positions that are held, and velocities along straight lines, jump at the times
+        `breaks`, at which `rne.simulate` ends a step. Outside the samples it raises ValueError, as `spline` does.
+
+    Raises
+    ------
+    ValueError
+        If `kind` is another one, the shapes do not match, there are fewer than two samples, a number is not finite, the
+        times do not ascend, or are spaced so closely that accelerations exceed the range of float64.
+
+    Examples
+    --------
+    >>> import rne
+    >>> steps = rne.trajectories.sampled([0.0, 1.0, 2.0], [[0.0], [3.0], [4.0]])
+    >>> steps([0.5, 1.0])[0].tolist(), steps.breaks
+    ([[0.0], [3.0]], (0.0, 1.0, 2.0))
+    >>> [x.tolist() for x in rne.trajectories.sampled([0.0, 1.0, 2.0], [[0.0], [3.0], [4.0]], "linear")(0.5)]
+    [[1.5], [3.0], [0.0]]
+    """
+    if kind not in KINDS:
+        raise ValueError(f"`kind` must be one of {list(KINDS)}, got {kind!r}")
+    given = ("t", t, "(K,)"), ("values", values, "(K, n)")
+    times, q = (real_numbers(name, x, shape).astype(float) for name, x, shape in given)
+    _check_samples(times, q, "values")
+    if kind == "hold":
+        curve = Piecewise(np.append(times, times[-1]), q[None])  # the last one holds at its own time
+    elif kind == "linear":
+        curve = Piecewise(times, np.stack([q[:-1], np.diff(q, axis=0)]))
+    else:
+        from scipy.interpolate import CubicSpline
+
+        s = (times - times[0]) / (times[-1] - times[0])
+        curve = _pieces(times, range(1, len(s) - 1), s, CubicSpline(s, q))
+    return _not_too_close("values", Sampled(times, q, kind, curve))
+
+
+def _not_too_close(name: str, motion: I) -> I:
+    if _overflows(motion, motion.t):
+        span = f"accelerations exceed the range of float64 within {motion.t[-1] - motion.t[0]:g} s"
+        raise ValueError(f"`t` is spaced too closely for `{name}`: {span}")
     return motion
 
 
-def _check_samples(t: Array, q: Array) -> None:
+def _check_samples(t: Array, q: Array, name: str = "q") -> None:
     if t.ndim != 1 or len(t) < 2:
         raise ValueError(f"`t` must have shape (K,) with two times at least, got {t.shape}")
     if q.ndim != 2 or len(q) != len(t):
-        raise ValueError(f"`q` must have shape ({len(t)}, n), a row for each time, got {q.shape}")
+        raise ValueError(f"`{name}` must have shape ({len(t)}, n), a row for each time, got {q.shape}")
     late = np.flatnonzero(np.diff(t) <= 0)
     if len(late):
         k = int(late[0])
