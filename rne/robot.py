@@ -758,7 +758,7 @@ class Robot(InNotebooks):
         return self._forward_weighted("hessian", q, qd, tau, weights)
 
     def _forward_weighted(self, order: str, *arrays: ArrayLike) -> Array:
-        result, status = self.kernel(self._kernels.forward_method(), order=order).evaluate(*arrays)
+        result, status = self.kernel(self._kernels.forward_method, order=order).evaluate(*arrays)
         status.raise_or_warn(stacklevel=3)
         return result
 

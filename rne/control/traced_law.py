@@ -238,7 +238,7 @@ class TracedLaw:
         masks = {name: is_input(x, named=name in named) for name, x in numbers.items()}
         structure = [(name, x.shape, masks[name].tobytes(), x[~masks[name]].tobytes()) for name, x in numbers.items()]
         key = type(law), n, given, named, cls.changes, *structure, *others.items()
-        found: TracedLaw = kernels.laws.get_or_make(key, lambda: cls(law, n, given, named))
+        found: TracedLaw = kernels.laws.get(key) or kernels.laws.get_or_make(key, lambda: cls(law, n, given, named))
         constant, theirs = numbers.keys() - found.numbers.keys(), numbers_of(found.law)  # those that it branches on
         if not all(np.array_equal(numbers[name], theirs[name]) for name in constant):
             return cls(law, n, given, named)
@@ -363,7 +363,9 @@ class TracedLaw:
         if self.formula[1] is None:
             return self._why_not_traced(kernels)
         key = self, None if is_ours(self.law) else id(self.law)  # which is alive as long as it is part of a key
-        return kernels.reasons.get_or_make(key, lambda: self._why_not_traced(kernels) or "") or None
+        if key not in kernels.reasons:
+            kernels.reasons.get_or_make(key, lambda: self._why_not_traced(kernels) or "")
+        return kernels.reasons.get(key) or None
 
     def _why_not_traced(self, kernels: KernelCache) -> str | None:
         try:

@@ -227,6 +227,7 @@ class KernelCache:
             self._forward[inputs] = kernel
         return kernel
 
+    @cached_property
     def forward_method(self) -> Declared:
         """The function that forward dynamics of this model use; traced only where operations must be counted."""
         methods = self._candidates()
@@ -250,7 +251,7 @@ class KernelCache:
 
     def forward_derivatives(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> tuple[Array, PrecisionStatus]:
         """Derivatives of forward dynamics by q, qd and tau side by side, (..., n, 3 n), and their status."""
-        function, wrt, arrays = self.forward_method(), ("q", "qd", "tau"), (q, qd, tau)
+        function, wrt, arrays = self.forward_method, ("q", "qd", "tau"), (q, qd, tau)
         key = (function, *wrt)
         if key not in self._kernels and self._is_first_state(key, arrays, function, wrt):
             return by_recursion(function, self.model, arrays, wrt, NOTHING)

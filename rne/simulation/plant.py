@@ -21,7 +21,6 @@ from ..errors import NotFiniteError, RneError
 from ..integrators.base import Implicit
 from ..integrators.step_control import EPS
 from ..kernels.cache import KernelCache
-from ..kernels.kernel import Kernel
 from ..kernels.soundness import NeedsRecursion
 from ..robot import Robot
 from .events import Event
@@ -56,8 +55,12 @@ class Plant:
         self.kernels = kernels or robot._kernels  # of another robot, where bodies are numbers of the scene
         self.counted = dynamics.counted  # entries of the state that are held to the tolerances
         self.width = dynamics.size  # of what the kernel gives
-        self.kernel = self.kernels.scene_kernel(self._function)
-        self._state_function = state_function(self.kernel, self.numbers)
+        self.kernel = kernel = self.kernels.scene_kernel(self._function)
+        # Of one state, without the check of joint velocities; None where the recursion itself runs
+        self._state_function: Callable[..., Array] | None = None
+        if kernel.is_unrolled:
+            call, coefficients = kernel.state_function_unguarded, kernel.coefficients(self.numbers)
+            self._state_function = lambda *arrays: call(*arrays, coefficients)
         self.sampled: Array | None = None  # torques (n,) of a sampled controller since its last sample
         # As it is now: a law may be changed before someone asks for torques.
         self._law_kernel = None if dynamics.law is None else self.kernels.scene_kernel(dynamics.law.outputs)
@@ -258,17 +261,6 @@ class Plant:
         """df/dx for judging its modes, by differences of what runs: nothing is traced for it."""
         self._check_state(t, x)
         return differences(partial(self, t), x, self.counted)
-
-
-def state_function(kernel: Kernel, numbers: Array) -> Callable[..., Array] | None:
-    """A kernel's function of one state under given numbers, without the check of joint velocities.
-
-    None if the recursion itself runs.
-    """
-    if not kernel.is_unrolled:
-        return None
-    call, coefficients = kernel.state_function_unguarded, kernel.coefficients(numbers)
-    return lambda *arrays: call(*arrays, coefficients)
 
 
 def differences(f: Callable[[Array], Array], x: Array, count: int) -> Array:

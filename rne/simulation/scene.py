@@ -263,7 +263,7 @@ class Scene:
         inertia = kernels.typical_inertia.tolist() if side is None else side.rotor
         known = self.__dict__[f"_dynamics_{inputs}"] = (SceneDynamics if side is None else ElasticDynamics)(
             parts.robot.n * (1 if side is None else 2),
-            kernels.forward_method(),
+            kernels.forward_method,
             parts.friction and one_per_joint(parts.friction, parts.robot.n, self._named_of("friction.")),
             None if limit is None else tuple(limit.tolist()),
             law,

@@ -237,10 +237,9 @@ class SceneDynamics:
 
     @cached_property
     def template(self) -> Self:
-        """The same with all these numbers at 1: scenes of equal templates share their kernels."""
-        found = self.at(
-            {name: np.where(mask, 1.0, self.numbers[name]) for name, mask in self.inputs_of_kernels.items()}
-        )
+        """The same with these numbers at 1: scenes of equal templates share their kernels. Laws are equal with any."""
+        masks = {k: mask for k, mask in self.inputs_of_kernels.items() if not k.startswith("controller.")}
+        found = self.at({name: np.where(mask, 1.0, self.numbers[name]) for name, mask in masks.items()})
         found.__dict__["template"] = found
         found.__dict__["inputs_of_kernels"] = self.inputs_of_kernels
         return found
