@@ -3,16 +3,20 @@
 import ast
 import contextlib
 import doctest
+import functools
 import graphlib
 import importlib.util
 import inspect
 import io
+import itertools
+import os
 import pkgutil
 import re
 import subprocess
 import sys
 from collections import Counter
 
+import numpy as np
 import pytest
 
 import rne
@@ -44,6 +48,7 @@ ON_IMPORT = {"basics", "errors", "elementwise", "model", "dynamics", "robot"}  #
 MAX_ENTRIES = 21  # of rne/: more are not taken in at a glance
 MAX_PUBLIC = 50  # names of rne besides its modules
 MAX_LINES = 60  # of a function, without its docstring
+MAX_CHANGES = 14  # of folder, from simulate to the first step
 
 
 def entry(path):
@@ -283,3 +288,48 @@ def test_dir_of_a_package_that_loads_names_on_first_use_lists_all_public_ones():
     assert {package.__name__: set(dir(package)) - {"__version__"} for package in lazy} == {
         package.__name__: set(package.__all__) for package in lazy
     }
+
+
+def is_read(frame):
+    """True for what a reader of a call does not look up: properties, comparisons, hashes, functions without a name."""
+    *owner, name = frame.f_code.co_qualname.split(".")
+    if "<" in frame.f_code.co_qualname or name in ("__eq__", "__hash__", "__getattr__", "__post_init__"):
+        return True
+    member = vars(frame.f_globals.get(owner[0])).get(name) if len(owner) == 1 else None
+    return isinstance(member, property | functools.cached_property)
+
+
+@pytest.mark.parametrize("engine", ["numpy", "numba"])
+def test_few_changes_of_folder_lead_from_simulate_to_the_first_step_of_a_scene_built_again(engine):
+    """Whoever follows the run of an equal scene from `simulate` to where its solver begins the first step.
+
+    The way has each function and method of the package once, where it is first called, in the order of calls. It leaves
+    out what is read rather than followed (`is_read`), and `rne.basics`, which all folders use as they use NumPy. What
+    properties compute counts: the calls in them are part of the way. A change is a function of another folder of rne/
+    than that of the function before; robot.py is a folder of its own.
+    """
+    robot, friction, codes = rne.load("irb140", engine=engine), rne.Friction(viscous=1.0), {}
+
+    def built_again():
+        law = rne.control.pd_gravity(robot, [100.0] * 6, [20.0] * 6, np.zeros(6))
+        return rne.Scene(robot, controller=law, friction=friction)
+
+    def note(frame, event, _):
+        path = frame.f_code.co_filename.removeprefix(f"{PACKAGE}{os.sep}")
+        if event != "call" or path == frame.f_code.co_filename or "steps" in codes:
+            return
+        folder = path.split(os.sep)[0]
+        if folder != "basics" and not is_read(frame):
+            is_step = (folder, frame.f_code.co_name) == ("integrators", "steps")
+            codes.setdefault("steps" if is_step else frame.f_code, folder)
+
+    rne.simulate(built_again(), [0.1] * 6, [0] * 6, 0.1)
+    scene = built_again()
+    sys.setprofile(note)
+    try:
+        rne.simulate(scene, [0.1] * 6, [0] * 6, 0.1)
+    finally:
+        sys.setprofile(None)
+    way = [*codes.values()]
+    assert (way[0], way[-1], [*codes][-1]) == ("simulation", "integrators", "steps")
+    assert sum(one != other for one, other in itertools.pairwise(way)) <= MAX_CHANGES
