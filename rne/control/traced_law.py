@@ -7,12 +7,13 @@ from contextlib import nullcontext
 from dataclasses import replace
 from functools import cache, cached_property
 from threading import RLock
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 from weakref import WeakValueDictionary
 
 import numpy as np
 
-from ..basics.arrays import UNBOUNDED, check_function, copy_with, read_only, whole_number
+from ..basics.arrays import check_function, copy_with, read_only, whole_number
+from ..basics.numbers import WithNumbers, is_input
 from ..basics.piecewise import NO_TABLE, pieces_at
 from ..basics.spatial import Array
 from ..dynamics.quantity import MethodQuantity, Quantity
@@ -101,44 +102,7 @@ def changed(law: Any) -> None:
     TracedLaw.changes += 1
 
 
-def is_input(number: Array, *, named: bool = False) -> Array:
-    """Which entries of a number of a scene are inputs of kernels: those that are not 0, unless it is named, and finite.
-
-    Zeros and infinities are structure: they take no operations.
-    """
-    return np.asarray((np.abs(number) < UNBOUNDED) & ((number != 0) | named))
-
-
-def placed(numbers: Mapping[str, Array], inputs: Mapping[str, Array], vector: Array) -> dict[str, Array]:
-    """Numbers by name, with the entries of a vector, traced or not, in the places that are inputs.
-
-    Numbers of which each state of (..., p) has its own have its leading shape.
-    """
-    found, first, leading = dict[str, Array](), 0, vector.shape[:-1]
-    for name, mask in inputs.items():
-        count = int(mask.sum())
-        own, first = vector[..., first : first + count], first + count
-        if leading and (own == own.reshape(-1, count)[0]).all():
-            own = own.reshape(-1, count)[0]
-        full = np.broadcast_to(numbers[name].astype(vector.dtype), own.shape[:-1] + mask.shape).copy()
-        full[..., mask] = own
-        found[name] = full
-    return found
-
-
-def vectors(numbers: Mapping[str, Array], inputs: Mapping[str, Array], own: Mapping[str, Array]) -> Array:
-    """The entries that are inputs of kernels, (N, p), where N motions have some numbers (N, ...) of their own."""
-    count = len(next(iter(own.values())))
-    parts = [
-        own[name].reshape(count, -1)[:, mask.reshape(-1)]
-        if name in own
-        else np.broadcast_to(numbers[name][mask], (count, mask.sum()))
-        for name, mask in inputs.items()
-    ]
-    return np.concatenate([np.zeros((count, 0)), *parts], axis=1)
-
-
-class TracedLaw:
+class TracedLaw(WithNumbers):
     """A law marked by `rne.traceable`, for the kernels of a scene; equal to that of the same law of the same formula.
 
     It is given all coordinates of n joints, or those of `given`. A motion through samples that it holds is a `table`
@@ -157,7 +121,7 @@ class TracedLaw:
         found, formula = self._with_inputs()
         self.numbers = read_only(found)
         self.formula = self.changes, formula
-        self._key = self.n, self.given, self.formula, tuple((k, m.tobytes()) for k, m in self.inputs.items())
+        self._key = self.n, self.given, self.formula, tuple((k, m.tobytes()) for k, m in self.masks.items())
         self._hash = hash(self._key) if formula is not None else id(law)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -175,46 +139,19 @@ class TracedLaw:
 
     def _with_inputs(self) -> tuple[dict[str, Array], tuple[Any, ...] | None]:
         """The numbers of the law that can be traced, and its formula with them as inputs."""
-        self.numbers = numbers = numbers_of(self.law)
-        formula = self._formula()
-        if formula is not None or not numbers:
-            return numbers, formula
-        self.numbers = {}
-        without = self._formula()
+        every, none = numbers_of(self.law), dict[str, Array]()
+        formula = self._formula(every)
+        if formula is not None or not every:
+            return every, formula
+        without = self._formula(none)
         if without is None:
-            return {}, None
-        taken = {}
-        for name, number in numbers.items():  # a law may branch on some of them, which stay constants
-            self.numbers = {name: number}
-            if self._formula() is not None:
-                taken[name] = number
-        self.numbers = taken
-        formula = self._formula()
-        if formula is not None:
-            return taken, formula
-        self.numbers = {}
-        return {}, without
+            return none, None
+        # a law may branch on some of them, which stay constants
+        taken = {name: x for name, x in every.items() if self._formula({name: x}) is not None}
+        formula = self._formula(taken)
+        return (none, without) if formula is None else (taken, formula)
 
-    @property
-    def inputs(self) -> dict[str, Array]:
-        """Which entries of its numbers are inputs of kernels."""
-        masks = {name: is_input(x, named=name in self.named) for name, x in self.numbers.items()}
-        return {name: mask for name, mask in masks.items() if mask.any()}
-
-    @property
-    def vector(self) -> Array:
-        """The numbers that are inputs of kernels, shape (p,)."""
-        return np.concatenate([np.zeros(0), *(self.numbers[name][mask] for name, mask in self.inputs.items())])
-
-    def vectors(self, own: Mapping[str, Array]) -> Array:
-        """The vector of each of some motions, (N, p), which have numbers (N, ...) of their own."""
-        return vectors(self.numbers, self.inputs, own)
-
-    def filled(self, vector: Array) -> TracedLaw:
-        """The law with the numbers of a vector, traced or not."""
-        return self.at(placed(self.numbers, self.inputs, vector))
-
-    def at(self, numbers: Mapping[str, Any]) -> TracedLaw:
+    def at(self, numbers: Mapping[str, Any]) -> Self:
         """The law with other numbers of some names, which may be traced."""
         own = {name: x for name, x in numbers.items() if name in self.numbers}
         values = {name: x for name, x in own.items() if not is_traced(x)}
@@ -249,17 +186,17 @@ class TracedLaw:
         """The law with rows of its table, traced or not, (..., width), in place of its motion through samples."""
         return self if piece is None or self.motion is None else copy_with(self, piece=piece)
 
-    def _formula(self) -> tuple[Any, ...] | None:
-        """The operations of the torques, with the quantities of robots as inputs; None if the law cannot be traced.
+    def _formula(self, numbers: Mapping[str, Array]) -> tuple[Any, ...] | None:
+        """The operations of the torques, with numbers and the quantities of robots as inputs; None if it has none.
 
         All that a law reads takes part, wherever it is kept. To look there instead would miss some of it.
         """
-        graph = Graph(8 * LIMIT, outline=True)
-        first, last = 1 + self.size, 1 + self.size + len(self.vector)
+        graph, law = Graph(8 * LIMIT, outline=True), copy_with(self, numbers=numbers)
+        first, last = 1 + self.size, 1 + self.size + len(law.vector)
         x = inputs(graph, (1, last + self.table.shape[1]), 0)
         try:
             with np.errstate(all="ignore"):
-                torques, rates = self.filled(x[0, first:last]).on_piece(x[:, last:])(x[:, :1], x[:, 1:first])
+                torques, rates = law.filled(x[0, first:last]).on_piece(x[:, last:])(x[:, :1], x[:, 1:first])
             found = [references(graph, part) for part in (torques, rates) if part is not None]
         except Exception:  # whatever the law raises when it meets traced numbers: the trace for a kernel tells it
             return None

@@ -29,9 +29,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import cached_array
+from ..basics.numbers import WithNumbers
 from ..basics.piecewise import NO_TABLE
 from ..basics.spatial import Array, rotate
-from ..control.traced_law import LawInputs, TracedLaw, is_input, placed, vectors
+from ..control.traced_law import LawInputs, TracedLaw
 from ..dynamics.crba import mass_matrix, solve_with_pivots
 from ..dynamics.energy import kinetic_energy, potential_energy
 from ..dynamics.precision import check_accelerations, check_singularity
@@ -94,7 +95,7 @@ def _hashable(numbers: Any) -> Any:
 
 
 @dataclass(frozen=True)
-class SceneDynamics:
+class SceneDynamics(WithNumbers):
     """Forces, limits and controller of a scene; equal by value, laws by their formulas.
 
     Kernels of its functions take its numbers as their last argument. They are traced on its `template`.
@@ -213,43 +214,24 @@ class SceneDynamics:
         return replace(self, **found)
 
     @cached_array
-    def inputs_of_kernels(self) -> dict[str, Array]:
-        """Which entries of its numbers are inputs of kernels: neither 0, if they are not named, nor infinite."""
-        masks = {name: is_input(x, named=name in self.named) for name, x in self.numbers.items()}
-        if self.bodies is not None:
-            masks["moments"] = np.array(self.bodies.varying)
-        return {name: mask for name, mask in masks.items() if mask.any()}
-
-    @cached_array
-    def vector(self) -> Array:
-        """The numbers that are inputs of kernels, shape (p,)."""
-        parts = [self.numbers[name][mask] for name, mask in self.inputs_of_kernels.items()]
-        return np.concatenate([np.zeros(0), *parts])
+    def masks(self) -> dict[str, Array]:
+        """Which entries of the numbers are inputs of kernels."""
+        moments = {} if self.bodies is None else {"moments": np.array(self.bodies.varying)}
+        found = super().masks | moments
+        return {name: mask for name, mask in found.items() if mask.any()}
 
     @property
     def table(self) -> Array:
         """The pieces of the motion through samples that a traced law holds, a row each; empty without one."""
         return NO_TABLE if self.law is None else self.law.table
 
-    def vectors(self, own: Mapping[str, Array]) -> Array:
-        """The vector of each of some motions, (N, p), which have numbers (N, ...) of their own."""
-        return vectors(self.numbers, self.inputs_of_kernels, own)
-
     @cached_property
     def template(self) -> Self:
-        """The same with these numbers at 1: scenes of equal templates share their kernels. Laws are equal with any."""
-        masks = {k: mask for k, mask in self.inputs_of_kernels.items() if not k.startswith("controller.")}
-        found = self.at({name: np.where(mask, 1.0, self.numbers[name]) for name, mask in masks.items()})
-        found.__dict__["template"] = found
-        found.__dict__["inputs_of_kernels"] = self.inputs_of_kernels
+        """The same with all these numbers at 1, but those of the law: equal templates share their kernels."""
+        kept = {name: mask for name, mask in self.masks.items() if not name.startswith("controller.")}
+        found = self.at({name: np.where(mask, 1.0, self.numbers[name]) for name, mask in kept.items()})
+        vars(found).update(template=found, masks=self.masks)
         return found
-
-    def filled(self, vector: Array) -> Self:
-        """The same with the numbers of a vector, traced or not, in the places of its own.
-
-        Of moments of bodies one per state, (..., p), which is the vector of the other numbers repeated.
-        """
-        return self.at(placed(self.numbers, self.inputs_of_kernels, vector))
 
     def core_at(self, name: str, model: Model, *, numbers: Any, **arrays: Array) -> Any:
         """One of the functions under the numbers of a vector, or of one per state."""
@@ -274,7 +256,7 @@ class SceneDynamics:
     @cached_array
     def _side_by_side(self) -> Array:
         """Which entries of the vector may differ from state to state in one call of a function: moments of bodies."""
-        counts = {name: int(mask.sum()) for name, mask in self.inputs_of_kernels.items()}
+        counts = {name: int(mask.sum()) for name, mask in self.masks.items()}
         return np.concatenate([np.zeros(0, bool), *(np.full(k, name == "moments") for name, k in counts.items())])
 
     def _model_at(self, model: Model, numbers: Array) -> Model:

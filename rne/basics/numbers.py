@@ -1,0 +1,69 @@
+"""Numbers by name as inputs of kernels: which of their entries are, and the flat vector in which they travel."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from typing import Any, Self
+
+import numpy as np
+
+from .arrays import UNBOUNDED, cached_array
+from .spatial import Array
+
+
+class WithNumbers(ABC):
+    """What holds numbers, arrays by name, that are inputs of its kernels as one flat vector.
+
+    Zeros, but for those of the names in `named`, and infinities are structure: they take no operations.
+    """
+
+    named: frozenset[str]
+    numbers: Any
+
+    @abstractmethod
+    def at(self, numbers: Mapping[str, Any]) -> Self:
+        """The same with other numbers of some names, which are not checked and may be traced."""
+
+    @cached_array
+    def masks(self) -> dict[str, Array]:
+        """Which entries of the numbers are inputs, by name, for names that have some."""
+        found = {name: is_input(x, named=name in self.named) for name, x in self.numbers.items()}
+        return {name: mask for name, mask in found.items() if mask.any()}
+
+    @cached_array
+    def vector(self) -> Array:
+        """The inputs, shape (p,)."""
+        return np.concatenate([np.zeros(0), *(self.numbers[name][mask] for name, mask in self.masks.items())])
+
+    def vectors(self, own: Mapping[str, Array]) -> Array:
+        """The vector of each of N motions, (N, p), which have numbers (N, ...) of their own."""
+        count = len(next(iter(own.values())))
+        parts = [
+            own[name].reshape(count, -1)[:, mask.reshape(-1)]
+            if name in own
+            else np.broadcast_to(self.numbers[name][mask], (count, mask.sum()))
+            for name, mask in self.masks.items()
+        ]
+        return np.concatenate([np.zeros((count, 0)), *parts], axis=1)
+
+    def filled(self, vector: Array) -> Self:
+        """The same with the entries of a vector, traced or not, in the places of its own.
+
+        Numbers of which each state of (..., p) has its own get the leading shape.
+        """
+        found, first, leading = dict[str, Array](), 0, vector.shape[:-1]
+        for name, mask in self.masks.items():
+            count = int(mask.sum())
+            own, first = vector[..., first : first + count], first + count
+            if leading and (own == own.reshape(-1, count)[0]).all():
+                own = own.reshape(-1, count)[0]
+            full = np.broadcast_to(self.numbers[name].astype(vector.dtype), own.shape[:-1] + mask.shape).copy()
+            full[..., mask] = own
+            found[name] = full
+        return self.at(found)
+
+
+def is_input(number: Array, *, named: bool = False) -> Array:
+    """Which entries of a number are inputs of kernels."""
+    return np.asarray((np.abs(number) < UNBOUNDED) & ((number != 0) | named))
