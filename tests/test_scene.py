@@ -898,3 +898,12 @@ class TestTorqueLimits:
         assert scene.kernel.is_unrolled
         assert np.abs(motion.tau[:, 0]).max() == 40.0
         assert np.abs(motion.tau[:, 1]).max() > 40.0
+
+
+def test_payloads_of_any_numbers_take_the_same_program(irb140):
+    """Also where moments of theirs cancel, which rounding may leave as zeros or beside them."""
+    scene, round_body = rne.Scene(irb140, payload=rne.Payload(2.0, (0.02, 0, 0.05), 0.01 * np.eye(3))), np.zeros(10)
+    round_body[[0, 4, 6, 9]] = 2.0, 0.01, 0.01, 0.01  # Ixx = Iyy about the axis of the last joint
+    numbers = [round_body, 1.1 * round_body, scene.numbers["payload"], 0 * round_body]
+    first, *others = (scene.with_numbers({"payload": pi}).dynamics.right_hand_side for pi in numbers)
+    assert all(other == first for other in others)

@@ -28,7 +28,7 @@ from ..robot import Robot
 from .elastic_joints import ElasticDynamics, ElasticJoints, part_at_joints
 from .friction import Friction, one_per_joint, urdf_friction
 from .scene_dynamics import Bodies, MotorSide, SceneDynamics
-from .scene_numbers import BODIES, SceneNumbers, numbers_of_scene, scene_at
+from .scene_numbers import BODIES, SceneNumbers, moments_of_payloads, numbers_of_scene, scene_at
 from .scene_numbers import checked as checked_numbers
 from .springs import JointSpring, Spring, Springs, resolved_springs
 
@@ -365,7 +365,8 @@ class Scene:
         vars(found)["_names"] = frozenset(named)
         if named & {*BODIES}:
             vars(found)["_kernels"], before = self.kernels, self._varying
-            mask = [m for m in (varying, before) if m is not None]
+            of_payloads = moments_of_payloads(found) if "payload" in named else None
+            mask = [m for m in (varying, before, of_payloads) if m is not None]
             if mask:
                 vars(found)["_varying_moments"] = np.logical_or.reduce([*mask, Bodies.mask(found.resolved.robot.model)])
         return found

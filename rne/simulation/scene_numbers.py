@@ -26,6 +26,7 @@ from ..model.parameters import (
 from ..model.topology import end_link
 from ..robot import Robot
 from .elastic_joints import ElasticJoints
+from .scene_dynamics import Bodies
 
 BODIES = ("parameters", "payload", "armature", "gravity")  # whose names take the second program of a scene
 UNITS = {
@@ -225,6 +226,12 @@ def parameters_on_body(model: Any, link: str | None, pi: Array) -> Array:
         m, h, I = pi[..., 0], pi[..., 1:4], pi[..., 4:].take(ENTRIES, -1)
         found[..., body, :] = parameters_seen_from(m, h @ R.T, R @ I @ R.T, p - model.joint_origin[body])
     return found.reshape(*pi.shape[:-1], -1)
+
+
+def moments_of_payloads(scene: Any) -> Array:
+    """Which regrouped moments of a robot's bodies the payload of a scene can change, whatever numbers it has now."""
+    model, general = scene.resolved.robot.model, np.sqrt(np.arange(2.0, 2.0 + PARAMETERS))
+    return Bodies.mask(at_parameters(model, parameters_on_body(model, scene.payload.link, general)))
 
 
 def at_parameters_of(scene: Any, parameters: Array) -> Any:
