@@ -35,6 +35,14 @@ class Piecewise(NamedTuple):
             total = total * s + c[k]
         return np.asarray(total)
 
+    def at_fractions(self, s: Array) -> tuple[Array, Array]:
+        """Times and values at fractions s of every piece, shapes (N S,) and (N S, n)."""
+        times = (self.t[:-1, None] + np.diff(self.t)[:, None] * s).reshape(-1)
+        total = np.repeat(self.c[-1][:, None], len(s), axis=1)
+        for c in self.c[-2::-1]:
+            total = total * s[:, None] + c[:, None]
+        return times, total.reshape(len(times), -1)
+
     def derivative(self) -> Piecewise:
         """The derivative by time."""
         powers = np.arange(1, len(self.c))[:, None, None]

@@ -35,7 +35,7 @@ MIN_TOLERANCES = 2.3e-14, 1e-20  # 100 roundings in float64, as SciPy's solvers 
 FINER, MARGIN, COMPARED = 100.0, 1.1, 8
 NEARLY = 1 - 1e-12  # of the duration: later samples are those of its end, up to rounding
 EPS = float(np.finfo(np.float64).eps)
-FEW = 500  # states of which machine code of one state gives the accelerations
+FEW = 500  # states that the function of one state takes less time for than making that of many
 ROUNDING = 1e-9  # of the largest value of a joint: what differs by less has not jumped
 
 
@@ -290,7 +290,7 @@ def _torques_and_accelerations(
         return np.zeros((0, plant.robot.n)), np.zeros((0, n)), None
     try:
         u = plant.torques_at(t, x) if u is None else u
-        few = FEW if plant.kernel.engine == "numba" else 1
+        few = 1 if "blocks" in vars(plant.kernel) else FEW
         qdd = plant.all_outputs(t, x, with_modes(u, modes), few)[:, n : 2 * n]
         qdd = qdd if modes is None else np.where(modes[:, :n], qdd, 0.0)
         return plant.drive_torques(t, x, u), qdd, None

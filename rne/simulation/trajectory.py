@@ -355,7 +355,12 @@ class Trajectory(InNotebooks):
         """
         if self.model is None:
             raise ValueError("this trajectory has no model: give it one by dataclasses.replace(trajectory, model=...)")
-        return limit_violations(self.model, *samples_of(self, between(self.t), "q", "qd", "tau"))
+        if not self.at_steps or len(self.t) < 2:
+            return limit_violations(self.model, self.t, self.q, self.qd, self.tau)
+        parts = int(np.clip(MOST // len(self.t), 1, PARTS))
+        fractions = np.linspace(0, 1, parts + 1)  # of each step, both ends included
+        (t, q), (_, qd), (_, tau) = (self._curves[name].at_fractions(fractions) for name in ("q", "qd", "tau"))
+        return limit_violations(self.model, t, q, qd, tau)
 
     @property
     def balance(self) -> Array:
@@ -497,25 +502,24 @@ def _horizon(bound: float, t: Array, error: Array) -> float:
     return float(t[k - 1] + part * (t[k] - t[k - 1]))
 
 
-def samples_of(motion: Trajectory, times: Array, *names: str) -> list[Array]:
-    """t and q, qd, qdd, tau of a motion, or those named, for reports: its samples, and values at further times.
+def samples_of(motion: Trajectory, times: Array) -> tuple[Array, ...]:
+    """t, q, qd, qdd and tau of a motion for reports: its samples, the values before jumps and those at further times.
 
     The time of a jump stands twice, first with the values before it. Between times of `t_eval` nothing is known and
     nothing added. Accelerations are monotone between the solver's steps as torques are: the second derivative of an
     interpolant shows the solver's errors over the square of its step.
     """
-    names = names or ("q", "qd", "qdd", "tau")
-    known = [motion.t, *(getattr(motion, name) for name in names)]
+    known = motion.t, motion.q, motion.qd, motion.qdd, motion.tau
     if not motion.at_steps or len(motion.t) < 2:
         return known
     inside = times[motion.t[np.clip(np.searchsorted(motion.t, times), 0, len(motion.t) - 1)] != times]
-    k, n = np.searchsorted(motion.t, motion.jumps), motion.q.shape[1]
-    jumping = {"qdd": motion.qdd_before.reshape(len(k), n), "tau": motion.tau_before.reshape(len(k), n)}
-    before = [motion.jumps, *(jumping[name] if name in jumping else getattr(motion, name)[k] for name in names)]
-    added = inside, *motion._at(inside, *("qdd of reports" if name == "qdd" else name for name in names))
-    samples = [np.concatenate(parts) for parts in zip(added, before, known, strict=True)]
+    k = np.searchsorted(motion.t, motion.jumps)
+    before = [x.reshape(len(k), motion.q.shape[1]) for x in (motion.qdd_before, motion.tau_before)]
+    added = inside, *motion._at(inside, "q", "qd", "qdd of reports", "tau")
+    jumping = motion.jumps, motion.q[k], motion.qd[k], *before
+    samples = [np.concatenate(parts) for parts in zip(added, jumping, known, strict=True)]
     order = np.argsort(samples[0], kind="stable")
-    return [x[order] for x in samples]
+    return tuple(x[order] for x in samples)
 
 
 def motors_at(motion: Trajectory, t: Array) -> tuple[Array, Array]:
