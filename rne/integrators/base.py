@@ -63,9 +63,9 @@ class System(Protocol):
     3. `held` is u, or None of an f without inputs. It stays as it is from `start` or `resume` until the solver has
        reached the end that it was given; a solver that samples a law itself changes its own copy.
     4. `kernel` is f for loops: of t, (1,), x, u where there is one, and what `Kernel.coefficients` makes of `numbers`,
-       (p,), which stay the same over a run, it gives dx/dt, and `width` numbers in all:
-       those behind dx/dt are carried along unread. Where it is not certain of its result, it says so, and the solver
-       calls `rates` there, which knows more or raises an error that names the cause.
+       (p,), which stay the same over a run, it gives dx/dt, and `width` numbers in all: those behind dx/dt are carried
+       along unread. Where it is not certain of its result, it says so, and the solver calls `rates` there, which knows
+       more or raises an error that names the cause.
     5. `evaluations` counts calls of f. A call of the system adds itself, and `jacobian` what it takes; loops and calls
        of `rates` are added by who makes them.
     6. `jacobian` is df/dx at (t, x) under what is held, (size, size); its columns of integrals are 0.

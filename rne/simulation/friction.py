@@ -357,14 +357,15 @@ def creep(
     A robot without drives that starts at rest does so in the positions `rest`; otherwise these are None. `motion` is
     (q, qd, qdd), behind elastic joints of the motors, with their `rotor`.
     """
-    q, qd, qdd = motion
+    q, qd, _ = motion
     forward, back = np.asarray(friction.coulomb, dtype=float), np.asarray(friction.coulomb_back, dtype=float)
     if friction.smoothing == 0 or not (forward.any() or back.any()) or len(q) < 2:
         return ""
     evaluate, sample = robot._kernels.evaluate_some, np.arange(len(q))[:, None]
 
-    def released_in(q: Array, qd: Array, qdd: Array) -> Array:
-        """Whether each joint's load is more than dry friction holds."""
+    def release(rows: Array) -> None:
+        """Note which joints' loads are more than dry friction holds."""
+        q, qd, qdd = (x[rows] for x in motion)
         inverse, passed = np.linalg.inv(evaluate(mass_matrix, q) if rotor is None else np.diag(rotor)), 0 * qd
         if np.any(friction.load):
             passed = evaluate(inverse_dynamics, q, qd, qdd) + (0.0 if springs is None else springs.torque(robot, q, qd))
@@ -372,13 +373,16 @@ def creep(
         # Friction that would keep each joint from accelerating
         load = resisting + qdd / np.diagonal(inverse, axis1=-2, axis2=-1)
         rise = np.asarray(friction.stribeck_rise) + np.asarray(friction.load) * np.abs(passed)
-        return np.asarray(np.abs(load) >= np.where(load < 0, back, forward) + rise)
+        releases[rows] = np.abs(load) >= np.where(load < 0, back, forward) + rise
 
     slow = np.abs(qd) <= friction.smoothing
     some, releases = slow.any(axis=1), np.ones_like(slow)
-    releases[some] = released_in(q[some], qd[some], qdd[some])
-    if (slow & ~releases).any():
-        releases = released_in(q, qd, qdd)
+    if not some.any():
+        return ""
+    release(some)
+    later = np.logical_or.accumulate((slow & ~releases).any(axis=1)) & ~some
+    if later.any():
+        release(later)
     caught, released = (np.maximum.accumulate(np.where(now, sample, -1)) for now in (slow & ~releases, releases))
     held = caught > released
     moved = (np.abs(np.diff(q, axis=0)) * (held[1:] & held[:-1])).sum(axis=0)
