@@ -11,7 +11,7 @@ from concurrent.futures import ThreadPoolExecutor
 from copy import copy
 from functools import cached_property
 from math import prod
-from types import MethodType
+from types import FunctionType, MethodType
 from typing import Any
 
 import numpy as np
@@ -303,8 +303,19 @@ class Kernel:
 
     @cached_property
     def state_function_unguarded(self) -> Callable[..., Array]:
-        """`state_function` without the check of joint velocities, which simulations make at their samples."""
+        """`state_function` without the check of joint velocities, which simulations make at their samples.
+
+        In Python what is the same over a run are arguments one by one.
+        """
+        if self.engine == "numpy":
+            return state_function(self.traced.unguarded(), apart=True)
         return backends(self.engine)[0](self.traced.unguarded())
+
+    def state_function_at(self, numbers: Array) -> Callable[..., Array]:
+        """`state_function_unguarded` under the numbers of a run, its last argument: as defaults they cost no call."""
+        function, coefficients = self.state_function_unguarded, self.coefficients(numbers)
+        defaults = tuple(coefficients.tolist()) if self.engine == "numpy" else (coefficients,)
+        return FunctionType(function.__code__, function.__globals__, function.__name__, defaults)
 
     @cached_property
     def blocks(self) -> Any:

@@ -88,15 +88,17 @@ class _Text:
         return " and ".join(f"{a} > {factor!r} * {b}" for a, b in zip(values, others, strict=True))
 
 
-def state_source(trace: Trace) -> str:
+def state_source(trace: Trace, *, apart: bool = False) -> str:
     """A Python function of one float64 vector per argument, which returns the result as an array.
 
-    It raises NeedsRecursion for a state whose inputs or result are not known to be sound.
+    It raises NeedsRecursion for a state whose inputs or result are not known to be sound. What is the same over a run
+    are arguments of their own, one by one, if they are to be `apart`.
     """
     lines, outputs = expressions(trace.program)
     names = iter([f"x{k}" for k in range(trace.program.inputs)])
     taken = [[next(names) for _ in range(width)] for width in trace.widths]
-    unpacked = [f"[{', '.join(group)}] = a{k}.tolist()" for k, group in enumerate(taken) if group]
+    alone = trace.of_run if apart else None
+    unpacked = [f"[{', '.join(group)}] = a{k}.tolist()" for k, group in enumerate(taken) if group and k != alone]
     results = [f"r{k}" for k in range(trace.entries)]
     before = trace.sound_inputs([name for group in taken for name in group], np.float64, _Text())
     after = trace.sound_results([*results, *outputs[len(results) :]], np.float64, _Text())
@@ -106,7 +108,7 @@ def state_source(trace: Trace) -> str:
         *(f"{result} = {output}" for result, output in zip(results, outputs, strict=False)),
         *_unless(after),
     ]
-    arguments = ", ".join(f"a{k}" for k in range(len(taken)))
+    arguments = ", ".join(name for k, group in enumerate(taken) for name in (group if k == alone else [f"a{k}"]))
     text = [f"def kernel({arguments}):", *unpacked, "try:", *(f"    {line}" for line in body)]
     text.append("except (ValueError, ArithmeticError): raise NeedsRecursion from None")
     return "\n    ".join([*text, f"return {_array(results, trace.shape)}"]) + "\n"
@@ -130,10 +132,10 @@ def _array(results: Sequence[str], shape: tuple[int, ...]) -> str:
     return flat if len(shape) == 1 else f"{flat}.reshape({shape})"
 
 
-def state_function(trace: Trace) -> Callable[..., Array]:
+def state_function(trace: Trace, *, apart: bool = False) -> Callable[..., Array]:
     """The function of `state_source`, compiled; its text holds nothing but numbers and generated names."""
     names = {"isfinite": math.isfinite, "array": np.array, "float64": np.float64, "NeedsRecursion": NeedsRecursion}
     namespace: dict[str, Any] = FUNCTION_NAMES | names
-    exec(compile(state_source(trace), "<rne kernel>", "exec"), namespace)
+    exec(compile(state_source(trace, apart=apart), "<rne kernel>", "exec"), namespace)
     compiled: Callable[..., Array] = namespace["kernel"]
     return compiled

@@ -57,10 +57,7 @@ class Plant:
         self.width = dynamics.size  # of what the kernel gives
         self.kernel = kernel = self.kernels.scene_kernel(self._function)
         # Of one state, without the check of joint velocities; None where the recursion itself runs
-        self._state_function: Callable[..., Array] | None = None
-        if kernel.is_unrolled:
-            call, coefficients = kernel.state_function_unguarded, kernel.coefficients(self.numbers)
-            self._state_function = lambda *arrays: call(*arrays, coefficients)
+        self._state_function = kernel.state_function_at(self.numbers) if kernel.is_unrolled else None
         self.sampled: Array | None = None  # torques (n,) of a sampled controller since its last sample
         # As it is now: a law may be changed before someone asks for torques.
         self._law_kernel = None if dynamics.law is None else self.kernels.scene_kernel(dynamics.law.outputs)
@@ -189,9 +186,10 @@ class Plant:
         self.note_loss(status)
         return rates
 
-    def _inputs(self, t: Array, x: Array, *others: Array | None) -> tuple[Array, ...]:
+    def _inputs(self, t: Array, x: Array, u: Array | None = None) -> tuple[Array, ...]:
         """The arguments of a kernel but for the numbers, at times of shape (..., 1)."""
-        return t, x, *(a for a in others if a is not None), *pieces_at(self.table, t)
+        pieces = pieces_at(self.table, t) if len(self.table) else ()
+        return (t, x, *pieces) if u is None else (t, x, u, *pieces)
 
     def all_outputs(self, t: Array, X: Array, u: Array | None = None, few: int = 1) -> Array:
         """The same at many times, shapes (T,) and (T, size), for laws that are traced or inputs that are given.
@@ -248,7 +246,8 @@ class Plant:
         u = torque(x) if dynamics.torque_given else None
         has_u = u is not None
         wrt = ("x", "a", "u") if has_u else ("x", "a", "t") if self.is_compiled else ("x", "a")  # t is for Rodas5P
-        given = *self._inputs(np.array([t]), x, qdd, u), self.numbers
+        time, _, *others = self._inputs(np.array([t]), x, u)
+        given = time, x, qdd, *others, self.numbers
         slopes = self.kernels.scene_kernel(dynamics.residual, *wrt)(*given)
         by_x, M = slopes[:, :size], slopes[:n, size : size + n]
         if has_u and self.sampled is None:
