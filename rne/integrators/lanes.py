@@ -3,17 +3,21 @@
 Each motion has its own time and its own steps. One that has ended makes room for the next; its result does not depend
 on its neighbours. A motion with a state that needs the recursion is left, marked, to the caller. Arrays of the lanes
 are flat, component by component: entry i LANES + k is component i of lane k.
+
+Torques may be held, those of a law that is sampled or given ones, as in `runge_kutta.take_samples`: a step ends where
+the next sample is due, or where a command begins to act.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..basics.spatial import Array
 from ..dynamics.quantity import OK
 from ..kernels.kernel import Kernel
+from .base import SAME
 from .loops import LANES, combine, compiled, evaluate, inline
 from .rows import EARLY, FAST_DECAY, LOOK, NEEDS_RECURSION, SLOW, STIFF, BatchResult, Progress, run_rows
 from .step_control import MOST_STEPS, Interval, first_lengths, shortest_step, step_factor
@@ -21,13 +25,62 @@ from .tableaus import Tableau
 
 EMPTY = -1  # in place of a motion's number
 OPERATIONS = 3 * 10**7  # of the kernel in one call, on LANES states: less than a tenth of a second
-# Rows of `lane`: the motion, its next time to report, its steps, whether the last was taken, whether that needs Q;
-# of `step`: begin, length and end of the step, its errors, the length to try next.
-MOTION, TIME, STEPS, TAKEN, WANTS, LANE_ROWS = 0, 1, 2, 3, 4, 5
-NOW, LENGTH, END, FIFTH, THIRD, NEXT, STEP_ROWS = 0, 1, 2, 3, 4, 5, 6
+# Rows of `lane`: the motion, its next time to report, its steps, whether the last was taken, whether that needs Q, its
+# samples, its commands that act or have acted, its steps before the last of these; of `step`: begin, length and end of
+# the step, its errors, the length to try next, the time of the next sample or command.
+MOTION, TIME, STEPS, TAKEN, WANTS, SAMPLES, ACTED, SINCE, LANE_ROWS = 0, 1, 2, 3, 4, 5, 6, 7, 8
+NOW, LENGTH, END, FIFTH, THIRD, NEXT, SWITCH, STEP_ROWS = 0, 1, 2, 3, 4, 5, 6, 7
+LATE, REST, WORK = 0, 1, 2  # of `timing`: a delay in whole periods and a rest, work before the torques that act
+NEARLY = 1 - 1e-12  # of the end: a later sample is none
 
 
-def workspace(widths: tuple[int, ...], tableau: Tableau, common: tuple[Array, ...] = ()) -> tuple[Any, ...]:
+class Hold(NamedTuple):
+    """Torques of n drives in the lanes, the argument of dx/dt behind the state, each held until the next one acts."""
+
+    period: float  # between two samples; 0 if no torques are held
+    driven: int  # number of the first coordinate that they act on
+    most_steps: int  # between two samples: of more a motion is left
+    law: Any  # function, arguments, room for those of them that differ from lane to lane, and for the result
+    sources: tuple[Array, ...]  # a row per motion of what its lane has in `own`
+    own: tuple[Array, ...]  # arguments of the law; bounds of torques and of their change between samples; `timing`
+    pending: Array  # (p, n LANES), commands, that of sample k in row k % p
+    start: Array  # (n LANES,), positions where the torques began to act
+    table: Array  # (N, K, n), torques in place of a law's; empty with a law
+
+
+def hold_of(
+    period: float,
+    law: Kernel | None,
+    numbers: Array,
+    table: Array,
+    bounds: Array,
+    delays: Array,
+    driven: int,
+    most: int,
+) -> Hold:
+    """Torques for `run_lanes`: of a law of (t, x, numbers), the last (p,) or (N, p), or without one of a table.
+
+    Bounds, of the torques and of their change, have shape (N, 2 n), delays (N, 2): whole periods and the rest.
+    """
+    count, n, entries, widths = len(delays), bounds.shape[1] // 2, 0, [1, 0]
+    numbers = numbers if law is None else np.ascontiguousarray(law.coefficients(numbers))
+    common, more = ((numbers,), ()) if numbers.ndim == 1 else ((), (numbers,))
+    if law is not None:
+        widths, entries, table = [*law.traced.widths[:2]], law.traced.entries, table[:0]
+    sources = *(np.zeros((count, width)) for width in widths), *more
+    inputs, saved = (tuple(np.zeros(rows.shape[1] * LANES) for rows in sources) for _ in range(2))
+    limits, timing, start, out = (np.zeros(size * LANES) for size in (2 * n, 3, n, entries))
+    pending = np.zeros((int(delays[:, LATE].max(initial=0)) + 1, n * LANES))
+    sources += np.ascontiguousarray(bounds), np.column_stack([delays, np.zeros(count)])
+    function = 0 if law is None else law.address(LANES, common=not more)
+    of_law = function, inputs + common, saved, out
+    return Hold(period, driven, most, of_law, sources, (*inputs, limits, timing), pending, start, table)
+
+
+NONE = hold_of(0.0, None, np.zeros(0), np.zeros((0, 0, 0)), np.zeros((0, 0)), np.zeros((0, 2)), 0, 2**62)
+
+
+def workspace(widths: tuple[int, ...], tableau: Tableau, hold: Hold, common: tuple[Array, ...]) -> tuple[Any, ...]:
     """Arrays for `run_all`: of a kernel's arguments that differ from lane to lane, of these widths, and of common ones.
 
     The second argument is the state; the common ones come last.
@@ -37,7 +90,7 @@ def workspace(widths: tuple[int, ...], tableau: Tableau, common: tuple[Array, ..
     entries, rows = widths[1] * LANES, max(len(tableau.B) + 1, tableau.D.shape[1])
     slopes = np.zeros((rows, entries)), np.zeros((max(1, len(tableau.D)), entries))
     numbers = np.zeros((LANE_ROWS, LANES), np.int64), np.zeros((STEP_ROWS, LANES))
-    return inputs, saved, tuple(np.zeros((5, entries))), slopes, *numbers
+    return inputs, saved, tuple(np.zeros((5, entries))), slopes, *numbers, hold
 
 
 @inline
@@ -79,7 +132,7 @@ def mark_invalid(function: Any, inputs: Any, saved: Any, out: Any, lane: Any, co
 
 def rates_of_all(function: Any, sources: Any, F: Any, code: Any, work: Any) -> None:
     """dx/dt of every motion into F, from rows of times, states and perhaps parameters; some are marked."""
-    inputs, saved, vectors, _, lane, _ = work
+    inputs, saved, vectors, _, lane, _, _ = work
     count, out = len(F), vectors[0]
     for begin in range(0, count, LANES):
         for k in range(LANES):
@@ -96,16 +149,22 @@ def rates_of_all(function: Any, sources: Any, F: Any, code: Any, work: Any) -> N
 @inline
 def fill_lanes(waiting: Any, sources: Any, F: Any, H: Any, code: Any, work: Any) -> Any:
     """Waiting motions into lanes without one, or a copy of another lane; who waits then, EMPTY at the end."""
-    inputs, _, (y, _, _, _, _), (K, _), lane, step = work
+    inputs, _, (y, _, _, _, _), (K, _), lane, step, hold = work
     source = EMPTY
     for k in range(LANES):
         while lane[MOTION, k] == EMPTY and waiting < len(F):
             if not code[waiting]:
                 put_motion(sources, waiting, inputs, k)
+                step[SWITCH, k] = float("inf")
+                if hold.period > 0:
+                    put_motion(hold.sources, waiting, hold.own, k)
+                    step[SWITCH, k] = sources[0][waiting, 0]
                 for i in range(F.shape[1]):
                     y[i * LANES + k], K[0, i * LANES + k] = sources[1][waiting, i], F[waiting, i]
                 step[NOW, k], step[NEXT, k] = sources[0][waiting, 0], H[waiting]
-                lane[MOTION, k], lane[TIME, k], lane[STEPS, k], lane[TAKEN, k] = waiting, 0, 0, 1
+                for row in range(LANE_ROWS):
+                    lane[row, k] = 0
+                lane[MOTION, k], lane[TAKEN, k] = waiting, 1
             waiting += 1
         if lane[MOTION, k] >= 0:
             source = k
@@ -113,10 +172,84 @@ def fill_lanes(waiting: Any, sources: Any, F: Any, H: Any, code: Any, work: Any)
         if lane[MOTION, k] == EMPTY and source >= 0:
             for a in range(len(sources)):
                 copy_lane(inputs[a], source, k)
+            for a in range(len(hold.own)):
+                copy_lane(hold.own[a], source, k)
             copy_lane(y, source, k)
             copy_lane(K[0], source, k)
             step[NOW, k] = step[NOW, source]
     return waiting if source >= 0 else EMPTY
+
+
+@inline
+def sample_lane(hold: Any, lane: Any, k: Any) -> None:
+    """A lane's command, that of the table or what the law gave, becomes the last that is pending."""
+    motion, count, n, out, bounds = lane[MOTION, k], lane[SAMPLES, k], len(hold.start), hold.law[3], hold.own[-2]
+    before, last = (count - 1) % len(hold.pending), count % len(hold.pending)
+    for e in range(k, n, LANES):
+        u = hold.table[motion, count, e // LANES] if len(hold.table) else out[e]
+        u = min(max(u, -bounds[e]), bounds[e])
+        if count > 0:
+            held, change = hold.pending[before, e], bounds[n + e]
+            u = min(max(u, held - change), held + change)
+        hold.pending[last, e] = u
+    states = hold.own[1]  # the last of them are those of the law, which go on by Euler's rule
+    for e in range(n + k, len(out), LANES):
+        states[len(states) - len(out) + e] += hold.period * out[e]
+    lane[SAMPLES, k] += 1
+
+
+@inline
+def act_in_lane(hold: Any, times: Any, y: Any, u: Any, lane: Any, now: Any, k: Any, X: Any) -> None:
+    """A lane's next command begins to act, and is that of a time just reported."""
+    n, time, row, timing = len(u) // LANES, lane[TIME, k] - 1, lane[ACTED, k] % len(hold.pending), hold.own[-1]
+    is_reported = time >= 0 and times[time] >= now * (1 - SAME)
+    for e in range(k, len(u), LANES):
+        position = y[hold.driven * LANES + e]
+        timing[WORK * LANES + k] += u[e] * (position - hold.start[e])
+        hold.start[e], u[e] = position, hold.pending[row, e]
+        if is_reported:
+            X[time, lane[MOTION, k], X.shape[2] - n - 1 + e // LANES] = u[e]
+    lane[ACTED, k] += 1
+
+
+@inline
+def call_law(hold: Any, y: Any, lane: Any, step: Any, code: Any) -> None:
+    """The law in all lanes; where it is not valid, those that want it are marked."""
+    law, (times, states), saved, out = hold.law[0], hold.law[1][:2], hold.law[2], hold.law[3]
+    for e in range(len(states) - len(out) + len(hold.start)):  # before those of the law
+        states[e] = y[e]
+    for k in range(LANES):
+        times[k] = step[NOW, k]
+    if not evaluate(law, hold.law[1], out):
+        mark_invalid(law, hold.law[1], saved, out, lane, code, True)
+        evaluate(law, hold.law[1], out)
+
+
+@inline
+def renew_torques(
+    hold: Any, interval: Any, y: Any, u: Any, lane: Any, step: Any, code: Any, count: Any, X: Any
+) -> bool:
+    """Take the samples, and have the commands act, that are due; True if there are any, for new slopes there."""
+    is_due, samples, timing, period = False, False, hold.own[-1], hold.period
+    for k in range(LANES):
+        lane[WANTS, k] = 0
+        if lane[MOTION, k] >= 0 and step[NOW, k] >= step[SWITCH, k]:
+            is_due, lane[WANTS, k] = True, step[NOW, k] >= lane[SAMPLES, k] * period
+            samples = samples or lane[WANTS, k] == 1
+    if samples and not len(hold.table):
+        call_law(hold, y, lane, step, code)
+    for k in range(LANES):
+        if lane[MOTION, k] >= 0 and step[NOW, k] >= step[SWITCH, k]:
+            late, rest = timing[LATE * LANES + k], timing[REST * LANES + k]
+            if lane[WANTS, k]:
+                sample_lane(hold, lane, k)
+            if step[NOW, k] >= (lane[ACTED, k] + late) * period + rest:
+                act_in_lane(hold, interval.t_eval, y, u, lane, step[NOW, k], k, X)
+            switch = min(lane[SAMPLES, k] * period, (lane[ACTED, k] + late) * period + rest)
+            step[SWITCH, k] = switch if switch < interval.end * NEARLY else interval.end
+            lane[SINCE, k] = lane[STEPS, k]
+            count[lane[MOTION, k]] += 0 if len(interval.grid) else 1
+    return is_due
 
 
 @inline
@@ -126,18 +259,27 @@ def is_endless(interval: Any, steps: Any, t: Any) -> bool:
 
 
 @inline
-def choose_lengths(interval: Any, lane: Any, step: Any, h: Any, code: Any) -> None:
-    """The end of each lane's step: that of the grid, or by the length to be tried; too short a step is marked."""
+def choose_lengths(interval: Any, lane: Any, step: Any, h: Any, code: Any, most: Any) -> None:
+    """The end of each lane's step: that of the grid, or by the length to be tried; too short a step is marked.
+
+    So are `most` steps without a new torque. Where a torque changes within a step of the grid, that is taken in two.
+    """
     for k in range(LANES):
         t, length, motion = step[NOW, k], step[NEXT, k], lane[MOTION, k]
         step[END, k], smallest = t, shortest_step(t)
         if motion >= 0:
             if len(interval.grid):
                 step[END, k] = interval.grid[lane[STEPS, k] + 1]
-            elif (not lane[TAKEN, k] and not length >= smallest) or is_endless(interval, lane[STEPS, k], t):
+                if step[SWITCH, k] < step[END, k]:
+                    step[END, k], lane[STEPS, k] = step[SWITCH, k], lane[STEPS, k] - 1
+            elif (
+                (not lane[TAKEN, k] and not length >= smallest)
+                or is_endless(interval, lane[STEPS, k], t)
+                or lane[STEPS, k] - lane[SINCE, k] > most
+            ):
                 code[motion], lane[MOTION, k] = NEEDS_RECURSION, EMPTY
             else:
-                step[END, k] = min(t + max(length, smallest), interval.end)
+                step[END, k] = min(t + max(length, smallest), interval.end, step[SWITCH, k])
         step[LENGTH, k] = step[END, k] - t
     for i in range(0, len(h), LANES):
         for k in range(LANES):
@@ -196,20 +338,25 @@ def accept(interval: Any, lane: Any, step: Any) -> bool:
 
 
 @inline
-def report(times: Any, y: Any, new: Any, Q: Any, lane: Any, step: Any, k: Any, X: Any) -> None:
-    """States of a lane at the times within its step, into X[time, motion]."""
-    motion, time = lane[MOTION, k], lane[TIME, k]
+def report(times: Any, y: Any, new: Any, Q: Any, hold: Any, u: Any, lane: Any, step: Any, k: Any, X: Any) -> None:
+    """States of a lane at the times within its step, into X[time, motion]; behind them torques, and their work."""
+    motion, time, size, n = lane[MOTION, k], lane[TIME, k], len(y) // LANES, len(hold.start) // LANES
     while time < len(times) and times[time] <= step[END, k]:
-        u = (times[time] - step[NOW, k]) / step[LENGTH, k]
-        for i in range(X.shape[2]):
+        part = (times[time] - step[NOW, k]) / step[LENGTH, k]
+        for i in range(size):
             e = i * LANES + k
             if times[time] == step[END, k]:
                 X[time, motion, i] = new[e]
             else:  # Horner's scheme in u and 1 - u by turns
                 found = 0.0
                 for j in range(Q.shape[0] - 1, -1, -1):
-                    found = (found + Q[j, e]) * (u if j % 2 == 0 else 1 - u)
+                    found = (found + Q[j, e]) * (part if j % 2 == 0 else 1 - part)
                 X[time, motion, i] = y[e] + step[LENGTH, k] * found
+        work = hold.own[-1][WORK * LANES + k]
+        for e in range(k, len(hold.start), LANES):
+            i = e // LANES
+            work += u[e] * (X[time, motion, hold.driven + i] - hold.start[e])
+            X[time, motion, size + i], X[time, motion, size + n] = u[e], work
         time += 1
     lane[TIME, k] = time
 
@@ -218,7 +365,7 @@ def report(times: Any, y: Any, new: Any, Q: Any, lane: Any, step: Any, k: Any, X
 def is_stiff(interval: Any, slope: Any, other: Any, new: Any, before: Any, lane: Any, step: Any, k: Any) -> bool:
     """As `rows.RowSteps`: from the slopes of the last two states, at the same time."""
     steps, begin = lane[STEPS, k] + 1, interval.begin
-    if steps % LOOK != 0 or not steps * (interval.end - begin) > SLOW * (step[END, k] - begin):
+    if steps % LOOK != 0 or not steps * (interval.end - begin) > interval.watched * SLOW * (step[END, k] - begin):
         return False
     slopes, states = 0.0, 0.0
     for i in range(interval.counted):
@@ -260,7 +407,7 @@ def run_all(
     EMPTY at the end.
     """
     A, B, C, _, A2, C2, D, _ = interval.tableau
-    inputs, saved, (y, new, total, h, before), (K, Q), lane, step = work
+    inputs, saved, (y, new, total, h, before), (K, Q), lane, step, hold = work
     stages, is_fixed, positions, (waiting, left) = len(B), len(interval.grid) > 0, interval.positions, go_on
     if waiting == 0:
         lane[MOTION] = EMPTY
@@ -271,9 +418,12 @@ def run_all(
             waiting = fill_lanes(waiting, sources, F, H, code, work)
         if waiting == EMPTY:
             break
-        choose_lengths(interval, lane, step, h, code)
+        is_new = is_fixed
+        if hold.period > 0 and renew_torques(hold, interval, y, inputs[2], lane, step, code, count, X):
+            is_new = True
+        choose_lengths(interval, lane, step, h, code, hold.most_steps)
         is_valid = True
-        for s in range(0 if is_fixed else 1, stages + 1):
+        for s in range(0 if is_new else 1, stages + 1):
             combine(A[s] if s < stages else B, s, K, total)
             put_stage(interval, y, total, h, C[s] if s < stages else 1.0, inputs, step)
             if s == stages:
@@ -304,7 +454,7 @@ def run_all(
                 combine(D[j], K.shape[0], K, Q[j])
         for k in range(LANES):
             if lane[MOTION, k] >= 0 and lane[TAKEN, k]:
-                report(interval.t_eval, y, new, Q, lane, step, k, X)
+                report(interval.t_eval, y, new, Q, hold, inputs[2], lane, step, k, X)
                 if interval.watched and is_stiff(interval, K[stages], K[stages - 1], new, before, lane, step, k):
                     code[lane[MOTION, k]], lane[MOTION, k] = STIFF, EMPTY
         vacant = move_on(y, new, K, stages, len(C2), interval.end, lane, step, count)
@@ -312,17 +462,19 @@ def run_all(
 
 
 def run_lanes(
-    interval: Interval, kernel: Kernel, numbers: Array, x: Array, X: Array, progress: Progress
+    interval: Interval, kernel: Kernel, numbers: Array, x: Array, X: Array, progress: Progress, hold: Hold = NONE
 ) -> BatchResult:
     """Motions from states x, shape (N, size), into X[time, motion], which is NaN where nothing is reported.
 
-    Numbers of the run, the kernel's last argument, are (p,) for all or (N, p). Machine code returns to Python after
-    some OPERATIONS, so that Ctrl-C is heard.
+    Behind the states X has the torques that are held, if there are some, and their work. Numbers of the run, the
+    kernel's last argument, are (p,) for all or (N, p). Machine code returns to Python after some OPERATIONS, so that
+    Ctrl-C is heard.
     """
     x, N, units = np.ascontiguousarray(x), len(x), max(len(interval.grid) - 1, 1)
     coefficients, widths = np.ascontiguousarray(kernel.coefficients(numbers)), kernel.traced.widths
     common, more = ((coefficients,), ()) if numbers.ndim == 1 else ((), (coefficients,))
-    work = workspace(widths[: 2 + len(more)], interval.tableau, common)
+    more = (np.zeros((N, widths[2])), *more) if hold.period > 0 else more  # no torque before the first command
+    work = workspace(widths[: 2 + len(more)], interval.tableau, hold, common)
     address = kernel.address(LANES, common=numbers.ndim == 1)
     code, count, H, F = np.zeros(N, np.int64), np.zeros(N, np.int64), np.zeros(N), np.zeros_like(x)
 
@@ -332,7 +484,9 @@ def run_lanes(
         return F
 
     begin = np.full(N, interval.begin)
-    if not len(interval.grid):
+    if len(hold.law[3]):
+        H += hold.period  # the first step is tried as far as the next sample
+    elif not len(interval.grid):
         rates(begin, x, F)
         H = first_lengths(lambda t, states: rates(t, states.T, np.zeros_like(x)).T, interval, x.T, F.T)
         count += 2

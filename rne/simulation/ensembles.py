@@ -23,8 +23,8 @@ from ..basics.text import InNotebooks, counted, short
 from ..control.traced_law import one_at_a_time
 from ..dynamics.quantity import OK, PrecisionStatus
 from ..errors import NotFiniteError, SimulationError, SimulationInterrupted
-from ..integrators.lanes import run_batch
-from ..integrators.rows import STIFF, Progress
+from ..integrators.lanes import NEARLY, Hold, run_batch, run_lanes
+from ..integrators.rows import SLOW, Progress
 from ..integrators.step_control import Interval
 from ..integrators.tableaus import EXPLICIT, FIXED, tableau
 from ..kernels.kernel import Kernel
@@ -36,12 +36,14 @@ from .scene import Scene
 from .scene_dynamics import Bodies, SceneDynamics
 from .scene_numbers import BODIES, SceneNumbers, bodies_as_numbers, bodies_of, checked, scene_at
 from .simulator import METHODS, check_times, law_breaks, scene_argument, simulate, tolerances
+from .zero_order_hold import held_side_by_side
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor, Future
 
 QUANTITIES = ("q", "qd", "tau")  # of each motion
 CHUNK, SHARE = 8192, 250  # most motions side by side, and fewest of a share in NumPy, where few cost as much as many
+SAMPLED_STEPS = 50  # between samples, on average: of fewer steps it does not matter whether a motion is stiff
 UserProgress = Callable[[int, int], Any]
 PATIENCE = 0.5  # s that Ctrl-C waits for what other threads and processes have begun
 
@@ -173,6 +175,8 @@ def ensemble(
     t_eval: ArrayLike | None = None,
     parameters: ArrayLike | None = None,
     numbers: Mapping[str, ArrayLike] | None = None,
+    torque: ArrayLike | None = None,
+    sample_time: float | None = None,
     method: str = "auto",
     step: float | None = None,
     keep: int | None = None,
@@ -184,8 +188,9 @@ def ensemble(
     Parameters
     ----------
     scene_or_robot : Scene or Robot
-        What moves. Without stops, friction that sticks, samples and called controllers all motions run side by side;
-        with them one after another, as `rne.simulate` runs them.
+        What moves. Without stops, friction that sticks and called controllers all motions run side by side; with them
+        one after another, as `rne.simulate` runs them. So do laws that are sampled and given torques, but in machine
+        code (engine "numba"), where those run side by side as well.
     q0, qd0 : array_like, shape (N, n)
         Initial positions and velocities, of elastic joints as `rne.simulate` takes them [rad or m; rad/s or m/s]. If
         both are float32 and `step` is given, so is the computation; see docs/stability.md.
@@ -206,10 +211,16 @@ def ensemble(
     numbers : mapping of str to array_like, shape (N, ...), optional
         Numbers of the scene that each motion has of its own, by the names of `Scene.numbers`, with one axis more than
         there: {"friction.viscous": (N, n), "controller.kp": (N, n)}.
+    torque : array_like, shape (N, n) or (N, K, n), optional
+        Torques of the drives of each motion, for a robot or a scene without a controller: constant ones, or K of them,
+        each held for `sample_time`. The effort limits of the scene bound them [N m or N].
+    sample_time : float, optional
+        Of `torque`; K times it is the duration [s].
     method : str
-        "auto" is DOP853, or what `rne.simulate` chooses for motions that run one after another and for those that turn
-        out to be stiff. Other explicit methods run side by side as well, implicit ones one after another. With
-        `step`: "rk4", of order 4 where torques do not jump, which "auto" takes, or "semi-implicit-euler", of order 1.
+        "auto" is DOP853, or Tsit5 between samples, or what `rne.simulate` chooses for motions that run one after
+        another and for those that turn out to be stiff. Other explicit methods run side by side as well, implicit ones
+        one after another. With `step`: "rk4", of order 4 where torques do not jump, which "auto" takes, or
+        "semi-implicit-euler", of order 1. Steps end at samples and where a torque begins to act.
     step : float, optional
         The longest step, for equal steps whose error is not controlled: halve it and compare. Friction that changes
         its sign within some steps, smoothed or not, makes errors that shorter ones hardly reduce [s].
@@ -232,8 +243,8 @@ def ensemble(
     Raises
     ------
     ValueError
-        If an argument has the wrong shape, is not finite or out of range, the scene cannot run by equal steps, or its
-        controller cannot be sent to the processes of `executor`.
+        If an argument has the wrong shape, is not finite or out of range, the scene cannot run by equal steps, has a
+        controller beside `torque`, or one that cannot be sent to the processes of `executor`.
     NotFiniteError, SingularMassMatrixError
         If a state overflows, steps become too short or M singular; names the initial state by its number, and the time.
     SimulationError
@@ -260,11 +271,12 @@ def ensemble(
     scene, own = _numbers(scene, numbers, parameters, len(given)) if given.ndim == 2 else (scene, {})
     q, qd = _starts(scene, own, q0, qd0, is_fixed=step is not None)
     end = positive_number("duration", duration, zero_allowed=True)
-    times = _times(t_eval, keep, end)
-    plan = _plan(scene, method, step, times, end, tolerances(rtol, atol), has_own=bool(own))
+    times, (given, period) = _times(t_eval, keep, end), _given_torques(scene, torque, sample_time, len(q), end)
+    plan = _plan(scene, method, step, times, end, tolerances(rtol, atol), given=period, has_own=bool(own))
     further = plan.dynamics.size - 2 * plan.dynamics.n if isinstance(plan, BatchRun) else 0
-    x0 = np.concatenate([q, qd, np.zeros((len(q), further), q.dtype)], axis=1)
-    starts = Chunk(x0, own)
+    dtype = np.float64 if isinstance(plan, BatchRun) and plan.held else q.dtype
+    x0 = np.concatenate([q, qd, np.zeros((len(q), further))], axis=1, dtype=dtype)
+    starts = Chunk(x0, own, given)
     part = run_all(plan, starts, progress, executor)
     if not part.interrupted:
         part.verdict.raise_or_warn(stacklevel=2)
@@ -274,7 +286,7 @@ def ensemble(
         part.qd,
         part.tau,
         part.energies,
-        scene.dynamics.ledger,
+        plan.dynamics.ledger,
         ", ".join(part.methods),
         float(plan.steps.max()) if isinstance(plan, BatchRun) and len(plan.steps) else None,
         part.evaluations,
@@ -337,6 +349,28 @@ def _times(t_eval: ArrayLike | None, keep: int | None, end: float) -> Array:
     return np.linspace(0.0, end, count if end else 1)
 
 
+def _given_torques(
+    scene: Scene, torque: ArrayLike | None, sample_time: float | None, count: int, end: float
+) -> tuple[Array, float | None]:
+    """Torques of motions, (N, K, n), and how long each of the K is held; none for None without any."""
+    if torque is None:
+        if sample_time is not None:
+            raise ValueError(
+                "`sample_time` is that of `torque`, which is not given; that of a controller is its scene's"
+            )
+        return np.zeros((count, 0, scene.n)), None
+    if scene.controller is not None:
+        raise ValueError("`torque` cannot be given for a scene that has a controller")
+    if sample_time is None:
+        found = real_array("torque", torque, f"({count}, {scene.n}), or (N, K, n) with `sample_time`")
+        return found[:, None].astype(np.float64), end
+    found = real_array("torque", torque, f"({count}, K, {scene.n})").astype(np.float64)
+    period, K = positive_number("sample_time", sample_time), found.shape[1]
+    if abs(K * period - end) > (1 - NEARLY) * end:
+        raise ValueError(f"`torque` of {K} samples every {period:g} s takes {K * period:g} s, not the {end:g} s to go")
+    return found, period
+
+
 def _plan(
     scene: Scene,
     method: str,
@@ -345,53 +379,73 @@ def _plan(
     end: float,
     tolerated: tuple[float, float],
     *,
+    given: float | None,
     has_own: bool,
 ) -> Plan:
-    """How the motions of a scene are run."""
-    friction = scene.resolved.friction
-    has_events = scene.sample_time is not None or scene.stops or (friction is not None and friction.sticks)
-    dynamics = scene.dynamics
+    """How the motions of a scene are run, with torques each of which is `given` for so long, if there are any."""
+    friction, law, period = scene.resolved.friction, scene.traced_samples, scene.sample_time if given is None else given
+    dynamics = scene.dynamics if given is None else scene._dynamics("held")
+    has_events = scene.stops or (friction is not None and friction.sticks)
     is_called = dynamics.inputs == "called" or len(dynamics.table) > 0
     rtol, atol = tolerated
-    fallback = SequentialRun(scene, end, times, {"method": method, "rtol": rtol, "atol": atol})
+    fallback = SequentialRun(scene, dynamics, end, times, {"method": method, "rtol": rtol, "atol": atol}, given)
+    if period is not None:
+        is_known = given is not None or law is not None
+        is_called = not is_known or not fallback.kernel.is_unrolled or fallback.kernel.engine != "numba"
     if step is None:
         if method not in ("auto", *METHODS):
             needs = "; equal steps need `step`" if method in FIXED else ""
             raise ValueError(f"`method` must be 'auto' or one of {list(METHODS)}, got {method!r}{needs}")
         if has_events or is_called or method not in ("auto", *EXPLICIT) or not scene.n or not end:
             return fallback
-        chosen, max_step = "DOP853" if method == "auto" else method, None
+        max_step, explicit = None, "DOP853" if period is None or period == end else "Tsit5"
     else:
         if method not in ("auto", *FIXED):
             raise ValueError(f"`method` must be one of {list(FIXED)}, got {method!r}")
         if has_events:
-            raise ValueError("`step` is not for scenes with `sample_time`, `stops` or sticking friction: leave it out")
+            raise ValueError("`step` is not for scenes with `stops` or sticking friction: leave it out")
         if is_called:
-            raise ValueError("the controller of an ensemble with `step` must be traceable (mark it with rne.traceable)")
-        chosen, max_step = "rk4" if method == "auto" else method, positive_number("step", step)
+            needs = (
+                "`step` with torques that are held needs a robot of engine 'numba', and a controller that is traceable"
+            )
+            if period is None:
+                needs = "the controller of an ensemble with `step` must be traceable (mark it with rne.traceable)"
+            raise ValueError(needs)
+        max_step, explicit = positive_number("step", step), "rk4"
+        fallback = replace(fallback, options=fallback.options | {"method": "auto"})
         if not scene.n or not end:  # nothing moves
-            return replace(fallback, options=fallback.options | {"method": "auto"})
-    watched = int(method == "auto")
+            return fallback
+    chosen, switches = explicit if method == "auto" else method, np.arange(0.0)
+    if period is not None:
+        switches = np.arange(ceil(end / period * NEARLY)) * period
+    watched = max(1, SAMPLED_STEPS * len(switches) // SLOW) if method == "auto" else 0
     whole = Interval(tableau(chosen), 0.0, end, -np.inf, np.inf, rtol, atol, dynamics.counted, watched=watched)
-    if max_step is None:
-        intervals = _between_breaks(whole, times, law_breaks(scene.controller))
-    else:
+    if max_step is not None:
         positions = dynamics.n if chosen == "semi-implicit-euler" else 0
-        intervals = (_in_equal_steps(whole, times, max_step)._replace(positions=positions),)
-    return BatchRun(chosen, dynamics, times, intervals, has_own, fallback)
+        intervals = [_in_equal_steps(whole, times, max_step, switches)._replace(positions=positions)]
+    elif period is not None:
+        intervals = [whole._replace(t_eval=_and_end(times, end))]
+    else:
+        intervals = _between_breaks(whole, times, law_breaks(scene.controller))
+    held = None if period is None else partial(held_side_by_side, scene, law, dynamics.driven.start, period, end)
+    return BatchRun(chosen, dynamics, times, intervals, has_own, fallback, held)
 
 
 class Chunk(NamedTuple):
-    """Initial states, their own numbers of the scene by name, (N, ...) each, and the first one's place."""
+    """Initial states, their own numbers of the scene by name, (N, ...) each, torques that are given, the first's place.
+
+    The torques have the shape (N, K, n), K = 0 where none are given.
+    """
 
     x: Array
     numbers: Mapping[str, Array]
+    torque: Array
     first: int = 0
 
     def part(self, begin: int, end: int) -> Chunk:
         """Some of them."""
         own = {name: array[begin:end] for name, array in self.numbers.items()}
-        return Chunk(self.x[begin:end], own, self.first + begin)
+        return Chunk(self.x[begin:end], own, self.torque[begin:end], self.first + begin)
 
 
 class Motions(NamedTuple):
@@ -409,22 +463,32 @@ class Motions(NamedTuple):
     interrupted: bool = False
 
 
-def _in_equal_steps(whole: Interval, times: Array, step: float) -> Interval:
-    """Equal steps between two times to report."""
-    edges = np.unique([whole.begin, *times, whole.end]).tolist()
+def _and_end(times: Array, end: float) -> Array:
+    """Times to report, the end as the last."""
+    return times if len(times) and times[-1] == end else np.append(times, end)
+
+
+def _in_equal_steps(whole: Interval, times: Array, step: float, samples: Array) -> Interval:
+    """Equal steps between two times to report or samples, which take the place of times that are the same but for
+    rounding.
+    """
+    if len(samples):
+        nearest = samples[np.searchsorted((samples[1:] + samples[:-1]) / 2, times)]
+        times = np.asarray(np.where(np.abs(nearest - times) <= (1 - NEARLY) * times, nearest, times))
+    edges = np.unique([whole.begin, *times.tolist(), *samples.tolist(), whole.end]).tolist()
     counts = [max(1, ceil((b - a) / step * (1 - 1e-12))) for a, b in itertools.pairwise(edges)]
     parts = [np.linspace(a, b, k + 1)[1:] for (a, b), k in zip(itertools.pairwise(edges), counts, strict=True)]
-    return whole._replace(t_eval=np.array(edges[1:]), grid=np.concatenate([[whole.begin], *parts]), watched=0)
+    return whole._replace(t_eval=_and_end(times, whole.end), grid=np.concatenate([[whole.begin], *parts]), watched=0)
 
 
-def _between_breaks(whole: Interval, times: Array, breaks: list[float]) -> tuple[Interval, ...]:
+def _between_breaks(whole: Interval, times: Array, breaks: list[float]) -> list[Interval]:
     """The parts of the time between breaks of the torques."""
     inner, found = [b for b in breaks if 0 < b < whole.end], []
     for a, b in itertools.pairwise([whole.begin, *inner, whole.end]):
         first, last = np.nextafter(a, np.inf) if a in inner else -np.inf, np.nextafter(b, 0.0) if b in inner else np.inf
         asked = np.unique([*times[(times > a) & (times < b)], b])
         found.append(whole._replace(begin=a, end=b, first=float(first), last=float(last), t_eval=asked))
-    return tuple(found)
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -434,14 +498,15 @@ class BatchRun:
     method: str
     dynamics: SceneDynamics
     times: Array  # (S,), to report
-    intervals: tuple[Interval, ...]  # the parts of the time between which torques jump
+    intervals: Sequence[Interval]  # the parts of the time between which torques jump
     has_own: bool  # True if each motion has its own numbers
-    fallback: SequentialRun  # for motions that turn out to be stiff
+    fallback: SequentialRun  # for motions that turn out to be stiff, and those with held torques that lanes leave
+    held: Callable[[Mapping[str, Array], Array], Hold] | None = None  # torques of a chunk that are, in lanes
 
     @property
     def kernel(self) -> Kernel:
         """dx/dt."""
-        return self.fallback.scene.kernels.scene_kernel(self.dynamics.right_hand_side)
+        return self.fallback.kernel
 
     def _of_dynamics(self, own: Mapping[str, Array]) -> dict[str, Array]:
         """The numbers of motions as the equations have them: moments of bodies in place of their parameters."""
@@ -469,18 +534,22 @@ class BatchRun:
         x, evaluations, verdict, is_done = chunk.x, 0, OK, True
         own = self.dynamics.vectors(self._of_dynamics(chunk.numbers)) if self.has_own else self.dynamics.vector
         numbers, stiff = chunk.first + np.arange(len(x)), np.zeros(len(x), dtype=bool)
-        states, reported = np.full((len(self.times), *x.shape), np.nan, x.dtype), 0
-        if 0.0 in self.times:
-            states[0], reported = x, 1
+        hold = None if self.held is None else self.held(chunk.numbers, chunk.torque)
+        further = self.dynamics.joints + 1 if hold else 0  # behind states: held torques, their work
+        states = np.full((len(self.times), len(x), x.shape[1] + further), np.nan, x.dtype)
+        reported = int(0.0 in self.times and 0.0 not in self.intervals[0].t_eval)
+        states[:reported, :, : x.shape[1]] = x
         for interval in self.intervals:
-            is_last = interval is self.intervals[-1]
-            X = np.full((len(interval.t_eval), *x.shape), np.nan, x.dtype)
-            how = interval, self.kernel, own, numbers
-            part = run_batch(*how, x, X, advance if is_last else lambda _: advance(0))
-            stiff |= part.code == STIFF
+            is_last, how = interval is self.intervals[-1], (interval, self.kernel, own)
+            X = np.full((len(interval.t_eval), *states.shape[1:]), np.nan, x.dtype)
+            if hold is not None:
+                part = run_lanes(*how, x, X, advance, hold)
+            else:
+                part = run_batch(*how, numbers, x, X, advance if is_last else lambda _: advance(0))
+            stiff |= part.code != 0
             evaluations, verdict, is_done = evaluations + part.evaluations, verdict.worse(part.verdict), part.is_done
-            X[:, stiff] = x[stiff] if is_done else np.nan
-            x, kept = X[-1], X[np.isin(interval.t_eval, self.times)]
+            X[:, stiff, : x.shape[1]] = x[stiff] if is_done else np.nan
+            x, kept = X[-1, :, : x.shape[1]], X if interval.end in self.times else X[:-1]
             states[reported : reported + len(kept)], reported = kept, reported + len(kept)
             if not is_done:
                 break
@@ -495,15 +564,18 @@ class BatchRun:
     ) -> Motions:
         """States as positions, velocities, torques and energies, with NaN where there are none."""
         n, first, N, size = self.dynamics.joints, self.dynamics.n, x.shape[1], self.dynamics.counted
+        x, held = np.split(x, [self.dynamics.size], axis=2)
         times, breaks = self.times.astype(x.dtype), law_breaks(self.fallback.scene.controller)
         times = np.where(np.isin(self.times, breaks), np.nextafter(times, np.inf, dtype=x.dtype), times)  # after them
         t, states = np.repeat(times, N), x[..., :size].reshape(len(times) * N, size)
         known = np.asarray(np.isfinite(states).all(axis=1))
         scene = self.fallback.scene
         plant = Plant(self.dynamics, scene.resolved.robot, kernels=scene.kernels)
-        q, qd, energies = x[..., :n], x[..., first : first + n], x[..., size:]
+        q, qd, energies = x[..., :n], x[..., first : first + n], np.concatenate([held[..., n:], x[..., size:]], axis=2)
         tau = np.where(known[:, None], 0.0, np.nan).repeat(n, axis=1).astype(x.dtype)
-        if "drives" in self.dynamics.ledger:
+        if self.held is not None:
+            tau = held[..., :n].reshape(tau.shape)
+        elif "drives" in self.dynamics.ledger:
             row = np.flatnonzero(known) % N
             mine = {name: array[row] for name, array in own.items()}
             tau[known] = plant.drive_torques(t[known], x.reshape(len(t), -1)[known], own=mine)
@@ -518,10 +590,17 @@ class SequentialRun:
     """Motions as `rne.simulate` runs them, for scenes with events, samples or called laws."""
 
     scene: Scene
+    dynamics: SceneDynamics
     duration: float
     times: Array  # (S,), to report
     options: dict[str, Any]  # of `rne.simulate`
+    given: float | None  # how long each of a chunk's torques is held
     work = 1
+
+    @property
+    def kernel(self) -> Kernel:
+        """dx/dt."""
+        return self.scene.kernels.scene_kernel(self.dynamics.right_hand_side)
 
     def most_shares(self, size: int) -> int:
         """Each motion may be one."""
@@ -546,7 +625,7 @@ class SequentialRun:
 
     def nothing(self, count: int, dtype: Any = np.float64) -> Motions:
         """Motions that were not begun."""
-        S, n, energies = len(self.times), self.scene.n, len(self.scene.dynamics.ledger)
+        S, n, energies = len(self.times), self.scene.n, len(self.dynamics.ledger)
         q, qd, tau, ledger = (np.full((S, count, k), np.nan, dtype) for k in (n, n, n, energies))
         return Motions(q, qd, tau, ledger, np.zeros(count), np.full(count, -1), (), 0, OK)
 
@@ -567,7 +646,7 @@ class SequentialRun:
         shared = self.scene._naming(own, (), self.scene._varying) if own else self.scene
         scene = with_own_law(shared)
         n = scene.dynamics.n
-        how = self.options | {"t_eval": self.times, "progress": progress}
+        how = self.options | {"t_eval": self.times, "progress": progress} | self._torque(chunk.torque[k])
         try:
             with one_at_a_time(None if scene is shared else self.scene.controller):
                 motion = simulate(scene, x[:n], x[n : 2 * n], self.duration, **how)
@@ -579,13 +658,21 @@ class SequentialRun:
             raise ValueError(f"start {number}: {error}") from error
         status, count, T = motion.status, len(self.times), len(motion.t)  # -1 if it was interrupted
         rows = np.minimum(np.arange(count if status >= 0 else T), T - 1)  # after a stop the state in which it ended
-        ledger, entries = self.scene.dynamics.ledger, {"drives": motion.work, **motion.dissipated}
+        ledger, entries = self.dynamics.ledger, {"drives": motion.work, **motion.dissipated}
         columns = np.array([entries[name][rows] for name in ledger]).reshape(len(ledger), len(rows)).T
         part = self.nothing(1)
         for array, values in zip(part[:4], (motion.q[rows], motion.qd[rows], motion.tau[rows], columns), strict=True):
             array[: len(rows), 0] = values
         part.end[:], part.status[:] = motion.t[-1] if status and T else self.duration if not status else 0.0, status
         return part._replace(methods=(motion.method,), evaluations=motion.evaluations, interrupted=status < 0)
+
+    def _torque(self, given: Array) -> dict[str, Any]:
+        """Torques of one motion, (K, n), as `rne.simulate` takes them."""
+        begins = np.arange(len(given)) * (self.given or 0.0)
+        if len(given) <= 1:
+            return {"torque": given[0]} if len(given) else {}
+        law = lambda t, q, qd: given[np.searchsorted(begins, t, side="right") - 1]  # noqa: E731
+        return {"torque": law, "breaks": begins[1:].tolist()}
 
 
 def joined(parts: Sequence[Motions]) -> Motions:

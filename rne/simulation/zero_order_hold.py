@@ -6,6 +6,7 @@ delay a whole number of sample times, commands act at the instants of samples, t
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -13,10 +14,13 @@ import numpy as np
 from ..basics.spatial import Array
 from ..control.gains import check_gains
 from ..control.sampled_loop import in_periods
+from ..control.traced_law import TracedLaw
+from ..integrators.lanes import Hold, hold_of
 from .plant import Plant, checked_state_rates, checked_torques
 from .scene import Scene
 
 MAX_EVALUATIONS = 20_000  # of the right-hand side between two samples, some hundred times what a stable loop takes
+MAX_STEPS = MAX_EVALUATIONS // 10  # of a motion side by side with others, which is then run alone
 
 
 class ControlSamples(NamedTuple):
@@ -93,9 +97,7 @@ class ZeroOrderHold:
 
     def bounds(self) -> Array:
         """Bounds of the torques, and of their change from one sample to the next, shape (2, n)."""
-        parts = self.scene.resolved
-        limit, rate = (np.inf if bound is None else bound for bound in (parts.effort_limit, parts.torque_rate))
-        return np.array([np.broadcast_to(bound, self.scene.n) for bound in (limit, rate * self.period)])
+        return np.array(_bounds(self.scene, self.period, {}, (self.scene.n,)))
 
     def note(self, samples: tuple[Array, ...], acting: tuple[Array, ...], states: Array, evaluations: int) -> None:
         """In machine code samples were taken and commands began to act: with the controller's states behind them."""
@@ -180,3 +182,29 @@ def _joined(parts: list[ControlSamples]) -> ControlSamples:
     if len(parts) > 1:
         parts[:] = [ControlSamples(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))]
     return parts[0]
+
+
+def _bounds(scene: Scene, period: float, own: Mapping[str, Array], shape: tuple[int, ...]) -> list[Array]:
+    """Bounds of the torques and of their change between samples, of the scene or of motions' own, in a shape."""
+    given = [own.get(name, getattr(scene.resolved, name)) for name in ("effort_limit", "torque_rate")]
+    limit, rate = (np.inf if bound is None else bound for bound in given)
+    return [np.broadcast_to(bound, shape) for bound in (limit, rate * period)]
+
+
+def held_side_by_side(
+    scene: Scene, law: TracedLaw | None, driven: int, period: float, end: float, own: Mapping[str, Array], table: Array
+) -> Hold:
+    """Torques of many motions, of a law that is sampled or of a table (N, K, n), up to an end.
+
+    Numbers of the scene that motions have of their `own` have shapes (N, ...).
+    """
+    count, kernel, numbers = len(table), None, np.zeros(0)
+    if law is not None:
+        mine = {name.removeprefix("controller."): x for name, x in own.items() if name.startswith("controller.")}
+        kernel, numbers = scene.kernels.scene_kernel(law.outputs), law.vectors(mine) if mine else law.vector
+        numbers = np.tile(numbers, (count, 1)) if own and not mine else numbers
+    bounds = np.concatenate(_bounds(scene, period, own, (count, scene.n)), axis=1)
+    late = np.minimum(own.get("delay", float(scene.delay or 0.0)), end + 2 * period)
+    delays, which = np.unique(late, return_inverse=True)
+    each = np.array([in_periods(delay, period) for delay in delays.tolist()])[np.broadcast_to(which, count)]
+    return hold_of(period, kernel, numbers, table, bounds, each, driven, MAX_STEPS if law else 2**62)
