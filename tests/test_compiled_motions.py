@@ -25,7 +25,7 @@ from rne.simulation.zero_order_hold import ZeroOrderHold
 from .helpers import kept
 from .random_robots import straight_chain
 
-TEXTS = "take_steps", "take_samples", "add_stages"
+TEXTS = "take_segments", "take_samples", "add_stages"
 EXACT = {"method": "DOP853", "rtol": 1e-13, "atol": 1e-14}
 
 
@@ -46,7 +46,7 @@ def interpreted(monkeypatch):
 
     for name in TEXTS:
         monkeypatch.setattr(compiled_methods, name, getattr(runge_kutta, name))
-    monkeypatch.setattr(compiled_methods, "take_stiff_steps", compiled_methods.rosenbrock.take_steps)
+    monkeypatch.setattr(compiled_methods, "take_stiff_segments", compiled_methods.rosenbrock.take_segments)
     monkeypatch.setattr(Kernel, "address", address)
     is_meant = property(lambda plant: plant.law is None and plant.robot.model.name == "interpreted")
     monkeypatch.setattr(Plant, "is_compiled", is_meant)

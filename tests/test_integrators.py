@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import scipy.integrate
 
+from rne.basics.piecewise import NO_TABLE
 from rne.integrators import compiled_methods, lanes, rosenbrock, runge_kutta, step_control, tableaus
 from rne.integrators.base import Implicit, IntegrationOptions
 from rne.integrators.compiled_methods import CompiledSolver, RosenbrockSolver, SampledSolver
@@ -27,7 +28,7 @@ LOOPS = ["RK45", "DOP853", "Rodas5P"]
 class Oscillator:
     """q'' = u - q - 0.3 q', with u = 0 or held, and behind (q, q') what is dissipated so far, if that is asked for."""
 
-    span, held, numbers = (-np.inf, np.inf), None, np.zeros(0)
+    span, held, numbers, table = (-np.inf, np.inf), None, np.zeros(0), NO_TABLE
     integral_scale = 1e300  # any error of the energy is small
 
     def __init__(self, with_energy):
@@ -68,9 +69,9 @@ class Oscillator:
 @pytest.fixture
 def interpreted(monkeypatch):
     """Loops run by Python."""
-    for name in ("take_steps", "take_samples", "add_stages"):
+    for name in ("take_segments", "take_samples", "add_stages"):
         monkeypatch.setattr(compiled_methods, name, getattr(runge_kutta, name))
-    monkeypatch.setattr(compiled_methods, "take_stiff_steps", rosenbrock.take_steps)
+    monkeypatch.setattr(compiled_methods, "take_stiff_segments", rosenbrock.take_segments)
     monkeypatch.setattr(lanes, "compiled", lambda text: text)
 
 
@@ -250,6 +251,7 @@ class Sampler:
 
     period, delay, count, arrived, next = 0.1, (0.0, 0.0), 0, 0, 0.0
     state = next_state = np.zeros(0)
+    law_table = NO_TABLE
 
     def __init__(self, system):
         self.system, self.entries, self.traced = system, 1, self

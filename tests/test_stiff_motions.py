@@ -281,14 +281,14 @@ def test_the_first_step_is_a_part_of_the_time_that_is_left(pair):
 
 
 def test_evaluations_are_calls_and_one_per_component_of_the_state_for_each_jacobian(pair, monkeypatch):
-    counts, run = [], compiled_methods.take_stiff_steps
+    counts, run = [], compiled_methods.take_stiff_segments
 
     def noted(*arguments):
         taken = run(*arguments)
         counts.append(arguments[-1].evaluations)
         return taken
 
-    monkeypatch.setattr(compiled_methods, "take_stiff_steps", noted)
+    monkeypatch.setattr(compiled_methods, "take_stiff_segments", noted)
     scene = rne.Scene(pair[1], controller=of_time)
     motion = rne.simulate(scene, [0.5, 0.2], [0, 1], 0.1, method="Rodas5P")
     calls, jacobians = np.sum(counts, axis=0)

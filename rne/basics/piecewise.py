@@ -85,7 +85,7 @@ def on_rows(t: Any, rows: Array, n: int) -> tuple[Array, Array, Array]:
         curvature = curvature * s + slope
         slope = slope * s + value
         value = value * s + c
-    return value, slope / h, 2 * curvature / (h * h)
+    return value, slope / h, 2 * curvature / h / h
 
 
 def quintic(t: Array, q: Array, qd: Array, begin: Array, end: Array) -> Piecewise:

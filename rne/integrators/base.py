@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -37,6 +37,7 @@ class IntegrationOptions:
     rtol: float  # relative and absolute tolerance of the state, per step
     atol: float
     t_eval: Array | None = None  # (S,), times to report, ascending; None for the ends of steps
+    breaks: Array = field(default_factory=lambda: np.zeros(0))  # at which f jumps, ascending
 
 
 class Implicit(NamedTuple):
@@ -59,7 +60,8 @@ class System(Protocol):
        as energies: their rates depend on the first alone, and an error of theirs is relative to `integral_scale` plus
        their own size. Where the scale is infinite it does not count.
     2. f is evaluated within `span` alone, which the system sets before a solver starts or resumes: it lies on one side
-       of each jump of f. A solver whose stage is outside takes the time of `span` that is closest.
+       of each jump of f, but for those that the solver takes as `breaks`. A solver whose stage is outside takes the
+       time of `span` that is closest.
     3. `held` is u, or None of an f without inputs. It stays as it is from `start` or `resume` until the solver has
        reached the end that it was given; a solver that samples a law itself changes its own copy.
     4. `kernel` is f for loops: of t, (1,), x, u where there is one, and what `Kernel.coefficients` makes of `numbers`,
@@ -69,10 +71,13 @@ class System(Protocol):
     5. `evaluations` counts calls of f. A call of the system adds itself, and `jacobian` what it takes; loops and calls
        of `rates` are added by who makes them.
     6. `jacobian` is df/dx at (t, x) under what is held, (size, size); its columns of integrals are 0.
-    7. `implicit` has the same motion as equations with a mass matrix, for methods that solve with it instead of M^-1.
+    7. Where `table` has rows, f takes the one that holds at t, begin and end first, as an argument before the numbers:
+       pieces of a motion that f follows.
+    8. `implicit` has the same motion as equations with a mass matrix, for methods that solve with it instead of M^-1.
     """
 
     numbers: Array
+    table: Array
     span: tuple[float, float]
     evaluations: int
     width: int
@@ -113,6 +118,7 @@ class Sampler(Protocol):
     state: Array  # (m,), of the law, at the last sample
     next_state: Array  # (m,), at the next one
     numbers: Any  # the last argument of `traced`, as `System.numbers`
+    law_table: Array  # of the pieces that `traced` takes, as `System.table`
     traced: Any  # the kernel of the law, where it is traced, or None
 
     @property
@@ -169,6 +175,7 @@ class Solver(ABC):
     note = ""  # for the message of a run
     tableau: Any = ()
     takes_samples = False  # True if a law is sampled between the steps of one call
+    takes_breaks = False  # True if the steps of one call end at the breaks of the options
 
     def __init__(self, options: IntegrationOptions) -> None:
         self.options, self.h, self.max_step = options, 0.0, np.inf
@@ -192,7 +199,14 @@ class Solver(ABC):
         (first, last), options, system = map(float, self.system.span), self.options, self.system
         scale = float(system.integral_scale) if len(self.x) > system.counted else np.inf
         tolerances = options.rtol, options.atol, system.counted, float(self.max_step), scale
-        return Interval(self.tableau, float(self.t), float(self.end), first, last, *tolerances)
+        whole = Interval(self.tableau, float(self.t), float(self.end), first, last, *tolerances)
+        return whole._replace(table=system.table, breaks=self.breaks_within(whole))
+
+    def breaks_within(self, whole: Interval) -> Array:
+        """Breaks in an interval, its begin among them, each with the numbers next to it, before and after, (k, 3)."""
+        t = self.options.breaks
+        inner = t[(t >= whole.begin) & (t < whole.end)] if self.takes_breaks else t[:0]
+        return np.column_stack([inner, np.nextafter(inner, -np.inf), np.nextafter(inner, np.inf)])
 
     @abstractmethod
     def steps(self, max_steps: int) -> Steps:

@@ -22,11 +22,11 @@ from .base import RODAS, GaveUpError, IntegrationOptions, Interpolant, Sampler, 
 from .loops import compiled
 from .runge_kutta import CONTINUE, KEEP_LENGTH, RESTART
 from .scipy_methods import SciPySolver
-from .step_control import Problem, Storage
+from .step_control import Problem, Storage, until_break
 from .tableaus import tableau
 
-take_steps, take_samples = compiled(runge_kutta.take_steps), compiled(runge_kutta.take_samples)
-add_stages, take_stiff_steps = compiled(runge_kutta.add_stages), compiled(rosenbrock.take_steps)
+take_segments, take_samples = compiled(runge_kutta.take_segments), compiled(runge_kutta.take_samples)
+add_stages, take_stiff_segments = compiled(runge_kutta.add_stages), compiled(rosenbrock.take_segments)
 FIRST = 1e-6  # of the time to go: a first step of Rodas5P to try, from which they grow tenfold
 
 
@@ -81,6 +81,8 @@ class CompiledSolver(Solver):
     that the compiled loop leaves undone is taken by SciPy's solver, which names what is wrong.
     """
 
+    takes_breaks = True
+
     def __init__(self, options: IntegrationOptions, kernel: Kernel) -> None:
         super().__init__(options)
         self.kernel, self.rates, self.tableau = kernel, kernel.address(), tableau(options.method)
@@ -106,12 +108,17 @@ class CompiledSolver(Solver):
         """The next steps, at most so many."""
         work, u = self._storage(max_steps), None if self.system.held is None else np.array(self.system.held)
         problem = Problem(self.rates, self._arguments(u), self.interval())
-        taken = take_steps(problem, problem.interval.end, self.how, work)
-        return self._taken(taken, work, u) if taken else self._step_by_scipy(self.end)
+        taken = take_segments(problem, self.how, work)
+        if not taken:
+            return self._step_by_scipy(self.end)
+        block = self._taken(taken, work, u)
+        if self.t in self.options.breaks:  # the slope there is that before it
+            self.how = KEEP_LENGTH
+        return block
 
     def _arguments(self, u: Array | None) -> tuple[Array, ...]:
         """Arrays for the arguments of the right-hand side."""
-        return _arguments(len(self.x), u, self.coefficients)
+        return _arguments(len(self.x), u, self.coefficients, self.system.table)
 
     def _storage(self, max_steps: int) -> Storage:
         """Room for steps, with what is known of the first."""
@@ -135,9 +142,14 @@ class CompiledSolver(Solver):
 
     def _step_by_scipy(self, end: float) -> Steps:
         self.by_scipy += 1
-        solver = SciPySolver(self.options)
-        solver.start(self.system, self.t, self.x, end, self.max_step, min(self.h, end - self.t) if self.h > 0 else None)
-        steps = solver.steps(1)
+        solver, part, span = SciPySolver(self.options), until_break(self.interval(), self.t), self.system.span
+        first = min(self.h, end - self.t, part.end - self.t) if self.h > 0 else None
+        self.system.span = part.first, part.last
+        try:
+            solver.start(self.system, self.t, self.x, min(end, part.end), self.max_step, first)
+            steps = solver.steps(1)
+        finally:
+            self.system.span = span
         self.t, self.x, self.h, self.how = float(steps.T[-1]), steps.X[-1], float(solver.scipy.h_abs), KEEP_LENGTH
         return steps
 
@@ -163,7 +175,7 @@ class CompiledSolver(Solver):
 class SampledSolver(CompiledSolver):
     """The same with a traced law that is sampled between the steps."""
 
-    takes_samples = True
+    takes_samples, takes_breaks = True, False
 
     def __init__(self, options: IntegrationOptions, kernel: Kernel, sampler: Sampler) -> None:
         super().__init__(options, kernel)
@@ -174,8 +186,9 @@ class SampledSolver(CompiledSolver):
         sampler, n, m = self.sampler, self.bounds.shape[1], len(self.sampler.state)
         work, u = self._storage(max_steps), np.array(self.system.held)
         moving = self.law.widths[1] - m
-        given = _arguments(moving + m, None, self.law.coefficients(sampler.numbers))
-        law = self.law.address(), given, np.empty(self.law.traced.entries)
+        table = sampler.law_table
+        given = _arguments(moving + m, None, self.law.coefficients(sampler.numbers), table)
+        law = self.law.address(), given, np.empty(self.law.traced.entries), table
         number, z = np.array([sampler.count, sampler.arrived, 0, 0]), np.stack([sampler.state, sampler.next_state])
         (begun, came), (U, W) = np.empty((2, max_steps + 1), np.int64), np.empty((2, max_steps + 1, n))
         Z, timing = np.empty((max_steps + 1, m)), (sampler.period, *sampler.delay)
@@ -214,6 +227,8 @@ class RosenbrockSteps(Steps):
 class RosenbrockSolver(Solver):
     """Rodas5P, many steps per call, by the system's implicit equations; see `rosenbrock`."""
 
+    takes_breaks = True
+
     def __init__(self, options: IntegrationOptions, system: System) -> None:
         super().__init__(options)
         (self.n, self.slopes), self.tableau = system.implicit, rosenbrock.TABLEAU
@@ -221,10 +236,10 @@ class RosenbrockSolver(Solver):
 
     def steps(self, max_steps: int) -> Steps:
         """The next steps, at most so many; NotFiniteError if there is none."""
-        steps = self._take(max_steps, take_stiff_steps, self.functions)
+        steps = self._take(max_steps, take_stiff_segments, self.functions)
         if len(steps.T) == 1:
             with np.errstate(all="ignore"):
-                steps = self._take(1, rosenbrock.take_steps, (self._rates, self._slopes))
+                steps = self._take(1, rosenbrock.take_segments, (self._rates, self._slopes))
         if len(steps.T) == 1:
             raise GaveUpError(f"{RODAS} gave up: steps would be shorter than the rounding of times", self.t)
         return steps
@@ -235,8 +250,8 @@ class RosenbrockSolver(Solver):
         work = rosenbrock.workspace(n, system.counted, size)
         T[0], X[0], H[0] = self.t, self.x, self.h or FIRST * (self.end - self.t)
         u, numbers = None if system.held is None else np.array(system.held), system.numbers
-        time, x, *held, _ = arguments = _arguments(size, u, system.kernel.coefficients(numbers))
-        slopes = functions[1], (time, x, np.empty(n), *held, self.slopes.coefficients(numbers))
+        time, x, *given, _ = arguments = _arguments(size, u, system.kernel.coefficients(numbers), system.table)
+        slopes = functions[1], (time, x, np.empty(n), *given, self.slopes.coefficients(numbers))
         taken = loop(Problem(functions[0], arguments, self.interval()), slopes, Storage(T, X, P, H, count, work))
         system.evaluations += int(count[0]) + system.counted * int(count[1])
         self.t, self.x, self.h = float(T[taken]), X[taken], float(H[taken])
@@ -244,7 +259,7 @@ class RosenbrockSolver(Solver):
 
     def _rates(self, t: Array, x: Array, *rest: Array) -> bool:
         """dx/dt, under inputs that are held, into the last array."""
-        rest[-1][:] = self.system.rates(float(t[0]), x, rest[0] if len(rest) == 3 else None)
+        rest[-1][:] = self.system.rates(float(t[0]), x, None if self.system.held is None else rest[0])
         return True
 
     def _slopes(self, *arguments: Array) -> bool:
@@ -253,6 +268,7 @@ class RosenbrockSolver(Solver):
         return True
 
 
-def _arguments(size: int, u: Array | None, coefficients: Array) -> tuple[Array, ...]:
-    """Arrays for the arguments of a function: t, x, inputs if it has some, and what the run's numbers give."""
-    return (np.empty(1), np.empty(size), *(() if u is None else (u,)), coefficients)
+def _arguments(size: int, u: Array | None, coefficients: Array, table: Array) -> tuple[Array, ...]:
+    """Arrays for the arguments of a function: t, x, inputs and a piece if it has some, and what the numbers give."""
+    piece = (np.full(table.shape[1], np.nan),) if len(table) else ()
+    return (np.empty(1), np.empty(size), *(() if u is None else (u,)), *piece, coefficients)

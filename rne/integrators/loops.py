@@ -12,6 +12,7 @@ import functools
 import importlib.util
 import inspect
 import logging
+import math
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -19,6 +20,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from ..basics.arrays import TIME_ROUNDING
 from ..basics.spatial import Array
 
 LOGGER = logging.getLogger("rne")
@@ -70,6 +72,33 @@ def copy(values: Any, into: Any) -> None:
     """A vector into another one."""
     for i in range(len(into)):
         into[i] = values[i]
+
+
+@inline
+def put_piece(table: Any, t: Any, piece: Any) -> None:
+    """The row of a table, (N, width), that holds at a time, into `piece`, if there is a table; NaN outside of it."""
+    if len(table) == 0 or piece[0] <= t < piece[1]:
+        return
+    lower, upper = 0, len(table)
+    while upper - lower > 1:
+        middle = (lower + upper) // 2
+        if table[middle, 0] <= t:
+            lower = middle
+        else:
+            upper = middle
+    start, end = table[0, 0], table[-1, 1]
+    slack = TIME_ROUNDING * max(abs(start), abs(end))
+    is_known = start - slack <= t <= end + slack
+    for i in range(len(piece)):
+        piece[i] = table[lower, i] if is_known else math.nan
+
+
+@inline
+def put_time(arguments: Any, interval: Any, t: Any) -> None:
+    """The time of a stage, within the span of the interval, and the piece of a motion that holds then."""
+    time = min(max(t, interval.first), interval.last)
+    arguments[0][0] = time
+    put_piece(interval.table, time, arguments[-2])
 
 
 @functools.cache

@@ -25,8 +25,8 @@ from typing import Any
 import numpy as np
 
 from ..basics.spatial import Array
-from .loops import combine, copy, evaluate, inline
-from .step_control import error_norm, shortest_step, step_factor
+from .loops import combine, copy, evaluate, inline, put_time
+from .step_control import Problem, Storage, error_norm, shortest_step, step_factor, until_break
 
 STAGES = 8
 EXPONENT = -0.2  # of the error in the factor between two steps: the estimate is of order 4
@@ -162,24 +162,26 @@ def solve_stage(S: Any, G: Any, n: Any, c: Any, by_time: Any, f: Any, b: Any, u:
         u[i] = total / c
 
 
+@inline
 def take_steps(problem: Any, slopes: Any, steps: Any) -> int:
     """Steps into the storage from T[0] and X[0] on; how many.
 
     `slopes` is the function for the Jacobian of the equations of motion and its arguments t, x, qdd and inputs; it
-    shares t and x with the right-hand side. The storage has the vectors P of the interpolants, (steps, 3, size), and
-    count[0] and count[1] gain the evaluations of right-hand side and Jacobian. `work` is what `workspace` makes.
+    shares all but qdd and numbers with the right-hand side. The storage has the vectors P of the interpolants,
+    (steps, 3, size), and count[0] and count[1] gain the evaluations of right-hand side and Jacobian. `work` is what
+    `workspace` makes.
     """
     rates, state, interval = problem
-    end, first, last = interval.end, interval.first, interval.last
+    end = interval.end
     A, C, alpha, gamma, interpolant, last_stage = interval.tableau
     T, X, P, H, count, (S, W, G, b, U, start, f) = steps
-    time, x, qdd = state[0], state[1], slopes[1][2]
+    x, qdd = state[1], slopes[1][2]
     size, n = len(x), len(qdd)
     for step in range(len(T) - 1):
         t, y = T[step], X[step]
         smallest = shortest_step(t)
         h = min(max(H[step], smallest), interval.max_step)
-        time[0] = min(max(t, first), last)
+        put_time(state, interval, t)
         copy(y, x)
         count[0] += 1
         if not evaluate(rates, state, start):
@@ -203,7 +205,7 @@ def take_steps(problem: Any, slopes: Any, steps: Any) -> int:
                     if s > 0:
                         copy(y, x)
                         add(A[s], s, 1.0, U, x)
-                        time[0] = min(max(t + alpha[s] * h, first), last)
+                        put_time(state, interval, t + alpha[s] * h)
                         count[0] += 1
                         if not evaluate(rates, state, f):
                             return step
@@ -225,6 +227,18 @@ def take_steps(problem: Any, slopes: Any, steps: Any) -> int:
         if reached >= end:
             return step + 1
     return len(T) - 1
+
+
+def take_segments(problem: Any, slopes: Any, steps: Any) -> int:
+    """`take_steps` from break to break, as far as the end or the arrays allow; how many."""
+    (T, X, P, H, count, work), step = steps, 0
+    while step < len(T) - 1 and T[step] < problem.interval.end:
+        part = until_break(problem.interval, T[step])
+        room = Storage(T[step:], X[step:], P[step:], H[step:], count, work)
+        step += take_steps(Problem(problem.rates, problem.arguments, part), slopes, room)
+        if T[step] < part.end:
+            return step
+    return step
 
 
 def workspace(n: int, counted: int, size: int) -> tuple[Array, ...]:

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from .loops import combine, copy, evaluate, inline
-from .step_control import Storage, error_norm, first_length, shortest_step, step_factor
+from .loops import combine, copy, evaluate, inline, put_piece, put_time
+from .step_control import Problem, Storage, error_norm, first_length, shortest_step, step_factor, until_break
 
 CONTINUE, KEEP_LENGTH, RESTART = 0, 1, 2  # the first step: slope and length are known, the length, neither
 
@@ -19,7 +19,7 @@ def stage(problem: Any, t: Any, x: Any, h: Any, row: Any, K: Any, s: Any, c: Any
     """The slope K[s] at t + c and x + h row K; True if it is valid."""
     rates, arguments, interval = problem
     y = arguments[1]
-    arguments[0][0] = min(max(t + c, interval.first), interval.last)
+    put_time(arguments, interval, t + c)
     combine(row, s, K, y)
     for i in range(len(x)):
         y[i] = x[i] + h * y[i]
@@ -81,6 +81,19 @@ def take_steps(problem: Any, end: Any, how: Any, steps: Any) -> int:
     return len(T) - 1
 
 
+def take_segments(problem: Any, how: Any, steps: Any) -> int:
+    """`take_steps` from break to break, as far as the end or the arrays allow; how many."""
+    (T, X, K, H, count, work), step = steps, 0
+    while step < len(T) - 1 and T[step] < problem.interval.end:
+        part = until_break(problem.interval, T[step])
+        room = Storage(T[step:], X[step:], K[step:], H[step:], count[step:], work)
+        step += take_steps(Problem(problem.rates, problem.arguments, part), part.end, how, room)
+        if T[step] < part.end:
+            return step
+        how = RESTART
+    return step
+
+
 def add_stages(problem: Any, T: Any, X: Any, K: Any, U: Any) -> bool:
     """The stages that only interpolants need, in the last rows of K; False if one of them is not valid.
 
@@ -100,16 +113,18 @@ def add_stages(problem: Any, T: Any, X: Any, K: Any, U: Any) -> bool:
 @inline
 def sample(law: Any, period: Any, t: Any, x: Any, number: Any, samples: Any) -> bool:
     """Sample a law: its command, within the bounds, becomes the last one that is pending; True if it is valid."""
-    function, (time, states, numbers), found = law
+    function, arguments, found, table = law
     _, bounds, z, pending, _, _, _, W, Z = samples
+    time, states = arguments[0], arguments[1]
     count, here, n, m = number[0], number[2], bounds.shape[1], z.shape[1]
     before, last, moving = (count - 1) % len(pending), count % len(pending), len(states) - m
     for j in range(m):
         z[0, j] = states[moving + j] = z[1, j]
     time[0] = t
+    put_piece(table, t, arguments[-2])
     for i in range(moving):
         states[i] = x[i]
-    if not evaluate(function, (time, states, numbers), found):
+    if not evaluate(function, arguments, found):
         return False
     for i in range(n):
         u, held = min(max(found[i], -bounds[0, i]), bounds[0, i]), pending[before, i]
@@ -127,15 +142,16 @@ def sample(law: Any, period: Any, t: Any, x: Any, number: Any, samples: Any) -> 
 def take_samples(law: Any, problem: Any, timing: Any, how: Any, steps: Any, samples: Any) -> int:
     """`take_steps` with a law that is sampled, and whose commands, the first of arguments[2], are held in between.
 
-    `law` has its function, its arguments t, (x, z) and numbers, and room for its outputs and the rates of its states z,
-    which go on by Euler's rule. `timing` has the period and the delay with which a command acts after its sample: a
-    whole number of periods and the rest of it. `samples` has the numbers of samples and of commands that have acted so
-    far, and of both in this call; the bounds of commands and of their change, (2, n); the states z at the last sample
-    and the next, (2, m); the commands that are pending, (p, n), the one of sample k in row k % p; the steps that began
-    with a sample, and with another command; the commands in each step; and the command and z of each sample.
+    `law` has its function, its arguments t, (x, z), perhaps the piece of a motion, and numbers, room for its outputs
+    and the rates of its states z, which go on by Euler's rule, and the table of the motion. `timing` has the period and
+    the delay with which a command acts after its sample: a whole number of periods and the rest of it. `samples` has
+    the numbers of samples and of commands that have acted so far, and of both in this call; the bounds of commands and
+    of their change, (2, n); the states z at the last sample and the next, (2, m); the commands that are pending, (p,
+    n), the one of sample k in row k % p; the steps that began with a sample, and with another command; the commands in
+    each step; and the command and z of each sample.
     """
     period, late, rest = timing
-    _, (_, states, _), _ = law
+    states = law[1][1]
     number, bounds, z, pending, begun, came, U, _, _ = samples
     T, X, K, H, count, work = steps
     u, n, step, end = problem.arguments[2], bounds.shape[1], 0, problem.interval.end

@@ -13,8 +13,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..basics.piecewise import NO_TABLE
 from ..basics.spatial import Array
-from .loops import combine, evaluate, inline
+from .loops import combine, evaluate, inline, put_time
 
 SAFETY, SMALLEST, LARGEST = 0.9, 0.2, 10.0  # factors between steps, as SciPy's
 EPS = float(np.finfo(np.float64).eps)
@@ -44,6 +45,10 @@ class Interval(NamedTuple):
     grid: Array = np.zeros(0)  # the begin, and the ends of steps that are not controlled; empty for those that are
     positions: int = 0  # number of components that move with the rates at the end of the step
     watched: int = 0  # 1 to leave motions whose steps a fast decay holds short; a bool takes a detour in machine code
+    # Pieces of a motion that the right-hand side takes as its argument before the last; of batches (1, N, width), or
+    # (motions, N, width)
+    table: Array = NO_TABLE
+    breaks: Array = np.zeros((0, 3))  # times at which the right-hand side jumps, the last one before, the first after
 
 
 class Problem(NamedTuple):
@@ -63,6 +68,25 @@ class Storage(NamedTuple):
     H: Array
     evaluations: Array
     work: Any
+
+
+@inline
+def until_break(interval: Any, t: Any) -> Any:
+    """The interval from t to the next break, or to its end; evaluated on its own side of each break."""
+    breaks, passed, last = interval.breaks, 0, len(interval.breaks)
+    while passed < last:
+        middle = (passed + last) // 2
+        if breaks[middle, 0] <= t:
+            passed = middle + 1
+        else:
+            last = middle
+    first = max(interval.first, breaks[passed - 1, 2]) if passed > 0 else interval.first
+    end, before = interval.end, interval.last
+    if passed < len(breaks):
+        end, before = breaks[passed, 0], breaks[passed, 1]
+    tableau, _, _, _, _, rtol, atol, counted, longest, scale, times, grid, positions, watched, table, _ = interval
+    part = tableau, t, end, first, before, rtol, atol, counted, longest, scale, times, grid, positions, watched
+    return Interval(*part, table, breaks)
 
 
 @inline
@@ -119,7 +143,7 @@ def first_length(problem: Any, t: Any, x: Any, K: Any) -> float:
         d1 += (K[0, i] / scale) ** 2
     d0, d1 = (d0 / count) ** 0.5, (d1 / count) ** 0.5
     h = min(GUESS if d0 < UNKNOWN or d1 < UNKNOWN else CHANGE * d0 / d1, longest)
-    arguments[0][0] = min(max(t + h, interval.first), interval.last)
+    put_time(arguments, interval, t + h)
     for i in range(len(x)):
         y[i] = x[i] + h * K[0, i]
     if not evaluate(rates, arguments, K[1]):

@@ -82,8 +82,7 @@ class Plant:
     @property
     def is_compiled(self) -> bool:
         """True if no law is called and the kernel is machine code."""
-        in_loops = self.law is None and not len(self.table)
-        return in_loops and self.kernel.is_unrolled and self.kernel.engine == "numba"
+        return self.law is None and self.kernel.is_unrolled and self.kernel.engine == "numba"
 
     @property
     def is_conservative(self) -> bool:

@@ -311,14 +311,14 @@ class Run:
 
     def __init__(self, plant: Plant, task: Task, hold: ZeroOrderHold | None = None) -> None:
         self.plant, self.task, self.hold = plant, task, hold
-        self.solver = _solver(plant, task, task.method, hold)
+        self.breaks = sorted({b for b in task.breaks if 0 < b < task.duration}) if hold is None else []
+        self.solver = self._solver(task.method)
         self.t, self.x = 0.0, task.x0.copy()
         self.stop: Stop | None = None
         self.reports = False  # True while `progress` is called
         self.most = FIRST_STEPS  # steps taken at once
         self.monitor = MethodMonitor(plant, hold, task.method, task.duration, may_change=task.is_auto)
         self.record = RunResult(plant, task)
-        self.breaks = sorted({b for b in task.breaks if 0 < b < task.duration}) if hold is None else []
 
     def result(self) -> RunResult:
         """From the start to the end, a stop or a failure."""
@@ -350,6 +350,9 @@ class Run:
             record.samples, record.acting = self.hold.samples(), self.hold.commands()
         record.status, record.ending, record.method = int(self.stop is not None), self._ending(), self.monitor.method
         return record
+
+    def _solver(self, method: str) -> Solver:
+        return _solver(self.plant, self.task, method, self.hold, self.breaks)
 
     def _failure(self, error: Exception) -> Failure:
         if isinstance(error, GaveUpError) and self.plant.sampled is None:
@@ -384,6 +387,7 @@ class Run:
                 self.reports = False
             if self.plant.sticks:
                 self._leave_samples(steps, count)
+            self._leave_breaks(steps.T[1 : count + 1], steps.X[1 : count + 1])
             if crossing is not None and self.hold is not None:
                 self.hold.rewind(self.t)
             if crossing is not None and crossing.event is not None:
@@ -405,6 +409,18 @@ class Run:
         if len(rows):
             self.record.leave(steps.T[rows], steps.X[rows])
 
+    def _leave_breaks(self, t: Array, x: Array) -> None:
+        """Note the values just before the breaks at which steps ended, of those that were taken."""
+        if self._passes_breaks:
+            at_breaks = np.isin(t, self.breaks) & (t <= self.t)
+            if at_breaks.any():
+                self.record.leave(t[at_breaks], x[at_breaks])
+
+    @property
+    def _passes_breaks(self) -> bool:
+        """True if the solver's steps go on behind a break; where joints stick, they may slip from there on."""
+        return self.solver.takes_breaks and len(self.breaks) > 0 and not self.plant.sticks
+
     def _begin_segment(self) -> tuple[float, bool]:
         """Renew held torques if it is due, settle what sticks; the segment's end, and whether the solver goes on."""
         t, hold = self.t, self.hold
@@ -422,7 +438,7 @@ class Run:
         duration, hold = self.task.duration, self.hold
         if hold is not None and not self.solver.takes_samples:
             return hold.next if hold.next < duration * NEARLY else duration
-        return next((b for b in self.breaks if b > self.t), duration)
+        return duration if self._passes_breaks else next((b for b in self.breaks if b > self.t), duration)
 
     def _happen(self, event: Any) -> None:
         """Go on from an event, or end at a stop."""
@@ -438,7 +454,7 @@ class Run:
             raise self._diverged(self.hold)
         if not self.monitor.changes_method(steps):
             return False
-        self.solver = _solver(self.plant, self.task, self.monitor.method, self.hold)
+        self.solver = self._solver(self.monitor.method)
         return True
 
     def _diverged(self, hold: ZeroOrderHold) -> NotFiniteError:
@@ -462,9 +478,9 @@ class Run:
         return "; ".join(word for word in words if word)
 
 
-def _solver(plant: Plant, task: Task, method: str, hold: ZeroOrderHold | None) -> Solver:
+def _solver(plant: Plant, task: Task, method: str, hold: ZeroOrderHold | None, breaks: Sequence[float]) -> Solver:
     """A method's loop in machine code where there is one, or SciPy's solver."""
-    options = IntegrationOptions(method, task.rtol, task.atol, task.t_eval)
+    options = IntegrationOptions(method, task.rtol, task.atol, task.t_eval, np.array(breaks))
     if method == RODAS:
         return RosenbrockSolver(options, plant)
     if method not in EXPLICIT or not plant.is_compiled:

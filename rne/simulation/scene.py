@@ -402,8 +402,7 @@ class Scene:
         """A sampled controller as machine code, where that is possible."""
         if self.sample_time is None or self.resolved.robot.engine != "numba":
             return None
-        law = self._traced_law()
-        return None if law is None or len(law.table) else law
+        return self._traced_law()
 
     @property
     def is_traced(self) -> bool:

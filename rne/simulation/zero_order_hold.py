@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..basics.piecewise import NO_TABLE
 from ..basics.spatial import Array
 from ..control.gains import check_gains
 from ..control.sampled_loop import in_periods
@@ -62,6 +63,7 @@ class ZeroOrderHold:
         law = scene.traced_samples
         self.traced = None if law is None else plant.kernels.scene_kernel(law.outputs)  # where it is traced
         self.numbers = None if law is None else law.vector
+        self.law_table = NO_TABLE if law is None else law.table
         self.moving = 2 * plant.dynamics.n  # entries of the state that samples keep
         none = np.zeros(0), np.zeros((0, self.moving)), np.zeros((0, scene.n)), np.zeros((0, len(self.state)))
         self.table = [ControlSamples(*none)]
