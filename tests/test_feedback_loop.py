@@ -152,6 +152,19 @@ def test_a_narrow_window_is_found_between_the_times_of_a_scan():
     assert certain[1].end < 1.01 * certain[1].start
 
 
+def test_windows_of_vibrations_are_found_where_they_are_narrower_than_steps_of_the_scan():
+    """Of a motor on a stiff spring, hardly damped, at times of several of its periods."""
+    K, D, inverse = 1e4, 0.01, np.diag([1.0, 2.0])
+    torsion, losses = (k * np.array([[1, -1], [-1, 1]]) + np.diag([0, own]) for k, own in ((K, 0.0), (D, 0.4)))
+    A = np.block([[np.zeros((2, 2)), np.eye(2)], [-inverse @ torsion, -inverse @ losses]])
+    loop = rne.control.FeedbackLoop(A, [[0], [0], [0], [2.0]], [[0, -10.0, 0, -8.0]])
+    assert len(loop.windows) == 9
+    for window, part in itertools.product(loop.windows, np.linspace(0.01, 0.99, 12)):
+        T = window.start + part * (window.end - window.start)
+        stable = np.abs(np.linalg.eigvals(replace(loop, sample_time=T).step_matrix)).max() < 1
+        assert window.verdict == ("stable" if stable else "unstable"), (window, T)
+
+
 def test_an_inverted_pendulum_is_not_followed_until_its_numbers_overflow():
     """Poles of -0.03 and -30 1/s: 100 times the slower time is 3000 s, in which exp(10 t) is no number any more."""
     *_, last = rne.control.FeedbackLoop([[0, 1], [100, 0]], [[0], [1]], [[-101, -30]]).windows
