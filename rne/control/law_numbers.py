@@ -50,6 +50,8 @@ def numbers_of(law: Any) -> Numbers:
             found[name] = np.array(part, dtype=np.float64)  # a copy: the law may be changed
         elif {"numbers", "at"} <= {*dir(type(part))}:  # as of frictions
             found |= {f"{name}.{k}": np.array(number) for k, number in part.numbers.items()}
+        elif is_dataclass(type(part)) and getattr(type(part), "traceable", False):  # a law within a law
+            found |= {f"{name}.{k}": number for k, number in numbers_of(part).items()}
     return found
 
 
@@ -82,7 +84,7 @@ def law_at(law: Any, numbers: Mapping[str, Any]) -> Any:
     for name, part in parts_of(law).items():
         inner = {k.removeprefix(f"{name}."): v for k, v in numbers.items() if k.startswith(f"{name}.")}
         if inner:
-            changed[name] = part.at(inner)
+            changed[name] = part.at(inner) if hasattr(part, "at") else law_at(part, inner)
         elif name in numbers and hasattr(type(part), "with_samples"):
             changed[name] = part.with_samples(numbers[name])
         elif name in numbers:

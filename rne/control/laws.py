@@ -13,7 +13,8 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import UNBOUNDED, check_function, convert_numbers, per_joint_array, positive_number
 from ..basics.spatial import Array
 from ..basics.text import summary
-from ..elementwise import clip
+from ..elementwise import clip, less
+from ..graph.scalar import is_present
 from ..model.model import Model
 from ..model.topology import refuse_couplings
 from ..robot import Robot, robot_argument
@@ -162,7 +163,7 @@ class PD:
         if callable(self.reference):
             q_ref, qd_ref, _ = reference_values(self.robot, self.reference(t))
         torques: Array = -self.kp * (q - q_ref) - self.kd * (qd - qd_ref)
-        if self.gravity:
+        if is_present(self.gravity):
             torques = self.gravity * self.robot.gravity_torque(q) + torques
         return torques if self.feedforward is None else torques + supplied(self, qd_ref + 0 * qd, torques)
 
@@ -308,7 +309,8 @@ class PID:
     def __call__(self, t: float, q: Array, qd: Array, z: Array) -> tuple[Array, Array]:
         """Torques [N m or N] and dz/dt, the errors [rad or m], for integrals z of the errors, shape (..., n) each."""
         error = q - self.reference
-        held = self.ki * z if (self.windup == UNBOUNDED).all() else clip(self.ki * z, -self.windup, self.windup)
+        is_bounded = is_present(less(self.windup, UNBOUNDED))
+        held = clip(self.ki * z, -self.windup, self.windup) if is_bounded else self.ki * z
         feedback = -self.kp * error - held - self.kd * qd
         return self.robot.gravity_torque(q) + feedback if self.gravity else feedback, error
 

@@ -38,12 +38,10 @@ def stribeck_effect(qd: Array, velocity: ArrayLike, smoothing: float) -> Array:
 
 
 def _positive(velocity: ArrayLike) -> tuple[Array, Array]:
-    """Velocities, with 1 in place of zeros, and 1.0 where they are not zero; traced ones are not."""
+    """Velocities, with 1 in place of zeros, and 1.0 where they are not zero."""
     given = np.asarray(velocity)
-    if given.dtype != object:
-        return np.where(given > 0, given, 1.0), (given > 0).astype(np.float64)
-    acts = np.array([is_present(v) for v in given.flat]).reshape(given.shape)
-    return np.where(acts, given, 1.0), acts.astype(np.float64)
+    acts = less(0, given)
+    return where(acts, given, 1.0), 1.0 * acts
 
 
 def magnitude(x: Any) -> Array:

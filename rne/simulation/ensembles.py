@@ -34,7 +34,7 @@ from ..robot import Robot
 from .plant import Plant, with_own_law
 from .scene import Scene
 from .scene_dynamics import Bodies, SceneDynamics
-from .scene_numbers import BODIES, SceneNumbers, bodies_as_numbers, bodies_of, checked, scene_at
+from .scene_numbers import BODIES, SceneNumbers, bodies_as_numbers, bodies_of, checked, friction_of_all, scene_of_all
 from .simulator import METHODS, check_times, law_breaks, scene_argument, simulate, tolerances
 from .zero_order_hold import held_side_by_side
 
@@ -272,7 +272,7 @@ def ensemble(
     q, qd = _starts(scene, own, q0, qd0, is_fixed=step is not None)
     end = positive_number("duration", duration, zero_allowed=True)
     times, (given, period) = _times(t_eval, keep, end), _given_torques(scene, torque, sample_time, len(q), end)
-    plan = _plan(scene, method, step, times, end, tolerances(rtol, atol), given=period, has_own=bool(own))
+    plan = _plan(scene, method, step, times, end, tolerances(rtol, atol), period, own)
     further = plan.dynamics.size - 2 * plan.dynamics.n if isinstance(plan, BatchRun) else 0
     dtype = np.float64 if isinstance(plan, BatchRun) and plan.held else q.dtype
     x0 = np.concatenate([q, qd, np.zeros((len(q), further))], axis=1, dtype=dtype)
@@ -311,15 +311,11 @@ def _numbers(scene: Scene, numbers: Mapping[str, ArrayLike] | None, parameters: 
         shape = (count, PARAMETERS * scene.resolved.robot.model.nb)
         given["parameters"] = real_array("parameters", parameters, f"{shape}, ten per body for each initial state")
     own = checked(scene, given, count)
-    for name, array in own.items():  # what parts accept at both ends they accept in between
-        if name not in BODIES and count:
-            for end in (array.min(axis=0), array.max(axis=0)):
-                scene_at(scene, {name: end})
     varying = None
     if {*BODIES} & {*own}:
         models = bodies_of(scene, own)
         varying = Bodies.mask(models)
-    return scene._naming({}, own, varying), own
+    return scene_of_all(scene, own, varying), own
 
 
 def _starts(scene: Scene, own: Mapping[str, Array], q0: ArrayLike, qd0: ArrayLike, *, is_fixed: bool) -> Any:
@@ -378,14 +374,14 @@ def _plan(
     times: Array,
     end: float,
     tolerated: tuple[float, float],
-    *,
     given: float | None,
-    has_own: bool,
+    own: Mapping[str, Array],
 ) -> Plan:
     """How the motions of a scene are run, with torques each of which is `given` for so long, if there are any."""
-    friction, law, period = scene.resolved.friction, scene.traced_samples, scene.sample_time if given is None else given
+    friction, law, period = friction_of_all(scene, own), scene.traced_samples, scene.sample_time if given is None else given
     dynamics = scene.dynamics if given is None else scene._dynamics("held")
     has_events = scene.stops or (friction is not None and friction.sticks)
+    has_events |= any(name.endswith(".breaks") for name in own)  # of a law, where steps end
     is_called = dynamics.inputs == "called" or len(dynamics.table) > 0
     rtol, atol = tolerated
     fallback = SequentialRun(scene, dynamics, end, times, {"method": method, "rtol": rtol, "atol": atol}, given)
@@ -428,7 +424,7 @@ def _plan(
     else:
         intervals = _between_breaks(whole, times, law_breaks(scene.controller))
     held = None if period is None else partial(held_side_by_side, scene, law, dynamics.driven.start, period, end)
-    return BatchRun(chosen, dynamics, times, intervals, has_own, fallback, held)
+    return BatchRun(chosen, dynamics, times, intervals, bool(own), fallback, held)
 
 
 class Chunk(NamedTuple):

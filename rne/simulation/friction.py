@@ -106,8 +106,10 @@ class Friction(ReadOnlyArrays):
 
     @cached_property
     def _values(self) -> tuple[object, ...]:
-        """The numbers, which make two frictions equal."""
-        return tuple((name, size.shape, size.tobytes()) for name, size in self._given().items())
+        """The numbers, which make two frictions equal, and those that follow others."""
+        return (*map(self._same_back, BACK),) + tuple(
+            (name, size.shape, size.tobytes()) for name, size in self._given().items()
+        )
 
     def __eq__(self, other: object) -> bool:
         if type(self) is not Friction or type(other) is not Friction:  # of a subclass the numbers do not tell all
@@ -341,10 +343,11 @@ class Friction(ReadOnlyArrays):
 
 
 def one_per_joint(friction: Friction, n: int, named: Collection[str]) -> Friction:
-    """Friction of n numbers per size; equal sizes of both directions are one, if that of the negative is not named."""
+    """Friction of n numbers per size; equal sizes of both directions are one, if neither is named."""
     sizes = {k: read_only(np.broadcast_to(x, (n,))) for k, x in friction.numbers.items() if k != "smoothing"}
     for name in BACK:
-        if np.array_equal(sizes[name], sizes.get(back := f"{name}_back", sizes[name])) and back not in named:
+        back = f"{name}_back"
+        if back not in sizes or (np.array_equal(sizes[name], sizes[back]) and not {name, back} & {*named}):
             sizes[back] = read_only(sizes[name].view(Following))
     return copy_with(friction, **sizes)
 

@@ -203,6 +203,8 @@ class Scene:
             positive_number("delay", self.delay, zero_allowed=True)
         for name in GIVEN:  # the caller may change it later
             object.__setattr__(self, name, _kept(getattr(self, name)))
+        if self.payload is not None:
+            object.__setattr__(self, "payload", _kept(payload_argument(self.payload)))
         _ = self.resolved  # raises the errors in the parts
         meant_for = getattr(self.controller, "robot", None)
         if not isinstance(meant_for, Robot):

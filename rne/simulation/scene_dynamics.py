@@ -127,7 +127,9 @@ class SceneDynamics(WithNumbers):
 
     @cached_property
     def ledger(self) -> tuple[str, ...]:
-        """Names of the energies that the scene exchanges."""
+        """Names of the energies that the scene exchanges, under numbers that are named also where they are 0."""
+        if self.template is not self:
+            return self.template.ledger
         names = ["drives"] if self.law is not None or self.inputs != "none" else []
         names += () if self.friction is None else self.friction.losses
         names += ["springs"] if self.springs is not None and self.springs.dissipates else []
@@ -231,6 +233,12 @@ class SceneDynamics(WithNumbers):
         kept = {name: mask for name, mask in self.masks.items() if not name.startswith("controller.")}
         found = self.at({name: np.where(mask, 1.0, self.numbers[name]) for name, mask in kept.items()})
         vars(found).update(template=found, masks=self.masks)
+        return found
+
+    def filled(self, vector: Array) -> Self:
+        """The same with the entries of a vector, and with the energies of its template."""
+        found = super().filled(vector)
+        vars(found)["template"] = self.template
         return found
 
     def core_at(self, name: str, model: Model, *, numbers: Any, **arrays: Array) -> Any:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
@@ -13,6 +15,7 @@ from ..basics.arrays import UNBOUNDED, convert_numbers, read_only
 from ..basics.spatial import Array, rotate_back, rotation_from_rpy
 from ..basics.text import brief, did_you_mean, listed
 from ..control.law_numbers import law_at
+from ..control.traced_law import is_ours
 from ..model.parameters import (
     ENTRIES,
     PARAMETERS,
@@ -28,6 +31,15 @@ from ..robot import Robot
 from .elastic_joints import ElasticJoints
 from .scene_dynamics import Bodies
 
+LIMITS = ("effort_limit", "torque_rate", "windup")  # numbers that may be infinite
+OF_ANY_SIGN = (
+    "reference",
+    "pose",
+    "stiffness",
+    "damping",
+    "offset",
+    "stribeck_rise",
+)  # among those of rne.control's laws
 BODIES = ("parameters", "payload", "armature", "gravity")  # whose names take the second program of a scene
 UNITS = {
     "friction.viscous": "N m s/rad or N s/m",
@@ -102,10 +114,10 @@ def numbers_of_scene(scene: Any) -> dict[str, Array]:
         found |= {f"friction.{k}": x if k == "smoothing" else np.broadcast_to(x, (n,)) for k, x in sizes.items()}
     for name in ("effort_limit", "torque_rate"):
         if (limit := getattr(parts, name)) is not None:
-            found[name] = np.where(limit >= UNBOUNDED, np.inf, limit)
+            found[name] = unbounded(limit)
     if scene.delay is not None:
         found["delay"] = np.array(float(scene.delay))
-    found |= scene.numbers_of_controller
+    found |= {name: unbounded(x) for name, x in scene.numbers_of_controller.items()}
     found |= {} if parts.springs is None else parts.springs.numbers
     if parts.motor_side is not None:
         found |= {f"elastic.{k}": np.array(getattr(parts.motor_side, k)) for k in parts.motor_side._fields[:3]}
@@ -116,6 +128,11 @@ def numbers_of_scene(scene: Any) -> dict[str, Array]:
         found["armature"] = parts.robot.model.armature
     found["gravity"] = np.asarray(scene.robot.model.gravity if scene.gravity is None else scene.gravity)
     return found
+
+
+def unbounded(limit: Array) -> Array:
+    """A limit, infinite where there is none."""
+    return np.where(np.abs(limit) >= UNBOUNDED, np.copysign(np.inf, limit), limit)
 
 
 def payload_parameters(payload: Any) -> Array:
@@ -140,17 +157,38 @@ def checked(scene: Any, numbers: Mapping[str, ArrayLike], count: int | None = No
             array = np.full(shape, array)
         if array.shape != wanted:
             raise ValueError(f"`numbers[{name!r}]` must have shape {wanted}, got {array.shape}")
-        bounded = name not in ("effort_limit", "torque_rate") and not name.startswith("controller.")
-        if bounded and not np.isfinite(array).all():
+        law, field = name.startswith("controller."), name.rpartition(".")[2]
+        may_be_infinite = field in LIMITS or (law and not is_ours(scene.controller))
+        if not may_be_infinite and not np.isfinite(array).all():
             raise ValueError(f"`numbers[{name!r}]` must be finite, got {array[~np.isfinite(array)][0]}")
+        if law and is_ours(scene.controller) and field not in OF_ANY_SIGN and (array < 0).any():
+            raise ValueError(f"`numbers[{name!r}]` must not be negative, got {array.min()}")
         found[name] = array.astype(np.float64)
     if "parameters" in found and "payload" in found:
         raise ValueError("`numbers` must have 'parameters', which contain the payload, or 'payload', not both")
     return found
 
 
+@contextmanager
+def named(names: Iterable[str]) -> Iterator[None]:
+    """Have the errors of parts, which name a field, name the number that it was given by."""
+    try:
+        yield
+    except ValueError as error:
+        field = re.match(r"`(\w+)", str(error))
+        name = next((x for x in names if field and x.rpartition(".")[2] == field[1]), None)
+        if field is None or name is None:
+            raise ValueError(f"`numbers`: {error}") from None
+        raise ValueError(f"`numbers[{name!r}]{str(error)[field.end() :]}") from None
+
+
 def scene_at(scene: Any, numbers: Mapping[str, Array]) -> Any:
     """The scene with other numbers, which its parts check."""
+    with named(numbers):
+        return _scene_at(scene, numbers)
+
+
+def _scene_at(scene: Any, numbers: Mapping[str, Array]) -> Any:
 
     def of(part: str) -> dict[str, Array]:
         return {k.removeprefix(part): x for k, x in numbers.items() if k.startswith(part)}
@@ -178,16 +216,50 @@ def scene_at(scene: Any, numbers: Mapping[str, Array]) -> Any:
     return at_parameters_of(found, numbers["parameters"]) if "parameters" in numbers else found
 
 
+def scene_of_all(scene: Any, own: Mapping[str, Array], varying: Array | None) -> Any:
+    """The scene whose kernels take numbers (N, ...) of N motions, which its parts accept."""
+    finite: dict[str, Array] = {}
+    for name, array in own.items():
+        infinite = (
+            np.abs(known := scene.numbers[name]) >= UNBOUNDED
+        )  # which is structure: a motion's own limit takes its place
+        if (np.isfinite(array) & infinite).any():
+            finite[name] = np.where(infinite, np.where(np.isfinite(array), array, 0.0).max(axis=0), known)
+        least = array if name == "armature" else array[:, :1] if name == "payload" else np.zeros(1)
+        if (least < 0).any():
+            raise ValueError(f"`numbers[{name!r}]` must not have a negative inertia or mass, got {least.min()}")
+        if not name.startswith("friction.") and name not in BODIES and len(array):
+            for end in (array.min(axis=0), array.max(axis=0)):  # what they accept at both they accept in between
+                scene_at(scene, {name: end})
+    return (scene_at(scene, finite) if finite else scene)._naming({}, own, varying)
+
+
+def friction_of_all(scene: Any, own: Mapping[str, Array]) -> Any:
+    """The friction of N motions, checked, as one of N n joints of the least smoothing; None without friction."""
+    friction, mine = scene.resolved.friction, {k[9:]: x for k, x in own.items() if k.startswith("friction.") and len(x)}
+    if not mine:
+        return friction
+    shape = len(next(iter(mine.values()))), scene.n
+    smoothing = mine.pop("smoothing", np.array([friction.smoothing]))
+    sizes = {k: np.broadcast_to(mine.get(k, x), shape).reshape(-1) for k, x in friction.numbers.items()}
+    with named(own):
+        found = [replace(friction, **sizes | {"smoothing": float(s)}) for s in (smoothing.max(), smoothing.min())]
+    return found[1]
+
+
 def _springs_at(springs: Any, numbers: Mapping[str, Array]) -> list[Any]:
     found = []
     for k, spring in enumerate(springs):
         own = {x.removeprefix(f"springs[{k}]."): v for x, v in numbers.items() if x.startswith(f"springs[{k}].")}
-        found.append(replace(spring, **{name: float(x) for name, x in own.items()}))
+        with named(f"springs[{k}].{name}" for name in own):
+            found.append(replace(spring, **{name: float(x) for name, x in own.items()}))
     return found
 
 
 def _payload_at(payload: Any, pi: Array) -> Any:
     """A payload of other parameters about the origin of its link."""
+    if not pi[0] and pi[1:4].any():
+        raise ValueError(f"`payload` without mass must have no first moment, got {pi[1:4].tolist()}")
     mass, centre, inertia = body_of_parameters(pi)
     return payload._replace(mass=float(mass), com=centre, inertia=inertia)
 
