@@ -177,6 +177,8 @@ def named(names: Iterable[str]) -> Iterator[None]:
     except ValueError as error:
         field = re.match(r"`(\w+)", str(error))
         name = next((x for x in names if field and x.rpartition(".")[2] == field[1]), None)
+        if field is not None and field[1] == "numbers":
+            raise
         if field is None or name is None:
             raise ValueError(f"`numbers`: {error}") from None
         raise ValueError(f"`numbers[{name!r}]{str(error)[field.end() :]}") from None
