@@ -378,7 +378,8 @@ def _plan(
     own: Mapping[str, Array],
 ) -> Plan:
     """How the motions of a scene are run, with torques each of which is `given` for so long, if there are any."""
-    friction, law, period = friction_of_all(scene, own), scene.traced_samples, scene.sample_time if given is None else given
+    friction, law = friction_of_all(scene, own), scene.traced_samples
+    period = scene.sample_time if given is None else given
     dynamics = scene.dynamics if given is None else scene._dynamics("held")
     has_events = scene.stops or (friction is not None and friction.sticks)
     has_events |= any(name.endswith(".breaks") for name in own)  # of a law, where steps end
