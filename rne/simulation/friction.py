@@ -366,7 +366,7 @@ def creep(
         return ""
     evaluate, sample = robot._kernels.evaluate_some, np.arange(len(q))[:, None]
 
-    def release(rows: Array) -> None:
+    def release(rows: Any) -> None:
         """Note which joints' loads are more than dry friction holds."""
         q, qd, qdd = (x[rows] for x in motion)
         inverse, passed = np.linalg.inv(evaluate(mass_matrix, q) if rotor is None else np.diag(rotor)), 0 * qd
