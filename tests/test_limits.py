@@ -8,8 +8,8 @@ import pytest
 
 import rne
 from rne.control import pd_gravity
+from rne.dynamics.limits import Violation, limit_violations
 from rne.model.abb_irb140 import CLOSED_LOOPS, DATA_SHEET
-from rne.simulation.limits import Violation, limit_violations
 
 from .helpers import KD, KP, Mimic, Part, assemble, loaded
 

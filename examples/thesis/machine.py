@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 
 import rne
+from rne.dynamics.limits import Violation
 from rne.model.abb_irb140 import DATA_SHEET, LINKS
 from rne.plotting.html_page import Report
-from rne.simulation.limits import Violation
 
 from . import appendix_c, figures, verdicts
 from .experiments import LEVELS, LONG_RTOL, levels

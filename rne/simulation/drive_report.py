@@ -14,10 +14,10 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import cached_array, per_joint_array, real_array
 from ..basics.spatial import Array
 from ..basics.text import InNotebooks, column, counted, six_digits, summary, table
+from ..dynamics.limits import limit_shares, share_texts
 from ..dynamics.recursion_record import bearing_loads, not_known
 from ..model.model import Model
 from ..robot import Robot, robot_argument
-from .limits import limit_shares, share_texts
 from .scene import Scene
 from .springs import Springs
 from .trajectory import MOST_LOADS, Trajectory, between, motors_at, samples_of

@@ -16,8 +16,8 @@ from ..basics.arrays import TIME_ROUNDING, positive_number, read_only, real_numb
 from ..basics.piecewise import Piecewise, cubic, monotone, quintic
 from ..basics.spatial import Array
 from ..basics.text import UNBROKEN, InNotebooks, counted, listed, short, wrapped
+from ..dynamics.limits import Violation, limit_violations
 from ..model.model import Model
-from .limits import Violation, limit_violations
 from .motion_files import MOTORS, numbered_joints, read_archive, write_archive, write_columns
 
 LONGEST = 240  # characters of the solver's message

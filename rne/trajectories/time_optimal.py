@@ -27,9 +27,9 @@ from ..basics.arrays import cached_array, positive_number
 from ..basics.spatial import Array
 from ..basics.text import InNotebooks, column, listed, table
 from ..dynamics.kinematics import joint_accelerations, joint_positions, joint_velocities
+from ..dynamics.limits import limit_shares, share_texts
 from ..robot import Robot, robot_argument
 from ..simulation.friction import Friction
-from ..simulation.limits import limit_shares, share_texts
 from ..simulation.scene import Payload, Scene
 from ..simulation.springs import JointSpring, Spring
 from .profiles import Path, ReferenceMotion, is_traced, made_by, through

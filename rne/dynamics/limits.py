@@ -15,8 +15,8 @@ import numpy as np
 
 from ..basics.spatial import Array
 from ..basics.text import UNITS, short, summary
-from ..dynamics.kinematics import joint_positions, joint_velocities
 from ..model.model import Model
+from .kinematics import joint_positions, joint_velocities
 
 MET = 1e-9  # of a joint's larger limit: a stop or a saturated drive that is exceeded by less is met
 SYMBOL = {"position": "q", "velocity": "qd", "torque": "tau"}
@@ -88,7 +88,7 @@ def limit_violations(model: Model, t: Array, q: Array, qd: Array, tau: Array) ->
     Examples
     --------
     >>> import numpy as np, rne
-    >>> from rne.simulation.limits import limit_violations
+    >>> from rne.dynamics.limits import limit_violations
     >>> fast = np.array([[4.0, 0, 0, 0, 0, 0]])
     >>> print(*limit_violations(rne.irb140(), np.zeros(1), 0 * fast, fast, 0 * fast))
     joint_1: velocity 4 rad/s (229.2 deg/s) above 3.491 rad/s (200 deg/s), worst at 0 s, first at 0 s
