@@ -125,7 +125,7 @@ def check_gains(
     Returns
     -------
     Gains
-        Fastest modes, the limit of the sample time, and where they are reached.
+        Fastest modes, the limit of the sample time, where they are reached, and the margins of gain and delay there.
 
     Raises
     ------
