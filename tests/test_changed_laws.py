@@ -282,3 +282,13 @@ def test_the_same_formula_keeps_its_kernel(irb140):
     scene = rne.Scene(irb140, controller=rne.control.pd_gravity(irb140, 50, 20, 0))
     assert scene.kernel is scene.kernel
     assert len(scene.dynamics.law.formula[1]) < 100  # operations
+
+
+def test_laws_of_one_structure_share_their_formula_and_keep_their_numbers():
+    robot = rne.Robot(straight_chain(2))
+    for gain, share in [(10.0, 1.0), (20.0, 0.5), (20.0, 0.0), (30.0, 1.0)]:
+        law = dataclasses.replace(rne.control.pd_gravity(robot, gain, 5.0, 0.1), gravity=share)
+        motion = rne.simulate(rne.Scene(robot, controller=law), [0.3, -0.2], [0, 0.5], 0.02)
+        called = [law(t, q, qd) for t, q, qd in zip(motion.t, motion.q, motion.qd, strict=True)]
+        np.testing.assert_allclose(motion.tau, called, rtol=1e-12, atol=1e-12)  # [N m], roundings of some 5 N m
+    assert len(robot._kernels.laws) == 2  # with a share of gravity, and without
