@@ -8,8 +8,10 @@ through samples is a table beside the program, and its samples are a number.
 from __future__ import annotations
 
 import functools
+import operator
 import types
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import fields, is_dataclass, replace
 from typing import Any, NamedTuple
 
@@ -108,15 +110,19 @@ def law_with(law: Any, parts: Mapping[str, Any]) -> Any:
         return _function_with(law, parts)
     if is_dataclass(law):
         return replace(law, **parts)  # type: ignore[type-var]
-    return copy_with(law, **parts)
+    own = copy_with(law, **parts)
+    for name, part in vars(law).items():  # its own methods and functions of itself, which it keeps
+        if isinstance(part, types.MethodType) and part.__self__ is law:
+            vars(own)[name] = types.MethodType(part.__func__, own)
+        elif isinstance(part, types.FunctionType) and name not in parts:
+            vars(own)[name] = _function_with(part, {k: own for k, held in _cells(part) if held is law})
+    return own
 
 
 def _cells(law: types.FunctionType) -> Iterator[tuple[str, Any]]:
     for name, cell in zip(law.__code__.co_freevars, law.__closure__ or (), strict=True):
-        try:
+        with suppress(ValueError):  # not yet filled
             yield name, cell.cell_contents
-        except ValueError:  # not yet filled
-            continue
 
 
 def _defaults(law: types.FunctionType) -> Iterator[tuple[str, Any]]:
@@ -126,13 +132,29 @@ def _defaults(law: types.FunctionType) -> Iterator[tuple[str, Any]]:
 
 
 def _function_with(law: types.FunctionType, parts: Mapping[str, Any]) -> types.FunctionType:
-    """The function with other values in its cells and defaults."""
-    cells = [
-        types.CellType(parts[name]) if name in parts else cell
-        for name, cell in zip(law.__code__.co_freevars, law.__closure__ or (), strict=True)
-    ]
-    defaults = tuple(parts.get(name, value) for name, value in _defaults(law)) or None
-    own = types.FunctionType(law.__code__, law.__globals__, law.__name__, defaults, tuple(cells) or None)
-    own.__dict__.update(law.__dict__)
+    """The function with other values in its defaults and its cells, which functions that it holds share."""
+    cells = zip(law.__code__.co_freevars, law.__closure__ or (), strict=True)
+    own = _at_cells(law, {id(cell): types.CellType(parts[name]) for name, cell in cells if name in parts})
+    own = _copied(law, law.__closure__) if own is law else own
+    own.__defaults__ = tuple(parts.get(name, value) for name, value in _defaults(law)) or None
     own.__kwdefaults__ = {k: parts.get(k, v) for k, v in (law.__kwdefaults__ or {}).items()} or None
+    return own
+
+
+def _at_cells(law: types.FunctionType, places: dict[int, Any]) -> types.FunctionType:
+    """A function with other cells in the places of some, by their ids, and so have the functions that it holds."""
+    held = {name: part for name, part in _cells(law) if isinstance(part, types.FunctionType)}
+    for name, cell in zip(law.__code__.co_freevars, law.__closure__ or (), strict=True):
+        if id(cell) not in places:
+            places[id(cell)] = cell
+            own = _at_cells(held[name], places) if name in held else None
+            places[id(cell)] = cell if own is held.get(name) else types.CellType(own)
+    cells = tuple(places[id(cell)] for cell in law.__closure__ or ())
+    return law if all(map(operator.is_, cells, law.__closure__ or ())) else _copied(law, cells)
+
+
+def _copied(law: types.FunctionType, cells: Any) -> types.FunctionType:
+    own = types.FunctionType(law.__code__, law.__globals__, law.__name__, law.__defaults__, cells)
+    own.__kwdefaults__ = law.__kwdefaults__
+    own.__dict__.update(law.__dict__)
     return own
