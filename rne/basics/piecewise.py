@@ -10,6 +10,7 @@ from .arrays import TIME_ROUNDING
 from .spatial import Array
 
 NO_TABLE: Array = np.zeros((0, 0))
+NO_TABLES: Array = np.zeros((0, 0, 0))
 
 
 class Piecewise(NamedTuple):
@@ -55,8 +56,8 @@ class Piecewise(NamedTuple):
         return np.column_stack([self.t[:-1], self.t[1:], rows])
 
 
-def rows_at(table: Array, t: Array) -> Array:
-    """Rows of a table (N, width) that hold at times t; a ValueError outside of all pieces, but for rounding.
+def numbers_at(table: Array, t: Array) -> Array:
+    """Numbers of the rows of a table (N, width) that hold at times; a ValueError outside of all, but for rounding.
 
     Where one piece ends and the next begins it is the next.
     """
@@ -64,12 +65,37 @@ def rows_at(table: Array, t: Array) -> Array:
     outside = t[np.abs(t - np.clip(t, start, end)) > TIME_ROUNDING * max(abs(start), abs(end))]
     if outside.size:
         raise ValueError(f"`t` must be within the samples, {start:g} to {end:g} s, got {outside.flat[0]:g}")
-    return np.asarray(table[np.maximum(np.searchsorted(table[:, 0], t, side="right") - 1, 0)])
+    return np.maximum(np.searchsorted(table[:, 0], t, side="right") - 1, 0)
+
+
+def rows_at(table: Array, t: Array) -> Array:
+    """The rows of a table that hold at times t, (..., width)."""
+    return np.asarray(table[numbers_at(table, t)])
 
 
 def pieces_at(table: Array, t: Array) -> tuple[Array, ...]:
     """The rows that hold at times t of shape (..., 1), as the argument of a kernel; nothing without a table."""
     return (rows_at(table, t[..., 0]),) if len(table) else ()
+
+
+def rows_of_tables(tables: Array, t: Array, which: Any = slice(None)) -> tuple[Array, ...]:
+    """The rows at times (T,) of the tables (M, N, width) of some motions, or of one for all; nothing without any.
+
+    All tables have the same ends of pieces.
+    """
+    if not len(tables):
+        return ()
+    k = numbers_at(tables[0], t)
+    return (tables[0, k] if len(tables) == 1 else tables[np.arange(len(tables))[which], k],)
+
+
+def tables_of(motion: Any, samples: Array) -> Array:
+    """The tables of a motion through the samples of each of some motions, (M, K, n), shape (M, N, width)."""
+    count, K, n = samples.shape
+    together = motion.with_samples(samples.transpose(1, 0, 2).reshape(K, count * n)).table
+    parts = together[:, 2:].reshape(len(together), -1, count, n).transpose(2, 0, 1, 3)
+    ends = np.broadcast_to(together[:, :2], (count, len(together), 2))
+    return np.ascontiguousarray(np.concatenate([ends, parts.reshape(count, len(together), -1)], axis=2))
 
 
 def on_rows(t: Any, rows: Array, n: int) -> tuple[Array, Array, Array]:

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..basics.arrays import check_function, copy_with, read_only, whole_number
 from ..basics.numbers import WithNumbers, is_input
-from ..basics.piecewise import NO_TABLE, pieces_at
+from ..basics.piecewise import NO_TABLE, NO_TABLES, pieces_at, tables_of
 from ..basics.spatial import Array
 from ..dynamics.quantity import MethodQuantity, Quantity
 from ..graph.graph import Graph
@@ -181,6 +181,13 @@ class TracedLaw(WithNumbers):
             return cls(law, n, given, named)
         numbers = read_only({name: numbers[name] for name in found.numbers})
         return copy_with(found, law=law, numbers=numbers, **own)
+
+    def tables(self, own: Mapping[str, Array]) -> Array:
+        """Its table, (1, N, width), or those of motions with samples of their own by its name; (0, 0, 0) of none."""
+        if self.motion is None:
+            return NO_TABLES
+        name, motion = self.motion
+        return tables_of(motion, own[name]) if name in own else self.table[None]
 
     def on_piece(self, piece: Array | None) -> TracedLaw:
         """The law with rows of its table, traced or not, (..., width), in place of its motion through samples."""

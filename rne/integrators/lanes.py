@@ -10,15 +10,17 @@ the next sample is due, or where a command begins to act.
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..basics.piecewise import NO_TABLES, rows_of_tables
 from ..basics.spatial import Array
 from ..dynamics.quantity import OK
 from ..kernels.kernel import Kernel
 from .base import SAME
-from .loops import LANES, combine, compiled, evaluate, inline
+from .loops import LANES, combine, compiled, evaluate, inline, row_at
 from .rows import EARLY, FAST_DECAY, LOOK, NEEDS_RECURSION, SLOW, STIFF, BatchResult, Progress, run_rows
 from .step_control import MOST_STEPS, Interval, first_lengths, shortest_step, step_factor
 from .tableaus import Tableau
@@ -46,6 +48,7 @@ class Hold(NamedTuple):
     pending: Array  # (p, n LANES), commands, that of sample k in row k % p
     start: Array  # (n LANES,), positions where the torques began to act
     table: Array  # (N, K, n), torques in place of a law's; empty with a law
+    pieces: Array  # of the motion that the law follows, as `Interval.table` of batches
 
 
 def hold_of(
@@ -57,8 +60,11 @@ def hold_of(
     delays: Array,
     driven: int,
     most: int,
+    pieces: Array = NO_TABLES,
 ) -> Hold:
     """Torques for `run_lanes`: of a law of (t, x, numbers), the last (p,) or (N, p), or without one of a table.
+
+    The law takes one of `pieces` before the numbers, if there are any.
 
     Bounds, of the torques and of their change, have shape (N, 2 n), delays (N, 2): whole periods and the rest.
     """
@@ -67,14 +73,19 @@ def hold_of(
     common, more = ((numbers,), ()) if numbers.ndim == 1 else ((), (numbers,))
     if law is not None:
         widths, entries, table = [*law.traced.widths[:2]], law.traced.entries, table[:0]
-    sources = *(np.zeros((count, width)) for width in widths), *more
+    sources = *(np.zeros((count, width)) for width in widths), *no_pieces(pieces, count), *more
     inputs, saved = (tuple(np.zeros(rows.shape[1] * LANES) for rows in sources) for _ in range(2))
     limits, timing, start, out = (np.zeros(size * LANES) for size in (2 * n, 3, n, entries))
     pending = np.zeros((int(delays[:, LATE].max(initial=0)) + 1, n * LANES))
     sources += np.ascontiguousarray(bounds), np.column_stack([delays, np.zeros(count)])
     function = 0 if law is None else law.address(LANES, common=not more)
     of_law = function, inputs + common, saved, out
-    return Hold(period, driven, most, of_law, sources, (*inputs, limits, timing), pending, start, table)
+    return Hold(period, driven, most, of_law, sources, (*inputs, limits, timing), pending, start, table, pieces)
+
+
+def no_pieces(table: Array, count: int) -> tuple[Array, ...]:
+    """Rows for the argument of a piece, if there are tables: of none yet."""
+    return (np.full((count, table.shape[2]), np.nan),) if len(table) else ()
 
 
 NONE = hold_of(0.0, None, np.zeros(0), np.zeros((0, 0, 0)), np.zeros((0, 0)), np.zeros((0, 2)), 0, 2**62)
@@ -91,6 +102,18 @@ def workspace(widths: tuple[int, ...], tableau: Tableau, hold: Hold, common: tup
     slopes = np.zeros((rows, entries)), np.zeros((max(1, len(tableau.D)), entries))
     numbers = np.zeros((LANE_ROWS, LANES), np.int64), np.zeros((STEP_ROWS, LANES))
     return inputs, saved, tuple(np.zeros((5, entries))), slopes, *numbers, hold
+
+
+@inline
+def put_pieces(tables: Any, inputs: Any, lane: Any) -> None:
+    """The pieces that hold at the lanes' times, inputs[0], into inputs[2], if there are tables."""
+    times, piece = inputs[0], inputs[2]
+    for k in range(LANES if len(tables) > 0 else 0):
+        if not piece[k] <= times[k] < piece[LANES + k]:
+            table = tables[max(lane[MOTION, k], 0) if len(tables) > 1 else 0]
+            row = row_at(table, times[k])
+            for i in range(table.shape[1]):
+                piece[i * LANES + k] = table[row, i] if row >= 0 else math.nan
 
 
 @inline
@@ -220,6 +243,7 @@ def call_law(hold: Any, y: Any, lane: Any, step: Any, code: Any) -> None:
         states[e] = y[e]
     for k in range(LANES):
         times[k] = step[NOW, k]
+    put_pieces(hold.pieces, hold.law[1], lane)
     if not evaluate(law, hold.law[1], out):
         mark_invalid(law, hold.law[1], saved, out, lane, code, True)
         evaluate(law, hold.law[1], out)
@@ -287,13 +311,14 @@ def choose_lengths(interval: Any, lane: Any, step: Any, h: Any, code: Any, most:
 
 
 @inline
-def put_stage(interval: Any, y: Any, total: Any, h: Any, c: Any, inputs: Any, step: Any) -> None:
+def put_stage(interval: Any, y: Any, total: Any, h: Any, c: Any, inputs: Any, lane: Any, step: Any) -> None:
     """Times and states of a stage: y + h total, c steps later."""
     times, x = inputs[0], inputs[1]
     for e in range(len(y)):
         x[e] = y[e] + h[e] * total[e]
     for k in range(LANES):
         times[k] = min(max(step[NOW, k] + c * step[LENGTH, k], interval.first), interval.last)
+    put_pieces(interval.table, inputs, lane)
 
 
 @inline
@@ -425,7 +450,7 @@ def run_all(
         is_valid = True
         for s in range(0 if is_new else 1, stages + 1):
             combine(A[s] if s < stages else B, s, K, total)
-            put_stage(interval, y, total, h, C[s] if s < stages else 1.0, inputs, step)
+            put_stage(interval, y, total, h, C[s] if s < stages else 1.0, inputs, lane, step)
             if s == stages:
                 for e in range(positions * LANES):
                     inputs[1][e] = y[e] + h[e] * inputs[1][positions * LANES + e]
@@ -447,7 +472,7 @@ def run_all(
         if accept(interval, lane, step):
             for s in range(len(C2)):
                 combine(A2[s], stages + 1 + s, K, total)
-                put_stage(interval, y, total, h, C2[s], inputs, step)
+                put_stage(interval, y, total, h, C2[s], inputs, lane, step)
                 if not evaluate(function, inputs, K[stages + 1 + s]):
                     mark_invalid(function, inputs, saved, total, lane, code, True)
             for j in range(len(D)):
@@ -474,13 +499,16 @@ def run_lanes(
     coefficients, widths = np.ascontiguousarray(kernel.coefficients(numbers)), kernel.traced.widths
     common, more = ((coefficients,), ()) if numbers.ndim == 1 else ((), (coefficients,))
     more = (np.zeros((N, widths[2])), *more) if hold.period > 0 else more  # no torque before the first command
-    work = workspace(widths[: 2 + len(more)], interval.tableau, hold, common)
+    interval = interval._replace(table=np.ascontiguousarray(interval.table if interval.table.ndim > 2 else NO_TABLES))
+    pieces = no_pieces(interval.table, N)
+    work = workspace(widths[: 2 + len(pieces) + len(more)], interval.tableau, hold, common)
     address = kernel.address(LANES, common=numbers.ndim == 1)
     code, count, H, F = np.zeros(N, np.int64), np.zeros(N, np.int64), np.zeros(N), np.zeros_like(x)
 
     def rates(t: Array, states: Array, F: Array) -> Array:
         times = np.clip(t, interval.first, interval.last)[:, None]
-        compiled(rates_of_all)(address, (times, np.ascontiguousarray(states), *more), F, code, work)
+        rows = rows_of_tables(interval.table, times[:, 0])
+        compiled(rates_of_all)(address, (times, np.ascontiguousarray(states), *rows, *more), F, code, work)
         return F
 
     begin = np.full(N, interval.begin)
@@ -491,7 +519,7 @@ def run_lanes(
         H = first_lengths(lambda t, states: rates(t, states.T, np.zeros_like(x)).T, interval, x.T, F.T)
         count += 2
     most, waiting, done = max(1, OPERATIONS // max(1, sum(kernel.operations.values()))), 0, 0
-    given = address, interval, (begin[:, None], x, *more), F, H, code, count, X, work
+    given = address, interval, (begin[:, None], x, *pieces, *more), F, H, code, count, X, work
     try:
         while waiting != EMPTY:
             waiting, before = compiled(run_all)(*given, (waiting, most)), done

@@ -75,10 +75,8 @@ def copy(values: Any, into: Any) -> None:
 
 
 @inline
-def put_piece(table: Any, t: Any, piece: Any) -> None:
-    """The row of a table, (N, width), that holds at a time, into `piece`, if there is a table; NaN outside of it."""
-    if len(table) == 0 or piece[0] <= t < piece[1]:
-        return
+def row_at(table: Any, t: Any) -> Any:
+    """The number of the row of a table, (N, width), that holds at a time; -1 outside of it."""
     lower, upper = 0, len(table)
     while upper - lower > 1:
         middle = (lower + upper) // 2
@@ -88,9 +86,17 @@ def put_piece(table: Any, t: Any, piece: Any) -> None:
             upper = middle
     start, end = table[0, 0], table[-1, 1]
     slack = TIME_ROUNDING * max(abs(start), abs(end))
-    is_known = start - slack <= t <= end + slack
+    return lower if start - slack <= t <= end + slack else -1
+
+
+@inline
+def put_piece(table: Any, t: Any, piece: Any) -> None:
+    """The row of a table that holds at a time into `piece`, if there is a table; NaN outside of it."""
+    if len(table) == 0 or piece[0] <= t < piece[1]:
+        return
+    row = row_at(table, t)
     for i in range(len(piece)):
-        piece[i] = table[lower, i] if is_known else math.nan
+        piece[i] = table[row, i] if row >= 0 else math.nan
 
 
 @inline

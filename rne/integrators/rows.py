@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..basics.piecewise import rows_of_tables
 from ..basics.spatial import Array
 from ..dynamics.quantity import OK, PrecisionStatus
 from ..errors import NotFiniteError, SingularMassMatrixError
@@ -44,7 +45,7 @@ class Rates:
 
     def __init__(self, kernel: Kernel, numbers: Array, places: Array, interval: Interval) -> None:
         self.kernel, self.numbers, self.places, self.interval = kernel, numbers, places, interval
-        self.coefficients = kernel.coefficients(numbers)
+        self.coefficients, self.table = kernel.coefficients(numbers), interval.table
         self.evaluations, self.moving, self.verdict = 0, len(places), OK
         self.program = None
         if kernel.is_unrolled:
@@ -54,6 +55,7 @@ class Rates:
         """Forget the other motions."""
         self.places = self.places[chosen]
         self.numbers, self.coefficients = (_of(a, chosen) for a in (self.numbers, self.coefficients))
+        self.table = self.table[chosen] if len(self.table) > 1 else self.table
 
     def __call__(self, t: Any, x: Array, out: Array | None = None, chosen: Any = EVERY) -> Array:
         """dx/dt at times t, of all motions or of some."""
@@ -61,11 +63,12 @@ class Rates:
         self.evaluations += self.moving if chosen is EVERY else count
         within = np.clip(t, self.interval.first, self.interval.last)
         times = np.broadcast_to(within.astype(x.dtype), count)[:, None]
-        states = [times, x.T, _of(self.coefficients, chosen)]
+        given = times, x.T, *rows_of_tables(self.table, times[:, 0], chosen)
+        states = [*given, _of(self.coefficients, chosen)]
         to_check = np.arange(count) if self.program is None else np.flatnonzero(~self.program.sound(states, out.T))
         if len(to_check):
-            given = [_of(a, to_check) for a in (times, x.T, _of(self.numbers, chosen))]
-            out[:, to_check] = self._by_recursion(given, self.places[chosen][to_check])
+            some = [_of(a, to_check) for a in (*given, _of(self.numbers, chosen))]
+            out[:, to_check] = self._by_recursion(some, self.places[chosen][to_check])
         return out
 
     def _by_recursion(self, states: Sequence[Array], places: Array) -> Array:

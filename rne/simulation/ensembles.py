@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import check_function, positive_number, real_array, real_numbers
+from ..basics.piecewise import NO_TABLES, rows_of_tables
 from ..basics.spatial import Array
 from ..basics.text import InNotebooks, counted, short
 from ..control.traced_law import one_at_a_time
@@ -383,7 +384,7 @@ def _plan(
     dynamics = scene.dynamics if given is None else scene._dynamics("held")
     has_events = scene.stops or (friction is not None and friction.sticks)
     has_events |= any(name.endswith(".breaks") for name in own)  # of a law, where steps end
-    is_called = dynamics.inputs == "called" or len(dynamics.table) > 0
+    is_called = dynamics.inputs == "called"
     rtol, atol = tolerated
     fallback = SequentialRun(scene, dynamics, end, times, {"method": method, "rtol": rtol, "atol": atol}, given)
     if period is not None:
@@ -512,6 +513,11 @@ class BatchRun:
             found |= bodies_as_numbers(self.fallback.scene, own)
         return found
 
+    def _tables(self, own: Mapping[str, Array]) -> Array:
+        """The pieces of the motion that a law follows, one table for all or one for each, as of `TracedLaw.tables`."""
+        law = self.dynamics.law
+        return NO_TABLES if law is None else law.tables({k.removeprefix("controller."): x for k, x in own.items()})
+
     @property
     def steps(self) -> Array:
         """Lengths of steps that are not controlled."""
@@ -536,8 +542,9 @@ class BatchRun:
         states = np.full((len(self.times), len(x), x.shape[1] + further), np.nan, x.dtype)
         reported = int(0.0 in self.times and 0.0 not in self.intervals[0].t_eval)
         states[:reported, :, : x.shape[1]] = x
+        tables = self._tables(chunk.numbers)
         for interval in self.intervals:
-            is_last, how = interval is self.intervals[-1], (interval, self.kernel, own)
+            is_last, how = interval is self.intervals[-1], (interval._replace(table=tables), self.kernel, own)
             X = np.full((len(interval.t_eval), *states.shape[1:]), np.nan, x.dtype)
             if hold is not None:
                 part = run_lanes(*how, x, X, advance, hold)
@@ -574,8 +581,10 @@ class BatchRun:
             tau = held[..., :n].reshape(tau.shape)
         elif "drives" in self.dynamics.ledger:
             row = np.flatnonzero(known) % N
-            mine = {name: array[row] for name, array in own.items()}
-            tau[known] = plant.drive_torques(t[known], x.reshape(len(t), -1)[known], own=mine)
+            mine = {name: array[row] for name, array in own.items() if name in self.dynamics.numbers}
+            tables = self._tables(own)
+            given = rows_of_tables(tables, t[known], row if len(tables) > 1 else slice(None))
+            tau[known] = plant.drive_torques(t[known], x.reshape(len(t), -1)[known], own=mine, pieces=given)
         last = known.reshape(len(self.times), N).sum(axis=0)
         end = np.where(done, self.intervals[-1].end, np.append(0.0, self.times)[last])
         status = np.where(done, 0, -1)

@@ -204,17 +204,25 @@ class Plant:
         self.note_loss(status)
         return found
 
-    def drive_torques(self, t: Array, X: Array, u: Array | None = None, own: Mapping[str, Array] = NONE) -> Array:
+    def drive_torques(
+        self,
+        t: Array,
+        X: Array,
+        u: Array | None = None,
+        own: Mapping[str, Array] = NONE,
+        pieces: tuple[Array, ...] = (),
+    ) -> Array:
         """Torques of the drives at many times, within their limits, zero without drives, shape (T, n).
 
-        Numbers of the scene that each time has of its `own` have shapes (T, ...).
+        Numbers of the scene that each time has of its `own` have shapes (T, ...), and its own `pieces` (T, width).
         """
         law, limit = self.dynamics.law, self.dynamics.effort_limit
         if self._law_kernel is not None and law is not None:
             states, numbers = X[:, : self._law_kernel.widths[1]], law.vector
             if mine := {k.removeprefix("controller."): x for k, x in own.items() if k.startswith("controller.")}:
                 numbers = law.vectors(mine)
-            found = self._law_kernel.evaluate(*self._inputs(t[:, None], states), numbers)[0][:, : self.robot.n]
+            given = (t[:, None], states, *pieces) if pieces else self._inputs(t[:, None], states)
+            found = self._law_kernel.evaluate(*given, numbers)[0][:, : self.robot.n]
             bound = own.get("effort_limit", limit)
             return np.asarray(found if bound is None else np.clip(found, -np.asarray(bound), bound))
         drives, _ = self.dynamics.drives(t[:, None], X, self.torques_at(t, X) if u is None else u)

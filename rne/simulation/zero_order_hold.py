@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..basics.piecewise import NO_TABLE
+from ..basics.piecewise import NO_TABLE, NO_TABLES
 from ..basics.spatial import Array
 from ..control.gains import check_gains
 from ..control.sampled_loop import in_periods
@@ -200,13 +200,14 @@ def held_side_by_side(
 
     Numbers of the scene that motions have of their `own` have shapes (N, ...).
     """
-    count, kernel, numbers = len(table), None, np.zeros(0)
+    count, kernel, numbers, pieces = len(table), None, np.zeros(0), NO_TABLES
     if law is not None:
         mine = {name.removeprefix("controller."): x for name, x in own.items() if name.startswith("controller.")}
         kernel, numbers = scene.kernels.scene_kernel(law.outputs), law.vectors(mine) if mine else law.vector
+        pieces = law.tables(mine)
         numbers = np.tile(numbers, (count, 1)) if own and not mine else numbers
     bounds = np.concatenate(_bounds(scene, period, own, (count, scene.n)), axis=1)
     late = np.minimum(own.get("delay", float(scene.delay or 0.0)), end + 2 * period)
     delays, which = np.unique(late, return_inverse=True)
     each = np.array([in_periods(delay, period) for delay in delays.tolist()])[np.broadcast_to(which, count)]
-    return hold_of(period, kernel, numbers, table, bounds, each, driven, MAX_STEPS if law else 2**62)
+    return hold_of(period, kernel, numbers, table, bounds, each, driven, MAX_STEPS if law else 2**62, pieces)
