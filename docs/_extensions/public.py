@@ -33,6 +33,7 @@ INTERNAL = {
     "Kernel.evaluate",
     "Kernel.is_unrolled",
     "Kernel.state_function",
+    "Kernel.state_function_at",
     "Kernel.state_function_unguarded",
     "Kernel.traced",
     "Model.angular_axis",
