@@ -152,17 +152,31 @@ def test_a_narrow_window_is_found_between_the_times_of_a_scan():
     assert certain[1].end < 1.01 * certain[1].start
 
 
+def vibrating(K, D, own, kp, kd):
+    """A motor of 0.5 kg m^2 under PD control on a stiff spring, hardly damped, that holds 1 kg m^2."""
+    torsion, losses = (k * np.array([[1, -1], [-1, 1]]) + np.diag([0, more]) for k, more in ((K, 0.0), (D, own)))
+    inverse, none = np.diag([1.0, 2.0]), np.zeros((2, 2))
+    A = np.block([[none, np.eye(2)], [-inverse @ torsion, -inverse @ losses]])
+    return rne.control.FeedbackLoop(A, [[0], [0], [0], [2.0]], [[0, -kp, 0, -kd]])
+
+
 def test_windows_of_vibrations_are_found_where_they_are_narrower_than_steps_of_the_scan():
-    """Of a motor on a stiff spring, hardly damped, at times of several of its periods."""
-    K, D, inverse = 1e4, 0.01, np.diag([1.0, 2.0])
-    torsion, losses = (k * np.array([[1, -1], [-1, 1]]) + np.diag([0, own]) for k, own in ((K, 0.0), (D, 0.4)))
-    A = np.block([[np.zeros((2, 2)), np.eye(2)], [-inverse @ torsion, -inverse @ losses]])
-    loop = rne.control.FeedbackLoop(A, [[0], [0], [0], [2.0]], [[0, -10.0, 0, -8.0]])
+    """At times of several periods; and just before half of one, which a coarser search missed."""
+    loop = vibrating(1e4, 0.01, 0.4, 10, 8)
     assert len(loop.windows) == 9
     for window, part in itertools.product(loop.windows, np.linspace(0.01, 0.99, 12)):
         T = window.start + part * (window.end - window.start)
         stable = np.abs(np.linalg.eigvals(replace(loop, sample_time=T).step_matrix)).max() < 1
         assert window.verdict == ("stable" if stable else "unstable"), (window, T)
+    narrow = vibrating(1.5e4, 0.27, 0.028, 26, 1.15)
+    first, second, *_ = narrow.windows
+    assert second.verdict == "unstable"
+    assert second.end - second.start < 0.01 * second.start
+    assert (
+        exact_radius(narrow, sample_time=first.end * (1 - EDGE))
+        < 1
+        < exact_radius(narrow, sample_time=second.start * (1 + EDGE))
+    )
 
 
 def test_an_inverted_pendulum_is_not_followed_until_its_numbers_overflow():

@@ -31,7 +31,8 @@ SLOWEST, FASTEST = 1e2, 0.1  # sample times examined, over the times of the slow
 STEP, DELAY_STEP = 1.04, 1.3  # from one sample time or factor of the gain that is examined to the next; of delays
 SAMPLES_LATE = 8  # of a delay, at most, where windows of sample times are searched
 REACH = 4  # end of the windows of sample times, over that of the first
-PHASE, MOST = 0.3, 600  # of vibrations between sample times examined [rad]; times where this is less than a `STEP`
+# Phases of vibrations between samples [rad], near half turns, where two eigenvalues meet and windows may be narrow
+HALF_TURNS = np.add.outer(np.pi * np.arange(1, 81), np.outer([-1, 1], np.geomspace(3e-3, 1, 5))).ravel()
 LARGEST_GAIN = 1e4  # factor of the feedback up to which the gain margin is searched
 LARGE = 100  # past commands, beyond which modes are counted: eigenvalues of the map take longer
 TERMS = 16  # of a series at half the time over the norm: the rest is 1e-17
@@ -125,13 +126,11 @@ class FeedbackLoop(ReadOnlyArrays):
         (slowest, fastest), own = self._extremes, self.sample_time or 0.0
         first = max(FASTEST / fastest, self.delay / SAMPLES_LATE)
         s = np.linalg.eigvals(self.A)
-        growing, vibrating = s.real.max(initial=1e-300), np.abs(s.imag).max(initial=1e-300)
-        last = max(min(SLOWEST / slowest, LARGEST_GROWTH / growing), 10 * first, own)
+        last = max(min(SLOWEST / slowest, LARGEST_GROWTH / s.real.max(initial=1e-300)), 10 * first, own)
         if -MARGIN <= self._growth(None, 0.0) <= FREE_POLE:
             return (Window(0.0, float(last), "undecided"),)
-        step, times = PHASE / vibrating, geometric(first, last, STEP)  # vibrations are as fast between long times
-        later = np.arange(step / (STEP - 1), last, step)[:MOST]
-        times = np.concatenate([times[times < step / (STEP - 1)], later, [own]])
+        near = np.concatenate([HALF_TURNS / rate for rate in s.imag[s.imag > np.abs(s.real)]] or [s.real[:0]])
+        times = [*geometric(first, last, STEP), *near[(first < near) & (near < last)], own]
         return windows(lambda T: self._growth(T or None, self.delay), np.unique(times), REACH, own)
 
     @cached_property
