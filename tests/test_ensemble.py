@@ -643,7 +643,7 @@ def test_no_starts_give_no_motions(chain):
         ({"step": 0}, "`step` must be positive, got 0.0"),
         (
             {"method": "euler"},
-            "`method` must be one of ['rk4', 'semi-implicit-euler'], got 'euler'",
+            "`method` must be 'auto' or one of ['rk4', 'semi-implicit-euler'], got 'euler'",
         ),
         ({"keep": 1}, "`keep` must be a whole number, at least 2, got 1"),
         ({"keep": 3, "t_eval": [0.1]}, "`keep` and `t_eval` both say which times to report: give one of them"),

@@ -172,12 +172,12 @@ def test_given_torques_are_held(engine, step):
         ),
         (
             {"sample_time": 0.1},
-            "`sample_time` is that of `torque`, which is not given; that of a controller is its scene's",
+            "`sample_time` is that of `torque`, which is not given; a controller's is its scene's",
         ),
         ({"torque": np.full((1, 2), np.nan)}, None),
         (
             {"torque": np.zeros((1, 2)), "step": 0.01},
-            "`step` with torques that are held needs a robot of engine 'numba', and a controller that is traceable",
+            "the controller of an ensemble with `step` must be traceable (mark it with rne.traceable), and the engine 'numba'",
         ),
     ],
 )

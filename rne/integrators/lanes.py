@@ -32,7 +32,9 @@ OPERATIONS = 3 * 10**7  # of the kernel in one call, on LANES states: less than 
 # the step, its errors, the length to try next, the time of the next sample or command.
 MOTION, TIME, STEPS, TAKEN, WANTS, SAMPLES, ACTED, SINCE, LANE_ROWS = 0, 1, 2, 3, 4, 5, 6, 7, 8
 NOW, LENGTH, END, FIFTH, THIRD, NEXT, SWITCH, STEP_ROWS = 0, 1, 2, 3, 4, 5, 6, 7
-LATE, REST, WORK = 0, 1, 2  # of `timing`: a delay in whole periods and a rest, work before the torques that act
+# Of the last of `own`: the delay in whole periods and a rest, work before the torques that act, bounds of torques, and
+# behind these, of their change between samples.
+LATE, REST, WORK, BOUNDS = 0, 1, 2, 3
 NEARLY = 1 - 1e-12  # of the end: a later sample is none
 
 
@@ -44,7 +46,7 @@ class Hold(NamedTuple):
     most_steps: int  # between two samples: of more a motion is left
     law: Any  # function, arguments, room for those of them that differ from lane to lane, and for the result
     sources: tuple[Array, ...]  # a row per motion of what its lane has in `own`
-    own: tuple[Array, ...]  # arguments of the law; bounds of torques and of their change between samples; `timing`
+    own: tuple[Array, ...]  # arguments of the law; delay, work and bounds
     pending: Array  # (p, n LANES), commands, that of sample k in row k % p
     start: Array  # (n LANES,), positions where the torques began to act
     table: Array  # (N, K, n), torques in place of a law's; empty with a law
@@ -52,35 +54,24 @@ class Hold(NamedTuple):
 
 
 def hold_of(
-    period: float,
-    law: Kernel | None,
-    numbers: Array,
-    table: Array,
-    bounds: Array,
-    delays: Array,
-    driven: int,
-    most: int,
-    pieces: Array = NO_TABLES,
+    period: float, law: Kernel | None, given: tuple[Array, Array], table: Array, rows: Array, driven: int, most: int
 ) -> Hold:
-    """Torques for `run_lanes`: of a law of (t, x, numbers), the last (p,) or (N, p), or without one of a table.
+    """Torques for `run_lanes`: of a law of t, x and what is `given`, or without one of a table.
 
-    The law takes one of `pieces` before the numbers, if there are any.
-
-    Bounds, of the torques and of their change, have shape (N, 2 n), delays (N, 2): whole periods and the rest.
+    Given are pieces of a motion that the law follows, as `Interval.table` of batches, and coefficients, (k,) or (N, k).
+    Rows of delays, work and bounds have shape (N, 3 + 2 n).
     """
-    count, n, entries, widths = len(delays), bounds.shape[1] // 2, 0, [1, 0]
-    numbers = numbers if law is None else np.ascontiguousarray(law.coefficients(numbers))
+    (pieces, numbers), (count, _, n), entries, widths = given, table.shape, 0, [1, 0]
     common, more = ((numbers,), ()) if numbers.ndim == 1 else ((), (numbers,))
     if law is not None:
         widths, entries, table = [*law.traced.widths[:2]], law.traced.entries, table[:0]
-    sources = *(np.zeros((count, width)) for width in widths), *no_pieces(pieces, count), *more
-    inputs, saved = (tuple(np.zeros(rows.shape[1] * LANES) for rows in sources) for _ in range(2))
-    limits, timing, start, out = (np.zeros(size * LANES) for size in (2 * n, 3, n, entries))
-    pending = np.zeros((int(delays[:, LATE].max(initial=0)) + 1, n * LANES))
-    sources += np.ascontiguousarray(bounds), np.column_stack([delays, np.zeros(count)])
+    sources = *(np.zeros((count, width)) for width in widths), *no_pieces(pieces, count), *more, rows
+    own, saved = (tuple(np.zeros(part.shape[1] * LANES) for part in sources) for _ in range(2))
+    start, out = (np.zeros(size * LANES) for size in (n, entries))
+    pending = np.zeros((int(rows[:, LATE].max(initial=0)) + 1, n * LANES))
     function = 0 if law is None else law.address(LANES, common=not more)
-    of_law = function, inputs + common, saved, out
-    return Hold(period, driven, most, of_law, sources, (*inputs, limits, timing), pending, start, table, pieces)
+    of_law = function, own[:-1] + common, saved[:-1], out
+    return Hold(period, driven, most, of_law, sources, own, pending, start, table, pieces)
 
 
 def no_pieces(table: Array, count: int) -> tuple[Array, ...]:
@@ -88,7 +79,7 @@ def no_pieces(table: Array, count: int) -> tuple[Array, ...]:
     return (np.full((count, table.shape[2]), np.nan),) if len(table) else ()
 
 
-NONE = hold_of(0.0, None, np.zeros(0), np.zeros((0, 0, 0)), np.zeros((0, 0)), np.zeros((0, 2)), 0, 2**62)
+NONE = hold_of(0.0, None, (NO_TABLES, np.zeros(0)), np.zeros((0, 0, 0)), np.zeros((0, BOUNDS)), 0, 2**62)
 
 
 def workspace(widths: tuple[int, ...], tableau: Tableau, hold: Hold, common: tuple[Array, ...]) -> tuple[Any, ...]:
@@ -206,7 +197,8 @@ def fill_lanes(waiting: Any, sources: Any, F: Any, H: Any, code: Any, work: Any)
 @inline
 def sample_lane(hold: Any, lane: Any, k: Any) -> None:
     """A lane's command, that of the table or what the law gave, becomes the last that is pending."""
-    motion, count, n, out, bounds = lane[MOTION, k], lane[SAMPLES, k], len(hold.start), hold.law[3], hold.own[-2]
+    motion, count, n, out = lane[MOTION, k], lane[SAMPLES, k], len(hold.start), hold.law[3]
+    bounds, states = hold.own[-1][BOUNDS * LANES :], hold.own[1]
     before, last = (count - 1) % len(hold.pending), count % len(hold.pending)
     for e in range(k, n, LANES):
         u = hold.table[motion, count, e // LANES] if len(hold.table) else out[e]
@@ -215,8 +207,7 @@ def sample_lane(hold: Any, lane: Any, k: Any) -> None:
             held, change = hold.pending[before, e], bounds[n + e]
             u = min(max(u, held - change), held + change)
         hold.pending[last, e] = u
-    states = hold.own[1]  # the last of them are those of the law, which go on by Euler's rule
-    for e in range(n + k, len(out), LANES):
+    for e in range(n + k, len(out), LANES):  # states of the law, the last ones, go on by Euler's rule
         states[len(states) - len(out) + e] += hold.period * out[e]
     lane[SAMPLES, k] += 1
 
@@ -238,22 +229,21 @@ def act_in_lane(hold: Any, times: Any, y: Any, u: Any, lane: Any, now: Any, k: A
 @inline
 def call_law(hold: Any, y: Any, lane: Any, step: Any, code: Any) -> None:
     """The law in all lanes; where it is not valid, those that want it are marked."""
-    law, (times, states), saved, out = hold.law[0], hold.law[1][:2], hold.law[2], hold.law[3]
-    for e in range(len(states) - len(out) + len(hold.start)):  # before those of the law
-        states[e] = y[e]
+    function, inputs, saved, out = hold.law
+    for e in range(len(inputs[1]) - len(out) + len(hold.start)):  # before the law's own states
+        inputs[1][e] = y[e]
     for k in range(LANES):
-        times[k] = step[NOW, k]
-    put_pieces(hold.pieces, hold.law[1], lane)
-    if not evaluate(law, hold.law[1], out):
-        mark_invalid(law, hold.law[1], saved, out, lane, code, True)
-        evaluate(law, hold.law[1], out)
+        inputs[0][k] = step[NOW, k]
+    put_pieces(hold.pieces, inputs, lane)
+    if not evaluate(function, inputs, out):
+        mark_invalid(function, inputs, saved, out, lane, code, True)
+        evaluate(function, inputs, out)
 
 
 @inline
-def renew_torques(
-    hold: Any, interval: Any, y: Any, u: Any, lane: Any, step: Any, code: Any, count: Any, X: Any
-) -> bool:
+def renew_torques(interval: Any, code: Any, count: Any, X: Any, work: Any) -> bool:
     """Take the samples, and have the commands act, that are due; True if there are any, for new slopes there."""
+    inputs, _, (y, _, _, _, _), _, lane, step, hold = work
     is_due, samples, timing, period = False, False, hold.own[-1], hold.period
     for k in range(LANES):
         lane[WANTS, k] = 0
@@ -268,7 +258,7 @@ def renew_torques(
             if lane[WANTS, k]:
                 sample_lane(hold, lane, k)
             if step[NOW, k] >= (lane[ACTED, k] + late) * period + rest:
-                act_in_lane(hold, interval.t_eval, y, u, lane, step[NOW, k], k, X)
+                act_in_lane(hold, interval.t_eval, y, inputs[2], lane, step[NOW, k], k, X)
             switch = min(lane[SAMPLES, k] * period, (lane[ACTED, k] + late) * period + rest)
             step[SWITCH, k] = switch if switch < interval.end * NEARLY else interval.end
             lane[SINCE, k] = lane[STEPS, k]
@@ -277,16 +267,18 @@ def renew_torques(
 
 
 @inline
-def is_endless(interval: Any, steps: Any, t: Any) -> bool:
-    """As `rows.RowSteps`."""
-    return bool(steps >= EARLY and steps * (interval.end - interval.begin) > MOST_STEPS * (t - interval.begin))
+def is_endless(interval: Any, lane: Any, k: Any, t: Any, most: Any) -> bool:
+    """As `rows.RowSteps`, or after `most` steps without a new torque."""
+    steps = lane[STEPS, k]
+    is_slow = steps * (interval.end - interval.begin) > MOST_STEPS * (t - interval.begin)
+    return bool((steps >= EARLY and is_slow) or steps - lane[SINCE, k] > most)
 
 
 @inline
 def choose_lengths(interval: Any, lane: Any, step: Any, h: Any, code: Any, most: Any) -> None:
     """The end of each lane's step: that of the grid, or by the length to be tried; too short a step is marked.
 
-    So are `most` steps without a new torque. Where a torque changes within a step of the grid, that is taken in two.
+    Where a torque changes within a step of the grid, that is taken in two.
     """
     for k in range(LANES):
         t, length, motion = step[NOW, k], step[NEXT, k], lane[MOTION, k]
@@ -296,11 +288,7 @@ def choose_lengths(interval: Any, lane: Any, step: Any, h: Any, code: Any, most:
                 step[END, k] = interval.grid[lane[STEPS, k] + 1]
                 if step[SWITCH, k] < step[END, k]:
                     step[END, k], lane[STEPS, k] = step[SWITCH, k], lane[STEPS, k] - 1
-            elif (
-                (not lane[TAKEN, k] and not length >= smallest)
-                or is_endless(interval, lane[STEPS, k], t)
-                or lane[STEPS, k] - lane[SINCE, k] > most
-            ):
+            elif (not lane[TAKEN, k] and not length >= smallest) or is_endless(interval, lane, k, t, most):
                 code[motion], lane[MOTION, k] = NEEDS_RECURSION, EMPTY
             else:
                 step[END, k] = min(t + max(length, smallest), interval.end, step[SWITCH, k])
@@ -443,12 +431,10 @@ def run_all(
             waiting = fill_lanes(waiting, sources, F, H, code, work)
         if waiting == EMPTY:
             break
-        is_new = is_fixed
-        if hold.period > 0 and renew_torques(hold, interval, y, inputs[2], lane, step, code, count, X):
-            is_new = True
+        is_new = hold.period > 0 and renew_torques(interval, code, count, X, work)
         choose_lengths(interval, lane, step, h, code, hold.most_steps)
         is_valid = True
-        for s in range(0 if is_new else 1, stages + 1):
+        for s in range(0 if is_new or is_fixed else 1, stages + 1):
             combine(A[s] if s < stages else B, s, K, total)
             put_stage(interval, y, total, h, C[s] if s < stages else 1.0, inputs, lane, step)
             if s == stages:
@@ -532,7 +518,7 @@ def run_lanes(
 
 
 def run_batch(
-    interval: Interval, kernel: Kernel, numbers: Array, places: Array, x: Array, X: Array, progress: Progress
+    interval: Interval, kernel: Kernel, numbers: Array, x: Array, X: Array, progress: Progress, places: Array
 ) -> BatchResult:
     """The same by machine code where the kernel is that, and by NumPy otherwise and for what needs the recursion."""
     part, left = BatchResult(np.full(len(x), NEEDS_RECURSION), 0, OK, is_done=True), np.arange(len(x))

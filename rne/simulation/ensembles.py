@@ -9,7 +9,7 @@ import itertools
 import pickle
 import threading
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import lru_cache, partial, reduce
 from math import ceil
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -24,10 +24,11 @@ from ..basics.text import InNotebooks, counted, short
 from ..control.traced_law import one_at_a_time
 from ..dynamics.quantity import OK, PrecisionStatus
 from ..errors import NotFiniteError, SimulationError, SimulationInterrupted
+from ..integrators.base import IMPLICIT, RODAS
 from ..integrators.lanes import NEARLY, Hold, run_batch, run_lanes
-from ..integrators.rows import SLOW, Progress
+from ..integrators.rows import SLOW, BatchResult, Progress
 from ..integrators.step_control import Interval
-from ..integrators.tableaus import EXPLICIT, FIXED, tableau
+from ..integrators.tableaus import FIXED, tableau
 from ..kernels.kernel import Kernel
 from ..model.model import Model
 from ..model.parameters import PARAMETERS
@@ -352,9 +353,7 @@ def _given_torques(
     """Torques of motions, (N, K, n), and how long each of the K is held; none for None without any."""
     if torque is None:
         if sample_time is not None:
-            raise ValueError(
-                "`sample_time` is that of `torque`, which is not given; that of a controller is its scene's"
-            )
+            raise ValueError("`sample_time` is that of `torque`, which is not given; a controller's is its scene's")
         return np.zeros((count, 0, scene.n)), None
     if scene.controller is not None:
         raise ValueError("`torque` cannot be given for a scene that has a controller")
@@ -382,62 +381,49 @@ def _plan(
     friction, law = friction_of_all(scene, own), scene.traced_samples
     period = scene.sample_time if given is None else given
     dynamics = scene.dynamics if given is None else scene._dynamics("held")
+    known, (rtol, atol) = METHODS if step is None else FIXED, tolerated
+    if method not in ("auto", *known):
+        needs = "; equal steps need `step`" if method in FIXED else ""
+        raise ValueError(f"`method` must be 'auto' or one of {list(known)}, got {method!r}{needs}")
+    options = {"method": method if step is None else "auto", "rtol": rtol, "atol": atol}
+    fallback = SequentialRun(scene, dynamics, end, times, options, given)
     has_events = scene.stops or (friction is not None and friction.sticks)
     has_events |= any(name.endswith(".breaks") for name in own)  # of a law, where steps end
     is_called = dynamics.inputs == "called"
-    rtol, atol = tolerated
-    fallback = SequentialRun(scene, dynamics, end, times, {"method": method, "rtol": rtol, "atol": atol}, given)
-    if period is not None:
-        is_known = given is not None or law is not None
-        is_called = not is_known or not fallback.kernel.is_unrolled or fallback.kernel.engine != "numba"
-    if step is None:
-        if method not in ("auto", *METHODS):
-            needs = "; equal steps need `step`" if method in FIXED else ""
-            raise ValueError(f"`method` must be 'auto' or one of {list(METHODS)}, got {method!r}{needs}")
-        if has_events or is_called or method not in ("auto", *EXPLICIT) or not scene.n or not end:
-            return fallback
-        max_step, explicit = None, "DOP853" if period is None or period == end else "Tsit5"
-    else:
-        if method not in ("auto", *FIXED):
-            raise ValueError(f"`method` must be one of {list(FIXED)}, got {method!r}")
-        if has_events:
-            raise ValueError("`step` is not for scenes with `stops` or sticking friction: leave it out")
-        if is_called:
-            needs = (
-                "`step` with torques that are held needs a robot of engine 'numba', and a controller that is traceable"
-            )
-            if period is None:
-                needs = "the controller of an ensemble with `step` must be traceable (mark it with rne.traceable)"
-            raise ValueError(needs)
-        max_step, explicit = positive_number("step", step), "rk4"
-        fallback = replace(fallback, options=fallback.options | {"method": "auto"})
-        if not scene.n or not end:  # nothing moves
-            return fallback
-    chosen, switches = explicit if method == "auto" else method, np.arange(0.0)
-    if period is not None:
-        switches = np.arange(ceil(end / period * NEARLY)) * period
-    watched = max(1, SAMPLED_STEPS * len(switches) // SLOW) if method == "auto" else 0
+    if period is not None:  # in lanes alone
+        in_lanes = fallback.kernel.is_unrolled and fallback.kernel.engine == "numba"
+        is_called = not in_lanes or (law is None and given is None)
+    if step is not None and has_events:
+        raise ValueError("`step` is not for scenes with `stops` or sticking friction: leave it out")
+    if step is not None and is_called:
+        held = "" if period is None else ", and the engine 'numba', which alone holds torques side by side"
+        text = "the controller of an ensemble with `step` must be traceable (mark it with rne.traceable)"
+        raise ValueError(text + held)
+    longest = None if step is None else positive_number("step", step)
+    if has_events or is_called or method in (*IMPLICIT, RODAS) or not scene.n or not end:
+        return fallback
+    explicit = "rk4" if longest else "DOP853" if period in (None, end) else "Tsit5"
+    chosen = explicit if method == "auto" else method
+    samples = np.arange(0 if period is None else ceil(end / period * NEARLY)) * (period or 0.0)
+    watched = max(1, SAMPLED_STEPS * len(samples) // SLOW) if method == "auto" else 0
     whole = Interval(tableau(chosen), 0.0, end, -np.inf, np.inf, rtol, atol, dynamics.counted, watched=watched)
-    if max_step is not None:
+    if longest:
         positions = dynamics.n if chosen == "semi-implicit-euler" else 0
-        intervals = [_in_equal_steps(whole, times, max_step, switches)._replace(positions=positions)]
-    elif period is not None:
-        intervals = [whole._replace(t_eval=_and_end(times, end))]
-    else:
+        intervals = [_in_equal_steps(whole, times, longest, samples)._replace(positions=positions)]
+    elif period is None:
         intervals = _between_breaks(whole, times, law_breaks(scene.controller))
-    held = None if period is None else partial(held_side_by_side, scene, law, dynamics.driven.start, period, end)
-    return BatchRun(chosen, dynamics, times, intervals, bool(own), fallback, held)
+    else:
+        intervals = [whole._replace(t_eval=np.append(times[times < end], end))]
+    held_by = None if period is None else partial(held_side_by_side, scene, law, dynamics.driven.start, period, end)
+    return BatchRun(chosen, dynamics, times, intervals, fallback, held_by)
 
 
 class Chunk(NamedTuple):
-    """Initial states, their own numbers of the scene by name, (N, ...) each, torques that are given, the first's place.
-
-    The torques have the shape (N, K, n), K = 0 where none are given.
-    """
+    """Initial states, their numbers of the scene by name, (N, ...) each, given torques, and the first one's place."""
 
     x: Array
     numbers: Mapping[str, Array]
-    torque: Array
+    torque: Array  # (N, K, n), K = 0 where none are given
     first: int = 0
 
     def part(self, begin: int, end: int) -> Chunk:
@@ -461,22 +447,16 @@ class Motions(NamedTuple):
     interrupted: bool = False
 
 
-def _and_end(times: Array, end: float) -> Array:
-    """Times to report, the end as the last."""
-    return times if len(times) and times[-1] == end else np.append(times, end)
-
-
 def _in_equal_steps(whole: Interval, times: Array, step: float, samples: Array) -> Interval:
-    """Equal steps between two times to report or samples, which take the place of times that are the same but for
-    rounding.
-    """
+    """Equal steps between two times to report or samples, which stand for times that are equal up to rounding."""
     if len(samples):
         nearest = samples[np.searchsorted((samples[1:] + samples[:-1]) / 2, times)]
         times = np.asarray(np.where(np.abs(nearest - times) <= (1 - NEARLY) * times, nearest, times))
     edges = np.unique([whole.begin, *times.tolist(), *samples.tolist(), whole.end]).tolist()
-    counts = [max(1, ceil((b - a) / step * (1 - 1e-12))) for a, b in itertools.pairwise(edges)]
+    counts = [max(1, ceil((b - a) / step * NEARLY)) for a, b in itertools.pairwise(edges)]
     parts = [np.linspace(a, b, k + 1)[1:] for (a, b), k in zip(itertools.pairwise(edges), counts, strict=True)]
-    return whole._replace(t_eval=_and_end(times, whole.end), grid=np.concatenate([[whole.begin], *parts]), watched=0)
+    asked = np.append(times[times < whole.end], whole.end)
+    return whole._replace(t_eval=asked, grid=np.concatenate([[whole.begin], *parts]), watched=0)
 
 
 def _between_breaks(whole: Interval, times: Array, breaks: list[float]) -> list[Interval]:
@@ -497,14 +477,8 @@ class BatchRun:
     dynamics: SceneDynamics
     times: Array  # (S,), to report
     intervals: Sequence[Interval]  # the parts of the time between which torques jump
-    has_own: bool  # True if each motion has its own numbers
     fallback: SequentialRun  # for motions that turn out to be stiff, and those with held torques that lanes leave
     held: Callable[[Mapping[str, Array], Array], Hold] | None = None  # torques of a chunk that are, in lanes
-
-    @property
-    def kernel(self) -> Kernel:
-        """dx/dt."""
-        return self.fallback.kernel
 
     def _of_dynamics(self, own: Mapping[str, Array]) -> dict[str, Array]:
         """The numbers of motions as the equations have them: moments of bodies in place of their parameters."""
@@ -530,30 +504,29 @@ class BatchRun:
 
     def most_shares(self, size: int) -> int:
         """Into how many shares so many motions may be divided."""
-        return size if self.kernel.engine == "numba" else max(2, size // SHARE)
+        return size if self.fallback.kernel.engine == "numba" else max(2, size // SHARE)
 
     def run(self, chunk: Chunk, advance: Progress) -> Motions:
         """The motions of a chunk."""
         x, evaluations, verdict, is_done = chunk.x, 0, OK, True
-        own = self.dynamics.vectors(self._of_dynamics(chunk.numbers)) if self.has_own else self.dynamics.vector
+        own = self.dynamics.vectors(self._of_dynamics(chunk.numbers)) if chunk.numbers else self.dynamics.vector
         numbers, stiff = chunk.first + np.arange(len(x)), np.zeros(len(x), dtype=bool)
-        hold = None if self.held is None else self.held(chunk.numbers, chunk.torque)
-        further = self.dynamics.joints + 1 if hold else 0  # behind states: held torques, their work
-        states = np.full((len(self.times), len(x), x.shape[1] + further), np.nan, x.dtype)
+        run: Callable[..., BatchResult] = run_batch if self.held is None else run_lanes
+        held = numbers if self.held is None else self.held(chunk.numbers, chunk.torque)
+        further = 0 if self.held is None else self.dynamics.joints + 1  # behind states: held torques, their work
+        x, size = np.pad(x, [(0, 0), (0, further)]), x.shape[1]
+        states = np.full((len(self.times), *x.shape), np.nan, x.dtype)
         reported = int(0.0 in self.times and 0.0 not in self.intervals[0].t_eval)
-        states[:reported, :, : x.shape[1]] = x
-        tables = self._tables(chunk.numbers)
+        states[:reported], tables = x, self._tables(chunk.numbers)
         for interval in self.intervals:
-            is_last, how = interval is self.intervals[-1], (interval._replace(table=tables), self.kernel, own)
-            X = np.full((len(interval.t_eval), *states.shape[1:]), np.nan, x.dtype)
-            if hold is not None:
-                part = run_lanes(*how, x, X, advance, hold)
-            else:
-                part = run_batch(*how, numbers, x, X, advance if is_last else lambda _: advance(0))
+            is_last = interval is self.intervals[-1]
+            X = np.full((len(interval.t_eval), *x.shape), np.nan, x.dtype)
+            how = interval._replace(table=tables), self.fallback.kernel, own, x[:, :size], X
+            part = run(*how, advance if is_last else lambda _: advance(0), held)
             stiff |= part.code != 0
             evaluations, verdict, is_done = evaluations + part.evaluations, verdict.worse(part.verdict), part.is_done
-            X[:, stiff, : x.shape[1]] = x[stiff] if is_done else np.nan
-            x, kept = X[-1, :, : x.shape[1]], X if interval.end in self.times else X[:-1]
+            X[:, stiff] = x[stiff] if is_done else np.nan
+            x, kept = X[-1], X if interval.end in self.times else X[:-1]
             states[reported : reported + len(kept)], reported = kept, reported + len(kept)
             if not is_done:
                 break
@@ -573,13 +546,12 @@ class BatchRun:
         times = np.where(np.isin(self.times, breaks), np.nextafter(times, np.inf, dtype=x.dtype), times)  # after them
         t, states = np.repeat(times, N), x[..., :size].reshape(len(times) * N, size)
         known = np.asarray(np.isfinite(states).all(axis=1))
-        scene = self.fallback.scene
-        plant = Plant(self.dynamics, scene.resolved.robot, kernels=scene.kernels)
         q, qd, energies = x[..., :n], x[..., first : first + n], np.concatenate([held[..., n:], x[..., size:]], axis=2)
         tau = np.where(known[:, None], 0.0, np.nan).repeat(n, axis=1).astype(x.dtype)
         if self.held is not None:
             tau = held[..., :n].reshape(tau.shape)
         elif "drives" in self.dynamics.ledger:
+            plant = Plant(self.dynamics, self.fallback.scene.resolved.robot, kernels=self.fallback.scene.kernels)
             row = np.flatnonzero(known) % N
             mine = {name: array[row] for name, array in own.items() if name in self.dynamics.numbers}
             tables = self._tables(own)
@@ -650,8 +622,7 @@ class SequentialRun:
         x, number = chunk.x[k].astype(np.float64), chunk.first + k
         own = {name: array[k] for name, array in chunk.numbers.items()}
         shared = self.scene._naming(own, (), self.scene._varying) if own else self.scene
-        scene = with_own_law(shared)
-        n = scene.dynamics.n
+        scene, n = shared if self.dynamics.law is not None else with_own_law(shared), self.dynamics.n
         how = self.options | {"t_eval": self.times, "progress": progress} | self._torque(chunk.torque[k])
         try:
             with one_at_a_time(None if scene is shared else self.scene.controller):
@@ -674,9 +645,9 @@ class SequentialRun:
 
     def _torque(self, given: Array) -> dict[str, Any]:
         """Torques of one motion, (K, n), as `rne.simulate` takes them."""
-        begins = np.arange(len(given)) * (self.given or 0.0)
         if len(given) <= 1:
             return {"torque": given[0]} if len(given) else {}
+        begins = np.arange(len(given)) * (self.given or 0.0)
         law = lambda t, q, qd: given[np.searchsorted(begins, t, side="right") - 1]  # noqa: E731
         return {"torque": law, "breaks": begins[1:].tolist()}
 
@@ -727,7 +698,7 @@ def run_all(plan: Plan, starts: Chunk, progress: UserProgress | None, executor: 
         )
     in_threads, stop = isinstance(executor, ThreadPoolExecutor), threading.Event()
     if in_threads and isinstance(plan, BatchRun):
-        _ = plan.kernel  # traced before several threads ask for it at once
+        _ = plan.fallback.kernel  # traced before several threads ask for it at once
     run = partial(run_elsewhere, plan, stop=stop) if in_threads else partial(run_elsewhere, _pickled(plan))
     futures: list[Future[Motions]] = [executor.submit(run, chunk) for chunk in chunks]
     try:

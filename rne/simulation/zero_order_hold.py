@@ -99,7 +99,9 @@ class ZeroOrderHold:
 
     def bounds(self) -> Array:
         """Bounds of the torques, and of their change from one sample to the next, shape (2, n)."""
-        return np.array(_bounds(self.scene, self.period, {}, (self.scene.n,)))
+        parts = self.scene.resolved
+        limit, rate = (np.inf if bound is None else bound for bound in (parts.effort_limit, parts.torque_rate))
+        return np.array([np.broadcast_to(bound, self.scene.n) for bound in (limit, rate * self.period)])
 
     def note(self, samples: tuple[Array, ...], acting: tuple[Array, ...], states: Array, evaluations: int) -> None:
         """In machine code samples were taken and commands began to act: with the controller's states behind them."""
@@ -186,13 +188,6 @@ def _joined(parts: list[ControlSamples]) -> ControlSamples:
     return parts[0]
 
 
-def _bounds(scene: Scene, period: float, own: Mapping[str, Array], shape: tuple[int, ...]) -> list[Array]:
-    """Bounds of the torques and of their change between samples, of the scene or of motions' own, in a shape."""
-    given = [own.get(name, getattr(scene.resolved, name)) for name in ("effort_limit", "torque_rate")]
-    limit, rate = (np.inf if bound is None else bound for bound in given)
-    return [np.broadcast_to(bound, shape) for bound in (limit, rate * period)]
-
-
 def held_side_by_side(
     scene: Scene, law: TracedLaw | None, driven: int, period: float, end: float, own: Mapping[str, Array], table: Array
 ) -> Hold:
@@ -200,14 +195,16 @@ def held_side_by_side(
 
     Numbers of the scene that motions have of their `own` have shapes (N, ...).
     """
-    count, kernel, numbers, pieces = len(table), None, np.zeros(0), NO_TABLES
+    known, kernel, given, (count, _, n) = scene.numbers, None, (NO_TABLES, np.zeros(0)), table.shape
     if law is not None:
+        kernel = scene.kernels.scene_kernel(law.outputs)
         mine = {name.removeprefix("controller."): x for name, x in own.items() if name.startswith("controller.")}
-        kernel, numbers = scene.kernels.scene_kernel(law.outputs), law.vectors(mine) if mine else law.vector
-        pieces = law.tables(mine)
-        numbers = np.tile(numbers, (count, 1)) if own and not mine else numbers
-    bounds = np.concatenate(_bounds(scene, period, own, (count, scene.n)), axis=1)
-    late = np.minimum(own.get("delay", float(scene.delay or 0.0)), end + 2 * period)
+        numbers = law.vectors(mine) if mine else np.tile(law.vector, (count, 1)) if own else law.vector
+        given = law.tables(mine), np.ascontiguousarray(kernel.coefficients(numbers))
+    limit, rate = (own.get(name, known.get(name, np.inf)) for name in ("effort_limit", "torque_rate"))
+    late = np.minimum(own.get("delay", known.get("delay", 0.0)), end + 2 * period)
     delays, which = np.unique(late, return_inverse=True)
     each = np.array([in_periods(delay, period) for delay in delays.tolist()])[np.broadcast_to(which, count)]
-    return hold_of(period, kernel, numbers, table, bounds, each, driven, MAX_STEPS if law else 2**62, pieces)
+    bounds = (np.broadcast_to(bound, (count, n)) for bound in (limit, rate * period))
+    rows = np.concatenate([each, np.zeros((count, 1)), *bounds], axis=1)
+    return hold_of(period, kernel, given, table, rows, driven, MAX_STEPS if law else 2**62)
