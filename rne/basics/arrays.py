@@ -208,9 +208,16 @@ def is_equal(a: Any, b: Any) -> bool:
     return bool(a == b)
 
 
+def is_read_only(array: Any) -> bool:
+    """True for an array that is read-only with the memory that it is a view of."""
+    return (
+        isinstance(array, np.ndarray) and not array.flags.writeable and (array.base is None or is_read_only(array.base))
+    )
+
+
 def read_only(value: Any) -> Any:
-    """A read-only copy of an array, or of the arrays in a tuple, list or dictionary; one that is its own as it is."""
-    if isinstance(value, np.ndarray) and (value.flags.writeable or not value.flags.owndata):
+    """A read-only copy of an array, or of the arrays in a tuple, list or dictionary; one that is read-only as it is."""
+    if isinstance(value, np.ndarray) and not is_read_only(value):
         value = value.copy()
         value.flags.writeable = False
     elif type(value) in (tuple, list):

@@ -199,7 +199,7 @@ class SampledSolver(CompiledSolver):
         last = max((*begun[-1:], *came[-1:]), default=-1)
         if last >= 0:
             samples = work.T[begun], work.X[begun, :moving], W[: len(begun)], Z[: len(begun)]
-            acting = work.T[came], work.X[came, :moving], U[came]
+            acting = (work.T[came], work.X[came, :moving], U[came]) if any(sampler.delay) else samples[:3]
             sampler.note(samples, acting, z, self.system.evaluations + int(work.evaluations[:last].sum()))
         if taken:
             block = self._taken(taken, work, u, U[:taken])

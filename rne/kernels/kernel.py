@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import read_only, real_numbers, whole_number
+from ..basics.arrays import is_read_only, read_only, real_numbers, whole_number
 from ..basics.piecewise import NO_TABLE, rows_at
 from ..basics.spatial import Array
 from ..basics.text import short, wrapped
@@ -156,6 +156,7 @@ class Kernel:
             check_own(self.function, self.model)
         self.widths = self._widths(widths)
         self._libraries: dict[tuple[int, bool], Any] = {}  # of `address`, by its arguments
+        self._coefficients: tuple[Any, Array] = None, NO_TABLE  # the numbers of the last run, and what they give
         self.table = NO_TABLE  # of the pieces of a motion through samples, where `piece` is an argument
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -272,8 +273,14 @@ class Kernel:
         of_numbers = self._trace.of_numbers if self._trace else None
         if of_numbers is None:
             return numbers
+        given, known = self._coefficients
+        if given is numbers:
+            return known.copy()
         rows, count = numbers.reshape(prod(numbers.shape[:-1]), of_numbers.inputs), len(of_numbers.outputs)
-        return evaluate(of_numbers, count, rows).reshape(*numbers.shape[:-1], count)
+        found = evaluate(of_numbers, count, rows).reshape(*numbers.shape[:-1], count)
+        if numbers.ndim == 1 and is_read_only(numbers):
+            self._coefficients = numbers, found.copy()
+        return found
 
     def _ready(self, arrays: Sequence[Array]) -> list[Array]:
         """The arguments as the program takes them."""

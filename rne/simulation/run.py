@@ -154,7 +154,10 @@ class RunResult:
         if not parts:
             return Instants(np.zeros(0), np.zeros((0, len(self.task.x0))))
         t, x, modes = zip(*parts, strict=True)
-        return Instants(np.concatenate(t), np.concatenate(x), None if modes[0] is None else np.concatenate(modes))
+        found = Instants(np.concatenate(t), np.concatenate(x), None if modes[0] is None else np.concatenate(modes))
+        for array in found[:2]:  # so that the motion's arrays need no copies
+            array.flags.writeable = False
+        return found
 
     @cached_property
     def reported(self) -> Instants:
