@@ -3,86 +3,27 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import cached_array, per_joint_array, real_array
+from ..basics.arrays import cached_array, per_joint_array
 from ..basics.spatial import Array
-from ..basics.text import InNotebooks, column, counted, six_digits, summary, table
+from ..basics.text import InNotebooks, column, six_digits, table
 from ..dynamics.limits import limit_shares, share_texts
-from ..dynamics.recursion_record import bearing_loads, not_known
-from ..model.model import Model
-from ..robot import Robot, robot_argument
-from .scene import Scene
-from .springs import Springs
-from .trajectory import MOST_LOADS, Trajectory, between, motors_at, samples_of
+from ..robot import Robot
+from ..simulation.scene import Scene
+from ..simulation.springs import Springs
+from ..simulation.trajectory import Trajectory, motors_at
+from .bearings import BearingPeaks, cycle_samples, peaks_of, scene_of
 
 LOGGER = logging.getLogger("rne")
-EVERY = 1e-3  # [s] between the instants of a motion that is a function of time
 MOVING = 0.01  # of a joint's largest speed, above which its drive is on duty
 OVER = 1.005  # share of a limit that is above it: plans keep to 1 by some 1e-3
 COARSE = 2e-3  # of all energy exchanged: twice what a run with the default tolerances leaves at its own steps
-
-
-@dataclass(frozen=True, eq=False)
-class BearingPeaks(InNotebooks):
-    """The largest loads on every joint's bearing over the samples of a motion; `print` shows them as a table.
-
-    Attributes
-    ----------
-    joints : tuple of str
-        The moving joints, nb of them, and behind them the L pivots that close linkages, by their links.
-    force, torque : ndarray, shape (nb + L,)
-        Largest force and torque on the bearing, without the component along the axis that the drive provides. The
-        pivots of closed linkages (`rne.model.four_bar`, `rne.model.cylinder`) share the forces in their plane; all else
-        is carried by the joints of the tree. NaN of those in `not_known` [N, N m].
-    force_time, torque_time : ndarray, shape (nb + L,)
-        When each was first reached [s].
-    start, end : float
-        Times of the first and last sample [s].
-    samples : int
-        Number of samples; peaks between them are not found.
-    not_known : tuple of str
-        Joints whose loads are not known, as they move together with others by parts that the robot does not have.
-    follow : tuple of str
-        Joints that follow by such parts: mimics, and those of `rne.model.coupled`.
-
-    Examples
-    --------
-    >>> import rne
-    >>> robot = rne.load("irb140")
-    >>> print(rne.bearing_peaks(robot, rne.simulate(robot, [0] * 6, [0] * 6, 0.1)))  # doctest: +ELLIPSIS
-    Peak loads on the bearings, 0 ... 0.1 s, ... samples
-    ...
-    """
-
-    joints: tuple[str, ...]
-    force: Array
-    force_time: Array
-    torque: Array
-    torque_time: Array
-    start: float
-    end: float
-    samples: int
-    not_known: tuple[str, ...] = ()
-    follow: tuple[str, ...] = ()
-
-    __repr__ = summary
-
-    def __str__(self) -> str:
-        span = f"{six_digits(self.start)} ... {six_digits(self.end)} s, {counted(self.samples, 'sample')}"
-        title = f"Peak loads on the bearings, {span}"
-        if not self.joints:
-            return f"{title}: no moving joints"
-        heads = ("force [N]", "at t [s]", "torque [N m]", "at t [s]")
-        columns = (self.force, self.force_time, self.torque, self.torque_time)
-        texts = (["not known" if np.isnan(x) else six_digits(x) for x in values] for values in columns)
-        return "\n".join([title, *table("joint", heads, self.joints, *texts), *not_known(self)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,7 +98,7 @@ class DriveReport(InNotebooks):
     @cached_property
     def bearings(self) -> BearingPeaks:
         """Largest loads on the bearings."""
-        return _bearing_peaks(self.robot, self.springs, self.t, self.q, self.qd, self.qdd)
+        return peaks_of(self.robot, self.springs, self.t, self.q, self.qd, self.qdd)
 
     @cached_property
     def _shares(self) -> dict[str, Array]:
@@ -358,9 +299,9 @@ def drives(
     >>> report.torque_share.round(2).tolist()
     [1.0, 1.0, 0.3, 0.05, 0.01, 0.0]
     """
-    scene = _scene_of(robot, motion)
+    scene = scene_of(robot, motion)
     moved = scene.resolved.robot
-    t, q, qd, qdd, tau = _samples(scene, motion)
+    t, q, qd, qdd, tau = cycle_samples(scene, motion)
     gears = per_joint_array("gear", gear, moved.n, sign="positive")
     rotors = per_joint_array("rotor", rotor, moved.n, sign="not negative")
     efficiencies = per_joint_array("efficiency", efficiency, moved.n, sign="positive")
@@ -374,124 +315,7 @@ def drives(
     return DriveReport(moved, t, q, qd, qdd, tau, gears, rotors, efficiencies, speed, error, scene.resolved.springs)
 
 
-def bearing_peaks(robot: Robot | Scene, motion: Any) -> BearingPeaks:
-    """Largest force and torque on every joint's bearing during a motion, and when they occur.
-
-    Parameters
-    ----------
-    robot : Robot or Scene
-        Robot that moved; of a Scene, its robot with mounting, payload and locked joints, and its springs but for their
-        damping.
-    motion : Trajectory, FastestMotion, Record or function of time
-        Any motion that `rne.drives` takes, and of one sample at least.
-
-    Returns
-    -------
-    BearingPeaks
-        Loads and times, joint by joint: the `bearings` of `rne.drives`.
-
-    Raises
-    ------
-    TypeError
-        If `robot` is no Robot or Scene, or `motion` is no motion.
-    ValueError
-        If the motion has no samples or is of a robot with another number of joints, or a load overflows.
-
-    Notes
-    -----
-    Høifødt 2011, (3.24), (3.27) and section 5.3: the drive provides b_i^T tau_i, the bearing the rest of f_i and tau_i.
-    Accelerations are those recorded in the motion, and between the solver's steps between those recorded.
-
-    Examples
-    --------
-    >>> import rne
-    >>> robot = rne.load("irb140")
-    >>> peaks = rne.bearing_peaks(robot, rne.simulate(robot, [0] * 6, [0] * 6, 0.1))
-    >>> peaks.joints[0], peaks.force[0].round(1).item()  # less than its weight of 736 N: the arm falls
-    ('joint_1', 686.9)
-    """
-    scene = _scene_of(robot, motion)
-    parts = scene.resolved
-    peaks = _bearing_peaks(parts.robot, parts.springs, *_samples(scene, motion, instant=True)[:4])
-    if peaks.not_known:  # printed with the peaks, but arrays are read too
-        LOGGER.warning(" ".join(map(str.strip, not_known(peaks))))
-    return peaks
-
-
-def _bearing_peaks(robot: Robot, springs: Springs | None, t: Array, q: Array, qd: Array, qdd: Array) -> BearingPeaks:
-    """Largest loads over samples of a robot's motion."""
-    external = None if springs is None else springs.wrenches(robot, q)
-    record = robot.recursion(q, qd, qdd, external=external)
-    (force, force_time), (torque, torque_time) = (_peaks(t, x) for x in bearing_loads(record, robot.model))
-    joints, span = (*record.joints, *record.pivots), (float(t[0]), float(t[-1]), len(t))
-    return BearingPeaks(joints, force, force_time, torque, torque_time, *span, record.not_known, record.follow)
-
-
-def _peaks(t: Array, loads: Array) -> tuple[Array, Array]:
-    """Largest loads over the samples, and when; NaN both where they are not known."""
-    peaks = loads.max(axis=0)
-    return peaks, np.where(np.isnan(peaks), np.nan, t[np.argmax(loads, axis=0)])
-
-
-def _scene_of(robot: Robot | Scene, motion: Any) -> Scene:
-    """The scene that is given, otherwise the one that the motion was planned for with the robot, or the robot alone."""
-    if isinstance(robot, Scene):
-        return robot
-    robot, planned = robot_argument(robot), getattr(motion, "scene", None)
-    moved = planned.robot.model if isinstance(planned, Scene) else getattr(motion, "model", None)
-    if isinstance(moved, Model) and not set(moved.joint_names) <= set(robot.joint_names):
-        raise ValueError(
-            f"`motion` must be of the robot {robot.model.name!r} with joints {list(robot.joint_names)}, "
-            f"it is of {moved.name!r} with {list(moved.joint_names)}"
-        )
-    if not isinstance(planned, Scene):
-        return Scene(robot)
-    return planned if planned.robot.model == robot.model else replace(planned, robot=robot)
-
-
 def _work_error(motion: Trajectory, t: Array, power: Array) -> float:
     """Differences of the work by samples from that of a simulation, summed over the motion's samples."""
     work = np.append(0.0, np.cumsum((power[1:] + power[:-1]) / 2 * np.diff(t)))
     return float(np.abs(np.diff(work[np.searchsorted(t, motion.t, side="right") - 1] - motion.work)).sum())
-
-
-def _times(motion: Any) -> Array:
-    """Times at which to sample a function of time, those on both sides of its jumps among them."""
-    own = np.concatenate([np.ravel(getattr(motion, name, ())) for name in ("t", "instants")])
-    start, end = (own.min(), own.max()) if hasattr(motion, "t") else (0.0, getattr(motion, "duration", None))
-    if end is None:
-        raise TypeError("`motion` must have a `duration`, or arrays t, q and qd; got a function of time alone")
-    grid = np.linspace(start, end, max(int(np.ceil(round((end - start) / EVERY, 6))), 1) + 1)
-    sides = np.nextafter(np.ravel(getattr(motion, "breaks", ())), [[-np.inf], [np.inf]]).ravel()
-    return np.unique(np.concatenate([grid, own, sides[(sides >= start) & (sides <= end)]]))
-
-
-def _samples(scene: Scene, motion: Any, *, instant: bool = False) -> tuple[Array, Array, Array, Array, Array]:
-    """Samples t, q, qd, qdd and tau of a motion; those of an `instant` suffice, if it is allowed."""
-    found: Sequence[Any]
-    if isinstance(motion, Trajectory):
-        found = samples_of(motion, between(motion.t, samples=MOST_LOADS))
-    elif callable(motion):
-        t = _times(motion)
-        own = hasattr(motion, "torques") and getattr(motion, "scene", scene) is scene
-        found = t, *motion(t), motion.torques(t) if own else None
-    else:
-        given = motion.prepare() if hasattr(motion, "prepare") else motion
-        if not all(hasattr(given, name) for name in ("t", "q", "qd")):
-            raise TypeError(
-                f"`motion` must be a function of time or have arrays t, q and qd, got {type(motion).__name__}"
-            )
-        found = tuple(getattr(given, name, None) for name in ("t", "q", "qd", "qdd", "tau"))
-    t, q, qd, qdd, tau = found
-    t = real_array("motion.t", t, "(T,)").astype(float)
-    for k in np.flatnonzero(np.diff(t) < 0)[:1]:
-        raise ValueError(f"times of `motion` must ascend, got {t[k + 1]:g} s after {t[k]:g} s")
-    if not len(t):
-        raise ValueError("`motion` must have at least one sample, got none")
-    if t[0] == t[-1] and (qdd is None or not instant):
-        raise ValueError(f"`motion` must last longer than an instant, got {counted(len(t), 'sample')}")
-    shape = f"({len(t)}, {scene.resolved.robot.n})"
-    q, qd = (real_array(f"motion.{name}", x, shape).astype(float) for name, x in (("q", q), ("qd", qd)))
-    qdd = real_array("motion.qdd", np.gradient(qd, t, axis=0) if qdd is None else qdd, shape).astype(float)
-    tau = scene.inverse_dynamics(q, qd, qdd) if tau is None else tau
-    return t, q, qd, qdd, real_array("motion.tau", tau, shape).astype(float)

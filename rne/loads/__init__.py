@@ -1,0 +1,1 @@
+"""Loads of drives, gears and bearings along a motion."""
