@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
@@ -102,16 +102,16 @@ def on_rows(t: Any, rows: Array, n: int) -> tuple[Array, Array, Array]:
     """n values, their rates and second derivatives at times t by rows of a table, (..., width); both may be traced."""
     begin, end = rows[..., :1], rows[..., 1:2]
     *lower, value = (rows[..., k : k + n] for k in range(2, rows.shape[-1], n))
-    slope = curvature = 0 * value
+    zero = 0 * value
     if not lower:
-        return value, slope, curvature
-    h = end - begin
-    s = (t - begin) / h
-    for c in reversed(lower):  # Horner's scheme for a polynomial and its derivatives
-        curvature = curvature * s + slope
-        slope = slope * s + value
+        return value, zero, zero
+    rate = 1 / (end - begin)
+    s, slope, curvature = (t - begin) * rate, cast("Any", None), cast("Any", None)
+    for c in reversed(lower):  # Horner's scheme for a polynomial and its derivatives, without sums of zeros
+        curvature = slope if curvature is None else curvature * s + slope
+        slope = value if slope is None else slope * s + value
         value = value * s + c
-    return value, slope / h, 2 * curvature / h / h
+    return value, slope * rate, zero if curvature is None else 2 * curvature * rate * rate
 
 
 def quintic(t: Array, q: Array, qd: Array, begin: Array, end: Array) -> Piecewise:

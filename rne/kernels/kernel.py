@@ -561,7 +561,8 @@ class Kernel:
         -------
         str
             With the robot, the order of its joints, the units and the operations in a comment at the head, in C and
-            Rust with the memory that the numbers take.
+            Rust with the memory that the numbers take. Where `piece` of a motion through samples is an argument, C has
+            a second function, with the samples: `<name>_piece(t)` gives it.
 
         Raises
         ------
@@ -583,7 +584,7 @@ class Kernel:
             entry = entry_of_element(element, name, traced.shape)
             traced, title = trace(self.quantity, self.model, self._rest, self.wrt, entry, self.order), element
         lines = heading(self.model, name, self.names, entry, self.quantity.wrenches)
-        return to_source(Printable(traced, title, self.names, lines), language, dtype)
+        return to_source(Printable(traced, title, self.names, lines, self.table), language, dtype)
 
     def to_sympy(self) -> Any:
         """Return the kernel as expressions of SymPy; needs the extra `sympy`.

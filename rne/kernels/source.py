@@ -18,6 +18,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..basics.piecewise import NO_TABLE
+from ..basics.spatial import Array
 from ..basics.text import UNITS
 from ..graph.program import Operand, Program, without_judged
 from ..model.model import Model
@@ -55,6 +57,7 @@ class Printable(NamedTuple):
     name: str
     arguments: tuple[str, ...]
     heading: Sequence[str]
+    table: Array = NO_TABLE  # of the pieces that one of the arguments is
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -97,6 +100,9 @@ def to_source(printable: Printable, language: str, dtype: str = "float64") -> st
     printed = text(
         printable._replace(name=name, heading=[*printable.heading, *_wrapped(costs)]), *expressions(*arguments)
     )
+    if language == "c" and len(printable.table):
+        texts = [["-" * (x < 0) + literal.format(number(abs(x))) for x in row] for row in printable.table.tolist()]
+        printed += _look_up(name, texts)
     return "\n".join([*printed, ""]).replace("@", types[dtype][0]).replace("$", types[dtype][1])
 
 
@@ -168,6 +174,29 @@ def _c(p: Printable, lines: list[str], outputs: list[str]) -> list[str]:
         f"/* {_size(p)}. */",
     ]
     return [*head, f"void {p.name}({arguments})", "{", *_indented(body), "}"]
+
+
+def _look_up(name: str, rows: Sequence[Sequence[str]]) -> list[str]:
+    """The function in C that finds `piece` at a time."""
+    texts = [f"{{{', '.join(row)}}}," for row in rows]
+    lines = [line for text in texts for line in textwrap.wrap(text, WIDTH, subsequent_indent="    ")]
+    return f"""
+/* The argument `piece` at a time: begin, end and coefficients. 0 outside the samples. */
+const @ *{name}_piece(@ t)
+{{
+    static const @ table[{len(rows)}][{len(rows[0])}] = {{
+{textwrap.indent(chr(10).join(lines), "        ")}
+    }};
+    int lower = 0, upper = {len(rows)};
+    while (upper - lower > 1) {{
+        int middle = (lower + upper) / 2;
+        if (table[middle][0] <= t)
+            lower = middle;
+        else
+            upper = middle;
+    }}
+    return table[0][0] <= t && t <= table[{len(rows) - 1}][1] ? table[lower] : 0;
+}}""".split("\n")
 
 
 def _rust(p: Printable, lines: list[str], outputs: list[str]) -> list[str]:
@@ -339,6 +368,9 @@ def heading(
     for name, link in wrenches.items():
         where = f"on link {harmless(link)} at its origin, in its axes"
         texts.append(f"{name} - moment N m, then force N, {where}")
+    if "piece" in arguments:
+        powers = "coefficients of all joints by ascending powers of (t - begin) / (end - begin)"
+        texts.append(f"piece - of the motion through samples that holds at t, begin s, end s, {powers}")
     ordered = {"parameters": "parameters" in arguments, "Columns of the result": quantity in REGRESSORS}
     texts += [f"{of_what} - {TEN}" for of_what, there in ordered.items() if there]
     if any(ordered.values()):
