@@ -15,6 +15,7 @@ from rne.integrators import lanes
 from rne.integrators.compiled_methods import CompiledSolver, RosenbrockSolver
 from rne.kernels import Kernel
 from rne.kernels.numpy_backend import BlockProgram
+from rne.simulation.run import Run
 from rne.trajectories import sampled, spline
 
 from .compiled_sources import c_library, call
@@ -198,15 +199,20 @@ def test_sampled_laws_in_loops_follow_the_motion_that_is_called(kind, in_loops):
         np.testing.assert_allclose(getattr(loop, name), getattr(called, name), rtol=0, atol=AGREED)
 
 
-def test_steps_in_loops_are_those_from_break_to_break(in_loops, monkeypatch):
-    """To the last bit, with the values on both sides of the jumps."""
-    t = np.linspace(0, 0.1, 11)
-    scene = scene_of(sampled(t, np.sin(9 * t)[:, None] * [0.3, 0.1]), in_loops)
-    motions = []
+@pytest.mark.parametrize("at_once", [1, 1000])
+@pytest.mark.parametrize("kind", ["held", "trapezoidal"])
+def test_steps_in_loops_are_those_from_break_to_break(in_loops, monkeypatch, kind, at_once):
+    """To the last bit, with the values on both sides of the jumps, however many steps the loop takes at once."""
+    t = np.linspace(0, 0.1, 6)
+    held = sampled(t, np.sin(9 * t)[:, None] * [0.3, 0.1])
+    reference = held if kind == "held" else rne.trajectories.trapezoidal([0, 0], [0.3, 0.1], 0.08, 0.02)
+    scene, motions = scene_of(reference, in_loops), []
+    monkeypatch.setattr(Run, "_steps_at_once", lambda run: at_once)
     for takes_breaks in (True, False):
         monkeypatch.setattr(CompiledSolver, "takes_breaks", takes_breaks)
         motions.append(rne.simulate(scene, [0, 0], [0, 0], 0.1, method="RK45"))
-    assert motions[0].jumps.tolist() == t[1:-1].tolist()
+    inner = [b for b in reference.breaks if 0 < b < 0.1]
+    assert motions[0].jumps.tolist() == inner or kind != "held"
     for name in ("t", "q", "tau", "qdd", "jumps", "tau_before", "qdd_before"):
         np.testing.assert_array_equal(*(getattr(motion, name) for motion in motions), err_msg=name)
 

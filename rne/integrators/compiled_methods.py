@@ -113,7 +113,7 @@ class CompiledSolver(Solver):
             return self._step_by_scipy(self.end)
         block = self._taken(taken, work, u)
         if self.t in self.options.breaks:  # the slope there is that before it
-            self.how = KEEP_LENGTH
+            self.how = RESTART
         return block
 
     def _arguments(self, u: Array | None) -> tuple[Array, ...]:
