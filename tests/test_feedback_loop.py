@@ -8,7 +8,7 @@ import pytest
 from scipy.linalg import expm
 
 import rne
-from rne.control.closed_loop import LARGE
+from rne.control.feedback_loop import LARGE
 from rne.control.sampled_loop import LinearLoop
 
 from .helpers import Part, assemble, kept

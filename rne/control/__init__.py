@@ -1,7 +1,7 @@
 """Control laws: functions of (t, q, qd) that return joint torques; the stability of PD gains, and contacts."""
 
 from .adaptive_law import Adaptive, adaptive
-from .closed_loop import FeedbackLoop, LinearisedLoop
+from .feedback_loop import FeedbackLoop, LinearisedLoop, closed_loop
 from .laws import PD, PID, ComputedTorque, Reference, computed_torque, pd, pd_gravity, pid, traceable
 from .momentum_observer import GuardedLaw, MomentumObserver, Residuals
 from .robust_laws import Robust, RobustPassive, SlidingMode, robust, robust_passive, sliding_mode
@@ -28,6 +28,7 @@ __all__ = [
     "SlidingMode",
     "adaptive",
     "changed",
+    "closed_loop",
     "compiled",
     "computed_torque",
     "impedance",

@@ -15,7 +15,7 @@ from ..basics.text import listed, summary
 from ..dynamics.forward import solve_mass_matrix
 from ..dynamics.rnea import gravity_torque
 from ..robot import Robot
-from .closed_loop import FeedbackLoop, LinearisedLoop
+from .feedback_loop import FeedbackLoop, LinearisedLoop
 from .laws import checked_vectors, of_robot
 from .sampled_loop import LinearLoop, Window, first_unstable_time, gravity_modes, step_matrix
 

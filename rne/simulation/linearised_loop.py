@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..basics.spatial import Array
-from ..control.closed_loop import FeedbackLoop, LinearisedLoop, end_of_stability
+from ..control.feedback_loop import FeedbackLoop, LinearisedLoop, end_of_stability
 from ..control.traced_law import LawInputs, call_law
 from ..kernels.trace import AGREEMENT
 from ..robot import Robot

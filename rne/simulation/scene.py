@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import UNBOUNDED, ReadOnlyArrays, per_joint_array, positive_number, read_only, vector
 from ..basics.spatial import Array
 from ..basics.text import listed, summary
-from ..control.closed_loop import LinearisedLoop
+from ..control.feedback_loop import LinearisedLoop
 from ..control.law_numbers import numbers_of, samples_of
 from ..control.traced_law import TracedLaw, check_law, is_ours
 from ..kernels.cache import KernelCache

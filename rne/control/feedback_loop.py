@@ -18,6 +18,7 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..basics.arrays import ReadOnlyArrays, positive_number, read_only, real_array
 from ..basics.spatial import Array
@@ -42,33 +43,7 @@ Node = tuple[float, float]  # a sample time, gain or delay, and the growth rate 
 
 @dataclass(frozen=True, eq=False)
 class FeedbackLoop(ReadOnlyArrays):
-    """A linear loop, x' = A x + B u with u = F (x, z) and z' = R (x, z), in continuous time or sampled.
-
-    Parameters
-    ----------
-    A, B : array_like, shapes (N, N) and (N, n)
-        The plant: of its N states, and of n commands.
-    F : array_like, shape (n, N + p)
-        Feedback of the plant's states and of the p states of the law, negative feedback with its sign.
-    R : array_like, shape (p, N + p), optional
-        Rates of the law's states, where it has some.
-    sample_time : float, optional
-        Commands are held from one sample to the next, and the law's states follow Euler's rule [s].
-    delay : float
-        Commands act this long after their sample [s].
-
-    Raises
-    ------
-    ValueError
-        If an array has the wrong shape or is not finite, a sample time is not positive, or a delay is negative.
-
-    Examples
-    --------
-    >>> import rne
-    >>> loop = rne.control.FeedbackLoop([[0, 1], [0, 0]], [[0], [1]], [[-4, -2]], sample_time=0.1, delay=0.25)
-    >>> loop.is_stable, round(loop.gain_margin, 3), round(loop.delay_margin, 3)
-    (True, 1.531, 0.056)
-    """
+    """A linear loop in continuous time or sampled, made by `closed_loop`; its attributes are the arguments."""
 
     A: Any
     B: Any
@@ -323,6 +298,50 @@ def geometric(first: float, last: float, ratio: float) -> Array:
 def verdict(growth: float) -> str:
     """What a growth rate over the fastest says."""
     return "stable" if growth < -MARGIN else "unstable" if growth > MARGIN else "undecided"
+
+
+def closed_loop(
+    A: ArrayLike,
+    B: ArrayLike,
+    F: ArrayLike,
+    R: ArrayLike = (),
+    *,
+    sample_time: float | None = None,
+    delay: float = 0.0,
+) -> FeedbackLoop:
+    """Stability of a linear loop, x' = A x + B u with u = F (x, z) and z' = R (x, z), continuous or sampled.
+
+    Parameters
+    ----------
+    A, B : array_like, shapes (N, N) and (N, n)
+        The plant: of its N states, and of n commands.
+    F : array_like, shape (n, N + p)
+        Feedback of the plant's states and of the p states of the law, negative feedback with its sign.
+    R : array_like, shape (p, N + p), optional
+        Rates of the law's states, where it has some.
+    sample_time : float, optional
+        Commands are held from one sample to the next, and the law's states follow Euler's rule [s].
+    delay : float
+        Commands act this long after their sample [s].
+
+    Returns
+    -------
+    FeedbackLoop
+        Its poles, stability, windows of sample times, and margins of gain and delay.
+
+    Raises
+    ------
+    ValueError
+        If an array has the wrong shape or is not finite, a sample time is not positive, or a delay is negative.
+
+    Examples
+    --------
+    >>> import rne
+    >>> loop = rne.control.closed_loop([[0, 1], [0, 0]], [[0], [1]], [[-4, -2]], sample_time=0.1, delay=0.25)
+    >>> loop.is_stable, round(loop.gain_margin, 3), round(loop.delay_margin, 3)
+    (True, 1.531, 0.056)
+    """
+    return FeedbackLoop(A, B, F, R, sample_time, delay)
 
 
 def windows(growth: Callable[[float], float], points: Array, reach: float = 0, least: float = 0) -> tuple[Window, ...]:
