@@ -76,6 +76,12 @@ class KernelCache:
         self.reasons: Recent[Any, str] = Recent(SCENES)  # why laws are not traced, empty for those that are
         self.base_parameters: Recent[str, Any] = Recent(VARIANTS)  # by their options: found once for a robot
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return KernelCache, (self.model, self.engine)
+
+    def __deepcopy__(self, _: Any) -> KernelCache:
+        return self  # whose kernels never change
+
     @cached_property
     def typical_inertia(self) -> Array:
         """The diagonal of M in one configuration, 1 in place of 0, to compare energies and impulses with."""

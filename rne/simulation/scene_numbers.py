@@ -32,6 +32,9 @@ from .elastic_joints import ElasticJoints
 from .scene_dynamics import Bodies
 
 LIMITS = ("effort_limit", "torque_rate", "windup")  # numbers that may be infinite
+ROUNDING = 16 * float(
+    np.finfo(np.float64).eps
+)  # of an inertia that is moved to the centre of mass, relative to that about a link's origin
 OF_ANY_SIGN = (
     "reference",
     "pose",
@@ -263,7 +266,8 @@ def _payload_at(payload: Any, pi: Array) -> Any:
     if not pi[0] and pi[1:4].any():
         raise ValueError(f"`payload` without mass must have no first moment, got {pi[1:4].tolist()}")
     mass, centre, inertia = body_of_parameters(pi)
-    return payload._replace(mass=float(mass), com=centre, inertia=inertia)
+    rounded = np.abs(inertia) <= ROUNDING * np.abs(pi[4:]).max()  # of a point mass it may be no body's
+    return payload._replace(mass=float(mass), com=centre, inertia=np.where(rounded, 0.0, inertia))
 
 
 def bodies_of(scene: Any, own: Mapping[str, Array]) -> Any:
