@@ -172,7 +172,8 @@ def in_loops(request, monkeypatch):
 
 def both(reference, robot, method="DOP853", **parts):
     """The motion of a scene in loops, and by SciPy with the law called."""
-    scene, how = scene_of(reference, robot, **parts), {"t_eval": REPORTED} | TIGHT
+    parts, how = {"friction": rne.Friction(viscous=0.3)} | parts, {"t_eval": REPORTED} | TIGHT
+    scene = scene_of(reference, robot, **parts)
     called = scene_of(reference, **parts)
     law = called.controller
     torque = rne.control.pd_gravity(law.robot, law.kp, law.kd, lambda t: reference(t))  # which cannot be traced

@@ -328,13 +328,9 @@ class TracedLaw(WithNumbers):
         with np.errstate(all="ignore"):
             called = self._core(model, t, x)
         if called.dtype != np.float64 or not np.isfinite(called).all():
-            called, _ = self.outputs.evaluate(model, t, x, *self.pieces(t), self.vector)  # names what is wrong
-        scales, traced = np.abs(called).max(axis=1, initial=1.0), kernel(t, x, *self.pieces(t), self.vector)
+            called, _ = self.outputs.evaluate(model, t, x, *pieces_at(self.table, t), self.vector)  # names the error
+        scales, traced = np.abs(called).max(axis=1, initial=1.0), kernel(t, x, *pieces_at(self.table, t), self.vector)
         return float((np.abs(traced - called).max(axis=1, initial=0.0) / scales).max())
-
-    def pieces(self, t: Array) -> tuple[Array, ...]:
-        """The argument `piece` at times t, shape (..., 1), if there is one."""
-        return pieces_at(self.table, t)
 
     def _trials(self, count: int) -> tuple[Array, Array]:
         """Times and states in which the law is compared with its trace."""

@@ -75,18 +75,21 @@ def copy(values: Any, into: Any) -> None:
 
 
 @inline
-def row_at(table: Any, t: Any) -> Any:
-    """The number of the row of a table, (N, width), that holds at a time; -1 outside of it."""
+def rows_begun(table: Any, t: Any) -> Any:
+    """How many rows of a table begin at t or before: their first entries ascend."""
     lower, upper = 0, len(table)
-    while upper - lower > 1:
+    while lower < upper:
         middle = (lower + upper) // 2
-        if table[middle, 0] <= t:
-            lower = middle
-        else:
-            upper = middle
+        lower, upper = (middle + 1, upper) if table[middle, 0] <= t else (lower, middle)
+    return lower
+
+
+@inline
+def row_at(table: Any, t: Any) -> Any:
+    """The number of the row of a table of pieces, (N, width), that holds at a time; -1 outside of it."""
     start, end = table[0, 0], table[-1, 1]
     slack = TIME_ROUNDING * max(abs(start), abs(end))
-    return lower if start - slack <= t <= end + slack else -1
+    return max(rows_begun(table, t) - 1, 0) if start - slack <= t <= end + slack else -1
 
 
 @inline

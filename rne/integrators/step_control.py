@@ -15,7 +15,7 @@ import numpy as np
 
 from ..basics.piecewise import NO_TABLE
 from ..basics.spatial import Array
-from .loops import combine, evaluate, inline, put_time
+from .loops import combine, evaluate, inline, put_time, rows_begun
 
 SAFETY, SMALLEST, LARGEST = 0.9, 0.2, 10.0  # factors between steps, as SciPy's
 EPS = float(np.finfo(np.float64).eps)
@@ -73,13 +73,7 @@ class Storage(NamedTuple):
 @inline
 def until_break(interval: Any, t: Any) -> Any:
     """The interval from t to the next break, or to its end; evaluated on its own side of each break."""
-    breaks, passed, last = interval.breaks, 0, len(interval.breaks)
-    while passed < last:
-        middle = (passed + last) // 2
-        if breaks[middle, 0] <= t:
-            passed = middle + 1
-        else:
-            last = middle
+    breaks, passed = interval.breaks, rows_begun(interval.breaks, t)
     first = max(interval.first, breaks[passed - 1, 2]) if passed > 0 else interval.first
     end, before = interval.end, interval.last
     if passed < len(breaks):

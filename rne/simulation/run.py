@@ -314,14 +314,14 @@ class Run:
 
     def __init__(self, plant: Plant, task: Task, hold: ZeroOrderHold | None = None) -> None:
         self.plant, self.task, self.hold = plant, task, hold
-        self.breaks = sorted({b for b in task.breaks if 0 < b < task.duration}) if hold is None else []
-        self.solver = self._solver(task.method)
+        self.solver = _solver(plant, task, task.method, hold)
         self.t, self.x = 0.0, task.x0.copy()
         self.stop: Stop | None = None
         self.reports = False  # True while `progress` is called
         self.most = FIRST_STEPS  # steps taken at once
         self.monitor = MethodMonitor(plant, hold, task.method, task.duration, may_change=task.is_auto)
         self.record = RunResult(plant, task)
+        self.breaks = sorted({b for b in task.breaks if 0 < b < task.duration}) if hold is None else []
 
     def result(self) -> RunResult:
         """From the start to the end, a stop or a failure."""
@@ -353,9 +353,6 @@ class Run:
             record.samples, record.acting = self.hold.samples(), self.hold.commands()
         record.status, record.ending, record.method = int(self.stop is not None), self._ending(), self.monitor.method
         return record
-
-    def _solver(self, method: str) -> Solver:
-        return _solver(self.plant, self.task, method, self.hold, self.breaks)
 
     def _failure(self, error: Exception) -> Failure:
         if isinstance(error, GaveUpError) and self.plant.sampled is None:
@@ -413,11 +410,10 @@ class Run:
             self.record.leave(steps.T[rows], steps.X[rows])
 
     def _leave_breaks(self, t: Array, x: Array) -> None:
-        """Note the values just before the breaks at which steps ended, of those that were taken."""
-        if self._passes_breaks:
-            at_breaks = np.isin(t, self.breaks) & (t <= self.t)
-            if at_breaks.any():
-                self.record.leave(t[at_breaks], x[at_breaks])
+        """Note the values just before the breaks at which steps ended, as far as the run came."""
+        at_breaks = np.isin(t, self.breaks) & (t <= self.t)
+        if self._passes_breaks and at_breaks.any():
+            self.record.leave(t[at_breaks], x[at_breaks])
 
     @property
     def _passes_breaks(self) -> bool:
@@ -457,7 +453,7 @@ class Run:
             raise self._diverged(self.hold)
         if not self.monitor.changes_method(steps):
             return False
-        self.solver = self._solver(self.monitor.method)
+        self.solver = _solver(self.plant, self.task, self.monitor.method, self.hold)
         return True
 
     def _diverged(self, hold: ZeroOrderHold) -> NotFiniteError:
@@ -481,9 +477,9 @@ class Run:
         return "; ".join(word for word in words if word)
 
 
-def _solver(plant: Plant, task: Task, method: str, hold: ZeroOrderHold | None, breaks: Sequence[float]) -> Solver:
+def _solver(plant: Plant, task: Task, method: str, hold: ZeroOrderHold | None) -> Solver:
     """A method's loop in machine code where there is one, or SciPy's solver."""
-    options = IntegrationOptions(method, task.rtol, task.atol, task.t_eval, np.array(breaks))
+    options = IntegrationOptions(method, task.rtol, task.atol, task.t_eval, np.array([b for b in task.breaks if b > 0]))
     if method == RODAS:
         return RosenbrockSolver(options, plant)
     if method not in EXPLICIT or not plant.is_compiled:

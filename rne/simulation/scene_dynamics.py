@@ -275,6 +275,7 @@ class SceneDynamics(WithNumbers):
         given, dynamics = dict(arrays), self
         if self.law is not None and "piece" in given:
             dynamics = replace(self, law=self.law.on_piece(given.pop("piece")))
+            vars(dynamics)["template"] = self.template
         return getattr(dynamics, name)(model if self.bodies is None else self.bodies.in_model(model), **given)
 
     def drives(self, t: Any, x: Array, u: Array | None) -> tuple[Array | None, list[Array]]:
