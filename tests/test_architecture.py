@@ -300,7 +300,7 @@ def is_read(frame):
     return isinstance(member, property | functools.cached_property)
 
 
-@pytest.mark.parametrize("engine", ["numpy", "numba"])
+@pytest.mark.parametrize("engine", ["numpy", pytest.param("numba", marks=pytest.mark.long)])
 def test_few_changes_of_folder_lead_from_simulate_to_the_first_step_of_a_scene_built_again(engine):
     """Whoever follows the run of an equal scene from `simulate` to where its solver begins the first step.
 
