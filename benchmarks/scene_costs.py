@@ -39,9 +39,9 @@ def scene(arm: rne.Robot, gain: float = 1.0, friction: float = 1.0, limit: float
     return rne.Scene(arm, controller=law, friction=resisting, effort_limit=limit * EFFORT, **parts)
 
 
-def step(given: rne.Scene, duration: float = MOMENT) -> rne.Trajectory:
+def step(given: rne.Scene) -> rne.Trajectory:
     """A run of one step."""
-    return rne.simulate(given, START, 0 * START, duration)
+    return rne.simulate(given, START, 0 * START, MOMENT)
 
 
 def anew(**which: bool) -> Callable[[rne.Robot, float], Callable[[], object]]:
@@ -89,8 +89,8 @@ def payload(arm: rne.Robot, x: float) -> Callable[[], object]:
 
 
 def text(arm: rne.Robot, x: float) -> Callable[[], object]:
-    """The text of a motion."""
-    motion = step(scene(arm), 0.5)
+    """The text of a motion of a hundred samples."""
+    motion = rne.simulate(scene(arm), START, 0 * START, 0.5, t_eval=np.linspace(0.0, 0.5, 100))
     return lambda: repr(motion)
 
 
