@@ -133,32 +133,49 @@ def test_what_a_lane_cannot_run_is_run_alone(engine, monkeypatch):
     np.testing.assert_allclose(runs.q[:, 1], one.q, rtol=1e-8)
     assert np.array_equal(runs.q[:, [0, 2]], calm.q[:, [0, 2]])
     assert runs.status.tolist() == [0, 0, 0]
-    monkeypatch.setattr(zero_order_hold, "MAX_STEPS", 1)
-    scene, how = scene_of(0.4 * T), {"t_eval": TIMES, **TIGHT}
-    alone = rne.simulate(scene, q[0], qd[0] * 0, END, **how)
-    assert np.array_equal(rne.ensemble(scene, q[:1], qd[:1] * 0, END, **how).q[:, 0], alone.q)
+    monkeypatch.setattr(zero_order_hold, "MAX_STEPS", -1)
+    scene, how = scene_of(0.4 * T), {"t_eval": [0.0, 0.014, 2 * T], "rtol": 1e-9}
+    alone = rne.simulate(scene, q[0], qd[0], 2 * T, **how)
+    assert np.array_equal(rne.ensemble(scene, q[:1], qd[:1], 2 * T, **how).q[:, 0], alone.q)
+
+
+@pytest.mark.filterwarnings("ignore:overflow")
+def test_a_law_that_is_not_finite_is_named(engine):
+    """With the motion and the time, as that one alone does."""
+    robot = rne.Robot(straight_chain(2), "numba")
+    law = rne.traceable(lambda t, q, qd: -1e300 * q * (1e300 * q))
+    scene = rne.Scene(robot, controller=law, sample_time=T)
+    with pytest.raises(rne.SimulationError, match=r"^start 1: simulation stopped at t = 0 s of 0.02 s: torque of"):
+        rne.ensemble(scene, [[0.0, 0.0], [0.3, 0.0]], np.zeros((2, 2)), 2 * T)
 
 
 @pytest.mark.parametrize("step", [None, 1e-3])
 def test_given_torques_are_held(engine, step):
-    """From one sample to the next, within the limits; as in single motions whose torques have breaks."""
-    (q, qd, _), K = many(3), 5
-    torque = np.random.default_rng(1).uniform(-8, 8, (3, K, 2))
-    parts = {"friction": rne.Friction(viscous=0.2), "effort_limit": [6.0, 3.0]}
-    slow, scene = (rne.Scene(rne.Robot(straight_chain(2), e), **parts) for e in ("numpy", "numba"))
-    how, times = {} if step else TIGHT, [0.0, 0.004, 0.01, 0.037, 0.05]
-    runs = rne.ensemble(scene, q, qd, K * T, torque=torque, sample_time=T, t_eval=times, step=step, **how)
-    alone = rne.ensemble(slow, q[:2], qd[:2], K * T, torque=torque[:2], sample_time=T, t_eval=times, **TIGHT)
-    for k in range(2):
-        law = lambda t, q, qd: torque[k, min(int(t / T + 1e-9), K - 1)]  # noqa: B023, E731
-        one = rne.simulate(slow, q[k], qd[k], K * T, torque=law, breaks=T * np.arange(1, K), t_eval=times, **TIGHT)
-        assert worst(runs, k, one) <= (1e-6 if step else AGREED)  # of a method of order 4, in steps of a millisecond
-        assert worst(alone, k, one) <= AGREED
+    """From one sample to the next, within the limits; as in a single motion whose torques have breaks."""
+    (q, qd, _), K = many(3), 4
+    torque, times = np.random.default_rng(1).uniform(-8, 8, (3, K, 2)), [0.0, 0.004, 0.01, 0.037, 0.04]
+    slow, scene = (rne.Scene(rne.Robot(straight_chain(2), e), effort_limit=[6.0, 3.0]) for e in ("numpy", "numba"))
+    how, agreed = ({"step": step}, 1e-6) if step else (TIGHT, AGREED)  # of order 4, in steps of a millisecond
+    runs = rne.ensemble(scene, q, qd, K * T, torque=torque, sample_time=T, t_eval=times, **how)
+    constant = rne.ensemble(scene, q, qd, T, torque=torque[:, 0], **how)
+    law = lambda t, q, qd: torque[2, min(int(t / T + 1e-9), K - 1)]  # noqa: E731
+    one = rne.simulate(slow, q[2], qd[2], K * T, torque=law, breaks=T * np.arange(1, K), t_eval=times, **TIGHT)
+    assert worst(runs, 2, one) <= agreed
+    assert np.abs(constant.q[-1, 2] - one.q[2]).max() <= agreed
     assert np.array_equal(runs.tau[:4, 0], np.clip(torque[0, [0, 0, 1, 3]], [-6, -3], [6, 3]))
-    assert runs.ledger == alone.ledger == ("drives", "viscous")
-    constant = rne.ensemble(scene, q, qd, END, torque=torque[:, 0], step=step, **how)
-    one = rne.simulate(slow, q[2], qd[2], END, torque=torque[2, 0], t_eval=[0, END], **TIGHT)
-    assert worst(constant, 2, one) <= (1e-6 if step else AGREED)
+    assert runs.ledger == ("drives",)
+
+
+def test_given_torques_one_by_one():
+    """In NumPy and at stops, as in machine code."""
+    (q, qd, _), scene = many(2), rne.Scene(rne.Robot(straight_chain(2)), effort_limit=[6.0, 3.0])
+    torque = np.random.default_rng(1).uniform(-8, 8, (2, 2, 2))
+    runs = rne.ensemble(scene, q, qd, 2 * T, torque=torque, sample_time=T, keep=3)
+    assert np.array_equal(runs.tau, np.clip(torque[:, [0, 1, 1]], [-6, -3], [6, 3]).swapaxes(0, 1))
+    halves = [rne.ensemble(scene, q, qd, T, torque=torque[:, 0])]
+    halves.append(rne.ensemble(scene, halves[0].q[-1], halves[0].qd[-1], T, torque=torque[:, 1]))
+    np.testing.assert_allclose(runs.q[1:], [half.q[-1] for half in halves], atol=1e-6)  # of a tolerance as large
+    np.testing.assert_allclose(runs.energies[-1], sum(half.energies[-1] for half in halves), atol=1e-4)
 
 
 @pytest.mark.parametrize(
