@@ -204,12 +204,10 @@ def ensemble(
         Times to report, ascending within [0, duration]; the start and the end if not given [s].
     parameters : array_like, shape (N, 10 nb), optional
         The same as numbers={"parameters": ...}: inertial parameters in each motion, in the order of `Robot.parameters`.
-        They replace those of the robot that carries the payload of the scene, so that the payload must be contained in
-        them: start from `scene.numbers["parameters"]`. With the parameters of the robot alone, its own
-        `robot.parameters`, the payload is left out without a warning. Controllers keep the parameters that they were
-        made with. The bodies need not be possible ones: base parameters that were identified move the arm as it moves,
-        with masses that may be negative, as long as M is positive definite. Of random ones `Robot.with_parameters`
-        refuses the impossible.
+        They contain the payload of the scene, which those of the robot alone leave out without a warning: start from
+        `scene.numbers["parameters"]`. Controllers keep the parameters that they were made with. The bodies need not be
+        possible ones: base parameters that were identified move the arm as it moves, with masses that may be negative,
+        as long as M is positive definite. Of random ones `Robot.with_parameters` refuses the impossible.
     numbers : mapping of str to array_like, shape (N, ...), optional
         Numbers of the scene that each motion has of its own, by the names of `Scene.numbers`, with one axis more than
         there: {"friction.viscous": (N, n), "controller.kp": (N, n)}.
@@ -357,10 +355,10 @@ def _given_torques(
         return np.zeros((count, 0, scene.n)), None
     if scene.controller is not None:
         raise ValueError("`torque` cannot be given for a scene that has a controller")
+    shapes = f"({count}, {scene.n}), or (N, K, n) with `sample_time`", f"({count}, K, {scene.n})"
+    found = real_array("torque", torque, shapes[sample_time is not None]).astype(np.float64)
     if sample_time is None:
-        found = real_array("torque", torque, f"({count}, {scene.n}), or (N, K, n) with `sample_time`")
-        return found[:, None].astype(np.float64), end
-    found = real_array("torque", torque, f"({count}, K, {scene.n})").astype(np.float64)
+        return found[:, None], end
     period, K = positive_number("sample_time", sample_time), found.shape[1]
     if abs(K * period - end) > (1 - NEARLY) * end:
         raise ValueError(f"`torque` of {K} samples every {period:g} s takes {K * period:g} s, not the {end:g} s to go")
