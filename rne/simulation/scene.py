@@ -303,10 +303,11 @@ class Scene:
 
         "friction.<field>", one number per joint (`smoothing` is one); "effort_limit", "torque_rate", (n,); "delay";
         "controller.<name>" of the floats and arrays of floats that a law holds, as fields, attributes, in the cells of
-        its closure or as defaults; "springs[k].<field>"; "elastic.<field>", (n,). By a second program: "parameters",
-        (10 nb,), of the robot with its payload as `Robot.parameters`; "payload", (10,), of the added body alone, about
-        the origin of its link; "armature", (nb,); "gravity", (3,), as the scene takes it. Its print says the units.
-        Parts that the scene does not have give no names.
+        its closure or as defaults, and of the samples of a spline that it follows, (K, n); "springs[k].<field>";
+        "elastic.<field>", (n,). By a second program: "parameters", (10 nb,), of the robot with its payload as
+        `Robot.parameters`; "payload", (10,), of the added body alone, about the origin of its link; "armature", (nb,);
+        "gravity", (3,), as the scene takes it. Its print says the units. Parts that the scene does not have give no
+        names.
 
         Examples
         --------
@@ -448,9 +449,10 @@ class Scene:
         -------
         casadi.Function
             Of t and x = (q, qd, the law's states), with elastic joints (q, motor_q, qd, motor_qd, ...), of torques u
-            where there is no controller, and of `parameters`. It
-            gives dx, the rate of x, and tau, the drives' torques within their limits. With `steps` it has h as last
-            argument and gives x_next in place of dx, u being held. It checks nothing.
+            where there is no controller, of `parameters`, and of the `piece` of samples that the controller follows,
+            `scene.kernel.piece([t])`, the same for all `steps`. It gives dx, the rate of x, and tau, the drives'
+            torques within their limits. With `steps` it has h as last argument and gives x_next in place of dx, u being
+            held. It checks nothing.
 
         Raises
         ------
