@@ -50,7 +50,7 @@ def numbers_of(law: Any) -> Numbers:
     for name, part in parts_of(law).items():
         if is_number(part):
             found[name] = np.array(part, dtype=np.float64)  # a copy: the law may be changed
-        elif {"numbers", "at"} <= {*dir(type(part))}:  # as of frictions
+        elif hasattr(type(part), "numbers") and hasattr(type(part), "at"):  # as of frictions
             found |= {f"{name}.{k}": np.array(number) for k, number in part.numbers.items()}
         elif is_dataclass(type(part)) and getattr(type(part), "traceable", False):  # a law within a law
             found |= {f"{name}.{k}": number for k, number in numbers_of(part).items()}

@@ -176,7 +176,8 @@ class TracedLaw(WithNumbers):
         structure = [(name, x.shape, masks[name].tobytes(), x[~masks[name]].tobytes()) for name, x in numbers.items()]
         key = type(law), n, given, named, cls.changes, *structure, *others.items()
         found: TracedLaw = kernels.laws.get(key) or kernels.laws.get_or_make(key, lambda: cls(law, n, given, named))
-        constant, theirs = numbers.keys() - found.numbers.keys(), numbers_of(found.law)  # those that it branches on
+        constant = numbers.keys() - found.numbers.keys()  # those that it branches on
+        theirs = numbers_of(found.law) if constant else {}
         if not all(np.array_equal(numbers[name], theirs[name]) for name in constant):
             return cls(law, n, given, named)
         numbers = read_only({name: numbers[name] for name in found.numbers})

@@ -19,7 +19,7 @@ from ..basics.text import counted
 from ..kernels.kernel import Kernel
 from . import rosenbrock, runge_kutta
 from .base import RODAS, GaveUpError, IntegrationOptions, Interpolant, Sampler, Solver, Steps, System
-from .loops import compiled
+from .loops import NO_PIECES, compiled
 from .runge_kutta import CONTINUE, KEEP_LENGTH, RESTART
 from .scipy_methods import SciPySolver
 from .step_control import Problem, Storage, until_break
@@ -188,7 +188,7 @@ class SampledSolver(CompiledSolver):
         moving = self.law.widths[1] - m
         table = sampler.law_table
         given = _arguments(moving + m, None, self.law.coefficients(sampler.numbers), table)
-        law = self.law.address(), given, np.empty(self.law.traced.entries), table
+        law = self.law.address(), given, np.empty(self.law.traced.entries), table if len(table) else NO_PIECES
         number, z = np.array([sampler.count, sampler.arrived, 0, 0]), np.stack([sampler.state, sampler.next_state])
         (begun, came), (U, W) = np.empty((2, max_steps + 1), np.int64), np.empty((2, max_steps + 1, n))
         Z, timing = np.empty((max_steps + 1, m)), (sampler.period, *sampler.delay)

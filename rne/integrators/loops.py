@@ -26,6 +26,7 @@ from ..basics.spatial import Array
 LOGGER = logging.getLogger("rne")
 Text = TypeVar("Text", bound=Callable[..., Any])
 INLINED: list[Callable[..., Any]] = []  # texts that other texts call, not yet known to Numba
+NO_PIECES: Array = np.zeros(0)  # in place of a table of pieces
 OPTIONS: Any = {"error_model": "numpy", "fastmath": {"contract", "nsz"}, "no_cpython_wrapper": True}
 OPTIONS |= {"no_cfunc_wrapper": True, "_nrt": False}  # loops own no memory: they count no references
 
@@ -94,8 +95,10 @@ def row_at(table: Any, t: Any) -> Any:
 
 @inline
 def put_piece(table: Any, t: Any, piece: Any) -> None:
-    """The row of a table that holds at a time into `piece`, if there is a table; NaN outside of it."""
-    if len(table) == 0 or piece[0] <= t < piece[1]:
+    """The row of a table that holds at a time into `piece`, if there is a table, not NO_PIECES; NaN outside of it."""
+    if table.ndim == 1:  # known when machine code is made: no loop without a table looks for one
+        return
+    if piece[0] <= t < piece[1]:
         return
     row = row_at(table, t)
     for i in range(len(piece)):

@@ -13,9 +13,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..basics.piecewise import NO_TABLE
 from ..basics.spatial import Array
-from .loops import combine, evaluate, inline, put_time, rows_begun
+from .loops import NO_PIECES, combine, evaluate, inline, put_time, rows_begun
 
 SAFETY, SMALLEST, LARGEST = 0.9, 0.2, 10.0  # factors between steps, as SciPy's
 EPS = float(np.finfo(np.float64).eps)
@@ -47,7 +46,7 @@ class Interval(NamedTuple):
     watched: int = 0  # 1 to leave motions whose steps a fast decay holds short; a bool takes a detour in machine code
     # Pieces of a motion that the right-hand side takes as its argument before the last; of batches (1, N, width), or
     # (motions, N, width)
-    table: Array = NO_TABLE
+    table: Array = NO_PIECES
     breaks: Array = np.zeros((0, 3))  # times at which the right-hand side jumps, the last one before, the first after
 
 
