@@ -16,6 +16,7 @@ from rne.simulation import zero_order_hold
 from .helpers import kept, states
 from .random_robots import straight_chain
 from .test_compiled_motions import interpreted
+from .test_ensemble import check_interrupt
 
 T, END = 0.01, 0.035  # sample time and duration [s]
 TIMES = [0.0, 0.004, 0.014, np.nextafter(2 * T, 0), 0.027, END]  # of commands that act, up to rounding of a sample
@@ -80,7 +81,7 @@ def worst(runs, k, one):
 CASES = [(delay, own) for delay in (None, 0.4 * T, 2 * T) for own in (False, True)]
 
 
-@pytest.mark.parametrize(("delay", "own"), kept(CASES, [(None, False), (0.4 * T, True), (2 * T, False)]))
+@pytest.mark.parametrize(("delay", "own"), kept(CASES, [(0.4 * T, True), (2 * T, False)]))
 def test_motions_are_those_by_themselves(engine, delay, own):
     (q, qd, numbers), scene = many(), scene_of(delay)
     numbers = numbers if own else {}
@@ -115,7 +116,7 @@ def test_no_motion_changes_the_bits_of_another(engine, how):
     """Not by its presence, nor by its place, nor by the chunk."""
     (q, qd, numbers), scene, order = many(), scene_of(0.4 * T), np.random.default_rng(0).permutation(N)[:4]
     numbers["delay"] = np.linspace(0, 3 * T, N)
-    end, how = 3 * T, how | {"t_eval": [0.0, 0.004, 3 * T]}
+    end, how = 2 * T, how | {"t_eval": [0.0, 0.004, 2 * T]}
     runs = rne.ensemble(scene, q, qd, end, numbers=numbers, **how)
     some = rne.ensemble(scene, q[order], qd[order], end, numbers=rows_of(numbers, order), **how)
     with ThreadPoolExecutor(2) as pool:
@@ -139,6 +140,12 @@ def test_what_a_lane_cannot_run_is_run_alone(engine, monkeypatch):
     scene, how = scene_of(0.4 * T), {"t_eval": [0.0, 0.014, 2 * T], "rtol": 1e-9}
     alone = rne.simulate(scene, q[0], qd[0], 2 * T, **how)
     assert np.array_equal(rne.ensemble(scene, q[:1], qd[:1], 2 * T, **how).q[:, 0], alone.q)
+
+
+@pytest.mark.long
+def test_ctrl_c_leaves_what_was_finished(engine, monkeypatch):
+    monkeypatch.setattr(lanes, "OPERATIONS", 1)
+    check_interrupt(scene_of(0.4 * T), many(40)[:2])
 
 
 @pytest.mark.filterwarnings("ignore:overflow")

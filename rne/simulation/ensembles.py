@@ -195,7 +195,7 @@ def ensemble(
         code (engine "numba"), where those run side by side as well.
     q0, qd0 : array_like, shape (N, n)
         Initial positions and velocities, of elastic joints as `rne.simulate` takes them [rad or m; rad/s or m/s]. If
-        both are float32 and `step` is given, so is the computation; see docs/stability.md.
+        both are float32 and `step` is given, so is the computation, if no torques are held; see docs/stability.md.
     duration : float
         Time to simulate [s].
     rtol, atol : float
