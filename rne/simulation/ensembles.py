@@ -529,14 +529,13 @@ class BatchRun:
             if not is_done:
                 break
         done = np.asarray(np.isfinite(x).all(axis=1)) & is_last
-        motions = self._part(states, done, evaluations, verdict, chunk.numbers)._replace(interrupted=not is_done)
+        motions = self._part(states, done, chunk.numbers, tables)
+        motions = motions._replace(evaluations=evaluations, verdict=verdict, interrupted=not is_done)
         if not stiff.any() or not is_done:
             return motions
         return self.fallback.replaced(motions, chunk, np.flatnonzero(stiff), advance)
 
-    def _part(
-        self, x: Array, done: Array, evaluations: int, verdict: PrecisionStatus, own: Mapping[str, Array]
-    ) -> Motions:
+    def _part(self, x: Array, done: Array, own: Mapping[str, Array], tables: Array) -> Motions:
         """States as positions, velocities, torques and energies, with NaN where there are none."""
         n, first, N, size = self.dynamics.joints, self.dynamics.n, x.shape[1], self.dynamics.counted
         x, held = np.split(x, [self.dynamics.size], axis=2)
@@ -552,13 +551,12 @@ class BatchRun:
             plant = Plant(self.dynamics, self.fallback.scene.resolved.robot, kernels=self.fallback.scene.kernels)
             row = np.flatnonzero(known) % N
             mine = {name: array[row] for name, array in own.items() if name in self.dynamics.numbers}
-            tables = self._tables(own)
             given = rows_of_tables(tables, t[known], row if len(tables) > 1 else slice(None))
             tau[known] = plant.drive_torques(t[known], x.reshape(len(t), -1)[known], own=mine, pieces=given)
         last = known.reshape(len(self.times), N).sum(axis=0)
         end = np.where(done, self.intervals[-1].end, np.append(0.0, self.times)[last])
         status = np.where(done, 0, -1)
-        return Motions(q, qd, tau.reshape(q.shape), energies, end, status, (self.method,), evaluations, verdict)
+        return Motions(q, qd, tau.reshape(q.shape), energies, end, status, (self.method,), 0, OK)
 
 
 @dataclass(frozen=True, eq=False)
