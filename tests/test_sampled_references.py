@@ -15,6 +15,7 @@ from rne.integrators import lanes
 from rne.integrators.compiled_methods import CompiledSolver, RosenbrockSolver
 from rne.kernels import Kernel
 from rne.kernels.numpy_backend import BlockProgram
+from rne.kernels.python_backend import state_function
 from rne.simulation.run import Run
 from rne.trajectories import sampled, spline
 
@@ -248,6 +249,8 @@ def side_by_side(request, monkeypatch):
     if request.param == "text":
         monkeypatch.setattr(lanes, "compiled", lambda text: text)
         monkeypatch.setattr(Kernel, "address", address_of_rows)
+        monkeypatch.setattr("rne.kernels.kernel.backends", lambda engine: (state_function, BlockProgram))
+        monkeypatch.setattr(Kernel, "fast_call", property(lambda kernel: lambda *_: None))
         monkeypatch.setattr(rne.Scene, "traced_samples", property(lambda s: s._law if s.sample_time else None))
     return rne.Robot(straight_chain(2), "numba")
 
