@@ -179,7 +179,7 @@ def test_given_torques_one_by_one():
     """In NumPy and at stops, as in machine code."""
     (q, qd, _), scene = many(2), rne.Scene(rne.Robot(straight_chain(2)), effort_limit=[6.0, 3.0])
     torque = np.random.default_rng(1).uniform(-8, 8, (2, 2, 2))
-    runs = rne.ensemble(scene, q, qd, 2 * T, torque=torque, sample_time=T, keep=3)
+    runs = rne.ensemble(scene, q, qd, 2 * T, torque=torque, sample_time=T, t_eval=[0.0, np.nextafter(T, 0), 2 * T])
     assert np.array_equal(runs.tau, np.clip(torque[:, [0, 1, 1]], [-6, -3], [6, 3]).swapaxes(0, 1))
     halves = [rne.ensemble(scene, q, qd, T, torque=torque[:, 0])]
     halves.append(rne.ensemble(scene, halves[0].q[-1], halves[0].qd[-1], T, torque=torque[:, 1]))

@@ -445,11 +445,17 @@ class Motions(NamedTuple):
     interrupted: bool = False
 
 
+def _aligned(times: Array, others: Array) -> Array:
+    """Times, in place of which others stand that are equal up to rounding."""
+    if not len(others):
+        return times
+    nearest = others[np.searchsorted((others[1:] + others[:-1]) / 2, times)]
+    return np.asarray(np.where(np.abs(nearest - times) <= (1 - NEARLY) * times, nearest, times))
+
+
 def _in_equal_steps(whole: Interval, times: Array, step: float, samples: Array) -> Interval:
     """Equal steps between two times to report or samples, which stand for times that are equal up to rounding."""
-    if len(samples):
-        nearest = samples[np.searchsorted((samples[1:] + samples[:-1]) / 2, times)]
-        times = np.asarray(np.where(np.abs(nearest - times) <= (1 - NEARLY) * times, nearest, times))
+    times = _aligned(times, samples)
     edges = np.unique([whole.begin, *times.tolist(), *samples.tolist(), whole.end]).tolist()
     counts = [max(1, ceil((b - a) / step * NEARLY)) for a, b in itertools.pairwise(edges)]
     parts = [np.linspace(a, b, k + 1)[1:] for (a, b), k in zip(itertools.pairwise(edges), counts, strict=True)]
@@ -643,7 +649,7 @@ class SequentialRun:
         """Torques of one motion, (K, n), as `rne.simulate` takes them."""
         if len(given) <= 1:
             return {"torque": given[0]} if len(given) else {}
-        begins = np.arange(len(given)) * (self.given or 0.0)
+        begins = _aligned(np.arange(len(given)) * (self.given or 0.0), self.times)
         law = lambda t, q, qd: given[np.searchsorted(begins, t, side="right") - 1]  # noqa: E731
         return {"torque": law, "breaks": begins[1:].tolist()}
 
