@@ -779,3 +779,36 @@ def test_random_scenes(engine, count):
         back = other.with_numbers({name: scene.numbers[name] for name in numbers})
         assert_close(motion(back, **how), first, ADAPTED)
         assert_close(motion(scene, **how), first, ADAPTED)
+
+
+@dataclass(frozen=True, eq=False)
+class ReadsMasses:
+    """A law that reads its robot where it cannot be traced."""
+
+    robot: rne.Robot
+    traceable = True
+
+    def __call__(self, t, q, qd):
+        return self.robot.gravity_torque(q) - self.robot.model.mass[-1] * qd
+
+
+def test_a_law_has_the_parameters_of_its_own_robot_if_they_are_named(arm, programs):
+    heavier = arm.with_parameters(1.3 * arm.parameters)
+    law = lambda robot: rne.control.pd_gravity(robot, 30, 2, 0.1)  # noqa: E731
+    scene, name = rne.Scene(arm, controller=law(arm)), "controller.robot.parameters"
+    motion(scene, numbers={name: arm.parameters})
+    programs.clear()
+    run = motion(scene, numbers={name: heavier.parameters})
+    assert programs == []
+    assert_close(run, motion(rne.Scene(arm, controller=law(heavier))), OTHER_PROGRAM)
+    assert name not in scene.numbers
+    assert name in scene.with_numbers({name: heavier.parameters}).numbers
+    own = {name: [arm.parameters, heavier.parameters]}
+    many = rne.ensemble(scene, *STARTS, 0.02, numbers=own, step=0.002)
+    alone = rne.ensemble(rne.Scene(arm, controller=law(heavier)), *(x[1:] for x in STARTS), 0.02, step=0.002)
+    assert relative(many.q[:, 1], alone.q[:, 0]) <= SAME_STEPS
+    other = rne.Scene(arm, controller=ReadsMasses(arm))
+    run = motion(other, numbers={name: heavier.parameters})
+    assert_same(run, motion(rne.Scene(arm, controller=ReadsMasses(heavier))))
+    with pytest.raises(ValueError, match="cannot differ: the law reads its robot where it cannot be traced"):
+        rne.ensemble(other, *STARTS, 0.02, numbers=own)

@@ -10,16 +10,20 @@ from __future__ import annotations
 import functools
 import operator
 import types
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import fields, is_dataclass, replace
 from typing import Any, NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from ..basics.arrays import copy_with
 from ..basics.piecewise import on_rows
 from ..basics.spatial import Array
+from ..graph.scalar import is_traced
+from ..model.model import unchecked_model
+from ..robot import Robot
 
 MOST = 400  # entries of an array that is a number of a law: larger ones are tables
 Numbers = dict[str, Array]
@@ -57,6 +61,40 @@ def numbers_of(law: Any) -> Numbers:
     return found
 
 
+def models_of(law: Any, asked: Collection[str]) -> Numbers:
+    """The inertial parameters of robots that a law holds, "robot.parameters": numbers only where they are asked for."""
+    held = {f"{name}.parameters": part for name, part in parts_of(law).items()} if asked else {}
+    return {name: part.parameters for name, part in held.items() if name in asked and isinstance(part, Robot)}
+
+
+class _KernelsAt(NamedTuple):
+    """What a robot's methods evaluate within a law that is traced, at traced inertial parameters."""
+
+    kernels: Any
+    traced: Array
+
+    def evaluate_quantity(self, function: Any, *arrays: Any, parameters: Any = None, **how: Any) -> Array:
+        parameters = self.traced if function.quantity.moments else None
+        if parameters is not None and how.get("link") is not None:
+            raise TypeError(f"{function.quantity.name} takes no parameters")
+        return self.kernels.evaluate_quantity(function, *arrays, parameters=parameters, **how)  # type: ignore[no-any-return]
+
+
+_first: WeakKeyDictionary[Robot, Robot] = WeakKeyDictionary()  # of robots at other parameters, whose formulas they have
+
+
+def _robot_at(robot: Robot, parameters: Array) -> Robot:
+    first = _first.get(robot, robot)
+    if is_traced(parameters):
+        values = {f.name: getattr(first.model, f.name) for f in fields(first.model)}
+        unknown = {name: values[name] * np.nan for name in ("mass", "com", "inertia")}  # for laws that read them
+        own = {"_model": unchecked_model(values | unknown), "_kernels": _KernelsAt(first._kernels, parameters)}
+        return copy_with(first, **own)
+    found = first.with_parameters(parameters)
+    _first[found] = first
+    return found
+
+
 def motion_of(law: Any) -> tuple[str, Any] | None:
     """The name and the motion through samples that a law holds, which has a `table`; None if it holds none, or some."""
     found = [(name, part) for name, part in parts_of(law).items() if hasattr(type(part), "with_samples")]
@@ -85,7 +123,9 @@ def law_at(law: Any, numbers: Mapping[str, Any]) -> Any:
     changed: dict[str, Any] = {}
     for name, part in parts_of(law).items():
         inner = {k.removeprefix(f"{name}."): v for k, v in numbers.items() if k.startswith(f"{name}.")}
-        if inner:
+        if inner and isinstance(part, Robot):
+            changed[name] = _robot_at(part, inner["parameters"])
+        elif inner:
             changed[name] = part.at(inner) if hasattr(part, "at") else law_at(part, inner)
         elif name in numbers and hasattr(type(part), "with_samples"):
             changed[name] = part.with_samples(numbers[name])

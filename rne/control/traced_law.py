@@ -25,7 +25,7 @@ from ..kernels.trace import AGREEMENT, LIMIT, TRIALS
 from ..model.model import Model
 from ..model.topology import where_loops_close
 from ..robot import Robot, robot_argument
-from .law_numbers import OnRows, is_number, law_at, law_with, motion_of, numbers_of, parts_of
+from .law_numbers import OnRows, is_number, law_at, law_with, models_of, motion_of, numbers_of, parts_of
 
 
 def check_law(name: str, law: Any) -> None:
@@ -140,6 +140,7 @@ class TracedLaw(WithNumbers):
     def _with_inputs(self) -> tuple[dict[str, Array], tuple[Any, ...] | None]:
         """The numbers of the law that can be traced, and its formula with them as inputs."""
         every, none = numbers_of(self.law), dict[str, Array]()
+        every |= models_of(self.law, self.named)
         formula = self._formula(every)
         if formula is not None or not every:
             return every, formula
@@ -169,7 +170,8 @@ class TracedLaw(WithNumbers):
             own = {"motion": motion, "table": motion[1].table}
             held[motion[0]] = f"{motion[1].table.shape[1]} {motion[1].samples.shape[1]}"
         others = {name: part for name, part in held.items() if not is_number(part)}
-        if not all(part is None or isinstance(part, bool | int | str | Robot) for part in others.values()):
+        is_known = all(part is None or isinstance(part, bool | int | str | Robot) for part in others.values())
+        if not is_known or models_of(law, named):
             return cls(law, n, given, named)
         numbers = numbers_of(law)
         masks = {name: is_input(x, named=name in named) for name, x in numbers.items()}
@@ -207,6 +209,8 @@ class TracedLaw(WithNumbers):
                 torques, rates = law.filled(x[0, first:last]).on_piece(x[:, last:])(x[:, :1], x[:, 1:first])
             found = [references(graph, part) for part in (torques, rates) if part is not None]
         except Exception:  # whatever the law raises when it meets traced numbers: the trace for a kernel tells it
+            return None
+        if any(kind == "constant" and args[0] != args[0] for kind, args in graph.nodes):  # of a robot without values
             return None
         return (*graph.nodes, *found[0], *found[-1])
 

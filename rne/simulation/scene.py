@@ -18,7 +18,7 @@ from ..basics.arrays import UNBOUNDED, ReadOnlyArrays, per_joint_array, positive
 from ..basics.spatial import Array
 from ..basics.text import listed, summary
 from ..control.feedback_loop import LinearisedLoop
-from ..control.law_numbers import numbers_of, samples_of
+from ..control.law_numbers import models_of, numbers_of, samples_of
 from ..control.traced_law import TracedLaw, check_law, is_ours
 from ..kernels.cache import KernelCache
 from ..kernels.kernel import Kernel, with_table
@@ -325,7 +325,8 @@ class Scene:
             return {}
         law = self._law if getattr(self.controller, "traceable", False) else None
         found = numbers_of(self.controller) if law is None or law.formula[1] is None else law.numbers
-        return {f"controller.{name}": number for name, number in (found | samples_of(self.controller)).items()}
+        models = models_of(self.controller, self._named_of("controller."))
+        return {f"controller.{name}": x for name, x in (found | models | samples_of(self.controller)).items()}
 
     def with_numbers(self, numbers: Mapping[str, ArrayLike]) -> Scene:
         """The scene with other numbers, which runs the same program.

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import UNBOUNDED, convert_numbers, read_only
 from ..basics.spatial import Array, rotate_back, rotation_from_rpy
 from ..basics.text import brief, did_you_mean, listed
-from ..control.law_numbers import law_at
+from ..control.law_numbers import law_at, models_of
 from ..control.traced_law import is_ours
 from ..model.parameters import (
     ENTRIES,
@@ -35,14 +35,8 @@ LIMITS = ("effort_limit", "torque_rate", "windup")  # numbers that may be infini
 ROUNDING = 16 * float(
     np.finfo(np.float64).eps
 )  # of an inertia that is moved to the centre of mass, relative to that about a link's origin
-OF_ANY_SIGN = (
-    "reference",
-    "pose",
-    "stiffness",
-    "damping",
-    "offset",
-    "stribeck_rise",
-)  # among those of rne.control's laws
+# among those of laws of rne.control
+OF_ANY_SIGN = "reference", "pose", "stiffness", "damping", "offset", "stribeck_rise", "parameters"
 BODIES = ("parameters", "payload", "armature", "gravity")  # whose names take the second program of a scene
 UNITS = {
     "friction.viscous": "N m s/rad or N s/m",
@@ -150,6 +144,8 @@ def checked(scene: Any, numbers: Mapping[str, ArrayLike], count: int | None = No
     if not isinstance(numbers, Mapping):
         raise TypeError(f"`numbers` must be a mapping of names to arrays, got {type(numbers).__name__}")
     known, found = scene.numbers, dict[str, Array]()
+    asked = models_of(scene.controller, [str(name).removeprefix("controller.") for name in numbers])
+    known = SceneNumbers({**known, **{f"controller.{name}": x for name, x in asked.items()}})
     for name, value in numbers.items():
         shape = known[name].shape
         wanted = shape if count is None else (count, *shape)
@@ -223,20 +219,24 @@ def _scene_at(scene: Any, numbers: Mapping[str, Array]) -> Any:
 
 def scene_of_all(scene: Any, own: Mapping[str, Array], varying: Array | None) -> Any:
     """The scene whose kernels take numbers (N, ...) of N motions, which its parts accept."""
-    finite: dict[str, Array] = {}
+    finite, known = dict[str, Array](), scene.numbers
     for name, array in own.items():
-        infinite = (
-            np.abs(known := scene.numbers[name]) >= UNBOUNDED
-        )  # which is structure: a motion's own limit takes its place
+        if name not in known:  # the model of a law, whose parameters are not checked entry by entry
+            continue
+        infinite = np.abs(known[name]) >= UNBOUNDED  # which is structure
         if (np.isfinite(array) & infinite).any():
-            finite[name] = np.where(infinite, np.where(np.isfinite(array), array, 0.0).max(axis=0), known)
+            finite[name] = np.where(infinite, np.where(np.isfinite(array), array, 0.0).max(axis=0), known[name])
         least = array if name == "armature" else array[:, :1] if name == "payload" else np.zeros(1)
         if (least < 0).any():
             raise ValueError(f"`numbers[{name!r}]` must not have a negative inertia or mass, got {least.min()}")
         if not name.startswith("friction.") and name not in BODIES and len(array):
             for end in (array.min(axis=0), array.max(axis=0)):  # what they accept at both they accept in between
                 scene_at(scene, {name: end})
-    return (scene_at(scene, finite) if finite else scene)._naming({}, own, varying)
+    found = (scene_at(scene, finite) if finite else scene)._naming({}, own, varying)
+    law = found.dynamics.law
+    if absent := [x for x in own if law and x not in known and x.removeprefix("controller.") not in law.numbers]:
+        raise ValueError(f"`numbers[{absent[0]!r}]` cannot differ: the law reads its robot where it cannot be traced")
+    return found
 
 
 def friction_of_all(scene: Any, own: Mapping[str, Array]) -> Any:
