@@ -15,7 +15,6 @@ import numpy as np
 from ..basics.spatial import Array
 from ..errors import NotFiniteError, SingularMassMatrixError
 from ..kernels.kernel import Kernel
-from .loops import NO_PIECES
 from .step_control import EPS, Interval
 
 Interpolant = Callable[[Array | float], Array]  # a time gives (size,), times of shape (m,) give (size, m)
@@ -201,7 +200,8 @@ class Solver(ABC):
         scale = float(system.integral_scale) if len(self.x) > system.counted else np.inf
         tolerances = options.rtol, options.atol, system.counted, float(self.max_step), scale
         whole = Interval(self.tableau, float(self.t), float(self.end), first, last, *tolerances)
-        return whole._replace(table=system.table if len(system.table) else NO_PIECES, breaks=self.breaks_within(whole))
+        whole = whole._replace(table=system.table) if len(system.table) else whole
+        return whole._replace(breaks=self.breaks_within(whole)) if len(options.breaks) else whole
 
     def breaks_within(self, whole: Interval) -> Array:
         """Breaks in an interval, its begin among them, each with the numbers next to it, before and after, (k, 3)."""

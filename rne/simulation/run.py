@@ -411,8 +411,10 @@ class Run:
 
     def _leave_breaks(self, t: Array, x: Array) -> None:
         """Note the values just before the breaks at which steps ended, as far as the run came."""
+        if not self._passes_breaks:
+            return
         at_breaks = np.isin(t, self.breaks) & (t <= self.t)
-        if self._passes_breaks and at_breaks.any():
+        if at_breaks.any():
             self.record.leave(t[at_breaks], x[at_breaks])
 
     @property
