@@ -20,7 +20,7 @@ from ..basics.spatial import Array
 from ..dynamics.quantity import OK
 from ..kernels.kernel import Kernel
 from .base import SAME
-from .loops import LANES, combine, compiled, evaluate, inline, row_at
+from .loops import LANES, NO_PIECES, combine, compiled, evaluate, inline, row_at
 from .rows import EARLY, FAST_DECAY, LOOK, NEEDS_RECURSION, SLOW, STIFF, BatchResult, Progress, run_rows
 from .step_control import MOST_STEPS, Interval, first_lengths, shortest_step, step_factor
 from .tableaus import Tableau
@@ -71,7 +71,7 @@ def hold_of(
     pending = np.zeros((int(rows[:, LATE].max(initial=0)) + 1, n * LANES))
     function = 0 if law is None else law.address(LANES, common=not more)
     of_law = function, own[:-1] + common, saved[:-1], out
-    return Hold(period, driven, most, of_law, sources, own, pending, start, table, pieces)
+    return Hold(period, driven, most, of_law, sources, own, pending, start, table, pieces if len(pieces) else NO_PIECES)
 
 
 def no_pieces(table: Array, count: int) -> tuple[Array, ...]:
@@ -98,8 +98,10 @@ def workspace(widths: tuple[int, ...], tableau: Tableau, hold: Hold, common: tup
 @inline
 def put_pieces(tables: Any, inputs: Any, lane: Any) -> None:
     """The pieces that hold at the lanes' times, inputs[0], into inputs[2], if there are tables."""
+    if tables.ndim == 1:  # known when machine code is made
+        return
     times, piece = inputs[0], inputs[2]
-    for k in range(LANES if len(tables) > 0 else 0):
+    for k in range(LANES):
         if not piece[k] <= times[k] < piece[LANES + k]:
             table = tables[max(lane[MOTION, k], 0) if len(tables) > 1 else 0]
             row = row_at(table, times[k])
@@ -485,7 +487,7 @@ def run_lanes(
     coefficients, widths = np.ascontiguousarray(kernel.coefficients(numbers)), kernel.traced.widths
     common, more = ((coefficients,), ()) if numbers.ndim == 1 else ((), (coefficients,))
     more = (np.zeros((N, widths[2])), *more) if hold.period > 0 else more  # no torque before the first command
-    interval = interval._replace(table=np.ascontiguousarray(interval.table if interval.table.ndim > 2 else NO_TABLES))
+    interval = interval._replace(table=np.ascontiguousarray(interval.table) if len(interval.table) else NO_PIECES)
     pieces = no_pieces(interval.table, N)
     work = workspace(widths[: 2 + len(pieces) + len(more)], interval.tableau, hold, common)
     address = kernel.address(LANES, common=numbers.ndim == 1)
