@@ -157,6 +157,7 @@ class TestRobotsOfExampleRobotData:
         )
         assert summary.endswith("xarm7.urdf: 1 warning: loads as written")
 
+    @pytest.mark.long
     def test_pinocchio_has_the_same_torques_of_the_file_with_full_digits(self):
         pytest.importorskip("pinocchio")
         rounded, few = rne.load("xarm7", round_angles=True), loaded("xarm7")

@@ -498,7 +498,7 @@ def every_part(arm):
 def test_absent_parts_have_no_names(arm, every_part):
     scene = rne.Scene(arm)
     assert list(scene.numbers) == ["parameters", "armature", "gravity"]
-    with pytest.raises(KeyError, match=r"numbers parameters, armature, gravity, got 'friction.viscous'"):
+    with pytest.raises(KeyError, match=r"numbers parameters, armature, gravity; got 'friction.viscous'"):
         scene.with_numbers({"friction.viscous": 1.0})
     with pytest.raises(KeyError, match=r"did you mean 'friction.viscous'"):
         every_part.numbers["friction.viscos"]
@@ -812,3 +812,44 @@ def test_a_law_has_the_parameters_of_its_own_robot_if_they_are_named(arm, progra
     assert_same(run, motion(rne.Scene(arm, controller=ReadsMasses(heavier))))
     with pytest.raises(ValueError, match="cannot differ: the law reads its robot where it cannot be traced"):
         rne.ensemble(other, *STARTS, 0.02, numbers=own)
+
+
+def test_a_number_that_a_law_decides_on_has_no_name_even_where_it_is_zero():
+    """Otherwise the motions of an ensemble would all follow the law of the zero."""
+    arm = rne.Robot(straight_chain(2))
+
+    class Pulled:
+        traceable = True
+
+        def __init__(self, ki):
+            self.ki = ki
+
+        def __call__(self, t, q, qd):
+            return -5.0 * qd - self.ki * q if self.ki else -5.0 * qd
+
+    for ki in (0.0, 3.0):
+        scene = rne.Scene(arm, controller=Pulled(ki))
+        assert [name for name in scene.numbers if name.startswith("controller")] == []
+        with pytest.raises(KeyError, match=r"got 'controller\.ki'"):
+            rne.ensemble(scene, np.zeros((2, arm.n)), np.zeros((2, arm.n)), 0.1, numbers={"controller.ki": [0.0, 9.0]})
+
+
+def test_losses_that_only_some_motions_have():
+    """One by one: torques that are held in NumPy."""
+    arm, z = rne.Robot(straight_chain(2)), np.zeros((2, 2))
+    own = {"friction.viscous": np.array([0.0, 1.0])[:, None] * np.ones(arm.n)}
+    motions = rne.ensemble(rne.Scene(arm, friction=rne.Friction(viscous=1.0)), z, z, 0.1, torque=z + 1, numbers=own)
+    losses = motions.energies[-1, :, motions.ledger.index("viscous")]
+    assert losses[0] == pytest.approx(0.0, abs=1e-12)
+    assert losses[1] > 1e-6
+
+
+def test_numbers_that_are_not_per_joint_are_given_whole_and_payloads_are_of_possible_bodies():
+    arm = rne.Robot(straight_chain(2))
+    scene = rne.Scene(arm, payload=rne.Payload(1.0, link=arm.model.link_names[-1]))
+    for name in ("gravity", "parameters", "payload"):
+        with pytest.raises(ValueError, match=rf"^`numbers\['{name}'\]` must have shape"):
+            scene.with_numbers({name: 1.0})
+    with pytest.raises(ValueError, match=r"^`numbers\['payload'\]` must be of possible bodies, which those of start 1"):
+        z = np.zeros((2, arm.n))
+        rne.ensemble(scene, z, z, 0.1, numbers={"payload": [scene.numbers["payload"], np.ones(10)]})

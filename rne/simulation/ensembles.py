@@ -394,9 +394,9 @@ def _plan(
     if step is not None and has_events:
         raise ValueError("`step` is not for scenes with `stops` or sticking friction: leave it out")
     if step is not None and is_called:
-        held = "" if period is None else ", and the engine 'numba', which alone holds torques side by side"
-        text = "the controller of an ensemble with `step` must be traceable (mark it with rne.traceable)"
-        raise ValueError(text + held)
+        if period is not None and scene.kernels.engine != "numba":
+            raise ValueError("`step` with torques that are held needs a robot of engine 'numba'")
+        raise ValueError("the controller of an ensemble with `step` must be traceable (mark it with rne.traceable)")
     longest = None if step is None else positive_number("step", step)
     if has_events or is_called or method in (*IMPLICIT, RODAS) or not scene.n or not end:
         return fallback
@@ -638,7 +638,8 @@ class SequentialRun:
         status, count, T = motion.status, len(self.times), len(motion.t)  # -1 if it was interrupted
         rows = np.minimum(np.arange(count if status >= 0 else T), T - 1)  # after a stop the state in which it ended
         ledger, entries = self.dynamics.ledger, {"drives": motion.work, **motion.dissipated}
-        columns = np.array([entries[name][rows] for name in ledger]).reshape(len(ledger), len(rows)).T
+        found = [entries.get(name, 0 * motion.work)[rows] for name in ledger]
+        columns = np.array(found).reshape(len(ledger), len(rows)).T
         part = self.nothing(1)
         for array, values in zip(part[:4], (motion.q[rows], motion.qd[rows], motion.tau[rows], columns), strict=True):
             array[: len(rows), 0] = values

@@ -323,8 +323,11 @@ class Scene:
         """Those of the controller, as far as it can be traced with others."""
         if self.controller is None:
             return {}
-        law = self._law if getattr(self.controller, "traceable", False) else None
-        found = numbers_of(self.controller) if law is None or law.formula[1] is None else law.numbers
+        found = numbers_of(self.controller)
+        if getattr(self.controller, "traceable", False):  # those that it decides on, if only where they are 0, are none
+            how = self._dynamics_without_law.law_inputs, frozenset(found), self.kernels
+            law = TracedLaw.known(self.controller, self.n, *how)
+            found = found if law.formula[1] is None else law.numbers
         models = models_of(self.controller, self._named_of("controller."))
         return {f"controller.{name}": x for name, x in (found | models | samples_of(self.controller)).items()}
 

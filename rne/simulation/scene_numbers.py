@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import UNBOUNDED, convert_numbers, read_only
 from ..basics.spatial import Array, rotate_back, rotation_from_rpy
-from ..basics.text import brief, did_you_mean, listed
+from ..basics.text import brief, did_you_mean
 from ..control.law_numbers import law_at, models_of
 from ..control.traced_law import is_ours
 from ..model.parameters import (
@@ -24,6 +24,7 @@ from ..model.parameters import (
     moments_as_vector,
     parameters_of_bodies,
     parameters_seen_from,
+    pseudo_inertia,
     with_fewest_terms,
 )
 from ..model.topology import end_link
@@ -40,7 +41,6 @@ OF_ANY_SIGN = "reference", "pose", "stiffness", "damping", "offset", "stribeck_r
 BODIES = ("parameters", "payload", "armature", "gravity")  # whose names take the second program of a scene
 UNITS = {
     "friction.viscous": "N m s/rad or N s/m",
-    "friction.viscous_back": "N m s/rad or N s/m",
     "friction.smoothing": "rad/s or m/s",
     "friction.stribeck": "rad/s or m/s",
     "friction.saturation": "rad/s or m/s",
@@ -89,16 +89,16 @@ class SceneNumbers(Mapping[str, Array]):
 
 def unknown(name: Any, known: Mapping[str, Any]) -> str:
     """The text of the error for a name that a scene does not have."""
-    return f"the scene has the numbers {listed(tuple(known))}, got {name!r}{did_you_mean(str(name), tuple(known))}"
+    near = [x for x in known if x.rpartition(".")[2] == name]
+    hint = f"; did you mean {near[0]!r}?" if near else did_you_mean(str(name), tuple(known))
+    return f"the scene has the numbers {', '.join(known)}; got {name!r}{hint}"
 
 
 def unit_of(name: str) -> str:
     """The unit of a number in brackets; empty for those of controllers, which only their authors know."""
-    unit = UNITS.get(name)
-    if unit is None and name.startswith("springs["):
-        unit = UNITS[name.rpartition(".")[2]]
-    if unit is None and name.startswith("friction."):
-        unit = "N m or N"
+    part, _, field = name.partition(".")
+    unit = UNITS.get(field if part.startswith("springs[") else name.removesuffix("_back"))
+    unit = "N m or N" if unit is None and part == "friction" else unit
     return "" if unit is None else f" [{unit}]"
 
 
@@ -152,8 +152,8 @@ def checked(scene: Any, numbers: Mapping[str, ArrayLike], count: int | None = No
         array = np.asarray(convert_numbers(name, value, str(wanted)))
         if array.dtype.kind not in "f" or np.isnan(array).any():
             raise ValueError(f"`numbers[{name!r}]` must be real numbers, none of them NaN")
-        if array.ndim == 0 and count is None:
-            array = np.full(shape, array)
+        if array.ndim == 0 and count is None and shape == (scene.n,) and name not in (*BODIES[:2], "gravity"):
+            array = np.full(shape, array)  # one for all joints
         if array.shape != wanted:
             raise ValueError(f"`numbers[{name!r}]` must have shape {wanted}, got {array.shape}")
         law, field = name.startswith("controller."), name.rpartition(".")[2]
@@ -226,9 +226,13 @@ def scene_of_all(scene: Any, own: Mapping[str, Array], varying: Array | None) ->
         infinite = np.abs(known[name]) >= UNBOUNDED  # which is structure
         if (np.isfinite(array) & infinite).any():
             finite[name] = np.where(infinite, np.where(np.isfinite(array), array, 0.0).max(axis=0), known[name])
-        least = array if name == "armature" else array[:, :1] if name == "payload" else np.zeros(1)
-        if (least < 0).any():
-            raise ValueError(f"`numbers[{name!r}]` must not have a negative inertia or mass, got {least.min()}")
+        least = array if name == "armature" else np.zeros((len(array), 1))
+        if name == "payload":  # of possible bodies, up to rounding
+            P = pseudo_inertia(array)[:, 0]
+            least = np.linalg.eigvalsh(P) / np.maximum(np.abs(P).max(axis=(-2, -1)), 1e-300)[:, None]
+        if len(array) and least.min(initial=0.0) < -ROUNDING:
+            k = int(np.argmin(least.min(axis=1)))
+            raise ValueError(f"`numbers[{name!r}]` must be of possible bodies, which those of start {k} are not")
         if not name.startswith("friction.") and name not in BODIES and len(array):
             for end in (array.min(axis=0), array.max(axis=0)):  # what they accept at both they accept in between
                 scene_at(scene, {name: end})
