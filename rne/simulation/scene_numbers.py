@@ -41,9 +41,6 @@ OF_ANY_SIGN = "reference", "pose", "stiffness", "damping", "offset", "stribeck_r
 BODIES = ("parameters", "payload", "armature", "gravity")  # whose names take the second program of a scene
 UNITS = {
     "friction.viscous": "N m s/rad or N s/m",
-    "friction.smoothing": "rad/s or m/s",
-    "friction.stribeck": "rad/s or m/s",
-    "friction.saturation": "rad/s or m/s",
     "friction.load": "1",
     "effort_limit": "N m or N",
     "torque_rate": "N m/s or N/s",
@@ -60,7 +57,7 @@ UNITS = {
     "force": "N",
     "rest": "rad or m",
     "damping": "N s/m; N m s/rad at joints",
-}
+} | dict.fromkeys(("friction.smoothing", "friction.stribeck", "friction.saturation"), "rad/s or m/s")
 
 
 class SceneNumbers(Mapping[str, Array]):
@@ -109,22 +106,18 @@ def numbers_of_scene(scene: Any) -> dict[str, Array]:
     if parts.friction is not None:
         sizes = parts.friction.numbers
         found |= {f"friction.{k}": x if k == "smoothing" else np.broadcast_to(x, (n,)) for k, x in sizes.items()}
-    for name in ("effort_limit", "torque_rate"):
-        if (limit := getattr(parts, name)) is not None:
-            found[name] = unbounded(limit)
-    if scene.delay is not None:
-        found["delay"] = np.array(float(scene.delay))
+    limits = {name: getattr(parts, name) for name in ("effort_limit", "torque_rate")}
+    found |= {name: unbounded(limit) for name, limit in limits.items() if limit is not None}
+    found |= {} if scene.delay is None else {"delay": np.array(float(scene.delay))}
     found |= {name: unbounded(x) for name, x in scene.numbers_of_controller.items()}
     found |= {} if parts.springs is None else parts.springs.numbers
     if parts.motor_side is not None:
         found |= {f"elastic.{k}": np.array(getattr(parts.motor_side, k)) for k in parts.motor_side._fields[:3]}
     found["parameters"] = parts.robot.parameters
-    if scene.payload is not None:
-        found["payload"] = payload_parameters(scene.payload)
-    if parts.motor_side is None:
-        found["armature"] = parts.robot.model.armature
-    found["gravity"] = np.asarray(scene.robot.model.gravity if scene.gravity is None else scene.gravity)
-    return found
+    found |= {} if scene.payload is None else {"payload": payload_parameters(scene.payload)}
+    found |= {} if parts.motor_side is not None else {"armature": parts.robot.model.armature}
+    gravity = scene.robot.model.gravity if scene.gravity is None else scene.gravity
+    return found | {"gravity": np.asarray(gravity)}
 
 
 def unbounded(limit: Array) -> Array:
