@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import rne
+from rne.kernels.numpy_backend import BlockProgram
 from rne.model.builder import Mimic, Part, assemble, pose
 from rne.urdf.loading import library, urdf_files
 from rne.validation.oracle import Oracle, each
@@ -111,3 +112,16 @@ def _load(source):
 def first_joints(n=3):
     """The IRB 140 with its first joints, the others locked: one for all tests."""
     return loaded("irb140").locked({f"joint_{k}": 0.3 for k in range(n + 1, 7)})
+
+
+def address_by_numpy(kernel, count=1, common=True):
+    """In place of `Kernel.address`, for texts of loops that Python runs: the program on `count` states side by side."""
+    program = BlockProgram(kernel.traced)
+
+    def function(*arguments):
+        *given, numbers, out = arguments
+        rows = [np.reshape(a, (-1, count)).T for a in given]
+        numbers = numbers if common else np.reshape(numbers, (-1, count)).T
+        return program.sound([*rows, numbers], np.reshape(out, (-1, count)).T).all()
+
+    return function

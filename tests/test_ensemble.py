@@ -21,7 +21,7 @@ from rne.kernels.numpy_backend import BlockProgram
 from rne.simulation import ensembles
 from rne.simulation.simulator import METHODS
 
-from .helpers import kept, loaded, states
+from .helpers import address_by_numpy, kept, loaded, states
 from .random_robots import straight_chain
 
 
@@ -347,18 +347,7 @@ class TestLanes:
 
     @pytest.fixture
     def plain(self, monkeypatch):
-        def address(kernel, lanes, common=True):
-            program = BlockProgram(kernel.traced)
-
-            def function(*arguments):
-                *given, numbers, out = arguments
-                given = [np.reshape(a, (-1, lanes)).T for a in given]
-                numbers = numbers if common else np.reshape(numbers, (-1, lanes)).T
-                return program.sound([*given, numbers], np.reshape(out, (-1, lanes)).T).all()
-
-            return function
-
-        monkeypatch.setattr(Kernel, "address", address)
+        monkeypatch.setattr(Kernel, "address", address_by_numpy)
         monkeypatch.setattr(lanes, "compiled", lambda text: text)
 
     @pytest.mark.parametrize("count", [3, lanes.LANES + 3])

@@ -10,10 +10,9 @@ import pytest
 import rne
 from rne.integrators import lanes
 from rne.kernels import Kernel
-from rne.kernels.numpy_backend import BlockProgram
 from rne.simulation import zero_order_hold
 
-from .helpers import kept, states
+from .helpers import address_by_numpy, kept, states
 from .random_robots import straight_chain
 from .test_compiled_motions import interpreted
 from .test_ensemble import check_interrupt
@@ -33,19 +32,8 @@ def engine(request, monkeypatch):
         pytest.importorskip("numba", reason="Numba is not installed")
         return
 
-    def address(kernel, count=1, common=True):
-        program = BlockProgram(kernel.traced)
-
-        def function(*arguments):
-            *given, numbers, out = arguments
-            rows = [np.reshape(a, (-1, count)).T for a in given]
-            numbers = numbers if common else np.reshape(numbers, (-1, count)).T
-            return program.sound([*rows, numbers], np.reshape(out, (-1, count)).T).all()
-
-        return function
-
     interpreted(monkeypatch)  # single motions are run by SciPy's solvers
-    monkeypatch.setattr(Kernel, "address", address)
+    monkeypatch.setattr(Kernel, "address", address_by_numpy)
     monkeypatch.setattr(lanes, "compiled", lambda text: text)
     is_traced = lambda scene: scene.sample_time is not None and scene.robot.engine == "numba"  # noqa: E731
     monkeypatch.setattr(rne.Scene, "traced_samples", property(lambda scene: scene._law if is_traced(scene) else None))

@@ -20,7 +20,7 @@ from rne.simulation.run import Run
 from rne.trajectories import sampled, spline
 
 from .compiled_sources import c_library, call
-from .helpers import EPS, kept, relative
+from .helpers import EPS, address_by_numpy, kept, relative
 from .random_robots import straight_chain
 from .test_compiled_motions import interpreted
 
@@ -248,24 +248,11 @@ def side_by_side(request, monkeypatch):
         pytest.skip("Numba is not installed")
     if request.param == "text":
         monkeypatch.setattr(lanes, "compiled", lambda text: text)
-        monkeypatch.setattr(Kernel, "address", address_of_rows)
+        monkeypatch.setattr(Kernel, "address", address_by_numpy)
         monkeypatch.setattr("rne.kernels.kernel.backends", lambda engine: (state_function, BlockProgram))
         monkeypatch.setattr(Kernel, "fast_call", property(lambda kernel: lambda *_: None))
         monkeypatch.setattr(rne.Scene, "traced_samples", property(lambda s: s._law if s.sample_time else None))
     return rne.Robot(straight_chain(2), "numba")
-
-
-def address_of_rows(kernel, count=1, common=True):
-    """A function in place of an address, by NumPy."""
-    program = BlockProgram(kernel.traced)
-
-    def function(*arguments):
-        *given, numbers, out = arguments
-        rows = [np.reshape(a, (-1, count)).T for a in given]
-        numbers = numbers if common else np.reshape(numbers, (-1, count)).T
-        return program.sound([*rows, numbers], np.reshape(out, (-1, count)).T).all()
-
-    return function
 
 
 @pytest.mark.parametrize("kind", kept(MADE, ["cubic"]))
