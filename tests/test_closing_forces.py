@@ -12,8 +12,8 @@ import rne
 from rne.basics import archive
 from rne.dynamics import inverse_dynamics, jacobian, link_poses, recursion
 from rne.dynamics.kinematics import joint_accelerations, joint_positions, joint_velocities
+from rne.files.motion_files import _kinds
 from rne.model import coupled, four_bar, slider_crank
-from rne.simulation.motion_files import _kinds
 
 from .helpers import kept
 from .test_couplings import drawn, linkage, part, tree

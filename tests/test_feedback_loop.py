@@ -61,7 +61,7 @@ def test_the_map_from_sample_to_sample_is_exact(delay):
     for seed in range(3):
         loop = random_loop(seed, delay)
         expected = exact_map(loop)
-        np.testing.assert_allclose(loop.step_matrix, expected, rtol=0, atol=EXACT * np.abs(expected).max())
+        np.testing.assert_allclose(loop.sample_map, expected, rtol=0, atol=EXACT * np.abs(expected).max())
         assert loop.is_stable == (exact_radius(loop) < 1)
 
 
@@ -71,7 +71,7 @@ def test_stiff_loops_lose_no_digits():
     A = turn @ np.diag([-1e4, -1.0, 0.5]) @ turn.T
     loop = rne.control.FeedbackLoop(A, np.eye(3), -np.eye(3))
     for T in (1e-6, 1e-3, 1.0):
-        found = replace(loop, sample_time=T).step_matrix
+        found = replace(loop, sample_time=T).sample_map
         np.testing.assert_allclose(found, exact_map(loop, sample_time=T), rtol=0, atol=EXACT)
 
 
@@ -166,7 +166,7 @@ def test_windows_of_vibrations_are_found_where_they_are_narrower_than_steps_of_t
     assert len(loop.windows) == 9
     for window, part in itertools.product(loop.windows, np.linspace(0.01, 0.99, 12)):
         T = window.start + part * (window.end - window.start)
-        stable = np.abs(np.linalg.eigvals(replace(loop, sample_time=T).step_matrix)).max() < 1
+        stable = np.abs(np.linalg.eigvals(replace(loop, sample_time=T).sample_map)).max() < 1
         assert window.verdict == ("stable" if stable else "unstable"), (window, T)
     narrow = vibrating(1.5e4, 0.27, 0.028, 26, 1.15)
     first, second, *_ = narrow.windows
@@ -203,7 +203,7 @@ def test_arrays_that_do_not_fit_are_refused(arguments, text):
 
 
 def test_only_a_sampled_loop_has_a_map():
-    assert rne.control.FeedbackLoop([[0]], [[1]], [[1]]).step_matrix is None
+    assert rne.control.FeedbackLoop([[0]], [[1]], [[1]]).sample_map is None
 
 
 # Scenes
@@ -255,7 +255,7 @@ def test_the_loop_of_an_elastic_joint_is_that_of_spongs_equations(reads):
         replace(scene, controller=lambda t, q, qd: law(t, q, qd) - 2 * np.sign(q[-1:] - target)).check_gains([TARGET])
     late = replace(scene, sample_time=2e-3, delay=3e-3).check_gains([TARGET])
     exact = exact_radius(replace(expected, sample_time=2e-3, delay=3e-3))
-    assert np.abs(np.linalg.eigvals(late.loop.step_matrix)).max() == pytest.approx(exact, rel=SLOPES)
+    assert np.abs(np.linalg.eigvals(late.loop.sample_map)).max() == pytest.approx(exact, rel=SLOPES)
     assert late.stable is bool(exact < 1)
 
 
@@ -275,7 +275,7 @@ def weightless_scene(seed):
 
 def growth_of(scene, q, loop):
     """Growth of a small deviation from the third to the last quarter of a simulation: some tenfold, or to a tenth."""
-    radius = np.abs(np.linalg.eigvals(loop.step_matrix)).max()
+    radius = np.abs(np.linalg.eigvals(loop.sample_map)).max()
     count = int(np.clip(np.log(10) / abs(np.log(radius)), 5, 3000))
     t = scene.sample_time * np.arange(2 * count, 4 * count)
     motion = rne.simulate(scene, q + 1e-9, 0 * q, t[-1], rtol=1e-7, atol=1e-16, t_eval=t)

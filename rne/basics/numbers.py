@@ -64,6 +64,11 @@ class WithNumbers(ABC):
         return self.at(found)
 
 
+def part_of(numbers: Mapping[str, Any], part: str) -> dict[str, Any]:
+    """The numbers whose names begin with that of a part, without it."""
+    return {name.removeprefix(part): x for name, x in numbers.items() if name.startswith(part)}
+
+
 def is_input(number: Array, *, named: bool = False) -> Array:
     """Which entries of a number are inputs of kernels."""
     return np.asarray((np.abs(number) < UNBOUNDED) & ((number != 0) | named))

@@ -30,19 +30,20 @@ class Piecewise(NamedTuple):
     def __call__(self, times: Array) -> Array:
         """Values at times (T,), shape (T, n)."""
         k = np.clip(np.searchsorted(self.t, times, side="right") - 1, 0, len(self.t) - 2)
-        s = ((times - self.t[k]) / (self.t[k + 1] - self.t[k]))[:, None]
+        return self._at(k, (times - self.t[k]) / (self.t[k + 1] - self.t[k]))
+
+    def _at(self, k: Array, s: Array) -> Array:
+        """Values at fractions s of pieces k."""
         total = self.c[-1, k]
         for c in self.c[-2::-1]:
-            total = total * s + c[k]
+            total = total * s[:, None] + c[k]
         return np.asarray(total)
 
     def at_fractions(self, s: Array) -> tuple[Array, Array]:
         """Times and values at fractions s of every piece, shapes (N S,) and (N S, n)."""
         times = (self.t[:-1, None] + np.diff(self.t)[:, None] * s).reshape(-1)
-        total = np.repeat(self.c[-1][:, None], len(s), axis=1)
-        for c in self.c[-2::-1]:
-            total = total * s[:, None] + c[:, None]
-        return times, total.reshape(len(times), -1)
+        pieces = len(self.t) - 1
+        return times, self._at(np.repeat(np.arange(pieces), len(s)), np.tile(s, pieces))
 
     def derivative(self) -> Piecewise:
         """The derivative by time."""

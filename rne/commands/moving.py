@@ -134,7 +134,7 @@ def add_torques(commands: Any) -> None:
 def run_torques(arguments: argparse.Namespace) -> int:
     """Write the torques, and say how they were computed: on standard error if the torques go to standard output."""
     from ..dynamics.limits import limit_violations
-    from ..simulation.motion_files import csv_text, write_columns
+    from ..files.motion_files import csv_text, write_columns
 
     shared.check_file(arguments.out, arguments, suffixes=(".csv",))
     robot = shared.robot_of(arguments)

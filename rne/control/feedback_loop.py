@@ -57,7 +57,8 @@ class FeedbackLoop(ReadOnlyArrays):
     def __post_init__(self) -> None:
         N, n, p = (len(np.atleast_1d(given)) for given in (self.A, self.F, self.R))
         for name, shape in {"A": (N, N), "B": (N, n), "F": (n, N + p), "R": (p, N + p)}.items():
-            given = getattr(self, name) if np.size(getattr(self, name)) else np.zeros(shape)
+            given = getattr(self, name)
+            given = given if np.size(given) or np.prod(shape) else np.zeros(shape)
             object.__setattr__(self, name, real_array(name, given, str(shape)))
         positive_number("sample_time", 1.0 if self.sample_time is None else self.sample_time)
         positive_number("delay", self.delay, zero_allowed=True)
@@ -65,7 +66,7 @@ class FeedbackLoop(ReadOnlyArrays):
 
     @cached_property
     def poles(self) -> Array:
-        """Of the loop in continuous time and without the delay, shape (N + p,) [1/s]."""
+        """Poles of the loop in continuous time without its delay, shape (N + p,) [1/s]."""
         return np.asarray(read_only(np.linalg.eigvals(self._closed(self.F))))
 
     @cached_property
@@ -79,24 +80,21 @@ class FeedbackLoop(ReadOnlyArrays):
 
         Sample time and delay stay. It is infinite if no factor up to 10^4 is found, and 1 if the loop is not stable.
         """
-        factors = np.geomspace(1.0, LARGEST_GAIN, int(np.log(LARGEST_GAIN) / np.log(STEP)))
-        found = windows(
-            lambda k: self._growth(self.sample_time, self.delay, k), factors[: None if self.is_stable else 1]
-        )
-        return end_of_stability(found)
+        factors = geometric(1.0, LARGEST_GAIN, STEP)[1 : None if self.is_stable else 2]
+        return end_of_stability(windows(lambda k: self._growth(self.sample_time, self.delay, k), factors))
 
     @cached_property
     def delay_margin(self) -> float:
-        """The further delay at which the loop becomes unstable; infinite if none is found, 0 if it is so [s]."""
+        """The additional delay that makes the loop unstable [s]; infinite if none is found, 0 if it is not stable."""
         slowest, fastest = self._extremes
         delays = geometric(FASTEST / fastest / 10, SLOWEST / slowest, DELAY_STEP)[: None if self.is_stable else 1]
         return end_of_stability(windows(lambda t: self._growth(self.sample_time, self.delay + t), delays))
 
     @cached_property
     def windows(self) -> tuple[Window, ...]:
-        """Windows of sample times, 0 for continuous time: with the delay as it is; searched, not proven.
+        """Sample times divided into windows of one verdict, with the delay as it is; 0 is continuous time [s].
 
-        Of a loop with motions that nothing holds or damps all are undecided.
+        They are found by a search, not proven. All is "undecided" if the loop has motions that nothing holds or damps.
         """
         (slowest, fastest), own = self._extremes, self.sample_time or 0.0
         first = max(FASTEST / fastest, self.delay / SAMPLES_LATE)
@@ -109,7 +107,7 @@ class FeedbackLoop(ReadOnlyArrays):
         return windows(lambda T: self._growth(T or None, self.delay), np.unique(times), REACH, own)
 
     @cached_property
-    def step_matrix(self) -> Array | None:
+    def sample_map(self) -> Array | None:
         """The map from sample to sample of (x, z, u_k-1, u_k-2, ...), with as many past commands as the delay needs.
 
         None in continuous time.
@@ -192,7 +190,7 @@ class FeedbackLoop(ReadOnlyArrays):
             matrix[:, :N] -= (later + earlier * np.exp(-s)) * np.exp(-s * (m if T else delay)) @ F
             return np.asarray(np.linalg.slogdet(matrix)[0])
 
-        angles = geometric(FASTEST / 10 * slowest * unit, last, ANGLES)
+        angles = geometric(min(FASTEST / 10 * slowest * unit, last / 2), last, ANGLES)
         phase = phases(angles)
         for _ in range(HALVINGS):
             turns = np.angle(phase[1:] * phase[:-1].conj())
@@ -201,6 +199,8 @@ class FeedbackLoop(ReadOnlyArrays):
                 break
             between = (angles[coarse] + angles[coarse + 1]) / 2
             angles, phase = (np.insert(x, coarse + 1, y) for x, y in ((angles, between), (phase, phases(between))))
+        else:
+            return 1  # not known to be stable
         return int(np.ceil(len(own) / (1 if T else 2) - turns.sum() / np.pi - 0.25))
 
 
@@ -223,7 +223,7 @@ class LinearisedLoop(InNotebooks):
         in `rne.simulate`; infinite if none was, 0 if it is in continuous time [s].
     sample_time : float or None
         The scene's own [s].
-    stable : bool
+    stable : bool or None
         True if the loop is stable near the target, with torques held and late if the scene's are.
     is_rest : bool
         True if the target is an equilibrium: otherwise the motion leaves it, whatever the poles.
@@ -345,9 +345,9 @@ def closed_loop(
 
 
 def windows(growth: Callable[[float], float], points: Array, reach: float = 0, least: float = 0) -> tuple[Window, ...]:
-    """Windows of one verdict between ascending numbers; also what a growth rate that nearly changes its sign hides.
+    """Windows of one verdict between ascending points, up to `reach` times the end of the first, at least to `least`.
 
-    Up to `reach` times the end of the first one, and to `least`.
+    An extremum between points that changes the verdict is searched for.
     """
     nodes, changes = [(float(points[0]), growth(float(points[0])))], list[tuple[Node, Node]]()
     for point in points[1:].tolist():

@@ -58,8 +58,8 @@ class Gains(LinearisedLoop):
     stable : bool or None
         True if the sample time is below the limit; None if none was given.
     loop : FeedbackLoop
-        The loop in the configuration `sample_time_q`, of which poles and margins are: with gravity compensated, and
-        with the compensation in what is held, late, or larger.
+        The loop in the configuration `sample_time_q`, of which poles and margins are, with gravity compensated; the
+        margins multiply and delay this compensation as well.
     is_rest, has_smoothed_friction, is_of_link : bool
         As of other linearised loops: True, False, False.
 
@@ -260,7 +260,8 @@ class SampledLoop:
 
     def feedback(self, q: Array, sample_time: float | None = None) -> FeedbackLoop:
         """The loop of (e, qd) in one configuration."""
-        inverse, G, none = inverse_mass_matrix(self.robot, q), self.slope(q), np.zeros_like(q * self.kp[:, None])
+        inverse, G = inverse_mass_matrix(self.robot, q), self.slope(q)
+        none = np.zeros_like(G)
         A = np.block([[none, np.eye(len(q))], [-inverse @ G, none]])
         F = np.hstack([G - np.diag(self.kp), -np.diag(self.kd)])
         return FeedbackLoop(A, np.vstack([none, inverse]), F, sample_time=sample_time)

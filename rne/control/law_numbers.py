@@ -19,6 +19,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from ..basics.arrays import copy_with
+from ..basics.numbers import part_of
 from ..basics.piecewise import on_rows
 from ..basics.spatial import Array
 from ..graph.scalar import is_traced
@@ -96,7 +97,7 @@ def _robot_at(robot: Robot, parameters: Array) -> Robot:
 
 
 def motion_of(law: Any) -> tuple[str, Any] | None:
-    """The name and the motion through samples that a law holds, which has a `table`; None if it holds none, or some."""
+    """The name and the motion through samples, which has a `table`, that a law holds; None for none or several."""
     found = [(name, part) for name, part in parts_of(law).items() if hasattr(type(part), "with_samples")]
     return found[0] if len(found) == 1 else None
 
@@ -122,7 +123,7 @@ def law_at(law: Any, numbers: Mapping[str, Any]) -> Any:
     """The law with other numbers, which may be traced; their names are those of `numbers_of`."""
     changed: dict[str, Any] = {}
     for name, part in parts_of(law).items():
-        inner = {k.removeprefix(f"{name}."): v for k, v in numbers.items() if k.startswith(f"{name}.")}
+        inner = part_of(numbers, f"{name}.")
         if inner and isinstance(part, Robot):
             changed[name] = _robot_at(part, inner["parameters"])
         elif inner:

@@ -380,7 +380,7 @@ class GuardedLaw:
         return torque
 
     def delivered(self, torque: Array) -> None:
-        """Take the torques of the last sample as the limits of the scene let them through, which act `delay` later.
+        """Replace the torques of the last sample by those within the limits of the scene; they act `delay` later.
 
         Parameters
         ----------

@@ -156,7 +156,7 @@ class TracedLaw(WithNumbers):
         """The law with other numbers of some names, which may be traced."""
         own = {name: x for name, x in numbers.items() if name in self.numbers}
         values = {name: x for name, x in own.items() if not is_traced(x)}
-        return copy_with(self, law=law_at(self.law, own), numbers=self.numbers | values)
+        return copy_with(self, law=law_at(self.law, own), numbers=self.numbers | values, masks=self.masks)
 
     @classmethod
     def known(cls, law: Any, n: int, given: LawInputs, named: frozenset[str], kernels: KernelCache) -> TracedLaw:
@@ -312,9 +312,10 @@ class TracedLaw(WithNumbers):
         if self.formula[1] is None:
             return self._why_not_traced(kernels)
         key = self, None if is_ours(self.law) else id(self.law)  # which is alive as long as it is part of a key
-        if key not in kernels.reasons:
-            kernels.reasons.get_or_make(key, lambda: self._why_not_traced(kernels) or "")
-        return kernels.reasons.get(key) or None
+        found = kernels.reasons.get(key)
+        if found is None:
+            found = kernels.reasons.get_or_make(key, lambda: self._why_not_traced(kernels) or "")
+        return found or None
 
     def _why_not_traced(self, kernels: KernelCache) -> str | None:
         try:

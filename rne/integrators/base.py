@@ -54,7 +54,7 @@ class Implicit(NamedTuple):
 
 
 class System(Protocol):
-    """What is integrated: dx/dt = f(t, x, u, numbers). What solvers may rely on, and what they owe:
+    """What is integrated: dx/dt = f(t, x, u, numbers). What solvers may rely on, and what they must do:
 
     1. The first `counted` entries of the state x, (size,), are held to the tolerances. The others are integrals, such
        as energies: their rates depend on the first alone, and an error of theirs is relative to `integral_scale` plus
@@ -68,8 +68,8 @@ class System(Protocol):
        (p,), which stay the same over a run, it gives dx/dt, and `width` numbers in all: those behind dx/dt are carried
        along unread. Where it is not certain of its result, it says so, and the solver calls `rates` there, which knows
        more or raises an error that names the cause.
-    5. `evaluations` counts calls of f. A call of the system adds itself, and `jacobian` what it takes; loops and calls
-       of `rates` are added by who makes them.
+    5. `evaluations` counts calls of f. Calling the system adds 1, and `jacobian` its own; who runs `kernel` in a loop,
+       or calls `rates`, adds those.
     6. `jacobian` is df/dx at (t, x) under what is held, (size, size); its columns of integrals are 0.
     7. Where `table` has rows, f takes the one that holds at t, begin and end first, as an argument before the numbers:
        pieces of a motion that f follows.

@@ -22,7 +22,7 @@ from ..kernels.kernel import Kernel
 from .base import SAME
 from .loops import LANES, NO_PIECES, combine, compiled, evaluate, inline, row_at
 from .rows import EARLY, FAST_DECAY, LOOK, NEEDS_RECURSION, SLOW, STIFF, BatchResult, Progress, run_rows
-from .step_control import MOST_STEPS, Interval, first_lengths, shortest_step, step_factor
+from .step_control import MOST_STEPS, NEARLY, Interval, first_lengths, shortest_step, step_factor
 from .tableaus import Tableau
 
 EMPTY = -1  # in place of a motion's number
@@ -35,7 +35,6 @@ NOW, LENGTH, END, FIFTH, THIRD, NEXT, SWITCH, STEP_ROWS = 0, 1, 2, 3, 4, 5, 6, 7
 # Of the last of `own`: the delay in whole periods and a rest, work before the torques that act, bounds of torques, and
 # behind these, of their change between samples.
 LATE, REST, WORK, BOUNDS = 0, 1, 2, 3
-NEARLY = 1 - 1e-12  # of the end: a later sample is none
 
 
 class Hold(NamedTuple):

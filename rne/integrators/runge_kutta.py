@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Any
 
 from .loops import combine, copy, evaluate, inline, put_piece, put_time
-from .step_control import Problem, Storage, error_norm, first_length, shortest_step, step_factor, until_break
+from .step_control import NEARLY, Problem, Storage, error_norm, first_length, shortest_step, step_factor, until_break
 
 CONTINUE, KEEP_LENGTH, RESTART = 0, 1, 2  # the first step: slope and length are known, the length, neither
 
@@ -97,13 +97,13 @@ def take_segments(problem: Any, how: Any, steps: Any) -> int:
 def add_stages(problem: Any, T: Any, X: Any, K: Any, U: Any) -> bool:
     """The stages that only interpolants need, in the last rows of K; False if one of them is not valid.
 
-    The first entries of the last argument but one are the row of U that was held in each step, if U has columns.
+    The first entries of arguments[2] are the row of U that was held in each step, if U has columns.
     """
     A, C, valid = problem.interval.tableau.A2, problem.interval.tableau.C2, True
     for step in range(len(K)):
         h, k = T[step + 1] - T[step], K[step]
         for i in range(U.shape[1]):
-            problem.arguments[-2][i] = U[step, i]
+            problem.arguments[2][i] = U[step, i]
         for extra in range(len(C)):
             s = len(k) - len(C) + extra
             valid &= stage(problem, T[step], X[step], h, A[extra], k, s, C[extra] * h)
@@ -176,7 +176,7 @@ def take_samples(law: Any, problem: Any, timing: Any, how: Any, steps: Any, samp
                 number[3] += 1
             how = KEEP_LENGTH if H[step] > 0 else RESTART
         switch = min(number[0] * period, (number[1] + late) * period + rest)
-        until = switch if switch < end * (1 - 1e-12) else end
+        until = switch if switch < end * NEARLY else end
         taken = take_steps(problem, until, how, Storage(T[step:], X[step:], K[step:], H[step:], count[step:], work))
         for k in range(step, step + taken):
             for i in range(n):

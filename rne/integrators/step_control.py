@@ -19,6 +19,7 @@ from .loops import NO_PIECES, combine, evaluate, inline, put_time, rows_begun
 SAFETY, SMALLEST, LARGEST = 0.9, 0.2, 10.0  # factors between steps, as SciPy's
 EPS = float(np.finfo(np.float64).eps)
 ROUNDINGS, TINY = 10 * EPS, 1e-300  # of the time, and at time 0: shorter steps are given up
+NEARLY = 1 - 1e-12  # of the end: a sample later than this is not taken, up to rounding it is at the end
 MOST_STEPS = 1e10  # a motion is given up that at its pace would take so many
 THIRD = 0.01  # of the second estimate of an error in the norm of both, DOP853's
 # Of the first length: sizes that say nothing, the length then; the part of the state or of its slope that a step may

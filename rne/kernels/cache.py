@@ -115,7 +115,7 @@ class KernelCache:
     def evaluate_some(self, function: Declared, *arrays: Array) -> Array:
         """A quantity of a robot or a scene in states that are evaluated once, such as the energies of a motion.
 
-        By the recursion, until this took about as long as tracing would: for six joints 4 ms.
+        By the recursion, until that has cost as much as OF_TRACING states.
         """
         kernel, key = self._kernels.get(function) or self._scenes.get((function, ())), ("some", function)
         if kernel is None and not any(is_traced(a) for a in arrays):

@@ -8,7 +8,6 @@ import logging
 import re
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from copy import copy
 from functools import cached_property
 from math import prod
 from types import FunctionType, MethodType
@@ -17,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import is_read_only, read_only, real_numbers, whole_number
+from ..basics.arrays import copy_with, is_read_only, read_only, real_numbers, whole_number
 from ..basics.piecewise import NO_TABLE, rows_at
 from ..basics.spatial import Array
 from ..basics.text import short, wrapped
@@ -179,7 +178,7 @@ class Kernel:
         Raises
         ------
         ValueError
-            If a time is outside the samples.
+            If a time is outside the samples, not finite, or of the wrong shape.
         TypeError
             If the kernel has no such argument, or no samples.
 
@@ -265,10 +264,11 @@ class Kernel:
 
         Examples
         --------
-        >>> import numpy as np, rne
-        >>> kernel = rne.compile(rne.dynamics.mass_matrix, rne.irb140())
-        >>> kernel.coefficients(np.zeros(2)).tolist()
-        [0.0, 0.0]
+        >>> import rne
+        >>> dynamics = rne.Scene(rne.load("irb140"), friction=rne.Friction(viscous=2.0)).dynamics
+        >>> kernel = rne.kernels.Kernel(dynamics.right_hand_side, rne.irb140(), {})
+        >>> kernel.coefficients(dynamics.vector).tolist()
+        [2.0, 2.0, 2.0, 2.0, 2.0, 2.0]
         """
         of_numbers = self._trace.of_numbers if self._trace else None
         if of_numbers is None:
@@ -785,9 +785,7 @@ class Kernel:
 
 def with_table(kernel: Kernel, table: Array) -> Kernel:
     """The same kernel, whose calls find `piece`, the row of a table, (N, width), that holds at their times."""
-    found = copy(kernel) if len(table) else kernel
-    found.table = table
-    return found
+    return copy_with(kernel, table=table) if len(table) else kernel
 
 
 def _rows(arrays: Sequence[Array]) -> tuple[tuple[int, ...], Array]:

@@ -166,7 +166,7 @@ def _times(motion: Any) -> Array:
 
 
 def cycle_samples(scene: Scene, motion: Any, *, instant: bool = False) -> tuple[Array, Array, Array, Array, Array]:
-    """Samples t, q, qd, qdd and tau of a motion; those of an `instant` suffice, if it is allowed."""
+    """Samples t, q, qd, qdd and tau of a motion; with `instant` a single sample will do."""
     found: Sequence[Any]
     if isinstance(motion, Trajectory):
         found = samples_of(motion, between(motion.t, samples=MOST_LOADS))

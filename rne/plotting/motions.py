@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import real_numbers
 from ..basics.spatial import Array
 from ..dynamics.energy import kinetic_energy, potential_energy
+from ..files.motion_files import MOTORS, numbered_joints
 from ..model.model import Model
 from ..robot import Robot
-from ..simulation.motion_files import MOTORS, numbered_joints
 from ..simulation.trajectory import Trajectory, motors_at, samples_of
 
 JOINT_ARRAYS = ("q", "qd", "qdd", "tau")

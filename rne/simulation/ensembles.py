@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import check_function, positive_number, real_array, real_numbers
+from ..basics.numbers import part_of
 from ..basics.piecewise import NO_TABLES, rows_of_tables
 from ..basics.spatial import Array
 from ..basics.text import InNotebooks, counted, short
@@ -25,9 +26,9 @@ from ..control.traced_law import one_at_a_time
 from ..dynamics.quantity import OK, PrecisionStatus
 from ..errors import NotFiniteError, SimulationError, SimulationInterrupted
 from ..integrators.base import IMPLICIT, RODAS
-from ..integrators.lanes import NEARLY, Hold, run_batch, run_lanes
+from ..integrators.lanes import Hold, run_batch, run_lanes
 from ..integrators.rows import SLOW, BatchResult, Progress
-from ..integrators.step_control import Interval
+from ..integrators.step_control import NEARLY, Interval
 from ..integrators.tableaus import FIXED, tableau
 from ..kernels.kernel import Kernel
 from ..model.model import Model
@@ -191,8 +192,8 @@ def ensemble(
     ----------
     scene_or_robot : Scene or Robot
         What moves. Without stops, friction that sticks and called controllers all motions run side by side; with them
-        one after another, as `rne.simulate` runs them. So do laws that are sampled and given torques, but in machine
-        code (engine "numba"), where those run side by side as well.
+        one after another, as `rne.simulate` runs them. Controllers that are sampled, and
+        `torque`, run side by side with engine "numba", one after another otherwise.
     q0, qd0 : array_like, shape (N, n)
         Initial positions and velocities, of elastic joints as `rne.simulate` takes them [rad or m; rad/s or m/s]. If
         both are float32 and `step` is given, so is the computation, if no torques are held; see docs/stability.md.
@@ -215,7 +216,7 @@ def ensemble(
         Torques of the drives of each motion, for a robot or a scene without a controller: constant ones, or K of them,
         each held for `sample_time`. The effort limits of the scene bound them [N m or N].
     sample_time : float, optional
-        Of `torque`; K times it is the duration [s].
+        Time for which each of the K torques is held; K `sample_time` must be the duration [s].
     method : str
         "auto" is DOP853, or Tsit5 between samples, or what `rne.simulate` chooses for motions that run one after
         another and for those that turn out to be stiff. Other explicit methods run side by side as well, implicit ones
@@ -302,7 +303,9 @@ def ensemble(
     return motions
 
 
-def _numbers(scene: Scene, numbers: Mapping[str, ArrayLike] | None, parameters: ArrayLike | None, count: int) -> Any:
+def _numbers(
+    scene: Scene, numbers: Mapping[str, ArrayLike] | None, parameters: ArrayLike | None, count: int
+) -> tuple[Scene, dict[str, Array]]:
     """The scene with its own numbers named that motions have in place of them, and these, (N, ...) each."""
     if parameters is not None and numbers is not None and "parameters" in numbers:
         raise ValueError("`parameters` and `numbers['parameters']` are the same: give one of them")
@@ -311,14 +314,13 @@ def _numbers(scene: Scene, numbers: Mapping[str, ArrayLike] | None, parameters: 
         shape = (count, PARAMETERS * scene.resolved.robot.model.nb)
         given["parameters"] = real_array("parameters", parameters, f"{shape}, ten per body for each initial state")
     own = checked(scene, given, count)
-    varying = None
-    if {*BODIES} & {*own}:
-        models = bodies_of(scene, own)
-        varying = Bodies.mask(models)
+    varying = Bodies.mask(bodies_of(scene, own)) if {*BODIES} & {*own} else None
     return scene_of_all(scene, own, varying), own
 
 
-def _starts(scene: Scene, own: Mapping[str, Array], q0: ArrayLike, qd0: ArrayLike, *, is_fixed: bool) -> Any:
+def _starts(
+    scene: Scene, own: Mapping[str, Array], q0: ArrayLike, qd0: ArrayLike, *, is_fixed: bool
+) -> tuple[Array, Array]:
     """Initial positions and velocities, float32 only for fixed steps."""
     n = scene.n
     given = [real_numbers(name, x, f"(N, {n})") for name, x in (("q0", q0), ("qd0", qd0))]
@@ -494,7 +496,7 @@ class BatchRun:
     def _tables(self, own: Mapping[str, Array]) -> Array:
         """The pieces of the motion that a law follows, one table for all or one for each, as of `TracedLaw.tables`."""
         law = self.dynamics.law
-        return NO_TABLES if law is None else law.tables({k.removeprefix("controller."): x for k, x in own.items()})
+        return NO_TABLES if law is None else law.tables(part_of(own, "controller."))
 
     @property
     def steps(self) -> Array:
@@ -514,9 +516,9 @@ class BatchRun:
         """The motions of a chunk."""
         x, evaluations, verdict, is_done = chunk.x, 0, OK, True
         own = self.dynamics.vectors(self._of_dynamics(chunk.numbers)) if chunk.numbers else self.dynamics.vector
-        numbers, stiff = chunk.first + np.arange(len(x)), np.zeros(len(x), dtype=bool)
+        places, stiff = chunk.first + np.arange(len(x)), np.zeros(len(x), dtype=bool)
         run: Callable[..., BatchResult] = run_batch if self.held is None else run_lanes
-        held = numbers if self.held is None else self.held(chunk.numbers, chunk.torque)
+        last = places if self.held is None else self.held(chunk.numbers, chunk.torque)
         further = 0 if self.held is None else self.dynamics.joints + 1  # behind states: held torques, their work
         x, size = np.pad(x, [(0, 0), (0, further)]), x.shape[1]
         states = np.full((len(self.times), *x.shape), np.nan, x.dtype)
@@ -526,7 +528,7 @@ class BatchRun:
             is_last = interval is self.intervals[-1]
             X = np.full((len(interval.t_eval), *x.shape), np.nan, x.dtype)
             how = interval._replace(table=tables), self.fallback.kernel, own, x[:, :size], X
-            part = run(*how, advance if is_last else lambda _: advance(0), held)
+            part = run(*how, advance if is_last else lambda _: advance(0), last)
             stiff |= part.code != 0
             evaluations, verdict, is_done = evaluations + part.evaluations, verdict.worse(part.verdict), part.is_done
             X[:, stiff] = x[stiff] if is_done else np.nan

@@ -81,7 +81,8 @@ def without_memory(law: Any, q: Array, period: float) -> Any:
             found.append(_torques(own, CALLS * period, q, 0 * q))
     if not (memory := _difference(found)):
         return law
-    vars(settled).update({"states": law.states} if hasattr(law, "states") else {})
+    if hasattr(law, "states"):
+        settled.states = law.states  # type: ignore[attr-defined]
     if noise := _difference([_torques(settled, 0.0, q, 0 * q) for _ in range(2)]):
         raise ValueError(
             f"`controller` has noise: its torques differ by {noise:.3g} N m or N after equal calls, so that it has no "

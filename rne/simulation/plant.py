@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..basics.arrays import real_array
+from ..basics.numbers import part_of
 from ..basics.piecewise import pieces_at
 from ..basics.spatial import Array
 from ..control.traced_law import call_law
@@ -187,7 +188,7 @@ class Plant:
 
     def _inputs(self, t: Array, x: Array, u: Array | None = None) -> tuple[Array, ...]:
         """The arguments of a kernel but for the numbers, at times of shape (..., 1)."""
-        pieces = pieces_at(self.table, t) if len(self.table) else ()
+        pieces = pieces_at(self.table, t)
         return (t, x, *pieces) if u is None else (t, x, u, *pieces)
 
     def all_outputs(self, t: Array, X: Array, u: Array | None = None, few: int = 1) -> Array:
@@ -219,7 +220,7 @@ class Plant:
         law, limit = self.dynamics.law, self.dynamics.effort_limit
         if self._law_kernel is not None and law is not None:
             states, numbers = X[:, : self._law_kernel.widths[1]], law.vector
-            if mine := {k.removeprefix("controller."): x for k, x in own.items() if k.startswith("controller.")}:
+            if mine := part_of(own, "controller."):
                 numbers = law.vectors(mine)
             given = (t[:, None], states, *pieces) if pieces else self._inputs(t[:, None], states)
             found = self._law_kernel.evaluate(*given, numbers)[0][:, : self.robot.n]

@@ -20,6 +20,7 @@ from ..errors import NotFiniteError, SingularMassMatrixError
 from ..integrators.base import FAILURES, RODAS, SAME, GaveUpError, IntegrationOptions, Solver, Steps
 from ..integrators.compiled_methods import CompiledSolver, RosenbrockSolver, SampledSolver
 from ..integrators.scipy_methods import Keeps, SciPySolver
+from ..integrators.step_control import NEARLY
 from ..integrators.tableaus import EXPLICIT
 from .events import Event, Stop, first_crossing
 from .friction import creep
@@ -33,9 +34,8 @@ FIRST_STEPS, MAX_STEPS = 8, 1000
 MIN_TOLERANCES = 2.3e-14, 1e-20  # 100 roundings in float64, as SciPy's solvers demand, and far below any state
 # Of the run that is compared with another one: times smaller tolerances; the other has an error too; comparisons a step
 FINER, MARGIN, COMPARED = 100.0, 1.1, 8
-NEARLY = 1 - 1e-12  # of the duration: later samples are those of its end, up to rounding
 EPS = float(np.finfo(np.float64).eps)
-FEW = 500  # states that the function of one state takes less time for than making that of many
+FEW = 500  # states up to which calls of the function of one state take less time than loading that of many
 ROUNDING = 1e-9  # of the largest value of a joint: what differs by less has not jumped
 
 
@@ -92,7 +92,8 @@ class RunResult:
        friction holds.
     5. `work` and each of `dissipated` count from t = 0, whatever `t_eval` leaves out; `energy_drift` is the largest
        magnitude of energy - energy_start - work + dissipated at these times.
-    6. Of a run that fails all arrays end before the first time at which a torque or an acceleration is not finite.
+    6. Of a run that fails all arrays end before the first time at which a torque or an acceleration is not finite;
+       where energies alone overflow, which ends a run too, these are NaN.
     """
 
     plant: Plant
@@ -235,7 +236,7 @@ class RunResult:
         try:
             kinetic, potential = dynamics.energies_of(robot, np.concatenate([x0[None], x]))
         except NotFiniteError as error:  # with torques that are finite: squares of velocities overflow
-            kinetic, potential = np.full((2, len(x) + 1), np.inf)
+            kinetic, potential = np.full((2, len(x) + 1), np.nan)
             failure = failure or Failure(float(t[0]) if len(t) else 0.0, str(error))
         energy = kinetic + potential
         balance = energy[1:] - energy[0] - work + sum(energies.values(), np.zeros(len(t)))
@@ -321,7 +322,7 @@ class Run:
         self.most = FIRST_STEPS  # steps taken at once
         self.monitor = MethodMonitor(plant, hold, task.method, task.duration, may_change=task.is_auto)
         self.record = RunResult(plant, task)
-        self.breaks = sorted({b for b in task.breaks if 0 < b < task.duration}) if hold is None else []
+        self.breaks = [b for b in task.breaks if 0 < b < task.duration] if hold is None else []
 
     def result(self) -> RunResult:
         """From the start to the end, a stop or a failure."""
@@ -481,7 +482,8 @@ class Run:
 
 def _solver(plant: Plant, task: Task, method: str, hold: ZeroOrderHold | None) -> Solver:
     """A method's loop in machine code where there is one, or SciPy's solver."""
-    options = IntegrationOptions(method, task.rtol, task.atol, task.t_eval, np.array([b for b in task.breaks if b > 0]))
+    breaks = np.array([b for b in task.breaks if b > 0 and hold is None])  # a law that is held jumps at its samples
+    options = IntegrationOptions(method, task.rtol, task.atol, task.t_eval, breaks)
     if method == RODAS:
         return RosenbrockSolver(options, plant)
     if method not in EXPLICIT or not plant.is_compiled:

@@ -350,7 +350,9 @@ class Scene:
         KeyError
             If the scene has no such number; lists those that it has.
         ValueError
-            If an array has the wrong shape, is not finite, or does not fit its part.
+            If an array has the wrong shape, has a NaN, or an infinity where it is no limit, or does not fit its part.
+        TypeError
+            If `numbers` is no mapping.
 
         Examples
         --------
@@ -372,7 +374,7 @@ class Scene:
         vars(found)["_names"] = frozenset(named)
         if named & {*BODIES}:
             vars(found)["_kernels"], before = self.kernels, self._varying
-            of_payloads = moments_of_payloads(found) if "payload" in named else None
+            of_payloads = moments_of_payloads(found) if "payload" in named and found.payload is not None else None
             mask = [m for m in (varying, before, of_payloads) if m is not None]
             if mask:
                 vars(found)["_varying_moments"] = np.logical_or.reduce([*mask, Bodies.mask(found.resolved.robot.model)])

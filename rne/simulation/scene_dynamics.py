@@ -29,14 +29,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import cached_array
-from ..basics.numbers import WithNumbers
+from ..basics.numbers import WithNumbers, part_of
 from ..basics.piecewise import NO_TABLE
 from ..basics.spatial import Array, rotate
 from ..control.traced_law import LawInputs, TracedLaw
 from ..dynamics.crba import mass_matrix, solve_with_pivots
 from ..dynamics.energy import kinetic_energy, potential_energy
 from ..dynamics.precision import check_accelerations, check_singularity
-from ..dynamics.quantity import Declared, MethodQuantity, PrecisionStatus, Quantity
+from ..dynamics.quantity import OK, Declared, MethodQuantity, PrecisionStatus, Quantity
 from ..dynamics.rnea import bias_torque, inverse_dynamics
 from ..elementwise import clip
 from ..graph.scalar import is_present
@@ -195,32 +195,30 @@ class SceneDynamics(WithNumbers):
 
     def at(self, numbers: Mapping[str, Any]) -> Self:
         """The same with other numbers of some names, which are not checked and may be traced."""
-
-        def of(part: str) -> dict[str, Any]:
-            return {k.removeprefix(part): x for k, x in numbers.items() if k.startswith(part)}
-
         found: dict[str, Any] = {}
-        if self.friction is not None and (own := of("friction.")):
+        if self.friction is not None and (own := part_of(numbers, "friction.")):
             found["friction"] = self.friction.at(own)
         if "effort_limit" in numbers:
             found["effort_limit"] = _hashable(numbers["effort_limit"])
-        if self.law is not None and (own := of("controller.")):
+        if self.law is not None and (own := part_of(numbers, "controller.")):
             found["law"] = self.law.at(own)
-        if self.springs is not None and (own := of("springs[")):
-            found["springs"] = self.springs.with_numbers({f"springs[{k}": x for k, x in own.items()})
-        if self.motor_side is not None and (own := of("elastic.")):
+        if self.springs is not None and part_of(numbers, "springs["):
+            found["springs"] = self.springs.with_numbers(numbers)
+        if self.motor_side is not None and (own := part_of(numbers, "elastic.")):
             found["motor_side"] = self.motor_side._replace(**{k: _hashable(x) for k, x in own.items()})
         if self.bodies is not None:
             bodies = {k: _hashable(numbers[k]) for k in Bodies._fields[:3] if k in numbers}
             found["bodies"] = self.bodies._replace(**bodies)
-        return replace(self, **found)
+        changed = replace(self, **found)
+        vars(changed)["masks"] = self.masks
+        return changed
 
     @cached_array
     def masks(self) -> dict[str, Array]:
         """Which entries of the numbers are inputs of kernels."""
-        moments = {} if self.bodies is None else {"moments": np.array(self.bodies.varying)}
-        found = super().masks | moments
-        return {name: mask for name, mask in found.items() if mask.any()}
+        found = super().masks
+        found |= {} if self.bodies is None else {"moments": np.array(self.bodies.varying)}
+        return {name: found[name] for name in self.numbers if name in found and found[name].any()}
 
     @property
     def table(self) -> Array:
@@ -232,7 +230,7 @@ class SceneDynamics(WithNumbers):
         """The same with all these numbers at 1, but those of the law: equal templates share their kernels."""
         kept = {name: mask for name, mask in self.masks.items() if not name.startswith("controller.")}
         found = self.at({name: np.where(mask, 1.0, self.numbers[name]) for name, mask in kept.items()})
-        vars(found).update(template=found, masks=self.masks)
+        vars(found)["template"] = found
         return found
 
     def filled(self, vector: Array) -> Self:
@@ -408,6 +406,19 @@ class SceneDynamics(WithNumbers):
         rates = slips * x[..., n : 2 * n], qdd + held, *further
         return np.concatenate([*rates, loads, net], axis=-1), pivots, diagonal
 
+    def _judged(
+        self, check: str, model: Model, arguments: Any, rates: Array, pivots: Array, diagonal: Array
+    ) -> PrecisionStatus:
+        """One of the checks; state by state where other numbers differ than those of bodies."""
+        numbers, judge, status = arguments["numbers"], getattr(self, check), OK
+        rows = numbers.reshape(-1, numbers.shape[-1]) if numbers.size else numbers[None]
+        if numbers.ndim < 2 or not (rows != rows[:1])[:, ~self._side_by_side].any():
+            return judge(model, arguments, rates, pivots, diagonal)  # type: ignore[no-any-return]
+        for k in np.ndindex(numbers.shape[:-1]):
+            found = judge(model, {name: a[k] for name, a in arguments.items()}, rates[k], pivots[k], diagonal[k])
+            status = status.worse(found.with_state(lambda _, k=k: k))
+        return status
+
     def _check_rates(
         self, model: Model, arguments: Any, rates: Array, pivots: Array, diagonal: Array
     ) -> PrecisionStatus:
@@ -440,6 +451,7 @@ class SceneDynamics(WithNumbers):
         widths |= {} if self.law is None else self.law.piece_width
         widths["numbers"] = len(self.vector)
         core = partial(self.template.core_at, f"{name}_core")
+        how |= {"check": partial(self.template._judged, how["check"])} if "check" in how else {}
         how |= {"core": core, "moments": True, "base_parameters": True, "of_run": "numbers"}
         how |= {"analytic": self.law is None and type(self.friction) in (type(None), Friction)}
         return MethodQuantity(self.template, Quantity(name=name, widths=widths, **how), title)
@@ -448,13 +460,13 @@ class SceneDynamics(WithNumbers):
     def right_hand_side(self) -> MethodQuantity:
         """dx/dt."""
         velocities = ("x", slice(self.n, self.n + self.joints))
-        how: dict[str, Any] = {"check": self.template._check_rates, "velocities": velocities}
+        how: dict[str, Any] = {"check": "_check_rates", "velocities": velocities}
         return self._declared("right_hand_side", "the right-hand side", **how)
 
     @cached_property
     def rates_and_drives(self) -> MethodQuantity:
         """dx/dt, then the torques of the drives within their limits."""
-        return self._declared("rates_and_drives", "the right-hand side", check=self.template._check_rates)
+        return self._declared("rates_and_drives", "the right-hand side", check="_check_rates")
 
     @cached_property
     def residual(self) -> MethodQuantity:
@@ -465,5 +477,8 @@ class SceneDynamics(WithNumbers):
     def right_hand_side_under_modes(self) -> MethodQuantity:
         """dx/dt while some joints stick, the loads of dry friction and net torques without it."""
         return self._declared(
-            "right_hand_side_under_modes", "the right-hand side", modes=True, check=self.template._check_balance
+            "right_hand_side_under_modes",
+            "the right-hand side",
+            modes=True,
+            check="_check_balance",
         )

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import UNBOUNDED, convert_numbers, read_only
+from ..basics.numbers import part_of
 from ..basics.spatial import Array, rotate_back, rotation_from_rpy
 from ..basics.text import brief, did_you_mean
 from ..control.law_numbers import law_at, models_of
@@ -33,10 +34,9 @@ from .elastic_joints import ElasticJoints
 from .scene_dynamics import Bodies
 
 LIMITS = ("effort_limit", "torque_rate", "windup")  # numbers that may be infinite
-ROUNDING = 16 * float(
-    np.finfo(np.float64).eps
-)  # of an inertia that is moved to the centre of mass, relative to that about a link's origin
-# among those of laws of rne.control
+# Of an inertia that is moved to the centre of mass, relative to that about a link's origin
+ROUNDING = 16 * float(np.finfo(np.float64).eps)
+# Numbers of laws of rne.control that may be negative
 OF_ANY_SIGN = "reference", "pose", "stiffness", "damping", "offset", "stribeck_rise", "parameters"
 BODIES = ("parameters", "payload", "armature", "gravity")  # whose names take the second program of a scene
 UNITS = {
@@ -143,7 +143,7 @@ def checked(scene: Any, numbers: Mapping[str, ArrayLike], count: int | None = No
         shape = known[name].shape
         wanted = shape if count is None else (count, *shape)
         array = np.asarray(convert_numbers(name, value, str(wanted)))
-        if array.dtype.kind not in "f" or np.isnan(array).any():
+        if array.dtype.kind != "f" or np.isnan(array).any():
             raise ValueError(f"`numbers[{name!r}]` must be real numbers, none of them NaN")
         if array.ndim == 0 and count is None and shape == (scene.n,) and name not in (*BODIES[:2], "gravity"):
             array = np.full(shape, array)  # one for all joints
@@ -183,27 +183,21 @@ def scene_at(scene: Any, numbers: Mapping[str, Array]) -> Any:
 
 
 def _scene_at(scene: Any, numbers: Mapping[str, Array]) -> Any:
-
-    def of(part: str) -> dict[str, Array]:
-        return {k.removeprefix(part): x for k, x in numbers.items() if k.startswith(part)}
-
-    parts = scene.resolved
-    changed: dict[str, Any] = {k: numbers[k] for k in ("effort_limit", "torque_rate", "gravity") if k in numbers}
-    if "armature" in numbers:
-        changed["armature"] = numbers["armature"]
+    parts, as_given = scene.resolved, ("effort_limit", "torque_rate", "gravity", "armature")
+    changed: dict[str, Any] = {name: numbers[name] for name in as_given if name in numbers}
     if "delay" in numbers:
         changed["delay"] = float(numbers["delay"])
-    if own := of("friction."):
+    if own := part_of(numbers, "friction."):
         smoothing = {"smoothing": float(own.pop("smoothing"))} if "smoothing" in own else {}
         changed["friction"] = replace(parts.friction, **own, **smoothing)
-    if own := of("controller."):
+    if own := part_of(numbers, "controller."):
         changed["controller"] = law_at(scene.controller, own)
     if any(name.startswith("springs[") for name in numbers):
         changed["springs"] = _springs_at(scene.springs, numbers)
-    if own := of("elastic."):
+    if own := part_of(numbers, "elastic."):
         given = {k: np.array(getattr(parts.motor_side, k)) for k in parts.motor_side._fields[:3]} | own
         changed["elastic"] = ElasticJoints(**given, reads=parts.motor_side.reads)
-        changed["armature"] = None if scene.elastic.rotor is not None else 0.0
+        changed["armature"] = 0.0  # rotors are in `elastic` now
     if "payload" in numbers:
         changed["payload"] = _payload_at(scene.payload, numbers["payload"])
     found = replace(scene, **changed)
@@ -219,7 +213,9 @@ def scene_of_all(scene: Any, own: Mapping[str, Array], varying: Array | None) ->
         infinite = np.abs(known[name]) >= UNBOUNDED  # which is structure
         if (np.isfinite(array) & infinite).any():
             finite[name] = np.where(infinite, np.where(np.isfinite(array), array, 0.0).max(axis=0), known[name])
-        least = array if name == "armature" else np.zeros((len(array), 1))
+        least = np.zeros((len(array), 1))
+        if name == "armature" and (array < 0).any():
+            raise ValueError(f"`numbers[{name!r}]` must not be negative, got {array.min()}")
         if name == "payload":  # of possible bodies, up to rounding
             P = pseudo_inertia(array)[:, 0]
             least = np.linalg.eigvalsh(P) / np.maximum(np.abs(P).max(axis=(-2, -1)), 1e-300)[:, None]
@@ -237,9 +233,12 @@ def scene_of_all(scene: Any, own: Mapping[str, Array], varying: Array | None) ->
 
 
 def friction_of_all(scene: Any, own: Mapping[str, Array]) -> Any:
-    """The friction of N motions, checked, as one of N n joints of the least smoothing; None without friction."""
-    friction, mine = scene.resolved.friction, {k[9:]: x for k, x in own.items() if k.startswith("friction.") and len(x)}
-    if not mine:
+    """The friction of N motions as one of N n joints, so that it is checked at once; None without friction.
+
+    It has the least of their smoothings, which says whether joints can stick.
+    """
+    friction, mine = scene.resolved.friction, part_of(own, "friction.")
+    if not mine or not len(next(iter(mine.values()))):
         return friction
     shape = len(next(iter(mine.values()))), scene.n
     smoothing = mine.pop("smoothing", np.array([friction.smoothing]))
@@ -252,7 +251,7 @@ def friction_of_all(scene: Any, own: Mapping[str, Array]) -> Any:
 def _springs_at(springs: Any, numbers: Mapping[str, Array]) -> list[Any]:
     found = []
     for k, spring in enumerate(springs):
-        own = {x.removeprefix(f"springs[{k}]."): v for x, v in numbers.items() if x.startswith(f"springs[{k}].")}
+        own = part_of(numbers, f"springs[{k}].")
         with named(f"springs[{k}].{name}" for name in own):
             found.append(replace(spring, **{name: float(x) for name, x in own.items()}))
     return found
@@ -313,9 +312,10 @@ def at_parameters_of(scene: Any, parameters: Array) -> Any:
     """The scene at other inertial parameters of its robot with payload."""
     parts = scene.resolved
     robot = Robot(at_parameters(parts.robot.model, parameters), parts.robot.engine)
-    contained: dict[str, Any] = dict.fromkeys(("mounting", "gravity", "payload", "locked", "armature"))
+    contained: dict[str, Any] = dict.fromkeys(("payload", "locked", "armature"))
     if parts.motor_side is not None:
         contained["elastic"] = ElasticJoints(**parts.motor_side._asdict())
-    springs = parts.springs.each if parts.springs else None
+    springs = scene.springs if scene.locked is None else parts.springs and parts.springs.each
     kept: dict[str, Any] = {"friction": parts.friction, "effort_limit": parts.effort_limit, "springs": springs}
+    kept["gravity"] = scene.robot.model.gravity if scene.gravity is None else scene.gravity  # which `mounting` turns
     return replace(scene, robot=robot, **kept, **contained)

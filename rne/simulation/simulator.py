@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -131,7 +130,7 @@ def simulate(
     task = Task(x0, end, method, *tolerances(rtol, atol), times, breaks, ends, method == "auto", progress)
     called = scene.controller if dynamics.law is None else None
     called = called.law if isinstance(called, CalledLaw) else called
-    with nullcontext() if called is None else one_at_a_time(called):
+    with one_at_a_time(called):
         run = _run(scene, dynamics, "controller" if torque is None else "torque", task)
         motion, failure = run.trajectory()
     if failure is not None:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import copy_with, positive_number, real_array, vector
+from ..basics.numbers import part_of
 from ..basics.spatial import IDENTITY, Array, cross, dot, rotate, rotate_back, sqrt, transpose, zeros
 from ..basics.text import did_you_mean, listed, short
 from ..dynamics.kinematics import BASE, coordinate_map, joint_positions, joint_transforms, point_of_body
@@ -275,9 +276,8 @@ class Springs:
         """The same with other numbers, which are not checked and may be traced."""
         found = []
         for k, spring in zip(self.places, self.each, strict=True):
-            own = f"springs[{k}]."
-            parts = {name.removeprefix(own): x for name, x in numbers.items() if name.startswith(own)}
-            found.append(copy_with(spring, **{name: np.asarray(x)[()] for name, x in parts.items()}))
+            own = part_of(numbers, f"springs[{k}].")
+            found.append(copy_with(spring, **{name: np.asarray(x)[()] for name, x in own.items()}))
         return replace(self, each=tuple(found))
 
     @property

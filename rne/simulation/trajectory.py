@@ -17,8 +17,8 @@ from ..basics.piecewise import Piecewise, cubic, monotone, quintic
 from ..basics.spatial import Array
 from ..basics.text import UNBROKEN, InNotebooks, counted, listed, short, wrapped
 from ..dynamics.limits import Violation, limit_violations
+from ..files.motion_files import MOTORS, numbered_joints, read_archive, write_archive, write_columns
 from ..model.model import Model
-from .motion_files import MOTORS, numbered_joints, read_archive, write_archive, write_columns
 
 LONGEST = 240  # characters of the solver's message
 SUDDEN = 10.0  # times between two instants: within them an error may grow at once

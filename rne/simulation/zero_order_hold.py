@@ -1,16 +1,18 @@
 """A controller that is sampled, with its torques held from one sample to the next, perhaps some time later.
 
-The command of a sample acts a delay after it, until the next one does; before the first one no torque acts. With the
-delay a whole number of sample times, commands act at the instants of samples, to the last bit.
+The command of a sample acts a delay after it, until the next one does; before the first one no torque acts. If the
+delay is a whole number of sample times, up to rounding, commands act exactly at the instants of samples.
 """
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 
+from ..basics.numbers import part_of
 from ..basics.piecewise import NO_TABLE, NO_TABLES
 from ..basics.spatial import Array
 from ..control.gains import check_gains
@@ -173,10 +175,14 @@ class ZeroOrderHold:
                 name, robot = "rne.check_gains", scene.resolved.robot
                 limit = check_gains(robot, *gains).sample_time_limit  # type: ignore[arg-type]
             else:
-                name, limit = "scene.check_gains", scene.check_gains(self.samples().x[0, : scene.n]).sample_time_limit
+                with warnings.catch_warnings():  # of a law with memory: this is the text of an error
+                    warnings.simplefilter("ignore")
+                    found = scene.check_gains(self.samples().x[0, : scene.n])
+                name, limit = "scene.check_gains", found.sample_time_limit
         except Exception:  # whatever a law raises
             return "see scene.check_gains for the sample time that it needs"
         until = f"stable up to {limit:.4g} s" if limit else "stable at no sample time"
+        until = until if np.isfinite(limit) else "stable at all sample times examined"
         late = f" with its delay of {scene.delay:g} s" if scene.delay else ""
         return f"by {name} it is {until}{late}, and sampled every {self.period:g} s"
 
@@ -198,7 +204,7 @@ def held_side_by_side(
     known, kernel, given, (count, _, n) = scene.numbers, None, (NO_TABLES, np.zeros(0)), table.shape
     if law is not None:
         kernel = scene.kernels.scene_kernel(law.outputs)
-        mine = {name.removeprefix("controller."): x for name, x in own.items() if name.startswith("controller.")}
+        mine = part_of(own, "controller.")
         numbers = law.vectors(mine) if mine else np.tile(law.vector, (count, 1)) if own else law.vector
         given = law.tables(mine), np.ascontiguousarray(kernel.coefficients(numbers))
     limit, rate = (own.get(name, known.get(name, np.inf)) for name in ("effort_limit", "torque_rate"))

@@ -284,7 +284,7 @@ class Interpolated(ReferenceMotion):
 
     def _at(self, t: Array) -> tuple[Array, Array, Array]:
         if is_traced(t):
-            raise TypeError("a motion through samples is traced where a law holds it itself, and called elsewhere")
+            raise TypeError("a motion through samples is traced as the only one that a law itself holds, not elsewhere")
         rows = rows_at(self.table, t[..., 0] if t.ndim else t)
         return on_rows(np.clip(t, self.t[0], self.t[-1]), rows, self.samples.shape[1])
 
@@ -444,7 +444,7 @@ def sampled(t: ArrayLike, values: ArrayLike, kind: str = "hold") -> Sampled:
     times, q = (real_numbers(name, x, shape).astype(float) for name, x, shape in given)
     _check_samples(times, q, "values")
     if kind == "hold":
-        curve = Piecewise(np.append(times, times[-1]), q[None])  # the last one holds at its own time
+        curve = Piecewise(np.append(times, times[-1]), q[None])  # the last one, without length, is read by rows alone
     elif kind == "linear":
         curve = Piecewise(times, np.stack([q[:-1], np.diff(q, axis=0)]))
     else:

@@ -22,10 +22,10 @@ from ...basics.text import InNotebooks, counted, listed, short, wrapped
 from ...dynamics.base_inertial_parameters import BaseParameters
 from ...dynamics.quantity import PrecisionStatus, Quantity
 from ...dynamics.regressors import regressor
+from ...files.motion_files import write_columns
 from ...model.model import Model
 from ...model.standard_parameters import DriveModel, StandardParameters, drive_argument
 from ...robot import Robot, robot_argument
-from ...simulation.motion_files import write_columns
 from ...trajectories import Samples
 from ...trajectories.profiles import ReferenceMotion
 from .. import thresholds
