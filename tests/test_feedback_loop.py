@@ -311,3 +311,13 @@ def test_simulations_are_stable_up_to_the_limits(seed, kind):
 def test_simulations_of_fifty_loops_are_stable_up_to_the_limits():
     kinds = "louder", "later", "slower"
     assert sum(check_limits(seed, [kinds[seed // 3 % 3]]) for seed in range(10, 60)) > 40
+
+
+def test_a_plant_without_its_inputs_is_refused():
+    with pytest.raises(ValueError, match=r"^`B` must have shape \(2, 1\), got \(0,\)"):
+        rne.control.closed_loop([[0, 1], [0, 0]], [], [[-4, -2]])
+
+
+def test_long_delays_of_slow_samples_are_judged():
+    """Samples that are hundreds of time constants apart."""
+    assert rne.control.closed_loop([[-1.0]], [[1.0]], [[-0.5]], sample_time=400.0, delay=1.2e5).is_stable

@@ -853,3 +853,37 @@ def test_numbers_that_are_not_per_joint_are_given_whole_and_payloads_are_of_poss
     z = np.zeros((2, arm.n))
     with pytest.raises(ValueError, match=r"^`numbers\['payload'\]` must be of possible bodies, which those of start 1"):
         rne.ensemble(scene, z, z, 0.1, numbers={"payload": [scene.numbers["payload"], np.ones(10)]})
+
+
+def test_numbers_of_bodies_follow_one_another_in_any_order():
+    """A mounting turns gravity before and after the bodies were given; a payload may be contained in them."""
+    arm = rne.Robot(straight_chain(2))
+    scene = rne.Scene(arm, mounting=[np.pi, 0, 0], payload=rne.Payload(1.0, link=arm.model.link_names[-1]))
+    pi, down = 1.1 * scene.numbers["parameters"], [0.0, 0.0, -9.0]
+    first = scene.with_numbers({"gravity": down}).with_numbers({"parameters": pi})
+    second = scene.with_numbers({"parameters": pi}).with_numbers({"gravity": down})
+    for found in (first, second):
+        assert found.resolved.robot.model.gravity == pytest.approx([0, 0, 9.0], abs=1e-14)
+        assert found.numbers["gravity"].tolist() == down
+    heavier = scene.with_numbers({"payload": 2 * scene.numbers["payload"]}).with_numbers({"parameters": pi})
+    np.testing.assert_allclose(heavier.numbers["parameters"], pi, rtol=1e-14)
+    elastic = rne.Scene(arm.with_armature(0.1), elastic=rne.ElasticJoints(100.0))
+    softer = elastic.with_numbers({"elastic.stiffness": 50.0}).with_numbers({"elastic.damping": 1.0})
+    assert softer.numbers["elastic.stiffness"].tolist() == [50.0, 50.0]
+    assert softer.numbers["elastic.rotor"].tolist() == [0.1, 0.1]
+
+
+@pytest.mark.parametrize("other", ["armature", "controller.kp"])
+def test_digits_of_fast_motions_with_numbers_of_their_own_are_judged(other):
+    """By the recursion, state by state: velocities whose squares may cost digits."""
+    arm, count = rne.Robot(straight_chain(2)), 3
+    law = rne.control.pd(arm, 5.0, 1.0, 0.0)
+    scene = rne.Scene(arm, controller=law, payload=rne.Payload(1.0, link=arm.model.link_names[-1]))
+    payload = (1 + np.arange(count))[:, None] * scene.numbers["payload"]
+    own = {other: np.linspace(1, 2, 2 * count).reshape(count, 2), "payload": payload}
+    q, qd = np.zeros((count, 2)), np.full((count, 2), [1e6, -2e6])
+    motions = rne.ensemble(scene, q, qd, 1e-9, numbers=own, method="RK45")
+    for k in range(count):
+        numbers = {name: x[k] for name, x in own.items()}
+        one = rne.simulate(scene, q[k], qd[k], 1e-9, numbers=numbers, method="RK45")
+        np.testing.assert_allclose(motions.q[-1, k], one.q[-1], rtol=ADAPTED)
