@@ -3,7 +3,8 @@
 Time of the processor from the change to the end of the first step, each in a process of its own in which the scene ran
 once before: medians of 11 processes, with the smallest and largest. Processes share a folder for compiled code; what is
 changed is new in every one, so that no folder holds it. The IRB 140 under PD control with friction and limits. With
-`--before`, the same with the package of another folder, in turn. Writes benchmarks/results/scene_costs.json.
+`--before`, the same with the package of another folder, in turn. The last case is the text of a motion. Writes
+benchmarks/results/scene_costs.json.
 """
 
 from __future__ import annotations

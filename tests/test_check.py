@@ -155,7 +155,7 @@ def test_what_is_probably_not_meant_is_a_warning_in_these_words(case, check):
 
 
 NOT_FOUND = {
-    "full turn": changed(2, joint("elbow", "base", "arm", rpy="6.29 -6.29 0")),
+    "full turn": changed(2, joint("elbow", "base", "arm", rpy="6.283185307179586 -6.283185307179586 0")),
     "two turns": changed(2, joint("elbow", "base", "arm", lower="-12.5664", upper="12.5664")),
     "robot far from the origin of the world": [
         BASE, link("cell", inertia="0"), '<joint name="w" type="fixed"><parent link="base"/><child link="cell"/><origin xyz="99 0 0"/></joint>',
