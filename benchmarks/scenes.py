@@ -59,9 +59,10 @@ def compare(robot: rne.Robot, count: int, repeats: int) -> dict[str, Any]:
         out = kernel(t, x)
         calls[title] = lambda k=kernel, t=t, x=x, o=out: k(t, x, out=o), count
         qdd = slice(scene.n, 2 * scene.n)
+        f, numbers = kernel.function, replace(dynamics, has_energies=False).vector
 
-        def accelerations(model: rne.Model, t: Any, x: Any, f: Any = kernel.function, qdd: slice = qdd) -> np.ndarray:
-            return np.asarray(f.evaluate(model, t, x)[0][:, qdd])
+        def accelerations(model: rne.Model, t: Any, x: Any, f: Any = f, v: Any = numbers, qdd: Any = qdd) -> np.ndarray:
+            return np.asarray(f.evaluate(model, t, x, v)[0][:, qdd])
 
         model = kernel.model
         operations = sum(kernel.operations.values())

@@ -592,7 +592,7 @@ class TestLinearisedLoops:
             found.append(scene.check_gains([0.0]).stable)
             assert found[-1] is bool(abs(motion.q[-1, 0]) < 2e-4)
             late = replace(scene, controller=pd, delay=period).check_gains([0.0])  # the same loop
-            maps = late.loop.step_matrix, scene.check_gains([0.0]).loop.step_matrix
+            maps = late.loop.sample_map, scene.check_gains([0.0]).loop.sample_map
             modes = [np.sort_complex(np.linalg.eigvals(step)) for step in maps]
             np.testing.assert_allclose(modes[0], modes[1], rtol=1e-6, atol=1e-6)
             assert late.stable is found[-1]
