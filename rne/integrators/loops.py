@@ -26,6 +26,9 @@ from ..basics.spatial import Array
 LOGGER = logging.getLogger("rne")
 Text = TypeVar("Text", bound=Callable[..., Any])
 INLINED: list[Callable[..., Any]] = []  # texts that other texts call, not yet known to Numba
+REPLACED: list[
+    tuple[Callable[..., Any], Callable[..., Any]]
+] = []  # functions of NumPy with their loops, as yet unknown
 NO_PIECES: Array = np.zeros(0)  # in place of a table of pieces
 OPTIONS: Any = {"error_model": "numpy", "fastmath": {"contract", "nsz"}, "no_cpython_wrapper": True}
 OPTIONS |= {"no_cfunc_wrapper": True, "_nrt": False}  # loops own no memory: they count no references
@@ -54,6 +57,16 @@ def inline(text: Text) -> Text:
     """Mark a function that compiled loops may call."""
     INLINED.append(text)
     return text
+
+
+def by_loops(loops: Callable[..., Any]) -> Callable[[Text], Text]:
+    """Mark a function of whole arrays, in place of which machine code runs loops of the same arguments."""
+
+    def mark(function: Text) -> Text:
+        REPLACED.append((function, loops))
+        return function
+
+    return mark
 
 
 @inline
@@ -202,6 +215,8 @@ def _llvm_text(text: Callable[..., Any], arguments: tuple[Any, ...]) -> str:
     _teach_evaluate()
     while INLINED:
         register_jitable(**OPTIONS)(INLINED.pop())
+    while REPLACED:
+        _teach_loops(*REPLACED.pop())
     kinds = tuple(map(_numba_type, arguments))
     function: Any = njit(kinds, **OPTIONS)(text)
     made = function.overloads[kinds]
@@ -226,6 +241,17 @@ def _numba_type(value: Any) -> Any:
     if isinstance(value, np.ndarray):
         return types.Array(types.float64 if value.dtype.kind == "f" else types.int64, value.ndim, "C")
     return types.int64 if isinstance(value, int) else types.float64
+
+
+def _teach_loops(function: Callable[..., Any], loops: Callable[..., Any]) -> None:
+    """Tell Numba which loops stand for a function of NumPy."""
+    from numba.extending import overload
+
+    def chosen(*_: Any) -> Callable[..., Any]:
+        return loops
+
+    chosen.__signature__ = inspect.signature(loops)  # type: ignore[attr-defined]
+    overload(function, jit_options=OPTIONS)(chosen)
 
 
 @functools.cache

@@ -112,6 +112,11 @@ class KernelCache:
         key = function, wrt, *fixed.items()
         return self._scenes.get_or_make(key, lambda: Kernel(function, self.model, fixed, wrt, self.engine))
 
+    def scene_gradient(self, function: Declared, *wrt: str) -> Kernel:
+        """That of its gradient, weights being its last argument."""
+        key = function, wrt, "gradient"
+        return self._scenes.get_or_make(key, lambda: Kernel(function, self.model, {}, wrt, self.engine, "gradient"))
+
     def evaluate_some(self, function: Declared, *arrays: Array) -> Array:
         """A quantity of a robot or a scene in states that are evaluated once, such as the energies of a motion.
 

@@ -20,7 +20,7 @@ torques without limits, divided by a constant inertia, are further states of suc
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
 from typing import Any, NamedTuple, Self
@@ -54,6 +54,22 @@ class MotorSide(NamedTuple):
     damping: tuple[float, ...]
     rotor: tuple[float, ...]
     reads: str
+
+
+@dataclass(frozen=True)
+class RunningCost:
+    """A user's function of t, q, qd and the drives' torques in one state, which is integrated along a motion."""
+
+    function: Callable[..., Any]
+
+    def __call__(self, t: Any, q: Array, qd: Array, tau: Array) -> Array:
+        """Its values in states of shape (..., n), shape (..., 1)."""
+        leading = q.shape[:-1]
+        times = np.broadcast_to(t, (*leading, 1))
+        each = [self.function(times[k][0], q[k].copy(), qd[k].copy(), tau[k].copy()) for k in np.ndindex(leading)]
+        if any(np.size(value) != 1 for value in each):
+            raise ValueError(f"`cost` must return one number, got shape {np.shape(each[0])}")
+        return np.array([np.reshape(value, ()).item() for value in each]).reshape(*leading, 1)
 
 
 class Bodies(NamedTuple):
@@ -113,6 +129,8 @@ class SceneDynamics(WithNumbers):
     motor_side: MotorSide | None = None  # what is behind elastic joints
     springs: Springs | None = None
     bodies: Bodies | None = None  # where these are numbers of the scene, in place of the model's
+    cost: RunningCost | None = None  # integrated along with the motion, the last state
+    damped_over: float = 0.0  # step over which viscous friction is implicit, as further inertia of the joints [s]
     named: frozenset[str] = field(default=frozenset(), compare=False)  # numbers that are inputs even where they are 0
 
     @cached_property
@@ -150,7 +168,7 @@ class SceneDynamics(WithNumbers):
     @cached_property
     def size(self) -> int:
         """Length of the state."""
-        return self.counted + len(self.energies)
+        return self.counted + len(self.energies) + (self.cost is not None)
 
     @property
     def joints(self) -> int:
@@ -340,7 +358,11 @@ class SceneDynamics(WithNumbers):
         if self.friction is not None and "load" in self.ledger:
             passed = self.friction.transmitted(net, qd)
             torques["load"], net = net - passed, passed
-        return net, [*further, *self._powers(qd, torques)]
+        further = [*further, *self._powers(qd, torques)]
+        if self.cost is not None:
+            moved = x[..., : self.joints], x[..., self.n : self.n + self.joints]
+            further.append(self.cost(t, *moved, 0 * qd if drives is None else drives))
+        return net, further
 
     def right_hand_side_core(self, model: Model, t: Array, x: Array, u: Array | None = None) -> Any:
         """(dx/dt, pivots, diagonal of M), traced."""

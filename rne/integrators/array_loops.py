@@ -1,0 +1,104 @@
+"""Operations on whole vectors for texts that run by NumPy or in machine code, each with its loops for the latter.
+
+The vector that is written to, `out`, may be shorter than the others: their first entries count.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from .loops import by_loops
+
+
+def _put(x: Any, out: Any) -> None:
+    for e in range(len(out)):
+        out[e] = x[e]
+
+
+@by_loops(_put)
+def put(x: Any, out: Any) -> None:
+    """The first entries of a vector into another one."""
+    out[:] = x[: len(out)]
+
+
+def _fill(number: Any, out: Any) -> None:
+    for e in range(len(out)):
+        out[e] = number
+
+
+@by_loops(_fill)
+def fill(number: Any, out: Any) -> None:
+    """One number into a vector."""
+    out[:] = number
+
+
+def _add(x: Any, out: Any) -> None:
+    for e in range(len(out)):
+        out[e] += x[e]
+
+
+@by_loops(_add)
+def add(x: Any, out: Any) -> None:
+    """The first entries of a vector added to another one."""
+    out += x[: len(out)]
+
+
+def _move(x: Any, h: Any, slope: Any, out: Any) -> None:
+    for e in range(len(out)):
+        out[e] = x[e] + h * slope[e]
+
+
+@by_loops(_move)
+def move(x: Any, h: Any, slope: Any, out: Any) -> None:
+    """x + h slope, as far as `out` is long."""
+    out[:] = x[: len(out)] + h * slope[: len(out)]
+
+
+def _combination(weights: Any, first: Any, end: Any, K: Any, out: Any) -> None:
+    for e in range(len(out)):
+        out[e] = 0.0
+    for j in range(first, end):
+        w = weights[j]
+        if w != 0.0:
+            for e in range(len(out)):
+                out[e] += w * K[j, e]
+
+
+@by_loops(_combination)
+def combination(weights: Any, first: Any, end: Any, K: Any, out: Any) -> None:
+    """The sum of weights[j] K[j] over first <= j < end, of vectors, term by term, so that each entry's bits are its own."""
+    out[:] = 0.0
+    for w, k in zip(weights[first:end].tolist(), K[first:end], strict=True):
+        if w:
+            out += w * k[: len(out)]
+
+
+def _add_product(A: Any, first: Any, x: Any, p: Any, out: Any) -> None:
+    for i in range(len(out) // p):
+        for j in range(len(x) // p):
+            a = A[i, first + j]
+            if a != 0.0:
+                for e in range(p):
+                    out[i * p + e] += a * x[j * p + e]
+
+
+@by_loops(_add_product)
+def add_product(A: Any, first: Any, x: Any, p: Any, out: Any) -> None:
+    """A X added to a matrix of p columns, like X as a vector; A has the columns of a matrix from `first` on."""
+    out.reshape(-1, p)[:] += A[: len(out) // p, first : first + len(x) // p] @ x.reshape(-1, p)
+
+
+def _add_columns(A: Any, first: Any, columns: Any, p: Any, out: Any) -> None:
+    for i in range(len(out) // p):
+        for j in range(len(columns)):
+            if columns[j] >= 0:
+                out[i * p + columns[j]] += A[i, first + j]
+
+
+@by_loops(_add_columns)
+def add_columns(A: Any, first: Any, columns: Any, p: Any, out: Any) -> None:
+    """Columns of a matrix from `first` on added to those of these numbers, -1 to none, of one with p, as a vector."""
+    taken = np.flatnonzero(columns >= 0)
+    out.reshape(-1, p)[:, columns[taken]] += A[: len(out) // p, first + taken]

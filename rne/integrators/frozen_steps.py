@@ -1,0 +1,399 @@
+"""Steps of explicit Runge-Kutta methods that are taken again as they were, and their derivatives, side by side.
+
+Lengths of steps do not depend on the state, so that a motion is a chain of smooth maps, and its derivative is that of
+what was computed. `advance` takes the steps, `pull_back` goes through them backwards (the discrete adjoint: derivatives
+of a number by the state at the end become those by the start and by all that the motion is made of), `carry` forwards
+with derivatives of the state (Griewank and Walther 2008, chapter 3; Sandu 2006, On the properties of Runge-Kutta
+discrete adjoints). With K_s = f(x + h sum_r a_sr K_r) and x+ = x + h sum_s b_s K_s the adjoint is
+
+    K_s' = h (b_s x+' + sum_r a_rs y_r'),  y_s' = (df/dy)^T K_s',  x' = x+' + sum_s y_s',  p' = sum_s (df/dp)^T K_s'
+
+At the begin of a step a law may be sampled, and a command begin to act, as in `runge_kutta.take_samples`. Arrays of
+motions side by side are flat: entry i L + k is component i of motion k of L. The texts run in machine code around
+addresses of kernels, and as they stand by NumPy around functions.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..basics.spatial import Array
+from .array_loops import add, add_columns, add_product, combination, fill, move, put
+from .loops import by_loops, evaluate, inline, row_at
+
+NONE: Array = np.zeros((0, 0))
+FREE, AT_LIMIT, AT_CHANGE = 0, 1, 2  # of a command: not bounded, or by which bound; negative at the lower one
+
+
+class Schedule(NamedTuple):
+    """K steps of S stages, the same for all motions side by side."""
+
+    tableau: Any
+    positions: int  # entries of the state that move with the rates at the end of the step, which follow them
+    times: Array  # (K, S), of stages, each on its own side of jumps [s]
+    begins: Array  # (K,)
+    lengths: Array  # (K,)
+    sampled: Array  # (K,) of int64, 1 where the law is sampled at the begin
+    acting: Array  # (K,) of int64, 1 where a command begins to act
+
+    def part(self, first: int, end: int) -> Schedule:
+        """Some of the steps."""
+        return Schedule(*self[:2], *(array[first:end] for array in self[2:]))
+
+
+class Function(NamedTuple):
+    """A kernel for the texts: an address or a function, arrays for its arguments and its result, tables of pieces."""
+
+    call: Any
+    inputs: tuple[Array, ...]  # t, x, perhaps u, perhaps a piece, coefficients of numbers, perhaps weights
+    out: Array
+    tables: Array  # (1, N, width), or one for each motion; (0, 0, 0) if the kernel takes no piece
+    piece: int  # number of the argument that is one
+
+
+class Holding(NamedTuple):
+    """What a sampled law has between its samples."""
+
+    period: float
+    limits: Array  # (2, n L), of commands and of their change from one to the next
+    pending: Array  # (p, n L), commands, that of sample k in row k % p
+    states: Array  # (2, m L), of the law, at the last sample and at the next
+    counts: Array  # (2,) of int64, samples and commands that have acted
+
+
+class Kept(NamedTuple):
+    """What derivatives need of each step; arrays without rows where nothing is kept."""
+
+    stages: Array  # (K, S, size L), states
+    held: Array  # (K, n L), commands that act
+    states: Array  # (K, m L), of the law at its sample
+    bounds: Array  # (K, n L), FREE or the bound that a command is at
+
+
+class Adjoint(NamedTuple):
+    """Derivatives of a number by what a motion is made of, which `pull_back` adds up, and its room."""
+
+    x: Array  # (size L,), the state
+    held: Array  # (n L,), the command that acts
+    pending: Array  # (p, n L)
+    states: Array  # (m L,), of the law
+    numbers: Array  # (k L,), of the equations
+    of_law: Array  # (k L,), numbers of the law
+    limits: Array  # (2, n L)
+    table: Array  # (N, width L), of pieces that the equations take
+    law_table: Array  # (N, width L)
+    arrivals: Array  # (K, size L), derivatives by the state where a command begins to act; of no rows if not asked for
+    slopes: Array  # (S, size L), of stages
+
+
+@inline
+def put_pieces(function: Any, t: Any) -> Any:
+    """The pieces that hold at a time into the last argument but the numbers and weights; the number of their row."""
+    tables, piece = function.tables, function.inputs[function.piece]
+    if len(tables) == 0:
+        return -1
+    row, lanes = row_at(tables[0], t), len(piece) // tables.shape[2]
+    for i in range(tables.shape[2]):
+        for k in range(lanes):
+            piece[i * lanes + k] = tables[k if len(tables) > 1 else 0, row, i]
+    return row
+
+
+def _bound(u: Any, before: Any, limits: Any, is_first: Any, command: Any, bounds: Any) -> None:
+    for e in range(len(u)):
+        limit, found, code = limits[0, e], u[e], 0.0
+        if abs(found) > limit:
+            code = 1.0 if found > 0 else -1.0
+            found = limit * code
+        if not is_first and abs(found - before[e]) > limits[1, e]:
+            code = 2.0 if found > before[e] else -2.0
+            found = before[e] + limits[1, e] * code / 2
+        bounds[e], command[e] = code, found
+
+
+@by_loops(_bound)
+def bound(u: Any, before: Any, limits: Any, is_first: Any, command: Any, bounds: Any) -> None:
+    """A command within the limits of its size and of its change, and which of them it is at."""
+    over = np.abs(u) > limits[0]
+    found = np.where(over, np.copysign(limits[0], u), u)
+    code = np.where(over, np.sign(u), 0.0)
+    if not is_first:
+        over = np.abs(found - before) > limits[1]
+        side = np.sign(found - before)
+        found, code = np.where(over, before + limits[1] * side, found), np.where(over, 2 * side, code)
+    bounds[:], command[:] = code, found
+
+
+@inline
+def sample(law: Any, holding: Any, t: Any, x: Any, command: Any, bounds: Any, states: Any) -> bool:
+    """Sample the law: its command becomes the last that is pending, its states go on by Euler's rule; True if valid."""
+    call, inputs, out, _, _ = law
+    count, pending, z = holding.counts[0], holding.pending, holding.states
+    moving, last = len(inputs[1]) - z.shape[1], count % len(pending)
+    put(z[1], z[0])
+    put(z[0], states)
+    fill(t, inputs[0])
+    put(x, inputs[1][:moving])
+    put(z[0], inputs[1][moving:])
+    put_pieces(law, t)
+    if not evaluate(call, inputs, out):
+        return False
+    before = pending[(count - 1) % len(pending)]
+    bound(out[: len(command)], before, holding.limits, count == 0, command, bounds)
+    put(command, pending[last])
+    move(z[0], holding.period, out[len(command) :], z[1])
+    holding.counts[0] = count + 1
+    return True
+
+
+@inline
+def advance(rates: Any, law: Any, schedule: Any, holding: Any, x: Any, room: Any, kept: Any) -> int:
+    """Take the steps from the state x, (size L,), to that at the end; how many, fewer if a state needs the recursion.
+
+    `room` has slopes, (S, size L), a vector of these and two of commands.
+    """
+    A, B = schedule.tableau.A, schedule.tableau.B
+    K, total, command, bounds = room
+    call, inputs, _, _, _ = rates
+    keeps, size, positions = len(kept.stages) > 0, len(x), schedule.positions
+    for k in range(len(schedule.lengths)):
+        h = schedule.lengths[k]
+        if schedule.sampled[k]:
+            z = kept.states[k] if keeps else holding.states[0]
+            if not sample(law, holding, schedule.begins[k], x, command, kept.bounds[k] if keeps else bounds, z):
+                return k
+        if schedule.acting[k]:
+            put(holding.pending[holding.counts[1] % len(holding.pending)], inputs[2])
+            holding.counts[1] += 1
+        if keeps:
+            put(inputs[2], kept.held[k])
+        for s in range(len(B)):
+            combination(A[s], 0, s, K, total)
+            move(x, h, total, inputs[1])
+            if keeps:
+                put(inputs[1], kept.stages[k, s])
+            fill(schedule.times[k, s], inputs[0])
+            put_pieces(rates, schedule.times[k, s])
+            if not evaluate(call, inputs, K[s]):
+                return k
+        combination(B, 0, len(B), K, total)
+        if positions > 0:  # which move with the rates at the end
+            move(x[positions:], h, total[positions:], total[:positions])
+        move(x, h, total, x)
+    return len(schedule.lengths)
+
+
+@inline
+def pull_back_bounds(holding: Any, bounds: Any, adjoint: Any, raw: Any) -> None:
+    """From derivatives by the last command to those by what the law gave, by bounds, and by the command before."""
+    count, pending = holding.counts[0], adjoint.pending
+    own, before = count % len(pending), (count - 1) % len(pending)
+    for e in range(len(raw)):
+        slope, code = pending[own, e], bounds[e]
+        pending[own, e] = 0.0
+        raw[e] = slope if code == 0.0 else 0.0
+        if abs(code) == 1.0:
+            adjoint.limits[0, e] += slope * code
+        elif abs(code) == 2.0:
+            adjoint.limits[1, e] += slope * code / 2
+            pending[before, e] += slope
+
+
+@inline
+def pull_back_sample(law: Any, holding: Any, t: Any, x: Any, states: Any, bounds: Any, adjoint: Any) -> bool:
+    """Backwards through `sample`, by the gradient of the law; True if it is valid."""
+    call, inputs, out, _, _ = law
+    weights, m = inputs[len(inputs) - 1], len(adjoint.states)
+    moving, n = len(inputs[1]) - m, len(adjoint.held)
+    holding.counts[0] -= 1
+    pull_back_bounds(holding, bounds, adjoint, weights[:n])
+    for e in range(m):
+        weights[n + e] = holding.period * adjoint.states[e]
+    fill(t, inputs[0])
+    put(x, inputs[1][:moving])
+    put(states, inputs[1][moving:])
+    row, end = put_pieces(law, t), len(inputs[1])
+    if not evaluate(call, inputs, out):
+        return False
+    add(out[:moving], adjoint.x[:moving])
+    add(out[moving:], adjoint.states)
+    if row >= 0:
+        add(out[end:], adjoint.law_table[row])
+        end += adjoint.law_table.shape[1]
+    add(out[end:], adjoint.of_law)
+    return True
+
+
+@inline
+def pull_back(gradient: Any, law: Any, schedule: Any, holding: Any, kept: Any, adjoint: Any) -> int:
+    """Go through the steps backwards; the number of the step that failed plus 1, or 0.
+
+    The kernels are gradients: of the equations by x, u, the piece and numbers, of the law likewise.
+    """
+    A, B, positions = schedule.tableau.A, schedule.tableau.B, schedule.positions
+    call, inputs, out, _, _ = gradient
+    x, Y, size, held = adjoint.x, adjoint.slopes, len(adjoint.x), len(adjoint.held)
+    weights = inputs[len(inputs) - 1]
+    for k in range(len(schedule.lengths) - 1, -1, -1):
+        h = schedule.lengths[k]
+        put(kept.held[k], inputs[2][:held])
+        if positions > 0:
+            move(x[positions:], h, x, x[positions : 2 * positions])
+        for s in range(len(B) - 1, -1, -1):
+            for e in range(size):
+                weights[e] = h * B[s] * x[e]
+            for r in range(s + 1, len(B)):
+                if A[r, s] != 0.0:
+                    move(weights, h * A[r, s], Y[r], weights[:size])
+            if positions > 0:
+                fill(0.0, weights[:positions])
+            put(kept.stages[k, s], inputs[1])
+            fill(schedule.times[k, s], inputs[0])
+            row, end = put_pieces(gradient, schedule.times[k, s]), size + held
+            if not evaluate(call, inputs, out):
+                return k + 1
+            put(out, Y[s])
+            add(out[size:end], adjoint.held)
+            if row >= 0:
+                add(out[end:], adjoint.table[row])
+                end += adjoint.table.shape[1]
+            add(out[end:], adjoint.numbers)
+        for s in range(len(B)):
+            add(Y[s], x)
+        if schedule.acting[k]:
+            holding.counts[1] -= 1
+            add(adjoint.held, adjoint.pending[holding.counts[1] % len(holding.pending)])
+            fill(0.0, adjoint.held)
+            if len(adjoint.arrivals):
+                put(x, adjoint.arrivals[k])
+        if schedule.sampled[k]:
+            given = kept.stages[k, 0], kept.states[k], kept.bounds[k], adjoint
+            if not pull_back_sample(law, holding, schedule.begins[k], *given):
+                return k + 1
+    return 0
+
+
+class Linear(NamedTuple):
+    """Derivatives of a kernel's results at some states: by the state and a command, by numbers, and by pieces."""
+
+    slopes: Array  # (..., rows, width)
+    columns: Array  # (k,) of int64: those of the numbers, behind the others, among the directions, or -1
+    further: Array  # (..., rows p), along the directions by pieces; without rows if there are none
+
+
+class Directions(NamedTuple):
+    """Derivatives of a motion's state in p directions, matrices of p columns as vectors, and room."""
+
+    p: int
+    x: Array  # (size p,)
+    held: Array  # (n p,)
+    pending: Array  # (rows, n p)
+    states: Array  # (m p,), of the law at the next sample
+    limits: Array  # (2, n) of int64: directions of the bounds of commands, or -1
+    delay: int  # direction of the delay, or -1
+    slopes: Array  # (S, size p), of stages
+    room: Array  # (3, size p, n p or m p, whichever is the longest)
+
+
+@inline
+def carry_slope(J: Any, further: Any, columns: Any, held: Any, p: Any, y: Any, out: Any) -> None:
+    """Derivatives of a stage's slope from those of its state: the first rows of dx/dt are rates among the state."""
+    first = len(out) - J.shape[0] * p
+    put(y[first:], out[:first])
+    own = out[first:]
+    fill(0.0, own)
+    add_product(J, 0, y, p, own)
+    add_product(J, len(y) // p, held, p, own)
+    add_columns(J, (len(y) + len(held)) // p, columns, p, own)
+    if len(further):
+        add(further, own)
+
+
+@inline
+def carry_law(J: Any, further: Any, columns: Any, d: Any, own: Any) -> None:
+    """Derivatives of some results of a law from those of the state and its own states."""
+    width, m = J.shape[1] - len(columns), len(d.states) // d.p
+    fill(0.0, own)
+    add_product(J, 0, d.x[: (width - m) * d.p], d.p, own)
+    add_product(J, width - m, d.states, d.p, own)
+    add_columns(J, width, columns, d.p, own)
+    if len(further):
+        add(further, own)
+
+
+@inline
+def carry_sample(law: Any, k: Any, holding: Any, bounds: Any, d: Any) -> None:
+    """Derivatives of the command of sample k, and of the law's states."""
+    p, pending, count = d.p, d.pending, holding.counts[0]
+    n, end = len(d.held) // p, len(d.held)
+    own, before, rates = pending[count % len(pending)], d.room[1, :end], d.room[2, : len(d.states)]
+    put(pending[(count - 1) % len(pending)], before)
+    further = law.further[k] if len(law.further) else law.further.reshape(-1)
+    carry_law(law.slopes[k], further[:end], law.columns, d, own)
+    carry_law(law.slopes[k, n:], further[end:], law.columns, d, rates)
+    for i in range(n):
+        code, mine = bounds[i], own[i * p : (i + 1) * p]
+        if code != 0.0:
+            fill(0.0, mine)
+        if abs(code) == 2.0:
+            put(before[i * p :], mine)
+        column = d.limits[0 if abs(code) == 1.0 else 1, i]
+        if code != 0.0 and column >= 0:
+            mine[column] += code / abs(code)
+    holding.counts[0] = count + 1
+    move(d.states, holding.period, rates, d.states)
+
+
+def carry(
+    f: Any,
+    more: Any,
+    law: Any,
+    schedule: Any,
+    holding: Any,
+    kept: Any,
+    jumps: Any,
+    reports: Any,
+    d: Any,
+    X: Any,
+    U: Any,
+) -> None:
+    """Take derivatives of a motion along its steps; at the times to report into X, (R, size p), and U, (R, n p).
+
+    The derivatives of dx/dt at the stages are `f`, at stages that only interpolants need `more`, of the steps in which
+    a time to report is, one after the other; those of the law `law`, of its samples. A delay that grows moves the state
+    where a command begins to act by `jumps`, (acts, size): the rate before it less the rate after it. `reports` has the
+    step of each time, the weights of its stages, (R, stages), with which it follows from the begin, the rows of A for
+    the further stages, and for each step the number of its stages.
+    """
+    A, B, p = schedule.tableau.A, schedule.tableau.B, d.p
+    steps, weights, further, counts = reports
+    x, K, y, total = d.x, d.slopes, d.room[0, : len(d.x)], d.room[1, : len(d.x)]
+    sample_number, act, report, extended = 0, 0, 0, 0
+    for k in range(len(schedule.lengths)):
+        h = schedule.lengths[k]
+        if schedule.sampled[k]:
+            carry_sample(law, sample_number, holding, kept.bounds[k], d)
+            sample_number += 1
+        if schedule.acting[k]:
+            put(d.pending[holding.counts[1] % len(holding.pending)], d.held)
+            holding.counts[1] += 1
+            for i in range(jumps.shape[1] if d.delay >= 0 else 0):
+                x[i * p + d.delay] += jumps[act, i]
+            act += 1
+        for s in range(counts[k]):
+            combination(A[s] if s < len(B) else further[s - len(B)], 0, s, K, total)
+            move(x, h, total, y)
+            g, number, row = (f, k, s) if s < len(B) else (more, extended, s - len(B))
+            by_pieces = g.further[number, row] if len(g.further) else g.further.reshape(-1)
+            carry_slope(g.slopes[number, row], by_pieces, g.columns, d.held, p, y, K[s])
+        if counts[k] > len(B):
+            extended += 1
+        while report < len(steps) and steps[report] == k:
+            combination(weights[report], 0, counts[k], K, total)
+            move(x, h, total, X[report])
+            put(d.held, U[report])
+            report += 1
+        combination(B, 0, len(B), K, total)
+        move(x, h, total, x)

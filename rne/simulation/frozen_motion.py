@@ -1,0 +1,352 @@
+"""A scene as equations of motion and a sampled law whose steps are taken as they were, with derivatives by its numbers.
+
+What motions are made of are flat arrays: the state, numbers of the equations and of the law as their kernels take them,
+bounds of commands, pieces of a reference through samples. A number of the scene is a linear function of some of these.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+from math import ceil
+from typing import Any
+
+import numpy as np
+
+from ..basics.numbers import part_of
+from ..basics.piecewise import NO_TABLES
+from ..basics.spatial import Array
+from ..control.sampled_loop import in_periods
+from ..control.traced_law import TracedLaw
+from ..integrators.frozen_steps import Adjoint, Function, Holding, Kept, Schedule, advance, pull_back
+from ..integrators.loops import compiled
+from ..integrators.step_control import NEARLY
+from ..integrators.tableaus import Tableau
+from ..kernels.kernel import Kernel
+from ..model.parameters import PARAMETERS, at_parameters
+from .scene import Scene
+from .scene_dynamics import Bodies, RunningCost, SceneDynamics
+from .scene_numbers import BODIES, bodies_as_numbers, unknown
+
+STARTS = ("q0", "qd0")
+MOST_AT_ONCE = 20_000  # steps times motions of one call of machine code, after which Ctrl-C is heard
+Own = Mapping[str, Array]
+
+
+@dataclass(frozen=True, eq=False)
+class FrozenScene:
+    """A scene for steps that do not depend on its state, with a cost that is the last state if there is one.
+
+    `names` are the numbers that differ from motion to motion or by which is differentiated.
+    """
+
+    given: Scene
+    names: tuple[str, ...] = ()
+    cost: Callable[..., Any] | None = None
+    is_driven: bool = False  # True if torques are given, in place of a law
+    damped_over: float = 0.0
+
+    @cached_property
+    def scene(self) -> Scene:
+        """The scene whose kernels have these names as inputs."""
+        known = self.given.numbers
+        asked = [name for name in self.names if name not in STARTS]
+        for name in asked:
+            if name not in known and not name.startswith("controller."):
+                raise ValueError(f"`wrt`: {unknown(name, known)}, beside 'q0' and 'qd0'")
+        varying = None
+        if "parameters" in asked:  # all moments that bodies can have
+            model = self.given.resolved.robot.model
+            varying = Bodies.mask(at_parameters(model, np.sqrt(np.arange(2.0, 2.0 + PARAMETERS * model.nb))))
+        return self.given._naming({}, asked, varying)
+
+    @cached_property
+    def law(self) -> TracedLaw | None:
+        """The law that is sampled."""
+        return None if self.given.sample_time is None else self.scene._traced_law()
+
+    @cached_property
+    def dynamics(self) -> SceneDynamics:
+        """The equations without energies; a ValueError names what has no derivative."""
+        scene, friction, refused = self.scene, self.given.resolved.friction, ""
+        if scene.stops:
+            refused = "`stops` end a run: set `stops` to False"
+        elif friction is not None and friction.sticks:
+            refused = "dry `friction` sticks and slips by events: give it a `smoothing` above 0"
+        elif scene.controller is not None and self.law is None and not scene.is_traced:
+            refused = f"`controller` is called, as {scene._why_called}: mark it by rne.traceable"
+        if refused:
+            raise ValueError(f"the motion cannot be differentiated: {refused}")
+        found = scene._dynamics("held") if self.is_driven else scene.dynamics
+        cost = None if self.cost is None else RunningCost(self.cost)
+        return replace(found, inertia=None, has_energies=False, cost=cost, damped_over=self.damped_over)
+
+    @property
+    def commanded(self) -> int:
+        """Number of commands that are held."""
+        return self.given.n if self.dynamics.inputs == "held" else 0
+
+    @cached_property
+    def period(self) -> float:
+        """The sample time; 0 without a sampled law."""
+        return float(self.given.sample_time or 0.0)
+
+    @cached_property
+    def delay(self) -> tuple[float, float]:
+        """From a sample until its command acts: a whole number of periods, and the rest."""
+        return in_periods(float(self.given.delay or 0.0), self.period) if self.period else (0.0, 0.0)
+
+    @cached_property
+    def kernel(self) -> Kernel:
+        """dx/dt."""
+        return self.scene.kernels.scene_kernel(self.dynamics.right_hand_side)
+
+    @cached_property
+    def gradient(self) -> Kernel:
+        """Its gradient by the state, commands, pieces and numbers."""
+        return self.scene.kernels.scene_gradient(self.dynamics.right_hand_side, *self.kernel.names[1:])
+
+    @cached_property
+    def law_kernel(self) -> Kernel | None:
+        """The law that is sampled."""
+        return None if self.law is None else self.scene.kernels.scene_kernel(self.law.outputs)
+
+    @cached_property
+    def law_gradient(self) -> Kernel | None:
+        """Its gradient by the state, pieces and numbers."""
+        if self.law is None or self.law_kernel is None:
+            return None
+        return self.scene.kernels.scene_gradient(self.law.outputs, *self.law_kernel.names[1:])
+
+    def own_of_dynamics(self, own: Own) -> dict[str, Array]:
+        """Numbers of motions as the equations have them: moments of bodies in place of parameters."""
+        found = {name: array for name, array in own.items() if name not in BODIES}
+        return found | (bodies_as_numbers(self.scene, dict(own)) if {*BODIES} & {*own} else {})
+
+    @cached_property
+    def of_bodies(self) -> dict[str, dict[str, Array]]:
+        """Derivatives of numbers of the equations by those of bodies, rotors and gravity, (k, entries) each."""
+        found: dict[str, dict[str, Array]] = {}
+        for name in {*BODIES} & {*self.names}:
+            unit = np.eye(self.given.numbers[name].size)
+            at_zero = bodies_as_numbers(self.scene, {name: 0 * unit[:1]})
+            found[name] = {k: x - at_zero[k] for k, x in bodies_as_numbers(self.scene, {name: unit}).items()}
+        return found
+
+    def start(self, own: Own, q0: Array, qd0: Array) -> Array:
+        """States at the start, (L, size)."""
+        dynamics, robot = self.dynamics, self.scene.resolved.robot
+        q, qd = dynamics.start(robot, q0, qd0)
+        return np.concatenate([q, qd, np.zeros((len(q), dynamics.size - 2 * dynamics.n))], axis=1)
+
+    def samples_of(self, name: str) -> Callable[[Adjoint], Array] | None:
+        """Derivatives by samples of the motion that a law follows, (L, K n), if that is the number; by its pieces."""
+        law = self.law or self.dynamics.law
+        if law is None or law.motion is None or name != f"controller.{law.motion[0]}":
+            return None
+        motion = law.motion[1]
+        K, n = motion.samples.shape
+        each = motion.with_samples(np.eye(K)).table[:, 2:].reshape(len(law.table), -1, K)  # by samples of one joint
+
+        def sampled(adjoint: Adjoint) -> Array:
+            table = adjoint.table if self.law is None else adjoint.law_table
+            pieces = table.reshape(len(each), -1, table.shape[1] * len(table) // max(1, len(each) * law.table.shape[1]))
+            by_rows = pieces[:, 2:].reshape(len(each), each.shape[1], n, -1)
+            return np.asarray(np.einsum("rcil,rck->lki", by_rows, each))
+
+        return sampled
+
+    def by_names(self, wrt: Sequence[str], group: SideBySide, adjoint: Adjoint) -> dict[str, Array]:
+        """Derivatives by numbers of the scene and by starts, (L, ...) each, from those by what motions are made of."""
+        L, found = group.count, dict[str, Array]()
+        of_numbers = unpacked(self.dynamics.masks, adjoint.numbers, L)
+        of_law = {} if self.law is None else unpacked(self.law.masks, adjoint.of_law, L)
+        of_law = {f"controller.{name}": array for name, array in of_law.items()}
+        x, n = adjoint.x.reshape(-1, L).T, self.dynamics.n
+        for name in wrt:
+            if name in STARTS:
+                found[name] = x[:, :n] if name == "q0" else x[:, n : 2 * n]
+                continue
+            shape = self.given.numbers[name].shape if name in self.given.numbers else None
+            total = of_numbers.get(name, 0.0) + of_law.get(name, 0.0)
+            for of, matrix in self.of_bodies.get(name, {}).items():
+                own = of_numbers.get(of, np.zeros((L, *matrix.shape[1:]))).reshape(L, -1)
+                total = total * (name != of) + own @ matrix.reshape(len(matrix), -1).T
+            if name in ("effort_limit", "torque_rate") and group.n:
+                k = int(name == "torque_rate")
+                total = total + adjoint.limits[k].reshape(-1, L).T * (self.period if k else 1.0)
+            if (sampled := self.samples_of(name)) is not None:
+                total = total + sampled(adjoint)
+            found[name] = np.asarray(total) if shape is None else np.broadcast_to(total, (L, *shape)).copy()
+        return found
+
+
+def scene_function(
+    kernel: Kernel | None, entries: int, numbers: Array, count: int, tables: Array, *, by_machine: bool
+) -> Function:
+    """A kernel for `count` motions side by side, under numbers (p,) of all or (count, p)."""
+    if kernel is None:
+        return Function(0, (np.zeros(0),) * 4, np.zeros(0), NO_TABLES, 0)
+    at, is_common = kernel.names.index("numbers"), numbers.ndim == 1
+    inputs = [np.zeros(width * count) for width in kernel.widths]
+    inputs[at] = np.ascontiguousarray((kernel.coefficients(numbers) if by_machine else numbers).T).reshape(-1)
+    call: Any = kernel.address(count, common=is_common) if by_machine else by_numpy(kernel, at, count, is_common)
+    return Function(call, tuple(inputs), np.zeros(entries * count), np.ascontiguousarray(tables), at - 1)
+
+
+def by_numpy(kernel: Kernel, at: int, count: int, is_common: bool) -> Callable[..., bool]:
+    """The kernel as a function of flat arrays, for texts that run by NumPy; argument `at` has the numbers."""
+
+    def call(*arrays: Array) -> bool:
+        given = [a if k == at and is_common else a.reshape(-1, count).T for k, a in enumerate(arrays[:-1])]
+        given = [a.reshape(-1) for a in given] if count == 1 else given
+        found, status = kernel.evaluate(*given)
+        status.raise_or_warn(stacklevel=2)
+        arrays[-1].reshape(-1, count)[:] = found.reshape(count, -1).T
+        return True
+
+    return call
+
+
+def unpacked(masks: Mapping[str, Array], vector: Array, count: int) -> dict[str, Array]:
+    """Derivatives by numbers, (L, ...), from those by their entries that are inputs; 0 by the others."""
+    rows, first, found = vector.reshape(-1, count).T, 0, dict[str, Array]()
+    for name, mask in masks.items():
+        own = int(mask.sum())
+        found[name] = np.zeros((count, *mask.shape))
+        found[name][:, mask], first = rows[:, first : first + own], first + own
+    return found
+
+
+class SideBySide:
+    """Motions of a frozen scene side by side, as the texts of `frozen_steps` take them.
+
+    Parameters
+    ----------
+    frozen : FrozenScene
+    own : mapping of str to ndarray, shape (L, ...)
+        Numbers of the scene that each motion has of its own.
+    count : int
+        L.
+    by_machine : bool
+        True for machine code, of 1 or LANES motions.
+    """
+
+    def __init__(self, frozen: FrozenScene, own: Own, count: int, *, by_machine: bool) -> None:
+        self.frozen, self.own, self.count, self.by_machine = frozen, own, count, by_machine
+        dynamics, law = frozen.dynamics, frozen.law
+        of_dynamics, of_law = frozen.own_of_dynamics(own), part_of(own, "controller.")
+        self.numbers = dynamics.vectors(of_dynamics) if of_dynamics else dynamics.vector
+        self.tables = NO_TABLES if dynamics.law is None else dynamics.law.tables(of_law)
+        self.law_numbers, self.law_tables = np.zeros(0), NO_TABLES
+        if law is not None:
+            self.law_numbers = law.vectors(of_law) if of_law else law.vector
+            self.law_tables = law.tables(of_law)
+        self.size, self.n, self.m = dynamics.size, frozen.commanded, 0 if law is None else law.states
+        self.limits = np.full((2, self.n * count), np.inf)
+        for k, (name, factor) in enumerate((("effort_limit", 1.0), ("torque_rate", frozen.period))):
+            limit = own.get(name, frozen.given.numbers.get(name))
+            if limit is not None and law is not None:
+                self.limits[k] = flat(np.broadcast_to(limit * factor, (count, self.n)))
+        self.holding = self._holding()
+
+    def _holding(self) -> Holding:
+        rows = int(self.frozen.delay[0]) + 1
+        return Holding(
+            self.frozen.period,
+            self.limits,
+            np.zeros((rows, self.n * self.count)),
+            np.zeros((2, self.m * self.count)),
+            np.zeros(2, np.int64),
+        )
+
+    def function(self, kernel: Kernel | None, *, of_law: bool = False) -> Function:
+        """A kernel of the equations or of the law."""
+        numbers, tables = (self.law_numbers, self.law_tables) if of_law else (self.numbers, self.tables)
+        entries = self.n + self.m if of_law else self.size
+        if kernel is not None and kernel.wrt:
+            entries = sum(kernel.widths[kernel.names.index(name)] for name in kernel.wrt)
+        return scene_function(kernel, entries, numbers, self.count, tables, by_machine=self.by_machine)
+
+    def kept(self, steps: int, stages: int) -> Kept:
+        """Room for so many steps."""
+        n, m = self.n * self.count, self.m * self.count
+        return Kept(
+            np.empty((steps, stages, self.size * self.count)),
+            np.empty((steps, n)),
+            np.zeros((steps, m)),
+            np.zeros((steps, n)),
+        )
+
+    @cached_property
+    def rates(self) -> Function:
+        """dx/dt, whose command is held from call to call."""
+        return self.function(self.frozen.kernel)
+
+    @cached_property
+    def sampled_law(self) -> Function:
+        """The law that is sampled."""
+        return self.function(self.frozen.law_kernel, of_law=True)
+
+    @cached_property
+    def gradients(self) -> tuple[Function, Function]:
+        """Those of the equations and of the law."""
+        return self.function(self.frozen.gradient), self.function(self.frozen.law_gradient, of_law=True)
+
+    def advance(self, schedule: Schedule, x: Array, kept: Kept) -> bool:
+        """Take steps from the flat state x on, which changes; False if a state needs the recursion."""
+        schedule = schedule._replace(positions=schedule.positions * self.count)
+        n, stages = self.n * self.count, len(schedule.tableau.B)
+        room = np.empty((stages, len(x))), np.empty(len(x)), np.empty(n), np.empty(n)
+        text = compiled(advance) if self.by_machine else advance
+        taken = text(self.rates, self.sampled_law, schedule, self.holding, x, room, kept)
+        return int(taken) == len(schedule.lengths)
+
+    def adjoint(self, x: Array, arrivals: int, stages: int) -> Adjoint:
+        """Derivatives by the flat state at the end, before `pull_back`; by nothing else as yet."""
+        L, (gradient, law) = self.count, self.gradients
+        n, m, rows = self.n * L, self.m * L, len(self.holding.pending)
+        pieces = [tables.shape[1:] for tables in (self.tables, self.law_tables)]
+        width, law_width = (function.tables.shape[2] * L for function in (gradient, law))
+        k = len(gradient.out) - len(x) - n - width
+        of_law = len(law.out) - len(law.inputs[1]) - law_width if len(law.out) else 0
+        tables = [np.zeros((shape[0], shape[1] * L)) for shape in pieces]
+        room = np.empty((arrivals, len(x))), np.empty((stages, len(x)))
+        own = np.zeros(n), np.zeros((rows, n)), np.zeros(m), np.zeros(k), np.zeros(of_law), np.zeros((2, n))
+        return Adjoint(x, *own, *tables, *room)
+
+    def pull_back(self, schedule: Schedule, kept: Kept, adjoint: Adjoint) -> bool:
+        """Go back through steps; False if a state needs the recursion."""
+        schedule = schedule._replace(positions=schedule.positions * self.count)
+        text = compiled(pull_back) if self.by_machine else pull_back
+        return not text(*self.gradients, schedule, self.holding, kept, adjoint)
+
+
+def flat(rows: Array) -> Array:
+    """Rows of motions side by side, (L, k), as one vector."""
+    return np.ascontiguousarray(rows.T).reshape(-1)
+
+
+def schedule_of(
+    method: Tableau, positions: int, ends: Array, breaks: Array, samples: Array, arrivals: Array
+) -> Schedule:
+    """Steps between times, (K + 1,), on their own sides of breaks, with the times of samples and of commands among them."""
+    begins, lengths = ends[:-1], np.diff(ends)
+    first = np.where(np.isin(begins, breaks), np.nextafter(begins, np.inf), -np.inf)
+    last = np.where(np.isin(ends[1:], breaks), np.nextafter(ends[1:], -np.inf), np.inf)
+    times = np.clip(begins[:, None] + method.C * lengths[:, None], first[:, None], last[:, None])
+    sampled, acting = (np.isin(begins, instants).astype(np.int64) for instants in (samples, arrivals))
+    return Schedule(method, positions, times, begins.copy(), lengths, sampled, acting)
+
+
+def equal_steps(end: float, step: float, *instants: Array) -> Array:
+    """The ends of equal steps between instants, (K + 1,), of which those that are equal up to rounding are one."""
+    edges = [0.0]
+    for t in np.unique(np.concatenate([*instants, [end]])).tolist():
+        if edges[-1] * (1 + 1e-12) < t <= end:
+            edges.append(t)
+    counts = [max(1, ceil((b - a) / step * NEARLY)) for a, b in pairwise(edges)]
+    parts = [np.linspace(a, b, k + 1)[1:] for (a, b), k in zip(pairwise(edges), counts, strict=True)]
+    return np.concatenate([[0.0], *parts])
