@@ -188,6 +188,77 @@ class TestSines:
         assert ours <= 2 * numpys
 
 
+class TestExponentials:
+    """Hyperbolic tangents and exponential functions of the machine code, without branches in all of its forms."""
+
+    CHANGES = ((np.arange(-8, 60)[:, None] + [0.25, 0.5, 0.75]) * np.log(2) / 2).ravel()  # of the reduction's k
+    SIZES = 10.0 ** np.concatenate([np.arange(-323, 3, 2.7), np.linspace(-3, 1.6, 200)])
+    NUMBERS = np.concatenate(
+        [CHANGES, CHANGES * (1 + EPS), SIZES, -SIZES, [0.0, 709.78, -708.5, -740.0, -745.1, -746.0, -1e9]]
+        + [np.random.default_rng(0).uniform(*ends, 300) for ends in ((-0.7, 0.7), (0.17, 0.19), (15, 20), (-700, 700))]
+    )
+    BOUNDS = 1, 1.1  # units in the last place, as the docstrings say
+
+    def trace(self, width):
+        """Both functions of each number, and each of what is known late."""
+        graph = Graph()
+        x = inputs(graph, (width,), 0)
+        late = [x[0].sin().tanh(), x[0].tanh().exp()]
+        outputs = references(graph, np.concatenate([np.tanh(x), np.exp(x), np.array(late, dtype=object)]))
+        return Trace(lower(graph, outputs, width), (width,), (2 * width + 2,))
+
+    @pytest.fixture(scope="class")
+    def rows(self):
+        """A function of numbers: what is stored for them in batches, sound or not."""
+        batches = llvm_backend.BatchProgram(self.trace(1))
+
+        def run(x):
+            found, begin, function = np.empty((len(x), 4), x.dtype), 0, batches.compiled(x.dtype)
+            while begin < len(x):
+                begin = 1 + function(x[:, None], found, begin)
+            return found[:, :2]
+
+        return run
+
+    def units(self, found, exact):
+        """The largest errors of both, in units in the last place."""
+        last = np.spacing(np.abs(exact.astype(float).astype(found.dtype)))
+        return (np.abs(found.astype(float) - exact) / last).max(axis=0)
+
+    def test_errors_are_those_of_the_docstrings(self, rows):
+        with mpmath.workdps(50):
+            exact = np.array([[mpmath.tanh(x), mpmath.exp(x)] for x in map(mpmath.mpf, self.NUMBERS)])
+        assert (self.units(rows(self.NUMBERS), exact) <= self.BOUNDS).all()
+        x, function = np.resize(self.NUMBERS, (len(exact) // 11, 11)), llvm_backend.state_function(self.trace(11))
+        many = np.array([function(state) for state in x])  # eight, three and one side by side
+        single = many[:, :22].reshape(-1, 2, 11).swapaxes(1, 2).reshape(-1, 2)
+        assert (self.units(single, exact[: len(single)]) <= self.BOUNDS).all()
+        late = np.stack([np.tanh(np.sin(x[:, 0])), np.exp(np.tanh(x[:, 0]))], axis=1)
+        np.testing.assert_allclose(many[:, 22:], late, rtol=4 * EPS)
+
+    def test_float32_is_rounded_once(self, rows):
+        x = self.NUMBERS[self.NUMBERS < 88].astype(np.float32)
+        exact = np.stack([np.tanh(x.astype(float)), np.exp(x.astype(float))], axis=1)
+        assert (self.units(rows(x), exact) <= 0.5 + 1e-6).all()
+
+    @pytest.mark.parametrize("dtype", ["float64", "float32"])
+    def test_of_what_is_no_number_or_infinite(self, rows, dtype):
+        """NaN stays, beside numbers that it does not change."""
+        x = np.array([np.nan, 1.0, np.inf, -np.inf, 1e30, -1e30, 710.0, -0.0], dtype)
+        found = rows(x)
+        assert np.array_equal(found[[0, 2, 3, 4, 5, 6], 0], [np.nan, 1, -1, 1, -1, 1], equal_nan=True)
+        assert np.array_equal(found[[0, 2, 3, 4, 5, 6], 1], [np.nan, np.inf, 0, np.inf, 0, np.inf], equal_nan=True)
+        assert np.array_equal(found[[1, 7]], rows(x[[1, 7]]))
+        assert np.array_equal(found[7], [0, 1])
+
+    def test_tanh_is_odd_bounded_and_ascends(self, rows):
+        x = np.sort(np.abs(self.NUMBERS))
+        found = rows(x)[:, 0]
+        assert np.array_equal(rows(-x)[:, 0], -found)
+        assert found.max() == 1
+        assert (np.diff(found) >= -np.spacing(found[1:])).all()
+
+
 class TestOperations:
     def test_each_is_that_of_numpy(self):
         """On numbers and on vectors, in both precisions; NaN passes through all but comparisons."""

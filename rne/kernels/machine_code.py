@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from llvmlite import ir
@@ -20,7 +20,7 @@ ARITHMETIC = {"add": "fadd", "subtract": "fsub", "multiply": "fmul", "divide": "
 NUMBERS = {"float64": ir.DoubleType(), "float32": ir.FloatType()}
 SUFFIXES = {"double": "f64", "float": "f32"}
 INDEX = ir.IntType(32)
-SIDE_BY_SIDE = 8  # angles of one state
+SIDE_BY_SIDE = 8  # arguments of one state
 LARGEST = 1e5  # rad
 HALF_PI = (1.57079632673412561417e00, 6.07710050630396597660e-11, 2.02226624879595063154e-21)  # 33 + 33 + 53 bits
 SINE = (
@@ -40,6 +40,16 @@ COSINE = (
     -1.13596475577881948265e-11,
 )
 ROUNDER = 1.5 * 2.0**52  # a whole number added to it stands in its last bits
+HALF_LOG_2 = (3.4657359027994517e-01, 2.7489615093541856e-14)  # 42 + 53 bits
+# mpmath.chebyfit((r coth r - 1) / r^2, [0, 0.068], 6) in r^2, to 7e-19 of r coth r
+HYPERBOLIC = (
+    3.333333333333333e-01,
+    -2.2222222222211242e-02,
+    2.116402114517397e-03,
+    -2.1164009326217294e-04,
+    2.1374435217277587e-05,
+    -2.120247188456499e-06,
+)
 
 
 class Emitter:
@@ -99,7 +109,7 @@ class Emitter:
         """A call of one of LLVM's own functions."""
         suffix = SUFFIXES[str(self.number)]
         full = f"llvm.{name}.{suffix if self.lanes == 1 else f'v{self.lanes}{suffix}'}"
-        return self.builder.call(self._declared(full, self.type, len(args)), args)
+        return self.builder.call(self._declared(full, self.type, len(args)), args, fastmath=["nsz"])
 
     def by_the_c_library(self, name: str, *args: ir.Value) -> ir.Value:
         """A function that LLVM has no instruction for, state by state."""
@@ -108,8 +118,8 @@ class Emitter:
         return self.pack([self.builder.call(function, lane) for lane in zip(*map(self.unpack, args), strict=True)])
 
     def outputs(self, program: Program, inputs: Any) -> list[ir.Value]:
-        """The program's outputs. Sines of what no other sine is needed for come first, all at once."""
-        early, needed = early_angles(program)
+        """The program's outputs. Sines and the like of what needs no other of them come first, all at once."""
+        early, needed = early_arguments(program)
         results: list[ir.Value] = [None] * len(program.instructions)
 
         def value(arg: Operand) -> ir.Value:
@@ -121,35 +131,37 @@ class Emitter:
 
         def append(k: int) -> None:
             kind, args = program.instructions[k]
-            if kind in ("sin", "cos"):
-                (angle,) = args
-                if angle not in pairs:
-                    pairs[angle] = self.sines([value(angle)])[0]
-                results[k] = pairs[angle][kind == "cos"]
+            if kind in ELEMENTARY:
+                function, part = ELEMENTARY[kind]
+                if (function, args[0]) not in known:
+                    known[function, args[0]] = self.elementary(function, [value(args[0])])[0]
+                results[k] = known[function, args[0]][part]
             else:
                 results[k] = self._result(kind, [value(arg) for arg in args])
 
-        pairs: dict[Operand, ir.Value] = {}
+        known: dict[tuple[Function, Operand], tuple[ir.Value, ...]] = {}
         for k in sorted(needed):
             append(k)
-        pairs.update(zip(early, self.sines([value(angle) for angle in early]), strict=True))
+        for function, args in early.items():
+            found = self.elementary(function, [value(arg) for arg in args])
+            known.update(zip([(function, arg) for arg in args], found, strict=True))
         for k in range(len(results)):
             if k not in needed:
                 append(k)
         return [value(output) for output in program.outputs]
 
-    def sines(self, angles: Sequence[ir.Value]) -> list[tuple[ir.Value, ir.Value]]:
-        """Sine and cosine of each angle; those of one state are computed side by side."""
+    def elementary(self, function: Function, arguments: Sequence[ir.Value]) -> list[tuple[ir.Value, ...]]:
+        """What a function gives for each argument; those of one state are computed side by side."""
         if self.lanes > 1:
-            return sines_and_cosines(self, angles)
-        pairs: list[tuple[ir.Value, ir.Value]] = []
-        while len(pairs) < len(angles):
-            some = angles[len(pairs) : len(pairs) + SIDE_BY_SIDE]
+            return function(self, arguments)
+        found: list[tuple[ir.Value, ...]] = []
+        while len(found) < len(arguments):
+            some = arguments[len(found) : len(found) + SIDE_BY_SIDE]
             lanes = next(lanes for lanes in (2, 4, SIDE_BY_SIDE) if lanes >= len(some))
             wide = Emitter(self.builder, self.dtype, lanes)
-            ((sine, cosine),) = sines_and_cosines(wide, [wide.pack([*some, *[some[0]] * (lanes - len(some))])])
-            pairs += list(zip(wide.unpack(sine), wide.unpack(cosine), strict=True))[: len(some)]
-        return pairs
+            (values,) = function(wide, [wide.pack([*some, *[some[0]] * (lanes - len(some))])])
+            found += list(zip(*map(wide.unpack, values), strict=True))[: len(some)]
+        return found
 
     def _result(self, kind: str, args: list[ir.Value]) -> ir.Value:
         builder = self.builder
@@ -205,32 +217,34 @@ class Emitter:
         return self.builder.icmp_unsigned("==", self.lanes_of(conditions), bits)
 
 
-def early_angles(program: Program) -> tuple[list[Operand], set[int]]:
-    """The angles that are known before any sine or cosine, and the instructions that give them."""
-    late: set[int] = set()  # instructions that need a sine
-    early: dict[Operand, None] = {}
+Function = Callable[[Emitter, Sequence[ir.Value]], list[tuple[ir.Value, ...]]]
+OnOne = Callable[[Emitter, ir.Value], tuple[ir.Value, ...]]
+
+
+def early_arguments(program: Program) -> tuple[dict[Function, dict[Operand, None]], set[int]]:
+    """By elementary function, arguments that are known before any of them, and the instructions that give these."""
+    late: set[int] = set()  # instructions that need an elementary function
+    early: dict[Function, dict[Operand, None]] = {}
     for k, (kind, args) in enumerate(program.instructions):
         if any(arg.kind == "result" and arg.value in late for arg in args):
             late.add(k)
-        elif kind in ("sin", "cos"):
+        elif kind in ELEMENTARY:
             late.add(k)
-            early[args[0]] = None
+            early.setdefault(ELEMENTARY[kind][0], {})[args[0]] = None
     needed: set[int] = set()
-    open_ones = list(early)
+    open_ones = [arg for found in early.values() for arg in found]
     while open_ones:
         arg = open_ones.pop()
         if arg.kind == "result" and arg.value not in needed:
             needed.add(int(arg.value))
             open_ones += program.instructions[int(arg.value)].args
-    return list(early), needed
+    return early, needed
 
 
-def sines_and_cosines(emitter: Emitter, angles: Sequence[ir.Value]) -> list[tuple[ir.Value, ir.Value]]:
+def sines_and_cosines(emitter: Emitter, angles: Sequence[ir.Value]) -> list[tuple[ir.Value, ...]]:
     """Sine and cosine of vectors of angles, by polynomials; where one exceeds LARGEST, by the C library."""
-    if not angles:
-        return []
     builder, largest = emitter.builder, emitter.constant(LARGEST)
-    near = [sine_and_cosine(emitter, angle) for angle in angles]
+    near = [in_float64(emitter, sine_and_cosine, angle) for angle in angles]
     moderate = emitter.all([emitter.at_most(emitter.intrinsic("fabs", angle), largest) for angle in angles])
     begin = builder.block
     with builder.if_then(builder.not_(moderate), likely=False):
@@ -268,22 +282,22 @@ def _far(emitter: Emitter) -> ir.Value:
     return function
 
 
+def in_float64(emitter: Emitter, function: OnOne, argument: ir.Value) -> tuple[ir.Value, ...]:
+    """What a function of float64 gives for a vector of either type."""
+    if isinstance(emitter.number, ir.DoubleType):
+        return function(emitter, argument)
+    wide = type(emitter)(emitter.builder, "float64", emitter.lanes)
+    found = function(wide, emitter.builder.fpext(argument, wide.type))
+    return tuple(emitter.builder.fptrunc(value, emitter.type) for value in found)
+
+
 def sine_and_cosine(emitter: Emitter, angle: ir.Value) -> tuple[ir.Value, ir.Value]:
-    """Sine and cosine of a vector of angles without a branch, computed in float64.
+    """Sine and cosine of a vector of angles without a branch, in float64.
 
     Reduction by pi/2 as Cody and Waite, in three parts with the rounding of the remainder kept; two polynomials on
     [-pi/4, pi/4] with the coefficients of fdlibm (Sun Microsystems 1993, k_sin.c and k_cos.c), chosen by quadrant.
     Errors stay below 1 unit in the last place up to LARGEST; beyond it they mean nothing.
     """
-    builder = emitter.builder
-    if isinstance(emitter.number, ir.DoubleType):
-        return _in_float64(emitter, angle)
-    wide = type(emitter)(builder, "float64", emitter.lanes)
-    sine, cosine = _in_float64(wide, builder.fpext(angle, wide.type))
-    return builder.fptrunc(sine, emitter.type), builder.fptrunc(cosine, emitter.type)
-
-
-def _in_float64(emitter: Emitter, angle: ir.Value) -> tuple[ir.Value, ir.Value]:
     builder, constant = emitter.builder, emitter.constant
     quarter = emitter.intrinsic("rint", builder.fmul(angle, constant(2 / math.pi)))
     sine, cosine = _near_zero(emitter, *_remainder(emitter, angle, quarter))
@@ -338,3 +352,93 @@ def _polynomial(emitter: Emitter, coefficients: tuple[float, ...], x: ir.Value) 
     for coefficient in coefficients[-2::-1]:
         result = emitter.intrinsic("fmuladd", result, x, emitter.constant(coefficient))
     return result
+
+
+def hyperbolic_tangent(emitter: Emitter, x: ir.Value) -> tuple[ir.Value]:
+    """Hyperbolic tangent of a vector of numbers without a branch, in float64.
+
+    With |x| = k log(2)/2 + r, -0.09 < r < 0.26 up to k = 52, S = 2^-k, and R = r coth r by a polynomial,
+
+        tanh |x| = ((1 - S) R + (1 + S) r) / ((1 + S) R + (1 - S) r).
+
+    What rounding takes from both sums is kept and mends the quotient. Errors stay below 1 unit in the last place, on
+    processors without fused multiply-add below 2.
+    """
+    builder, constant = emitter.builder, emitter.constant
+    size = _at_most(emitter, emitter.intrinsic("fabs", x), 20.0)  # whose tangent is 1
+    k = emitter.intrinsic("rint", emitter.intrinsic("fmuladd", size, constant(2 / math.log(2)), constant(-0.25)))
+    k = _at_most(emitter, k, 52.0)  # 1 + S is exact
+    r, rest = _near_log_2(emitter, size, k)
+    S, one = _power_of_two(emitter, builder.fneg(k)), constant(1.0)
+    a, b = builder.fsub(one, S), builder.fadd(one, S)
+
+    def total(a: ir.Value, b: ir.Value) -> tuple[ir.Value, ir.Value]:
+        """a R + b r, as a number and a small one."""
+        found = emitter.intrinsic("fmuladd", b, r, a)
+        lost = emitter.intrinsic("fmuladd", b, r, builder.fsub(a, found))
+        return found, emitter.intrinsic("fmuladd", a, rest, lost)
+
+    (n, n_rest), (d, d_rest) = total(a, b), total(b, a)
+    inverse = builder.fdiv(one, builder.fadd(d, d_rest))
+    found = builder.fmul(builder.fadd(n, n_rest), inverse)
+    less = builder.fneg(found)
+    left = emitter.intrinsic("fmuladd", less, d, n)
+    left = builder.fadd(left, emitter.intrinsic("fmuladd", less, d_rest, n_rest))
+    return (emitter.intrinsic("copysign", emitter.intrinsic("fmuladd", left, inverse, found), x),)
+
+
+def exponential(emitter: Emitter, x: ir.Value) -> tuple[ir.Value]:
+    """Exponential function of a vector of numbers without a branch, in float64.
+
+    With x/2 = k log(2)/2 + r, |r| < 0.18, and R as in `hyperbolic_tangent`,
+
+        e^x = 2^k (R + r) / (R - r) = 2^k (1 + 2 r + 2 r v / (1 - v)),  v = r + 1 - R.
+
+    2^k is two factors, so that a result below the normal numbers is rounded once more, not twice. Errors stay below
+    1.1 units in the last place.
+    """
+    builder, constant = emitter.builder, emitter.constant
+    x = builder.fneg(_at_most(emitter, builder.fneg(_at_most(emitter, x, 800.0)), 800.0))  # beyond: infinite, or 0
+    k = emitter.intrinsic("rint", builder.fmul(x, constant(1 / math.log(2))))
+    r, rest = _near_log_2(emitter, builder.fmul(x, constant(0.5)), k)
+    v, twice, one = builder.fsub(r, rest), builder.fadd(r, r), constant(1.0)
+    small = builder.fadd(twice, builder.fdiv(builder.fmul(twice, v), builder.fsub(one, v)))
+    half = emitter.intrinsic("rint", builder.fmul(k, constant(0.5)))
+    found = builder.fmul(builder.fadd(one, small), _power_of_two(emitter, half))
+    return (builder.fmul(found, _power_of_two(emitter, builder.fsub(k, half))),)
+
+
+def _at_most(emitter: Emitter, x: ir.Value, bound: float) -> ir.Value:
+    """The smaller of a number and a bound; NaN stays."""
+    most = emitter.constant(bound)
+    return emitter.builder.select(emitter.builder.fcmp_ordered("<", most, x), most, x)
+
+
+def _near_log_2(emitter: Emitter, x: ir.Value, k: ir.Value) -> tuple[ir.Value, ir.Value]:
+    """r = x - k log(2)/2, in two parts of which the first is exact, and r coth r - 1."""
+    builder = emitter.builder
+    first, second = (emitter.constant(-part) for part in HALF_LOG_2)
+    r = emitter.intrinsic("fmuladd", k, second, emitter.intrinsic("fmuladd", k, first, x))
+    z = builder.fmul(r, r)
+    return r, builder.fmul(z, _polynomial(emitter, HYPERBOLIC, z))
+
+
+def _power_of_two(emitter: Emitter, k: ir.Value) -> ir.Value:
+    """2^k of whole numbers, -1023 < k < 1024."""
+    builder, integers = emitter.builder, ir.VectorType(ir.IntType(64), emitter.lanes)
+    bits = builder.bitcast(builder.fadd(k, emitter.constant(ROUNDER + 1023)), integers)
+    return builder.bitcast(builder.shl(bits, ir.Constant(integers, [52] * emitter.lanes)), emitter.type)
+
+
+def each(function: OnOne) -> Function:
+    """A function of float64 on every one of some arguments."""
+    return lambda emitter, arguments: [in_float64(emitter, function, x) for x in arguments]
+
+
+# By operation: the function, and which of its results it is
+ELEMENTARY: dict[str, tuple[Function, int]] = {
+    "sin": (sines_and_cosines, 0),
+    "cos": (sines_and_cosines, 1),
+    "tanh": (each(hyperbolic_tangent), 0),
+    "exp": (each(exponential), 0),
+}
