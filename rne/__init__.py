@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from .simulation.elastic_joints import ElasticJoints
     from .simulation.ensembles import Ensemble, ensemble
     from .simulation.friction import Friction
+    from .simulation.motion_gradients import motion_gradient
     from .simulation.scene import Payload, Scene
     from .simulation.simulator import simulate
     from .simulation.springs import Spring
@@ -72,6 +73,7 @@ else:
             "simulation.elastic_joints": "ElasticJoints",
             "simulation.ensembles": "Ensemble ensemble",
             "simulation.friction": "Friction",
+            "simulation.motion_gradients": "motion_gradient",
             "simulation.scene": "Payload Scene",
             "simulation.simulator": "simulate",
             "simulation.springs": "Spring",
@@ -144,6 +146,7 @@ __all__ = [
     "kernels",
     "load",
     "model",
+    "motion_gradient",
     "plotting",
     "read_urdf",
     "robots",

@@ -68,7 +68,7 @@ def _combination(weights: Any, first: Any, end: Any, K: Any, out: Any) -> None:
 
 @by_loops(_combination)
 def combination(weights: Any, first: Any, end: Any, K: Any, out: Any) -> None:
-    """The sum of weights[j] K[j] over first <= j < end, of vectors, term by term, so that each entry's bits are its own."""
+    """The sum of weights[j] K[j] over first <= j < end, of vectors, term by term: each entry's bits are its own."""
     out[:] = 0.0
     for w, k in zip(weights[first:end].tolist(), K[first:end], strict=True):
         if w:

@@ -157,7 +157,7 @@ def advance(rates: Any, law: Any, schedule: Any, holding: Any, x: Any, room: Any
     A, B = schedule.tableau.A, schedule.tableau.B
     K, total, command, bounds = room
     call, inputs, _, _, _ = rates
-    keeps, size, positions = len(kept.stages) > 0, len(x), schedule.positions
+    keeps, positions = len(kept.stages) > 0, schedule.positions
     for k in range(len(schedule.lengths)):
         h = schedule.lengths[k]
         if schedule.sampled[k]:

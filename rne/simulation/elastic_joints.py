@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import read_only, real_numbers
 from ..basics.spatial import Array
 from ..basics.text import listed, summary
-from ..dynamics.rnea import inverse_dynamics
+from ..dynamics.rnea import gravity_torque, inverse_dynamics
 from ..graph.scalar import is_present
 from ..model.model import Model, joint_array
 from ..model.modify import LimitValues, limit_array
@@ -128,6 +128,12 @@ class ElasticDynamics(SceneDynamics):
             weight = weight if self.springs is None else weight + self.springs.torque(robot, q, 0 * q)
             q = np.concatenate([q, q + weight / np.array(self.motor_side.stiffness)], axis=-1)
         return q, np.concatenate([qd, qd], axis=-1) if qd.shape[-1] == robot.n else qd
+
+    def start_of_motors_core(self, model: Model, q: Array) -> Array:
+        """Positions of motors whose torsion holds the links at rest, traced."""
+        weight = gravity_torque.core(model, q)
+        weight = weight if self.springs is None else weight + self.springs.torques(model, q, 0 * q)[0]
+        return q + weight / np.array(self.motor_side.stiffness)  # type: ignore[no-any-return]
 
     def energies_of(self, robot: Robot, x: Array) -> tuple[Array, Array]:
         """Kinetic and potential energy in states, those of rotors and torsion included [J]."""

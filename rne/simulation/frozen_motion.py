@@ -20,15 +20,17 @@ from ..basics.piecewise import NO_TABLES
 from ..basics.spatial import Array
 from ..control.sampled_loop import in_periods
 from ..control.traced_law import TracedLaw
+from ..errors import NotFiniteError, SingularMassMatrixError
 from ..integrators.frozen_steps import Adjoint, Function, Holding, Kept, Schedule, advance, pull_back
 from ..integrators.loops import compiled
 from ..integrators.step_control import NEARLY
-from ..integrators.tableaus import Tableau
+from ..integrators.tableaus import Tableau, tableau
 from ..kernels.kernel import Kernel
 from ..model.parameters import PARAMETERS, at_parameters
 from .scene import Scene
 from .scene_dynamics import Bodies, RunningCost, SceneDynamics
 from .scene_numbers import BODIES, bodies_as_numbers, unknown
+from .simulator import law_breaks
 
 STARTS = ("q0", "qd0")
 MOST_AT_ONCE = 20_000  # steps times motions of one call of machine code, after which Ctrl-C is heard
@@ -98,6 +100,14 @@ class FrozenScene:
         """From a sample until its command acts: a whole number of periods, and the rest."""
         return in_periods(float(self.given.delay or 0.0), self.period) if self.period else (0.0, 0.0)
 
+    def instants(self, end: float) -> tuple[Array, Array, Array]:
+        """Times of samples before the end, those at which their commands begin to act, and those at which laws jump."""
+        if self.law is None:
+            return np.zeros(0), np.zeros(0), np.array(law_breaks(self.given.controller))
+        late, rest = self.delay
+        count = np.arange(ceil(end / self.period * NEARLY))
+        return count * self.period, (count + late) * self.period + rest, np.zeros(0)
+
     @cached_property
     def kernel(self) -> Kernel:
         """dx/dt."""
@@ -135,11 +145,31 @@ class FrozenScene:
             found[name] = {k: x - at_zero[k] for k, x in bodies_as_numbers(self.scene, {name: unit}).items()}
         return found
 
-    def start(self, own: Own, q0: Array, qd0: Array) -> Array:
-        """States at the start, (L, size)."""
-        dynamics, robot = self.dynamics, self.scene.resolved.robot
-        q, qd = dynamics.start(robot, q0, qd0)
+    def start(self, numbers: Array, q0: Array, qd0: Array) -> Array:
+        """States (L, size) where joints start, under numbers of the equations, (p,) or (L, p)."""
+        dynamics = self.dynamics
+        q, qd = dynamics.start(self.scene.resolved.robot, q0, qd0)
+        if q0.shape[1] < q.shape[1]:
+            motors = self.scene.kernels.scene_kernel(dynamics.start_of_motors)(q0, numbers)
+            q = np.concatenate([q0, motors], axis=1)
         return np.concatenate([q, qd, np.zeros((len(q), dynamics.size - 2 * dynamics.n))], axis=1)
+
+    def start_slopes(self, numbers: Array, q0: Array, qd0: Array) -> tuple[Array, Array, Array]:
+        """Derivatives of the start by q0, (L, size, k), by qd0, and by the numbers of the equations, (L, size, p).
+
+        Links alone that are given move the motors behind elastic joints, which hold them at rest.
+        """
+        dynamics, L, n = self.dynamics, len(q0), self.dynamics.n
+        found = [np.zeros((L, dynamics.size, k)) for k in (q0.shape[1], qd0.shape[1], len(dynamics.vector))]
+        for slopes, first in zip(found, (0, n), strict=False):
+            k = slopes.shape[2]
+            slopes[:, first : first + k] = np.eye(k)
+            if k < n:
+                slopes[:, first + k : first + 2 * k] = np.eye(k)
+        if (k := q0.shape[1]) < n:
+            of_motors = self.scene.kernels.scene_kernel(dynamics.start_of_motors, "q", "numbers")(q0, numbers)
+            found[0][:, k:n], found[2][:, k:n] = of_motors[..., :k], of_motors[..., k:]
+        return found[0], found[1], found[2]
 
     def samples_of(self, name: str) -> Callable[[Adjoint], Array] | None:
         """Derivatives by samples of the motion that a law follows, (L, K n), if that is the number; by its pieces."""
@@ -158,16 +188,21 @@ class FrozenScene:
 
         return sampled
 
-    def by_names(self, wrt: Sequence[str], group: SideBySide, adjoint: Adjoint) -> dict[str, Array]:
+    def by_names(
+        self, wrt: Sequence[str], group: SideBySide, adjoint: Adjoint, starts: tuple[Array, Array]
+    ) -> dict[str, Array]:
         """Derivatives by numbers of the scene and by starts, (L, ...) each, from those by what motions are made of."""
         L, found = group.count, dict[str, Array]()
-        of_numbers = unpacked(self.dynamics.masks, adjoint.numbers, L)
+        x = adjoint.x.reshape(-1, L).T
+        *of_starts, of_numbers_at_start = (
+            np.einsum("ls,lsk->lk", x, D) for D in self.start_slopes(group.numbers, *starts)
+        )
+        of_numbers = unpacked(self.dynamics.masks, adjoint.numbers + flat(of_numbers_at_start), L)
         of_law = {} if self.law is None else unpacked(self.law.masks, adjoint.of_law, L)
         of_law = {f"controller.{name}": array for name, array in of_law.items()}
-        x, n = adjoint.x.reshape(-1, L).T, self.dynamics.n
         for name in wrt:
             if name in STARTS:
-                found[name] = x[:, :n] if name == "q0" else x[:, n : 2 * n]
+                found[name] = of_starts[STARTS.index(name)]
                 continue
             shape = self.given.numbers[name].shape if name in self.given.numbers else None
             total = of_numbers.get(name, 0.0) + of_law.get(name, 0.0)
@@ -202,8 +237,15 @@ def by_numpy(kernel: Kernel, at: int, count: int, is_common: bool) -> Callable[.
     def call(*arrays: Array) -> bool:
         given = [a if k == at and is_common else a.reshape(-1, count).T for k, a in enumerate(arrays[:-1])]
         given = [a.reshape(-1) for a in given] if count == 1 else given
-        found, status = kernel.evaluate(*given)
-        status.raise_or_warn(stacklevel=2)
+        try:
+            found, status = kernel.evaluate(*given)
+            status.raise_or_warn(stacklevel=2)
+        except (NotFiniteError, SingularMassMatrixError) as error:
+            t, place = float(arrays[0][0]), f"motion {error.state[0]} " if error.state and count > 1 else ""
+            text = f"{place}at t = {t:.6g} s: {error.args[0]}"
+            if isinstance(error, SingularMassMatrixError):
+                raise SingularMassMatrixError(text, error.cause, error.joints) from None
+            raise NotFiniteError(text, t) from None
         arrays[-1].reshape(-1, count)[:] = found.reshape(count, -1).T
         return True
 
@@ -304,18 +346,17 @@ class SideBySide:
         taken = text(self.rates, self.sampled_law, schedule, self.holding, x, room, kept)
         return int(taken) == len(schedule.lengths)
 
-    def adjoint(self, x: Array, arrivals: int, stages: int) -> Adjoint:
+    def adjoint(self, x: Array, stages: int) -> Adjoint:
         """Derivatives by the flat state at the end, before `pull_back`; by nothing else as yet."""
         L, (gradient, law) = self.count, self.gradients
         n, m, rows = self.n * L, self.m * L, len(self.holding.pending)
-        pieces = [tables.shape[1:] for tables in (self.tables, self.law_tables)]
         width, law_width = (function.tables.shape[2] * L for function in (gradient, law))
+        table, law_table = (np.zeros((t.shape[1], t.shape[2] * L)) for t in (self.tables, self.law_tables))
         k = len(gradient.out) - len(x) - n - width
         of_law = len(law.out) - len(law.inputs[1]) - law_width if len(law.out) else 0
-        tables = [np.zeros((shape[0], shape[1] * L)) for shape in pieces]
-        room = np.empty((arrivals, len(x))), np.empty((stages, len(x)))
-        own = np.zeros(n), np.zeros((rows, n)), np.zeros(m), np.zeros(k), np.zeros(of_law), np.zeros((2, n))
-        return Adjoint(x, *own, *tables, *room)
+        pending, numbers, limits = np.zeros((rows, n)), (np.zeros(k), np.zeros(of_law)), np.zeros((2, n))
+        room = np.empty((0, len(x))), np.empty((stages, len(x)))
+        return Adjoint(x, np.zeros(n), pending, np.zeros(m), *numbers, limits, table, law_table, *room)
 
     def pull_back(self, schedule: Schedule, kept: Kept, adjoint: Adjoint) -> bool:
         """Go back through steps; False if a state needs the recursion."""
@@ -332,13 +373,28 @@ def flat(rows: Array) -> Array:
 def schedule_of(
     method: Tableau, positions: int, ends: Array, breaks: Array, samples: Array, arrivals: Array
 ) -> Schedule:
-    """Steps between times, (K + 1,), on their own sides of breaks, with the times of samples and of commands among them."""
+    """Steps between times, (K + 1,), on their own sides of breaks, samples and commands among them."""
     begins, lengths = ends[:-1], np.diff(ends)
     first = np.where(np.isin(begins, breaks), np.nextafter(begins, np.inf), -np.inf)
     last = np.where(np.isin(ends[1:], breaks), np.nextafter(ends[1:], -np.inf), np.inf)
     times = np.clip(begins[:, None] + method.C * lengths[:, None], first[:, None], last[:, None])
     sampled, acting = (np.isin(begins, instants).astype(np.int64) for instants in (samples, arrivals))
     return Schedule(method, positions, times, begins.copy(), lengths, sampled, acting)
+
+
+def fixed_schedule(frozen: FrozenScene, method: str, end: float, step: float, *instants: Array) -> Schedule:
+    """Equal steps that end at samples, where commands begin to act, at breaks and at further instants."""
+    samples, arrivals, breaks = frozen.instants(end)
+    ends = equal_steps(end, step, samples, arrivals, breaks[(breaks > 0) & (breaks < end)], *instants)
+    return schedule_of(tableau(method), 0, aligned(ends, (samples, arrivals, breaks)), breaks, samples, arrivals)
+
+
+def aligned(times: Array, instants: Sequence[Array]) -> Array:
+    """Times, in place of which instants stand that are equal up to rounding."""
+    others = np.unique(np.concatenate([*instants, [np.inf]]))
+    k = np.searchsorted(others, times)
+    nearest = np.where(np.abs(others[k - 1] - times) < np.abs(others[k] - times), others[k - 1], others[k])
+    return np.asarray(np.where(np.abs(nearest - times) <= (1 - NEARLY) * np.abs(times), nearest, times))
 
 
 def equal_steps(end: float, step: float, *instants: Array) -> Array:

@@ -3,30 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from math import ceil
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import positive_number, real_numbers
+from ..basics.arrays import check_function, positive_number, real_numbers, whole_number
 from ..basics.spatial import Array
 from ..control.laws import traceable
 from ..integrators.frozen_steps import Adjoint, Kept, Schedule
 from ..integrators.loops import LANES
-from ..integrators.tableaus import tableau
+from ..integrators.tableaus import EXPLICIT, tableau
 from ..kernels.kernel import Kernel
 from ..robot import Robot
-from .frozen_motion import MOST_AT_ONCE, FrozenScene, SideBySide, equal_steps, flat, schedule_of
+from .frozen_motion import MOST_AT_ONCE, FrozenScene, Own, SideBySide, aligned, fixed_schedule, flat, schedule_of
 from .scene import Scene
-from .scene_numbers import checked
-from .simulator import law_breaks, scene_argument
+from .scene_dynamics import Bodies
+from .scene_numbers import BODIES, bodies_of, checked, scene_of_all
+from .simulator import scene_argument, simulate, tolerances
 
-Progress = Callable[[float, float], object]
+FIXED = "rk4"
 
 
 class MotionGradient(NamedTuple):
-    """A cost of motions, and its derivatives by name; of N motions with an axis of N in front."""
+    """The cost of a motion and its derivatives by name, of N motions with an axis of N in front."""
 
     value: Any
     gradient: dict[str, Array]
@@ -108,14 +109,70 @@ class _Backwards:
     def _by_delay(self, part: Schedule, kept: Kept, arrivals: Array, before: Array) -> Array:
         """Derivatives by the delay: a command that acts later leaves the one before it for longer."""
         group, L = self.group, self.group.count
-        k = np.flatnonzero(part.acting)
-        held = np.concatenate([before[None], kept.held])
-        rows = [a.reshape(len(k), -1, L).transpose(0, 2, 1) for a in (kept.stages[k, 0], held[k], held[k + 1])]
-        x, old, new = rows
+        k, held = np.flatnonzero(part.acting), np.concatenate([before[None], kept.held])
+        x, old, new, slopes = (
+            a.reshape(len(k), -1, L).transpose(0, 2, 1) for a in (kept.stages[k, 0], held[k], held[k + 1], arrivals[k])
+        )
         t = np.broadcast_to(part.times[k, 0][:, None, None], (len(k), L, 1))
         rates = [group.frozen.kernel(t, x, u, group.numbers) for u in (old, new)]
-        slopes = arrivals[k].reshape(len(k), -1, L).transpose(0, 2, 1)
         return np.asarray((slopes * (rates[0] - rates[1])).sum(axis=(0, 2)))
+
+
+@dataclass(frozen=True)
+class _Task:
+    """What is differentiated, by which names, and how."""
+
+    frozen: FrozenScene
+    final: Callable[..., Any] | None
+    names: tuple[str, ...]
+    memory: int
+    tell: Callable[[int], None]
+
+    def of_group(
+        self, own: Own, starts: tuple[Array, Array], torque: Array, schedule: Schedule, *, by_machine: bool
+    ) -> tuple[Array, dict[str, Array]]:
+        """The cost of motions side by side, (L,), and its derivatives; by NumPy where a state needs the recursion."""
+        group = SideBySide(self.frozen, own, len(starts[0]), by_machine=by_machine)
+        found = self._of(group, starts, torque, schedule)
+        if found is None:
+            return self.of_group(own, starts, torque, schedule, by_machine=False)
+        return found
+
+    def _of(
+        self, group: SideBySide, starts: tuple[Array, Array], torque: Array, schedule: Schedule
+    ) -> tuple[Array, dict[str, Array]] | None:
+        run, L = _Backwards(group, schedule, self.memory, self.tell), group.count
+        x = flat(self.frozen.start(group.numbers, *starts))
+        if torque.size:
+            group.rates.inputs[2][:] = flat(torque)
+        if not run.forwards(x):
+            return None
+        value, slopes = self._at_end(x.reshape(-1, L).T)
+        adjoint = group.adjoint(flat(slopes), len(schedule.tableau.B))
+        by_delay = run.backwards(adjoint, by_delay="delay" in self.names)
+        if by_delay is None:
+            return None
+        found = self.frozen.by_names(self.names, group, adjoint, starts)
+        return value, found | ({"delay": by_delay} if "delay" in self.names else {})
+
+    def _at_end(self, x: Array) -> tuple[Array, Array]:
+        """Costs of states at the end, (L, size), and their slopes."""
+        dynamics, value, slopes = self.frozen.dynamics, np.zeros(len(x)), np.zeros_like(x)
+        if dynamics.cost is not None:
+            value, slopes[:, -1] = x[:, -1].copy(), 1.0
+        if self.final is None:
+            return value, slopes
+        places = [slice(first, first + dynamics.joints) for first in (0, dynamics.n)]
+        final, model = self.final, self.frozen.scene.resolved.robot.model
+        traced: Any = traceable(lambda q, qd: final(q, qd))
+        joints = [x[:, place] for place in places]
+        at_end = Kernel(traced, model, {})(*joints)
+        if at_end.shape != value.shape:
+            raise ValueError(f"`final` must return one number, got shape {at_end.shape[1:]}")
+        gradient = Kernel(traced, model, {}, ("q", "qd"), order="gradient")(*joints, np.ones((len(x), 1)))
+        for place, part in zip(places, np.split(gradient, 2, axis=1), strict=True):
+            slopes[:, place] += part
+        return value + at_end, slopes
 
 
 def motion_gradient(
@@ -134,87 +191,182 @@ def motion_gradient(
     rtol: float = 1e-6,
     atol: float = 1e-9,
     memory: int = 2**28,
-    progress: Progress | None = None,
+    progress: Callable[[int, int], object] | None = None,
 ) -> MotionGradient:
-    """Derivatives of a cost of a motion."""
-    scene = scene_argument(scene_or_robot)
-    names = (wrt,) if isinstance(wrt, str) else tuple(wrt)
-    own = dict(numbers or {})
-    frozen = FrozenScene(scene, tuple(dict.fromkeys((*names, *own))), cost, torque is not None)
-    q, qd = (real_numbers(name, x, f"({scene.n},) or (N, {scene.n})") for name, x in (("q0", q0), ("qd0", qd0)))
-    is_one = q.ndim == 1
-    count = 1 if is_one else len(q)
-    given = checked(scene, {k: np.asarray(v)[None] if is_one else v for k, v in own.items()}, count)
-    x0 = frozen.start(given, np.atleast_2d(q), np.atleast_2d(qd))
-    end = positive_number("duration", duration)
-    u = np.zeros((count, 0)) if torque is None else np.broadcast_to(torque, (count, scene.n))
+    """The cost of a motion, integrated over time and of its end, and its derivatives by numbers of the scene.
+
+    Steps are kept as the method took them, and gone through backwards: all derivatives together cost twice the motion.
+    They are those of what was computed, up to rounding, whatever its error.
+
+    Parameters
+    ----------
+    scene_or_robot : Scene or Robot
+        What moves, without `stops` and friction that sticks; a controller must be traceable.
+    q0, qd0 : array_like, shape (n,) or (N, n)
+        Initial positions and velocities, as `rne.simulate` takes them, of one motion or of N side by side [rad or m;
+        rad/s or m/s].
+    duration : float
+        Time to simulate [s].
+    cost : callable, optional
+        A function cost(t, q, qd, tau) -> number of one state, integrated over the motion, that can be traced: of
+        arithmetic and the functions of `rne.elementwise`. `tau` are the drives' torques within their limits. Keep the
+        function: another one is traced anew.
+    final : callable, optional
+        A function final(q, qd) -> number of the state at the end, likewise.
+    wrt : str or sequence of str
+        Names of `scene.numbers`, "q0" and "qd0".
+    torque : array_like, shape (n,) or (N, n), optional
+        Constant torques of the drives, for a robot or a scene without a controller [N m or N].
+    numbers : mapping of str to array_like, optional
+        Numbers of the scene in place of its own; of N motions each has its own, shape (N, ...), or all the same ones.
+    method : str
+        "rk4" with `step`; without it Tsit5, RK45, RK23 or DOP853 with step control. "auto" is rk4, Tsit5 between
+        samples and DOP853. For implicit methods see `rne.sensitivities`.
+    step : float, optional
+        The longest of equal steps, which end at samples and where commands begin to act [s].
+    rtol, atol : float
+        Relative and absolute tolerance of steps that are controlled.
+    memory : int
+        Bytes for states of steps; of more steps some are taken again, which costs the motion once more.
+    progress : callable, optional
+        A function progress(done, total), called with numbers of steps, forwards and backwards, of all motions.
+
+    Returns
+    -------
+    MotionGradient
+        A tuple of value, a number or (N,), and gradient: arrays by name, of the numbers' shapes, or (N, ...).
+
+    Raises
+    ------
+    ValueError
+        If a name is not one of the scene's numbers, the motion has no derivative, as with `stops`, dry friction and
+        laws that are called, or an argument has the wrong shape or range.
+    NotFiniteError, SingularMassMatrixError
+        If a state overflows or M becomes singular; names the motion and the time.
+    SimulationError
+        The same of steps that are controlled.
+
+    Notes
+    -----
+    Where torques reach a limit, and of kinks of friction and laws, derivatives are those of the side on which a stage
+    is. By "delay" it is the jump of dx/dt where a command begins to act. Numbers that are infinite have derivative 0.
+    Sandu 2006, On the properties of Runge-Kutta discrete adjoints, equation 4; Griewank and Walther 2008, chapter 3.
+
+    Examples
+    --------
+    >>> import rne
+    >>> arm = rne.load("irb140")
+    >>> scene = rne.Scene(arm, friction=rne.Friction(viscous=5.0))
+    >>> value, slopes = rne.motion_gradient(
+    ...     scene, [0] * 6, [0] * 6, 0.1, final=lambda q, qd: q[1] ** 2, wrt="friction.viscous", step=0.01
+    ... )
+    >>> slopes["friction.viscous"].shape, bool(slopes["friction.viscous"][1] < 0)  # more friction: it falls less
+    ((6,), True)
+    """
+    scene, names = scene_argument(scene_or_robot), (wrt,) if isinstance(wrt, str) else tuple(wrt)
+    for name, function, arguments in (("cost", cost, "(t, q, qd, tau)"), ("final", final, "(q, qd)")):
+        if function is not None:
+            check_function(name, function, arguments)
+    starts, is_one = _starts(scene, q0, qd0)
+    count, end = len(starts[0]), positive_number("duration", duration)
+    scene, own = _numbers(scene, numbers or {}, count, is_one=is_one)
+    torques = _torques(scene, torque, count)
+    frozen = FrozenScene(scene, tuple(dict.fromkeys((*names, *own))), cost, torques.size > 0)
+    chosen = _method(frozen, method, step)
     by_machine = frozen.kernel.is_unrolled and frozen.kernel.engine == "numba"
-    schedule = fixed_schedule(frozen, "rk4", end, step)
-    L = (LANES if count > 1 else 1) if by_machine else count
-    values, gradients = [], {name: [] for name in names}
+    L = 1 if step is None else count if not by_machine else LANES if count > 1 else 1
+    done = 0
+
+    def tell(steps: int) -> None:
+        nonlocal done
+        done += steps * L
+        if progress is not None:
+            progress(min(done, total), total)
+
+    task, total = _Task(frozen, final, names, whole_number("memory", memory, least=1), tell), 0
+    parts, grid = [], None if step is None else fixed_schedule(frozen, chosen, end, positive_number("step", step))
     for first in range(0, count, L):
-        rows = np.minimum(np.arange(first, first + L), count - 1)
-        mine = {name: array[rows] for name, array in given.items()}
-        value, found = _of_group(frozen, mine, x0[rows], u[rows], schedule, final, names, memory, by_machine)
-        taken = min(L, count - first)
-        values.append(value[:taken])
-        for name in names:
-            gradients[name].append(found[name][:taken])
-    value, gradient = np.concatenate(values), {k: np.concatenate(v) for k, v in gradients.items()}
-    return MotionGradient(value[0] if is_one else value, {k: v[0] if is_one else v for k, v in gradient.items()})
+        rows = np.minimum(np.arange(first, first + L), count - 1)  # the last motion fills the lanes
+        mine, given = {name: array[rows] for name, array in own.items()}, (starts[0][rows], starts[1][rows])
+        how = torques[rows], end, chosen, tolerances(rtol, atol)
+        schedule = _steps_taken(frozen, mine, given, *how) if grid is None else grid
+        total = max(total, 2 * len(schedule.lengths) * count)
+        value, found = task.of_group(mine, given, torques[rows], schedule, by_machine=by_machine)
+        parts.append((value[: count - first], {name: a[: count - first] for name, a in found.items()}))
+    value = np.concatenate([value for value, _ in parts])
+    gradient = {name: np.concatenate([found[name] for _, found in parts]) for name in names}
+    return (
+        MotionGradient(value[0], {k: x[0] for k, x in gradient.items()}) if is_one else MotionGradient(value, gradient)
+    )
 
 
-def fixed_schedule(frozen: FrozenScene, method: str, end: float, step: float, *instants: Array) -> Schedule:
-    """Equal steps that end at samples, arrivals of commands, breaks and further instants."""
-    samples = arrivals = breaks = np.zeros(0)
-    if frozen.law is not None:
-        late, rest = frozen.delay
-        samples = np.arange(ceil(end / frozen.period * (1 - 1e-12))) * frozen.period
-        arrivals = (np.arange(len(samples)) + late) * frozen.period + rest
-    else:
-        breaks = np.array(law_breaks(frozen.given.controller))
-    ends = equal_steps(end, step, samples, arrivals, breaks[(breaks > 0) & (breaks < end)], *instants)
-    ends = aligned(ends, np.concatenate([samples, arrivals, breaks]))
+def _starts(scene: Scene, q0: ArrayLike, qd0: ArrayLike) -> tuple[tuple[Array, Array], bool]:
+    """Initial positions and velocities, (N, n) each, and whether they are of one motion."""
+    n = scene.n
+    q, qd = (real_numbers(name, x, f"({n},) or (N, {n})").astype(float) for name, x in (("q0", q0), ("qd0", qd0)))
+    if q.ndim != qd.ndim or q.ndim not in (1, 2) or q.shape[:-1] != qd.shape[:-1]:
+        raise ValueError(f"`q0` and `qd0` must both have shape ({n},) or (N, {n}), got {q.shape} and {qd.shape}")
+    scene.dynamics.start(scene.resolved.robot, q, qd)  # raises the errors of the arrays
+    return (np.atleast_2d(q), np.atleast_2d(qd)), q.ndim == 1
+
+
+def _numbers(
+    scene: Scene, numbers: Mapping[str, ArrayLike], count: int, *, is_one: bool
+) -> tuple[Scene, dict[str, Array]]:
+    """The scene under common numbers, and those that motions have of their own, (N, ...)."""
+    if is_one:
+        return scene.with_numbers(numbers) if numbers else scene, {}
+    known = scene.numbers
+    common = {name: x for name, x in numbers.items() if name in known and np.shape(x) == known[name].shape}
+    scene = scene.with_numbers(common) if common else scene
+    own = checked(scene, {name: x for name, x in numbers.items() if name not in common}, count)
+    if not own:
+        return scene, own
+    varying = Bodies.mask(bodies_of(scene, own)) if {*BODIES} & {*own} else None
+    return scene_of_all(scene, own, varying), own
+
+
+def _torques(scene: Scene, torque: ArrayLike | None, count: int) -> Array:
+    """Constant torques, (N, n); (N, 0) of none."""
+    if torque is None:
+        return np.zeros((count, 0))
+    if scene.controller is not None:
+        raise ValueError("`torque` cannot be given for a scene that has a controller")
+    if callable(torque):
+        raise ValueError(
+            "`torque` must be constant here: a law is the `controller` of a scene, marked by rne.traceable"
+        )
+    given = real_numbers("torque", torque, f"({scene.n},) or ({count}, {scene.n})").astype(float)
+    if given.shape not in ((scene.n,), (count, scene.n)):
+        raise ValueError(f"`torque` must have shape ({scene.n},) or ({count}, {scene.n}), got {given.shape}")
+    return np.broadcast_to(given, (count, scene.n))
+
+
+def _method(frozen: FrozenScene, method: str, step: float | None) -> str:
+    """The method, checked."""
+    known = (FIXED,) if step is not None else EXPLICIT
+    if method not in ("auto", *known):
+        cure = "; rk4 needs `step`" if method == FIXED else "; rne.sensitivities takes implicit ones"
+        raise ValueError(f"`method` must be 'auto' or one of {list(known)}, got {method!r}{cure}")
+    auto = FIXED if step is not None else "DOP853" if frozen.law is None else "Tsit5"
+    return auto if method == "auto" else method
+
+
+def _steps_taken(
+    frozen: FrozenScene,
+    own: Own,
+    starts: tuple[Array, Array],
+    torque: Array,
+    end: float,
+    method: str,
+    tolerated: tuple[float, float],
+) -> Schedule:
+    """The steps that a method with step control takes of one motion."""
+    given = {name: array[0] for name, array in own.items()}
+    scene = frozen.scene._naming(given, (), frozen.scene._varying) if given else frozen.scene
+    how: dict[str, Any] = dict(zip(("rtol", "atol"), tolerated, strict=True)) | {"method": method}
+    how |= {"torque": torque[0]} if torque.size else {}
+    motion = simulate(scene, starts[0][0], starts[1][0], end, **how)
+    samples, arrivals, breaks = frozen.instants(end)
+    ends = aligned(motion.t, (samples, arrivals, breaks))
     return schedule_of(tableau(method), 0, ends, breaks, samples, arrivals)
-
-
-def aligned(times: Array, others: Array) -> Array:
-    """Times, in place of which others stand that are equal up to rounding."""
-    if not len(others):
-        return times
-    others = np.unique(others)
-    nearest = others[np.clip(np.searchsorted((others[1:] + others[:-1]) / 2, times), 0, len(others) - 1)]
-    return np.asarray(np.where(np.abs(nearest - times) <= 1e-12 * times, nearest, times))
-
-
-def _of_group(frozen, own, x0, u, schedule, final, names, memory, by_machine):
-    group = SideBySide(frozen, own, len(x0), by_machine=by_machine)
-    group.rates.inputs[2][: u.size] = flat(u) if u.size else 0
-    run = _Backwards(group, schedule, memory, lambda _: None)
-    x = flat(x0)
-    if not run.forwards(x):
-        raise RuntimeError
-    L, n = len(x0), frozen.dynamics.n
-    rows = x.reshape(-1, L).T
-    value = rows[:, -1].copy() if frozen.cost is not None else np.zeros(L)
-    slopes = np.zeros_like(rows)
-    if frozen.cost is not None:
-        slopes[:, -1] = 1.0
-    if final is not None:
-        joints = frozen.dynamics.joints
-        made = traceable(lambda q, qd: final(q, qd))
-        kernels = [
-            Kernel(made, frozen.scene.resolved.robot.model, {}),
-            Kernel(made, frozen.scene.resolved.robot.model, {}, ("q", "qd"), "numpy", "gradient"),
-        ]
-        q, qd = rows[:, :joints], rows[:, n : n + joints]
-        value += kernels[0](q, qd)
-        g = kernels[1](q, qd, np.ones((L, 1)))
-        slopes[:, :joints] += g[:, :joints]
-        slopes[:, n : n + joints] += g[:, joints:]
-    adjoint = group.adjoint(flat(slopes), 0, len(schedule.tableau.B))
-    delay = run.backwards(adjoint, by_delay="delay" in names)
-    found = frozen.by_names(names, group, adjoint)
-    if "delay" in names:
-        found["delay"] = delay
-    return value, found

@@ -496,6 +496,15 @@ class SceneDynamics(WithNumbers):
         return self._declared("residual", "the equations of motion", a=True)
 
     @cached_property
+    def start_of_motors(self) -> MethodQuantity:
+        """Where motors behind elastic joints start, as a function of the links' positions."""
+        widths: dict[str, int | None] = {"q": self.joints, "numbers": len(self.vector)}
+        core = partial(self.template.core_at, "start_of_motors_core")
+        how: dict[str, Any] = {"moments": True, "base_parameters": True, "of_run": "numbers"}
+        quantity = Quantity(name="start_of_motors", widths=widths, core=core, **how)
+        return MethodQuantity(self.template, quantity, "the start of the motors")
+
+    @cached_property
     def right_hand_side_under_modes(self) -> MethodQuantity:
         """dx/dt while some joints stick, the loads of dry friction and net torques without it."""
         return self._declared(
