@@ -120,9 +120,10 @@ def bound(u: Any, before: Any, limits: Any, is_first: Any, command: Any, bounds:
     found = np.where(over, np.copysign(limits[0], u), u)
     code = np.where(over, np.sign(u), 0.0)
     if not is_first:
-        over = np.abs(found - before) > limits[1]
-        side = np.sign(found - before)
-        found, code = np.where(over, before + limits[1] * side, found), np.where(over, 2 * side, code)
+        change = found - before
+        over = np.abs(change) > limits[1]
+        found = np.where(over, before + np.copysign(limits[1], change), found)
+        code = np.where(over, np.copysign(2.0, change), code)
     bounds[:], command[:] = code, found
 
 

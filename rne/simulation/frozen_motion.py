@@ -226,7 +226,8 @@ def scene_function(
         return Function(0, (np.zeros(0),) * 4, np.zeros(0), NO_TABLES, 0)
     at, is_common = kernel.names.index("numbers"), numbers.ndim == 1
     inputs = [np.zeros(width * count) for width in kernel.widths]
-    inputs[at] = np.ascontiguousarray((kernel.coefficients(numbers) if by_machine else numbers).T).reshape(-1)
+    given = kernel.coefficients(numbers) if by_machine else numbers
+    inputs[at] = np.array(given.T, order="C").reshape(-1)  # not read-only: it may be in the place of no commands
     call: Any = kernel.address(count, common=is_common) if by_machine else by_numpy(kernel, at, count, is_common)
     return Function(call, tuple(inputs), np.zeros(entries * count), np.ascontiguousarray(tables), at - 1)
 
