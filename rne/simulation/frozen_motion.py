@@ -28,7 +28,7 @@ from ..integrators.tableaus import Tableau, tableau
 from ..kernels.kernel import Kernel
 from ..model.parameters import PARAMETERS, at_parameters
 from .scene import Scene
-from .scene_dynamics import Bodies, RunningCost, SceneDynamics
+from .scene_dynamics import Bodies, SceneDynamics, UserFunction
 from .scene_numbers import BODIES, bodies_as_numbers, unknown
 from .simulator import law_breaks
 
@@ -51,9 +51,14 @@ class FrozenScene:
     damped_over: float = 0.0
 
     @cached_property
+    def numbers(self) -> dict[str, Array]:
+        """Those of the scene."""
+        return dict(self.given.numbers)
+
+    @cached_property
     def scene(self) -> Scene:
         """The scene whose kernels have these names as inputs."""
-        known = self.given.numbers
+        known = self.numbers
         asked = [name for name in self.names if name not in STARTS]
         for name in asked:
             if name not in known and not name.startswith("controller."):
@@ -82,7 +87,7 @@ class FrozenScene:
         if refused:
             raise ValueError(f"the motion cannot be differentiated: {refused}")
         found = scene._dynamics("held") if self.is_driven else scene.dynamics
-        cost = None if self.cost is None else RunningCost(self.cost)
+        cost = None if self.cost is None else UserFunction("cost", self.cost, (0, *[self.given.n] * 3))
         return replace(found, inertia=None, has_energies=False, cost=cost, damped_over=self.damped_over)
 
     @property
@@ -140,7 +145,7 @@ class FrozenScene:
         """Derivatives of numbers of the equations by those of bodies, rotors and gravity, (k, entries) each."""
         found: dict[str, dict[str, Array]] = {}
         for name in {*BODIES} & {*self.names}:
-            unit = np.eye(self.given.numbers[name].size)
+            unit = np.eye(self.numbers[name].size)
             at_zero = bodies_as_numbers(self.scene, {name: 0 * unit[:1]})
             found[name] = {k: x - at_zero[k] for k, x in bodies_as_numbers(self.scene, {name: unit}).items()}
         return found
@@ -204,7 +209,7 @@ class FrozenScene:
             if name in STARTS:
                 found[name] = of_starts[STARTS.index(name)]
                 continue
-            shape = self.given.numbers[name].shape if name in self.given.numbers else None
+            shape = self.numbers[name].shape if name in self.numbers else None
             total = of_numbers.get(name, 0.0) + of_law.get(name, 0.0)
             for of, matrix in self.of_bodies.get(name, {}).items():
                 own = of_numbers.get(of, np.zeros((L, *matrix.shape[1:]))).reshape(L, -1)
@@ -290,7 +295,7 @@ class SideBySide:
         self.size, self.n, self.m = dynamics.size, frozen.commanded, 0 if law is None else law.states
         self.limits = np.full((2, self.n * count), np.inf)
         for k, (name, factor) in enumerate((("effort_limit", 1.0), ("torque_rate", frozen.period))):
-            limit = own.get(name, frozen.given.numbers.get(name))
+            limit = own.get(name, frozen.numbers.get(name))
             if limit is not None and law is not None:
                 self.limits[k] = flat(np.broadcast_to(limit * factor, (count, self.n)))
         self.holding = self._holding()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,10 +17,11 @@ from ..integrators.frozen_steps import Adjoint, Kept, Schedule
 from ..integrators.loops import LANES
 from ..integrators.tableaus import EXPLICIT, tableau
 from ..kernels.kernel import Kernel
+from ..model.model import Model
 from ..robot import Robot
 from .frozen_motion import MOST_AT_ONCE, FrozenScene, Own, SideBySide, aligned, fixed_schedule, flat, schedule_of
 from .scene import Scene
-from .scene_dynamics import Bodies
+from .scene_dynamics import Bodies, UserFunction
 from .scene_numbers import BODIES, bodies_of, checked, scene_of_all
 from .simulator import scene_argument, simulate, tolerances
 
@@ -163,16 +165,22 @@ class _Task:
         if self.final is None:
             return value, slopes
         places = [slice(first, first + dynamics.joints) for first in (0, dynamics.n)]
-        final, model = self.final, self.frozen.scene.resolved.robot.model
-        traced: Any = traceable(lambda q, qd: final(q, qd))
+        final = UserFunction("final", self.final, (dynamics.joints,) * 2)
+        kernel, gradients = _kernels_at_end(final, self.frozen.scene.resolved.robot.model)
         joints = [x[:, place] for place in places]
-        at_end = Kernel(traced, model, {})(*joints)
+        at_end = kernel(*joints)
         if at_end.shape != value.shape:
             raise ValueError(f"`final` must return one number, got shape {at_end.shape[1:]}")
-        gradient = Kernel(traced, model, {}, ("q", "qd"), order="gradient")(*joints, np.ones((len(x), 1)))
-        for place, part in zip(places, np.split(gradient, 2, axis=1), strict=True):
+        for place, part in zip(places, np.split(gradients(*joints, np.ones((len(x), 1))), 2, axis=1), strict=True):
             slopes[:, place] += part
         return value + at_end, slopes
+
+
+@lru_cache(maxsize=64)
+def _kernels_at_end(final: UserFunction, model: Model) -> tuple[Kernel, Kernel]:
+    """Of a function of the end and of its gradient."""
+    traced: Any = traceable(lambda q, qd: final.function(q, qd))
+    return Kernel(traced, model, {}), Kernel(traced, model, {}, ("q", "qd"), order="gradient")
 
 
 def motion_gradient(
@@ -209,8 +217,8 @@ def motion_gradient(
         Time to simulate [s].
     cost : callable, optional
         A function cost(t, q, qd, tau) -> number of one state, integrated over the motion, that can be traced: of
-        arithmetic and the functions of `rne.elementwise`. `tau` are the drives' torques within their limits. Keep the
-        function: another one is traced anew.
+        arithmetic and the functions of `rne.elementwise`. `tau` are the drives' torques within their limits. One of
+        other operations is traced anew.
     final : callable, optional
         A function final(q, qd) -> number of the state at the end, likewise.
     wrt : str or sequence of str

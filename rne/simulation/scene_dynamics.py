@@ -39,7 +39,9 @@ from ..dynamics.precision import check_accelerations, check_singularity
 from ..dynamics.quantity import OK, Declared, MethodQuantity, PrecisionStatus, Quantity
 from ..dynamics.rnea import bias_torque, inverse_dynamics
 from ..elementwise import clip
-from ..graph.scalar import is_present
+from ..graph.graph import Graph
+from ..graph.scalar import inputs, is_present, references
+from ..kernels.trace import LIMIT
 from ..model.model import Model, joint_array, unchecked_model
 from ..model.parameters import moments_as_vector, moments_of_vector, with_fewest_terms
 from ..robot import Robot
@@ -56,11 +58,29 @@ class MotorSide(NamedTuple):
     reads: str
 
 
-@dataclass(frozen=True)
-class RunningCost:
-    """A user's function of t, q, qd and the drives' torques in one state, which is integrated along a motion."""
+class UserFunction:
+    """A user's function of one state, such as a running cost, that returns a number; equal to those of its operations.
 
-    function: Callable[..., Any]
+    So a kernel of it is found again, and not when something changed that the function reads. `widths` are the lengths
+    of its arguments, 0 for a number.
+    """
+
+    def __init__(self, name: str, function: Callable[..., Any], widths: tuple[int, ...]) -> None:
+        self.name, self.function, self.widths = name, function, widths
+        graph, ends = Graph(8 * LIMIT, outline=True), np.cumsum(np.maximum(widths, 1))
+        arguments = np.split(inputs(graph, (int(ends[-1]),), 0), ends[:-1])
+        try:
+            returned = function(*(x if w else x[0] for w, x in zip(widths, arguments, strict=True)))
+            self.formula: tuple[Any, ...] = *graph.nodes, *references(graph, returned)
+        except Exception:  # whatever it raises when it meets traced numbers: the trace for a kernel tells it
+            self.formula = (id(function),)
+        self._hash = hash(self.formula)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, UserFunction) and self.widths == other.widths and self.formula == other.formula
+
+    def __hash__(self) -> int:
+        return self._hash
 
     def __call__(self, t: Any, q: Array, qd: Array, tau: Array) -> Array:
         """Its values in states of shape (..., n), shape (..., 1)."""
@@ -68,7 +88,7 @@ class RunningCost:
         times = np.broadcast_to(t, (*leading, 1))
         each = [self.function(times[k][0], q[k].copy(), qd[k].copy(), tau[k].copy()) for k in np.ndindex(leading)]
         if any(np.size(value) != 1 for value in each):
-            raise ValueError(f"`cost` must return one number, got shape {np.shape(each[0])}")
+            raise ValueError(f"`{self.name}` must return one number, got shape {np.shape(each[0])}")
         return np.array([np.reshape(value, ()).item() for value in each]).reshape(*leading, 1)
 
 
@@ -129,7 +149,7 @@ class SceneDynamics(WithNumbers):
     motor_side: MotorSide | None = None  # what is behind elastic joints
     springs: Springs | None = None
     bodies: Bodies | None = None  # where these are numbers of the scene, in place of the model's
-    cost: RunningCost | None = None  # integrated along with the motion, the last state
+    cost: UserFunction | None = None  # integrated along with the motion, the last state
     damped_over: float = 0.0  # step over which viscous friction is implicit, as further inertia of the joints [s]
     named: frozenset[str] = field(default=frozenset(), compare=False)  # numbers that are inputs even where they are 0
 
