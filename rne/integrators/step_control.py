@@ -8,7 +8,9 @@ on which the others are exact.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from math import ceil
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -151,6 +153,23 @@ def first_length(problem: Any, t: Any, x: Any, K: Any) -> float:
     steepest = max(d1, d2)
     step = max(GUESS, h * 1e-3) if steepest <= FLAT else (CHANGE / steepest) ** -interval.tableau.exponent
     return float(min(GROWTH * h, step, longest, interval.max_step))
+
+
+def aligned(times: Array, instants: Sequence[Array]) -> Array:
+    """Times, in place of which instants stand that are equal up to rounding."""
+    others = np.unique(np.concatenate([[-np.inf, np.inf], *instants]))
+    k = np.searchsorted(others, times)
+    nearest = np.where(np.abs(others[k - 1] - times) < np.abs(others[k] - times), others[k - 1], others[k])
+    return np.asarray(np.where(np.abs(nearest - times) <= (1 - NEARLY) * times, nearest, times))
+
+
+def equal_steps(end: float, step: float, *instants: Array) -> Array:
+    """Ends of the longest equal steps between instants, from 0 on, (K + 1,), none longer than a step."""
+    inner = np.concatenate(instants)
+    edges = np.unique([0.0, *inner[(inner > 0) & (inner < end)], end]).tolist()
+    counts = [max(1, ceil((b - a) / step * NEARLY)) for a, b in pairwise(edges)]
+    parts = [np.linspace(a, b, k + 1)[1:] for (a, b), k in zip(pairwise(edges), counts, strict=True)]
+    return np.concatenate([[0.0], *parts])
 
 
 def squares(values: Array) -> Array:

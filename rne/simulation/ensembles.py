@@ -28,7 +28,7 @@ from ..errors import NotFiniteError, SimulationError, SimulationInterrupted
 from ..integrators.base import IMPLICIT, RODAS
 from ..integrators.lanes import Hold, run_batch, run_lanes
 from ..integrators.rows import SLOW, BatchResult, Progress
-from ..integrators.step_control import NEARLY, Interval
+from ..integrators.step_control import NEARLY, Interval, aligned, equal_steps
 from ..integrators.tableaus import FIXED, tableau
 from ..kernels.kernel import Kernel
 from ..model.model import Model
@@ -447,22 +447,11 @@ class Motions(NamedTuple):
     interrupted: bool = False
 
 
-def _aligned(times: Array, others: Array) -> Array:
-    """Times, in place of which others stand that are equal up to rounding."""
-    if not len(others):
-        return times
-    nearest = others[np.searchsorted((others[1:] + others[:-1]) / 2, times)]
-    return np.asarray(np.where(np.abs(nearest - times) <= (1 - NEARLY) * times, nearest, times))
-
-
 def _in_equal_steps(whole: Interval, times: Array, step: float, samples: Array) -> Interval:
     """Equal steps between two times to report or samples, which stand for times that are equal up to rounding."""
-    times = _aligned(times, samples)
-    edges = np.unique([whole.begin, *times.tolist(), *samples.tolist(), whole.end]).tolist()
-    counts = [max(1, ceil((b - a) / step * NEARLY)) for a, b in itertools.pairwise(edges)]
-    parts = [np.linspace(a, b, k + 1)[1:] for (a, b), k in zip(itertools.pairwise(edges), counts, strict=True)]
-    asked = np.append(times[times < whole.end], whole.end)
-    return whole._replace(t_eval=asked, grid=np.concatenate([[whole.begin], *parts]), watched=0)
+    times = aligned(times, [samples])
+    grid = equal_steps(whole.end, step, times, samples)
+    return whole._replace(t_eval=np.append(times[times < whole.end], whole.end), grid=grid, watched=0)
 
 
 def _between_breaks(whole: Interval, times: Array, breaks: list[float]) -> list[Interval]:
@@ -652,7 +641,7 @@ class SequentialRun:
         """Torques of one motion, (K, n), as `rne.simulate` takes them."""
         if len(given) <= 1:
             return {"torque": given[0]} if len(given) else {}
-        begins = _aligned(np.arange(len(given)) * (self.given or 0.0), self.times)
+        begins = aligned(np.arange(len(given)) * (self.given or 0.0), [self.times])
         law = lambda t, q, qd: given[np.searchsorted(begins, t, side="right") - 1]  # noqa: E731
         return {"torque": law, "breaks": begins[1:].tolist()}
 

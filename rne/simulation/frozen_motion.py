@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
 from math import ceil
 from typing import Any
 
@@ -23,7 +22,7 @@ from ..control.traced_law import TracedLaw
 from ..errors import NotFiniteError, SingularMassMatrixError
 from ..integrators.frozen_steps import Adjoint, Function, Holding, Kept, Schedule, advance, pull_back
 from ..integrators.loops import compiled
-from ..integrators.step_control import NEARLY
+from ..integrators.step_control import NEARLY, aligned, equal_steps
 from ..integrators.tableaus import Tableau, tableau
 from ..kernels.kernel import Kernel
 from ..model.parameters import PARAMETERS, at_parameters
@@ -390,25 +389,7 @@ def schedule_of(
 
 def fixed_schedule(frozen: FrozenScene, method: str, end: float, step: float, *instants: Array) -> Schedule:
     """Equal steps that end at samples, where commands begin to act, at breaks and at further instants."""
-    samples, arrivals, breaks = frozen.instants(end)
-    ends = equal_steps(end, step, samples, arrivals, breaks[(breaks > 0) & (breaks < end)], *instants)
-    return schedule_of(tableau(method), 0, aligned(ends, (samples, arrivals, breaks)), breaks, samples, arrivals)
-
-
-def aligned(times: Array, instants: Sequence[Array]) -> Array:
-    """Times, in place of which instants stand that are equal up to rounding."""
-    others = np.unique(np.concatenate([*instants, [np.inf]]))
-    k = np.searchsorted(others, times)
-    nearest = np.where(np.abs(others[k - 1] - times) < np.abs(others[k] - times), others[k - 1], others[k])
-    return np.asarray(np.where(np.abs(nearest - times) <= (1 - NEARLY) * np.abs(times), nearest, times))
-
-
-def equal_steps(end: float, step: float, *instants: Array) -> Array:
-    """The ends of equal steps between instants, (K + 1,), of which those that are equal up to rounding are one."""
-    edges = [0.0]
-    for t in np.unique(np.concatenate([*instants, [end]])).tolist():
-        if edges[-1] * (1 + 1e-12) < t <= end:
-            edges.append(t)
-    counts = [max(1, ceil((b - a) / step * NEARLY)) for a, b in pairwise(edges)]
-    parts = [np.linspace(a, b, k + 1)[1:] for (a, b), k in zip(pairwise(edges), counts, strict=True)]
-    return np.concatenate([[0.0], *parts])
+    events = samples, arrivals, breaks = frozen.instants(end)
+    further = [aligned(given, [*events, np.array([end])]) for given in instants]
+    ends = equal_steps(end, step, *events, *further)
+    return schedule_of(tableau(method), 0, ends, breaks, samples, arrivals)

@@ -13,13 +13,15 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import check_function, positive_number, real_numbers, whole_number
 from ..basics.spatial import Array
 from ..control.laws import traceable
+from ..errors import NotFiniteError
 from ..integrators.frozen_steps import Adjoint, Kept, Schedule
 from ..integrators.loops import LANES
+from ..integrators.step_control import aligned
 from ..integrators.tableaus import EXPLICIT, tableau
 from ..kernels.kernel import Kernel
 from ..model.model import Model
 from ..robot import Robot
-from .frozen_motion import MOST_AT_ONCE, FrozenScene, Own, SideBySide, aligned, fixed_schedule, flat, schedule_of
+from .frozen_motion import MOST_AT_ONCE, FrozenScene, Own, SideBySide, fixed_schedule, flat, schedule_of
 from .scene import Scene
 from .scene_dynamics import Bodies, UserFunction
 from .scene_numbers import BODIES, bodies_of, checked, scene_of_all
@@ -135,7 +137,11 @@ class _Task:
     ) -> tuple[Array, dict[str, Array]]:
         """The cost of motions side by side, (L,), and its derivatives; by NumPy where a state needs the recursion."""
         group = SideBySide(self.frozen, own, len(starts[0]), by_machine=by_machine)
-        found = self._of(group, starts, torque, schedule)
+        try:
+            found = self._of(group, starts, torque, schedule)
+        except NotFiniteError as error:
+            longest = f"; steps of {schedule.lengths.max():.3g} s may be too long for the fastest decay"
+            raise NotFiniteError(error.args[0] + longest, error.time) from None
         if found is None:
             return self.of_group(own, starts, torque, schedule, by_machine=False)
         return found
@@ -263,8 +269,7 @@ def motion_gradient(
     Examples
     --------
     >>> import rne
-    >>> arm = rne.load("irb140")
-    >>> scene = rne.Scene(arm, friction=rne.Friction(viscous=5.0))
+    >>> scene = rne.Scene(rne.load("irb140"), friction=rne.Friction(viscous=5.0), armature=0.5)
     >>> value, slopes = rne.motion_gradient(
     ...     scene, [0] * 6, [0] * 6, 0.1, final=lambda q, qd: q[1] ** 2, wrt="friction.viscous", step=0.01
     ... )
