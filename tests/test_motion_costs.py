@@ -49,3 +49,17 @@ def test_costs_of_the_same_operations_are_equal():
     opaque = UserFunction("final", lambda q, qd: float(q[0]), (2, 2))  # which cannot be traced
     assert opaque == opaque
     assert opaque != UserFunction("final", lambda q, qd: float(q[0]), (2, 2))
+
+
+def test_friction_costs_its_gradient_five_times_its_own_operations():
+    """Griewank and Walther 2008, section 3.3; a division in it casts no doubt on the terms of bodies."""
+    arm = rne.load("ur5")
+
+    def counted(scene):
+        dynamics = scene.dynamics.right_hand_side
+        kernels = scene.kernels.scene_kernel(dynamics), scene.kernels.scene_gradient(dynamics, "x", "numbers")
+        return [sum(kernel.operations.values()) for kernel in kernels]
+
+    friction = rne.Friction(viscous=2.0, coulomb=1.0, stribeck_rise=0.5, stribeck=0.1, load=0.05, smoothing=0.1)
+    alone, resisted = counted(rne.Scene(arm)), counted(rne.Scene(arm, friction=friction))
+    assert resisted[1] - alone[1] <= 5 * (resisted[0] - alone[0])

@@ -127,7 +127,7 @@ class _Task:
     """What is differentiated, by which names, and how."""
 
     frozen: FrozenScene
-    final: Callable[..., Any] | None
+    final: UserFunction | None
     names: tuple[str, ...]
     memory: int
     tell: Callable[[int], None]
@@ -171,8 +171,7 @@ class _Task:
         if self.final is None:
             return value, slopes
         places = [slice(first, first + dynamics.joints) for first in (0, dynamics.n)]
-        final = UserFunction("final", self.final, (dynamics.joints,) * 2)
-        kernel, gradients = _kernels_at_end(final, self.frozen.scene.resolved.robot.model)
+        kernel, gradients = _kernels_at_end(self.final, self.frozen.scene.resolved.robot.model)
         joints = [x[:, place] for place in places]
         at_end = kernel(*joints)
         if at_end.shape != value.shape:
@@ -296,7 +295,8 @@ def motion_gradient(
         if progress is not None:
             progress(min(done, total), total)
 
-    task, total = _Task(frozen, final, names, whole_number("memory", memory, least=1), tell), 0
+    at_end = None if final is None else UserFunction("final", final, (scene.n,) * 2)
+    task, total = _Task(frozen, at_end, names, whole_number("memory", memory, least=1), tell), 0
     parts, grid = [], None if step is None else fixed_schedule(frozen, chosen, end, positive_number("step", step))
     for first in range(0, count, L):
         rows = np.minimum(np.arange(first, first + L), count - 1)  # the last motion fills the lanes

@@ -31,7 +31,7 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import cached_array
 from ..basics.numbers import WithNumbers, part_of
 from ..basics.piecewise import NO_TABLE
-from ..basics.spatial import Array, rotate
+from ..basics.spatial import Array, note_finite, rotate
 from ..control.traced_law import LawInputs, TracedLaw
 from ..dynamics.crba import mass_matrix, solve_with_pivots
 from ..dynamics.energy import kinetic_energy, potential_energy
@@ -388,6 +388,7 @@ class SceneDynamics(WithNumbers):
         """(dx/dt, pivots, diagonal of M), traced."""
         q, qd = x[..., : self.n], x[..., self.n : 2 * self.n]
         net, further = self._acting(model, t, x, u)
+        note_finite(net)  # else a division in friction or a law would cast doubt on all that follows
         qdd, pivots, diagonal = self.forward.quantity.core(model, q, qd, net)
         return np.concatenate([qd, qdd, *further], axis=-1), pivots, diagonal
 
