@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from .simulation.scene import Payload, Scene
     from .simulation.simulator import simulate
     from .simulation.springs import Spring
+    from .simulation.stepper import Stepper
     from .simulation.trajectory import Trajectory
     from .urdf import Finding, check, read_urdf, to_urdf
     from .urdf.loading import load, robots
@@ -77,6 +78,7 @@ else:
             "simulation.scene": "Payload Scene",
             "simulation.simulator": "simulate",
             "simulation.springs": "Spring",
+            "simulation.stepper": "Stepper",
             "simulation.trajectory": "Trajectory",
             "trajectories": "",
             "urdf": "Finding check read_urdf to_urdf",
@@ -123,6 +125,7 @@ __all__ = [
     "SimulationInterrupted",
     "SingularMassMatrixError",
     "Spring",
+    "Stepper",
     "Trajectory",
     "UrdfError",
     "bearing_peaks",

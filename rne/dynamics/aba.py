@@ -141,7 +141,7 @@ def articulated_forward_dynamics(
     for i in reversed(range(model.nb)):
         qd_i, parent = qd[..., i, None], model.parent[i]
         U = IA[i].times(s[i], t[i])
-        d = dot(s[i], U.n)[..., None] + dot(t[i], U.f)[..., None] + model.armature[i]  # (7.44)
+        d = dot(s[i], U.n)[..., None] + dot(t[i], U.f)[..., None] + np.asarray(model.armature[i])[..., None]  # (7.44)
         u = tau[..., i, None] - dot(s[i], pA[i].n)[..., None] - dot(t[i], pA[i].f)[..., None]  # (7.45)
         c_linear = cross(v[i], s[i] * qd_i) + cross(omega[i], t[i] * qd_i)
         joints[i] = JointTerms(U, d, u, cross(omega[i], s[i] * qd_i), c_linear)

@@ -51,6 +51,7 @@ class Function(NamedTuple):
     out: Array
     tables: Array  # (1, N, width), or one for each motion; (0, 0, 0) if the kernel takes no piece
     piece: int  # number of the argument that is one
+    begins: Array  # (L,), times at which motions begin, to which those of a schedule are added
 
 
 class Holding(NamedTuple):
@@ -89,15 +90,18 @@ class Adjoint(NamedTuple):
 
 
 @inline
-def put_pieces(function: Any, t: Any) -> Any:
-    """The pieces that hold at a time into the last argument but the numbers and weights; the number of their row."""
-    tables, piece = function.tables, function.inputs[function.piece]
+def put_time(function: Any, t: Any) -> Any:
+    """A time since the begin, and the pieces that hold then, into the arguments; the number of the first one's row."""
+    tables, piece, times = function.tables, function.inputs[function.piece], function.inputs[0]
+    fill(t, times)
+    add(function.begins, times)
     if len(tables) == 0:
         return -1
-    row, lanes = row_at(tables[0], t), len(piece) // tables.shape[2]
-    for i in range(tables.shape[2]):
-        for k in range(lanes):
-            piece[i * lanes + k] = tables[k if len(tables) > 1 else 0, row, i]
+    row, lanes = row_at(tables[0], times[0]), len(times)
+    for k in range(lanes):
+        own = row if times[k] == times[0] else row_at(tables[0], times[k])
+        for i in range(tables.shape[2]):
+            piece[i * lanes + k] = tables[k if len(tables) > 1 else 0, own, i]
     return row
 
 
@@ -130,15 +134,14 @@ def bound(u: Any, before: Any, limits: Any, is_first: Any, command: Any, bounds:
 @inline
 def sample(law: Any, holding: Any, t: Any, x: Any, command: Any, bounds: Any, states: Any) -> bool:
     """Sample the law: its command becomes the last that is pending, its states go on by Euler's rule; True if valid."""
-    call, inputs, out, _, _ = law
+    call, inputs, out = law.call, law.inputs, law.out
     count, pending, z = holding.counts[0], holding.pending, holding.states
     moving, last = len(inputs[1]) - z.shape[1], count % len(pending)
     put(z[1], z[0])
     put(z[0], states)
-    fill(t, inputs[0])
     put(x, inputs[1][:moving])
     put(z[0], inputs[1][moving:])
-    put_pieces(law, t)
+    put_time(law, t)
     if not evaluate(call, inputs, out):
         return False
     before = pending[(count - 1) % len(pending)]
@@ -157,7 +160,7 @@ def advance(rates: Any, law: Any, schedule: Any, holding: Any, x: Any, room: Any
     """
     A, B = schedule.tableau.A, schedule.tableau.B
     K, total, command, bounds = room
-    call, inputs, _, _, _ = rates
+    call, inputs = rates.call, rates.inputs
     keeps, positions = len(kept.stages) > 0, schedule.positions
     for k in range(len(schedule.lengths)):
         h = schedule.lengths[k]
@@ -175,8 +178,7 @@ def advance(rates: Any, law: Any, schedule: Any, holding: Any, x: Any, room: Any
             move(x, h, total, inputs[1])
             if keeps:
                 put(inputs[1], kept.stages[k, s])
-            fill(schedule.times[k, s], inputs[0])
-            put_pieces(rates, schedule.times[k, s])
+            put_time(rates, schedule.times[k, s])
             if not evaluate(call, inputs, K[s]):
                 return k
         combination(B, 0, len(B), K, total)
@@ -205,17 +207,16 @@ def pull_back_bounds(holding: Any, bounds: Any, adjoint: Any, raw: Any) -> None:
 @inline
 def pull_back_sample(law: Any, holding: Any, t: Any, x: Any, states: Any, bounds: Any, adjoint: Any) -> bool:
     """Backwards through `sample`, by the gradient of the law; True if it is valid."""
-    call, inputs, out, _, _ = law
+    call, inputs, out = law.call, law.inputs, law.out
     weights, m = inputs[len(inputs) - 1], len(adjoint.states)
     moving, n = len(inputs[1]) - m, len(adjoint.held)
     holding.counts[0] -= 1
     pull_back_bounds(holding, bounds, adjoint, weights[:n])
     for e in range(m):
         weights[n + e] = holding.period * adjoint.states[e]
-    fill(t, inputs[0])
     put(x, inputs[1][:moving])
     put(states, inputs[1][moving:])
-    row, end = put_pieces(law, t), len(inputs[1])
+    row, end = put_time(law, t), len(inputs[1])
     if not evaluate(call, inputs, out):
         return False
     add(out[:moving], adjoint.x[:moving])
@@ -234,7 +235,7 @@ def pull_back(gradient: Any, law: Any, schedule: Any, holding: Any, kept: Any, a
     The kernels are gradients: of the equations by x, u, the piece and numbers, of the law likewise.
     """
     A, B, positions = schedule.tableau.A, schedule.tableau.B, schedule.positions
-    call, inputs, out, _, _ = gradient
+    call, inputs, out = gradient.call, gradient.inputs, gradient.out
     x, Y, size, held = adjoint.x, adjoint.slopes, len(adjoint.x), len(adjoint.held)
     weights = inputs[len(inputs) - 1]
     for k in range(len(schedule.lengths) - 1, -1, -1):
@@ -251,8 +252,7 @@ def pull_back(gradient: Any, law: Any, schedule: Any, holding: Any, kept: Any, a
             if positions > 0:
                 fill(0.0, weights[:positions])
             put(kept.stages[k, s], inputs[1])
-            fill(schedule.times[k, s], inputs[0])
-            row, end = put_pieces(gradient, schedule.times[k, s]), size + held
+            row, end = put_time(gradient, schedule.times[k, s]), size + held
             if not evaluate(call, inputs, out):
                 return k + 1
             put(out, Y[s])

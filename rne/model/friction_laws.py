@@ -30,6 +30,13 @@ def saturating(qd: Array, velocity: ArrayLike | None) -> Array:
     return saturated
 
 
+def saturating_slope(qd: Array, velocity: ArrayLike) -> Array:
+    """The derivative of `saturating` by qd."""
+    given, acts = _positive(velocity)
+    slope: Array = where(acts, 1 - tanh(qd / given) ** 2, 1.0)
+    return slope
+
+
 def stribeck_effect(qd: Array, velocity: ArrayLike, smoothing: float) -> Array:
     """The direction of motion times exp(-|qd| / velocity), 0 where the velocity is 0."""
     given, acts = _positive(velocity)

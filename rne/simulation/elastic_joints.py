@@ -165,7 +165,8 @@ class ElasticDynamics(SceneDynamics):
         (q, _, qd, motor_qd), m = self._parts(x), self.joints
         net, further = self._acting(model, t, x, u)
         qdd, pivots, diagonal = self.forward.quantity.core(model, q, qd, net[..., :m])
-        motor_qdd = net[..., m:] * (1 / np.array(self.motor_side.rotor))
+        rotor = np.array(self.motor_side.rotor) + np.stack(self._damping(motor_qd), axis=-1)
+        motor_qdd = net[..., m:] * (1 / rotor)
         return np.concatenate([qd, motor_qd, qdd, motor_qdd, *further], axis=-1), pivots, diagonal
 
     def residual_core(self, model: Model, t: Array, x: Array, a: Array, u: Array | None = None) -> Any:

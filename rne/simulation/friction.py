@@ -18,7 +18,7 @@ from ..dynamics.rnea import gravity_torque, inverse_dynamics
 from ..elementwise import less, tanh, where
 from ..graph.scalar import is_present
 from ..model.checks import domain_error
-from ..model.friction_laws import direction, magnitude, saturating, stribeck_effect
+from ..model.friction_laws import direction, magnitude, saturating, saturating_slope, stribeck_effect
 from ..model.model import Model, joint_array
 from ..model.topology import refuse_couplings
 from ..robot import Robot
@@ -340,6 +340,13 @@ class Friction(ReadOnlyArrays):
         size = np.asarray(self.load) * magnitude(by)
         with_load: Array = total + size * direction(np.asarray(rates), self.smoothing)
         return with_load
+
+
+def viscous_slope(friction: Friction, qd: Array) -> Array:
+    """The derivative of viscous friction by the velocity, in either direction its own, shape (..., n)."""
+    forward, back = np.asarray(friction.viscous), np.asarray(friction.viscous_back)
+    size: Array = 0 * qd + (forward if friction._same_back("viscous") else where(less(qd, 0), back, forward))
+    return size if friction.saturation is None else size * saturating_slope(qd, friction.saturation)
 
 
 def one_per_joint(friction: Friction, n: int, named: Collection[str]) -> Friction:

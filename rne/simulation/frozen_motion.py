@@ -74,18 +74,23 @@ class FrozenScene:
         return None if self.given.sample_time is None else self.scene._traced_law()
 
     @cached_property
+    def refused(self) -> str:
+        """Why steps do not follow from the state alone, and the cure; empty if they do."""
+        scene, friction = self.scene, self.given.resolved.friction
+        if scene.stops:
+            return "`stops` end a run: set `stops` to False"
+        if friction is not None and friction.sticks:
+            return "dry `friction` sticks and slips by events: give it a `smoothing` above 0"
+        if scene.controller is not None and self.law is None and not scene.is_traced:
+            return f"`controller` is called, as {scene._why_called}: mark it by rne.traceable"
+        return ""
+
+    @cached_property
     def dynamics(self) -> SceneDynamics:
         """The equations without energies; a ValueError names what has no derivative."""
-        scene, friction, refused = self.scene, self.given.resolved.friction, ""
-        if scene.stops:
-            refused = "`stops` end a run: set `stops` to False"
-        elif friction is not None and friction.sticks:
-            refused = "dry `friction` sticks and slips by events: give it a `smoothing` above 0"
-        elif scene.controller is not None and self.law is None and not scene.is_traced:
-            refused = f"`controller` is called, as {scene._why_called}: mark it by rne.traceable"
-        if refused:
-            raise ValueError(f"the motion cannot be differentiated: {refused}")
-        found = scene._dynamics("held") if self.is_driven else scene.dynamics
+        if self.refused:
+            raise ValueError(f"the motion cannot be differentiated: {self.refused}")
+        found = self.scene._dynamics("held") if self.is_driven else self.scene.dynamics
         cost = None if self.cost is None else UserFunction("cost", self.cost, (0, *[self.given.n] * 3))
         return replace(found, inertia=None, has_energies=False, cost=cost, damped_over=self.damped_over)
 
@@ -119,8 +124,14 @@ class FrozenScene:
 
     @cached_property
     def gradient(self) -> Kernel:
-        """Its gradient by the state, commands, pieces and numbers."""
-        return self.scene.kernels.scene_gradient(self.dynamics.right_hand_side, *self.kernel.names[1:])
+        """Its gradient by the state, commands, and pieces and numbers where some are named."""
+        return self.scene.kernels.scene_gradient(self.dynamics.right_hand_side, *self._wrt(self.kernel))
+
+    def _wrt(self, kernel: Kernel) -> tuple[str, ...]:
+        law = self.law or self.dynamics.law
+        is_sampled = law is not None and law.motion is not None and f"controller.{law.motion[0]}" in self.names
+        asked = {"piece": is_sampled, "numbers": bool({*self.names} - {*STARTS})}
+        return tuple(name for name in kernel.names[1:] if asked.get(name, True))
 
     @cached_property
     def law_kernel(self) -> Kernel | None:
@@ -129,10 +140,10 @@ class FrozenScene:
 
     @cached_property
     def law_gradient(self) -> Kernel | None:
-        """Its gradient by the state, pieces and numbers."""
+        """Its gradient by the state, and pieces and numbers where some are named."""
         if self.law is None or self.law_kernel is None:
             return None
-        return self.scene.kernels.scene_gradient(self.law.outputs, *self.law_kernel.names[1:])
+        return self.scene.kernels.scene_gradient(self.law.outputs, *self._wrt(self.law_kernel))
 
     def own_of_dynamics(self, own: Own) -> dict[str, Array]:
         """Numbers of motions as the equations have them: moments of bodies in place of parameters."""
@@ -196,24 +207,24 @@ class FrozenScene:
         self, wrt: Sequence[str], group: SideBySide, adjoint: Adjoint, starts: tuple[Array, Array]
     ) -> dict[str, Array]:
         """Derivatives by numbers of the scene and by starts, (L, ...) each, from those by what motions are made of."""
-        L, found = group.count, dict[str, Array]()
-        x = adjoint.x.reshape(-1, L).T
-        *of_starts, of_numbers_at_start = (
-            np.einsum("ls,lsk->lk", x, D) for D in self.start_slopes(group.numbers, *starts)
-        )
-        of_numbers = unpacked(self.dynamics.masks, adjoint.numbers + flat(of_numbers_at_start), L)
+        x = adjoint.x.reshape(-1, group.count).T
+        *by_starts, at_start = (np.einsum("ls,lsk->lk", x, D) for D in self.start_slopes(group.numbers, *starts))
+        numbers = adjoint.numbers + flat(at_start) if len(adjoint.numbers) else adjoint.numbers
+        found = self.by_numbers([k for k in wrt if k not in STARTS], group.count, adjoint._replace(numbers=numbers))
+        return found | dict(zip(STARTS, by_starts, strict=True))
+
+    def by_numbers(self, names: Sequence[str], L: int, adjoint: Adjoint) -> dict[str, Array]:
+        """The same of L motions that start as they do, whatever these numbers."""
+        found, of_numbers = dict[str, Array](), unpacked(self.dynamics.masks, adjoint.numbers, L)
         of_law = {} if self.law is None else unpacked(self.law.masks, adjoint.of_law, L)
         of_law = {f"controller.{name}": array for name, array in of_law.items()}
-        for name in wrt:
-            if name in STARTS:
-                found[name] = of_starts[STARTS.index(name)]
-                continue
+        for name in names:
             shape = self.numbers[name].shape if name in self.numbers else None
             total = of_numbers.get(name, 0.0) + of_law.get(name, 0.0)
             for of, matrix in self.of_bodies.get(name, {}).items():
                 own = of_numbers.get(of, np.zeros((L, *matrix.shape[1:]))).reshape(L, -1)
                 total = total * (name != of) + own @ matrix.reshape(len(matrix), -1).T
-            if name in ("effort_limit", "torque_rate") and group.n:
+            if name in ("effort_limit", "torque_rate") and self.commanded:
                 k = int(name == "torque_rate")
                 total = total + adjoint.limits[k].reshape(-1, L).T * (self.period if k else 1.0)
             if (sampled := self.samples_of(name)) is not None:
@@ -227,13 +238,14 @@ def scene_function(
 ) -> Function:
     """A kernel for `count` motions side by side, under numbers (p,) of all or (count, p)."""
     if kernel is None:
-        return Function(0, (np.zeros(0),) * 4, np.zeros(0), NO_TABLES, 0)
+        return Function(0, (np.zeros(0),) * 4, np.zeros(0), NO_TABLES, 0, np.zeros(0))
     at, is_common = kernel.names.index("numbers"), numbers.ndim == 1
     inputs = [np.zeros(width * count) for width in kernel.widths]
     given = kernel.coefficients(numbers) if by_machine else numbers
     inputs[at] = np.array(given.T, order="C").reshape(-1)  # not read-only: it may be in the place of no commands
     call: Any = kernel.address(count, common=is_common) if by_machine else by_numpy(kernel, at, count, is_common)
-    return Function(call, tuple(inputs), np.zeros(entries * count), np.ascontiguousarray(tables), at - 1)
+    out, begins = np.zeros(entries * count), np.zeros(count)
+    return Function(call, tuple(inputs), out, np.ascontiguousarray(tables), at - 1, begins)
 
 
 def by_numpy(kernel: Kernel, at: int, count: int, is_common: bool) -> Callable[..., bool]:
@@ -259,6 +271,8 @@ def by_numpy(kernel: Kernel, at: int, count: int, is_common: bool) -> Callable[.
 
 def unpacked(masks: Mapping[str, Array], vector: Array, count: int) -> dict[str, Array]:
     """Derivatives by numbers, (L, ...), from those by their entries that are inputs; 0 by the others."""
+    if not len(vector):  # they were not asked for
+        return {}
     rows, first, found = vector.reshape(-1, count).T, 0, dict[str, Array]()
     for name, mask in masks.items():
         own = int(mask.sum())
@@ -355,12 +369,14 @@ class SideBySide:
         """Derivatives by the flat state at the end, before `pull_back`; by nothing else as yet."""
         L, (gradient, law) = self.count, self.gradients
         n, m, rows = self.n * L, self.m * L, len(self.holding.pending)
-        width, law_width = (function.tables.shape[2] * L for function in (gradient, law))
-        table, law_table = (np.zeros((t.shape[1], t.shape[2] * L)) for t in (self.tables, self.law_tables))
-        k = len(gradient.out) - len(x) - n - width
-        of_law = len(law.out) - len(law.inputs[1]) - law_width if len(law.out) else 0
+        of, tables = (self.frozen.gradient, self.frozen.law_gradient), (self.tables, self.law_tables)
+        by_pieces = [kernel is not None and "piece" in kernel.wrt for kernel in of]
+        pieces = [(a.shape[1], a.shape[2] * L * is_asked) for a, is_asked in zip(tables, by_pieces, strict=True)]
+        k = len(gradient.out) - len(x) - n - pieces[0][1]
+        of_law = len(law.out) - len(law.inputs[1]) - pieces[1][1] if len(law.out) else 0
         pending, numbers, limits = np.zeros((rows, n)), (np.zeros(k), np.zeros(of_law)), np.zeros((2, n))
         room = np.empty((0, len(x))), np.empty((stages, len(x)))
+        table, law_table = map(np.zeros, pieces)
         return Adjoint(x, np.zeros(n), pending, np.zeros(m), *numbers, limits, table, law_table, *room)
 
     def pull_back(self, schedule: Schedule, kept: Kept, adjoint: Adjoint) -> bool:

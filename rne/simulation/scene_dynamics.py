@@ -45,7 +45,7 @@ from ..kernels.trace import LIMIT
 from ..model.model import Model, joint_array, unchecked_model
 from ..model.parameters import moments_as_vector, moments_of_vector, with_fewest_terms
 from ..robot import Robot
-from .friction import Friction
+from .friction import Friction, viscous_slope
 from .springs import Springs
 
 
@@ -384,12 +384,28 @@ class SceneDynamics(WithNumbers):
             further.append(self.cost(t, *moved, 0 * qd if drives is None else drives))
         return net, further
 
+    def _damping(self, qd: Array) -> list[Any]:
+        """What implicit viscous friction adds to the inertia of each drive's joint over a step, (...) each."""
+        if not self.damped_over or self.friction is None or "viscous" not in self.ledger:
+            return [0.0] * self.joints
+        return list(np.moveaxis(self.damped_over * viscous_slope(self.friction, qd), -1, 0))
+
+    def _damped(self, model: Model, qd: Array) -> Model:
+        """The robot with viscous friction over a step as further inertia of rotors, (nb, ...), for dynamics alone."""
+        if not is_present(added := self._damping(qd)):
+            return model
+        armature = [*model.armature]
+        for i, inertia in zip(model.independent_joints, added, strict=True):
+            armature[i] = armature[i] + inertia
+        values = {f.name: getattr(model, f.name) for f in fields(model)}
+        return unchecked_model(values | {"armature": np.stack(np.broadcast_arrays(*armature))})
+
     def right_hand_side_core(self, model: Model, t: Array, x: Array, u: Array | None = None) -> Any:
         """(dx/dt, pivots, diagonal of M), traced."""
         q, qd = x[..., : self.n], x[..., self.n : 2 * self.n]
         net, further = self._acting(model, t, x, u)
         note_finite(net)  # else a division in friction or a law would cast doubt on all that follows
-        qdd, pivots, diagonal = self.forward.quantity.core(model, q, qd, net)
+        qdd, pivots, diagonal = self.forward.quantity.core(self._damped(model, qd), q, qd, net)
         return np.concatenate([qd, qdd, *further], axis=-1), pivots, diagonal
 
     def rates_and_drives_core(self, model: Model, t: Array, x: Array, u: Array | None = None) -> Any:

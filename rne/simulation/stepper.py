@@ -1,0 +1,617 @@
+"""One control interval as a function of the state, of torques or a law, and of the numbers of a scene."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..basics.arrays import convert_numbers, positive_number, real_numbers, whole_number
+from ..basics.piecewise import numbers_at
+from ..basics.spatial import Array
+from ..basics.text import short
+from ..errors import NotFiniteError, SingularMassMatrixError
+from ..integrators.loops import LANES, compiled
+from ..integrators.row_steps import Flat, Ranges, RowGroup, Slopes, pull_back_rows, step_rows
+from ..integrators.step_control import aligned
+from ..integrators.tableaus import tableau
+from ..kernels.kernel import FLOAT64
+from ..kernels.numpy_backend import check_array
+from ..robot import Robot
+from .frozen_motion import FrozenScene, Own, SideBySide, flat, schedule_of
+from .scene import Scene
+from .scene_dynamics import Bodies
+from .scene_numbers import BODIES, bodies_of, checked, friction_of_all, scene_of_all
+from .simulator import law_breaks, scene_argument
+
+METHODS = {"rk4": "rk4", "tsit5": "Tsit5", "semi-implicit-euler": "semi-implicit-euler"}
+
+
+class _Rows(NamedTuple):
+    """What a call is given and where its results go; one row of u or t is that of all."""
+
+    x: Array
+    u: Array
+    t: Array
+    out: Array
+    weights: Array = np.zeros((1, 0))
+    others: tuple[Array, ...] = ()  # derivatives by commands, numbers, limits and pieces, if they are asked for
+
+    def part(self, rows: Array) -> _Rows:
+        """Copies of some."""
+        x, u, t, out, weights = (a[np.minimum(rows, len(a) - 1)] for a in self[:5])
+        return _Rows(x, u, t, out, weights, tuple(a[rows] for a in self.others))
+
+
+class _Numbers:
+    """A scene under numbers in place of its own, of which states have some of their own, (N, ...)."""
+
+    def __init__(self, frozen: FrozenScene, own: Own, given: Own) -> None:
+        self.frozen, self.own, self.given = frozen, own, given
+        self.count = max(map(len, own.values()), default=1)
+        self.side = side = SideBySide(frozen, own, self.count, by_machine=False)
+        self.limits = np.ascontiguousarray(side.limits.reshape(-1, self.count).T)
+        self.pools: dict[bool, list[_Lanes]] = {False: [], True: []}  # those that no thread uses now, by `derive`
+        self._coefficients: dict[Any, Array] = {None: np.zeros((1, 0))}
+
+    def part(self, rows: Array) -> dict[str, Array]:
+        """Those of some rows."""
+        return {name: array[np.minimum(rows, self.count - 1)] for name, array in self.own.items()}
+
+    def is_of(self, numbers: Mapping[str, ArrayLike]) -> bool:
+        """True if these were given."""
+        return all(np.array_equal(self.given[name], value) for name, value in numbers.items())
+
+    def coefficients(self, *, derive: bool) -> list[Array]:
+        """Of the kernels of equations and law, and of their gradients, in rows; (1, 0) where all have the scene's."""
+        frozen, side = self.frozen, self.side
+        kernels = [frozen.kernel, frozen.law_kernel, *([frozen.gradient, frozen.law_gradient] if derive else [])]
+        for kernel, numbers in zip(kernels, (side.numbers, side.law_numbers) * 2, strict=False):
+            if kernel is not None and kernel not in self._coefficients:
+                found = kernel.coefficients(numbers) if numbers.ndim == 2 else np.zeros((1, 0))
+                self._coefficients[kernel] = np.ascontiguousarray(found)
+        return [self._coefficients[kernel] for kernel in kernels]
+
+
+class _Lanes:
+    """Rows side by side, as the texts of `row_steps` take them, in machine code or by NumPy."""
+
+    def __init__(self, stepper: Stepper, numbers: _Numbers, L: int, *, by_machine: bool, derive: bool) -> None:
+        frozen, schedule = numbers.frozen, stepper._schedule
+        self.numbers, self.by_machine, self.derive, self.count = numbers, by_machine, derive, L
+        side = SideBySide(frozen, numbers.part(np.arange(L)), L, by_machine=by_machine)
+        n, size, stages = side.n * L, side.size * L, len(schedule.tableau.B)
+        self.functions = side.rates, side.sampled_law, *(side.gradients if derive else ())
+        given = [side.rates.inputs[2][: n * frozen.is_driven], side.limits.reshape(-1)]
+        given += [function.begins for function in self.functions]
+        for function, own in zip(self.functions, numbers.coefficients(derive=derive), strict=True):
+            given.append(function.inputs[function.piece + 1] if by_machine and own.size else np.zeros(0))
+
+        def parts(x: Array, states: Array, pending: Array, acting: Array) -> tuple[Flat, Flat]:
+            waiting, held = pending.reshape(-1), acting[: n * stepper._holds]
+            return (x, states, waiting[: waiting.size - n], held), (x, states, waiting[n:], held)
+
+        begin, end = parts(np.zeros(size), side.holding.states[1], side.holding.pending, side.rates.inputs[2])
+        ends = np.repeat(stepper._ranges, L, axis=1)
+        self.group = RowGroup(
+            side.rates,
+            side.sampled_law,
+            schedule._replace(positions=schedule.positions * L),
+            side.holding,
+            (np.zeros((stages, size)), np.zeros(size), np.zeros(n), np.zeros(n)),
+            side.kept(*(len(schedule.lengths), stages) if derive else (0, 0)),
+            begin,
+            end,
+            tuple(given),
+            Ranges(ends, frozen.dynamics.n * L, np.zeros(ends.shape[1])),
+        )
+        if derive:
+            a = side.adjoint(np.zeros(size), stages)
+            begin, end = parts(a.x, a.states, a.pending, a.held)
+            others = a.numbers, a.of_law, *(x.reshape(-1) for x in (a.limits, a.table, a.law_table))
+            self.slopes = Slopes(*side.gradients, a, end, begin, (a.held[: n * frozen.is_driven], *others))
+
+    def run(self, rows: _Rows, first: int, last: int, left: Array) -> None:
+        """Rows from the first to before the last; those that need the recursion are marked as left."""
+        numbers = self.numbers
+        given = rows.u, numbers.limits, *[rows.t] * len(self.functions), *numbers.coefficients(derive=self.derive)
+        text: Any = pull_back_rows if self.derive else step_rows
+        text = compiled(text) if self.by_machine else text
+        more = (rows.weights, (first, last), rows.out, rows.others) if self.derive else ((first, last), rows.out)
+        text(*([self.group, self.slopes] if self.derive else [self.group]), rows.x, given, *more, left)
+
+
+class Stepper:
+    """One control interval of a scene, x_next = F(x, u, numbers), for many states at once, and its derivatives.
+
+    Parameters
+    ----------
+    scene : Scene or Robot
+        What moves, without `stops`, sticking friction and `torque_rate`; a controller must be traceable.
+    sample_time : float, optional
+        Length of the interval; that of a sampled controller if not given [s].
+    substeps : int
+        Equal steps of the interval. A command that begins to act within one divides it.
+    method : {"rk4", "tsit5", "semi-implicit-euler"}
+        Runge-Kutta methods of orders 4 and 5, or Euler's rule with positions that move by the new velocities, in which
+        viscous friction is implicit: (M + h D) qdd = net torques, D being its slope.
+    position_stops : bool
+        True to end each interval inelastically within the joints' ranges: positions are clipped, and velocities that
+        led out of the range are 0.
+
+    Attributes
+    ----------
+    size : int
+        Length of the state: q, qd, of elastic joints q, motor_q, qd, motor_qd; the states of the law; of a sampled law
+        with a delay the commands that wait, the oldest first, one for each whole sample time of the delay, and behind
+        them the command that acts, if the delay is no whole number of sample times.
+
+    Raises
+    ------
+    ValueError
+        If an argument is out of range, the scene has no interval that is a function of its state, or `sample_time` is
+        another one than that of its controller.
+
+    Notes
+    -----
+    Rows are computed side by side by engine "numba", and a row does not depend on the others. A traced controller that
+    is not sampled is part of dx/dt.
+
+    Examples
+    --------
+    >>> import numpy as np, rne
+    >>> scene = rne.Scene(rne.load("ur5"), friction=rne.Friction(viscous=2.0), effort_limit="urdf")
+    >>> stepper = rne.Stepper(scene, sample_time=0.02, substeps=4)
+    >>> x = stepper.start(np.zeros((100, 6)), np.zeros((100, 6)))
+    >>> stepper(x, np.zeros((100, 6))).shape
+    (100, 12)
+    """
+
+    def __init__(
+        self,
+        scene: Scene | Robot,
+        sample_time: float | None = None,
+        substeps: int = 1,
+        method: str = "rk4",
+        position_stops: bool = False,
+    ) -> None:
+        if method not in METHODS:
+            raise ValueError(f"`method` must be one of {list(METHODS)}, got {method!r}")
+        self.scene, self.substeps, self.method = scene_argument(scene), whole_number("substeps", substeps), method
+        self.sample_time, self.position_stops = _period(self.scene, sample_time), bool(position_stops)
+        self._own = _Numbers(self._frozen(self.scene, ()), {}, {})
+        self._known: dict[tuple[str, ...], _Numbers] = {}  # those given last, by their names
+        frozen, side, robot = self._own.frozen, self._own.side, self.scene.resolved.robot
+        late, rest = frozen.delay
+        rests = np.array([rest])
+        ends = np.linspace(0, self.sample_time, self.substeps + 1)
+        ends = np.unique(np.concatenate([aligned(ends, [rests]), rests]))
+        instants = (np.zeros(1), rests) if frozen.law is not None else (np.zeros(0), np.zeros(0))
+        positions = frozen.dynamics.n if method == "semi-implicit-euler" else 0
+        self._schedule = schedule_of(tableau(METHODS[method]), positions, ends, np.zeros(0), *instants)
+        self._ranges = np.array([robot.lower, robot.upper]) if self.position_stops else np.zeros((2, 0))
+        self._holds = rest > 0
+        self.size = side.size + side.m + self.scene.n * (int(late) + self._holds)
+        self._by_machine = frozen.kernel.is_unrolled and frozen.kernel.engine == "numba"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Stepper, (self.scene, self.sample_time, self.substeps, self.method, self.position_stops)
+
+    def __repr__(self) -> str:
+        law = "torques" if self.scene.controller is None else type(self.scene.controller).__name__
+        return (
+            f"Stepper of '{short(self.scene.resolved.robot.model.name)}' under {law}: states of {self.size}, "
+            f"{self.sample_time:g} s in steps of {self.sample_time / self.substeps:g} s by {self.method}"
+        )
+
+    def _frozen(self, scene: Scene, names: tuple[str, ...]) -> FrozenScene:
+        """The scene with its equations; a ValueError names what has no interval."""
+        damped_over = self.sample_time / self.substeps if self.method == "semi-implicit-euler" else 0.0
+        found = FrozenScene(scene, names, None, scene.controller is None, damped_over)
+        refused = found.refused
+        if scene.torque_rate is not None:
+            refused = "`torque_rate` asks for the command before: leave it out, or bound what the law gives"
+        elif scene.sample_time is None and law_breaks(scene.controller):
+            refused = "the torques of the `controller` jump at its `breaks`: give the scene a `sample_time`"
+        if refused:
+            raise ValueError(f"the scene has no steps that are a function of its state: {refused}")
+        return found
+
+    def start(self, q0: ArrayLike, qd0: ArrayLike) -> Array:
+        """States at the start, with a law's states and commands at 0.
+
+        Parameters
+        ----------
+        q0, qd0 : array_like, shape (n,) or (N, n)
+            Positions and velocities; of elastic joints those of the links, or of links and motors [rad or m; rad/s or
+            m/s].
+
+        Returns
+        -------
+        ndarray, shape (size,) or (N, size)
+            States; without the motors' positions these hold the links at rest.
+
+        Raises
+        ------
+        ValueError
+            If an array has the wrong shape or is not finite.
+
+        Examples
+        --------
+        >>> import rne
+        >>> rne.Stepper(rne.load("irb140"), sample_time=0.01).start([0.1] * 6, [0] * 6).shape
+        (12,)
+        """
+        q, qd = self._own.frozen.dynamics.start(self.scene.resolved.robot, q0, qd0)
+        q, qd = np.broadcast_arrays(q, qd)
+        return np.concatenate([q, qd, np.zeros((*q.shape[:-1], self.size - 2 * q.shape[-1]))], axis=-1)
+
+    def reset(self, x: Array, mask: ArrayLike, x0: ArrayLike) -> Array:
+        """Begin some states anew, in place.
+
+        Parameters
+        ----------
+        x : ndarray, shape (N, size)
+            States, which change.
+        mask : array_like of bool, shape (N,)
+            Those to be replaced.
+        x0 : array_like, shape (size,) or (N, size)
+            What they begin with, such as from `start`.
+
+        Returns
+        -------
+        ndarray
+            `x`.
+
+        Raises
+        ------
+        ValueError
+            If an array has the wrong shape.
+
+        Examples
+        --------
+        >>> import numpy as np, rne
+        >>> stepper = rne.Stepper(rne.load("irb140"), sample_time=0.01)
+        >>> x = stepper.start(np.ones((2, 6)), np.ones((2, 6)))
+        >>> stepper.reset(x, [False, True], np.zeros(12)).sum(axis=1).tolist()
+        [12.0, 0.0]
+        """
+        chosen, begin = np.asarray(mask), np.broadcast_to(real_numbers("x0", x0, f"({self.size},)"), np.shape(x))
+        if chosen.dtype != bool or chosen.shape != np.shape(x)[:-1]:
+            raise ValueError(f"`mask` must be bool of shape {np.shape(x)[:-1]}, got {chosen.dtype} of {chosen.shape}")
+        x[chosen] = begin[chosen]
+        return x
+
+    def __call__(
+        self,
+        x: ArrayLike,
+        u: ArrayLike | None = None,
+        numbers: Mapping[str, ArrayLike] | None = None,
+        workers: int = 1,
+        *,
+        t: ArrayLike = 0.0,
+    ) -> Array:
+        """The states at the end of the interval.
+
+        Parameters
+        ----------
+        x : array_like, shape (size,) or (N, size)
+            States at its begin.
+        u : array_like, shape (n,) or (N, n), optional
+            Torques of the drives of a scene without a controller, held over the interval, within its effort limits
+            [N m or N].
+        numbers : mapping of str to array_like, optional
+            Numbers of the scene in place of its own, by the names of `Scene.numbers`: the same for all states, or with
+            an axis of N in front.
+        workers : int
+            Threads that share the states, by engine "numba".
+        t : float or array_like, shape (N,)
+            When the interval begins, for laws that depend on time, such as those with a reference motion [s].
+
+        Returns
+        -------
+        ndarray, shape of x
+            States.
+
+        Raises
+        ------
+        ValueError, KeyError
+            If an argument has the wrong shape, is not finite, or there is no such number.
+        NotFiniteError, SingularMassMatrixError
+            If a state is not finite or overflows, or M is singular; names the state.
+
+        Examples
+        --------
+        >>> import rne
+        >>> stepper = rne.Stepper(rne.load("irb140"), sample_time=0.01)
+        >>> x = stepper.start([0] * 6, [0] * 6)
+        >>> stepper(x, stepper.scene.robot.gravity_torque([0] * 6)).round(12).tolist() == x.tolist()
+        True
+        """
+        states = self._states("x", x)
+        given, out = self._numbers(numbers, len(states)), np.empty_like(states)
+        rows = _Rows(states, self._torques(u, len(states)), self._times(given, t, len(states)), out)
+        self._run(given, rows, workers)
+        return out.reshape(np.shape(x))
+
+    def into(self, x: Array, u: Array | None, out: Array, *, t: float = 0.0) -> Array:
+        """Write the states at the end of the interval into an array; by engine "numba" no array is made.
+
+        Parameters
+        ----------
+        x : ndarray, shape (size,) or (N, size)
+            States at its begin, float64 in C order.
+        u : ndarray, shape (n,) or (N, n), or None
+            Torques of the drives, likewise, without a controller [N m or N].
+        out : ndarray, shape of x
+            Likewise; it may be x itself.
+        t : float
+            When the interval begins [s].
+
+        Returns
+        -------
+        ndarray
+            `out`.
+
+        Raises
+        ------
+        TypeError, ValueError, RneError
+            If an array is not as above; else those of a call.
+
+        Examples
+        --------
+        >>> import numpy as np, rne
+        >>> stepper = rne.Stepper(rne.load("irb140"), sample_time=0.01)
+        >>> x = stepper.start(np.zeros((3, 6)), np.zeros((3, 6)))
+        >>> stepper.into(x, np.zeros((3, 6)), x) is x
+        True
+        """
+        shape, n = np.shape(x), self.scene.n
+        if shape not in ((self.size,), (*shape[:1], self.size)):
+            raise ValueError(f"`x` must have shape ({self.size},) or (N, {self.size}), got {shape}")
+        for name, array, wanted in (("x", x, shape), ("u", u, (*shape[:-1], n)), ("out", out, shape)):
+            if name != "u" or u is not None:
+                check_array(name, array, wanted, FLOAT64, "writeable" if name == "out" else "aligned")
+        states = x.reshape(-1, self.size)
+        commands = np.zeros((1, 0)) if u is None else u.reshape(-1, n)
+        self._check_torques(u)
+        rows = _Rows(states, commands, self._times(self._own, t, 1), out.reshape(-1, self.size))
+        self._run(self._own, rows, 1)
+        return out
+
+    def gradient(
+        self,
+        x: ArrayLike,
+        u: ArrayLike | None = None,
+        weights: ArrayLike = 1.0,
+        numbers: Mapping[str, ArrayLike] | None = None,
+        workers: int = 1,
+        *,
+        t: ArrayLike = 0.0,
+    ) -> dict[str, Array]:
+        """Derivatives of weights . x_next: those of what is computed, by its steps backwards.
+
+        Parameters
+        ----------
+        x, u : array_like
+            As of a call.
+        weights : array_like, shape of x
+            Derivatives by the states at the end.
+        numbers, workers, t : optional
+            As of a call.
+
+        Returns
+        -------
+        dict of str to ndarray
+            By "x", by "u" where torques are given, and by the names of `numbers`, of their shapes for each state.
+
+        Raises
+        ------
+        ValueError, KeyError, RneError
+            As of a call.
+
+        Notes
+        -----
+        Where torques are at a limit, or a joint at the end of its range, derivatives are those of that side.
+
+        Examples
+        --------
+        >>> import numpy as np, rne
+        >>> stepper = rne.Stepper(rne.load("irb140"), sample_time=0.01)
+        >>> x = stepper.start([0] * 6, [0] * 6)
+        >>> slopes = stepper.gradient(x, np.zeros(6), np.eye(12)[6])  # of the velocity of joint 1
+        >>> bool(slopes["u"][0] > 0), slopes["x"].shape
+        (True, (12,))
+        """
+        states = self._states("x", x)
+        N, given = len(states), self._numbers(numbers, len(states))
+        frozen, names = given.frozen, given.frozen.names
+        rows = _Rows(states, self._torques(u, N), self._times(given, t, N), np.empty_like(states))
+        if len(rows.t) > 1 and any(frozen.samples_of(name) for name in names):
+            raise ValueError("`t` must be one number for derivatives by the samples of a motion")
+        lanes = self._lanes(given, derive=True)
+        others = tuple(np.zeros((N, part.size // lanes.count)) for part in lanes.slopes.others)
+        given.pools[True].append(lanes)
+        wanted = np.broadcast_to(real_numbers("weights", weights, f"(N, {self.size})"), np.shape(x)).reshape(N, -1)
+        self._run(given, rows._replace(weights=wanted.astype(np.float64, order="C"), others=others), workers)
+        numbers_of, of_law, limits, *tables = map(flat, others[1:])
+        adjoint = lanes.slopes.adjoint
+        shapes = [(len(a), N * a.shape[1] // lanes.count) for a in (adjoint.table, adjoint.law_table)]
+        table, law_table = (a.reshape(shape) for a, shape in zip(tables, shapes, strict=True))
+        fields = {"limits": limits.reshape(2, -1), "table": table, "law_table": law_table}
+        found = {"x": rows.out} | ({"u": others[0]} if frozen.is_driven else {})
+        found |= frozen.by_numbers(names, N, adjoint._replace(numbers=numbers_of, of_law=of_law, **fields))
+        return {name: a.reshape(*np.shape(x)[:-1], *a.shape[1:]) for name, a in found.items()}
+
+    def jacobian(
+        self,
+        x: ArrayLike,
+        u: ArrayLike | None = None,
+        numbers: Mapping[str, ArrayLike] | None = None,
+        workers: int = 1,
+        *,
+        t: ArrayLike = 0.0,
+    ) -> Array:
+        """Derivatives of the states at the end by those at the begin and by torques.
+
+        Parameters
+        ----------
+        x, u : array_like
+            As of a call.
+        numbers, workers, t : optional
+            As of a call.
+
+        Returns
+        -------
+        ndarray, shape (size, size + n) or (N, size, size + n)
+            Without torques (..., size, size).
+
+        Raises
+        ------
+        ValueError, KeyError, RneError
+            As of a call.
+
+        Examples
+        --------
+        >>> import numpy as np, rne
+        >>> stepper = rne.Stepper(rne.load("irb140"), sample_time=0.01)
+        >>> stepper.jacobian(stepper.start(np.zeros((5, 6)), np.zeros((5, 6))), np.zeros(6)).shape
+        (5, 12, 18)
+        """
+        states, size = self._states("x", x), self.size
+        known = self.scene.numbers
+
+        def repeated(value: Any, axes: int) -> Any:
+            return value if np.ndim(value) <= axes else np.repeat(value, size, axis=0)
+
+        own = {name: repeated(value, known[name].ndim) for name, value in (numbers or {}).items()}
+        each = np.repeat(states, size, axis=0), repeated(u, 1) if u is not None else None
+        found = self.gradient(*each, np.tile(np.eye(size), (len(states), 1)), own, workers, t=repeated(t, 0))
+        rows = np.concatenate([found[name] for name in ("x", "u") if name in found], axis=1)
+        return rows.reshape(*np.shape(x)[:-1], size, -1)
+
+    def _states(self, name: str, x: ArrayLike) -> Array:
+        """States as rows."""
+        array = convert_numbers(name, x, f"(N, {self.size})")
+        if array.dtype.kind != "f" or array.ndim not in (1, 2) or array.shape[-1] != self.size:
+            raise ValueError(f"`{name}` must be real, of shape ({self.size},) or (N, {self.size}), got {array.shape}")
+        return np.ascontiguousarray(array.reshape(-1, self.size), dtype=np.float64)
+
+    def _check_torques(self, u: ArrayLike | None) -> None:
+        n, has_law = self.scene.n, self.scene.controller is not None
+        if u is None and not has_law:
+            raise ValueError(f"`u` must be given, torques of shape ({n},) or (N, {n}): the scene has no controller")
+        if u is not None and has_law:
+            raise ValueError("`u` cannot be given for a scene that has a controller")
+
+    def _torques(self, u: ArrayLike | None, count: int) -> Array:
+        """Torques as rows, or one row for all; (1, 0) under a controller."""
+        self._check_torques(u)
+        n = self.scene.n
+        if u is None:
+            return np.zeros((1, 0))
+        array = real_numbers("u", u, f"(N, {n})")
+        if array.shape not in ((n,), (count, n)):
+            raise ValueError(f"`u` must have shape ({n},) or ({count}, {n}), got {array.shape}")
+        return np.ascontiguousarray(array.reshape(-1, n), dtype=np.float64)
+
+    def _times(self, given: _Numbers, t: ArrayLike, count: int) -> Array:
+        """Times as rows, within the samples that a law follows."""
+        array, side = real_numbers("t", t, "(N,)"), given.side
+        if array.shape not in ((), (count,)):
+            raise ValueError(f"`t` must be one number or of shape ({count},), got {array.shape}")
+        for tables, length in ((side.tables, self.sample_time), (side.law_tables, 0.0)):
+            if len(tables) and array.size:
+                numbers_at(tables[0], np.array([array.min(), array.max() + length]))
+        return np.ascontiguousarray(array.reshape(-1, 1), dtype=np.float64)
+
+    def _numbers(self, numbers: Mapping[str, ArrayLike] | None, count: int) -> _Numbers:
+        """Numbers in place of the scene's, checked; those given last are known."""
+        if not numbers:
+            return self._own
+        names, scene, known = tuple(numbers), self.scene, self.scene.numbers
+        if (last := self._known.get(names)) is not None and last.is_of(numbers):
+            return last
+        for name in ("delay", "torque_rate"):
+            if name in numbers:
+                raise ValueError(f"`numbers` cannot have {name!r}, on which the state depends: make another Stepper")
+        common = {k: x for k, x in numbers.items() if k in known and np.shape(x) in ((), known[k].shape)}
+        scene = scene.with_numbers(common) if common else scene
+        own = checked(scene, {name: x for name, x in numbers.items() if name not in common}, count)
+        if own:
+            scene = scene_of_all(scene, own, Bodies.mask(bodies_of(scene, own)) if {*BODIES} & {*own} else None)
+        frozen = self._frozen(scene, names)
+        if own and (friction := friction_of_all(scene, own)) is not None and friction.sticks:
+            raise ValueError("`numbers['friction.smoothing']` must be above 0")
+        if any(frozen.samples_of(name) for name in own):
+            raise ValueError("`numbers` must have the samples of a motion once for all states")
+        given = {name: np.array(x) for name, x in numbers.items()}
+        found = self._known[names] = _Numbers(frozen, own, given)
+        return found
+
+    def _lanes(self, numbers: _Numbers, *, derive: bool) -> _Lanes:
+        """Rows side by side that no other thread uses."""
+        pool = numbers.pools[derive]
+        try:
+            return pool.pop()
+        except IndexError:
+            return _Lanes(self, numbers, LANES if self._by_machine else 1, by_machine=self._by_machine, derive=derive)
+
+    def _run(self, numbers: _Numbers, rows: _Rows, workers: int) -> None:
+        """Fill what rows give, in machine code in threads that take a stretch of them each, else by NumPy."""
+        count, derive = len(rows.x), len(rows.others) > 0
+        left = np.zeros(count, np.int64) if self._by_machine else np.ones(count, np.int64)
+
+        def stretch(ends: tuple[int, int]) -> None:
+            lanes = self._lanes(numbers, derive=derive)
+            lanes.run(rows, *ends, left)
+            numbers.pools[derive].append(lanes)
+
+        groups = -(-count // LANES)
+        workers = min(whole_number("workers", workers), groups)
+        if self._by_machine and workers <= 1:
+            stretch((0, count))
+        elif self._by_machine:
+            edges = [min(LANES * (groups * k // workers), count) for k in range(workers + 1)]
+            with ThreadPoolExecutor(workers) as threads:
+                list(threads.map(stretch, pairwise(edges)))
+        if left.any():
+            self._by_numpy(numbers, rows, np.flatnonzero(left))
+
+    def _by_numpy(self, numbers: _Numbers, rows: _Rows, some: Array) -> None:
+        """Some rows by NumPy, whose errors name the first one at fault."""
+        part, derive = rows.part(some), len(rows.others) > 0
+        own = _Numbers(numbers.frozen, numbers.part(some), {})
+        try:
+            for name, array in (("x", part.x), ("u", part.u)):
+                if not np.isfinite(array).all():
+                    raise NotFiniteError(f"`{name}` is not finite")
+            lanes = _Lanes(self, own, len(some), by_machine=False, derive=derive)
+            lanes.run(part, 0, len(some), np.zeros(len(some), np.int64))
+            if not all(np.isfinite(array).all() for array in (part.out, *part.others)):
+                raise NotFiniteError("the result overflows")
+        except (NotFiniteError, SingularMassMatrixError) as error:
+            for k in some if len(some) > 1 else []:
+                self._by_numpy(numbers, rows, np.array([k]))  # the first one at fault raises its error
+            state = (int(some[0]),) if len(rows.x) > 1 else ()
+            if isinstance(error, SingularMassMatrixError):
+                raise SingularMassMatrixError(error.what, error.cause, error.joints, state) from None
+            raise NotFiniteError(error.args[0], error.time, state) from None
+        rows.out[some] = part.out
+        for whole, array in zip(rows.others, part.others, strict=True):
+            whole[some] = array
+
+
+def _period(scene: Scene, sample_time: float | None) -> float:
+    """The length of the interval."""
+    own = scene.sample_time
+    if sample_time is None and own is None:
+        raise ValueError("`sample_time` must be given: the scene has none")
+    period = float(own) if sample_time is None else positive_number("sample_time", sample_time)  # type: ignore[arg-type]
+    if own is not None and period != own:
+        raise ValueError(f"`sample_time` must be that of the scene, {own:g} s, or left out, got {period:g}")
+    return period
