@@ -17,6 +17,7 @@ import numpy as np
 from ..basics.numbers import part_of
 from ..basics.piecewise import NO_TABLES
 from ..basics.spatial import Array
+from ..control.law_numbers import models_of
 from ..control.sampled_loop import in_periods
 from ..control.traced_law import TracedLaw
 from ..errors import NotFiniteError, SingularMassMatrixError
@@ -32,6 +33,7 @@ from .scene_numbers import BODIES, bodies_as_numbers, unknown
 from .simulator import law_breaks
 
 STARTS = ("q0", "qd0")
+STICKS = "dry `friction` sticks and slips by events: give it a `smoothing` above 0"
 MOST_AT_ONCE = 20_000  # steps times motions of one call of machine code, after which Ctrl-C is heard
 Own = Mapping[str, Array]
 
@@ -57,10 +59,13 @@ class FrozenScene:
     @cached_property
     def scene(self) -> Scene:
         """The scene whose kernels have these names as inputs."""
-        known = self.numbers
         asked = [name for name in self.names if name not in STARTS]
+        models = models_of(self.given.controller, [name.removeprefix("controller.") for name in asked])
+        known = {**self.numbers, **{f"controller.{name}": x for name, x in models.items()}}
         for name in asked:
-            if name not in known and not name.startswith("controller."):
+            if name.endswith(".breaks"):
+                raise ValueError(f"`wrt`: steps end at {name!r}, the times at which a law jumps: it has no derivative")
+            if name not in known:
                 raise ValueError(f"`wrt`: {unknown(name, known)}, beside 'q0' and 'qd0'")
         varying = None
         if "parameters" in asked:  # all moments that bodies can have
@@ -80,7 +85,7 @@ class FrozenScene:
         if scene.stops:
             return "`stops` end a run: set `stops` to False"
         if friction is not None and friction.sticks:
-            return "dry `friction` sticks and slips by events: give it a `smoothing` above 0"
+            return STICKS
         if scene.controller is not None and self.law is None and not scene.is_traced:
             return f"`controller` is called, as {scene._why_called}: mark it by rne.traceable"
         return ""
@@ -92,7 +97,8 @@ class FrozenScene:
             raise ValueError(f"the motion cannot be differentiated: {self.refused}")
         found = self.scene._dynamics("held") if self.is_driven else self.scene.dynamics
         cost = None if self.cost is None else UserFunction("cost", self.cost, (0, *[self.given.n] * 3))
-        return replace(found, inertia=None, has_energies=False, cost=cost, damped_over=self.damped_over)
+        found = replace(found, inertia=None, has_energies=False, cost=cost, damped_over=self.damped_over)
+        return found if self.law is None else replace(found, effort_limit=None)  # sampled within it
 
     @property
     def commanded(self) -> int:

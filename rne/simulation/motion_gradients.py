@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -21,10 +21,20 @@ from ..integrators.tableaus import EXPLICIT, tableau
 from ..kernels.kernel import Kernel
 from ..model.model import Model
 from ..robot import Robot
-from .frozen_motion import MOST_AT_ONCE, FrozenScene, Own, SideBySide, fixed_schedule, flat, schedule_of
+from .frozen_motion import (
+    MOST_AT_ONCE,
+    STARTS,
+    STICKS,
+    FrozenScene,
+    Own,
+    SideBySide,
+    fixed_schedule,
+    flat,
+    schedule_of,
+)
 from .scene import Scene
 from .scene_dynamics import Bodies, UserFunction
-from .scene_numbers import BODIES, bodies_of, checked, scene_of_all
+from .scene_numbers import BODIES, bodies_of, checked, friction_of_all, scene_of_all
 from .simulator import scene_argument, simulate, tolerances
 
 FIXED = "rk4"
@@ -114,6 +124,8 @@ class _Backwards:
         """Derivatives by the delay: a command that acts later leaves the one before it for longer."""
         group, L = self.group, self.group.count
         k, held = np.flatnonzero(part.acting), np.concatenate([before[None], kept.held])
+        if not len(k):
+            return np.zeros(L)
         x, old, new, slopes = (
             a.reshape(len(k), -1, L).transpose(0, 2, 1) for a in (kept.stages[k, 0], held[k], held[k + 1], arrivals[k])
         )
@@ -275,7 +287,7 @@ def motion_gradient(
     >>> slopes["friction.viscous"].shape, bool(slopes["friction.viscous"][1] < 0)  # more friction: it falls less
     ((6,), True)
     """
-    scene, names = scene_argument(scene_or_robot), (wrt,) if isinstance(wrt, str) else tuple(wrt)
+    scene, names = scene_argument(scene_or_robot), _names(wrt)
     for name, function, arguments in (("cost", cost, "(t, q, qd, tau)"), ("final", final, "(q, qd)")):
         if function is not None:
             check_function(name, function, arguments)
@@ -296,21 +308,47 @@ def motion_gradient(
             progress(min(done, total), total)
 
     at_end = None if final is None else UserFunction("final", final, (scene.n,) * 2)
-    task, total = _Task(frozen, at_end, names, whole_number("memory", memory, least=1), tell), 0
-    parts, grid = [], None if step is None else fixed_schedule(frozen, chosen, end, positive_number("step", step))
-    for first in range(0, count, L):
-        rows = np.minimum(np.arange(first, first + L), count - 1)  # the last motion fills the lanes
+    memory, total, value, gradient = whole_number("memory", memory, least=1), 0, np.zeros(count), dict[str, Array]()
+    longest = None if step is None else positive_number("step", step)
+    for at, places in _side_by_side(frozen, own, count, end, L):
+        rows = np.append(places, np.full(L - len(places), places[-1]))  # the last motion fills the lanes
         mine, given = {name: array[rows] for name, array in own.items()}, (starts[0][rows], starts[1][rows])
         how = torques[rows], end, chosen, tolerances(rtol, atol)
-        schedule = _steps_taken(frozen, mine, given, *how) if grid is None else grid
+        schedule = fixed_schedule(at, chosen, end, longest) if longest else _steps_taken(at, mine, given, *how)
         total = max(total, 2 * len(schedule.lengths) * count)
-        value, found = task.of_group(mine, given, torques[rows], schedule, by_machine=by_machine)
-        parts.append((value[: count - first], {name: a[: count - first] for name, a in found.items()}))
-    value = np.concatenate([value for value, _ in parts])
-    gradient = {name: np.concatenate([found[name] for _, found in parts]) for name in names}
-    return (
-        MotionGradient(value[0], {k: x[0] for k, x in gradient.items()}) if is_one else MotionGradient(value, gradient)
-    )
+        task = _Task(at, at_end, names, memory, tell)
+        values, found = task.of_group(mine, given, torques[rows], schedule, by_machine=by_machine)
+        value[places] = values[: len(places)]
+        for name, array in found.items():
+            whole = gradient.setdefault(name, np.zeros((count, *array.shape[1:])))
+            whole[places] = array[: len(places)]
+    if not count:
+        shapes = {name: x.shape for name, x in frozen.scene.numbers.items()} | dict.fromkeys(STARTS, (scene.n,))
+        gradient = {name: np.zeros((0, *shapes[name])) for name in names}
+    if is_one:
+        return MotionGradient(value[0], {name: gradient[name][0] for name in names})
+    return MotionGradient(value, {name: gradient[name] for name in names})
+
+
+def _names(wrt: Any) -> tuple[str, ...]:
+    """The names in `wrt`, checked to be texts."""
+    names = (wrt,) if isinstance(wrt, str) or not isinstance(wrt, Iterable) else tuple(wrt)
+    if wrong := [name for name in names if not isinstance(name, str)]:
+        raise TypeError(f"`wrt` must be names of numbers, got {wrong[0]!r}")
+    return names
+
+
+def _side_by_side(
+    frozen: FrozenScene, own: Own, count: int, end: float, most: int
+) -> Iterator[tuple[FrozenScene, Array]]:
+    """The places of motions whose samples act at the same times, at most so many, and the scene with their delay."""
+    delay = float(frozen.given.delay or 0.0)
+    late = np.minimum(own.get("delay", np.full(count, delay)), end + 2 * frozen.period)  # later ones do not act at all
+    for same in np.unique(late).tolist():
+        at = frozen if same == delay else replace(frozen, given=frozen.given._naming({"delay": np.array(same)}, ()))
+        places = np.flatnonzero(late == same)
+        for first in range(0, len(places), most):
+            yield at, places[first : first + most]
 
 
 def _starts(scene: Scene, q0: ArrayLike, qd0: ArrayLike) -> tuple[tuple[Array, Array], bool]:
@@ -327,7 +365,7 @@ def _numbers(
     scene: Scene, numbers: Mapping[str, ArrayLike], count: int, *, is_one: bool
 ) -> tuple[Scene, dict[str, Array]]:
     """The scene under common numbers, and those that motions have of their own, (N, ...)."""
-    if is_one:
+    if is_one or not isinstance(numbers, Mapping):
         return scene.with_numbers(numbers) if numbers else scene, {}
     known = scene.numbers
     common = {name: x for name, x in numbers.items() if name in known and np.shape(x) == known[name].shape}
@@ -335,6 +373,9 @@ def _numbers(
     own = checked(scene, {name: x for name, x in numbers.items() if name not in common}, count)
     if not own:
         return scene, own
+    friction = friction_of_all(scene, own)
+    if friction is not None and friction.sticks:
+        raise ValueError(f"the motion cannot be differentiated: {STICKS}")
     varying = Bodies.mask(bodies_of(scene, own)) if {*BODIES} & {*own} else None
     return scene_of_all(scene, own, varying), own
 
