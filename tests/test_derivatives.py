@@ -14,7 +14,7 @@ from rne.kernels.python_backend import state_function
 from rne.kernels.soundness import Trace
 from rne.kernels.trace import by_recursion
 
-from .helpers import EPS, kept, relative, states
+from .helpers import EPS, Part, assemble, kept, relative, states
 from .quantities import QUANTITIES, arguments_of
 from .random_robots import random_tree
 
@@ -55,6 +55,21 @@ def test_derivative_is_the_complex_step_of_the_recursion(robot, name):
     assert np.abs(got - expected).max() <= bound * size
     single = np.array([kernel(*s) for s in zip(*arguments, strict=True)])
     assert np.abs(single - expected).max() <= bound * size
+
+
+@pytest.mark.parametrize(("masses", "armature"), [([2.0], 0.0), ([1.0], 1.0), ([0.5, 0.5], 0.0), ([2.0, 5.0], 1.0)])
+def test_derivatives_by_torques_are_the_inverse_of_a_constant_mass_matrix(masses, armature):
+    """Of sliders across one another; where pivots are powers of two, accelerations are products of what is solved for."""
+    parts = [Part(link="root")]
+    for k, mass in enumerate(masses):
+        parts.append(Part(link=f"link{k}", joint=f"j{k}", kind="prismatic", parent=k, axis=np.eye(3)[k], mass=mass))
+    arm = rne.Robot(assemble("gantry", parts, gravity=[1.0, 2.0, 3.0])).with_armature(armature)
+    q, weights = np.zeros(arm.n), np.arange(1.0, arm.n + 1)
+    inverse = np.linalg.inv(arm.mass_matrix(q))
+    jacobian = rne.kernels.derivative(rne.dynamics.forward_dynamics, arm.model, "tau")(q, q, q)
+    gradient = rne.kernels.gradient(rne.dynamics.forward_dynamics, arm.model, "tau")(q, q, q, weights)
+    np.testing.assert_allclose(jacobian, inverse, rtol=EXACT)
+    np.testing.assert_allclose(gradient, weights @ inverse, rtol=EXACT)
 
 
 def test_forward_dynamics_derivatives_are_the_complex_step(robot):

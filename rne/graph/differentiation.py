@@ -263,17 +263,31 @@ class _Slopes:
 
 
 def _nodes_of(g: Graph, system: LinearSystem) -> _SystemNodes | None:
-    """The references of a linear system; None where entries of x are constant or one expression."""
+    """The references of a linear system; None where entries of x are constant, one expression, or operands of r.
+
+    r is made of inputs in place of x, so that no operation of r is combined with those of x, as 2 (u / 2) to u.
+    """
     x = references(g, system.x)
     own = {ref >> 1 for ref in x}
     if len(own) < len(x) or any(g.value(ref) is not None for ref in x):
         return None
-    first = min(own)
+    first, given = min(own), [g.input(-len(g.nodes) - k) for k in range(1, len(x) + 1)]
+    residual = references(g, system.residual(_row(g, [p ^ (ref & 1) for p, ref in zip(given, x, strict=True)])))
+    place = {p >> 1: ref & ~1 for p, ref in zip(given, x, strict=True)}
+
+    def moved(ref: int) -> int:
+        return place.get(ref >> 1, ref & ~1) ^ (ref & 1)
+
+    for k in g.needed(residual):
+        if not own.isdisjoint(g.arguments(k)):
+            return None
+        if any(j in place for j in g.arguments(k)):
+            place[k] = g.repeated(k, [moved(ref) for ref in g.nodes[k].args])
+    residual = [moved(ref) for ref in residual]
 
     def behind(index: int) -> list[int]:
         return g.arguments(index) if index > first and index not in own else []
 
-    residual = references(g, system.residual(_row(g, x)))
     nodes = sorted(g.needed(residual, behind))
     read = {k for index in nodes for k in g.arguments(index)} | {ref >> 1 for ref in residual}
     before = sorted(k for k in read if k < first and g.value(2 * k) is None)

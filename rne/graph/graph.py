@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple
 
 LEAVES = {"input", "constant"}
@@ -209,11 +209,22 @@ class Graph:
         doubled = self._doubled(a, b)
         if doubled is not None:
             return self.multiply(self.constant(2.0), doubled)
+        return self._sum(a, b)
+
+    def _sum(self, a: int, b: int) -> int:
         if a > b:
             a, b = b, a
-        if (a ^ b) & 1:
-            return self.node("subtract", a & ~1, b & ~1) ^ (a & 1)
-        return self.node("add", a & ~1, b & ~1) ^ (a & 1)
+        return self.node("subtract" if (a ^ b) & 1 else "add", a & ~1, b & ~1) ^ (a & 1)
+
+    def repeated(self, index: int, args: Sequence[int]) -> int:
+        """A node's operation on other operands, as it stands, whatever they are made of."""
+        kind, a, b = self.nodes[index].kind, args[0], args[-1]
+        if kind in ("add", "subtract"):
+            return self._sum(a, b ^ int(kind == "subtract"))
+        if kind in ("multiply", "divide"):
+            ordered = sorted((a & ~1, b & ~1)) if kind == "multiply" else (a & ~1, b & ~1)
+            return self.node(kind, *ordered) ^ ((a ^ b) & 1)
+        return self.node(kind, *args)
 
     def _doubled(self, a: int, b: int) -> int | None:
         """y where a + b = (x + y) - (x - y), or any other order of it."""
