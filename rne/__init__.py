@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from .simulation.friction import Friction
     from .simulation.motion_gradients import motion_gradient
     from .simulation.scene import Payload, Scene
+    from .simulation.sensitivities import Sensitivities, sensitivities
     from .simulation.simulator import simulate
     from .simulation.springs import Spring
     from .simulation.stepper import Stepper
@@ -76,6 +77,7 @@ else:
             "simulation.friction": "Friction",
             "simulation.motion_gradients": "motion_gradient",
             "simulation.scene": "Payload Scene",
+            "simulation.sensitivities": "Sensitivities sensitivities",
             "simulation.simulator": "simulate",
             "simulation.springs": "Spring",
             "simulation.stepper": "Stepper",
@@ -94,7 +96,13 @@ def _repr_html_(thing: Any) -> str:
     return html(thing)
 
 
-InNotebooks._repr_html_ = _repr_html_
+def _plotted(thing: Any, *how: Any, **options: Any) -> Any:
+    from .plotting.plots import sensitivity_plot  # loaded for the first picture
+
+    return sensitivity_plot(thing, *how, **options)
+
+
+InNotebooks._repr_html_, InNotebooks._plotted = _repr_html_, _plotted
 
 __version__ = "0.3.0"
 
@@ -121,6 +129,7 @@ __all__ = [
     "RneError",
     "Robot",
     "Scene",
+    "Sensitivities",
     "SimulationError",
     "SimulationInterrupted",
     "SingularMassMatrixError",
@@ -153,6 +162,7 @@ __all__ = [
     "plotting",
     "read_urdf",
     "robots",
+    "sensitivities",
     "simulate",
     "to_urdf",
     "traceable",

@@ -211,6 +211,7 @@ class InNotebooks(ReadOnlyArrays):
     """Base of results, which notebooks show as HTML, most as the text of `print`: their report, if they have one."""
 
     _repr_html_: ClassVar[Callable[[Any], str]]  # set by `rne/__init__.py`, above all of them
+    _plotted: ClassVar[Callable[..., Any]]  # likewise, of Sensitivities
 
     def __str__(self) -> str:
         return str(self.report()) if hasattr(self, "report") else repr(self)

@@ -281,7 +281,7 @@ class Linear(NamedTuple):
 
     slopes: Array  # (..., rows, width)
     columns: Array  # (k,) of int64: those of the numbers, behind the others, among the directions, or -1
-    further: Array  # (..., rows p), along the directions by pieces; without rows if there are none
+    further: Array  # (..., rows p), along the directions by pieces; of no entries if there are none
 
 
 class Directions(NamedTuple):
@@ -331,7 +331,7 @@ def carry_sample(law: Any, k: Any, holding: Any, bounds: Any, d: Any) -> None:
     n, end = len(d.held) // p, len(d.held)
     own, before, rates = pending[count % len(pending)], d.room[1, :end], d.room[2, : len(d.states)]
     put(pending[(count - 1) % len(pending)], before)
-    further = law.further[k] if len(law.further) else law.further.reshape(-1)
+    further = law.further[k]
     carry_law(law.slopes[k], further[:end], law.columns, d, own)
     carry_law(law.slopes[k, n:], further[end:], law.columns, d, rates)
     for i in range(n):
@@ -387,8 +387,7 @@ def carry(
             combination(A[s] if s < len(B) else further[s - len(B)], 0, s, K, total)
             move(x, h, total, y)
             g, number, row = (f, k, s) if s < len(B) else (more, extended, s - len(B))
-            by_pieces = g.further[number, row] if len(g.further) else g.further.reshape(-1)
-            carry_slope(g.slopes[number, row], by_pieces, g.columns, d.held, p, y, K[s])
+            carry_slope(g.slopes[number, row], g.further[number, row], g.columns, d.held, p, y, K[s])
         if counts[k] > len(B):
             extended += 1
         while report < len(steps) and steps[report] == k:

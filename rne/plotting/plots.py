@@ -17,6 +17,7 @@ from ..basics.text import short
 from ..loads.drive_report import DriveReport
 from ..robot import Robot
 from ..simulation.ensembles import Ensemble
+from ..simulation.sensitivities import Sensitivities
 from ..simulation.trajectory import Trajectory
 from .motions import Motion, joint_labels, motion_argument
 
@@ -218,6 +219,68 @@ def _bands(ax: Axes, t: Array, values: Array, levels: Array) -> None:
         ax.fill_between(t, values[k], values[-1 - k], color="C0", alpha=shade, linewidth=0, label=label)
     if len(levels) % 2:
         ax.plot(t, values[pairs], color="C0", linewidth=1.4, label=f"{100 * levels[pairs]:.4g} %")
+
+
+def sensitivity_plot(
+    found: Sensitivities,
+    name: str | None = None,
+    of: Literal["q", "qd", "tau"] = "q",
+    *,
+    joints: Sequence[str] | None = None,
+    axes: Axes | Sequence[Axes] | None = None,
+) -> Figure:
+    """Derivatives of a motion by one number over time, one panel for each joint.
+
+    Parameters
+    ----------
+    found : Sensitivities
+        Of `rne.sensitivities`.
+    name : str, optional
+        The number; by default the first.
+    of : {"q", "qd", "tau"}
+        Of positions, velocities or torques.
+    joints : sequence of str, optional
+        Names of the joints to show; by default all.
+    axes : matplotlib axes or sequence of them, optional
+        Where to draw, one for each joint; by default a new figure.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        One curve for each entry of the number.
+
+    Raises
+    ------
+    TypeError
+        If `found` are no Sensitivities, or `axes` are no axes.
+    ValueError
+        If the motion was not differentiated by this number, or `of` or a joint is unknown.
+    ImportError
+        If matplotlib is not installed.
+
+    Examples
+    --------
+    >>> import rne
+    >>> found = rne.sensitivities(rne.load("irb140"), [0] * 6, [0] * 6, 0.1, wrt=["gravity"])
+    >>> [ax.get_ylabel() for ax in rne.plotting.sensitivity_plot(found, "gravity", joints=["joint_2"]).axes]
+    ['position [rad] by gravity']
+    """
+    if not isinstance(found, Sensitivities):
+        raise TypeError(f"`found` must be rne.Sensitivities, got {type(found).__name__}")
+    _some_of(("q", "qd", "tau"), [of], "of", "quantity")
+    number = _some_of(tuple(found.dq), [next(iter(found.dq), "") if name is None else name], "name", "number")[0]
+    model, slopes = found.model, getattr(found, f"d{of}")[number]
+    names = _some_of(model.joint_names, model.joint_names if joints is None else joints, "joints", "joint")
+    where = panels(len(names), f"Derivatives by {number}, {model.name}") if axes is None else check_axes(axes, names)
+    entries = [f"{number}[{k}]" if slopes.shape[2] > 1 else number for k in range(slopes.shape[2])]
+    for ax, joint in zip(where, names, strict=True):
+        k = model.joint_names.index(joint)
+        plot_columns(ax, found.t, slopes[:, k], entries, joint_colors(len(entries)))
+        title, unit = QUANTITIES[of][not model.is_revolute[model.independent_joints[k]]]
+        style_axes(ax, f"{title} [{unit}] by {literal(number)}")
+        ax.set_title(literal(joint), fontsize="medium")
+    legend_beside(where[0])
+    return figure_of(where)
 
 
 def panels_of(

@@ -50,6 +50,7 @@ class FrozenScene:
     cost: Callable[..., Any] | None = None
     is_driven: bool = False  # True if torques are given, in place of a law
     damped_over: float = 0.0
+    follows_limits: bool = False  # True if control of errors follows laws whose drives are at a limit
 
     @cached_property
     def numbers(self) -> dict[str, Array]:
@@ -97,7 +98,8 @@ class FrozenScene:
             raise ValueError(f"the motion cannot be differentiated: {self.refused}")
         found = self.scene._dynamics("held") if self.is_driven else self.scene.dynamics
         cost = None if self.cost is None else UserFunction("cost", self.cost, (0, *[self.given.n] * 3))
-        found = replace(found, inertia=None, has_energies=False, cost=cost, damped_over=self.damped_over)
+        found = replace(found, has_energies=False, cost=cost, damped_over=self.damped_over)
+        found = found if self.follows_limits else replace(found, inertia=None)
         return found if self.law is None else replace(found, effort_limit=None)  # sampled within it
 
     @property

@@ -106,6 +106,7 @@ class RunResult:
     ending: str = ""
     failure: Failure | None = None
     method: str = ""
+    changed: bool = False  # True if there was another method before
     parts: list[Instants] = field(default_factory=list)  # of what is reported
     ends: list[Instants] = field(default_factory=list)  # just before what ends a segment
     asked: int = 0  # times of `t_eval` that were reported
@@ -353,6 +354,7 @@ class Run:
         if self.hold is not None:
             record.samples, record.acting = self.hold.samples(), self.hold.commands()
         record.status, record.ending, record.method = int(self.stop is not None), self._ending(), self.monitor.method
+        record.changed = bool(self.monitor.notes)
         return record
 
     def _failure(self, error: Exception) -> Failure:

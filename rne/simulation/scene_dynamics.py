@@ -411,9 +411,17 @@ class SceneDynamics(WithNumbers):
     def rates_and_drives_core(self, model: Model, t: Array, x: Array, u: Array | None = None) -> Any:
         """([dx/dt, torques of the drives], pivots, diagonal of M), traced."""
         rates, pivots, diagonal = self.right_hand_side_core(model, t, x, u)
+        return np.concatenate([rates, self.drive_torques_core(model, t, x, u)], axis=-1), pivots, diagonal
+
+    def drive_torques_core(self, model: Model, t: Array, x: Array, u: Array | None = None) -> Array:
+        """Torques of the drives within their limits."""
         drives, _ = self.drives(t, x, u)
-        drives = 0 * x[..., : self.joints] if drives is None else drives
-        return np.concatenate([rates, drives], axis=-1), pivots, diagonal
+        return 0 * x[..., : self.joints] if drives is None else drives
+
+    def accelerations_core(self, model: Model, t: Array, x: Array, u: Array | None = None) -> Array:
+        """dx/dt but for the rates of positions, which are entries of the state."""
+        rates: Array = self.right_hand_side_core(model, t, x, u)[0]
+        return rates[..., self.n :]
 
     def net_core(self, model: Model, t: Array, x: Array, u: Array | None = None) -> Array:
         """Net torques."""
@@ -526,6 +534,16 @@ class SceneDynamics(WithNumbers):
     def rates_and_drives(self) -> MethodQuantity:
         """dx/dt, then the torques of the drives within their limits."""
         return self._declared("rates_and_drives", "the right-hand side", check="_check_rates")
+
+    @cached_property
+    def drive_torques(self) -> MethodQuantity:
+        """Torques of the drives within their limits."""
+        return self._declared("drive_torques", "the torques of the drives")
+
+    @cached_property
+    def accelerations(self) -> MethodQuantity:
+        """dx/dt but for the rates of positions, which are entries of the state."""
+        return self._declared("accelerations", "the accelerations")
 
     @cached_property
     def residual(self) -> MethodQuantity:

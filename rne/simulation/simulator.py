@@ -125,7 +125,7 @@ def simulate(
     end, further = positive_number("duration", duration, zero_allowed=True), real_array("breaks", breaks, "(k,)")
     times = None if t_eval is None else check_times(t_eval, end)
     q, qd = dynamics.start(robot, q0, qd0)
-    x0 = np.concatenate([_one_state("q0", q), _one_state("qd0", qd), np.zeros(dynamics.size - 2 * dynamics.n)])
+    x0 = np.concatenate([one_state("q0", q), one_state("qd0", qd), np.zeros(dynamics.size - 2 * dynamics.n)])
     breaks, ends = law_breaks(scene.controller, further.tolist()), stops(robot.model) if scene.stops else []
     task = Task(x0, end, method, *tolerances(rtol, atol), times, breaks, ends, method == "auto", progress)
     called = scene.controller if dynamics.law is None else None
@@ -216,7 +216,8 @@ def law_breaks(law: Any, further: Sequence[float] = ()) -> list[float]:
     return found
 
 
-def _one_state(name: str, array: Array) -> Array:
+def one_state(name: str, array: Array) -> Array:
+    """An array of the start, checked to be of one motion."""
     if array.ndim == 1 and array.dtype == np.float64:
         return array
     return real_array(name, array, f"({array.shape[-1]},), one state").astype(np.float64)
