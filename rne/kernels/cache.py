@@ -137,6 +137,8 @@ class KernelCache:
 
     def variant(self, model: Model) -> KernelCache:
         """The kernels of another model derived from this one; of equal models the same."""
+        if model == self.model:
+            return self
         return self._variants.get_or_make(model, lambda: KernelCache(model, self.engine))
 
     def evaluate_quantity(

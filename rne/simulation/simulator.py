@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -128,9 +129,8 @@ def simulate(
     x0 = np.concatenate([one_state("q0", q), one_state("qd0", qd), np.zeros(dynamics.size - 2 * dynamics.n)])
     breaks, ends = law_breaks(scene.controller, further.tolist()), stops(robot.model) if scene.stops else []
     task = Task(x0, end, method, *tolerances(rtol, atol), times, breaks, ends, method == "auto", progress)
-    called = scene.controller if dynamics.law is None else None
-    called = called.law if isinstance(called, CalledLaw) else called
-    with one_at_a_time(called):
+    called = scene.controller.law if isinstance(scene.controller, CalledLaw) else scene.controller
+    with one_at_a_time(called) if dynamics.law is None else nullcontext():
         run = _run(scene, dynamics, "controller" if torque is None else "torque", task)
         motion, failure = run.trajectory()
     if failure is not None:
