@@ -80,6 +80,11 @@ class FrozenScene:
         return None if self.given.sample_time is None else self.scene._traced_law()
 
     @cached_property
+    def _as_given(self) -> SceneDynamics:
+        """The equations of the scene, which traces a user's law each time that it is asked."""
+        return self.scene.dynamics
+
+    @cached_property
     def refused(self) -> str:
         """Why steps do not follow from the state alone, and the cure; empty if they do."""
         scene, friction = self.scene, self.given.resolved.friction
@@ -87,7 +92,7 @@ class FrozenScene:
             return "`stops` end a run: set `stops` to False"
         if friction is not None and friction.sticks:
             return STICKS
-        if scene.controller is not None and self.law is None and not scene.is_traced:
+        if scene.controller is not None and self.law is None and self._as_given.law is None:
             return f"`controller` is called, as {scene._why_called}: mark it by rne.traceable"
         return ""
 
@@ -96,7 +101,7 @@ class FrozenScene:
         """The equations without energies; a ValueError names what has no derivative."""
         if self.refused:
             raise ValueError(f"the motion cannot be differentiated: {self.refused}")
-        found = self.scene._dynamics("held") if self.is_driven else self.scene.dynamics
+        found = self.scene._dynamics("held") if self.is_driven else self._as_given
         cost = None if self.cost is None else UserFunction("cost", self.cost, (0, *[self.given.n] * 3))
         found = replace(found, has_energies=False, cost=cost, damped_over=self.damped_over)
         found = found if self.follows_limits else replace(found, inertia=None)

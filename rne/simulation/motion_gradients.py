@@ -357,7 +357,7 @@ def _starts(scene: Scene, q0: ArrayLike, qd0: ArrayLike) -> tuple[tuple[Array, A
     q, qd = (real_numbers(name, x, f"({n},) or (N, {n})").astype(float) for name, x in (("q0", q0), ("qd0", qd0)))
     if q.ndim != qd.ndim or q.ndim not in (1, 2) or q.shape[:-1] != qd.shape[:-1]:
         raise ValueError(f"`q0` and `qd0` must both have shape ({n},) or (N, {n}), got {q.shape} and {qd.shape}")
-    scene.dynamics.start(scene.resolved.robot, q, qd)  # raises the errors of the arrays
+    scene._dynamics_without_law.start(scene.resolved.robot, q, qd)  # raises the errors of the arrays
     return (np.atleast_2d(q), np.atleast_2d(qd)), q.ndim == 1
 
 
