@@ -65,7 +65,7 @@ class FrozenScene:
         known = {**self.numbers, **{f"controller.{name}": x for name, x in models.items()}}
         for name in asked:
             if name.endswith(".breaks"):
-                raise ValueError(f"`wrt`: steps end at {name!r}, the times at which a law jumps: it has no derivative")
+                raise ValueError(f"steps end at {name!r}: it can be neither in `wrt` nor differ from motion to motion")
             if name not in known:
                 raise ValueError(f"`wrt`: {unknown(name, known)}, beside 'q0' and 'qd0'")
         varying = None

@@ -152,6 +152,8 @@ class _Task:
         try:
             found = self._of(group, starts, torque, schedule)
         except NotFiniteError as error:
+            if error.time is None:  # of `final`
+                raise
             longest = f"; steps of {schedule.lengths.max():.3g} s may be too long for the fastest decay"
             raise NotFiniteError(error.args[0] + longest, error.time) from None
         if found is None:
@@ -197,6 +199,7 @@ class _Task:
 def _kernels_at_end(final: UserFunction, model: Model) -> tuple[Kernel, Kernel]:
     """Of a function of the end and of its gradient."""
     traced: Any = traceable(lambda q, qd: final.function(q, qd))
+    traced.__name__ = final.name  # in errors
     return Kernel(traced, model, {}), Kernel(traced, model, {}, ("q", "qd"), order="gradient")
 
 
@@ -303,7 +306,7 @@ def motion_gradient(
 
     def tell(steps: int) -> None:
         nonlocal done
-        done += steps * L
+        done += steps * len(places)
         if progress is not None:
             progress(min(done, total), total)
 
@@ -311,7 +314,8 @@ def motion_gradient(
     memory, total, value, gradient = whole_number("memory", memory, least=1), 0, np.zeros(count), dict[str, Array]()
     longest = None if step is None else positive_number("step", step)
     for at, places in _side_by_side(frozen, own, count, end, L):
-        rows = np.append(places, np.full(L - len(places), places[-1]))  # the last motion fills the lanes
+        idle = L - len(places) if by_machine else 0
+        rows = np.append(places, np.full(idle, places[-1]))  # the last motion fills the lanes
         mine, given = {name: array[rows] for name, array in own.items()}, (starts[0][rows], starts[1][rows])
         how = torques[rows], end, chosen, tolerances(rtol, atol)
         schedule = fixed_schedule(at, chosen, end, longest) if longest else _steps_taken(at, mine, given, *how)
