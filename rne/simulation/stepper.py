@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
+from math import prod
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,7 +17,7 @@ from ..basics.spatial import Array
 from ..basics.text import short
 from ..errors import NotFiniteError, SingularMassMatrixError
 from ..integrators.loops import LANES, compiled
-from ..integrators.row_steps import Flat, Ranges, RowGroup, Slopes, pull_back_rows, step_rows
+from ..integrators.row_steps import RowGroup, RowSlopes, pull_back_rows, step_rows
 from ..integrators.step_control import aligned
 from ..integrators.tableaus import tableau
 from ..kernels.kernel import FLOAT64
@@ -26,9 +27,10 @@ from .frozen_motion import FrozenScene, Own, SideBySide, flat, schedule_of
 from .scene import Scene
 from .scene_dynamics import Bodies
 from .scene_numbers import BODIES, bodies_of, checked, friction_of_all, scene_of_all
-from .simulator import law_breaks, scene_argument
+from .simulator import scene_argument
 
 METHODS = {"rk4": "rk4", "tsit5": "Tsit5", "semi-implicit-euler": "semi-implicit-euler"}
+OTHERS = ("numbers", "of_law", "limits", "table", "law_table")  # of `Adjoint`
 
 
 class _Rows(NamedTuple):
@@ -39,12 +41,11 @@ class _Rows(NamedTuple):
     t: Array
     out: Array
     weights: Array = np.zeros((1, 0))
-    others: tuple[Array, ...] = ()  # derivatives by commands, numbers, limits and pieces, if they are asked for
+    others: Array = np.zeros((1, 0))  # derivatives by all but x, if they are asked for
 
     def part(self, rows: Array) -> _Rows:
         """Copies of some."""
-        x, u, t, out, weights = (a[np.minimum(rows, len(a) - 1)] for a in self[:5])
-        return _Rows(x, u, t, out, weights, tuple(a[rows] for a in self.others))
+        return _Rows(*(array[np.minimum(rows, len(array) - 1)] for array in self))
 
 
 class _Numbers:
@@ -53,10 +54,9 @@ class _Numbers:
     def __init__(self, frozen: FrozenScene, own: Own, given: Own) -> None:
         self.frozen, self.own, self.given = frozen, own, given
         self.count = max(map(len, own.values()), default=1)
-        self.side = side = SideBySide(frozen, own, self.count, by_machine=False)
-        self.limits = np.ascontiguousarray(side.limits.reshape(-1, self.count).T)
+        self.side = SideBySide(frozen, own, self.count, by_machine=False)
         self.pools: dict[bool, list[_Lanes]] = {False: [], True: []}  # those that no thread uses now, by `derive`
-        self._coefficients: dict[Any, Array] = {None: np.zeros((1, 0))}
+        self._columns: dict[bool, list[Array]] = {}
 
     def part(self, rows: Array) -> dict[str, Array]:
         """Those of some rows."""
@@ -66,63 +66,72 @@ class _Numbers:
         """True if these were given."""
         return all(np.array_equal(self.given[name], value) for name, value in numbers.items())
 
-    def coefficients(self, *, derive: bool) -> list[Array]:
-        """Of the kernels of equations and law, and of their gradients, in rows; (1, 0) where all have the scene's."""
-        frozen, side = self.frozen, self.side
-        kernels = [frozen.kernel, frozen.law_kernel, *([frozen.gradient, frozen.law_gradient] if derive else [])]
-        for kernel, numbers in zip(kernels, (side.numbers, side.law_numbers) * 2, strict=False):
-            if kernel is not None and kernel not in self._coefficients:
-                found = kernel.coefficients(numbers) if numbers.ndim == 2 else np.zeros((1, 0))
-                self._coefficients[kernel] = np.ascontiguousarray(found)
-        return [self._coefficients[kernel] for kernel in kernels]
+    def columns(self, *, derive: bool) -> list[Array]:
+        """Bounds of commands and what kernels take, (N, k) each; (1, 0) where all have the scene's."""
+        if derive not in self._columns:
+            frozen, side, none = self.frozen, self.side, np.zeros((1, 0))
+            kernels = [frozen.kernel, frozen.law_kernel, *([frozen.gradient, frozen.law_gradient] if derive else [])]
+            found = [side.limits.reshape(-1, self.count).T if self.own and frozen.law else none]
+            for kernel, numbers in zip(kernels, (side.numbers, side.law_numbers) * 2, strict=False):
+                found.append(kernel.coefficients(numbers) if kernel and numbers.ndim == 2 else none)
+            self._columns[derive] = found
+        return self._columns[derive]
 
 
 class _Lanes:
     """Rows side by side, as the texts of `row_steps` take them, in machine code or by NumPy."""
 
     def __init__(self, stepper: Stepper, numbers: _Numbers, L: int, *, by_machine: bool, derive: bool) -> None:
-        frozen, schedule = numbers.frozen, stepper._schedule
+        frozen, schedule, holds = numbers.frozen, stepper._schedule, stepper._holds
         self.numbers, self.by_machine, self.derive, self.count = numbers, by_machine, derive, L
         side = SideBySide(frozen, numbers.part(np.arange(L)), L, by_machine=by_machine)
         n, size, stages = side.n * L, side.size * L, len(schedule.tableau.B)
-        self.functions = side.rates, side.sampled_law, *(side.gradients if derive else ())
-        given = [side.rates.inputs[2][: n * frozen.is_driven], side.limits.reshape(-1)]
-        given += [function.begins for function in self.functions]
-        for function, own in zip(self.functions, numbers.coefficients(derive=derive), strict=True):
-            given.append(function.inputs[function.piece + 1] if by_machine and own.size else np.zeros(0))
-
-        def parts(x: Array, states: Array, pending: Array, acting: Array) -> tuple[Flat, Flat]:
-            waiting, held = pending.reshape(-1), acting[: n * stepper._holds]
-            return (x, states, waiting[: waiting.size - n], held), (x, states, waiting[n:], held)
-
-        begin, end = parts(np.zeros(size), side.holding.states[1], side.holding.pending, side.rates.inputs[2])
+        widths = [1, *(a.shape[1] * by_machine for a in numbers.columns(derive=derive))]
+        own = np.zeros(sum(widths) * L)
+        times, limits, *coefficients = np.split(own, np.cumsum(widths[:-1]) * L)
+        functions = [side.rates, side.sampled_law, *(side.gradients if derive else ())]
+        for k, (f, part) in enumerate(zip(functions, coefficients, strict=True)):
+            inputs = (*f.inputs[: f.piece + 1], part, *f.inputs[f.piece + 2 :]) if part.size else f.inputs
+            functions[k] = f._replace(inputs=inputs, begins=times)
+        rates, law, *gradients = functions
         ends = np.repeat(stepper._ranges, L, axis=1)
         self.group = RowGroup(
-            side.rates,
-            side.sampled_law,
+            rates,
+            law,
             schedule._replace(positions=schedule.positions * L),
-            side.holding,
+            side.holding._replace(limits=limits.reshape(2, -1)) if limits.size else side.holding,
             (np.zeros((stages, size)), np.zeros(size), np.zeros(n), np.zeros(n)),
             side.kept(*(len(schedule.lengths), stages) if derive else (0, 0)),
-            begin,
-            end,
-            tuple(given),
-            Ranges(ends, frozen.dynamics.n * L, np.zeros(ends.shape[1])),
+            np.zeros(stepper.size * L),
+            side.holding.pending.reshape(-1),
+            size,
+            n * holds,
+            rates.inputs[2][: n * frozen.is_driven],
+            own,
+            ends,
+            frozen.dynamics.n * L,
+            np.zeros(ends.shape[1]),
         )
         if derive:
-            a = side.adjoint(np.zeros(size), stages)
-            begin, end = parts(a.x, a.states, a.pending, a.held)
-            others = a.numbers, a.of_law, *(x.reshape(-1) for x in (a.limits, a.table, a.law_table))
-            self.slopes = Slopes(*side.gradients, a, end, begin, (a.held[: n * frozen.is_driven], *others))
+            state = np.zeros(stepper.size * L)
+            adjoint = side.adjoint(state[:size], stages)
+            of = {name: getattr(adjoint, name) for name in ("held", *OTHERS) if name != "held" or frozen.is_driven}
+            others = np.zeros(sum(array.size for array in of.values()))
+            parts = np.split(others, np.cumsum([array.size for array in of.values()])[:-1])
+            adjoint = adjoint._replace(**{k: a.reshape(of[k].shape) for k, a in zip(of, parts, strict=True)})
+            self.slopes = RowSlopes(gradients[0], gradients[1], adjoint, state, adjoint.pending.reshape(-1), others)
 
     def run(self, rows: _Rows, first: int, last: int, left: Array) -> None:
         """Rows from the first to before the last; those that need the recursion are marked as left."""
-        numbers = self.numbers
-        given = rows.u, numbers.limits, *[rows.t] * len(self.functions), *numbers.coefficients(derive=self.derive)
+        own, count = rows.t, self.numbers.count
+        if self.numbers.own and self.by_machine:
+            columns = [rows.t, *self.numbers.columns(derive=self.derive)]
+            own = np.hstack([np.broadcast_to(a, (count, a.shape[1])) for a in columns])
         text: Any = pull_back_rows if self.derive else step_rows
         text = compiled(text) if self.by_machine else text
-        more = (rows.weights, (first, last), rows.out, rows.others) if self.derive else ((first, last), rows.out)
-        text(*([self.group, self.slopes] if self.derive else [self.group]), rows.x, given, *more, left)
+        groups, span = [self.group, self.slopes] if self.derive else [self.group], (first, last)
+        more = (rows.weights, span, rows.out, rows.others) if self.derive else (span, rows.out)
+        text(*groups, rows.x, rows.u, own, *more, left)
 
 
 class Stepper:
@@ -159,7 +168,7 @@ class Stepper:
     Notes
     -----
     Rows are computed side by side by engine "numba", and a row does not depend on the others. A traced controller that
-    is not sampled is part of dx/dt.
+    is not sampled is part of dx/dt; where its torques jump, at its `breaks`, steps do not end by themselves.
 
     Examples
     --------
@@ -215,8 +224,6 @@ class Stepper:
         refused = found.refused
         if scene.torque_rate is not None:
             refused = "`torque_rate` asks for the command before: leave it out, or bound what the law gives"
-        elif scene.sample_time is None and law_breaks(scene.controller):
-            refused = "the torques of the `controller` jump at its `breaks`: give the scene a `sample_time`"
         if refused:
             raise ValueError(f"the scene has no steps that are a function of its state: {refused}")
         return found
@@ -434,17 +441,19 @@ class Stepper:
         if len(rows.t) > 1 and any(frozen.samples_of(name) for name in names):
             raise ValueError("`t` must be one number for derivatives by the samples of a motion")
         lanes = self._lanes(given, derive=True)
-        others = tuple(np.zeros((N, part.size // lanes.count)) for part in lanes.slopes.others)
+        others = np.zeros((N, len(lanes.slopes.others) // lanes.count))
         given.pools[True].append(lanes)
         wanted = np.broadcast_to(real_numbers("weights", weights, f"(N, {self.size})"), np.shape(x)).reshape(N, -1)
         self._run(given, rows._replace(weights=wanted.astype(np.float64, order="C"), others=others), workers)
-        numbers_of, of_law, limits, *tables = map(flat, others[1:])
-        adjoint = lanes.slopes.adjoint
-        shapes = [(len(a), N * a.shape[1] // lanes.count) for a in (adjoint.table, adjoint.law_table)]
-        table, law_table = (a.reshape(shape) for a, shape in zip(tables, shapes, strict=True))
-        fields = {"limits": limits.reshape(2, -1), "table": table, "law_table": law_table}
-        found = {"x": rows.out} | ({"u": others[0]} if frozen.is_driven else {})
-        found |= frozen.by_numbers(names, N, adjoint._replace(numbers=numbers_of, of_law=of_law, **fields))
+        found, first, parts = {"x": rows.out}, frozen.commanded * frozen.is_driven, dict[str, Array]()
+        if frozen.is_driven:
+            found["u"] = others[:, :first]
+        for name in OTHERS:
+            shape = getattr(lanes.slopes.adjoint, name).shape
+            last = first + prod(shape) // lanes.count
+            parts[name] = flat(others[:, first:last]).reshape(*shape[:-1], shape[-1] // lanes.count * N)
+            first = last
+        found |= frozen.by_numbers(names, N, lanes.slopes.adjoint._replace(**parts))
         return {name: a.reshape(*np.shape(x)[:-1], *a.shape[1:]) for name, a in found.items()}
 
     def jacobian(
@@ -563,7 +572,7 @@ class Stepper:
 
     def _run(self, numbers: _Numbers, rows: _Rows, workers: int) -> None:
         """Fill what rows give, in machine code in threads that take a stretch of them each, else by NumPy."""
-        count, derive = len(rows.x), len(rows.others) > 0
+        count, derive = len(rows.x), rows.weights.size > 0
         left = np.zeros(count, np.int64) if self._by_machine else np.ones(count, np.int64)
 
         def stretch(ends: tuple[int, int]) -> None:
@@ -584,7 +593,7 @@ class Stepper:
 
     def _by_numpy(self, numbers: _Numbers, rows: _Rows, some: Array) -> None:
         """Some rows by NumPy, whose errors name the first one at fault."""
-        part, derive = rows.part(some), len(rows.others) > 0
+        part, derive = rows.part(some), rows.weights.size > 0
         own = _Numbers(numbers.frozen, numbers.part(some), {})
         try:
             for name, array in (("x", part.x), ("u", part.u)):
@@ -592,7 +601,7 @@ class Stepper:
                     raise NotFiniteError(f"`{name}` is not finite")
             lanes = _Lanes(self, own, len(some), by_machine=False, derive=derive)
             lanes.run(part, 0, len(some), np.zeros(len(some), np.int64))
-            if not all(np.isfinite(array).all() for array in (part.out, *part.others)):
+            if not (np.isfinite(part.out).all() and np.isfinite(part.others).all()):
                 raise NotFiniteError("the result overflows")
         except (NotFiniteError, SingularMassMatrixError) as error:
             for k in some if len(some) > 1 else []:
@@ -602,8 +611,8 @@ class Stepper:
                 raise SingularMassMatrixError(error.what, error.cause, error.joints, state) from None
             raise NotFiniteError(error.args[0], error.time, state) from None
         rows.out[some] = part.out
-        for whole, array in zip(rows.others, part.others, strict=True):
-            whole[some] = array
+        if derive:
+            rows.others[some] = part.others
 
 
 def _period(scene: Scene, sample_time: float | None) -> float:
