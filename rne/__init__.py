@@ -21,7 +21,7 @@ from .model import Model
 from .robot import Robot, wrench
 
 if TYPE_CHECKING:
-    from . import bounds, control, elementwise, identification, kernels, plotting, trajectories
+    from . import bounds, control, elementwise, environments, identification, kernels, plotting, trajectories
     from .control.gains import Gains, check_gains
     from .control.laws import traceable
     from .identification import (
@@ -61,6 +61,7 @@ else:
             "control.gains": "Gains check_gains",
             "control.laws": "traceable",
             "elementwise": "",
+            "environments": "",
             "identification": "Consistency Excitation Identification "
             "excitation identify identify_drive_gains identify_payload",
             "kernels": "",
@@ -149,6 +150,7 @@ __all__ = [
     "dynamics",
     "elementwise",
     "ensemble",
+    "environments",
     "excitation",
     "identification",
     "identify",

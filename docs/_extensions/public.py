@@ -17,6 +17,7 @@ MODULES = (
     "control",
     "trajectories",
     "elementwise",
+    "environments",
     "plotting",
     "identification",
 )
@@ -47,6 +48,11 @@ INTERNAL = {
     "Robot.with_model",
     "Scene.dynamics",
     "Scene.resolved",
+    # The interface of gymnasium, which documents it.
+    "ArmEnv.reset",
+    "ArmEnv.step",
+    "ArmVectorEnv.reset",
+    "ArmVectorEnv.step",
 }
 
 # The head of a class's page lists its methods and properties by these groups; what is in none comes last.
