@@ -15,7 +15,7 @@ TUTORIALS = sorted(path.stem for path in FOLDER.glob("[0-9]*.py"))
 SHORT = {"01_torques_along_a_path", "10_from_a_dh_table_to_a_simulation"}
 USES = {  # what in a script shows that it needs an extra
     "plot": r"matplotlib|rne\.plotting|\.plot\(",
-    "robots": r'load\("(ur5|panda|so101)"\)',
+    "robots": r'load\("(ur5|panda|so101)"',
     "cluster": "distributed",
     "numba": 'engine="numba"',
     "view": r"rne\.view",
@@ -24,6 +24,7 @@ USES = {  # what in a script shows that it needs an extra
     "casadi": "import casadi",
     "jax": "import jax",
     "mcap": "from mcap",
+    "gymnasium": r"rne\.environments",
 }
 
 
@@ -36,6 +37,8 @@ def test_tutorial_runs(name, tmp_path, monkeypatch):
         pytest.importorskip("jax", reason="JAX is not installed, which the tutorial is about")
     if "from mcap" in (FOLDER / f"{name}.py").read_text(encoding="utf-8"):
         pytest.importorskip("mcap_ros2", reason="mcap-ros2-support is not installed, which writes the tutorial's log")
+    if "rne.environments" in (FOLDER / f"{name}.py").read_text(encoding="utf-8"):
+        pytest.importorskip("gymnasium", reason="gymnasium is not installed, whose environments the tutorial uses")
     work = tmp_path / "work"
     work.mkdir()
     monkeypatch.chdir(work)
