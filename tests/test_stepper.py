@@ -200,6 +200,17 @@ def test_numbers_are_those_of_a_scene_that_has_them():
     own["effort_limit"][2] = 0.5  # in place: those given last are not taken for them
     assert abs(stepper(x, numbers=own)[2] - found[2]).max() > 1e-3
 
+    with pytest.raises(ValueError, match=r"must have shape \(2, 2\), got \(3, 2\)"):  # known, but of three states
+        stepper(x[:2], numbers=own)
+
+
+def test_no_states_have_no_derivatives():
+    stepper, x, u = rne.Stepper(chain(), 0.01), np.zeros((0, 4)), np.zeros((0, 2))
+    for viscous in ([0.4, 0.2], u):
+        slopes = stepper.gradient(x, u, 1.0, {"friction.viscous": viscous})
+        assert {name: a.shape for name, a in slopes.items()} == {"x": (0, 4), "u": (0, 2), "friction.viscous": (0, 2)}
+    assert stepper.jacobian(x, u).shape == (0, 4, 6)
+
 
 def test_states_begin_and_begin_anew():
     stepper = rne.Stepper(sampled(law="pid", delay=0.023))
@@ -258,6 +269,9 @@ REFUSED = {
     "`out` must be a float64 array of shape (4,), got float64 (3,)": lambda: rne.Stepper(chain(), 0.01).into(
         np.zeros(4), np.zeros(2), np.zeros(3)
     ),
+    "`out` must be `x` itself or have none of its memory": lambda: (
+        lambda a: rne.Stepper(chain(), 0.01).into(a[1:], np.zeros((2, 2)), a[:-1])
+    )(np.zeros((3, 4))),
 }
 
 

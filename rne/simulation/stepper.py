@@ -62,9 +62,10 @@ class _Numbers:
         """Those of some rows."""
         return {name: array[np.minimum(rows, self.count - 1)] for name, array in self.own.items()}
 
-    def is_of(self, numbers: Mapping[str, ArrayLike]) -> bool:
-        """True if these were given."""
-        return all(np.array_equal(self.given[name], value) for name, value in numbers.items())
+    def is_of(self, numbers: Mapping[str, ArrayLike], count: int) -> bool:
+        """True if these were given, for so many states."""
+        equal = all(np.array_equal(self.given[name], value) for name, value in numbers.items())
+        return equal and (not self.own or self.count == count)
 
     def columns(self, *, derive: bool) -> list[Array]:
         """Bounds of commands and what kernels take, (N, k) each; (1, 0) where all have the scene's."""
@@ -383,6 +384,8 @@ class Stepper:
         for name, array, wanted in (("x", x, shape), ("u", u, (*shape[:-1], n)), ("out", out, shape)):
             if name != "u" or u is not None:
                 check_array(name, array, wanted, FLOAT64, "writeable" if name == "out" else "aligned")
+        if np.may_share_memory(x, out) and x.ctypes.data != out.ctypes.data:
+            raise ValueError("`out` must be `x` itself or have none of its memory")
         states = x.reshape(-1, self.size)
         commands = np.zeros((1, 0)) if u is None else u.reshape(-1, n)
         self._check_torques(u)
@@ -443,7 +446,9 @@ class Stepper:
         lanes = self._lanes(given, derive=True)
         others = np.zeros((N, len(lanes.slopes.others) // lanes.count))
         given.pools[True].append(lanes)
-        wanted = np.broadcast_to(real_numbers("weights", weights, f"(N, {self.size})"), np.shape(x)).reshape(N, -1)
+        wanted = np.broadcast_to(real_numbers("weights", weights, f"(N, {self.size})"), np.shape(x)).reshape(
+            states.shape
+        )
         self._run(given, rows._replace(weights=wanted.astype(np.float64, order="C"), others=others), workers)
         found, first, parts = {"x": rows.out}, frozen.commanded * frozen.is_driven, dict[str, Array]()
         if frozen.is_driven:
@@ -501,7 +506,7 @@ class Stepper:
         each = np.repeat(states, size, axis=0), repeated(u, 1) if u is not None else None
         found = self.gradient(*each, np.tile(np.eye(size), (len(states), 1)), own, workers, t=repeated(t, 0))
         rows = np.concatenate([found[name] for name in ("x", "u") if name in found], axis=1)
-        return rows.reshape(*np.shape(x)[:-1], size, -1)
+        return rows.reshape(*np.shape(x)[:-1], size, rows.shape[1])
 
     def _states(self, name: str, x: ArrayLike) -> Array:
         """States as rows."""
@@ -543,7 +548,7 @@ class Stepper:
         if not numbers:
             return self._own
         names, scene, known = tuple(numbers), self.scene, self.scene.numbers
-        if (last := self._known.get(names)) is not None and last.is_of(numbers):
+        if (last := self._known.get(names)) is not None and last.is_of(numbers, count):
             return last
         for name in ("delay", "torque_rate"):
             if name in numbers:
@@ -551,6 +556,7 @@ class Stepper:
         common = {k: x for k, x in numbers.items() if k in known and np.shape(x) in ((), known[k].shape)}
         scene = scene.with_numbers(common) if common else scene
         own = checked(scene, {name: x for name, x in numbers.items() if name not in common}, count)
+        own = own if count else {}
         if own:
             scene = scene_of_all(scene, own, Bodies.mask(bodies_of(scene, own)) if {*BODIES} & {*own} else None)
         frozen = self._frozen(scene, names)
