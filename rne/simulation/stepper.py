@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 from math import prod
@@ -507,6 +507,99 @@ class Stepper:
         found = self.gradient(*each, np.tile(np.eye(size), (len(states), 1)), own, workers, t=repeated(t, 0))
         rows = np.concatenate([found[name] for name in ("x", "u") if name in found], axis=1)
         return rows.reshape(*np.shape(x)[:-1], size, rows.shape[1])
+
+    def to_casadi(self, name: str = "step", *, symbolic: str = "SX", numbers: Sequence[str] = ()) -> Any:
+        """The interval as a CasADi function.
+
+        Parameters
+        ----------
+        name : str
+            Name of the function.
+        symbolic : {"SX", "MX"}
+            Scalar operations, or calls of a function of such.
+        numbers : sequence of str
+            Names of `Scene.numbers` that are arguments.
+
+        Returns
+        -------
+        casadi.Function
+            Of x, of torques u, or with a controller of t, of the `piece` of samples that it follows, and of numbers,
+            with _ in place of other signs than letters and digits; it gives x_next. It checks nothing.
+
+        Raises
+        ------
+        ImportError, ValueError, TypeError
+            If CasADi is missing or allows no such name, or the equations are too large to be written out.
+
+        Examples
+        --------
+        >>> import rne
+        >>> rne.Stepper(rne.load("irb140"), sample_time=0.01).to_casadi(symbolic="MX")  # doctest: +SKIP
+        Function(step:(x[12],u[6])->(x_next[12]) MXFunction)
+        """
+        from .step_exports import interval_to_casadi
+
+        return interval_to_casadi(self, name, symbolic, numbers)
+
+    def to_jax(self) -> Callable[..., Any]:
+        """The interval as a function of JAX, with its derivatives backwards, for jit, grad, vjp and vmap.
+
+        Returns
+        -------
+        callable
+            As a call, of (x, u=None, numbers=None, t=0.0) with states (..., size) in their dtype. XLA calls this stepper
+            on the host; derivatives, of first order, are by x, u and numbers.
+
+        Raises
+        ------
+        ImportError
+            If JAX is not installed.
+
+        Examples
+        --------
+        >>> import rne
+        >>> step = rne.Stepper(rne.load("irb140"), sample_time=0.01).to_jax()  # doctest: +SKIP
+        """
+        from .step_exports import interval_to_jax
+
+        return interval_to_jax(self)
+
+    def source(self, language: str = "c", name: str = "step") -> str:
+        """The interval as source text: of functions for dx/dt and for a law that is sampled, and the loop around them.
+
+        Parameters
+        ----------
+        language : {"c"}
+            C99.
+        name : str
+            Name of the function.
+
+        Returns
+        -------
+        str
+            ``void step(const double *t, const double *x, const double *u, double *x_next)``; u without a controller.
+            It checks nothing, allocates nothing, and gives NaN outside the samples that a law follows.
+
+        Raises
+        ------
+        ValueError
+            For any other language, or a name that is none in C.
+        TypeError
+            If the equations are too large to be written out.
+
+        Examples
+        --------
+        >>> import rne
+        >>> print(rne.Stepper(rne.load("irb140"), sample_time=0.01).source().splitlines()[-1])
+        }
+        """
+        from .step_exports import interval_to_c
+
+        if language != "c":
+            raise ValueError(f"`language` must be 'c', got {language!r}")
+        if not name.isidentifier() or not name.isascii():
+            raise ValueError(f"`name` must be letters, digits and underscores after a letter, got {name!r}")
+        return interval_to_c(self, name)
 
     def _states(self, name: str, x: ArrayLike) -> Array:
         """States as rows."""

@@ -1,0 +1,253 @@
+"""One control interval for others: as functions of CasADi and JAX, and as a function in C."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ..basics.spatial import Array
+from ..kernels.exports.casadi import to_casadi
+from ..kernels.kernel import Kernel, with_table
+from .frozen_motion import FrozenScene
+
+
+def interval_to_casadi(stepper: Any, name: str, symbolic: str, names: Sequence[str]) -> Any:
+    """See `Stepper.to_casadi`."""
+    frozen: FrozenScene = stepper._frozen(stepper.scene, tuple(names))
+    kernels, model = list[Any](), frozen.scene.resolved.robot.model
+    for function in (frozen.dynamics.right_hand_side, frozen.law and frozen.law.outputs):
+        whole: Any = function and replace(function, quantity=replace(function.quantity, of_run=None))
+        kernels.append(whole and Kernel(whole, model, {}))  # numbers are an input, nothing is computed of them before
+    functions = [
+        k and to_casadi(k, f"{name}_{part}", symbolic) for k, part in zip(kernels, ("rates", "law"), strict=True)
+    ]
+    import casadi as ca
+
+    kind, n, known = getattr(ca, symbolic), stepper.scene.n, stepper.scene.numbers
+    widths = {"x": stepper.size, "u": n * frozen.is_driven, "t": int(not frozen.is_driven)}
+    widths["piece"] = max(k.widths[k.names.index("piece")] if k and "piece" in k.names else 0 for k in kernels)
+    symbols = {key: kind.sym(key, width) for key, width in widths.items() if width}
+    plain = {key: re.sub(r"\W+", "_", key).strip("_") for key in names}
+    given = {key: kind.sym(plain[key], known[key].size) for key in names}
+
+    def vector(owner: Any, part: str) -> Any:
+        """The numbers that a kernel takes."""
+        found = [ca.DM(0, 1)]
+        for key, mask in owner.masks.items():
+            number = ca.DM(owner.numbers[key].reshape(-1))
+            if part + key in given and part + key not in frozen.of_bodies:
+                number = given[part + key]
+            for body, slopes in {} if part else frozen.of_bodies.items():
+                if key in slopes:
+                    by_body = ca.DM(slopes[key].reshape(len(slopes[key]), -1).T)
+                    number = number + by_body @ (given[body] - ca.DM(known[body].reshape(-1)))
+            found.append(number[np.flatnonzero(mask).tolist()])
+        return ca.vertcat(*found)
+
+    vectors = [owner and vector(owner, part) for owner, part in ((frozen.dynamics, ""), (frozen.law, "controller."))]
+
+    def call(k: int, t: Any, x: Any, u: Any = None) -> Any:
+        arguments = symbols | {"t": t, "x": x, "u": u, "numbers": vectors[k]}
+        return functions[k](*(arguments[key] for key in kernels[k].names))
+
+    limit = given.get("effort_limit", ca.DM(known.get("effort_limit", np.full(n, np.inf))))
+    x_next = _composed(stepper, ca, call, symbols, limit)
+    return ca.Function(name, [*symbols.values(), *given.values()], [x_next], [*symbols, *plain.values()], ["x_next"])
+
+
+def _composed(stepper: Any, ca: Any, call: Callable[..., Any], symbols: Mapping[str, Any], limit: Any) -> Any:
+    """The steps of `advance` on CasADi's symbols: call(0, t, x, u) is dx/dt, call(1, t, x) the law that is sampled."""
+    side, plan, n, t = stepper._own.side, stepper._schedule, stepper.scene.n, symbols.get("t", 0.0)
+    row, size, m, positions = symbols["x"], side.size, side.m, plan.positions
+    x, z, held = row[:size], row[size : size + m], symbols.get("u")
+    waiting = [row[first : first + n] for first in range(size + m, stepper.size, n)] if n else []
+    held = waiting.pop(0) if stepper._holds else held
+    for k, h in enumerate(plan.lengths.tolist()):
+        if plan.sampled[k]:
+            found = call(1, t, ca.vertcat(x, z))
+            waiting.append(ca.fmin(ca.fmax(found[:n], -limit), limit))
+            z = z + side.frozen.period * found[n:]
+        held = waiting.pop(0) if plan.acting[k] else held
+        slopes = list[Any]()
+        for a, at in zip(plan.tableau.A.tolist(), plan.times[k].tolist(), strict=False):
+            moved = x + h * sum((w * slope for w, slope in zip(a, slopes, strict=False) if w), 0.0)
+            slopes.append(call(0, t + at, moved, held))
+        total = sum(w * slope for w, slope in zip(plan.tableau.B.tolist(), slopes, strict=True))
+        if positions:  # which move with the rates at the end
+            total = ca.vertcat(x[positions : 2 * positions] + h * total[positions : 2 * positions], total[positions:])
+        x = x + h * total
+    if stepper.position_stops:
+        lower, upper = map(ca.DM, stepper._ranges)
+        q, rest, qd = x[:n], x[n : side.frozen.dynamics.n], x[side.frozen.dynamics.n :]
+        ends = ca.fmin(ca.fmax(q, lower), upper)
+        x = ca.vertcat(ends, rest, ca.if_else((q - ends) * qd[:n] > 0, 0.0, qd[:n]), qd[n:])
+    return ca.vertcat(x, z, *([held] if stepper._holds else []), *waiting)
+
+
+def interval_to_jax(stepper: Any) -> Callable[..., Any]:
+    """See `Stepper.to_jax`."""
+    try:
+        import jax
+        import jax.numpy as jnp
+    except ImportError:
+        raise ImportError("`to_jax` needs JAX, which is not installed: pip install 'rne[jax]'") from None
+    known = {name: x.ndim for name, x in stepper.scene.numbers.items()}
+
+    def rows(x: Any, u: Any, numbers: Any, t: Any) -> tuple[Any, ...]:
+        """Arguments of the same leading shape as rows."""
+        count, axes = int(np.prod(x.shape[:-1])), {**known, "x": 1, "u": 1, "t": 0}
+        given = {"x": x, "u": u, "t": t, **numbers}
+        each = {
+            k: np.asarray(a, np.float64).reshape(count, *a.shape[a.ndim - axes[k] :])
+            for k, a in given.items()
+            if a is not None
+        }
+        common = {k: a[0] if k != "x" and count and (a == a[:1]).all() else a for k, a in each.items()}
+        return common.pop("x"), common.pop("u", None), common, common.pop("t")
+
+    def values(*given: Any) -> Array:
+        x, u, own, t = rows(*given)
+        return np.asarray(stepper(x, u, own, t=t)).reshape(given[0].shape).astype(given[0].dtype)
+
+    def slopes(weights: Any, *given: Any) -> tuple[Any, ...]:
+        x, u, own, t = rows(*given)
+        found = stepper.gradient(x, u, np.asarray(weights, np.float64).reshape(x.shape), own, t=t)
+        each = {"x": given[0], "u": given[1], **given[2]}
+        found = {k: found[k].reshape(a.shape).astype(a.dtype) for k, a in each.items() if a is not None}
+        return found.pop("x"), found.pop("u", None), found
+
+    def called(function: Callable[..., Any], like: Any, *given: Any) -> Any:
+        shapes = jax.tree.map(lambda a: jax.ShapeDtypeStruct(a.shape, a.dtype), like)
+        return jax.pure_callback(function, shapes, *given, vmap_method="broadcast_all")
+
+    step: Any = jax.custom_vjp(lambda *given: called(values, given[0], *given))
+    step.defvjp(
+        lambda *given: (called(values, given[0], *given), given),
+        lambda given, weights: (*called(slopes, given[:3], weights, *given), jnp.zeros_like(given[3])),
+    )
+
+    def function(x: Any, u: Any = None, numbers: Mapping[str, Any] | None = None, t: Any = 0.0) -> Any:
+        x, leading = jnp.asarray(x), jnp.shape(x)[:-1]
+        u = None if u is None else jnp.broadcast_to(u, (*leading, jnp.shape(u)[-1]))
+        own = {k: jnp.asarray(a) for k, a in (numbers or {}).items()}
+        own = {k: jnp.broadcast_to(a, leading + a.shape[a.ndim - known[k] :]) for k, a in own.items()}
+        return step(x, u, own, jnp.broadcast_to(jnp.asarray(t, x.dtype), leading))
+
+    return function
+
+
+C_STEPS = """    for (int k = 0; k < {steps}; k++) {{{act}
+        for (int s = 0; s < {stages}; s++) {{
+            const double time = t[0] + at[k][s];{look_up}
+            for (int i = 0; i < {size}; i++) {{
+                double sum = 0.0;
+                for (int r = 0; r < s; r++)
+                    sum += a[s][r] * slope[r][i];
+                stage[i] = x_next[i] + h[k] * sum;
+            }}
+            {name}_rates(&time, stage, {given}slope[s]);
+        }}
+        for (int i = {size} - 1; i >= 0; i--) {{ /* the first ones may move with the rates at the end */
+            double sum = 0.0;
+            for (int r = 0; r < {stages}; r++)
+                sum += b[r] * slope[r][i];
+            x_next[i] += h[k] * (i < {positions} ? x_next[{positions} + i] : sum);
+        }}
+    }}"""
+C_LOOK_UP = """
+{indent}const double *piece = {name}_piece({time});
+{indent}if (!piece) {{
+{indent}    for (int i = 0; i < {row}; i++)
+{indent}        x_next[i] = NAN;
+{indent}    return;
+{indent}}}"""
+C_SAMPLE = """{look_up}
+    {name}(t, x, {piece}command);
+    for (int i = 0; i < {m}; i++)
+        x_next[{size} + i] += {period} * command[{n} + i];
+    for (int i = 0; i < {n}; i++) {{
+        for (int k = 0; k < {late}; k++)
+            queue[k][i] = x[{first} + {n} * k + i];
+        queue[{late}][i] = fmin(fmax(command[i], -limit[i]), limit[i]);
+        for (int k = 0; k < {late}; k++)
+            x_next[{first} + {n} * k + i] = queue[k + 1][i];
+        held[i] = {held};
+    }}"""
+C_ACT = """
+        for (int i = 0; k == {arrival} && i < {n}; i++)
+            held[i] = {lasting}queue[0][i];"""
+C_ENDS = """
+    for (int i = 0; i < {n}; i++) {{
+        const double out = x_next[i] > upper[i] ? 1.0 : x_next[i] < lower[i] ? -1.0 : 0.0;
+        x_next[i] = fmin(fmax(x_next[i], lower[i]), upper[i]);
+        if (out * x_next[{rates} + i] > 0.0)
+            x_next[{rates} + i] = 0.0;
+    }}"""
+
+
+def interval_to_c(stepper: Any, name: str) -> str:
+    """See `Stepper.source`."""
+    frozen, plan, n, row = stepper._own.frozen, stepper._schedule, stepper.scene.n, stepper.size
+    size, m, is_driven = stepper._own.side.size, stepper._own.side.m, frozen.is_driven
+    texts, has_piece = list[str](), dict[str, bool]()
+    for part, owner, function in (("rates", frozen.dynamics, "right_hand_side"), ("law", frozen.law, "outputs")):
+        if owner is not None:
+            quantity, numbers = getattr(owner, function), tuple(owner.vector.tolist())
+            kernel = with_table(frozen.scene.kernels.scene_kernel(quantity, numbers=numbers), owner.table)
+            title = re.compile(r"^(void |const double \*)[a-z_]+?(_piece)?\(", re.MULTILINE)
+            lines = title.sub(rf"static \1{name}_{part}\2(", kernel.source("c")).splitlines()
+            known = {line for line in texts if line.startswith(("#include", "static double"))}
+            texts += [line for line in lines if line not in known]
+            has_piece[part] = "piece" in kernel.names
+    arrays = {"a": plan.tableau.A, "b": plan.tableau.B, "h": plan.lengths, "at": plan.times}
+    holds, arrival = stepper._holds, int(np.argmax(plan.acting))
+    first = size + m + n * holds
+    fill: dict[str, Any] = {"name": name, "steps": len(plan.lengths), "stages": len(plan.tableau.B), "size": size}
+    fill |= {
+        "n": n,
+        "m": m,
+        "row": row,
+        "positions": plan.positions,
+        "first": first,
+        "late": (row - first) // max(n, 1),
+    }
+    fill |= {"arrival": arrival, "rates": frozen.dynamics.n, "period": frozen.period}
+    sample, act, ends, declared = "", "", "", [f"stage[{size}], slope[{fill['stages']}][{size}]"]
+    if frozen.law is not None:
+        arrays["limit"] = stepper._own.side.limits[0]
+        found = C_LOOK_UP.format(**fill | {"name": f"{name}_law", "indent": "    ", "time": "t[0]"})
+        own = {
+            "name": f"{name}_law",
+            "look_up": found if has_piece["law"] else "",
+            "held": f"x[{size + m} + i]" if holds else "0.0",
+        }
+        sample = C_SAMPLE.format(**fill | own | {"piece": "piece, " if has_piece["law"] else ""})
+        act = C_ACT.format(**fill, lasting=f"x_next[{size + m} + i] = " if holds else "")
+        declared += [f"command[{n + m}], queue[{fill['late'] + 1}][{n}], held[{n}]"]
+    if stepper.position_stops:
+        arrays |= {"lower": stepper._ranges[0], "upper": stepper._ranges[1]}
+        ends = C_ENDS.format(**fill)
+    look_up = C_LOOK_UP.format(**fill | {"name": f"{name}_rates", "indent": " " * 12, "time": "time"})
+    given = ("u, " if is_driven else "held, " if frozen.law else "") + ("piece, " if has_piece["rates"] else "")
+    steps = C_STEPS.format(**fill, act=act, look_up=look_up if has_piece["rates"] else "", given=given)
+    constants = [f"    static const double {k}{_sizes(array)} = {_literal(array)};" for k, array in arrays.items()]
+    heading = f"/* {stepper!r}: x_next of x{', torques u' * is_driven} and the time t of the begin. */"
+    head = f"void {name}(const double *t, const double *x, {'const double *u, ' * is_driven}double *x_next)"
+    copy = f"    for (int i = 0; i < {row}; i++)\n        x_next[i] = x[i];"
+    body = [*constants, *(f"    double {names};" for names in declared), copy + sample, steps + ends]
+    return "\n".join([*texts, "", heading, head, "{", *body, "}", ""])
+
+
+def _sizes(array: Array) -> str:
+    return "".join(f"[{k}]" for k in array.shape)
+
+
+def _literal(array: Array) -> str:
+    if array.ndim:
+        return f"{{{', '.join(map(_literal, array))}}}"
+    number = float(array)
+    return repr(number) if np.isfinite(number) else "INFINITY" if number > 0 else "-INFINITY"
