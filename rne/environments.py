@@ -63,7 +63,7 @@ class Sight:
         if np.shape(paid):
             raise ValueError(f"`reward` must return one number, got shape {np.shape(paid)}")
         speeds = qd / self.speed_limit
-        fastest = reduce(maximum, np.sqrt(speeds * speeds))
+        fastest = reduce(maximum, maximum(speeds, -speeds))
         seen = [*self._joints(q - self.middle), clip(speeds, -1.0, 1.0), *seen]
         return np.concatenate([*seen, [measure, paid, fastest]])
 
@@ -128,10 +128,15 @@ class ArmEnv(gymnasium.Env[Array, Array]):
     ValueError, TypeError
         If there is no such task or link, a joint has no limit of torque or speed, or an argument does not fit.
 
+    Notes
+    -----
+    Without its rotors, which few files have, a wrist is so light that its drives make it too fast at once.
+
     Examples
     --------
     >>> import rne
-    >>> env = rne.environments.ArmEnv(rne.load("irb140").with_limits(effort=100.0), link="tool0")
+    >>> scene = rne.Scene(rne.load("irb140"), armature=0.5, effort_limit=50.0)
+    >>> env = rne.environments.ArmEnv(scene, link="tool0")
     >>> observation, info = env.reset(seed=0)
     >>> observation, reward, terminated, truncated, info = env.step(env.action_space.sample())
     >>> observation.shape, 0 < reward < 1
@@ -256,7 +261,8 @@ class ArmVectorEnv(VectorEnv[Array, Array, Array]):
     Examples
     --------
     >>> import numpy as np, rne
-    >>> arms = rne.environments.ArmVectorEnv(100, rne.load("irb140").with_limits(effort=100.0), link="tool0")
+    >>> scene = rne.Scene(rne.load("irb140"), armature=0.5, effort_limit=50.0)
+    >>> arms = rne.environments.ArmVectorEnv(100, scene, link="tool0")
     >>> observations, infos = arms.reset(seed=0)
     >>> observations.shape, arms.step(np.zeros((100, 6)))[1].shape
     ((100, 15), (100,))
