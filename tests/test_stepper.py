@@ -225,6 +225,15 @@ def test_states_begin_and_begin_anew():
     np.testing.assert_allclose(held[2:4] - held[:2], elastic.resolved.robot.gravity_torque([0.3, 0.2]) / 100)
 
 
+def test_into_is_a_call_in_place_too():
+    stepper = rne.Stepper(chain(), 0.02)
+    x, u, _ = drawn(stepper)
+    expected, out = stepper(x, u), np.empty_like(x)
+    assert stepper.into(x, u, out) is out
+    assert (out == expected).all()
+    assert (stepper.into(x, u, x) == expected).all()
+
+
 def test_a_stepper_pickles_and_says_what_it_is():
     stepper = rne.Stepper(chain(), 0.02, substeps=2)
     x, u, _ = drawn(stepper)

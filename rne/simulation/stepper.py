@@ -177,8 +177,18 @@ class Stepper:
     >>> scene = rne.Scene(rne.load("ur5"), friction=rne.Friction(viscous=2.0), effort_limit="urdf")
     >>> stepper = rne.Stepper(scene, sample_time=0.02, substeps=4)
     >>> x = stepper.start(np.zeros((100, 6)), np.zeros((100, 6)))
-    >>> stepper(x, np.zeros((100, 6))).shape
-    (100, 12)
+    >>> u = scene.robot.gravity_torque(x[:, :6])
+    >>> np.allclose(stepper(x, u), x, atol=1e-9), stepper.into(x, u, x) is x
+    (True, True)
+    >>> slopes = stepper.gradient(x, u, np.eye(12)[6])  # of the velocities of joint 1
+    >>> bool((slopes["u"][:, 0] > 0).all()), stepper.jacobian(x, u).shape
+    (True, (100, 12, 18))
+    >>> (stepper.reset(x, np.arange(100) < 50, np.ones(12))[49:51, 0] > 0.5).tolist()
+    [True, False]
+    >>> function = stepper.to_casadi(symbolic="MX")  # doctest: +SKIP
+    >>> function = stepper.to_jax()  # doctest: +SKIP
+    >>> print(stepper.source("c").splitlines()[-1])
+    }
     """
 
     def __init__(
@@ -242,17 +252,6 @@ class Stepper:
         -------
         ndarray, shape (size,) or (N, size)
             States; without the motors' positions these hold the links at rest.
-
-        Raises
-        ------
-        ValueError
-            If an array has the wrong shape or is not finite.
-
-        Examples
-        --------
-        >>> import rne
-        >>> rne.Stepper(rne.load("irb140"), sample_time=0.01).start([0.1] * 6, [0] * 6).shape
-        (12,)
         """
         q, qd = self._own.frozen.dynamics.start(self.scene.resolved.robot, q0, qd0)
         q, qd = np.broadcast_arrays(q, qd)
@@ -274,19 +273,6 @@ class Stepper:
         -------
         ndarray
             `x`.
-
-        Raises
-        ------
-        ValueError
-            If an array has the wrong shape.
-
-        Examples
-        --------
-        >>> import numpy as np, rne
-        >>> stepper = rne.Stepper(rne.load("irb140"), sample_time=0.01)
-        >>> x = stepper.start(np.ones((2, 6)), np.ones((2, 6)))
-        >>> stepper.reset(x, [False, True], np.zeros(12)).sum(axis=1).tolist()
-        [12.0, 0.0]
         """
         chosen, begin = np.asarray(mask), np.broadcast_to(real_numbers("x0", x0, f"({self.size},)"), np.shape(x))
         if chosen.dtype != bool or chosen.shape != np.shape(x)[:-1]:
@@ -331,14 +317,6 @@ class Stepper:
             If an argument has the wrong shape, is not finite, or there is no such number.
         NotFiniteError, SingularMassMatrixError
             If a state is not finite or overflows, or M is singular; names the state.
-
-        Examples
-        --------
-        >>> import rne
-        >>> stepper = rne.Stepper(rne.load("irb140"), sample_time=0.01)
-        >>> x = stepper.start([0] * 6, [0] * 6)
-        >>> stepper(x, stepper.scene.robot.gravity_torque([0] * 6)).round(12).tolist() == x.tolist()
-        True
         """
         states = self._states("x", x)
         given, out = self._numbers(numbers, len(states)), np.empty_like(states)
@@ -347,7 +325,7 @@ class Stepper:
         return out.reshape(np.shape(x))
 
     def into(self, x: Array, u: Array | None, out: Array, *, t: float = 0.0) -> Array:
-        """Write the states at the end of the interval into an array; by engine "numba" no array is made.
+        """Write the states at the end of the interval into an array; by engine "numba" no state is copied.
 
         Parameters
         ----------
@@ -364,19 +342,6 @@ class Stepper:
         -------
         ndarray
             `out`.
-
-        Raises
-        ------
-        TypeError, ValueError, RneError
-            If an array is not as above; else those of a call.
-
-        Examples
-        --------
-        >>> import numpy as np, rne
-        >>> stepper = rne.Stepper(rne.load("irb140"), sample_time=0.01)
-        >>> x = stepper.start(np.zeros((3, 6)), np.zeros((3, 6)))
-        >>> stepper.into(x, np.zeros((3, 6)), x) is x
-        True
         """
         shape, n = np.shape(x), self.scene.n
         if shape not in ((self.size,), (*shape[:1], self.size)):
@@ -419,23 +384,9 @@ class Stepper:
         dict of str to ndarray
             By "x", by "u" where torques are given, and by the names of `numbers`, of their shapes for each state.
 
-        Raises
-        ------
-        ValueError, KeyError, RneError
-            As of a call.
-
         Notes
         -----
         Where torques are at a limit, or a joint at the end of its range, derivatives are those of that side.
-
-        Examples
-        --------
-        >>> import numpy as np, rne
-        >>> stepper = rne.Stepper(rne.load("irb140"), sample_time=0.01)
-        >>> x = stepper.start([0] * 6, [0] * 6)
-        >>> slopes = stepper.gradient(x, np.zeros(6), np.eye(12)[6])  # of the velocity of joint 1
-        >>> bool(slopes["u"][0] > 0), slopes["x"].shape
-        (True, (12,))
         """
         states = self._states("x", x)
         N, given = len(states), self._numbers(numbers, len(states))
@@ -483,18 +434,6 @@ class Stepper:
         -------
         ndarray, shape (size, size + n) or (N, size, size + n)
             Without torques (..., size, size).
-
-        Raises
-        ------
-        ValueError, KeyError, RneError
-            As of a call.
-
-        Examples
-        --------
-        >>> import numpy as np, rne
-        >>> stepper = rne.Stepper(rne.load("irb140"), sample_time=0.01)
-        >>> stepper.jacobian(stepper.start(np.zeros((5, 6)), np.zeros((5, 6))), np.zeros(6)).shape
-        (5, 12, 18)
         """
         states, size = self._states("x", x), self.size
         known = self.scene.numbers
@@ -530,12 +469,6 @@ class Stepper:
         ------
         ImportError, ValueError, TypeError
             If CasADi is missing or allows no such name, or the equations are too large to be written out.
-
-        Examples
-        --------
-        >>> import rne
-        >>> rne.Stepper(rne.load("irb140"), sample_time=0.01).to_casadi(symbolic="MX")  # doctest: +SKIP
-        Function(step:(x[12],u[6])->(x_next[12]) MXFunction)
         """
         from .step_exports import interval_to_casadi
 
@@ -547,18 +480,13 @@ class Stepper:
         Returns
         -------
         callable
-            As a call, of (x, u=None, numbers=None, t=0.0) with states (..., size) in their dtype. XLA calls this stepper
-            on the host; derivatives, of first order, are by x, u and numbers.
+            As a call, of (x, u=None, numbers=None, t=0.0) with states (..., size), in their dtype. XLA calls this
+            stepper on the host; derivatives, of first order, are by x, u and numbers.
 
         Raises
         ------
         ImportError
             If JAX is not installed.
-
-        Examples
-        --------
-        >>> import rne
-        >>> step = rne.Stepper(rne.load("irb140"), sample_time=0.01).to_jax()  # doctest: +SKIP
         """
         from .step_exports import interval_to_jax
 
@@ -586,12 +514,6 @@ class Stepper:
             For any other language, or a name that is none in C.
         TypeError
             If the equations are too large to be written out.
-
-        Examples
-        --------
-        >>> import rne
-        >>> print(rne.Stepper(rne.load("irb140"), sample_time=0.01).source().splitlines()[-1])
-        }
         """
         from .step_exports import interval_to_c
 
