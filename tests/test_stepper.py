@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import rne
+from benchmarks.peers.mujoco import MuJoCo
 
 from .helpers import kept
 from .random_robots import random_tree, straight_chain
@@ -369,3 +370,20 @@ def test_constant_torques_are_those_of_an_ensemble(method):
     motions = rne.ensemble(stepper.scene, q, qd, 0.02, torque=u, step=0.005, method=method)
     found = stepper(stepper.start(q, qd), u)
     np.testing.assert_allclose(found, np.hstack([motions.q[-1], motions.qd[-1]]), rtol=0, atol=ROUNDING)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("method", "theirs"), [("rk4", "RK4"), ("semi-implicit-euler", "EULER")])
+def test_steps_are_those_of_mujoco(method, theirs):
+    """Whose Euler has implicit damping as well."""
+    mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")
+    arm = rne.load("ur5")
+    scene = rne.Scene(arm, friction=rne.Friction(viscous=40.0), armature=0.1)
+    stepper, model = rne.Stepper(scene, 0.005, method=method), MuJoCo(arm.model).model
+    model.dof_armature[:], model.dof_damping[:], model.opt.timestep = 0.1, 40.0, 0.005
+    model.opt.integrator = int(getattr(mujoco.mjtIntegrator, f"mjINT_{theirs}"))
+    rng, data = np.random.default_rng(0), mujoco.MjData(model)
+    for q, qd, u in rng.uniform(-1, 1, (5, 3, 6)) * [[1], [1], [40]]:
+        data.qpos[:], data.qvel[:], data.qfrc_applied[:] = q, qd, u
+        mujoco.mj_step(model, data)
+        np.testing.assert_allclose(stepper([*q, *qd], u), [*data.qpos, *data.qvel], rtol=0, atol=ROUNDING)
