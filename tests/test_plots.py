@@ -316,6 +316,31 @@ def test_a_fan_has_a_panel_for_each_joint_with_its_unit(mixed, spread):
     assert len(ax.collections) == 2
 
 
+def test_derivatives_are_drawn_entry_by_entry():
+    """One panel for each joint, one curve for each entry of the number, by default the first."""
+    chain = rne.Robot(straight_chain(2))
+    found = rne.sensitivities(chain, [0.3, 0.1], [0, 0], 0.04, wrt=["q0", "gravity"], step=0.02)
+    figure = found.plot("gravity", "qd")
+    assert [ax.get_title() for ax in figure.axes] == ["joint0", "joint1"]
+    assert {ax.get_ylabel() for ax in figure.axes} == {"velocity [rad/s] by gravity"}
+    for k, ax in enumerate(figure.axes):
+        drawn = np.array([line.get_ydata() for line in ax.lines]).T
+        np.testing.assert_array_equal(drawn, found.dqd["gravity"][:, k])
+    assert [line.get_label() for line in figure.axes[0].lines] == ["gravity[0]", "gravity[1]", "gravity[2]"]
+    (ax,) = found.plot(joints=["joint1"]).axes
+    assert ax.get_ylabel() == "position [rad] by q0"
+    assert rne.plotting.sensitivity_plot(found, joints=["joint1"], axes=ax) is ax.figure
+    for wrong, message in (
+        ({"name": "qd0"}, r"`name` must be from \['q0', 'gravity'\], got 'qd0'"),
+        ({"of": "qdd"}, r"`of` must be from \['q', 'qd', 'tau'\], got 'qdd'"),
+        ({"joints": ["elbow"]}, r"`joints` must be from \['joint0', 'joint1'\], got 'elbow'"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            found.plot(**wrong)
+    with pytest.raises(TypeError, match=r"`found` must be rne\.Sensitivities, got dict"):
+        rne.plotting.sensitivity_plot({})
+
+
 def test_a_fan_of_an_even_number_of_quantiles_has_no_line(spread):
     ax = rne.plotting.quantile_plot(spread, ["joint_1"], [0.25, 0.75]).axes[0]
     assert (len(ax.collections), len(ax.lines)) == (1, 0)
