@@ -211,6 +211,11 @@ def test_where_a_law_jumps_torques_are_those_after_it():
     slopes = found.dtau["controller.reference"] + 20 * found.dq["controller.reference"]
     slopes = slopes + 2 * found.dqd["controller.reference"]
     np.testing.assert_allclose(slopes[:, 0], 20 * np.eye(3), rtol=0, atol=1e-12)
+    brake = rne.traceable(lambda t, q, qd: rne.elementwise.where(t > 0.1, -5.0, -2.0) * qd)
+    brake.breaks = (0.1,)
+    found = rne.sensitivities(rne.Scene(cart, controller=brake), [0.3], [1.0], 0.2, wrt="qd0", t_eval=[0.09, 0.1])
+    np.testing.assert_allclose(found.tau[:, 0], [-2, -5] * found.qd[:, 0], rtol=ROUNDING)
+    np.testing.assert_allclose(found.dtau["qd0"][:, 0, 0], [-2, -5] * found.dqd["qd0"][:, 0, 0], rtol=ROUNDING)
 
 
 def test_motors_behind_springs_begin_where_torsion_holds_the_links():
@@ -408,6 +413,7 @@ def test_a_motion_whose_method_changes_has_variational_equations():
     law = rne.traceable(lambda t, q, qd: -(2.0 + 1e5 * t**4) * qd - 5 * q)
     scene, how = rne.Scene(mass_on_a_rail(), controller=law), {"wrt": "q0", "t_eval": [0.0, 2.0]}
     found = rne.sensitivities(scene, [1.0], [0.0], 2.0, **how)
+    assert rne.simulate(scene, [1.0], [0.0], 2.0).run.changed
     assert " from t = " in found.message
     assert "; derivatives by the variational equations" in found.message
     finer = rne.sensitivities(scene, [1.0], [0.0], 2.0, method="LSODA", rtol=1e-10, atol=1e-12, **how)

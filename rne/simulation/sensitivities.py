@@ -38,7 +38,7 @@ from .simulator import METHODS, check_times, one_state, scene_argument, simulate
 AT_ONCE = 2**21  # bytes of derivatives of dx/dt at once, which stay in a processor's cache
 EXAMINED, LOOSE = 8, 3.0  # of the longest steps, and how much longer than modes ask for they may be
 TOLD = 999  # parts of a motion after each of which `progress` is told
-Made = Mapping[str, list[tuple[int, Array]]]  # by name: first directions of some, and matrices (k, some), to be added
+Made = Mapping[str, list[tuple[slice, Any]]]  # by name: directions, and matrices (k, some), or None, to be added
 
 
 class ByNames(Mapping[str, Array]):
@@ -49,8 +49,8 @@ class ByNames(Mapping[str, Array]):
 
     def __getitem__(self, name: str) -> Array:
         if name not in self._found:
-            parts = [self._along[..., p : p + matrix.shape[1]] @ matrix.T for p, matrix in self._made[name]]
-            self._found[name] = sum(parts[1:], parts[0])
+            parts = [self._along[..., p] if M is None else self._along[..., p] @ M.T for p, M in self._made[name]]
+            self._found[name] = sum(parts[1:], parts[0]).copy()
             self._found[name].flags.writeable = False
         return self._found[name]
 
@@ -70,25 +70,25 @@ class Columns:
 
     def __init__(self, frozen: FrozenScene, wrt: Sequence[str], starts: Sequence[Array]) -> None:
         dynamics, law, known = frozen.dynamics, frozen.law, frozen.scene.numbers
-        self.p, self.made = 0, {name: list[tuple[int, Array]]() for name in wrt}
+        self.p, self.made = 0, {name: list[tuple[slice, Any]]() for name in wrt}
         sizes = {name: known[name].size for name in wrt if name not in STARTS}
         sizes |= {name: len(x) for name, x in zip(STARTS, starts, strict=True) if name in wrt}
-        places = {name: self._add(name, np.eye(sizes[name])) for name in STARTS if name in wrt}
-        plain = {name: {name: np.eye(sizes[name])} for name in sizes if name not in (*BODIES, *STARTS)}
+        places = {name: self._add(name, sizes[name]) for name in STARTS if name in wrt}
+        plain: dict[str, dict[str, Any]] = {name: {name: None} for name in sizes if name not in (*BODIES, *STARTS)}
         self.numbers = self._of_vector(dynamics.masks, plain | frozen.of_bodies)
         masks = {} if law is None else {f"controller.{name}": mask for name, mask in law.masks.items()}
         self.of_law = self._of_vector(masks, plain)
         self.limits, self.delay, self.samples = np.full((2, frozen.commanded), -1), -1, -1
         for k, (name, factor) in enumerate((("effort_limit", 1.0), ("torque_rate", frozen.period))):
             if law is not None and name in wrt:
-                self.limits[k] = self._add(name, factor * np.eye(frozen.commanded))
+                self.limits[k] = self._add(name, frozen.commanded, factor * np.eye(frozen.commanded))
         if law is not None and "delay" in wrt:
-            self.delay = int(self._add("delay", np.eye(1))[0])
+            self.delay = int(self._add("delay", 1)[0])
         law = law or dynamics.law
         if law is not None and law.motion is not None and (name := f"controller.{law.motion[0]}") in wrt:
-            self.samples = int(self._add(name, np.eye(sizes[name]))[0])
+            self.samples = int(self._add(name, sizes[name])[0])
         for name, parts in self.made.items():
-            parts += [] if parts else [(0, np.zeros((sizes[name], 0)))]  # nothing depends on it
+            parts += [] if parts else [(slice(0), np.zeros((sizes[name], 0)))]  # nothing depends on it
         *by_starts, by_numbers = frozen.start_slopes(dynamics.vector, *(x[None] for x in starts))
         self.p, taken = max(self.p, 1), self.numbers >= 0
         self.start, self.scale = np.zeros((dynamics.size, self.p)), np.ones(self.p)  # scale: of numbers above 1
@@ -97,19 +97,21 @@ class Columns:
         for name, place in places.items():
             self.start[:, place] = by_starts[STARTS.index(name)][0]
 
-    def _add(self, name: str, matrix: Array) -> Array:
+    def _add(self, name: str, count: int, matrix: Array | None = None) -> Array:
         """New directions for a name; their numbers."""
-        self.made[name].append((self.p, matrix))
-        self.p += matrix.shape[1]
-        return np.arange(self.p - matrix.shape[1], self.p)
+        self.made[name].append((slice(self.p, self.p + count), matrix))
+        self.p += count
+        return np.arange(self.p - count, self.p)
 
-    def _of_vector(self, masks: Mapping[str, Array], own: Mapping[str, Mapping[str, Array]]) -> Array:
-        """Directions of the entries of a vector that names need: `own` has a matrix (k, ...) for each number."""
+    def _of_vector(self, masks: Mapping[str, Array], own: Mapping[str, Mapping[str, Any]]) -> Array:
+        """Directions of the entries of a vector that names need: `own` has a matrix (k, ...) or None of each number."""
         found = [np.zeros(0, np.int64)]
         for of, mask in masks.items():
             count, users = int(mask.sum()), [name for name, parts in own.items() if of in parts]
             for name in users:
-                self.made[name].append((self.p, own[name][of].reshape(-1, mask.size)[:, mask.reshape(-1)]))
+                matrix = np.eye(mask.size) if own[name][of] is None and count < mask.size else own[name][of]
+                matrix = matrix if matrix is None else matrix.reshape(-1, mask.size)[:, mask.reshape(-1)]
+                self.made[name].append((slice(self.p, self.p + count), matrix))
             found.append(self.p + np.arange(count) if users else np.full(count, -1))
             self.p += count if users else 0
         return np.concatenate(found)
