@@ -479,6 +479,15 @@ class TestArguments:
             with pytest.raises(ValueError, match=text):
                 self.gradient(scene, **given)
 
+    @pytest.mark.parametrize(("kind", "given", "late"), [("cubic", {}, 0.004), ("hold", SAMPLED, 0.014)])
+    def test_motions_beyond_the_samples_that_a_law_follows_are_refused(self, kind, given, late):
+        """A sampled law needs none behind its last sample."""
+        scene = rne.Scene(arm(), controller=rne.control.pd(arm(), [80, 90], [3, 2], samples(kind)), **given)
+        how = {"wrt": "q0", "step": 0.01, "final": final}
+        rne.motion_gradient(scene, *start(scene), 0.1 + late - 0.004, **how)
+        with pytest.raises(ValueError, match=r"`t` must be within the samples, 0 to 0\.1 s, got 0\.1"):
+            rne.motion_gradient(scene, *start(scene), 0.1 + late, **how)
+
     def test_no_motions_have_no_derivatives(self):
         scene, starts = CASES["friction: coulomb"][0], np.zeros((2, 0, 2))
         found = rne.motion_gradient(scene, *starts, **USUAL, final=final, wrt=["q0", "friction.smoothing", "gravity"])

@@ -14,6 +14,7 @@ import inspect
 import logging
 import math
 import re
+import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
@@ -29,6 +30,7 @@ INLINED: list[Callable[..., Any]] = []  # texts that other texts call, not yet k
 REPLACED: list[
     tuple[Callable[..., Any], Callable[..., Any]]
 ] = []  # functions of NumPy with their loops, as yet unknown
+TRANSLATING = threading.Lock()
 NO_PIECES: Array = np.zeros(0)  # in place of a table of pieces
 OPTIONS: Any = {"error_model": "numpy", "fastmath": {"contract", "nsz"}, "no_cpython_wrapper": True}
 OPTIONS |= {"no_cfunc_wrapper": True, "_nrt": False}  # loops own no memory: they count no references
@@ -139,10 +141,11 @@ def compiled(text: Callable[..., Any]) -> Callable[..., Any]:
         if result is None:  # it was made for other kinds of arguments
             arguments = _plain(arguments)
             kind = kind_of(arguments)
-            if kind not in made:
-                made[kind] = _compiled(text, arguments, kind)
-            last = made[kind]
-            result = last(*arguments)
+            with TRANSLATING:  # threads that begin together wait for one translation
+                if kind not in made:
+                    made[kind] = _compiled(text, arguments, kind)
+            last = found = made[kind]  # another thread may set `last` for its own kinds
+            result = found(*arguments)
             if result is None:
                 raise RuntimeError(f"{text.__qualname__} raised an exception in machine code")
         return result

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ..basics.numbers import part_of
-from ..basics.piecewise import NO_TABLES
+from ..basics.piecewise import NO_TABLES, numbers_at
 from ..basics.spatial import Array
 from ..control.law_numbers import models_of
 from ..control.sampled_loop import in_periods
@@ -343,6 +343,12 @@ class SideBySide:
         if kernel is not None and kernel.wrt:
             entries = sum(kernel.widths[kernel.names.index(name)] for name in kernel.wrt)
         return scene_function(kernel, entries, numbers, self.count, tables, by_machine=self.by_machine)
+
+    def check_within_samples(self, first: float, last: float, sampled: float) -> None:
+        """Raise a ValueError for times, the last one of the equations or of a sampled law, outside of its samples."""
+        for tables, end in ((self.tables, last), (self.law_tables, sampled)):
+            if len(tables):
+                numbers_at(tables[0], np.array([first, end]))
 
     def kept(self, steps: int, stages: int) -> Kept:
         """Room for so many steps."""

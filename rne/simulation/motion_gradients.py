@@ -164,6 +164,8 @@ class _Task:
         self, group: SideBySide, starts: tuple[Array, Array], torque: Array, schedule: Schedule
     ) -> tuple[Array, dict[str, Array]] | None:
         run, L = _Backwards(group, schedule, self.memory, self.tell), group.count
+        end, samples = schedule.begins[-1] + schedule.lengths[-1], schedule.begins[schedule.sampled > 0]
+        group.check_within_samples(0.0, end, samples.max(initial=0.0))
         x = flat(self.frozen.start(group.numbers, *starts))
         if torque.size:
             group.rates.inputs[2][:] = flat(torque)

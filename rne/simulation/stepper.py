@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import convert_numbers, positive_number, real_numbers, whole_number
-from ..basics.piecewise import numbers_at
 from ..basics.spatial import Array
 from ..basics.text import short
 from ..errors import NotFiniteError, SingularMassMatrixError
@@ -169,7 +168,8 @@ class Stepper:
     Notes
     -----
     Rows are computed side by side by engine "numba", and a row does not depend on the others. A traced controller that
-    is not sampled is part of dx/dt; where its torques jump, at its `breaks`, steps do not end by themselves.
+    is not sampled is part of dx/dt; where its torques jump, at its `breaks`, steps do not end by themselves. A
+    controller that is changed in place needs another stepper.
 
     Examples
     --------
@@ -550,12 +550,11 @@ class Stepper:
 
     def _times(self, given: _Numbers, t: ArrayLike, count: int) -> Array:
         """Times as rows, within the samples that a law follows."""
-        array, side = real_numbers("t", t, "(N,)"), given.side
+        array = real_numbers("t", t, "(N,)")
         if array.shape not in ((), (count,)):
             raise ValueError(f"`t` must be one number or of shape ({count},), got {array.shape}")
-        for tables, length in ((side.tables, self.sample_time), (side.law_tables, 0.0)):
-            if len(tables) and array.size:
-                numbers_at(tables[0], np.array([array.min(), array.max() + length]))
+        if array.size:
+            given.side.check_within_samples(array.min(), array.max() + self.sample_time, array.max())
         return np.ascontiguousarray(array.reshape(-1, 1), dtype=np.float64)
 
     def _numbers(self, numbers: Mapping[str, ArrayLike] | None, count: int) -> _Numbers:
