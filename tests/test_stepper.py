@@ -279,6 +279,9 @@ REFUSED = {
     "`out` must be a float64 array of shape (4,), got float64 (3,)": lambda: rne.Stepper(chain(), 0.01).into(
         np.zeros(4), np.zeros(2), np.zeros(3)
     ),
+    "`x` must be a float64 array of shape (2, 4), got int64 (2, 4)": lambda: rne.Stepper(chain(), 0.01).reset(
+        np.zeros((2, 4), int), [True, False], np.full(4, 0.5)
+    ),
     "`out` must be `x` itself or have none of its memory": lambda: (
         lambda a: rne.Stepper(chain(), 0.01).into(a[1:], np.zeros((2, 2)), a[:-1])
     )(np.zeros((3, 4))),

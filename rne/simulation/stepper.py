@@ -263,7 +263,7 @@ class Stepper:
         Parameters
         ----------
         x : ndarray, shape (N, size)
-            States, which change.
+            States, which change, float64 in C order.
         mask : array_like of bool, shape (N,)
             Those to be replaced.
         x0 : array_like, shape (size,) or (N, size)
@@ -274,10 +274,11 @@ class Stepper:
         ndarray
             `x`.
         """
-        chosen, begin = np.asarray(mask), np.broadcast_to(real_numbers("x0", x0, f"({self.size},)"), np.shape(x))
+        chosen = np.asarray(mask)
         if chosen.dtype != bool or chosen.shape != np.shape(x)[:-1]:
             raise ValueError(f"`mask` must be bool of shape {np.shape(x)[:-1]}, got {chosen.dtype} of {chosen.shape}")
-        x[chosen] = begin[chosen]
+        check_array("x", x, (*chosen.shape, self.size), FLOAT64, "writeable")
+        x[chosen] = np.broadcast_to(real_numbers("x0", x0, f"({self.size},)"), x.shape)[chosen]
         return x
 
     def __call__(
