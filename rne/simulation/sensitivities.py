@@ -50,7 +50,7 @@ class ByNames(Mapping[str, Array]):
     def __getitem__(self, name: str) -> Array:
         if name not in self._found:
             parts = [self._along[..., p] if M is None else self._along[..., p] @ M.T for p, M in self._made[name]]
-            self._found[name] = sum(parts[1:], parts[0]).copy()
+            self._found[name] = np.ascontiguousarray(sum(parts[1:], parts[0]))
             self._found[name].flags.writeable = False
         return self._found[name]
 
@@ -618,6 +618,9 @@ def _differentiated(task: SensitivityTask, method: str, why: str, tolerated: tup
         elif not run.along_steps(schedule):
             run = Forwards(task, by_machine=False)
             run.along_steps(schedule)
+    except NotFiniteError as error:
+        longest = f"; steps of {np.diff(ends).max():.3g} s may be too long for the fastest decay"
+        raise NotFiniteError(error.args[0] + longest * (method == FIXED), error.time) from None
     except KeyboardInterrupt:
         text = f"sensitivities interrupted at t = {run.reached:.6g} s of {ends[-1]:g} s"
         found = _result(run, int(np.searchsorted(run.t, run.reached)), method, "interrupted")
