@@ -518,5 +518,5 @@ def test_derivatives_that_overflow_are_named():
     """Of an unstable equilibrium, which the motion does not leave."""
     law = rne.traceable(lambda t, q, qd: 1e12 * q)
     scene = rne.Scene(mass_on_a_rail(), controller=law, gravity=[0, 0, 0])
-    with pytest.raises(rne.NotFiniteError, match="derivatives overflow before t = .*; steps of 0.001 s may be"):
+    with pytest.raises(rne.NotFiniteError, match=r"derivatives overflow before t = .*; steps of 0.001 s may be"):
         rne.sensitivities(scene, [0.0], [0.0], 0.05, wrt="q0", step=1e-3)
