@@ -142,6 +142,10 @@ CASES = {
         chain(springs=[SPRING], payload=rne.Payload(0.3, [0.1, 0, 0], 0.01 * np.eye(3))),
         {"springs[0].stiffness": 50.0, "payload": [0.3, 0.03, 0, 0, 0.01, 0, 0.013, 0, 0, 0.013]},
     ),
+    "articulated bodies": lambda: (
+        rne.Scene(rne.Robot(straight_chain(21)), friction=rne.Friction(viscous=2.0)),
+        {"friction.viscous": np.full(21, 2.0)},
+    ),
     "mimics": lambda: (
         rne.Scene(rne.Robot(random_tree(3, seed=3, branching=0.4, mimics=2)), friction=rne.Friction(viscous=2.0)),
         {"friction.viscous": [2, 2, 2]},

@@ -14,7 +14,6 @@ Vectors and blocks instead of 6-vectors: the tracer then finds more zeros.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -33,7 +32,7 @@ from ..basics.spatial import (
     zeros,
 )
 from ..errors import ModelError
-from ..model.model import Model
+from ..model.model import Model, with_unchecked
 from .crba import composite_inertias, mass_diagonal
 from .kinematics import BASE, joint_transforms, velocities
 from .precision import check_accelerations
@@ -159,9 +158,10 @@ def articulated_forward_dynamics(
         qdd_i = (joint.u - dot(joint.U.n, alpha_i)[..., None] - dot(joint.U.f, a_i)[..., None]) / joint.d
         alpha[i], a[i] = alpha_i + s[i] * qdd_i, a_i + t[i] * qdd_i
         qdd[..., i], pivots[..., i] = qdd_i[..., 0], joint.d[..., 0]
+    weightless = with_unchecked(model, gravity=np.zeros(3))
     note_solution(
         qdd,
-        lambda y: articulated_forward_dynamics.core(replace(model, gravity=np.zeros(3)), q, np.zeros_like(q), y)[0],
+        lambda y: articulated_forward_dynamics.core(weightless, q, np.zeros_like(q), y)[0],
         lambda y: inertia_torque(model, q, y),
         lambda x: inverse_dynamics.core(model, q, qd, x, external=external) - tau,
     )

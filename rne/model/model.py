@@ -405,6 +405,11 @@ def unchecked_model(values: dict[str, Any]) -> Model:
     return model
 
 
+def with_unchecked(model: Model, **values: Any) -> Model:
+    """The model with other values of some fields, which are not checked and may be traced, for dynamics alone."""
+    return unchecked_model({f.name: getattr(model, f.name) for f in fields(model)} | values)
+
+
 ARRAY_FIELDS = frozenset(f.name for f in fields(Model) if f.type == "Array")
 
 

@@ -7,7 +7,7 @@ with P positive semidefinite; Wensing, Kim and Slotine 2018.
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import real_array
 from ..basics.spatial import IDENTITY, Array, dot, outer, point_mass_inertia, symmetric, transpose, zeros
-from .model import Model, model_argument, unchecked_model
+from .model import Model, model_argument, with_unchecked
 from .solids import Moments
 
 PARAMETERS = 10  # of a body
@@ -37,7 +37,7 @@ def of_states(model: Model, states: Any) -> Model:
 
 def with_moments(model: Model, moments: Moments) -> Model:
     """The robot for dynamics alone, with other moments of mass: (..., nb), (..., nb, 3) and (..., nb, 3, 3)."""
-    return unchecked_model({f.name: getattr(model, f.name) for f in fields(model)} | {"given_moments": moments})
+    return with_unchecked(model, given_moments=moments)
 
 
 def parameters_of(model: Model) -> Array:

@@ -42,7 +42,7 @@ from ..elementwise import clip
 from ..graph.graph import Graph
 from ..graph.scalar import inputs, is_present, references
 from ..kernels.trace import LIMIT
-from ..model.model import Model, joint_array, unchecked_model
+from ..model.model import Model, joint_array, with_unchecked
 from ..model.parameters import moments_as_vector, moments_of_vector, with_fewest_terms
 from ..robot import Robot
 from .friction import Friction, viscous_slope
@@ -119,9 +119,8 @@ class Bodies(NamedTuple):
 
     def in_model(self, model: Model) -> Model:
         """The model with these, for dynamics alone."""
-        values = {f.name: getattr(model, f.name) for f in fields(model)}
-        values |= {"armature": np.array(self.armature), "gravity": np.array(self.gravity)}
-        return unchecked_model(values | {"given_moments": moments_of_vector(np.asarray(self.moments))})
+        moments, rotors = moments_of_vector(np.asarray(self.moments)), np.array(self.armature)
+        return with_unchecked(model, given_moments=moments, armature=rotors, gravity=np.array(self.gravity))
 
 
 def _hashable(numbers: Any) -> Any:
@@ -397,8 +396,7 @@ class SceneDynamics(WithNumbers):
         armature = [*model.armature]
         for i, inertia in zip(model.independent_joints, added, strict=True):
             armature[i] = armature[i] + inertia
-        values = {f.name: getattr(model, f.name) for f in fields(model)}
-        return unchecked_model(values | {"armature": np.stack(np.broadcast_arrays(*armature))})
+        return with_unchecked(model, armature=np.stack(np.broadcast_arrays(*armature)))
 
     def right_hand_side_core(self, model: Model, t: Array, x: Array, u: Array | None = None) -> Any:
         """(dx/dt, pivots, diagonal of M), traced."""
