@@ -23,9 +23,6 @@ from ..basics.spatial import Array
 from .array_loops import add, add_columns, add_product, combination, fill, move, put
 from .loops import by_loops, evaluate, inline, row_at
 
-NONE: Array = np.zeros((0, 0))
-FREE, AT_LIMIT, AT_CHANGE = 0, 1, 2  # of a command: not bounded, or by which bound; negative at the lower one
-
 
 class Schedule(NamedTuple):
     """K steps of S stages, the same for all motions side by side."""
@@ -70,7 +67,7 @@ class Kept(NamedTuple):
     stages: Array  # (K, S, size L), states
     held: Array  # (K, n L), commands that act
     states: Array  # (K, m L), of the law at its sample
-    bounds: Array  # (K, n L), FREE or the bound that a command is at
+    bounds: Array  # (K, n L), of commands: 0 where free, 1 at the limit, 2 at that of the change, negative below 0
 
 
 class Adjoint(NamedTuple):

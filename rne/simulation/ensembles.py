@@ -36,8 +36,8 @@ from ..model.parameters import PARAMETERS
 from ..robot import Robot
 from .plant import Plant, with_own_law
 from .scene import Scene
-from .scene_dynamics import Bodies, SceneDynamics
-from .scene_numbers import BODIES, SceneNumbers, bodies_as_numbers, bodies_of, checked, friction_of_all, scene_of_all
+from .scene_dynamics import SceneDynamics
+from .scene_numbers import SceneNumbers, checked, friction_of_all, numbers_of_dynamics, scene_of_all
 from .simulator import METHODS, check_times, law_breaks, scene_argument, simulate, tolerances
 from .zero_order_hold import held_side_by_side
 
@@ -314,8 +314,7 @@ def _numbers(
         shape = (count, PARAMETERS * scene.resolved.robot.model.nb)
         given["parameters"] = real_array("parameters", parameters, f"{shape}, ten per body for each initial state")
     own = checked(scene, given, count)
-    varying = Bodies.mask(bodies_of(scene, own)) if {*BODIES} & {*own} else None
-    return scene_of_all(scene, own, varying), own
+    return scene_of_all(scene, own), own
 
 
 def _starts(
@@ -475,13 +474,6 @@ class BatchRun:
     fallback: SequentialRun  # for motions that turn out to be stiff, and those with held torques that lanes leave
     held: Callable[[Mapping[str, Array], Array], Hold] | None = None  # torques of a chunk that are, in lanes
 
-    def _of_dynamics(self, own: Mapping[str, Array]) -> dict[str, Array]:
-        """The numbers of motions as the equations have them: moments of bodies in place of their parameters."""
-        found = {name: array for name, array in own.items() if name not in BODIES}
-        if {*BODIES} & {*own}:
-            found |= bodies_as_numbers(self.fallback.scene, own)
-        return found
-
     def _tables(self, own: Mapping[str, Array]) -> Array:
         """The pieces of the motion that a law follows, one table for all or one for each, as of `TracedLaw.tables`."""
         law = self.dynamics.law
@@ -504,7 +496,11 @@ class BatchRun:
     def run(self, chunk: Chunk, advance: Progress) -> Motions:
         """The motions of a chunk."""
         x, evaluations, verdict, is_done = chunk.x, 0, OK, True
-        own = self.dynamics.vectors(self._of_dynamics(chunk.numbers)) if chunk.numbers else self.dynamics.vector
+        own = (
+            self.dynamics.vectors(numbers_of_dynamics(self.fallback.scene, chunk.numbers))
+            if chunk.numbers
+            else self.dynamics.vector
+        )
         places, stiff = chunk.first + np.arange(len(x)), np.zeros(len(x), dtype=bool)
         run: Callable[..., BatchResult] = run_batch if self.held is None else run_lanes
         last = places if self.held is None else self.held(chunk.numbers, chunk.torque)

@@ -29,7 +29,7 @@ from ..kernels.kernel import Kernel
 from ..model.parameters import PARAMETERS, at_parameters
 from .scene import Scene
 from .scene_dynamics import Bodies, SceneDynamics, UserFunction
-from .scene_numbers import BODIES, bodies_as_numbers, unknown
+from .scene_numbers import BODIES, bodies_as_numbers, numbers_of_dynamics, unknown
 from .simulator import law_breaks
 
 STARTS = ("q0", "qd0")
@@ -157,11 +157,6 @@ class FrozenScene:
         if self.law is None or self.law_kernel is None:
             return None
         return self.scene.kernels.scene_gradient(self.law.outputs, *self._wrt(self.law_kernel))
-
-    def own_of_dynamics(self, own: Own) -> dict[str, Array]:
-        """Numbers of motions as the equations have them: moments of bodies in place of parameters."""
-        found = {name: array for name, array in own.items() if name not in BODIES}
-        return found | (bodies_as_numbers(self.scene, dict(own)) if {*BODIES} & {*own} else {})
 
     @cached_property
     def of_bodies(self) -> dict[str, dict[str, Array]]:
@@ -311,7 +306,7 @@ class SideBySide:
     def __init__(self, frozen: FrozenScene, own: Own, count: int, *, by_machine: bool) -> None:
         self.frozen, self.own, self.count, self.by_machine = frozen, own, count, by_machine
         dynamics, law = frozen.dynamics, frozen.law
-        of_dynamics, of_law = frozen.own_of_dynamics(own), part_of(own, "controller.")
+        of_dynamics, of_law = numbers_of_dynamics(frozen.scene, own), part_of(own, "controller.")
         self.numbers = dynamics.vectors(of_dynamics) if of_dynamics else dynamics.vector
         self.tables = NO_TABLES if dynamics.law is None else dynamics.law.tables(of_law)
         self.law_numbers, self.law_tables = np.zeros(0), NO_TABLES

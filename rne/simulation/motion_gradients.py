@@ -33,8 +33,8 @@ from .frozen_motion import (
     schedule_of,
 )
 from .scene import Scene
-from .scene_dynamics import Bodies, UserFunction
-from .scene_numbers import BODIES, bodies_of, checked, friction_of_all, scene_of_all
+from .scene_dynamics import UserFunction
+from .scene_numbers import checked, friction_of_all, scene_of_all
 from .simulator import scene_argument, simulate, tolerances
 
 FIXED = "rk4"
@@ -382,8 +382,7 @@ def _numbers(
     friction = friction_of_all(scene, own)
     if friction is not None and friction.sticks:
         raise ValueError(f"the motion cannot be differentiated: {STICKS}")
-    varying = Bodies.mask(bodies_of(scene, own)) if {*BODIES} & {*own} else None
-    return scene_of_all(scene, own, varying), own
+    return scene_of_all(scene, own), own
 
 
 def _torques(scene: Scene, torque: ArrayLike | None, count: int) -> Array:

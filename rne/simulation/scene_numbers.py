@@ -204,7 +204,7 @@ def _scene_at(scene: Any, numbers: Mapping[str, Array]) -> Any:
     return at_parameters_of(found, numbers["parameters"]) if "parameters" in numbers else found
 
 
-def scene_of_all(scene: Any, own: Mapping[str, Array], varying: Array | None) -> Any:
+def scene_of_all(scene: Any, own: Mapping[str, Array]) -> Any:
     """The scene whose kernels take numbers (N, ...) of N motions, which its parts accept."""
     finite, known = dict[str, Array](), scene.numbers
     for name, array in own.items():
@@ -225,11 +225,18 @@ def scene_of_all(scene: Any, own: Mapping[str, Array], varying: Array | None) ->
         if not name.startswith("friction.") and name not in BODIES and len(array):
             for end in (array.min(axis=0), array.max(axis=0)):  # what they accept at both they accept in between
                 scene_at(scene, {name: end})
+    varying = Bodies.mask(bodies_of(scene, own)) if {*BODIES} & {*own} else None
     found = (scene_at(scene, finite) if finite else scene)._naming({}, own, varying)
     law = found.dynamics.law
     if absent := [x for x in own if law and x not in known and x.removeprefix("controller.") not in law.numbers]:
         raise ValueError(f"`numbers[{absent[0]!r}]` cannot differ: the law reads its robot where it cannot be traced")
     return found
+
+
+def numbers_of_dynamics(scene: Any, own: Mapping[str, Array]) -> dict[str, Array]:
+    """Numbers of motions as the equations have them: moments of bodies in place of their parameters."""
+    found = {name: array for name, array in own.items() if name not in BODIES}
+    return found | (bodies_as_numbers(scene, own) if {*BODIES} & {*own} else {})
 
 
 def friction_of_all(scene: Any, own: Mapping[str, Array]) -> Any:

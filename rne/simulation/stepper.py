@@ -24,8 +24,7 @@ from ..kernels.numpy_backend import check_array
 from ..robot import Robot
 from .frozen_motion import FrozenScene, Own, SideBySide, flat, schedule_of
 from .scene import Scene
-from .scene_dynamics import Bodies
-from .scene_numbers import BODIES, bodies_of, checked, friction_of_all, scene_of_all
+from .scene_numbers import checked, friction_of_all, scene_of_all
 from .simulator import scene_argument
 
 METHODS = {"rk4": "rk4", "tsit5": "Tsit5", "semi-implicit-euler": "semi-implicit-euler"}
@@ -573,7 +572,7 @@ class Stepper:
         own = checked(scene, {name: x for name, x in numbers.items() if name not in common}, count)
         own = own if count else {}
         if own:
-            scene = scene_of_all(scene, own, Bodies.mask(bodies_of(scene, own)) if {*BODIES} & {*own} else None)
+            scene = scene_of_all(scene, own)
         frozen = self._frozen(scene, names)
         if own and (friction := friction_of_all(scene, own)) is not None and friction.sticks:
             raise ValueError("`numbers['friction.smoothing']` must be above 0")
