@@ -211,6 +211,8 @@ def test_where_a_law_jumps_torques_are_those_after_it():
     slopes = found.dtau["controller.reference"] + 20 * found.dq["controller.reference"]
     slopes = slopes + 2 * found.dqd["controller.reference"]
     np.testing.assert_allclose(slopes[:, 0], 20 * np.eye(3), rtol=0, atol=1e-12)
+    with pytest.raises(ValueError, match=r"`t` must be within the samples, 0 to 0\.2 s, got 0\.3"):
+        rne.sensitivities(scene, [0.3], [0.0], 0.3, wrt="qd0", step=0.01)
     brake = rne.traceable(lambda t, q, qd: rne.elementwise.where(t > 0.1, -5.0, -2.0) * qd)
     brake.breaks = (0.1,)
     found = rne.sensitivities(rne.Scene(cart, controller=brake), [0.3], [1.0], 0.2, wrt="qd0", t_eval=[0.09, 0.1])

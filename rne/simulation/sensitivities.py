@@ -142,7 +142,9 @@ class Forwards:
         self.x, self.command = task.x0.copy(), group.rates.inputs[2][: group.n]
         self.command[:] = task.torque if task.torque.size else 0.0
         self.t, self.reached, self.next, self.limited = aligned(task.times, [task.ends]), 0.0, 0.0, False
-        behind = np.isin(self.t, self.frozen.instants(task.ends[-1])[2])
+        end, (samples, _, breaks) = float(task.ends[-1]), self.frozen.instants(task.ends[-1])
+        group.check_within_samples(0.0, end, samples.max(initial=0.0))
+        behind = np.isin(self.t, breaks)
         self.sides = np.where(behind, np.nextafter(self.t, np.inf), self.t)  # of laws that jump
         T, size, n, p = len(self.t), len(self.x), self.dynamics.joints, self.columns.p
         self.found_x, self.tau = np.zeros((T, size)), np.zeros((T, n))
