@@ -447,8 +447,16 @@ class TestArguments:
         [
             ({"wrt": 3}, TypeError, "`wrt` must be names of numbers, got 3"),
             ({"wrt": ["q0", 3]}, TypeError, "`wrt` must be names of numbers, got 3"),
-            ({"wrt": "controller.kq"}, ValueError, "`wrt`: the scene has the numbers .*; got 'controller.kq'"),
-            ({"wrt": "controller.robot"}, ValueError, "`wrt`: the scene has the numbers .*; got 'controller.robot'"),
+            (
+                {"wrt": "controller.kq"},
+                ValueError,
+                "`wrt`: beside 'q0' and 'qd0' the scene has the numbers .*; got 'controller.kq'",
+            ),
+            (
+                {"wrt": "controller.robot"},
+                ValueError,
+                "`wrt`: beside 'q0' and 'qd0' the scene has the numbers .*; got 'controller.robot'",
+            ),
             ({"numbers": [3.0]}, TypeError, "`numbers` must be a mapping of names to arrays, got list"),
             (
                 {"numbers": {"friction.load": np.full((3, 2), 2.0)}},

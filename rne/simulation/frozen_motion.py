@@ -67,7 +67,7 @@ class FrozenScene:
             if name.endswith(".breaks"):
                 raise ValueError(f"steps end at {name!r}: it can be neither in `wrt` nor differ from motion to motion")
             if name not in known:
-                raise ValueError(f"`wrt`: {unknown(name, known)}, beside 'q0' and 'qd0'")
+                raise ValueError(f"`wrt`: beside 'q0' and 'qd0' {unknown(name, known)}")
         varying = None
         if "parameters" in asked:  # all moments that bodies can have
             model = self.given.resolved.robot.model
@@ -93,7 +93,8 @@ class FrozenScene:
         if friction is not None and friction.sticks:
             return STICKS
         if scene.controller is not None and self.law is None and self._as_given.law is None:
-            return f"`controller` is called, as {scene._why_called}: mark it by rne.traceable"
+            cure = "" if getattr(scene.controller, "traceable", False) else ": mark it by rne.traceable"
+            return f"`controller` is called, as {scene._why_called}{cure}"
         return ""
 
     @cached_property

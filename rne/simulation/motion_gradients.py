@@ -35,7 +35,7 @@ from .frozen_motion import (
 from .scene import Scene
 from .scene_dynamics import UserFunction
 from .scene_numbers import checked, friction_of_all, scene_of_all
-from .simulator import scene_argument, simulate, tolerances
+from .simulator import METHODS, scene_argument, simulate, tolerances
 
 FIXED = "rk4"
 
@@ -251,7 +251,8 @@ def motion_gradient(
         Numbers of the scene in place of its own; of N motions each has its own, shape (N, ...), or all the same ones.
     method : str
         "rk4" with `step`; without it Tsit5, RK45, RK23 or DOP853 with step control. "auto" is rk4, Tsit5 between
-        samples and DOP853. For implicit methods see `rne.sensitivities`.
+        samples and DOP853. Stiff motions take many steps, which an `armature` or a larger `smoothing` of friction
+        makes longer; `rne.sensitivities` takes implicit methods.
     step : float, optional
         The longest of equal steps, which end at samples and where commands begin to act [s].
     rtol, atol : float
@@ -279,7 +280,8 @@ def motion_gradient(
     Notes
     -----
     Where torques reach a limit, and of kinks of friction and laws, derivatives are those of the side on which a stage
-    is. By "delay" it is the jump of dx/dt where a command begins to act. Numbers that are infinite have derivative 0.
+    is. By "delay" it is the jump of dx/dt where a command begins to act, that of a longer one where both sides differ.
+    Numbers that are infinite have derivative 0.
     Sandu 2006, On the properties of Runge-Kutta discrete adjoints, equation 4; Griewank and Walther 2008, chapter 3.
 
     Examples
@@ -296,6 +298,8 @@ def motion_gradient(
     for name, function, arguments in (("cost", cost, "(t, q, qd, tau)"), ("final", final, "(q, qd)")):
         if function is not None:
             check_function(name, function, arguments)
+    if cost is None and final is None:
+        raise ValueError("`cost` or `final` must be given: without both there is nothing to differentiate")
     starts, is_one = _starts(scene, q0, qd0)
     count, end = len(starts[0]), positive_number("duration", duration)
     scene, own = _numbers(scene, numbers or {}, count, is_one=is_one)
@@ -374,7 +378,7 @@ def _numbers(
     if is_one or not isinstance(numbers, Mapping):
         return scene.with_numbers(numbers) if numbers else scene, {}
     known = scene.numbers
-    common = {name: x for name, x in numbers.items() if name in known and np.shape(x) == known[name].shape}
+    common = {name: x for name, x in numbers.items() if name in known and np.shape(x) in ((), known[name].shape)}
     scene = scene.with_numbers(common) if common else scene
     own = checked(scene, {name: x for name, x in numbers.items() if name not in common}, count)
     if not own:
@@ -405,7 +409,8 @@ def _method(frozen: FrozenScene, method: str, step: float | None) -> str:
     """The method, checked."""
     known = (FIXED,) if step is not None else EXPLICIT
     if method not in ("auto", *known):
-        cure = "; rk4 needs `step`" if method == FIXED else "; rne.sensitivities takes implicit ones"
+        implicit = "; rne.sensitivities takes implicit ones" if method in METHODS else ""
+        cure = "; rk4 needs `step`" if method == FIXED else implicit
         raise ValueError(f"`method` must be 'auto' or one of {list(known)}, got {method!r}{cure}")
     auto = FIXED if step is not None else "DOP853" if frozen.law is None else "Tsit5"
     return auto if method == "auto" else method

@@ -646,7 +646,7 @@ class Scene:
         costs: dict[str, int | str | None] = {"total": total}
         for part in ("payload", "friction", "springs", "effort_limit", "controller"):
             if getattr(self, part) is not None:
-                needing = ("sample_time", "torque_rate", "effort_limit") if part == "controller" else ()
+                needing = ("sample_time", "torque_rate", "effort_limit", "delay") if part == "controller" else ()
                 costs[part] = total - operations(**dict.fromkeys((part, *needing)))
         for part, nothing in (("armature", 0.0), ("gravity", np.zeros(3))):
             if np.any(getattr(self.resolved.robot.model, part)):

@@ -87,8 +87,9 @@ class UserFunction:
         leading = q.shape[:-1]
         times = np.broadcast_to(t, (*leading, 1))
         each = [self.function(times[k][0], q[k].copy(), qd[k].copy(), tau[k].copy()) for k in np.ndindex(leading)]
-        if any(np.size(value) != 1 for value in each):
-            raise ValueError(f"`{self.name}` must return one number, got shape {np.shape(each[0])}")
+        if any(value is None or np.size(value) != 1 for value in each):
+            got = "None" if each[0] is None else f"shape {np.shape(each[0])}"
+            raise ValueError(f"`{self.name}` must return one number, got {got}")
         return np.array([np.reshape(value, ()).item() for value in each]).reshape(*leading, 1)
 
 

@@ -277,7 +277,7 @@ class Stepper:
         if chosen.dtype != bool or chosen.shape != np.shape(x)[:-1]:
             raise ValueError(f"`mask` must be bool of shape {np.shape(x)[:-1]}, got {chosen.dtype} of {chosen.shape}")
         check_array("x", x, (*chosen.shape, self.size), FLOAT64, "writeable")
-        x[chosen] = np.broadcast_to(real_numbers("x0", x0, f"({self.size},)"), x.shape)[chosen]
+        x[chosen] = self._as_states("x0", x0, x.shape)[chosen]
         return x
 
     def __call__(
@@ -397,9 +397,7 @@ class Stepper:
         lanes = self._lanes(given, derive=True)
         others = np.zeros((N, len(lanes.slopes.others) // lanes.count))
         given.pools[True].append(lanes)
-        wanted = np.broadcast_to(real_numbers("weights", weights, f"(N, {self.size})"), np.shape(x)).reshape(
-            states.shape
-        )
+        wanted = self._as_states("weights", weights, np.shape(x)).reshape(states.shape)
         self._run(given, rows._replace(weights=wanted.astype(np.float64, order="C"), others=others), workers)
         found, first, parts = {"x": rows.out}, frozen.commanded * frozen.is_driven, dict[str, Array]()
         if frozen.is_driven:
@@ -529,6 +527,13 @@ class Stepper:
         if array.dtype.kind != "f" or array.ndim not in (1, 2) or array.shape[-1] != self.size:
             raise ValueError(f"`{name}` must be real, of shape ({self.size},) or (N, {self.size}), got {array.shape}")
         return np.ascontiguousarray(array.reshape(-1, self.size), dtype=np.float64)
+
+    def _as_states(self, name: str, given: ArrayLike, shape: tuple[int, ...]) -> Array:
+        """What is given for states of a shape: one number, of one state or of all."""
+        array = real_numbers(name, given, f"(N, {self.size})")
+        if array.shape not in ((), (self.size,), shape):
+            raise ValueError(f"`{name}` must have shape ({self.size},) or {shape}, got {array.shape}")
+        return np.broadcast_to(array, shape)
 
     def _check_torques(self, u: ArrayLike | None) -> None:
         n, has_law = self.scene.n, self.scene.controller is not None
