@@ -262,8 +262,8 @@ def sensitivity_plot(
     --------
     >>> import rne
     >>> found = rne.sensitivities(rne.load("irb140"), [0] * 6, [0] * 6, 0.1, wrt=["gravity"])
-    >>> [ax.get_ylabel() for ax in rne.plotting.sensitivity_plot(found, "gravity", joints=["joint_2"]).axes]
-    ['position [rad] by gravity']
+    >>> [ax.get_ylabel().splitlines() for ax in rne.plotting.sensitivity_plot(found, joints=["joint_2"]).axes]
+    [['position [rad]', 'by gravity']]
     """
     if not isinstance(found, Sensitivities):
         raise TypeError(f"`found` must be rne.Sensitivities, got {type(found).__name__}")
@@ -277,7 +277,7 @@ def sensitivity_plot(
         k = model.joint_names.index(joint)
         plot_columns(ax, found.t, slopes[:, k], entries, joint_colors(len(entries)))
         title, unit = QUANTITIES[of][not model.is_revolute[model.independent_joints[k]]]
-        style_axes(ax, f"{title} [{unit}] by {literal(number)}")
+        style_axes(ax, f"{title} [{unit}]\nby {literal(number)}")
         ax.set_title(literal(joint), fontsize="medium")
     legend_beside(where[0])
     return figure_of(where)

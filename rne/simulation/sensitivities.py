@@ -461,8 +461,8 @@ class Sensitivities(InNotebooks):
         --------
         >>> import rne
         >>> found = rne.sensitivities(rne.load("irb140"), [0] * 6, [0] * 6, 0.1, wrt="gravity")
-        >>> [ax.get_ylabel() for ax in found.plot(joints=["joint_2"]).axes]
-        ['position [rad] by gravity']
+        >>> [ax.get_ylabel().splitlines() for ax in found.plot(joints=["joint_2"]).axes]
+        [['position [rad]', 'by gravity']]
         """
         return self._plotted(name, of, **options)
 
