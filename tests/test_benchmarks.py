@@ -25,7 +25,7 @@ from benchmarks.peers import Point
 from .helpers import ROOT, kept
 
 FURTHER = ("validation", "kernels", "lagrange", "simulation", "regressor", "engines", "derivatives", "elsewhere")
-BENCHMARKS = ["benchmarks", *(f"benchmarks.{name}" for name in (*FURTHER, "scene_costs"))]
+BENCHMARKS = ["benchmarks", *(f"benchmarks.{name}" for name in (*FURTHER, "scene_costs", "motion_derivatives"))]
 WITHOUT_NUMBA = (
     "import runpy, sys; sys.modules['numba'] = None; runpy.run_module({!r}, run_name='__main__', alter_sys=True)"
 )
