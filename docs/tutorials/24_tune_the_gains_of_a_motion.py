@@ -169,15 +169,15 @@ for k, (ax, below) in enumerate(zip(places, torques)):
     ax.set_title(robot.joint_names[k], fontsize="medium")
     ax.grid(alpha=0.3)
     below.grid(alpha=0.3)
+    below.set_xlabel("time [s]")
 places[0].set_ylabel("share of the way")
 torques[0].set_ylabel("torque beyond gravity's\nas share of the limit")
 places[-1].legend(frameon=False, loc="lower right")
-figure.supxlabel("time [s]")
-figure
 assert abs(runs["tuned"].q[-1] - goal).max() < 0.02
 used = abs(runs["tuned"].tau / effort).max(axis=0)
 print("largest torque as share of the limit:", used.round(2))
 assert used.max() < 1.05
+figure
 
 # %%
 # Where it does not help
