@@ -153,6 +153,14 @@ def test_a_pendulum_at_rest_is_a_linear_one(name):
         np.testing.assert_allclose(along(found, name)[..., 0].T, slopes, rtol=0, atol=w * tolerance)
 
 
+@pytest.mark.parametrize("method", ["DOP853", "Tsit5"])
+def test_gradients_of_a_pendulum_at_rest_do_not_grow(method):
+    """Where control of errors alone would take steps in which derivatives grow a hundredfold."""
+    end = {"final": lambda q, qd: q[0], "wrt": "q0", "method": method}
+    slope = rne.motion_gradient(rne.Robot(straight_chain(1)), [0.0], [0.0], 5.0, **end).gradient["q0"][0]
+    assert abs(slope) < 1.2
+
+
 @pytest.mark.parametrize(("how", "tolerance"), [({"step": 0.05}, 1e-12), ({"method": "LSODA", "rtol": 1e-9}, 1e-7)])
 def test_a_late_command_moves_a_mass_by_its_jumps(how, tolerance):
     """Of u = -k q - c v, sampled, motions are parabolas from command to command: derivatives by complex steps in these."""

@@ -9,13 +9,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from math import ceil
+from math import ceil, factorial
 from typing import Any
 
 import numpy as np
 
 from ..basics.numbers import part_of
-from ..basics.piecewise import NO_TABLES, numbers_at
+from ..basics.piecewise import NO_TABLES, numbers_at, rows_of_tables
 from ..basics.spatial import Array
 from ..control.law_numbers import models_of
 from ..control.sampled_loop import in_periods
@@ -24,9 +24,10 @@ from ..errors import NotFiniteError, SingularMassMatrixError
 from ..integrators.frozen_steps import Adjoint, Function, Holding, Kept, Schedule, advance, pull_back
 from ..integrators.loops import compiled
 from ..integrators.step_control import NEARLY, aligned, equal_steps
-from ..integrators.tableaus import Tableau, tableau
+from ..integrators.tableaus import Tableau, scipy_class, tableau
 from ..kernels.kernel import Kernel
 from ..model.parameters import PARAMETERS, at_parameters
+from .run import RunResult
 from .scene import Scene
 from .scene_dynamics import Bodies, SceneDynamics, UserFunction
 from .scene_numbers import BODIES, bodies_as_numbers, numbers_of_dynamics, unknown
@@ -34,6 +35,9 @@ from .simulator import law_breaks
 
 STARTS = ("q0", "qd0")
 STICKS = "dry `friction` sticks and slips by events: give it a `smoothing` above 0"
+# Of steps: how many of the longest are examined, how much longer than modes ask for they may be, and how much more
+# derivatives may grow in one than they should
+EXAMINED, LOOSE, GROWTH = 8, 3.0, 1.1
 MOST_AT_ONCE = 20_000  # steps times motions of one call of machine code, after which Ctrl-C is heard
 Own = Mapping[str, Array]
 
@@ -424,3 +428,44 @@ def fixed_schedule(frozen: FrozenScene, method: str, end: float, step: float, *i
     further = [aligned(given, [*events, np.array([end])]) for given in instants]
     ends = equal_steps(end, step, *events, *further)
     return schedule_of(tableau(method), 0, ends, breaks, samples, arrivals)
+
+
+def resolving(frozen: FrozenScene, own: Own, run: RunResult, *, if_growing: bool = False) -> RunResult:
+    """A run by an explicit method, or one of shorter steps, if its longest ones do not resolve the fastest mode.
+
+    Where nothing moves, the control of errors sees no need of any step, but derivatives do. A step h resolves a mode of
+    rate r if the remainder of Taylor's series, (h r)^(p + 1) / (p + 1)!, is at most the relative tolerance; or, if they are
+    only to be taken again `if_growing`, wherever derivatives grow no more in a step than they should, by the stability
+    function of the method. Numbers that the motion has of its `own` have shapes (1, ...).
+    """
+    t, x, dynamics, order = run.reported.t, run.reported.x, frozen.dynamics, int(scipy_class(run.method).order)
+    k, group = np.argsort(np.diff(t))[-EXAMINED:], SideBySide(frozen, own, 1, by_machine=False)
+    known = dynamics.size - (dynamics.cost is not None)
+    states = np.pad(x[k, :known], ((0, 0), (0, dynamics.size - known)))
+    held = (np.zeros((len(k), group.n)),) if group.n else ()
+    kernel = frozen.scene.kernels.scene_kernel(dynamics.right_hand_side, "x")
+    numbers = group.numbers.reshape(-1)
+    slopes = kernel(t[k, None], states, *held, *rows_of_tables(group.tables, t[k]), numbers)
+    modes, h = np.linalg.eigvals(slopes), np.diff(t)[k]
+    fastest, z = np.abs(modes).max(axis=1, initial=1e-300), h[:, None] * modes
+    reach = (run.task.rtol * factorial(order + 1)) ** (1 / (order + 1))
+    resolves = (h * fastest).max(initial=0.0) <= LOOSE * reach
+    if if_growing and not resolves:
+        most = GROWTH * np.maximum(1.0, np.exp(z.real))
+        resolves = bool((np.abs(stability_function(tableau(run.method), z)) <= most).all())
+    if resolves or run.repeat is None:
+        return run
+    longest = reach / float(fastest.max())
+    again = run.repeat(run.task._replace(method=run.method, is_auto=False, longest=longest))
+    if again.failure is not None:
+        return run
+    again.ending = f"{run.ending}; taken again in steps of at most {longest:.3g} s, which resolve the fastest mode"
+    return again
+
+
+def stability_function(method: Tableau, z: Array) -> Array:
+    """R(z) of steps x+ = R(z) x of x' = (z / h) x: 1 + z b^T (I - z A)^-1 1 (Hairer and Wanner 1996, IV.3.2)."""
+    stages = np.linalg.solve(
+        np.eye(len(method.B)) - z[..., None, None] * method.A, np.ones((*z.shape, len(method.B), 1))
+    )
+    return np.asarray(1 + z * (stages[..., 0] @ method.B))

@@ -30,6 +30,7 @@ from .frozen_motion import (
     SideBySide,
     fixed_schedule,
     flat,
+    resolving,
     schedule_of,
 )
 from .scene import Scene
@@ -430,7 +431,7 @@ def _steps_taken(
     scene = frozen.scene._naming(given, (), frozen.scene._varying) if given else frozen.scene
     how: dict[str, Any] = dict(zip(("rtol", "atol"), tolerated, strict=True)) | {"method": method}
     how |= {"torque": torque[0]} if torque.size else {}
-    motion = simulate(scene, starts[0][0], starts[1][0], end, **how)
+    run = resolving(frozen, own, simulate(scene, starts[0][0], starts[1][0], end, **how).run, if_growing=True)
     samples, arrivals, breaks = frozen.instants(end)
-    ends = aligned(motion.t, (samples, arrivals, breaks))
+    ends = aligned(run.reported.t, (samples, arrivals, breaks))
     return schedule_of(tableau(method), 0, ends, breaks, samples, arrivals)

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import factorial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,15 +27,13 @@ from ..integrators.step_control import aligned
 from ..integrators.tableaus import EXPLICIT, Tableau, scipy_class, tableau
 from ..model.model import Model
 from ..robot import Robot
-from .frozen_motion import STARTS, FrozenScene, SideBySide, fixed_schedule, schedule_of
+from .frozen_motion import STARTS, FrozenScene, SideBySide, fixed_schedule, resolving, schedule_of
 from .motion_gradients import FIXED, _names, _torques
-from .run import RunResult
 from .scene import Scene
 from .scene_numbers import BODIES
 from .simulator import METHODS, check_times, one_state, scene_argument, simulate, tolerances
 
 AT_ONCE = 2**21  # bytes of derivatives of dx/dt at once, which stay in a processor's cache
-EXAMINED, LOOSE = 8, 3.0  # of the longest steps, and how much longer than modes ask for they may be
 TOLD = 999  # parts of a motion after each of which `progress` is told
 Made = Mapping[str, list[tuple[slice, Any]]]  # by name: directions, and matrices (k, some), or None, to be added
 
@@ -569,7 +566,7 @@ def sensitivities(
     else:
         how: dict[str, Any] = {"torque": torque, "method": method, "rtol": rtol, "atol": atol}
         run = simulate(scene, starts[0], starts[1], end, **how).run
-        run = run if run.changed or run.method not in EXPLICIT else _resolving(frozen, run)
+        run = run if run.changed or run.method not in EXPLICIT else resolving(frozen, {}, run)
         chosen, ends, why = run.method, aligned(run.reported.t, frozen.instants(end)), run.ending
         if run.changed or chosen not in EXPLICIT:
             chosen = chosen if chosen in IMPLICIT else "Radau"
@@ -580,29 +577,6 @@ def sensitivities(
     x0 = frozen.start(frozen.dynamics.vector, starts[0][None], starts[1][None])[0]
     task = SensitivityTask(frozen, Columns(frozen, names, starts), x0, held, ends, times, progress)
     return _differentiated(task, chosen, why, (rtol, atol))
-
-
-def _resolving(frozen: FrozenScene, run: RunResult) -> RunResult:
-    """A run by an explicit method, or another one of shorter steps, if the longest do not resolve the fastest mode.
-
-    Where nothing moves, the control of errors sees no need of any step, but derivatives do. A step h resolves a mode of
-    rate r if the remainder of Taylor's series, (h r)^(p + 1) / (p + 1)!, is at most the relative tolerance.
-    """
-    t, x, dynamics, order = run.reported.t, run.reported.x, frozen.dynamics, int(scipy_class(run.method).order)
-    k, size, group = np.argsort(np.diff(t))[-EXAMINED:], dynamics.size, SideBySide(frozen, {}, 1, by_machine=False)
-    held = (np.zeros((len(k), group.n)),) if group.n else ()
-    kernel = frozen.scene.kernels.scene_kernel(dynamics.right_hand_side, "x")
-    slopes = kernel(t[k, None], x[k, :size], *held, *rows_of_tables(group.tables, t[k]), group.numbers)
-    fastest = np.abs(np.linalg.eigvals(slopes)).max(axis=1, initial=1e-300)
-    reach = (run.task.rtol * factorial(order + 1)) ** (1 / (order + 1))
-    if (np.diff(t)[k] * fastest).max(initial=0.0) <= LOOSE * reach or run.repeat is None:
-        return run
-    longest = reach / float(fastest.max())
-    again = run.repeat(run.task._replace(method=run.method, is_auto=False, longest=longest))
-    if again.failure is not None:
-        return run
-    again.ending = f"{run.ending}; taken again in steps of at most {longest:.3g} s, which resolve the fastest mode"
-    return again
 
 
 def _differentiated(task: SensitivityTask, method: str, why: str, tolerated: tuple[float, float]) -> Sensitivities:
