@@ -295,10 +295,14 @@ def plain_motion(plain, x, z, ends, duration, method="rk4", cost=None, torque=No
 
 
 class Derived(dict):
-    """Derivatives by name, with the `value`, the state at the `end`, and `growth`, the largest d(state)/d(start) and 1."""
+    """Derivatives by name, with the `value`, the state at the `end`, its derivatives `of_end` by name, (size, entries).
+
+    `growth` is the largest d(state)/d(start), at least 1.
+    """
 
     value: float
     end: np.ndarray
+    of_end: dict[str, np.ndarray]
     growth: float
 
 
@@ -333,9 +337,11 @@ def by_complex_steps(scene, q0, qd0, duration, *, step=None, wrt, cost=None, fin
         both = x.shape[-1] // 2
         total = total + final(x[..., : plain.n], x[..., both : both + plain.n])
     found, first = Derived(), 1
+    found.of_end = {}
     for name in names:
         size = known[name].size
         found[name] = (total[first : first + size].imag / STEP).reshape(known[name].shape)
+        found.of_end[name] = x[first : first + size].imag.T / STEP
         first += size
     found.value, found.end = total[0].real, x[0].real
     columns = 1 + known["q0"].size + known["qd0"].size

@@ -158,7 +158,7 @@ def of_elastic_joints():
     two = arm()
     for reads in ("motor", "link", "both"):
         elastic = rne.ElasticJoints([800, 500], [2, 1], [0.3, 0.2], reads=reads)
-        law = both_sides(30.0) if reads == "both" else rne.control.pd(two, [80, 90], [3, 2], [0.5, -0.3])
+        law = both_sides(30.0) if reads == "both" else rne.control.pd(two, [80, 90], [3, 2], [0.5, -0.5])
         how = {"controller": law} if reads == "both" else {"controller": law, **SAMPLED, "delay": 0.004, **LIMITS}
         how |= {"friction": rne.Friction(viscous=0.3, coulomb=0.4, load=0.1, smoothing=0.2)}
         springs = [spring(length=0.1)] if reads == "motor" else None
@@ -248,6 +248,19 @@ def test_gradient_is_that_of_complex_steps(name):
     given = {**USUAL, **COSTS, "wrt": names, "torque": torque}
     found = rne.motion_gradient(scene, *start(scene), **given)
     assert_same(*found, by_complex_steps(scene, *start(scene), **given))
+
+
+@pytest.mark.parametrize("name", kept(CASES, ["pid, sampled"]))
+def test_sensitivities_of_the_end_are_those_of_complex_steps(name):
+    scene, names, torque = asked(name)
+    given = {**USUAL, "wrt": names, "torque": torque}
+    found = rne.sensitivities(scene, *start(scene), **given)
+    expected = by_complex_steps(scene, *start(scene), **given, cost=cost)
+    for key in names:
+        q, qd = (x[: scene.n] for x in np.split(expected.of_end[key], 2))
+        for slopes, its in ((found.dq, q), (found.dqd, qd)):
+            error = abs(slopes[key][-1].reshape(its.shape) - its).max()
+            assert error <= SAME_STEPS * expected.growth * abs(its).max(), key
 
 
 @pytest.mark.parametrize("name", kept(CASES, ["friction: all"]))
@@ -457,6 +470,7 @@ class TestArguments:
                 ValueError,
                 "`wrt`: beside 'q0' and 'qd0' the scene has the numbers .*; got 'controller.robot'",
             ),
+            ({"method": "RK45"}, ValueError, "`method` must be .*, got 'RK45'; leave `step` out for others"),
             ({"numbers": [3.0]}, TypeError, "`numbers` must be a mapping of names to arrays, got list"),
             (
                 {"numbers": {"friction.load": np.full((3, 2), 2.0)}},
@@ -495,6 +509,14 @@ class TestArguments:
         rne.motion_gradient(scene, *start(scene), 0.1 + late - 0.004, **how)
         with pytest.raises(ValueError, match=r"`t` must be within the samples, 0 to 0\.1 s, got 0\.1"):
             rne.motion_gradient(scene, *start(scene), 0.1 + late, **how)
+
+    def test_one_number_is_that_of_all_joints_and_motions(self):
+        scene = CASES["friction: coulomb"][0]
+        found, expected = (
+            self.gradient(scene, wrt="friction.coulomb", numbers={"friction.coulomb": x})
+            for x in (2.0, np.full((3, 2), 2.0))
+        )
+        np.testing.assert_array_equal(found.gradient["friction.coulomb"], expected.gradient["friction.coulomb"])
 
     def test_no_motions_have_no_derivatives(self):
         scene, starts = CASES["friction: coulomb"][0], np.zeros((2, 0, 2))

@@ -410,8 +410,8 @@ def _method(frozen: FrozenScene, method: str, step: float | None) -> str:
     """The method, checked."""
     known = (FIXED,) if step is not None else EXPLICIT
     if method not in ("auto", *known):
-        implicit = "; rne.sensitivities takes implicit ones" if method in METHODS else ""
-        cure = "; rk4 needs `step`" if method == FIXED else implicit
+        others = "leave `step` out for others" if method in EXPLICIT else "rne.sensitivities takes implicit ones"
+        cure = "; rk4 needs `step`" if method == FIXED else f"; {others}" if method in METHODS else ""
         raise ValueError(f"`method` must be 'auto' or one of {list(known)}, got {method!r}{cure}")
     auto = FIXED if step is not None else "DOP853" if frozen.law is None else "Tsit5"
     return auto if method == "auto" else method
