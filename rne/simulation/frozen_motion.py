@@ -35,9 +35,11 @@ from .simulator import law_breaks
 
 STARTS = ("q0", "qd0")
 STICKS = "dry `friction` sticks and slips by events: give it a `smoothing` above 0"
-# Of steps: how many of the longest are examined, how much longer than modes ask for they may be, and how much more
-# derivatives may grow in one than they should
-EXAMINED, LOOSE, GROWTH = 8, 3.0, 1.1
+EXAMINED, LOOSE = 8, 3.0  # of steps: how many of the longest, and how much longer than modes ask for they may be
+SHORTER, GROWTH = (
+    0.95 ** np.arange(100),
+    1.02,
+)  # parts of a step that are tried, and what derivatives may grow by in one
 MOST_AT_ONCE = 20_000  # steps times motions of one call of machine code, after which Ctrl-C is heard
 Own = Mapping[str, Array]
 
@@ -434,9 +436,9 @@ def resolving(frozen: FrozenScene, own: Own, run: RunResult, *, if_growing: bool
     """A run by an explicit method, or one of shorter steps, if its longest ones do not resolve the fastest mode.
 
     Where nothing moves, the control of errors sees no need of any step, but derivatives do. A step h resolves a mode of
-    rate r if the remainder of Taylor's series, (h r)^(p + 1) / (p + 1)!, is at most the relative tolerance; or, if they are
-    only to be taken again `if_growing`, wherever derivatives grow no more in a step than they should, by the stability
-    function of the method. Numbers that the motion has of its `own` have shapes (1, ...).
+    rate r if the remainder of Taylor's series, (h r)^(p + 1) / (p + 1)!, is at most the relative tolerance. To be taken
+    again `if_growing` alone, it must be beyond the stability of the method, where derivatives grow from step to step.
+    Numbers that the motion has of its `own` have shapes (1, ...).
     """
     t, x, dynamics, order = run.reported.t, run.reported.x, frozen.dynamics, int(scipy_class(run.method).order)
     k, group = np.argsort(np.diff(t))[-EXAMINED:], SideBySide(frozen, own, 1, by_machine=False)
@@ -445,17 +447,15 @@ def resolving(frozen: FrozenScene, own: Own, run: RunResult, *, if_growing: bool
     held = (np.zeros((len(k), group.n)),) if group.n else ()
     kernel = frozen.scene.kernels.scene_kernel(dynamics.right_hand_side, "x")
     numbers = group.numbers.reshape(-1)
-    slopes = kernel(t[k, None], states, *held, *rows_of_tables(group.tables, t[k]), numbers)
-    modes, h = np.linalg.eigvals(slopes), np.diff(t)[k]
-    fastest, z = np.abs(modes).max(axis=1, initial=1e-300), h[:, None] * modes
-    reach = (run.task.rtol * factorial(order + 1)) ** (1 / (order + 1))
-    resolves = (h * fastest).max(initial=0.0) <= LOOSE * reach
+    modes = np.linalg.eigvals(kernel(t[k, None], states, *held, *rows_of_tables(group.tables, t[k]), numbers))
+    h, rates = np.diff(t)[k], np.abs(modes).max(axis=1, initial=1e-300)
+    longest = (run.task.rtol * factorial(order + 1)) ** (1 / (order + 1)) / float(rates.max(initial=1e-300))
+    resolves = h.max(initial=0.0) <= LOOSE * longest
     if if_growing and not resolves:
-        most = GROWTH * np.maximum(1.0, np.exp(z.real))
-        resolves = bool((np.abs(stability_function(tableau(run.method), z)) <= most).all())
+        part = stable_part(tableau(run.method), h[:, None] * modes)
+        longest, resolves = float((part * h)[part < 1].min(initial=np.inf)), bool((part == 1).all())
     if resolves or run.repeat is None:
         return run
-    longest = reach / float(fastest.max())
     again = run.repeat(run.task._replace(method=run.method, is_auto=False, longest=longest))
     if again.failure is not None:
         return run
@@ -463,9 +463,15 @@ def resolving(frozen: FrozenScene, own: Own, run: RunResult, *, if_growing: bool
     return again
 
 
-def stability_function(method: Tableau, z: Array) -> Array:
-    """R(z) of steps x+ = R(z) x of x' = (z / h) x: 1 + z b^T (I - z A)^-1 1 (Hairer and Wanner 1996, IV.3.2)."""
-    stages = np.linalg.solve(
-        np.eye(len(method.B)) - z[..., None, None] * method.A, np.ones((*z.shape, len(method.B), 1))
-    )
-    return np.asarray(1 + z * (stages[..., 0] @ method.B))
+def stable_part(method: Tableau, z: Array) -> Array:
+    """The part of steps, (K,), in which modes, z = h lambda of shape (K, size), grow no more than they should.
+
+    By the method's stability function, R(z) = 1 + z b^T (I - z A)^-1 1 (Hairer and Wanner 1996, equation IV.3.2).
+    """
+    powers, z = [np.ones(len(method.B))], SHORTER[:, None, None] * z
+    for _ in method.B[1:]:
+        powers.append(method.A @ powers[-1][: method.A.shape[1]])
+    R = np.polyval(np.append((np.array(powers) @ method.B)[::-1], 1.0), z)
+    grows = (np.abs(R) > np.maximum(1.0, np.exp(z.real)) * GROWTH).any(axis=2)
+    last = len(SHORTER) - 1 - np.argmax(grows[::-1], axis=0)  # the shortest part that grows
+    return np.asarray(np.where(grows.any(axis=0), SHORTER[np.minimum(last + 1, len(SHORTER) - 1)], 1.0))
