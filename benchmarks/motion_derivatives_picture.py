@@ -21,7 +21,7 @@ def picture(rows: Sequence[dict[str, Any]]) -> Any:
     figure = blank_figure(9.2, 6.2)
     ax = figure.subplots()
     times = [row["ms"] for row in rows]
-    ax.set(xscale="log", yscale="log", xlim=(min(times) / 3, 5 * max(times)), ylim=ERRORS)
+    ax.set(xscale="log", yscale="log", xlim=(min(times) / 3, 9 * max(times)), ylim=ERRORS)
     ax.set_xlabel("CPU time of a gradient [ms]")
     ax.set_ylabel("worst error of a derivative by a share of a number, relative to the largest [1]")
     ax.set_title(
@@ -40,7 +40,7 @@ def picture(rows: Sequence[dict[str, Any]]) -> Any:
                 named = f"{by}, {row['setting']}" if row is own[0] else row["setting"]
                 spots.append((*point, named, _color(by)))
         for x, y in [place for pair in pairwise(points) for place in np.geomspace(*pair, 12).tolist()]:
-            ax.text(x, y, ".", fontsize=4, alpha=0, ha="center")  # keeps labels off the line
+            ax.text(x, y, "o", fontsize=5, alpha=0, ha="center", va="center")  # keeps labels off the line
     lay_out(figure)
     label_points(ax, spots)
     return figure

@@ -7,7 +7,16 @@ import sys
 import numpy as np
 import pytest
 
-from benchmarks import cases, engines, identification_payload, identification_tables, import_time, regressor, weight
+from benchmarks import (
+    cases,
+    engines,
+    identification_payload,
+    identification_tables,
+    import_time,
+    motion_derivatives,
+    regressor,
+    weight,
+)
 from benchmarks.evaluation import (
     KERNEL,
     KERNEL_SINGLE,
@@ -125,6 +134,12 @@ def test_tables_of_the_regressor_are_those_of_the_last_run():
             assert robot["regressor"][engine]["batch_times_faster"][0] > 1
         assert robot["regressor"]["numba"]["single_times_slower"][0] < 1
     assert found["variants"] == 5000
+
+
+def test_tables_of_derivatives_of_motions_are_those_of_the_last_run():
+    """After a new run: python -m benchmarks.motion_derivatives."""
+    text = motion_derivatives.PAGE.read_text(encoding="utf-8")
+    assert filled(text, motion_derivatives.tables(engines.read("motion_derivatives.json"))) == text
 
 
 def test_batches_are_compared_with_batches_and_single_calls_with_single_calls():
