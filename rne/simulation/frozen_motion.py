@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 from math import ceil, factorial
 from typing import Any
 
@@ -432,12 +433,12 @@ def fixed_schedule(frozen: FrozenScene, method: str, end: float, step: float, *i
     return schedule_of(tableau(method), 0, ends, breaks, samples, arrivals)
 
 
-def resolving(frozen: FrozenScene, own: Own, run: RunResult, *, if_growing: bool = False) -> RunResult:
-    """A run by an explicit method, or one of shorter steps, if its longest ones do not resolve the fastest mode.
+def divided_steps(frozen: FrozenScene, own: Own, run: RunResult, ends: Array, *, if_growing: bool = False) -> Array:
+    """The ends of a run's steps, with shorter ones in place of those that do not resolve the fastest mode.
 
     Where nothing moves, the control of errors sees no need of any step, but derivatives do. A step h resolves a mode of
-    rate r if the remainder of Taylor's series, (h r)^(p + 1) / (p + 1)!, is at most the relative tolerance. To be taken
-    again `if_growing` alone, it must be beyond the stability of the method, where derivatives grow from step to step.
+    rate r if the remainder of Taylor's series, (h r)^(p + 1) / (p + 1)!, is at most the relative tolerance. To be
+    replaced only `if_growing`, it must be beyond the stability of the method, where derivatives grow from step to step.
     Numbers that the motion has of its `own` have shapes (1, ...).
     """
     t, x, dynamics, order = run.reported.t, run.reported.x, frozen.dynamics, int(scipy_class(run.method).order)
@@ -450,17 +451,17 @@ def resolving(frozen: FrozenScene, own: Own, run: RunResult, *, if_growing: bool
     modes = np.linalg.eigvals(kernel(t[k, None], states, *held, *rows_of_tables(group.tables, t[k]), numbers))
     h, rates = np.diff(t)[k], np.abs(modes).max(axis=1, initial=1e-300)
     longest = (run.task.rtol * factorial(order + 1)) ** (1 / (order + 1)) / float(rates.max(initial=1e-300))
-    resolves = h.max(initial=0.0) <= LOOSE * longest
-    if if_growing and not resolves:
+    if h.max(initial=0.0) <= LOOSE * longest:
+        return ends
+    if if_growing:
         part = stable_part(tableau(run.method), h[:, None] * modes)
-        longest, resolves = float((part * h)[part < 1].min(initial=np.inf)), bool((part == 1).all())
-    if resolves or run.repeat is None:
-        return run
-    again = run.repeat(run.task._replace(method=run.method, is_auto=False, longest=longest))
-    if again.failure is not None:
-        return run
-    again.ending = f"{run.ending}; taken again in steps of at most {longest:.3g} s, which resolve the fastest mode"
-    return again
+        longest = float((part * h)[part < 1].min(initial=np.inf))
+    are_long = np.diff(ends) > longest
+    inside = np.concatenate([[False], are_long[1:] & are_long[:-1], [False]])  # between two long steps
+    kept = ends[~inside | np.isin(ends, np.concatenate(frozen.instants(float(ends[-1]))))]
+    counts = np.maximum(1, np.ceil(np.diff(kept) / longest * NEARLY)).astype(int)
+    parts = [np.linspace(a, b, count + 1)[1:] for (a, b), count in zip(pairwise(kept.tolist()), counts, strict=True)]
+    return np.concatenate([kept[:1], *parts])
 
 
 def stable_part(method: Tableau, z: Array) -> Array:

@@ -28,9 +28,9 @@ from .frozen_motion import (
     FrozenScene,
     Own,
     SideBySide,
+    divided_steps,
     fixed_schedule,
     flat,
-    resolving,
     schedule_of,
 )
 from .scene import Scene
@@ -431,7 +431,8 @@ def _steps_taken(
     scene = frozen.scene._naming(given, (), frozen.scene._varying) if given else frozen.scene
     how: dict[str, Any] = dict(zip(("rtol", "atol"), tolerated, strict=True)) | {"method": method}
     how |= {"torque": torque[0]} if torque.size else {}
-    run = resolving(frozen, own, simulate(scene, starts[0][0], starts[1][0], end, **how).run, if_growing=True)
+    run = simulate(scene, starts[0][0], starts[1][0], end, **how).run
     samples, arrivals, breaks = frozen.instants(end)
     ends = aligned(run.reported.t, (samples, arrivals, breaks))
+    ends = divided_steps(frozen, own, run, ends, if_growing=True)
     return schedule_of(tableau(method), 0, ends, breaks, samples, arrivals)

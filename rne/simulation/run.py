@@ -52,7 +52,6 @@ class Task(NamedTuple):
     stops: Sequence[Stop] = ()
     is_auto: bool = False  # True if the method may be changed while the run goes on
     progress: Callable[[float, float], object] | None = None  # is told the time and the duration
-    longest: float = float("inf")  # step of an explicit method [s]
 
 
 class Failure(NamedTuple):
@@ -378,8 +377,7 @@ class Run:
         if resumes:
             solver.resume(self.plant, self.t, self.x, end)
         else:
-            longest = min(self.plant.longest_step(self.task.duration), self.task.longest)
-            solver.start(self.plant, self.t, self.x, end, longest)
+            solver.start(self.plant, self.t, self.x, end, self.plant.longest_step(self.task.duration))
         while solver.is_running:
             steps = solver.steps(most)
             crossing = first_crossing(events, steps)

@@ -27,7 +27,7 @@ from ..integrators.step_control import aligned
 from ..integrators.tableaus import EXPLICIT, Tableau, scipy_class, tableau
 from ..model.model import Model
 from ..robot import Robot
-from .frozen_motion import STARTS, FrozenScene, SideBySide, fixed_schedule, resolving, schedule_of
+from .frozen_motion import STARTS, FrozenScene, SideBySide, divided_steps, fixed_schedule, schedule_of
 from .motion_gradients import FIXED, _names, _torques
 from .scene import Scene
 from .scene_numbers import BODIES
@@ -566,10 +566,11 @@ def sensitivities(
     else:
         how: dict[str, Any] = {"torque": torque, "method": method, "rtol": rtol, "atol": atol}
         run = simulate(scene, starts[0], starts[1], end, **how).run
-        run = run if run.changed or run.method not in EXPLICIT else resolving(frozen, {}, run)
         chosen, ends, why = run.method, aligned(run.reported.t, frozen.instants(end)), run.ending
         if run.changed or chosen not in EXPLICIT:
             chosen = chosen if chosen in IMPLICIT else "Radau"
+        elif (more := divided_steps(frozen, {}, run, ends)) is not ends:
+            ends, why = more, f"{why}; its steps are of at most {np.diff(more).max():.3g} s here, for the fastest mode"
     times = ends if times is None else times
     if chosen in IMPLICIT:
         frozen = replace(frozen, follows_limits=True)
