@@ -333,6 +333,10 @@ class ArmVectorEnv(VectorEnv[Array, Array, Array]):
             observations[ended], measures[ended] = now[ended], at_start[ended]
         return observations, rewards, fast, over, infos | self._info(measures, everyone)
 
+    def close(self, **kwargs: Any) -> None:
+        """End the use of the arms, which hold nothing that must be given back."""
+        self.closed = True
+
 
 def _limits(robot: Robot, kind: str, limit: Array) -> Array:
     """Largest torques or speeds, which each joint must have."""

@@ -887,3 +887,13 @@ def test_digits_of_fast_motions_with_numbers_of_their_own_are_judged(other):
         numbers = {name: x[k] for name, x in own.items()}
         one = rne.simulate(scene, q[k], qd[k], 1e-9, numbers=numbers, method="RK45")
         np.testing.assert_allclose(motions.q[-1, k], one.q[-1], rtol=ADAPTED)
+
+
+def test_a_kernel_that_is_written_out_takes_the_numbers_as_its_calls_do(arm):
+    friction = rne.Friction(viscous=2.0, coulomb=1.0, smoothing=0.1)  # of which the kernel takes the reciprocal
+    dynamics = replace(rne.Scene(arm, friction=friction).dynamics, has_energies=False)
+    kernel, names = rne.kernels.Kernel(dynamics.right_hand_side, arm.model, {}), dict[str, object]()
+    exec(kernel.source("python"), names)
+    t, x = np.zeros(1), np.linspace(0.1, 1.0, 2 * arm.n)
+    printed = names["right_hand_side"](t, x, dynamics.vector)
+    np.testing.assert_allclose(printed, kernel(t, x, dynamics.vector), rtol=1e-13)

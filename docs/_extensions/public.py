@@ -51,6 +51,7 @@ INTERNAL = {
     # The interface of gymnasium, which documents it.
     "ArmEnv.reset",
     "ArmEnv.step",
+    "ArmVectorEnv.close",
     "ArmVectorEnv.reset",
     "ArmVectorEnv.step",
 }

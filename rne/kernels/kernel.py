@@ -8,6 +8,7 @@ import logging
 import re
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from functools import cached_property
 from math import prod
 from types import FunctionType, MethodType
@@ -243,11 +244,19 @@ class Kernel:
         return self._trace
 
     @property
+    def whole(self) -> Trace:
+        """The traced program of the arguments as they are called, what is computed of numbers of a run among it."""
+        if self.traced.of_run is None:
+            return self.traced
+        quantity = replace(self.quantity, of_run=None)
+        return trace(quantity, self.model, self._rest, self.wrt, order=self.order)
+
+    @property
     def printable(self) -> Trace:
-        """The traced program, for those that do not check its results: with a TypeError if it has no value anywhere."""
+        """The whole program, for those that do not check its results: with a TypeError if it has no value anywhere."""
         if not self.traced.program.is_finite:
             raise TypeError(f"{self!r}: not written out, since it has a constant that is not finite")
-        return self.traced
+        return self.whole
 
     def coefficients(self, numbers: Array) -> Array:
         """What the program takes in place of the argument that stays the same over a run, such as a scene's numbers.

@@ -26,7 +26,7 @@ def to_jax(kernel: Any, mode: str) -> Callable[..., Any]:
     import jax
     import jax.numpy as jnp
 
-    run: Callable[..., Any] = partial(printed, kernel.traced)
+    run: Callable[..., Any] = partial(printed, kernel.whole)
     if kernel.engine == "numba" and jax.default_backend() == "cpu":
         run = _with_rules(mode, kernel, Rules(kernel, jnp, partial(_with_rules, mode)))
 
@@ -61,7 +61,7 @@ def _with_rules(mode: str, kernel: Any, rules: Rules) -> Callable[..., Any]:
     """The machine code as a function of arrays, with its derivatives by the rules."""
     import jax
 
-    plain = partial(called, kernel.traced)
+    plain = partial(called, kernel.whole)
     if not rules.apply(kernel, BACKWARDS if mode == "reverse" else FORWARDS):
         return plain
     function: Any = jax.custom_vjp(plain) if mode == "reverse" else jax.custom_jvp(plain)
