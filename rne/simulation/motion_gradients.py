@@ -282,7 +282,8 @@ def motion_gradient(
     -----
     Where torques reach a limit, and of kinks of friction and laws, derivatives are those of the side on which a stage
     is. By "delay" it is the jump of dx/dt where a command begins to act, that of a longer one where both sides differ.
-    Numbers that are infinite have derivative 0.
+    Numbers that are infinite have derivative 0. Step control sees nothing of what numbers would do that are 0, such as
+    friction that is not there: for derivatives by them give `step`.
     Sandu 2006, On the properties of Runge-Kutta discrete adjoints, equation 4; Griewank and Walther 2008, chapter 3.
 
     Examples

@@ -536,7 +536,8 @@ def sensitivities(
     and as far from that of the motion as the tolerances allow. For a cost of the motion and many numbers
     `rne.motion_gradient` takes less time. Where torques reach a limit, and at kinks of friction and laws, derivatives
     are those of the side on which a stage is. By "delay" it is the jump of dx/dt where a command begins to act, for
-    delays that grow. Numbers that are infinite have derivative 0.
+    delays that grow. Numbers that are infinite have derivative 0. Step control sees nothing of what numbers would do
+    that are 0, such as friction that is not there: for derivatives by them give `step`.
 
     Examples
     --------
