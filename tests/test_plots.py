@@ -322,7 +322,7 @@ def test_derivatives_are_drawn_entry_by_entry():
     found = rne.sensitivities(chain, [0.3, 0.1], [0, 0], 0.04, wrt=["q0", "gravity"], step=0.02)
     figure = found.plot("gravity", "qd")
     assert [ax.get_title() for ax in figure.axes] == ["joint0", "joint1"]
-    assert {ax.get_ylabel() for ax in figure.axes} == {"velocity [rad/s] by gravity"}
+    assert {ax.get_ylabel() for ax in figure.axes} == {"velocity [rad/s]\nby gravity"}
     for k, ax in enumerate(figure.axes):
         drawn = np.array([line.get_ydata() for line in ax.lines]).T
         np.testing.assert_array_equal(drawn, found.dqd["gravity"][:, k])
