@@ -328,7 +328,7 @@ def test_derivatives_are_drawn_entry_by_entry():
         np.testing.assert_array_equal(drawn, found.dqd["gravity"][:, k])
     assert [line.get_label() for line in figure.axes[0].lines] == ["gravity[0]", "gravity[1]", "gravity[2]"]
     (ax,) = found.plot(joints=["joint1"]).axes
-    assert ax.get_ylabel() == "position [rad] by q0"
+    assert ax.get_ylabel() == "position [rad]\nby q0"
     assert rne.plotting.sensitivity_plot(found, joints=["joint1"], axes=ax) is ax.figure
     for wrong, message in (
         ({"name": "qd0"}, r"`name` must be from \['q0', 'gravity'\], got 'qd0'"),
