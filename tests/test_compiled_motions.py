@@ -78,14 +78,15 @@ def driven(free):
     return [rne.Scene(robot, **parts) for robot in free]
 
 
-def check(pair, start, duration, *, worse=1.2, **how):
+def check(pair, start, duration, *, worse=1.2, luck=0.0, **how):
     """Errors at most 1.2 times SciPy's on a grid of times, and the same words; as many evaluations, but for interpolants:
     those of DOP853 take three of fifteen, and are made for all steps of a block.
 
     Roundings differ between them and between processors, and place the steps: errors are compared over several starts.
+    No error is more than four times SciPy's, or than `luck`, relative, where SciPy's happens to be smaller.
     """
     times, machine_code = np.linspace(0, duration, 97), is_machine_code(pair[1])
-    ratios, counts = {"q": [], "qd": [], "work": []}, []
+    ratios, counts, excess = {"q": [], "qd": [], "work": []}, [], []
     for k in range(6 if machine_code else 3):
         q0 = np.array(start[0]) + 0.02 * k
         exact = rne.simulate(pair[0], q0, start[1], duration, t_eval=times, **(how | EXACT))
@@ -95,12 +96,13 @@ def check(pair, start, duration, *, worse=1.2, **how):
             small = 1e-12 * max(1.0, np.abs(right).max())
             errors = [np.abs(getattr(motion, name) - right).max() + small for motion in (expected, got)]
             found.append(errors[1] / errors[0])
+            excess.append(errors[1] / max(errors[0], luck * max(1.0, np.abs(right).max())))
         counts.append((expected.evaluations, got.evaluations))
     most = np.sum(counts, axis=0)
     assert 0.97 * most[0] <= most[1] <= 1.25 * most[0]
     for name, found in ratios.items():
         assert np.exp(np.mean(np.log(found))) <= worse, (name, found)
-        assert max(found) <= 4, (name, found)
+    assert max(excess) <= 4, excess
     assert "; in machine code" in got.message
     words = got.message.replace("; in machine code", "")
     assert (got.method, words.split(",")[0]) == (expected.method, expected.message.split(",")[0])
@@ -120,8 +122,12 @@ def test_a_free_swing(free, method):
 
 @pytest.mark.parametrize("method", kept(["RK45", "DOP853"], ["RK45"]))
 def test_a_law_of_time_with_friction_and_limits(driven, method):
-    """Its ledger is integrated on the interpolants of the same steps."""
-    motion = check(driven, ([0.5, 0.2], [0, 0]), 1.5, method=method, rtol=1e-7)
+    """Its ledger is integrated on the interpolants of the same steps.
+
+    Torques meet their limits within steps: roundings place those of DOP853, and its errors at single starts, SciPy's
+    too, scatter by a factor of ten around the tolerance.
+    """
+    motion = check(driven, ([0.5, 0.2], [0, 0]), 1.5, method=method, rtol=1e-7, luck=1e-7)
     assert motion.energy_drift <= 1e-5
     assert motion.dissipated.keys() == {"viscous", "coulomb"}
 
