@@ -15,6 +15,7 @@ from .basics.spatial import Array
 from .elementwise import arctan2, clip, maximum
 from .robot import Robot
 from .simulation.scene import Scene
+from .simulation.scene_dynamics import UserFunction
 from .simulation.simulator import scene_argument
 from .simulation.stepper import Stepper
 
@@ -44,7 +45,7 @@ class Sight:
     middle: Array
     half: Array  # of the ranges; 0 and 1 without one [rad or m]
     speed_limit: Array
-    reward: Callable[..., Any] | None
+    reward: UserFunction | None
     traceable = True
 
     def __call__(self, q: Array, qd: Array, qdr: Array, tau: Array) -> Array:
@@ -59,9 +60,7 @@ class Sight:
             measure = np.sqrt((way * way).sum())
         closeness = (1 + measure) / 2 if self.up is not None else NEAR / (NEAR + measure)
         paid = closeness - EFFORT * (tau * tau).sum() / len(q)
-        paid = paid if self.reward is None else self.reward(q, qd, qdr, tau)
-        if np.shape(paid):
-            raise ValueError(f"`reward` must return one number, got shape {np.shape(paid)}")
+        paid = paid if self.reward is None else self.reward.value(q, qd, qdr, tau)
         speeds = qd / self.speed_limit
         fastest = reduce(maximum, maximum(speeds, -speeds))
         seen = [*self._joints(q - self.middle), clip(speeds, -1.0, 1.0), *seen]
@@ -161,7 +160,7 @@ class ArmEnv(gymnasium.Env[Array, Array]):
     ) -> None:
         if task not in TASKS:
             raise ValueError(f"`task` must be one of {list(TASKS)}, got {task!r}")
-        scene = scene_argument(scene)
+        scene = scene_argument(scene, "scene")
         if scene.controller is not None:
             raise ValueError("`scene` has a controller: leave it out, the actions are the torques")
         if reward is not None:
@@ -183,7 +182,8 @@ class ArmEnv(gymnasium.Env[Array, Array]):
         index = None if link is None else robot.model.link_index(link)
         up = _up(robot, index, goals.mean(axis=0)) if task == "swing-up" else None
         middle, half = np.where(turns, 0.0, (low + high) / 2), np.where(turns | (low == high), 1.0, (high - low) / 2)
-        sight = Sight(robot, index, up, turns, middle, half, self._speed, reward)
+        own = None if reward is None else UserFunction("reward", reward, (robot.n,) * 4)
+        sight = Sight(robot, index, up, turns, middle, half, self._speed, own)
         self._sight, bounds = robot.kernel(cast(Any, sight)), sight.bounds().astype(np.float32)
         interval = positive_number("sample_time", sample_time)
         self._stepper = Stepper(scene, sample_time=interval, substeps=substeps, position_stops=not turns.all())
@@ -302,7 +302,11 @@ class ArmVectorEnv(VectorEnv[Array, Array, Array]):
     ) -> tuple[Array, dict[str, Any]]:
         """Begin an episode of each arm; seeds are one for each, or seed, seed + 1, ..."""
         count = self.num_envs
-        seeds = [seed + k for k in range(count)] if isinstance(seed, int) else [None] * count if seed is None else seed
+        seeds: list[int | None] = [None] * count
+        if isinstance(seed, Sequence | np.ndarray):
+            seeds = list(seed)
+        elif seed is not None:
+            seeds = [whole_number("seed", seed, least=0) + k for k in range(count)]
         if len(seeds) != count:
             raise ValueError(f"`seed` must be one number or {count}, got {len(seeds)}")
         before = self._generators
@@ -343,7 +347,9 @@ def _limits(robot: Robot, kind: str, limit: Array) -> Array:
     cures = {"effort": "rne.Scene(..., effort_limit=...)", "speed": "`speed_limit`"}
     for name, value in zip(robot.joint_names, limit.tolist(), strict=True):
         if not 0 < value < UNBOUNDED:
-            raise ValueError(f"joint {name!r} must have a limit of {kind}, got {value:g}: give {cures[kind]}")
+            raise ValueError(
+                f"joint {name!r} must have a finite {kind} limit above 0, got {value:g}: give {cures[kind]}"
+            )
     return limit
 
 

@@ -200,7 +200,7 @@ def test_episodes_are_drawn_evenly_by_seeds():
     assert abs(np.corrcoef(parts)[0, 1]) < 0.25  # five standard deviations
     again = arms.reset()[0]
     assert (again != observations).any(axis=1).all()
-    assert np.array_equal(arms.reset(seed=1)[0], observations)
+    assert np.array_equal(arms.reset(seed=np.int64(1))[0], observations)
     assert np.array_equal(arms.reset()[0], again)
     assert np.array_equal(arms.reset(seed=[*range(2, 402)])[0][:-1], observations[1:])
 
@@ -240,9 +240,10 @@ REFUSED = {
     "`start` must be within the joints' ranges, the lowest positions first, got 1 to -1 of 'joint_2'": {
         "start": [[0, 1], [0, -1]]
     },
-    "joint 'joint_1' must have a limit of speed, got 0: give `speed_limit`": {"speed_limit": 0.0},
+    "joint 'joint_1' must have a finite speed limit above 0, got 0: give `speed_limit`": {"speed_limit": 0.0},
     "`sample_time` must be positive, got -1.0": {"sample_time": -1.0},
     "`time_limit` must be positive, got 0.0": {"time_limit": 0.0},
+    "`reward` must return one number, got None": {"reward": lambda q, qd, goal, action: None},
     "`reward` must return one number, got shape (2,)": {"reward": rne.traceable(lambda q, qd, goal, action: q)},
 }
 
@@ -260,9 +261,12 @@ def test_missing_limits_laws_and_ranges_are_refused_with_the_cure():
     for scene, text in (
         (
             two_links(effort=[10, np.inf]),
-            "joint 'joint_2' must have a limit of effort, got inf: give rne.Scene(..., effort_limit=...)",
+            "joint 'joint_2' must have a finite effort limit above 0, got inf: give rne.Scene(..., effort_limit=...)",
         ),
-        (two_links(velocity=[np.inf, 1]), "joint 'joint_1' must have a limit of speed, got inf: give `speed_limit`"),
+        (
+            two_links(velocity=[np.inf, 1]),
+            "joint 'joint_1' must have a finite speed limit above 0, got inf: give `speed_limit`",
+        ),
         (rne.Robot(endless), "joint 'joint_1' must have a range: give Robot.with_limits(lower=..., upper=...)"),
         (law, "`scene` has a controller: leave it out, the actions are the torques"),
     ):
@@ -272,6 +276,12 @@ def test_missing_limits_laws_and_ranges_are_refused_with_the_cure():
         TypeError, match=r"^`reward` must be a function of \(q, qd, goal, action\) of one state, got float$"
     ):
         ArmEnv(arm, reward=1.0)
+    with pytest.raises(
+        TypeError, match=r"^`reward` must be a formula that can be traced: a traced number has no value"
+    ):
+        ArmEnv(arm, reward=lambda q, qd, goal, action: 1.0 if q[0] > 0 else 0.0)
+    with pytest.raises(TypeError, match=r"^`scene` must be an rne.Scene or rne.Robot, got str$"):
+        ArmEnv("ur5")
 
 
 def test_actions_and_numbers_of_arms_are_checked():
@@ -280,6 +290,7 @@ def test_actions_and_numbers_of_arms_are_checked():
         (lambda: arms.step(np.zeros((2, 2))), "`actions` must have shape (3, 2), got (2, 2)"),
         (lambda: arms.step(np.full((3, 2), np.nan)), "`actions` must be finite, got nan at index (0, 0)"),
         (lambda: arms.reset(seed=[1, 2]), "`seed` must be one number or 3, got 2"),
+        (lambda: arms.reset(seed=1.5), "`seed` must be a whole number of at least 0, got 1.5"),
         (lambda: ArmVectorEnv(0, two_links()), "`num_envs` must be a whole number above zero, got 0"),
         (
             lambda: ArmVectorEnv(1, two_links(), autoreset_mode="Disabled"),

@@ -460,6 +460,18 @@ class TestArguments:
         [
             ({"wrt": 3}, TypeError, "`wrt` must be names of numbers, got 3"),
             ({"wrt": ["q0", 3]}, TypeError, "`wrt` must be names of numbers, got 3"),
+            ({"progress": 3}, TypeError, r"`progress` must be a function of \(done, total\), got int"),
+            ({"final": lambda q, qd: None}, ValueError, "`final` must return one number, got None"),
+            (
+                {"final": lambda q, qd: q[0] if q[0] > 0 else q[1]},
+                TypeError,
+                "`final` must be a formula that can be traced: a traced number has no value: a branch.*",
+            ),
+            (
+                {"cost": lambda t, q, qd, tau: q[0] if q[0] > 0 else q[1]},
+                TypeError,
+                "`cost` must be a formula that can be traced: a traced number has no value: a branch.*",
+            ),
             (
                 {"wrt": "controller.kq"},
                 ValueError,

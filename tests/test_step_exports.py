@@ -119,6 +119,11 @@ def test_what_cannot_be_written_is_refused(text):
         REFUSED[text](rne.Stepper(chain(), 0.01))
 
 
+def test_an_unknown_number_of_a_casadi_function_is_named():
+    with pytest.raises(ValueError, match=r"^`numbers`: the scene has the numbers .*; got 'friction.viscos'"):
+        rne.Stepper(chain(), 0.01).to_casadi(numbers=["friction.viscos"])
+
+
 def test_c_gives_nan_outside_the_samples_of_a_reference(tmp_path):
     stepper = rne.Stepper(sampled(law="reference"))
     out = np.zeros(4)

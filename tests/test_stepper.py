@@ -253,14 +253,14 @@ REFUSED = {
     "`method` must be one of ['rk4', 'tsit5', 'semi-implicit-euler'], got 'euler'": lambda: rne.Stepper(
         chain(), 0.01, method="euler"
     ),
-    "the scene has no steps that are a function of its state: `stops` end a run: set `stops` to False": lambda: (
-        rne.Stepper(chain(stops=True), 0.01)
+    "the scene cannot be stepped from its state alone: `stops` end a run: set `stops` to False": lambda: rne.Stepper(
+        chain(stops=True), 0.01
     ),
-    "the scene has no steps that are a function of its state: dry `friction` sticks and slips by events: give it a "
+    "the scene cannot be stepped from its state alone: dry `friction` sticks and slips by events: give it a "
     "`smoothing` above 0": lambda: rne.Stepper(chain(friction=rne.Friction(coulomb=1.0, smoothing=0)), 0.01),
-    "the scene has no steps that are a function of its state: `controller` is called, as it is not marked by "
+    "the scene cannot be stepped from its state alone: `controller` is called, as it is not marked by "
     "rne.traceable: mark it by rne.traceable": lambda: rne.Stepper(chain(controller=lambda t, q, qd: -qd), 0.01),
-    "the scene has no steps that are a function of its state: `torque_rate` asks for the command before: leave it out, "
+    "the scene cannot be stepped from its state alone: `torque_rate` needs the command before: leave it out, "
     "or bound what the law gives": lambda: rne.Stepper(sampled(torque_rate=10.0)),
     "`u` must be given, torques of shape (2,) or (N, 2): the scene has no controller": lambda: rne.Stepper(
         chain(), 0.01
@@ -296,6 +296,13 @@ REFUSED = {
 def test_what_cannot_be_is_refused_with_its_cure(text):
     with pytest.raises(ValueError, match=f"^{re.escape(text)}$"):
         REFUSED[text]()
+
+
+@pytest.mark.parametrize("method", ["__call__", "gradient", "jacobian"])
+def test_numbers_without_names_are_refused(method):
+    stepper = rne.Stepper(chain(), 0.01)
+    with pytest.raises(TypeError, match=r"^`numbers` must be a mapping of names to arrays, got list$"):
+        getattr(stepper, method)(np.zeros(4), np.zeros(2), numbers=[1.0])
 
 
 @pytest.mark.parametrize("engine", kept(["numpy", "numba"], ["numpy"]))

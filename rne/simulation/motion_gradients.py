@@ -191,8 +191,6 @@ class _Task:
         kernel, gradients = _kernels_at_end(self.final, self.frozen.scene.resolved.robot.model)
         joints = [x[:, place] for place in places]
         at_end = kernel(*joints)
-        if at_end.shape != value.shape:
-            raise ValueError(f"`final` must return one number, got shape {at_end.shape[1:]}")
         for place, part in zip(places, np.split(gradients(*joints, np.ones((len(x), 1))), 2, axis=1), strict=True):
             slopes[:, place] += part
         return value + at_end, slopes
@@ -201,7 +199,7 @@ class _Task:
 @lru_cache(maxsize=64)
 def _kernels_at_end(final: UserFunction, model: Model) -> tuple[Kernel, Kernel]:
     """Of a function of the end and of its gradient."""
-    traced: Any = traceable(lambda q, qd: final.function(q, qd))
+    traced: Any = traceable(lambda q, qd: final.value(q, qd))
     traced.__name__ = final.name  # in errors
     return Kernel(traced, model, {}), Kernel(traced, model, {}, ("q", "qd"), order="gradient")
 
@@ -297,7 +295,8 @@ def motion_gradient(
     ((6,), True)
     """
     scene, names = scene_argument(scene_or_robot), _names(wrt)
-    for name, function, arguments in (("cost", cost, "(t, q, qd, tau)"), ("final", final, "(q, qd)")):
+    functions: tuple[tuple[str, Any, str], ...] = (("cost", cost, "(t, q, qd, tau)"), ("final", final, "(q, qd)"))
+    for name, function, arguments in (*functions, ("progress", progress, "(done, total)")):
         if function is not None:
             check_function(name, function, arguments)
     if cost is None and final is None:

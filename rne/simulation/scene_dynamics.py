@@ -86,11 +86,19 @@ class UserFunction:
         """Its values in states of shape (..., n), shape (..., 1)."""
         leading = q.shape[:-1]
         times = np.broadcast_to(t, (*leading, 1))
-        each = [self.function(times[k][0], q[k].copy(), qd[k].copy(), tau[k].copy()) for k in np.ndindex(leading)]
-        if any(value is None or np.size(value) != 1 for value in each):
-            got = "None" if each[0] is None else f"shape {np.shape(each[0])}"
+        each = [self.value(times[k][0], q[k].copy(), qd[k].copy(), tau[k].copy()) for k in np.ndindex(leading)]
+        return np.array(each).reshape(*leading, 1)
+
+    def value(self, *arguments: Any) -> Any:
+        """The number that it returns in one state; errors name the function."""
+        try:
+            found = self.function(*arguments)
+        except TypeError as error:
+            raise TypeError(f"`{self.name}` must be a formula that can be traced: {error}") from error
+        if found is None or np.size(found) != 1:
+            got = "None" if found is None else f"shape {np.shape(found)}"
             raise ValueError(f"`{self.name}` must return one number, got {got}")
-        return np.array([np.reshape(value, ()).item() for value in each]).reshape(*leading, 1)
+        return np.reshape(found, ()).item()
 
 
 class Bodies(NamedTuple):

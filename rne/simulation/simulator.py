@@ -170,10 +170,10 @@ def tolerances(rtol: float, atol: float) -> tuple[float, float]:
     return checked
 
 
-def scene_argument(scene_or_robot: Scene | Robot) -> Scene:
+def scene_argument(scene_or_robot: Scene | Robot, name: str = "scene_or_robot") -> Scene:
     """The scene that is given, or that of a robot alone."""
     if not isinstance(scene_or_robot, Scene | Robot):
-        raise TypeError(f"`scene_or_robot` must be an rne.Scene or rne.Robot, got {type(scene_or_robot).__name__}")
+        raise TypeError(f"`{name}` must be an rne.Scene or rne.Robot, got {type(scene_or_robot).__name__}")
     return Scene(scene_or_robot) if isinstance(scene_or_robot, Robot) else scene_or_robot
 
 

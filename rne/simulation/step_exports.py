@@ -13,10 +13,14 @@ from ..basics.spatial import Array
 from ..kernels.exports.casadi import to_casadi
 from ..kernels.kernel import Kernel, with_table
 from .frozen_motion import FrozenScene
+from .scene_numbers import unknown
 
 
 def interval_to_casadi(stepper: Any, name: str, symbolic: str, names: Sequence[str]) -> Any:
     """See `Stepper.to_casadi`."""
+    for number in names:
+        if number not in stepper.scene.numbers:
+            raise ValueError(f"`numbers`: {unknown(number, stepper.scene.numbers)}")
     frozen: FrozenScene = stepper._frozen(stepper.scene, tuple(names))
     kernels, model = list[Any](), frozen.scene.resolved.robot.model
     for function in (frozen.dynamics.right_hand_side, frozen.law and frozen.law.outputs):

@@ -200,8 +200,9 @@ class Stepper:
     ) -> None:
         if method not in METHODS:
             raise ValueError(f"`method` must be one of {list(METHODS)}, got {method!r}")
-        self.scene, self.substeps, self.method = scene_argument(scene), whole_number("substeps", substeps), method
+        self.scene, self.substeps = scene_argument(scene, "scene"), whole_number("substeps", substeps)
         self.sample_time, self.position_stops = _period(self.scene, sample_time), bool(position_stops)
+        self.method = method
         self._own = _Numbers(self._frozen(self.scene, ()), {}, {})
         self._known: dict[tuple[str, ...], _Numbers] = {}  # those given last, by their names
         frozen, side, robot = self._own.frozen, self._own.side, self.scene.resolved.robot
@@ -233,9 +234,9 @@ class Stepper:
         found = FrozenScene(scene, names, None, scene.controller is None, damped_over)
         refused = found.refused
         if scene.torque_rate is not None:
-            refused = "`torque_rate` asks for the command before: leave it out, or bound what the law gives"
+            refused = "`torque_rate` needs the command before: leave it out, or bound what the law gives"
         if refused:
-            raise ValueError(f"the scene has no steps that are a function of its state: {refused}")
+            raise ValueError(f"the scene cannot be stepped from its state alone: {refused}")
         return found
 
     def start(self, q0: ArrayLike, qd0: ArrayLike) -> Array:
@@ -439,7 +440,7 @@ class Stepper:
         def repeated(value: Any, axes: int) -> Any:
             return value if np.ndim(value) <= axes else np.repeat(value, size, axis=0)
 
-        own = {name: repeated(value, known[name].ndim) for name, value in (numbers or {}).items()}
+        own = {name: repeated(value, known[name].ndim) for name, value in _named(numbers).items()}
         each = np.repeat(states, size, axis=0), repeated(u, 1) if u is not None else None
         found = self.gradient(*each, np.tile(np.eye(size), (len(states), 1)), own, workers, t=repeated(t, 0))
         rows = np.concatenate([found[name] for name in ("x", "u") if name in found], axis=1)
@@ -564,6 +565,7 @@ class Stepper:
 
     def _numbers(self, numbers: Mapping[str, ArrayLike] | None, count: int) -> _Numbers:
         """Numbers in place of the scene's, checked; those given last are known."""
+        numbers = _named(numbers)
         if not numbers:
             return self._own
         names, scene, known = tuple(numbers), self.scene, self.scene.numbers
@@ -638,6 +640,13 @@ class Stepper:
         rows.out[some] = part.out
         if derive:
             rows.others[some] = part.others
+
+
+def _named(numbers: Mapping[str, ArrayLike] | None) -> dict[str, ArrayLike]:
+    """Numbers by name."""
+    if not isinstance(numbers, Mapping | None):
+        raise TypeError(f"`numbers` must be a mapping of names to arrays, got {type(numbers).__name__}")
+    return dict(numbers or {})
 
 
 def _period(scene: Scene, sample_time: float | None) -> float:
