@@ -209,6 +209,18 @@ def test_numbers_are_those_of_a_scene_that_has_them():
         stepper(x[:2], numbers=own)
 
 
+def test_limits_that_are_infinite_are_none():
+    numbers, free = {"effort_limit": np.inf}, rne.Stepper(chain(), 0.01)
+    stepper = rne.Stepper(chain(effort_limit=LIMIT), 0.01)
+    x, u, W = drawn(stepper)
+    np.testing.assert_allclose(stepper(x, u, numbers), free(x, u), rtol=0, atol=ROUNDING)
+    assert not stepper.gradient(x, u, W, numbers)["effort_limit"].any()
+    given = {"final": lambda q, qd: q[0], "wrt": "effort_limit", "torque": u[0], "step": 0.01, "numbers": numbers}
+    value, slopes = rne.motion_gradient(stepper.scene, x[0, :2], x[0, 2:], 0.01, **given)
+    assert value == pytest.approx(free(x[0], u[0])[0], abs=ROUNDING)
+    assert not slopes["effort_limit"].any()
+
+
 def test_no_states_have_no_derivatives():
     stepper, x, u = rne.Stepper(chain(), 0.01), np.zeros((0, 4)), np.zeros((0, 2))
     for viscous in ([0.4, 0.2], u):

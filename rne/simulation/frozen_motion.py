@@ -6,7 +6,7 @@ bounds of commands, pieces of a reference through samples. A number of the scene
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -14,7 +14,9 @@ from math import ceil, factorial
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from ..basics.arrays import real_numbers
 from ..basics.numbers import part_of
 from ..basics.piecewise import NO_TABLES, numbers_at, rows_of_tables
 from ..basics.spatial import Array
@@ -25,16 +27,17 @@ from ..errors import NotFiniteError, SingularMassMatrixError
 from ..integrators.frozen_steps import Adjoint, Function, Holding, Kept, Schedule, advance, pull_back
 from ..integrators.loops import compiled
 from ..integrators.step_control import NEARLY, aligned, equal_steps
-from ..integrators.tableaus import Tableau, scipy_class, tableau
+from ..integrators.tableaus import EXPLICIT, Tableau, scipy_class, tableau
 from ..kernels.kernel import Kernel
 from ..model.parameters import PARAMETERS, at_parameters
 from .run import RunResult
 from .scene import Scene
 from .scene_dynamics import Bodies, SceneDynamics, UserFunction
 from .scene_numbers import BODIES, bodies_as_numbers, numbers_of_dynamics, unknown
-from .simulator import law_breaks
+from .simulator import law_breaks, simulate
 
 STARTS = ("q0", "qd0")
+FIXED = "rk4"  # of equal steps
 STICKS = "dry `friction` sticks and slips by events: give it a `smoothing` above 0"
 EXAMINED, LOOSE = 8, 3.0  # of steps: how many of the longest, and how much longer than modes ask for they may be
 SHORTER, GROWTH = (
@@ -143,6 +146,11 @@ class FrozenScene:
         """dx/dt."""
         return self.scene.kernels.scene_kernel(self.dynamics.right_hand_side)
 
+    @property
+    def by_machine(self) -> bool:
+        """True if steps run in machine code."""
+        return self.kernel.is_unrolled and self.kernel.engine == "numba"
+
     @cached_property
     def gradient(self) -> Kernel:
         """Its gradient by the state, commands, and pieces and numbers where some are named."""
@@ -176,6 +184,11 @@ class FrozenScene:
             found[name] = {k: x - at_zero[k] for k, x in bodies_as_numbers(self.scene, {name: unit}).items()}
         return found
 
+    def equal_steps(self, end: float, step: float, *instants: Array) -> Array:
+        """Ends of equal steps, which samples, commands that begin to act, breaks and further instants are among."""
+        events = self.instants(end)
+        return equal_steps(end, step, *events, *(aligned(given, [*events, np.array([end])]) for given in instants))
+
     def start(self, numbers: Array, q0: Array, qd0: Array) -> Array:
         """States (L, size) where joints start, under numbers of the equations, (p,) or (L, p)."""
         dynamics = self.dynamics
@@ -202,22 +215,19 @@ class FrozenScene:
             found[0][:, k:n], found[2][:, k:n] = of_motors[..., :k], of_motors[..., k:]
         return found[0], found[1], found[2]
 
-    def samples_of(self, name: str) -> Callable[[Adjoint], Array] | None:
-        """Derivatives by samples of the motion that a law follows, (L, K n), if that is the number; by its pieces."""
+    def samples_of(self, name: str) -> bool:
+        """True for the number that has the samples of a motion which a law follows."""
         law = self.law or self.dynamics.law
-        if law is None or law.motion is None or name != f"controller.{law.motion[0]}":
-            return None
-        motion = law.motion[1]
-        K, n = motion.samples.shape
-        each = motion.with_samples(np.eye(K)).table[:, 2:].reshape(len(law.table), -1, K)  # by samples of one joint
+        return law is not None and law.motion is not None and name == f"controller.{law.motion[0]}"
 
-        def sampled(adjoint: Adjoint) -> Array:
-            table = adjoint.table if self.law is None else adjoint.law_table
-            pieces = table.reshape(len(each), -1, table.shape[1] * len(table) // max(1, len(each) * law.table.shape[1]))
-            by_rows = pieces[:, 2:].reshape(len(each), each.shape[1], n, -1)
-            return np.asarray(np.einsum("rcil,rck->lki", by_rows, each))
-
-        return sampled
+    @cached_property
+    def by_samples(self) -> Array:
+        """Derivatives of pieces by the samples of one joint, (pieces, coefficients, K), if a law follows samples."""
+        law = self.law or self.dynamics.law
+        if law is None or law.motion is None:
+            return np.zeros((0, 0, 0))
+        K = len(law.motion[1].samples)
+        return np.asarray(law.motion[1].with_samples(np.eye(K)).table[:, 2:].reshape(len(law.table), -1, K))
 
     def by_names(
         self, wrt: Sequence[str], group: SideBySide, adjoint: Adjoint, starts: tuple[Array, Array]
@@ -243,10 +253,36 @@ class FrozenScene:
             if name in ("effort_limit", "torque_rate") and self.commanded:
                 k = int(name == "torque_rate")
                 total = total + adjoint.limits[k].reshape(-1, L).T * (self.period if k else 1.0)
-            if (sampled := self.samples_of(name)) is not None:
-                total = total + sampled(adjoint)
+            if self.samples_of(name):
+                pieces = (adjoint.table if self.law is None else adjoint.law_table).reshape(len(self.by_samples), -1, L)
+                by_rows = pieces[:, 2:].reshape(*self.by_samples.shape[:2], -1, L)
+                total = total + np.einsum("rcil,rck->lki", by_rows, self.by_samples)
             found[name] = np.asarray(total) if shape is None else np.broadcast_to(total, (L, *shape)).copy()
         return found
+
+
+def names_of(wrt: Any) -> tuple[str, ...]:
+    """The names in `wrt`, checked to be texts."""
+    names = (wrt,) if isinstance(wrt, str) or not isinstance(wrt, Iterable) else tuple(wrt)
+    if wrong := [name for name in names if not isinstance(name, str)]:
+        raise TypeError(f"`wrt` must be names of numbers, got {wrong[0]!r}")
+    return names
+
+
+def constant_torques(scene: Scene, torque: ArrayLike | None, count: int) -> Array:
+    """Constant torques, (N, n); (N, 0) of none."""
+    if torque is None:
+        return np.zeros((count, 0))
+    if scene.controller is not None:
+        raise ValueError("`torque` cannot be given for a scene that has a controller")
+    if callable(torque):
+        raise ValueError(
+            "`torque` must be constant here: a law is the `controller` of a scene, marked by rne.traceable"
+        )
+    given = real_numbers("torque", torque, f"({scene.n},) or ({count}, {scene.n})").astype(float)
+    if given.shape not in ((scene.n,), (count, scene.n)):
+        raise ValueError(f"`torque` must have shape ({scene.n},) or ({count}, {scene.n}), got {given.shape}")
+    return np.broadcast_to(given, (count, scene.n))
 
 
 def scene_function(
@@ -380,7 +416,6 @@ class SideBySide:
 
     def advance(self, schedule: Schedule, x: Array, kept: Kept) -> bool:
         """Take steps from the flat state x on, which changes; False if a state needs the recursion."""
-        schedule = schedule._replace(positions=schedule.positions * self.count)
         n, stages = self.n * self.count, len(schedule.tableau.B)
         room = np.empty((stages, len(x))), np.empty(len(x)), np.empty(n), np.empty(n)
         text = compiled(advance) if self.by_machine else advance
@@ -403,7 +438,6 @@ class SideBySide:
 
     def pull_back(self, schedule: Schedule, kept: Kept, adjoint: Adjoint) -> bool:
         """Go back through steps; False if a state needs the recursion."""
-        schedule = schedule._replace(positions=schedule.positions * self.count)
         text = compiled(pull_back) if self.by_machine else pull_back
         return not text(*self.gradients, schedule, self.holding, kept, adjoint)
 
@@ -413,27 +447,29 @@ def flat(rows: Array) -> Array:
     return np.ascontiguousarray(rows.T).reshape(-1)
 
 
-def schedule_of(
-    method: Tableau, positions: int, ends: Array, breaks: Array, samples: Array, arrivals: Array
-) -> Schedule:
+def schedule_of(method: Tableau, ends: Array, samples: Array, arrivals: Array, breaks: Array) -> Schedule:
     """Steps between times, (K + 1,), on their own sides of breaks, samples and commands among them."""
     begins, lengths = ends[:-1], np.diff(ends)
     first = np.where(np.isin(begins, breaks), np.nextafter(begins, np.inf), -np.inf)
     last = np.where(np.isin(ends[1:], breaks), np.nextafter(ends[1:], -np.inf), np.inf)
     times = np.clip(begins[:, None] + method.C * lengths[:, None], first[:, None], last[:, None])
     sampled, acting = (np.isin(begins, instants).astype(np.int64) for instants in (samples, arrivals))
-    return Schedule(method, positions, times, begins.copy(), lengths, sampled, acting)
+    return Schedule(method, 0, times, begins.copy(), lengths, sampled, acting)
 
 
-def fixed_schedule(frozen: FrozenScene, method: str, end: float, step: float, *instants: Array) -> Schedule:
-    """Equal steps that end at samples, where commands begin to act, at breaks and at further instants."""
-    events = samples, arrivals, breaks = frozen.instants(end)
-    further = [aligned(given, [*events, np.array([end])]) for given in instants]
-    ends = equal_steps(end, step, *events, *further)
-    return schedule_of(tableau(method), 0, ends, breaks, samples, arrivals)
+def steps_taken(
+    frozen: FrozenScene, scene: Scene, own: Own, starts: Sequence[Array], end: float, *, if_growing: bool, **how: Any
+) -> tuple[RunResult, Array, Array]:
+    """A run by a method that controls its steps, their ends, and those of `divided_steps` of explicit methods."""
+    q0, qd0 = starts
+    run = simulate(scene, q0, qd0, end, **how).run
+    ends = aligned(run.reported.t, frozen.instants(end))
+    if run.changed or run.method not in EXPLICIT:
+        return run, ends, ends
+    return run, ends, divided_steps(frozen, own, run, ends, if_growing=if_growing)
 
 
-def divided_steps(frozen: FrozenScene, own: Own, run: RunResult, ends: Array, *, if_growing: bool = False) -> Array:
+def divided_steps(frozen: FrozenScene, own: Own, run: RunResult, ends: Array, *, if_growing: bool) -> Array:
     """The ends of a run's steps, with shorter ones in place of those that do not resolve the fastest mode.
 
     Where nothing moves, the control of errors sees no need of any step, but derivatives do. A step h resolves a mode of

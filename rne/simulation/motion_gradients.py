@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -16,29 +16,28 @@ from ..control.laws import traceable
 from ..errors import NotFiniteError
 from ..integrators.frozen_steps import Adjoint, Kept, Schedule
 from ..integrators.loops import LANES
-from ..integrators.step_control import aligned
 from ..integrators.tableaus import EXPLICIT, tableau
 from ..kernels.kernel import Kernel
 from ..model.model import Model
 from ..robot import Robot
 from .frozen_motion import (
+    FIXED,
     MOST_AT_ONCE,
     STARTS,
     STICKS,
     FrozenScene,
     Own,
     SideBySide,
-    divided_steps,
-    fixed_schedule,
+    constant_torques,
     flat,
+    names_of,
     schedule_of,
+    steps_taken,
 )
 from .scene import Scene
 from .scene_dynamics import UserFunction
-from .scene_numbers import checked, friction_of_all, scene_of_all
-from .simulator import METHODS, scene_argument, simulate, tolerances
-
-FIXED = "rk4"
+from .scene_numbers import common_and_own
+from .simulator import METHODS, scene_argument, tolerances
 
 
 class MotionGradient(NamedTuple):
@@ -294,7 +293,7 @@ def motion_gradient(
     >>> slopes["friction.viscous"].shape, bool(slopes["friction.viscous"][1] < 0)  # more friction: it falls less
     ((6,), True)
     """
-    scene, names = scene_argument(scene_or_robot), _names(wrt)
+    scene, names = scene_argument(scene_or_robot), names_of(wrt)
     functions: tuple[tuple[str, Any, str], ...] = (("cost", cost, "(t, q, qd, tau)"), ("final", final, "(q, qd)"))
     for name, function, arguments in (*functions, ("progress", progress, "(done, total)")):
         if function is not None:
@@ -303,11 +302,12 @@ def motion_gradient(
         raise ValueError("`cost` or `final` must be given: without both there is nothing to differentiate")
     starts, is_one = _starts(scene, q0, qd0)
     count, end = len(starts[0]), positive_number("duration", duration)
-    scene, own = _numbers(scene, numbers or {}, count, is_one=is_one)
-    torques = _torques(scene, torque, count)
+    sticking = f"the motion cannot be differentiated: {STICKS}"
+    scene, own = common_and_own(scene, numbers or {}, count, sticking, is_one=is_one)
+    torques = constant_torques(scene, torque, count)
     frozen = FrozenScene(scene, tuple(dict.fromkeys((*names, *own))), cost, torques.size > 0)
     chosen = _method(frozen, method, step)
-    by_machine = frozen.kernel.is_unrolled and frozen.kernel.engine == "numba"
+    by_machine = frozen.by_machine
     L = 1 if step is None else count if not by_machine else LANES if count > 1 else 1
     done = 0
 
@@ -320,12 +320,18 @@ def motion_gradient(
     at_end = None if final is None else UserFunction("final", final, (scene.n,) * 2)
     memory, total, value, gradient = whole_number("memory", memory, least=1), 0, np.zeros(count), dict[str, Array]()
     longest = None if step is None else positive_number("step", step)
+    how: dict[str, Any] = dict(zip(("rtol", "atol"), tolerances(rtol, atol), strict=True)) | {"method": chosen}
     for at, places in _side_by_side(frozen, own, count, end, L):
         idle = L - len(places) if by_machine else 0
         rows = np.append(places, np.full(idle, places[-1]))  # the last motion fills the lanes
         mine, given = {name: array[rows] for name, array in own.items()}, (starts[0][rows], starts[1][rows])
-        how = torques[rows], end, chosen, tolerances(rtol, atol)
-        schedule = fixed_schedule(at, chosen, end, longest) if longest else _steps_taken(at, mine, given, *how)
+        if longest:
+            ends = at.equal_steps(end, longest)
+        else:  # of one motion
+            scene = at.scene._naming({k: x[0] for k, x in mine.items()}, (), at.scene._varying) if mine else at.scene
+            how["torque"] = torques[rows[0]] if torques.size else None
+            *_, ends = steps_taken(at, scene, mine, [x[0] for x in given], end, if_growing=True, **how)
+        schedule = schedule_of(tableau(chosen), ends, *at.instants(end))
         total = max(total, 2 * len(schedule.lengths) * count)
         task = _Task(at, at_end, names, memory, tell)
         values, found = task.of_group(mine, given, torques[rows], schedule, by_machine=by_machine)
@@ -339,14 +345,6 @@ def motion_gradient(
     if is_one:
         return MotionGradient(value[0], {name: gradient[name][0] for name in names})
     return MotionGradient(value, {name: gradient[name] for name in names})
-
-
-def _names(wrt: Any) -> tuple[str, ...]:
-    """The names in `wrt`, checked to be texts."""
-    names = (wrt,) if isinstance(wrt, str) or not isinstance(wrt, Iterable) else tuple(wrt)
-    if wrong := [name for name in names if not isinstance(name, str)]:
-        raise TypeError(f"`wrt` must be names of numbers, got {wrong[0]!r}")
-    return names
 
 
 def _side_by_side(
@@ -372,40 +370,6 @@ def _starts(scene: Scene, q0: ArrayLike, qd0: ArrayLike) -> tuple[tuple[Array, A
     return (np.atleast_2d(q), np.atleast_2d(qd)), q.ndim == 1
 
 
-def _numbers(
-    scene: Scene, numbers: Mapping[str, ArrayLike], count: int, *, is_one: bool
-) -> tuple[Scene, dict[str, Array]]:
-    """The scene under common numbers, and those that motions have of their own, (N, ...)."""
-    if is_one or not isinstance(numbers, Mapping):
-        return scene.with_numbers(numbers) if numbers else scene, {}
-    known = scene.numbers
-    common = {name: x for name, x in numbers.items() if name in known and np.shape(x) in ((), known[name].shape)}
-    scene = scene.with_numbers(common) if common else scene
-    own = checked(scene, {name: x for name, x in numbers.items() if name not in common}, count)
-    if not own:
-        return scene, own
-    friction = friction_of_all(scene, own)
-    if friction is not None and friction.sticks:
-        raise ValueError(f"the motion cannot be differentiated: {STICKS}")
-    return scene_of_all(scene, own), own
-
-
-def _torques(scene: Scene, torque: ArrayLike | None, count: int) -> Array:
-    """Constant torques, (N, n); (N, 0) of none."""
-    if torque is None:
-        return np.zeros((count, 0))
-    if scene.controller is not None:
-        raise ValueError("`torque` cannot be given for a scene that has a controller")
-    if callable(torque):
-        raise ValueError(
-            "`torque` must be constant here: a law is the `controller` of a scene, marked by rne.traceable"
-        )
-    given = real_numbers("torque", torque, f"({scene.n},) or ({count}, {scene.n})").astype(float)
-    if given.shape not in ((scene.n,), (count, scene.n)):
-        raise ValueError(f"`torque` must have shape ({scene.n},) or ({count}, {scene.n}), got {given.shape}")
-    return np.broadcast_to(given, (count, scene.n))
-
-
 def _method(frozen: FrozenScene, method: str, step: float | None) -> str:
     """The method, checked."""
     known = (FIXED,) if step is not None else EXPLICIT
@@ -415,24 +379,3 @@ def _method(frozen: FrozenScene, method: str, step: float | None) -> str:
         raise ValueError(f"`method` must be 'auto' or one of {list(known)}, got {method!r}{cure}")
     auto = FIXED if step is not None else "DOP853" if frozen.law is None else "Tsit5"
     return auto if method == "auto" else method
-
-
-def _steps_taken(
-    frozen: FrozenScene,
-    own: Own,
-    starts: tuple[Array, Array],
-    torque: Array,
-    end: float,
-    method: str,
-    tolerated: tuple[float, float],
-) -> Schedule:
-    """The steps that a method with step control takes of one motion."""
-    given = {name: array[0] for name, array in own.items()}
-    scene = frozen.scene._naming(given, (), frozen.scene._varying) if given else frozen.scene
-    how: dict[str, Any] = dict(zip(("rtol", "atol"), tolerated, strict=True)) | {"method": method}
-    how |= {"torque": torque[0]} if torque.size else {}
-    run = simulate(scene, starts[0][0], starts[1][0], end, **how).run
-    samples, arrivals, breaks = frozen.instants(end)
-    ends = aligned(run.reported.t, (samples, arrivals, breaks))
-    ends = divided_steps(frozen, own, run, ends, if_growing=True)
-    return schedule_of(tableau(method), 0, ends, breaks, samples, arrivals)

@@ -233,6 +233,28 @@ def scene_of_all(scene: Any, own: Mapping[str, Array]) -> Any:
     return found
 
 
+def common_and_own(
+    scene: Any, numbers: Mapping[str, ArrayLike], count: int, sticking: str, *, is_one: bool = False
+) -> tuple[Any, dict[str, Array]]:
+    """The scene under numbers that N motions have in common, and those that each has of its own, (N, ...).
+
+    Limits that are all infinite are own ones, as the scene would have none; a ValueError is `sticking` if joints stick.
+    """
+    known, common = scene.numbers, numbers
+    if isinstance(numbers, Mapping) and not is_one:
+        common = {name: x for name, x in numbers.items() if name in known and np.shape(x) in ((), known[name].shape)}
+    found = scene.with_numbers(common) if common else scene
+    if lost := [name for name in common if name in known and name not in found.numbers]:
+        found = scene.with_numbers({name: x for name, x in common.items() if name not in lost})
+    own = checked(found, {name: x for name, x in numbers.items() if name not in common}, count)
+    own |= {name: np.full((count, *known[name].shape), common[name]) for name in lost}
+    if not own or not count:
+        return found, {}
+    if (friction := friction_of_all(found, own)) is not None and friction.sticks:
+        raise ValueError(sticking)
+    return scene_of_all(found, own), own
+
+
 def numbers_of_dynamics(scene: Any, own: Mapping[str, Array]) -> dict[str, Array]:
     """Numbers of motions as the equations have them: moments of bodies in place of their parameters."""
     found = {name: array for name, array in own.items() if name not in BODIES}

@@ -27,11 +27,19 @@ from ..integrators.step_control import aligned
 from ..integrators.tableaus import EXPLICIT, Tableau, scipy_class, tableau
 from ..model.model import Model
 from ..robot import Robot
-from .frozen_motion import STARTS, FrozenScene, SideBySide, divided_steps, fixed_schedule, schedule_of
-from .motion_gradients import FIXED, _names, _torques
+from .frozen_motion import (
+    FIXED,
+    STARTS,
+    FrozenScene,
+    SideBySide,
+    constant_torques,
+    names_of,
+    schedule_of,
+    steps_taken,
+)
 from .scene import Scene
 from .scene_numbers import BODIES
-from .simulator import METHODS, check_times, one_state, scene_argument, simulate, tolerances
+from .simulator import METHODS, check_times, one_state, scene_argument, tolerances
 
 AT_ONCE = 2**21  # bytes of derivatives of dx/dt at once, which stay in a processor's cache
 TOLD = 999  # parts of a motion after each of which `progress` is told
@@ -81,8 +89,7 @@ class Columns:
                 self.limits[k] = self._add(name, frozen.commanded, factor * np.eye(frozen.commanded))
         if law is not None and "delay" in wrt:
             self.delay = int(self._add("delay", 1)[0])
-        law = law or dynamics.law
-        if law is not None and law.motion is not None and (name := f"controller.{law.motion[0]}") in wrt:
+        for name in filter(frozen.samples_of, wrt):
             self.samples = int(self._add(name, sizes[name])[0])
         for name, parts in self.made.items():
             parts += [] if parts else [(slice(0), np.zeros((sizes[name], 0)))]  # nothing depends on it
@@ -147,11 +154,6 @@ class Forwards:
         self.found_x, self.tau = np.zeros((T, size)), np.zeros((T, n))
         self.along_x, self.along_tau = np.zeros((T, size, p)), np.zeros((T, n, p))
         self.holding = group.holding._replace(counts=np.zeros(2, np.int64))  # of derivatives, which come behind
-        law = self.frozen.law or self.dynamics.law
-        if self.columns.samples >= 0 and law is not None and law.motion is not None:
-            motion, K = law.motion[1], len(law.motion[1].samples)
-            table = motion.with_samples(np.eye(K)).table
-            self.by_samples = table[:, 2:].reshape(len(table), -1, K)  # coefficients by samples of one joint
 
     def tell(self, t: float) -> None:
         """Note the time that was reached."""
@@ -181,7 +183,8 @@ class Forwards:
         if not by_pieces:
             return Linear(J, columns, np.zeros((*J.shape[:-2], 0)))
         (*leading, rows), width, k = J.shape[:-1], tables.shape[2], self.columns.samples
-        C, further = self.by_samples[numbers_at(tables[0], t[..., 0])], np.zeros((*leading, rows, self.columns.p))
+        C = self.frozen.by_samples[numbers_at(tables[0], t[..., 0])]
+        further = np.zeros((*leading, rows, self.columns.p))
         n, K = (width - 2) // C.shape[-2], C.shape[-1]
         along = np.einsum("...rci,...ck->...rki", J[..., 2 - width :].reshape(*leading, rows, C.shape[-2], n), C)
         further[..., k : k + K * n] = along.reshape(*leading, rows, K * n)
@@ -547,14 +550,14 @@ def sensitivities(
     >>> bool(found.dq["friction.viscous"][-1, 2, 2] < 0)  # with more friction joint 3 falls less
     True
     """
-    scene, names = scene_argument(scene_or_robot), tuple(dict.fromkeys(_names(wrt)))
+    scene, names = scene_argument(scene_or_robot), tuple(dict.fromkeys(names_of(wrt)))
     if progress is not None:
         check_function("progress", progress, "(t, duration)")
     known = METHODS if step is None else (FIXED,)
     if method not in ("auto", *known):
         cure = "; rk4 needs `step`" if method == FIXED else ""
         raise ValueError(f"`method` must be 'auto' or one of {list(known)}, got {method!r}{cure}")
-    end, held = positive_number("duration", duration), _torques(scene, torque, 1)[0]
+    end, held = positive_number("duration", duration), constant_torques(scene, torque, 1)[0]
     times, (rtol, atol) = None if t_eval is None else check_times(t_eval, end), tolerances(rtol, atol)
     frozen, given = FrozenScene(scene, names, None, held.size > 0), zip(STARTS, (q0, qd0), strict=True)
     starts = [real_numbers(name, x, f"({scene.n},)").astype(float) for name, x in given]
@@ -562,20 +565,20 @@ def sensitivities(
         one_state(name, array)
     if step is not None:
         longest, reported = positive_number("step", step), () if times is None else (times,)
-        ends = np.append(fixed_schedule(frozen, FIXED, end, longest, *reported).begins, end)
+        ends = frozen.equal_steps(end, longest, *reported)
         chosen, why = FIXED, f"{FIXED} with steps of at most {longest:.6g} s"
     else:
         how: dict[str, Any] = {"torque": torque, "method": method, "rtol": rtol, "atol": atol}
-        run = simulate(scene, starts[0], starts[1], end, **how).run
-        chosen, ends, why = run.method, aligned(run.reported.t, frozen.instants(end)), run.ending
+        run, taken, ends = steps_taken(frozen, scene, {}, starts, end, if_growing=False, **how)
+        chosen, why = run.method, run.ending
         if run.changed or chosen not in EXPLICIT:
             chosen = chosen if chosen in IMPLICIT else "Radau"
-        elif (more := divided_steps(frozen, {}, run, ends)) is not ends:
-            ends, why = more, f"{why}; its steps are of at most {np.diff(more).max():.3g} s here, for the fastest mode"
+        if ends is not taken:
+            why = f"{why}; its steps are of at most {np.diff(ends).max():.3g} s here, for the fastest mode"
     times = ends if times is None else times
     if chosen in IMPLICIT:
         frozen = replace(frozen, follows_limits=True)
-        ends = np.append(fixed_schedule(frozen, FIXED, end, np.inf).begins, end)
+        ends = frozen.equal_steps(end, np.inf)
     x0 = frozen.start(frozen.dynamics.vector, starts[0][None], starts[1][None])[0]
     task = SensitivityTask(frozen, Columns(frozen, names, starts), x0, held, ends, times, progress)
     return _differentiated(task, chosen, why, (rtol, atol))
@@ -584,11 +587,10 @@ def sensitivities(
 def _differentiated(task: SensitivityTask, method: str, why: str, tolerated: tuple[float, float]) -> Sensitivities:
     """The motion and its derivatives by a method."""
     frozen, ends, (rtol, atol) = task.frozen, task.ends, tolerated
-    table, (samples, arrivals, breaks) = tableau(FIXED if method in IMPLICIT else method), frozen.instants(ends[-1])
+    table = tableau(FIXED if method in IMPLICIT else method)
     table = table._replace(C=np.concatenate([table.C, [1.0], table.C2]))  # of all stages that interpolants need
-    schedule = schedule_of(table, 0, ends, breaks, samples, arrivals)
-    by_machine = frozen.kernel.is_unrolled and frozen.kernel.engine == "numba" and method not in IMPLICIT
-    run = Forwards(task, by_machine=by_machine)
+    schedule = schedule_of(table, ends, *frozen.instants(ends[-1]))
+    run = Forwards(task, by_machine=frozen.by_machine and method not in IMPLICIT)
     try:
         if method in IMPLICIT:
             scales = np.append(1.0, task.columns.scale)[:, None]

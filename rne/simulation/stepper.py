@@ -24,7 +24,7 @@ from ..kernels.numpy_backend import check_array
 from ..robot import Robot
 from .frozen_motion import FrozenScene, Own, SideBySide, flat, schedule_of
 from .scene import Scene
-from .scene_numbers import checked, friction_of_all, scene_of_all
+from .scene_numbers import common_and_own
 from .simulator import scene_argument
 
 METHODS = {"rk4": "rk4", "tsit5": "Tsit5", "semi-implicit-euler": "semi-implicit-euler"}
@@ -210,13 +210,14 @@ class Stepper:
         rests = np.array([rest])
         ends = np.linspace(0, self.sample_time, self.substeps + 1)
         ends = np.unique(np.concatenate([aligned(ends, [rests]), rests]))
-        instants = (np.zeros(1), rests) if frozen.law is not None else (np.zeros(0), np.zeros(0))
+        samples = np.zeros(int(frozen.law is not None))
         positions = frozen.dynamics.n if method == "semi-implicit-euler" else 0
-        self._schedule = schedule_of(tableau(METHODS[method]), positions, ends, np.zeros(0), *instants)
+        schedule = schedule_of(tableau(METHODS[method]), ends, samples, rests[: len(samples)], np.zeros(0))
+        self._schedule = schedule._replace(positions=positions)
         self._ranges = np.array([robot.lower, robot.upper]) if self.position_stops else np.zeros((2, 0))
         self._holds = rest > 0
         self.size = side.size + side.m + self.scene.n * (int(late) + self._holds)
-        self._by_machine = frozen.kernel.is_unrolled and frozen.kernel.engine == "numba"
+        self._by_machine = frozen.by_machine
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Stepper, (self.scene, self.sample_time, self.substeps, self.method, self.position_stops)
@@ -568,21 +569,14 @@ class Stepper:
         numbers = _named(numbers)
         if not numbers:
             return self._own
-        names, scene, known = tuple(numbers), self.scene, self.scene.numbers
+        names = tuple(numbers)
         if (last := self._known.get(names)) is not None and last.is_of(numbers, count):
             return last
         for name in ("delay", "torque_rate"):
             if name in numbers:
                 raise ValueError(f"`numbers` cannot have {name!r}, on which the state depends: make another Stepper")
-        common = {k: x for k, x in numbers.items() if k in known and np.shape(x) in ((), known[k].shape)}
-        scene = scene.with_numbers(common) if common else scene
-        own = checked(scene, {name: x for name, x in numbers.items() if name not in common}, count)
-        own = own if count else {}
-        if own:
-            scene = scene_of_all(scene, own)
+        scene, own = common_and_own(self.scene, numbers, count, "`numbers['friction.smoothing']` must be above 0")
         frozen = self._frozen(scene, names)
-        if own and (friction := friction_of_all(scene, own)) is not None and friction.sticks:
-            raise ValueError("`numbers['friction.smoothing']` must be above 0")
         if any(frozen.samples_of(name) for name in own):
             raise ValueError("`numbers` must have the samples of a motion once for all states")
         given = {name: np.array(x) for name, x in numbers.items()}
