@@ -1,10 +1,11 @@
-"""Steps of explicit Runge-Kutta methods that are taken again as they were, and their derivatives, side by side.
+"""Discrete adjoint and discrete sensitivities of explicit Runge-Kutta methods with frozen step sizes, of a batch.
 
-Lengths of steps do not depend on the state, so that a motion is a chain of smooth maps, and its derivative is that of
-what was computed. `advance` takes the steps, `pull_back` goes through them backwards (the discrete adjoint: derivatives
-of a number by the state at the end become those by the start and by all that the motion is made of), `carry` forwards
-with derivatives of the state (Griewank and Walther 2008, chapter 3; Sandu 2006, On the properties of Runge-Kutta
-discrete adjoints). With K_s = f(x + h sum_r a_sr K_r) and x+ = x + h sum_s b_s K_s the adjoint is
+Frozen: lengths of steps are constants, whatever the state, so that a motion is a chain of smooth maps, whose derivative
+is exactly that of what was computed. `advance` takes the steps, `pull_back` is their reverse mode (the discrete
+adjoint: derivatives of a number by the state at the end become those by the start and by all that the motion is made
+of), `carry` their forward mode (discrete sensitivities, of p columns; Griewank and Walther 2008, chapter 3; Sandu 2006,
+On the properties of Runge-Kutta discrete adjoints, equation 4). With K_s = f(x + h sum_r a_sr K_r) and x+ = x + h sum_s
+b_s K_s the adjoint is
 
     K_s' = h (b_s x+' + sum_r a_rs y_r'),  y_s' = (df/dy)^T K_s',  x' = x+' + sum_s y_s',  p' = sum_s (df/dp)^T K_s'
 
@@ -277,20 +278,20 @@ class Linear(NamedTuple):
     """Derivatives of a kernel's results at some states: by the state and a command, by numbers, and by pieces."""
 
     slopes: Array  # (..., rows, width)
-    columns: Array  # (k,) of int64: those of the numbers, behind the others, among the directions, or -1
-    further: Array  # (..., rows p), along the directions by pieces; of no entries if there are none
+    columns: Array  # (k,) of int64: those of the numbers, behind the others, among the p seeds, or -1
+    further: Array  # (..., rows p), by the seeds through pieces; of no entries if there are none
 
 
 class Directions(NamedTuple):
-    """Derivatives of a motion's state in p directions, matrices of p columns as vectors, and room."""
+    """Tangents: derivatives of a motion's state by p seeds, matrices of p columns as vectors, and room."""
 
     p: int
     x: Array  # (size p,)
     held: Array  # (n p,)
     pending: Array  # (rows, n p)
     states: Array  # (m p,), of the law at the next sample
-    limits: Array  # (2, n) of int64: directions of the bounds of commands, or -1
-    delay: int  # direction of the delay, or -1
+    limits: Array  # (2, n) of int64: seeds of the bounds of commands, or -1
+    delay: int  # seed of the delay, or -1
     slopes: Array  # (S, size p), of stages
     room: Array  # (3, size p, n p or m p, whichever is the longest)
 

@@ -1,8 +1,14 @@
-"""Steps of many states, each a row, and their derivatives: as many side by side as a vector register holds.
+"""Steps of a batch of states and their derivatives, in lanes: as many states at once as a vector register holds.
 
-A row has the state of the equations, a law's states, the command that acts, if it lasts beyond an interval, and those
-that wait, the oldest first. In machine code a row that needs the recursion, or is not finite, is marked and left; the
-result of a row does not depend on the others. By NumPy all rows are side by side.
+A state is a row of the batch:
+
+    | q  [motor_q] | qd  [motor_qd] |   z    |     held     |  waiting 1  | ... |  waiting d  |
+       `size` / L, of the equations  the law's  the command   commands that wait, the oldest
+       of motion                     states     that acts     first
+
+`held` is there if the delay is no whole number of intervals, so that it lasts beyond one; d is the whole intervals of
+the delay. In machine code a row whose M needs the recursion, or that is not finite, is marked and left to the caller;
+the result of a row does not depend on the others. By NumPy all rows are computed at once.
 """
 
 from __future__ import annotations
@@ -18,7 +24,7 @@ from .loops import by_loops, inline
 
 
 class RowGroup(NamedTuple):
-    """L rows side by side: entry i L + k of an array is column i of row k."""
+    """L rows as lanes: entry i L + k of an array is column i of row k."""
 
     rates: Function
     law: Function
@@ -38,7 +44,7 @@ class RowGroup(NamedTuple):
 
 
 class RowSlopes(NamedTuple):
-    """Derivatives of a number by rows side by side, and by what else differs."""
+    """Derivatives of a number by the rows of a group, and by what else differs from row to row."""
 
     gradient: Function
     law: Function
@@ -57,7 +63,7 @@ def _take(rows: Any, first: Any, last: Any, lanes: Any, out: Any) -> None:
 
 @by_loops(_take)
 def take(rows: Any, first: Any, last: Any, lanes: Any, out: Any) -> None:
-    """Rows from the first to before the last, which fills up, side by side; a single one is that of all."""
+    """Rows from the first to before the last, into lanes, which the last fills up; a single row is that of all."""
     out.reshape(-1, lanes)[:] = rows[np.minimum(np.arange(first, first + lanes), min(last, len(rows)) - 1)].T
 
 
@@ -69,7 +75,7 @@ def _give(state: Any, first: Any, last: Any, lanes: Any, rows: Any) -> None:
 
 @by_loops(_give)
 def give(state: Any, first: Any, last: Any, lanes: Any, rows: Any) -> None:
-    """From side by side into rows."""
+    """From lanes back into rows."""
     rows[first:last] = state.reshape(-1, lanes)[: rows.shape[1], : last - first].T
 
 
@@ -88,7 +94,7 @@ def is_finite(x: Any) -> bool:
 
 @inline
 def spread(state: Any, states: Any, held: Any, waiting: Any) -> None:
-    """What is behind the state of the equations into its places."""
+    """What a row has behind the state of the equations, z, held and waiting, into arrays of their own."""
     put(state, states)
     put(state[len(states) :], held)
     put(state[len(states) + len(held) :], waiting)

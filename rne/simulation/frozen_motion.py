@@ -1,4 +1,4 @@
-"""A scene as equations of motion and a sampled law whose steps are taken as they were, with derivatives by its numbers.
+"""A scene for discrete adjoints and sensitivities: equations of motion, a sampled law, a schedule of frozen steps.
 
 What motions are made of are flat arrays: the state, numbers of the equations and of the law as their kernels take them,
 bounds of commands, pieces of a reference through samples. A number of the scene is a linear function of some of these.

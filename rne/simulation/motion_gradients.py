@@ -1,4 +1,4 @@
-"""Gradients of a cost of motions: the discrete adjoint of their steps."""
+"""Gradients of a cost of motions by the discrete adjoint of their steps (reverse mode)."""
 
 from __future__ import annotations
 
@@ -41,7 +41,15 @@ from .simulator import METHODS, scene_argument, tolerances
 
 
 class MotionGradient(NamedTuple):
-    """The cost of a motion and its derivatives by name, of N motions with an axis of N in front."""
+    """The cost of a motion and its gradient by name, of a batch of N motions with an axis of N in front.
+
+    Attributes
+    ----------
+    value : float or ndarray, shape (N,)
+        The integral of `cost` over time plus `final` at the end.
+    gradient : dict of str to ndarray
+        Its derivatives by each name of `wrt`, of the shape of that number, or (N, ...).
+    """
 
     value: Any
     gradient: dict[str, Array]
@@ -221,24 +229,25 @@ def motion_gradient(
     memory: int = 2**28,
     progress: Callable[[int, int], object] | None = None,
 ) -> MotionGradient:
-    """The cost of a motion, integrated over time and of its end, and its derivatives by numbers of the scene.
+    """The gradient of a cost of a motion, integrated over time and of its end, by the discrete adjoint.
 
-    Steps are kept as the method took them, and gone through backwards: all derivatives together cost twice the motion.
-    They are those of what was computed, up to rounding, whatever its error.
+    J = integral of cost(t, q, qd, tau) dt + final(q, qd), by the start and by numbers of the scene. The gradient is
+    exact for J as it was computed, up to rounding: step sizes are constants, and the states of all stages are kept. It
+    takes the time of 3 to 6 motions, however many numbers there are.
 
     Parameters
     ----------
     scene_or_robot : Scene or Robot
         What moves, without `stops` and friction that sticks; a controller must be traceable.
     q0, qd0 : array_like, shape (n,) or (N, n)
-        Initial positions and velocities, as `rne.simulate` takes them, of one motion or of N side by side [rad or m;
+        Initial positions and velocities, as `rne.simulate` takes them, of one motion or of a batch of N [rad or m;
         rad/s or m/s].
     duration : float
         Time to simulate [s].
     cost : callable, optional
-        A function cost(t, q, qd, tau) -> number of one state, integrated over the motion, that can be traced: of
-        arithmetic and the functions of `rne.elementwise`. `tau` are the drives' torques within their limits. One of
-        other operations is traced anew.
+        A function cost(t, q, qd, tau) -> number of one state, arrays of shape (n,), integrated over the motion, that
+        can be traced: of arithmetic and the functions of `rne.elementwise`, without branches on values. `tau` are the
+        drives' torques within their limits. One of other operations is traced anew.
     final : callable, optional
         A function final(q, qd) -> number of the state at the end, likewise.
     wrt : str or sequence of str
@@ -256,7 +265,7 @@ def motion_gradient(
     rtol, atol : float
         Relative and absolute tolerance of steps that are controlled.
     memory : int
-        Bytes for states of steps; of more steps some are taken again, which costs the motion once more.
+        Bytes for the states of stages; beyond them come checkpoints, which cost the motion once more.
     progress : callable, optional
         A function progress(done, total), called with numbers of steps, forwards and backwards, of all motions.
 
@@ -267,9 +276,11 @@ def motion_gradient(
 
     Raises
     ------
-    ValueError
+    ValueError, KeyError
         If a name is not one of the scene's numbers, the motion has no derivative, as with `stops`, dry friction and
         laws that are called, or an argument has the wrong shape or range.
+    TypeError
+        If `cost` or `final` branch on values or are no functions of these arguments, or an argument is of another type.
     NotFiniteError, SingularMassMatrixError
         If a state overflows or M becomes singular; names the motion and the time.
     SimulationError
@@ -277,6 +288,7 @@ def motion_gradient(
 
     Notes
     -----
+    Engine "numba" takes 50 to 300 times less time than NumPy; the first call on a machine compiles for some seconds.
     Where torques reach a limit, and of kinks of friction and laws, derivatives are those of the side on which a stage
     is. By "delay" it is the jump of dx/dt where a command begins to act, that of a longer one where both sides differ.
     Numbers that are infinite have derivative 0. Step control sees nothing of what numbers would do that are 0, such as

@@ -1,9 +1,10 @@
 """Derivatives of a motion by its start and numbers of its scene, at many times.
 
-Where stages of a method hold no Jacobian, the steps are taken again as they were, and derivatives along with them.
-Otherwise the variational equations S' = (df/dx) S + df/dp are integrated with the motion as one system (Hairer,
-Norsett and Wanner 1993, Solving Ordinary Differential Equations I, section I.14). Both go in p directions: entries of
-the start and of what the motion is made of, of which derivatives by names are linear functions.
+Of explicit methods they are discrete sensitivities: the steps with frozen sizes, and derivatives along with them. Of
+implicit ones, whose stages hold a Jacobian, the variational equations S' = (df/dx) S + df/dp are integrated with the
+motion as one system (Hairer, Norsett and Wanner 1993, Solving Ordinary Differential Equations I, section I.14). Both
+have p seeds: entries of the start and of what the motion is made of, of which derivatives by names are linear
+functions.
 """
 
 from __future__ import annotations
@@ -43,11 +44,11 @@ from .simulator import METHODS, check_times, one_state, scene_argument, toleranc
 
 AT_ONCE = 2**21  # bytes of derivatives of dx/dt at once, which stay in a processor's cache
 TOLD = 999  # parts of a motion after each of which `progress` is told
-Made = Mapping[str, list[tuple[slice, Any]]]  # by name: directions, and matrices (k, some), or None, to be added
+Made = Mapping[str, list[tuple[slice, Any]]]  # by name: seeds, and matrices (k, some), or None, to be added
 
 
 class ByNames(Mapping[str, Array]):
-    """Derivatives of a quantity by name, (T, n, k), computed when they are asked for from those in p directions."""
+    """Derivatives of a quantity by name, (T, n, k), computed when they are asked for from those by p seeds."""
 
     def __init__(self, along: Array, made: Made) -> None:
         self._along, self._made, self._found = along, made, dict[str, Array]()
@@ -408,8 +409,8 @@ class Sensitivities(InNotebooks):
     method : str
         The method that ran.
     message : str
-        Why this method; whether derivatives are of its steps as they were taken or by the variational equations; and
-        whether torques reached limits, where a derivative is that of one side.
+        Why this method; whether derivatives are discrete sensitivities of its steps or by the variational equations;
+        and whether torques reached limits, where a derivative is that of one side.
     model : Model
         The robot that moved.
 
@@ -488,7 +489,9 @@ def sensitivities(
     t_eval: ArrayLike | None = None,
     progress: Callable[[float, float], object] | None = None,
 ) -> Sensitivities:
-    """Simulate a robot or a scene, with derivatives of the motion by its start and by numbers of the scene.
+    """Simulate a robot or a scene with its forward sensitivities: derivatives by the start and by numbers of the scene.
+
+    dq/dp, dqd/dp and dtau/dp at many times, as columns that are integrated along with the motion.
 
     Parameters
     ----------
@@ -503,9 +506,9 @@ def sensitivities(
     torque : array_like, shape (n,), optional
         Constant torques of the drives, for a robot or a scene without a controller [N m or N].
     method : str
-        As of `rne.simulate`; with `step` "rk4", which "auto" takes. Of explicit methods derivatives are those of the
-        steps as they were taken. Beside LSODA, BDF and Radau the variational equations are integrated at the same
-        tolerances, by Radau in place of Rodas5P and where "auto" has changed the method.
+        As of `rne.simulate`; with `step` "rk4", which "auto" takes. Of explicit methods derivatives are discrete
+        sensitivities, exact for the steps that were taken. Beside LSODA, BDF and Radau the variational equations are
+        integrated at the same tolerances, by Radau in place of Rodas5P and where "auto" has changed the method.
     step : float, optional
         The longest of equal steps, which end at samples, where commands begin to act and at `t_eval` [s].
     rtol, atol : float
@@ -535,9 +538,11 @@ def sensitivities(
 
     Notes
     -----
-    Lengths of steps that were controlled are taken as constants: the derivative is exactly that of what was computed,
-    and as far from that of the motion as the tolerances allow. For a cost of the motion and many numbers
-    `rne.motion_gradient` takes less time. Where torques reach a limit, and at kinks of friction and laws, derivatives
+    Sizes of steps that were controlled are frozen, that is, constants: the derivative is exactly that of what was
+    computed, and as far from that of the motion as the tolerances allow. For a cost of the motion and many numbers
+    `rne.motion_gradient` takes less time. Engine "numba" takes some 50 times less time than NumPy; the first call on a
+    machine compiles for some seconds. The variational equations are S' = (df/dx) S + df/dp (Hairer, Norsett and Wanner
+    1993, section I.14). Where torques reach a limit, and at kinks of friction and laws, derivatives
     are those of the side on which a stage is. By "delay" it is the jump of dx/dt where a command begins to act, for
     delays that grow. Numbers that are infinite have derivative 0. Step control sees nothing of what numbers would do
     that are 0, such as friction that is not there: for derivatives by them give `step`.
