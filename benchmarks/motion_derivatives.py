@@ -37,7 +37,8 @@ from benchmarks.motion_derivative_cases import (
 )
 from benchmarks.pages import DOCS, rewrite, table, three
 from benchmarks.peers.registry import import_failure
-from rne.simulation.frozen_motion import FrozenScene, SideBySide, fixed_schedule, flat
+from rne.integrators.tableaus import tableau
+from rne.simulation.frozen_motion import FrozenScene, SideBySide, flat, schedule_of
 
 PAGE = DOCS / "benchmarks" / "motion_derivatives.md"
 STEP, DURATION, SIDE_BY_SIDE = 1e-3, 10.0, 256  # [s], [s], motions
@@ -126,7 +127,7 @@ def alone(frozen: FrozenScene, rows: tuple[Any, ...], end: float, *, by_machine:
     count = len(rows[0])
     lanes = rne.integrators.loops.LANES if by_machine and count > 1 else count
     group = SideBySide(frozen, {}, lanes, by_machine=by_machine)
-    schedule = fixed_schedule(frozen, "rk4", end, STEP)
+    schedule = schedule_of(tableau("rk4"), frozen.equal_steps(end, STEP), *frozen.instants(end))
     x0 = [flat(frozen.start(group.numbers, *(x[k : k + lanes] for x in rows))) for k in range(0, count, lanes)]
 
     def call() -> None:
