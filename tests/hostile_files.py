@@ -75,7 +75,7 @@ def messages(t, q, rng, hostile=True):
     """Joint states in MCAP without checksums; hostile ones have other definitions, names and numbers of values."""
     from mcap.writer import CompressionType, Writer
 
-    from rne.identification.log.log_files import DEFINITION, JOINT_STATE
+    from rne.files.logs import DEFINITION, JOINT_STATE
 
     file = io.BytesIO()
     compression = rng.choice([CompressionType.NONE, CompressionType.ZSTD, CompressionType.LZ4])

@@ -10,8 +10,8 @@ from scipy.io import savemat
 import rne
 from rne.__main__ import main, parser
 from rne.commands.identifying import _record
+from rne.files.log_columns import _meaning as meaning
 from rne.identification import Record
-from rne.identification.log.log_columns import _meaning as meaning
 
 JOINTS = ("shoulder", "elbow", "wrist")
 T = np.arange(200) / 100
@@ -810,7 +810,7 @@ def test_mcap(tmp_path, monkeypatch):
     )
     same(Record.from_log(tmp_path))  # the folder of a bag
     same(Record.from_log(mcap(path, stamped=False)))  # times are those of the recorder
-    monkeypatch.setattr("rne.identification.log.log_files.LARGEST", 8000)
+    monkeypatch.setattr("rne.files.logs.LARGEST", 8000)
     with pytest.raises(ValueError, match=r"is damaged or cut off \(a chunk is said to have \d+ bytes\)$"):
         Record.from_log(path)
     monkeypatch.undo()

@@ -10,7 +10,7 @@ from typing import Any
 import rne
 
 from ..basics.marks import URDF
-from ..trajectories.csv_file import as_number
+from ..files.tables import as_number
 from . import shared
 from .moving import add_units, rotating
 from .shared import CommandError, as_options, fail, in_one_line, note, number, numbers, say, used, work

@@ -1,1 +1,1 @@
-"""Files of motions."""
+"""Reading and writing files of motions and of measurements."""

@@ -27,11 +27,11 @@ from ...basics.spatial import Array
 from ...basics.text import counted, listed
 from ...dynamics.base_inertial_parameters import BaseParameters
 from ...errors import IdentificationWarning, NotFiniteError
+from ...files.log_columns import numbers_at_ends, plain_name
 from ...model.standard_parameters import StandardParameters
 from ...robot import Robot, robot_argument
 from .. import thresholds
 from ..log.filtering import impulse_response, low_pass, settling
-from ..log.log_columns import numbers_at_ends, plain_name
 from ..log.prepared import Prepared, rows_without, undisturbed
 from ..log.record import Record
 from ..log.screening import consecutive, runs

@@ -13,11 +13,11 @@ from numpy.typing import ArrayLike
 from ...basics.arrays import ReadOnlyArrays, convert_numbers, positive_number, real_array, vector, whole_number
 from ...basics.spatial import Array
 from ...basics.text import counted, plain
+from ...files.log_columns import measured
 from ...files.motion_files import numbered_joints
+from ...files.tables import File, TimeSymbol, in_seconds, read_samples
 from ...simulation.trajectory import Trajectory, motors_at
-from ...trajectories.csv_file import File, TimeSymbol, in_seconds, read_samples
 from .. import thresholds
-from .log_columns import measured
 from .prepared import Prepared, prepare
 from .screening import STAMPS, RecordFinding, screen
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from ...basics.spatial import Array
 from ...basics.text import counted, summary
-from ...trajectories.csv_file import guessed_unit
+from ...files.tables import guessed_unit
 from .. import thresholds
 
 Severity = Literal["error", "warning"]

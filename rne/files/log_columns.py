@@ -10,11 +10,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...basics.arrays import per_joint_array, positive_number
-from ...basics.spatial import Array
-from ...basics.text import MAX_NAME, cut, did_you_mean
-from ...trajectories.csv_file import Samples, guessed_unit, in_seconds, listed_names
-from .log_files import LISTED, UNIT, Log, read_log, symbol, with_stamps
+from ..basics.arrays import per_joint_array, positive_number
+from ..basics.spatial import Array
+from ..basics.text import MAX_NAME, cut, did_you_mean
+from .logs import LISTED, UNIT, Log, read_log, symbol, with_stamps
+from .tables import Samples, guessed_unit, in_seconds, listed_names
 
 WORDS = {
     "t": "t ts tout time timestamp stamp sec secs seconds zeit",

@@ -20,10 +20,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...basics.archive import FREE, LARGEST, RATIO, Arrays, TooLargeError, bytes_of, check_regular, most_unpacked
-from ...basics.spatial import Array
-from ...basics.text import MAX_NAME, cut, plain
-from ...trajectories.csv_file import as_number, csv_rows, finite_numbers, listed_names, text_of
+from ..basics.archive import FREE, LARGEST, RATIO, Arrays, TooLargeError, bytes_of, check_regular, most_unpacked
+from ..basics.spatial import Array
+from ..basics.text import MAX_NAME, cut, plain
+from .tables import as_number, csv_rows, finite_numbers, listed_names, text_of
 
 Message = tuple[int, Sequence[str], Sequence[Sequence[float]]]  # time [ns], joints, and their q, qd, tau
 
