@@ -5,16 +5,19 @@ from .diagnosis.hypotheses import Cause, Hypothesis
 from .diagnosis.rigid_body_test import Consistency, EnergyBalance
 from .drive_gains import DriveGains, identify_drive_gains
 from .exciting_motions.motion import Excitation, excitation
-from .fit.least_squares import Bias, LeastSquares, Unexplained
+from .fit.bodies import BodiesFit, fit_bodies
+from .fit.equations import RegressionData
+from .fit.least_squares import Bias, LeastSquares, Unexplained, fit_base_parameters
 from .log.prepared import Prepared
 from .log.record import Record
 from .log.screening import RecordFinding
-from .model_fit import identify
 from .payload import PayloadEstimate, identify_payload
+from .pipeline import assemble, diagnose, identify, regression
 from .result import Check, Identification
 
 __all__ = [
     "Bias",
+    "BodiesFit",
     "Candidate",
     "Cause",
     "Check",
@@ -30,12 +33,18 @@ __all__ = [
     "Prepared",
     "Record",
     "RecordFinding",
+    "RegressionData",
     "Unexplained",
+    "assemble",
     "compare_models",
+    "diagnose",
     "excitation",
+    "fit_base_parameters",
+    "fit_bodies",
     "identify",
     "identify_drive_gains",
     "identify_payload",
+    "regression",
 ]
 
 

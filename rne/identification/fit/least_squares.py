@@ -17,7 +17,7 @@ from ...dynamics.base_inertial_parameters import BaseParameters
 from ...model.parameters import PARAMETERS
 from .. import thresholds
 from .consistent import consistent_fit
-from .equations import Equations, solve, with_prior
+from .equations import Equations, RegressionData, solve, with_prior
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,6 +94,35 @@ def with_correlation(estimate: LeastSquares, equations: Equations, correlation_t
         share = solution.inverse @ (A @ solution.inverse).T
         covariance += correlation_time[j] * share @ share.T
     return estimate._with_covariance(covariance)
+
+
+def fit_base_parameters(base: BaseParameters, data: RegressionData) -> LeastSquares:
+    """Fit the base parameters to the equations of measured motions, by weighted least squares.
+
+    Parameters
+    ----------
+    base : BaseParameters
+        The combinations of parameters that torques depend on, of `Robot.base_parameters`.
+    data : RegressionData
+        The equations, of `regression`.
+
+    Returns
+    -------
+    LeastSquares
+        Values in the order of `base.names`, with standard errors that take residuals for as independent as they are,
+        and the noise of each joint.
+
+    Notes
+    -----
+    Gautier 1997; Siciliano et al. 2009, section 7.3; correlation of residuals: Sokal 1997, section 3.
+
+    Examples
+    --------
+    >>> estimate = rne.identification.fit_base_parameters(base, data)  # doctest: +SKIP
+    """
+    fitted = data.fitted.mapped(base.back)
+    estimate = least_squares(fitted)
+    return with_correlation(estimate, fitted, data.correlation_time(data.residuals(base.back @ estimate.values)))
 
 
 class Bias(NamedTuple):

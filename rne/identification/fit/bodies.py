@@ -1,0 +1,158 @@
+"""The physically consistent bodies of a fit, which are like those of a prior where the motion says nothing.
+
+The prior is a robot, or a guess from the places of the joints whose density is found from the torques.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...basics.arrays import positive_number
+from ...basics.spatial import Array
+from ...dynamics.base_inertial_parameters import BaseParameters
+from ...errors import IdentificationError
+from ...model.parameters import PARAMETERS, parameters_of_pseudo_inertia
+from ...robot import Robot
+from .. import thresholds
+from .consistent import geometric_prior, model_prior
+from .equations import Equations, RegressionData
+from .least_squares import Estimator, Unexplained, held_out, least_squares
+
+NARROWER = "with a larger one, torques that are not explained ask for one body of a mass above the guess of all"
+
+
+class BodiesPrior(NamedTuple):
+    """What bodies are like where the motion says nothing."""
+
+    bodies: Array  # pseudo-inertias, shape (nb, 4, 4)
+    stds: tuple[float, ...]  # relative standard deviations, of which the first with plausible bodies is taken
+    notes: tuple[str, ...]
+
+
+class BodiesFit(NamedTuple):
+    """Parameters of bodies and drives, by `fit_bodies`.
+
+    Attributes
+    ----------
+    parameters : ndarray, shape (P,)
+        Standard parameters, in the order of `base.standard.names`.
+    estimator : Estimator
+        What estimates them from equations, with the prior and its weight.
+    consistent : bool
+        True for bodies that some distribution of mass has.
+    notes : tuple of str
+        On the prior.
+    """
+
+    parameters: Array
+    estimator: Estimator
+    consistent: bool
+    notes: tuple[str, ...] = ()
+
+    def held_out(self, data: RegressionData) -> Unexplained:
+        """The validation error of each joint: each block of time predicted by a fit to the others."""
+        return held_out(self.estimator, data.fitted, data.measured)
+
+
+def fit_bodies(
+    base: BaseParameters, data: RegressionData, *, prior: Robot | str | None, prior_std: float | None = None
+) -> BodiesFit:
+    """Fit bodies that some distribution of mass has, and drives with positive friction, to the equations of motions.
+
+    Parameters
+    ----------
+    base : BaseParameters
+        The combinations of parameters that torques depend on, of `Robot.base_parameters`.
+    data : RegressionData
+        The equations, of `regression`.
+    prior : Robot, "geometry" or None
+        What bodies are like where the motion says nothing, as of `rne.identify`; None for least squares, of which the
+        bodies need not be possible.
+    prior_std : float, optional
+        Relative standard deviation of the prior, as of `rne.identify`.
+
+    Returns
+    -------
+    BodiesFit
+        The parameters, and their estimator.
+
+    Raises
+    ------
+    IdentificationError
+        If no possible bodies have such torques.
+    ImportError
+        If Clarabel is not installed.
+
+    Notes
+    -----
+    Wensing, Kim and Slotine 2018; Lee, Wensing and Park 2020.
+
+    Examples
+    --------
+    >>> parameters = rne.identification.fit_bodies(base, data, prior=robot).parameters  # doctest: +SKIP
+    """
+    if prior is None:
+        estimator = Estimator(base, None, 1.0)
+        return BodiesFit(estimator.fit(data.fitted)[1], estimator, False)
+    return possible_bodies(base, data, prior_of_bodies(prior, prior_std, base, data))
+
+
+def possible_bodies(base: BaseParameters, data: RegressionData, prior: BodiesPrior) -> BodiesFit:
+    """The physically consistent fit, with the widest standard deviation of the prior that gives plausible bodies."""
+    stds = prior.stds
+    for std in stds:
+        estimator = Estimator(base, prior.bodies, std**-2)
+        _, parameters = estimator.fit(data.fitted)
+        if plausible(parameters, prior.bodies, data.fitted):
+            break
+    notes = *prior.notes, *[f"prior_std {std:g}: {NARROWER}"] * (std != stds[0])
+    return BodiesFit(parameters, estimator, True, notes)
+
+
+def prior_robot(robot: Robot, prior: Robot | str | None) -> Robot | str:
+    """The robot whose bodies are the prior, checked, or "geometry"."""
+    if isinstance(prior, str) and prior == "geometry":
+        return prior
+    known = robot if prior is None else prior
+    if not isinstance(known, Robot):
+        raise TypeError(f"`prior` must be an rne.Robot or 'geometry', got {known!r}")
+    if known.model.moving_joints != robot.model.moving_joints:
+        raise ValueError(f"`prior` must have the joints {list(robot.model.moving_joints)}")
+    if not known.model.mass.any():
+        raise ValueError(
+            "`prior` must have masses, which the robot does not: give another robot, or 'geometry' for rods between "
+            "the joints, or `consistent=False`"
+        )
+    return known
+
+
+def prior_of_bodies(
+    known: Robot | str, prior_std: float | None, base: BaseParameters, data: RegressionData
+) -> BodiesPrior:
+    """The prior of a robot's bodies, or by the geometry, of the density with which torques are fitted best."""
+    standard = base.standard
+    stds = thresholds.PRIOR_STDS_OF_GUESS if isinstance(known, str) else (thresholds.PRIOR_STD,)
+    stds = stds if prior_std is None else (positive_number("prior_std", prior_std),)
+    if isinstance(known, str):
+        bodies, drives = geometric_prior(standard.model), standard.count - PARAMETERS * standard.model.nb
+        E = np.zeros((standard.count, 1 + drives))
+        E[: -drives or None, 0] = parameters_of_pseudo_inertia(bodies)
+        E[standard.count - drives :, 1:] = np.eye(drives)
+        density = float(least_squares(data.fitted.mapped(E)).values[0])
+        if density <= 0:
+            raise IdentificationError(
+                f"`prior` 'geometry': the torques ask for bodies of {density:.4g} kg in all; check the signs of "
+                "torques and of gravity"
+            )
+        return BodiesPrior(density * bodies, stds, (f"prior: rods between the joints, {density:.4g} kg in all",))
+    bodies, thickened = model_prior(known.model)
+    notes = tuple(f"prior: the body of {name} was too thin and was made thicker" for name in thickened)
+    return BodiesPrior(bodies, stds, notes)
+
+
+def plausible(parameters: Array, guess: Array, fitted: Equations) -> bool:
+    """False if torques that are not explained make one body heavier than all together are guessed to be."""
+    heaviest = parameters[: PARAMETERS * len(guess) : PARAMETERS].max(initial=0)
+    return bool(heaviest <= guess[:, 3, 3].sum() or (fitted.shares(parameters) <= thresholds.EXPLAINED).all())

@@ -1,0 +1,266 @@
+"""What a fit assumes beside the robot, and the steps that find it: cut-offs, delays, Stribeck effects, rotors.
+
+A fit assumes drives, delays of the torques, and cut-offs of the filter: its `FitModel`. The residuals show which of
+these are wrong. Each of `STEPS` looks at a fit for one kind of error, and returns the model without it, or None;
+`settled` fits again with that model until no step finds anything.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..basics.spatial import Array
+from ..dynamics.base_inertial_parameters import BaseParameters, with_springs
+from ..model.standard_parameters import DriveModel
+from ..robot import Robot
+from ..simulation.springs import Springs
+from . import thresholds
+from .diagnosis.hypotheses import (
+    GEARS,
+    STRIBECK,
+    Cause,
+    Hypothesis,
+    LinearCauses,
+    added_delay,
+    delays_by_instruments,
+    delays_of,
+    likely_causes,
+    linear_causes,
+    refine,
+)
+from .diagnosis.residuals import FitResiduals
+from .fit.equations import Motion, RegressionData, along, build_regression
+from .fit.least_squares import Estimator, LeastSquares, fit_base_parameters, held_out, least_squares
+from .log.record import Record
+
+
+@dataclass(frozen=True, eq=False)
+class FitProblem:
+    """What a fit is of: a robot and its records, and which assumptions it may change."""
+
+    robot: Robot
+    records: tuple[Record, ...]
+    springs: Springs | None = None  # whose stiffness and length are found
+    motions: tuple[Motion, ...] = ()  # of the instruments, one for each record; none for least squares
+    minimum_velocity: ArrayLike | None = None  # this and `folds` as of `rne.identify`
+    folds: int = thresholds.FOLDS
+    hypotheses: tuple[Hypothesis, ...] | None = ()  # tried as causes beside those known; None to look for no causes
+    finds_delays: bool = True
+    finds_drives: bool = True  # Stribeck effects, and whether there are rotors
+
+    def data(self, base: BaseParameters, model: FitModel, loaded: Array | None = None) -> RegressionData:
+        """The equations under a model; friction under load is that of standard parameters `loaded`."""
+        filters = self.minimum_velocity, model.cutoffs, self.folds
+        return build_regression(self.robot, self.records, base, *filters, model.delays, loaded, self.motions)
+
+
+@dataclass(frozen=True, eq=False)
+class FitModel:
+    """What a fit assumes beside the robot."""
+
+    drives: DriveModel
+    delays: Array  # by which torques were measured later than positions, shape (records, n) [s]
+    cutoffs: float | tuple[float, ...] | None = None  # [Hz]; None for those of the spectra
+    filtered: tuple[tuple[str, ...], ...] = ()  # notes on the filter of each record, once the cut-offs are chosen
+    modelled: Mapping[tuple[object, ...], Cause] = field(default_factory=dict)  # delays and Stribeck effects found
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Base parameters fitted under a model, and what their residuals show."""
+
+    problem: FitProblem
+    model: FitModel
+    base: BaseParameters
+    data: RegressionData
+    estimate: LeastSquares
+
+    @property
+    def modelled(self) -> list[Cause]:
+        """Delays, then Stribeck effects, that the model takes into account."""
+        return sorted(self.model.modelled.values(), key=lambda cause: cause.kind == STRIBECK)
+
+    @cached_property
+    def residuals(self) -> FitResiduals:
+        """The residuals of the fit."""
+        estimate = self.estimate
+        return FitResiduals(self.problem.robot, self.base, self.data, estimate.values, estimate.sigma)
+
+    @cached_property
+    def linear(self) -> LinearCauses:
+        """Causes of the residuals whose torques are linear in their numbers."""
+        return linear_causes(self.residuals, self.problem.hypotheses)
+
+    @cached_property
+    def _likely(self) -> tuple[tuple[Cause, ...], tuple[Cause, ...]]:
+        if self.problem.motions:  # the noise of the positions is in the residuals
+            return (), ()
+        return likely_causes(self.residuals, self.problem.hypotheses, self.linear)
+
+    @property
+    def causes(self) -> tuple[Cause, ...]:
+        """Likely causes of the residuals; friction of gears alone, if the problem has no hypotheses."""
+        return self._likely[0]
+
+    @property
+    def small_causes(self) -> tuple[Cause, ...]:
+        """Causes that are evident, and matter little."""
+        return self._likely[1]
+
+
+def settled(problem: FitProblem, model: FitModel) -> Fit:
+    """The fit under a model in which no step finds an error, or that of the last round."""
+    fit = with_chosen_cutoffs(fitted(problem, model))
+    for _ in range(thresholds.DELAY_ROUNDS):
+        changed = next((found for step in STEPS if (found := step(fit)) is not None), None)
+        if changed is None:
+            break
+        fit = fitted(problem, changed)
+    return fit
+
+
+def fitted(problem: FitProblem, model: FitModel) -> Fit:
+    """The fit under a model; where friction depends on the load, in rounds with the loads of the last one.
+
+    A round leaves of the parameters' error about the part of the torque that friction takes.
+    """
+    base = problem.robot.base_parameters(drives=model.drives)
+    base = base if problem.springs is None else with_springs(base, problem.springs)
+    x, before = None, np.full(base.count, np.inf)
+    for _ in range(thresholds.LOAD_ROUNDS if "Fl" in base.standard.terms else 1):
+        data = problem.data(base, model, x)
+        estimate = least_squares(data.fitted.mapped(base.back))
+        moved, x, before = np.abs(estimate.values - before), base.back @ estimate.values, estimate.values
+        if (moved <= thresholds.LOAD_SETTLED * estimate.errors).all():
+            break
+    if model.filtered:
+        notes = zip(data.prepared, model.filtered, strict=True)
+        data = replace(data, prepared=tuple(replace(record, notes=text) for record, text in notes))
+    return Fit(problem, model, base, data, estimate)
+
+
+# The cut-offs
+
+
+def with_chosen_cutoffs(fit: Fit) -> Fit:
+    """The fit with the cut-offs given, or with those of `lower_cutoffs`, which later rounds keep."""
+    data = fit.data if fit.model.cutoffs else lower_cutoffs(fit)
+    cutoffs, notes = tuple(r.cutoff for r in data.prepared), tuple(r.notes for r in data.prepared)
+    model = replace(fit.model, cutoffs=cutoffs, filtered=notes)
+    return replace(fit, model=model) if data is fit.data else fitted(fit.problem, model)
+
+
+def lower_cutoffs(fit: Fit) -> RegressionData:
+    """The equations with the cut-offs of the spectra, halved where that predicts what was not fitted better.
+
+    Of two fits that with the lower cut-off is taken if it predicts blocks of time that neither has seen better, on
+    signals below that cut-off, and less is left of its own signals than of the other's; where much is left also if it
+    is as good there, and clearly less is left. There some halves that do not help may be followed by one that does.
+    """
+    base, first = fit.base, fit.data
+    x = base.back @ fit.estimate.values
+    if first.fitted.shares(x).max(initial=0) < thresholds.LITTLE:
+        return first
+    data, failed, errors = first, 0, [errors_held_out(base, first, first)]
+    for k in range(1, thresholds.CUTOFF_HALVINGS + 1):
+        model = replace(fit.model, cutoffs=tuple(record.cutoff / 2**k for record in first.prepared))
+        try:
+            lower = fit.problem.data(base, model, x)
+        except ValueError:  # the record is too short for this filter
+            break
+        if lower.used.sum() < thresholds.FEWEST_ROWS * base.count:
+            break
+        own, other = (errors_held_out(base, part, lower) for part in (lower, data))
+        ratio, fallen = (float(np.sqrt(np.nansum(own**2) / np.nansum(e**2))) for e in (other, errors[-1]))
+        is_poor, least = np.nanmedian(errors[-1]) > thresholds.EXPLAINED, 1 - thresholds.LOWER
+        if (ratio < least and fallen < 1) or (is_poor and fallen < least and ratio < 1 / least):
+            data, failed = lower, 0
+            errors.append(own)
+        elif is_poor and failed < thresholds.FAILED:
+            failed += 1
+        else:
+            break
+    return data if data is first else with_reasons(first, data, errors[0], errors[-1])
+
+
+def errors_held_out(base: BaseParameters, data: RegressionData, others: RegressionData) -> Array:
+    """Parts of torques of others that fits to blocks of data leave, with the weights of all blocks, shape (n,).
+
+    The weights of each take ten times as long.
+    """
+    noise = least_squares(data.fitted.mapped(base.back)).sigma
+    return held_out(Estimator(base, None, 1.0, noise=noise), data.fitted, others.fitted).everywhere
+
+
+def with_reasons(first: RegressionData, data: RegressionData, before: Array, after: Array) -> RegressionData:
+    """The equations with notes on why the cut-offs are not those of the first ones, by the errors held out."""
+    left, given = (", ".join(f"{100 * x:.3g}" for x in errors) for errors in (after, before))
+    why = f"of blocks not fitted {left} % is left by joint, with that of the spectrum, {{:.3g}} Hz, {given} %: "
+    why += "noise may be fed back"
+    pairs = zip(data.prepared, (record.cutoff for record in first.prepared), strict=True)
+    told = ((record, f"cut-off {record.cutoff:.3g} Hz: {why.format(spectrum)}") for record, spectrum in pairs)
+    return replace(data, prepared=tuple(replace(record, notes=(text, *record.notes[1:])) for record, text in told))
+
+
+# Steps: each takes a fit and returns the model without the error that it finds, or None
+
+
+def with_delays(fit: Fit) -> FitModel | None:
+    """The model with delays of the torques that the residuals show, or that another cause may hide."""
+    problem, model = fit.problem, fit.model
+    if not problem.finds_delays:
+        return None
+    if problem.motions:
+        moved = [along(record, motion) for record, motion in zip(fit.data.prepared, problem.motions, strict=True)]
+        found = delays_by_instruments(fit.residuals, moved)
+    else:
+        rest = fit.residuals.beyond_friction
+        found = delays_of(rest)
+        if not found and fit.linear.leading is not None:
+            found = delays_of(rest.with_known(fit.linear.leading))
+    delays, modelled = model.delays, dict(model.modelled)
+    for cause in found:
+        delays = delays + added_delay(cause, len(delays), problem.robot.joint_names)
+        key = cause.kind, cause.joints, str(cause.at)
+        before = modelled[key].value if key in modelled else 0.0
+        modelled[key] = cause._replace(value=cause.value + before)
+    return replace(model, delays=delays, modelled=modelled) if found else None
+
+
+def with_stribeck(fit: Fit) -> FitModel | None:
+    """The model with Stribeck effects, where these are among the likeliest causes."""
+    model, names = fit.model, fit.problem.robot.joint_names
+    slow = [cause for cause in fit.causes if cause.kind == STRIBECK] if fit.problem.finds_drives else []
+    if not slow or slow[0].score < max(cause.score for cause in fit.causes) / 2:
+        return None
+    velocities = np.zeros(len(names)) if model.drives.stribeck is None else np.array(model.drives.stribeck, np.float64)
+    modelled = dict(model.modelled)
+    for cause in (refine(fit.residuals, cause) for cause in slow):
+        modelled[cause.kind, cause.joints], velocities[names.index(cause.joints[0])] = cause, cause.at
+    return replace(model, drives=replace(model.drives, stribeck=velocities), modelled=modelled)
+
+
+def without_rotors(fit: Fit) -> FitModel | None:
+    """The model without rotors, if none is felt where it could be, as by torque sensors behind the gears.
+
+    Other causes hide rotors.
+    """
+    model, base, robot = fit.model, fit.base, fit.problem.robot
+    own = [k for k, name in enumerate(base.names) if name.startswith("Ia_") and base.formulas[k] == name]
+    is_open = fit.problem.finds_drives and model.drives.rotor
+    if not is_open or not own or any(cause.kind not in GEARS for cause in fit.causes):
+        return None
+    found, size = fit_base_parameters(base, fit.data), np.zeros(robot.model.nb)
+    size[list(robot.model.independent_joints)] = np.diag(robot.mass_matrix(np.zeros((1, robot.n)))[0])
+    joints = [int(base.names[k].removeprefix("Ia_")) - 1 for k in own]
+    doubt = thresholds.BEYOND_DOUBT * found.errors[own]
+    are_small = found.values[own] < np.minimum(doubt, thresholds.SMALL_ROTOR * size[joints] - doubt)
+    return replace(model, drives=replace(model.drives, rotor=False)) if are_small.all() else None
+
+
+STEPS: tuple[Callable[[Fit], FitModel | None], ...] = (with_delays, with_stribeck, without_rotors)
