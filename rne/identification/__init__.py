@@ -10,7 +10,7 @@ from .fit.equations import RegressionData
 from .fit.least_squares import Bias, LeastSquares, Unexplained, fit_base_parameters
 from .log.prepared import Prepared
 from .log.record import Record
-from .log.screening import RecordFinding
+from .log.screening import CleanRecord, RecordFinding
 from .payload import PayloadEstimate, identify_payload
 from .pipeline import assemble, diagnose, identify, regression
 from .result import Check, Identification
@@ -21,6 +21,7 @@ __all__ = [
     "Candidate",
     "Cause",
     "Check",
+    "CleanRecord",
     "Consistency",
     "DriveGains",
     "EnergyBalance",

@@ -154,7 +154,7 @@ def assemble(
     causes: Sequence[Cause] = (),
     modelled: Sequence[Cause] = (),
     unexplained: Unexplained | None = None,
-    notes: Sequence[str] = (),
+    notes: Sequence[str] | None = None,
 ) -> Identification:
     """The result of an identification from those of its stages.
 
@@ -173,8 +173,8 @@ def assemble(
         contain theirs.
     unexplained : Unexplained, optional
         The validation error, `bodies.held_out(data)` by default.
-    notes : sequence of str
-        What the report says beside.
+    notes : sequence of str, optional
+        What the report says besides, by default the notes of `data` and `bodies`.
 
     Returns
     -------
@@ -194,10 +194,11 @@ def assemble(
         columns = np.concatenate([derivative_by(rest, cause) for cause in modelled], axis=-1)
         estimate = estimate._with_covariance(estimate.covariance + rest.covariance_of(columns))
     lower, drift_error = data.at_lower_cutoff(base, estimate.sigma * np.sqrt(correlation_time))
-    notes = (*notes, *ignored_drives(base.standard), *negative_drives(robot, base, estimate))
+    told = (*data.notes, *bodies.notes) if notes is None else tuple(notes)
+    told += (*ignored_drives(base.standard), *negative_drives(robot, base, estimate))
     trust = errors, correlation_time, lower - estimate.values, drift_error, tuple(causes)
     fitted = base.standard, base, data, estimate, bodies.parameters, bodies.consistent
-    return Identification(robot, *fitted, *trust, notes)
+    return Identification(robot, *fitted, *trust, told)
 
 
 def identify(

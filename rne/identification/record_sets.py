@@ -333,10 +333,10 @@ class SetsResult(InNotebooks):
 
 def is_that_of(record: Record, prepared: Prepared, delays: Array) -> bool:
     """True if this record was prepared so, whatever the filter and the delays."""
-    rows = np.isin(record._screened.t, prepared.t)
+    rows = np.isin(record.cleaned.t, prepared.t)
     if rows.sum() != len(prepared.t):
         return False
-    again = delayed(replace(prepared, tau=record._screened.tau[rows]), delays)
+    again = delayed(replace(prepared, tau=record.cleaned.tau[rows]), delays)
     return np.array_equal(again.tau, prepared.tau)
 
 

@@ -13,7 +13,7 @@ from ...basics.spatial import Array
 from ...basics.text import counted, summary
 from .. import thresholds
 from . import filtering
-from .screening import Screened, consecutive
+from .screening import CleanRecord, consecutive
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,11 +171,11 @@ def undisturbed(flags: Array, rows: Array, reach: int) -> Array:
 ROUNDING = 1e-6  # of a ratio of rates
 
 
-def prepare(name: str, screened: Screened, cutoff: float | None, start: float) -> Prepared:
+def prepare(name: str, clean: CleanRecord, cutoff: float | None, start: float) -> Prepared:
     """Filter and differentiate the positions of every segment that is long enough."""
-    rate, parts = 1 / screened.period, screened.segments
-    positions, torques = [screened.q[part] for part in parts], [screened.tau[part] for part in parts]
-    positions, spectrum, notes = _fused(screened, positions, rate)
+    rate, parts = 1 / clean.period, clean.segments
+    positions, torques = [clean.q[part] for part in parts], [clean.tau[part] for part in parts]
+    positions, spectrum, notes = _fused(clean, positions, rate)
     if cutoff is None:
         try:
             if spectrum is None:
@@ -210,21 +210,21 @@ def prepare(name: str, screened: Screened, cutoff: float | None, start: float) -
         notes.append(f"{short}, left out: the filters need {needed} samples without a gap")
     if start:
         notes.append(f"times are counted from the first stamp, {start:.3f} s")
-    notes += [*screened.notes, *(str(finding) for finding in screened.findings)]
-    t, tau, usable = (x[rows] for x in (screened.t, screened.tau, screened.usable))
+    notes += [*clean.notes, *(str(finding) for finding in clean.findings)]
+    t, tau, usable = (x[rows] for x in (clean.t, clean.tau, clean.usable))
     filters = rate, cutoff, position_cutoff, decimation
     return Prepared(t, q, qd, qdd, tau, segments, *filters, usable, tuple(notes), start)
 
 
 def _fused(
-    screened: Screened, positions: list[Array], rate: float
+    clean: CleanRecord, positions: list[Array], rate: float
 ) -> tuple[list[Array], tuple[Array, ...] | None, list[str]]:
     """Positions improved by measured velocities where these are better, the spectrum that tells this, and a note."""
-    if screened.qd is None or not screened.believed.any():
+    if clean.qd is None or not clean.believed.any():
         return positions, None, []
-    integrals = [filtering.integral(screened.qd[part], rate) for part in screened.segments]
+    integrals = [filtering.integral(clean.qd[part], rate) for part in clean.segments]
     try:
-        spectrum = filtering.motion_spectrum(positions, rate, integrals, screened.believed)
+        spectrum = filtering.motion_spectrum(positions, rate, integrals, clean.believed)
     except ValueError:  # too short a record for a spectrum
         return positions, None, []
     crossover = spectrum[-1]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, Self
 
@@ -62,6 +63,8 @@ class Record(ReadOnlyArrays):
         Positions and torques as given, in SI units [rad or m; N m or N].
     qd : ndarray, shape (T, n), or None
         Velocities as given, in SI units [rad/s or m/s].
+    cleaned : CleanRecord
+        The measurements on a grid of equal steps, without what cannot be used.
     findings : tuple of RecordFinding
         Faults of the measurements and what is done about them; empty if there are none.
     encoder_step : ndarray, shape (n,)
@@ -132,18 +135,18 @@ class Record(ReadOnlyArrays):
             raise ValueError(f'`unit` must be "rad", "m" or "deg", or {n} of them, got {unit!r}')
         self.q *= (factors := [UNITS[u] for u in units])
         self.qd = None if self.qd is None else self.qd * factors
-        self._screened = screen(name, self.joint_names, self.t, self.q, self.tau, self.qd, self._bridge, stamps)
-        self.findings: tuple[RecordFinding, ...] = tuple(self._screened.findings)
-        self.encoder_step: Array = self._screened.encoder_step
-        self.sample_rate = 1 / self._screened.period
+        self.cleaned = screen(name, self.joint_names, self.t, self.q, self.tau, self.qd, self._bridge, stamps)
+        self.findings: tuple[RecordFinding, ...] = self.cleaned.findings
+        self.encoder_step: Array = self.cleaned.encoder_step
+        self.sample_rate = 1 / self.cleaned.period
         self.source = ""
         self.__post_init__()
 
     def _tell(self, source: str, guessed: Iterable[RecordFinding]) -> None:
         """Add how the record was made, and findings on what was guessed."""
         self.source = "; ".join(filter(None, (self.source, source)))
-        self._screened.findings[:0] = guessed
         self.findings = (*guessed, *self.findings)
+        self.cleaned = replace(self.cleaned, findings=self.findings)
 
     @classmethod
     def from_csv(cls, path: File, joint_names: Sequence[str], *, time_unit: TimeSymbol = "s", **options: Any) -> Self:
@@ -527,7 +530,7 @@ class Record(ReadOnlyArrays):
         if errors:
             more = f" ({len(errors) - 1} more errors in `findings`)" if len(errors) > 1 else ""
             raise ValueError(errors[0].message + more)
-        return prepare(self.name, self._screened, cutoff, float(self.t[0]))
+        return prepare(self.name, self.cleaned, cutoff, float(self.t[0]))
 
 
 def samples_array(name: str, value: ArrayLike, shape: tuple[int, ...] | None) -> Array:

@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from itertools import pairwise
 from typing import Literal
 
 import numpy as np
 
+from ...basics.arrays import ReadOnlyArrays
 from ...basics.spatial import Array
 from ...basics.text import counted, summary
 from ...files.tables import guessed_unit
@@ -112,6 +113,11 @@ class Screened:
         """Add an error that concerns all joints."""
         self.warning(None, kind, text, cure, samples, "error")
 
+    def cleaned(self) -> CleanRecord:
+        """The measurements as they are, once all is looked through."""
+        own = {x.name: getattr(self, x.name) for x in fields(CleanRecord)}
+        return CleanRecord(**(own | {"findings": tuple(self.findings)}))
+
     @property
     def has_errors(self) -> bool:
         """True if a finding is an error."""
@@ -129,6 +135,63 @@ class Screened:
     def after(self, samples: Array) -> str:
         """After which samples, the first ones with their times."""
         return "after " + self.at(samples).removeprefix("at ")
+
+
+@dataclass(frozen=True, eq=False)
+class CleanRecord(ReadOnlyArrays):
+    """Measurements on grids of equal steps, without what cannot be used, as `Record.cleaned` has them.
+
+    Attributes
+    ----------
+    name : str
+        That of the record.
+    joint_names : tuple of str
+        Of the joints.
+    t : ndarray, shape (T,)
+        Times of the grid, all segments after each other [s].
+    q, tau, qd : ndarray, shape (T, n)
+        Positions, torques and velocities, single spikes and missing values interpolated; `qd` is None without measured
+        ones [rad or m; N m or N; rad/s or m/s].
+    usable : ndarray, shape (T, n)
+        False where a torque is measured but not to be used: a constant channel, a saturated drive.
+    believed : ndarray, shape (n,)
+        True for joints whose measured velocities are those of the positions.
+    encoder_step : ndarray, shape (n,)
+        Smallest step of the positions; zero where there is none [rad or m].
+    segments : tuple of slice
+        The parts of the grid between gaps.
+    period : float
+        From one sample to the next [s].
+    notes : tuple of str
+        What was done though nothing is wrong.
+    findings : tuple of RecordFinding
+        What is wrong, and what was done about it.
+
+    Examples
+    --------
+    >>> import numpy as np, rne
+    >>> t = np.arange(2000) / 500
+    >>> q = np.sin(2 * np.pi * np.outer(t, [0.5, 1.0]))
+    >>> clean = rne.identification.Record(np.delete(t, 9), np.delete(q, 9, axis=0), np.cos(q[1:])).cleaned
+    >>> len(clean.t), [finding.kind for finding in clean.findings]
+    (2000, [])
+    """
+
+    name: str
+    joint_names: tuple[str, ...]
+    t: Array
+    q: Array
+    tau: Array
+    qd: Array | None
+    usable: Array
+    believed: Array
+    encoder_step: Array
+    segments: tuple[slice, ...]
+    period: float
+    notes: tuple[str, ...]
+    findings: tuple[RecordFinding, ...]
+
+    __repr__ = summary
 
 
 def runs(flags: Array) -> list[tuple[int, int]]:
@@ -393,7 +456,7 @@ def clipped(x: Array, step: float, moving: Array, spike: Array) -> Array:
 
 def screen(
     name: str, joint_names: tuple[str, ...], t: Array, q: Array, tau: Array, qd: Array | None, bridge: int, stamps: str
-) -> Screened:
+) -> CleanRecord:
     """Find what is wrong, take out or cut what can be, and put the rest on a grid of equal steps."""
     found, n = Screened(name, joint_names, t, q, tau, qd), q.shape[1]
     tau = np.where(np.isfinite(tau).any(0), tau, 0.0)  # a torque that was never read is constant
@@ -410,14 +473,14 @@ def screen(
         cure = f"at least {thresholds.FEWEST_SAMPLES} are needed"
         found.error("too few samples:", f"{int(kept.sum())} are usable{why}", cure)
     if found.has_errors:
-        return found
+        return found.cleaned()
     found.rows = np.flatnonzero(kept)
     t, measured, usable = t[kept], np.asfortranarray(measured[kept]), found.usable[kept]
     q, tau = measured[:, :n], measured[:, n : 2 * n]  # views: what is interpolated in `measured` is so in these
     velocities = None if qd is None else measured[:, 2 * n :]
     times, found.period = check_stamps(found, t, q, velocities, bridge, stamps)
     if found.has_errors:
-        return found
+        return found.cleaned()
     _check_unit_of_times(found, times, q, velocities)
     usual = [usual_deviation(x, step) for x, step in zip(measured.T, steps, strict=True)]
     flags = np.column_stack([spikes(x, level) for x, level in zip(measured.T, usual, strict=True)])
@@ -436,7 +499,7 @@ def screen(
         found.believed = _check_velocities(found, times, q, velocities)
     if not found.has_errors:
         _put_on_grid(found, times, measured, usable, ~long_runs, cuts, bridge)
-    return found
+    return found.cleaned()
 
 
 def _numbers(found: Screened, columns: dict[str, Array]) -> Array:

@@ -1,0 +1,118 @@
+"""Identification stage by stage: what `identify` composes may be called by itself, and each step finds its own error."""
+
+from dataclasses import FrozenInstanceError, replace
+
+import numpy as np
+import pytest
+
+import rne
+from rne import identification
+from rne.identification.fit_model import (
+    FitModel,
+    FitProblem,
+    fitted,
+    settled,
+    with_delays,
+    with_stribeck,
+    without_rotors,
+)
+from rne.model.standard_parameters import MEASURED
+
+from .helpers import first_joints
+from .measurements import truth
+
+DRIVES = rne.DriveModel(friction="viscous+coulomb")
+LATE = 0.004  # [s], a sample
+STRIBECK = 0.08  # [rad/s]
+NOISE = 0.2  # [N m]
+ALIKE = 1e-12  # relative: the same operations in the same order, but for threads of BLAS
+
+
+def log_of(scene, *, late=0.0, seed=3):
+    """A log of 10 s at 125 Hz, of which the torques are measured late."""
+    motion, rng = truth(scene, seed=seed, rate=125.0), np.random.default_rng(seed)
+    tau = np.stack([np.interp(motion.t - late, motion.t, x) for x in motion.tau.T], axis=1)
+    return identification.Record(motion.t, motion.q, tau + NOISE * rng.normal(size=tau.shape))
+
+
+@pytest.fixture(scope="module")
+def scene():
+    friction = rne.Friction(viscous=[8.0, 6.0, 2.0], coulomb=[6.0, 8.0, 6.0], smoothing=1e-4)
+    return rne.Scene(first_joints(3), friction=friction)
+
+
+@pytest.fixture(scope="module")
+def record(scene):
+    return log_of(scene)
+
+
+def problem(scene, record, **options):
+    return FitProblem(scene.robot, (record,), folds=2, **options)
+
+
+def model(scene, drives=MEASURED, **options):
+    return FitModel(drives, np.zeros((1, scene.n)), 5.0, **options)
+
+
+def test_stages_by_hand_give_what_identify_gives(scene, record):
+    whole = rne.identify(scene.robot, record, drives=DRIVES, delay=0.0, cutoff=5.0, folds=2)
+    base = scene.robot.base_parameters(drives=DRIVES)
+    data = identification.regression(scene.robot, record, base, delay=0.0, cutoff=5.0, folds=2)
+    estimate = identification.fit_base_parameters(base, data)
+    bodies = identification.fit_bodies(base, data, prior=scene.robot)
+    causes = identification.diagnose(scene.robot, base, data)
+    found = identification.assemble(scene.robot, data, bodies, causes=causes)
+    np.testing.assert_allclose(estimate.values, whole.estimate.values, rtol=ALIKE)
+    np.testing.assert_allclose(estimate.errors, whole.estimate.errors, rtol=ALIKE)
+    np.testing.assert_allclose(bodies.parameters, whole.parameters, rtol=1e-7, atol=1e-9)  # Newton's method ends there
+    assert [cause.text for cause in causes] == [cause.text for cause in whole.causes]
+    assert found.report() == whole.report()
+
+
+def test_inputs_and_outputs_of_stages_cannot_be_changed(scene, record):
+    base = scene.robot.base_parameters(drives=DRIVES)
+    data = identification.regression(scene.robot, record, base, cutoff=5.0)
+    for thing in (record.cleaned, record.prepare(5.0), base, data, identification.fit_base_parameters(base, data)):
+        with pytest.raises(FrozenInstanceError):
+            thing.t = 0
+
+
+def test_a_clean_record_lies_on_a_grid_without_the_samples_that_are_wrong(record):
+    q = record.q.copy()
+    q[200, 1] += 0.3
+    clean = identification.Record(np.delete(record.t, 400), np.delete(q, 400, 0), np.delete(record.tau, 400, 0)).cleaned
+    assert len(clean.t) == len(record.t)
+    np.testing.assert_allclose(np.diff(clean.t), clean.period, rtol=1e-9)
+    assert abs(clean.q[200, 1] - record.q[200, 1]) < 1e-3 < abs(q[200, 1] - record.q[200, 1])
+    assert [finding.kind for finding in clean.findings] == ["missing samples", "position spike"]
+
+
+def test_the_step_of_delays_finds_how_late_torques_are(scene):
+    fit = fitted(problem(scene, log_of(scene, late=LATE)), model(scene))
+    np.testing.assert_allclose(with_delays(fit).delays, LATE, atol=3e-4)  # standard errors are 0.05 ms
+    again = fitted(fit.problem, replace(fit.model, delays=with_delays(fit).delays))
+    assert with_delays(again) is None
+    assert with_delays(fitted(replace(fit.problem, finds_delays=False), fit.model)) is None
+
+
+def test_the_step_of_stribeck_effects_finds_the_velocity(scene):
+    friction = replace(scene.friction, stribeck=[STRIBECK, 0.0, 0.0], stribeck_rise=[20.0, 0.0, 0.0])
+    fit = fitted(problem(scene, log_of(replace(scene, friction=friction))), model(scene))
+    found = with_stribeck(fit).drives.stribeck
+    assert found[0] == pytest.approx(STRIBECK, rel=0.3)
+    assert not found[1:].any()
+    assert with_stribeck(fitted(fit.problem, model(scene, replace(MEASURED, stribeck=found)))) is None
+
+
+def test_the_step_of_rotors_drops_them_where_none_is_felt(scene, record):
+    fit = fitted(problem(scene, record), model(scene))
+    assert not without_rotors(fit).drives.rotor
+    with_armature = rne.Scene(scene.robot.with_armature([20.0, 20.0, 10.0]), friction=scene.friction)
+    assert without_rotors(fitted(problem(scene, log_of(with_armature)), model(scene))) is None
+
+
+def test_steps_are_taken_until_none_asks_for_another(scene):
+    fit = settled(problem(scene, log_of(scene, late=LATE)), model(scene))
+    assert not fit.model.drives.rotor
+    np.testing.assert_allclose(fit.model.delays, LATE, atol=3e-4)
+    assert [cause.kind for cause in fit.modelled] == ["delay"]
