@@ -726,18 +726,6 @@ ERRORS = {
         rne.ModelError,
         "bounds take no couplings, but joint 'coupler' of robot 'linkage' follows crank",
     ),
-    "base parameters": (
-        lambda m: robot_of(linkage("bar")[0]).base_parameters(),
-        rne.ModelError,
-        "standard parameters, base parameters and identification take no couplings, but joint 'coupler' of robot "
-        "'linkage' follows crank; with its drivers locked by Robot.locked, what moves besides can be identified",
-    ),
-    "identification": (  # before the record's joints are counted
-        lambda m: rne.identify(robot_of(linkage("bar")[0]), rne.identification.Record(range(9), *np.zeros((2, 9, 9)))),
-        rne.ModelError,
-        "standard parameters, base parameters and identification take no couplings, but joint 'coupler' of robot "
-        "'linkage' follows crank; with its drivers locked by Robot.locked, what moves besides can be identified",
-    ),
     "damping of a joint that follows": (
         lambda m: rne.Scene(rne.Robot(replace(linkage("bar")[0], damping=np.ones(4))), friction="urdf").resolved,
         rne.ModelError,

@@ -7,14 +7,14 @@ xi is T^-1 xi T. Torques are zero in every motion if and only if the robot's kin
 energy constant. Therefore, from the tips to the base: what changes no energy when the joint moves counts with the
 parent body; all else of a body is observed. Behind a rotating joint three parameters are not (Gautier and Khalil 1990),
 behind a sliding one six, and more where the energies that a body meets span less: behind joints with parallel axes, or
-along gravity. The argument for trees is that of Wensing, Niemeyer and Slotine 2024; here joints on a common coordinate
-(mimics) are taken as one.
+along gravity. The argument for trees is that of Wensing, Niemeyer and Slotine 2024; here joints on common coordinates
+(mimics, and those that follow others by couplings) are taken as one.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any, NamedTuple
 
@@ -24,17 +24,19 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import ReadOnlyArrays, cached_array, positive_number, real_array
 from ..basics.spatial import Array, cross, cross_matrix, rotate, symmetric, transpose
 from ..basics.text import counted, listed, short, six_digits, wrapped
-from ..model.model import Model, model_argument, unchecked_model
+from ..errors import ModelError
+from ..model.model import Model, model_argument
 from ..model.parameters import PARAMETERS, UNITS
 from ..model.standard_parameters import OF_MOTORS, DriveModel, StandardParameters, drive_argument
-from ..model.topology import carriers, joint_groups
-from .kinematics import BASE, joint_transforms
+from ..model.topology import carriers, drivers_of, joint_groups, where_loops_close
+from .kinematics import BASE, coordinate_map, joint_transforms
 from .regressors import regressor
 
 COARSEST = 0.01  # a larger tolerance takes different robots for the same
 ROUNDING = 1e-12  # coefficients this small, or this close to a whole number, are roundings of 0 and of that number
 PIVOT = 0.05  # of the largest entry, at least
 FLAT = 16  # entries of Phi or xi
+DRAWN = 4  # positions at random for each that is needed, of joints that cannot follow everywhere
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -320,14 +322,15 @@ def observed_combinations(standard: StandardParameters, tolerance: float) -> tup
     Directions and distances that differ by less than the tolerance, of the robot's size, are taken as the same. Rows
     have shape (count, standard.count), in the units of the second result, shape (standard.count,).
     """
-    model, length, gravity, coordinates = scaled(standard.model)
+    model = standard.model
+    length, gravity, coordinates = sizes(model)
     place = {name: list(range(standard.count))[places] for name, places in standard.groups.items()}
     turning = place.get("Ia", []) + place.get("Ia of coupled motors", [])  # rotors turn as shafts, with their joints
     shafts = np.concatenate([np.eye(model.n), standard.motors])[: len(turning)] * coordinates
     offsets = np.diag(coordinates) if standard.drives.offset else np.zeros((0, model.n))
-    groups = [_group(model, bodies) for bodies in joint_groups(model)]
+    groups = [_group(model, bodies, length, coordinates) for bodies in joint_groups(model)]
     weight = np.zeros((4, 4))
-    weight[:3, 3] = -model.gravity
+    weight[:3, 3] = -model.gravity / gravity
     reach = {BASE: Reach(np.append(symmetric(weight), 1.0)[None], np.zeros((0, FLAT + len(shafts))))}
     observed = []
     for group in groups:
@@ -345,63 +348,66 @@ def observed_combinations(standard: StandardParameters, tolerance: float) -> tup
     return rows, units
 
 
-def scaled(model: Model) -> tuple[Model, float, float, Array]:
-    """The model in units of its longest offset between joints and of gravity, these two, and each coordinate's unit."""
+def sizes(model: Model) -> tuple[float, float, Array]:
+    """The longest offset between joints, the size of gravity, and each coordinate's unit: 1, or that length."""
     length = float(np.linalg.norm(model.translation, axis=1).max(initial=0)) or 1.0
-    gravity = float(np.linalg.norm(model.gravity)) or 1.0
-    joint_units = np.where(model.is_revolute, 1.0, length)
-    units = joint_units[list(model.independent_joints)]
-    values = {f.name: getattr(model, f.name) for f in fields(model)} | {
-        "translation": model.translation / length,
-        "link_translation": model.link_translation / length,
-        "multiplier": model.multiplier * units[list(model.coordinate)] / joint_units,
-        "offset": model.offset / joint_units,
-        "gravity": model.gravity / gravity,
-    }
-    return unchecked_model(values), length, gravity, units
+    units = np.where(model.is_revolute, 1.0, length)[list(model.independent_joints)]
+    return length, float(np.linalg.norm(model.gravity)) or 1.0, units
 
 
-def _group(model: Model, bodies: tuple[int, ...]) -> Group:
-    """Poses and velocities of a group's bodies about the origins of their joints in the URDF."""
+def _group(model: Model, bodies: tuple[int, ...], length: float, units: Array) -> Group:
+    """Poses and velocities of a group's bodies about the origins of their joints in the URDF, of the size `length`."""
     parent = next(model.parent[i] for i in bodies if model.parent[i] not in bodies)
-    coordinates = sorted({model.coordinate[i] for i in bodies})
-    samples = _sample_positions(model, bodies, coordinates)
-    q = np.zeros((len(samples), model.n))
-    q[:, coordinates] = samples
+    drivers = drivers_of(model)
+    coordinates = sorted({k for i in bodies for k in drivers[i]})
+    q = _sample_positions(model, bodies, coordinates, units)
     R, p = joint_transforms(model, q)
-    poses: Array = np.zeros((model.nb, len(samples), 4, 4))
+    slopes = (
+        np.broadcast_to(coordinate_map(model, q), (len(q), model.nb, model.n))[..., coordinates] * units[coordinates]
+    )
+    poses: Array = np.zeros((model.nb, len(q), 4, 4))
     xi: dict[int, Array] = {}
     for i in bodies:
-        k, above, o = coordinates.index(model.coordinate[i]), model.parent[i], model.joint_origin[i]
-        step = homogeneous(R[i], p[i] + rotate(R[i], o) - (model.joint_origin[above] if above != BASE else 0))
+        above, o, twist = model.parent[i], model.joint_origin[i], np.zeros((4, 4))
+        origin = p[i] + rotate(R[i], o) - (model.joint_origin[above] if above != BASE else 0)
+        step = homogeneous(R[i], origin / length)
         poses[i] = step if above == parent else poses[above] @ step
-        carried = np.zeros((len(coordinates), len(samples), 4, 4)) if above == parent else xi[above]
-        xi[i] = inverse(step) @ carried @ step
+        carried = np.zeros((len(coordinates), len(q), 4, 4)) if above == parent else xi[above]
         s, t = model.angular_axis[i], model.linear_axis[i]
-        xi[i][k, :, :3, :3] += model.multiplier[i] * cross_matrix(s)
-        xi[i][k, :, :3, 3] += model.multiplier[i] * (t + cross(s, o))
+        twist[:3, :3], twist[:3, 3] = cross_matrix(s), (t + cross(s, o)) / length
+        xi[i] = inverse(step) @ carried @ step + slopes[:, i].T[..., None, None] * twist
     twists = np.moveaxis(np.array([xi[i] for i in bodies]), 1, 2)
-    return Group(bodies, parent, coordinates, samples, poses[list(bodies)], twists)
+    return Group(bodies, parent, coordinates, (q / units)[:, coordinates], poses[list(bodies)], twists)
 
 
-def _sample_positions(model: Model, bodies: tuple[int, ...], coordinates: list[int]) -> Array:
-    """Positions of a group's coordinates that determine its energies for all others, shape (samples, coordinates).
+def _sample_positions(model: Model, bodies: tuple[int, ...], coordinates: list[int], units: Array) -> Array:
+    """Positions that determine a group's energies for all others, shape (samples, n); other coordinates are zero.
 
     Energies are of degree two in the sine and cosine of a rotating joint, and in the position of a sliding one. So five
     angles, or three positions, determine them. Those of joints that share coordinates have at most ten dimensions
     for each body, and at most one for each offset, so that as many positions at random span them, except for a set of
-    positions of measure zero. The first position is zero.
+    positions of measure zero. The first position is zero, but with couplings, which exist in a part of all positions.
     """
     if len(bodies) == 1:
         factor = abs(float(model.multiplier[bodies[0]])) or 1.0
         single = np.arange(5) * (2 * np.pi / 5 / factor) if model.is_revolute[bodies[0]] else np.array([0, -1, 1]) / 3
-        return np.asarray(single[:, None])
-    factors = [abs(model.multiplier[i]) for i in bodies if model.is_revolute[i] and model.multiplier[i] != 0]
-    turn = np.pi / min(factors, default=np.pi)
-    count = (PARAMETERS + 2) * len(bodies)
-    positions: Array = np.random.default_rng(0).uniform(-turn, turn, (count, len(coordinates)))
-    positions[0] = 0
-    return positions
+        return np.asarray(single[:, None] * (units * np.isin(range(model.n), coordinates)))
+    multiplier = np.abs(model.multiplier * units[list(model.coordinate)])
+    turn = np.pi / min([multiplier[i] for i in bodies if model.is_revolute[i] and multiplier[i]], default=np.pi)
+    count, following = (PARAMETERS + 2) * len(bodies), [c for c in model.coupled_joints if c[0] in bodies]
+    drawn = count * (DRAWN if following else 1)
+    q = np.zeros((drawn, model.n))
+    q[1:, coordinates] = (
+        np.random.default_rng(0).uniform(-turn, turn, (drawn, len(coordinates)))[1:] * units[coordinates]
+    )
+    if following:
+        q = where_loops_close(model, q)
+    for i, drivers, coupling in following:
+        q = q[np.isfinite(coupling.derivatives(q[:, drivers])[0]).all(-1)]
+        if len(q) < count:
+            joint, names = model.moving_joints[i], listed(coupling.drivers)
+            raise ModelError(f"joint {joint!r} of robot {model.name!r} hardly ever can follow {names} in their ranges")
+    return q[:count]
 
 
 def _energies_of_group(

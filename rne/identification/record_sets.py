@@ -23,7 +23,7 @@ from ..basics.text import InNotebooks, Row, aligned, short, wrapped
 from ..dynamics.base_inertial_parameters import BaseParameters
 from ..model.parameters import PARAMETERS, parameters_of_pseudo_inertia, pseudo_inertia
 from ..model.standard_parameters import MEASURED, DriveModel, StandardParameters
-from ..robot import Robot
+from ..robot import Robot, robot_argument
 from . import thresholds
 from .diagnosis.hypotheses import (
     GEARS,
@@ -40,13 +40,13 @@ from .diagnosis.rigid_body_test import percent
 from .fit.equations import (
     Equations,
     RegressionData,
+    Solution,
     blocks_of_time,
     build_regression,
     checked_records,
     delay_argument,
     delayed,
     equations,
-    fitted_robot,
     joined,
     of_named_joints,
     solve,
@@ -217,15 +217,31 @@ class RecordSets:
 
     def fitted(self, at: Array | None = None) -> SetsFit:
         """The fit of these unknowns with random errors of the drives."""
-        K, n, kinds = self.base.count, self.robot.n, self.kinds
-        m, f = len(kinds) * n, self.S.shape[-1]
+        K, n = self.base.count, self.robot.n
+        m = len(self.kinds) * n
         plain = least_squares(self.assembled(self.plain, at))
-        states = self.states(plain.values)
-        X = self.random_errors(states, with_factors=at is None)
+        X = self.random_errors(self.states(plain.values), with_factors=at is None)
         blocks = [in_blocks(data, x, len(self.data)) for data, x in zip(self.data, X, strict=True)]
         of_blocks = self.assembled(blocks, at)
         both = of_blocks.merged()
-        c, sigma = np.zeros((n, len(kinds))), plain.sigma
+        solution, noise, spread, sigma = self._with_spreads(both, plain, X)
+        kept = np.r_[:K, K + m : len(solution.x)]
+        scatter, squares = jackknife(of_blocks, noise, K, spread)
+        estimate = replace(plain, values=solution.x[kept], errors=np.where(solution.free[kept], np.inf, 0), sigma=sigma)
+        estimate = estimate._with_covariance(widened(solution.inverse[kept], scatter[kept]))
+        factor = with_prior(both.weighted(believed_noise(both, noise)), K, 1 / spread)
+        load = eliminated(factor, np.s_[K + m : K + m + self.S.shape[-1]])
+        of_sets = np.split(squares, np.cumsum([len(x.rows) for x in blocks])[:-1])
+        left = np.array([errors_of(x, part) for x, part in zip(blocks, of_sets, strict=True)])
+        notes = (*(note for data in self.data for note in data.notes), *self._shown_text(spread[::n]))
+        return SetsFit(estimate, left, load, tuple(dict.fromkeys(notes)))
+
+    def _with_spreads(
+        self, both: Equations, plain: LeastSquares, X: Sequence[Array]
+    ) -> tuple[Solution, Array, Array, Array]:
+        """The solution with random errors X, the noise it is weighted by, the errors' spreads, the noise it leaves."""
+        K, n, m = self.base.count, self.robot.n, len(self.kinds) * self.robot.n
+        c, sigma, states = np.zeros((n, len(self.kinds))), plain.sigma, self.states(plain.values)
         for _ in range(2):  # errors found are taken out of the noise
             noise = sigma * np.sqrt(self.correlation_time(states, X, c))
             factor = both.weighted(noise)
@@ -234,22 +250,15 @@ class RecordSets:
             c = solution.x[K : K + m].reshape(-1, n).T
             states = self.states(np.delete(solution.x, np.s_[K : K + m]))
             freedom = np.maximum(both.rows.sum(0) - solution.spent(both, noise), 1)
-            sigma = np.maximum(
-                np.sqrt(both.residuals(solution.x) / freedom), thresholds.APART_FROM_OTHERS * plain.sigma
-            )
-        kept = np.r_[:K, K + m : len(solution.x)]
-        scatter, squares = jackknife(of_blocks, noise, K, spread)
-        estimate = replace(plain, values=solution.x[kept], errors=np.where(solution.free[kept], np.inf, 0), sigma=sigma)
-        estimate = estimate._with_covariance(widened(solution.inverse[kept], scatter[kept]))
-        factor = with_prior(both.weighted(believed_noise(both, noise)), K, 1 / spread)
-        load = eliminated(factor, np.s_[K + m : K + m + f])
-        shown = [(name, s) for name, s in zip(kinds, spread[::n], strict=True) if s > thresholds.TOLD_SPREAD]
+            left = np.sqrt(both.residuals(solution.x) / freedom)
+            sigma = np.maximum(left, thresholds.APART_FROM_OTHERS * plain.sigma)
+        return solution, noise, spread, sigma
+
+    def _shown_text(self, spread: Array) -> tuple[str, ...]:
+        """A note on the kinds of random errors that the torques show, of the spread of each."""
+        shown = [(name, s) for name, s in zip(self.kinds, spread, strict=True) if s > thresholds.TOLD_SPREAD]
         told = ", ".join(f"{name} ({100 * s:.2g} %)" for name, s in shown)
-        notes = [f"the torques show, and the standard errors contain: {told}"] * bool(told)
-        of_records = [note for data in self.data for note in data.notes]
-        of_sets = np.split(squares, np.cumsum([len(x.rows) for x in blocks])[:-1])
-        left = np.array([errors_of(x, part) for x, part in zip(blocks, of_sets, strict=True)])
-        return SetsFit(estimate, left, load, tuple(dict.fromkeys((*of_records, *notes))))
+        return (f"the torques show, and the standard errors contain: {told}",) * bool(told)
 
     @property
     def kinds(self) -> tuple[str, ...]:
@@ -437,7 +446,7 @@ def record_sets(
             "alone its mass is not told from the last body's, nor gains from masses"
         )
     without, with_load = (x if isinstance(x, Sequence) else (x,) for x in (without, with_load))
-    robot, named, matched = of_named_joints(fitted_robot(robot), [*without, *with_load])
+    robot, named, matched = of_named_joints(robot_argument(robot), [*without, *with_load])
     base = robot.base_parameters(drives=MEASURED if drives is None else drives)
     sets = {"without": named[: len(without)], "with_load": named[len(without) :]}
     given = {name: checked_records(robot, x, name) for name, x in sets.items()}

@@ -19,6 +19,7 @@ from ..basics.spatial import Array
 from ..basics.text import InNotebooks, Row, aligned, counted, listed, short, wrapped
 from ..dynamics.base_inertial_parameters import BaseParameters
 from ..errors import IdentificationError
+from ..model.coupling import IN_FILES
 from ..model.model import Model, joint_array
 from ..model.parameters import PARAMETERS, pseudo_inertia, with_parameters
 from ..model.solids import Box, Cylinder
@@ -727,7 +728,7 @@ def first_of(text: str, most: int) -> str:
 
 
 VERSION = 1  # of files: another one when a field changes its meaning
-OF_MODELS = (Model, Box, Cylinder, StandardParameters, DriveModel, Springs, Spring, JointSpring)
+OF_MODELS = (*IN_FILES, Model, Box, Cylinder, StandardParameters, DriveModel, Springs, Spring, JointSpring)
 OF_FITS = (Identification, RegressionData, Equations, Prepared, LeastSquares, Unexplained, Cause)
 KINDS: Kinds = {kind: (names_of(kind), kind) for kind in (*OF_MODELS, *OF_FITS)} | {
     Robot: (("model", "engine"), Robot),

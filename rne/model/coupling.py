@@ -17,7 +17,7 @@ from ..graph.differentiation import differentiate
 from ..graph.graph import Graph
 from ..graph.program import ON_ARRAYS, Instruction, Operand, Program, interpret, lower
 from ..graph.scalar import Scalar, inputs, references
-from .model import Loop, Model, model_argument
+from .model import Loop, Model, model_argument, with_unchecked
 
 LOGGER = logging.getLogger("rne")
 SAMPLES = 1000  # of a driver's range on either side of its zero, twice, between which it is cut
@@ -73,6 +73,9 @@ class Coupling:
             return self.position(np.array([[known[name] for name in self.drivers]], dtype=object))[0]
 
         return free, position
+
+
+IN_FILES = (Loop, Coupling, Program, Instruction, Operand)  # types of which couplings and linkages are made
 
 
 def _run(program: Program, given: Array) -> Array:
@@ -151,6 +154,18 @@ def coupled(model: Model, couplings: Mapping[str, Followed | Linked | Callable[.
     for driver in dict.fromkeys((*of_linkages, *(name for coupling in found for name in coupling.drivers))):
         whole = _with_range_cut(whole, driver, linked)
     return whole
+
+
+def with_ratio(model: Model, joint: str, factor: float) -> Model:
+    """The robot with a joint that follows others `factor` times as far from its rest, for dynamics alone."""
+    i, found = model.moving_joints.index(joint), list(model.couplings)
+    for k, (own, drivers, coupling) in enumerate(model.coupled_joints):
+        if own == i:
+            graph, rest = Graph(), float(model.rest[i])
+            position = rest + factor * (coupling.position(inputs(graph, (1, len(drivers)), 0)) - rest)
+            found[k] = replace(coupling, program=lower(graph, references(graph, position), len(drivers)))
+    ratios = np.where(np.arange(model.nb) == i, factor, 1.0)
+    return with_unchecked(model, multiplier=ratios * model.multiplier, couplings=tuple(found))
 
 
 def _checked(model: Model, couplings: Any) -> dict[str, Followed | Linked]:

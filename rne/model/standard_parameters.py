@@ -17,7 +17,6 @@ from ..elementwise import less, where
 from .friction_laws import direction, magnitude, saturating, stribeck_effect
 from .model import Model, model_argument
 from .parameters import PARAMETERS, parameters_of
-from .topology import refuse_couplings
 
 BODY_SYMBOLS = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 FRICTION = {"viscous": "Fv", "asymmetric": "Fvb", "coulomb": "Fc", "load": "Fl"}  # words for friction, and symbols
@@ -130,8 +129,6 @@ class StandardParameters(ReadOnlyArrays):
 
     def __post_init__(self) -> None:
         n = model_argument(self.model).n
-        cure = "; with its drivers locked by Robot.locked, what moves besides can be identified"
-        refuse_couplings(self.model, "standard parameters, base parameters and identification take", cure)
         drive_argument(self.drives)
         for name in ("stribeck", "saturation"):
             if getattr(self.drives, name) is not None:
@@ -201,8 +198,11 @@ class StandardParameters(ReadOnlyArrays):
 
     @cached_array
     def values(self) -> Array:
-        """The parameters that the model has; of offsets, coupled motors and other friction they are zero."""
-        model, G = self.model, self.model.coordinate_map
+        """The parameters that the model has; of offsets, coupled motors and other friction they are zero.
+
+        Drives of joints that mimic others count with these; those of joints that follow by couplings are left out.
+        """
+        model, G = self.model, self.model.mimic_map
         known = {"bodies": parameters_of(model), "Ia": G.T**2 @ model.armature}
         known |= {symbol: self.asked[symbol] * (G.T**2 @ model.damping) for symbol in ("Fv", "Fvb")}
         known |= {"Fc": self.asked["Fc"] * (np.abs(G.T) @ model.friction)}

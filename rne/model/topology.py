@@ -91,10 +91,10 @@ def pinocchio_order(model: Model) -> Array:
 def joint_groups(model: Model) -> list[tuple[int, ...]]:
     """Bodies by groups, in tree order; each group is carried by one body outside of it, or by the base.
 
-    A joint that mimics no other and is mimicked by none is a group by itself. Others are joined with those that mimic
+    A joint that follows no other and is followed by none is a group by itself. Others are joined with those that follow
     them, and with the bodies on the paths between them.
     """
-    groups = [{i for i in range(model.nb) if model.coordinate[i] == k} for k in range(model.n)]
+    groups = [{i for i, drivers in drivers_of(model).items() if k in drivers} for k in range(model.n)]
     before: list[set[int]] = []
     while groups != before:
         before, groups = groups, []
@@ -125,6 +125,11 @@ def loop_joints(model: Model, loop: Loop) -> tuple[set[int], set[int]]:
     return first - second, second - first
 
 
+def drivers_of(model: Model) -> dict[int, list[int]]:
+    """The coordinates that each moving joint's position depends on."""
+    return {i: [k] for i, k in enumerate(model.coordinate)} | {i: own for i, own, _ in model.coupled_joints}
+
+
 def loads_not_known(model: Model) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Joints and pivots whose loads are not known, and the joints that cause it: they follow by parts not there.
 
@@ -132,7 +137,7 @@ def loads_not_known(model: Model) -> tuple[tuple[str, ...], tuple[str, ...]]:
     A joint that carries all of it, or is carried by it, feels the same forces with any parts.
     """
     closed = {joint for loop in model.loops for joint in loop.followers}
-    drivers = {i: [k] for i, k in enumerate(model.coordinate)} | {i: own for i, own, _ in model.coupled_joints}
+    drivers = drivers_of(model)
     unknown, causes = set[int](), list[str]()
     for i, joint in enumerate(model.moving_joints):
         if i not in model.independent_joints and joint not in closed:
@@ -145,11 +150,11 @@ def loads_not_known(model: Model) -> tuple[tuple[str, ...], tuple[str, ...]]:
     return (*(model.moving_joints[i] for i in sorted(unknown)), *pivots), tuple(causes)
 
 
-def refuse_couplings(model: Model, what: str, cure: str = "") -> None:
+def refuse_couplings(model: Model, what: str) -> None:
     """Raise a ModelError that names the first coupling, if there is one; `what` is that which takes none."""
     if model.couplings:
         joint, drivers = model.couplings[0].joint, listed(model.couplings[0].drivers)
-        raise ModelError(f"{what} no couplings, but joint {joint!r} of robot {model.name!r} follows {drivers}{cure}")
+        raise ModelError(f"{what} no couplings, but joint {joint!r} of robot {model.name!r} follows {drivers}")
 
 
 def check_closure(model: Model, q: Array) -> None:

@@ -20,7 +20,9 @@ import numpy as np
 
 from ...basics.spatial import Array
 from ...basics.text import listed
+from ...dynamics import inverse_dynamics
 from ...dynamics.regressors import gravity_torques
+from ...model.coupling import with_ratio
 from ...model.parameters import PARAMETERS
 from ...robot import Robot
 from .. import thresholds
@@ -72,6 +74,7 @@ MENDED_BY = {  # kind: what fits it or mends the log
     "gear ratio": "ratios of Record.from_motors",
     "joint zero": "offsets of Record.from_motors",
     "coupling": "coupling of Record.from_motors",
+    "coupling ratio": "multiplier of the URDF's mimic, or the function of rne.model.coupled",
     GAIN: "drive_gains of Record.from_motors",
     "torque sign": "negative drive_gains of Record.from_motors",
     "joint sign": "negative ratios of Record.from_motors",
@@ -217,7 +220,7 @@ def linear_causes(rest: FitResiduals, hypotheses: Sequence[Hypothesis] | None) -
     best_score, leading, linear = thresholds.EVIDENT, None, [(rest, h) for h in friction(rest)]
     if hypotheses is not None:
         beyond = rest.beyond_friction
-        kinds = (delays, other_gravity, joints, changing, payloads, contacts)
+        kinds = (delays, other_gravity, joints, coupling_ratios, changing, payloads, contacts)
         linear += [(rest, h) for h in declined_drives(rest)] + [(beyond, h) for h in hypotheses]
         linear += [(beyond, h) for kind in kinds for h in kind(beyond)]
     for left, h in linear:
@@ -509,6 +512,22 @@ def ratio_columns(rest: FitResiduals) -> Array:
         return np.asarray(k * rest.load(*(k * x for x in motion)))
 
     return rest.sampled(lambda *motion: np.moveaxis(slope(lambda h: torques(1 + h * steps, motion)), 0, -1))
+
+
+def coupling_ratios(rest: FitResiduals) -> Iterator[Hypothesis]:
+    """Ratios of joints that mimic others or follow them, but for those of linkages, whose lengths say how."""
+    model, bodies = rest.robot.model, rest.bodies
+    closed = {joint for loop in model.loops for joint in loop.followers}
+    for joint in (name for name in model.moving_joints if name not in closed.union(rest.names)):
+
+        def torques(q: Array, qd: Array, qdd: Array, joint: str = joint) -> Array:
+            given = {"parameters": bodies}
+            return slope(lambda h: inverse_dynamics.evaluate(with_ratio(model, joint, 1 + h), q, qd, qdd, **given)[0])
+
+        text = signed(
+            "the ratio given for {}, which follows others, is {:.3g} % too {}", "small", "large", joint, scale=100
+        )
+        yield Hypothesis("coupling ratio", rest.sampled(torques)[..., None], text, (joint,))
 
 
 def changing(rest: FitResiduals) -> Iterator[Hypothesis]:

@@ -14,6 +14,7 @@ import numpy as np
 
 from ...basics.spatial import Array
 from ...dynamics.base_inertial_parameters import BaseParameters
+from ...errors import NotFiniteError
 from ...model.parameters import PARAMETERS
 from ...robot import Robot
 from .. import thresholds
@@ -264,7 +265,10 @@ class FitResiduals(Discrepancy):
             drives = self.standard.drive_columns(qd, qdd, self.standard.load(Y, q, qdd, self.x))
             return np.concatenate([Y, drives, self.standard.spring_columns(q)], axis=-1)[..., self.base.independent]
 
-        X = self.near_rows(lambda *motion: columns(*(x @ J.T for x in motion)))
+        try:
+            X = self.near_rows(lambda *motion: columns(*(x @ J.T for x in motion)))
+        except NotFiniteError:  # where joints that follow others have no position
+            return np.zeros((*self.tau.shape, self.base.count))
         if self.known is None:
             return X
         values = self.base.back @ self.refitted(X, tau)[0]

@@ -17,7 +17,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -29,7 +29,7 @@ from ...dynamics.base_inertial_parameters import BaseParameters
 from ...errors import IdentificationWarning, NotFiniteError
 from ...files.log_columns import numbers_at_ends, plain_name
 from ...model.standard_parameters import StandardParameters
-from ...robot import Robot, robot_argument
+from ...robot import Robot
 from .. import thresholds
 from ..log.filtering import impulse_response, low_pass, settling
 from ..log.prepared import Prepared, rows_without, undisturbed
@@ -298,45 +298,42 @@ def build_regression(
     Friction under load is that of the loads with standard parameters `loaded`, by default those of the model.
     """
     given, standard = checked_records(robot, records), base.standard
-    loaded = standard.values if loaded is None else loaded
     whole_number("folds", folds, least=2)
     late = np.broadcast_to(delays, (len(given), robot.n))
     cutoffs = cutoff if isinstance(cutoff, Sequence) else [cutoff] * len(given)
     prepared = tuple(delayed(r.prepare(c), d) for r, c, d in zip(given, cutoffs, late, strict=True))
     still, slowest = minimum_velocities(standard, given, prepared, minimum_velocity)
-    of_records = [rows_of(robot, standard, record, slowest, still, loaded) for record in prepared]
+    loads = standard.values if loaded is None else loaded
+    rows, Z = rows_of_all(robot, standard, prepared, slowest, still, loads), None
     if still.all() and len(still):
         raise ValueError("`records` show no joint that moves: one pose says nothing of inertias and friction")
-    Y, tau, valid, used, sure = (np.concatenate(arrays) for arrays in zip(*of_records, strict=True))
-    Z = None
     if instruments:
-        moved = [along(record, motion) for record, motion in zip(prepared, instruments, strict=True)]
-        parts = [rows_of(robot, standard, record, slowest, still, loaded) for record in moved]
-        Z = np.concatenate([part[0] @ base.back for part in parts])
-        used &= (both_move := np.concatenate([part[3] for part in parts]))  # so that the direction of friction is known
-        sure &= both_move
-    silent = [no_torque_text(given, j, robot.joint_names[j]) for j in np.flatnonzero(~valid.any(0)).tolist()]
-    if len(silent) == robot.n:
+        moved = [along(r, motion) for r, motion in zip(prepared, instruments, strict=True)]
+        both = rows_of_all(robot, standard, moved, slowest, still, loads)
+        Z = both.Y @ base.back
+        used, sure = rows.used & both.used, rows.sure & both.used  # so that the direction of friction is known
+        rows = rows._replace(used=used, sure=sure)
+    silent = [no_torque_text(given, j, robot.joint_names[j]) for j in np.flatnonzero(~rows.valid.any(0)).tolist()]
+    check_enough(int(rows.used.sum()), base.count, silent, robot.n)
+    resting_text = still_text(standard, [robot.joint_names[j] for j in np.flatnonzero(still)])
+    notes = (*beyond_limits(robot, prepared), *followers_text(standard), *resting_text, *silent)
+    blocks = blocks_of_time(prepared, blocks_of_each(prepared, folds))
+    measured = fitted = equations(rows.Y, rows.tau, rows.used, blocks, Z)
+    if (rows.used != rows.valid).any():
+        measured = equations(rows.Y, rows.tau, rows.valid, blocks, Z)
+    names = tuple(r.name for r in given)
+    return RegressionData(names, prepared, late, slowest, notes, *rows, fitted, measured, Z)
+
+
+def check_enough(count: int, unknowns: int, silent: Sequence[str], n: int) -> None:
+    """Refuse records with too few equations, with what is said of joints without torque."""
+    if len(silent) == n:
+        raise ValueError(f"`records` give no equations: {silent[0]}{' and so on' * (n > 1)}: record torques in motion")
+    if count <= unknowns:
         raise ValueError(
-            f"`records` give no equations: {silent[0]}{' and so on' * (robot.n > 1)}: record torques in motion"
+            f"`records` give {count} equations for {unknowns} base parameters: a longer motion is needed, or a higher "
+            "`cutoff`"
         )
-    if used.sum() <= base.count:
-        raise ValueError(
-            f"`records` give {used.sum()} equations for {base.count} base parameters: a longer motion is needed, or a "
-            "higher `cutoff`"
-        )
-    each, shortest = max(-(-folds // len(prepared)), 2), min(len(record.times) for record in prepared)
-    if each > shortest:
-        most = shortest * len(prepared)
-        raise ValueError(f"`folds` must be at most {most}, got {folds}: there are no more equations")
-    still_names = [robot.joint_names[j] for j in np.flatnonzero(still)]
-    notes = (*beyond_limits(robot, prepared), *still_text(standard, still_names), *silent)
-    blocks = blocks_of_time(prepared, each)
-    measured = fitted = equations(Y, tau, used, blocks, Z)
-    if (used != valid).any():
-        measured = equations(Y, tau, valid, blocks, Z)
-    names = tuple(record.name for record in given)
-    return RegressionData(names, prepared, late, slowest, notes, Y, tau, valid, used, sure, fitted, measured, Z)
 
 
 def along(record: Prepared, motion: Motion) -> Prepared:
@@ -368,10 +365,38 @@ def blocks_of_time(records: Sequence[Prepared], of_each: int) -> tuple[slice, ..
     return consecutive(b.stop - b.start for record in records for b in record.blocks(of_each))
 
 
+def blocks_of_each(records: Sequence[Prepared], folds: int) -> int:
+    """Number of blocks of time of each record, for so many in all."""
+    each, shortest = max(-(-folds // len(records)), 2), min(len(record.times) for record in records)
+    if each > shortest:
+        most = shortest * len(records)
+        raise ValueError(f"`folds` must be at most {most}, got {folds}: there are no more equations")
+    return each
+
+
+class RegressionRows(NamedTuple):
+    """The equations of records and what may be done with them, as of RegressionData."""
+
+    Y: Array
+    tau: Array
+    valid: Array
+    used: Array
+    sure: Array
+
+
+def rows_of_all(
+    robot: Robot, standard: StandardParameters, records: Sequence[Prepared], *given: Array
+) -> RegressionRows:
+    """The rows of records one after the other."""
+    return RegressionRows(
+        *map(np.concatenate, zip(*(rows_of(robot, standard, r, *given) for r in records), strict=True))
+    )
+
+
 def rows_of(
     robot: Robot, standard: StandardParameters, record: Prepared, minimum_velocity: Array, still: Array, loaded: Array
-) -> tuple[Array, ...]:
-    """Y, tau, valid, used and sure of a record: slow joints are not used, those that are `still` do not move at all."""
+) -> RegressionRows:
+    """The rows of a record: slow joints are not used, those that are `still` do not move at all."""
     qd, qdd = record.qd * ~still, record.qdd * ~still
     bodies, first = robot.regressor(record.q, qd, qdd), standard.groups["bodies"].stop
     load = standard.load(bodies, record.q, qdd, loaded)
@@ -385,7 +410,7 @@ def rows_of(
         Y[..., standard.groups["springs"]] = record.reduce(standard.spring_columns(record.q))
     used = record.valid & ((record.reduce(np.abs(qd)) > minimum_velocity) | (minimum_velocity == 0))
     sure = used & rows_without(record, resting(record, minimum_velocity))
-    return Y, record.reduce(record.tau), record.valid, used, sure
+    return RegressionRows(Y, record.reduce(record.tau), record.valid, used, sure)
 
 
 def resting(record: Prepared, minimum_velocity: Array) -> Array:
@@ -431,6 +456,15 @@ def still_text(standard: StandardParameters, names: Sequence[str]) -> tuple[str,
     return (f"{listed(names)} {does} not move" + (f": {its} {lost} cannot be found" if lost else ""),)
 
 
+def followers_text(standard: StandardParameters) -> tuple[str, ...]:
+    """A note on rotors and friction that the model has at joints that follow by couplings, which are not found."""
+    model = standard.model
+    has_drive = model.armature + model.damping + model.friction > 0
+    names = [model.moving_joints[i] for i, *_ in model.coupled_joints if has_drive[i]]
+    what = "follow others: their rotors and friction are not fitted, and the robot found has none"
+    return (f"{listed(names)} {what}",) * bool(names and standard.terms)
+
+
 def delay_argument(delay: ArrayLike | None, n: int) -> Array:
     """The argument `delay`, checked, shape (n,) [s]; zero if it is not given."""
     delays = np.zeros(n) if delay is None else per_joint_array("delay", delay, n)
@@ -451,12 +485,6 @@ def delayed(record: Prepared, delays: Array) -> Prepared:
         for j in np.flatnonzero(delays):
             tau[part, j] = CubicSpline(t, record.tau[part, j])(np.clip(t + delays[j], t[0], t[-1]))
     return replace(record, tau=tau)
-
-
-def fitted_robot(robot: Any) -> Robot:
-    """The argument `robot`, refused where joints follow others by couplings, before its records are looked at."""
-    StandardParameters(robot_argument(robot).model)
-    return robot_argument(robot)
 
 
 def checked_records(robot: Robot, records: Record | Sequence[Record], name: str = "records") -> tuple[Record, ...]:
@@ -509,7 +537,9 @@ def of_named_joints(
         cure = f", or lock these where they were, `robot.locked({missing})`" if own else ""
         how = ', as `joints` with columns={"q": ..., "tau": ...} in this order' if first.source else ""
         raise ValueError(f"records must name the robot's joints, {both}: give names as the robot has them{how}{cure}")
-    notes = [f"{name} of the records is not a joint of the robot, or locked: left out" for name in others]
+    following = set(robot.model.moving_joints).intersection(others)
+    why = {name: "follows others" if name in following else "is not a joint of the robot, or locked" for name in others}
+    notes = [f"{name} of the records {why[name]}: left out" for name in others]
     ranges = {
         x: np.ptp(q[np.isfinite(q)])
         for r in named
@@ -517,7 +547,9 @@ def of_named_joints(
         if np.isfinite(q).any()
     }
     if moving := [
-        f"{x} by {ranges[x]:.3g}" for x in robot.model.link_joints if x in others and ranges.get(x, 0) > RESTS
+        f"{x} by {ranges[x]:.3g}"
+        for x in robot.model.link_joints
+        if x in others and x not in following and ranges.get(x, 0) > RESTS
     ]:
         notes = [f"{MOVING}: {listed(moving)}", *notes]
     if missing:
