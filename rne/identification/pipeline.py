@@ -50,7 +50,6 @@ from .fit.equations import (
     build_regression,
     checked_records,
     delay_argument,
-    fitted_robot,
     of_named_joints,
     warn_of_locked,
 )
@@ -111,7 +110,7 @@ def regression(
     >>> base = robot.base_parameters(drives=rne.DriveModel(friction="viscous+coulomb"))  # doctest: +SKIP
     >>> data = rne.identification.regression(robot, record, base, cutoff=10.0)  # doctest: +SKIP
     """
-    given = checked_records(fitted_robot(robot), records)
+    given = checked_records(robot_argument(robot), records)
     late = delay_argument(delay, robot.n)
     return build_regression(robot, given, base, minimum_velocity, cutoff, folds, late)
 
@@ -227,7 +226,9 @@ def identify(
     Parameters
     ----------
     robot : Robot
-        The robot, of which joints and their places are known. Its bodies are the prior unless `prior` is given.
+        The robot, of which joints and their places are known. Its bodies are the prior unless `prior` is given. Of
+        joints that mimic others at a constant ratio, rotors and friction count at these; those of joints that follow by
+        linkages and other functions (`rne.model.coupled`) are not found.
     records : Record or sequence of Record
         Measured motions.
     drives : DriveModel, optional
@@ -283,8 +284,8 @@ def identify(
     ValueError
         If an argument has a wrong value or shape, or excludes another; records lack joints and have others that the
         robot does not know, or have errors among their findings; no joint moves; there are fewer equations than
-        parameters; `instruments` do not resemble the measured motion; joints of the robot are coupled (ModelError); or
-        numbers are so large that the equations overflow (NotFiniteError).
+        parameters; `instruments` do not resemble the measured motion; a joint that follows others has no position at
+        those measured, or numbers are so large that the equations overflow (NotFiniteError).
     IdentificationError
         If `prior` is "geometry" and the torques ask for bodies of negative mass.
     ImportError
@@ -318,7 +319,7 @@ def identify(
     >>> found.check(record).measured.shape[1], len(found.plot().axes)
     (6, 12)
     """
-    whole = fitted_robot(robot)
+    whole = robot_argument(robot)
     robot, records, matched = of_named_joints(whole, records)
     warn_of_locked(matched)
     fitted = fitted_springs(springs, whole, robot)
