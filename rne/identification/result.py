@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -40,6 +40,7 @@ from .fit.equations import (
     LOCKED,
     MOVING,
     NO_TORQUE,
+    RESTS,
     Equations,
     RegressionData,
     by_number,
@@ -60,6 +61,7 @@ from .fit.least_squares import (
 )
 from .log.prepared import Prepared
 from .log.record import Record
+from .prediction import Bands, bands_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -491,24 +493,46 @@ class Identification(InNotebooks):
         place = self.standard.groups.get(symbol)
         return np.zeros(self.initial.n) if place is None else self.parameters[place]
 
-    def predict(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> Array:
+    @overload
+    def predict(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, *, std: Literal[False] = False) -> Array: ...
+
+    @overload
+    def predict(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, *, std: Literal[True]) -> tuple[Array, Array]: ...
+
+    def predict(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, *, std: bool = False) -> Array | tuple[Array, Array]:
         """Torques of the drives along a motion.
 
         Parameters
         ----------
         q, qd, qdd : array_like, shape (..., n)
             Joint positions, velocities and accelerations [rad or m; rad/s or m/s; rad/s^2 or m/s^2].
+        std : bool
+            True for standard deviations of measured torques about these, too.
 
         Returns
         -------
-        ndarray, shape (..., n)
+        torques : ndarray, shape (..., n)
             With rotors, friction, offsets, coupled motors and springs; the direction of friction is smoothed as in
             `scene`, whose inverse dynamics are the same [N m or N].
+        deviations : ndarray, shape (..., n), with `std` only
+            Infinite where a torque depends on parameters, or is of a joint, that the log says nothing of; 1.96 times
+            these are a band for 95 % of the torques that `check` compares, which have passed the filter [N m or N].
 
         Raises
         ------
         ValueError
             If an array has the wrong shape or is not finite.
+
+        Notes
+        -----
+        The variance is y C y^T + s^2: of the parameters, with the torque's row y of the regressor of the base
+        parameters and C = `estimate.covariance`, and of what they do not explain. C is that of least squares, for a
+        physically consistent fit too, so that no band is narrow because of the prior; it contains the correlation of
+        the residuals, and errors of delays and Stribeck velocities that were estimated, not of the smoothing, and of
+        friction under load only that of its coefficient. s is of the residuals of the blocks that were held out, less
+        the parameters' part, for each joint in motion, and at rest, below `minimum_velocity`, where friction has any
+        value up to Coulomb's: if the joint hardly rests in the log, its square is added to s^2. Neighbouring
+        torques err alike, over `correlation_time`.
         """
         model, bodies = self.initial.model, PARAMETERS * self.initial.model.nb
         velocities, accelerations = joint_array("qd", qd, model), joint_array("qdd", qdd, model)
@@ -516,7 +540,22 @@ class Identification(InNotebooks):
         at = joint_array("q", q, model)
         load = self._law.load(Y, at, accelerations, self.parameters)
         drives = self._law.drive_torques(velocities, accelerations, self.parameters[bodies:], load)
-        return np.asarray(Y @ self.parameters[:bodies] + drives + self._law.spring_torques(at, self.parameters))
+        torques = np.asarray(Y @ self.parameters[:bodies] + drives + self._law.spring_torques(at, self.parameters))
+        return (torques, self._std(at, velocities, accelerations)) if std else torques
+
+    def _std(self, q: Array, qd: Array, qdd: Array, speed: Array | None = None) -> Array:
+        """Standard deviations of torques; `speed` decides whether joints are in motion, |qd| if it is not given."""
+        Y = self.initial.regressor(q, qd, qdd)
+        drives = self._law.drive_columns(qd, qdd, self._law.load(Y, q, qdd, self.parameters))
+        columns = np.concatenate([Y, drives, self._law.spring_columns(q)], axis=-1)
+        return self.bands.std(columns, self.bands.is_moving(np.abs(qd) if speed is None else speed))
+
+    @cached_property
+    def bands(self) -> Bands:
+        """What standard deviations of predicted torques are made of."""
+        folds = self.unexplained.parameters
+        folds = folds if len(folds) else np.tile(self.parameters, (len(self.equations.factors), 1))  # of older files
+        return bands_of(self.base, self.data, self.estimate, folds, np.maximum(self._of_drives("Fc"), 0))
 
     @cached_property
     def _law(self) -> StandardParameters:
@@ -575,8 +614,13 @@ class Identification(InNotebooks):
     def _compared(self, name: str, prepared: Prepared) -> Check:
         model, torques = self.initial.model, self.predict(prepared.q, prepared.qd, prepared.qdd)
         units = tuple("N m" if model.is_revolute[i] else "N" for i in model.independent_joints)
-        qd, tau, predicted = (prepared.reduce(x) for x in (prepared.qd, prepared.tau, torques))
-        return Check(name, model.joint_names, units, prepared.times, qd, tau, predicted, prepared.valid)
+        qd, tau, predicted, speed = (
+            prepared.reduce(x) for x in (prepared.qd, prepared.tau, torques, np.abs(prepared.qd))
+        )
+        rests = np.isinf(self.minimum_velocity) & (np.ptp(prepared.q, axis=0) < RESTS)  # as in the log
+        q, v, a = (x[prepared.row_samples] for x in (prepared.q, prepared.qd * ~rests, prepared.qdd * ~rests))
+        std = self._std(q, v, a, speed * ~rests)
+        return Check(name, model.joint_names, units, prepared.times, qd, tau, predicted, prepared.valid, std)
 
     def plot(self) -> Figure:
         """Measured and predicted torque of the first record, over time, and their difference, by joint.
@@ -935,6 +979,8 @@ class Check(InNotebooks):
         Torques after the filter [N m or N].
     valid : ndarray of bool, shape (R, n)
         False where a torque was not measured properly.
+    std : ndarray, shape (R, n)
+        Standard deviations of measured torques about the predicted ones, as of `predict` [N m or N].
 
     Examples
     --------
@@ -959,6 +1005,7 @@ class Check(InNotebooks):
     measured: Array
     predicted: Array
     valid: Array
+    std: Array
 
     def __repr__(self) -> str:
         worst = 100 * np.nanmax(self.relative, initial=0)

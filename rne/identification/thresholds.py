@@ -132,6 +132,11 @@ UNKNOWN_VALUE = 100.0  # per cent: a standard error as large as the value, from 
 MOVED = 3.0  # standard errors of a drift that is named; statistics
 GROWTH = 1.2  # residuals of possible bodies over those of least squares that are named: signs, units or prior are wrong
 
+# Fit: predictions --------------------------------------------------------------------------------------------------
+WITHIN = 0.95  # share of the torques that bands are for; the field's custom
+BAND = 1.96  # standard deviations of a band of that share; statistics
+COVERED = 0.90  # share of torques held out within that of noise and parameters, below which the model is at fault
+
 # Fit: loads and gains ----------------------------------------------------------------------------------------------
 DOUBTFUL = 0.05  # relative standard error of a mass or gain from which a warning tells it
 FIRST_SPREAD, LEAST_SPREAD = 0.03, 1e-9  # of a kind of errors, of the torques: assumed first (PAYLOADS), and at least
