@@ -12,6 +12,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,7 +25,6 @@ from ..model.parameters import PARAMETERS
 from ..model.standard_parameters import DriveModel
 from ..model.topology import end_link
 from ..robot import Robot
-from ..simulation.scene import HasPayload, Payload, payload_argument
 from . import thresholds
 from .diagnosis.rigid_body_test import percent, single_joint_fit
 from .fit.equations import solve, warn_of_locked
@@ -32,6 +32,9 @@ from .fit.least_squares import least_squares
 from .log.record import Record
 from .record_sets import RecordSets, SetsFit, SetsResult, record_sets
 from .result import Identification
+
+if TYPE_CHECKING:
+    from ..simulation.scene import HasPayload, Payload
 
 UNTOLD = (
     "the load does not tell the gain of {}: it does not act there in these motions, or acts as the joint's own body or "
@@ -185,6 +188,8 @@ def identify_drive_gains(
     >>> print(found.report().split(";")[0][:32])
     gains of 6 of 6 joints, known to
     """
+    from ..simulation.scene import payload_argument
+
     sets = record_sets(robot, without, with_load, drives, cutoff, delay)
     warn_of_locked(sets.data[0].notes)
     model, names = sets.robot.model, sets.robot.joint_names

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,7 +19,6 @@ from ..basics.spatial import Array
 from ..dynamics.base_inertial_parameters import BaseParameters, with_springs
 from ..model.standard_parameters import DriveModel
 from ..robot import Robot
-from ..simulation.springs import Springs
 from . import thresholds
 from .diagnosis.hypotheses import (
     GEARS,
@@ -37,6 +37,9 @@ from .diagnosis.residuals import FitResiduals
 from .fit.equations import Motion, RegressionData, along, build_regression
 from .fit.least_squares import Estimator, LeastSquares, fit_base_parameters, held_out, least_squares
 from .log.record import Record
+
+if TYPE_CHECKING:
+    from ..simulation.springs import Springs
 
 
 @dataclass(frozen=True, eq=False)

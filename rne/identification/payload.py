@@ -10,6 +10,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,7 +22,6 @@ from ..model.parameters import COLUMNS, ENTRIES, PARAMETERS, ROWS, pseudo_inerti
 from ..model.standard_parameters import BODY_SYMBOLS, DriveModel, StandardParameters
 from ..model.topology import end_link
 from ..robot import Robot
-from ..simulation.scene import Payload
 from . import thresholds
 from .drive_gains import DriveGains, gain_rows, of_all_joints
 from .fit.consistent import consistent_fit
@@ -30,6 +30,9 @@ from .log.prepared import Prepared
 from .log.record import Record
 from .record_sets import CONTAINED, GAINS_CONTAINED, SetsResult, eliminated, record_sets
 from .result import Identification
+
+if TYPE_CHECKING:
+    from ..simulation.scene import Payload
 
 SCALED = "torques of the bodies without the load are"  # start of a note
 STEP = 1e-30  # of derivatives by complex numbers
@@ -219,6 +222,8 @@ def identify_payload(
     >>> print(found.report()[:23])
     3 kg on tool0, known to
     """
+    from ..simulation.scene import Payload
+
     if isinstance(robot, DriveGains):
         if without is not None or drives is not None:
             raise ValueError("DriveGains have their records and drives: `without` and `drives` must be None")

@@ -18,6 +18,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,7 +29,6 @@ from ..errors import IdentificationError, IdentificationWarning
 from ..model.parameters import PARAMETERS
 from ..model.standard_parameters import MEASURED, DriveModel, StandardParameters, drive_argument
 from ..robot import Robot, robot_argument
-from ..simulation.springs import JointSpring, Spring, Springs, resolved_springs
 from . import thresholds
 from .diagnosis.hypotheses import (
     DRIVES,
@@ -58,6 +58,9 @@ from .fit.least_squares import LeastSquares, Unexplained, fit_base_parameters
 from .fit_model import Fit, FitModel, FitProblem, settled
 from .log.record import Record
 from .result import IMPOSSIBLE, NAMED, NOT_CONSISTENT, NOT_SOUGHT, WRONG_SIGN, Identification
+
+if TYPE_CHECKING:
+    from ..simulation.springs import JointSpring, Spring, Springs
 
 Instruments = Motion | ArrayLike | Sequence[Motion | ArrayLike]
 FROM_INSTRUMENTS = "the cut-off is that of the motion of the instruments, in which there is no noise"
@@ -379,6 +382,8 @@ def tried_hypotheses(
 
 def fitted_springs(springs: Sequence[Spring | JointSpring], robot: Robot, moved: Robot) -> Springs | None:
     """The springs that are to be found, of which joints that are not locked move, checked."""
+    from ..simulation.springs import resolved_springs
+
     found = resolved_springs(springs, robot, moved)
     for k, spring in enumerate(springs):
         if spring.damping:

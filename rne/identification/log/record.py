@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,10 +17,12 @@ from ...basics.text import counted, plain
 from ...files.log_columns import measured
 from ...files.motion_files import numbered_joints
 from ...files.tables import File, TimeSymbol, in_seconds, read_samples
-from ...simulation.trajectory import Trajectory, motors_at
 from .. import thresholds
 from .prepared import Prepared, prepare
 from .screening import STAMPS, RecordFinding, screen
+
+if TYPE_CHECKING:
+    from ...simulation.trajectory import Trajectory
 
 REST, PAUSE = 0.005, 0.2  # of a joint's range, to which rest is less; shortest rest that is cut off [s]
 GUESS = "guess"  # kind of the findings on what a log does not say
@@ -314,6 +316,8 @@ class Record(ReadOnlyArrays):
         >>> rne.identification.Record.from_trajectory(motion, 100).q.shape
         (51, 6)
         """
+        from ...simulation.trajectory import motors_at
+
         rate = positive_number("sample_rate", sample_rate)
         t = np.arange(int((motion.t[-1] - motion.t[0]) * rate + 1e-9) + 1) / rate + motion.t[0]
         q, qd = motors_at(motion, t)
