@@ -187,6 +187,14 @@ def test_import_loads_numpy_and_the_standard_library_only():
     assert {name.split(".")[1] for name in loaded.split() if name.startswith("rne.")} <= ON_IMPORT
 
 
+def test_identification_loads_neither_pictures_nor_simulation():
+    """Until they are used: the first touch of a Record takes no longer than it must."""
+    code = "import sys, rne.identification; print(*(name for name in sys.modules if name.startswith('rne.')))"
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT).stdout
+    rooms = {name.split(".")[1] for name in loaded.split()}
+    assert not rooms & {"plotting", "simulation", "integrators", "control", "urdf", "loads", "commands"}
+
+
 def test_public_names_are_few():
     names = [name for name in dir(rne) if name[0] != "_" and not inspect.ismodule(getattr(rne, name))]
     assert len(names) <= MAX_PUBLIC

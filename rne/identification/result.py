@@ -19,17 +19,10 @@ from ..basics.spatial import Array
 from ..basics.text import InNotebooks, Row, aligned, counted, listed, short, wrapped
 from ..dynamics.base_inertial_parameters import BaseParameters
 from ..errors import IdentificationError
-from ..model.coupling import IN_FILES
 from ..model.model import Model, joint_array
 from ..model.parameters import PARAMETERS, pseudo_inertia, with_parameters
-from ..model.solids import Box, Cylinder
 from ..model.standard_parameters import DriveModel, StandardParameters
-from ..plotting.plots import HIDDEN, figure_of, legend_beside, literal, panels, plot_columns, style_axes
 from ..robot import Robot
-from ..simulation.friction import Friction
-from ..simulation.scene import Scene
-from ..simulation.springs import JointSpring, Spring, Springs
-from ..urdf.write import to_urdf
 from . import thresholds
 from .diagnosis.hypotheses import GEARS, Cause
 from .diagnosis.rigid_body_test import Consistency, certified
@@ -65,6 +58,10 @@ from .prediction import Bands, bands_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from ..simulation.friction import Friction
+    from ..simulation.scene import Scene
+    from ..simulation.springs import JointSpring, Spring, Springs
 
 LOOK = (("0.7", 3.0), ("C0", 1.2), ("C3", 1.0))  # colour and width of measured, predicted and residual torques
 GAP = 1.5  # times the usual step, over which no line is drawn
@@ -257,6 +254,8 @@ class Identification(InNotebooks):
         Its `smoothing` is that of the fit; where the fit had a step, sign(qd), the one of 0.001, 0.003 and 0.01
         with which the measured torques are predicted best.
         """
+        from ..simulation.friction import Friction
+
         self._check_consistent()
         viscous, asked, drives = self._of_drives("Fv"), self.standard.asked, self.standard.drives
         sizes = {"coulomb": "Fc", "stribeck_rise": "Fs", "load": "Fl", "offset": "tau0"}
@@ -299,6 +298,8 @@ class Identification(InNotebooks):
         >>> found.scene(payload=2.0).friction.viscous.round(2).tolist()
         [5.0, 5.0, 5.0]
         """
+        from ..simulation.scene import Scene
+
         if len(self.standard.motors):
             raise IdentificationError("a scene has no coupled motors: use `predict` for the torques of the drives")
         drives: dict[str, Any] = {"friction": self.friction, "springs": self.springs}
@@ -321,6 +322,8 @@ class Identification(InNotebooks):
         --------
         >>> text = found.to_urdf()  # doctest: +SKIP
         """
+        from ..urdf.write import to_urdf
+
         model, values = self.robot.model, zip(self.standard.names, self.parameters, strict=True)
         parts = re.compile("(Fvb|Fs|Fl|tau0)_|.*_s")  # of drives, coupled motors and springs
         others = ", ".join(f"{name} {x:.6g}" for name, x in values if x and parts.match(name))
@@ -350,7 +353,7 @@ class Identification(InNotebooks):
         --------
         >>> found.save("found.npz")  # doctest: +SKIP
         """
-        return write(path, KINDS, self, VERSION)
+        return write(path, kinds(), self, VERSION)
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Identification:
@@ -377,7 +380,7 @@ class Identification(InNotebooks):
         --------
         >>> found = rne.Identification.load("found.npz")  # doctest: +SKIP
         """
-        found: Identification = read(path, KINDS, cls, VERSION, cls.report)
+        found: Identification = read(path, kinds(), cls, VERSION, cls.report)
         return found
 
     def essential(self, limit: float = 0.3) -> Identification:
@@ -473,6 +476,8 @@ class Identification(InNotebooks):
     @property
     def spring_errors(self) -> Array:
         """Standard errors of stiffness and length of each of `springs`; NaN for a length that is not found, (k, 2)."""
+        from ..simulation.springs import Spring
+
         found, errors = self.springs, np.full((len(self.springs), 2), np.nan)
         place, covariance = self.base.count, self.estimate.covariance
         for row, spring in zip(errors[::-1], found[::-1], strict=True):
@@ -772,15 +777,23 @@ def first_of(text: str, most: int) -> str:
 
 
 VERSION = 1  # of files: another one when a field changes its meaning
-OF_MODELS = (*IN_FILES, Model, Box, Cylinder, StandardParameters, DriveModel, Springs, Spring, JointSpring)
-OF_FITS = (Identification, RegressionData, Equations, Prepared, LeastSquares, Unexplained, Cause)
-KINDS: Kinds = {kind: (names_of(kind), kind) for kind in (*OF_MODELS, *OF_FITS)} | {
-    Robot: (("model", "engine"), Robot),
-    BaseParameters: (
-        ("standard", "independent", "matrix"),
-        lambda standard, **others: BaseParameters(standard, body_regressor=Robot(standard.model).regressor, **others),
-    ),
-}
+
+
+def kinds() -> Kinds:
+    """The classes that a saved identification is made of, with their fields."""
+    from ..model.coupling import IN_FILES
+    from ..model.solids import Box, Cylinder
+    from ..simulation.springs import JointSpring, Spring, Springs
+
+    of_models = *IN_FILES, Model, Box, Cylinder, StandardParameters, DriveModel, Springs, Spring, JointSpring
+    of_fits = Identification, RegressionData, Equations, Prepared, LeastSquares, Unexplained, Cause
+
+    def with_kernels(standard: StandardParameters, **others: Any) -> BaseParameters:
+        return BaseParameters(standard, body_regressor=Robot(standard.model).regressor, **others)
+
+    found: Kinds = {kind: (names_of(kind), kind) for kind in (*of_models, *of_fits)}
+    of_base = (("standard", "independent", "matrix"), with_kernels)
+    return found | {Robot: (("model", "engine"), Robot), BaseParameters: of_base}
 
 
 def bias_text(found: Identification) -> list[str]:
@@ -920,6 +933,8 @@ def parameters_text(found: Identification) -> str:
 
 def springs_text(found: Identification) -> str:
     """Stiffness and length of the springs with standard errors."""
+    from ..simulation.springs import Spring
+
     try:
         pairs = zip(found.springs, found.spring_errors, strict=True)
     except IdentificationError as error:
@@ -1058,6 +1073,8 @@ class Check(InNotebooks):
         matplotlib.figure.Figure
             `figure.savefig("torques.png")` writes it to a file.
         """
+        from ..plotting.plots import HIDDEN, figure_of, legend_beside, literal, panels, plot_columns, style_axes
+
         grid = panels(2 * self.measured.shape[1], f"Torques of {self.name}", 2, height=1.5)
         t, measured, predicted = without_gaps(self.t, self.measured, self.predicted)
         shown = {"measured": measured, "predicted": predicted, "residual": measured - predicted}
