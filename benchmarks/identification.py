@@ -2,7 +2,7 @@
 
 The IRB 140 with friction, measured by sensors of which everything is known: 200 runs with noise on the torques alone,
 and runs with coarse encoders and clocks. Writes benchmarks/results/identification.json and the tables of
-docs/identification.md.
+docs/benchmarks/identification.md.
 """
 
 from __future__ import annotations

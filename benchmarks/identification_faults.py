@@ -6,7 +6,7 @@ without the fault, noise and delay by more than the 99.9 % point of chi-square; 
 IdentificationWarning came, named if the fault is among its first two causes, and blamed if a cause other than friction
 of gears is given. `--noisy` has logs by controllers that feed noise of the positions back and with uneven clocks, whose
 stamps are those of the samples, or of what read them. Writes benchmarks/results/identification_faults.json, of some
-faults alone with `--only`, and the tables of docs/identification.md. `--processes` share the runs.
+faults alone with `--only`, and the tables of docs/benchmarks/identification.md. `--processes` share the runs.
 """
 
 from __future__ import annotations

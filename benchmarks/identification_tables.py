@@ -1,4 +1,4 @@
-"""The tables of docs/identification.md, from the results of the benchmarks of identification and of public logs."""
+"""The tables of docs/benchmarks/identification.md, from the last results of its benchmarks and of public logs."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from benchmarks.pages import DOCS, rewrite, table
 
 
 def rewrite_page() -> None:
-    """The tables of docs/identification.md from the last results."""
+    """The tables of docs/benchmarks/identification.md from the last results."""
     names = ("identification", "public_logs", "identification_faults", "identification_payload")
     kept = [json.loads((RESULTS / f"{name}.json").read_text(encoding="utf-8")) for name in names]
-    rewrite(DOCS / "identification.md", tables(*kept))
+    rewrite(DOCS / "benchmarks" / "identification.md", tables(*kept))
 
 
 def tables(
     found: dict[str, Any], logs: dict[str, Any], faults: dict[str, Any], payloads: dict[str, Any]
 ) -> dict[str, str]:
-    """Tables of docs/identification.md by their names."""
+    """Tables of docs/benchmarks/identification.md by their names."""
     return {
         "coverage": noise_table(found["noise on torques"]),
         "sensors": sensor_table(found["sensors"]),

@@ -193,7 +193,7 @@ def test_a_page_without_a_place_for_a_table_is_refused():
         filled("<!-- table: one -->\n<!-- end of table -->\n", {"two": ""})
 
 
-IDENTIFICATION = (DOCS / "identification.md").read_text(encoding="utf-8")
+IDENTIFICATION = (DOCS / "benchmarks" / "identification.md").read_text(encoding="utf-8")
 
 
 def test_tables_of_identification_are_those_of_the_last_runs():
