@@ -461,8 +461,10 @@ def followers_text(standard: StandardParameters) -> tuple[str, ...]:
     model = standard.model
     has_drive = model.armature + model.damping + model.friction > 0
     names = [model.moving_joints[i] for i, *_ in model.coupled_joints if has_drive[i]]
-    what = "follow others: their rotors and friction are not fitted, and the robot found has none"
-    return (f"{listed(names)} {what}",) * bool(names and standard.terms)
+    text = (
+        f"rotors and friction at {listed(names)} are not fitted, as it follows others; the robot found has none there"
+    )
+    return (text.replace("it follows", "these follow") if names[1:] else text,) * bool(names and standard.terms)
 
 
 def delay_argument(delay: ArrayLike | None, n: int) -> Array:
