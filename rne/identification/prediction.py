@@ -6,6 +6,7 @@ covariance C, and the variance s^2 of what no parameters explain, by joint: Drap
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,9 +17,9 @@ from ..basics.spatial import Array
 from ..basics.text import listed, short
 from ..dynamics.base_inertial_parameters import BaseParameters
 from . import thresholds
-from .fit.equations import RegressionData, blocks_of_time, solve
+from .fit.equations import Equations, RegressionData, blocks_of_time, solve
 from .fit.least_squares import LeastSquares
-from .log.prepared import rows_without
+from .log.prepared import Prepared, rows_without
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,41 +63,77 @@ class Bands(ReadOnlyArrays):
         poor = [f"{short(name)} {100 * x:.0f} %" for name, x in share if x < thresholds.COVERED]
         if poor:
             lines.append(
-                "the model, not the noise, is at fault, as where friction is beyond it, of joints of whose torques "
-                f"held out less than 90 % are within the 95 % band of noise and parameters: {listed(poor)}"
+                "The model, not the noise, is at fault where less than 90 % of the torques held out are within the "
+                f"95 % band of parameters and noise, as with friction beyond the model: {listed(poor)}"
             )
         return ". ".join(lines)
 
 
-def bands_of(base: BaseParameters, data: RegressionData, estimate: LeastSquares, folds: Array, coulomb: Array) -> Bands:
-    """The bands of a fit to these equations, with the standard parameters (folds, P) of fits without each block.
+def bands_of(
+    base: BaseParameters, data: RegressionData, estimate: LeastSquares, correlation_time: Array, coulomb: Array
+) -> Bands:
+    """The bands of a fit to these equations.
 
     At rest the residuals' deviation is that of joints that rest for a while in the log or, where hardly any does,
     contains Coulomb friction.
     """
-    blocks = blocks_of_time(data.prepared, len(data.fitted.factors) // len(data.prepared))
-    residuals = np.concatenate([data.tau[b] - data.Y[b] @ x for b, x in zip(blocks, folds, strict=True)])
-    A = data.fitted.mapped(base.back).merged().weighted(estimate.sigma)
+    equations, sigma = data.fitted.mapped(base.back), estimate.sigma
+    A, y = equations.weighted(sigma), data.Y[..., list(base.independent)]
     unit, lengths = solve(A).unit, np.linalg.norm(A[:, :-1], axis=0)
     lengths = np.where(unit.any(0), lengths, 1.0)
     _, S, V = np.linalg.svd(unit)
     unknown = V[thresholds.DEPENDENT * S.max(initial=0) >= S].T / lengths[:, None]
-    root, used = square_root(estimate.covariance), data.used
-    rest = [rows_without(record, np.abs(record.qd) > data.minimum_velocity) for record in data.prepared]
+    residuals, spread = held_out_residuals(data, equations, y, estimate)
+    spread *= np.sqrt(correlation_time)
+    used, rest = data.used, [rows_without(r, np.abs(r.qd) > data.minimum_velocity) for r in data.prepared]
     rest = data.valid & ~used & np.concatenate(rest)  # not where a joint turns back
-    spread = np.linalg.norm(data.Y[..., list(base.independent)] @ root, axis=-1)
     squares = mean_square(residuals, used) - mean_square(spread, used)
-    in_motion = np.where(used.any(0), np.sqrt(np.maximum(squares, estimate.sigma**2)), np.inf)
-    times = data.correlation_time(residuals, rest)
-    is_known = rest.sum(0) > thresholds.FEWEST_FREE * times
+    in_motion = np.where(used.any(0), np.sqrt(np.maximum(squares, sigma**2)), np.inf)
+    is_known = rest.sum(0) > thresholds.FEWEST_FREE * data.correlation_time(residuals, rest)
     at_rest = np.where(is_known, np.sqrt(mean_square(residuals, rest)), np.hypot(in_motion, coulomb))
-    within = np.abs(residuals) <= thresholds.BAND * np.hypot(spread, estimate.sigma)
-    covered, largest = np.full((2, len(coulomb)), np.nan)
+    within = np.abs(residuals) <= thresholds.BAND * np.hypot(spread, sigma)
+    covered, largest = np.full((2, len(sigma)), np.nan)
     for j in np.flatnonzero(used.any(0)):
         covered[j] = within[used[:, j], j].mean()
         largest[j] = np.quantile(np.abs(residuals[data.valid[:, j], j]), thresholds.WITHIN)
     of_joints = in_motion, at_rest, data.minimum_velocity
-    return Bands(base, root, unknown, lengths, *of_joints, residuals, covered, largest)
+    return Bands(base, square_root(estimate.covariance), unknown, lengths, *of_joints, residuals, covered, largest)
+
+
+def held_out_residuals(
+    data: RegressionData, equations: Equations, y: Array, estimate: LeastSquares
+) -> tuple[Array, Array]:
+    """Residuals of each block by a fit without it, and deviations by that fit's parameters of independent rows.
+
+    Blocks in which the joints go the same way, as in another period, are left out too, unless these are most of all or
+    the others do not determine the parameters. Both have shape (rows, n).
+    """
+    blocks = blocks_of_time(data.prepared, len(equations.factors) // len(data.prepared))
+    again, found = repeated(data.prepared, blocks), np.zeros((2, *data.tau.shape))
+    for k, block in enumerate(blocks):
+        others = np.arange(len(blocks)) != k
+        for chosen in (others & ~again[k], others):
+            solution = solve(equations.of_blocks(chosen).weighted(estimate.sigma))
+            if 2 * chosen.sum() >= len(blocks) and not (solution.free & np.isfinite(estimate.errors)).any():
+                break
+        found[0, block] = data.tau[block] - y[block] @ solution.x
+        found[1, block] = np.linalg.norm(y[block] @ solution.inverse, axis=-1)
+    residuals, spread = found
+    return residuals, spread
+
+
+def repeated(records: Sequence[Prepared], blocks: Sequence[slice]) -> Array:
+    """True for pairs of blocks of which a part has nearly the same positions and velocities, (blocks, blocks)."""
+    from scipy.spatial import KDTree
+
+    states = np.concatenate([np.concatenate([r.q, r.qd], axis=1)[r.row_samples] for r in records])
+    size = states.std(0)
+    states /= np.where(size == 0, 1.0, size) * np.sqrt(states.shape[1])
+    found = np.zeros((len(blocks), len(blocks)), bool)
+    for k, block in enumerate(blocks):
+        distances = KDTree(states[block]).query(states)[0]
+        found[:, k] = [np.quantile(distances[b], thresholds.REPEATED_PART) < thresholds.REPEATED for b in blocks]
+    return found | found.T
 
 
 def mean_square(x: Array, rows: Array) -> Array:

@@ -534,10 +534,10 @@ class Identification(InNotebooks):
         parameters and C = `estimate.covariance`, and of what they do not explain. C is that of least squares, for a
         physically consistent fit too, so that no band is narrow because of the prior; it contains the correlation of
         the residuals, and errors of delays and Stribeck velocities that were estimated, not of the smoothing, and of
-        friction under load only that of its coefficient. s is of the residuals of the blocks that were held out, less
-        the parameters' part, for each joint in motion, and at rest, below `minimum_velocity`, where friction has any
-        value up to Coulomb's: if the joint hardly rests in the log, its square is added to s^2. Neighbouring
-        torques err alike, over `correlation_time`.
+        friction under load only that of its coefficient. s is of residuals of blocks that were held out, with other
+        periods of the same motion, less the parameters' part, for each joint in motion, and at rest, below
+        `minimum_velocity`, where friction has any value up to Coulomb's: if the joint hardly rests in the log, its
+        square is added to s^2. Neighbouring torques err alike, over `correlation_time`.
         """
         model, bodies = self.initial.model, PARAMETERS * self.initial.model.nb
         velocities, accelerations = joint_array("qd", qd, model), joint_array("qdd", qdd, model)
@@ -558,9 +558,8 @@ class Identification(InNotebooks):
     @cached_property
     def bands(self) -> Bands:
         """What standard deviations of predicted torques are made of."""
-        folds = self.unexplained.parameters
-        folds = folds if len(folds) else np.tile(self.parameters, (len(self.equations.factors), 1))  # of older files
-        return bands_of(self.base, self.data, self.estimate, folds, np.maximum(self._of_drives("Fc"), 0))
+        coulomb = np.maximum(self._of_drives("Fc"), 0)
+        return bands_of(self.base, self.data, self.estimate, self.correlation_time, coulomb)
 
     @cached_property
     def _law(self) -> StandardParameters:
@@ -616,19 +615,23 @@ class Identification(InNotebooks):
         prepared = record.prepare(min(cutoff, thresholds.HIGHEST_CUTOFF * record.sample_rate))
         return self._compared(record.name, delayed(prepared, self.delay.mean(0)))
 
+    @property
+    def _units(self) -> tuple[str, ...]:
+        model = self.initial.model
+        return tuple("N m" if model.is_revolute[i] else "N" for i in model.independent_joints)
+
     def _compared(self, name: str, prepared: Prepared) -> Check:
         model, torques = self.initial.model, self.predict(prepared.q, prepared.qd, prepared.qdd)
-        units = tuple("N m" if model.is_revolute[i] else "N" for i in model.independent_joints)
         qd, tau, predicted, speed = (
             prepared.reduce(x) for x in (prepared.qd, prepared.tau, torques, np.abs(prepared.qd))
         )
         rests = np.isinf(self.minimum_velocity) & (np.ptp(prepared.q, axis=0) < RESTS)  # as in the log
         q, v, a = (x[prepared.row_samples] for x in (prepared.q, prepared.qd * ~rests, prepared.qdd * ~rests))
         std = self._std(q, v, a, speed * ~rests)
-        return Check(name, model.joint_names, units, prepared.times, qd, tau, predicted, prepared.valid, std)
+        return Check(name, model.joint_names, self._units, prepared.times, qd, tau, predicted, prepared.valid, std)
 
     def plot(self) -> Figure:
-        """Measured and predicted torque of the first record, over time, and their difference, by joint.
+        """Measured and predicted torque of the first record with a 95 % band, and their difference, by joint.
 
         Returns
         -------
@@ -762,10 +765,11 @@ class Identification(InNotebooks):
         if details:
             further = [springs_text] * (self.standard.springs is not None) + [bodies_text] * self.consistent
             told = [text(self) for text in (fitted_text, joints_text, causes_text, parameters_text, *further)]
-            told = [self.verdict, *bias_text(self), *told]
+            told = [self.verdict, *bias_text(self), *told, self.bands.text(self.initial.joint_names, self._units)]
             return "\n\n".join([*told, self._essential, self.consistency().report()])
         parts = [first_of(text(self), most) for text, most in SHORT.items()]
-        parts = [self.verdict, *bias_text(self), *parts, self._essential, first_of(self.consistency().report(), 1)]
+        parts += [self.bands.text(self.initial.joint_names, self._units), self._essential]
+        parts = [self.verdict, *bias_text(self), *parts, first_of(self.consistency().report(), 1)]
         return "\n".join([*parts, MORE])
 
 
@@ -1048,17 +1052,26 @@ class Check(InNotebooks):
         variance = (((self.measured - mean) * self.valid) ** 2).sum(0) / rows
         return np.asarray(1 - self.rms**2 / np.maximum(variance, thresholds.TINY))
 
+    @property
+    def covered(self) -> Array:
+        """Share of the torques of each joint within the 95 % band, NaN where none has a finite one, shape (n,)."""
+        rows = self.valid & np.isfinite(self.std)
+        within = (np.abs(self.measured - self.predicted) <= thresholds.BAND * self.std) & rows
+        return np.asarray(within.sum(0) / np.where(rows.any(0), rows.sum(0), np.nan))
+
     def report(self) -> str:
-        """A table of the errors, joint by joint.
+        """A table of the errors and of what the 95 % band covers, joint by joint.
 
         Returns
         -------
         str
             A line for each joint, and of joints that a constant torque predicts better that it does.
         """
-        rows = [Row(f"motion {short(self.name)}", ("rms error [N m or N]", "relative [%]", "R^2"), words=True)]
-        for joint, rms, relative, r2 in zip(self.joint_names, self.rms, self.relative, self.r_squared, strict=True):
-            rows.append(Row(f"  {short(joint)}", (f"{rms:.4g}", f"{100 * relative:.1f}", f"{r2:.4f}")))
+        columns = ("rms error [N m or N]", "relative [%]", "R^2", "within the 95 % band [%]")
+        rows, values = [Row(f"motion {short(self.name)}", columns, words=True)], (self.rms, self.relative)
+        for joint, rms, part, r2, share in zip(self.joint_names, *values, self.r_squared, self.covered, strict=True):
+            within = "-" if np.isnan(share) else f"{100 * share:.0f}"
+            rows.append(Row(f"  {short(joint)}", (f"{rms:.4g}", f"{100 * part:.1f}", f"{r2:.4f}", within)))
         worse = [name for name, r2 in zip(self.joint_names, self.r_squared, strict=True) if r2 < 0]
         text = (
             f"a constant torque predicts {listed(worse)} better: are units, zero and order those of the fitted records?"
@@ -1071,21 +1084,32 @@ class Check(InNotebooks):
         Returns
         -------
         matplotlib.figure.Figure
+            With the 95 % band of measured torques about the predicted ones, where it is finite;
             `figure.savefig("torques.png")` writes it to a file.
         """
         from ..plotting.plots import HIDDEN, figure_of, legend_beside, literal, panels, plot_columns, style_axes
 
         grid = panels(2 * self.measured.shape[1], f"Torques of {self.name}", 2, height=1.5)
-        t, measured, predicted = without_gaps(self.t, self.measured, self.predicted)
+        band = thresholds.BAND * np.where(np.isfinite(self.std), self.std, np.nan)
+        t, measured, predicted, band = without_gaps(self.t, self.measured, self.predicted, band)
         shown = {"measured": measured, "predicted": predicted, "residual": measured - predicted}
         for j, (ax, over_speed) in enumerate(zip(grid[::2], grid[1::2], strict=True)):
+            ends = predicted[:, j] - band[:, j], predicted[:, j] + band[:, j]
+            ax.fill_between(
+                t, *ends, color=LOOK[1][0], alpha=0.25, linewidth=0, label="95 % band" if j == 0 else HIDDEN
+            )
             for (label, values), (color, width) in zip(shown.items(), LOOK, strict=True):
                 plot_columns(ax, t, values[:, [j]], [label if j == 0 else HIDDEN], [color], linewidth=width)
             style_axes(ax, f"[{self.units[j]}]")
             ax.set_title(literal(short(self.joint_names[j])), loc="left", fontsize="small", pad=2)
             valid = self.valid[:, j]
-            residual = (self.measured - self.predicted)[valid, j]
+            residual, own = (self.measured - self.predicted)[valid, j], thresholds.BAND * self.std[valid, j]
+            known = np.isfinite(own)
+            for side in (-own, own):
+                over_speed.plot(self.qd[valid, j][known], side[known], ".", color=LOOK[1][0], markersize=1, alpha=0.4)
             over_speed.plot(self.qd[valid, j], residual, ".", color=LOOK[2][0], markersize=2)
+            largest = 1.1 * max(np.abs(residual).max(initial=0), np.median(own[known]) if known.any() else 0.0)
+            over_speed.set_ylim(-largest or None, largest or None)
             style_axes(over_speed, "")
             unit = "rad/s" if self.units[j] == "N m" else "m/s"
             over_speed.set_title(f"residual over velocity [{unit}]", loc="left", fontsize="small", pad=2)

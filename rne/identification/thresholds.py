@@ -135,6 +135,8 @@ GROWTH = 1.2  # residuals of possible bodies over those of least squares that ar
 # Fit: predictions --------------------------------------------------------------------------------------------------
 WITHIN = 0.95  # share of the torques that bands are for; the field's custom
 BAND = 1.96  # standard deviations of a band of that share; statistics
+REPEATED = 0.2  # distance of states, of their standard deviation, that is none: half a step between rows makes 0.1
+REPEATED_PART = 0.25  # of a block's states that are another one's too, from which it is held out with it; statistics
 COVERED = 0.90  # share of torques held out within that of noise and parameters, below which the model is at fault
 
 # Fit: loads and gains ----------------------------------------------------------------------------------------------

@@ -226,26 +226,21 @@ class Unexplained(NamedTuple):
         The share of torques at more than the minimum velocity, which are fitted.
     at_rest : ndarray, shape (n,)
         The share of the slower torques.
-    parameters : ndarray, shape (folds, P)
-        Standard parameters of the fit to all folds but one.
     """
 
     everywhere: Array
     in_motion: Array
     at_rest: Array
-    parameters: Array = np.zeros((0, 0))
 
 
 def held_out(estimator: Estimator, fitted: Equations, measured: Equations) -> Unexplained:
     """The unexplained part of all measured torques, of those in motion, which are fitted, and of those at rest."""
-    squares, of_base, found = np.zeros((2, fitted.joints)), fitted.mapped(estimator.base.back), []
+    squares, of_base = np.zeros((2, fitted.joints)), fitted.mapped(estimator.base.back)
     for k in range(len(fitted.factors)):
         others = np.arange(len(fitted.factors)) != k
         _, x = estimator.fit(fitted.of_blocks(others), of_base.of_blocks(others))
-        found.append(x)
         squares += [equations.of_blocks(~others).residuals(x) for equations in (measured, fitted)]
     torques, rows = (np.array([f(measured), f(fitted)]) for f in (Equations.torques, lambda e: e.rows.sum(0)))
     squares, torques, rows = (np.concatenate([x, [x[0] - x[1]]]) for x in (squares, torques, rows))
     shares = np.sqrt(np.maximum(squares, 0) / np.maximum(torques, thresholds.TINY))
-    everywhere, in_motion, at_rest = np.where(rows == 0, np.nan, shares)
-    return Unexplained(everywhere, in_motion, at_rest, np.array(found))
+    return Unexplained(*np.where(rows == 0, np.nan, shares))
