@@ -2,7 +2,7 @@
 
 A palletiser whose elbow and wrist are moved by four-bars, and a wrist that two motors bend and turn together: 100 runs
 each, with other motions and other noise. Errors over their standard errors of all base parameters, of a load's mass and
-centre, and of drive gains. Writes benchmarks/results/identification_couplings.json.
+centre, and of drive gains. Writes benchmarks/results/identification_couplings.json and its table.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import numpy as np
 
 import rne
 from benchmarks.identification_payload import by_quantity
+from benchmarks.identification_tables import rewrite_page
 from benchmarks.measure import is_quick, write
 from rne.identification import Record
 from rne.model import coupled, four_bar
@@ -182,6 +183,7 @@ def main() -> None:
             print(f"{what} of the {case['robot']}: {100 * share:.1f} % of {count} within three standard errors")
     if not quick:
         write("identification_couplings.json", found)
+        rewrite_page()
 
 
 if __name__ == "__main__":

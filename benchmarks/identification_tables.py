@@ -10,19 +10,21 @@ import numpy as np
 
 from benchmarks.measure import RESULTS
 from benchmarks.pages import DOCS, rewrite, table
+from rne.basics.spatial import Array
+
+PAGE = DOCS / "benchmarks" / "identification.md"
 
 
 def rewrite_page() -> None:
-    """The tables of docs/benchmarks/identification.md from the last results."""
-    names = ("identification", "public_logs", "identification_faults", "identification_payload")
-    kept = [json.loads((RESULTS / f"{name}.json").read_text(encoding="utf-8")) for name in names]
-    rewrite(DOCS / "benchmarks" / "identification.md", tables(*kept))
+    """Write the tables of docs/benchmarks/identification.md from the last results."""
+    rewrite(PAGE, tables())
 
 
-def tables(
-    found: dict[str, Any], logs: dict[str, Any], faults: dict[str, Any], payloads: dict[str, Any]
-) -> dict[str, str]:
-    """Tables of docs/benchmarks/identification.md by their names."""
+def tables() -> dict[str, str]:
+    """Tables of docs/benchmarks/identification.md by their names, from the last results."""
+    names = ("", "_faults", "_payload", "_couplings")
+    found, faults, payloads, couplings = (last(f"identification{name}") for name in names)
+    logs = last("public_logs")
     return {
         "coverage": noise_table(found["noise on torques"]),
         "sensors": sensor_table(found["sensors"]),
@@ -31,7 +33,19 @@ def tables(
         "noisy-faults": noisy_table(faults["noisy"]),
         "payloads": load_table(payloads["loads"]),
         "drive-gains": gain_table(payloads["gains"]),
+        "couplings": coupling_table(couplings),
     }
+
+
+def last(name: str) -> dict[str, Any]:
+    """The last results of a benchmark."""
+    found: dict[str, Any] = json.loads((RESULTS / f"{name}.json").read_text(encoding="utf-8"))
+    return found
+
+
+def numbers(lines: Sequence[str]) -> Array:
+    """Kept numbers, a row for each run."""
+    return np.array([line.split() for line in lines], float)
 
 
 def noise_table(found: dict[str, Any]) -> str:
@@ -135,11 +149,23 @@ def load_table(cases: list[dict[str, Any]]) -> str:
     return table(head, rows)
 
 
+def coupling_table(found: dict[str, Any]) -> str:
+    """A row per robot and kind of estimate."""
+    kinds = {"parameters": "base parameters", "loads": "mass and centre of a load", "gains": "drive gains"}
+    rows = []
+    for kind, text in kinds.items():
+        for case in found[kind]:
+            z = numbers(case["runs"]["z"])
+            known = np.abs(z[np.isfinite(z)])
+            rows.append([case["robot"], text, str(len(z)), str(known.size), f"{100 * (known < 3).mean():.1f} %"])
+    return table(["robot", "estimates", "runs", "numbers", "within three standard errors"], rows)
+
+
 def gain_table(cases: list[dict[str, Any]]) -> str:
     """A row per robot."""
     rows = []
     for case in cases:
-        error, z = (np.array([line.split() for line in case["runs"][key]], float) for key in ("error", "z"))
+        error, z = (numbers(case["runs"][key]) for key in ("error", "z"))
         told = np.isfinite(error)
         rows.append(
             [

@@ -193,14 +193,12 @@ def test_a_page_without_a_place_for_a_table_is_refused():
         filled("<!-- table: one -->\n<!-- end of table -->\n", {"two": ""})
 
 
-IDENTIFICATION = (DOCS / "benchmarks" / "identification.md").read_text(encoding="utf-8")
+IDENTIFICATION = identification_tables.PAGE.read_text(encoding="utf-8")
 
 
 def test_tables_of_identification_are_those_of_the_last_runs():
     """After new runs: python -m benchmarks.identification, or python -m benchmarks.public_logs FOLDER."""
-    names = "identification", "public_logs", "identification_faults", "identification_payload"
-    tables = identification_tables.tables(*(engines.read(f"{name}.json") for name in names))
-    assert filled(IDENTIFICATION, tables) == IDENTIFICATION
+    assert filled(IDENTIFICATION, identification_tables.tables()) == IDENTIFICATION
 
 
 def test_masses_of_the_last_runs_are_within_two_percent_and_three_standard_errors():
