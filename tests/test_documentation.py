@@ -10,6 +10,7 @@ import pytest
 from numpydoc.validate import validate
 
 import rne
+from rne.identification.diagnosis.hypotheses import EVENTS, GEARS, MENDED_BY
 
 from .helpers import ROOT
 
@@ -103,6 +104,12 @@ def test_every_page_of_the_reference_and_every_tutorial_is_in_the_sidebar():
     for tutorial in (DOCS / "tutorials").glob("[0-9]*.py"):
         assert f"    tutorials/{tutorial.stem}.py\n" in index
         assert f"    {tutorial.stem}\n" in index
+
+
+def test_every_cause_of_residuals_is_on_the_page_that_says_what_to_do():
+    page = (DOCS / "when-it-does-not-fit.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| ([^|]+) \|", page.partition("## Causes by name")[2].partition("\n## ")[0], re.MULTILINE)
+    assert {*EVENTS, *GEARS, *MENDED_BY} - {name for row in rows for name in row.split(", ")} == set()
 
 
 def complaints(name):
