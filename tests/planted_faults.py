@@ -16,7 +16,7 @@ def planted(robot, seed=0):
     tau = robot.inverse_dynamics
     return {
         **of_models(robot, rng),
-        **of_conventions(tau, robot.n, rng),
+        **of_conventions(robot, tau, rng),
         **of_torques(tau, robot.n, rng),
         **of_inertias(robot, rng),
         "none": rne.Robot(replace(model, name="the same")).inverse_dynamics,
@@ -27,7 +27,7 @@ def planted_pair(robot, rng):
     """A fault of the model, and one of conventions or torques on top of it: both causes and the torques."""
     models = {**of_models(robot, rng), **of_inertias(robot, rng)}
     first = list(models)[int(rng.integers(len(models)))]
-    others = {**of_conventions(models[first], robot.n, rng), **of_torques(models[first], robot.n, rng)}
+    others = {**of_conventions(robot, models[first], rng), **of_torques(models[first], robot.n, rng)}
     second = list(others)[int(rng.integers(len(others)))]
     return first, second, others[second]
 
@@ -54,14 +54,15 @@ def of_models(robot, rng):
     return {cause: rne.Robot(replace(m, notes={})).inverse_dynamics for cause, m in models.items()}
 
 
-def of_conventions(tau, n, rng):
+def of_conventions(robot, tau, rng):
+    n = robot.n
     i, j = rng.choice(np.arange(n), 2, replace=False)
     order = np.arange(n)
     order[[i, j]] = j, i
     sign = np.where(np.isin(np.arange(n), 1 + rng.choice(n - 1, 2, replace=False)), -1.0, 1.0)
     quarter, one, small = np.zeros(n), np.zeros(n), 0.05 * rng.standard_normal(n)
     quarter[1:3], one[2] = (-np.pi / 2, np.pi / 2), 0.3
-    degree = np.pi / 180
+    degree = np.where(robot.model.is_revolute[list(robot.model.independent_joints)], np.pi / 180, 1.0)
 
     def reordered(q, qd, qdd):
         torques = np.empty_like(q)

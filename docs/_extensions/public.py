@@ -23,8 +23,6 @@ MODULES = (
 )
 # What one part of the package offers to another: neither documented in the reference nor kept stable.
 INTERNAL = {
-    "Candidate.followed_by",
-    "Candidate.of",
     "Cases.inertia_bounds",
     "Friction.losses",
     "Friction.transmitted",

@@ -6,7 +6,6 @@ import argparse
 import inspect
 import io
 import os
-import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -28,7 +27,6 @@ COMPARED = (
     *("joint_types", "lower", "upper", "velocity_limit", "effort_limit", "damping", "friction", "armature"),
     *("axis", "translation", "rotation", "mass", "com", "inertia"),
 )
-PLACE = re.compile("(.*): (joint type|axis|translation|rotation) (?!on its body)", re.DOTALL)  # of a joint
 LANGUAGES, TYPES = ("python", "numpy", "matlab", "c", "rust"), ("float64", "float32")
 
 
@@ -126,11 +124,10 @@ def run_compare(arguments: argparse.Namespace) -> int:
         differs = True
     else:
         found = rne.compare_models(one, other, tolerance=tolerance)
-        report, moved = found.report(), {place[1] for line in differences if (place := PLACE.match(line))}
-        same = len(set(one.joint_names) & set(other.joint_names) - moved)
-        if found.causes == ("unknown",) and 2 * same < one.n:
-            lines = [f"different robots: {same} of {one.n} joints have the same name, axis and place", *lines]
-            report = report.partition("\nhypotheses (")[0].replace("; the nearest are below", "")
+        report = found.report()
+        if report.startswith("different robots"):
+            first, _, report = report.partition("\n")
+            lines = [first, *lines]
         lines += [f"torques of {names[1]} beside those of {names[0]}, and the likely cause by torques alone"]
         lines += report.split("\n")
         differs = bool(differences) or found.causes != ("none",)

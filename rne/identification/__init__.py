@@ -1,6 +1,6 @@
 """From measurements to a model: motions that excite it, records of motions, their fit, and how far to trust it."""
 
-from .diagnosis.compare_models import Candidate, ModelComparison, compare_models
+from .diagnosis.compare_models import ModelComparison, compare_models
 from .diagnosis.hypotheses import Cause, Hypothesis
 from .diagnosis.rigid_body_test import Consistency, EnergyBalance
 from .drive_gains import DriveGains, identify_drive_gains
@@ -18,7 +18,6 @@ from .result import Check, Identification
 __all__ = [
     "Bias",
     "BodiesFit",
-    "Candidate",
     "Cause",
     "Check",
     "CleanRecord",

@@ -29,6 +29,7 @@ from .diagnosis.hypotheses import (
     added_delay,
     delays_by_instruments,
     delays_of,
+    leading_columns,
     likely_causes,
     linear_causes,
     refine,
@@ -224,8 +225,8 @@ def with_delays(fit: Fit) -> FitModel | None:
     else:
         rest = fit.residuals.beyond_friction
         found = delays_of(rest)
-        if not found and fit.linear.leading is not None:
-            found = delays_of(rest.with_known(fit.linear.leading))
+        if not found and (leading := leading_columns(fit.linear)) is not None:
+            found = delays_of(rest.with_known(leading))
     delays, modelled = model.delays, dict(model.modelled)
     for cause in found:
         delays = delays + added_delay(cause, len(delays), problem.robot.joint_names)

@@ -1,7 +1,7 @@
-"""The likely cause of a difference between two models: each hypothesis alone, then two at a time.
+"""The likely cause of a difference between two models: hypotheses as those of an identification's residuals.
 
-Hypotheses that are linear in their numbers are columns, as causes of residuals are, and some of these numbers may be 0
-or 1 alone.
+The residuals are torques of the other model less the robot's at states without noise. Hypotheses have columns, a few
+free numbers or none; those that are not linear are columns of the change that fits best.
 """
 
 from __future__ import annotations
@@ -9,8 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from itertools import combinations
-from math import comb, log, prod
+from math import comb
 from typing import Any
 
 import numpy as np
@@ -18,20 +17,22 @@ import numpy as np
 from ...basics.arrays import positive_number
 from ...basics.spatial import Array, point_mass_inertia
 from ...basics.text import InNotebooks, Row, aligned, listed, short, six_digits, wrapped
-from ...model.model import joint_array
+from ...model.model import Model, joint_array
 from ...model.parameters import COLUMNS, PARAMETERS, ROWS
 from ...model.standard_parameters import MEASURED, StandardParameters
 from ...robot import Robot, robot_argument
 from .. import thresholds
-from .conventions import Convention, conventions, torques_of, zeros_text
+from .conventions import conventions, torques_of, turning, zeros_text
 from .hypotheses import (
     OF_JOINTS,
     SIZE,
+    Cause,
     Hypothesis,
     columns_of,
     factors,
     gravity_columns,
     hypotheses_argument,
+    judged,
     of_joints,
     text_of,
     zero_columns,
@@ -49,66 +50,29 @@ OF_FEW_JOINTS = {  # kind: a noun, and the kinds of single joints with a symbol
     "spring": ("torque of springs", {"spring": ""}),
     "friction by direction": ("viscous friction in one direction", {"friction by direction": ""}),
 }
+PLACES = ("axis", "translation", "rotation")  # of a joint, what joints of one name may differ in beside their type
 SHOWN = 5  # candidates in a report
 
 Other = Robot | Callable[[Array, Array, Array], Any] | Sequence[Any]
-
-
-@dataclass(frozen=True, eq=False)
-class Candidate:
-    """A possible cause of the difference between two models, one of `ModelComparison.candidates`.
-
-    Attributes
-    ----------
-    causes : tuple of str
-        One cause, or two that act together.
-    text : str
-        What it says of the other model.
-    numbers : int
-        Free numbers that were fitted.
-    alternatives : float
-        How many hypotheses it was chosen from.
-    residual : ndarray, shape (N, n)
-        Torques that it does not explain [N m or N].
-    score : float
-        Smaller is better.
-    explains : bool
-        True if no joint's residual is above rounding.
-
-    Examples
-    --------
-    >>> import rne
-    >>> robot = rne.load("irb140")
-    >>> best = rne.compare_models(robot, robot.with_payload(3.0)).candidates[0]
-    >>> best.causes, best.numbers, best.explains
-    (('payload',), 4, True)
-    """
-
-    causes: tuple[str, ...]
-    text: str
-    numbers: int
-    alternatives: float
-    residual: Array
-    score: float
-    explains: bool
+Explanation = tuple[tuple[Cause, ...], Array]  # causes that act together, and the values that they leave, shape (R,)
 
 
 class TorqueDifference(Discrepancy):
     """Torques of another model less the robot's own at states, in units of the rounding that is allowed.
 
-    Joint friction is not among the robot's torques.
+    Joint friction is not among the robot's torques. Columns that are `known`, shape (R, k), are fitted with any others.
     """
 
     resolution = thresholds.ROUNDED_PART, thresholds.ROUNDED_PART
 
-    def __init__(self, robot: Robot, states: Sequence[Array], tau: Array, tolerance: float) -> None:
-        self.q, self.qd, self.qdd = states
-        self.states, self.tau, self.expected = states, tau, robot.inverse_dynamics(*states)
-        size = np.sqrt((tau**2).mean(0)) + np.sqrt((self.expected**2).mean(0))
-        rounding = tolerance * np.maximum(size, max(thresholds.SMALLEST * size.max(initial=0), thresholds.TINY))
+    def __init__(
+        self, robot: Robot, states: Sequence[Array], tau: Array, rounding: Array, known: Array | None = None
+    ) -> None:
         super().__init__(robot, rounding, np.ones(tau.shape, bool))
-        self.difference, self.bodies = tau - self.expected, robot.parameters
-        self.left, self.Q = self.weighted(self.difference), np.zeros((tau.size, 0))
+        self.states, self.tau, self.expected = states, tau, robot.inverse_dynamics(*states)
+        self.bodies, left = robot.parameters, self.weighted(tau - self.expected)
+        self.Q = np.zeros((tau.size, 0)) if known is None else orthonormal(known)
+        self.left = left - self.Q @ (self.Q.T @ left)
         self.floor = self.counts = np.full(robot.n, float(len(tau)))
 
     def sampled(self, torques: Torques) -> Array:
@@ -127,10 +91,12 @@ class TorqueDifference(Discrepancy):
     @cached_property
     def few(self) -> TorqueDifference:
         """A few of the states, enough to choose among many hypotheses, with the same rounding."""
-        found = TorqueDifference(self.robot, [x[self.chosen] for x in self.states], self.tau[self.chosen], 1.0)
-        found.sigma = self.sigma
-        found.left = found.weighted(found.difference)
-        return found
+        states = [x[self.chosen] for x in self.states]
+        return TorqueDifference(self.robot, states, self.tau[self.chosen], self.sigma)
+
+    def beside(self, known: Array | None, torques: Array | float = 0.0) -> TorqueDifference:
+        """The difference less some torques, with columns that are known, shape (R, k)."""
+        return TorqueDifference(self.robot, self.states, self.tau - torques, self.sigma, known)
 
     @cached_property
     def body_columns(self) -> Array:
@@ -144,86 +110,51 @@ class TorqueDifference(Discrepancy):
         with np.errstate(over="ignore"):  # infinite, where the other's torques are zero
             return np.asarray(np.linalg.norm(torques, axis=0) / np.maximum(size, least))
 
-    def explains(self, residual: Array) -> bool:
-        """True if no joint's residual, by its root mean square, is above rounding."""
-        return bool(((residual**2).mean(0) <= self.sigma**2).all())
+    def explains(self, left: Array) -> bool:
+        """True if no joint's values that are left, by their root mean square, are above rounding."""
+        return bool((self.by_joint(left) <= self.floor).all())
 
-    def candidate(
-        self,
-        causes: Sequence[str],
-        texts: Sequence[str],
-        numbers: int,
-        alternatives: float,
-        residual: Array,
-        before: Candidate | None = None,
-    ) -> Candidate:
-        """A hypothesis, on top of another, judged by what it leaves as causes of residuals are."""
-        if before is not None:
-            causes, texts = [*before.causes, *causes], [before.text, *texts]
-            numbers, alternatives = before.numbers + numbers, before.alternatives * alternatives
-        gain = self.gain(self.by_joint(self.weighted(residual)))
-        score = 2 * (self.penalty(numbers) + log(alternatives) - gain)
-        explains = self.explains(residual)
-        return Candidate(tuple(causes), "; ".join(texts), numbers, alternatives, residual, score, explains)
+    def sizes(self, X: Array) -> Array:
+        """Root mean square of columns in units of the rounding, shape (k,)."""
+        return np.asarray(np.linalg.norm(X, axis=0) / np.sqrt(len(self.tau)))
 
-    def fit(self, *parts: Hypothesis, before: Candidate | None = None) -> Candidate | None:
-        """Hypotheses that act together, on top of another; None where one of them has no part in it."""
-        torques = self.difference if before is None else before.residual
-        columns = [columns_of(self, h) for h in parts]
-        X, ends = np.concatenate(columns, axis=-1), np.cumsum([x.shape[-1] for x in columns])[:-1]
-        c, *_ = self.with_columns(X, self.weighted(torques))
-        sizes = np.linalg.norm(self.weighted(X), axis=0) / np.sqrt(len(self.tau))
-        chosen = [chosen_numbers(h, *x) for h, *x in zip(parts, np.split(c, ends), np.split(sizes, ends), strict=True)]
-        if not all(x.any() for x in chosen):
-            return None
-        fixed = np.concatenate([np.full(len(x), h.numbers == "switches") for h, x in zip(parts, chosen, strict=True)])
-        on = np.concatenate(chosen)
-        c, free, numbers = (on & fixed).astype(float), on & ~fixed, 0
-        torques = torques - X @ c
-        if free.any():
-            c[free], _, left, numbers = self.with_columns(X[..., free], self.weighted(torques))
-            torques = left.reshape(torques.shape) * self.sigma
-        alternatives = prod(h.alternatives * comb(len(x), int(x.sum())) for h, x in zip(parts, chosen, strict=True))
-        texts = [text_of(h, x) for h, x in zip(parts, np.split(c, ends), strict=True)]
-        return self.candidate([h.kind for h in parts], texts, numbers, alternatives, torques, before)
+    def with_numbers(self, X: Array, numbers: str) -> tuple[Array, Array, Array, int]:
+        """The same of those numbers that a hypothesis asks for: all, those above rounding, or ones that are fixed."""
+        if numbers == "switches":
+            left, one = X - self.Q @ (self.Q.T @ X), np.ones(X.shape[1])
+            return one, 0 * one, self.left - left @ one, 0
+        c, error, left, rank = self.with_columns(X)
+        if numbers == "few":
+            needed = np.abs(c) * self.sizes(X) > 1
+            c, error = np.zeros(len(c)), np.full(len(c), np.inf)
+            c[needed], error[needed], left, rank = self.with_columns(X[:, needed])
+        return c, error, left, rank
 
 
-def chosen_numbers(h: Hypothesis, c: Array, sizes: Array) -> Array:
-    """True for numbers that a hypothesis needs, of those fitted to columns of these root mean squares."""
-    if h.numbers == "all":
-        return np.ones(len(c), bool)
-    if h.numbers == "few":
-        return np.asarray(np.abs(c) * sizes > 1)  # above rounding
-    return np.asarray(np.abs(c - 1) < thresholds.NEAR)
+# Hypotheses with free numbers that are linear, and switches
 
 
-# Hypotheses that are linear in their numbers
-
-
-def linear_hypotheses(data: TorqueDifference) -> Iterator[Hypothesis]:
-    """All of them, the plainest first."""
+def hypotheses_of_models(data: TorqueDifference) -> Iterator[Hypothesis]:
+    """All that are columns, the plainest first."""
     yield from other_gravity(data)
     yield from other_torques(data)
-    singles = list(of_joints(data, OF_JOINTS))
+    singles = {h.kind: h for h in of_joints(data, OF_JOINTS)}
     for kind, (noun, symbols) in OF_FEW_JOINTS.items():
-        chosen = [h for h in singles if h.kind in symbols]
-        columns = np.concatenate([columns_of(data, h) for h in chosen], axis=-1)
-        labels = [h.joints[0] + symbols[h.kind] for h in chosen]
+        columns = np.concatenate([columns_of(data, singles[single]) for single in symbols], axis=-1)
+        labels = [name + symbol for symbol in symbols.values() for name in data.names]
 
         def text(c: Array, noun: str = noun, labels: list[str] = labels) -> str:
             parts = [f"{label} {six_digits(x)}" for label, x in zip(labels, c, strict=True) if x]
             return f"it has more {noun}: {listed(parts)}"
 
         yield Hypothesis(kind, columns, text, numbers="few")
-    together = {single for _, symbols in OF_FEW_JOINTS.values() for single in symbols}
-    yield from (h for h in singles if h.kind not in together)
     yield from other_inertias(data)
     yield from other_bodies(data)
 
 
 def switch(kind: str, torques: Array, text: str, alternatives: float = 1.0) -> Hypothesis:
     """A change that is there or not."""
-    return Hypothesis(kind, torques[..., None], text, alternatives=alternatives, numbers="switches")
+    return Hypothesis(kind, torques[..., None], lambda c: text, alternatives=alternatives, numbers="switches")
 
 
 def vector_text(x: Array) -> str:
@@ -245,23 +176,17 @@ def other_gravity(data: TorqueDifference) -> Iterator[Hypothesis]:
 
 
 def other_torques(data: TorqueDifference) -> Iterator[Hypothesis]:
-    """Torques in another unit or of the opposite sign, of all joints and of single ones."""
-    names, own = data.names, data.expected
-    single = np.concatenate([columns_of(data, h) for h in factors(data, own)], axis=-1)
-
-    def sign_text(c: Array) -> str:
-        if c.all():
-            return "torques of all joints have the opposite sign"
-        return f"torques have the opposite sign in {listed([names[j] for j in np.flatnonzero(c)])}"
+    """Torques in another unit, of all joints and of single ones."""
 
     def factor_text(c: Array) -> str:
-        return "torques are " + listed([f"{1 + x:.6g} times in {names[j]}" for j, x in enumerate(c) if x])
+        return "torques are " + listed([f"{1 + x:.6g} times in {data.names[j]}" for j, x in enumerate(c) if x])
 
-    yield Hypothesis("torque sign", -2 * single, sign_text, numbers="switches")
-    yield switch("torque unit", (1e3 - 1) * own, "torques are in N mm", 3)
-    yield switch("torque unit", (1e-3 - 1) * own, "torques are in kN m", 3)
-    yield Hypothesis("torque unit", own[..., None], lambda c: f"torques are {1 + c[0]:.6g} times this robot's")
-    yield Hypothesis("torque factor", single, factor_text, numbers="few")
+    yield switch("torque unit", (1e3 - 1) * data.expected, "torques are in N mm", 3)
+    yield switch("torque unit", (1e-3 - 1) * data.expected, "torques are in kN m", 3)
+    yield Hypothesis(
+        "torque unit", data.expected[..., None], lambda c: f"torques are {1 + c[0]:.6g} times this robot's"
+    )
+    yield replace(factors(data, data.expected), text=factor_text, numbers="few")
 
 
 def inertia_change(I: Array) -> Array:
@@ -323,14 +248,57 @@ def payload_text(mass: float, centre: Array) -> str:
     return f"{'carries' if mass > 0 else 'lacks'} a payload of {abs(mass):.4g} kg at {vector_text(centre)}"
 
 
-# Hypotheses that are not linear
+# Changes without free numbers
 
 
-def minimum(residual: Callable[[Array], Array], starts: Sequence[Any], jacobian: Any = "3-point") -> Array:
+class Changes:
+    """Conventions, and switches of all, one or several bodies, by their torques at few states, shape (A, R)."""
+
+    def __init__(self, data: TorqueDifference, switches: Sequence[Hypothesis]) -> None:
+        self.data, self.conventions = data, list(conventions(data.robot))
+        self.switches: list[tuple[Hypothesis, Array]] = []
+        few, self.alternatives = data.few, [x.alternatives for x in self.conventions]
+        torques = [*(torques_of(data.robot, self.conventions, few.states) - few.expected)]
+        for h in switches:
+            columns = columns_of(data, h)
+            k, near = columns.shape[-1], data.with_columns(columns)[0] - 1
+            masks = [np.ones(k), *np.eye(k), (np.abs(near) < thresholds.NEAR).astype(float)]
+            for on in np.unique([on for on in masks if on.any()], axis=0):
+                self.switches.append((h, on))
+                self.alternatives.append(h.alternatives * comb(k, int(on.sum())))
+                torques.append(columns[data.chosen] @ on)
+        self.values = (np.array(torques) / data.sigma).reshape(len(torques), -1)
+
+    def scores(self, few: TorqueDifference) -> Array:
+        """Of each change, as `judged` has them."""
+        left = few.left - self.values + self.values @ few.Q @ few.Q.T
+        squares = (left**2).reshape(len(left), -1, few.robot.n).sum(1)
+        gains = 0.5 * few.counts * np.log((few.squares + few.floor) / (squares + few.floor))
+        return np.asarray(gains.sum(1) - np.log(self.alternatives))
+
+    def nearest(self, few: TorqueDifference, number: int) -> list[Hypothesis]:
+        """The best ones at few states, at all states."""
+        return [self.hypothesis(k) for k in np.argsort(-self.scores(few), kind="stable")[:number].tolist()]
+
+    def hypothesis(self, k: int) -> Hypothesis:
+        """A change at all states."""
+        data = self.data
+        if k < len(self.conventions):
+            x = self.conventions[k]
+            torques = torques_of(data.robot, [x], data.states)[0] - data.expected
+            return switch(x.kind, torques, x.text(), x.alternatives)
+        h, on = self.switches[k - len(self.conventions)]
+        return switch(h.kind, columns_of(data, h) @ on, text_of(h, on), self.alternatives[k])
+
+
+# Changes that are not linear in their numbers
+
+
+def minimum(residual: Callable[[Array], Array], starts: Sequence[Any]) -> Array:
     """The least squares, to rounding, that the likeliest of several starts lead to (Levenberg-Marquardt)."""
     from scipy.optimize import least_squares
 
-    options: dict[str, Any] = {"method": "lm", "jac": jacobian, "max_nfev": thresholds.EVALUATIONS}
+    options: dict[str, Any] = {"method": "lm", "jac": "3-point", "max_nfev": thresholds.EVALUATIONS}
     precise = {"xtol": 1e-15, "ftol": 1e-15, "gtol": 1e-15}
     likely = sorted(map(np.array, starts), key=lambda x: float(np.linalg.norm(residual(x))))
     fits = [least_squares(residual, x, **options, **precise) for x in likely[: thresholds.STARTS]]
@@ -338,31 +306,35 @@ def minimum(residual: Callable[[Array], Array], starts: Sequence[Any], jacobian:
     return best
 
 
-def shifted_zeros(data: TorqueDifference) -> Iterator[Candidate]:
-    """Another zero of each joint, from the best of a grid; of all joints; of those whose zero then differs."""
+def shifted_zeros(data: TorqueDifference, changes: Changes) -> Iterator[tuple[Hypothesis, int]]:
+    """Another zero of each joint, of all joints, and of those whose zero then differs, from the nearest convention."""
     few, n = data.few, data.robot.n
-    grid = np.linspace(-np.pi, np.pi, thresholds.ZEROS, endpoint=False)[:, None, None]
+    felt = np.flatnonzero(few.sizes(few.weighted(zero_columns(few))) > 1)
+    scores = [0.0, *changes.scores(few)[: len(changes.conventions)]]
+    zeros = np.array(
+        [np.zeros(n), *(x.zero if x.kind == "joint zero" else np.full(n, np.nan) for x in changes.conventions)]
+    )
 
-    def fitted(start: Array, free: Array, alternatives: int) -> tuple[Array, Candidate]:
-        places = np.eye(n)[free]
+    def fitted(free: Array, alternatives: int) -> tuple[Array, tuple[Hypothesis, int]]:
+        allowed = (zeros[:, np.setdiff1d(np.arange(n), free)] == 0).all(1) & np.isfinite(zeros).all(1)
+        start = zeros[np.argmax(np.where(allowed, scores, -np.inf))]
+        places, (q, qd, qdd) = np.eye(n)[free], few.states
 
         def left(x: Array) -> Array:
-            return few.weighted(few.tau - few.load(few.q + x @ places, few.qd, few.qdd))
+            return few.weighted(few.tau - few.load(q + x @ places, qd, qdd))
 
-        zero = minimum(left, [start[free]], lambda x: -few.weighted(zero_columns(few, x @ places)[..., free])) @ places
-        rest = data.tau - data.load(data.q + zero, data.qd, data.qdd)
-        text = zeros_text(data.names, zero)
-        return zero, data.candidate(["joint zero"], [text], len(free), alternatives, rest)
+        zero = minimum(left, [start[free]]) @ places
+        torques = data.load(data.states[0] + zero, *data.states[1:]) - data.expected
+        return zero, (switch("joint zero", torques, zeros_text(data.names, zero), alternatives), len(free))
 
-    for e in np.eye(n):
-        states = [np.broadcast_to(x, (len(grid), *x.shape)) for x in few.states[1:]]
-        left = (few.tau - few.load(few.q + grid * e, *states)) / few.sigma
-        yield fitted(grid[np.argmin((left**2).sum((1, 2))), 0] * e, np.flatnonzero(e), n)[1]
-    zero, candidate = fitted(np.zeros(n), np.arange(n), 2**n)
-    yield candidate
-    clearly = np.flatnonzero(np.abs(zero) > 1e-3 * np.abs(zero).max(initial=0))
-    if 0 < len(clearly) < n:
-        yield fitted(zero, clearly, 2**n)[1]
+    for j in felt:
+        yield fitted(np.array([j]), n)[1]
+    if len(felt) > 1:
+        zero, change = fitted(felt, 2**n)
+        yield change
+        clearly = np.flatnonzero(np.abs(zero) > thresholds.CLEARLY * np.abs(zero).max(initial=0))
+        if 1 < len(clearly) < len(felt):
+            yield fitted(clearly, 2**n)[1]
 
 
 def turned(I: Array, w: Array) -> Array:
@@ -378,99 +350,80 @@ def point_mass(x: Array) -> Array:
     return np.concatenate([[x[0]], x[0] * x[1:], inertia_change(point_mass_inertia(x[0], x[1:]))[4:]])
 
 
-def left_by_change(data: TorqueDifference, A: Array, change: Callable[[Array], Array], x: Array) -> Array:
+def left_by(left: Array, A: Array, change: Callable[[Array], Array], x: Array) -> Array:
     """Values that a change of one body's parameters leaves."""
-    left: Array = data.left - A @ change(x)
-    return left
+    return np.asarray(left - A @ change(x))
 
 
-def changes_of_one_body(data: TorqueDifference) -> Iterator[Candidate]:
+def changes_of_one_body(data: TorqueDifference) -> Iterator[tuple[Hypothesis, int]]:
     """Inertia of a body in other axes, and a point mass that the last body of a branch has or lacks."""
     from scipy.spatial.transform import Rotation
 
-    model, last, axes = data.robot.model, tips(data.robot), Rotation.create_group("O").as_rotvec()
+    model, last = data.robot.model, tips(data.robot)
     for i, name in enumerate(model.moving_joints):
         columns, I = data.body_columns[:, :, i], model.inertia[i]
-        A = data.weighted(columns)
-        c, _, left, _ = data.with_columns(columns)
-        changes: list[tuple[str, Callable[[Array], Array], Any, int]] = []
-        if (data.by_joint(left) <= data.floor).all():  # otherwise no change of this body explains the difference
-            if np.ptp(np.linalg.eigvalsh(I)) > thresholds.NONE * np.trace(I):
-                changes.append(("inertia axes", partial(turned, I), axes, model.nb))
-            if i in last:
-                starts = [[c[0], *c[1:4] / (c[0] or 1.0)], [1.0, 0, 0, 0], [-1.0, 0, 0, 0]]
-                changes.append(("payload", point_mass, starts, len(last)))
-        for kind, change, starts, alternatives in changes:
-            x = minimum(partial(left_by_change, data, A, change), starts)
+        A, (c, _, left, _) = data.weighted(columns), data.with_columns(columns)
+        if not data.explains(left):  # no change of this body explains the difference
+            continue
+
+        if np.ptp(np.linalg.eigvalsh(I)) > thresholds.NONE * np.trace(I):
+            x = minimum(partial(left_by, data.left, A, partial(turned, I)), Rotation.create_group("O").as_rotvec())
             text = f"the inertia of the body of {name} is in other axes, turned by a rotation"
-            if kind == "payload":
-                text = f"it {payload_text(x[0], x[1:])} m of the frame of {name}"
-            yield data.candidate([kind], [text], len(x), alternatives, data.difference - columns @ change(x))
+            yield switch("inertia axes", columns @ turned(I, x), text, model.nb), len(x)
+        if i in last:
+            starts = [[c[0], *c[1:4] / (c[0] or 1.0)], [1.0, 0, 0, 0], [-1.0, 0, 0, 0]]
+            x = minimum(partial(left_by, data.left, A, point_mass), starts)
+            text = f"it {payload_text(x[0], x[1:])} m of the frame of {name}"
+            yield switch("payload", columns @ point_mass(x), text, len(last)), len(x)
 
 
 # The search
 
 
-def candidates(data: TorqueDifference, hypotheses: Sequence[Hypothesis]) -> list[Candidate]:
-    """All hypotheses, the best first; two at a time only where none alone explains the difference."""
-    linear = [replace(h, columns=columns_of(data, h)) for h in (*linear_hypotheses(data), *hypotheses)]
-    linear.sort(key=lambda h: h.numbers != "switches")
-    changes, left = without_free_numbers(data, [h for h in linear if h.numbers == "switches"])
-
-    def nearest(number: int, known: Hypothesis | None = None) -> Iterator[Candidate]:
-        rest = left
-        if known is not None:
-            A = data.few.weighted(np.asarray(known.columns)[data.chosen])
-            Q = orthonormal(A)
-            rest = left - (left @ Q) @ Q.T
-        above_rounding = np.maximum((rest**2).mean(1), 1.0)
-        for k in np.lexsort(([alternatives for alternatives, _ in changes], above_rounding))[:number]:
-            yield changes[k][1]()
-
-    found = [*map(data.fit, linear), *nearest(thresholds.FINALISTS), *shifted_zeros(data), *changes_of_one_body(data)]
-    if not any(c and c.explains and c.causes != (SEVERAL_BODIES,) for c in found):
-        alone = [h for h in linear if h.kind != SEVERAL_BODIES]
-        for h in (h for h in alone if h.numbers != "switches"):
-            found += [data.fit(h, before=c) for c in nearest(1, h) if c.causes != (h.kind,)]
-        found += pairs(data, alone)
-    return sorted(filter(None, found), key=lambda c: (not c.explains, c.score))
+def explanations(data: TorqueDifference, given: Sequence[Hypothesis]) -> list[Explanation]:
+    """All hypotheses, the best first; two together only where none alone explains the difference."""
+    linear = [replace(h, columns=columns_of(data, h)) for h in (*hypotheses_of_models(data), *given)]
+    changes = Changes(data, [h for h in linear if h.numbers == "switches"])
+    linear = [h for h in linear if h.numbers != "switches"]
+    found = [x for h in linear for x in explanation(data, h)]
+    found += [x for h in changes.nearest(data.few, thresholds.FINALISTS) for x in explanation(data, h)]
+    for h, numbers in (*shifted_zeros(data, changes), *changes_of_one_body(data)):
+        found += explanation(data, h, numbers)
+    if not any(data.explains(left) and causes[0].kind != SEVERAL_BODIES for causes, left in found):
+        found += two_together(data, [h for h in linear if h.kind != SEVERAL_BODIES], changes)
+    return sorted(found, key=lambda x: (not data.explains(x[1]), -sum(cause.score for cause in x[0])))
 
 
-def without_free_numbers(
-    data: TorqueDifference, switches: Sequence[Hypothesis]
-) -> tuple[list[tuple[float, Callable[[], Candidate]]], Array]:
-    """Hypotheses without free numbers, conventions and switches: alternatives, candidates, residuals at few states."""
-
-    def judged(x: Convention) -> Candidate:
-        return data.candidate(
-            [x.kind], [x.text()], 0, x.alternatives, data.tau - torques_of(data.robot, [x], data.states)[0]
-        )
-
-    tried = list(conventions(data.robot))
-    left = [*(data.few.tau - torques_of(data.robot, tried, data.few.states))]
-    changes: list[tuple[float, Callable[[], Candidate]]] = [(x.alternatives, partial(judged, x)) for x in tried]
-    for h in switches:
-        width = np.asarray(h.columns).shape[-1]
-        for mask in np.unique([np.ones(width), *np.eye(width)], axis=0):
-            rest, alike = data.difference - h.columns @ mask, h.alternatives * comb(width, int(mask.sum()))
-            changes.append((alike, partial(data.candidate, [h.kind], [text_of(h, mask)], 0, alike, rest)))
-            left.append(rest[data.chosen])
-    return changes, (np.array(left) / data.sigma).reshape(len(left), -1)
+def explanation(data: TorqueDifference, h: Hypothesis, numbers: int = 0) -> Iterator[Explanation]:
+    """The hypothesis as a cause, if it has a part in the difference; so many of its numbers were fitted before."""
+    for cause, columns, c in judged(data, h, by_rank=True):
+        spent = cause.numbers + numbers
+        if spent or h.numbers == "switches":
+            score = cause.score - data.penalty(numbers)
+            yield (cause._replace(score=score, numbers=spent),), data.left - data.weighted(columns @ c)
 
 
-def pairs(data: TorqueDifference, linear: Sequence[Hypothesis]) -> Iterator[Candidate | None]:
-    """Two hypotheses at a time, of which at least one has free numbers: those that explain a few states."""
-    few_of = [replace(h, columns=np.asarray(h.columns)[data.chosen]) for h in linear]
-    tried = []
-    for i, j in combinations(range(len(linear)), 2):
-        kinds = {linear[i].kind, linear[j].kind}
-        if len(kinds) == 2 and not kinds <= OTHER_BODIES and linear[j].numbers != "switches":
-            found = data.few.fit(few_of[i], few_of[j])
-            if found:
-                tried.append((not found.explains, found.score, i, j))
-    for k, (fails, _, i, j) in enumerate(sorted(tried)):
-        if not fails or k < thresholds.FINALISTS:
-            yield data.fit(linear[i], linear[j])
+def two_together(data: TorqueDifference, linear: Sequence[Hypothesis], changes: Changes) -> Iterator[Explanation]:
+    """Each hypothesis, with the best change without free numbers beside it, and the best hypothesis of those after."""
+    few = [replace(h, columns=columns_of(data, h)[data.chosen]) for h in linear]
+    for i, h in enumerate(linear):
+        beside = data.few.beside(data.few.weighted(columns_of(data.few, few[i])))
+        later = [k for k in range(i + 1, len(few)) if may_act_together(h.kind, few[k].kind)]
+        scores = [next(judged(beside, few[k], by_rank=True))[0].score for k in later]
+        others = [x for x in changes.nearest(beside, 1) if x.kind != h.kind]
+        others += [linear[later[int(np.argmax(scores))]]] if scores else []
+        known = data.beside(data.weighted(columns_of(data, h)))
+        for second, columns, c in (x for other in others for x in judged(known, other, by_rank=True)):
+            rest = data.beside(None, columns @ c)
+            for (first,), left in explanation(rest, h) if c.any() else ():
+                gain = data.gain(known.squares) - rest.gain(rest.by_joint(left))  # of the first before the second
+                causes = first._replace(score=first.score + gain), second
+                yield causes if second.numbers else causes[::-1], left
+
+
+def may_act_together(kind: str, other: str) -> bool:
+    """False for two of one kind, and for two bodies, which are several."""
+    return kind != other and not {kind, other} <= OTHER_BODIES
 
 
 # The states and the result
@@ -496,7 +449,9 @@ def torque_difference(robot: Robot, other: Other, tolerance: float, seed: int) -
         )
     if not np.isfinite(tau).all():
         raise ValueError("`other`: the torques must be finite")
-    return TorqueDifference(robot, (q, qd, qdd), tau, tolerance)
+    size = np.sqrt((tau**2).mean(0)) + np.sqrt((robot.inverse_dynamics(q, qd, qdd) ** 2).mean(0))
+    rounding = tolerance * np.maximum(size, max(thresholds.SMALLEST * size.max(initial=0), thresholds.TINY))
+    return TorqueDifference(robot, (q, qd, qdd), tau, rounding)
 
 
 def given_torques(robot: Robot, other: Sequence[Any]) -> list[Array]:
@@ -514,15 +469,40 @@ def given_torques(robot: Robot, other: Sequence[Any]) -> list[Array]:
 def states_in_range(robot: Robot, seed: int) -> tuple[Array, Array, Array]:
     """States all over the ranges of the joints."""
     rng = np.random.default_rng(seed)
-    reach = np.where(
-        robot.model.is_revolute[list(robot.model.independent_joints)], thresholds.TURNING, thresholds.SLIDING
-    )
+    reach = np.where(turning(robot), thresholds.TURNING, thresholds.SLIDING)
     lower, upper = (np.clip(x, -reach, reach) for x in (robot.lower, robot.upper))
     q = rng.uniform(np.minimum(lower, upper), np.maximum(lower, upper), (thresholds.STATES, robot.n))
     scale = np.where(reach == thresholds.SLIDING, thresholds.SLIDING, 1.0)
     qd = thresholds.RATE * scale * rng.standard_normal(q.shape)
     qdd = thresholds.ACCELERATION * scale * rng.standard_normal(q.shape)
     return q, qd, qdd
+
+
+def different_robots(one: Model, other: Model) -> str:
+    """A sentence on the joints that are the same, if fewer than half of them are, otherwise nothing."""
+    same = 0
+    for i, name in enumerate(one.moving_joints):
+        if name in other.moving_joints:
+            k = other.moving_joints.index(name)
+            placed = all(np.allclose(getattr(one, what)[i], getattr(other, what)[k]) for what in PLACES)
+            same += placed and one.joint_types[i] == other.joint_types[k]
+    n = len(one.moving_joints)
+    return f"different robots: {same} of {n} joints have the same name, axis and place" if 2 * same < n else ""
+
+
+def numbers_of(causes: Sequence[Cause]) -> int:
+    """Free numbers of causes that act together."""
+    return sum(cause.numbers for cause in causes)
+
+
+def together(causes: Sequence[Cause]) -> str:
+    """Kinds of causes that act together, in words."""
+    return " and ".join(cause.kind for cause in causes)
+
+
+def text_of_all(causes: Sequence[Cause]) -> str:
+    """Texts of causes that act together."""
+    return "; ".join(cause.text for cause in causes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -543,12 +523,14 @@ class ModelComparison(InNotebooks):
         The same for what the cause leaves.
     accuracy : ndarray, shape (n,)
         Rounding that is allowed, as a part of |tau|.
-    candidates : tuple of Candidate
-        All hypotheses, the best first.
+    candidates : tuple of tuple of Cause
+        All hypotheses, the best first: one cause, or two that act together.
     equivalent : tuple of str
         Other causes that explain these torques as well, with as few free numbers.
     shares : tuple of float
         Of the difference, what each of `candidates` leaves.
+    different : str
+        That the robots are different ones, if fewer than half of the joints are the same and no cause is known.
 
     Examples
     --------
@@ -565,9 +547,10 @@ class ModelComparison(InNotebooks):
     difference: Array
     unexplained: Array
     accuracy: Array
-    candidates: tuple[Candidate, ...]
+    candidates: tuple[tuple[Cause, ...], ...]
     equivalent: tuple[str, ...]
     shares: tuple[float, ...]
+    different: str = ""
 
     @property
     def cause(self) -> str:
@@ -578,7 +561,7 @@ class ModelComparison(InNotebooks):
         return wrapped(f"ModelComparison(cause: {self.cause}; {self.text})")
 
     def report(self) -> str:
-        """The cause, a table of the joints, and what else was tried.
+        """The cause, a table of the joints, and what else was tried; of two different robots first that they are.
 
         Returns
         -------
@@ -595,13 +578,15 @@ class ModelComparison(InNotebooks):
         rows = [Row("|difference| / |torque| [%]", ("before", "explained so", "rounding"), words=True)]
         for name, *cells in zip(self.joint_names, self.difference, self.unexplained, self.accuracy, strict=True):
             rows.append(Row(f"  {short(name)}", [f"{100 * x:.3g}" for x in cells]))
-        lines = [f"cause: {self.cause}", *wrapped(f"  {self.text}").splitlines(), *aligned(rows)]
+        lines = [*[self.different] * bool(self.different), f"cause: {self.cause}"]
+        lines += [*wrapped(f"  {self.text}").splitlines(), *aligned(rows)]
         if self.equivalent:
             lines.append("cannot be told apart from: " + "; ".join(self.equivalent))
-        if self.candidates:
+        if self.candidates and not self.different:
             lines.append("hypotheses (share of the difference that is left [%]; free numbers)")
-            for c, share in zip(self.candidates[:SHOWN], self.shares, strict=False):
-                lines += wrapped(f"  {100 * share:.3g}; {c.numbers}: {' and '.join(c.causes)}: {c.text}").splitlines()
+            for causes, share in zip(self.candidates[:SHOWN], self.shares, strict=False):
+                what = f"{numbers_of(causes)}: {together(causes)}: {text_of_all(causes)}"
+                lines += wrapped(f"  {100 * share:.3g}; {what}").splitlines()
         return "\n".join(lines)
 
 
@@ -667,23 +652,30 @@ def compare_models(
     positive_number("tolerance", tolerance)
     data = torque_difference(robot, other, tolerance, seed)
     names: tuple[str, ...] = ("none",)
-    text, residual = "the torques agree", data.difference
-    found = [] if data.explains(residual) else candidates(data, hypotheses_argument(hypotheses))
-    if found and found[0].explains:
-        names, text, residual = found[0].causes, found[0].text, found[0].residual
+    text, residual, different = "the torques agree", data.left, ""
+    found = [] if data.explains(residual) else explanations(data, hypotheses_argument(hypotheses))
+    explaining = [causes for causes, left in found if data.explains(left)]
+    if explaining:
+        (causes, residual), *_ = found
+        names, text = tuple(cause.kind for cause in causes), text_of_all(causes)
     elif found:
-        names, text = ("unknown",), "no hypothesis explains the difference; the nearest are below"
-    fitting = [c for c in found if c.explains and c.numbers <= found[0].numbers]
-    others = [c for c in fitting if not any(a in b or b in a for a in c.causes for b in names)]  # friction: viscous too
+        different = different_robots(robot.model, other.model) if isinstance(other, Robot) else ""
+        nearest = "" if different else "; the nearest are below"
+        names, text = ("unknown",), f"no hypothesis explains the difference{nearest}"
+    fitting = [causes for causes in explaining if numbers_of(causes) <= numbers_of(explaining[0])]
+    others = [
+        x for x in fitting if not any(a.kind in b or b in a.kind for a in x for b in names)
+    ]  # friction: viscous too
     size = float(np.linalg.norm(data.left))
     return ModelComparison(
         data.names,
         names,
         text,
-        data.relative(data.difference),
-        data.relative(residual),
+        data.relative(data.tau - data.expected),
+        data.relative(residual.reshape(data.tau.shape) * data.sigma),
         data.relative(np.broadcast_to(data.sigma, data.tau.shape)),
-        tuple(found),
-        tuple(dict.fromkeys(" and ".join(c.causes) for c in others)),
-        tuple(float(np.linalg.norm(data.weighted(c.residual))) / size for c in found),
+        tuple(causes for causes, _ in found),
+        tuple(dict.fromkeys(map(together, others))),
+        tuple(float(np.linalg.norm(left)) / size for _, left in found),
+        different,
     )

@@ -1,16 +1,17 @@
-"""Conventions of joints by which another model may differ: order, signs, zeros and units.
+"""Conventions of joints and torques that a log or another model may have: order, signs, zeros and units.
 
-A convention is q' = a (s q)[order] + b, with rates and accelerations scaled by a': the other model has the torques of
-the robot at q', in its own order and with its signs, tau[order] = s tau'(q', a' qd', a' qdd').
+The joints of the robot are at q' = a (s q)[order] + b, with rates and accelerations scaled by a', and have the torques
+tau' = (t tau)[torque_order]. `rne.compare_models` tries all of them on torques of another model, and the causes of an
+identification's residuals those of single joints and pairs on a log.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from itertools import combinations, permutations, product
 from math import comb, factorial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,19 +21,28 @@ from ...robot import Robot
 from .. import thresholds
 
 DEGREE = np.pi / 180
+MISTAKEN = {DEGREE: "degrees that are radians", 1 / DEGREE: "radians that are degrees"}
 QUARTERS = (np.pi / 2, np.pi, -np.pi / 2)
+KINDS = ("joint order", "torque order", "axis flipped", "torque sign", "joint zero", "angle unit")
 
 
 class Convention(NamedTuple):
-    """Order, signs, zeros and units of the joints, where they are not the robot's own."""
+    """Order, signs, zeros and units of joints and torques, where they are not the robot's own."""
 
     kind: str
     alternatives: float  # among how many it was chosen
     text: Callable[[], str]
     order: Sequence[int]
-    sign: Sequence[float] | Array
-    zero: Sequence[float] | Array  # [rad or m]
-    unit: tuple[float, float] = (1.0, 1.0)  # of positions; of rates and accelerations
+    sign: Sequence[float]
+    zero: Sequence[float]  # [rad or m]
+    unit: tuple[float, float]  # of angles; of their rates and accelerations
+    torque_order: Sequence[int]
+    torque_sign: Sequence[float]
+
+    def matrices(self, turns: Array) -> tuple[Array, Array]:
+        """J and T of q' = J q and tau' = T tau, of zeros that are the robot's own, shape (n, n) each."""
+        J = np.where(turns, self.unit[0], 1.0)[:, None] * np.diag(self.sign)[list(self.order)]
+        return J, np.diag(self.torque_sign)[list(self.torque_order)]
 
 
 def zeros_text(names: Sequence[str], zero: Sequence[float] | Array) -> str:
@@ -41,45 +51,61 @@ def zeros_text(names: Sequence[str], zero: Sequence[float] | Array) -> str:
     return f"zero positions differ: its zero is {listed(places)} [rad or m] of this robot"
 
 
-def conventions(robot: Robot) -> Iterator[Convention]:
-    """Conventions that are tried, the fewest changes of a kind first."""
-    n, model, names = robot.n, robot.model, robot.joint_names
-
-    own = Convention("", 1.0, str, range(n), np.ones(n), np.zeros(n))
-
-    def order_text(order: Sequence[int]) -> str:
-        return f"its joints are in the order {listed([names[k] for k in order])}"
-
-    def sign_text(sign: Sequence[float]) -> str:
-        return f"the axis of {listed([x for x, s in zip(names, sign, strict=True) if s < 0])} points the other way"
-
-    for x, k in orders(n):
-        yield own._replace(kind="joint order", alternatives=k, text=partial(order_text, x), order=x)
-    for sign, k in variants(n, 1.0, (-1.0,)):
-        yield own._replace(kind="axis flipped", alternatives=k, text=partial(sign_text, sign), sign=sign)
-    sliding = [j for j, i in enumerate(model.independent_joints) if model.joint_types[i] == "prismatic"]
-    for zero, k in variants(n, 0.0, QUARTERS):
-        if not any(zero[j] for j in sliding):
-            yield own._replace(kind="joint zero", alternatives=k, text=partial(zeros_text, names, zero), zero=zero)
-    for a, mistaken in ((DEGREE, "degrees that are radians"), (1 / DEGREE, "radians that are degrees")):
-        for b, what in ((1.0, "positions"), (a, "positions, rates and accelerations")):
-            text = partial("it takes {} as {}".format, what, mistaken)
-            yield own._replace(kind="angle unit", alternatives=4, text=text, unit=(a, b))
+def turning(robot: Robot) -> Array:
+    """True for the robot's joints that turn, shape (n,)."""
+    return np.asarray(robot.model.is_revolute[list(robot.model.independent_joints)])
 
 
-def orders(n: int) -> Iterator[tuple[tuple[int, ...], int]]:
+def conventions(robot: Robot, kinds: Iterable[str] = KINDS, *, alone: bool = False) -> Iterator[Convention]:
+    """Conventions of some kinds that are tried, the fewest changes of a kind first; or those of one joint or two."""
+    n, names, slides = robot.n, robot.joint_names, ~turning(robot)
+    numbers, most = tuple(range(n)), 1 if alone else n
+    own = Convention("", 1.0, str, numbers, (1.0,) * n, (0.0,) * n, (1.0, 1.0), numbers, (1.0,) * n)
+
+    def order_text(what: str, order: Sequence[int]) -> str:
+        return f"its {what} are in the order {listed([names[k] for k in order])}"
+
+    def sign_text(text: str, sign: Sequence[float]) -> str:
+        return text.format(listed([name for name, x in zip(names, sign, strict=True) if x < 0]))
+
+    def unit_text(unit: tuple[float, float]) -> str:
+        what = "positions" if unit[1] == 1 else "positions, rates and accelerations"
+        return f"it takes {what} as {MISTAKEN[unit[0]]}"
+
+    signs = partial(variants, n, 1.0, (-1.0,), most)
+    zeros = ((x, k) for x, k in variants(n, 0.0, QUARTERS, most) if not np.any(x, where=slides))
+    units = [(DEGREE, DEGREE)] if alone else [(a, b) for a in MISTAKEN for b in (1.0, a)]
+    table: dict[str, tuple[Iterable[tuple[Any, float]], tuple[str, ...], Callable[[Any], str]]] = {
+        "joint order": (orders(n, alone), ("order", "torque_order"), partial(order_text, "joints")),
+        "torque order": (orders(n, True), ("torque_order",), partial(order_text, "torques")),
+        "axis flipped": (signs(), ("sign", "torque_sign"), partial(sign_text, "the axis of {} points the other way")),
+        "torque sign": (signs(), ("torque_sign",), partial(sign_text, "torques have the opposite sign in {}")),
+        "joint zero": (zeros, ("zero",), partial(zeros_text, names)),
+        "angle unit": (((x, 4.0) for x in units), ("unit",), unit_text),
+    }
+    for kind in kinds:
+        values, fields, text = table[kind]
+        for x, alternatives in values:
+            changed: dict[str, Any] = dict.fromkeys(fields, x)
+            yield own._replace(kind=kind, alternatives=alternatives, text=partial(text, x), **changed)
+
+
+def orders(n: int, alone: bool) -> Iterator[tuple[tuple[int, ...], float]]:
     """Orders of the joints, of more than eight only exchanges of two; each with how many are like it."""
-    swaps = (tuple({i: j, j: i}.get(k, k) for k in range(n)) for i, j in combinations(range(n), 2))
-    for p in permutations(range(n)) if factorial(n) <= thresholds.CONVENTIONS else swaps:
+    if alone or factorial(n) > thresholds.CONVENTIONS:
+        for i, j in combinations(range(n), 2):
+            yield tuple({i: j, j: i}.get(k, k) for k in range(n)), 2 * comb(n, 2)
+        return
+    for p in permutations(range(n)):
         moved = sum(k != i for i, k in enumerate(p))
         if moved:
             yield p, comb(n, moved) * factorial(moved)
 
 
-def variants(n: int, own: float, others: tuple[float, ...]) -> Iterator[tuple[tuple[float, ...], int]]:
-    """Values of n joints of which some differ, the fewest first, unless too many; each with how many are like it."""
+def variants(n: int, own: float, others: Sequence[float], most: int) -> Iterator[tuple[tuple[float, ...], float]]:
+    """Values of n joints of which at most so many differ, the fewest first, unless too many; how many are like each."""
     total = 0
-    for k in range(1, n + 1):
+    for k in range(1, most + 1):
         alike = comb(n, k) * len(others) ** k
         total += alike
         if total > thresholds.CONVENTIONS:
@@ -91,11 +117,13 @@ def variants(n: int, own: float, others: tuple[float, ...]) -> Iterator[tuple[tu
 
 def torques_of(robot: Robot, conventions: Sequence[Convention], states: Sequence[Array]) -> Array:
     """Torques of another model with each convention, shape (A, N, n)."""
-    order, sign, zero, unit = (np.array(x)[:, None] for x in list(zip(*conventions, strict=True))[3:])
-    order, (a, b) = np.broadcast_to(order, (len(order), *states[0].shape)), np.moveaxis(unit, -1, 0)[..., None]
+    columns = list(zip(*conventions, strict=True))[3:]
+    order, sign, zero, unit, torque_order, torque_sign = (np.array(x)[:, None] for x in columns)
+    scales = np.where(turning(robot), np.moveaxis(unit, -1, 0)[..., None], 1.0)  # of positions; of rates
+    order, torque_order = (np.broadcast_to(x, (len(x), *states[0].shape)) for x in (order, torque_order))
     q, qd, qdd = (np.take_along_axis(sign * x, order, -1) for x in states)
-    found = robot.inverse_dynamics(a * q + zero, b * qd, b * qdd)
+    found = robot.inverse_dynamics(scales[0] * q + zero, scales[1] * qd, scales[1] * qdd)
     torques = np.empty_like(found)
-    np.put_along_axis(torques, order, found, -1)
-    signed: Array = torques * sign
+    np.put_along_axis(torques, torque_order, found, -1)
+    signed: Array = torques * torque_sign
     return signed

@@ -13,7 +13,7 @@ import logging
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import combinations
+from math import comb
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -29,6 +29,7 @@ from .. import thresholds
 from ..fit.equations import in_space_of_instruments, solve, triangular
 from ..log.prepared import Prepared
 from ..log.screening import seconds
+from .conventions import conventions, turning
 from .residuals import Discrepancy, FitResiduals, Torques, by_joint, extended, orthonormal
 from .rigid_body_test import torque_noise
 
@@ -38,19 +39,19 @@ LOAD = "payload changed"
 EVENTS = (LOAD, "encoder slip", "contact", "friction changed", "offset drifts")  # of which blocks between tell
 GEARS = ("friction under load", "friction by direction", "pre-sliding friction", STRIBECK)  # which sound gears have
 DRIVES = {"Ia": "rotor", "Fv": "viscous friction", "Fc": "Coulomb friction", "tau0": "offset"}  # kinds of symbols
-NOT_ASKED = "the drive of {} has %s of {:.3g}, which was not asked for"
+NOT_ASKED = "the drive of {joint} has %s of {size:.3g}, which was not asked for"
 OF_JOINTS: dict[str, tuple[str, Torques, float]] = {  # kind: text, torque of each joint, scale of the number told
     "rotor": (NOT_ASKED % "a rotor", lambda q, qd, qdd: qdd, 1.0),
     "viscous friction": (NOT_ASKED % "viscous friction", lambda q, qd, qdd: qd, 1.0),
     "Coulomb friction": (NOT_ASKED % "Coulomb friction", lambda q, qd, qdd: np.sign(qd), 1.0),
     "offset": (NOT_ASKED % "an offset", lambda q, qd, qdd: np.ones(qd.shape), 1.0),
     "friction by direction": (
-        "viscous friction of {} differs by {:.3g} between both directions",
+        "viscous friction of {joint} differs by {size:.3g} between both directions",
         lambda q, qd, qdd: np.abs(qd),
         2.0,
     ),
     "spring": (  # slack anywhere, beside an offset
-        "something pulls {0} as a spring of {1:.3g} {3} per {2}",
+        "something pulls {joint} as a spring of {size:.3g} {torque} per {unit}",
         lambda q, qd, qdd: q - q.mean(0),
         1.0,
     ),
@@ -81,7 +82,13 @@ MENDED_BY = {  # kind: what fits it or mends the log
     "joint order": "joint_names of the Record",
     "degrees": 'unit="deg" of the Record',
 }
-DIFFERENCE = 1e-4  # of central differences, relative or [rad or m]
+IN_LOGS = {  # kind of convention: that of the cause in a log, and its text
+    "torque sign": ("torque sign", "the torque of {} has the wrong sign"),
+    "torque order": ("torque order", "the torques of {} and {} are interchanged"),
+    "joint order": ("joint order", "{} and {} are interchanged"),
+    "axis flipped": ("joint sign", "{} turns the other way"),
+    "angle unit": ("degrees", "positions are in degrees"),
+}
 
 
 class Cause(NamedTuple):
@@ -107,6 +114,8 @@ class Cause(NamedTuple):
         a ratio relative to one, friction, an inertia or an offset in the units of its joint.
     at : float
         The record's number of a delay, or the Stribeck velocity [rad/s or m/s]; otherwise NaN.
+    numbers : int
+        Free numbers that were fitted.
     """
 
     kind: str
@@ -118,9 +127,11 @@ class Cause(NamedTuple):
     at: float = float("nan")
     effect: str = ""
     removed: Array = np.zeros(0)
+    numbers: int = 0
 
 
 Trial = Callable[[FitResiduals], tuple[Array, ...]]  # `FitResiduals.held_out` without a change and with it
+LinearCauses = tuple[int, list[tuple[Cause, Array, Trial]]]  # hypotheses tried, and evident causes with their columns
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,15 +148,19 @@ class Hypothesis:
         Torques per unit of k unknown numbers: a function (q, qd, qdd) of arrays of shape (T, n) that returns an array
         of shape (T, n, k), or the values at the rows of the equations.
     text : str or callable
-        Words for the numbers: a format such as "a spring of {:.3g} N m/rad", or a function of an array of k numbers.
+        Words for the numbers: a format such as "a spring of {:.3g} N m/rad", or a function of an array of k numbers. Of
+        a family, by "each" or `masks`, a function of its numbers, of the joint's index and of that of the mask.
     joints : tuple of str
         Joints concerned.
-    at : float
-        Place of the hypothesis among others of its kind, see `Cause.at`.
-    alternatives : float
-        How many hypotheses, such as times of a contact, this one is chosen from.
-    numbers : {"all", "few", "switches"}
-        For `rne.compare_models`: all numbers are fitted, or only those that are not zero, or each is 0 or 1.
+    at : float or ndarray
+        Place of the hypothesis among others of its kind, see `Cause.at`; of each joint in a family.
+    alternatives : float or ndarray
+        How many hypotheses, such as times of a contact, this one is chosen from; of each joint in a family.
+    numbers : {"all", "few", "switches", "each"}
+        All numbers are fitted; for `rne.compare_models` also only those that are not zero, or each is 0 or 1. "each" is
+        a family, of which `rne.identify` tries k / len(joints) numbers of each joint alone, `rne.compare_models` few.
+    masks : ndarray of bool, shape (M, rows), optional
+        Rows of the equations in which the columns act: a family, of which that with the best mask is judged.
 
     Examples
     --------
@@ -159,16 +174,19 @@ class Hypothesis:
 
     kind: str
     columns: Torques | Array
-    text: str | Callable[[Array], str]
+    text: str | Callable[..., str]
     joints: tuple[str, ...] = ()
-    at: float = float("nan")
-    alternatives: float = 1.0
-    numbers: Literal["all", "few", "switches"] = "all"
+    at: float | Array = float("nan")
+    alternatives: float | Array = 1.0
+    numbers: Literal["all", "few", "switches", "each"] = "all"
+    masks: Array | None = None
 
 
-def text_of(h: Hypothesis, c: Array) -> str:
-    """The text of a hypothesis with these numbers."""
-    return h.text.format(*c) if isinstance(h.text, str) else h.text(c)
+def text_of(h: Hypothesis, c: Array, j: int = 0, m: int = 0) -> str:
+    """The text of a hypothesis with these numbers, in a family of joint j and mask m."""
+    if isinstance(h.text, str):
+        return h.text.format(*c)
+    return h.text(c) if h.numbers != "each" and h.masks is None else h.text(c, j, m)
 
 
 def columns_of(rest: Discrepancy, h: Hypothesis) -> Array:
@@ -189,14 +207,48 @@ def columns_of(rest: Discrepancy, h: Hypothesis) -> Array:
     return rest.sampled(checked)
 
 
-def judge(rest: Discrepancy, h: Hypothesis, columns: Array, *, by_rank: bool = False) -> Cause:
-    """The cause with its score, by all of its numbers, or `by_rank` by those that are independent of what is known."""
-    c, error, left, rank = rest.with_columns(columns)
-    size = (float(c[0]), float(error[0])) if len(c) == 1 else (float("nan"), float("nan"))
-    kind = "pre-sliding friction" if h.kind == STRIBECK and c[0] < 0 else h.kind
-    kind = "torque sign" if kind == GAIN and c[0] < -1 else kind
-    score = rest.gain(rest.by_joint(left)) - rest.penalty(rank if by_rank else len(c)) - float(np.log(h.alternatives))
-    return Cause(kind, h.joints, text_of(h, c), score, *size, h.at)
+def judged(
+    rest: Discrepancy, h: Hypothesis, least: float = -np.inf, *, by_rank: bool = False
+) -> Iterator[tuple[Cause, Array, Array]]:
+    """Causes of a score above the least, their columns and coefficients: of a family each joint's, with its best mask.
+
+    A score takes all numbers into account, or `by_rank` those that are independent of what is known.
+    """
+    columns, masks = columns_of(rest, h), [None] if h.masks is None else h.masks
+    groups = np.split(columns, len(h.joints), axis=-1) if h.numbers == "each" else [columns]
+    at, alternatives = (np.broadcast_to(x, len(groups)).tolist() for x in (h.at, h.alternatives))
+    for j, group in enumerate(groups):
+        whole, best, score = rest.weighted(group), -1, least
+        for m, mask in enumerate(masks):
+            fit = rest.with_numbers(whole if mask is None else whole * mask[rest.row, None], h.numbers)
+            numbers = fit[3] if by_rank else group.shape[-1]
+            tried = rest.gain(rest.by_joint(fit[2])) - rest.penalty(numbers) - float(np.log(alternatives[j]))
+            if h.numbers == "few":
+                tried -= float(np.log(comb(group.shape[-1], np.count_nonzero(fit[0]))))
+            if tried > score:
+                best, score, (c, error, *_), spent = m, tried, fit, numbers
+        if best >= 0:
+            joints, mask = h.joints[j : j + 1] if h.numbers == "each" else h.joints, masks[best]
+            size = (float(c[0]), float(error[0])) if len(c) == 1 else (float("nan"), float("nan"))
+            cause = Cause(kind_of(h, c), joints, text_of(h, c, j, best), score, *size, at[j], numbers=spent)
+            yield cause, group if mask is None else group * mask[:, None, None], c
+
+
+def kind_of(h: Hypothesis, c: Array) -> str:
+    """The kind of a hypothesis with these numbers."""
+    if h.kind == STRIBECK and c[0] < 0:
+        return "pre-sliding friction"
+    return "torque sign" if h.kind == GAIN and h.numbers != "few" and c[0] < -1 else h.kind
+
+
+def alone(rest: Discrepancy, h: Hypothesis) -> Iterator[Hypothesis]:
+    """The hypotheses of each joint of a family, or what is none."""
+    if h.numbers != "each":
+        yield h
+        return
+    for j, columns in enumerate(np.split(columns_of(rest, h), len(h.joints), axis=-1)):
+        text = partial(lambda c, j: text_of(h, c, j), j=j)
+        yield Hypothesis(h.kind, columns, text, h.joints[j : j + 1])
 
 
 def hypotheses_argument(given: Any) -> tuple[Hypothesis, ...]:
@@ -206,31 +258,24 @@ def hypotheses_argument(given: Any) -> tuple[Hypothesis, ...]:
     return tuple(given)
 
 
-class LinearCauses(NamedTuple):
-    """Causes whose torques are linear in their numbers, as `linear_causes` finds them."""
-
-    tried: int
-    evident: list[tuple[Cause, Trial | None]]
-    leading: Array | None  # columns of the best one, but for delays and friction of gears
-
-
 def linear_causes(rest: FitResiduals, hypotheses: Sequence[Hypothesis] | None) -> LinearCauses:
-    """Evident causes; without `hypotheses`, only the friction of gears is looked for."""
-    found: list[tuple[Cause, Trial | None]] = []
-    best_score, leading, linear = thresholds.EVIDENT, None, [(rest, h) for h in friction(rest)]
+    """Evident causes, and how many were tried; without `hypotheses`, only the friction of gears is looked for."""
+    linear = [(rest, h) for h in friction(rest)]
     if hypotheses is not None:
         beyond = rest.beyond_friction
         kinds = (delays, other_gravity, joints, coupling_ratios, changing, payloads, contacts)
         linear += [(rest, h) for h in declined_drives(rest)] + [(beyond, h) for h in hypotheses]
         linear += [(beyond, h) for kind in kinds for h in kind(beyond)]
-    for left, h in linear:
-        columns = columns_of(left, h)
-        cause = judge(left, h, columns)
-        if cause.score > thresholds.EVIDENT:
-            found.append((cause, partial(of_columns, columns, h.kind in EVENTS)))
-            if cause.kind not in GEARS and cause.score > best_score and h.kind != "delay":
-                best_score, leading = cause.score, columns
-    return LinearCauses(len(linear), found, leading)
+    found = [(h, *x) for left, h in linear for x in judged(left, h, thresholds.EVIDENT)]
+    return len(linear), [
+        (cause, columns, partial(of_columns, columns, h.kind in EVENTS)) for h, cause, columns, _ in found
+    ]
+
+
+def leading_columns(linear: LinearCauses) -> Array | None:
+    """Columns of the best cause, but for delays and friction of gears; None if there is none."""
+    others = [x for x in linear[1] if x[0].kind not in (*GEARS, "delay")]
+    return max(others, key=lambda x: x[0].score)[1] if others else None
 
 
 def likely_causes(
@@ -241,8 +286,8 @@ def likely_causes(
     The likeliest first; causes that explain what friction cannot come before friction of gears. Without `hypotheses`,
     only that is looked for; `linear` causes may be known.
     """
-    tried_linear, evident, _ = linear_causes(rest, hypotheses) if linear is None else linear
-    found = list(evident)
+    tried_linear, evident = linear_causes(rest, hypotheses) if linear is None else linear
+    found: list[tuple[Cause, Trial | None]] = [(cause, trial) for cause, _, trial in evident]
     if hypotheses is not None:
         conventions = other_conventions(rest, rest.beyond_friction)
         found += [*torque_scale(rest), *powered(rest), *gravity_directions(rest), *conventions]
@@ -301,7 +346,11 @@ def held_out_ratio(shares: tuple[Array, ...]) -> tuple[Array, Array]:
 
 def delays_of(rest: FitResiduals) -> list[Cause]:
     """Delays of records and joints that the residuals show, whatever else they show, with their sizes together."""
-    names, options, left = rest.names, [(h.joints, columns_of(rest, h)) for h in delays(rest)], rest
+    names, options, left = (
+        rest.names,
+        [(h.joints, columns_of(rest, h)) for x in delays(rest) for h in alone(rest, x)],
+        rest,
+    )
     chosen: list[tuple[tuple[str, ...], Array]] = []
     while options:
         fits = [left.with_columns(columns) for _, columns in options]
@@ -373,20 +422,35 @@ def merged_text(texts: Sequence[str]) -> str:
 # Words
 
 
-def words(text: str, *parts: Any, scale: float = 1.0, start: float = 0.0) -> Callable[[Array], str]:
-    """A text of the first coefficient, which takes the second place."""
-    return lambda c: text.format(parts[0], start + scale * c[0], *parts[1:])
+def of_each(
+    rest: Discrepancy,
+    text: str,
+    *,
+    scale: float = 1.0,
+    start: float = 0.0,
+    signs: tuple[str, ...] = (),
+    times: Sequence[str] = ("",),
+) -> Callable[[Array, int, int], str]:
+    """A text of the first number of joint j from time m on; with words for both signs, of its size."""
 
+    def told(c: Array, j: int, m: int) -> str:
+        size, (unit, torque) = start + scale * float(c[0]), units(rest.robot, j)
+        sign = signs[size <= 0] if signs else ""
+        size = abs(size) if signs else size
+        return text.format(joint=rest.names[j], size=size, sign=sign, unit=unit, torque=torque, time=times[m])
 
-def signed(text: str, above: str, below: str, *parts: Any, scale: float = 1.0) -> Callable[[Array], str]:
-    """A text of the size of the first coefficient in the second place, with a word for its sign in the third."""
-    return lambda c: text.format(parts[0], abs(scale * c[0]), above if c[0] > 0 else below, *parts[1:])
+    return told
 
 
 def delay_text(joints: tuple[str, ...]) -> Callable[[Array], str]:
     """Words for a delay, of all joints or of some."""
     whose = f" of {listed(joints)}" if joints else ""
-    return signed("torques{} are measured {:.3g} ms {} than positions", "later", "earlier", whose, scale=1000)
+
+    def told(c: Array) -> str:
+        sign = "later" if c[0] > 0 else "earlier"
+        return f"torques{whose} are measured {abs(1000 * c[0]):.3g} ms {sign} than positions"
+
+    return told
 
 
 def size_text(factor: float) -> str:
@@ -415,20 +479,16 @@ def units(robot: Robot, j: int) -> tuple[str, str]:
 
 
 def of_joints(rest: Discrepancy, kinds: Iterable[str]) -> Iterator[Hypothesis]:
-    """Torques of single joints, of some kinds."""
+    """Torques of single joints, a family of each kind."""
     for kind, (text, torques, scale) in ((kind, OF_JOINTS[kind]) for kind in kinds):
         columns = rest.of_each_joint(torques)
-        for j, name in enumerate(rest.names):
-            numbers = words(text, name, *units(rest.robot, j), scale=scale)
-            yield Hypothesis(kind, columns[..., [j]], numbers, (name,))
+        yield Hypothesis(kind, columns, of_each(rest, text, scale=scale), rest.names, numbers="each")
 
 
-def factors(rest: Discrepancy, torques: Array) -> Iterator[Hypothesis]:
+def factors(rest: Discrepancy, torques: Array) -> Hypothesis:
     """Torques of single joints that are multiples of those of the model, shape (rows, n)."""
-    columns = by_joint(torques[..., None])
-    for j, name in enumerate(rest.names):
-        text = words("the torque of {} is measured {:.4g} times", name, start=1)
-        yield Hypothesis(GAIN, columns[..., [j]], text, (name,))
+    text = of_each(rest, "the torque of {joint} is measured {size:.4g} times", start=1)
+    return Hypothesis(GAIN, by_joint(torques[..., None]), text, rest.names, numbers="each")
 
 
 def gravity_columns(rest: Discrepancy, *bodies: Array) -> Array:
@@ -449,7 +509,9 @@ def zero_columns(rest: Discrepancy, zero: Array | float = 0.0) -> Array:
 
 def slope(function: Callable[[float], Array]) -> Array:
     """Derivative at zero by central differences."""
-    return np.asarray((function(DIFFERENCE) - function(-DIFFERENCE)) / (2 * DIFFERENCE))
+    return np.asarray(
+        (function(thresholds.DIFFERENCE) - function(-thresholds.DIFFERENCE)) / (2 * thresholds.DIFFERENCE)
+    )
 
 
 # Kinds that measurements alone have
@@ -458,10 +520,10 @@ def slope(function: Callable[[float], Array]) -> Array:
 def declined_drives(rest: FitResiduals) -> Iterator[Hypothesis]:
     """Rotors, friction and offsets that are not fitted, of single joints and of all."""
     for kind in (kind for symbol, kind in DRIVES.items() if symbol not in rest.standard.terms):
-        found = list(of_joints(rest, [kind]))
-        columns = np.concatenate([columns_of(rest, h) for h in found], axis=-1)
-        text = OF_JOINTS[kind][0].replace("drive of {} has", "drives have").replace(" of {:.3g}", "")
-        yield from (*found, Hypothesis(kind, columns, text, rest.names))
+        (each,) = of_joints(rest, [kind])
+        text = OF_JOINTS[kind][0].replace("drive of {joint} has", "drives have").replace(" of {size:.3g}", "")
+        yield each
+        yield Hypothesis(kind, each.columns, text, rest.names)
 
 
 def other_gravity(rest: FitResiduals) -> Iterator[Hypothesis]:
@@ -485,23 +547,23 @@ def delays(rest: FitResiduals) -> Iterator[Hypothesis]:
     late, names = rest.delay_column, rest.names
     of_records = [late * (rest.record == k)[:, None, None] for k in range(len(rest.records))]
     yield Hypothesis("delay", np.concatenate(of_records, axis=-1), delay_text(()), names)
-    for name, unit in zip(names, np.eye(len(names)), strict=True) if len(names) > 1 else ():
-        yield Hypothesis("delay", late * unit[:, None], delay_text((name,)), (name,))
+    if len(names) > 1:
+        yield Hypothesis("delay", by_joint(late), lambda c, j, m: delay_text((names[j],))(c), names, numbers="each")
 
 
 def joints(rest: FitResiduals) -> Iterator[Hypothesis]:
     """Zeros, also from some time on, gear ratios, springs and gains of torques."""
-    zeros, ratios, times = zero_columns(rest), ratio_columns(rest), list(starts(rest))
-    for j, name in enumerate(rest.names):
-        zero = words("the zero of {} is off by {:.3g} {}", name, units(rest.robot, j)[0])
-        yield Hypothesis("joint zero", zeros[..., [j]], zero, (name,))
-        for time, on in times:
-            text = words("the encoder of {} slips by {:.3g} {} near {}", name, units(rest.robot, j)[0], time)
-            yield Hypothesis("encoder slip", zeros[..., [j]] * on, text, (name,), alternatives=thresholds.PLACES)
-        ratio = signed("the gear ratio given for {} is {:.3g} % too {}", "large", "small", name, scale=100)
-        yield Hypothesis("gear ratio", ratios[..., [j]], ratio, (name,))
+    zeros, (times, masks) = zero_columns(rest), starts(rest)
+    zero = of_each(rest, "the zero of {joint} is off by {size:.3g} {unit}")
+    slip = of_each(rest, "the encoder of {joint} slips by {size:.3g} {unit} near {time}", times=times)
+    given = "the gear ratio given for {joint} is {size:.3g} % too {sign}"
+    ratio = of_each(rest, given, scale=100, signs=("large", "small"))
+    each = partial(Hypothesis, joints=rest.names, numbers="each")
+    yield each("joint zero", zeros, zero)
+    yield each("encoder slip", zeros, slip, alternatives=thresholds.PLACES, masks=masks)
+    yield each("gear ratio", ratio_columns(rest), ratio)
     yield from of_joints(rest, ["spring"])
-    yield from factors(rest, rest.Y @ rest.x)
+    yield factors(rest, rest.Y @ rest.x)
 
 
 def ratio_columns(rest: FitResiduals) -> Array:
@@ -533,27 +595,22 @@ def coupling_ratios(rest: FitResiduals) -> Iterator[Hypothesis]:
 def changing(rest: FitResiduals) -> Iterator[Hypothesis]:
     """Friction that changes during the log; torques whose zero drifts."""
     ramp = progress(rest) - progress(rest).mean()
-    courses = (ramp, ramp**2)
-    terms = [rest.of_each_joint(OF_JOINTS[kind][1]) for kind in ("viscous friction", "Coulomb friction")]
-    for j, name in enumerate(rest.names):
-        columns = np.concatenate([term[..., [j]] * course for term in terms for course in courses], axis=-1)
-        yield Hypothesis("friction changed", columns, words("friction of {} changes during the log", name), (name,))
-        drift = np.eye(len(rest.names))[j][:, None] * ramp
-        yield Hypothesis("offset drifts", drift, words("the zero of the torque of {} drifts", name), (name,))
+    terms = [rest.sampled(OF_JOINTS[kind][1])[..., None] for kind in ("viscous friction", "Coulomb friction")]
+    courses = [term * course for term in terms for course in (ramp, ramp**2)]
+    each = partial(Hypothesis, joints=rest.names, numbers="each")
+    friction = of_each(rest, "friction of {joint} changes during the log")
+    yield each("friction changed", by_joint(np.concatenate(courses, axis=-1)), friction)
+    drift = of_each(rest, "the zero of the torque of {joint} drifts")
+    yield each("offset drifts", by_joint(ramp + np.zeros((*rest.tau.shape, 1))), drift)
 
 
 def friction(rest: FitResiduals) -> Iterator[Hypothesis]:
     """Friction that changes with speed or with the load."""
     yield from of_joints(rest, ["friction by direction"])
-    loads = by_joint(rest.curves[..., :1])
-    for j, name in enumerate(rest.names):
-        text = words("friction of {} changes by {:.3g} % of its load", name, scale=100)
-        yield Hypothesis("friction under load", loads[..., [j]], text, (name,))
+    load = of_each(rest, "friction of {joint} changes by {size:.3g} % of its load", scale=100)
+    yield Hypothesis("friction under load", by_joint(rest.curves[..., :1]), load, rest.names, numbers="each")
     for share in thresholds.STRIBECK_SPEEDS:
-        vs = share * rest.fastest
-        columns = stribeck_columns(rest, np.maximum(vs, thresholds.TINY))
-        for j in np.flatnonzero(vs).tolist():
-            yield stribeck(rest, j, float(vs[j]), columns)
+        yield stribeck(rest, np.flatnonzero(rest.fastest).tolist(), share * rest.fastest)
 
 
 def stribeck_columns(rest: FitResiduals, vs: Array | float) -> Array:
@@ -561,12 +618,18 @@ def stribeck_columns(rest: FitResiduals, vs: Array | float) -> Array:
     return rest.of_each_joint(lambda q, qd, qdd: np.sign(qd) * np.exp(-np.abs(qd) / vs))
 
 
-def stribeck(rest: FitResiduals, j: int, vs: float, columns: Array) -> Hypothesis:
-    """The Stribeck effect of a joint, of one velocity vs, among the columns of all."""
-    name, (unit, torque) = rest.names[j], units(rest.robot, j)
-    size = "friction of {0} is {1:.3g} {3} {2} at rest than above {4:.2g} {5}/s"
-    text = signed(size, "more", "less", name, torque, 2 * vs, unit)
-    return Hypothesis(STRIBECK, columns[..., [j]], text, (name,), vs, len(thresholds.STRIBECK_SPEEDS))
+def stribeck(rest: FitResiduals, joints: Sequence[int], vs: Array) -> Hypothesis:
+    """The Stribeck effect of some joints, of these velocities of all, shape (n,)."""
+    columns = stribeck_columns(rest, np.maximum(vs, thresholds.TINY))[..., joints]
+
+    def text(c: Array, k: int, m: int) -> str:
+        j, sign = joints[k], "more" if c[0] > 0 else "less"
+        unit, torque = units(rest.robot, j)
+        size = f"{abs(c[0]):.3g} {torque} {sign} at rest than above {2 * vs[j]:.2g} {unit}/s"
+        return f"friction of {rest.names[j]} is {size}"
+
+    names, many = tuple(rest.names[j] for j in joints), len(thresholds.STRIBECK_SPEEDS)
+    return Hypothesis(STRIBECK, columns, text, names, vs[joints], many, numbers="each")
 
 
 def refine(rest: FitResiduals, cause: Cause) -> Cause:
@@ -576,11 +639,10 @@ def refine(rest: FitResiduals, cause: Cause) -> Cause:
     j, middle = rest.names.index(cause.joints[0]), np.log(cause.at)
 
     def at(log: float) -> Cause:
-        vs = float(np.exp(log))
-        columns = stribeck_columns(rest, vs)
-        return judge(rest, stribeck(rest, j, vs, columns), columns[..., [j]])
+        ((found, *_),) = judged(rest, stribeck(rest, [j], np.full(rest.robot.n, np.exp(log))))
+        return found
 
-    bounds, options = (middle - 1, middle + 1), {"maxiter": 15}
+    bounds, options = (middle - 1, middle + 1), {"maxiter": thresholds.STRIBECK_STEPS}
     return at(minimize_scalar(lambda log: -at(log).score, bounds=bounds, method="bounded", options=options).x)
 
 
@@ -612,44 +674,47 @@ def time_text(rest: FitResiduals, place: float) -> str:
     return f"{seconds(t[k])} s{name}"
 
 
-def starts(rest: FitResiduals) -> Iterator[tuple[str, Array]]:
-    """Times at which something may begin, in words, and the rows from then on, shape (rows, 1, 1)."""
-    place = progress(rest)
-    for start in np.quantile(place, np.linspace(0, 1, thresholds.PLACES + 2)[1:-1]):
-        yield time_text(rest, start), place >= start
+def starts(rest: FitResiduals) -> tuple[list[str], Array]:
+    """Times at which something may begin, in words, and the rows from then on, shape (times, rows)."""
+    place = progress(rest).ravel()
+    edges = np.quantile(place, np.linspace(0, 1, thresholds.PLACES + 2)[1:-1])
+    return [time_text(rest, start) for start in edges], place >= edges[:, None]
 
 
 def payloads(rest: FitResiduals) -> Iterator[Hypothesis]:
     """Another last body from some time on; another of the others, if much is left."""
-    names, nb, times = rest.robot.model.moving_joints, rest.robot.model.nb, list(starts(rest))
-    for i in range(nb) if rest.share > thresholds.SEEN else (nb - 1,):
-        body = rest.Y[..., PARAMETERS * i : PARAMETERS * (i + 1)]
-        text = "the payload changes by {1:.3g} kg near {0}"
+    names, nb, (times, masks) = rest.robot.model.moving_joints, rest.robot.model.nb, starts(rest)
+    first = 0 if rest.share > thresholds.SEEN else nb - 1
+    bodies = rest.Y[..., PARAMETERS * first : PARAMETERS * nb]
+
+    def text(c: Array, k: int, m: int) -> str:
+        body = bodies[..., PARAMETERS * k : PARAMETERS * (k + 1)]
         mass, most = (float(np.abs(x).max(initial=0.0)) for x in (body[..., 0], body))
-        if i < nb - 1 or mass <= thresholds.NOTHING * most:  # whose mass alone need not be felt
-            text = f"the load on the link behind {names[i]} changes near {{0}}"
-        many = thresholds.PLACES * (nb - i)
-        for time, on in times:
-            yield Hypothesis(LOAD, body * on, words(text, time), names[i : i + 1], alternatives=many)
+        if first + k < nb - 1 or mass <= thresholds.NOTHING * most:  # whose mass alone need not be felt
+            return f"the load on the link behind {names[first + k]} changes near {times[m]}"
+        return f"the payload changes by {c[0]:.3g} kg near {times[m]}"
+
+    many = thresholds.PLACES * np.arange(nb - first, 0, -1)
+    yield Hypothesis(LOAD, bodies, text, names[first:nb], alternatives=many, numbers="each", masks=masks)
 
 
 def contacts(rest: FitResiduals) -> Iterator[Hypothesis]:
     """A force on the last link for a while."""
-    model, place = rest.robot.model, progress(rest)
+    model, place, count = rest.robot.model, progress(rest).ravel(), 2 * thresholds.PLACES
     link = [name for name, k in zip(model.link_names, model.link_body, strict=True) if k == model.nb - 1][-1]
     force = rest.sampled(lambda q, qd, qdd: np.swapaxes(rest.robot.jacobian(q, link)[..., 3:, :], -1, -2))
-    count = 2 * thresholds.PLACES
     edges = np.quantile(place, np.linspace(0, 1, count + 1))
-    times = [time_text(rest, edge) for edge in edges]
-    for a, width in ((a, w) for a in range(count) for w in thresholds.WIDTHS if a + w <= count):
-        begin, end = a, a + width
+    spans = [(a, a + width) for a in range(count) for width in thresholds.WIDTHS if a + width <= count]
 
-        def text(c: Array, begin: int = begin, end: int = end) -> str:
-            newtons = float(np.linalg.norm(c))
-            return f"something pushes {link} with {newtons:.3g} N from {times[begin]} to {times[end]}"
+    def text(c: Array, j: int, m: int) -> str:
+        begin, end = (time_text(rest, edges[k]) for k in spans[m])
+        return f"something pushes {link} with {float(np.linalg.norm(c)):.3g} N from {begin} to {end}"
 
-        on, many = (place >= edges[begin]) & (place <= edges[end]), count * len(thresholds.WIDTHS)
-        yield Hypothesis("contact", force * on, text, rest.names[-1:], alternatives=many)
+    masks, many = (
+        np.array([(edges[a] <= place) & (place <= edges[b]) for a, b in spans]),
+        count * len(thresholds.WIDTHS),
+    )
+    yield Hypothesis("contact", force, text, rest.names[-1:], alternatives=many, masks=masks)
 
 
 # Changes between records without and with a load
@@ -663,33 +728,34 @@ def changes_with_load(rest: FitResiduals, known: Array, loaded: Array, body: int
     together leave them.
     """
     speeds = rest.of_each_joint(lambda q, qd, qdd: qd), rest.of_each_joint(lambda q, qd, qdd: np.sign(qd))
-    options = [(h, columns_of(rest, h) * loaded) for h in hypotheses_with_load(rest, body)]
+    options = [replace(h, columns=columns_of(rest, h) * loaded) for h in hypotheses_with_load(rest, body)]
     own = np.concatenate([known, *(speed * loaded for speed in speeds)], axis=-1)
     values, found = np.zeros(rest.tau.shape), []
-    values[rest.used] = rest.with_columns(np.concatenate([own, *(columns for _, columns in options)], axis=-1))[2]
+    values[rest.used] = rest.with_columns(np.concatenate([own, *(columns_of(rest, h) for h in options)], axis=-1))[2]
     time = rest.data.correlation_time(values, rest.used)
     left = FitResiduals(rest.robot, rest.base, rest.data, rest.beta, rest.sigma, time, own)
     while options:
-        causes = [judge(left, h, columns, by_rank=True) for h, columns in options]  # bodies share some numbers
-        k = int(np.argmax([cause.score for cause in causes]))
-        if causes[k].score <= thresholds.EVIDENT:
+        tried = [next(judged(left, h, by_rank=True)) for h in options]  # bodies share some numbers
+        k = int(np.argmax([cause.score for cause, *_ in tried]))
+        cause, columns, _ = tried[k]
+        if cause.score <= thresholds.EVIDENT:
             break
-        columns = options.pop(k)[1]
+        del options[k]
         if matters(*held_out_ratio(of_columns(columns, False, left))):
-            found.append(causes[k])
+            found.append(cause)
         left = left.with_known(columns)
     return found
 
 
 def hypotheses_with_load(rest: FitResiduals, body: int) -> Iterator[Hypothesis]:
     """Gravity, zeros, factors and offsets of torques, and bodies other than that of the load."""
-    found = [h for h in joints(rest) if h.kind in (GAIN, "joint zero")]
+    families = [h for h in joints(rest) if h.kind in (GAIN, "joint zero")]
     tilts = [h for h in other_gravity(rest) if h.kind == DIRECTION]
-    found += [replace(h, columns=columns_of(rest, h)[..., :2]) for h in tilts]  # without other bodies
+    offset = of_each(rest, "the torque of {joint} is {size:.3g} {torque} larger")
     ones = by_joint(np.ones((*rest.tau.shape, 1)))
-    for j, name in enumerate(rest.names):
-        offset = words("the torque of {} is {:.3g} {} larger", name, units(rest.robot, j)[1])
-        found.append(Hypothesis("offset", ones[..., [j]], offset, (name,)))
+    families.append(Hypothesis("offset", ones, offset, rest.names, numbers="each"))
+    found = [replace(h, columns=columns_of(rest, h)[..., :2]) for h in tilts]  # without other bodies
+    found += [h for family in families for h in alone(rest, family)]
     for h in found:
 
         def text(c: Array, h: Hypothesis = h) -> str:
@@ -705,13 +771,6 @@ def hypotheses_with_load(rest: FitResiduals, body: int) -> Iterator[Hypothesis]:
 
 
 # Changes that are fitted again
-
-
-def interchanged(n: int, i: int, j: int) -> Array:
-    """The order of joints in which two are interchanged."""
-    order = np.arange(n)
-    order[[i, j]] = j, i
-    return order
 
 
 def friction_power(rest: FitResiduals) -> tuple[Array, Array]:
@@ -748,27 +807,11 @@ def other_conventions(rest: FitResiduals, beyond: FitResiduals) -> Iterator[tupl
 
     Joints are J q, and their torques T tau.
     """
-    names, n, unit, changes = rest.names, rest.robot.n, np.eye(rest.robot.n), []
-    for j in np.flatnonzero(~dissipates(rest)).tolist():
-        text = f"the torque of {names[j]} has the wrong sign"
-        changes.append(("torque sign", names[j : j + 1], text, unit, unit - 2 * np.diag(unit[j])))
-    pairs = list(combinations(np.flatnonzero(rest.counts).tolist(), 2))
-    for i, j in pairs:
-        text = f"the torques of {names[i]} and {names[j]} are interchanged"
-        changes.append(("torque order", (names[i], names[j]), text, unit, unit[interchanged(n, i, j)]))
-    odd = odd_joints(rest)
-    is_odd = len(odd) > 0
-    for i, j in pairs * is_odd:
-        text, J = f"{names[i]} and {names[j]} are interchanged", unit[interchanged(n, i, j)]
-        changes.append(("joint order", (names[i], names[j]), text, J, J))
-    for j in range(n * is_odd):
-        J = unit - 2 * np.diag(unit[j])
-        changes.append(("joint sign", names[j : j + 1], f"{names[j]} turns the other way", J, J))
-    turns = rest.robot.model.is_revolute[list(rest.robot.model.independent_joints)]
-    if is_odd and max(np.ptp(record.q[:, turns], axis=0).max(initial=0) for record in rest.records) > 1:
-        J = np.diag(np.where(turns, np.pi / 180, 1.0))
-        changes.append(("degrees", names, "positions are in degrees", J, unit))
-    left = beyond.coarse
+    names, turns, unit, left = rest.names, turning(rest.robot), np.eye(rest.robot.n), beyond.coarse
+    odd, moved = odd_joints(rest), max(np.ptp(record.q[:, turns], axis=0).max(initial=0) for record in rest.records)
+    kinds = ["torque sign", "torque order", *["joint order", "axis flipped"] * bool(odd)]
+    kinds += ["angle unit"] * bool(odd and moved > 1)
+    allowed = {"torque sign": ~dissipates(rest), "torque order": rest.counts > 0, "joint order": rest.counts > 0}
 
     def squares(J: Array, T: Array) -> Array:
         tau = rest.tau @ T.T
@@ -780,8 +823,13 @@ def other_conventions(rest: FitResiduals, beyond: FitResiduals) -> Iterator[tupl
         least = left.torques * (thresholds.ODD**2 if (unit != J).any() else 0)  # as of `of_convention`
         return left.gain(np.maximum(squares(J, T), least), np.maximum(before, least))
 
-    for kind, which, text, J, T in changes:
-        yield Cause(kind, which, text, gain(J, T)), partial(of_convention, J, T)
+    for x in conventions(rest.robot, kinds, alone=True):
+        J, T = x.matrices(turns)
+        which = np.flatnonzero((unit != J).any(1) | (unit != T).any(1)).tolist()
+        if allowed.get(x.kind, rest.counts >= 0)[which].all() and (score := gain(J, T)) > thresholds.EVIDENT:
+            kind, text = IN_LOGS[x.kind]
+            concerned = names if x.kind == "angle unit" else tuple(names[j] for j in which)
+            yield Cause(kind, concerned, text.format(*concerned), score), partial(of_convention, J, T)
     for j in [j for j in odd if j][: thresholds.TURNED_ALONG]:
         yield from couplings(rest, j, gain)
 
@@ -810,8 +858,7 @@ def couplings(rest: FitResiduals, j: int, gain: Callable[[Array, Array], float])
         return gain(unit - k * step, unit + k * of_torques * step.T)
 
     def nearest(start: float, of_torques: bool) -> float:
-        options = {"bounds": (0.5, 2.0), "method": "bounded", "options": {"maxiter": 10, "xatol": 0.01}}
-        return float(start * minimize_scalar(lambda x: -fitted(x * start, of_torques), **options).x)
+        return float(start * minimize_scalar(lambda x: -fitted(x * start, of_torques), **thresholds.COUPLING_SEARCH).x)
 
     start = max((sign * k for sign in (1, -1) for k in thresholds.COUPLINGS), key=lambda k: fitted(k, False))
     k = nearest(start, False)
@@ -843,83 +890,115 @@ def torque_scale(rest: FitResiduals) -> Iterator[tuple[Cause, None]]:
     Without what drives can explain: rotors and friction, and offsets, as the weight of an arm that hardly moves. The
     torques of single joints also with offsets, those of all joints as fitted.
     """
-    bodies, names, drives = len(rest.bodies), rest.names, rest.Y[..., len(rest.bodies) :]
-    is_offset = np.array([name.startswith("tau0") for name in rest.standard.names[bodies:]], bool)
-    moved = [rest.of_each_joint(OF_JOINTS[kind][1]) for kind in ("rotor", "viscous friction", "Coulomb friction")]
-    own = (rest.Y[..., :bodies] @ x[:bodies] for x in (rest.x, rest.standard.values))
-    torques = [rest.weighted(x) for x in (rest.tau, *own)]
-    with_offsets = orthonormal(rest.weighted(np.concatenate([*moved, drives[..., ~is_offset]], axis=-1)))
-    ways, parts = [], []
-    for Q in (with_offsets, extended(with_offsets, rest.weighted(drives[..., is_offset]))):
-        parts.append([x - Q @ (Q.T @ x) for x in torques])
-        tau, _, given = parts[-1]
-        both, squares, measured = (rest.by_joint(*x) for x in ((tau, given), (given, given), (tau, tau)))
-        each = both / np.maximum(squares, thresholds.TINY)
-        ways.append((each, each * np.abs(both) / np.maximum(measured, thresholds.TINY)))  # factors, squared cosines
-    (_, found, given), (factors, cosines) = parts[1], np.where(ways[1][1] > thresholds.ALIKE, *ways[::-1])
+    (factors, cosines), (factor, cosine) = torque_factors(rest)
     alike = cosines > thresholds.ALIKE
     usual = np.median(factors[alike]) if alike.any() else 1.0
     odd = alike & (np.abs(np.log(np.where(alike, factors, usual) / usual)) > thresholds.UNIT)
     certain = float(rest.counts.sum())
     for j in np.flatnonzero(odd).tolist():
         what = f"{factors[j]:.3g} times that of the robot given"
-        text = f"the torque of {names[j]} is {what}: N mm, mA, at the motor, or is a mass given wrong?"
-        yield Cause("torque unit", names[j : j + 1], text, certain, factors[j]), None
-    size = float(given @ given)
-    factor = float(found @ given) / max(size, thresholds.TINY)
-    whole = factor * float(found @ given) / max(float(found @ found), thresholds.TINY)  # squared cosine
-    if odd.any() or size == 0 or whole < thresholds.ALIKE or 1 / thresholds.FACTOR < factor < thresholds.FACTOR:
-        return
+        text = f"the torque of {rest.names[j]} is {what}: N mm, mA, at the motor, or is a mass given wrong?"
+        yield Cause("torque unit", rest.names[j : j + 1], text, certain, factors[j]), None
+    if not odd.any() and cosine >= thresholds.ALIKE and not 1 / thresholds.FACTOR < factor < thresholds.FACTOR:
+        yield scale_of_all(rest, factor), None
+
+
+def torque_factors(rest: FitResiduals) -> tuple[tuple[Array, Array], tuple[float, float]]:
+    """Factors of torques from those of the robot given, with their squared cosines: of each joint, negative
+    where the signs differ, and of all.
+
+    What drives may explain is left out of both; of a single joint with offsets, where it resembles the robot's then.
+    """
+    bodies, drives = len(rest.bodies), rest.Y[..., len(rest.bodies) :]
+    is_offset = np.array([name.startswith("tau0") for name in rest.standard.names[bodies:]], bool)
+    moved = [rest.of_each_joint(OF_JOINTS[kind][1]) for kind in ("rotor", "viscous friction", "Coulomb friction")]
+    torques = [rest.weighted(rest.Y[..., :bodies] @ x[:bodies]) for x in (rest.x, rest.standard.values)]
+    torques.insert(0, rest.weighted(rest.tau))
+    with_offsets = orthonormal(rest.weighted(np.concatenate([*moved, drives[..., ~is_offset]], axis=-1)))
+    without = extended(with_offsets, rest.weighted(drives[..., is_offset]))
+
+    def factor(tau: Array, given: Array, total: Callable[[Array, Array], Any]) -> tuple[Any, Any]:
+        both, size = total(tau, given), np.maximum(total(given, given), thresholds.TINY)
+        return both / size, both * np.abs(both) / size / np.maximum(total(tau, tau), thresholds.TINY)
+
+    (tau, _, given), (least, found, bare) = ([x - Q @ (Q.T @ x) for x in torques] for Q in (with_offsets, without))
+    first, second = factor(tau, given, rest.by_joint), factor(least, bare, rest.by_joint)
+    each = np.where(second[1] > thresholds.ALIKE, second, first)
+    whole, cosine = factor(found, bare, lambda a, b: float(a @ b))
+    return (each[0], each[1]), (float(whole), abs(float(cosine)))
+
+
+def scale_of_all(rest: FitResiduals, factor: float) -> Cause:
+    """Torques that are so many times those of the robot given, in all joints."""
     kind, text = "torque unit", f"torques are {factor:.3g} times those of the robot given: N mm, mA, or at the motors?"
+    certain = float(rest.counts.sum())
     score = certain if rest.share < thresholds.POOR else 2 * thresholds.EVIDENT  # a fit that fails tells of no factor
     if factor < 0:
         kind, text = "torque sign", "the torques of all joints have the wrong sign"
         if friction_power(rest)[0].sum() < 0:  # which tells it too: before all that residuals tell
             score = certain * float(np.log(1 / thresholds.LEAST))
-    yield Cause(kind, names, text, score, factor), None
+    return Cause(kind, rest.names, text, score, factor)
 
 
-def gravity_directions(rest: FitResiduals) -> Iterator[tuple[Cause, Trial]]:
-    """Gravity, a vector of any length, with which the torques are fitted best (Nelder and Mead 1965)."""
-    from scipy.optimize import minimize
+class Gravity:
+    """The fit of torques as a function of gravity, a vector in units of the model's length, at some of the rows."""
 
-    model, size = rest.robot.model, float(np.linalg.norm(rest.robot.model.gravity))
-    if size == 0 or not (rest.share > thresholds.POOR or odd_joints(rest)):
-        return
-    given, coarse = model.gravity / size, rest.coarse
+    def __init__(self, rest: FitResiduals) -> None:
+        model, self.rest, count = rest.robot.model, rest.coarse, len(rest.bodies)
+        size = float(np.linalg.norm(model.gravity))
+        self.given = model.gravity / size
+        pulls = self.rest.near_rows(lambda q, qd, qdd: gravity_torques(model, q, np.eye(count)))
+        self.pulls = size * np.moveaxis(pulls, 2, 0)
+        self.still = rest.Y[..., :count] - np.tensordot(self.given, self.pulls, 1)
+        self.tau, self.drives = self.rest.weighted(rest.tau), self.rest.weighted(rest.Y[..., count:])
 
-    units = np.eye(len(rest.bodies))
-    pulls = size * np.moveaxis(coarse.near_rows(lambda q, qd, qdd: gravity_torques(model, q, units)), 2, 0)
-    still = rest.Y[..., : len(units)] - np.tensordot(given, pulls, 1)
-    b, drives = coarse.weighted(rest.tau), coarse.weighted(rest.Y[..., len(rest.bodies) :])
+    def bodies(self, gravity: Array) -> Array:
+        """Columns of the bodies' parameters, other ones of which are felt, shape (R, 10 nb)."""
+        return self.rest.weighted(self.still + np.tensordot(gravity, self.pulls, 1))
 
-    def bodies(gravity: Array) -> Array:  # which other parameters are felt in
-        return coarse.weighted(still + np.tensordot(gravity, pulls, 1))
-
-    def squares(gravity: Array) -> Array:
-        X = np.concatenate([bodies(gravity), drives], axis=1)
+    def squares(self, gravity: Array) -> Array:
+        """Sum of squares that each joint leaves, shape (n,)."""
+        X = np.concatenate([self.bodies(gravity), self.drives], axis=1)
         lengths = np.linalg.norm(X, axis=0)
         X = X / np.maximum(lengths, thresholds.NOTHING * lengths.max())  # dependent columns, without what is rounding
         whole = X.T @ X + thresholds.DEPENDENT * np.eye(len(lengths))
-        return coarse.by_joint(b - X @ np.linalg.solve(whole, X.T @ b))
+        return self.rest.by_joint(self.tau - X @ np.linalg.solve(whole, X.T @ self.tau))
 
-    def loss(gravity: Array) -> float:  # of those that fit equally well, the nearest to the model's
-        return thresholds.KEPT * float(((gravity - given) ** 2).sum()) - coarse.gain(squares(gravity))
+    def loss(self, gravity: Array) -> float:
+        """Less is likelier; of those that fit equally well, the nearest to the model's."""
+        turned = float(((gravity - self.given) ** 2).sum())
+        return thresholds.KEPT * turned - self.rest.gain(self.squares(gravity))
 
-    def held_out(gravity: Array) -> Array:
-        Q = extended(extended(drives[:, :0], drives), bodies(gravity))
-        return coarse.held_out(Q, b, coarse.blocks)
+    def start(self) -> Array:
+        """The best of the model's gravity, the axes, and sums of both."""
+        axes = [s * e for e in np.eye(3) for s in (1, -1)]
+        return min((x for x in (self.given, *axes, *(self.given + x for x in axes)) if x.any()), key=self.loss)
 
-    starts = [given, *(s * e for e in np.eye(3) for s in (1, -1)), *(given + s * e for e in np.eye(3) for s in (1, -1))]
-    start = min((x for x in starts if x.any()), key=loss)
-    simplex = start + np.vstack([np.zeros(3), thresholds.TILT * np.eye(3)])
-    options = {"maxfev": 100, "xatol": 3e-3, "fatol": 0.3, "initial_simplex": simplex}
-    found = minimize(loss, start, method="Nelder-Mead", options=options).x
+    def best(self) -> Array:
+        """The gravity with which the torques are fitted best (Nelder and Mead 1965)."""
+        from scipy.optimize import minimize
+
+        start = self.start()
+        options = thresholds.GRAVITY_SEARCH | {"initial_simplex": start + thresholds.TILT * np.eye(4, 3, -1)}
+        return np.asarray(minimize(self.loss, start, method="Nelder-Mead", options=options).x)
+
+    def held_out(self, gravity: Array) -> Array:
+        """Validation errors, as of `FitResiduals.held_out`."""
+        Q = extended(orthonormal(self.drives), self.bodies(gravity))
+        return self.rest.held_out(Q, self.tau, self.rest.blocks)
+
+
+def gravity_directions(rest: FitResiduals) -> Iterator[tuple[Cause, Trial]]:
+    """Gravity, a vector of any length, with which the torques are fitted best."""
+    if not rest.robot.model.gravity.any() or not (rest.share > thresholds.POOR or odd_joints(rest)):
+        return
+    fit = Gravity(rest)
+    given, found = fit.given, fit.best()
     length, angle = float(np.linalg.norm(found)), angle_between(found, given)
     kind, text, value = DIRECTION, direction_text(found, given), angle
     if angle <= thresholds.TURNED:
         if abs(length - 1) <= thresholds.SCALED:
             return
         kind, text, value = SIZE, size_text(length), length
-    score = coarse.gain(squares(found), squares(given)) - rest.penalty(3)
-    yield Cause(kind, (), text, score, value), lambda _: (held_out(given), held_out(found))
+    score = fit.rest.gain(fit.squares(found), fit.squares(given)) - rest.penalty(3)
+    yield Cause(kind, (), text, score, value), lambda _: (fit.held_out(given), fit.held_out(found))

@@ -37,7 +37,7 @@ class Discrepancy:
 
     def __init__(self, robot: Robot, sigma: Array, used: Array) -> None:
         self.robot, self.names, self.sigma, self.used = robot, robot.joint_names, sigma, used
-        self.joint = np.nonzero(used)[1]
+        self.row, self.joint = np.nonzero(used)  # of each value
 
     def sampled(self, torques: Torques) -> Array:
         """A function of the motion, shape (T, ...), at the rows, shape (rows, ...)."""
@@ -81,12 +81,12 @@ class Discrepancy:
         """Cost of free numbers (Schwarz 1978)."""
         return 0.5 * numbers * float(np.log(max(self.counts.sum(), 2.0)))
 
-    def with_columns(self, columns: Array, target: Array | None = None) -> tuple[Array, Array, Array, int]:
+    def with_columns(self, X: Array, target: Array | None = None) -> tuple[Array, Array, Array, int]:
         """Coefficients of columns, shape (rows, n, k), their standard errors, the values left, shape (R,), the rank.
 
-        `target`, shape (R,), takes the place of `left`.
+        Columns may be `weighted` already, shape (R, k); `target`, shape (R,), takes the place of `left`.
         """
-        X, b = self.weighted(columns), self.left if target is None else target
+        X, b = X if X.ndim == 2 else self.weighted(X), self.left if target is None else target
         left, (of_joint, of_all) = X - self.Q @ (self.Q.T @ X), self.resolution
         parts, given = (self.of_joint @ x**2 for x in (left, X))  # shape (n, k)
         doubt = np.maximum(of_joint**2 * given, of_all**2 * given.sum(0))
@@ -101,6 +101,10 @@ class Discrepancy:
             c[known] = back @ (U[:, :rank].T @ b) / lengths[known]
             errors[known] = np.linalg.norm(back, axis=1) / lengths[known]
         return c, np.sqrt(self.correlation) * errors, b - left @ c, rank
+
+    def with_numbers(self, X: Array, numbers: str) -> tuple[Array, Array, Array, int]:
+        """The same of those numbers that a hypothesis asks for, see `Hypothesis`: here all of them."""
+        return self.with_columns(X)
 
 
 class FitResiduals(Discrepancy):
@@ -218,7 +222,7 @@ class FitResiduals(Discrepancy):
         b, shape (R,), is predicted by orthonormal columns Q; measured are the torques of all blocks.
         """
         left, whole, unit = np.zeros(len(b)), Q.T @ b, (1 + thresholds.DEPENDENT) * np.eye(Q.shape[1])
-        block, n = blocks[np.nonzero(self.used)[0]], self.robot.n
+        block, n = blocks[self.row], self.robot.n
         for part in (block == k for k in np.unique(block)):
             left[part] = b[part] - Q[part] @ np.linalg.solve(unit - Q[part].T @ Q[part], whole - Q[part].T @ b[part])
         squares = np.bincount(block * n + self.joint, left**2, minlength=n * (int(blocks.max(initial=0)) + 1))

@@ -148,12 +148,17 @@ def certified(base: BaseParameters, data: RegressionData, held_out: Array) -> Co
     all_joints, single_joint = np.sqrt(total / np.maximum(rows - spent, 1) * scale), np.sqrt(squares / freedom * scale)
     conflict = (probability < thresholds.CHANCE / fitted.joints) & (all_joints > thresholds.CONFLICT * single_joint)
     names, energy = base.standard.model.joint_names, energy_balance(base.standard, data, base.back @ x)
-    noise = np.zeros((2, fitted.joints))
-    for record in data.prepared:
-        torque = record.reduce(record.tau) * record.valid
-        noise += [record.valid.sum(0) * torque_noise(record), (torque**2).sum(0)]
-    errors = np.sqrt(noise[0] / np.maximum(noise[1], thresholds.TINY)), held_out, all_joints, single_joint
+    errors = noise_shares(data), held_out, all_joints, single_joint
     return Consistency(names, *errors, F, probability, independent, conflict, energy)
+
+
+def noise_shares(data: RegressionData) -> Array:
+    """Noise of the filtered torques, from their spectra, as a part of |torque|, shape (n,)."""
+    noise, size = 0.0, thresholds.TINY
+    for record in data.prepared:
+        noise = noise + record.valid.sum(0) * torque_noise(record)
+        size = size + ((record.reduce(record.tau) * record.valid) ** 2).sum(0)
+    return np.sqrt(noise / size)
 
 
 def single_joint_fit(equations: Equations) -> tuple[Array, float, int]:
@@ -211,25 +216,28 @@ class EnergyBalance(NamedTuple):
 
 def energy_balance(standard: StandardParameters, data: RegressionData, x: Array) -> EnergyBalance:
     """The balance of measured motions, of standard parameters x."""
+    sums, energies, residuals = np.zeros((4, standard.model.n)), np.zeros(2), data.residuals(x)
+    for record, rows in zip(data.prepared, data.parts, strict=True):
+        velocity = record.reduce(record.qd) * record.valid
+        power, total = residuals[rows] * velocity, record.reduce(record.tau) * velocity
+        sums += [power.sum(0), np.abs(total).sum(0), (power**2).sum(0), (total**2).sum(0)]
+        energies += sum(energies_of_pieces(standard, record, part, x) for part in record.segments)
+    (missing, work), (mean, size, square, whole) = np.sqrt(energies), sums
+    lost, power = mean / np.maximum(size, thresholds.TINY), np.sqrt(square / np.maximum(whole, thresholds.TINY))
+    return EnergyBalance(float(missing / max(work, thresholds.TINY)), lost, power)
+
+
+def energies_of_pieces(standard: StandardParameters, record: Prepared, part: slice, x: Array) -> Array:
+    """Squares of energy that is missing and of work, summed over the pieces of a segment, shape (2,)."""
     from scipy.integrate import cumulative_trapezoid
 
     model, bodies = standard.model, PARAMETERS * standard.model.nb
-    sums, energies = np.zeros((4, model.n)), np.zeros(2)  # squares of energy that is missing and of work, of all pieces
-    residuals = data.residuals(x)
-    for record, rows in zip(data.prepared, data.parts, strict=True):
-        residual, velocity, torque = residuals[rows], record.reduce(record.qd), record.reduce(record.tau)
-        power, total = residual * velocity * record.valid, torque * velocity * record.valid
-        sums += [power.sum(0), np.abs(total).sum(0), (power**2).sum(0), (total**2).sum(0)]
-        for part in record.segments:
-            q, qd, qdd, tau = (y[part] for y in (record.q, record.qd, record.qdd, record.tau))
-            ends = np.unique(np.linspace(0, len(q) - 1, thresholds.ENERGY_PIECES + 1).astype(int))
-            stored = kinetic_energy_regressor(model, q[ends], qd[ends]) + potential_energy_regressor(model, q[ends])
-            load = standard.load(regressor(model, q, qd, qdd), q, qdd, x) if "Fl" in standard.terms else None
-            drives = standard.drive_torques(qd, qdd, x[bodies:], load) + standard.spring_torques(q, x)
-            powers = np.stack([((tau - drives) * qd).sum(-1), np.abs(tau * qd).sum(-1)], axis=1)
-            work = cumulative_trapezoid(powers, dx=1 / record.sample_rate, axis=0, initial=0)[ends]
-            work[:, 0] -= stored @ x[:bodies]
-            energies += (np.diff(work, axis=0) ** 2).sum(0)
-    (missing, work_done), (mean, size, square, whole) = np.sqrt(energies), sums
-    lost, power = mean / np.maximum(size, thresholds.TINY), np.sqrt(square / np.maximum(whole, thresholds.TINY))
-    return EnergyBalance(float(missing / max(work_done, thresholds.TINY)), lost, power)
+    q, qd, qdd, tau = (y[part] for y in (record.q, record.qd, record.qdd, record.tau))
+    ends = np.unique(np.linspace(0, len(q) - 1, thresholds.ENERGY_PIECES + 1).astype(int))
+    stored = kinetic_energy_regressor(model, q[ends], qd[ends]) + potential_energy_regressor(model, q[ends])
+    load = standard.load(regressor(model, q, qd, qdd), q, qdd, x) if "Fl" in standard.terms else None
+    drives = standard.drive_torques(qd, qdd, x[bodies:], load) + standard.spring_torques(q, x)
+    powers = np.stack([((tau - drives) * qd).sum(-1), np.abs(tau * qd).sum(-1)], axis=1)
+    work = cumulative_trapezoid(powers, dx=1 / record.sample_rate, axis=0, initial=0)[ends]
+    work[:, 0] -= stored @ x[:bodies]
+    return np.asarray((np.diff(work, axis=0) ** 2).sum(0))
