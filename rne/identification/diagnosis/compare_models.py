@@ -265,7 +265,7 @@ class Changes:
             masks = [np.ones(k), *np.eye(k), (np.abs(near) < thresholds.NEAR).astype(float)]
             for on in np.unique([on for on in masks if on.any()], axis=0):
                 self.switches.append((h, on))
-                self.alternatives.append(h.alternatives * comb(k, int(on.sum())))
+                self.alternatives.append(float(h.alternatives) * comb(k, int(on.sum())))
                 torques.append(columns[data.chosen] @ on)
         self.values = (np.array(torques) / data.sigma).reshape(len(torques), -1)
 

@@ -214,10 +214,9 @@ def judged(
 
     A score takes all numbers into account, or `by_rank` those that are independent of what is known.
     """
-    columns, masks = columns_of(rest, h), [None] if h.masks is None else h.masks
-    groups = np.split(columns, len(h.joints), axis=-1) if h.numbers == "each" else [columns]
+    groups, masks = members(rest, h), [None] if h.masks is None else h.masks
     at, alternatives = (np.broadcast_to(x, len(groups)).tolist() for x in (h.at, h.alternatives))
-    for j, group in enumerate(groups):
+    for j, (joints, group) in enumerate(groups):
         whole, best, score = rest.weighted(group), -1, least
         for m, mask in enumerate(masks):
             fit = rest.with_numbers(whole if mask is None else whole * mask[rest.row, None], h.numbers)
@@ -228,7 +227,7 @@ def judged(
             if tried > score:
                 best, score, (c, error, *_), spent = m, tried, fit, numbers
         if best >= 0:
-            joints, mask = h.joints[j : j + 1] if h.numbers == "each" else h.joints, masks[best]
+            mask = masks[best]
             size = (float(c[0]), float(error[0])) if len(c) == 1 else (float("nan"), float("nan"))
             cause = Cause(kind_of(h, c), joints, text_of(h, c, j, best), score, *size, at[j], numbers=spent)
             yield cause, group if mask is None else group * mask[:, None, None], c
@@ -241,14 +240,12 @@ def kind_of(h: Hypothesis, c: Array) -> str:
     return "torque sign" if h.kind == GAIN and h.numbers != "few" and c[0] < -1 else h.kind
 
 
-def alone(rest: Discrepancy, h: Hypothesis) -> Iterator[Hypothesis]:
-    """The hypotheses of each joint of a family, or what is none."""
+def members(rest: Discrepancy, h: Hypothesis) -> list[tuple[tuple[str, ...], Array]]:
+    """Joints and columns of each hypothesis of a family, or of one that is none."""
+    columns = columns_of(rest, h)
     if h.numbers != "each":
-        yield h
-        return
-    for j, columns in enumerate(np.split(columns_of(rest, h), len(h.joints), axis=-1)):
-        text = partial(lambda c, j: text_of(h, c, j), j=j)
-        yield Hypothesis(h.kind, columns, text, h.joints[j : j + 1])
+        return [(h.joints, columns)]
+    return [(h.joints[j : j + 1], x) for j, x in enumerate(np.split(columns, len(h.joints), axis=-1))]
 
 
 def hypotheses_argument(given: Any) -> tuple[Hypothesis, ...]:
@@ -346,11 +343,7 @@ def held_out_ratio(shares: tuple[Array, ...]) -> tuple[Array, Array]:
 
 def delays_of(rest: FitResiduals) -> list[Cause]:
     """Delays of records and joints that the residuals show, whatever else they show, with their sizes together."""
-    names, options, left = (
-        rest.names,
-        [(h.joints, columns_of(rest, h)) for x in delays(rest) for h in alone(rest, x)],
-        rest,
-    )
+    names, options, left = rest.names, [x for h in delays(rest) for x in members(rest, h)], rest
     chosen: list[tuple[tuple[str, ...], Array]] = []
     while options:
         fits = [left.with_columns(columns) for _, columns in options]
@@ -586,9 +579,10 @@ def coupling_ratios(rest: FitResiduals) -> Iterator[Hypothesis]:
             given = {"parameters": bodies}
             return slope(lambda h: inverse_dynamics.evaluate(with_ratio(model, joint, 1 + h), q, qd, qdd, **given)[0])
 
-        text = signed(
-            "the ratio given for {}, which follows others, is {:.3g} % too {}", "small", "large", joint, scale=100
-        )
+        def text(c: Array, joint: str = joint) -> str:
+            size = f"{abs(100 * c[0]):.3g} % too {'small' if c[0] > 0 else 'large'}"
+            return f"the ratio given for {joint}, which follows others, is {size}"
+
         yield Hypothesis("coupling ratio", rest.sampled(torques)[..., None], text, (joint,))
 
 
@@ -755,7 +749,10 @@ def hypotheses_with_load(rest: FitResiduals, body: int) -> Iterator[Hypothesis]:
     ones = by_joint(np.ones((*rest.tau.shape, 1)))
     families.append(Hypothesis("offset", ones, offset, rest.names, numbers="each"))
     found = [replace(h, columns=columns_of(rest, h)[..., :2]) for h in tilts]  # without other bodies
-    found += [h for family in families for h in alone(rest, family)]
+    for family in families:
+        for j, (names, columns) in enumerate(members(rest, family)):
+            own = partial(text_of, family, j=j)
+            found.append(Hypothesis(family.kind, columns, own, names))
     for h in found:
 
         def text(c: Array, h: Hypothesis = h) -> str:

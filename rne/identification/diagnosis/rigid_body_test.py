@@ -158,7 +158,7 @@ def noise_shares(data: RegressionData) -> Array:
     for record in data.prepared:
         noise = noise + record.valid.sum(0) * torque_noise(record)
         size = size + ((record.reduce(record.tau) * record.valid) ** 2).sum(0)
-    return np.sqrt(noise / size)
+    return np.asarray(np.sqrt(noise / size))
 
 
 def single_joint_fit(equations: Equations) -> tuple[Array, float, int]:
