@@ -9,6 +9,7 @@ import pytest
 
 import rne
 from benchmarks import identification_couplings as planted
+from rne.dynamics.kinematics import coordinate_map, joint_positions
 from rne.identification import Record
 from rne.identification.diagnosis.hypotheses import coupling_ratios
 from rne.identification.diagnosis.residuals import FitResiduals
@@ -29,7 +30,10 @@ def geared():
     """A forearm that turns 1.5 times as far as its shoulder, backwards, and a hand that turns by a curve."""
     links = part("shoulder", 0, (0, 0, 0)), part("forearm", 1, (0, 0, 0.4)), part("hand", 2, (0.3, 0, 0))
     open_tree = tree(*links, part("cam", 3, (0.2, 0, 0), (0, 0.6, 0.8)))
-    follow = {"forearm": (("shoulder",), lambda x: 0.4 - 1.5 * x), "cam": (("hand",), lambda x: np.sin(x) / 2 - x)}
+    follow = {
+        "forearm": (("shoulder",), lambda x: 0.4 - 1.5 * x),
+        "cam": (("hand",), lambda x: 0.2 + np.sin(x) / 2 - x),
+    }
     return coupled(open_tree, follow)
 
 
@@ -119,6 +123,16 @@ def test_a_ratio_that_is_wrong_is_named(joint, factor):
     assert first.text.startswith(start)
 
 
+@pytest.mark.parametrize("joint", ["forearm", "cam"])
+def test_a_ratio_turns_a_joint_farther_from_its_rest(joint):
+    model, q = geared(), np.random.default_rng(0).normal(size=(5, 2))
+    farther, i = with_ratio(model, joint, 1.2), model.moving_joints.index(joint)
+    factors = np.where(np.arange(4) == i, 1.2, 1.0)
+    expected = model.rest + factors * (joint_positions(model, q) - model.rest)
+    np.testing.assert_allclose(joint_positions(farther, q), expected, rtol=SAME)
+    np.testing.assert_allclose(coordinate_map(farther, q), factors[:, None] * coordinate_map(model, q), atol=SAME)
+
+
 @pytest.mark.long
 def test_columns_of_ratios_are_derivatives():
     """Of torques without noise, by the ratio of each joint but those of linkages."""
@@ -168,3 +182,5 @@ def test_drives_and_positions_of_joints_that_follow_are_told():
     assert f"rotors and friction at rod, slider {what}" in found.notes
     assert "rod of the records follows others: left out" in found.notes
     assert not any("move in the records" in note for note in found.notes)
+    bare = rne.identify(robot, record, drives=rne.DriveModel(), **QUICK)
+    assert not any("rotors and friction" in note for note in bare.notes)

@@ -614,6 +614,9 @@ def _notes(within: MotionLimits, locked: Mapping[str, float]) -> tuple[str, ...]
     free = [name for k, name in enumerate(within.robot.joint_names) if k not in within.driven]
     if free:
         notes.insert(0, f"torque is not bounded: the model has no effort limits of {listed(free)}")
+    if within.robot.model.couplings:
+        followers = listed([coupling.joint for coupling in within.robot.model.couplings])
+        notes.insert(0, f"ranges and speeds of joints that follow others are not considered: {followers}")
     if locked:
         places = listed([f"{name} at {position:.4g}" for name, position in locked.items()])
         notes.insert(0, f"locked: {places}; parameters that only these joints excite are not counted")
