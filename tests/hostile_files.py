@@ -27,7 +27,8 @@ from .helpers import loaded
 VALUES = ["", "nan", "-inf", "1e999", "-1", "0", "1e300 0 0", "0 0 0", "9" * 1200, "x" * 300, "a\x9bb", "\u202ea", "../../a.stl", "0x10", "1_0", "true"]  # fmt: skip
 LEAVES = [None, True, "text", "", -1, 10**400, 1.5, float("nan"), [], {}, [[]] * 3, {"array": "array_0"}, {"mapping": 3}, {"type": "Box"}, {"slice": 1}]  # fmt: skip
 MEMORY = 3 * 2**30  # bytes of addresses that a process may have, of which the interpreter and its packages take some
-KINDS = ("urdf", "mjcf", "motion", "mat", "npz", "mcap", "result")
+BAGS = ("mcap", "db3", "bag")
+KINDS = ("urdf", "mjcf", "motion", "mat", "npz", "mcap", "db3", "bag", "result")
 ROBOT = """<mujoco><compiler angle="radian"/><option gravity="0 0 -9"/><default><default class="c"><geom density="100"/>
     </default></default><asset><mesh name="m" vertex="0 0 0 1 0 0 0 1 0 0 0 1"/><material name="g"/></asset><worldbody>
     <body name="a" childclass="c"><joint name="j" axis="0 0 1" range="-1 1"/><geom type="capsule" size="0.1 0.2"/>
@@ -56,8 +57,8 @@ def originals(folder):
     np.savez_compressed(folder / "log.npz", t=t, q=q, tau=q, joint_names=np.array(["one", "two"]))
     found = {"urdf": rne.to_urdf(rne.irb140()).encode(), "mjcf": ROBOT.encode()}
     found |= {"motion": motion.read_bytes(), "npz": (folder / "log.npz").read_bytes(), "mat": matlab(t, q)}
-    if find_spec("mcap_ros2"):
-        found["mcap"] = messages(t, q, np.random.default_rng(0), hostile=False)
+    if find_spec("rosbags"):
+        found |= {kind: messages(kind, t, q, np.random.default_rng(0), hostile=False) for kind in BAGS}
     return found
 
 
@@ -71,43 +72,54 @@ def matlab(t, q):
     return file.getvalue() + plain.getvalue()[128:]
 
 
-def messages(t, q, rng, hostile=True):
-    """Joint states in MCAP without checksums; hostile ones have other definitions, names and numbers of values."""
-    from mcap.writer import CompressionType, Writer
+def messages(kind, t, q, rng, hostile=True):
+    """Joint states in a bag; hostile ones have other definitions, names and numbers of values."""
+    from rosbags import rosbag1, rosbag2
 
-    from rne.files.logs import DEFINITION, JOINT_STATE
-
-    file = io.BytesIO()
-    compression = rng.choice([CompressionType.NONE, CompressionType.ZSTD, CompressionType.LZ4])
-    writer = Writer(file, chunk_size=2000, compression=compression, enable_crcs=False)
-    writer.start()
-    text = DEFINITION
+    is_old, text = kind == "bag", ""
     if hostile and rng.random() < 0.5:
         text = str(
             rng.choice(["", "a" * 9, "string[<=99999999999] name", "uint8[99999999999] a", "MSG: x\n=" * 99, "\0"])
         )
-    schema = writer.register_schema(JOINT_STATE, "ros2msg", text.encode())
-    channel = writer.register_channel(
-        "/joint_states", str(rng.choice(["cdr", "cdr", "json"])) if hostile else "cdr", schema
-    )
     odd = rng.integers(len(t)) if hostile else -1
-    for k in range(len(t)):
-        names = (
-            ["one", "two"]
-            if k != odd
-            else [["one", "one"], ["x" * 300, "y"], ["one"], [], ["\x9b", "\u202e"]][rng.integers(5)]
-        )
-        data = b"\0\1\0\0" + struct.pack("<iII", k, 0, 1) + b"\0\0\0\0" + struct.pack("<I", len(names))
-        for name in (name.encode() + b"\0" for name in names):
-            data += b"\0" * (-len(data) % 4) + struct.pack("<I", len(name)) + name
-        for x in (q[k], q[k], q[k]):
-            data += b"\0" * (-len(data) % 4) + struct.pack(
-                "<I", len(x) if k != odd or rng.random() < 0.7 else 2**32 - 1
-            )
-            data += b"\0" * ((4 - len(data)) % 8) + x.tobytes()
-        writer.add_message(channel, log_time=k if k != odd else 2**64 - 1, data=data, publish_time=0)
-    writer.finish()
-    return file.getvalue()
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name) / "log"
+        if is_old:
+            writer = rosbag1.Writer(file := Path(name) / "log.bag")
+            if rng.random() < 0.7:
+                writer.set_compression(list(rosbag1.Writer.CompressionFormat)[rng.integers(2)])
+        else:
+            plugin = rosbag2.StoragePlugin.MCAP if kind == "mcap" else rosbag2.StoragePlugin.SQLITE3
+            writer, file = rosbag2.Writer(folder, version=9, storage_plugin=plugin), folder / f"log.{kind}"
+            if kind == "mcap" and rng.random() < 0.7:
+                writer.set_compression(rosbag2.CompressionMode.STORAGE, rosbag2.CompressionFormat.ZSTD)
+        with writer:
+            form = {} if is_old or not hostile else {"serialization_format": str(rng.choice(["cdr", "cdr", "json"]))}
+            own = {"msgdef": text, "md5sum" if is_old else "rihs01": "x", **form}
+            channel = writer.add_connection("/joint_states", "sensor_msgs/msg/JointState", **own)
+            for k in range(len(t)):
+                names = ["one", "two"]
+                if k == odd:
+                    names = [["one", "one"], ["x" * 300, "y"], ["one"], [], ["\x9b", "\u202e"]][rng.integers(5)]
+                sizes = [len(q[k]) if k != odd or rng.random() < 0.7 else 2**32 - 1 for _ in range(3)]
+                writer.write(channel, k if k != odd else 2**31 - 1, packed(k, names, q[k], sizes, is_old))
+        return file.read_bytes()
+
+
+def packed(k, names, values, sizes, is_old):
+    """A joint state at second k, with these numbers of positions, velocities and efforts, in ROS 1 or CDR."""
+
+    def aligned(size):
+        return b"" if is_old else b"\0" * ((4 - len(data)) % size)
+
+    data = struct.pack("<IIII", k, k, 0, 0) if is_old else b"\0\1\0\0" + struct.pack("<iII", k, 0, 1) + b"\0\0\0\0"
+    data += struct.pack("<I", len(names))
+    for name in (name.encode() + b"\0" * (not is_old) for name in names):
+        data += aligned(4) + struct.pack("<I", len(name)) + name
+    for size in sizes:
+        data += aligned(4) + struct.pack("<I", size)
+        data += aligned(8) + values.tobytes()
+    return data
 
 
 def bytes_damaged(data, rng):
@@ -208,8 +220,8 @@ def damaged(kind, data, rng):
     """A file of a kind with damage."""
     if kind in ("urdf", "mjcf"):
         ways = [bytes_damaged, xml_damaged, xml_damaged]
-    elif kind == "mcap":
-        ways = [bytes_damaged, lambda data, rng: messages(np.zeros(60), np.zeros((60, 2)), rng)]
+    elif kind in BAGS:
+        ways = [bytes_damaged, lambda data, rng: messages(kind, np.zeros(60), np.zeros((60, 2)), rng)]
     else:
         of_texts = [texts_damaged, texts_damaged] * (kind in ("motion", "result"))
         ways = [bytes_damaged, *of_texts, *([entries_damaged] * (kind != "mat"))]

@@ -282,7 +282,7 @@ def test_elements_of_matlab_state_their_sizes(tmp_path):
         rne.identification.Record.from_log(file)
 
 
-@pytest.mark.parametrize("suffix", ["csv", "npz", "mat", "mcap"])
+@pytest.mark.parametrize("suffix", ["csv", "npz", "mat", "json", "mcap", "db3", "bag"])
 def test_pipes_and_devices_are_no_logs(suffix, tmp_path):
     """They need not end; nor is a file read whole that states more bytes than memory has."""
     pipe, sparse = tmp_path / f"pipe.{suffix}", tmp_path / f"sparse.{suffix}"
@@ -395,7 +395,7 @@ def test_damaged_files_are_read_or_refused_by_one_class_of_error(kind, originals
 @pytest.mark.parametrize("kind", hostile_files.KINDS)
 def test_500_damaged_files_are_read_or_refused_in_limited_memory(kind):
     pytest.importorskip("resource")
-    for module in {"mjcf": ["mujoco"], "mcap": ["mcap_ros2"]}.get(kind, []):
+    if module := {"mjcf": "mujoco", **dict.fromkeys(hostile_files.BAGS, "rosbags")}.get(kind):
         pytest.importorskip(module)
     command = [sys.executable, "-m", "tests.hostile_files", kind, "500"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)

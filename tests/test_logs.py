@@ -2,6 +2,8 @@
 
 import json
 import re
+import shutil
+import struct
 
 import numpy as np
 import pytest
@@ -21,25 +23,7 @@ EPOCH = 1_700_000_000_123_000_000  # [ns]
 NS = [EPOCH + 10_000_000 * k for k in range(len(T))]
 NUMBERS = "numbered columns are taken in the robot's order; else give their names as `joints`"
 ALIKE = "else name the columns alike"
-JSON = "JSON; write its arrays as .npz by numpy.savez('log.npz', t=..., q=..., tau=...)"
-TO_MCAP = (
-    "convert it to MCAP, without ROS: pip install rosbags; rosbags-convert --src BAG --dst FOLDER --dst-storage mcap"
-)
 CUT = "remove the row if the log was cut off there"
-JOINT_STATE = """std_msgs/Header header
-string[] name
-float64[] position
-float64[] velocity
-float64[] effort
-================================================================================
-MSG: std_msgs/Header
-builtin_interfaces/Time stamp
-string frame_id
-================================================================================
-MSG: builtin_interfaces/Time
-int32 sec
-uint32 nanosec
-"""
 EXACT, ROUNDED = 0.0, 4 * np.finfo(float).eps * 200  # one rounding to degrees and back, of up to 200
 
 
@@ -636,7 +620,7 @@ def test_currents_need_gains(tmp_path):
     )
     with exactly(
         f"{path}: 'shoulder_current_mA' to 'wrist_current_mA' are currents, not torques; give `gains` [N m/A]; gains=1 keeps "
-        "currents, for `rne.identify_drive_gains`"
+        "currents, for `rne.identify_drive_gains`; at motors behind gears, Record.from_motors takes `drive_gains`"
     ):
         Record.from_log(path)
     same(Record.from_log(path, gains=gains), tolerance=1e3 * ROUNDED, velocities=False)
@@ -677,20 +661,19 @@ def test_units_stand_beside_or_below_names(lines, tmp_path):
         ("t,q1,tau1\n0,1,2\n,2,3\n", ": the time of sample 1 is missing"),
         ("t,q1,q1,tau1\n0,1,2,3\n1,2,3,4\n", ": column 'q1' is there twice; give names of all columns as `columns`"),
         ("t,q1,pos1,tau1\n0,1,2,3\n", ": columns 'q1' and 'pos1' are both q of 1; say which in columns={\"q\": ...}"),
-        ("{\"t\": [0, 1], \"q\": [1, 2]}", f": is {JSON}"),
-        ("{\"t\": 0, \"q\": [1]}\n{\"t\": 1, \"q\": [2]}\n", f": is {JSON}"),
-        ("[{\"t\": 0}]", f": is {JSON}"),
+        ("{\"t\": [0, 1], \"q\": [1, 2]}", ": there are no torques or currents; there are 't', 'q'; if some are, give columns={\"tau\": ...}"),
+        ("{\"t\": 0, \"q\": [1]}\n{\"t\": 1, \"q\": [2]}\n", ": there are no torques or currents; there are 't', 'q'; if some are, give columns={\"tau\": ...}"),
+        ("{\"t\": [0, 1], \"q\": [[1], [1, 2]], \"tau\": [1, 2]}", ": there are no positions; there are 't', 'tau'; if some are, give columns={\"q\": ...}"),
+        ("[[0, 1], [1, 2]]", ": is damaged or cut off (an object of arrays, or a list or lines of objects is needed)"),
         ("<?xml version='1.0'?><Rob/>", ": is XML; write its numbers as CSV, a row per sample"),
         ("header:\n  stamp: 1\n---\n", ": is YAML as of ros2 topic echo; add --csv, or -p with rostopic"),
-        ("t,motor_id,q,tau\n0,1,1,2\n0,2,1,2\n", ": has a row for each joint, which column 'motor_id' names; make columns of all: p = pandas.read_csv(LOG).pivot(index=TIME, columns='motor_id'), p.columns = p.columns.map('{0[0]}.{0[1]}'.format), p.to_csv(NEW)"),
-        ("t,joint,q,tau\n0,a,1,2\n0,b,1,2\n1,a,1,2\n1,b,1,2\n", ": has a row for each joint, which column 'joint' names; make columns of all: p = pandas.read_csv(LOG).pivot(index=TIME, columns='joint'), p.columns = p.columns.map('{0[0]}.{0[1]}'.format), p.to_csv(NEW)"),
+        ("t,motor_id,q,tau\n0,1,1,2\n0,2,1,2\n1,1,1,2\n1,1,1,2\n", ": a joint that column 'motor_id' names has two rows at one time; keep one of them"),
+        ("t,joint,q,tau\n0,a,1,2\n1,b,1,2\n2,a,1,2\n3,b,1,2\n", ": joints that column 'joint' names have times of their own; interpolate to common ones by numpy.interp, a column for each joint"),
         ("t,q1,q2\n0,1,2\n1,2,3\n", ": there are no torques or currents; there are 't', 'q1', 'q2'; if some are, give columns={\"tau\": ...}"),
         ("t,x,tau\n0,1,2\n1,2,3\n", ": there are no positions; there are 't', 'x', 'tau'; if some are, give columns={\"q\": ...}"),
         ("k,q,tau\n0,1,2\n1,2,3\n", ": there are no times; there are 'k', 'q', 'tau'; give columns={\"t\": ...} or `sample_rate`"),
         ("t,q.a,q.b,tau.c\n0,1,2,3\n", ": no joint has positions and torques; positions are 'q.a' to 'q.b', torques 'tau.c'; if these are of the same joints, give columns={\"q\": ..., \"tau\": ...} in the same order"),
         ("1700000000,5,,a,b,1,2,3,4,5\n", ", row 1: must be seconds, nanoseconds, frame, and as many names of joints, positions, velocities and efforts"),
-        ("#ROSBAG V2.0\n", f": is a ROS 1 bag; {TO_MCAP}"),
-        ("SQLite format 3\0", f": is a ROS 2 bag in SQLite; {TO_MCAP}"),
         ("MATLAB 7.3 MAT-file", ": is a MATLAB file of version 7.3; save it by save(file, ..., '-v7')"),
         ("1700000000,5\n2,3\n", ": the names of its 2 columns are missing; give them, such as columns=[\"t\", \"q.shoulder\", \"tau.shoulder\"], with \"\" for one to ignore"),
         ("PK\3\4xl/", ": is a ZIP archive or a spreadsheet; write it as text"),
@@ -720,7 +703,9 @@ def test_arguments_that_do_not_belong_are_refused(tmp_path):
         Record.from_log(path, joints="shoulder")
     with pytest.raises(FileNotFoundError):
         Record.from_log(tmp_path / "missing.mcap")
-    with exactly(f"{tmp_path}: is a folder without meta/info.json, as LeRobot data sets have, or .mcap files"):
+    with exactly(
+        f"{tmp_path}: is a folder without meta/info.json, as LeRobot data sets have, or bags (.bag, .db3, .mcap)"
+    ):
         Record.from_log(tmp_path)
 
 
@@ -783,65 +768,208 @@ def test_ros_1_echo(stamped, tmp_path):
         Record.from_log(path)
 
 
-def mcap(path, topics=("/joint_states",), names=JOINTS, kind="sensor_msgs/msg/JointState", stamped=True):
-    writer = pytest.importorskip(
-        "mcap_ros2.writer", reason="mcap-ros2-support is not installed, which reads MCAP files"
-    )
-    with open(path, "wb") as stream, writer.Writer(stream, chunk_size=8192) as log:
-        state, other = (
-            log.register_msgdef(kind, JOINT_STATE),
-            log.register_msgdef("std_msgs/msg/String", "string data\n"),
+def bag(path, topics=("/joint_states",), names=JOINTS, kind="sensor_msgs/msg/JointState", stamped=True):
+    """A bag of the kind that its suffix says, as rosbags writes it: of ROS 1 compressed, of ROS 2 the file alone."""
+    pytest.importorskip("rosbags", reason="rosbags is not installed, which reads bags of ROS")
+    from rosbags import rosbag1, rosbag2, typesys
+
+    is_old, folder = path.suffix == ".bag", path.with_suffix("")
+    store = typesys.get_typestore(typesys.Stores.ROS1_NOETIC if is_old else typesys.Stores.ROS2_HUMBLE)
+    State, Header, Time, String = (
+        store.types[f"{x}"]
+        for x in (
+            "sensor_msgs/msg/JointState",
+            "std_msgs/msg/Header",
+            "builtin_interfaces/msg/Time",
+            "std_msgs/msg/String",
         )
+    )
+    definition, digest = store.generate_msgdef("sensor_msgs/msg/JointState", ros_version=1 if is_old else 2)
+    own = {"msgdef": definition, "md5sum" if is_old else "rihs01": digest}
+    if is_old:
+        path.unlink(missing_ok=True)
+        writer = rosbag1.Writer(path)
+        writer.set_compression(rosbag1.Writer.CompressionFormat.LZ4)
+    else:
+        shutil.rmtree(folder, ignore_errors=True)
+        plugin = rosbag2.StoragePlugin.MCAP if path.suffix == ".mcap" else rosbag2.StoragePlugin.SQLITE3
+        writer = rosbag2.Writer(folder, version=9, storage_plugin=plugin)
+        if path.suffix == ".mcap":
+            writer.set_compression(rosbag2.CompressionMode.STORAGE, rosbag2.CompressionFormat.ZSTD)
+    pack = store.serialize_ros1 if is_old else store.serialize_cdr
+    with writer:
+        states = [writer.add_connection(topic, kind, **own) for topic in topics]
+        other = writer.add_connection("/chatter", String.__msgtype__, typestore=store)
         for k, ns in enumerate(NS):
-            header = {"stamp": {"sec": ns // 10**9 * stamped, "nanosec": ns % 10**9 * stamped}, "frame_id": ""}
-            values = dict(zip(("position", "velocity", "effort"), (x[k].tolist() for x in (Q, QD, TAU)), strict=True))
-            for topic in topics:
-                log.write_message(topic, state, {"header": header, "name": list(names), **values}, ns, ns)
-            log.write_message("/chatter", other, {"data": "hello"}, ns, ns)
+            stamp = Time(ns // 10**9 * stamped, ns % 10**9 * stamped)
+            header = Header(**({"seq": k} if is_old else {}), stamp=stamp, frame_id="base")
+            message = pack(State(header, list(names), Q[k], QD[k], TAU[k]), State.__msgtype__)
+            for connection in states:
+                writer.write(connection, ns, message)
+            writer.write(other, ns, pack(String("hello"), String.__msgtype__))
+    if not is_old:
+        (folder / f"{folder.name}{path.suffix}").replace(path)
+        shutil.rmtree(folder)
     return path
 
 
-def test_mcap(tmp_path, monkeypatch):
-    path = mcap(tmp_path / "log.mcap")
+@pytest.mark.parametrize("suffix", ["mcap", "db3", "bag"])
+def test_bags(suffix, tmp_path, monkeypatch):
+    path = bag(tmp_path / f"log.{suffix}")
     record = Record.from_log(path)
     same(record)
     assert record.source.startswith(
         "topic /joint_states, times from the first message on, at 1700000000.123 s; t: 't'; q: "
     )
     same(Record.from_log(tmp_path))  # the folder of a bag
-    same(Record.from_log(mcap(path, stamped=False)))  # times are those of the recorder
-    monkeypatch.setattr("rne.files.logs.LARGEST", 8000)
-    with pytest.raises(ValueError, match=r"is damaged or cut off \(a chunk is said to have \d+ bytes\)$"):
-        Record.from_log(path)
-    monkeypatch.undo()
+    same(Record.from_log(bag(path, stamped=False)))  # times are those of the recorder
     whole = path.read_bytes()
-    for part in (b"", whole[:5], whole[:100], whole[: len(whole) // 2], whole[:-4], whole[: len(whole) // 2] + b"\xff" * 9 + whole[len(whole) // 2 + 9 :]):  # fmt: skip
+    for part in (b"", whole[:5], whole[:100], whole[: len(whole) // 2], whole[: len(whole) // 2] + b"\xff" * 99 + whole[len(whole) // 2 + 99 :]):  # fmt: skip
         path.write_bytes(part)
+        with pytest.raises(ValueError, match=rf"^{re.escape(str(path))}: is damaged or cut off \(.*\)$"):
+            Record.from_log(path)
+    monkeypatch.setattr("rne.files.ros_bags.FREE", 8000)
+    monkeypatch.setattr("rne.files.ros_bags.RATIO", 0)
+    path.write_bytes(whole)
+    if suffix != "db3":  # which is not compressed
         with pytest.raises(
-            ValueError, match=rf"^{re.escape(str(path))}: (is damaged or cut off \(.*\)|the file is empty)$"
+            ValueError, match=r"\(its chunks unpack to more bytes than a file of its size may, or are cut off\)$"
         ):
             Record.from_log(path)
 
 
-def test_mcap_of_other_topics(tmp_path):
-    path = mcap(tmp_path / "two.mcap", ("/left/joint_states", "/right/joint_states"))
+def test_bags_are_known_by_their_first_bytes(tmp_path):
+    path = bag(tmp_path / "log.mcap")
+    same(Record.from_log(path.rename(tmp_path / "log.dat")))
+
+
+def test_chunks_of_mcap_that_the_index_does_not_name_are_missed(tmp_path):
+    """An index of other places would have bytes unpacked that were not counted."""
+    path = bag(tmp_path / "log.mcap")
+    data = bytearray(path.read_bytes())
+    index = data.rindex(b"\x08", 0, data.rindex(b"zstd"))  # the record of the chunk's place, at 8 + 16 bytes in it
+    start = struct.unpack_from("<Q", data, index + 25)[0]
+    struct.pack_into("<Q", data, index + 25, start + 1)
+    path.write_bytes(data)
+    with exactly(
+        f"{path}: is damaged or cut off (its index names chunks that are not there; mend it: mcap recover FILE)"
+    ):
+        Record.from_log(path)
+
+
+@pytest.mark.parametrize("suffix", ["mcap", "db3", "bag"])
+def test_bags_of_other_topics(suffix, tmp_path):
+    path = bag(tmp_path / f"two.{suffix}", ("/left/joint_states", "/right/joint_states"))
     with exactly(f"{path}: there are joint states of '/left/joint_states', '/right/joint_states'; give one as `topic`"):
         Record.from_log(path)
     same(Record.from_log(path, topic="/left/joint_states"))
     there = "/chatter (std_msgs/msg/String), /left/joint_states (sensor_msgs/msg/JointState), /right/joint_states (sensor_msgs/msg/JointState)"
     with exactly(f"{path}: there is no topic /up of sensor_msgs/msg/JointState; there is {there}"):
         Record.from_log(path, topic="/up")
-    path = mcap(tmp_path / "controls.mcap", ("/a\x1b[31m\u202e",), kind="arm/msg/State")
+    path = bag(tmp_path / f"controls.{suffix}", ("/a\x1b[31m\u202e",), kind="arm/msg/State")
     with exactly(
         f"{path}: there is no topic  of sensor_msgs/msg/JointState; there is /a\\x1b[31m\\u202e (arm/msg/State), "
         "/chatter (std_msgs/msg/String)"
     ):
         Record.from_log(path)
-    path = mcap(tmp_path / "twice.mcap", names=("elbow", "elbow", "wrist"))
-    with exactly(f"{path}: message 1 has 2 different names, and 3, 3, 3 positions, velocities and efforts"):
+    for names, count in ((("elbow", "elbow", "wrist"), 2), (JOINTS[:2], 2)):
+        path = bag(tmp_path / f"names.{suffix}", names=names)
+        with exactly(f"{path}: message 1 has {count} different names, and 3, 3, 3 positions, velocities and efforts"):
+            Record.from_log(path)
+
+
+# JSON, rows of joints
+
+
+def test_json(tmp_path):
+    """An object of arrays, a list or lines of objects, beside settings or not, with joints by number, name or object."""
+    path = tmp_path / "log.json"
+    arrays = {"time": T.tolist(), "position": Q.tolist(), "velocity": QD.tolist(), "effort": TAU.tolist()}
+    rows = [dict(zip(arrays, x, strict=True)) for x in zip(*arrays.values(), strict=True)]
+    of_joints = [
+        {"time": t, **{name: {"q": q, "qd": qd, "tau": tau} for name, q, qd, tau in zip(JOINTS, *x, strict=True)}}
+        for t, *x in zip(*arrays.values(), strict=True)
+    ]
+    numbered = ("joint_1", "joint_2", "joint_3")
+    for content, joints in (
+        (arrays, numbered),
+        ({"joint_names": list(JOINTS), **arrays}, JOINTS),
+        ({"rate": 100, "run": arrays}, numbered),
+        (rows, numbered),
+        ([{"name": list(JOINTS), **row} for row in rows], JOINTS),
+        ({"kp": 32, "arm": "left", "entries": rows}, numbered),
+        (of_joints, JOINTS),
+    ):
+        path.write_text(json.dumps(content, indent=1))
+        same(Record.from_log(path), joints)
+    path.write_text("\n".join(map(json.dumps, rows)))
+    same(Record.from_log(path.rename(path := tmp_path / "log.txt")), numbered)
+    path.write_text(path.read_text()[:-20])
+    with pytest.raises(ValueError, match=rf"^{re.escape(str(path))}: is damaged or cut off \(Expecting .*\)$"):
         Record.from_log(path)
-    path = mcap(tmp_path / "short.mcap", names=JOINTS[:2])
-    with exactly(f"{path}: message 1 has 2 different names, and 3, 3, 3 positions, velocities and efforts"):
+
+
+def test_what_json_leaves_out_is_missing(tmp_path):
+    """null, NaN and entries without a value."""
+    rows = [
+        {"t": t, "q": q, "tau": tau} for t, q, tau in zip(T.tolist(), Q[:, 0].tolist(), TAU[:, 0].tolist(), strict=True)
+    ]
+    rows[20]["q"], rows[30]["q"] = None, float("nan")
+    del rows[40]["tau"]
+    (path := tmp_path / "log.jsonl").write_text("\n".join(map(json.dumps, rows)))
+    record = Record.from_log(path)
+    assert np.flatnonzero(np.isnan(record.q[:, 0])).tolist() == [20, 30]
+    assert np.flatnonzero(np.isnan(record.tau[:, 0])).tolist() == [40]
+
+
+@pytest.mark.parametrize("is_json", [False, True])
+def test_rows_of_joints(is_json, tmp_path):
+    """A row for each joint and time, in any order of joints, with units; joints by name or number."""
+    for joints, heading in ((JOINTS, ["t [ms]", "joint", "position [deg]", "velocity", "effort [Nm]"]), ("123", ["t [ms]", "motor_id", "q [deg]", "qd", "tau [Nm]"])):  # fmt: skip
+        rows = [
+            [1e3 * t, joints[j], np.degrees(Q[k, j]), np.degrees(QD[k, j]), TAU[k, j]]
+            for k, t in enumerate(T.tolist())
+            for j in np.roll([0, 1, 2], k % 3)
+        ]
+        path = tmp_path / ("log.json" if is_json else "log.csv")
+        lines = [",".join(heading), *(",".join(map(str, row)) for row in rows)]
+        path.write_text(
+            json.dumps([dict(zip(heading, row, strict=True)) for row in rows]) if is_json else "\n".join(lines)
+        )
+        record = Record.from_log(path)
+        same(record, joints if joints == JOINTS else ("joint_1", "joint_2", "joint_3"), tolerance=ROUNDED)
+        assert record.source.startswith(f"rows of joints, which column {heading[1]!r} names; ")
+        assert len(guesses(record)) == (joints != JOINTS)
+    del rows[301]
+    path = tmp_path / "part.csv"
+    path.write_text("\n".join([",".join(heading[1:]), *(",".join(map(str, row[1:])) for row in rows[:300])]))
+    assert len(Record.from_log(path, sample_rate=100).t) == 100  # rows of each joint are counted
+    path.write_text("\n".join([",".join(heading), *(",".join(map(str, row)) for row in rows)]))
+    assert np.isnan(Record.from_log(path).q).sum() == 1  # a joint without a row
+
+
+def test_forces_are_torques_of_joints_that_slide(tmp_path):
+    """By the unit, whatever the word; a force beside an angle is none."""
+    path = tmp_path / "log.csv"
+    names = ["t", "z position [mm]", "turn position [deg]", "z effort [N]", "turn effort [Nm]"]
+    table(path, names, T, 1e3 * Q[:, 0], np.degrees(Q[:, 1]), TAU[:, :2])
+    record = Record.from_log(path)
+    same_two = [abs(record.q - Q[:, :2]).max(), abs(record.tau - TAU[:, :2]).max()]
+    assert max(same_two) < ROUNDED
+    assert guesses(record) == []
+    for names, guess in ((["t", "Position [m]", "Force"], 0), (["t", "Position", "Force [N]"], 1)):
+        record = Record.from_log(table(path, names, T, Q[:, 0], TAU[:, 0]))
+        assert abs(record.tau[:, 0] - TAU[:, 0]).max() == EXACT
+        said = "'Force [N]' are forces of joints that slide; else give units={\"q\": ...}"
+        assert guesses(record) == [f"log.csv: guess that {said}"] * guess
+    table(path, ["t", "Angle [deg]", "Force [N]"], T, Q[:, 0], TAU[:, 0])
+    cure = 'if they are torques, give columns={"tau": ...}'
+    with exactly(f"{path}: 'Force [N]' are forces, and the positions of their joints angles; {cure}"):
+        Record.from_log(path)
+    table(path, ["t", "Position [rad]", "Torque current [Nm]"], T, Q[:, 0], TAU[:, 0])
+    assert abs(Record.from_log(path).tau[:, 0] - TAU[:, 0]).max() == EXACT
+    table(path, ["t", "Position [rad]", "effort [mA]"], T, Q[:, 0], TAU[:, 0])
+    with pytest.raises(ValueError, match=r"'effort \[mA\]' are currents, not torques; give `gains` \[N m/A\]"):
         Record.from_log(path)
 
 
@@ -937,10 +1065,10 @@ def test_lerobot_data_sets(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("module", "file", "extra"), [("mcap", "log.mcap", "mcap"), ("pyarrow", "log.parquet", "lerobot")]
+    ("module", "file", "extra"), [("rosbags", "log.mcap", "ros"), ("pyarrow", "log.parquet", "lerobot")]
 )
 def test_extras_that_are_missing_are_named(module, file, extra, tmp_path, monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, f"{module}.{'reader' if extra == 'mcap' else 'parquet'}", None)
+    monkeypatch.setitem(__import__("sys").modules, module if extra == "ros" else "pyarrow.parquet", None)
     (tmp_path / file).write_bytes(b"")
     with pytest.raises(ImportError, match=rf"pip install 'rne\[{extra}\]'$"):
         Record.from_log(tmp_path / file)

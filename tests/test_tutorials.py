@@ -23,7 +23,7 @@ USES = {  # what in a script shows that it needs an extra
     "fastest": r"trajectories\.fastest\(",
     "casadi": "import casadi",
     "jax": "import jax",
-    "mcap": "from mcap",
+    "ros": "from rosbags",
     "gymnasium": r"rne\.environments",
 }
 
@@ -35,8 +35,8 @@ def test_tutorial_runs(name, tmp_path, monkeypatch):
         pytest.importorskip("casadi", reason="CasADi is not installed, which the tutorial uses")
     if "import jax" in (FOLDER / f"{name}.py").read_text(encoding="utf-8"):
         pytest.importorskip("jax", reason="JAX is not installed, which the tutorial is about")
-    if "from mcap" in (FOLDER / f"{name}.py").read_text(encoding="utf-8"):
-        pytest.importorskip("mcap_ros2", reason="mcap-ros2-support is not installed, which writes the tutorial's log")
+    if "from rosbags" in (FOLDER / f"{name}.py").read_text(encoding="utf-8"):
+        pytest.importorskip("rosbags", reason="rosbags is not installed, which writes the tutorial's log")
     if "rne.environments" in (FOLDER / f"{name}.py").read_text(encoding="utf-8"):
         pytest.importorskip("gymnasium", reason="gymnasium is not installed, whose environments the tutorial uses")
     work = tmp_path / "work"

@@ -7,7 +7,7 @@ its joint states in an MCAP file, with the currents of the servos where torques 
 This tutorial reads the file, without ROS, finds what the arm weighs, and holds it up.
 The log is simulated, so we know the truth.
 
-Needs: ``pip install '.[plot,robots,identify,mcap]'``
+Needs: ``pip install '.[plot,robots,identify,ros]'``
 """
 
 import tempfile
@@ -15,7 +15,8 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
-from mcap_ros2.writer import Writer
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
 
 import rne
 
@@ -43,39 +44,25 @@ current = current + 15 * rng.standard_normal(current.shape)
 step = 2 * np.pi / 4096  # of the encoders
 
 # %%
-# ``mcap_ros2`` writes the file as ``ros2 bag record --storage mcap /joint_states`` does.
+# ``rosbags`` writes the file as ``ros2 bag record --storage mcap /joint_states`` does.
 
-DEFINITION = """\
-std_msgs/Header header
-string[] name
-float64[] position
-float64[] velocity
-float64[] effort
-================================================================================
-MSG: std_msgs/Header
-builtin_interfaces/Time stamp
-string frame_id
-================================================================================
-MSG: builtin_interfaces/Time
-int32 sec
-uint32 nanosec
-"""
+store = get_typestore(Stores.ROS2_HUMBLE)
+Time = store.types["builtin_interfaces/msg/Time"]
+Header = store.types["std_msgs/msg/Header"]
+JointState = store.types["sensor_msgs/msg/JointState"]
 folder = tempfile.TemporaryDirectory()
-log = Path(folder.name) / "so101.mcap"
+log = Path(folder.name) / "so101"
 names = [*arm.joint_names, "gripper"]
-with open(log, "wb") as stream, Writer(stream) as writer:
-    schema = writer.register_msgdef("sensor_msgs/msg/JointState", DEFINITION)
+with Writer(log, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+    kind = JointState.__msgtype__
+    connection = writer.add_connection("/joint_states", kind, typestore=store)
     for k in range(len(t)):
         ns = 1_790_000_000_000_000_000 + int(1e7) * k
-        stamp = {"sec": ns // 10**9, "nanosec": ns % 10**9}
-        message = {
-            "header": {"stamp": stamp, "frame_id": ""},
-            "name": names,
-            "position": [*step * np.rint(q[k] / step), 0.0],
-            "velocity": [],
-            "effort": [*np.rint(current[k]), 0.0],
-        }
-        writer.write_message("/joint_states", schema, message, ns, ns)
+        header = Header(Time(ns // 10**9, ns % 10**9), "")
+        position = np.array([*step * np.rint(q[k] / step), 0.0])
+        effort = np.array([*np.rint(current[k]), 0.0])
+        message = JointState(header, names, position, np.empty(0), effort)
+        writer.write(connection, ns, store.serialize_cdr(message, kind))
 
 # %%
 # Reading it

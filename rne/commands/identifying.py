@@ -23,7 +23,9 @@ def add_identify(commands: Any) -> None:
     title = "find masses, rotors and friction from logs of motions"
     parser = shared.add_parser(commands, "identify", title, IDENTIFY, run_identify)
     shared.add_robot(parser)
-    logs = "files as rne.identification.Record.from_log reads them: text, MCAP, .mat, .npz, LeRobot data sets"
+    logs = (
+        "files as rne.identification.Record.from_log reads them: text, JSON, bags of ROS, .mat, .npz, LeRobot data sets"
+    )
     parser.add_argument("logs", metavar="LOG", type=Path, nargs="+", help=logs)
     parser.add_argument("--check", metavar="LOG", type=Path, help="another motion, to be predicted")
     add_units(parser)

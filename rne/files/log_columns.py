@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Callable, Container, Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,8 +14,9 @@ import numpy as np
 from ..basics.arrays import per_joint_array, positive_number
 from ..basics.spatial import Array
 from ..basics.text import MAX_NAME, cut, did_you_mean
-from .logs import LISTED, UNIT, Log, read_log, symbol, with_stamps
-from .tables import Samples, guessed_unit, in_seconds, listed_names
+from .logs import LISTED, UNIT, Log, LogOptions, read_log, symbol, with_stamps
+from .tables import Samples, in_seconds, listed_names
+from .time_units import guessed_unit
 
 WORDS = {
     "t": "t ts tout time timestamp stamp sec secs seconds zeit",
@@ -26,6 +28,7 @@ WORDS = {
     "current": "current currents curr iq strom",
 }
 TORQUES = {"tau": "tau", "current": "tau", "force": "tau"}  # kinds that stand for torques
+BY_UNIT = {"Nm": "tau", "mNm": "tau", "N": "force", "A": "current", "mA": "current"}  # whatever the word
 WORD = {word: kind for kind, words in WORDS.items() for word in words.split()}
 BETWEEN = ("", *"/.[]()")  # around a joint's name that is a part of its own
 SYMBOLS = ("q", "theta", "θ")  # positions where no other word names a quantity, as in "theta1" beside "theta1_effort"
@@ -52,6 +55,7 @@ SI = {
     "qd": {"rad/s": 1.0, "deg/s": np.pi / 180, "rpm": np.pi / 30, "m/s": 1.0, "mm/s": 1e-3},
     "tau": {"Nm": 1.0, "mNm": 1e-3, "N": 1.0, "A": 1.0, "mA": 1e-3},
 }
+TURN = 2 * np.pi  # [rad]
 SINCE = 1e6  # [s], times beyond which count from the first one
 AMBIGUOUS = ("m", "mm", "N")  # units that do not say the quantity
 ORDER = "else name the columns alike"
@@ -59,63 +63,126 @@ Guesses = list[tuple[str, str]]  # what is guessed, and what to do where it is w
 Columns = dict[str, dict[str, str]]  # names of columns by quantity and joint
 
 
-def measured(path: Any, options: Mapping[str, Any]) -> tuple[dict[str, Any], list[str], Guesses]:
+def measured(path: Any, options: LogOptions) -> tuple[dict[str, Any], list[str], Guesses]:
     """The samples of a log, or of a file for each quantity, in units that are given, named in the log, or guessed.
 
     Returns t, q, tau, qd in SI units and the names of the joints, how the log was read, and guesses with their cures.
     """
     place = os.fspath(next(iter(path.values()), "`path`") if isinstance(path, Mapping) else path)
     log = _joined(path, options) if isinstance(path, Mapping) else with_stamps(place, read_log(Path(place), options))
-    given = options["columns"] if isinstance(options["columns"], Mapping) else {}
-    said, guesses = list(log.said), Guesses()
-    meanings = {name: _meaning(name, options["joints"] or ()) for name in log.columns}
-    found = _by_joint(place, log, given, meanings, guesses)
-    kinds, names = _same_joints(place, found, options["joints"], {"q", "tau"} <= given.keys(), (said, guesses))
-    read = {kind: [log.numbers(place, name) for name in own] for kind, own in kinds.items()}
-    rate, stamps = options["sample_rate"], [found["t"][clock] for clock in sorted(found["t"])][:1]
-    if rate is None and not stamps:
+    log = _wide(place, log, options) if log.long else log
+    meanings = {name: _meaning(log.called.get(name, name), options.joints or ()) for name in log.columns}
+    found, guesses = _by_joint(place, log, meanings, options)
+    kinds, names, said = _same_joints(place, found, options, guesses)
+    t, stamp = _times(place, log, found["t"], options, len(log.columns[kinds["q"][0]]))
+    x = {kind: np.column_stack(_columns_of(place, log, kind, own, len(t))) for kind, own in kinds.items()}
+    samples = _in_units(place, log, x, (kinds, meanings), options, guesses)
+    t, since = _seconds(
+        place, t, samples, (stamp, log.time_unit or meanings.get(stamp, Meaning()).unit), options, guesses
+    )
+    said = [*log.said, *said, *since]
+    said += [f"{kind}: {_span(own)}" for kind, own in {"t": [stamp] * bool(stamp), **kinds}.items() if own]
+    return {"t": t, **samples, "joint_names": names}, said, guesses
+
+
+def _wide(place: str, log: Log, options: LogOptions) -> Log:
+    """A log with rows for each joint as one with columns for each, NaN where a joint has no row at a time."""
+    texts, j = _numbered(np.char.strip(log.columns[log.long].astype(str)))
+    joints = [re.sub(r"\.0$", "", joint) for joint in texts.tolist()]
+    kinds = {name: _meaning(name).kind for name in log.columns if name != log.long}
+    asked = [name for x in options.given.values() for name in ([x] if isinstance(x, str | int) else x)]
+    stamp = options.given.get("t", next((name for name, kind in kinds.items() if kind == "t"), None))
+    if stamp is None:  # the rows of each joint are counted
+        t = np.empty(len(j))
+        t[np.argsort(j, kind="stable")] = np.concatenate([np.arange(count) for count in np.bincount(j)])
+    else:
+        t = log.numbers(place, stamp)
+    times, k = _numbered(t)
+    if len(np.unique(k * len(joints) + j)) < len(k):
+        raise ValueError(f"{place}: a joint that column {log.long!r} names has two rows at one time; keep one of them")
+    if 2 * np.bincount(j).min() <= len(times):
+        what = f"joints that column {log.long!r} names have times of their own"
+        raise ValueError(f"{place}: {what}; interpolate to common ones by numpy.interp, a column for each joint")
+    columns, called, of = dict[str, Array](), dict[str, str](), dict[str, str]()
+    for name in (name for name, kind in kinds.items() if (kind not in ("", "t") or name in asked) and name != stamp):
+        table = np.full((len(times), len(joints)), np.nan)
+        table[k, j] = log.numbers(place, name)
+        own = [f"{name}.{joint}" for joint in joints]
+        columns |= dict(zip(own, table.T, strict=True))
+        called, of = called | dict.fromkeys(own, name), of | dict(zip(own, joints, strict=True))
+    columns |= {} if stamp is None else {stamp: times}
+    said = (*log.said, f"rows of joints, which column {log.long!r} names")
+    return log._replace(columns=columns, called=called, joints=of, said=said)
+
+
+def _numbered(values: Array) -> tuple[Array, Array]:
+    """Different values in the order in which they come, and the place of each among them."""
+    different, first, k = np.unique(values, return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    return different[order], np.argsort(order)[k]
+
+
+def _times(place: str, log: Log, found: Mapping[str, str], options: LogOptions, count: int) -> tuple[Array, str]:
+    """Times in the unit of the log, and their column; from the sample rate in seconds, and no column."""
+    if options.sample_rate is not None:
+        return np.arange(count) / positive_number("sample_rate", options.sample_rate), ""
+    if not found:
         there = listed_names(list(log.columns), LISTED)
         raise ValueError(f'{place}: there are no times; there are {there}; give columns={{"t": ...}} or `sample_rate`')
-    timed = rate is None
-    t = log.numbers(place, stamps[0]) if timed else np.arange(len(read["q"][0])) / positive_number("sample_rate", rate)
+    t = log.numbers(place, stamp := found[min(found)])
     if missing := np.flatnonzero(~np.isfinite(t)).tolist():
         raise ValueError(f"{place}: the time of sample {missing[0]} is missing")
-    for kind, columns in read.items():
-        if sizes := {len(column) for column in columns} - {len(t)}:
-            raise ValueError(f"{place}: there are {len(t)} times and {min(sizes)} samples of {kind}")
-    x = {kind: np.column_stack(columns) for kind, columns in read.items()}
-    units = _units(place, kinds, options["units"], meanings)
-    if log.is_lerobot and "q" not in options["units"]:
+    return t, stamp
+
+
+def _columns_of(place: str, log: Log, kind: str, names: Sequence[str], count: int) -> list[Array]:
+    """Columns as numbers, one for each time."""
+    columns = [log.numbers(place, name) for name in names]
+    if sizes := {len(column) for column in columns} - {count}:
+        raise ValueError(f"{place}: there are {count} times and {min(sizes)} samples of {kind}")
+    return columns
+
+
+def _in_units(
+    place: str, log: Log, x: Mapping[str, Array], named: tuple[Any, Any], options: LogOptions, guesses: Guesses
+) -> dict[str, Any]:
+    """Positions, torques and velocities in SI units, by columns of each quantity and what these mean (`named`)."""
+    (kinds, meanings), n = named, x["q"].shape[1]
+    units = _units(place, kinds, options.units, meanings)
+    if log.is_lerobot and "q" not in options.units:
         cure = 'give units={"q": "deg"}, or rad per unit of each joint and `offsets`'
         raise ValueError(f"{place}: positions of LeRobot data sets are in degrees or normalised; {cure}")
-    if units["q"] is None and np.mean(np.nanmax(np.abs(x["q"]), axis=0, initial=0) > 4 * np.pi) > 0.5:
+    if units["q"] is None and np.mean(np.nanmax(np.abs(x["q"]), axis=0, initial=0) > 2 * TURN) > 0.5:
         guesses.append(("positions are in degrees, as most pass two turns", 'else give units={"q": "rad"}'))
         units["q"] = "deg"
-    gains, n = options["gains"], len(kinds["q"])
-    named = np.isin(np.asarray(units["tau"], dtype=object), ["A", "mA"]).any()
-    if gains is None and (named or meanings[kinds["tau"][0]].kind == "current"):
+    are_currents = np.isin(np.asarray(units["tau"], dtype=object), ["A", "mA"]).any()
+    if options.gains is None and (are_currents or meanings[kinds["tau"][0]].kind == "current"):
         cure = "give `gains` [N m/A]; gains=1 keeps currents, for `rne.identify_drive_gains`"
-        raise ValueError(f"{place}: {_span(kinds['tau'])} are currents, not torques; {cure}")
-    factors = per_joint_array("gains", 1 if gains is None else gains, n)
-    if not factors.all():
-        raise ValueError(f"`gains` must not be zero, got {gains!r}")
+        motors = "at motors behind gears, Record.from_motors takes `drive_gains`"
+        raise ValueError(f"{place}: {_span(kinds['tau'])} are currents, not torques; {cure}; {motors}")
+    gains = per_joint_array("gains", 1 if options.gains is None else options.gains, n)
+    if not gains.all():
+        raise ValueError(f"`gains` must not be zero, got {options.gains!r}")
     units["qd"] = units["q"] if units["qd"] is None else units["qd"]
-    q = x["q"] * _in_si("q", units["q"], n) + per_joint_array("offsets", options["offsets"], n)
+    q = x["q"] * _in_si("q", units["q"], n) + per_joint_array("offsets", options.offsets, n)
     qd = x["qd"] * _in_si("qd", units["qd"], n) if "qd" in x else None
-    tau = x["tau"] * _in_si("tau", units["tau"], n) * factors
-    unit = options["time_unit"] or log.time_unit or (meanings[stamps[0]].unit if timed else "s")
-    if not unit and (seems := guessed_unit(t, q, qd)) is not None:
-        guesses.append((f"column {stamps[0]!r} {seems.said}", 'else give time_unit="s"'))
+    return {"q": q, "tau": x["tau"] * _in_si("tau", units["tau"], n) * gains, "qd": qd}
+
+
+def _seconds(
+    place: str, t: Array, samples: Mapping[str, Any], named: tuple[str, str], options: LogOptions, guesses: Guesses
+) -> tuple[Array, list[str]]:
+    """Times in seconds, by their column and the unit that the log names, and what is said of dates."""
+    stamp, unit = named
+    unit = options.time_unit or unit if stamp else "s"
+    if not unit and (seems := guessed_unit(t, samples["q"], samples["qd"])) is not None:
+        guesses.append((f"column {stamp!r} {seems.said}", 'else give time_unit="s"'))
         unit = seems.symbol
-    if timed and options["time_unit"] is None and unit not in (None, "", "s", "ms", "us", "ns"):
+    if stamp and options.time_unit is None and unit not in (None, "", "s", "ms", "us", "ns"):
         cure = "give `time_unit`, or `sample_rate` in place of the times"
-        raise ValueError(f"{place}: the unit {unit!r} of column {stamps[0]!r} is not known; {cure}")
+        raise ValueError(f"{place}: the unit {unit!r} of column {stamp!r} is not known; {cure}")
     t = in_seconds(place, Samples(t), unit or "s").t
-    if t[0] > SINCE:
-        said.append(f"times from the first sample on, at {t[0]:.3f} s")
-        t = t - t[0]
-    said += [f"{kind}: {_span(own)}" for kind, own in {"t": stamps[:timed], **kinds}.items() if own]
-    return {"t": t, "q": q, "tau": tau, "qd": qd, "joint_names": names}, said, guesses
+    return (t - t[0], [f"times from the first sample on, at {t[0]:.3f} s"]) if t[0] > SINCE else (t, [])
 
 
 class Meaning(NamedTuple):
@@ -148,6 +215,7 @@ def _meaning(name: str, joints: Sequence[str] = ()) -> Meaning:
     kinds.sort(key=lambda k: max((WORD.get(x, "q") != "t") + (x in WORD) for x in tokens[k] if x in KINDS))
     asked = {word: found for word in words if (found := ASKED.fullmatch(word))}
     kind = _kind(tokens[kinds[-1]] if kinds else words, unit)
+    kind = BY_UNIT.get(unit, kind) if kind in TORQUES else kind
     names = spare | {word for word in KINDS if kind == "t" or WORD.get(word) != "t"}
     if not kind or (kind == "t" and not all(x in names or CLOCKS.fullmatch(x) for x in tokens[-1])):
         return Meaning()
@@ -193,14 +261,14 @@ def _joint(parts: Sequence[str], others: Container[str]) -> str:
     return f"{matrix}_{texts[last]}" if matrix else texts[last]
 
 
-def _joined(files: Mapping[str, Any], options: Mapping[str, Any]) -> Log:
+def _joined(files: Mapping[str, Any], options: LogOptions) -> Log:
     """The columns of a log of a file for each quantity, of which one has the times, or all the same."""
     columns, log = dict[str, Array](), Log({})
     times: dict[str, Array] = {}
     for kind, path in files.items():
         if kind not in ("t", "q", "qd", "tau"):
             raise ValueError(f'`path` must be a file, or files by "t", "q", "qd" and "tau", got {kind!r}')
-        place, log = os.fspath(path), read_log(Path(path), {**options, "quantity": kind})
+        place, log = os.fspath(path), read_log(Path(path), replace(options, quantity=kind))
         for name in log.columns:
             what, joint, unit, own = _meaning(name)
             if "t" in (what, kind):
@@ -214,10 +282,9 @@ def _joined(files: Mapping[str, Any], options: Mapping[str, Any]) -> Log:
     return log._replace(columns=columns)
 
 
-def _by_joint(
-    place: str, log: Log, given: Mapping[str, Any], meanings: Mapping[str, Meaning], guesses: Guesses
-) -> Columns:
-    """The columns of each quantity by joint: those given, of the others what their names say."""
+def _by_joint(place: str, log: Log, meanings: Mapping[str, Meaning], options: LogOptions) -> tuple[Columns, Guesses]:
+    """The columns of each quantity by joint: those given, of the others what their names say; and guesses."""
+    given, guesses = options.given, Guesses()
     found: Columns = {kind: {} for kind in WORDS}
     if unknown := [kind for kind in given if kind not in ("t", "q", "qd", "tau")]:
         raise ValueError(f'`columns` must be of "t", "q", "qd" and "tau", got {unknown[0]!r}')
@@ -243,8 +310,8 @@ def _by_joint(
         names = [log.joints.get(name, meanings[name].joint) for name in own]
         found[kind] = dict(zip(names if len(set(names)) == len(own) else map(str, range(len(own))), own, strict=True))
     left = _not_commands(found, asked, list(log.columns), guesses)
-    forces = {x: name for x, name in found["force"].items() if x in found["q"] and x not in found["tau"]}
-    found["tau"] |= {} if found["current"] or "tau" in given else forces
+    if "tau" not in given and not found["current"]:
+        found["tau"] |= _forces(place, found, meanings, options, guesses)
     for kind in ("t", "q", "qd", "tau" if found["tau"] else "current"):
         if kind in both and kind not in given:
             raise ValueError(f"{place}: columns {both[kind]}")
@@ -260,7 +327,22 @@ def _by_joint(
         raise ValueError(f'{place}: there are {there}; give columns={{"q": ..., "tau": ...}} and `joints`')
     if left:
         guesses.append((f"{_span(left)} are commands or errors and not read", "else give `columns`"))
-    return found
+    return found, guesses
+
+
+def _forces(
+    place: str, found: Columns, meanings: Mapping[str, Meaning], options: LogOptions, guesses: Guesses
+) -> dict[str, str]:
+    """Forces by joint, which are the torques of joints that slide."""
+    forces = {x: name for x, name in found["force"].items() if x in found["q"] and x not in found["tau"]}
+    unit = options.units.get("q") if isinstance(options.units, Mapping) else None
+    units = {x: unit if isinstance(unit, str) else meanings[found["q"][x]].unit for x in forces}
+    if turning := [name for x, name in forces.items() if units[x] in ("rad", "deg")]:
+        cure = 'if they are torques, give columns={"tau": ...}'
+        raise ValueError(f"{place}: {_span(turning)} are forces, and the positions of their joints angles; {cure}")
+    if unsaid := [name for x, name in forces.items() if units[x] not in ("m", "mm")]:
+        guesses.append((f"{_span(unsaid)} are forces of joints that slide", 'else give units={"q": ...}'))
+    return forces
 
 
 def _not_commands(found: Columns, asked: Mapping[str, Meaning], order: Sequence[str], guesses: Guesses) -> list[str]:
@@ -294,49 +376,17 @@ def _named(place: str, names: list[str], wanted: str | int) -> list[str]:
 
 
 def _same_joints(
-    place: str, found: Columns, joints: Sequence[str] | None, paired: bool, remarks: tuple[list[str], Guesses]
-) -> tuple[dict[str, list[str]], Sequence[str] | None]:
-    """Columns of each quantity for the same joints, and the names of these, None for numbers.
+    place: str, found: Columns, options: LogOptions, guesses: Guesses
+) -> tuple[dict[str, list[str]], Sequence[str] | None, list[str]]:
+    """Columns of each quantity for the same joints, the names of these, None for numbers, and what is left out.
 
-    Names come before numbers, and numbers before the order in the file, unless the columns are given (`paired`).
+    Names come before numbers, and numbers before the order in the file, unless the columns are given.
     """
-    said, guesses = remarks
+    joints, are_given = options.joints, {"q", "tau"} <= options.given.keys()
     there = {"q": found["q"], "tau": found["tau"] or found["current"], "qd": found["qd"]}
-    numbers = {kind: numbers_at_ends(x) for kind, x in there.items()}
-    for kind, k in numbers.items():
-        if k and not paired:
-            there[kind] = dict(x for _, x in sorted(zip(k, there[kind].items(), strict=True)))
-    other = [kind for kind, x in there.items() if x and not numbers[kind]]  # velocities may be of more than the joints
-    first = next((kind for kind in other if kind != "qd" or len(there["qd"]) == len(there["q"])), "q")
-    names, of = there[first], Columns()
-    key: Callable[[str], str] = plain_name if all(len({*map(plain_name, x)}) == len(x) for x in there.values()) else str
-    for kind, x in there.items():
-        own, k, base = {key(joint): column for joint, column in x.items()}, numbers[kind], numbers[first]
-        is_shifted = k and base and (0 in k) != (0 in base)
-        of[kind] = {joint: own[key(joint)] for joint in names if key(joint) in own and not is_shifted}
-        if not of[kind] and len(x) == len(names) and (k or paired):
-            of[kind] = dict(zip(names, x.values(), strict=True))
-            if kind != "qd" and not paired:
-                guesses.append((f"{_span(x)} are of the joints of {_span(names)} in this order", ORDER))
-    common = [joint for joint in of["q"] if joint in of["tau"]]
-    own = {key(joint): joint for joint in common}
-    shared = own.keys() & set(map(key, joints or ()))
-    are_others = len(joints or ()) == len(common) and len(shared) < len(common)
-    if are_others and (paired or (numbers_at_ends(common) and not shared)):
-        if not paired:
-            guesses.append((f"{_span(of['q'])} are of {_span(joints or ())} in this order", ORDER))
-    elif joints is not None and common:
-        if missing := [joint for joint in joints if key(joint) not in own]:
-            hint = did_you_mean(missing[0], common) or f"; there are {listed_names(common, LISTED)}"
-            cure = '; to name them so, give columns={"q": ..., "tau": ...} in the order of `joints`' * are_others
-            raise ValueError(f"{place}: there are no positions and torques of joint {missing[0]!r}{hint}{cure}")
-        common = [own[key(joint)] for joint in joints]
-    if not common:
-        both = f"positions are {_span(there['q'])}, torques {_span(there['tau'])}"
-        cure = 'if these are of the same joints, give columns={"q": ..., "tau": ...} in the same order'
-        raise ValueError(f"{place}: no joint has positions and torques; {both}; {cure}")
-    if alone := [joint for joint in of["q"] if joint not in of["tau"]]:
-        said.append(f"without torques, left out: {listed_names(alone)}")
+    of, key = _by_names(there, are_given, guesses)
+    common = _chosen(place, there, of, key, options, guesses)
+    alone = [joint for joint in of["q"] if joint not in of["tau"]]
     if set(common) - of["qd"].keys():
         del of["qd"]
     for kind in ("tau", "qd"):
@@ -349,7 +399,54 @@ def _same_joints(
         if len(common) > 1:
             guesses.append(("numbered columns are taken in the robot's order", "else give their names as `joints`"))
     named = common if joints is None else joints
-    return {kind: [x[joint] for joint in common] for kind, x in of.items()}, named or None
+    said = [f"without torques, left out: {listed_names(alone)}"] * bool(alone)
+    return {kind: [x[joint] for joint in common] for kind, x in of.items()}, named or None, said
+
+
+def _by_names(there: Columns, are_given: bool, guesses: Guesses) -> tuple[Columns, Callable[[str], str]]:
+    """Columns of each quantity by the names of joints of that which has names, and what makes names alike."""
+    numbers = {kind: numbers_at_ends(x) for kind, x in there.items()}
+    for kind, k in numbers.items():
+        if k and not are_given:
+            there[kind] = dict(x for _, x in sorted(zip(k, there[kind].items(), strict=True)))
+    other = [kind for kind, x in there.items() if x and not numbers[kind]]  # velocities may be of more than the joints
+    first = next((kind for kind in other if kind != "qd" or len(there["qd"]) == len(there["q"])), "q")
+    names, of = there[first], Columns()
+    key: Callable[[str], str] = plain_name if all(len({*map(plain_name, x)}) == len(x) for x in there.values()) else str
+    for kind, x in there.items():
+        own, k, base = {key(joint): column for joint, column in x.items()}, numbers[kind], numbers[first]
+        is_shifted = k and base and (0 in k) != (0 in base)
+        of[kind] = {joint: own[key(joint)] for joint in names if key(joint) in own and not is_shifted}
+        if not of[kind] and len(x) == len(names) and (k or are_given):
+            of[kind] = dict(zip(names, x.values(), strict=True))
+            if kind != "qd" and not are_given:
+                guesses.append((f"{_span(x)} are of the joints of {_span(names)} in this order", ORDER))
+    return of, key
+
+
+def _chosen(
+    place: str, there: Columns, of: Columns, key: Callable[[str], str], options: LogOptions, guesses: Guesses
+) -> list[str]:
+    """The joints with positions and torques in the order of those asked for, or all."""
+    joints, are_given = options.joints, {"q", "tau"} <= options.given.keys()
+    common = [joint for joint in of["q"] if joint in of["tau"]]
+    own = {key(joint): joint for joint in common}
+    shared = own.keys() & set(map(key, joints or ()))
+    are_others = len(joints or ()) == len(common) and len(shared) < len(common)
+    if not common:
+        both = f"positions are {_span(there['q'])}, torques {_span(there['tau'])}"
+        cure = 'if these are of the same joints, give columns={"q": ..., "tau": ...} in the same order'
+        raise ValueError(f"{place}: no joint has positions and torques; {both}; {cure}")
+    if joints is None or (are_others and are_given):
+        return common
+    if are_others and numbers_at_ends(common) and not shared:
+        guesses.append((f"{_span(of['q'])} are of {_span(joints)} in this order", ORDER))
+        return common
+    if missing := [joint for joint in joints if key(joint) not in own]:
+        hint = did_you_mean(missing[0], common) or f"; there are {listed_names(common, LISTED)}"
+        cure = '; to name them so, give columns={"q": ..., "tau": ...} in the order of `joints`' * are_others
+        raise ValueError(f"{place}: there are no positions and torques of joint {missing[0]!r}{hint}{cure}")
+    return [own[key(joint)] for joint in joints]
 
 
 def plain_name(joint: str) -> str:

@@ -6,29 +6,32 @@ import json
 import math
 import os
 import re
-import struct
-import sys
-import zlib
-from array import array
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass, field
 from itertools import islice
+from operator import itemgetter
 from pathlib import Path
 from statistics import mode
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from ..basics.archive import FREE, LARGEST, RATIO, Arrays, TooLargeError, bytes_of, check_regular, most_unpacked
+from ..basics.archive import Arrays, TooLargeError, bytes_of, check_regular, most_unpacked
 from ..basics.spatial import Array
 from ..basics.text import MAX_NAME, cut, plain
-from .tables import as_number, csv_rows, finite_numbers, listed_names, text_of
+from .matlab import matlab_arrays
+from .ros_bags import JOINT_STATE, KINDS, Message, bag_states, bag_topics, echoed, is_bag, rostopic
+from .tables import as_number, csv_rows, finite_numbers, formatted, listed_names, numeric_block, text_of
 
-Message = tuple[int, Sequence[str], Sequence[Sequence[float]]]  # time [ns], joints, and their q, qd, tau
+Rows = list[tuple[int, list[str]]]  # rows of a text with their numbers
 
+BAGS = ", ".join(KINDS.values())
+JSON = (".json", ".jsonl", ".ndjson")
 LISTED = 12  # columns that an error lists
-MOST_PARTS, LONGEST = 100_000, 200  # parts of an array of MATLAB, characters of a name
+LONGEST = 200  # characters of a name
 UNIT = re.compile(r"s|ms|us|ns|(rad|deg|mm?)(/s)?|rpm|m?Nm|N|m?A")
 SPELT = {  # of units as they are written
     r"[\s.·⋅*^⁻¹-]": "", r"(?<=deg|rad)(_s|ps|s1|_?per_?s(ec(ond)?)?)$": "/s",
@@ -37,29 +40,15 @@ SPELT = {  # of units as they are written
     r"^(m?)amp(ere)?s?$": r"\1A", r"^(1|rev|r|u)[/p]min$": "rpm",
 }  # fmt: skip
 DATE = re.compile(r"(\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d(?:\.\d+)?)(?:Z|[+-]\d\d:?\d\d)?")
-WIDE = "p.columns = p.columns.map('{0[0]}.{0[1]}'.format), p.to_csv(NEW)"
-JOINTS = 64  # joints at most, of which a row each is looked for
-SNIFFED = 20  # rows from which separator and decimal sign are guessed
-FORMATS = [(";", "."), (";", ","), ("\t", "."), ("\t", ","), (",", "."), (" ", "."), (" ", ",")]
-JOINT_STATE = "sensor_msgs/msg/JointState"
-DEFINITION = (  # of it: that in a file may be any text
-    "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort\n{0}MSG: "
-    "std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n{0}MSG: builtin_interfaces/Time\nint32 sec\n"
-    "uint32 nanosec\n"
-).format("=" * 80 + "\n")
-TO_MCAP = (
-    "convert it to MCAP, without ROS: pip install rosbags; rosbags-convert --src BAG --dst FOLDER --dst-storage mcap"
-)
+JOINTS = 64  # joints at most, of which rows of their own are looked for
+WHOLE = re.compile(r"\s*\d+(\.0)?\s*")
 OTHERS = {  # first bytes of files that are not read, what they are, and the cure
-    b"#ROSBAG": f"a ROS 1 bag; {TO_MCAP}",
-    b"SQLite": f"a ROS 2 bag in SQLite; {TO_MCAP}",
     b"MATLAB 7": "a MATLAB file of version 7.3; save it by save(file, ..., '-v7')",
     b"\x89HDF": "an HDF5 file; write its arrays as text, .npz or .mat",
     b"PK\x03\x04": "a ZIP archive or a spreadsheet; write it as text",
     b"\x1f\x8b": "compressed; decompress it first",
 }
 FORMS = {  # beginnings of texts that are not read, likewise
-    r"\s*[\[{]\s*[\[{\"]": "JSON; write its arrays as .npz by numpy.savez('log.npz', t=..., q=..., tau=...)",
     r"\s*<\?*\w": "XML; write its numbers as CSV, a row per sample",
     r"(---\s*)?(header|name|position):\s": "YAML as of ros2 topic echo; add --csv, or -p with rostopic",
 }
@@ -68,9 +57,30 @@ NAMES = re.compile(
 )  # of arrays of joints' names
 CELL = re.compile(r"\s*(?:array\('\w', *)?[\[(](.*?)[\])]\)?\s*")  # an entry that is a list
 NUMBERED = re.compile(r"(.*?)[_.\[( ]*(\d+)[\])]?")  # columns of an array
-NUMERIC = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}  # of MATLAB
-COMPRESSED, CELLS, STRUCTURE, TEXT = 15, 1, 2, 4  # kinds of elements and of arrays
 NUMBERS = re.compile(r"((fixed_size_|large_)?list<.*)?\b(halffloat|float|double|u?int\d+)\b(>.*)?")  # types of Arrow
+
+
+@dataclass(frozen=True)
+class LogOptions:
+    """What is given to read a log, as `rne.identification.Record.from_log` describes it; None if it is not."""
+
+    joints: Sequence[str] | None = None
+    columns: Sequence[str] | Mapping[str, Any] | None = None
+    units: Mapping[str, Any] = field(default_factory=dict)
+    time_unit: str | None = None
+    sample_rate: float | None = None
+    gains: ArrayLike | None = None
+    offsets: ArrayLike = 0.0
+    separator: str | None = None
+    decimal: str | None = None
+    topic: str | None = None
+    episode: int | None = None
+    quantity: str = ""  # that alone stands in the file
+
+    @property
+    def given(self) -> Mapping[str, Any]:
+        """Columns by quantity, where they are given so."""
+        return self.columns if isinstance(self.columns, Mapping) else {}
 
 
 class Log(NamedTuple):
@@ -85,6 +95,8 @@ class Log(NamedTuple):
     joints: Mapping[str, str] = {}  # by columns, where the file names the joints apart
     twice: Collection[str] = ()  # names of different columns
     unused: Sequence[str] = ()  # names of joints that are as many as no numbered columns
+    long: str = ""  # name of the column of joints, of each of which there are rows
+    called: Mapping[str, str] = {}  # names in the file, where columns have others
 
     def numbers(self, place: str, name: str) -> Array:
         """A column as numbers, NaN where entries are left out."""
@@ -107,16 +119,14 @@ def symbol(unit: str) -> str:
     return unit
 
 
-def read_log(path: Path, options: Mapping[str, Any]) -> Log:
-    """The columns of a file, whose format its first bytes say, or of a data set in a folder."""
+def read_log(path: Path, options: LogOptions) -> Log:
+    """The columns of a file, whose format its first bytes say, or of a data set or bag in a folder."""
     if path.is_dir():
         if (path / "meta" / "info.json").is_file():
             return _parquet(sorted(path.glob("data/*/*.parquet")), path / "meta" / "info.json", options)
-        if any(path.glob("*.db3")):
-            raise ValueError(f"{path}: is {OTHERS[b'SQLite']}")
-        if not (bags := sorted(path.glob("*.mcap"))):
-            raise ValueError(f"{path}: is a folder without meta/info.json, as LeRobot data sets have, or .mcap files")
-        return _mcap(bags, options)
+        if bags := sorted(file for file in path.iterdir() if is_bag(file, b"")):
+            return _bags(bags, options)
+        raise ValueError(f"{path}: is a folder without meta/info.json, as LeRobot data sets have, or bags ({BAGS})")
     check_regular(path)
     with open(path, "rb") as stream:
         first, suffix = stream.read(16), path.suffix.lower()
@@ -125,16 +135,14 @@ def read_log(path: Path, options: Mapping[str, Any]) -> Log:
     for mark, what in OTHERS.items():
         if first.startswith(mark):
             raise ValueError(f"{path}: is {what}")
-    if first.startswith(b"MATLAB 5") or suffix == ".mat":
-        data = memoryview(bytes_of(path))
-        if not first.startswith(b"MATLAB 5"):
-            raise ValueError(f"{path}: is no MATLAB file of version 5 to 7; save it by save(file, ..., '-v7')")
-        order = "<" if bytes(data[126:128]) == b"IM" else ">"
-        return _arrays(path, _whole(path, lambda: _matlab(data[128:], order, most_unpacked(path))))
-    if first.startswith(b"\x89MCAP") or suffix == ".mcap":
-        return _mcap([path], options)
+    if is_bag(path, first):
+        return _bags([path], options)
     if first.startswith(b"PAR1") or suffix == ".parquet":
         return _parquet([path], None, options)
+    if first.startswith(b"MATLAB 5"):
+        return _arrays(path, _whole(path, lambda: matlab_arrays(memoryview(bytes_of(path)), most_unpacked(path))))
+    if suffix == ".mat":
+        raise ValueError(f"{path}: is no MATLAB file of version 5 to 7; save it by save(file, ..., '-v7')")
     return _text(path, options)
 
 
@@ -154,51 +162,74 @@ def _whole(path: Path, read: Callable[[], Any]) -> Any:
 # Text
 
 
-def _text(path: Path, options: Mapping[str, Any]) -> Log:
+def _text(path: Path, options: LogOptions) -> Log:
     name, text = os.fspath(path), text_of(path)
+    if path.suffix.lower() in JSON or re.match(r"\s*[\[{]\s*[\[{\"]", text):
+        return _arrays(path, _whole(path, lambda: _json(text)))
     for beginning, what in FORMS.items():
         if re.match(beginning, text):
             raise ValueError(f"{path}: is {what}")
-    separator, decimal = _format(text, options["separator"], options["decimal"])
-    rows = _without_lists(name, csv_rows(name, text, separator))
+    text, separator, decimal = formatted(text, options.separator, options.decimal)
+    above, numbers = numeric_block(text, separator, decimal) or (text, None)
+    rows, body, width = csv_rows(name, above, separator), list[tuple[int, list[str]]](), 0
+    if numbers is None:
+        rows, body, width = _split(name, _without_lists(name, rows), decimal)
+    heading = _heading(rows, width if numbers is None else numbers.shape[1], options)
+    if (
+        not heading
+        and body
+        and len(body[0][1]) > 4
+        and body[0][1][1].isdigit()
+        and math.isnan(as_number(body[0][1][3]))
+    ):
+        return _states(name, echoed(name, body), options.joints, "as of ros2 topic echo --csv")
+    width = width if numbers is None else numbers.shape[1]
+    if not heading:
+        cure = 'columns=["t", "q.shoulder", "tau.shoulder"], with "" for one to ignore'
+        raise ValueError(f"{name}: the names of its {width} columns are missing; give them, such as {cure}")
+    _check_names(name, heading)
+    first = above.count("\n") + 1
+    for row, size in [(first, width)] if numbers is not None else [(at, len(fields)) for at, fields in body]:
+        if size != len(heading):
+            cure = "remove the row if the log was cut off there"
+            raise ValueError(f"{name}, row {row}: must have {len(heading)} entries, got {size}; {cure}")
+    if "field.position0" in heading:
+        return _states(name, rostopic(name, heading, body), options.joints, "as of rostopic echo -p")
+    data = [np.array(x) for x in zip(*(row for _, row in body), strict=True)] if numbers is None else [*numbers.T]
+    cells = [(x, column) for x, column in zip(heading, data, strict=True) if x]
+    columns = dict(cells)
+    said = (f"separator {separator!r}, decimal sign {decimal!r}",) * ((separator, decimal) != (",", "."))
+    twice = {x for x, column in cells if heading.count(x) > 1 and not np.array_equal(column, columns[x])}
+    return Log(columns, said, None, decimal, [row for row, _ in body], twice=twice, **_joints_of(name, columns))
+
+
+def _split(name: str, rows: Rows, decimal: str) -> tuple[Rows, Rows, int]:
+    """Rows above the first of numbers, the others, and how many entries most have."""
     width = mode(len(row) for _, row in rows) if rows else 0
     numeric = (k for k, (_, row) in enumerate(rows) if len(row) == width or (k == 0 and len(row) > 4))
     first = next((k for k in numeric if _is_numeric(rows[k][1], decimal)), None)
     if first is None:
         raise ValueError(f"{name}: there are no rows of numbers" if rows else f"{name}: the file is empty")
-    given, heading, body = options["columns"], rows[first - 1][1] if first else [], rows[first:]
+    return rows[:first], rows[first:], width
+
+
+def _heading(above: Rows, width: int, options: LogOptions) -> list[str]:
+    """Names of columns with their units, given or in the rows above the numbers; empty if there are none."""
+    given = options.columns
     if isinstance(given, Sequence):
-        heading = list(given)
-    elif heading:
-        heading = [entry.strip().lstrip("#% ") for entry in heading]
-        heading = heading[len(heading) == width + 1 and not heading[0] :]  # "# t q1", separated by blanks
-        units = [symbol(unit.strip("[]() ")) for unit in heading]
-        above = rows[first - 2][1] if first > 1 else []
-        if len(above) == len(units) and any(units) and all(UNIT.fullmatch(x or "s") for x in units):
-            heading = [x.strip() + f" [{unit}]" * bool(unit) for x, unit in zip(above, units, strict=True)]
-    elif width > 4 and body[0][1][1].isdigit() and math.isnan(as_number(body[0][1][3])):
-        return _states(name, _echoed(name, body), options["joints"], "as of ros2 topic echo --csv")
-    elif given is not None or options["quantity"]:
-        heading = [str(k) for k in range(width)]
-    else:
-        cure = 'columns=["t", "q.shoulder", "tau.shoulder"], with "" for one to ignore'
-        raise ValueError(f"{name}: the names of its {width} columns are missing; give them, such as {cure}")
-    _check_names(name, heading)
-    for row, fields in body:
-        if len(fields) != len(heading):
-            cure = "remove the row if the log was cut off there"
-            raise ValueError(f"{name}, row {row}: must have {len(heading)} entries, got {len(fields)}; {cure}")
-    if "field.position0" in heading:
-        return _states(name, _rostopic(name, heading, body), options["joints"], "as of rostopic echo -p")
-    cells = [*zip(heading, zip(*(row for _, row in body), strict=True), strict=True)]
-    columns = {x: np.array(column) for x, column in cells if x}
-    said = (f"separator {separator!r}, decimal sign {decimal!r}",) * ((separator, decimal) != (",", "."))
-    twice = {x for x, column in cells if x and heading.count(x) > 1 and [*column] != columns[x].tolist()}
-    joints, unused = _joints_of(name, columns)
-    return Log(columns, said, None, decimal, [row for row, _ in body], joints=joints, twice=twice, unused=unused)
+        return list(given)
+    if not above:
+        return [str(k) for k in range(width)] if given is not None or options.quantity else []
+    heading = [entry.strip().lstrip("#% ") for entry in above[-1][1]]
+    heading = heading[len(heading) == width + 1 and not heading[0] :]  # "# t q1", separated by blanks
+    units = [symbol(unit.strip("[]() ")) for unit in heading]
+    names = above[-2][1] if above[1:] else []
+    if len(names) == len(units) and any(units) and all(UNIT.fullmatch(x or "s") for x in units):
+        return [x.strip() + f" [{unit}]" * bool(unit) for x, unit in zip(names, units, strict=True)]
+    return heading
 
 
-def _without_lists(name: str, rows: list[tuple[int, list[str]]]) -> list[tuple[int, list[str]]]:
+def _without_lists(name: str, rows: Rows) -> Rows:
     """Rows with an entry for each number, or name, of the lists that stand in entries."""
     sizes = {k: len(_entries(x)) for k, x in enumerate(rows[-1][1]) if CELL.fullmatch(x)} if rows else {}
     for at, row in rows if sizes else ():
@@ -218,17 +249,20 @@ def _entries(entry: str) -> list[str]:
     return [x.strip("'\"") for x in re.split(r"[,;\s]+", found[1].strip()) if x] if found else [entry]
 
 
-def _joints_of(place: str, columns: Mapping[str, Array], rows: bool = True) -> tuple[dict[str, str], Sequence[str]]:
-    """The joints of numbered columns, where other columns name them in all `rows`, or an array; names of no columns."""
+def _joints_of(place: str, columns: Mapping[str, Array]) -> dict[str, Any]:
+    """Fields of a Log: the joints of numbered columns, which other columns or an array name; the column of a long form.
+
+    Columns of names are as long as all others.
+    """
     found = {x: NUMBERED.fullmatch(x) for x in columns}
     named = sorted((int(m[2]) if m else 0, x) for x, m in found.items() if NAMES.fullmatch(m[1] if m else x))
-    texts = [columns[x] for _, x in named if re.match(r"(?!nan$|inf)[^\W\d]", str(columns[x][0]), re.IGNORECASE)]
-    for _, x in named[: rows and len(named) == 1]:
-        if 1 < len({*columns[x].tolist()}) <= JOINTS and (texts or all(map(str.isdigit, columns[x].tolist()))):
-            cure = f"p = pandas.read_csv(LOG).pivot(index=TIME, columns={x!r}), {WIDE}"
-            what = f"has a row for each joint, which column {x!r} names"
-            raise ValueError(f"{place}: {what}; make columns of all: {cure}")
-    own, *others = np.unique(np.column_stack(texts) if rows else texts[:1], axis=0).tolist() if texts else [[]]
+    texts = [columns[x] for _, x in named if re.match(r"(?!nan$|inf)[^\W\d]", str(columns[x][:1][0]), re.IGNORECASE)]
+    are_rows = len({len(x) for x in columns.values()}) == 1
+    for _, x in named[: are_rows and len(named) == 1]:
+        values = [*map(str, columns[x].tolist())]
+        if 1 < len({*values}) <= min(JOINTS, len(values) - 1) and (texts or all(map(WHOLE.fullmatch, values))):
+            return {"long": x}
+    own, *others = np.unique(np.column_stack(texts) if are_rows else texts[:1], axis=0).tolist() if texts else [[]]
     if others or len(set(own)) < len(own):
         both = " and ".join(map(listed_names, [own, *others[:1]]))
         what = f"the names of joints must be different, and the same in all rows, got {both}"
@@ -238,7 +272,8 @@ def _joints_of(place: str, columns: Mapping[str, Array], rows: bool = True) -> t
         if m and not NAMES.fullmatch(m[1]):
             groups.setdefault(m[1], {})[int(m[2])] = column
     whole = [group for group in groups.values() if sorted(group) in ([*range(len(own))], [*range(1, len(own) + 1)])]
-    return {x[k]: joint for x in whole for k, joint in zip(sorted(x), own, strict=True)}, () if whole else own
+    joints = {x[k]: joint for x in whole for k, joint in zip(sorted(x), own, strict=True)}
+    return {"joints": joints, "unused": () if whole else own}
 
 
 def with_stamps(place: str, log: Log) -> Log:
@@ -250,19 +285,6 @@ def with_stamps(place: str, log: Log) -> Log:
             t = log.numbers(place, whole)
             columns[whole] = t - t[0] + 1e-9 * log.numbers(place, name)
     return log._replace(columns=columns)
-
-
-def _format(text: str, separator: str | None, decimal: str | None) -> tuple[str, str]:
-    """Separator and decimal sign with which most entries in the middle of a text are numbers."""
-    lines = [line for line in text.splitlines() if line.strip()]
-    lines = [re.sub(r'\[.*?\]|"', "", line) for line in lines[len(lines) // 2 :][:SNIFFED]]
-
-    def numbers(form: tuple[str, str]) -> int:
-        fields = [x for line in lines for x in (line.split() if form[0] == " " else line.split(form[0]))]
-        return sum(math.isfinite(as_number(x, form[1])) for x in fields)
-
-    possible = [f for f in FORMATS if separator in (None, f[0]) and decimal in (None, f[1])]
-    return max(possible or [(separator or ",", decimal or ".")], key=numbers)
 
 
 def _is_numeric(row: Sequence[str], decimal: str) -> bool:
@@ -277,36 +299,7 @@ def _check_names(place: str, names: Iterable[str]) -> None:
         raise ValueError(f"{place}: names of columns and joints must have at most {LONGEST} characters, {cure}")
 
 
-# Messages: sensor_msgs/JointState
-
-
-def _echoed(name: str, body: Iterable[tuple[int, list[str]]]) -> Iterator[Message]:
-    """Columns of `ros2 topic echo --csv`: seconds, nanoseconds, frame, names, positions, velocities, efforts."""
-    for at, row in body:
-        (*stamp, _), fields, parts = row[:3], row[3:], list[list[float]]()
-        n = next((k for k, x in enumerate(fields) if x in ("", "nan") or math.isfinite(as_number(x))), 0)
-        names, rest = fields[:n], fields[n:]
-        for _ in range(3):  # an array without entries is an entry left out
-            count = n if rest[:1] != [""] else 1
-            parts.append([as_number(x) for x in rest[:count] if x])
-            rest = rest[count:]
-        if rest or {len(part) for part in parts} - {0, n} or not n or not "".join(stamp).isdigit():
-            what = "as many names of joints, positions, velocities and efforts"
-            raise ValueError(f"{name}, row {at}: must be seconds, nanoseconds, frame, and {what}")
-        yield int(stamp[0]) * 10**9 + int(stamp[1]), names, parts
-
-
-def _rostopic(name: str, heading: Sequence[str], body: Iterable[tuple[int, list[str]]]) -> Iterator[Message]:
-    """Columns of `rostopic echo -p`, such as field.position0; times are those of headers, or of receipt."""
-    fields = ("name", "position", "velocity", "effort")
-    places = [[k for k, x in enumerate(heading) if re.fullmatch(rf"field\.{field}\d+", x)] for field in fields]
-    stamps = [heading.index(x) for x in ("field.header.stamp", "time") if x in heading]
-    for at, row in body:
-        stamp = next((row[k] for k in stamps if row[k] != "0"), "")
-        if not stamp.isdigit():
-            raise ValueError(f"{name}, row {at}: must have a time in nanoseconds, got {cut(stamp, MAX_NAME)!r}")
-        names, *values = ([row[k] for k in place] for place in places)
-        yield int(stamp), names, [[as_number(x) for x in part] for part in values]
+# Messages
 
 
 def _states(place: str, messages: Iterable[Message], joints: Sequence[str] | None, said: str) -> Log:
@@ -338,72 +331,21 @@ def _states(place: str, messages: Iterable[Message], joints: Sequence[str] | Non
     return Log(columns, (f"{said}, times from the first message on, at {start / 1e9:.3f} s",), "s")
 
 
-def _mcap(paths: Sequence[Path], options: Mapping[str, Any]) -> Log:
-    """Joint states of one topic of an MCAP file, or of the files of a bag."""
-    try:
-        from mcap.reader import make_reader
-        from mcap.records import Schema
-        from mcap_ros2.decoder import DecoderFactory
-    except ImportError:
-        raise ImportError("reading MCAP files needs mcap-ros2-support: pip install 'rne[mcap]'") from None
+def _bags(paths: Sequence[Path], options: LogOptions) -> Log:
+    """Joint states of one topic of a bag, or of the files of one."""
     topics: dict[str, str] = {}
-    messages: list[tuple[int, Message]] = []
-    decode: Any = DecoderFactory().decoder_for("cdr", Schema(1, DEFINITION.encode(), "ros2msg", JOINT_STATE))
-
-    def read(path: Path, wanted: str | None) -> None:
-        most, numbers = most_unpacked(path), 0
-        with open(path, "rb") as stream:
-            reader = make_reader(stream, validate_crcs=True)
-            if (summary := reader.get_summary()) is None:
-                raise ValueError("it has no summary; mend it: mcap recover FILE")
-            if (size := max((x.uncompressed_size for x in summary.chunk_indexes), default=0)) > LARGEST:
-                raise ValueError(f"a chunk is said to have {size} bytes")
-            schemas = {k: schema.name for k, schema in summary.schemas.items()}
-            topics.update({x.topic: schemas.get(x.schema_id, "unknown") for x in summary.channels.values()})
-            if wanted is None:
-                return
-            _check_chunks(stream, summary.chunk_indexes, FREE + RATIO * path.stat().st_size)
-            for _, _, raw in reader.iter_messages(topics=[wanted], log_time_order=False):
-                state = decode(raw.data)
-                values = [array("d", x) for x in (state.position, state.velocity, state.effort)]
-                if (numbers := numbers + 4 + sum(map(len, values))) * 8 > most:
-                    raise TooLargeError(most)
-                ns = state.header.stamp.sec * 10**9 + state.header.stamp.nanosec or raw.log_time
-                messages.append((raw.log_time, (ns, tuple(map(sys.intern, state.name)), values)))
-        messages.sort(key=lambda message: message[0])
-
     for path in paths:
-        _whole(path, lambda path=path: read(path, None))  # type: ignore[misc]
-    states, topic = [name for name, kind in topics.items() if kind == JOINT_STATE], options["topic"]
+        topics |= _whole(path, lambda path=path: bag_topics(path))  # type: ignore[misc]
+    states, topic = [name for name, kind in topics.items() if kind == JOINT_STATE], options.topic
     if topic is None and len(states) > 1:
         raise ValueError(f"{paths[0]}: there are joint states of {listed_names(states)}; give one as `topic`")
     if not states or topic not in (None, *states):
         there = ", ".join(f"{name} ({kind})" for name, kind in sorted(topics.items())[:LISTED]) or "nothing"
         raise ValueError(f"{paths[0]}: there is no topic {topic or ''} of {JOINT_STATE}; there is {plain(there)}")
     topic = topic or states[0]
-    for path in paths:
-        _whole(path, lambda path=path: read(path, topic))  # type: ignore[misc]
-    return _states(os.fspath(paths[0]), (x for _, x in messages), options["joints"], f"topic {plain(topic)}")
-
-
-def _check_chunks(stream: Any, indexes: Iterable[Any], most: int) -> None:
-    """An error if a chunk unpacks to more bytes than it says, or all to more than most."""
-    import zstandard
-    from lz4.frame import LZ4FrameDecompressor
-    from mcap.stream_reader import StreamReader
-
-    for index in indexes:
-        stream.seek(index.chunk_start_offset)
-        chunk: Any = next(StreamReader(stream, skip_magic=True, emit_chunks=True, record_size_limit=LARGEST).records)
-        size = chunk.uncompressed_size + 1
-        if (most := most - size) < 0:
-            raise ValueError("its chunks unpack to more bytes than a file of its size may")
-        if chunk.compression == "zstd":
-            found = len(zstandard.ZstdDecompressor().stream_reader(chunk.data).read(size))
-        else:
-            found = len(LZ4FrameDecompressor().decompress(chunk.data, size)) if chunk.compression == "lz4" else 0
-        if found == size:
-            raise ValueError("a chunk has more bytes than it says")
+    parts = [_whole(path, lambda path=path: bag_states(path, topic)) for path in paths]  # type: ignore[misc]
+    messages = [message for _, message in sorted((x for part in parts for x in part), key=itemgetter(0))]
+    return _states(os.fspath(paths[0]), messages, options.joints, f"topic {plain(topic)}")
 
 
 # Arrays
@@ -413,8 +355,7 @@ def _arrays(path: Path, arrays: Mapping[str, Any]) -> Log:
     """The columns of arrays by name, of the joints that an array of texts names."""
     columns = _columns(arrays)
     _check_names(os.fspath(path), columns)
-    joints, unused = _joints_of(os.fspath(path), columns, rows=False)
-    return Log(columns, joints=joints, unused=unused)
+    return Log(columns, **_joints_of(os.fspath(path), columns))
 
 
 def _columns(arrays: Mapping[str, Any], names: Mapping[str, Sequence[str]] | None = None) -> dict[str, Array]:
@@ -424,7 +365,9 @@ def _columns(arrays: Mapping[str, Any], names: Mapping[str, Sequence[str]] | Non
         if isinstance(value, Mapping):
             columns |= {f"{name}.{part}": x for part, x in _columns(value).items()}
         elif NAMES.fullmatch(name) and np.asarray(value).dtype.kind in "US":
-            columns[name] = np.char.strip(np.ravel(value).astype(str))
+            x = np.char.strip(np.asarray(value).astype(str))
+            rows = x.T if x.ndim == 2 and min(x.shape) > 1 else [np.ravel(x)]  # names of each sample
+            columns |= {name if len(rows) == 1 else f"{name}.{k + 1}": row for k, row in enumerate(rows)}
         elif not name.startswith("__") and np.asarray(value).dtype.kind in "fiu" and np.ndim(value) in (1, 2):
             x = np.atleast_2d(np.asarray(value, dtype=np.float64).T)
             x = x.T if len(x) > x.shape[1] else x
@@ -434,75 +377,42 @@ def _columns(arrays: Mapping[str, Any], names: Mapping[str, Sequence[str]] | Non
     return columns
 
 
+def _json(text: str) -> dict[str, Any]:
+    """Arrays in JSON, or in lines of it: those of an object, or of the entries of a list of objects."""
+    try:
+        found = json.loads(text)
+    except json.JSONDecodeError as error:
+        if error.msg != "Extra data":
+            raise
+        found = [json.loads(line) for line in text.splitlines() if line.strip()]
+    while isinstance(found, dict) and len(parts := [x for x in found.values() if isinstance(x, dict | list)]) == 1:
+        found = parts[0]  # beside settings, such as a gain
+    arrays = _array_of(found)
+    if not isinstance(arrays, dict):
+        raise ValueError("an object of arrays, or a list or lines of objects is needed")
+    return arrays
+
+
+def _array_of(value: Any) -> Any:
+    """Arrays of numbers, null being NaN, or of texts; of objects a mapping of these; None for anything else."""
+    if isinstance(value, list) and value and all(isinstance(x, dict) for x in value):
+        value = {key: [x.get(key) for x in value] for key in dict.fromkeys(key for x in value for key in x)}
+    if isinstance(value, dict):
+        return {key: _array_of(x) for key, x in value.items()}
+    with suppress(ValueError, TypeError):
+        return np.array(value, dtype=np.float64)
+    with suppress(ValueError):
+        return x if (x := np.array(value)).dtype.kind == "U" else None
+    return None
+
+
 def _numpy(arrays: Arrays) -> dict[str, Any]:
     """The vectors and matrices of numbers, and texts, of a NumPy archive."""
     stated = {name: arrays.stated(name)[1:] for name in arrays}
     return {x: arrays[x] for x, (shape, _, kind) in stated.items() if len(shape) <= 2 and kind.kind in "fiuUSO"}
 
 
-def _matlab(data: memoryview, order: str, most: int) -> dict[str, Any]:
-    """Arrays of numbers, and structures of them, of a MATLAB file of version 5 to 7; SciPy crashes on damaged ones."""
-    arrays, left = dict[str, Any](), most
-    for kind, body in _elements(data, order):
-        if kind == COMPRESSED:  # one element, which begins with its size
-            stream = zlib.decompressobj()
-            head = stream.decompress(body, 8)
-            left -= (size := struct.unpack(f"{order}II", head)[1])
-            if left < 0:
-                raise TooLargeError(most)
-            ((_, body),) = _elements(memoryview(head + stream.decompress(stream.unconsumed_tail, size)), order)
-        name, value = _matrix(body, order)
-        arrays |= {} if value is None else {name: value}
-    if 8 * _count(arrays) > most:
-        raise TooLargeError(most)
-    return arrays
-
-
-def _count(value: Any) -> int:
-    """How many numbers stand in an array, or in a structure of them."""
-    return sum(map(_count, value.values())) if isinstance(value, Mapping) else np.size(value)
-
-
-def _elements(data: memoryview, order: str) -> Iterator[tuple[int, memoryview]]:
-    """Kind and bytes of each element: after eight bytes and up to the next multiple of eight, or within eight bytes."""
-    at = 0
-    while at < len(data):
-        kind, size = struct.unpack_from(f"{order}II", data, at)
-        start, end = at + 8, at + 8 + (size if kind == COMPRESSED else -(-size // 8) * 8)
-        if kind >> 16:
-            kind, size, start, end = kind & 0xFFFF, kind >> 16, at + 4, at + 8
-        if end > len(data):
-            raise ValueError("an element ends beyond the file")
-        yield kind, data[start : start + size]
-        at = end
-
-
-def _matrix(body: memoryview, order: str) -> tuple[str, Any]:
-    """Name and value of an array: real numbers, texts, the fields of a structure, or None."""
-    if not body:
-        return "", None
-    (_, flags), (_, sizes), (_, name), *parts = islice(_elements(body, order), MOST_PARTS)
-    if len(parts) == MOST_PARTS - 3:
-        raise ValueError(f"an array has {MOST_PARTS} parts or more")
-    shape, kind = np.frombuffer(sizes, f"{order}i4"), flags[0 if order == "<" else 3]
-    value: Any = None
-    if kind == STRUCTURE and shape.prod() == 1:
-        (_, length), (_, fields), *values = parts
-        width = int(np.frombuffer(length, f"{order}i4")[0])
-        names = np.frombuffer(fields[: width * MOST_PARTS], f"S{width}").tolist()
-        value = {x.decode(): _matrix(part, order)[1] for x, (_, part) in zip(names, values, strict=True)}
-    elif kind == CELLS:
-        texts = [_matrix(part, order)[1] for _, part in parts]
-        value = np.concatenate(texts) if all(isinstance(x, np.ndarray) and x.dtype.kind == "U" for x in texts) else None
-    elif kind == TEXT and len(parts) == 1 and len(parts[0][1]) < MOST_PARTS:
-        codes = np.frombuffer(parts[0][1], order + ("u2" if parts[0][0] == 4 else "u1")).reshape(shape, order="F")
-        value = np.array(["".join(map(chr, row)).strip() for row in codes])
-    elif len(parts) == 1 and parts[0][0] in NUMERIC and kind in range(6, 16):
-        value = np.frombuffer(parts[0][1], order + NUMERIC[parts[0][0]]).reshape(shape, order="F").squeeze()
-    return bytes(name).decode(), value
-
-
-def _parquet(paths: Sequence[Path], info: Path | None, options: Mapping[str, Any]) -> Log:
+def _parquet(paths: Sequence[Path], info: Path | None, options: LogOptions) -> Log:
     """One episode of a LeRobot data set."""
     try:
         import pyarrow.parquet as parquet
@@ -524,7 +434,7 @@ def _parquet(paths: Sequence[Path], info: Path | None, options: Mapping[str, Any
     names = {} if info is None else _whole(info, lambda: _names_of_features(info))
     parts = [_whole(path, lambda path=path: arrays_of(path)) for path in paths]  # type: ignore[misc]
     arrays = {x: np.concatenate([part[x] for part in parts]) for x in parts[0] if all(x in part for part in parts)}
-    episodes, wanted = arrays.get("episode_index", np.zeros(1)), options["episode"]
+    episodes, wanted = arrays.get("episode_index", np.zeros(1)), options.episode
     if wanted not in episodes if wanted is not None else np.ptp(episodes):
         low, high = f"{episodes.min():g}", f"{episodes.max():g}"
         raise ValueError(f"{paths[0]}: there are episodes {low} to {high}; give one as `episode`")

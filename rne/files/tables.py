@@ -1,4 +1,4 @@
-"""Samples of a motion from a CSV file, columns by joint name; units of times, for all readers of logs."""
+"""Tables in text: their rows, the numbers in them, and the samples of a motion by names of joints."""
 
 from __future__ import annotations
 
@@ -6,34 +6,28 @@ import csv
 import io
 import math
 import os
+import re
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 
 from ..basics.archive import bytes_of
 from ..basics.spatial import Array
 from ..basics.text import MAX_NAME, cut, plain
+from .time_units import UNITS, TimeSymbol, guessed_unit
 
 File = str | os.PathLike[str]
-TimeSymbol = Literal["s", "ms", "us", "ns"]
 QUANTITIES = ("q", "qd", "qdd", "tau")
 MAX_NAMES = 4  # columns that a message names
-UNITS = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}  # of each in a second
-NAMES = {"ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds"}
-NO_SECONDS = 1e11  # [s], the year 5138: later times are in another unit
-SINCE_1970 = 1.2e9, 5e9  # [s], the years 2008 to 2128
-LONG, ENDLESS = 0.1, 1e3  # [s], steps below which they are hardly in milliseconds, and above which hardly in seconds
-STEPS = 2e-5, 10.0  # [s], between which the steps of logs are
-TRAVEL = 1e-3  # rad or m, less than which is no motion but in such steps
-SLOW, FAST = 2e-3, 2.0  # speeds as parts of the joints' limits, below and above which no motion is expected
-CREEPING = 1e-3  # such a part, slower than which a date in a unit is doubted
-SPEED = 5.0  # rad/s or m/s, instead of a limit that is not known
-AGREE, FACTOR = 0.8, 3.0  # correlation of measured velocities with differences of positions, and error of their ratio
-SPIKED = 10  # samples from which single jumps and spikes do not count as motion, and ratios of velocities are told
+SNIFFED, MIDDLE = 20, 2**16  # rows by which the format is found, and characters from the middle on that have them
+FORMATS = [(";", "."), (";", ","), ("\t", "."), ("\t", ","), (",", "."), (" ", "."), (" ", ",")]
+HEAD = 2**16  # characters, in which a table of numbers alone begins
+FOLLOWS = {".": "0e,\n", "e": "0-", "-": "0.", ",": "0.-", "\n": "0.-", "0": "0.e,\n"}  # 0 any digit, - any sign
+KIND = bytes(1 + ".e-,\n0".find({"+": "-"}.get(x, "0" if x in "0123456789" else x)) for x in map(chr, range(256)))
+FOLLOWING = bytes(KIND[ord(a)] << 4 | KIND[ord(b)] for a, after in FOLLOWS.items() for b in after)
 
 
 class Samples(NamedTuple):
@@ -123,9 +117,9 @@ def in_seconds(path: File, samples: Samples, unit: str | None, cure: str = "", l
 
 
 def read_samples(
-    path: File, joint_names: Sequence[str], *, needed: Sequence[str] = (), gaps: bool = False, timed: bool = True
+    path: File, joint_names: Sequence[str], *, needed: Sequence[str] = (), is_log: bool = False, timed: bool = True
 ) -> Samples:
-    """The samples of a file that must have the quantities `needed`; with `gaps`, NaN for entries left out but times.
+    """The samples of a file that must have the quantities `needed`; of a log in any format, NaN for entries left out.
 
     Points that are not `timed` have their numbers for times, and a column of times is ignored.
     """
@@ -134,32 +128,48 @@ def read_samples(
         raise TypeError(f"`joint_names` must be a sequence of str, such as robot.joint_names, got {given}")
     joint_names = tuple(plain(str(joint)) for joint in joint_names)  # as robots from files have them
     name = os.fspath(path)
-    rows = csv_rows(name, text_of(Path(path)))
+    text = text_of(Path(path))
+    text, separator, decimal = formatted(text) if is_log else (text, ",", ".")
+    above, numbers = numeric_block(text, separator, decimal) or (text, None)
+    rows = _below_comments(csv_rows(name, above, separator))
+    if numbers is not None and len(rows) != 1:
+        rows, numbers = _below_comments(csv_rows(name, text, separator)), None
     if not rows:
         raise ValueError(f"{name}: the file is empty")
-    while rows[1:] and rows[1][1][0].lstrip().startswith("#"):
-        rows.pop(0)  # a comment above the heading
     (row, heading), *body = rows
     columns = [plain(column.strip()) for column in (heading[0].strip().lstrip("#"), *heading[1:])]
     wanted = _wanted(f"{name}, row {row}", columns, joint_names, needed, timed)
-    if not timed:
-        columns = ["t", *("" if column == "t" else column for column in columns)]
-        body = [(at, [str(k), *fields]) for k, (at, fields) in enumerate(body)]
-    if not body:
+    count = len(body) if numbers is None else len(numbers)
+    if not count:
         raise ValueError(f"{name}: there are no rows below the names of the columns")
-    if wrong := [(at, len(fields)) for at, fields in body if len(fields) != len(columns)]:
+    places = [at for at, _ in body] if numbers is None else range(above.count("\n") + 1, above.count("\n") + 1 + count)
+    widths = [len(fields) for _, fields in body] if numbers is None else [numbers.shape[1]]
+    if wrong := [(at, width) for at, width in zip(places, widths, strict=False) if width != len(columns)]:
         counts = f"must have {len(columns)} entries as the heading has, got {wrong[0][1]}"
         raise ValueError(f"{name}, row {wrong[0][0]}: {counts}")
-    places, entries = zip(*body, strict=True)
-    texts = dict(zip(columns, zip(*entries, strict=True), strict=True))
-    read = {x: finite_numbers(name, x, places, texts[x], gaps=gaps and x != "t") for x in wanted}
+    if numbers is None:
+        texts = dict(zip(columns, zip(*(fields for _, fields in body), strict=True), strict=True))
+        read = {
+            x: finite_numbers(name, x, places, texts[x], decimal, is_log and x != "t") for x in wanted if x in texts
+        }
+    else:
+        read = {x: numbers[:, columns.index(x)] for x in wanted if x in columns}
+    if not timed:
+        read["t"] = np.arange(float(count))
     t = read["t"]
     for k in np.flatnonzero(np.diff(t) <= 0).tolist():
         late = f"got {t[k + 1]:.10g} after {t[k]:.10g}"
         raise ValueError(f"{name}, row {places[k + 1]}, column 't': times must ascend, {late}")
-    there = [x for x in QUANTITIES if joint_names and f"{x}.{joint_names[0]}" in read]
-    arrays = {x: np.column_stack([read[f"{x}.{joint}"] for joint in joint_names]) for x in there}
+    kinds = [x for x in QUANTITIES if joint_names and f"{x}.{joint_names[0]}" in read]
+    arrays = {x: np.column_stack([read[f"{x}.{joint}"] for joint in joint_names]) for x in kinds}
     return Samples(t, **arrays)
+
+
+def _below_comments(rows: list[tuple[int, list[str]]]) -> list[tuple[int, list[str]]]:
+    """Rows from the last comment on, which is the heading, or all."""
+    while rows[1:] and rows[1][1][0].lstrip().startswith("#"):
+        rows.pop(0)
+    return rows
 
 
 def text_of(path: Path) -> str:
@@ -174,15 +184,70 @@ def text_of(path: Path) -> str:
     return text
 
 
-def csv_rows(name: str, text: str, separator: str = ",") -> list[tuple[int, list[str]]]:
-    """Every row that is not blank, with its number; of blanks as separators, any number is one."""
+def formatted(text: str, separator: str | None = None, decimal: str | None = None) -> tuple[str, str, str]:
+    """A text, its separator and decimal sign, by which most entries are numbers; blanks that separate become one."""
+    lines = [line for line in text[len(text) // 2 * (len(text) > MIDDLE) :][:MIDDLE].splitlines() if line.strip()]
+    lines = [re.sub(r'\[.*?\]|"', "", line) for line in lines[len(lines) // 2 :][:SNIFFED]]
+
+    def numbers(form: tuple[str, str]) -> int:
+        fields = [x for line in lines for x in (line.split() if form[0] == " " else line.split(form[0]))]
+        return sum(math.isfinite(as_number(x, form[1])) for x in fields)
+
+    possible = [f for f in FORMATS if separator in (None, f[0]) and decimal in (None, f[1])]
+    separator, decimal = max(possible or [(separator or ",", decimal or ".")], key=numbers)
     if separator == " ":
         text = "\n".join(" ".join(line.split()) for line in text.splitlines())
+    return text, separator, decimal
+
+
+def csv_rows(name: str, text: str, separator: str = ",") -> list[tuple[int, list[str]]]:
+    """Every row that is not blank, with its number."""
     reader = csv.reader(io.StringIO(text, newline=""), strict=True, delimiter=separator)
     try:
         return [(reader.line_num, row) for row in reader if any(field.strip() for field in row)]
     except csv.Error as error:
         raise ValueError(f"{name}, row {reader.line_num}: is not CSV ({error})") from None
+
+
+def numeric_block(text: str, separator: str = ",", decimal: str = ".") -> tuple[str, Array] | None:
+    """The text above a table of finite decimal numbers, and these, shape (K, columns); None if anything else is in it.
+
+    SciPy's reader of Matrix Market files takes a quarter of the time of `numpy.loadtxt`, and stops at the end of each
+    number without looking at what is left of the entry. Hence the entries are checked before, by what may follow what.
+    """
+    from scipy.io import mmread
+
+    start, entries = 0, list[str]()
+    for line in text[:HEAD].splitlines(keepends=True):
+        entries = line.split(separator)
+        found = sum(math.isfinite(as_number(x, decimal)) for x in entries)
+        if found == len(entries):
+            break
+        if 2 * found >= len(entries):  # a row with something else in it
+            return None
+        start += len(line)
+    else:
+        return None
+    data = text[start:].rstrip().encode() + b"\n"
+    changes = [("\r\n", "\n"), (f"{separator} ", separator), ("E", "e")]
+    changes += [(".", "?"), (decimal, ".")] if decimal != "." else []
+    changes += [(",", "?"), (separator, ",")] if separator != "," else []
+    for old, new in changes:
+        if all(x.encode() in data for x in old):  # a pair of characters is looked for ten times as long as each
+            data = data.replace(old.encode(), new.encode())
+    marks, count = data.translate(None, b"0123456789+-"), data.count(b"\n")
+    is_table = marks.translate(None, b".e") == (b"," * (len(entries) - 1) + b"\n") * count
+    kinds = np.frombuffer(data.translate(KIND), np.uint8)
+    if not is_table or (kinds[:-1] << 4 | kinds[1:]).tobytes().translate(None, FOLLOWING):
+        return None
+    if any(x in marks for x in (b"..", b"e.", b"ee")):
+        return None
+    head = f"%%MatrixMarket matrix array real general\n{count * len(entries)} 1\n".encode()
+    try:
+        numbers = mmread(io.BytesIO(head + data.replace(b",", b"\n"))).reshape(count, len(entries))
+    except (ValueError, OverflowError):
+        return None
+    return (text[:start], numbers) if np.isfinite(numbers).all() else None
 
 
 def _wanted(
@@ -241,65 +306,3 @@ def listed_names(names: Sequence[str], most: int = MAX_NAMES) -> str:
     """The first names in quotes, and how many more there are."""
     shown = ", ".join(repr(cut(name, MAX_NAME)) for name in names[:most])
     return shown if len(names) <= most else f"{shown} and {len(names) - most} more"
-
-
-class TimeUnit(NamedTuple):
-    """A unit that times seem to have: its symbol, and why they are not taken as seconds."""
-
-    symbol: str
-    reason: str
-
-    @property
-    def divisor(self) -> str:
-        """Divisor of times in this unit, as text."""
-        return f"{UNITS[self.symbol]:g}".replace("e+0", "e")
-
-    @property
-    def said(self) -> str:
-        """The unit and what to divide by, in words."""
-        return f"looks like {NAMES[self.symbol]}, not seconds: {self.reason}"
-
-
-def guessed_unit(t: Array, q: Array, qd: Array | None = None, limits: Array | None = None) -> TimeUnit | None:
-    """The unit of times (K,) that are hardly in seconds; None where seconds are plausible.
-
-    They are not where measured velocities are those of another unit; where times are later than any date; and where
-    steps are long and no joint reaches a five-hundredth of its velocity limit, although a joint moves. Named is the
-    unit that gives steps of 20 us to 10 s and the largest speeds below twice the limits, at rest that of a date.
-    """
-    if len(t) < 2:
-        return None
-    h, size = float(np.median(np.diff(t))), float(np.abs(t).max())
-    share, speed = _speeds(t, q, limits)
-    ratio = 0.0 if qd is None else velocity_ratio(t, q, qd)
-    for symbol in NAMES:
-        if 1 / FACTOR < ratio / UNITS[symbol] < FACTOR:
-            return TimeUnit(symbol, f"qd is {ratio:.3g} times the differences of q over those of t")
-    possible = [s for s in NAMES if STEPS[0] <= h / UNITS[s] <= STEPS[1] and size / UNITS[s] < NO_SECONDS]
-    plausible = [symbol for symbol in possible if share * UNITS[symbol] <= FAST]
-    if size >= NO_SECONDS:
-        dates = [s for s in possible if SINCE_1970[0] < size / UNITS[s] < SINCE_1970[1]]
-        dates = [s for s in dates if not share or CREEPING < share * UNITS[s] <= FAST]
-        found = (dates or plausible[::-1] or possible or list(NAMES)[-1:])[0]
-        return TimeUnit(found, f"up to {size:.4g}, in steps of {h:.4g}")
-    if h < LONG or not 0 < share < SLOW or not plausible or 1 / FACTOR < ratio < FACTOR:
-        return None
-    return TimeUnit(plausible[-1], f"its steps are {h:.4g}, and no joint would be faster than {speed:.2g} rad/s or m/s")
-
-
-def _speeds(t: Array, q: Array, limits: Array | None) -> tuple[float, float]:
-    """The largest speed as a part of its limit, and the largest of all; zero where no joint moves."""
-    known = np.full(q.shape[1], SPEED) if limits is None else np.where((limits > 0) & (limits < np.inf), limits, SPEED)
-    steps = np.diff(t)
-    speed = np.abs(np.diff(q, axis=0)[steps > 0] / steps[steps > 0, None])
-    if len(speed) >= SPIKED:
-        speed = np.median(sliding_window_view(speed, 5, axis=0), axis=-1)
-    moves = np.ptp(q, axis=0) > (TRAVEL if np.median(steps) < ENDLESS else 0)
-    return float((speed / known)[:, moves].max(initial=0.0)), float(speed[:, moves].max(initial=0.0))
-
-
-def velocity_ratio(t: Array, q: Array, qd: Array) -> float:
-    """Velocities over the differences of positions, zero where they have little in common."""
-    moved, area = np.diff(q, axis=0), np.diff(t)[:, None] * (qd[1:] + qd[:-1]) / 2
-    common, a, b = float((moved * area).sum()), float((moved**2).sum()), float((area**2).sum())
-    return common / a if abs(common) > AGREE * np.sqrt(a * b) > 0 else 0.0

@@ -15,8 +15,10 @@ from ...basics.arrays import ReadOnlyArrays, convert_numbers, positive_number, r
 from ...basics.spatial import Array
 from ...basics.text import counted, plain
 from ...files.log_columns import measured
+from ...files.logs import LogOptions
 from ...files.motion_files import numbered_joints
-from ...files.tables import File, TimeSymbol, in_seconds, read_samples
+from ...files.tables import File, in_seconds, read_samples
+from ...files.time_units import TimeSymbol
 from .. import thresholds
 from .prepared import Prepared, prepare
 from .screening import STAMPS, RecordFinding, screen
@@ -158,8 +160,8 @@ class Record(ReadOnlyArrays):
         ----------
         path : path-like
             A text file in UTF-8. Its first row names the columns: `t`, `q.<joint>`, `tau.<joint>` and, if measured,
-            `qd.<joint>`, in any order; others are ignored. Empty entries and `nan`, except of times, are missing
-            values, which the findings name.
+            `qd.<joint>`, in any order; others are ignored. Separator and decimal sign are found. Empty entries and
+            `nan`, except of times, are missing values, which the findings name.
         joint_names : sequence of str
             The joints in the order of the arrays, such as `robot.joint_names`.
         time_unit : {"s", "ms", "us", "ns"}
@@ -186,7 +188,7 @@ class Record(ReadOnlyArrays):
         >>> import rne
         >>> record = rne.identification.Record.from_csv("log.csv", ["shoulder", "elbow"])  # doctest: +SKIP
         """
-        samples = in_seconds(path, read_samples(path, joint_names, needed=("q", "tau"), gaps=True), time_unit)
+        samples = in_seconds(path, read_samples(path, joint_names, needed=("q", "tau"), is_log=True), time_unit)
         given = {"name": Path(path).name, "joint_names": joint_names} | options
         return cls(samples.t, np.asarray(samples.q), np.asarray(samples.tau), samples.qd, **given)
 
@@ -210,10 +212,11 @@ class Record(ReadOnlyArrays):
     ) -> Self:
         """Measurements in a log as a robot writes it.
 
-        Read are text with or without names of the columns, ROS messages of joint states (`rostopic echo -p`,
-        `ros2 topic echo --csv`, MCAP files and folders of them), exports of bags by PlotJuggler and bagpy, .mat files
-        of versions 5 to 7, .npz files, and LeRobot data sets. Names of joints in the log count before numbers, and
-        these before guesses. What the log does not say is given, or guessed, which `source` and `findings` report.
+        Read are text with or without names of the columns, in columns or in rows of joints; JSON and lines of it; joint
+        states of ROS 1 and 2 (bags as .bag, .db3 and .mcap, and folders of them, `rostopic echo -p`, `ros2 topic echo
+        --csv`), exports of bags by PlotJuggler and bagpy; .mat files of versions 5 to 7, .npz files, and LeRobot data
+        sets. Names of joints in the log count before numbers, and these before guesses. What the log does not say is
+        given, or guessed, which `source` and `findings` report.
 
         Parameters
         ----------
@@ -257,7 +260,7 @@ class Record(ReadOnlyArrays):
             If the file is of another kind, damaged or cut off; has no positions or torques; or a row, column, unit or
             joint is wrong: names the file and what there is.
         ImportError
-            If mcap-ros2-support or pyarrow is needed and not installed.
+            If rosbags or pyarrow is needed and not installed.
         OSError
             If the file cannot be read.
 
@@ -275,9 +278,9 @@ class Record(ReadOnlyArrays):
             raise ValueError("give `units` and `joints` in place of `unit` and `joint_names`")
         if isinstance(joints, str) or isinstance(columns, str):
             raise TypeError("`joints` and `columns` must be sequences of names, such as robot.joint_names, got str")
-        reading = {"joints": joints, "columns": columns, "units": units or {}, "gains": gains, "offsets": offsets}
-        reading |= {"time_unit": time_unit, "sample_rate": sample_rate, "separator": separator, "decimal": decimal}
-        samples, said, guessed = measured(path, reading | {"topic": topic, "episode": episode, "quantity": ""})
+        times, texts = (time_unit, sample_rate), (separator, decimal)
+        reading = LogOptions(joints, columns, units or {}, *times, gains, offsets, *texts, topic, episode)
+        samples, said, guessed = measured(path, reading)
         if names := samples.get("joint_names"):
             samples["joint_names"] = tuple(map(plain, names))
         first = next(iter(path.values())) if isinstance(path, Mapping) else path

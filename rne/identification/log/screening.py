@@ -16,7 +16,7 @@ import numpy as np
 from ...basics.arrays import ReadOnlyArrays
 from ...basics.spatial import Array
 from ...basics.text import counted, summary
-from ...files.tables import guessed_unit
+from ...files.time_units import guessed_unit
 from .. import thresholds
 
 Severity = Literal["error", "warning"]
