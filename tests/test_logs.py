@@ -1,5 +1,6 @@
 """Logs as robots write them: every kind of file, made by the library that writes it, gives the samples it was made of."""
 
+import itertools
 import json
 import re
 import shutil
@@ -13,6 +14,7 @@ import rne
 from rne.__main__ import main, parser
 from rne.commands.identifying import _record
 from rne.files.log_columns import _meaning as meaning
+from rne.files.tables import as_number, numeric_block
 from rne.identification import Record
 
 JOINTS = ("shoulder", "elbow", "wrist")
@@ -74,6 +76,31 @@ def test_separators_and_decimal_commas_are_found(separator, decimal, tmp_path):
         )
     given = Record.from_log(path, separator=separator[0], decimal=decimal)
     assert np.array_equal(given.q, record.q)
+
+
+ENTRIES = ["7", "-1.5", "1e5", "-1e+05", "1E-3", ".5", "-.5", "5.", "+1", "007", "-0", "1e-400", "1e999", "1.2.3", "1e", "1e-", "1-2", "--1", "-+1", "1e5.3", "1ee5", "nan", "-inf", "0x1", "1_0", "٣", "-", ".", "-.", "e5", ".e1", "1,", "1;2", "1d5", '"1"', '"1"', "2026-11-29", "", " 1", "1 ", "1 2", "\t1", "1\r", "1\x0c2"]  # fmt: skip
+
+
+@pytest.mark.parametrize(("separator", "decimal"), [(",", "."), (";", ","), ("\t", "."), (" ", ".")])
+def test_tables_that_are_read_at_once_are_those_that_are_read_by_entry(separator, decimal):
+    """One odd entry in a table: each number is that of float(), or the table is left to the careful reader."""
+    numbers = np.random.default_rng(0).normal(size=(6, 3)) * 10.0 ** np.arange(-4, 5, 4)
+    at_once = set()
+    for entry, (row, column) in itertools.product(ENTRIES, ((0, 0), (3, 1), (5, 2))):
+        cells = [[f"{x!r}".replace(".", decimal) for x in line] for line in numbers.tolist()]
+        cells[row][column] = entry
+        text = "\n".join(["# t q tau", *map(separator.join, cells)])
+        found = numeric_block(text + "\n" * (row == 3), separator, decimal)
+        if found is not None:
+            lines = [line.split(separator if separator != " " else None) for line in text.splitlines()[1:]]
+            np.testing.assert_array_equal(found[1], [[as_number(x, decimal) for x in line] for line in lines])
+            assert found[0] == "# t q tau\n"
+            at_once.add(entry)
+    assert at_once >= {"7", "1e5", "-0", "007"}
+    as_they_are = [separator.join(f"{x!r}".replace(".", decimal) for x in line) for line in numbers.tolist()]
+    above, read = numeric_block("\r\n".join(["a", *as_they_are]), separator, decimal)
+    assert above == "a\r\n"
+    np.testing.assert_array_equal(read, numbers)
 
 
 @pytest.mark.parametrize(
