@@ -168,6 +168,14 @@ def test_what_cannot_be_served_names_the_joint():
     record = log(robot)
     with pytest.raises(rne.errors.NotFiniteError, match=r"joint '(boom|barrel)' cannot follow 'piston' at "):
         rne.identify(robot, Record(record.t, 100 * record.q, record.tau))
+    text = (
+        "records must have the joints that 'bend' follows, they lack b: give positions and torques of a, b, or a robot in "
+        "which 'bend' is driven itself"
+    )
+    wrist = robot_of(linkage("wrist")[0])
+    motion = planted.truth(wrist, 0, seconds=2.0)
+    with pytest.raises(ValueError, match=re.escape(text)):
+        rne.identify(wrist, Record(motion.t, motion.q, motion.tau, joint_names=["forearm", "a", "bend"]))
     with pytest.raises(ValueError, match=re.escape("`link` must be given for robot 'linkage'")):
         rne.identify_payload(robot, record, log(robot, 1))
 
@@ -184,3 +192,15 @@ def test_drives_and_positions_of_joints_that_follow_are_told():
     assert not any("move in the records" in note for note in found.notes)
     bare = rne.identify(robot, record, drives=rne.DriveModel(), **QUICK)
     assert not any("rotors and friction" in note for note in bare.notes)
+
+
+@pytest.mark.parametrize("name", kept(ROBOTS, ["crane"]))
+def test_models_are_compared_where_some_conventions_have_no_position(name):
+    """A payload is named, although the joints' signs and zeros are tried too."""
+    robot = robot_of(without_followers_drives(linkage(name)[0]))
+    link = robot.link_names[-1]
+    other = robot.with_payload(2.0, (0.1, 0.2, 0.1), link=link)
+    motion = planted.truth(robot, 0, seconds=2.0)
+    torques = other.inverse_dynamics(motion.q, motion.qd, motion.qdd)
+    found = rne.compare_models(robot, (motion.q, motion.qd, motion.qdd, torques))
+    assert "load" in str(found) or "parameters" in str(found)

@@ -17,6 +17,7 @@ import numpy as np
 
 from ...basics.spatial import Array
 from ...basics.text import listed
+from ...errors import NotFiniteError
 from ...robot import Robot
 from .. import thresholds
 
@@ -122,7 +123,11 @@ def torques_of(robot: Robot, conventions: Sequence[Convention], states: Sequence
     scales = np.where(turning(robot), np.moveaxis(unit, -1, 0)[..., None], 1.0)  # of positions; of rates
     order, torque_order = (np.broadcast_to(x, (len(x), *states[0].shape)) for x in (order, torque_order))
     q, qd, qdd = (np.take_along_axis(sign * x, order, -1) for x in states)
-    found = robot.inverse_dynamics(scales[0] * q + zero, scales[1] * qd, scales[1] * qdd)
+    try:
+        found = robot.inverse_dynamics(scales[0] * q + zero, scales[1] * qd, scales[1] * qdd)
+    except NotFiniteError:  # where joints that follow others have no position: none
+        each = (torques_of(robot, [x], states) for x in conventions)
+        return np.concatenate([*each]) if len(conventions) > 1 else np.zeros((1, *states[0].shape))
     torques = np.empty_like(found)
     np.put_along_axis(torques, torque_order, found, -1)
     signed: Array = torques * torque_sign

@@ -14,7 +14,7 @@ number of rows over the integrated autocorrelation time, 1 + 2 sum rho_k (Sokal 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import NamedTuple
@@ -28,7 +28,9 @@ from ...basics.text import counted, listed
 from ...dynamics.base_inertial_parameters import BaseParameters
 from ...errors import IdentificationWarning, NotFiniteError
 from ...files.log_columns import numbers_at_ends, plain_name
+from ...model.model import Model
 from ...model.standard_parameters import StandardParameters
+from ...model.topology import drivers_of
 from ...robot import Robot
 from .. import thresholds
 from ..log.filtering import impulse_response, low_pass, settling
@@ -554,12 +556,24 @@ def of_named_joints(
         if x in others and x not in following and ranges.get(x, 0) > RESTS
     ]:
         notes = [f"{MOVING}: {listed(moving)}", *notes]
+    check_drivers(robot.model, [x for x in following if ranges.get(x, 0) > RESTS], missing)
     if missing:
         notes = [f"{LOCKED}: {listed([f'{name} at {q:.4g}' for name, q in missing.items()])}", *notes]
         robot = robot.locked(missing)
     if any(record.joint_names != robot.joint_names for record in named):
         given = tuple(record._part(slice(None), robot.joint_names) for record in named)
     return robot, given, tuple(notes)
+
+
+def check_drivers(model: Model, moving: Sequence[str], missing: Collection[str]) -> None:
+    """Refuse records in which joints move that follow others, and which lack these."""
+    for i, places in drivers_of(model).items():
+        joint, drivers = model.moving_joints[i], [model.joint_names[k] for k in places]
+        if joint in moving and not set(drivers).isdisjoint(missing):
+            cure = f"give positions and torques of {listed(drivers)}, or a robot in which {joint!r} is driven itself"
+            raise ValueError(
+                f"records must have the joints that {joint!r} follows, they lack {listed([*missing])}: {cure}"
+            )
 
 
 def by_number(record: Record, names: Sequence[str]) -> Record:
