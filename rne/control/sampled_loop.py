@@ -128,10 +128,14 @@ class CoupledModes:
         size = np.abs(self.F)
         return np.asarray(size @ size @ (1.06 * self.one + 0.26 * h * size) * (h**2 / 6))
 
-    def verdicts(self, T: Array, half: Array) -> Array:
-        """Verdicts "stable", "unstable" or "undecided" for each interval from T - half to T + half."""
+    def followed(self, T: Array, h: Array) -> tuple[Array, Array, Array, Array]:
+        """Eigenvalues z of Phi - 1 in the middle T of each interval, and how they and their eigenvectors change.
+
+        Returns z and dz/dT, (..., 2 m), the matrix X of the eigenvectors V (1 + X t), and a bound on the entries of
+        what z and X leave of V^-1 (Phi - 1) V for |t| <= h.
+        """
         change, slope = step_matrix(self.w, self.P, self.D, T)
-        h, V = half[:, None, None], _basis(change)
+        V = _basis(change)
         inverse, Y = np.linalg.inv(V), slope @ V
         K0, K1, K2 = inverse @ change @ V, inverse @ Y, inverse @ self.F @ Y / 2  # of V^-1 (Phi - 1) V in t = T' - T
         rounding = SUM_ROUNDING * len(self.A) * (np.abs(change) + T[:, None, None] * np.abs(slope)) @ np.abs(V)
@@ -143,11 +147,14 @@ class CoupledModes:
         # (K0 + K1 t + ...) (1 + X t) - (1 + X t) (z + rate t) is small, term by term
         residual = np.abs(K0 - z * self.one) + h * np.abs(K1 - rate * self.one + K0 @ X - X * z)
         residual += h**2 * np.abs(K2 + K1 @ X - X * rate) + h**3 * np.abs(K2 @ X) + rest @ (self.one + h * np.abs(X))
-        z, step = z[:, 0], rate[:, 0] * half[:, None]
-        linear, square = 2 * ((1 + z).conj() * step).real, np.abs(step) ** 2
-        x = np.clip(-linear / np.where(square == 0, 1, 2 * square), -1, 1)
-        excess = 2 * z.real + np.abs(z) ** 2 + np.stack([linear * x + square * x**2, np.abs(linear) + square])
-        least, largest = excess / (1 + np.sqrt(np.maximum(1 + excess, 0)))  # |1 + z + step x| - 1 for -1 <= x <= 1
+        return z[:, 0], rate[:, 0], X, residual
+
+    def verdicts(self, T: Array, half: Array) -> Array:
+        """Verdicts "stable", "unstable" or "undecided" for each interval from T - half to T + half."""
+        h = half[:, None, None]
+        z, rate, X, residual = self.followed(T, h)
+        step = rate * half[:, None]
+        least, largest = outside_circle(z, step)
         constant = _dominant(h * np.abs(X), residual, np.where(largest < 0, -largest, least))
         k = least.argmax(axis=-1)[:, None]  # the least stable eigenvalue may stay in a circle of its own, outside
         own, apart = np.arange(len(self.one)) == k, [np.abs(x - np.take_along_axis(x, k, axis=-1)) for x in (z, step)]
@@ -194,6 +201,15 @@ class CoupledModes:
             cuts = np.linspace(a[left], b[left], PARTS + 1)
             a, b = cuts[:-1].ravel(), cuts[1:].ravel()
         return np.concatenate(found[0]), np.concatenate(found[1])
+
+
+def outside_circle(z: Array, step: Array) -> tuple[Array, Array]:
+    """The least and the largest of |1 + z + step x| - 1 for -1 <= x <= 1."""
+    linear, square = 2 * ((1 + z).conj() * step).real, np.abs(step) ** 2
+    x = np.clip(-linear / np.where(square == 0, 1, 2 * square), -1, 1)
+    excess = 2 * z.real + np.abs(z) ** 2 + np.stack([linear * x + square * x**2, np.abs(linear) + square])
+    least, largest = excess / (1 + np.sqrt(np.maximum(1 + excess, 0)))
+    return least, largest
 
 
 def _basis(K: Array) -> Array:

@@ -158,20 +158,15 @@ def uncertainty_bound(
     >>> 0 < rho < 100
     True
     """
-    hull, n = checked_cases(cases), robot.n
+    hull = checked_cases(cases)
     check_shared("`robot` must differ from `cases`", hull.centre, robot)
-    decay, D = checked_vectors(robot, sign="positive", bandwidth=bandwidth, boundary=boundary)
+    layer = checked_vectors(robot, sign="positive", bandwidth=bandwidth, boundary=boundary)
     check_reference(robot, reference)
     count = whole_number("samples", samples, least=MIXTURES)
     rng = np.random.default_rng(whole_number("seed", seed, least=0))
     times = rng.uniform(0, positive_number("duration", duration, zero_allowed=True), count)
-    q_ref, qd_ref, qdd_ref = np.array([reference_values(robot, reference(float(t))) for t in times]).swapaxes(0, 1)
-    direction, length = rng.normal(size=(count, n)), rng.uniform(0, 1, (count, 1)) ** (1 / max(n, 1))
-    s = D * (direction / np.linalg.norm(direction, axis=1, keepdims=True) * length)  # in the layer, evenly
-    e = D / decay * rng.uniform(-1, 1, (count, n))
-    q, qd = q_ref + e, qd_ref + s - decay * e
-    y = qdd_ref - decay * (qd - qd_ref) - decay * s
-    short = np.empty(count)
+    q, qd, y = _drawn_states(robot, reference, times, layer, rng)
+    short, D = np.empty(count), layer[1]
     needed = robot.inverse_dynamics(q, qd, y)
     each = np.eye(len(hull.robots))[np.arange(MIXTURES // 2) % len(hull.robots)]
     mixed = rng.dirichlet(np.ones(len(hull.robots)), MIXTURES - len(each))
@@ -183,3 +178,19 @@ def uncertainty_bound(
         acceleration = np.linalg.solve(M, f[..., None])[..., 0]
         short[part] = np.linalg.eigvalsh(M)[:, -1] * np.linalg.norm(acceleration, axis=-1)
     return positive_number("margin", margin) * float(short.max())
+
+
+def _drawn_states(
+    robot: Robot, reference: Reference, times: Array, layer: Sequence[Array], rng: np.random.Generator
+) -> tuple[Array, Array, Array]:
+    """Positions, velocities and accelerations that the law asks for, (samples, n), near the reference at some times.
+
+    `layer` has bandwidth and boundary.
+    """
+    (decay, D), count, n = layer, len(times), robot.n
+    q_ref, qd_ref, qdd_ref = np.array([reference_values(robot, reference(float(t))) for t in times]).swapaxes(0, 1)
+    direction, length = rng.normal(size=(count, n)), rng.uniform(0, 1, (count, 1)) ** (1 / max(n, 1))
+    s = D * (direction / np.linalg.norm(direction, axis=1, keepdims=True) * length)  # in the layer, evenly
+    e = D / decay * rng.uniform(-1, 1, (count, n))
+    q, qd = q_ref + e, qd_ref + s - decay * e
+    return q, qd, qdd_ref - decay * (qd - qd_ref) - decay * s

@@ -14,6 +14,7 @@ Vectors and blocks instead of 6-vectors: the tracer then finds more zeros.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -109,6 +110,35 @@ def move_to_parent(inertia: Inertia, force: Force, R: Array, p: Array) -> tuple[
     return Inertia(I - H @ P + P @ transpose(H_p), H_p, M), Force(rotate(R, force.n) + cross(p, f), f)
 
 
+def joint_terms(
+    model: Model, i: int, body: tuple[Inertia, Force], velocity: tuple[Array, Array], qd_i: Array, tau_i: Array
+) -> JointTerms:
+    """Terms of joint i from articulated inertia and bias force of its body, its velocity, qd and tau, (..., 1)."""
+    (IA, pA), (omega, v), s, t = body, velocity, model.angular_axis[i], model.linear_axis[i]
+    U = IA.times(s, t)
+    d = dot(s, U.n)[..., None] + dot(t, U.f)[..., None] + np.asarray(model.armature[i])[..., None]  # (7.44)
+    u = tau_i - dot(s, pA.n)[..., None] - dot(t, pA.f)[..., None]  # (7.45)
+    c_linear = cross(v, s * qd_i) + cross(omega, t * qd_i)
+    return JointTerms(U, d, u, cross(omega, s * qd_i), c_linear)
+
+
+def accelerations(
+    model: Model, R: list[Array], p: list[Array], joints: Mapping[int, JointTerms], like: Array
+) -> tuple[Array, Array]:
+    """Joint accelerations and the pivots d, of the shape of `like`: pass 3, outwards, the base's being -gravity."""
+    s, t = model.angular_axis, model.linear_axis
+    qdd, pivots = zeros(like.shape, like=like), zeros(like.shape, like=like)
+    alpha, a = {BASE: zeros((3,), like=like)}, {BASE: zeros((3,), like=like) - model.gravity}
+    for i, parent in enumerate(model.parent):
+        joint = joints[i]
+        alpha_i = rotate_back(R[i], alpha[parent]) + joint.c_angular
+        a_i = rotate_back(R[i], a[parent] + cross(alpha[parent], p[i])) + joint.c_linear
+        qdd_i = (joint.u - dot(joint.U.n, alpha_i)[..., None] - dot(joint.U.f, a_i)[..., None]) / joint.d
+        alpha[i], a[i] = alpha_i + s[i] * qdd_i, a_i + t[i] * qdd_i
+        qdd[..., i], pivots[..., i] = qdd_i[..., 0], joint.d[..., 0]
+    return qdd, pivots
+
+
 @checked_quantity(check_accelerations)
 def articulated_forward_dynamics(
     model: Model, q: Array, qd: Array, tau: Array, *, external: External | None = None
@@ -123,7 +153,6 @@ def articulated_forward_dynamics(
         cure = "use forward_dynamics, which reduces M to q"
         raise ModelError(f"robot {model.name!r} has joints that mimic or follow others; {cure}")
     R, p = joint_transforms(model, q)
-    s, t = model.angular_axis, model.linear_axis
 
     # pass 1, outwards: velocities, and inertia and bias force of each body by itself
     omega, v = velocities(model, R, p, qd)
@@ -138,26 +167,13 @@ def articulated_forward_dynamics(
     # pass 2, inwards: articulated inertia and bias force
     joints: dict[int, JointTerms] = {}
     for i in reversed(range(model.nb)):
-        qd_i, parent = qd[..., i, None], model.parent[i]
-        U = IA[i].times(s[i], t[i])
-        d = dot(s[i], U.n)[..., None] + dot(t[i], U.f)[..., None] + np.asarray(model.armature[i])[..., None]  # (7.44)
-        u = tau[..., i, None] - dot(s[i], pA[i].n)[..., None] - dot(t[i], pA[i].f)[..., None]  # (7.45)
-        c_linear = cross(v[i], s[i] * qd_i) + cross(omega[i], t[i] * qd_i)
-        joints[i] = JointTerms(U, d, u, cross(omega[i], s[i] * qd_i), c_linear)
+        joints[i] = joint_terms(model, i, (IA[i], pA[i]), (omega[i], v[i]), qd[..., i, None], tau[..., i, None])
+        parent = model.parent[i]
         if parent != BASE:
             Ia, pa = move_to_parent(*across_joint(IA[i], pA[i], joints[i]), R[i], p[i])
             IA[parent], pA[parent] = IA[parent].plus(Ia), pA[parent].plus(pa)
 
-    # pass 3, outwards: accelerations, the base's being -gravity
-    qdd, pivots = zeros(q.shape, like=q), zeros(q.shape, like=q)
-    alpha, a = {BASE: zeros((3,), like=q)}, {BASE: zeros((3,), like=q) - model.gravity}
-    for i, parent in enumerate(model.parent):
-        joint = joints[i]
-        alpha_i = rotate_back(R[i], alpha[parent]) + joint.c_angular
-        a_i = rotate_back(R[i], a[parent] + cross(alpha[parent], p[i])) + joint.c_linear
-        qdd_i = (joint.u - dot(joint.U.n, alpha_i)[..., None] - dot(joint.U.f, a_i)[..., None]) / joint.d
-        alpha[i], a[i] = alpha_i + s[i] * qdd_i, a_i + t[i] * qdd_i
-        qdd[..., i], pivots[..., i] = qdd_i[..., 0], joint.d[..., 0]
+    qdd, pivots = accelerations(model, R, p, joints, like=q)
     weightless = with_unchecked(model, gravity=np.zeros(3))
     note_solution(
         qdd,

@@ -193,8 +193,8 @@ class SampledSolver(CompiledSolver):
         (begun, came), (U, W) = np.empty((2, max_steps + 1), np.int64), np.empty((2, max_steps + 1, n))
         Z, timing = np.empty((max_steps + 1, m)), (sampler.period, *sampler.delay)
         problem = Problem(self.rates, self._arguments(u), self.interval())
-        room = number, self.bounds, z, sampler.pending, begun, came, U, W, Z
-        taken = take_samples(law, problem, timing, self.how, work, room)
+        held = runge_kutta.HeldCommands(number, self.bounds, z, sampler.pending, begun, came, U, W, Z)
+        taken = take_samples(law, problem, timing, self.how, work, held)
         begun, came = begun[: number[2]], came[: number[3]]
         last = max((*begun[-1:], *came[-1:]), default=-1)
         if last >= 0:

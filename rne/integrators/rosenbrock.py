@@ -20,7 +20,7 @@ system.
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -77,8 +77,31 @@ def _tableau() -> tuple[Array, Array, Array, Array]:
     return A, C, A @ sums, sums
 
 
+class RosenbrockTableau(NamedTuple):
+    """The coefficients of a method, as its loops take them."""
+
+    A: Array  # (stages, stages), a_ij
+    C: Array  # (stages, stages), c_ij
+    alpha: Array  # (stages,)
+    gamma: Array  # (stages,)
+    interpolant: Array  # (3, stages)
+    E: Array  # (1, stages), estimates the error
+
+
+class RosenbrockRoom(NamedTuple):
+    """What `take_steps` overwrites, for n coordinates, a state of `size` entries and systems of `rows` rows."""
+
+    S: Array  # (size - n, size + n + 1), derivatives of the equations of motion by the state, qdd and t
+    W: Array  # (rows, ...), the matrix of the linear systems and what is eliminated with it
+    G: Array  # (..., rows), the result of the elimination, transposed
+    b: Array  # (rows,), the right-hand side
+    U: Array  # (stages, size), u_i
+    start: Array  # (size,), dx/dt at the begin of the step
+    f: Array  # (size,), dx/dt at a stage
+
+
 A, C, ALPHA, GAMMAS = _tableau()
-TABLEAU = (A, C, ALPHA, GAMMAS, INTERPOLANT, np.eye(STAGES)[-1:])  # the last stage is the error
+TABLEAU = RosenbrockTableau(A, C, ALPHA, GAMMAS, INTERPOLANT, np.eye(STAGES)[-1:])  # the last stage is the error
 
 
 @inline
@@ -163,57 +186,72 @@ def solve_stage(S: Any, G: Any, n: Any, c: Any, by_time: Any, f: Any, b: Any, u:
 
 
 @inline
+def linearise(problem: Any, slopes: Any, steps: Any, t: Any, y: Any) -> bool:
+    """dx/dt and the derivatives of the equations of motion at the begin of a step; True if both are valid."""
+    rates, state, interval = problem
+    qdd, start = slopes[1][2], steps.work.start
+    put_time(state, interval, t)
+    copy(y, state[1])
+    steps.evaluations[0] += 1
+    if not evaluate(rates, state, start):
+        return False
+    copy(start[len(qdd) :], qdd)
+    steps.evaluations[1] += 1
+    return evaluate(slopes[0], slopes[1], steps.work.S)
+
+
+@inline
+def solve_stages(problem: Any, steps: Any, n: Any, t: Any, y: Any, h: Any) -> bool:
+    """u_i of all stages of a step from y, and the state at its end; False if dx/dt is not valid at one of them."""
+    rates, state, interval = problem
+    A, C, alpha, gamma, _, _ = interval.tableau
+    S, _, G, b, U, start, f = steps.work
+    x, c = state[1], 1.0 / (h * GAMMA)
+    copy(start, f)
+    for s in range(STAGES):
+        if s > 0:
+            copy(y, x)
+            add(A[s], s, 1.0, U, x)
+            put_time(state, interval, t + alpha[s] * h)
+            steps.evaluations[0] += 1
+            if not evaluate(rates, state, f):
+                return False
+            add(C[s], s, 1.0 / h, U, f)
+        solve_stage(S, G, n, c, gamma[s] * h, f, b, U[s])
+    for i in range(len(x)):
+        x[i] += U[STAGES - 1, i]
+    return True
+
+
+@inline
 def take_steps(problem: Any, slopes: Any, steps: Any) -> int:
     """Steps into the storage from T[0] and X[0] on; how many.
 
     `slopes` is the function for the Jacobian of the equations of motion and its arguments t, x, qdd and inputs; it
     shares all but qdd and numbers with the right-hand side. The storage has the vectors P of the interpolants,
-    (steps, 3, size), and count[0] and count[1] gain the evaluations of right-hand side and Jacobian. `work` is what
-    `workspace` makes.
+    (steps, 3, size), in place of slopes, `evaluations[0]` and `[1]` gain those of right-hand side and Jacobian, and
+    `work` is what `workspace` makes.
     """
-    rates, state, interval = problem
-    end = interval.end
-    A, C, alpha, gamma, interpolant, last_stage = interval.tableau
-    T, X, P, H, count, (S, W, G, b, U, start, f) = steps
-    x, qdd = state[1], slopes[1][2]
-    size, n = len(x), len(qdd)
+    interval, x, n = problem.interval, problem.arguments[1], len(slopes[1][2])
+    T, X, P, H, _, work = steps
     for step in range(len(T) - 1):
         t, y = T[step], X[step]
         smallest = shortest_step(t)
         h = min(max(H[step], smallest), interval.max_step)
-        put_time(state, interval, t)
-        copy(y, x)
-        count[0] += 1
-        if not evaluate(rates, state, start):
-            return step
-        copy(start[n:], qdd)
-        count[1] += 1
-        if not evaluate(slopes[0], slopes[1], S):
+        if not linearise(problem, slopes, steps, t, y):
             return step
         rejected = False
         while True:
             if not h >= smallest:
                 return step
-            tried, reached = h, min(t + h, end)
+            tried, reached = h, min(t + h, interval.end)
             h = reached - t
-            c = 1.0 / (h * GAMMA)
-            set_up(S, n, size, c, W)
+            set_up(work.S, n, len(x), 1.0 / (h * GAMMA), work.W)
             error = math.inf
-            if eliminate(W, G):
-                copy(start, f)
-                for s in range(STAGES):
-                    if s > 0:
-                        copy(y, x)
-                        add(A[s], s, 1.0, U, x)
-                        put_time(state, interval, t + alpha[s] * h)
-                        count[0] += 1
-                        if not evaluate(rates, state, f):
-                            return step
-                        add(C[s], s, 1.0 / h, U, f)
-                    solve_stage(S, G, n, c, gamma[s] * h, f, b, U[s])
-                for i in range(size):
-                    x[i] += U[STAGES - 1, i]
-                error = error_norm(last_stage, U, 1.0, y, x, interval, f)
+            if eliminate(work.W, work.G):
+                if not solve_stages(problem, steps, n, t, y, h):
+                    return step
+                error = error_norm(interval.tableau.E, work.U, 1.0, y, x, interval, work.f)
             if error < 1:
                 break
             h *= step_factor(error, EXPONENT)
@@ -222,9 +260,9 @@ def take_steps(problem: Any, slopes: Any, steps: Any) -> int:
         H[step + 1] = max(min(h, longer) if rejected else longer, tried if h < tried else 0.0)
         T[step + 1] = reached
         copy(x, X[step + 1])
-        for k in range(len(interpolant)):
-            combine(interpolant[k], STAGES, U, P[step, k])
-        if reached >= end:
+        for k in range(len(P[step])):
+            combine(interval.tableau.interpolant[k], STAGES, work.U, P[step, k])
+        if reached >= interval.end:
             return step + 1
     return len(T) - 1
 
@@ -241,11 +279,11 @@ def take_segments(problem: Any, slopes: Any, steps: Any) -> int:
     return step
 
 
-def workspace(n: int, counted: int, size: int) -> tuple[Array, ...]:
-    """What `take_steps` overwrites, for n coordinates and a state of this size, integrals from `counted` on."""
+def workspace(n: int, counted: int, size: int) -> RosenbrockRoom:
+    """Room for n coordinates and a state of this size, integrals from `counted` on."""
     rows = counted - n
     systems = (size - n, size + n + 1), (rows, rows + counted + 1), (counted + 1, rows), (rows,)
-    return tuple(np.zeros(shape) for shape in (*systems, (STAGES, size), (size,), (size,)))
+    return RosenbrockRoom(*(np.zeros(shape) for shape in (*systems, (STAGES, size), (size,), (size,))))
 
 
 def inside(begin: Array, end: Array, vectors: Array, s: Array) -> Array:

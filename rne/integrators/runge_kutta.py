@@ -6,8 +6,9 @@ caller. Slopes K[k] are those of the stages of step k, K[0, 0] that at T[0].
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
+from ..basics.spatial import Array
 from .loops import combine, copy, evaluate, inline, put_piece, put_time
 from .step_control import NEARLY, Problem, Storage, error_norm, first_length, shortest_step, step_factor, until_break
 
@@ -42,12 +43,23 @@ def begin(problem: Any, how: Any, steps: Any) -> bool:
 
 
 @inline
+def take_stages(problem: Any, t: Any, x: Any, h: Any, K: Any, evaluations: Any) -> bool:
+    """The slopes K of a step's stages behind the first, and of its end; True if they are valid."""
+    A, B, C = problem.interval.tableau.A, problem.interval.tableau.B, problem.interval.tableau.C
+    for s in range(1, len(B) + 1):
+        row, c = (A[s], C[s] * h) if s < len(B) else (B, h)
+        evaluations[0] += 1
+        if not stage(problem, t, x, h, row, K, s, c):
+            return False
+    return True
+
+
+@inline
 def take_steps(problem: Any, end: Any, how: Any, steps: Any) -> int:
     """Steps into the storage from T[0] and X[0] on, as far as `end` or the arrays allow; how many."""
-    interval = problem.interval
-    A, B, C, E, _, _, _, exponent = interval.tableau
+    interval, y = problem.interval, problem.arguments[1]
     T, X, K, H, count, work = steps
-    stages, y = len(B), problem.arguments[1]
+    stages, exponent = len(interval.tableau.B), interval.tableau.exponent
     if not begin(problem, how, steps):
         return 0
     for step in range(len(T) - 1):
@@ -60,12 +72,9 @@ def take_steps(problem: Any, end: Any, how: Any, steps: Any) -> int:
                 return step
             reached = min(t + h, end)
             h = reached - t
-            for s in range(1, stages + 1):
-                row, c = (A[s], C[s] * h) if s < stages else (B, h)
-                count[step] += 1
-                if not stage(problem, t, x, h, row, k, s, c):
-                    return step
-            error = error_norm(E, k[: stages + 1], h, x, y, interval, work)
+            if not take_stages(problem, t, x, h, k, count[step:]):
+                return step
+            error = error_norm(interval.tableau.E, k[: stages + 1], h, x, y, interval, work)
             factor = step_factor(error, exponent)
             if error < 1:
                 break
@@ -110,11 +119,25 @@ def add_stages(problem: Any, T: Any, X: Any, K: Any, U: Any) -> bool:
     return valid
 
 
+class HeldCommands(NamedTuple):
+    """Samples of a law, and its commands, held in between: of n drives, and of a law with m states."""
+
+    number: Array  # (4,) of int64, samples and commands that have acted so far, and of both in this call
+    bounds: Array  # (2, n), of commands and of their change
+    z: Array  # (2, m), the law's states at the last sample and at the next
+    pending: Array  # (p, n), commands, that of sample k in row k % p
+    begun: Array  # (steps,) of int64, steps that began with a sample
+    came: Array  # (steps,) of int64, steps that began with another command
+    U: Array  # (steps, n), the commands in each step
+    W: Array  # (steps, n), the command of each sample
+    Z: Array  # (steps, m), the law's states at each sample
+
+
 @inline
-def sample(law: Any, period: Any, t: Any, x: Any, number: Any, samples: Any) -> bool:
+def sample(law: Any, period: Any, t: Any, x: Any, held: Any) -> bool:
     """Sample a law: its command, within the bounds, becomes the last one that is pending; True if it is valid."""
     function, arguments, found, table = law
-    _, bounds, z, pending, _, _, _, W, Z = samples
+    number, bounds, z, pending, _, _, _, W, Z = held
     time, states = arguments[0], arguments[1]
     count, here, n, m = number[0], number[2], bounds.shape[1], z.shape[1]
     before, last, moving = (count - 1) % len(pending), count % len(pending), len(states) - m
@@ -127,9 +150,9 @@ def sample(law: Any, period: Any, t: Any, x: Any, number: Any, samples: Any) -> 
     if not evaluate(function, arguments, found):
         return False
     for i in range(n):
-        u, held = min(max(found[i], -bounds[0, i]), bounds[0, i]), pending[before, i]
+        u, previous = min(max(found[i], -bounds[0, i]), bounds[0, i]), pending[before, i]
         if count > 0:
-            u = min(max(u, held - bounds[1, i]), held + bounds[1, i])
+            u = min(max(u, previous - bounds[1, i]), previous + bounds[1, i])
         pending[last, i] = W[here, i] = u
     for j in range(m):
         z[1, j] = z[0, j] + period * found[n + j]
@@ -139,48 +162,57 @@ def sample(law: Any, period: Any, t: Any, x: Any, number: Any, samples: Any) -> 
     return True
 
 
-def take_samples(law: Any, problem: Any, timing: Any, how: Any, steps: Any, samples: Any) -> int:
+@inline
+def next_changes(timing: Any, number: Any) -> Any:
+    """Times of the next sample, and of when the next command begins to act [s]."""
+    period, late, rest = timing
+    return number[0] * period, (number[1] + late) * period + rest
+
+
+@inline
+def change_command(law: Any, timing: Any, u: Any, steps: Any, step: Any, held: Any) -> bool:
+    """Take the sample, and have the command act, that are due at the begin of a step; True if the law is valid."""
+    number, t = held.number, steps.T[step]
+    sample_time, arrival = next_changes(timing, number)
+    if t >= sample_time:
+        held.begun[number[2]] = step
+        if number[0] == 0:
+            steps.H[step] = timing[0]  # the first step is tried as far as the next sample
+        if not sample(law, timing[0], t, steps.X[step], held):
+            return False
+    if t >= arrival:
+        for i in range(held.bounds.shape[1]):
+            u[i] = held.U[step, i] = held.pending[number[1] % len(held.pending), i]
+        held.came[number[3]] = step
+        number[1] += 1
+        number[3] += 1
+    return True
+
+
+def take_samples(law: Any, problem: Any, timing: Any, how: Any, steps: Any, held: Any) -> int:
     """`take_steps` with a law that is sampled, and whose commands, the first of arguments[2], are held in between.
 
     `law` has its function, its arguments t, (x, z), perhaps the piece of a motion, and numbers, room for its outputs
     and the rates of its states z, which go on by Euler's rule, and the table of the motion. `timing` has the period and
-    the delay with which a command acts after its sample: a whole number of periods and the rest of it. `samples` has
-    the numbers of samples and of commands that have acted so far, and of both in this call; the bounds of commands and
-    of their change, (2, n); the states z at the last sample and the next, (2, m); the commands that are pending, (p,
-    n), the one of sample k in row k % p; the steps that began with a sample, and with another command; the commands in
-    each step; and the command and z of each sample.
+    the delay with which a command acts after its sample: a whole number of periods and the rest of it.
     """
-    period, late, rest = timing
-    states = law[1][1]
-    number, bounds, z, pending, begun, came, U, _, _ = samples
     T, X, K, H, count, work = steps
-    u, n, step, end = problem.arguments[2], bounds.shape[1], 0, problem.interval.end
-    coordinates = (len(states) - z.shape[1]) // 2
-    number[2] = number[3] = 0
+    u, n, step, end = problem.arguments[2], held.bounds.shape[1], 0, problem.interval.end
+    coordinates = (len(law[1][1]) - held.z.shape[1]) // 2
+    held.number[2] = held.number[3] = 0
     while step < len(T) - 1 and T[step] < end:
-        sample_time, arrival = number[0] * period, (number[1] + late) * period + rest
-        if T[step] >= min(sample_time, arrival):
+        if T[step] >= min(next_changes(timing, held.number)):
             for i in range(len(u) - n - coordinates):  # behind the commands, 0 for a rate that is held at zero
                 X[step, coordinates + i] *= u[n + i]
-            if T[step] >= sample_time:
-                begun[number[2]] = step
-                if number[0] == 0:
-                    H[step] = period  # the first step is tried as far as the next sample
-                if not sample(law, period, T[step], X[step], number, samples):
-                    return step
-            if T[step] >= arrival:
-                for i in range(n):
-                    u[i] = U[step, i] = pending[number[1] % len(pending), i]
-                came[number[3]] = step
-                number[1] += 1
-                number[3] += 1
+            if not change_command(law, timing, u, steps, step, held):
+                return step
             how = KEEP_LENGTH if H[step] > 0 else RESTART
-        switch = min(number[0] * period, (number[1] + late) * period + rest)
+        switch = min(next_changes(timing, held.number))
         until = switch if switch < end * NEARLY else end
         taken = take_steps(problem, until, how, Storage(T[step:], X[step:], K[step:], H[step:], count[step:], work))
         for k in range(step, step + taken):
             for i in range(n):
-                U[k, i] = u[i]
+                held.U[k, i] = u[i]
         step += taken
         if T[step] < until:
             return step

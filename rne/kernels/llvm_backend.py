@@ -136,6 +136,30 @@ def shuffled(builder: ir.IRBuilder, a: ir.Value, b: ir.Value, places: Sequence[i
     return builder.shuffle_vector(a, b, mask)
 
 
+def rows_of_lanes(
+    emitter: Emitter,
+    given: Sequence[ir.Value],
+    first: ir.Value,
+    offsets: Sequence[Sequence[ir.Value]],
+    widths: Sequence[int],
+) -> list[Rows]:
+    """Of each array, `given` with its stride behind it, the rows of a group from the first state on.
+
+    `offsets` has those of the lanes in each array, in bytes.
+    """
+    builder, rows = emitter.builder, []
+    for array, stride, offset, width in zip(given[::2], given[1::2], offsets, widths, strict=True):
+        row = builder.gep(array, [builder.mul(first, stride)])
+        rows.append(Rows(emitter, [builder.gep(row, [k]) for k in offset], width))
+    return rows
+
+
+def first_unsound(builder: ir.IRBuilder, sound: ir.Value) -> ir.Value:
+    """The number of the first lane whose bit is not set."""
+    lane: ir.Value = builder.cttz(builder.not_(builder.zext(sound, INTEGER)), ir.Constant(ir.IntType(1), 1))
+    return lane
+
+
 def emit_rows(module: ir.Module, trace: Trace, dtype: str) -> ir.Function:
     """int64 f(const char* a0, int64 stride0, ..., number* out, int64 begin, int64 end) for rows of arrays.
 
@@ -165,21 +189,14 @@ def emit_rows(module: ir.Module, trace: Trace, dtype: str) -> ir.Function:
     first = builder.phi(INTEGER)
     first.add_incoming(begin, start)
     emitter = Emitter(builder, dtype, lanes)
-    arrays = []
-    for array, stride, offset, width in zip(
-        given[::2], given[1::2], offsets, (*trace.widths, trace.entries), strict=True
-    ):
-        row = builder.gep(array, [builder.mul(first, stride)])
-        arrays.append(Rows(emitter, [builder.gep(row, [k]) for k in offset], width))
-    *read, written = arrays
+    *read, written = rows_of_lanes(emitter, given, first, offsets, (*trace.widths, trace.entries))
     loads = [partial(rows.load, k) for rows in read for k in range(rows.width)]
     sound = emit_group(emitter, trace, loads, written.store)
     following = builder.add(first, number(lanes))
     overlapping = builder.sub(end, filled)
     first.add_incoming(least(following, overlapping), after)
     examined = builder.block
-    lane = builder.cttz(builder.not_(builder.zext(sound, INTEGER)), ir.Constant(ir.IntType(1), 1))
-    unsound = builder.add(first, lane)
+    unsound = builder.add(first, first_unsound(builder, sound))
     builder.cbranch(builder.icmp_unsigned("==", sound, ir.Constant(sound.type, -1)), after, stop)
 
     builder.position_at_end(after)

@@ -239,58 +239,77 @@ def _with_range_cut(model: Model, driver: str, linked: Mapping[str, Linked]) -> 
     return replace(model, **limits, joint_types=kinds, notes={**model.notes, driver: text})
 
 
+class _Followers:
+    """The joints that follow one driver, over its positions; their other drivers are as near to 0 as can be."""
+
+    def __init__(self, model: Model, k: int) -> None:
+        self.model, self.k, self.driver = model, k, model.moving_joints[k]
+        self.zero = np.minimum(np.maximum(0.0, model.lower), model.upper)
+        self.couplings = [(i, coupling) for i, _, coupling in model.coupled_joints if self.driver in coupling.drivers]
+
+    def found(self, coupling: Coupling, x: Array) -> tuple[Array, Array, Array]:
+        """Position, its slope by the driver, and whether both are numbers."""
+        others = {d: self.zero[self.model.moving_joints.index(d)] for d in coupling.drivers if d != self.driver}
+        q = np.stack([np.full(x.shape, others[d]) if d in others else x for d in coupling.drivers], -1)
+        position, (slopes, _) = coupling.position(q), coupling.derivatives(q)
+        fine = np.isfinite(position) & np.isfinite(slopes).all(-1)
+        return position, slopes[..., coupling.drivers.index(self.driver)], np.asarray(fine)
+
+    def fails(self, x: Array) -> Array:
+        """Which of the joints that follow fail, shape (joints, ...)."""
+        failing, model = [np.zeros(x.shape, dtype=bool)], self.model
+        for i, coupling in self.couplings:
+            position, _, fine = self.found(coupling, x)
+            failing.append(~(fine & (model.lower[i] <= position) & (position <= model.upper[i])))
+        return np.array(failing)
+
+    def samples(self, ends: Sequence[float]) -> Array:
+        """Positions of the driver between two ends, dense around its zero, and extremes of the others between them."""
+        start, model = min(max(float(self.zero[self.k]), ends[0]), ends[1]), self.model
+        limits = np.abs([(model.lower[i], model.upper[i]) for i, _ in self.couplings])
+        turns = 2 * np.pi + float(np.max(limits, initial=0.0, where=np.isfinite(limits)))
+        steps = np.append(np.linspace(0, 1, SAMPLES + 1), np.geomspace(NEAREST / FARTHEST, 1, SAMPLES))
+        farthest = turns if model.is_revolute[self.k] else FARTHEST
+        below, above = (min(abs(end - start), farthest) * steps for end in ends)
+        values = np.unique(np.clip(np.append(start - below, start + above), ends[0], ends[1]))
+        for _, coupling in self.couplings:
+            values = np.union1d(values, _extremes(values, partial(self.found, coupling)))
+        return values
+
+    def refuse_jumps(self, values: Array) -> None:
+        """Raise a ModelError if a position jumps by a turn between some positions of the driver."""
+        for i, coupling in self.couplings:
+            position, slope, _ = self.found(coupling, values)
+            expected = np.maximum(np.abs(slope[1:]), np.abs(slope[:-1])) * np.diff(values)
+            jumps = (np.abs(np.abs(np.diff(position)) - 2 * np.pi) < JUMP) & (expected < JUMP)
+            jumps &= self.model.is_revolute[i]
+            places = _jumps(values[:-1][jumps], values[1:][jumps], partial(self.found, coupling))
+            if places.size:
+                what = f"the position of joint {coupling.joint!r} jumps by a turn where {self.driver!r} is"
+                cure = "give it a function without the jump, or the driver a range that ends before"
+                raise ModelError(f"{what} {places[0]:.4g}; {cure}")
+
+
 def _where_followed(model: Model, k: int, ends: list[float]) -> set[str]:
     """Move the ends of the driver's range to where the joints that follow have positions; those that have none there.
 
     Their failures are looked for at samples that are dense around its zero, and at extremes of positions between them.
     """
-    driver, zero = model.moving_joints[k], np.minimum(np.maximum(0.0, model.lower), model.upper)
-    start = min(max(float(zero[k]), ends[0]), ends[1])
-    following = [(i, coupling) for i, _, coupling in model.coupled_joints if driver in coupling.drivers]
-
-    def found(coupling: Coupling, x: Array) -> tuple[Array, Array, Array]:
-        """Position, its slope by the driver, and whether both are numbers."""
-        q = [x if d == driver else np.full(x.shape, zero[model.moving_joints.index(d)]) for d in coupling.drivers]
-        position, (slopes, _) = coupling.position(np.stack(q, -1)), coupling.derivatives(np.stack(q, -1))
-        fine = np.isfinite(position) & np.isfinite(slopes).all(-1)
-        return position, slopes[..., coupling.drivers.index(driver)], np.asarray(fine)
-
-    def fails(x: Array) -> Array:
-        """Which of the joints that follow fail, shape (joints, ...)."""
-        failing = [np.zeros(x.shape, dtype=bool)]
-        for i, coupling in following:
-            position, _, fine = found(coupling, x)
-            failing.append(~(fine & (model.lower[i] <= position) & (position <= model.upper[i])))
-        return np.array(failing)
-
-    limits = np.abs([(model.lower[i], model.upper[i]) for i, _ in following])
-    turns = 2 * np.pi + float(np.max(limits, initial=0.0, where=np.isfinite(limits)))
-    steps = np.append(np.linspace(0, 1, SAMPLES + 1), np.geomspace(NEAREST / FARTHEST, 1, SAMPLES))
-    below, above = (min(abs(end - start), turns if model.is_revolute[k] else FARTHEST) * steps for end in ends)
-    values = np.unique(np.clip(np.append(start - below, start + above), ends[0], ends[1]))
-    for _, coupling in following:
-        values = np.union1d(values, _extremes(values, partial(found, coupling)))
-    bad, by = np.asarray(fails(values).any(0)), set[str]()
+    followers = _Followers(model, k)
+    values, by = followers.samples(ends), set[str]()
+    bad = np.asarray(followers.fails(values).any(0))
     if bad.all():
-        raise ModelError(f"the joints that follow {driver!r} have no positions within their ranges, wherever it is")
-    first = int(np.argmin(np.where(bad, np.inf, np.abs(values - zero[k]))))
+        what = f"the joints that follow {followers.driver!r} have no positions within their ranges"
+        raise ModelError(f"{what}, wherever it is")
+    first = int(np.argmin(np.where(bad, np.inf, np.abs(values - followers.zero[k]))))
     for side, step in enumerate((-1, 1)):
         if (beyond := np.flatnonzero(bad[first::step])).size:
             inside, outside = values[first + step * (beyond[0] - 1)], values[first + step * beyond[0]]
             while inside != (middle := (inside + outside) / 2) != outside:
-                inside, outside = (inside, middle) if fails(middle).any() else (middle, outside)
+                inside, outside = (inside, middle) if followers.fails(middle).any() else (middle, outside)
             ends[side] = float(inside)
-            by |= {following[j - 1][1].joint for j in np.flatnonzero(fails(outside))}
-    values = values[(values >= ends[0]) & (values <= ends[1])]
-    for i, coupling in following:
-        position, slope, _ = found(coupling, values)
-        expected = np.maximum(np.abs(slope[1:]), np.abs(slope[:-1])) * np.diff(values)
-        jumps = (np.abs(np.abs(np.diff(position)) - 2 * np.pi) < JUMP) & (expected < JUMP) & model.is_revolute[i]
-        places = _jumps(values[:-1][jumps], values[1:][jumps], partial(found, coupling))
-        if places.size:
-            what = f"the position of joint {coupling.joint!r} jumps by a turn where {driver!r} is"
-            cure = "give it a function without the jump, or the driver a range that ends before"
-            raise ModelError(f"{what} {places[0]:.4g}; {cure}")
+            by |= {followers.couplings[j - 1][1].joint for j in np.flatnonzero(followers.fails(outside))}
+    followers.refuse_jumps(values[(values >= ends[0]) & (values <= ends[1])])
     return by
 
 

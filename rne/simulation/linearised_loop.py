@@ -33,16 +33,11 @@ def linearised_loop(scene: Any, q: Array) -> LinearisedLoop:
         law = without_memory(free.controller, seen, scene.sample_time or LATER)
         free = free if law is free.controller else replace(free, controller=law)
     refuse_jump(free.controller, seen)
-    closed, rates = _slopes(free, q)
-    sides = [closed, *(_slopes(free, q, beside=by)[0] for by in (BESIDE, -BESIDE))]
-    jumps = [np.abs(side - closed).max(initial=0.0) > JUMP * np.abs(closed).max(initial=0.0) for side in sides]
-    if any(jumps):  # a kink at the target: what holds is the least stable side
-        closed = max(sides, key=lambda side: np.linalg.eigvals(side).real.max())
+    closed, rates = _stability_matrix(free, q)
     torque = _torques(free.controller, 0.0, seen, 0 * seen)
     alone = scene.resolved.robot.forward_dynamics(q, 0 * q, np.abs(torque))
     is_rest = bool(np.abs(rates[n : 2 * n]).max(initial=0.0) <= AT_REST * (np.abs(alone).max(initial=0.0) + 1.0))
-    held = replace(free, controller=lambda t, q, qd: torque)
-    opened, _ = _slopes(held, q)
+    opened, _ = _slopes(replace(free, controller=lambda t, q, qd: torque), q)
     used, driven = _read(closed, 2 * n), np.arange(2 * n)[n:][dynamics.driven]
     closed = closed[:, used]
     A, B = opened[: 2 * n, : 2 * n], np.eye(2 * n)[:, driven]
@@ -54,6 +49,16 @@ def linearised_loop(scene: Any, q: Array) -> LinearisedLoop:
     is_of_link = getattr(scene.controller, "posture", True) is None
     limit, stable = end_of_stability(windows), loop.is_stable
     return LinearisedLoop(loop, windows, limit, scene.sample_time, stable, is_rest, is_smoothed, is_of_link)
+
+
+def _stability_matrix(scene: Any, q: Array) -> tuple[Array, Array]:
+    """The slopes of the state's rates at rest in q, of the least stable side where there is a kink, and the rates."""
+    closed, rates = _slopes(scene, q)
+    sides = [closed, *(_slopes(scene, q, beside=by)[0] for by in (BESIDE, -BESIDE))]
+    jumps = [np.abs(side - closed).max(initial=0.0) > JUMP * np.abs(closed).max(initial=0.0) for side in sides]
+    if any(jumps):
+        closed = max(sides, key=lambda side: np.linalg.eigvals(side).real.max())
+    return closed, rates
 
 
 def _torques(law: Any, t: float, q: Array, qd: Array) -> Array:

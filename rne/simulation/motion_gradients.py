@@ -142,6 +142,54 @@ class _Backwards:
         return np.asarray((slopes * (rates[0] - rates[1])).sum(axis=(0, 2)))
 
 
+class _Batch(NamedTuple):
+    """Motions to be differentiated, and how their steps are taken."""
+
+    starts: tuple[Array, Array]  # positions and velocities, (N, n) each
+    own: Own
+    torques: Array  # (N, n), constant, or without entries
+    end: float  # [s]
+    step: float | None  # the longest of equal steps [s]
+    method: str
+    tolerances: tuple[float, float]  # relative and absolute, where steps are not equal
+
+    def rows(self, rows: Array) -> _Batch:
+        """Some of the motions."""
+        q, qd = self.starts
+        own = {name: array[rows] for name, array in self.own.items()}
+        return self._replace(starts=(q[rows], qd[rows]), own=own, torques=self.torques[rows])
+
+    def schedule(self, frozen: FrozenScene) -> Schedule:
+        """The steps of motions side by side: equal ones, or those that step control gives the only motion."""
+        if self.step is not None:
+            ends = frozen.equal_steps(self.end, self.step)
+        else:
+            scene, torque = frozen.scene, self.torques[0] if self.torques.size else None
+            if self.own:
+                scene = scene._naming({name: x[0] for name, x in self.own.items()}, (), scene._varying)
+            how = {"rtol": self.tolerances[0], "atol": self.tolerances[1], "method": self.method, "torque": torque}
+            start = [x[0] for x in self.starts]
+            *_, ends = steps_taken(frozen, scene, self.own, start, self.end, if_growing=True, **how)
+        return schedule_of(tableau(self.method), ends, *frozen.instants(self.end))
+
+
+class _Told:
+    """Tells `progress` of the steps of all motions, there and back."""
+
+    def __init__(self, progress: Callable[[int, int], object] | None) -> None:
+        self.progress, self.done, self.total, self.count = progress, 0, 0, 0
+
+    def begin(self, total: int, count: int) -> None:
+        """So many motions begin; all motions have at least so many steps in `total`."""
+        self.total, self.count = max(self.total, total), count
+
+    def tell(self, steps: int) -> None:
+        """Each of them took so many steps."""
+        self.done += steps * self.count
+        if self.progress is not None:
+            self.progress(min(self.done, self.total), self.total)
+
+
 @dataclass(frozen=True)
 class _Task:
     """What is differentiated, by which names, and how."""
@@ -150,28 +198,46 @@ class _Task:
     final: UserFunction | None
     names: tuple[str, ...]
     memory: int
-    tell: Callable[[int], None]
+    told: _Told
 
-    def of_group(
-        self, own: Own, starts: tuple[Array, Array], torque: Array, schedule: Schedule, *, by_machine: bool
-    ) -> tuple[Array, dict[str, Array]]:
+    def of_all(self, batch: _Batch) -> tuple[Array, dict[str, Array]]:
+        """The costs of motions, (N,), and their derivatives, side by side as far as they take the same steps."""
+        frozen, count = self.frozen, len(batch.starts[0])
+        L = 1 if batch.step is None else count if not frozen.by_machine else LANES if count > 1 else 1
+        value, gradient = np.zeros(count), dict[str, Array]()
+        for at, places in _side_by_side(frozen, batch.own, count, batch.end, L):
+            idle = L - len(places) if frozen.by_machine else 0
+            part = batch.rows(np.append(places, np.full(idle, places[-1])))  # the last motion fills the lanes
+            schedule = part.schedule(at)
+            self.told.begin(2 * len(schedule.lengths) * count, len(places))
+            values, found = replace(self, frozen=at).of_group(part, schedule, by_machine=frozen.by_machine)
+            value[places] = values[: len(places)]
+            for name, array in found.items():
+                gradient.setdefault(name, np.zeros((count, *array.shape[1:])))[places] = array[: len(places)]
+        if not count:
+            n = frozen.scene.n
+            shapes = {name: x.shape for name, x in frozen.scene.numbers.items()} | dict.fromkeys(STARTS, (n,))
+            gradient = {name: np.zeros((0, *shapes[name])) for name in self.names}
+        return value, gradient
+
+    def of_group(self, part: _Batch, schedule: Schedule, *, by_machine: bool) -> tuple[Array, dict[str, Array]]:
         """The cost of motions side by side, (L,), and its derivatives; by NumPy where a state needs the recursion."""
-        group = SideBySide(self.frozen, own, len(starts[0]), by_machine=by_machine)
+        group = SideBySide(self.frozen, part.own, len(part.starts[0]), by_machine=by_machine)
         try:
-            found = self._of(group, starts, torque, schedule)
+            found = self._of(group, part.starts, part.torques, schedule)
         except NotFiniteError as error:
             if error.time is None:  # of `final`
                 raise
             longest = f"; steps of {schedule.lengths.max():.3g} s may be too long for the fastest decay"
             raise NotFiniteError(error.args[0] + longest, error.time) from None
         if found is None:
-            return self.of_group(own, starts, torque, schedule, by_machine=False)
+            return self.of_group(part, schedule, by_machine=False)
         return found
 
     def _of(
         self, group: SideBySide, starts: tuple[Array, Array], torque: Array, schedule: Schedule
     ) -> tuple[Array, dict[str, Array]] | None:
-        run, L = _Backwards(group, schedule, self.memory, self.tell), group.count
+        run, L = _Backwards(group, schedule, self.memory, self.told.tell), group.count
         end, samples = schedule.begins[-1] + schedule.lengths[-1], schedule.begins[schedule.sampled > 0]
         group.check_within_samples(0.0, end, samples.max(initial=0.0))
         x = flat(self.frozen.start(group.numbers, *starts))
@@ -306,57 +372,36 @@ def motion_gradient(
     ((6,), True)
     """
     scene, names = scene_argument(scene_or_robot), names_of(wrt)
-    functions: tuple[tuple[str, Any, str], ...] = (("cost", cost, "(t, q, qd, tau)"), ("final", final, "(q, qd)"))
-    for name, function, arguments in (*functions, ("progress", progress, "(done, total)")):
+    _check_functions(cost, final, progress)
+    starts, is_one = _starts(scene, q0, qd0)
+    count, end = len(starts[0]), positive_number("duration", duration)
+    what = f"the motion cannot be differentiated: {STICKS}"
+    scene, own = common_and_own(scene, numbers or {}, count, what, is_one=is_one)
+    torques = constant_torques(scene, torque, count)
+    frozen = FrozenScene(scene, tuple(dict.fromkeys((*names, *own))), cost, torques.size > 0)
+    chosen, at_end = _method(frozen, method, step), None
+    if final is not None:
+        at_end = UserFunction("final", final, (scene.n,) * 2)
+    task = _Task(frozen, at_end, names, whole_number("memory", memory, least=1), _Told(progress))
+    longest = None if step is None else positive_number("step", step)
+    value, gradient = task.of_all(_Batch(starts, own, torques, end, longest, chosen, tolerances(rtol, atol)))
+    if is_one:
+        return MotionGradient(value[0], {name: gradient[name][0] for name in names})
+    return MotionGradient(value, {name: gradient[name] for name in names})
+
+
+def _check_functions(cost: Any, final: Any, progress: Any) -> None:
+    """Raise an error if a function is none, or there is nothing to differentiate."""
+    functions = (
+        ("cost", cost, "(t, q, qd, tau)"),
+        ("final", final, "(q, qd)"),
+        ("progress", progress, "(done, total)"),
+    )
+    for name, function, arguments in functions:
         if function is not None:
             check_function(name, function, arguments)
     if cost is None and final is None:
         raise ValueError("`cost` or `final` must be given: without both there is nothing to differentiate")
-    starts, is_one = _starts(scene, q0, qd0)
-    count, end = len(starts[0]), positive_number("duration", duration)
-    sticking = f"the motion cannot be differentiated: {STICKS}"
-    scene, own = common_and_own(scene, numbers or {}, count, sticking, is_one=is_one)
-    torques = constant_torques(scene, torque, count)
-    frozen = FrozenScene(scene, tuple(dict.fromkeys((*names, *own))), cost, torques.size > 0)
-    chosen = _method(frozen, method, step)
-    by_machine = frozen.by_machine
-    L = 1 if step is None else count if not by_machine else LANES if count > 1 else 1
-    done = 0
-
-    def tell(steps: int) -> None:
-        nonlocal done
-        done += steps * len(places)
-        if progress is not None:
-            progress(min(done, total), total)
-
-    at_end = None if final is None else UserFunction("final", final, (scene.n,) * 2)
-    memory, total, value, gradient = whole_number("memory", memory, least=1), 0, np.zeros(count), dict[str, Array]()
-    longest = None if step is None else positive_number("step", step)
-    how: dict[str, Any] = dict(zip(("rtol", "atol"), tolerances(rtol, atol), strict=True)) | {"method": chosen}
-    for at, places in _side_by_side(frozen, own, count, end, L):
-        idle = L - len(places) if by_machine else 0
-        rows = np.append(places, np.full(idle, places[-1]))  # the last motion fills the lanes
-        mine, given = {name: array[rows] for name, array in own.items()}, (starts[0][rows], starts[1][rows])
-        if longest:
-            ends = at.equal_steps(end, longest)
-        else:  # of one motion
-            scene = at.scene._naming({k: x[0] for k, x in mine.items()}, (), at.scene._varying) if mine else at.scene
-            how["torque"] = torques[rows[0]] if torques.size else None
-            *_, ends = steps_taken(at, scene, mine, [x[0] for x in given], end, if_growing=True, **how)
-        schedule = schedule_of(tableau(chosen), ends, *at.instants(end))
-        total = max(total, 2 * len(schedule.lengths) * count)
-        task = _Task(at, at_end, names, memory, tell)
-        values, found = task.of_group(mine, given, torques[rows], schedule, by_machine=by_machine)
-        value[places] = values[: len(places)]
-        for name, array in found.items():
-            whole = gradient.setdefault(name, np.zeros((count, *array.shape[1:])))
-            whole[places] = array[: len(places)]
-    if not count:
-        shapes = {name: x.shape for name, x in frozen.scene.numbers.items()} | dict.fromkeys(STARTS, (scene.n,))
-        gradient = {name: np.zeros((0, *shapes[name])) for name in names}
-    if is_one:
-        return MotionGradient(value[0], {name: gradient[name][0] for name in names})
-    return MotionGradient(value, {name: gradient[name] for name in names})
 
 
 def _side_by_side(

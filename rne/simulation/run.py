@@ -223,19 +223,18 @@ class RunResult:
     @cached_property
     def _quantities(self) -> tuple[dict[str, Any], Failure | None]:
         """Torques, accelerations and energies of the motion, and its jumps, as far as they are finite; the failure."""
-        plant, dynamics, n, N = self.plant, self.plant.dynamics, self.plant.robot.n, self.plant.dynamics.n
+        plant, dynamics, N = self.plant, self.plant.dynamics, self.plant.dynamics.n
         tau, rates, failure = _torques_and_accelerations(plant, self._after_breaks(), self._held(self.reported.t))
-        instants, qdd = self.reported.first(len(tau)), rates[:, :n]
-        t, x, driven = instants.t, instants.x, dynamics.driven
+        t, x, _ = self.reported.first(len(tau))
+        qdd, driven = rates[:, : plant.robot.n], dynamics.driven
         moved = x[:, :N][:, driven], x[:, N : 2 * N][:, driven], rates[:, driven]  # by the drives
         energies = dict(zip(dynamics.energies, x[:, dynamics.counted :].T, strict=True))
         work, z = energies.pop("drives", np.zeros(len(t))), x[:, 2 * N : 2 * N + dynamics.states]
         if self.samples is not None and self.acting is not None:
             z = self.samples.z[self.samples.held(t, SAME)]
             work = self.acting.work(moved[0], self.acting.held(t, SAME), driven)
-        robot, x0, side = plant.robot, self.task.x0, dynamics.motor_side
         try:
-            kinetic, potential = dynamics.energies_of(robot, np.concatenate([x0[None], x]))
+            kinetic, potential = dynamics.energies_of(plant.robot, np.concatenate([self.task.x0[None], x]))
         except NotFiniteError as error:  # with torques that are finite: squares of velocities overflow
             kinetic, potential = np.full((2, len(x) + 1), np.nan)
             failure = failure or Failure(float(t[0]) if len(t) else 0.0, str(error))
@@ -245,12 +244,21 @@ class RunResult:
         found: dict[str, Any] = {"qdd": qdd, "tau": tau, "kinetic": kinetic[1:], "potential": potential[1:]}
         found |= {"energy": energy[1:], "work": work, "dissipated": energies, "energy_start": float(energy[0])}
         found |= {"energy_drift": float(np.abs(balance).max(initial=0.0)), "controller_state": z}
-        found |= dict(zip(("motor_q", "motor_qd"), moved if side else 2 * (np.zeros((0, 0)),), strict=False))
+        of_motors = moved if dynamics.motor_side else 2 * (np.zeros((0, 0)),)
+        found |= dict(zip(("motor_q", "motor_qd"), of_motors, strict=False))
         found |= {"jumps": jumps, "qdd_before": qdd_before, "tau_before": tau_before, "scene": repr(self.scene)}
+        return found | {"message": self._message(moved)}, self.failure or failure
+
+    def _message(self, moved: tuple[Array, ...]) -> str:
+        """How the run ended, and which joints crept while they were meant to rest; drives have `moved` so."""
+        dynamics, x0, N = self.plant.dynamics, self.task.x0, self.plant.dynamics.n
+        if dynamics.friction is None:
+            return self.ending
+        side = dynamics.motor_side
         rest = None if side or "drives" in dynamics.ledger or x0[N : 2 * N].any() else x0[:N]
         how = rest, dynamics.springs, side.rotor if side else None
-        crept = "" if dynamics.friction is None else creep(dynamics.friction, robot, moved, *how)
-        return found | {"message": f"{crept}; {self.ending}" if crept else self.ending}, self.failure or failure
+        crept = creep(dynamics.friction, self.plant.robot, moved, *how)
+        return f"{crept}; {self.ending}" if crept else self.ending
 
     def _after_breaks(self) -> Instants:
         """The instants to report, those of breaks just after them."""

@@ -187,6 +187,16 @@ class Scene:
             raise TypeError(f"`stops` must be True or False, got {type(self.stops).__name__}")
         if not isinstance(self.elastic, ElasticJoints | None):
             raise TypeError(f"`elastic` must be an rne.ElasticJoints, got {type(self.elastic).__name__}")
+        self._check_sampling()
+        for name in GIVEN:  # the caller may change it later
+            object.__setattr__(self, name, _kept(getattr(self, name)))
+        if self.payload is not None:
+            object.__setattr__(self, "payload", _kept(payload_argument(self.payload)))
+        _ = self.resolved  # raises the errors in the parts
+        self._check_robot_of_controller()
+
+    def _check_sampling(self) -> None:
+        """The controller, and numbers that only a sampled one has."""
         if self.controller is not None:
             check_law("controller", self.controller)
         if self.sample_time is not None:
@@ -201,11 +211,9 @@ class Scene:
             if self.sample_time is None:
                 raise ValueError("`delay` needs a `sample_time`: it is that of a sampled controller's torques")
             positive_number("delay", self.delay, zero_allowed=True)
-        for name in GIVEN:  # the caller may change it later
-            object.__setattr__(self, name, _kept(getattr(self, name)))
-        if self.payload is not None:
-            object.__setattr__(self, "payload", _kept(payload_argument(self.payload)))
-        _ = self.resolved  # raises the errors in the parts
+
+    def _check_robot_of_controller(self) -> None:
+        """That a controller which names its robot is for this one."""
         meant_for = getattr(self.controller, "robot", None)
         if not isinstance(meant_for, Robot):
             return

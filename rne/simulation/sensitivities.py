@@ -247,23 +247,15 @@ class Forwards:
 
     def _take(self, part: Schedule, rows: slice, d: Directions) -> bool:
         """Some steps, with the times of some rows among them."""
-        dynamics, law, S = self.dynamics, self.frozen.law, len(part.tableau.B)
+        dynamics, S = self.dynamics, len(part.tableau.B)
         before, kept = self.command.copy(), self.group.kept(len(part.lengths), S)
         if not self.group.advance(part, self.x, kept):
             return False
         held = np.repeat(kept.held[:, None], len(part.tableau.C), axis=1)
         f = self.linear(dynamics.accelerations, part.times[:, :S, None], kept.stages, held[:, :S])
-        of_law, at = Linear(np.zeros((0, 0, 0)), self.columns.of_law, np.zeros((0, 0))), np.flatnonzero(part.sampled)
-        if law is not None:
-            states = np.concatenate([kept.stages[at, 0], kept.states[at]], axis=1)
-            of_law = self.linear(law.outputs, part.begins[at, None], states, held[at, 0], of_law=True)
-            self.limited |= bool(kept.bounds[at].any())
-        elif dynamics.effort_limit is not None:
+        of_law, jumps = self._at_samples(part, kept), self._jumps(part, kept, before, delays=d.delay >= 0)
+        if self.frozen.law is None and dynamics.effort_limit is not None:
             self.torques(part.times[:, :1], kept.stages[:, 0], kept.held)
-        jumps, at = np.zeros((0, len(self.x))), np.flatnonzero(part.acting)
-        if d.delay >= 0:
-            old = np.concatenate([before[None], kept.held])[at]
-            jumps = self.jump(part.times[at, :1], kept.stages[at, 0], old, kept.held[at])
         steps = np.searchsorted(part.begins, self.t[rows], side="right") - 1
         fraction = (self.t[rows] - part.begins[steps]) / part.lengths[steps]
         weights, inside, states = interpolation(part.tableau, fraction), fraction > 0, kept.stages[steps, 0]
@@ -283,6 +275,22 @@ class Forwards:
         along = (array.reshape(len(array), array.shape[1] // d.p, d.p) for array in (X, U))
         self.report(rows, states, kept.held[steps], *along)
         return True
+
+    def _at_samples(self, part: Schedule, kept: Kept) -> Linear:
+        """Derivatives of the law at its samples; of no rows without one. Notes whether a command is at a bound."""
+        law, at = self.frozen.law, np.flatnonzero(part.sampled)
+        if law is None:
+            return Linear(np.zeros((0, 0, 0)), self.columns.of_law, np.zeros((0, 0)))
+        self.limited |= bool(kept.bounds[at].any())
+        states = np.concatenate([kept.stages[at, 0], kept.states[at]], axis=1)
+        return self.linear(law.outputs, part.begins[at, None], states, kept.held[at], of_law=True)
+
+    def _jumps(self, part: Schedule, kept: Kept, before: Array, *, delays: bool) -> Array:
+        """`jump` of each command that begins to act, if the delay is a direction: (acts, size), or without rows."""
+        if not delays:
+            return np.zeros((0, len(self.x)))
+        at, held = np.flatnonzero(part.acting), np.concatenate([before[None], kept.held])
+        return self.jump(part.times[at, :1], kept.stages[at, 0], held[at], kept.held[at])
 
     def _stages(self, part: Schedule, kept: Kept, held: Array, which: Array) -> tuple[Array, Linear, Array]:
         """Of some steps the stages that only interpolants need: rows of A, derivatives, and dx/dt at all stages."""

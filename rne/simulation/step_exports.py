@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..basics.spatial import Array
+from ..integrators.frozen_steps import Schedule
 from ..kernels.exports.casadi import to_casadi
 from ..kernels.kernel import Kernel, with_table
 from .frozen_motion import FrozenScene
@@ -66,7 +67,7 @@ def interval_to_casadi(stepper: Any, name: str, symbolic: str, names: Sequence[s
 def _composed(stepper: Any, ca: Any, call: Callable[..., Any], symbols: Mapping[str, Any], limit: Any) -> Any:
     """The steps of `advance` on CasADi's symbols: call(0, t, x, u) is dx/dt, call(1, t, x) the law that is sampled."""
     side, plan, n, t = stepper._own.side, stepper._schedule, stepper.scene.n, symbols.get("t", 0.0)
-    row, size, m, positions = symbols["x"], side.size, side.m, plan.positions
+    row, size, m = symbols["x"], side.size, side.m
     x, z, held = row[:size], row[size : size + m], symbols.get("u")
     waiting = [row[first : first + n] for first in range(size + m, stepper.size, n)] if n else []
     held = waiting.pop(0) if stepper._holds else held
@@ -76,20 +77,30 @@ def _composed(stepper: Any, ca: Any, call: Callable[..., Any], symbols: Mapping[
             waiting.append(ca.fmin(ca.fmax(found[:n], -limit), limit))
             z = z + side.frozen.period * found[n:]
         held = waiting.pop(0) if plan.acting[k] else held
-        slopes = list[Any]()
-        for a, at in zip(plan.tableau.A.tolist(), plan.times[k].tolist(), strict=False):
-            moved = x + h * sum((w * slope for w, slope in zip(a, slopes, strict=False) if w), 0.0)
-            slopes.append(call(0, t + at, moved, held))
-        total = sum(w * slope for w, slope in zip(plan.tableau.B.tolist(), slopes, strict=True))
-        if positions:  # which move with the rates at the end
-            total = ca.vertcat(x[positions : 2 * positions] + h * total[positions : 2 * positions], total[positions:])
+        total = _mean_slope(plan, k, x, lambda at, moved: call(0, t + at, moved, held))  # noqa: B023
+        if plan.positions:  # which move with the rates at the end
+            rates = slice(plan.positions, 2 * plan.positions)
+            total = ca.vertcat(x[rates] + h * total[rates], total[plan.positions :])
         x = x + h * total
     if stepper.position_stops:
-        lower, upper = map(ca.DM, stepper._ranges)
-        q, rest, qd = x[:n], x[n : side.frozen.dynamics.n], x[side.frozen.dynamics.n :]
-        ends = ca.fmin(ca.fmax(q, lower), upper)
-        x = ca.vertcat(ends, rest, ca.if_else((q - ends) * qd[:n] > 0, 0.0, qd[:n]), qd[n:])
+        x = _within_stops(stepper, ca, x)
     return ca.vertcat(x, z, *([held] if stepper._holds else []), *waiting)
+
+
+def _mean_slope(plan: Schedule, k: int, x: Any, rates: Callable[[float, Any], Any]) -> Any:
+    """The weighted sum of the slopes of the stages of step k: rates(time, state) of each."""
+    slopes, h = list[Any](), float(plan.lengths[k])
+    for a, at in zip(plan.tableau.A.tolist(), plan.times[k].tolist(), strict=False):
+        slopes.append(rates(at, x + h * sum((w * slope for w, slope in zip(a, slopes, strict=False) if w), 0.0)))
+    return sum(w * slope for w, slope in zip(plan.tableau.B.tolist(), slopes, strict=True))
+
+
+def _within_stops(stepper: Any, ca: Any, x: Any) -> Any:
+    """The state with positions within their ranges, and without velocities that lead out of them."""
+    n, moving, (lower, upper) = stepper.scene.n, stepper._own.side.frozen.dynamics.n, map(ca.DM, stepper._ranges)
+    q, rest, qd = x[:n], x[n:moving], x[moving:]
+    ends = ca.fmin(ca.fmax(q, lower), upper)
+    return ca.vertcat(ends, rest, ca.if_else((q - ends) * qd[:n] > 0, 0.0, qd[:n]), qd[n:])
 
 
 def interval_to_jax(stepper: Any) -> Callable[..., Any]:
@@ -195,8 +206,37 @@ C_ENDS = """
 
 def interval_to_c(stepper: Any, name: str) -> str:
     """See `Stepper.source`."""
-    frozen, plan, n, row = stepper._own.frozen, stepper._schedule, stepper.scene.n, stepper.size
-    size, m, is_driven = stepper._own.side.size, stepper._own.side.m, frozen.is_driven
+    frozen, side, plan, row = stepper._own.frozen, stepper._own.side, stepper._schedule, stepper.size
+    texts, has_piece = _functions_in_c(frozen, name)
+    arrays = {"a": plan.tableau.A, "b": plan.tableau.B, "h": plan.lengths, "at": plan.times}
+    n, first = stepper.scene.n, side.size + side.m + stepper.scene.n * stepper._holds
+    fill: dict[str, Any] = {"name": name, "steps": len(plan.lengths), "stages": len(plan.tableau.B), "size": side.size}
+    fill |= {"n": n, "m": side.m, "row": row, "positions": plan.positions, "first": first}
+    fill |= {"late": (row - first) // max(n, 1), "arrival": int(np.argmax(plan.acting))}
+    fill |= {"rates": frozen.dynamics.n, "period": frozen.period}
+    sample, act, ends, declared = "", "", "", [f"stage[{side.size}], slope[{fill['stages']}][{side.size}]"]
+    if frozen.law is not None:
+        arrays["limit"] = side.limits[0]
+        sample, act = _sample_in_c(fill, holds=stepper._holds, has_piece=has_piece["law"])
+        declared += [f"command[{n + side.m}], queue[{fill['late'] + 1}][{n}], held[{n}]"]
+    if stepper.position_stops:
+        arrays |= {"lower": stepper._ranges[0], "upper": stepper._ranges[1]}
+        ends = C_ENDS.format(**fill)
+    look_up = C_LOOK_UP.format(**fill | {"name": f"{name}_rates", "indent": " " * 12, "time": "time"})
+    given = "u, " if frozen.is_driven else "held, " if frozen.law else ""
+    if has_piece["rates"]:
+        given += "piece, "
+    steps = C_STEPS.format(**fill, act=act, look_up=look_up if has_piece["rates"] else "", given=given)
+    constants = [f"    static const double {k}{_sizes(array)} = {_literal(array)};" for k, array in arrays.items()]
+    heading = f"/* {stepper!r}: x_next of x{', torques u' * frozen.is_driven} and the time t of the begin. */"
+    head = f"void {name}(const double *t, const double *x, {'const double *u, ' * frozen.is_driven}double *x_next)"
+    copy = f"    for (int i = 0; i < {row}; i++)\n        x_next[i] = x[i];"
+    body = [*constants, *(f"    double {names};" for names in declared), copy + sample, steps + ends]
+    return "\n".join([*texts, "", heading, head, "{", *body, "}", ""])
+
+
+def _functions_in_c(frozen: FrozenScene, name: str) -> tuple[list[str], dict[str, bool]]:
+    """Lines with the functions of the rates and of the law, if there is one, and whether each takes a piece."""
     texts, has_piece = list[str](), dict[str, bool]()
     for part, owner, function in (("rates", frozen.dynamics, "right_hand_side"), ("law", frozen.law, "outputs")):
         if owner is not None:
@@ -207,43 +247,15 @@ def interval_to_c(stepper: Any, name: str) -> str:
             known = {line for line in texts if line.startswith(("#include", "static double"))}
             texts += [line for line in lines if line not in known]
             has_piece[part] = "piece" in kernel.names
-    arrays = {"a": plan.tableau.A, "b": plan.tableau.B, "h": plan.lengths, "at": plan.times}
-    holds, arrival = stepper._holds, int(np.argmax(plan.acting))
-    first = size + m + n * holds
-    fill: dict[str, Any] = {"name": name, "steps": len(plan.lengths), "stages": len(plan.tableau.B), "size": size}
-    fill |= {
-        "n": n,
-        "m": m,
-        "row": row,
-        "positions": plan.positions,
-        "first": first,
-        "late": (row - first) // max(n, 1),
-    }
-    fill |= {"arrival": arrival, "rates": frozen.dynamics.n, "period": frozen.period}
-    sample, act, ends, declared = "", "", "", [f"stage[{size}], slope[{fill['stages']}][{size}]"]
-    if frozen.law is not None:
-        arrays["limit"] = stepper._own.side.limits[0]
-        found = C_LOOK_UP.format(**fill | {"name": f"{name}_law", "indent": "    ", "time": "t[0]"})
-        own = {
-            "name": f"{name}_law",
-            "look_up": found if has_piece["law"] else "",
-            "held": f"x[{size + m} + i]" if holds else "0.0",
-        }
-        sample = C_SAMPLE.format(**fill | own | {"piece": "piece, " if has_piece["law"] else ""})
-        act = C_ACT.format(**fill, lasting=f"x_next[{size + m} + i] = " if holds else "")
-        declared += [f"command[{n + m}], queue[{fill['late'] + 1}][{n}], held[{n}]"]
-    if stepper.position_stops:
-        arrays |= {"lower": stepper._ranges[0], "upper": stepper._ranges[1]}
-        ends = C_ENDS.format(**fill)
-    look_up = C_LOOK_UP.format(**fill | {"name": f"{name}_rates", "indent": " " * 12, "time": "time"})
-    given = ("u, " if is_driven else "held, " if frozen.law else "") + ("piece, " if has_piece["rates"] else "")
-    steps = C_STEPS.format(**fill, act=act, look_up=look_up if has_piece["rates"] else "", given=given)
-    constants = [f"    static const double {k}{_sizes(array)} = {_literal(array)};" for k, array in arrays.items()]
-    heading = f"/* {stepper!r}: x_next of x{', torques u' * is_driven} and the time t of the begin. */"
-    head = f"void {name}(const double *t, const double *x, {'const double *u, ' * is_driven}double *x_next)"
-    copy = f"    for (int i = 0; i < {row}; i++)\n        x_next[i] = x[i];"
-    body = [*constants, *(f"    double {names};" for names in declared), copy + sample, steps + ends]
-    return "\n".join([*texts, "", heading, head, "{", *body, "}", ""])
+    return texts, has_piece
+
+
+def _sample_in_c(fill: dict[str, Any], *, holds: bool, has_piece: bool) -> tuple[str, str]:
+    """Text that samples the law, and text within a step that has a command act; `holds` for one that is a state."""
+    law, held = f"{fill['name']}_law", f"x[{fill['size'] + fill['m']} + i]"
+    found = C_LOOK_UP.format(**fill | {"name": law, "indent": "    ", "time": "t[0]"}) if has_piece else ""
+    own = {"name": law, "look_up": found, "held": held if holds else "0.0", "piece": "piece, " if has_piece else ""}
+    return C_SAMPLE.format(**fill | own), C_ACT.format(**fill, lasting=f"x_next{held[1:]} = " if holds else "")
 
 
 def _sizes(array: Array) -> str:

@@ -15,6 +15,7 @@ from ..basics.arrays import convert_numbers, positive_number, real_numbers, whol
 from ..basics.spatial import Array
 from ..basics.text import short
 from ..errors import NotFiniteError, SingularMassMatrixError
+from ..integrators.frozen_steps import Function
 from ..integrators.loops import LANES, compiled
 from ..integrators.row_steps import RowGroup, RowSlopes, pull_back_rows, step_rows
 from ..integrators.step_control import aligned
@@ -112,13 +113,17 @@ class _Lanes:
             np.zeros(ends.shape[1]),
         )
         if derive:
-            state = np.zeros(stepper.size * L)
-            adjoint = side.adjoint(state[:size], stages)
-            of = {name: getattr(adjoint, name) for name in ("held", *OTHERS) if name != "held" or frozen.is_driven}
-            others = np.zeros(sum(array.size for array in of.values()))
-            parts = np.split(others, np.cumsum([array.size for array in of.values()])[:-1])
-            adjoint = adjoint._replace(**{k: a.reshape(of[k].shape) for k, a in zip(of, parts, strict=True)})
-            self.slopes = RowSlopes(gradients[0], gradients[1], adjoint, state, adjoint.pending.reshape(-1), others)
+            self.slopes = self._row_slopes(side, gradients, stages, np.zeros(stepper.size * L))
+
+    def _row_slopes(self, side: SideBySide, gradients: Sequence[Function], stages: int, state: Array) -> RowSlopes:
+        """Room for derivatives: those by the `state` at the begin, and of one vector with all others."""
+        adjoint = side.adjoint(state[: side.size * self.count], stages)
+        is_driven = self.numbers.frozen.is_driven
+        of = {name: getattr(adjoint, name) for name in ("held", *OTHERS) if name != "held" or is_driven}
+        others = np.zeros(sum(array.size for array in of.values()))
+        parts = np.split(others, np.cumsum([array.size for array in of.values()])[:-1])
+        adjoint = adjoint._replace(**{k: a.reshape(of[k].shape) for k, a in zip(of, parts, strict=True)})
+        return RowSlopes(gradients[0], gradients[1], adjoint, state, adjoint.pending.reshape(-1), others)
 
     def run(self, rows: _Rows, first: int, last: int, left: Array) -> None:
         """Rows from the first to before the last; those that need the recursion are marked as left."""

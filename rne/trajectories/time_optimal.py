@@ -192,12 +192,16 @@ class _Piece:
         along = [np.ones_like(ways)] * (len(limits.kinds) - 2) + [ways, ways]
         a, b = (x * loaded * np.concatenate(along, axis=1) for x in (a, b))
         v, _ = self.slowing(grid, np.full((2, len(inside)), SLOW**2))
+        return a, b, c, v, self._largest(rates, every)
+
+    def _largest(self, rates: Array, every: Array) -> Array:
+        """The largest x by limits of velocities at grid points; `every` has the rates between them."""
         with np.errstate(divide="ignore"):
-            fastest = limits.of_all["velocity_limit"]
+            fastest = self.limits.of_all["velocity_limit"]
             largest, within = (1 / np.max((slope / fastest) ** 2, axis=1) for slope in (rates, every))
         beside = np.minimum(np.append(within[:1], within), np.append(within, within[-1:]))
         # Where all joints turn, x is free, but not beside it.
-        return a, b, c, v, np.where(largest > 2 * beside, beside / 2, largest)
+        return np.asarray(np.where(largest > 2 * beside, beside / 2, largest))
 
     def slowing(self, grid: Array, x: Array) -> Array:
         """Viscous friction and damping over sqrt(x), and what Coulomb friction is more than at rest, (2, 2, N, rows).
@@ -365,12 +369,7 @@ def _solve(piece: _Piece, grid: Array, guess: Array | None, allowed: Array | Non
     kinds, changes = piece.limits.kinds, piece.limits.changes
     if not v.any() and not changes:
         return _largest_x(grid, a, b, c, largest, kinds)
-    strongest, sign = np.abs(v).max(-1), np.sign(v)
-    floor = np.where(
-        strongest > 0, (TANGENT / np.where(strongest > 0, strongest, 1)) ** 2, SLOWEST**2 if changes else 1
-    )
-    with np.errstate(divide="ignore", invalid="ignore"):  # no faster than friction allows at a constant speed
-        steady = np.nanmin(np.where(sign * c < 1, np.where(v == 0, np.inf, ((1 - sign * c) / v) ** 2), np.inf), axis=-1)
+    floor, steady = _slowest_and_steady(c, v, changes=changes)
     x = _largest_x(grid, a, b, c, largest, kinds) if guess is None else guess
     at = steady if x is None else np.stack([x[:-1], x[1:]])
     x, known, scale, last, weight = guess, guess is not None, 1.0, np.inf, 1.0
@@ -395,6 +394,17 @@ def _solve(piece: _Piece, grid: Array, guess: Array | None, allowed: Array | Non
         if gap < AGREE:
             break
     return x
+
+
+def _slowest_and_steady(c: Array, v: Array, *, changes: bool) -> tuple[Array, Array]:
+    """The least x at which tangents are taken, and that at which friction takes what torque there is, (2, N) each."""
+    strongest, sign = np.abs(v).max(-1), np.sign(v)
+    floor = np.where(
+        strongest > 0, (TANGENT / np.where(strongest > 0, strongest, 1)) ** 2, SLOWEST**2 if changes else 1
+    )
+    with np.errstate(divide="ignore", invalid="ignore"):  # no faster than friction allows at a constant speed
+        steady = np.nanmin(np.where(sign * c < 1, np.where(v == 0, np.inf, ((1 - sign * c) / v) ** 2), np.inf), axis=-1)
+    return floor, steady
 
 
 def _infeasible(piece: _Piece, grid: Array) -> str:
