@@ -6,6 +6,7 @@ from scipy.stats import norm
 
 import rne
 from rne.identification import Record
+from rne.model.parameters import pseudo_inertia
 
 from .helpers import first_joints
 from .measurements import fourier_series
@@ -79,3 +80,41 @@ def test_torques_that_depend_on_what_the_log_says_nothing_of_have_no_finite_devi
     assert np.isinf(std[:, 2]).all()
     resting = found.check(log(3, still=[2])[1]).std
     assert np.isfinite(resting).all(0).tolist() == [True, True, False]
+
+
+def test_draws_are_possible_bodies_that_scatter_as_the_standard_errors_say(found):
+    """Base parameters about those found, at most as far as least squares leave them; drives as these; mean as found."""
+    count = 200
+    draws = found.draws(count)
+    assert draws["parameters"].shape == (count, 30)
+    assert np.linalg.eigvalsh(pseudo_inertia(draws["parameters"])).min() > 0
+    names, errors, n = found.base.names, found.estimate.errors, 3
+    for symbol, name in (("Fv", "viscous"), ("Fc", "coulomb")):
+        of_drives = [names.index(f"{symbol}_{j + 1}") for j in range(n)]
+        x = draws[f"friction.{name}"]
+        np.testing.assert_allclose(x.std(0), errors[of_drives], rtol=5 / np.sqrt(2 * count))  # five standard errors
+        assert (np.abs(x.mean(0) - found.values[of_drives]) < 5 * errors[of_drives] / np.sqrt(count)).all()
+    bodies = [k for k in range(len(names)) if found.base.independent[k] < 30]
+    values = (draws["parameters"] @ found.base.matrix[:, :30].T)[:, bodies]
+    assert (values.std(0) < errors[bodies] * (1 + 5 / np.sqrt(2 * count))).all()
+    assert (values.std(0) > 0.2 * errors[bodies]).all()
+    assert (np.abs(values.mean(0) - found.values[bodies]) < 5 * errors[bodies] / np.sqrt(count)).all()
+    np.testing.assert_array_equal(found.draws(3)["parameters"], found.draws(3, seed=0)["parameters"])
+
+
+def test_an_ensemble_of_draws_is_of_the_scenes_with_these_numbers(found):
+    scene, draws = found.scene(), found.draws(2, seed=1)
+    np.testing.assert_array_equal(draws["friction.viscous"], draws["friction.viscous_back"])  # as they are fitted
+    start = np.array([0.3, -0.2, 0.5]), np.array([0.5, -0.4, 0.2])  # of either direction
+    run = rne.ensemble(scene, *(np.tile(x, (2, 1)) for x in start), duration=0.05, numbers=draws)
+    for k in range(2):
+        numbers = {name: x[k] for name, x in draws.items()}
+        one = rne.simulate(scene.with_numbers(numbers), *start, duration=0.05)
+        np.testing.assert_allclose(run.q[-1, k], one.q[-1], atol=1e-6)  # the tolerance of the solver
+
+
+def test_least_squares_that_are_no_bodies_have_no_draws():
+    light = first_joints().with_parameters(0.1 * first_joints().parameters)
+    found = rne.identify(light, log(0)[1], causes=False, consistent=False)
+    with pytest.raises(rne.IdentificationError, match=r"fit with `consistent=True`"):
+        found.draws(1)

@@ -200,7 +200,8 @@ def assemble(
     told += (*ignored_drives(base.standard), *negative_drives(robot, base, estimate))
     trust = errors, correlation_time, lower - estimate.values, drift_error, tuple(causes)
     fitted = base.standard, base, data, estimate, bodies.parameters, bodies.consistent
-    return Identification(robot, *fitted, *trust, told)
+    std = bodies.estimator.weight**-0.5 if bodies.consistent else thresholds.PRIOR_STD
+    return Identification(robot, *fitted, *trust, told, float(std))
 
 
 def identify(

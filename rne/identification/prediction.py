@@ -16,7 +16,9 @@ from ..basics.arrays import ReadOnlyArrays
 from ..basics.spatial import Array
 from ..basics.text import listed, short
 from ..dynamics.base_inertial_parameters import BaseParameters
+from ..model.parameters import PARAMETERS, pseudo_inertia
 from . import thresholds
+from .fit.consistent import TRACE, scaling
 from .fit.equations import Equations, RegressionData, blocks_of_time, solve
 from .fit.least_squares import LeastSquares
 from .log.prepared import Prepared, rows_without
@@ -29,6 +31,7 @@ class Bands(ReadOnlyArrays):
     base: BaseParameters
     root: Array  # L of the parameters' covariance L L^T, shape (count, r)
     unknown: Array  # directions of the parameters that no measured torque depends on, shape (count, u)
+    known: Array  # rows of functions of the parameters that the log determines, shape (count - u, count)
     lengths: Array  # of the columns of the weighted equations, shape (count,)
     in_motion: Array  # standard deviation of the residuals, shape (n,) [N m or N]
     at_rest: Array  # likewise of slow joints, whose friction has any value up to Coulomb's
@@ -82,7 +85,8 @@ def bands_of(
     unit, lengths = solve(A).unit, np.linalg.norm(A[:, :-1], axis=0)
     lengths = np.where(unit.any(0), lengths, 1.0)
     _, S, V = np.linalg.svd(unit)
-    unknown = V[thresholds.DEPENDENT * S.max(initial=0) >= S].T / lengths[:, None]
+    is_free = thresholds.DEPENDENT * S.max(initial=0) >= S
+    directions = V[is_free].T / lengths[:, None], V[~is_free] * lengths
     residuals, spread = held_out_residuals(data, equations, y, estimate)
     spread *= np.sqrt(correlation_time)
     used, rest = data.used, [rows_without(r, np.abs(r.qd) > data.minimum_velocity) for r in data.prepared]
@@ -97,7 +101,7 @@ def bands_of(
         covered[j] = within[used[:, j], j].mean()
         largest[j] = np.quantile(np.abs(residuals[data.valid[:, j], j]), thresholds.WITHIN)
     of_joints = in_motion, at_rest, data.minimum_velocity
-    return Bands(base, square_root(estimate.covariance), unknown, lengths, *of_joints, residuals, covered, largest)
+    return Bands(base, square_root(estimate.covariance), *directions, lengths, *of_joints, residuals, covered, largest)
 
 
 def held_out_residuals(
@@ -147,3 +151,35 @@ def square_root(covariance: Array) -> Array:
     size = np.where(size == 0, 1.0, size)
     values, axes = np.linalg.eigh(covariance / np.outer(size, size))
     return np.asarray(size[:, None] * axes * np.sqrt(np.maximum(values, 0)))
+
+
+def possible_draws(
+    pi: Array, scale: Array, bodies: slice, known: Array, root: Array, count: int, seed: int
+) -> tuple[Array, float]:
+    """Draws of parameters about those of possible bodies, shape (count, P), and the share of trials that they are.
+
+    Before the measurements, parameters are pi + scale z with z ~ N(0, 1); these give the functions `known` of them, of
+    shape (r, P), with errors root e, e ~ N(0, 1). Draws are of the posterior of this linear model. What the
+    measurements do not determine, on which torques do not depend, is shortened until the bodies are possible.
+    """
+    rng, A, found, tried = np.random.default_rng(seed), known @ scale, np.zeros((0, len(pi))), 0
+    gain = np.linalg.solve(A @ A.T + root @ root.T, A).T
+    determined = np.linalg.pinv(A, rcond=thresholds.DEPENDENT) @ A
+    while len(found) < count and tried < thresholds.DRAWS_TRIED * count:
+        z, e = rng.normal(size=(count, scale.shape[1])), rng.normal(size=(count, root.shape[1]))
+        z += (e @ root.T - z @ A.T) @ gain.T
+        own, rest, possible = z @ determined.T, z - z @ determined.T, np.zeros(count, bool)
+        x = np.zeros((count, len(pi)))
+        for part in np.linspace(1, 0, thresholds.SHORTENED):
+            x[~possible] = pi + (own + part * rest)[~possible] @ scale.T
+            least = np.linalg.eigvalsh(pseudo_inertia(x[:, bodies]))[..., 0]
+            possible = least.min(1, initial=np.inf) > 0
+        found, tried = np.concatenate([found, x[possible]]), tried + count
+    return found[:count], len(found) / max(tried, 1)
+
+
+def prior_scale(bodies: Array, std: float, drives: Array) -> Array:
+    """Standard deviations, as columns, of parameters of bodies (10 nb,) to which others are alike, and of drives."""
+    return scaling(pseudo_inertia(bodies), drives) * np.append(
+        np.tile(std * np.where(TRACE, 1.0, np.sqrt(0.5)), len(bodies) // PARAMETERS), np.ones(len(drives))
+    )

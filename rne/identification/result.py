@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.archive import Kinds, names_of, read, write
-from ..basics.arrays import cached_array, positive_number
+from ..basics.arrays import cached_array, positive_number, whole_number
 from ..basics.spatial import Array
 from ..basics.text import InNotebooks, Row, aligned, counted, listed, short, wrapped
 from ..dynamics.base_inertial_parameters import BaseParameters
@@ -54,7 +54,7 @@ from .fit.least_squares import (
 )
 from .log.prepared import Prepared
 from .log.record import Record
-from .prediction import Bands, bands_of
+from .prediction import Bands, bands_of, possible_draws, prior_scale
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -119,6 +119,8 @@ class Identification(InNotebooks):
         Changes that would explain the residuals better, the likeliest first.
     notes : tuple of str
         Assumptions, and signs of mistakes.
+    prior_std : float
+        Standard deviation of the prior, how far bodies may differ from it, relatively.
     """
 
     initial: Robot
@@ -134,6 +136,7 @@ class Identification(InNotebooks):
     drift_error: Array
     causes: tuple[Cause, ...]
     notes: tuple[str, ...]
+    prior_std: float = thresholds.PRIOR_STD
 
     def __repr__(self) -> str:
         worst = f"{100 * np.nanmax(self.unexplained.in_motion, initial=0):.3g} %"
@@ -560,6 +563,71 @@ class Identification(InNotebooks):
         """What standard deviations of predicted torques are made of."""
         coulomb = np.maximum(self._of_drives("Fc"), 0)
         return bands_of(self.base, self.data, self.estimate, self.correlation_time, coulomb)
+
+    def draws(self, count: int, seed: int = 0) -> dict[str, Array]:
+        """Numbers of `scene` that are as likely as those found, for `rne.ensemble(found.scene(), ..., numbers=draws)`.
+
+        Parameters
+        ----------
+        count : int
+            Number N of draws.
+        seed : int
+            Of the random numbers.
+
+        Returns
+        -------
+        dict of str to ndarray, shape (N, ...)
+            "parameters" of possible bodies (N, 10 nb), "armature", "friction.viscous" and so on, as `Scene.numbers`
+            names them, those that were found.
+
+        Raises
+        ------
+        ValueError
+            If `count` is not a positive integer.
+        IdentificationError
+            As for `scene`, and if the bodies found are not possible ones, as least squares may leave them, or fewer
+            than one trial in twenty gives possible bodies.
+
+        Notes
+        -----
+        The posterior of the linear model about the parameters found: base parameters vary by `estimate.covariance`, and
+        what the log does not determine by the prior, `prior_std` relative to the bodies found (Laplace's approximation
+        with the second derivatives of the divergence). Where bodies would not be possible, the part that torques do not
+        depend on is shortened; trials that then are none are left out. Negative inertias of rotors and friction are set
+        to zero. Residuals, as of friction beyond the model, are not in it: `predict` has them.
+
+        Examples
+        --------
+        >>> import numpy as np, rne
+        >>> arm = rne.load("irb140").locked({"joint_4": 0, "joint_5": 0, "joint_6": 0})
+        >>> t, w = np.arange(0, 10, 0.01), 2 * np.pi * np.array([0.3, 0.4, 0.5])
+        >>> q, qd, qdd = np.sin(np.outer(t, w)), w * np.cos(np.outer(t, w)), -(w**2) * np.sin(np.outer(t, w))
+        >>> tau = arm.inverse_dynamics(q, qd, qdd) + np.random.default_rng(0).normal(size=q.shape)
+        >>> found = rne.identify(arm, rne.identification.Record(t, q, tau), drives=rne.DriveModel())
+        >>> draws = found.draws(5)
+        >>> draws["parameters"].shape
+        (5, 30)
+        """
+        whole_number("count", count, least=1)
+        scene, x, base = self.scene(), self.parameters, self.base
+        bodies, names = self.standard.groups["bodies"], self.standard.names
+        if np.linalg.eigvalsh(pseudo_inertia(x[bodies])).min(initial=np.inf) <= 0:
+            raise IdentificationError(f"the bodies found are no possible ones: {self._cure}")
+        drives = np.zeros(len(x) - bodies.stop)
+        for k, error in zip(base.independent, self.estimate.errors, strict=True):
+            if k >= bodies.stop and np.isfinite(error):
+                drives[k - bodies.stop] = thresholds.WIDE * error
+        scale, known = prior_scale(x[bodies], self.prior_std, drives), self.bands.known
+        found, share = possible_draws(x, scale, bodies, known @ base.matrix, known @ self.bands.root, count, seed)
+        if len(found) < count:
+            why = f"only {100 * share:.2g} % of the trials give possible bodies"
+            raise IdentificationError(f"{why}: excite the motion more, or fit with a smaller `prior_std`")
+        bounded = [k for k in range(bodies.stop, len(x)) if not names[k].startswith(("tau0", "c_"))]
+        found[:, bounded] = np.maximum(found[:, bounded], 0)
+        law = self._law
+        each = [replace(self, standard=law, parameters=own).scene().numbers for own in found]
+        numbers = {name: np.array([own[name] for own in each]) for name in scene.numbers}
+        return {name: x for name, x in numbers.items() if (x != x[0]).any()}
 
     @cached_property
     def _law(self) -> StandardParameters:

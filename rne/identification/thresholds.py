@@ -137,6 +137,8 @@ WITHIN = 0.95  # share of the torques that bands are for; the field's custom
 BAND = 1.96  # standard deviations of a band of that share; statistics
 REPEATED = 0.2  # distance of states, of their standard deviation, that is none: half a step between rows makes 0.1
 REPEATED_PART = 0.25  # of a block's states that are another one's too, from which it is held out with it; statistics
+DRAWS_TRIED, SHORTENED = 20, 6  # trials per draw of possible bodies; lengths that are tried of what is not determined
+WIDE = 100.0  # standard errors of a drive's parameter that it may have before the measurements: these decide
 COVERED = 0.90  # share of torques held out within that of noise and parameters, below which the model is at fault
 
 # Fit: loads and gains ----------------------------------------------------------------------------------------------
