@@ -95,6 +95,15 @@ def test_what_is_found_is_a_robot_with_the_same_couplings(tmp_path):
 
 
 @pytest.mark.long
+def test_springs_at_joints_that_follow_are_found():
+    robot, stiffness = planted.palletiser(), 200.0
+    springs = [rne.Spring.at_joint("forearm", stiffness=stiffness, rest=0.5)]
+    found = rne.identify(robot, log(robot, seconds=20.0, springs=springs), springs=springs, **QUICK)
+    assert abs(found.springs[0].stiffness - stiffness) < 3 * found.spring_errors[0, 0]
+    assert found.spring_errors[0, 0] < 0.05 * stiffness
+
+
+@pytest.mark.long
 def test_mimics_are_written(tmp_path):
     model = linkage("palletiser")[0]
     model = robot_of(model).locked({"lever": 0.0}).model

@@ -313,8 +313,7 @@ def build_regression(
         moved = [along(r, motion) for r, motion in zip(prepared, instruments, strict=True)]
         both = rows_of_all(robot, standard, moved, slowest, still, loads)
         Z = both.Y @ base.back
-        used, sure = rows.used & both.used, rows.sure & both.used  # so that the direction of friction is known
-        rows = rows._replace(used=used, sure=sure)
+        rows = rows._replace(used=rows.used & both.used, sure=rows.sure & both.used)  # friction's direction is known
     silent = [no_torque_text(given, j, robot.joint_names[j]) for j in np.flatnonzero(~rows.valid.any(0)).tolist()]
     check_enough(int(rows.used.sum()), base.count, silent, robot.n)
     resting_text = still_text(standard, [robot.joint_names[j] for j in np.flatnonzero(still)])
