@@ -93,14 +93,14 @@ def test_tables_that_are_read_at_once_are_those_that_are_read_by_entry(separator
         found = numeric_block(text + "\n" * (row == 3), separator, decimal)
         if found is not None:
             lines = [line.split(separator if separator != " " else None) for line in text.splitlines()[1:]]
-            np.testing.assert_array_equal(found[1], [[as_number(x, decimal) for x in line] for line in lines])
-            assert found[0] == "# t q tau\n"
+            np.testing.assert_array_equal(found[1].numbers, [[as_number(x, decimal) for x in line] for line in lines])
+            assert (found[0], found[1].places) == ("# t q tau\n", range(2, 8))
             at_once.add(entry)
     assert at_once >= {"7", "1e5", "-0", "007"}
     as_they_are = [separator.join(f"{x!r}".replace(".", decimal) for x in line) for line in numbers.tolist()]
     above, read = numeric_block("\r\n".join(["a", *as_they_are]), separator, decimal)
     assert above == "a\r\n"
-    np.testing.assert_array_equal(read, numbers)
+    np.testing.assert_array_equal(read.numbers, numbers)
 
 
 @pytest.mark.parametrize(

@@ -284,36 +284,13 @@ def _joined(files: Mapping[str, Any], options: LogOptions) -> Log:
 
 def _by_joint(place: str, log: Log, meanings: Mapping[str, Meaning], options: LogOptions) -> tuple[Columns, Guesses]:
     """The columns of each quantity by joint: those given, of the others what their names say; and guesses."""
-    given, guesses = options.given, Guesses()
-    found: Columns = {kind: {} for kind in WORDS}
-    if unknown := [kind for kind in given if kind not in ("t", "q", "qd", "tau")]:
-        raise ValueError(f'`columns` must be of "t", "q", "qd" and "tau", got {unknown[0]!r}')
-    asked, both = dict[str, Meaning](), dict[str, str]()
-    wanted = {kind: [x] if isinstance(x, str | int) else x for kind, x in given.items()}
-    columns = {
-        kind: [name for part in x for name in _named(place, list(log.columns), part)] for kind, x in wanted.items()
-    }
-    for name, meaning in meanings.items():
-        if any(name in own for own in columns.values()):
-            continue
-        kind, joint = meaning.kind, log.joints.get(name, meaning.joint)
-        if kind and kind not in given and meaning.own is not None:
-            asked[name] = meaning._replace(joint=joint)
-        elif kind and kind not in given and (f"{kind}.{joint}" == name or f"{kind}.{joint}" not in log.columns):
-            if joint in found[kind] and not (kind == "t" and joint):
-                what = f"are both {kind}{f' of {joint}' if joint else ''}; say which in columns="
-                whole = ", or give the joints with more of these names as `joints`" * bool(joint and TOPIC.search(name))
-                which = f'{what}{{"{TORQUES.get(kind, kind)}": ...}}{whole}'
-                both.setdefault(kind, f"{found[kind][joint]!r} and {name!r} {which}")
-            found[kind].setdefault(joint, name)
-    for kind, own in columns.items():
-        names = [log.joints.get(name, meanings[name].joint) for name in own]
-        found[kind] = dict(zip(names if len(set(names)) == len(own) else map(str, range(len(own))), own, strict=True))
+    guesses = Guesses()
+    found, asked, both = _by_meaning(place, log, meanings, options)
     left = _not_commands(found, asked, list(log.columns), guesses)
-    if "tau" not in given and not found["current"]:
+    if "tau" not in options.given and not found["current"]:
         found["tau"] |= _forces(place, found, meanings, options, guesses)
     for kind in ("t", "q", "qd", "tau" if found["tau"] else "current"):
-        if kind in both and kind not in given:
+        if kind in both and kind not in options.given:
             raise ValueError(f"{place}: columns {both[kind]}")
     for kind, what in (("q", "positions"), ("tau", "torques or currents")):
         if not found[kind] and not (kind == "tau" and found["current"]):
@@ -322,12 +299,41 @@ def _by_joint(place: str, log: Log, meanings: Mapping[str, Meaning], options: Lo
             there = listed_names(list(log.columns), LISTED)
             cure = f'if some are, give columns={{"{kind}": ...}}'
             raise ValueError(f"{place}: there are no {what}; there are {there}{looks}; {cure}")
-    if len(log.unused) > 1 and "q" not in given and numbers_at_ends(found["q"]):
+    if len(log.unused) > 1 and "q" not in options.given and numbers_at_ends(found["q"]):
         there = f"{len(log.unused)} names of joints, {_span(log.unused)}, and {len(found['q'])} numbered positions"
         raise ValueError(f'{place}: there are {there}; give columns={{"q": ..., "tau": ...}} and `joints`')
     if left:
         guesses.append((f"{_span(left)} are commands or errors and not read", "else give `columns`"))
     return found, guesses
+
+
+def _by_meaning(
+    place: str, log: Log, meanings: Mapping[str, Meaning], options: LogOptions
+) -> tuple[Columns, dict[str, Meaning], dict[str, str]]:
+    """The columns by quantity and joint; those that look like commands; of each quantity two columns of one joint."""
+    found: Columns = {kind: {} for kind in WORDS}
+    asked, both, columns = dict[str, Meaning](), dict[str, str](), dict[str, list[str]]()
+    for kind, wanted in options.given.items():
+        if kind not in ("t", "q", "qd", "tau"):
+            raise ValueError(f'`columns` must be of "t", "q", "qd" and "tau", got {kind!r}')
+        parts = [wanted] if isinstance(wanted, str | int) else wanted
+        columns[kind] = own = [name for part in parts for name in _named(place, list(log.columns), part)]
+        names = [log.joints.get(name, meanings[name].joint) for name in own]
+        found[kind] = dict(zip(names if len(set(names)) == len(own) else map(str, range(len(own))), own, strict=True))
+    for name, meaning in meanings.items():
+        kind, joint = meaning.kind, log.joints.get(name, meaning.joint)
+        if not kind or kind in options.given or any(name in own for own in columns.values()):
+            continue
+        if meaning.own is not None:
+            asked[name] = meaning._replace(joint=joint)
+        elif f"{kind}.{joint}" == name or f"{kind}.{joint}" not in log.columns:
+            if joint in found[kind] and not (kind == "t" and joint):
+                what = f"are both {kind}{f' of {joint}' if joint else ''}; say which in columns="
+                whole = ", or give the joints with more of these names as `joints`" * bool(joint and TOPIC.search(name))
+                which = f'{what}{{"{TORQUES.get(kind, kind)}": ...}}{whole}'
+                both.setdefault(kind, f"{found[kind][joint]!r} and {name!r} {which}")
+            found[kind].setdefault(joint, name)
+    return found, asked, both
 
 
 def _forces(

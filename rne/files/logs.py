@@ -7,7 +7,7 @@ import math
 import os
 import re
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import islice
@@ -24,7 +24,7 @@ from ..basics.spatial import Array
 from ..basics.text import MAX_NAME, cut, plain
 from .matlab import matlab_arrays
 from .ros_bags import JOINT_STATE, KINDS, Message, bag_states, bag_topics, echoed, is_bag, rostopic
-from .tables import as_number, csv_rows, finite_numbers, formatted, listed_names, numeric_block, text_of
+from .tables import Body, as_number, csv_rows, finite_numbers, formatted, listed_names, numeric_block, text_of
 
 Rows = list[tuple[int, list[str]]]  # rows of a text with their numbers
 
@@ -170,47 +170,35 @@ def _text(path: Path, options: LogOptions) -> Log:
         if re.match(beginning, text):
             raise ValueError(f"{path}: is {what}")
     text, separator, decimal = formatted(text, options.separator, options.decimal)
-    above, numbers = numeric_block(text, separator, decimal) or (text, None)
-    rows, body, width = csv_rows(name, above, separator), list[tuple[int, list[str]]](), 0
-    if numbers is None:
-        rows, body, width = _split(name, _without_lists(name, rows), decimal)
-    heading = _heading(rows, width if numbers is None else numbers.shape[1], options)
-    if (
-        not heading
-        and body
-        and len(body[0][1]) > 4
-        and body[0][1][1].isdigit()
-        and math.isnan(as_number(body[0][1][3]))
-    ):
+    above, body = numeric_block(text, separator, decimal) or (text, None)
+    rows = csv_rows(name, above, separator)
+    if body is None:
+        rows, body = _split(name, _without_lists(name, rows), decimal)
+    heading, first = _heading(rows, body.width, options), next(iter(body.texts), ())
+    if not heading and len(first) > 4 and first[1].isdigit() and math.isnan(as_number(first[3])):
         return _states(name, echoed(name, body), options.joints, "as of ros2 topic echo --csv")
-    width = width if numbers is None else numbers.shape[1]
     if not heading:
         cure = 'columns=["t", "q.shoulder", "tau.shoulder"], with "" for one to ignore'
-        raise ValueError(f"{name}: the names of its {width} columns are missing; give them, such as {cure}")
+        raise ValueError(f"{name}: the names of its {body.width} columns are missing; give them, such as {cure}")
     _check_names(name, heading)
-    first = above.count("\n") + 1
-    for row, size in [(first, width)] if numbers is not None else [(at, len(fields)) for at, fields in body]:
-        if size != len(heading):
-            cure = "remove the row if the log was cut off there"
-            raise ValueError(f"{name}, row {row}: must have {len(heading)} entries, got {size}; {cure}")
+    data = map(np.asarray, body.columns(name, len(heading), cure="; remove the row if the log was cut off there"))
     if "field.position0" in heading:
         return _states(name, rostopic(name, heading, body), options.joints, "as of rostopic echo -p")
-    data = [np.array(x) for x in zip(*(row for _, row in body), strict=True)] if numbers is None else [*numbers.T]
     cells = [(x, column) for x, column in zip(heading, data, strict=True) if x]
     columns = dict(cells)
     said = (f"separator {separator!r}, decimal sign {decimal!r}",) * ((separator, decimal) != (",", "."))
     twice = {x for x, column in cells if heading.count(x) > 1 and not np.array_equal(column, columns[x])}
-    return Log(columns, said, None, decimal, [row for row, _ in body], twice=twice, **_joints_of(name, columns))
+    return Log(columns, said, None, decimal, body.places, twice=twice, **_joints_of(name, columns))
 
 
-def _split(name: str, rows: Rows, decimal: str) -> tuple[Rows, Rows, int]:
-    """Rows above the first of numbers, the others, and how many entries most have."""
+def _split(name: str, rows: Rows, decimal: str) -> tuple[Rows, Body]:
+    """Rows above the first of numbers, and the others."""
     width = mode(len(row) for _, row in rows) if rows else 0
     numeric = (k for k, (_, row) in enumerate(rows) if len(row) == width or (k == 0 and len(row) > 4))
     first = next((k for k in numeric if _is_numeric(rows[k][1], decimal)), None)
     if first is None:
         raise ValueError(f"{name}: there are no rows of numbers" if rows else f"{name}: the file is empty")
-    return rows[:first], rows[first:], width
+    return rows[:first], Body([at for at, _ in rows[first:]], texts=[row for _, row in rows[first:]])
 
 
 def _heading(above: Rows, width: int, options: LogOptions) -> list[str]:
@@ -306,14 +294,10 @@ def _states(place: str, messages: Iterable[Message], joints: Sequence[str] | Non
     """Columns of the messages that have all joints asked for, or of all messages."""
     found: list[tuple[int, dict[str, int], Sequence[Sequence[float]]]] = []
     groups = Counter[tuple[str, ...]]()
-    for k, (ns, names, values) in enumerate(messages):
-        _check_names(place, names)
-        groups[group := tuple(sorted(names))] += 1
-        if any(len(part) not in (0, len(names)) for part in values) or len(set(names)) < len(names):
-            sizes = f"{len(set(names))} different names, and {', '.join(str(len(part)) for part in values)}"
-            raise ValueError(f"{place}: message {k + 1} has {sizes} positions, velocities and efforts")
-        if joints is None or set(joints) <= set(group):
-            found.append((ns, {name: j for j, name in enumerate(names)}, values))
+    for ns, names, values in _checked(place, messages):
+        groups[tuple(sorted(names))] += 1
+        if joints is None or set(joints) <= set(names):
+            found.append((ns, dict(zip(names, range(len(names)), strict=True)), values))
     if joints is None and len(groups) > 1:
         few = islice(groups.items(), LISTED)
         sets = " and ".join(f"{listed_names(group)} ({count} messages)" for group, count in few)
@@ -321,14 +305,24 @@ def _states(place: str, messages: Iterable[Message], joints: Sequence[str] | Non
     if not found:
         there = " and ".join(map(listed_names, islice(groups, LISTED))) or "no message"
         raise ValueError(f"{place}: no message has all of `joints`, {listed_names(joints or ())}; there is {there}")
-    start = found[0][0]
-    columns = {"t": np.array([(ns - start) / 1e9 for ns, *_ in found])}
+    start, columns = found[0][0], dict[str, Array]()
     for k, quantity in enumerate(("q", "qd", "tau")):
-        if any(values[k] for *_, values in found):
-            for joint in joints or found[0][1]:
-                values_ = [values[k][order[joint]] if values[k] else math.nan for _, order, values in found]
-                columns[f"{quantity}.{joint}"] = np.array(values_, float)
+        for joint in (joints or found[0][1]) if any(x[k] for *_, x in found) else ():
+            numbers = [x[k][order[joint]] if x[k] else math.nan for _, order, x in found]
+            columns[f"{quantity}.{joint}"] = np.array(numbers, float)
+    columns["t"] = np.array([(ns - start) / 1e9 for ns, *_ in found])
     return Log(columns, (f"{said}, times from the first message on, at {start / 1e9:.3f} s",), "s")
+
+
+def _checked(place: str, messages: Iterable[Message]) -> Iterator[Message]:
+    """Messages; an error if one has names twice, or not as many of them as numbers."""
+    for k, message in enumerate(messages):
+        _, names, values = message
+        _check_names(place, names)
+        if any(len(part) not in (0, len(names)) for part in values) or len(set(names)) < len(names):
+            sizes = f"{len(set(names))} different names, and {', '.join(str(len(part)) for part in values)}"
+            raise ValueError(f"{place}: message {k + 1} has {sizes} positions, velocities and efforts")
+        yield message
 
 
 def _bags(paths: Sequence[Path], options: LogOptions) -> Log:

@@ -8,7 +8,7 @@ import re
 import struct
 import sys
 from array import array
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -16,7 +16,7 @@ from typing import Any
 
 from ..basics.archive import FREE, LARGEST, RATIO, TooLargeError, most_unpacked
 from ..basics.text import MAX_NAME, cut
-from .tables import as_number
+from .tables import Body, as_number
 
 Message = tuple[int, Sequence[str], Sequence[Sequence[float]]]  # time [ns], joints, and their q, qd, tau
 
@@ -30,9 +30,9 @@ KINDS = {b"#ROSBAG V2.0\n": ".bag", b"SQLite format 3\0": ".db3", b"\x89MCAP": "
 CHUNK = 6  # kind of a record of MCAP
 
 
-def echoed(name: str, body: Iterable[tuple[int, list[str]]]) -> Iterator[Message]:
+def echoed(name: str, body: Body) -> Iterator[Message]:
     """Columns of `ros2 topic echo --csv`: seconds, nanoseconds, frame, names, positions, velocities, efforts."""
-    for at, row in body:
+    for at, row in zip(body.places, body.texts, strict=True):
         (*stamp, _), fields, parts = row[:3], row[3:], list[list[float]]()
         n = next((k for k, x in enumerate(fields) if x in ("", "nan") or math.isfinite(as_number(x))), 0)
         names, rest = fields[:n], fields[n:]
@@ -46,12 +46,12 @@ def echoed(name: str, body: Iterable[tuple[int, list[str]]]) -> Iterator[Message
         yield int(stamp[0]) * 10**9 + int(stamp[1]), names, parts
 
 
-def rostopic(name: str, heading: Sequence[str], body: Iterable[tuple[int, list[str]]]) -> Iterator[Message]:
+def rostopic(name: str, heading: Sequence[str], body: Body) -> Iterator[Message]:
     """Columns of `rostopic echo -p`, such as field.position0; times are those of headers, or of receipt."""
     fields = ("name", "position", "velocity", "effort")
     places = [[k for k, x in enumerate(heading) if re.fullmatch(rf"field\.{field}\d+", x)] for field in fields]
     stamps = [heading.index(x) for x in ("field.header.stamp", "time") if x in heading]
-    for at, row in body:
+    for at, row in zip(body.places, body.texts, strict=True):
         stamp = next((row[k] for k in stamps if row[k] != "0"), "")
         if not stamp.isdigit():
             raise ValueError(f"{name}, row {at}: must have a time in nanoseconds, got {cut(stamp, MAX_NAME)!r}")

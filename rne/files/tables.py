@@ -10,7 +10,8 @@ import re
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from statistics import mode
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -53,6 +54,26 @@ class Samples(NamedTuple):
     qd: Array | None = None
     qdd: Array | None = None
     tau: Array | None = None
+
+
+class Body(NamedTuple):
+    """Rows below the names of columns: their numbers in the file, and an array of finite numbers, or texts."""
+
+    places: Sequence[int]
+    numbers: Array | None = None
+    texts: Sequence[Sequence[str]] = ()
+
+    @property
+    def width(self) -> int:
+        """How many entries most rows have."""
+        return mode(map(len, self.texts)) if self.numbers is None else int(self.numbers.shape[1])
+
+    def columns(self, name: str, width: int, of: str = "", cure: str = "") -> list[Any]:
+        """Columns of numbers or of texts; an error if a row has not so many entries."""
+        for at, row in zip(self.places, self.texts if self.numbers is None else self.numbers[:1], strict=False):
+            if len(row) != width:
+                raise ValueError(f"{name}, row {at}: must have {width} entries{of}, got {len(row)}{cure}")
+        return [*zip(*self.texts, strict=True)] if self.numbers is None else [*self.numbers.T]
 
 
 class MissingColumn(ValueError):
@@ -130,39 +151,32 @@ def read_samples(
     name = os.fspath(path)
     text = text_of(Path(path))
     text, separator, decimal = formatted(text) if is_log else (text, ",", ".")
-    above, numbers = numeric_block(text, separator, decimal) or (text, None)
-    rows = _below_comments(csv_rows(name, above, separator))
-    if numbers is not None and len(rows) != 1:
-        rows, numbers = _below_comments(csv_rows(name, text, separator)), None
-    if not rows:
-        raise ValueError(f"{name}: the file is empty")
-    (row, heading), *body = rows
+    (row, heading), body = _below_heading(name, text, separator, decimal)
     columns = [plain(column.strip()) for column in (heading[0].strip().lstrip("#"), *heading[1:])]
     wanted = _wanted(f"{name}, row {row}", columns, joint_names, needed, timed)
-    count = len(body) if numbers is None else len(numbers)
-    if not count:
+    if not body.places:
         raise ValueError(f"{name}: there are no rows below the names of the columns")
-    places = [at for at, _ in body] if numbers is None else range(above.count("\n") + 1, above.count("\n") + 1 + count)
-    widths = [len(fields) for _, fields in body] if numbers is None else [numbers.shape[1]]
-    if wrong := [(at, width) for at, width in zip(places, widths, strict=False) if width != len(columns)]:
-        counts = f"must have {len(columns)} entries as the heading has, got {wrong[0][1]}"
-        raise ValueError(f"{name}, row {wrong[0][0]}: {counts}")
-    if numbers is None:
-        texts = dict(zip(columns, zip(*(fields for _, fields in body), strict=True), strict=True))
-        read = {
-            x: finite_numbers(name, x, places, texts[x], decimal, is_log and x != "t") for x in wanted if x in texts
-        }
-    else:
-        read = {x: numbers[:, columns.index(x)] for x in wanted if x in columns}
-    if not timed:
-        read["t"] = np.arange(float(count))
-    t = read["t"]
+    there = dict(zip(columns, body.columns(name, len(columns), " as the heading has"), strict=True))
+    read = {x: there[x] for x in wanted if x in there}
+    if body.numbers is None:
+        read = {x: finite_numbers(name, x, body.places, y, decimal, is_log and x != "t") for x, y in read.items()}
+    t = read["t"] if timed else np.arange(float(len(body.places)))
     for k in np.flatnonzero(np.diff(t) <= 0).tolist():
         late = f"got {t[k + 1]:.10g} after {t[k]:.10g}"
-        raise ValueError(f"{name}, row {places[k + 1]}, column 't': times must ascend, {late}")
+        raise ValueError(f"{name}, row {body.places[k + 1]}, column 't': times must ascend, {late}")
     kinds = [x for x in QUANTITIES if joint_names and f"{x}.{joint_names[0]}" in read]
-    arrays = {x: np.column_stack([read[f"{x}.{joint}"] for joint in joint_names]) for x in kinds}
-    return Samples(t, **arrays)
+    return Samples(t, **{x: np.column_stack([read[f"{x}.{joint}"] for joint in joint_names]) for x in kinds})
+
+
+def _below_heading(name: str, text: str, separator: str, decimal: str) -> tuple[tuple[int, list[str]], Body]:
+    """The row with the names of columns, which comments may stand between, and the rows below it."""
+    above, body = numeric_block(text, separator, decimal) or (text, None)
+    rows = _below_comments(csv_rows(name, above, separator))
+    if body is not None and len(rows) != 1:
+        rows, body = _below_comments(csv_rows(name, text, separator)), None
+    if not rows:
+        raise ValueError(f"{name}: the file is empty")
+    return rows[0], body or Body([at for at, _ in rows[1:]], texts=[fields for _, fields in rows[1:]])
 
 
 def _below_comments(rows: list[tuple[int, list[str]]]) -> list[tuple[int, list[str]]]:
@@ -209,8 +223,8 @@ def csv_rows(name: str, text: str, separator: str = ",") -> list[tuple[int, list
         raise ValueError(f"{name}, row {reader.line_num}: is not CSV ({error})") from None
 
 
-def numeric_block(text: str, separator: str = ",", decimal: str = ".") -> tuple[str, Array] | None:
-    """The text above a table of finite decimal numbers, and these, shape (K, columns); None if anything else is in it.
+def numeric_block(text: str, separator: str = ",", decimal: str = ".") -> tuple[str, Body] | None:
+    """The text above a table of finite decimal numbers, and this table; None if there is anything else in it.
 
     SciPy's reader of Matrix Market files takes a quarter of the time of `numpy.loadtxt`, and stops at the end of each
     number without looking at what is left of the entry. Hence the entries are checked before, by what may follow what.
@@ -236,9 +250,9 @@ def numeric_block(text: str, separator: str = ",", decimal: str = ".") -> tuple[
         if all(x.encode() in data for x in old):  # a pair of characters is looked for ten times as long as each
             data = data.replace(old.encode(), new.encode())
     marks, count = data.translate(None, b"0123456789+-"), data.count(b"\n")
-    is_table = marks.translate(None, b".e") == (b"," * (len(entries) - 1) + b"\n") * count
     kinds = np.frombuffer(data.translate(KIND), np.uint8)
-    if not is_table or (kinds[:-1] << 4 | kinds[1:]).tobytes().translate(None, FOLLOWING):
+    odd = (kinds[:-1] << 4 | kinds[1:]).tobytes().translate(None, FOLLOWING)
+    if odd or marks.translate(None, b".e") != (b"," * (len(entries) - 1) + b"\n") * count:
         return None
     if any(x in marks for x in (b"..", b"e.", b"ee")):
         return None
@@ -247,7 +261,8 @@ def numeric_block(text: str, separator: str = ",", decimal: str = ".") -> tuple[
         numbers = mmread(io.BytesIO(head + data.replace(b",", b"\n"))).reshape(count, len(entries))
     except (ValueError, OverflowError):
         return None
-    return (text[:start], numbers) if np.isfinite(numbers).all() else None
+    first = text.count("\n", 0, start) + 1
+    return (text[:start], Body(range(first, first + count), numbers)) if np.isfinite(numbers).all() else None
 
 
 def _wanted(
