@@ -857,7 +857,10 @@ def couplings(rest: FitResiduals, j: int, gain: Callable[[Array, Array], float])
     def nearest(start: float, of_torques: bool) -> float:
         return float(start * minimize_scalar(lambda x: -fitted(x * start, of_torques), **thresholds.COUPLING_SEARCH).x)
 
-    start = max((sign * k for sign in (1, -1) for k in thresholds.COUPLINGS), key=lambda k: fitted(k, False))
+    starts = {sign * k: fitted(sign * k, False) for sign in (1, -1) for k in thresholds.COUPLINGS}
+    start = max(starts, key=starts.__getitem__)
+    if starts[start] <= 0:  # a ratio that is half or twice the true one explains most of it
+        return
     k = nearest(start, False)
     if of_torques := fitted(k, True) > fitted(k, False):
         k = nearest(k, True)
@@ -871,14 +874,10 @@ def couplings(rest: FitResiduals, j: int, gain: Callable[[Array, Array], float])
 
 def of_convention(J: Array, T: Array, rest: FitResiduals) -> tuple[Array, ...]:
     """What is held out of the torques measured, with joints q, and with joints J q and their torques T tau."""
-    unit, left, errors = np.eye(len(J)), rest.coarse, []
-    for turned, tau in ((unit, rest.tau), (J, rest.tau @ T.T)):
-        columns = left.moved(turned, tau)
-        sigma = left.refitted(columns, tau)[1]
-        Q, b = orthonormal(left.weighted(columns, sigma)), left.weighted(tau, sigma)
-        shares = left.held_out(Q, b, left.blocks)
-        errors.append(np.maximum(shares, thresholds.ODD**2 / len(shares)))  # steps of friction are off by as much
-    return errors[0], errors[1][:, np.argmax(np.abs(T) + unit / 2, axis=0)]
+    left = rest.coarse
+    shares = left.held_out_as_given, left.held_out_moved(J, rest.tau @ T.T)
+    errors = [np.maximum(x, thresholds.ODD**2 / len(x)) for x in shares]  # steps of friction are off by as much
+    return errors[0], errors[1][:, np.argmax(np.abs(T) + np.eye(len(T)) / 2, axis=0)]
 
 
 def torque_scale(rest: FitResiduals) -> Iterator[tuple[Cause, None]]:

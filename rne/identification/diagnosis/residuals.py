@@ -130,6 +130,7 @@ class FitResiduals(Discrepancy):
         enough = data.sure.sum() > thresholds.FEWEST_ROWS * base.count
         alone = robot.with_armature(0.0) if robot.model.armature.any() else robot  # rotors are drives' parameters
         super().__init__(alone, sigma, (data.sure if enough else data.used) if used is None else used)
+        self.turned: dict[tuple[bytes, bytes], Array] = {}  # columns where joints are J q at the rows used, by both
         self.data, self.beta, self.known = data, beta, known
         self.base, self.standard, self.records, self.x = base, base.standard, data.prepared, base.back @ beta
         self.bodies = self.x[: PARAMETERS * robot.model.nb]
@@ -159,7 +160,9 @@ class FitResiduals(Discrepancy):
         return self._with(self.sigma, self.correlation_time, known, self.used)
 
     def _with(self, sigma: Array, correlation_time: Array, known: Array | None, used: Array) -> FitResiduals:
-        return FitResiduals(self.robot, self.base, self.data, self.beta, sigma, correlation_time, known, used)
+        found = FitResiduals(self.robot, self.base, self.data, self.beta, sigma, correlation_time, known, used)
+        found.turned = self.turned  # of the same parameters
+        return found
 
     @cached_property
     def beyond_friction(self) -> FitResiduals:
@@ -269,10 +272,14 @@ class FitResiduals(Discrepancy):
             drives = self.standard.drive_columns(qd, qdd, self.standard.load(Y, q, qdd, self.x))
             return np.concatenate([Y, drives, self.standard.spring_columns(q)], axis=-1)[..., self.base.independent]
 
+        rows = self.used.any(1)
+        key, X = (J.tobytes(), rows.tobytes()), np.zeros((*self.tau.shape, self.base.count))
         try:
-            X = self.near_rows(lambda *motion: columns(*(x @ J.T for x in motion)))
+            if key not in self.turned:
+                self.turned[key] = self.near_rows(lambda *motion: columns(*(x @ J.T for x in motion)))[rows]
         except NotFiniteError:  # where joints that follow others have no position
-            return np.zeros((*self.tau.shape, self.base.count))
+            return X
+        X[rows] = self.turned[key]
         if self.known is None:
             return X
         values = self.base.back @ self.refitted(X, tau)[0]
@@ -282,6 +289,17 @@ class FitResiduals(Discrepancy):
 
         known = by_joint(self.near_rows(curves))
         return np.concatenate([X, known], axis=-1)
+
+    def held_out_moved(self, J: Array, tau: Array) -> Array:
+        """What is held out of fits to torques where the joints are J q, (blocks, n), with the noise of `refitted`."""
+        columns = self.moved(J, tau)
+        sigma = self.refitted(columns, tau)[1]
+        return self.held_out(orthonormal(self.weighted(columns, sigma)), self.weighted(tau, sigma), self.blocks)
+
+    @cached_property
+    def held_out_as_given(self) -> Array:
+        """The same where the joints are those of the robot."""
+        return self.held_out_moved(np.eye(self.robot.n), self.tau)
 
     def covariance_of(self, columns: Array) -> Array:
         """Covariance of the base parameters that the coefficients of these columns bring, where they are found too."""
