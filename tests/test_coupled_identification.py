@@ -154,7 +154,7 @@ def test_columns_of_ratios_are_derivatives():
     bodies, step = rest.bodies, 1e-3
     for joint, column in columns.items():
         ends = [rne.Robot(with_ratio(model, joint, 1 + h)).inverse_dynamics for h in (step, -step)]
-        above, below = (rest.sampled(partial(end, parameters=bodies)) for end in ends)
+        above, below = (rest.near_rows(partial(end, parameters=bodies)) for end in ends)
         np.testing.assert_allclose(column, (above - below) / (2 * step), atol=1e-4 * np.abs(column).max())
     bar = robot_of(without_followers_drives(linkage("bar")[0]))
     found = rne.identify(bar, log(bar), **QUICK)

@@ -583,7 +583,7 @@ def coupling_ratios(rest: FitResiduals) -> Iterator[Hypothesis]:
             size = f"{abs(100 * c[0]):.3g} % too {'small' if c[0] > 0 else 'large'}"
             return f"the ratio given for {joint}, which follows others, is {size}"
 
-        yield Hypothesis("coupling ratio", rest.sampled(torques)[..., None], text, (joint,))
+        yield Hypothesis("coupling ratio", rest.near_rows(torques)[..., None], text, (joint,))
 
 
 def changing(rest: FitResiduals) -> Iterator[Hypothesis]:
