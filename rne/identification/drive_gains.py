@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import positive_number
+from ..basics.arrays import positive_number, whole_number
 from ..basics.spatial import Array
 from ..basics.text import Row, listed, short, wrapped
 from ..errors import IdentificationError, IdentificationWarning
@@ -30,6 +30,7 @@ from .diagnosis.rigid_body_test import percent, single_joint_fit
 from .fit.equations import solve, warn_of_locked
 from .fit.least_squares import least_squares
 from .log.record import Record
+from .prediction import square_root
 from .record_sets import RecordSets, SetsFit, SetsResult, record_sets
 from .result import Identification
 
@@ -93,6 +94,33 @@ class DriveGains(SetsResult):
 
     def __repr__(self) -> str:
         return wrapped(f"DriveGains([{', '.join(f'{gain:.4g}' for gain in self.gains)}])")
+
+    def draws(self, count: int, seed: int = 0) -> Array:
+        """Gains that are as likely as those found, by their standard errors and correlations, shape (count, n).
+
+        Parameters
+        ----------
+        count, seed : int
+            Number of draws, and the seed of their random numbers.
+
+        Returns
+        -------
+        ndarray, shape (count, n)
+            Of a normal distribution; NaN for joints whose gain is not told.
+
+        Raises
+        ------
+        ValueError
+            If `count` is not a positive integer.
+
+        Examples
+        --------
+        >>> gains.draws(100).std(0)  # doctest: +SKIP
+        """
+        n, rng = len(self.gains), np.random.default_rng(seed)
+        root = square_root(self.estimate.covariance[-n:, -n:])
+        root *= (self.errors / np.maximum(np.linalg.norm(root, axis=1), thresholds.TINY))[:, None]
+        return np.asarray(self.gains + rng.normal(size=(whole_number("count", count, least=1), n)) @ root.T)
 
     def report(self) -> str:
         """A text on the gains: how well they are known, standard errors, and notes.

@@ -28,6 +28,7 @@ from .fit.consistent import consistent_fit
 from .fit.equations import RegressionData, warn_of_locked
 from .log.prepared import Prepared
 from .log.record import Record
+from .prediction import possible_draws, prior_scale, square_root
 from .record_sets import CONTAINED, GAINS_CONTAINED, SetsResult, eliminated, record_sets
 from .result import Identification
 
@@ -112,6 +113,40 @@ class PayloadEstimate(SetsResult):
             f"PayloadEstimate({self.mass:.4g} kg, standard error {self.mass_error:.2g} kg, at ({com}) m of "
             f"{short(str(self.payload.link))})"
         )
+
+    def draws(self, count: int, seed: int = 0) -> dict[str, Array]:
+        """Loads that are as likely as the one found, for `rne.ensemble(..., numbers=draws)` of a Scene that carries it.
+
+        Parameters
+        ----------
+        count, seed : int
+            Number N of draws, and the seed of their random numbers.
+
+        Returns
+        -------
+        dict of str to ndarray
+            "payload": ten parameters of possible bodies about the link's origin, as in `estimate`, shape (N, 10).
+
+        Raises
+        ------
+        ValueError, IdentificationError
+            As for `Identification.draws`, whose notes hold: by the covariance of `estimate`, and where the motions say
+            nothing of a parameter by a prior of bodies like the load, which may be three times as large.
+
+        Examples
+        --------
+        >>> found.draws(100)["payload"].shape  # doctest: +SKIP
+        (100, 10)
+        """
+        from ..simulation.scene_numbers import payload_parameters
+
+        first = self.sets.base.count + self.sets.S.shape[-1] - PARAMETERS
+        own, phi = np.s_[first : first + PARAMETERS], payload_parameters(self.payload)
+        told = np.eye(PARAMETERS)[np.isfinite(self.estimate.errors[own])]
+        root = told @ square_root(self.estimate.covariance[own, own])
+        scale = prior_scale(phi, thresholds.LOAD_STD, np.zeros(0))
+        cure = "identify it with `consistent=True`"
+        return {"payload": possible_draws(phi, scale, np.s_[:PARAMETERS], told, root, count, seed, cure)}
 
     def report(self) -> str:
         """A text on the load: how well it is known, standard errors of its parameters, and notes.

@@ -12,10 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from ..basics.arrays import ReadOnlyArrays
+from ..basics.arrays import ReadOnlyArrays, whole_number
 from ..basics.spatial import Array
 from ..basics.text import listed, short
 from ..dynamics.base_inertial_parameters import BaseParameters
+from ..errors import IdentificationError
 from ..model.parameters import PARAMETERS, pseudo_inertia
 from . import thresholds
 from .fit.consistent import TRACE, scaling
@@ -26,7 +27,7 @@ from .log.prepared import Prepared, rows_without
 
 @dataclass(frozen=True, eq=False)
 class Bands(ReadOnlyArrays):
-    """Standard deviations of torques predicted by base parameters, and residuals of the blocks that were held out."""
+    """Standard deviations of torques predicted by base parameters, and what they cover of blocks held out."""
 
     base: BaseParameters
     root: Array  # L of the parameters' covariance L L^T, shape (count, r)
@@ -36,8 +37,7 @@ class Bands(ReadOnlyArrays):
     in_motion: Array  # standard deviation of the residuals, shape (n,) [N m or N]
     at_rest: Array  # likewise of slow joints, whose friction has any value up to Coulomb's
     minimum_velocity: Array  # of joints in motion, shape (n,) [rad/s or m/s]
-    residuals: Array  # measured less predicted torques of each block by a fit to the others, shape (rows, n) [N m or N]
-    covered: Array  # share of these in motion within the band of parameters and noise alone, NaN without any, (n,)
+    covered: Array  # share of residuals held out in motion within the band of parameters and noise alone, or NaN, (n,)
     largest: Array  # that 95 % of these are within, in motion and at rest, likewise [N m or N]
 
     def is_moving(self, speed: Array) -> Array:
@@ -101,7 +101,7 @@ def bands_of(
         covered[j] = within[used[:, j], j].mean()
         largest[j] = np.quantile(np.abs(residuals[data.valid[:, j], j]), thresholds.WITHIN)
     of_joints = in_motion, at_rest, data.minimum_velocity
-    return Bands(base, square_root(estimate.covariance), *directions, lengths, *of_joints, residuals, covered, largest)
+    return Bands(base, square_root(estimate.covariance), *directions, lengths, *of_joints, covered, largest)
 
 
 def held_out_residuals(
@@ -154,28 +154,33 @@ def square_root(covariance: Array) -> Array:
 
 
 def possible_draws(
-    pi: Array, scale: Array, bodies: slice, known: Array, root: Array, count: int, seed: int
-) -> tuple[Array, float]:
-    """Draws of parameters about those of possible bodies, shape (count, P), and the share of trials that they are.
+    pi: Array, scale: Array, bodies: slice, known: Array, root: Array, count: int, seed: int, cure: str
+) -> Array:
+    """Draws of parameters about those of possible bodies, shape (count, P).
 
     Before the measurements, parameters are pi + scale z with z ~ N(0, 1); these give the functions `known` of them, of
     shape (r, P), with errors root e, e ~ N(0, 1). Draws are of the posterior of this linear model. What the
     measurements do not determine, on which torques do not depend, is shortened until the bodies are possible.
     """
+    whole_number("count", count, least=1)
+    if np.linalg.eigvalsh(pseudo_inertia(pi[bodies])).min(initial=np.inf) <= 0:
+        raise IdentificationError(f"the bodies found are no possible ones: {cure}")
     rng, A, found, tried = np.random.default_rng(seed), known @ scale, np.zeros((0, len(pi))), 0
     gain = np.linalg.solve(A @ A.T + root @ root.T, A).T
     determined = np.linalg.pinv(A, rcond=thresholds.DEPENDENT) @ A
     while len(found) < count and tried < thresholds.DRAWS_TRIED * count:
         z, e = rng.normal(size=(count, scale.shape[1])), rng.normal(size=(count, root.shape[1]))
         z += (e @ root.T - z @ A.T) @ gain.T
-        own, rest, possible = z @ determined.T, z - z @ determined.T, np.zeros(count, bool)
-        x = np.zeros((count, len(pi)))
+        own, possible, x = z @ determined.T, np.zeros(count, bool), np.zeros((count, len(pi)))
         for part in np.linspace(1, 0, thresholds.SHORTENED):
-            x[~possible] = pi + (own + part * rest)[~possible] @ scale.T
+            x[~possible] = pi + (own + part * (z - own))[~possible] @ scale.T
             least = np.linalg.eigvalsh(pseudo_inertia(x[:, bodies]))[..., 0]
             possible = least.min(1, initial=np.inf) > 0
         found, tried = np.concatenate([found, x[possible]]), tried + count
-    return found[:count], len(found) / max(tried, 1)
+    if len(found) < count:
+        share = f"only {100 * len(found) / tried:.2g} % of the trials give possible bodies"
+        raise IdentificationError(f"{share}: excite the motion more, or fit with a smaller `prior_std`")
+    return found[:count]
 
 
 def prior_scale(bodies: Array, std: float, drives: Array) -> Array:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.archive import Kinds, names_of, read, write
-from ..basics.arrays import cached_array, positive_number, whole_number
+from ..basics.arrays import cached_array, positive_number
 from ..basics.spatial import Array
 from ..basics.text import InNotebooks, Row, aligned, counted, listed, short, wrapped
 from ..dynamics.base_inertial_parameters import BaseParameters
@@ -598,30 +598,17 @@ class Identification(InNotebooks):
 
         Examples
         --------
-        >>> import numpy as np, rne
-        >>> arm = rne.load("irb140").locked({"joint_4": 0, "joint_5": 0, "joint_6": 0})
-        >>> t, w = np.arange(0, 10, 0.01), 2 * np.pi * np.array([0.3, 0.4, 0.5])
-        >>> q, qd, qdd = np.sin(np.outer(t, w)), w * np.cos(np.outer(t, w)), -(w**2) * np.sin(np.outer(t, w))
-        >>> tau = arm.inverse_dynamics(q, qd, qdd) + np.random.default_rng(0).normal(size=q.shape)
-        >>> found = rne.identify(arm, rne.identification.Record(t, q, tau), drives=rne.DriveModel())
-        >>> draws = found.draws(5)
-        >>> draws["parameters"].shape
-        (5, 30)
+        >>> run = rne.ensemble(found.scene(), q0, qd0, duration=1.0, numbers=found.draws(100))  # doctest: +SKIP
         """
-        whole_number("count", count, least=1)
         scene, x, base = self.scene(), self.parameters, self.base
         bodies, names = self.standard.groups["bodies"], self.standard.names
-        if np.linalg.eigvalsh(pseudo_inertia(x[bodies])).min(initial=np.inf) <= 0:
-            raise IdentificationError(f"the bodies found are no possible ones: {self._cure}")
         drives = np.zeros(len(x) - bodies.stop)
         for k, error in zip(base.independent, self.estimate.errors, strict=True):
             if k >= bodies.stop and np.isfinite(error):
                 drives[k - bodies.stop] = thresholds.WIDE * error
-        scale, known = prior_scale(x[bodies], self.prior_std, drives), self.bands.known
-        found, share = possible_draws(x, scale, bodies, known @ base.matrix, known @ self.bands.root, count, seed)
-        if len(found) < count:
-            why = f"only {100 * share:.2g} % of the trials give possible bodies"
-            raise IdentificationError(f"{why}: excite the motion more, or fit with a smaller `prior_std`")
+        scale = prior_scale(x[bodies], self.prior_std, drives)
+        known, root = self.bands.known @ base.matrix, self.bands.known @ self.bands.root
+        found = possible_draws(x, scale, bodies, known, root, count, seed, self._cure)
         bounded = [k for k in range(bodies.stop, len(x)) if not names[k].startswith(("tau0", "c_"))]
         found[:, bounded] = np.maximum(found[:, bounded], 0)
         law = self._law
