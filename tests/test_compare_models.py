@@ -14,7 +14,7 @@ from rne.identification.diagnosis.conventions import conventions
 from rne.model.parameters import parameters_of
 
 from .faulty_logs import robots
-from .helpers import loaded
+from .helpers import first_joints, loaded
 from .planted_faults import planted, planted_pair
 
 ROBOTS = ("irb140", "ur5", "panda")
@@ -175,6 +175,24 @@ def test_other_explanations_and_the_share_that_each_leaves_are_told():
     assert "\ncannot be told apart from: axis flipped\n" in found.report()
     alike = [causes[0].kind for share, causes in zip(found.shares, found.candidates, strict=True) if share < 1e-9]
     assert alike[:2] == ["gravity sign", "axis flipped"]
+
+
+def test_of_two_different_robots_the_report_says_so_first_and_lists_no_hypotheses():
+    arm = first_joints(2).model
+    tilted = np.array([[0, 0.6, 0.8], [0.8, 0, 0.6]])
+    other = replace(arm, axis=tilted, translation=0.3 + arm.translation, com=0.2 + arm.com, notes={})
+    lines = rne.compare_models(rne.Robot(arm), rne.Robot(other)).report().splitlines()
+    assert lines[0] == "different robots: 0 of 2 joints have the same name, axis and place"
+    assert lines[1:3] == ["cause: unknown", "  no hypothesis explains the difference"]
+    assert not any(line.startswith("hypotheses") for line in lines)
+
+
+def test_a_zero_that_no_torque_feels_is_not_told():
+    """The last body of an IRB 140 turns alike about its own axis, but for rounding."""
+    arm = loaded("irb140").locked({f"joint_{k}": 0.3 for k in (1, 2, 3)})
+    shift = np.array([0.03, 0.02, 0.4])
+    found = rne.compare_models(arm, lambda q, qd, qdd: arm.inverse_dynamics(q + shift, qd, qdd))
+    assert found.text == "zero positions differ: its zero is joint_4 at 0.03, joint_5 at 0.02 [rad or m] of this robot"
 
 
 def test_joints_without_limits_are_compared_over_a_turn_and_sliders_over_0_6_m():
