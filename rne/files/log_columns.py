@@ -396,7 +396,7 @@ def _same_joints(
     if set(common) - of["qd"].keys():
         del of["qd"]
     for kind in ("tau", "qd"):
-        kept = [x for joint, x in of.get(kind, {}).items() if joint in of["q"]]
+        kept = {x for joint, x in of.get(kind, {}).items() if joint in of["q"]}
         if lost := [x for x in there[kind].values() if x not in kept]:
             guesses.append((f"{_span(lost)} are not of the joints of the positions and not read", ORDER))
     if joints is None and all(joint.isdigit() or not joint for joint in common):

@@ -165,7 +165,7 @@ def _whole(path: Path, read: Callable[[], Any]) -> Any:
 def _text(path: Path, options: LogOptions) -> Log:
     name, text = os.fspath(path), text_of(path)
     if path.suffix.lower() in JSON or re.match(r"\s*[\[{]\s*[\[{\"]", text):
-        return _arrays(path, _whole(path, lambda: _json(text)))
+        return _arrays(path, _whole(path, lambda: _json(text, most_unpacked(path))))
     for beginning, what in FORMS.items():
         if re.match(beginning, text):
             raise ValueError(f"{path}: is {what}")
@@ -187,7 +187,7 @@ def _text(path: Path, options: LogOptions) -> Log:
     cells = [(x, column) for x, column in zip(heading, data, strict=True) if x]
     columns = dict(cells)
     said = (f"separator {separator!r}, decimal sign {decimal!r}",) * ((separator, decimal) != (",", "."))
-    twice = {x for x, column in cells if heading.count(x) > 1 and not np.array_equal(column, columns[x])}
+    twice = {x for x, column in cells if column is not columns[x] and not np.array_equal(column, columns[x])}
     return Log(columns, said, None, decimal, body.places, twice=twice, **_joints_of(name, columns))
 
 
@@ -371,8 +371,8 @@ def _columns(arrays: Mapping[str, Any], names: Mapping[str, Sequence[str]] | Non
     return columns
 
 
-def _json(text: str) -> dict[str, Any]:
-    """Arrays in JSON, or in lines of it: those of an object, or of the entries of a list of objects."""
+def _json(text: str, most: int) -> dict[str, Any]:
+    """Arrays in JSON, or in lines of it: those of an object or of a list of objects, of `most` bytes."""
     try:
         found = json.loads(text)
     except json.JSONDecodeError as error:
@@ -381,18 +381,21 @@ def _json(text: str) -> dict[str, Any]:
         found = [json.loads(line) for line in text.splitlines() if line.strip()]
     while isinstance(found, dict) and len(parts := [x for x in found.values() if isinstance(x, dict | list)]) == 1:
         found = parts[0]  # beside settings, such as a gain
-    arrays = _array_of(found)
+    arrays = _array_of(found, most)
     if not isinstance(arrays, dict):
         raise ValueError("an object of arrays, or a list or lines of objects is needed")
     return arrays
 
 
-def _array_of(value: Any) -> Any:
+def _array_of(value: Any, most: int) -> Any:
     """Arrays of numbers, null being NaN, or of texts; of objects a mapping of these; None for anything else."""
     if isinstance(value, list) and value and all(isinstance(x, dict) for x in value):
-        value = {key: [x.get(key) for x in value] for key in dict.fromkeys(key for x in value for key in x)}
+        keys = dict.fromkeys(key for x in value for key in x)
+        if 8 * len(keys) * len(value) > most:
+            raise TooLargeError(most)
+        value = {key: [x.get(key) for x in value] for key in keys}
     if isinstance(value, dict):
-        return {key: _array_of(x) for key, x in value.items()}
+        return {key: _array_of(x, most) for key, x in value.items()}
     with suppress(ValueError, TypeError):
         return np.array(value, dtype=np.float64)
     with suppress(ValueError):

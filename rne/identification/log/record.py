@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -131,8 +132,9 @@ class Record(ReadOnlyArrays):
         self.joint_names = numbered_joints(n) if joint_names is None else tuple(joint_names)
         if len(self.joint_names) != n:
             raise ValueError(f"`joint_names` must have {n} names, got {len(self.joint_names)}")
-        if twice := [name for name in self.joint_names if self.joint_names.count(name) > 1]:
-            raise ValueError(f"`joint_names` must be different, got {twice[0]!r} {len(twice)} times")
+        commonest, count = Counter(self.joint_names).most_common(1)[0]
+        if count > 1:
+            raise ValueError(f"`joint_names` must be different, got {commonest!r} {count} times")
         self._given_names = None if joint_names is None else self.joint_names
         units = [unit] * n if isinstance(unit, str) else list(unit)
         if len(units) != n or any(u not in UNITS for u in units):
