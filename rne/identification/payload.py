@@ -115,7 +115,7 @@ class PayloadEstimate(SetsResult):
         )
 
     def draws(self, count: int, seed: int = 0) -> dict[str, Array]:
-        """Loads that are as likely as the one found, for `rne.ensemble(..., numbers=draws)` of a Scene that carries it.
+        """Loads that are as likely as the one found, for `numbers` of `rne.ensemble` and a Scene that carries it.
 
         Parameters
         ----------

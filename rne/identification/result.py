@@ -565,7 +565,7 @@ class Identification(InNotebooks):
         return bands_of(self.base, self.data, self.estimate, self.correlation_time, coulomb)
 
     def draws(self, count: int, seed: int = 0) -> dict[str, Array]:
-        """Numbers of `scene` that are as likely as those found, for `rne.ensemble(found.scene(), ..., numbers=draws)`.
+        """Numbers of `scene` that are as likely as those found, for `numbers` of `rne.ensemble`.
 
         Parameters
         ----------
