@@ -216,9 +216,9 @@ class Record(ReadOnlyArrays):
 
         Read are text with or without names of the columns, in columns or in rows of joints; JSON and lines of it; joint
         states of ROS 1 and 2 (bags as .bag, .db3 and .mcap, and folders of them, `rostopic echo -p`,
-        `ros2 topic echo --csv`), exports of bags by PlotJuggler and bagpy; .mat files of versions 5 to 7, .npz files, and
-        LeRobot data sets. Names of joints in the log count before numbers, and these before guesses. What the log does
-        not say is given, or guessed, which `source` and `findings` report.
+        `ros2 topic echo --csv`), exports of bags by PlotJuggler and bagpy; .mat files of versions 5 to 7, .npz files,
+        and LeRobot data sets. Names of joints in the log count before numbers, and these before guesses. What the log
+        does not say is given, or guessed, which `source` and `findings` report.
 
         Parameters
         ----------
