@@ -1,6 +1,7 @@
 """How sure predictions of an identified robot are: bands of torques, draws of parameters, printed programs."""
 
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from benchmarks.pages import filled
 from rne.identification import Record
 from rne.model.parameters import pseudo_inertia
 
+from .compiled_sources import c_library, call
 from .helpers import first_joints
 from .measurements import fourier_series
 
@@ -143,6 +145,19 @@ def test_draws_of_gains_scatter_as_their_standard_errors_say():
     assert (np.isfinite(draws) == told).all()
     np.testing.assert_allclose(draws.std(0)[told], gains.errors[told], rtol=5 / np.sqrt(2 * count))
     assert (np.abs(draws.mean(0) - gains.gains)[told] < 5 * gains.errors[told] / np.sqrt(count)).all()
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler here")
+def test_printed_c_gives_torques_and_deviations(found, tmp_path):
+    """The same numbers to 1e-12 of the largest of a joint: some hundred operations' rounding."""
+    (q, qd, qdd), _ = log(1, duration=0.2)
+    qd[::3] = 0.0
+    kernel = found.kernel(std=True)
+    program = c_library([kernel.source("c")], tmp_path)[kernel.quantity.name]
+    expected = np.stack(found.predict(q, qd, qdd, std=True), axis=1)
+    printed = call(program, (q, qd, qdd), 6, "float64").reshape(-1, 2, 3)
+    np.testing.assert_allclose(printed / np.abs(expected).max(0), expected / np.abs(expected).max(0), atol=1e-12)
+    np.testing.assert_allclose(found.kernel()(q, qd, qdd), expected[:, 0], rtol=1e-12, atol=1e-12)
 
 
 def test_the_page_has_the_tables_of_the_results():

@@ -16,7 +16,9 @@ from ..basics.arrays import ReadOnlyArrays, whole_number
 from ..basics.spatial import Array
 from ..basics.text import listed, short
 from ..dynamics.base_inertial_parameters import BaseParameters
+from ..elementwise import less, where
 from ..errors import IdentificationError
+from ..model.friction_laws import magnitude
 from ..model.parameters import PARAMETERS, pseudo_inertia
 from . import thresholds
 from .fit.consistent import TRACE, scaling
@@ -51,6 +53,13 @@ class Bands(ReadOnlyArrays):
         own, size = np.linalg.norm(y @ self.unknown, axis=-1), np.linalg.norm(y / self.lengths, axis=-1)
         total = np.hypot(np.linalg.norm(y @ self.root, axis=-1), residual)
         return np.where(own > thresholds.UNDETERMINED * size, np.inf, total)
+
+    def written(self, columns: Array, qd: Array) -> Array:
+        """Standard deviations of one state, all finite, in operations that can be traced, shape (n,)."""
+        at_rest = np.where(self.minimum_velocity == 0, self.in_motion, self.at_rest)
+        residual = where(less(self.minimum_velocity, magnitude(qd)), self.in_motion, at_rest)
+        y = columns[..., list(self.base.independent)] @ self.root
+        return np.asarray(np.sqrt((y * y).sum(-1) + residual * residual))
 
     def text(self, names: Any, units: Any) -> str:
         """How far torques of another motion are from those predicted, in a sentence or two."""
@@ -146,11 +155,11 @@ def mean_square(x: Array, rows: Array) -> Array:
 
 
 def square_root(covariance: Array) -> Array:
-    """L with L L^T = covariance, which may be singular."""
+    """L with L L^T = covariance, which may be singular; lower triangular."""
     size = np.sqrt(np.diag(covariance))
     size = np.where(size == 0, 1.0, size)
     values, axes = np.linalg.eigh(covariance / np.outer(size, size))
-    return np.asarray(size[:, None] * axes * np.sqrt(np.maximum(values, 0)))
+    return np.asarray(np.linalg.qr((size[:, None] * axes * np.sqrt(np.maximum(values, 0))).T, mode="r")).T
 
 
 def possible_draws(

@@ -59,6 +59,7 @@ from .prediction import Bands, bands_of, possible_draws, prior_scale
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from ..kernels.kernel import Kernel
     from ..simulation.friction import Friction
     from ..simulation.scene import Scene
     from ..simulation.springs import JointSpring, Spring, Springs
@@ -557,6 +558,44 @@ class Identification(InNotebooks):
         drives = self._law.drive_columns(qd, qdd, self._law.load(Y, q, qdd, self.parameters))
         columns = np.concatenate([Y, drives, self._law.spring_columns(q)], axis=-1)
         return self.bands.std(columns, self.bands.is_moving(np.abs(qd) if speed is None else speed))
+
+    def kernel(self, *, std: bool = False) -> Kernel:
+        """The torques of `predict` as a kernel, which prints C by ``source("c")``; of other languages as well.
+
+        Parameters
+        ----------
+        std : bool
+            True for standard deviations as a second row.
+
+        Returns
+        -------
+        Kernel
+            Of q, qd and qdd; gives torques (..., n), with `std` torques and deviations (..., 2, n) [N m or N].
+
+        Raises
+        ------
+        IdentificationError
+            If a deviation is infinite: the log leaves parameters, or a joint, undetermined; or with springs.
+
+        Examples
+        --------
+        >>> print(found.kernel(std=True).source("c"))  # doctest: +SKIP
+        """
+        bands, law, x = self.bands, self._law, self.parameters
+        if self.standard.springs is not None:
+            raise IdentificationError("springs are not written out: use `predict`, or `scene` for the equations")
+        if std and (bands.unknown.size or not np.isfinite(bands.in_motion).all()):
+            raise IdentificationError(
+                f"the log does not determine all parameters, and deviations may be infinite: {MOVE_ALL}"
+            )
+
+        def prediction(q: Array, qd: Array, qdd: Array) -> Array:
+            Y = self.initial.regressor(q, qd, qdd)
+            columns = np.concatenate([Y, law.drive_columns(qd, qdd, law.load(Y, q, qdd, x))], axis=-1)
+            return np.stack([columns @ x, bands.written(columns, qd)]) if std else np.asarray(columns @ x)
+
+        prediction.traceable = True  # type: ignore[attr-defined]
+        return self.initial.kernel(prediction)  # type: ignore[arg-type]
 
     @cached_property
     def bands(self) -> Bands:
