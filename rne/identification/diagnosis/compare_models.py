@@ -298,10 +298,10 @@ def minimum(residual: Callable[[Array], Array], starts: Sequence[Any]) -> Array:
     """The least squares, to rounding, that the likeliest of several starts lead to (Levenberg-Marquardt)."""
     from scipy.optimize import least_squares
 
-    options: dict[str, Any] = {"method": "lm", "jac": "3-point", "max_nfev": thresholds.EVALUATIONS}
-    precise = {"xtol": 1e-15, "ftol": 1e-15, "gtol": 1e-15}
+    options: dict[str, Any] = dict.fromkeys(("xtol", "ftol", "gtol"), thresholds.LAST_STEP)
+    options |= {"method": "lm", "jac": "3-point", "max_nfev": thresholds.EVALUATIONS}
     likely = sorted(map(np.array, starts), key=lambda x: float(np.linalg.norm(residual(x))))
-    fits = [least_squares(residual, x, **options, **precise) for x in likely[: thresholds.STARTS]]
+    fits = [least_squares(residual, x, **options) for x in likely[: thresholds.STARTS]]
     best: Array = min(fits, key=lambda fit: fit.cost).x
     return best
 
@@ -365,7 +365,6 @@ def changes_of_one_body(data: TorqueDifference) -> Iterator[tuple[Hypothesis, in
         A, (c, _, left, _) = data.weighted(columns), data.with_columns(columns)
         if not data.explains(left):  # no change of this body explains the difference
             continue
-
         if np.ptp(np.linalg.eigvalsh(I)) > thresholds.NONE * np.trace(I):
             x = minimum(partial(left_by, data.left, A, partial(turned, I)), Rotation.create_group("O").as_rotvec())
             text = f"the inertia of the body of {name} is in other axes, turned by a rotation"

@@ -306,7 +306,7 @@ class FitResiduals(Discrepancy):
         X = self.weighted(columns)
         along = self.Q.T @ X
         left = X - self.Q @ along
-        moved = np.linalg.lstsq(self.Q.T @ self.A, along, rcond=1e-12)[0]
+        moved = np.linalg.lstsq(self.Q.T @ self.A, along, rcond=thresholds.NOTHING)[0]
         return np.asarray(self.correlation_time.max() * moved @ np.linalg.pinv(left.T @ left, hermitian=True) @ moved.T)
 
     def sampled(self, torques: Torques) -> Array:
