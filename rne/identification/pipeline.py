@@ -90,8 +90,10 @@ def regression(
         Measured motions of its joints, in its order.
     base : BaseParameters
         Of `robot.base_parameters(drives=...)`: the columns of Y are those of its standard parameters.
-    minimum_velocity, cutoff, delay, folds
-        As of `rne.identify`.
+    minimum_velocity, cutoff, delay : optional
+        As of `rne.identify`; the delay is that given, or zero.
+    folds : int
+        Blocks of time, as of `rne.identify`.
 
     Returns
     -------

@@ -44,6 +44,10 @@ class BodiesFit(NamedTuple):
         True for bodies that some distribution of mass has.
     notes : tuple of str
         On the prior.
+
+    Examples
+    --------
+    >>> rne.identification.fit_bodies(base, data, prior=robot).held_out(data).in_motion  # doctest: +SKIP
     """
 
     parameters: Array
@@ -52,7 +56,22 @@ class BodiesFit(NamedTuple):
     notes: tuple[str, ...] = ()
 
     def held_out(self, data: RegressionData) -> Unexplained:
-        """The validation error of each joint: each block of time predicted by a fit to the others."""
+        """The validation error of each joint: each block of time predicted by a fit to the others.
+
+        Parameters
+        ----------
+        data : RegressionData
+            The equations.
+
+        Returns
+        -------
+        Unexplained
+            |predicted - measured| / |measured| by joint: everywhere, in motion, at rest.
+
+        Examples
+        --------
+        >>> bodies.held_out(data).in_motion  # doctest: +SKIP
+        """
         return held_out(self.estimator, data.fitted, data.measured)
 
 

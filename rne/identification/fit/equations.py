@@ -218,21 +218,50 @@ def solve(factor: Array) -> Solution:
 
 @dataclass(frozen=True, eq=False)
 class RegressionData:
-    """The equations Y x = tau of measured motions: the rows of all records one after the other, and their factors."""
+    """The equations Y x = tau of measured motions, of `regression`: rows of all records, and their factors.
 
-    names: tuple[str, ...]  # of the records
+    Attributes
+    ----------
+    names : tuple of str
+        Of the records.
+    prepared : tuple of Prepared
+        The records after the filter.
+    delays : ndarray, shape (records, n)
+        By which torques were measured later than positions [s].
+    minimum_velocity : ndarray, shape (n,)
+        Of equations that are fitted; infinite for a joint that does not move [rad/s or m/s].
+    notes : tuple of str
+        On joints that do not move, or leave their limits, or have no torque.
+    Y : ndarray, shape (rows, n, P)
+        Torques per unit of each standard parameter, filtered.
+    tau : ndarray, shape (rows, n)
+        Measured torques, filtered [N m or N].
+    valid, used, sure : ndarray of bool, shape (rows, n)
+        True where the torque was measured; where the joint is not about to stop besides; and where it did not rest for
+        a while beside, when friction takes any value.
+    fitted, measured : Equations
+        The used and the valid rows in folds of time, as triangular factors.
+    Z : ndarray, shape (rows, n, K), or None
+        Instruments: base columns of Y at a motion without noise.
+
+    Examples
+    --------
+    >>> x = numpy.linalg.lstsq(data.Y[data.used], data.tau[data.used])[0]  # doctest: +SKIP
+    """
+
+    names: tuple[str, ...]
     prepared: tuple[Prepared, ...]
-    delays: Array  # by which torques were measured later than positions, shape (records, n) [s]
-    minimum_velocity: Array  # of equations that are fitted, shape (n,); infinite for a joint that does not move
+    delays: Array
+    minimum_velocity: Array
     notes: tuple[str, ...]
-    Y: Array  # shape (rows, n, P)
-    tau: Array  # shape (rows, n), as the masks that follow
-    valid: Array  # the torque was measured
-    used: Array  # valid, and the joint is not about to stop
-    sure: Array  # used, and the joint did not rest for a while beside, where friction takes any value
-    fitted: Equations  # the used rows in folds of time
-    measured: Equations  # the valid rows likewise, to check the fit on
-    Z: Array | None = None  # instruments: base columns of Y at a motion without noise, shape (rows, n, K)
+    Y: Array
+    tau: Array
+    valid: Array
+    used: Array
+    sure: Array
+    fitted: Equations
+    measured: Equations
+    Z: Array | None = None
 
     @property
     def parts(self) -> tuple[slice, ...]:
@@ -246,21 +275,64 @@ class RegressionData:
         return list(zip([r for r, _ in of_segments], consecutive(length for _, length in of_segments), strict=True))
 
     def residuals(self, x: Array) -> Array:
-        """Measured less predicted torques of standard parameters x, shape (rows, n)."""
+        """Measured less predicted torques.
+
+        Parameters
+        ----------
+        x : ndarray, shape (P,)
+            Standard parameters.
+
+        Returns
+        -------
+        ndarray, shape (rows, n)
+            Of the filtered torques [N m or N].
+
+        Examples
+        --------
+        >>> data.residuals(found.parameters)  # doctest: +SKIP
+        """
         return np.asarray(self.tau - self.Y @ x)
 
     def in_torques(self, gains: Array) -> RegressionData:
-        """The equations of measurements times gains; a joint whose gain is NaN has none."""
+        """The equations of measurements times gains.
+
+        Parameters
+        ----------
+        gains : ndarray, shape (n,)
+            Of the drives; a joint whose gain is NaN has no equations.
+
+        Returns
+        -------
+        RegressionData
+            The same rows.
+
+        Examples
+        --------
+        >>> data.in_torques(gains)  # doctest: +SKIP
+        """
         g, known = np.nan_to_num(gains), np.isfinite(gains)
         fitted, measured = (e.scaled(g, known) for e in (self.fitted, self.measured))
         tau, used, sure = self.tau * g, self.used & known, self.sure & known
         return replace(self, tau=tau, used=used, sure=sure, fitted=fitted, measured=measured)
 
     def at_lower_cutoff(self, base: BaseParameters, noise: Array) -> tuple[Array, Array]:
-        """Base parameters and standard errors with half the cut-off, from equations that no joint at rest enters.
+        """Base parameters with half the cut-off, from equations that no joint at rest enters.
 
-        `noise` is the square root of the residuals' spectral density at low frequencies, of which half the cut-off
-        leaves the same, shape (n,). NaN for what the equations do not tell.
+        Parameters
+        ----------
+        base : BaseParameters
+            The combinations of parameters that are fitted.
+        noise : ndarray, shape (n,)
+            Square root of the residuals' spectral density at low frequencies, of which half the cut-off leaves the same.
+
+        Returns
+        -------
+        values, errors : ndarray, shape (base.count,)
+            Estimates and standard errors; NaN for what the equations do not determine.
+
+        Examples
+        --------
+        >>> values, errors = data.at_lower_cutoff(base, estimate.sigma)  # doctest: +SKIP
         """
         Z = self.Y[..., :0] if self.Z is None else self.Z
         all_columns = np.concatenate([Z, self.Y @ base.back, self.tau[..., None]], axis=-1) / noise[:, None]
@@ -278,7 +350,24 @@ class RegressionData:
         return np.where(unknown, np.nan, found.x), np.where(unknown, np.nan, errors)
 
     def correlation_time(self, residuals: Array, used: Array | None = None) -> Array:
-        """Integrated autocorrelation time of residuals over the rows used, at least that of filtered noise, in rows."""
+        """Integrated autocorrelation time of residuals, at least that of filtered noise.
+
+        Parameters
+        ----------
+        residuals : ndarray, shape (rows, n)
+            Of torques.
+        used : ndarray of bool, shape (rows, n), optional
+            The rows that count, by default `used`.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            1 + 2 sum rho_k of each joint, in rows.
+
+        Examples
+        --------
+        >>> data.correlation_time(data.residuals(found.parameters))  # doctest: +SKIP
+        """
         of_noise = [correlation_time_of_filtered_noise(p.cutoff, p.sample_rate, p.decimation) for p in self.prepared]
         used, parts = self.used if used is None else used, [part for _, part in self.segments]
         return np.maximum(correlation_time_of_residuals(residuals, used, parts), max(of_noise))
