@@ -323,12 +323,14 @@ class RegressionData:
         base : BaseParameters
             The combinations of parameters that are fitted.
         noise : ndarray, shape (n,)
-            Square root of the residuals' spectral density at low frequencies, of which half the cut-off leaves the same.
+            Square root of the residuals' spectral density at low frequencies, which half the cut-off leaves as it is.
 
         Returns
         -------
-        values, errors : ndarray, shape (base.count,)
-            Estimates and standard errors; NaN for what the equations do not determine.
+        values : ndarray, shape (base.count,)
+            Estimates; NaN for what the equations do not determine.
+        errors : ndarray, shape (base.count,)
+            Their standard errors, likewise.
 
         Examples
         --------
