@@ -42,32 +42,27 @@ class Bands(ReadOnlyArrays):
     covered: Array  # share of residuals held out in motion within the band of parameters and noise alone, or NaN, (n,)
     largest: Array  # that 95 % of these are within, in motion and at rest, likewise [N m or N]
 
-    def is_moving(self, speed: Array) -> Array:
-        """True where joints of these speeds are in motion."""
-        return np.asarray((speed > self.minimum_velocity) | (self.minimum_velocity == 0))
+    def std(self, Y: Array, speed: Array) -> Array:
+        """Standard deviations of torques with columns (..., n, P) per unit of the standard parameters, (..., n).
 
-    def std(self, Y: Array, is_moving: Array) -> Array:
-        """Standard deviations of torques with columns (..., n, P) per unit of the standard parameters, (..., n)."""
+        Joints are in motion by their speed (..., n).
+        """
         y = Y[..., list(self.base.independent)]
-        residual = np.where(is_moving, self.in_motion, self.at_rest)
+        residual = np.where(speed > self.minimum_velocity, self.in_motion, self.at_rest)
         own, size = np.linalg.norm(y @ self.unknown, axis=-1), np.linalg.norm(y / self.lengths, axis=-1)
         total = np.hypot(np.linalg.norm(y @ self.root, axis=-1), residual)
         return np.where(own > thresholds.UNDETERMINED * size, np.inf, total)
 
     def written(self, columns: Array, qd: Array) -> Array:
         """Standard deviations of one state, all finite, in operations that can be traced, shape (n,)."""
-        at_rest = np.where(self.minimum_velocity == 0, self.in_motion, self.at_rest)
-        residual = where(less(self.minimum_velocity, magnitude(qd)), self.in_motion, at_rest)
+        residual = where(less(self.minimum_velocity, magnitude(qd)), self.in_motion, self.at_rest)
         y = columns[..., list(self.base.independent)] @ self.root
         return np.asarray(np.sqrt((y * y).sum(-1) + residual * residual))
 
     def text(self, names: Any, units: Any) -> str:
         """How far torques of another motion are from those predicted, in a sentence or two."""
-        told = [
-            f"+- {x:.2g} {unit} ({short(name)})"
-            for name, unit, x in zip(names, units, self.largest, strict=True)
-            if np.isfinite(x)
-        ]
+        each = zip(names, units, self.largest, strict=True)
+        told = [f"+- {x:.2g} {unit} ({short(name)})" for name, unit, x in each if np.isfinite(x)]
         if not told:
             return "how far torques of another motion are from those predicted is not known: none was held out"
         lines = [f"95 % of torques of another motion like these are within {listed(told)} of those predicted"]
@@ -104,6 +99,7 @@ def bands_of(
     in_motion = np.where(used.any(0), np.sqrt(np.maximum(squares, sigma**2)), np.inf)
     is_known = rest.sum(0) > thresholds.FEWEST_FREE * data.correlation_time(residuals, rest)
     at_rest = np.where(is_known, np.sqrt(mean_square(residuals, rest)), np.hypot(in_motion, coulomb))
+    at_rest = np.where(data.minimum_velocity == 0, in_motion, at_rest)  # of smoothed friction, or none
     within = np.abs(residuals) <= thresholds.BAND * np.hypot(spread, sigma)
     covered, largest = np.full((2, len(sigma)), np.nan)
     for j in np.flatnonzero(used.any(0)):

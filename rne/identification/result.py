@@ -557,7 +557,7 @@ class Identification(InNotebooks):
         Y = self.initial.regressor(q, qd, qdd)
         drives = self._law.drive_columns(qd, qdd, self._law.load(Y, q, qdd, self.parameters))
         columns = np.concatenate([Y, drives, self._law.spring_columns(q)], axis=-1)
-        return self.bands.std(columns, self.bands.is_moving(np.abs(qd) if speed is None else speed))
+        return self.bands.std(columns, np.abs(qd) if speed is None else speed)
 
     def kernel(self, *, std: bool = False) -> Kernel:
         """The torques of `predict` as a kernel, which prints C by ``source("c")``; of other languages as well.
