@@ -52,6 +52,23 @@ class Hold(NamedTuple):
     pieces: Array  # of the motion that the law follows, as `Interval.table` of batches
 
 
+class Room(NamedTuple):
+    """What `run_all` overwrites; vectors have the entries of a state, (size LANES,)."""
+
+    inputs: tuple[Array, ...]  # arguments of the kernel, the state as the second
+    saved: tuple[Array, ...]  # room for those that differ from lane to lane
+    y: Array  # the state at the begin of the step
+    new: Array  # that at its end
+    total: Array  # sums of slopes
+    h: Array  # the length of the step
+    before: Array  # the state at the last stage before the end
+    K: Array  # (stages, size LANES), slopes
+    Q: Array  # (rows of D, size LANES), of the interpolant
+    lane: Array  # (LANE_ROWS, LANES) of int64
+    step: Array  # (STEP_ROWS, LANES)
+    hold: Hold
+
+
 def hold_of(
     period: float, law: Kernel | None, given: tuple[Array, Array], table: Array, rows: Array, driven: int, most: int
 ) -> Hold:
@@ -81,7 +98,7 @@ def no_pieces(table: Array, count: int) -> tuple[Array, ...]:
 NONE = hold_of(0.0, None, (NO_TABLES, np.zeros(0)), np.zeros((0, 0, 0)), np.zeros((0, BOUNDS)), 0, 2**62)
 
 
-def workspace(widths: tuple[int, ...], tableau: Tableau, hold: Hold, common: tuple[Array, ...]) -> tuple[Any, ...]:
+def workspace(widths: tuple[int, ...], tableau: Tableau, hold: Hold, common: tuple[Array, ...]) -> Room:
     """Arrays for `run_all`: of a kernel's arguments that differ from lane to lane, of these widths, and of common ones.
 
     The second argument is the state; the common ones come last.
@@ -91,7 +108,7 @@ def workspace(widths: tuple[int, ...], tableau: Tableau, hold: Hold, common: tup
     entries, rows = widths[1] * LANES, max(len(tableau.B) + 1, tableau.D.shape[1])
     slopes = np.zeros((rows, entries)), np.zeros((max(1, len(tableau.D)), entries))
     numbers = np.zeros((LANE_ROWS, LANES), np.int64), np.zeros((STEP_ROWS, LANES))
-    return inputs, saved, tuple(np.zeros((5, entries))), slopes, *numbers, hold
+    return Room._make([inputs, saved, *np.zeros((5, entries)), *slopes, *numbers, hold])
 
 
 @inline
@@ -145,10 +162,9 @@ def mark_invalid(function: Any, inputs: Any, saved: Any, out: Any, lane: Any, co
             inputs[a][e] = saved[a][e]
 
 
-def rates_of_all(function: Any, sources: Any, F: Any, code: Any, work: Any) -> None:
+def rates_of_all(function: Any, sources: Any, F: Any, code: Any, room: Any) -> None:
     """dx/dt of every motion into F, from rows of times, states and perhaps parameters; some are marked."""
-    inputs, saved, vectors, _, lane, _, _ = work
-    count, out = len(F), vectors[0]
+    inputs, saved, lane, out, count = room.inputs, room.saved, room.lane, room.y, len(F)
     for begin in range(0, count, LANES):
         for k in range(LANES):
             lane[MOTION, k] = min(begin + k, count - 1)
@@ -162,9 +178,9 @@ def rates_of_all(function: Any, sources: Any, F: Any, code: Any, work: Any) -> N
 
 
 @inline
-def fill_lanes(waiting: Any, sources: Any, F: Any, H: Any, code: Any, work: Any) -> Any:
+def fill_lanes(waiting: Any, sources: Any, F: Any, H: Any, code: Any, room: Any) -> Any:
     """Waiting motions into lanes without one, or a copy of another lane; who waits then, EMPTY at the end."""
-    inputs, _, (y, _, _, _, _), (K, _), lane, step, hold = work
+    inputs, y, K, lane, step, hold = room.inputs, room.y, room.K, room.lane, room.step, room.hold
     source = EMPTY
     for k in range(LANES):
         while lane[MOTION, k] == EMPTY and waiting < len(F):
@@ -242,9 +258,9 @@ def call_law(hold: Any, y: Any, lane: Any, step: Any, code: Any) -> None:
 
 
 @inline
-def renew_torques(interval: Any, code: Any, count: Any, X: Any, work: Any) -> bool:
+def renew_torques(interval: Any, code: Any, count: Any, X: Any, room: Any) -> bool:
     """Take the samples, and have the commands act, that are due; True if there are any, for new slopes there."""
-    inputs, _, (y, _, _, _, _), _, lane, step, hold = work
+    inputs, y, lane, step, hold = room.inputs, room.y, room.lane, room.step, room.hold
     is_due, samples, timing, period = False, False, hold.own[-1], hold.period
     for k in range(LANES):
         lane[WANTS, k] = 0
@@ -308,6 +324,46 @@ def put_stage(interval: Any, y: Any, total: Any, h: Any, c: Any, inputs: Any, la
     for k in range(LANES):
         times[k] = min(max(step[NOW, k] + c * step[LENGTH, k], interval.first), interval.last)
     put_pieces(interval.table, inputs, lane)
+
+
+@inline
+def take_stages(function: Any, interval: Any, code: Any, room: Any, first: Any) -> bool:
+    """The slopes K of the lanes' stages from the first one on, and of the ends of their steps.
+
+    False if one of them is not valid in some lane; its motion is marked.
+    """
+    A, B, C = interval.tableau.A, interval.tableau.B, interval.tableau.C
+    inputs, saved, y, new, total, h, before, K, _, lane, step, _ = room
+    stages, is_fixed, moved = len(B), len(interval.grid) > 0, interval.positions * LANES
+    for s in range(first, stages + 1):
+        combine(A[s] if s < stages else B, s, K, total)
+        put_stage(interval, y, total, h, C[s] if s < stages else 1.0, inputs, lane, step)
+        if s == stages:
+            for e in range(moved):
+                inputs[1][e] = y[e] + h[e] * inputs[1][moved + e]
+            for e in range(len(y)):
+                new[e] = inputs[1][e]
+        if s == stages - 1:
+            for e in range(len(y)):
+                before[e] = inputs[1][e]
+        if (s < stages or not is_fixed) and not evaluate(function, inputs, K[s]):
+            mark_invalid(function, inputs, saved, total, lane, code, False)
+            return False
+    return True
+
+
+@inline
+def interpolate(function: Any, interval: Any, code: Any, room: Any) -> None:
+    """The interpolant Q of the lanes' steps, with the stages that only this needs."""
+    A2, C2, D, first = interval.tableau.A2, interval.tableau.C2, interval.tableau.D, len(interval.tableau.B) + 1
+    inputs, saved, y, _, total, h, _, K, Q, lane, step, _ = room
+    for s in range(len(C2)):
+        combine(A2[s], first + s, K, total)
+        put_stage(interval, y, total, h, C2[s], inputs, lane, step)
+        if not evaluate(function, inputs, K[first + s]):
+            mark_invalid(function, inputs, saved, total, lane, code, True)
+    for j in range(len(D)):
+        combine(D[j], K.shape[0], K, Q[j])
 
 
 @inline
@@ -412,7 +468,7 @@ def move_on(y: Any, new: Any, K: Any, last: Any, extra: Any, end: Any, lane: Any
 
 
 def run_all(
-    function: Any, interval: Any, sources: Any, F: Any, H: Any, code: Any, count: Any, X: Any, work: Any, go_on: Any
+    function: Any, interval: Any, sources: Any, F: Any, H: Any, code: Any, count: Any, X: Any, room: Any, go_on: Any
 ) -> int:
     """Every motion from its row of `sources` to the end; states at the times to report into X[time, motion].
 
@@ -420,56 +476,32 @@ def run_all(
     motion that waits for a lane and the evaluations after which to return; the result is the next such motion, or
     EMPTY at the end.
     """
-    A, B, C, _, A2, C2, D, _ = interval.tableau
-    inputs, saved, (y, new, total, h, before), (K, Q), lane, step, hold = work
-    stages, is_fixed, positions, (waiting, left) = len(B), len(interval.grid) > 0, interval.positions, go_on
+    _, _, y, new, _, h, before, K, Q, lane, step, hold = room
+    stages, is_fixed, (waiting, left) = len(interval.tableau.B), len(interval.grid) > 0, go_on
     if waiting == 0:
         lane[MOTION] = EMPTY
     vacant = True
     while left > 0:
         left -= stages + 1
         if vacant:
-            waiting = fill_lanes(waiting, sources, F, H, code, work)
+            waiting = fill_lanes(waiting, sources, F, H, code, room)
         if waiting == EMPTY:
             break
-        is_new = hold.period > 0 and renew_torques(interval, code, count, X, work)
+        is_new = hold.period > 0 and renew_torques(interval, code, count, X, room)
         choose_lengths(interval, lane, step, h, code, hold.most_steps)
-        is_valid = True
-        for s in range(0 if is_new or is_fixed else 1, stages + 1):
-            combine(A[s] if s < stages else B, s, K, total)
-            put_stage(interval, y, total, h, C[s] if s < stages else 1.0, inputs, lane, step)
-            if s == stages:
-                for e in range(positions * LANES):
-                    inputs[1][e] = y[e] + h[e] * inputs[1][positions * LANES + e]
-                for e in range(len(y)):
-                    new[e] = inputs[1][e]
-            if s == stages - 1:
-                for e in range(len(y)):
-                    before[e] = inputs[1][e]
-            if s < stages or not is_fixed:
-                is_valid = evaluate(function, inputs, K[s])
-            if not is_valid:
-                mark_invalid(function, inputs, saved, total, lane, code, False)
-                vacant = True
-                break
-        if not is_valid:
+        vacant = not take_stages(function, interval, code, room, 0 if is_new or is_fixed else 1)
+        if vacant:
             continue
         if not is_fixed:
-            estimate_errors(interval, y, new, total, K, step)
+            estimate_errors(interval, y, new, room.total, K, step)
         if accept(interval, lane, step):
-            for s in range(len(C2)):
-                combine(A2[s], stages + 1 + s, K, total)
-                put_stage(interval, y, total, h, C2[s], inputs, lane, step)
-                if not evaluate(function, inputs, K[stages + 1 + s]):
-                    mark_invalid(function, inputs, saved, total, lane, code, True)
-            for j in range(len(D)):
-                combine(D[j], K.shape[0], K, Q[j])
+            interpolate(function, interval, code, room)
         for k in range(LANES):
             if lane[MOTION, k] >= 0 and lane[TAKEN, k]:
-                report(interval.t_eval, y, new, Q, hold, inputs[2], lane, step, k, X)
+                report(interval.t_eval, y, new, Q, hold, room.inputs[2], lane, step, k, X)
                 if interval.watched and is_stiff(interval, K[stages], K[stages - 1], new, before, lane, step, k):
                     code[lane[MOTION, k]], lane[MOTION, k] = STIFF, EMPTY
-        vacant = move_on(y, new, K, stages, len(C2), interval.end, lane, step, count)
+        vacant = move_on(y, new, K, stages, len(interval.tableau.C2), interval.end, lane, step, count)
     return int(waiting)
 
 
@@ -488,14 +520,14 @@ def run_lanes(
     more = (np.zeros((N, widths[2])), *more) if hold.period > 0 else more  # no torque before the first command
     interval = interval._replace(table=np.ascontiguousarray(interval.table) if len(interval.table) else NO_PIECES)
     pieces = no_pieces(interval.table, N)
-    work = workspace(widths[: 2 + len(pieces) + len(more)], interval.tableau, hold, common)
+    room = workspace(widths[: 2 + len(pieces) + len(more)], interval.tableau, hold, common)
     address = kernel.address(LANES, common=numbers.ndim == 1)
     code, count, H, F = np.zeros(N, np.int64), np.zeros(N, np.int64), np.zeros(N), np.zeros_like(x)
 
     def rates(t: Array, states: Array, F: Array) -> Array:
         times = np.clip(t, interval.first, interval.last)[:, None]
         rows = rows_of_tables(interval.table, times[:, 0])
-        compiled(rates_of_all)(address, (times, np.ascontiguousarray(states), *rows, *more), F, code, work)
+        compiled(rates_of_all)(address, (times, np.ascontiguousarray(states), *rows, *more), F, code, room)
         return F
 
     begin = np.full(N, interval.begin)
@@ -506,7 +538,7 @@ def run_lanes(
         H = first_lengths(lambda t, states: rates(t, states.T, np.zeros_like(x)).T, interval, x.T, F.T)
         count += 2
     most, waiting, done = max(1, OPERATIONS // max(1, sum(kernel.operations.values()))), 0, 0
-    given = address, interval, (begin[:, None], x, *pieces, *more), F, H, code, count, X, work
+    given = address, interval, (begin[:, None], x, *pieces, *more), F, H, code, count, X, room
     try:
         while waiting != EMPTY:
             waiting, before = compiled(run_all)(*given, (waiting, most)), done
