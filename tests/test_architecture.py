@@ -13,6 +13,7 @@ import os
 import pkgutil
 import re
 import subprocess
+import symtable
 import sys
 from collections import Counter
 
@@ -48,7 +49,8 @@ SOURCES = sorted(PACKAGE.rglob("*.py"))
 ON_IMPORT = {"basics", "errors", "elementwise", "model", "dynamics", "robot"}  # the rest is imported on first use
 MAX_ENTRIES = 24  # of rne/: more are not taken in at a glance
 MAX_PUBLIC = 53  # names of rne besides its modules
-MAX_LINES = 60  # of a function, without its docstring
+MAX_NAMES = 25  # of a function: a reader holds no more
+NAMELESS = {"lambda", "listcomp", "setcomp", "dictcomp", "genexpr"}  # functions, as `symtable` calls them
 MAX_CHANGES = 14  # of folder, from simulate to the first step
 
 
@@ -200,16 +202,57 @@ def test_public_names_are_few():
     assert len(names) <= MAX_PUBLIC
 
 
-def test_functions_are_small():
-    """About 40 lines are the aim, 60 the limit."""
-    long = []
-    for path, nodes in NODES.items():
-        for node in nodes:
-            if isinstance(node, ast.FunctionDef):
-                body = node.body[1:] if ast.get_docstring(node) else node.body
-                length = body[-1].end_lineno - body[0].lineno + 1 if body else 0
-                long += [f"{path.name}: {node.name} has {length} lines"] if length > MAX_LINES else []
-    assert long == []
+def functions(table):
+    """The tables of symbols of all functions with a name, methods and nested ones among them."""
+    for child in table.get_children():
+        if child.get_type() == "function" and child.get_name() not in NAMELESS:
+            yield child
+        yield from functions(child)
+
+
+def bound(function):
+    """Names that a function's own body binds: by assignments, `for`, `with`, `except`, `match` and walruses.
+
+    Arguments, imports, functions and classes that are defined in it, what comprehensions and nested functions bind for
+    themselves, names that are `nonlocal` or `global`, and `_`, which is read nowhere, do not count.
+    """
+    own = (s for s in function.get_symbols() if s.is_local() and s.is_assigned())
+    return {s.get_name() for s in own if not (s.is_parameter() or s.is_namespace())} - {"_"}
+
+
+def test_functions_bind_few_names():
+    found = {}
+    for path in SOURCES:
+        for function in functions(symtable.symtable(path.read_text(encoding="utf-8"), path.name, "exec")):
+            if (count := len(bound(function))) > MAX_NAMES:
+                found[f"{path.relative_to(ROOT)}: {function.get_name()}"] = count
+    assert found == {}
+
+
+def test_what_counts_as_a_name_that_a_function_binds():
+    text = """
+def f(a, *b, k=1, **c):
+    import os
+    x: int = 0
+    x += 1
+    (y, _), *z = a
+    with open(os) as w, open(w) as _:
+        v = [u for u in z if (t := u)]
+    for s in b:
+        try:
+            def g():
+                nonlocal r
+                r, q = 0, 1
+        except ValueError as e:
+            pass
+    class G:
+        p = 1
+    a = r = {o: 1 for o in c}
+    return lambda m: (n := m)
+"""
+    (f, g) = functions(symtable.symtable(text, "f", "exec"))
+    assert bound(f) == {"x", "y", "z", "w", "v", "t", "s", "e", "r"}
+    assert bound(g) == {"q"}
 
 
 def test_exported_names_exist():

@@ -10,14 +10,11 @@ import json
 import shutil
 import subprocess
 import tempfile
-import tomllib
 from pathlib import Path
 
 from .draw import candidates, draw, folders
 from .suite import Suite, ended, notes, start
 
-DECLARED = Path(__file__).parent / "equivalent.toml"
-MOST_EQUIVALENT = 0.12  # of a draw
 TOGETHER = 8  # survivors of the tests nearby that pass through the whole suite at once
 
 
@@ -97,16 +94,6 @@ class Run:
             groups = [g for g in again if g]
 
 
-def equivalents(mutants):
-    """Mutants declared equivalent, with the reason; at most 12 % of those drawn."""
-    declared = tomllib.loads(DECLARED.read_text()).get("equivalent", [])
-    reasons = {(d["source"], d["old"], d["new"]): d["reason"] for d in declared}
-    found = {m: reasons[m.key()] for m in mutants if m.key() in reasons}
-    if len(found) > MOST_EQUIVALENT * len(mutants):
-        raise SystemExit(f"{len(found)} of {len(mutants)} mutants declared equivalent, more than {MOST_EQUIVALENT:.0%}")
-    return found
-
-
 def listed(root, file):
     """Survivors listed in a file of results, where they are in the present tree."""
     rows = [r for r in json.loads(file.read_text()) if r["kind"] == "survived"]
@@ -130,18 +117,18 @@ KILLED = ("killed", "timeout", "import")
 
 
 def table(rows):
-    """Counts by folder, the share killed of those that are not equivalent, and the mutants but those that tests killed.
+    """Counts by folder, the share killed of all, and the mutants but those that tests killed.
 
-    A mutant that ends in no time, or with which the tests cannot be imported, is killed too.
+    A mutant that ends in no time, or with which the tests cannot be imported, is killed too. Some of those that
+    survive change no result, such as another size of a cache: no draw is killed as a whole.
     """
-    kinds = (*KILLED, "survived", "equivalent")
-    lines = [f"{'folder':16}" + "".join(f"{kind:>12}" for kind in kinds) + f"{'killed of all but equivalent':>32}"]
+    kinds = (*KILLED, "survived")
+    lines = [f"{'folder':16}" + "".join(f"{kind:>12}" for kind in kinds) + f"{'killed':>12}"]
     for folder in [*dict.fromkeys(r["folder"] for r in rows), "all"]:
         own = [r["kind"] for r in rows if folder in ("all", r["folder"])]
-        count = {kind: own.count(kind) for kind in kinds}
-        share = sum(count[kind] for kind in KILLED) / max(len(own) - count["equivalent"], 1)
-        lines.append(f"{folder:16}" + "".join(f"{count[kind]:12d}" for kind in kinds) + f"{share:32.1%}")
-    for kind in ("survived", "equivalent", "timeout", "import"):
+        share = sum(own.count(kind) for kind in KILLED) / max(len(own), 1)
+        lines.append(f"{folder:16}" + "".join(f"{own.count(kind):12d}" for kind in kinds) + f"{share:12.1%}")
+    for kind in ("survived", "timeout", "import"):
         lines += ["", f"{kind}:"]
         for r in (r for r in rows if r["kind"] == kind):
             lines += [f"{r['file']}:{r['line']}: {r['change']}: {r['old']} -> {r['new']}", f"    {r['source']}"]
@@ -176,15 +163,10 @@ def main(arguments=None):
     mutants = listed(root, options.mutants) if options.mutants else []
     for folder in [] if options.mutants else options.folder:
         mutants += draw(root, options.count, seed, options.minimum_per_folder, folder)
-    equivalent = {} if options.mutants else equivalents(mutants)
     if options.list:
         print(*mutants, sep="\n")
         return
-    rows = [
-        {**vars(m), "folder": m.folder, "kind": "equivalent", "test": equivalent[m], "seconds": 0}
-        for m in mutants
-        if m in equivalent
-    ]
+    rows = []
     options.results.parent.mkdir(parents=True, exist_ok=True)
 
     def report(mutant, outcome):
@@ -196,13 +178,13 @@ def main(arguments=None):
         )
 
     suite = Suite(root, options.cache, options.tests)
-    print(f"{options.mutants or f'seed {seed}'}: {len(mutants)} mutants, {len(equivalent)} of them equivalent")
+    print(f"{options.mutants or f'seed {seed}'}: {len(mutants)} mutants")
     print(
         f"{len(suite.cost)} short tests, {sum(suite.cost.values()):.0f} s with coverage; failing without a mutant: {suite.failing or 0}",
         flush=True,
     )
     run = Run(suite, options.workers, report)
-    left = run.nearby([m for m in mutants if m not in equivalent], suite.few, "tests that cover the line")
+    left = run.nearby(mutants, suite.few, "tests that cover the line")
     left = run.nearby(left, suite.files, "files nearby")
     run.everywhere(left)
     text = table(sorted(rows, key=lambda r: (r["folder"], r["file"], r["line"])))

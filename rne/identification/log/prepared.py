@@ -174,15 +174,9 @@ ROUNDING = 1e-6  # of a ratio of rates
 def prepare(name: str, clean: CleanRecord, cutoff: float | None, start: float) -> Prepared:
     """Filter and differentiate the positions of every segment that is long enough."""
     rate, parts = 1 / clean.period, clean.segments
-    positions, torques = [clean.q[part] for part in parts], [clean.tau[part] for part in parts]
-    positions, spectrum, notes = _fused(clean, positions, rate)
+    positions, spectrum, notes = _fused(clean, [clean.q[part] for part in parts], rate)
     if cutoff is None:
-        try:
-            if spectrum is None:
-                spectrum = filtering.motion_spectrum(positions, rate)
-            cutoff, reasons = filtering.choose_cutoff(spectrum, rate, positions, torques)
-        except ValueError as error:
-            raise ValueError(f"{name}: {error}; give `cutoff` [Hz]") from None
+        cutoff, reasons = _chosen_cutoff(name, clean, positions, spectrum)
     else:
         cutoff = positive_number("cutoff", cutoff)
         if cutoff > thresholds.PRINTED * thresholds.HIGHEST_CUTOFF * rate:
@@ -214,6 +208,19 @@ def prepare(name: str, clean: CleanRecord, cutoff: float | None, start: float) -
     t, tau, usable = (x[rows] for x in (clean.t, clean.tau, clean.usable))
     filters = rate, cutoff, position_cutoff, decimation
     return Prepared(t, q, qd, qdd, tau, segments, *filters, usable, tuple(notes), start)
+
+
+def _chosen_cutoff(
+    name: str, clean: CleanRecord, positions: list[Array], spectrum: tuple[Array, ...] | None
+) -> tuple[float, tuple[str, ...]]:
+    """A cut-off [Hz] from the spectrum of the positions of each segment, which is made if it is not given, and why."""
+    rate, torques = 1 / clean.period, [clean.tau[part] for part in clean.segments]
+    try:
+        if spectrum is None:
+            spectrum = filtering.motion_spectrum(positions, rate)
+        return filtering.choose_cutoff(spectrum, rate, positions, torques)
+    except ValueError as error:
+        raise ValueError(f"{name}: {error}; give `cutoff` [Hz]") from None
 
 
 def _fused(
