@@ -13,11 +13,11 @@ from ..basics.arrays import positive_number
 from ..basics.spatial import Array, transpose, zeros
 from ..basics.text import summary
 from ..elementwise import maximum, minimum, tanh
+from ..model.friction_laws import SMOOTHING
 from ..model.parameters import PARAMETERS, dual_of_gradient, parameters_of_pseudo_inertia, pseudo_inertia
 from ..robot import Robot
 from .laws import Reference, check_reference, checked_vectors, composite_error, model_torques, of_robot
 
-SMOOTHING = 0.01  # [rad/s or m/s]: as of rne.Friction
 FADING = 0.1  # of its limit: within this of it a torque slows the adaptation
 SMALLEST = 1e-12  # eigenvalue, of the largest, of a pseudo-inertia that counts as positive definite
 ROWS, COLUMNS = np.triu_indices(4)

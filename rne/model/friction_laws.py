@@ -15,6 +15,8 @@ from ..basics.spatial import Array
 from ..elementwise import exp, less, sign, tanh, where
 from ..graph.scalar import is_present
 
+SMOOTHING = 0.01  # [rad/s or m/s]: velocity at which smoothed Coulomb friction reaches tanh(1) = 76 % of its value
+
 
 def direction(qd: Array, smoothing: float) -> Array:
     """The direction of motion: tanh(qd / smoothing), or with 0 the sign of qd, which is 0 at rest."""

@@ -18,7 +18,7 @@ from ..dynamics.rnea import gravity_torque, inverse_dynamics
 from ..elementwise import less, tanh, where
 from ..graph.scalar import is_present
 from ..model.checks import domain_error
-from ..model.friction_laws import direction, magnitude, saturating, saturating_slope, stribeck_effect
+from ..model.friction_laws import SMOOTHING, direction, magnitude, saturating, saturating_slope, stribeck_effect
 from ..model.model import Model, joint_array
 from ..model.topology import refuse_couplings
 from ..robot import Robot
@@ -28,7 +28,6 @@ SIGNED = ("stribeck_rise", "offset")  # sizes that may be negative
 OPTIONAL = ("static", "saturation", "stribeck")
 BACK = ("viscous", "coulomb")  # sizes that may differ by the direction
 TOLD = {"rad": 0.01, "m": 0.001}  # of creep, from which on the message of a run names it
-SMOOTHING = 0.01  # [rad/s or m/s]: velocity at which smoothed Coulomb friction reaches tanh(1) = 76 % of its value
 
 
 class Following(np.ndarray[Any, Any]):

@@ -48,7 +48,7 @@ SLOWEST = 1e-4  # of x, at which tangents are tried
 PASSES = 30  # of viscous friction, and of the smoothing
 NEWTON = 4  # steps for the time at which an averaged motion passes a grid point
 BESIDE = 1e-9  # of the duration, on either side of such a time: there a joint may turn, and its friction jump
-SMOOTHING = 0.01  # [s]: what the current controllers of drives follow
+AVERAGED = 0.01  # [s], over which accelerations are averaged: what the current controllers of drives follow
 AT_LIMIT = 0.99  # share of a limit from which it counts as used
 SLOW, STEP = 1e-30, 1e-40  # [rad/s or m/s]: friction is that of rest, in the direction of motion; `smoothing` of none
 CREEP = 1e-12  # [1/s], s' at a stop: Coulomb friction has the sign of the motion that begins or ends there
@@ -722,7 +722,7 @@ def fastest(
         _check_range(piece)
     optimal = [_fastest_profile(piece) for piece in pieces]
     duration = sum(profile.duration for profile in optimal)
-    window = SMOOTHING if smoothing is None else positive_number("smoothing", smoothing, zero_allowed=True)
+    window = AVERAGED if smoothing is None else positive_number("smoothing", smoothing, zero_allowed=True)
     jerk = limits.known["jerk_limit"]
     while True:
         profiles = [_averaged(*pair, window) for pair in zip(pieces, optimal, strict=True)] if window else optimal
