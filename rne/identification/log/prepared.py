@@ -175,14 +175,7 @@ def prepare(name: str, clean: CleanRecord, cutoff: float | None, start: float) -
     """Filter and differentiate the positions of every segment that is long enough."""
     rate, parts = 1 / clean.period, clean.segments
     positions, spectrum, notes = _fused(clean, [clean.q[part] for part in parts], rate)
-    if cutoff is None:
-        cutoff, reasons = _chosen_cutoff(name, clean, positions, spectrum)
-    else:
-        cutoff = positive_number("cutoff", cutoff)
-        if cutoff > thresholds.PRINTED * thresholds.HIGHEST_CUTOFF * rate:
-            most = f"{thresholds.HIGHEST_CUTOFF * rate:.6g} Hz, a fifth of the sample rate"
-            raise ValueError(f"`cutoff` must be at most {most}, got {cutoff:.6g}")
-        reasons = (f"cut-off {cutoff:.3g} Hz, as given",)
+    cutoff, reasons = _cutoff(name, clean, cutoff, positions, spectrum)
     decimation = max(1, int(thresholds.PASS_BAND * rate / (2 * cutoff) + ROUNDING))
     position_cutoff = min(thresholds.POSITION_CUTOFF * cutoff, thresholds.HIGHEST_POSITION_CUTOFF * rate)
     drop = max(2 * filtering.settling(position_cutoff, rate), filtering.MARGIN)  # twice, for the accelerations
@@ -190,37 +183,44 @@ def prepare(name: str, clean: CleanRecord, cutoff: float | None, start: float) -
     lengths = [len(q) for q in positions]
     kept = [k for k, length in enumerate(lengths) if length >= needed]
     if not kept:
-        what = f"needs a segment of {needed} samples, the longest has {max(lengths, default=0)}"
-        cure = "give a higher `cutoff`, or record longer without gaps"
-        raise ValueError(f"{name}: a cut-off of {cutoff:.3g} Hz {what}; {cure}")
-    differentiated = [_differentiated(positions[k], position_cutoff, rate, drop) for k in kept]
-    q, qd, qdd = (np.concatenate(arrays) for arrays in zip(*differentiated, strict=True))
+        raise ValueError(
+            f"{name}: a cut-off of {cutoff:.3g} Hz needs a segment of {needed} samples, the longest has "
+            f"{max(lengths, default=0)}; give a higher `cutoff`, or record longer without gaps"
+        )
+    by_segment = (_differentiated(positions[k], position_cutoff, rate, drop) for k in kept)
+    q, qd, qdd = (np.concatenate(arrays) for arrays in zip(*by_segment, strict=True))
     rows = np.concatenate([np.arange(parts[k].start + drop, parts[k].stop - drop) for k in kept])
     segments = consecutive(lengths[k] - 2 * drop for k in kept)
     notes = [*reasons, *notes, f"{drop} samples at either end of a segment dropped after the filter of the positions"]
     if len(kept) < len(parts):
-        left_out = [length for length in lengths if length < needed]
-        short = f"{counted(len(left_out), 'segment')}, {sum(left_out)} samples in all"
-        notes.append(f"{short}, left out: the filters need {needed} samples without a gap")
+        short = [length for length in lengths if length < needed]
+        left_out = f"{counted(len(short), 'segment')}, {sum(short)} samples in all, left out"
+        notes.append(f"{left_out}: the filters need {needed} samples without a gap")
     if start:
         notes.append(f"times are counted from the first stamp, {start:.3f} s")
     notes += [*clean.notes, *(str(finding) for finding in clean.findings)]
     t, tau, usable = (x[rows] for x in (clean.t, clean.tau, clean.usable))
-    filters = rate, cutoff, position_cutoff, decimation
-    return Prepared(t, q, qd, qdd, tau, segments, *filters, usable, tuple(notes), start)
+    of_filters = rate, cutoff, position_cutoff, decimation
+    return Prepared(t, q, qd, qdd, tau, segments, *of_filters, usable, tuple(notes), start)
 
 
-def _chosen_cutoff(
-    name: str, clean: CleanRecord, positions: list[Array], spectrum: tuple[Array, ...] | None
+def _cutoff(
+    name: str, clean: CleanRecord, given: float | None, positions: list[Array], spectrum: tuple[Array, ...] | None
 ) -> tuple[float, tuple[str, ...]]:
-    """A cut-off [Hz] from the spectrum of the positions of each segment, which is made if it is not given, and why."""
+    """The cut-off [Hz], and the reason in words: the given one, or by the spectrum of the positions of each segment."""
     rate, torques = 1 / clean.period, [clean.tau[part] for part in clean.segments]
-    try:
-        if spectrum is None:
-            spectrum = filtering.motion_spectrum(positions, rate)
-        return filtering.choose_cutoff(spectrum, rate, positions, torques)
-    except ValueError as error:
-        raise ValueError(f"{name}: {error}; give `cutoff` [Hz]") from None
+    if given is None:
+        try:
+            if spectrum is None:
+                spectrum = filtering.motion_spectrum(positions, rate)
+            return filtering.choose_cutoff(spectrum, rate, positions, torques)
+        except ValueError as error:
+            raise ValueError(f"{name}: {error}; give `cutoff` [Hz]") from None
+    cutoff = positive_number("cutoff", given)
+    if cutoff > thresholds.PRINTED * thresholds.HIGHEST_CUTOFF * rate:
+        most = f"{thresholds.HIGHEST_CUTOFF * rate:.6g} Hz, a fifth of the sample rate"
+        raise ValueError(f"`cutoff` must be at most {most}, got {cutoff:.6g}")
+    return cutoff, (f"cut-off {cutoff:.3g} Hz, as given",)
 
 
 def _fused(
