@@ -24,7 +24,7 @@ from ..basics.spatial import Array
 from ..basics.text import MAX_NAME, cut, plain
 from .matlab import matlab_arrays
 from .ros_bags import JOINT_STATE, KINDS, Message, bag_states, bag_topics, echoed, is_bag, rostopic
-from .tables import Body, as_number, csv_rows, finite_numbers, formatted, listed_names, numeric_block, text_of
+from .tables import TableBody, as_number, csv_rows, finite_numbers, formatted, listed_names, numeric_block, text_of
 
 Rows = list[tuple[int, list[str]]]  # rows of a text with their numbers
 
@@ -191,14 +191,14 @@ def _text(path: Path, options: LogOptions) -> Log:
     return Log(columns, said, None, decimal, body.places, twice=twice, **_joints_of(name, columns))
 
 
-def _split(name: str, rows: Rows, decimal: str) -> tuple[Rows, Body]:
+def _split(name: str, rows: Rows, decimal: str) -> tuple[Rows, TableBody]:
     """Rows above the first of numbers, and the others."""
     width = mode(len(row) for _, row in rows) if rows else 0
     numeric = (k for k, (_, row) in enumerate(rows) if len(row) == width or (k == 0 and len(row) > 4))
     first = next((k for k in numeric if _is_numeric(rows[k][1], decimal)), None)
     if first is None:
         raise ValueError(f"{name}: there are no rows of numbers" if rows else f"{name}: the file is empty")
-    return rows[:first], Body([at for at, _ in rows[first:]], texts=[row for _, row in rows[first:]])
+    return rows[:first], TableBody([at for at, _ in rows[first:]], texts=[row for _, row in rows[first:]])
 
 
 def _heading(above: Rows, width: int, options: LogOptions) -> list[str]:

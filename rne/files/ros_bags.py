@@ -16,7 +16,7 @@ from typing import Any
 
 from ..basics.archive import FREE, LARGEST, RATIO, TooLargeError, most_unpacked
 from ..basics.text import MAX_NAME, cut
-from .tables import Body, as_number
+from .tables import TableBody, as_number
 
 Message = tuple[int, Sequence[str], Sequence[Sequence[float]]]  # time [ns], joints, and their q, qd, tau
 
@@ -30,7 +30,7 @@ KINDS = {b"#ROSBAG V2.0\n": ".bag", b"SQLite format 3\0": ".db3", b"\x89MCAP": "
 CHUNK = 6  # kind of a record of MCAP
 
 
-def echoed(name: str, body: Body) -> Iterator[Message]:
+def echoed(name: str, body: TableBody) -> Iterator[Message]:
     """Columns of `ros2 topic echo --csv`: seconds, nanoseconds, frame, names, positions, velocities, efforts."""
     for at, row in zip(body.places, body.texts, strict=True):
         (*stamp, _), fields, parts = row[:3], row[3:], list[list[float]]()
@@ -46,7 +46,7 @@ def echoed(name: str, body: Body) -> Iterator[Message]:
         yield int(stamp[0]) * 10**9 + int(stamp[1]), names, parts
 
 
-def rostopic(name: str, heading: Sequence[str], body: Body) -> Iterator[Message]:
+def rostopic(name: str, heading: Sequence[str], body: TableBody) -> Iterator[Message]:
     """Columns of `rostopic echo -p`, such as field.position0; times are those of headers, or of receipt."""
     fields = ("name", "position", "velocity", "effort")
     places = [[k for k, x in enumerate(heading) if re.fullmatch(rf"field\.{field}\d+", x)] for field in fields]

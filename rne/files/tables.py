@@ -56,7 +56,7 @@ class Samples(NamedTuple):
     tau: Array | None = None
 
 
-class Body(NamedTuple):
+class TableBody(NamedTuple):
     """Rows below the names of columns: their numbers in the file, and an array of finite numbers, or texts."""
 
     places: Sequence[int]
@@ -168,7 +168,7 @@ def read_samples(
     return Samples(t, **{x: np.column_stack([read[f"{x}.{joint}"] for joint in joint_names]) for x in kinds})
 
 
-def _below_heading(name: str, text: str, separator: str, decimal: str) -> tuple[tuple[int, list[str]], Body]:
+def _below_heading(name: str, text: str, separator: str, decimal: str) -> tuple[tuple[int, list[str]], TableBody]:
     """The row with the names of columns, which comments may stand between, and the rows below it."""
     above, body = numeric_block(text, separator, decimal) or (text, None)
     rows = _below_comments(csv_rows(name, above, separator))
@@ -176,7 +176,7 @@ def _below_heading(name: str, text: str, separator: str, decimal: str) -> tuple[
         rows, body = _below_comments(csv_rows(name, text, separator)), None
     if not rows:
         raise ValueError(f"{name}: the file is empty")
-    return rows[0], body or Body([at for at, _ in rows[1:]], texts=[fields for _, fields in rows[1:]])
+    return rows[0], body or TableBody([at for at, _ in rows[1:]], texts=[fields for _, fields in rows[1:]])
 
 
 def _below_comments(rows: list[tuple[int, list[str]]]) -> list[tuple[int, list[str]]]:
@@ -223,7 +223,7 @@ def csv_rows(name: str, text: str, separator: str = ",") -> list[tuple[int, list
         raise ValueError(f"{name}, row {reader.line_num}: is not CSV ({error})") from None
 
 
-def numeric_block(text: str, separator: str = ",", decimal: str = ".") -> tuple[str, Body] | None:
+def numeric_block(text: str, separator: str = ",", decimal: str = ".") -> tuple[str, TableBody] | None:
     """The text above a table of finite decimal numbers, and this table; None if there is anything else in it.
 
     SciPy's reader of Matrix Market files takes a quarter of the time of `numpy.loadtxt`, and stops at the end of each
@@ -262,7 +262,7 @@ def numeric_block(text: str, separator: str = ",", decimal: str = ".") -> tuple[
     except (ValueError, OverflowError):
         return None
     first = text.count("\n", 0, start) + 1
-    return (text[:start], Body(range(first, first + count), numbers)) if np.isfinite(numbers).all() else None
+    return (text[:start], TableBody(range(first, first + count), numbers)) if np.isfinite(numbers).all() else None
 
 
 def _wanted(

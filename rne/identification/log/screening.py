@@ -174,7 +174,7 @@ class CleanRecord(ReadOnlyArrays):
     >>> q = np.sin(2 * np.pi * np.outer(t, [0.5, 1.0]))
     >>> clean = rne.identification.Record(np.delete(t, 9), np.delete(q, 9, axis=0), np.cos(q[1:])).cleaned
     >>> len(clean.t), [finding.kind for finding in clean.findings]
-    (2000, [])
+    (2000, ['missing samples'])
     """
 
     name: str
