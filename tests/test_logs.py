@@ -97,6 +97,8 @@ def test_tables_that_are_read_at_once_are_those_that_are_read_by_entry(separator
             assert (found[0], found[1].places) == ("# t q tau\n", range(2, 8))
             at_once.add(entry)
     assert at_once >= {"7", "1e5", "-0", "007"}
+    moved = [*map(separator.join, [["1", "2"], ["1", "2", "3", "4"], ["1", "2", "3"]])]  # nine entries of three rows
+    assert numeric_block("\n".join(["a", "1 2 3".replace(" ", separator), *moved]), separator, decimal) is None
     as_they_are = [separator.join(f"{x!r}".replace(".", decimal) for x in line) for line in numbers.tolist()]
     above, read = numeric_block("\r\n".join(["a", *as_they_are]), separator, decimal)
     assert above == "a\r\n"
@@ -865,6 +867,15 @@ def test_bags(suffix, tmp_path, monkeypatch):
             Record.from_log(path)
 
 
+def test_messages_that_an_index_counts_and_does_not_find_are_missed(tmp_path, monkeypatch):
+    path = bag(tmp_path / "log.db3")
+    storage = pytest.importorskip("rosbags.rosbag2.storage_sqlite3").Sqlite3Reader
+    read = storage.messages
+    monkeypatch.setattr(storage, "messages", lambda reader, own: itertools.islice(read(reader, own), len(T) - 1))
+    with exactly(f"{path}: is damaged or cut off (1 of 200 messages cannot be found; mend its index)"):
+        Record.from_log(path)
+
+
 def test_bags_are_known_by_their_first_bytes(tmp_path):
     path = bag(tmp_path / "log.mcap")
     same(Record.from_log(path.rename(tmp_path / "log.dat")))
@@ -942,11 +953,14 @@ def test_what_json_leaves_out_is_missing(tmp_path):
         {"t": t, "q": q, "tau": tau} for t, q, tau in zip(T.tolist(), Q[:, 0].tolist(), TAU[:, 0].tolist(), strict=True)
     ]
     rows[20]["q"], rows[30]["q"] = None, float("nan")
-    del rows[40]["tau"]
+    del rows[40]["tau"], rows[0]["tau"]
     (path := tmp_path / "log.jsonl").write_text("\n".join(map(json.dumps, rows)))
     record = Record.from_log(path)
     assert np.flatnonzero(np.isnan(record.q[:, 0])).tolist() == [20, 30]
-    assert np.flatnonzero(np.isnan(record.tau[:, 0])).tolist() == [40]
+    assert np.flatnonzero(np.isnan(record.tau[:, 0])).tolist() == [0, 40]
+    path.write_text("\n".join(json.dumps({"t": k, f"q_{k}": 1}) for k in range(4000)))  # names grow with the rows
+    with pytest.raises(ValueError, match=rf"^{re.escape(str(path))}: its arrays take more than \d+ bytes"):
+        Record.from_log(path)
 
 
 @pytest.mark.parametrize("is_json", [False, True])
