@@ -857,10 +857,7 @@ def couplings(rest: FitResiduals, j: int, gain: Callable[[Array, Array], float])
     def nearest(start: float, of_torques: bool) -> float:
         return float(start * minimize_scalar(lambda x: -fitted(x * start, of_torques), **thresholds.COUPLING_SEARCH).x)
 
-    starts = {sign * k: fitted(sign * k, False) for sign in (1, -1) for k in thresholds.COUPLINGS}
-    start = max(starts, key=starts.__getitem__)
-    if starts[start] <= 0:  # a ratio that is half or twice the true one explains most of it
-        return
+    start = max((sign * k for sign in (1, -1) for k in thresholds.COUPLINGS), key=lambda k: fitted(k, False))
     k = nearest(start, False)
     if of_torques := fitted(k, True) > fitted(k, False):
         k = nearest(k, True)
