@@ -8,9 +8,9 @@ import pytest
 
 import rne
 from rne.identification import Record
+from rne.identification.check import without_gaps
 from rne.identification.fit.equations import BEYOND, beyond_limits, locked_text, of_named_joints
 from rne.identification.fit.least_squares import least_squares
-from rne.identification.result import without_gaps
 from rne.model.parameters import pseudo_inertia
 
 from . import faulty_logs as faults

@@ -1,5 +1,6 @@
 """From measurements to a model: motions that excite it, records of motions, their fit, and how far to trust it."""
 
+from .check import Check
 from .diagnosis.compare_models import ModelComparison, compare_models
 from .diagnosis.hypotheses import Cause, Hypothesis
 from .diagnosis.rigid_body_test import Consistency, EnergyBalance
@@ -13,7 +14,7 @@ from .log.record import Record
 from .log.screening import CleanRecord, RecordFinding
 from .payload import PayloadEstimate, identify_payload
 from .pipeline import assemble, diagnose, identify, regression
-from .result import Check, Identification
+from .result import Identification
 
 __all__ = [
     "Bias",

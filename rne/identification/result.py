@@ -24,6 +24,7 @@ from ..model.parameters import PARAMETERS, pseudo_inertia, with_parameters
 from ..model.standard_parameters import DriveModel, StandardParameters
 from ..robot import Robot
 from . import thresholds
+from .check import Check
 from .diagnosis.hypotheses import GEARS, Cause
 from .diagnosis.rigid_body_test import Consistency, certified
 from .fit.consistent import expected_sizes, model_prior
@@ -64,8 +65,6 @@ if TYPE_CHECKING:
     from ..simulation.scene import Scene
     from ..simulation.springs import JointSpring, Spring, Springs
 
-LOOK = (("0.7", 3.0), ("C0", 1.2), ("C3", 1.0))  # colour and width of measured, predicted and residual torques
-GAP = 1.5  # times the usual step, over which no line is drawn
 NOT_CONSISTENT = "parameters are those of least squares, as with `consistent=False`"  # start of a note
 NOT_SOUGHT = "causes of what is left were not looked for, as `causes` says"  # a note
 NAMED = 3  # causes that a warning names
@@ -1072,150 +1071,3 @@ def bodies_text(found: Identification) -> str:
             "zeros of the measurements may be wrong, friction or rotors missing, or the prior too narrow (`prior_std`)."
         )
     return "\n".join([*aligned(rows), worth])
-
-
-@dataclass(frozen=True, eq=False)
-class Check(InNotebooks):
-    """Torques predicted for a measured motion beside the measured ones, by `Identification.check`.
-
-    Attributes
-    ----------
-    name : str
-        What the motion is called.
-    joint_names, units : tuple of str
-        Of the joints; "N m" or "N".
-    t : ndarray, shape (R,)
-        Times [s].
-    qd : ndarray, shape (R, n)
-        Joint velocities after the filter [rad/s or m/s].
-    measured, predicted : ndarray, shape (R, n)
-        Torques after the filter [N m or N].
-    valid : ndarray of bool, shape (R, n)
-        False where a torque was not measured properly.
-    std : ndarray, shape (R, n)
-        Standard deviations of measured torques about the predicted ones, as of `predict` [N m or N].
-
-    Examples
-    --------
-    >>> import numpy as np, rne
-    >>> robot, t = rne.load("irb140"), np.arange(0, 10, 0.002)
-    >>> q, qd, qdd = rne.trajectories.quintic([0] * 6, [1] * 6, 10.0)(t)
-    >>> record = rne.identification.Record(t, q, robot.inverse_dynamics(q, qd, qdd))
-    >>> check = rne.identify(robot, record, consistent=False).check(record)
-    >>> bool((check.relative < 1e-3).all())
-    True
-    >>> print(check.report().splitlines()[0].split("  ")[0])
-    motion record
-    >>> len(check.plot().axes)
-    12
-    """
-
-    name: str
-    joint_names: tuple[str, ...]
-    units: tuple[str, ...]
-    t: Array
-    qd: Array
-    measured: Array
-    predicted: Array
-    valid: Array
-    std: Array
-
-    def __repr__(self) -> str:
-        worst = 100 * np.nanmax(self.relative, initial=0)
-        return wrapped(f"Check(motion {self.name!r}, {len(self.t)} samples, error at most {worst:.3g} %)")
-
-    @property
-    def rms(self) -> Array:
-        """Root mean square of predicted less measured torque of each joint, NaN without any, (n,) [N m or N]."""
-        rows = np.where(self.valid.any(0), self.valid.sum(0), np.nan)
-        errors: Array = np.sqrt((((self.predicted - self.measured) * self.valid) ** 2).sum(0) / rows)
-        return errors
-
-    @property
-    def relative(self) -> Array:
-        """|predicted - measured| / |measured| of each joint, NaN without any, shape (n,)."""
-        rows = np.maximum(self.valid.sum(0), 1)
-        size = np.sqrt(((self.measured * self.valid) ** 2).sum(0) / rows)
-        return np.asarray(self.rms / np.maximum(size, thresholds.TINY))
-
-    @property
-    def r_squared(self) -> Array:
-        """Coefficient of determination of each joint, NaN without any torque, shape (n,)."""
-        rows = np.where(self.valid.any(0), self.valid.sum(0), np.nan)
-        mean = (self.measured * self.valid).sum(0) / rows
-        variance = (((self.measured - mean) * self.valid) ** 2).sum(0) / rows
-        return np.asarray(1 - self.rms**2 / np.maximum(variance, thresholds.TINY))
-
-    @property
-    def covered(self) -> Array:
-        """Share of the torques of each joint within the 95 % band, NaN where none has a finite one, shape (n,)."""
-        rows = self.valid & np.isfinite(self.std)
-        within = (np.abs(self.measured - self.predicted) <= thresholds.BAND * self.std) & rows
-        return np.asarray(within.sum(0) / np.where(rows.any(0), rows.sum(0), np.nan))
-
-    def report(self) -> str:
-        """A table of the errors and of what the 95 % band covers, joint by joint.
-
-        Returns
-        -------
-        str
-            A line for each joint, and of joints that a constant torque predicts better that it does.
-        """
-        columns = ("rms error [N m or N]", "relative [%]", "R^2", "within the 95 % band [%]")
-        rows, values = [Row(f"motion {short(self.name)}", columns, words=True)], (self.rms, self.relative)
-        for joint, rms, part, r2, share in zip(self.joint_names, *values, self.r_squared, self.covered, strict=True):
-            within = "-" if np.isnan(share) else f"{100 * share:.0f}"
-            rows.append(Row(f"  {short(joint)}", (f"{rms:.4g}", f"{100 * part:.1f}", f"{r2:.4f}", within)))
-        worse = [name for name, r2 in zip(self.joint_names, self.r_squared, strict=True) if r2 < 0]
-        text = (
-            f"a constant torque predicts {listed(worse)} better: are units, zero and order those of the fitted records?"
-        )
-        return "\n".join([*aligned(rows), *[text] * bool(worse)])
-
-    def plot(self) -> Figure:
-        """Measured and predicted torque and their difference over time, and the difference over speed, by joint.
-
-        Returns
-        -------
-        matplotlib.figure.Figure
-            With the 95 % band of measured torques about the predicted ones, where it is finite;
-            `figure.savefig("torques.png")` writes it to a file.
-        """
-        from ..plotting.plots import HIDDEN, figure_of, legend_beside, literal, panels, plot_columns, style_axes
-
-        grid = panels(2 * self.measured.shape[1], f"Torques of {self.name}", 2, height=1.5)
-        band = thresholds.BAND * np.where(np.isfinite(self.std), self.std, np.nan)
-        t, measured, predicted, band = without_gaps(self.t, self.measured, self.predicted, band)
-        shown = {"measured": measured, "predicted": predicted, "residual": measured - predicted}
-        for j, (ax, over_speed) in enumerate(zip(grid[::2], grid[1::2], strict=True)):
-            ends = predicted[:, j] - band[:, j], predicted[:, j] + band[:, j]
-            ax.fill_between(
-                t, *ends, color=LOOK[1][0], alpha=0.25, linewidth=0, label="95 % band" if j == 0 else HIDDEN
-            )
-            for (label, values), (color, width) in zip(shown.items(), LOOK, strict=True):
-                plot_columns(ax, t, values[:, [j]], [label if j == 0 else HIDDEN], [color], linewidth=width)
-            style_axes(ax, f"[{self.units[j]}]")
-            ax.set_title(literal(short(self.joint_names[j])), loc="left", fontsize="small", pad=2)
-            valid = self.valid[:, j]
-            residual, own = (self.measured - self.predicted)[valid, j], thresholds.BAND * self.std[valid, j]
-            known = np.isfinite(own)
-            for side in (-own, own):
-                over_speed.plot(self.qd[valid, j][known], side[known], ".", color=LOOK[1][0], markersize=1, alpha=0.4)
-            over_speed.plot(self.qd[valid, j], residual, ".", color=LOOK[2][0], markersize=2)
-            largest = 1.1 * max(np.abs(residual).max(initial=0), np.median(own[known]) if known.any() else 0.0)
-            over_speed.set_ylim(-largest or None, largest or None)
-            style_axes(over_speed, "")
-            unit = "rad/s" if self.units[j] == "N m" else "m/s"
-            over_speed.set_title(f"residual over velocity [{unit}]", loc="left", fontsize="small", pad=2)
-            over_speed.set_xlabel("")
-        legend_beside(grid[0])
-        figure = figure_of(grid)
-        figure.align_ylabels(grid[::2])
-        return figure
-
-
-def without_gaps(t: Array, *columns: Array) -> list[Array]:
-    """Times and columns with an undefined sample in each gap, so that no line crosses it."""
-    steps = np.diff(t)
-    gaps = np.flatnonzero(steps > GAP * np.median(steps)) + 1 if len(steps) else np.zeros(0, int)
-    return [np.insert(t, gaps, t[gaps - 1]), *(np.insert(column, gaps, np.nan, axis=0) for column in columns)]
