@@ -14,7 +14,7 @@ import rne
 from rne.__main__ import main, parser
 from rne.commands.identifying import _record
 from rne.files.log_columns import _meaning as meaning
-from rne.files.tables import as_number, numeric_block
+from rne.files.tables import as_number, numeric_block, read_samples
 from rne.identification import Record
 
 JOINTS = ("shoulder", "elbow", "wrist")
@@ -607,6 +607,21 @@ def test_dates_and_rows_above_the_names(tmp_path):
     same(Record.from_log(path), velocities=False)
 
 
+def test_entries_are_left_out_in_the_first_rows(tmp_path):
+    """Such rows are no names of columns; times of points without times are not read."""
+    path = table(tmp_path / "log.csv", ["t", *names_of("q", "tau")], T, Q, TAU)
+    lines = path.read_text().splitlines()
+    lines[1:3] = [f"{T[0]}" + "," * 6, f"{T[1]},{Q[1, 0]}" + "," * 5]
+    path.write_text("\n".join(lines))
+    for record in (Record.from_csv(path, JOINTS), Record.from_log(path)):
+        assert (len(record.t), np.isnan(record.q).sum(), np.isnan(record.tau).sum()) == (len(T), 5, 6)
+        np.testing.assert_array_equal(record.q[2:], Q[2:])
+    for times in (("", ""), ("home", "pick"), ("1", "0")):
+        path.write_text("t,q.a,q.b\n" + "".join(f"{t},0.{k},0.2\n" for k, t in enumerate(times)))
+        points = read_samples(path, ["a", "b"], needed=["q"], timed=False)
+        assert (points.t.tolist(), points.q.tolist()) == ([0, 1], [[0.0, 0.2], [0.1, 0.2]])
+
+
 def test_entries_in_quotes(tmp_path):
     path = table(tmp_path / "log.csv", ["t", *names_of("q", "tau")], T, Q, TAU)
     path.write_text('"' + path.read_text().strip().replace(",", '","').replace("\n", '"\n"') + '"')
@@ -738,6 +753,24 @@ def test_arguments_that_do_not_belong_are_refused(tmp_path):
         Record.from_log(tmp_path)
 
 
+def test_units_of_joints_may_be_of_torques_forces_and_currents(tmp_path):
+    """Currents need gains, wherever they stand; where a joint has two of these, currents and forces are not read."""
+    path = tmp_path / "log.csv"
+    for units, gains in ((("A", "Nm"), [2.0, 1.0]), (("Nm", "A"), [1.0, 2.0]), (("A", "N"), [2.0, 1.0])):
+        names = ["t", "pos_a [rad]", "pos_b [m]", *(f"effort_{x} [{u}]" for x, u in zip("ab", units, strict=True))]
+        table(path, names, T, Q[:, :2], TAU[:, :2])
+        with pytest.raises(ValueError, match=r"'effort_a .*' to 'effort_b .*' are currents, not torques; give `gains`"):
+            Record.from_log(path)
+        record = Record.from_log(path, gains=gains)
+        assert (record.joint_names, guesses(record)) == (("a", "b"), [])
+        np.testing.assert_array_equal(record.tau, TAU[:, :2] * gains)
+    names = ["t", "q_1", "q_2", "torque_1 [Nm]", "torque_2 [Nm]", "current_2 [A]", "force_2 [N]"]
+    record = Record.from_log(table(path, names, T, Q[:, :2], TAU[:, :2], T, T))
+    np.testing.assert_array_equal(record.tau, TAU[:, :2])
+    names = ["t", "q.arm", "q.hand", "torque.arm", "current.hand"]  # of which none says what the numbers are
+    assert Record.from_log(table(path, names, T, Q[:, :2], TAU[:, 0], T)).joint_names == ("arm",)
+
+
 # Messages
 
 
@@ -759,6 +792,8 @@ def test_ros_2_echo(tmp_path):
         "as of ros2 topic echo --csv, times from the first message on, at 1700000000.123 s; t: "
     )
     same(Record.from_log(echoed(tmp_path / "log.csv", lambda k: np.roll([0, 1, 2], k).tolist())))
+    by_number = {"t": 0, "q": [1, 2, 3], "qd": [4, 5, 6], "tau": [7, 8, 9]}
+    same(Record.from_log(tmp_path / "log.csv", columns=by_number))
     bare = tmp_path / "bare.csv"  # without velocities, of which an empty entry is left
     bare.write_text(
         "\n".join(
@@ -792,6 +827,9 @@ def test_ros_1_echo(stamped, tmp_path):
     path = tmp_path / "log.csv"
     path.write_text("\n".join([",".join(heading), *rows]))
     same(Record.from_log(path))
+    numbered = [row.replace(",,", ",0,").replace(",".join(JOINTS), "1,2,3") for row in rows]  # numbers alone
+    path.write_text("\n".join([",".join(heading), *numbered]))
+    same(Record.from_log(path, joints=["1", "2", "3"]), ("1", "2", "3"))
     path.write_text("\n".join([",".join(heading), *rows[:-1], rows[-1][: len(rows[-1]) // 2]]))
     with pytest.raises(ValueError, match=rf"^{re.escape(str(path))}, row 201: must have 16 entries, got \d+; {CUT}$"):
         Record.from_log(path)

@@ -156,7 +156,7 @@ def _in_units(
         guesses.append(("positions are in degrees, as most pass two turns", 'else give units={"q": "rad"}'))
         units["q"] = "deg"
     are_currents = np.isin(np.asarray(units["tau"], dtype=object), ["A", "mA"]).any()
-    if options.gains is None and (are_currents or meanings[kinds["tau"][0]].kind == "current"):
+    if options.gains is None and (are_currents or any(meanings[x].kind == "current" for x in kinds["tau"])):
         cure = "give `gains` [N m/A]; gains=1 keeps currents, for `rne.identify_drive_gains`"
         motors = "at motors behind gears, Record.from_motors takes `drive_gains`"
         raise ValueError(f"{place}: {_span(kinds['tau'])} are currents, not torques; {cure}; {motors}")
@@ -287,13 +287,11 @@ def _by_joint(place: str, log: Log, meanings: Mapping[str, Meaning], options: Lo
     guesses = Guesses()
     found, asked, both = _by_meaning(place, log, meanings, options)
     left = _not_commands(found, asked, list(log.columns), guesses)
-    if "tau" not in options.given and not found["current"]:
-        found["tau"] |= _forces(place, found, meanings, options, guesses)
-    for kind in ("t", "q", "qd", "tau" if found["tau"] else "current"):
+    for kind in ("t", "q", "qd", *_torques(place, found, meanings, options, guesses)):
         if kind in both and kind not in options.given:
             raise ValueError(f"{place}: columns {both[kind]}")
     for kind, what in (("q", "positions"), ("tau", "torques or currents")):
-        if not found[kind] and not (kind == "tau" and found["current"]):
+        if not found[kind]:
             alike = [name for name in left if TORQUES.get(asked[name].kind, "q") == kind]
             looks = f"; {_span(alike)} look like commands or errors" if alike else ""
             there = listed_names(list(log.columns), LISTED)
@@ -336,13 +334,35 @@ def _by_meaning(
     return found, asked, both
 
 
-def _forces(
+def _torques(
     place: str, found: Columns, meanings: Mapping[str, Meaning], options: LogOptions, guesses: Guesses
+) -> list[str]:
+    """Take currents and forces for torques where no joint has two of these, and return which of them there are.
+
+    Beside each other torques and currents need units.
+    """
+    kinds = [kind for kind in ("tau", "current") if found[kind]][:1]
+    found["tau"] = tau = dict(found[kinds[0]] if kinds else {})
+    for kind in ("current", "force") if "tau" not in options.given else ():
+        own = {x: name for x, name in found[kind].items() if x in found["q"]}
+        is_clear = "current" not in (kind, *kinds) or all(meanings[x].unit for x in [*tau.values(), *own.values()])
+        if own and is_clear and own.keys().isdisjoint(tau):
+            tau |= own if kind == "current" else _forces(place, own, found["q"], meanings, options, guesses)
+            kinds.append(kind)
+    return kinds
+
+
+def _forces(
+    place: str,
+    forces: dict[str, str],
+    q: Mapping[str, str],
+    meanings: Mapping[str, Meaning],
+    options: LogOptions,
+    guesses: Guesses,
 ) -> dict[str, str]:
     """Forces by joint, which are the torques of joints that slide."""
-    forces = {x: name for x, name in found["force"].items() if x in found["q"] and x not in found["tau"]}
     unit = options.units.get("q") if isinstance(options.units, Mapping) else None
-    units = {x: unit if isinstance(unit, str) else meanings[found["q"][x]].unit for x in forces}
+    units = {x: unit if isinstance(unit, str) else meanings[q[x]].unit for x in forces}
     if turning := [name for x, name in forces.items() if units[x] in ("rad", "deg")]:
         cure = 'if they are torques, give columns={"tau": ...}'
         raise ValueError(f"{place}: {_span(turning)} are forces, and the positions of their joints angles; {cure}")
@@ -389,7 +409,7 @@ def _same_joints(
     Names come before numbers, and numbers before the order in the file, unless the columns are given.
     """
     joints, are_given = options.joints, {"q", "tau"} <= options.given.keys()
-    there = {"q": found["q"], "tau": found["tau"] or found["current"], "qd": found["qd"]}
+    there = {kind: found[kind] for kind in ("q", "tau", "qd")}
     of, key = _by_names(there, are_given, guesses)
     common = _chosen(place, there, of, key, options, guesses)
     alone = [joint for joint in of["q"] if joint not in of["tau"]]

@@ -170,14 +170,15 @@ def _text(path: Path, options: LogOptions) -> Log:
         if re.match(beginning, text):
             raise ValueError(f"{path}: is {what}")
     text, separator, decimal = formatted(text, options.separator, options.decimal)
-    above, body = numeric_block(text, separator, decimal) or (text, None)
+    is_rostopic = "field.position0" in text.partition("\n")[0]  # names of joints may be numbers
+    above, body = (not is_rostopic and numeric_block(text, separator, decimal)) or (text, None)
     rows = csv_rows(name, above, separator)
     if body is None:
         rows, body = _split(name, _without_lists(name, rows), decimal)
-    heading, first = _heading(rows, body.width, options), next(iter(body.texts), ())
-    if not heading and len(first) > 4 and first[1].isdigit() and math.isnan(as_number(first[3])):
+    are_named, first = rows or isinstance(options.columns, Sequence), next(iter(body.texts), ())
+    if not are_named and len(first) > 4 and first[1].isdigit() and math.isnan(as_number(first[3])):
         return _states(name, echoed(name, body), options.joints, "as of ros2 topic echo --csv")
-    if not heading:
+    if not (heading := _heading(rows, body.width, options)):
         cure = 'columns=["t", "q.shoulder", "tau.shoulder"], with "" for one to ignore'
         raise ValueError(f"{name}: the names of its {body.width} columns are missing; give them, such as {cure}")
     _check_names(name, heading)
@@ -305,12 +306,12 @@ def _states(place: str, messages: Iterable[Message], joints: Sequence[str] | Non
     if not found:
         there = " and ".join(map(listed_names, islice(groups, LISTED))) or "no message"
         raise ValueError(f"{place}: no message has all of `joints`, {listed_names(joints or ())}; there is {there}")
-    start, columns = found[0][0], dict[str, Array]()
+    start = found[0][0]
+    columns = {"t": np.array([(ns - start) / 1e9 for ns, *_ in found])}
     for k, quantity in enumerate(("q", "qd", "tau")):
         for joint in (joints or found[0][1]) if any(x[k] for *_, x in found) else ():
             numbers = [x[k][order[joint]] if x[k] else math.nan for _, order, x in found]
             columns[f"{quantity}.{joint}"] = np.array(numbers, float)
-    columns["t"] = np.array([(ns - start) / 1e9 for ns, *_ in found])
     return Log(columns, (f"{said}, times from the first message on, at {start / 1e9:.3f} s",), "s")
 
 

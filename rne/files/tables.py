@@ -237,7 +237,8 @@ def numeric_block(text: str, separator: str = ",", decimal: str = ".") -> tuple[
         found = sum(math.isfinite(as_number(x, decimal)) for x in entries)
         if found == len(entries):
             break
-        if 2 * found >= len(entries):  # a row with something else in it
+        filled = sum(bool(x.strip()) for x in entries)
+        if 2 * found >= filled > 0:  # a row with something else in it, or with entries left out
             return None
         start += len(line)
     else:
@@ -278,7 +279,7 @@ def _wanted(
         hint += ", or read the file by rne.identification.Record.from_log"
     if timed and "t" not in columns:
         raise MissingColumn(f"{place}: there is no column 't'; there are {listed_names(columns)}{hint}")
-    wanted = ["t"]
+    wanted = ["t"] * timed
     for quantity in QUANTITIES:
         own = [f"{quantity}.{joint}" for joint in joint_names]
         missing = [column for column in own if column not in columns]
