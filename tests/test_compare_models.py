@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import rne
-from rne.identification import thresholds
+from rne.identification import Hypothesis, thresholds
 from rne.identification.diagnosis.compare_models import TorqueDifference, other_inertias, states_in_range
 from rne.identification.diagnosis.conventions import conventions
 from rne.model.parameters import parameters_of
@@ -193,6 +193,46 @@ def test_a_zero_that_no_torque_feels_is_not_told():
     shift = np.array([0.03, 0.02, 0.4])
     found = rne.compare_models(arm, lambda q, qd, qdd: arm.inverse_dynamics(q + shift, qd, qdd))
     assert found.text == "zero positions differ: its zero is joint_4 at 0.03, joint_5 at 0.02 [rad or m] of this robot"
+
+
+def cables(arm):
+    """A torque sin(3 q) at each joint, as a family."""
+
+    def text(c, j, m):
+        return f"a cable of {c[0]:.3g} N m pulls {arm.joint_names[j]}"
+
+    columns = lambda q, qd, qdd: np.sin(3 * q)[..., None] * np.eye(arm.n)  # noqa: E731
+    return Hypothesis("cable", columns, text, arm.joint_names, numbers="each")
+
+
+@pytest.mark.parametrize("gravity", [0.0, 0.1])
+def test_a_family_of_joints_is_tried_joint_by_joint(irb140, gravity):
+    """Alone, and together with another change."""
+
+    def other(q, qd, qdd):
+        pulled = 3 * np.sin(3 * q) * np.eye(6)[3]
+        return irb140.inverse_dynamics(q, qd, qdd) + pulled + gravity * irb140.gravity_torque(q)
+
+    found = rne.compare_models(irb140, other, hypotheses=[cables(irb140)])
+    assert found.cause == ("gravity magnitude and cable" if gravity else "cable")
+    assert "a cable of 3 N m pulls joint_4" in found.text
+
+
+def test_a_hypothesis_of_some_of_the_states_stands_beside_another(irb140):
+    rng = np.random.default_rng(0)
+    q, qd, qdd = rng.uniform(-1, 1, (200, 6)), rng.normal(size=(200, 6)), rng.normal(size=(200, 6))
+    late, pulled = np.arange(200) >= 100, np.sin(3 * q) * np.eye(6)[3]
+    tau = irb140.inverse_dynamics(q, qd, qdd) + 3 * pulled * late[:, None] + 0.1 * irb140.gravity_torque(q)
+    cable = Hypothesis("cable", pulled[..., None], lambda c, j, m: f"{c[0]:.3g}", masks=late[None])
+    found = rne.compare_models(irb140, (q, qd, qdd, tau), hypotheses=[cable])
+    assert found.cause == "gravity magnitude and cable"
+
+
+def test_a_family_has_as_many_columns_for_each_joint(irb140):
+    for joints in ((), irb140.joint_names[:4]):
+        family = replace(cables(irb140), joints=joints)
+        with pytest.raises(ValueError, match=f"got 6 columns for {len(joints)} joints"):
+            rne.compare_models(irb140, lambda *x: 2 * irb140.inverse_dynamics(*x), hypotheses=[family])
 
 
 def test_joints_without_limits_are_compared_over_a_turn_and_sliders_over_0_6_m():

@@ -213,3 +213,33 @@ def test_models_are_compared_where_some_conventions_have_no_position(name):
     torques = other.inverse_dynamics(motion.q, motion.qd, motion.qdd)
     found = rne.compare_models(robot, (motion.q, motion.qd, motion.qdd, torques))
     assert "load" in str(found) or "parameters" in str(found)
+
+
+def rooted():
+    """Three joints of the IRB 140, of which the third follows the second beyond 0.2 rad alone, by a square root."""
+    arm = rne.load("irb140").locked({"joint_4": 0, "joint_5": 0, "joint_6": 0})
+    return rne.Robot(coupled(arm.model, {"joint_3": (("joint_2",), lambda x: 0.3 * np.sqrt(x - 0.2))}))
+
+
+def test_a_joint_that_cannot_follow_at_zero_is_identified():
+    """Neither the size of rotors nor the ratio of the joint that follows is looked for where it has no position."""
+    robot = rooted()
+    t, w = np.arange(0, 10, 0.02), 2 * np.pi * np.array([0.3, 0.4])
+    wave, amplitude = np.outer(t, w), np.array([1.0, 0.4])
+    q, qd, qdd = amplitude * np.sin(wave) + [0, 0.9], amplitude * w * np.cos(wave), -amplitude * w**2 * np.sin(wave)
+    found = rne.identify(robot, Record(t, q, robot.inverse_dynamics(q, qd, qdd)), consistent=False)
+    assert found.unexplained.in_motion.max() < 1e-3  # of the filter and differences
+
+
+def test_models_are_compared_where_shifted_zeros_leave_the_range_of_a_joint_that_follows():
+    robot = rooted()
+    found = rne.compare_models(robot, lambda q, qd, qdd: robot.inverse_dynamics(0.9 * q + [0, 0.05], qd, qdd))
+    assert found.cause == "unknown"
+
+
+def test_base_parameters_of_a_driver_whose_range_is_beyond_half_a_turn():
+    arm = rne.load("irb140").locked({"joint_4": 0, "joint_5": 0, "joint_6": 0}).model
+    lower, upper = arm.lower.copy(), arm.upper.copy()
+    lower[1], upper[1] = 3.5, 4.5
+    far = coupled(replace(arm, lower=lower, upper=upper), {"joint_3": (("joint_2",), lambda x: 0.3 * np.sqrt(x - 3.3))})
+    assert rne.Robot(far).base_parameters().count == rooted().base_parameters().count

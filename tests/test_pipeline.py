@@ -116,3 +116,18 @@ def test_steps_are_taken_until_none_asks_for_another(scene):
     assert not fit.model.drives.rotor
     np.testing.assert_allclose(fit.model.delays, LATE, atol=3e-4)
     assert [cause.kind for cause in fit.modelled] == ["delay"]
+
+
+@pytest.mark.parametrize(
+    ("prior", "std", "text"),
+    [
+        ("geom", None, "`prior` must be an rne.Robot or 'geometry', got 'geom'"),
+        (rne.load("irb140"), None, "`prior` must have the joints"),
+        (None, 0.3, "`prior_std` is of a prior"),
+    ],
+)
+def test_a_prior_that_is_none_is_refused(scene, record, prior, std, text):
+    base = scene.robot.base_parameters(drives=DRIVES)
+    data = identification.regression(scene.robot, record, base, cutoff=5.0, folds=2)
+    with pytest.raises((TypeError, ValueError), match=text):
+        identification.fit_bodies(base, data, prior=prior, prior_std=std)

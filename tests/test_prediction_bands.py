@@ -12,6 +12,8 @@ from benchmarks import prediction_bands
 from benchmarks.measure import RESULTS
 from benchmarks.pages import filled
 from rne.identification import Record
+from rne.identification.fit.equations import blocks_of_time
+from rne.identification.prediction import repeated
 from rne.model.parameters import pseudo_inertia
 
 from .compiled_sources import c_library, call
@@ -165,6 +167,40 @@ def test_the_page_has_the_tables_of_the_results():
     found = json.loads((RESULTS / "prediction_bands.json").read_text(encoding="utf-8"))
     text = prediction_bands.PAGE.read_text(encoding="utf-8")
     assert filled(text, prediction_bands.tables(found)) == text
+
+
+def test_one_draw_is_a_draw(found):
+    one, two = found.draws(1), found.draws(2)
+    assert one.keys() == two.keys()
+    assert one["parameters"].shape == (1, 30)
+
+
+def test_bodies_that_are_not_possible_give_no_draws(found):
+    """A body with I_xx = 10, I_yy = I_zz = 1, which turns as a body may, but which no distribution of mass has."""
+    parameters = found.parameters.copy()
+    parameters[20:30] = [1.0, 0.0, 0.0, 0.0, 10.0, 0.0, 1.0, 0.0, 0.0, 1.0]
+    with pytest.raises(rne.IdentificationError, match="the bodies found are no possible ones"):
+        replaced(found, parameters).draws(3)
+
+
+def test_deviations_of_states_that_share_a_position(found):
+    (q, qd, qdd), _ = log(1, duration=0.2)
+    for x, y in zip(found.predict(q[:1], qd, qdd, std=True), found.predict(q[0], qd, qdd, std=True), strict=True):
+        np.testing.assert_array_equal(x, y)
+        assert x.shape == qd.shape
+
+
+def test_a_joint_that_only_trembles_makes_no_period_another_one():
+    """Blocks of the same motion are left out together, whatever noise a joint at rest has."""
+    again = []
+    for noise in (0.0, 2e-5):
+        t = np.arange(0, 12, 0.01)
+        q = np.sin(2 * np.pi * np.outer(t, [0.25, 0.5, 0.75]))
+        q[:, 0] = noise * np.random.default_rng(0).normal(size=len(t))
+        prepared = Record(t, q, q).prepare(5.0)
+        again.append(repeated([prepared], blocks_of_time([prepared], 10)))
+    np.testing.assert_array_equal(*again)
+    assert again[0].sum() > 20
 
 
 @pytest.mark.long

@@ -144,8 +144,8 @@ class PayloadEstimate(SetsResult):
         own, phi = np.s_[first : first + PARAMETERS], payload_parameters(self.payload)
         told = np.eye(PARAMETERS)[np.isfinite(self.estimate.errors[own])]
         root = told @ square_root(self.estimate.covariance[own, own])
-        scale = prior_scale(phi, thresholds.LOAD_STD, np.zeros(0))
         cure = "identify it with `consistent=True`"
+        scale = prior_scale(phi, thresholds.LOAD_STD, np.zeros(0), cure)
         return {"payload": possible_draws(phi, scale, np.s_[:PARAMETERS], told, root, count, seed, cure)}
 
     def report(self) -> str:

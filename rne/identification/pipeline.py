@@ -332,7 +332,7 @@ def identify(
     for name, given in (("prior", prior), ("prior_std", prior_std)):
         if given is not None and not consistent:
             raise ValueError(f"`{name}` is for the physically consistent fit: leave it out, or set `consistent=True`")
-    known = prior_robot(robot, prior) if consistent else None
+    known = prior_robot(robot.model, robot if prior is None else prior) if consistent else None
     if prior_std is not None:
         positive_number("prior_std", prior_std)
     records = checked_records(robot, records)

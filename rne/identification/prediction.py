@@ -22,7 +22,7 @@ from ..model.friction_laws import magnitude
 from ..model.parameters import PARAMETERS, pseudo_inertia
 from . import thresholds
 from .fit.consistent import TRACE, scaling
-from .fit.equations import Equations, RegressionData, blocks_of_time, solve
+from .fit.equations import RESTS, Equations, RegressionData, blocks_of_time, solve
 from .fit.least_squares import LeastSquares
 from .log.prepared import Prepared, rows_without
 
@@ -135,9 +135,11 @@ def repeated(records: Sequence[Prepared], blocks: Sequence[slice]) -> Array:
     """True for pairs of blocks of which a part has nearly the same positions and velocities, (blocks, blocks)."""
     from scipy.spatial import KDTree
 
-    states = np.concatenate([np.concatenate([r.q, r.qd], axis=1)[r.row_samples] for r in records])
-    size = states.std(0)
-    states /= np.where(size == 0, 1.0, size) * np.sqrt(states.shape[1])
+    moved = np.max([np.ptp(record.q, axis=0) for record in records], axis=0) > RESTS  # others differ by noise
+    states = np.concatenate([np.concatenate([r.q[:, moved], r.qd[:, moved]], axis=1)[r.row_samples] for r in records])
+    if not moved.any():
+        return np.zeros((len(blocks), len(blocks)), bool)
+    states /= states.std(0) * np.sqrt(states.shape[1])
     found = np.zeros((len(blocks), len(blocks)), bool)
     for k, block in enumerate(blocks):
         distances = KDTree(states[block]).query(states)[0]
@@ -168,8 +170,6 @@ def possible_draws(
     measurements do not determine, on which torques do not depend, is shortened until the bodies are possible.
     """
     whole_number("count", count, least=1)
-    if np.linalg.eigvalsh(pseudo_inertia(pi[bodies])).min(initial=np.inf) <= 0:
-        raise IdentificationError(f"the bodies found are no possible ones: {cure}")
     rng, A, found, tried = np.random.default_rng(seed), known @ scale, np.zeros((0, len(pi))), 0
     gain = np.linalg.solve(A @ A.T + root @ root.T, A).T
     determined = np.linalg.pinv(A, rcond=thresholds.DEPENDENT) @ A
@@ -188,8 +188,13 @@ def possible_draws(
     return found[:count]
 
 
-def prior_scale(bodies: Array, std: float, drives: Array) -> Array:
-    """Standard deviations, as columns, of parameters of bodies (10 nb,) to which others are alike, and of drives."""
+def prior_scale(bodies: Array, std: float, drives: Array, cure: str) -> Array:
+    """Standard deviations, as columns, of parameters of bodies (10 nb,) to which others are alike, and of drives.
+
+    An IdentificationError with the cure, if the bodies are not possible.
+    """
+    if np.linalg.eigvalsh(pseudo_inertia(bodies)).min(initial=np.inf) <= 0:
+        raise IdentificationError(f"the bodies found are no possible ones: {cure}")
     return scaling(pseudo_inertia(bodies), drives) * np.append(
         np.tile(std * np.where(TRACE, 1.0, np.sqrt(0.5)), len(bodies) // PARAMETERS), np.ones(len(drives))
     )

@@ -553,6 +553,7 @@ class Identification(InNotebooks):
 
     def _std(self, q: Array, qd: Array, qdd: Array, speed: Array | None = None) -> Array:
         """Standard deviations of torques; `speed` decides whether joints are in motion, |qd| if it is not given."""
+        q, qd, qdd = np.broadcast_arrays(q, qd, qdd)
         Y = self.initial.regressor(q, qd, qdd)
         drives = self._law.drive_columns(qd, qdd, self._law.load(Y, q, qdd, self.parameters))
         columns = np.concatenate([Y, drives, self._law.spring_columns(q)], axis=-1)
@@ -644,7 +645,7 @@ class Identification(InNotebooks):
         for k, error in zip(base.independent, self.estimate.errors, strict=True):
             if k >= bodies.stop and np.isfinite(error):
                 drives[k - bodies.stop] = thresholds.WIDE * error
-        scale = prior_scale(x[bodies], self.prior_std, drives)
+        scale = prior_scale(x[bodies], self.prior_std, drives, self._cure)
         known, root = self.bands.known @ base.matrix, self.bands.known @ self.bands.root
         found = possible_draws(x, scale, bodies, known, root, count, seed, self._cure)
         bounded = [k for k in range(bodies.stop, len(x)) if not names[k].startswith(("tau0", "c_"))]
@@ -652,7 +653,7 @@ class Identification(InNotebooks):
         law = self._law
         each = [replace(self, standard=law, parameters=own).scene().numbers for own in found]
         numbers = {name: np.array([own[name] for own in each]) for name in scene.numbers}
-        return {name: x for name, x in numbers.items() if (x != x[0]).any()}
+        return {name: x for name, x in numbers.items() if (x != scene.numbers[name]).any()}
 
     @cached_property
     def _law(self) -> StandardParameters:

@@ -235,5 +235,6 @@ NEAR = 0.2  # distance of a fitted coefficient from 0 or 1 at which a change wit
 FINALISTS = 3  # conventions, of those that few states choose, that all states judge; MODELS
 CONVENTIONS = 50_000  # orders, signs or zeros that are tried: all of eight joints
 CLEARLY = 1e-3  # of the largest zero of all joints that are fitted: one below it need not be another; MODELS
+NOWHERE = 1e3  # times the largest torque, of positions to which joints cannot follow; numerics
 EVALUATIONS, LAST_STEP = 100, 1e-15  # of a fit that is not linear (MODELS), and relative change at its end; numerics
 STARTS = 6  # likeliest changes of a body from which such a fit starts; MODELS

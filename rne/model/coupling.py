@@ -161,7 +161,7 @@ def with_ratio(model: Model, joint: str, factor: float) -> Model:
     i, found = model.moving_joints.index(joint), list(model.couplings)
     for k, (own, drivers, coupling) in enumerate(model.coupled_joints):
         if own == i:
-            graph, rest = Graph(), float(model.rest[i])
+            graph, rest = Graph(), float(np.nan_to_num(model.rest[i]))  # none where it cannot follow at zero
             position = rest + factor * (coupling.position(inputs(graph, (1, len(drivers)), 0)) - rest)
             found[k] = replace(coupling, program=lower(graph, references(graph, position), len(drivers)))
     ratios = np.where(np.arange(model.nb) == i, factor, 1.0)

@@ -174,5 +174,9 @@ def where_loops_close(model: Model, q: Array) -> Array:
     """Random coordinates, moved well inside the ranges of a robot with couplings."""
     if not model.couplings:
         return q
-    low, high = (np.clip(model.coordinate_limits()[name], -np.pi, np.pi) for name in ("lower", "upper"))
+    lower, upper = (model.coordinate_limits()[name] for name in ("lower", "upper"))
+    low, high = (np.clip(x, -np.pi, np.pi) for x in (lower, upper))
+    beyond = low == high  # ranges that begin after half a turn, or end before one in the other sense
+    low = np.where(beyond, np.maximum(lower, upper - 2 * np.pi), low)
+    high = np.where(beyond, np.minimum(upper, low + 2 * np.pi), high)
     return np.asarray((low + high) / 2 + 0.4 * (high - low) * np.sin(q))

@@ -17,6 +17,7 @@ import numpy as np
 from ...basics.arrays import positive_number
 from ...basics.spatial import Array, point_mass_inertia
 from ...basics.text import InNotebooks, Row, aligned, listed, short, six_digits, wrapped
+from ...errors import NotFiniteError
 from ...model.model import Model, joint_array
 from ...model.parameters import COLUMNS, PARAMETERS, ROWS
 from ...model.standard_parameters import MEASURED, StandardParameters
@@ -33,6 +34,7 @@ from .hypotheses import (
     gravity_columns,
     hypotheses_argument,
     judged,
+    members,
     of_joints,
     text_of,
     zero_columns,
@@ -306,6 +308,14 @@ def minimum(residual: Callable[[Array], Array], starts: Sequence[Any]) -> Array:
     return best
 
 
+def moved_load(data: TorqueDifference, q: Array, qd: Array, qdd: Array) -> Array:
+    """Torques at other positions; far from all others where joints that follow have no position."""
+    try:
+        return data.load(q, qd, qdd)
+    except NotFiniteError:
+        return np.full(q.shape, thresholds.NOWHERE * np.abs(data.tau).max(initial=1))
+
+
 def shifted_zeros(data: TorqueDifference, changes: Changes) -> Iterator[tuple[Hypothesis, int]]:
     """Another zero of each joint, of all joints, and of those whose zero then differs, from the nearest convention."""
     few, n = data.few, data.robot.n
@@ -321,10 +331,10 @@ def shifted_zeros(data: TorqueDifference, changes: Changes) -> Iterator[tuple[Hy
         places, (q, qd, qdd) = np.eye(n)[free], few.states
 
         def left(x: Array) -> Array:
-            return few.weighted(few.tau - few.load(q + x @ places, qd, qdd))
+            return few.weighted(few.tau - moved_load(few, q + x @ places, qd, qdd))
 
         zero = minimum(left, [start[free]]) @ places
-        torques = data.load(data.states[0] + zero, *data.states[1:]) - data.expected
+        torques = moved_load(data, data.states[0] + zero, *data.states[1:]) - data.expected
         return zero, (switch("joint zero", torques, zeros_text(data.names, zero), alternatives), len(free))
 
     for j in felt:
@@ -381,7 +391,7 @@ def changes_of_one_body(data: TorqueDifference) -> Iterator[tuple[Hypothesis, in
 
 def explanations(data: TorqueDifference, given: Sequence[Hypothesis]) -> list[Explanation]:
     """All hypotheses, the best first; two together only where none alone explains the difference."""
-    linear = [replace(h, columns=columns_of(data, h)) for h in (*hypotheses_of_models(data), *given)]
+    linear = [replace(h, columns=columns_of(data, h)) for h in (*hypotheses_of_models(data), *one_by_one(data, given))]
     changes = Changes(data, [h for h in linear if h.numbers == "switches"])
     linear = [h for h in linear if h.numbers != "switches"]
     found = [x for h in linear for x in explanation(data, h)]
@@ -391,6 +401,20 @@ def explanations(data: TorqueDifference, given: Sequence[Hypothesis]) -> list[Ex
     if not any(data.explains(left) and causes[0].kind != SEVERAL_BODIES for causes, left in found):
         found += two_together(data, [h for h in linear if h.kind != SEVERAL_BODIES], changes)
     return sorted(found, key=lambda x: (not data.explains(x[1]), -sum(cause.score for cause in x[0])))
+
+
+def one_by_one(data: TorqueDifference, given: Sequence[Hypothesis]) -> Iterator[Hypothesis]:
+    """The hypotheses, of families of joints each alone."""
+    for h in given:
+        for j, (joints, columns) in enumerate(members(data, h)) if h.numbers == "each" else ():
+
+            def text(c: Array, _: int = 0, m: int = 0, h: Hypothesis = h, j: int = j) -> str:
+                return text_of(h, c, j, m)
+
+            at, many = (float(np.broadcast_to(x, len(h.joints))[j]) for x in (h.at, h.alternatives))
+            yield replace(h, columns=columns, text=text, joints=joints, at=at, alternatives=many, numbers="all")
+        if h.numbers != "each":
+            yield h
 
 
 def explanation(data: TorqueDifference, h: Hypothesis, numbers: int = 0) -> Iterator[Explanation]:
@@ -404,7 +428,10 @@ def explanation(data: TorqueDifference, h: Hypothesis, numbers: int = 0) -> Iter
 
 def two_together(data: TorqueDifference, linear: Sequence[Hypothesis], changes: Changes) -> Iterator[Explanation]:
     """Each hypothesis, with the best change without free numbers beside it, and the best hypothesis of those after."""
-    few = [replace(h, columns=columns_of(data, h)[data.chosen]) for h in linear]
+    few = [
+        replace(h, columns=columns_of(data, h)[data.chosen], masks=None if h.masks is None else h.masks[:, data.chosen])
+        for h in linear
+    ]
     for i, h in enumerate(linear):
         beside = data.few.beside(data.few.weighted(columns_of(data.few, few[i])))
         later = [k for k in range(i + 1, len(few)) if may_act_together(h.kind, few[k].kind)]

@@ -158,7 +158,7 @@ class Hypothesis:
         How many hypotheses, such as times of a contact, this one is chosen from; of each joint in a family.
     numbers : {"all", "few", "switches", "each"}
         All numbers are fitted; for `rne.compare_models` also only those that are not zero, or each is 0 or 1. "each" is
-        a family, of which `rne.identify` tries k / len(joints) numbers of each joint alone, `rne.compare_models` few.
+        a family, of which k / len(joints) numbers of each joint are tried alone.
     masks : ndarray of bool, shape (M, rows), optional
         Rows of the equations in which the columns act: a family, of which that with the best mask is judged.
 
@@ -245,6 +245,9 @@ def members(rest: Discrepancy, h: Hypothesis) -> list[tuple[tuple[str, ...], Arr
     columns = columns_of(rest, h)
     if h.numbers != "each":
         return [(h.joints, columns)]
+    if not h.joints or columns.shape[-1] % len(h.joints):
+        of = f"{columns.shape[-1]} columns for {len(h.joints)} joints"
+        raise ValueError(f"`columns` of the hypothesis {h.kind!r} must be as many for each of its `joints`, got {of}")
     return [(h.joints[j : j + 1], x) for j, x in enumerate(np.split(columns, len(h.joints), axis=-1))]
 
 

@@ -13,6 +13,7 @@ from ...basics.arrays import positive_number
 from ...basics.spatial import Array
 from ...dynamics.base_inertial_parameters import BaseParameters
 from ...errors import IdentificationError
+from ...model.model import Model
 from ...model.parameters import PARAMETERS, parameters_of_pseudo_inertia
 from ...robot import Robot
 from .. import thresholds
@@ -99,6 +100,8 @@ def fit_bodies(
 
     Raises
     ------
+    TypeError, ValueError
+        If `prior` is neither a robot with these joints and masses, nor "geometry"; `prior_std` is not positive.
     IdentificationError
         If no possible bodies have such torques.
     ImportError
@@ -113,9 +116,12 @@ def fit_bodies(
     >>> parameters = rne.identification.fit_bodies(base, data, prior=robot).parameters  # doctest: +SKIP
     """
     if prior is None:
+        if prior_std is not None:
+            raise ValueError("`prior_std` is of a prior: give one, or leave it out")
         estimator = Estimator(base, None, 1.0)
         return BodiesFit(estimator.fit(data.fitted)[1], estimator, False)
-    return possible_bodies(base, data, prior_of_bodies(prior, prior_std, base, data))
+    known = prior_robot(base.standard.model, prior)
+    return possible_bodies(base, data, prior_of_bodies(known, prior_std, base, data))
 
 
 def possible_bodies(base: BaseParameters, data: RegressionData, prior: BodiesPrior) -> BodiesFit:
@@ -130,21 +136,20 @@ def possible_bodies(base: BaseParameters, data: RegressionData, prior: BodiesPri
     return BodiesFit(parameters, estimator, True, notes)
 
 
-def prior_robot(robot: Robot, prior: Robot | str | None) -> Robot | str:
-    """The robot whose bodies are the prior, checked, or "geometry"."""
+def prior_robot(model: Model, prior: Robot | str) -> Robot | str:
+    """The robot whose bodies are the prior of those of a model, checked, or "geometry"."""
     if isinstance(prior, str) and prior == "geometry":
         return prior
-    known = robot if prior is None else prior
-    if not isinstance(known, Robot):
-        raise TypeError(f"`prior` must be an rne.Robot or 'geometry', got {known!r}")
-    if known.model.moving_joints != robot.model.moving_joints:
-        raise ValueError(f"`prior` must have the joints {list(robot.model.moving_joints)}")
-    if not known.model.mass.any():
+    if not isinstance(prior, Robot):
+        raise TypeError(f"`prior` must be an rne.Robot or 'geometry', got {prior!r}")
+    if prior.model.moving_joints != model.moving_joints:
+        raise ValueError(f"`prior` must have the joints {list(model.moving_joints)}")
+    if not prior.model.mass.any():
         raise ValueError(
             "`prior` must have masses, which the robot does not: give another robot, or 'geometry' for rods between "
             "the joints, or `consistent=False`"
         )
-    return known
+    return prior
 
 
 def prior_of_bodies(
