@@ -1,5 +1,6 @@
 """Logs as robots write them: every kind of file, made by the library that writes it, gives the samples it was made of."""
 
+import bz2
 import itertools
 import json
 import re
@@ -14,6 +15,7 @@ import rne
 from rne.__main__ import main, parser
 from rne.commands.identifying import _record
 from rne.files.log_columns import _meaning as meaning
+from rne.files.ros_bags import _unpacked
 from rne.files.tables import as_number, numeric_block, read_samples
 from rne.identification import Record
 
@@ -622,6 +624,14 @@ def test_entries_are_left_out_in_the_first_rows(tmp_path):
         assert (points.t.tolist(), points.q.tolist()) == ([0, 1], [[0.0, 0.2], [0.1, 0.2]])
 
 
+def test_texts_with_other_separators_stand_beside_commas(tmp_path):
+    for entry in ('"1;2;3;4;5;6;7;8;9"', "1 2 3 4 5 6 7 8 9"):
+        path = tmp_path / "log.csv"
+        rows = [f"{k},{k}.5,2.5,{entry}" for k in range(9)]
+        path.write_text("\n".join(["# of a cell; t and more", "# t,q.a,tau.a,note", *rows]))
+        np.testing.assert_array_equal(Record.from_csv(path, ["a"]).q[:, 0], np.arange(9) + 0.5)
+
+
 def test_entries_in_quotes(tmp_path):
     path = table(tmp_path / "log.csv", ["t", *names_of("q", "tau")], T, Q, TAU)
     path.write_text('"' + path.read_text().strip().replace(",", '","').replace("\n", '"\n"') + '"')
@@ -900,7 +910,8 @@ def test_bags(suffix, tmp_path, monkeypatch):
     path.write_bytes(whole)
     if suffix != "db3":  # which is not compressed
         with pytest.raises(
-            ValueError, match=r"\(its chunks unpack to more bytes than a file of its size may, or are cut off\)$"
+            ValueError,
+            match=r"\(its chunks unpack to more bytes than they say or a file of its size may, or are cut off\)$",
         ):
             Record.from_log(path)
 
@@ -930,6 +941,51 @@ def test_chunks_of_mcap_that_the_index_does_not_name_are_missed(tmp_path):
     with exactly(
         f"{path}: is damaged or cut off (its index names chunks that are not there; mend it: mcap recover FILE)"
     ):
+        Record.from_log(path)
+
+
+def test_records_of_mcap_end_with_the_footer(tmp_path):
+    """Those behind one of no kind would be unpacked, and chunks that the index names twice, without being counted."""
+    path = bag(tmp_path / "log.mcap")
+    data = path.read_bytes()
+    start = 17 + data[9]  # behind the header
+    whole = data[:-28] + struct.pack("<Q", 0) + data[-20:]  # without an index
+    path.write_bytes(whole)
+    same(Record.from_log(path))
+    for kind in (b"\0", b"\2"):
+        path.write_bytes(whole[:start] + kind + bytes(8) + whole[start:])
+        what = f"a record at byte {start} is of no kind, or longer than the file"
+        with exactly(f"{path}: is damaged or cut off ({what})"):
+            Record.from_log(path)
+    index = data.rindex(b"\x08", 0, data.rindex(b"zstd"))
+    end = index + 9 + data[index + 1]
+    path.write_bytes(data[:end] + data[index:end] + data[end:])
+    with pytest.raises(ValueError, match="its index names chunks that are not there"):
+        Record.from_log(path)
+    left = [10**9]
+    with pytest.raises(ValueError, match="more bytes than they say"):
+        _unpacked(bz2.compress(bytes(10**6)), "", 100, left)
+    assert left[0] > 10**9 - 10**3
+
+
+def test_bags_that_are_whole_and_not_read(tmp_path):
+    """Messages in a file beside; other profiles and encodings; signs of addresses in names are read."""
+    path = bag(tmp_path / "log.db3")
+    odd = path.rename(tmp_path / "a#b%41.db3")
+    same(Record.from_log(odd))
+    (tmp_path / f"{odd.name}-wal").write_bytes(b"")
+    same(Record.from_log(odd))
+    (tmp_path / f"{odd.name}-wal").write_bytes(b"1")
+    cure = 'add them by sqlite3 FILE "pragma wal_checkpoint(truncate)"'
+    with exactly(f"{odd}: has messages in {odd.name}-wal; {cure}"):
+        Record.from_log(odd)
+    path = bag(tmp_path / "log.mcap")
+    data = path.read_bytes()
+    path.write_bytes(data.replace(b"ros2msg", b"ros1msg"))
+    with exactly(f"{path}: has messages in 'ros1msg', not of ROS 2; keep others by mcap filter FILE -o OUT -y TOPIC"):
+        Record.from_log(path)
+    path.write_bytes(data.replace(b"ros2", b"ros1", 1))
+    with exactly(f"{path}: is MCAP of the profile 'ros1'; 'ros2' is needed"):
         Record.from_log(path)
 
 
@@ -1025,6 +1081,24 @@ def test_rows_of_joints(is_json, tmp_path):
     assert len(Record.from_log(path, sample_rate=100).t) == 100  # rows of each joint are counted
     path.write_text("\n".join([",".join(heading), *(",".join(map(str, row)) for row in rows)]))
     assert np.isnan(Record.from_log(path).q).sum() == 1  # a joint without a row
+    with exactly(f"{path}: has rows of joints, which column 'motor_id' names; a column for each joint is needed, or one file of all quantities"):  # fmt: skip
+        Record.from_log({"q": path, "tau": path})
+    path.write_text("\n".join([",".join(heading[1:]), *(",".join(map(str, row[1:])) for row in rows)]))
+    with exactly(f"{path}: joints that column 'motor_id' names have 199 to 200 rows, and no times that tell which are missing; give columns={{\"t\": ...}}"):  # fmt: skip
+        Record.from_log(path, sample_rate=100)
+    path.write_text("\n".join([",".join(["t [ms]", "id", *heading[2:]]), *(",".join(map(str, row)) for row in rows)]))
+    said = "column 'id' numbers joints, each of which has rows of its own; else remove it"
+    assert guesses(Record.from_log(path)) == [f"part.csv: guess that {x}" for x in (said, NUMBERS)]
+
+
+def test_columns_of_rows_of_joints_are_given_as_the_log_has_them(tmp_path):
+    path = tmp_path / "log.csv"
+    rows = [f"{t!r},{joint},{q!r},{tau!r}" for t, *x in zip(T.tolist(), Q.tolist(), TAU.tolist(), strict=True) for joint, q, tau in zip(JOINTS, *x, strict=True)]  # fmt: skip
+    rows_of(path, ["time", "joint", "position", "effort"], rows)
+    for columns in ({"q": 2, "tau": 3}, {"t": 0}, {"t": ["time"], "q": "position"}, {"tau": ["effort"]}):
+        same(Record.from_log(path, columns=columns), velocities=False)
+    with exactly(f"{path}: there is no column 'tim', which `columns` asks for; did you mean 'time'?"):
+        Record.from_log(path, columns={"t": "tim"})
 
 
 def test_forces_are_torques_of_joints_that_slide(tmp_path):

@@ -70,9 +70,12 @@ def measured(path: Any, options: LogOptions) -> tuple[dict[str, Any], list[str],
     """
     place = os.fspath(next(iter(path.values()), "`path`") if isinstance(path, Mapping) else path)
     log = _joined(path, options) if isinstance(path, Mapping) else with_stamps(place, read_log(Path(place), options))
-    log = _wide(place, log, options) if log.long else log
+    rows = Guesses()
+    if log.long:
+        log, options = _wide(place, log, options, rows)
     meanings = {name: _meaning(log.called.get(name, name), options.joints or ()) for name in log.columns}
     found, guesses = _by_joint(place, log, meanings, options)
+    guesses += rows
     kinds, names, said = _same_joints(place, found, options, guesses)
     t, stamp = _times(place, log, found["t"], options, len(log.columns[kinds["q"][0]]))
     x = {kind: np.column_stack(_columns_of(place, log, kind, own, len(t))) for kind, own in kinds.items()}
@@ -85,19 +88,20 @@ def measured(path: Any, options: LogOptions) -> tuple[dict[str, Any], list[str],
     return {"t": t, **samples, "joint_names": names}, said, guesses
 
 
-def _wide(place: str, log: Log, options: LogOptions) -> Log:
-    """A log with rows for each joint as one with columns for each, NaN where a joint has no row at a time."""
+def _wide(place: str, log: Log, options: LogOptions, guesses: Guesses) -> tuple[Log, LogOptions]:
+    """A log with rows for each joint as one with columns for each, NaN where a joint has no row at a time.
+
+    Columns that are given are those of the log, and returned as those made of them.
+    """
     texts, j = _numbered(np.char.strip(log.columns[log.long].astype(str)))
     joints = [re.sub(r"\.0$", "", joint) for joint in texts.tolist()]
     kinds = {name: _meaning(name).kind for name in log.columns if name != log.long}
-    asked = [name for x in options.given.values() for name in ([x] if isinstance(x, str | int) else x)]
-    stamp = options.given.get("t", next((name for name, kind in kinds.items() if kind == "t"), None))
-    if stamp is None:  # the rows of each joint are counted
-        t = np.empty(len(j))
-        t[np.argsort(j, kind="stable")] = np.concatenate([np.arange(count) for count in np.bincount(j)])
-    else:
-        t = log.numbers(place, stamp)
-    times, k = _numbered(t)
+    given = {kind: _named(place, list(log.columns), wanted) for kind, wanted in options.given.items()}
+    asked = [name for own in given.values() for name in own]
+    stamp = next(iter(given.get("t", [name for name, kind in kinds.items() if kind == "t"])), None)
+    if all(joint.isdigit() for joint in joints) and not re.search("joint|axis|motor|servo", log.long, re.IGNORECASE):
+        guesses.append((f"column {log.long!r} numbers joints, each of which has rows of its own", "else remove it"))
+    times, k = _numbered(_counted(place, log, j) if stamp is None else log.numbers(place, stamp))
     if len(np.unique(k * len(joints) + j)) < len(k):
         raise ValueError(f"{place}: a joint that column {log.long!r} names has two rows at one time; keep one of them")
     if 2 * np.bincount(j).min() <= len(times):
@@ -112,7 +116,20 @@ def _wide(place: str, log: Log, options: LogOptions) -> Log:
         called, of = called | dict.fromkeys(own, name), of | dict(zip(own, joints, strict=True))
     columns |= {} if stamp is None else {stamp: times}
     said = (*log.said, f"rows of joints, which column {log.long!r} names")
-    return log._replace(columns=columns, called=called, joints=of, said=said)
+    made = {name: [x for x in columns if called.get(x, x) == name] for name in asked}
+    given = {kind: [x for name in own for x in made[name] or [name]] for kind, own in given.items()}
+    return log._replace(columns=columns, called=called, joints=of, said=said), replace(options, columns=given or None)
+
+
+def _counted(place: str, log: Log, j: Array) -> Array:
+    """The number of each row among those of its joint, which are as many as of the others."""
+    counts = np.bincount(j)
+    if np.ptp(counts):
+        what = f"joints that column {log.long!r} names have {counts.min()} to {counts.max()} rows"
+        raise ValueError(f'{place}: {what}, and no times that tell which are missing; give columns={{"t": ...}}')
+    k = np.empty(len(j))
+    k[np.argsort(j, kind="stable")] = np.tile(np.arange(counts[0]), len(counts))
+    return k
 
 
 def _numbered(values: Array) -> tuple[Array, Array]:
@@ -269,6 +286,9 @@ def _joined(files: Mapping[str, Any], options: LogOptions) -> Log:
         if kind not in ("t", "q", "qd", "tau"):
             raise ValueError(f'`path` must be a file, or files by "t", "q", "qd" and "tau", got {kind!r}')
         place, log = os.fspath(path), read_log(Path(path), replace(options, quantity=kind))
+        if log.long:
+            cure = "a column for each joint is needed, or one file of all quantities"
+            raise ValueError(f"{place}: has rows of joints, which column {log.long!r} names; {cure}")
         for name in log.columns:
             what, joint, unit, own = _meaning(name)
             if "t" in (what, kind):
@@ -314,8 +334,7 @@ def _by_meaning(
     for kind, wanted in options.given.items():
         if kind not in ("t", "q", "qd", "tau"):
             raise ValueError(f'`columns` must be of "t", "q", "qd" and "tau", got {kind!r}')
-        parts = [wanted] if isinstance(wanted, str | int) else wanted
-        columns[kind] = own = [name for part in parts for name in _named(place, list(log.columns), part)]
+        columns[kind] = own = _named(place, list(log.columns), wanted)
         names = [log.joints.get(name, meanings[name].joint) for name in own]
         found[kind] = dict(zip(names if len(set(names)) == len(own) else map(str, range(len(own))), own, strict=True))
     for name, meaning in meanings.items():
@@ -392,8 +411,10 @@ def _not_commands(found: Columns, asked: Mapping[str, Meaning], order: Sequence[
     return [name for name, m in alone.items() if m.kind not in ("t", "qd")]
 
 
-def _named(place: str, names: list[str], wanted: str | int) -> list[str]:
-    """The columns of a name or number; of a matrix all."""
+def _named(place: str, names: list[str], wanted: Any) -> list[str]:
+    """The columns of a name or number, or of several; of a matrix all."""
+    if not isinstance(wanted, str | int):
+        return [name for part in wanted for name in _named(place, names, part)]
     own = [x for k, x in enumerate(names) if wanted in (x, k)] or [x for x in names if x.startswith(f"{wanted}.")]
     if not own:
         hint = did_you_mean(str(wanted), names) or f"; there are {listed_names(names, LISTED)}"

@@ -23,7 +23,7 @@ from ..basics.archive import Arrays, TooLargeError, bytes_of, check_regular, mos
 from ..basics.spatial import Array
 from ..basics.text import MAX_NAME, cut, plain
 from .matlab import matlab_arrays
-from .ros_bags import JOINT_STATE, KINDS, Message, bag_states, bag_topics, echoed, is_bag, rostopic
+from .ros_bags import JOINT_STATE, KINDS, Message, NotReadError, bag_states, bag_topics, echoed, is_bag, rostopic
 from .tables import TableBody, as_number, csv_rows, finite_numbers, formatted, listed_names, numeric_block, text_of
 
 Rows = list[tuple[int, list[str]]]  # rows of a text with their numbers
@@ -153,6 +153,8 @@ def _whole(path: Path, read: Callable[[], Any]) -> Any:
     except Exception as error:  # each library has its own
         if isinstance(error, ImportError | FileNotFoundError | PermissionError):
             raise
+        if isinstance(error, NotReadError):
+            raise ValueError(f"{path}: {error}") from None
         if isinstance(error, TooLargeError):
             raise ValueError(f"{path}: {error}; write fewer samples, or less beside them, to a file") from None
         reason = cut(" ".join(str(error).split()), 3 * MAX_NAME) or type(error).__name__

@@ -8,6 +8,7 @@ import re
 import struct
 import sys
 from array import array
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
@@ -27,7 +28,11 @@ DEFINITION = (  # of ROS 2; that in a file may be any text
     "uint32 nanosec\n"
 )
 KINDS = {b"#ROSBAG V2.0\n": ".bag", b"SQLite format 3\0": ".db3", b"\x89MCAP": ".mcap"}  # of bags by their first bytes
-CHUNK = 6  # kind of a record of MCAP
+FOOTER, CHUNK, TAIL = 2, 6, 37  # kinds of records of MCAP, and bytes from the footer on
+
+
+class NotReadError(ValueError):
+    """A file that is whole, and of a kind that is not read."""
 
 
 def echoed(name: str, body: TableBody) -> Iterator[Message]:
@@ -72,23 +77,41 @@ def _opened(path: Path) -> Iterator[tuple[Any, str]]:
     except ImportError:
         raise ImportError("reading bags of ROS needs rosbags: pip install 'rne[ros]'") from None
     with open(path, "rb") as stream:
-        first = stream.read(16)
+        first = stream.read(64)
     kind = next((kind for mark, kind in KINDS.items() if first.startswith(mark)), "")
     if not kind:
         raise ValueError("it does not begin as a bag does")
     most = FREE + RATIO * path.stat().st_size
+    _refuse_others(path, kind, first)
     chunks = _checked_chunks(path, most) if kind == ".mcap" else {}
-    reader: Any = rosbag1.Reader(path) if kind == ".bag" else rosbag2.Reader.STORAGE_PLUGINS[kind](path)
-    reader.open()
+    place = Path(re.sub("[#%?]", lambda x: f"%{ord(x[0]):x}", str(path))) if kind == ".db3" else path  # of an address
+    reader: Any = rosbag1.Reader(path) if kind == ".bag" else rosbag2.Reader.STORAGE_PLUGINS[kind](place)
     try:
-        if kind == ".mcap" and not {x.chunk_start_offset: _stated(x) for x in reader.chunks}.items() <= chunks.items():
+        reader.open()
+    except KeyError as error:  # of the encoding of a schema
+        what = f"has messages in {cut(str(error.args[0]), MAX_NAME)!r}, not of ROS 2"
+        raise NotReadError(f"{what}; keep others by mcap filter FILE -o OUT -y TOPIC") from None
+    try:
+        indexed = [(x.chunk_start_offset, _stated(x)) for x in reader.chunks] if kind == ".mcap" else []
+        if not Counter(indexed) <= Counter(chunks.items()):
             raise ValueError("its index names chunks that are not there; mend it: mcap recover FILE")
         if kind == ".bag":
-            own = {"decompressor": partial(_unpacked, compression="", left=[most])}
+            own = {"decompressor": partial(_unpacked, compression="", stated=LARGEST, left=[most])}
             reader.chunks = {at: chunk._replace(**own) for at, chunk in reader.chunks.items()}
         yield reader, kind
     finally:
         reader.close()
+
+
+def _refuse_others(path: Path, kind: str, first: bytes) -> None:
+    """Raise a NotReadError for MCAP that is not of ROS 2, and for messages that are not in the file itself."""
+    if kind == ".mcap" and len(first) == 64 and first[8] == 1:
+        profile = first[21:][: struct.unpack_from("<I", first, 17)[0]].decode(errors="replace")
+        if profile != "ros2":
+            raise NotReadError(f"is MCAP of the profile {profile!r}; 'ros2' is needed")
+    wal = path.with_name(f"{path.name}-wal")
+    if kind == ".db3" and wal.is_file() and wal.stat().st_size:
+        raise NotReadError(f'has messages in {wal.name}; add them by sqlite3 FILE "pragma wal_checkpoint(truncate)"')
 
 
 def bag_topics(path: Path) -> dict[str, str]:
@@ -127,27 +150,29 @@ def _checked_chunks(path: Path, most: int) -> Mapping[int, tuple[str, int, int]]
         at, end = stream.seek(8), path.stat().st_size
         while len(head := stream.read(9)) == 9:
             kind, size = struct.unpack("<BQ", head)
-            if not kind or size > end - at - 9:  # of no kind, or the end of the file, whose mark is no record
-                break
+            if kind == FOOTER and at == end - TAIL:
+                return found
+            if kind in (0, FOOTER) or size > end - at - 9:
+                raise ValueError(f"a record at byte {at} is of no kind, or longer than the file")
             if kind == CHUNK:
                 _, _, stated, _, length = struct.unpack("<QQQII", stream.read(32))
                 compression = stream.read(min(length, size)).decode()
                 (packed,) = struct.unpack("<Q", stream.read(8))
                 if stated > LARGEST or packed > size:
                     raise ValueError(f"a chunk is said to have {stated} bytes, and {packed} of {size} as it is stored")
-                if len(_unpacked(stream.read(packed), compression, left)) != stated:
+                if len(_unpacked(stream.read(packed), compression, stated, left)) != stated:
                     raise ValueError("a chunk has more bytes than it says, or fewer")
                 found[at] = (compression, packed, stated)
             at = stream.seek(at + 9 + size)
-    return found
+    raise ValueError("its last record is missing")
 
 
 def _stated(index: Any) -> tuple[str, int, int]:
     return index.compression, index.compressed_size, index.uncompressed_size
 
 
-def _unpacked(data: bytes, compression: str, left: list[int]) -> bytes:
-    """The bytes of a chunk; an error if they are more than are left. Of bags of ROS 1 its first bytes tell how."""
+def _unpacked(data: bytes, compression: str, stated: int, left: list[int]) -> bytes:
+    """The bytes of a chunk; an error if they are more than stated or left. Of ROS 1 its first bytes tell how."""
     unpacking: Any = None
     if compression == "zstd":
         if sys.version_info >= (3, 14):
@@ -161,8 +186,8 @@ def _unpacked(data: bytes, compression: str, left: list[int]) -> bytes:
         unpacking = LZ4FrameDecompressor()
     elif data[:3] == b"BZh":
         unpacking = bz2.BZ2Decompressor()
-    found: bytes = unpacking.decompress(data, left[0] + 1) if unpacking else data
+    found: bytes = unpacking.decompress(data, min(left[0], stated) + 1) if unpacking else data
     left[0] -= len(found)
     if left[0] < 0 or (unpacking and (not unpacking.eof or unpacking.unused_data)):
-        raise ValueError("its chunks unpack to more bytes than a file of its size may, or are cut off")
+        raise ValueError("its chunks unpack to more bytes than they say or a file of its size may, or are cut off")
     return found

@@ -9,6 +9,7 @@ import os
 import re
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Iterable, Sequence
+from itertools import pairwise
 from pathlib import Path
 from statistics import mode
 from typing import Any, NamedTuple
@@ -150,7 +151,10 @@ def read_samples(
     joint_names = tuple(plain(str(joint)) for joint in joint_names)  # as robots from files have them
     name = os.fspath(path)
     text = text_of(Path(path))
-    text, separator, decimal = formatted(text) if is_log else (text, ",", ".")
+    lines = [line for line in text[:HEAD].splitlines() if line.strip()] if is_log else []
+    names = next((x for x, below in pairwise(lines) if not below.lstrip().startswith("#")), "").lstrip(" #").split(",")
+    has_commas = "t" in [x.strip(' "') for x in names]  # whatever texts in other columns have between their numbers
+    text, separator, decimal = formatted(text, "," if has_commas else None) if is_log else (text, ",", ".")
     (row, heading), body = _below_heading(name, text, separator, decimal)
     columns = [plain(column.strip()) for column in (heading[0].strip().lstrip("#"), *heading[1:])]
     wanted = _wanted(f"{name}, row {row}", columns, joint_names, needed, timed)
