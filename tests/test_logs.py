@@ -1037,11 +1037,16 @@ def test_json(tmp_path):
     path.write_text("\n".join(map(json.dumps, rows)))
     same(Record.from_log(path.rename(path := tmp_path / "log.txt")), numbered)
     path.write_text(path.read_text()[:-20])
-    with pytest.raises(ValueError, match=rf"^{re.escape(str(path))}: is damaged or cut off \(Expecting .*\)$"):
+    match = rf"^{re.escape(str(path))}: is damaged or cut off \(Expecting .*: line 200 column \d+\)$"
+    with pytest.raises(ValueError, match=match):
+        Record.from_log(path)
+    path.write_text(json.dumps(arrays, indent=1) + "\n}")
+    end = path.read_text().count("\n") + 1
+    with pytest.raises(ValueError, match=rf"\(Extra data: line {end} column 1 \(char \d+\)\)$"):
         Record.from_log(path)
 
 
-def test_what_json_leaves_out_is_missing(tmp_path):
+def test_what_json_leaves_out_is_missing(tmp_path, monkeypatch):
     """null, NaN and entries without a value."""
     rows = [
         {"t": t, "q": q, "tau": tau} for t, q, tau in zip(T.tolist(), Q[:, 0].tolist(), TAU[:, 0].tolist(), strict=True)
@@ -1055,6 +1060,11 @@ def test_what_json_leaves_out_is_missing(tmp_path):
     path.write_text("\n".join(json.dumps({"t": k, f"q_{k}": 1}) for k in range(4000)))  # names grow with the rows
     with pytest.raises(ValueError, match=rf"^{re.escape(str(path))}: its arrays take more than \d+ bytes"):
         Record.from_log(path)
+    monkeypatch.setattr("rne.files.logs.most_unpacked", lambda path: 100_000)
+    for growing in ({x: [{f"q_{k}": 1} for k in range(80)] for x in "ab"}, {"q": [0], "name": ["a" * 1000] + ["b"] * 99}):  # fmt: skip
+        path.write_text(json.dumps(growing))  # all lists together, and texts that are as long as the longest
+        with pytest.raises(ValueError, match=rf"^{re.escape(str(path))}: its arrays take more than 100000 bytes"):
+            Record.from_log(path)
 
 
 @pytest.mark.parametrize("is_json", [False, True])

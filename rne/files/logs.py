@@ -381,29 +381,62 @@ def _json(text: str, most: int) -> dict[str, Any]:
     except json.JSONDecodeError as error:
         if error.msg != "Extra data":
             raise
-        found = [json.loads(line) for line in text.splitlines() if line.strip()]
+        found = list[Any]()
+        for k, line in enumerate(re.split("\r\n?|\n", text), 1):
+            try:
+                found += [json.loads(line)] if line.strip() else []
+            except json.JSONDecodeError as wrong:  # in the first line there are no lines of JSON
+                raise (ValueError(f"{wrong.msg}: line {k} column {wrong.colno}") if found else error) from None
     while isinstance(found, dict) and len(parts := [x for x in found.values() if isinstance(x, dict | list)]) == 1:
         found = parts[0]  # beside settings, such as a gain
-    arrays = _array_of(found, most)
+    arrays = _array_of(found, [most, most])
     if not isinstance(arrays, dict):
         raise ValueError("an object of arrays, or a list or lines of objects is needed")
     return arrays
 
 
-def _array_of(value: Any, most: int) -> Any:
-    """Arrays of numbers, null being NaN, or of texts; of objects a mapping of these; None for anything else."""
+def _array_of(value: Any, left: list[int]) -> Any:
+    """Arrays of numbers, null being NaN, or of texts; of objects a mapping of these; None for anything else.
+
+    `left` has the bytes that they may still take, and those that all may.
+    """
     if isinstance(value, list) and value and all(isinstance(x, dict) for x in value):
-        keys = dict.fromkeys(key for x in value for key in x)
-        if 8 * len(keys) * len(value) > most:
-            raise TooLargeError(most)
+        keys, count = dict.fromkeys(key for x in value for key in x), len(value)
+        _take(8 * len(keys) * count, left)
         value = {key: [x.get(key) for x in value] for key in keys}
+        for key in keys:  # an array in place of a list
+            _take(-8 * count, left)
+            value[key] = _array_of(value[key], left)
+        return value
     if isinstance(value, dict):
-        return {key: _array_of(x, most) for key, x in value.items()}
-    with suppress(ValueError, TypeError):
-        return np.array(value, dtype=np.float64)
+        return {key: _array_of(x, left) for key, x in value.items()}
+    try:
+        x = np.array(value, dtype=np.float64)
+    except (ValueError, TypeError):
+        return _texts_of(value, left)
+    _take(x.nbytes, left)
+    return x
+
+
+def _texts_of(value: Any, left: list[int]) -> Array | None:
+    """An array of texts, and numbers as such, in lists of one size; of which each takes as much as the longest."""
+    entries = _flat(value)
+    if not all(isinstance(x, str | int | float) for x in entries):
+        return None
+    _take(4 * len(entries) * max((len(x) if isinstance(x, str) else 32 for x in entries), default=0), left)
     with suppress(ValueError):
-        return x if (x := np.array(value)).dtype.kind == "U" else None
+        return np.array(value)
     return None
+
+
+def _flat(value: Any) -> list[Any]:
+    return [entry for part in value for entry in _flat(part)] if isinstance(value, list) else [value]
+
+
+def _take(size: int, left: list[int]) -> None:
+    left[0] -= size
+    if left[0] < 0:
+        raise TooLargeError(left[1])
 
 
 def _numpy(arrays: Arrays) -> dict[str, Any]:
