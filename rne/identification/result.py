@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, overload
@@ -383,7 +383,7 @@ class Identification(InNotebooks):
         --------
         >>> found = rne.Identification.load("found.npz")  # doctest: +SKIP
         """
-        found: Identification = read(path, kinds(), cls, VERSION, cls.report)
+        found: Identification = read(path, kinds(), cls, VERSION, partial(cls.report, details=True))
         return found
 
     def essential(self, limit: float = 0.3) -> Identification:
