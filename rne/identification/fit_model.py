@@ -260,8 +260,8 @@ def without_rotors(fit: Fit) -> FitModel | None:
     if not is_open or not own or any(cause.kind not in GEARS for cause in fit.causes):
         return None
     found, size = fit_base_parameters(base, fit.data), np.zeros(robot.model.nb)
-    pose = fit.data.prepared[0].q[0] if robot.model.couplings else np.zeros(robot.n)  # where joints can follow
-    size[list(robot.model.independent_joints)] = np.diag(robot.mass_matrix(pose))
+    pose = fit.data.prepared[0].q[:1] if robot.model.couplings else np.zeros((1, robot.n))  # where joints can follow
+    size[list(robot.model.independent_joints)] = np.diag(robot.mass_matrix(pose)[0])
     joints = [int(base.names[k].removeprefix("Ia_")) - 1 for k in own]
     doubt = thresholds.BEYOND_DOUBT * found.errors[own]
     are_small = found.values[own] < np.minimum(doubt, thresholds.SMALL_ROTOR * size[joints] - doubt)
