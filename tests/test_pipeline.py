@@ -99,7 +99,7 @@ def test_the_step_of_stribeck_effects_finds_the_velocity(scene):
     friction = replace(scene.friction, stribeck=[STRIBECK, 0.0, 0.0], stribeck_rise=[20.0, 0.0, 0.0])
     fit = fitted(problem(scene, log_of(replace(scene, friction=friction))), model(scene))
     found = with_stribeck(fit).drives.stribeck
-    assert found[0] == pytest.approx(STRIBECK, rel=0.3)
+    assert found[0] == pytest.approx(STRIBECK, rel=0.2)  # three times its scatter over six seeds, 6 %
     assert not found[1:].any()
     assert with_stribeck(fitted(fit.problem, model(scene, replace(MEASURED, stribeck=found)))) is None
 

@@ -360,15 +360,16 @@ def validated_bodies(fit: Fit, prior: Robot | str | None, prior_std: float | Non
 
     The causes say more of such torques.
     """
-    plain = fit_bodies(fit.base, fit.data, prior=None)
-    if prior is None:
-        return plain, plain.held_out(fit.data)
-    given = prior_of_bodies(prior, prior_std, fit.base, fit.data)
-    try:
-        bodies = possible_bodies(fit.base, fit.data, given)
-        return bodies, bodies.held_out(fit.data)
-    except IdentificationError as error:
-        return plain._replace(notes=(f"{NOT_CONSISTENT}: {error}",)), plain.held_out(fit.data)
+    notes: tuple[str, ...] = ()
+    if prior is not None:
+        given = prior_of_bodies(prior, prior_std, fit.base, fit.data)
+        try:
+            bodies = possible_bodies(fit.base, fit.data, given)
+            return bodies, bodies.held_out(fit.data)
+        except IdentificationError as error:
+            notes = (f"{NOT_CONSISTENT}: {error}",)
+    plain = fit_bodies(fit.base, fit.data, prior=None)._replace(notes=notes)
+    return plain, plain.held_out(fit.data)
 
 
 def tried_hypotheses(
