@@ -62,7 +62,7 @@ NUMBERS = re.compile(r"((fixed_size_|large_)?list<.*)?\b(halffloat|float|double|
 
 @dataclass(frozen=True)
 class LogOptions:
-    """What is given to read a log, as `rne.identification.Record.from_log` describes it; None if it is not."""
+    """Options of reading a log, as `rne.identification.Record.from_log` describes them; None where not given."""
 
     joints: Sequence[str] | None = None
     columns: Sequence[str] | Mapping[str, Any] | None = None
@@ -147,7 +147,7 @@ def read_log(path: Path, options: LogOptions) -> Log:
 
 
 def _whole(path: Path, read: Callable[[], Any]) -> Any:
-    """What a library reads from a file, or one kind of error if it is damaged."""
+    """Return what a library reads from a file; raise one kind of error if the file is damaged."""
     try:
         return read()
     except Exception as error:  # each library has its own
@@ -235,7 +235,7 @@ def _without_lists(name: str, rows: Rows) -> Rows:
 
 
 def _entries(entry: str) -> list[str]:
-    """What stands in a list, or the entry itself."""
+    """Return the entries of a list, or the entry itself."""
     found = CELL.fullmatch(entry)
     return [x.strip("'\"") for x in re.split(r"[,;\s]+", found[1].strip()) if x] if found else [entry]
 

@@ -37,7 +37,7 @@ def matlab_arrays(data: memoryview, most: int) -> dict[str, Any]:
 
 
 def _count(value: Any) -> int:
-    """How many numbers stand in an array, or in a structure of them."""
+    """Return the number of values in an array, or in a structure of arrays."""
     return sum(map(_count, value.values())) if isinstance(value, Mapping) else np.size(value)
 
 

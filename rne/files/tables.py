@@ -66,7 +66,7 @@ class TableBody(NamedTuple):
 
     @property
     def width(self) -> int:
-        """How many entries most rows have."""
+        """Return the number of entries that most rows have."""
         return mode(map(len, self.texts)) if self.numbers is None else int(self.numbers.shape[1])
 
     def columns(self, name: str, width: int, of: str = "", cure: str = "") -> list[Any]:

@@ -121,7 +121,7 @@ class TorqueDifference(Discrepancy):
         return np.asarray(np.linalg.norm(X, axis=0) / np.sqrt(len(self.tau)))
 
     def with_numbers(self, X: Array, numbers: str) -> tuple[Array, Array, Array, int]:
-        """The same of those numbers that a hypothesis asks for: all, those above rounding, or ones that are fixed."""
+        """Fit the numbers asked for: all, those above rounding, or fixed ones; results are those of `with_columns`."""
         if numbers == "switches":
             left, one = X - self.Q @ (self.Q.T @ X), np.ones(X.shape[1])
             return one, 0 * one, self.left - left @ one, 0
@@ -272,7 +272,7 @@ class Changes:
         self.values = (np.array(torques) / data.sigma).reshape(len(torques), -1)
 
     def scores(self, few: TorqueDifference) -> Array:
-        """Of each change, as `judged` has them."""
+        """Scores of the changes, as `judged` gives them."""
         left = few.left - self.values + self.values @ few.Q @ few.Q.T
         squares = (left**2).reshape(len(left), -1, few.robot.n).sum(1)
         gains = 0.5 * few.counts * np.log((few.squares + few.floor) / (squares + few.floor))

@@ -103,7 +103,7 @@ class Discrepancy:
         return c, np.sqrt(self.correlation) * errors, b - left @ c, rank
 
     def with_numbers(self, X: Array, numbers: str) -> tuple[Array, Array, Array, int]:
-        """The same of those numbers that a hypothesis asks for, see `Hypothesis`: here all of them."""
+        """Fit the numbers that a hypothesis asks for, here all of them; results of `with_columns`."""
         return self.with_columns(X)
 
 
@@ -291,14 +291,14 @@ class FitResiduals(Discrepancy):
         return np.concatenate([X, known], axis=-1)
 
     def held_out_moved(self, J: Array, tau: Array) -> Array:
-        """What is held out of fits to torques where the joints are J q, (blocks, n), with the noise of `refitted`."""
+        """Validation errors of fits with joints J q, by the noise of `refitted`, shape (blocks, n)."""
         columns = self.moved(J, tau)
         sigma = self.refitted(columns, tau)[1]
         return self.held_out(orthonormal(self.weighted(columns, sigma)), self.weighted(tau, sigma), self.blocks)
 
     @cached_property
     def held_out_as_given(self) -> Array:
-        """The same where the joints are those of the robot."""
+        """Validation errors of fits with the joints as they are, shape (blocks, n)."""
         return self.held_out_moved(np.eye(self.robot.n), self.tau)
 
     def covariance_of(self, columns: Array) -> Array:
