@@ -5,6 +5,7 @@ from .feedback_loop import FeedbackLoop, LinearisedLoop, closed_loop
 from .laws import PD, PID, ComputedTorque, Reference, computed_torque, pd, pd_gravity, pid, traceable
 from .momentum_observer import GuardedLaw, MomentumObserver, Residuals
 from .robust_laws import Robust, RobustPassive, SlidingMode, robust, robust_passive, sliding_mode
+from .servo_law import Servo, servo
 from .task_space import Impedance, OperationalSpace, impedance, operational_space
 from .traced_law import changed, compiled
 from .uncertainty import Cases, uncertainty_bound
@@ -25,6 +26,7 @@ __all__ = [
     "Residuals",
     "Robust",
     "RobustPassive",
+    "Servo",
     "SlidingMode",
     "adaptive",
     "changed",
@@ -38,6 +40,7 @@ __all__ = [
     "pid",
     "robust",
     "robust_passive",
+    "servo",
     "sliding_mode",
     "traceable",
     "uncertainty_bound",

@@ -33,7 +33,7 @@ from ..robot import Robot
 from .elastic_joints import ElasticJoints
 from .scene_dynamics import Bodies
 
-LIMITS = ("effort_limit", "torque_rate", "windup")  # numbers that may be infinite
+LIMITS = ("effort_limit", "torque_rate", "windup", "stall_torque", "no_load_speed")  # numbers that may be infinite
 # Of an inertia that is moved to the centre of mass, relative to that about a link's origin
 ROUNDING = 16 * float(np.finfo(np.float64).eps)
 # Numbers of laws of rne.control that may be negative
