@@ -368,7 +368,7 @@ def test_files_of_via_points_are_refused_without_asking_for_times(text, error, t
 
 
 def test_a_column_of_times_of_via_points_is_ignored(tmp_path):
-    from rne.files.tables import read_samples
+    from rne.files.samples import read_samples
 
     (tmp_path / "via.csv").write_text("t,q.a\n0,1\n0,2\n")
     samples = read_samples(tmp_path / "via.csv", ["a"], needed=["q"], timed=False)

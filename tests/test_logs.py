@@ -16,7 +16,8 @@ from rne.__main__ import main, parser
 from rne.commands.identifying import _record
 from rne.files.log_columns import _meaning as meaning
 from rne.files.ros_bags import _unpacked
-from rne.files.tables import as_number, numeric_block, read_samples
+from rne.files.samples import read_samples
+from rne.files.tables import as_number, numeric_block
 from rne.identification import Record
 
 JOINTS = ("shoulder", "elbow", "wrist")
@@ -629,7 +630,8 @@ def test_texts_with_other_separators_stand_beside_commas(tmp_path):
         path = tmp_path / "log.csv"
         rows = [f"{k},{k}.5,2.5,{entry}" for k in range(9)]
         path.write_text("\n".join(["# of a cell; t and more", "# t,q.a,tau.a,note", *rows]))
-        np.testing.assert_array_equal(Record.from_csv(path, ["a"]).q[:, 0], np.arange(9) + 0.5)
+        for record in (Record.from_csv(path, ["a"]), Record.from_log(path)):
+            np.testing.assert_array_equal(record.q[:, 0], np.arange(9) + 0.5)
 
 
 def test_entries_in_quotes(tmp_path):

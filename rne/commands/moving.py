@@ -19,7 +19,7 @@ import rne
 from ..basics.arrays import per_joint_array
 from ..basics.spatial import Array
 from ..basics.text import UNITS, plain, short
-from ..files.tables import MissingColumn, Samples, in_seconds, read_samples
+from ..files.samples import MissingColumn, Samples, in_seconds, read_samples
 from ..files.time_units import FACTOR, SPIKED, velocity_ratio
 from . import shared
 from .shared import CommandError, bodies, fail, in_one_line, note, number, numbers, say, units_of, used, work, written

@@ -15,7 +15,8 @@ from ..basics.arrays import per_joint_array, positive_number
 from ..basics.spatial import Array
 from ..basics.text import MAX_NAME, cut, did_you_mean
 from .logs import LISTED, UNIT, Log, LogOptions, read_log, symbol, with_stamps
-from .tables import Samples, in_seconds, listed_names
+from .samples import Samples, in_seconds, samples_of
+from .tables import listed_names
 from .time_units import guessed_unit
 
 WORDS = {
@@ -69,7 +70,11 @@ def measured(path: Any, options: LogOptions) -> tuple[dict[str, Any], list[str],
     Returns t, q, tau, qd in SI units and the names of the joints, how the log was read, and guesses with their cures.
     """
     place = os.fspath(next(iter(path.values()), "`path`") if isinstance(path, Mapping) else path)
-    log = _joined(path, options) if isinstance(path, Mapping) else with_stamps(place, read_log(Path(place), options))
+    log = _joined(path, options) if isinstance(path, Mapping) else read_log(Path(place), options)
+    if options.exact:
+        exact = in_seconds(place, samples_of(place, log, options.joints, ("q", "tau"), gaps=True), options.time_unit)
+        return {name: getattr(exact, name) for name in ("t", "q", "tau", "qd")}, [], []
+    log = with_stamps(place, log)
     rows = Guesses()
     if log.long:
         log, options = _wide(place, log, options, rows)

@@ -24,7 +24,17 @@ from ..basics.spatial import Array
 from ..basics.text import MAX_NAME, cut, plain
 from .matlab import matlab_arrays
 from .ros_bags import JOINT_STATE, KINDS, Message, NotReadError, bag_states, bag_topics, echoed, is_bag, rostopic
-from .tables import TableBody, as_number, csv_rows, finite_numbers, formatted, listed_names, numeric_block, text_of
+from .tables import (
+    TableBody,
+    as_number,
+    below_comments,
+    csv_rows,
+    finite_numbers,
+    formatted,
+    listed_names,
+    numeric_block,
+    text_of,
+)
 
 Rows = list[tuple[int, list[str]]]  # rows of a text with their numbers
 
@@ -76,6 +86,7 @@ class LogOptions:
     topic: str | None = None
     episode: int | None = None
     quantity: str = ""  # that alone stands in the file
+    exact: bool = False  # names of columns are `t`, `q.<joint>` and so on, in the first row that is no comment
 
     @property
     def given(self) -> Mapping[str, Any]:
@@ -91,6 +102,7 @@ class Log(NamedTuple):
     time_unit: str | None = None  # where the format says it
     decimal: str = "."
     rows: Sequence[int] = ()  # of texts, for messages
+    heading: int = 1  # row of the names of columns, likewise
     is_lerobot: bool = False  # positions in degrees, or normalised
     joints: Mapping[str, str] = {}  # by columns, where the file names the joints apart
     twice: Collection[str] = ()  # names of different columns
@@ -103,13 +115,17 @@ class Log(NamedTuple):
         x = self.columns[name]
         if name in self.twice:
             raise ValueError(f"{place}: column {name!r} is there twice; give names of all columns as `columns`")
-        if x.dtype.kind != "U":
-            return x
-        if DATE.fullmatch(str(x[0])):
+        if x.dtype.kind == "U" and DATE.fullmatch(str(x[0])):
             with suppress(ValueError):
                 dates = np.array([DATE.sub(r"\1", text) for text in x.tolist()], dtype="datetime64[ns]")
                 return np.asarray((dates - dates[0]) / np.timedelta64(1, "s"))
-        return finite_numbers(place, name, self.rows, x.tolist(), self.decimal)
+        return self.decimals(place, name)
+
+    def decimals(self, place: str, name: str, gaps: bool = True) -> Array:
+        """A column of decimal numbers; with `gaps`, NaN where entries are left out."""
+        x = self.columns[name]
+        are_texts = x.dtype.kind == "U"
+        return finite_numbers(place, name, self.rows, x.tolist(), self.decimal, gaps) if are_texts else x
 
 
 def symbol(unit: str) -> str:
@@ -165,42 +181,60 @@ def _whole(path: Path, read: Callable[[], Any]) -> Any:
 
 
 def _text(path: Path, options: LogOptions) -> Log:
-    name, text = os.fspath(path), text_of(path)
+    """The columns of a text, which may be JSON or a table."""
+    text = text_of(path)
     if path.suffix.lower() in JSON or re.match(r"\s*[\[{]\s*[\[{\"]", text):
         return _arrays(path, _whole(path, lambda: _json(text, most_unpacked(path))))
     for beginning, what in FORMS.items():
         if re.match(beginning, text):
             raise ValueError(f"{path}: is {what}")
+    return read_table(os.fspath(path), text, options)
+
+
+def read_table(name: str, text: str, options: LogOptions) -> Log:
+    """The columns of a table in a text, or of the messages in its rows."""
     text, separator, decimal = formatted(text, options.separator, options.decimal)
-    is_rostopic = "field.position0" in text.partition("\n")[0]  # names of joints may be numbers
-    above, body = (not is_rostopic and numeric_block(text, separator, decimal)) or (text, None)
-    rows = csv_rows(name, above, separator)
-    if body is None:
-        rows, body = _split(name, _without_lists(name, rows), decimal)
+    rows, body = _rows(name, text, (separator, decimal), options.exact)
     are_named, first = rows or isinstance(options.columns, Sequence), next(iter(body.texts), ())
     if not are_named and len(first) > 4 and first[1].isdigit() and math.isnan(as_number(first[3])):
         return _states(name, echoed(name, body), options.joints, "as of ros2 topic echo --csv")
     if not (heading := _heading(rows, body.width, options)):
         cure = 'columns=["t", "q.shoulder", "tau.shoulder"], with "" for one to ignore'
         raise ValueError(f"{name}: the names of its {body.width} columns are missing; give them, such as {cure}")
-    _check_names(name, heading)
-    data = map(np.asarray, body.columns(name, len(heading), cure="; remove the row if the log was cut off there"))
+    of, cure = (" as the heading has", "") if options.exact else ("", "; remove the row if the log was cut off there")
+    data = map(np.asarray, body.columns(name, len(heading), of, cure))
     if "field.position0" in heading:
         return _states(name, rostopic(name, heading, body), options.joints, "as of rostopic echo -p")
     cells = [(x, column) for x, column in zip(heading, data, strict=True) if x]
-    columns = dict(cells)
+    columns, at = dict(cells), rows[-1][0] if rows else 0
     said = (f"separator {separator!r}, decimal sign {decimal!r}",) * ((separator, decimal) != (",", "."))
-    twice = {x for x, column in cells if column is not columns[x] and not np.array_equal(column, columns[x])}
-    return Log(columns, said, None, decimal, body.places, twice=twice, **_joints_of(name, columns))
+    more = [(x, column) for x, column in cells if column is not columns[x]]
+    twice = {x for x, column in more if options.exact or not np.array_equal(column, columns[x])}
+    joints = {} if options.exact else _joints_of(name, columns)
+    return Log(columns, said, None, decimal, body.places, at, twice=twice, **joints)
 
 
-def _split(name: str, rows: Rows, decimal: str) -> tuple[Rows, TableBody]:
-    """Rows above the first of numbers, and the others."""
-    width = mode(len(row) for _, row in rows) if rows else 0
-    numeric = (k for k, (_, row) in enumerate(rows) if len(row) == width or (k == 0 and len(row) > 4))
-    first = next((k for k in numeric if _is_numeric(rows[k][1], decimal)), None)
-    if first is None:
-        raise ValueError(f"{name}: there are no rows of numbers" if rows else f"{name}: the file is empty")
+def _rows(name: str, text: str, form: tuple[str, str], exact: bool) -> tuple[Rows, TableBody]:
+    """Rows above the first one of numbers, and the others; the heading and all below it where names are exact."""
+    is_rostopic = "field.position0" in text.partition("\n")[0]  # names of joints may be numbers
+    above, body = (not is_rostopic and numeric_block(text, *form)) or (text, None)
+    rows = csv_rows(name, above, form[0])
+    if exact and body is not None and len(below_comments(rows)) != 1:
+        rows, body = csv_rows(name, text, form[0]), None
+    rows = below_comments(rows) if exact else rows
+    if body is not None:
+        return rows, body
+    if not rows:
+        raise ValueError(f"{name}: the file is empty")
+    if exact:
+        first = 1
+    else:
+        rows = _without_lists(name, rows)
+        width = mode(len(row) for _, row in rows)
+        numeric = (k for k, (_, row) in enumerate(rows) if len(row) == width or (k == 0 and len(row) > 4))
+        first = next((k for k in numeric if _is_numeric(rows[k][1], form[1])), len(rows))
+        if first == len(rows):
+            raise ValueError(f"{name}: there are no rows of numbers")
     return rows[:first], TableBody([at for at, _ in rows[first:]], texts=[row for _, row in rows[first:]])
 
 
@@ -211,7 +245,7 @@ def _heading(above: Rows, width: int, options: LogOptions) -> list[str]:
         return list(given)
     if not above:
         return [str(k) for k in range(width)] if given is not None or options.quantity else []
-    heading = [entry.strip().lstrip("#% ") for entry in above[-1][1]]
+    heading = [plain(entry.strip().lstrip("#% ")) for entry in above[-1][1]]
     heading = heading[len(heading) == width + 1 and not heading[0] :]  # "# t q1", separated by blanks
     units = [symbol(unit.strip("[]() ")) for unit in heading]
     names = above[-2][1] if above[1:] else []
@@ -245,6 +279,7 @@ def _joints_of(place: str, columns: Mapping[str, Array]) -> dict[str, Any]:
 
     Columns of names are as long as all others.
     """
+    _check_names(place, columns)
     found = {x: NUMBERED.fullmatch(x) for x in columns}
     named = sorted((int(m[2]) if m else 0, x) for x, m in found.items() if NAMES.fullmatch(m[1] if m else x))
     texts = [columns[x] for _, x in named if re.match(r"(?!nan$|inf)[^\W\d]", str(columns[x][:1][0]), re.IGNORECASE)]
@@ -351,7 +386,6 @@ def _bags(paths: Sequence[Path], options: LogOptions) -> Log:
 def _arrays(path: Path, arrays: Mapping[str, Any]) -> Log:
     """The columns of arrays by name, of the joints that an array of texts names."""
     columns = _columns(arrays)
-    _check_names(os.fspath(path), columns)
     return Log(columns, **_joints_of(os.fspath(path), columns))
 
 

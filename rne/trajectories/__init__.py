@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 from ..basics import on_first_use
-from ..files.tables import Samples, read_csv
+from ..files.samples import Samples, read_csv
 from .profiles import Path, Quintic, Sampled, Spline, Trapezoidal, quintic, sampled, spline, through, trapezoidal
 
 if TYPE_CHECKING:

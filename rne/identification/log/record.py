@@ -18,7 +18,7 @@ from ...basics.text import counted, plain
 from ...files.log_columns import measured
 from ...files.logs import LogOptions
 from ...files.motion_files import numbered_joints
-from ...files.tables import File, in_seconds, read_samples
+from ...files.tables import File
 from ...files.time_units import TimeSymbol
 from .. import thresholds
 from .prepared import Prepared, prepare
@@ -190,9 +190,8 @@ class Record(ReadOnlyArrays):
         >>> import rne
         >>> record = rne.identification.Record.from_csv("log.csv", ["shoulder", "elbow"])  # doctest: +SKIP
         """
-        samples = in_seconds(path, read_samples(path, joint_names, needed=("q", "tau"), is_log=True), time_unit)
-        given = {"name": Path(path).name, "joint_names": joint_names} | options
-        return cls(samples.t, np.asarray(samples.q), np.asarray(samples.tau), samples.qd, **given)
+        reading = LogOptions(joint_names, time_unit=time_unit, exact=True)
+        return cls._read(path, reading, {"joint_names": joint_names} | options)
 
     @classmethod
     def from_log(
@@ -282,6 +281,11 @@ class Record(ReadOnlyArrays):
             raise TypeError("`joints` and `columns` must be sequences of names, such as robot.joint_names, got str")
         times, texts = (time_unit, sample_rate), (separator, decimal)
         reading = LogOptions(joints, columns, units or {}, *times, gains, offsets, *texts, topic, episode)
+        return cls._read(path, reading, options)
+
+    @classmethod
+    def _read(cls, path: File | Mapping[str, File], reading: LogOptions, options: dict[str, Any]) -> Self:
+        """The measurements of a log, and what is said of it."""
         samples, said, guessed = measured(path, reading)
         if names := samples.get("joint_names"):
             samples["joint_names"] = tuple(map(plain, names))

@@ -1,0 +1,169 @@
+"""Samples of a motion in a table, by columns `t`, `q.<joint>`, `qd.<joint>`, `qdd.<joint>` and `tau.<joint>`."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from ..basics.spatial import Array
+from ..basics.text import plain
+from .tables import File, as_number, listed_names, text_of
+from .time_units import UNITS, TimeSymbol, guessed_unit
+
+if TYPE_CHECKING:
+    from .logs import Log
+
+QUANTITIES = ("q", "qd", "qdd", "tau")
+
+
+class Samples(NamedTuple):
+    """Samples of a motion; what a file does not give is None.
+
+    Attributes
+    ----------
+    t : ndarray, shape (K,)
+        Times, ascending [s].
+    q, qd, qdd, tau : ndarray, shape (K, n), or None
+        Joint positions, velocities, accelerations and torques [rad or m; rad/s or m/s; rad/s^2 or m/s^2; N m or N].
+
+    Examples
+    --------
+    >>> import numpy as np, rne
+    >>> samples = rne.trajectories.Samples(np.array([0.0, 1.0]), q=np.zeros((2, 6)))
+    >>> samples.q.shape, samples.tau is None
+    ((2, 6), True)
+    """
+
+    t: Array
+    q: Array | None = None
+    qd: Array | None = None
+    qdd: Array | None = None
+    tau: Array | None = None
+
+
+class MissingColumn(ValueError):
+    """A file without a column that is needed."""
+
+
+def read_csv(path: File, joint_names: Sequence[str], *, time_unit: TimeSymbol | None = None) -> Samples:
+    """Read the samples of a motion from a CSV file.
+
+    Parameters
+    ----------
+    path : path-like
+        A text file in UTF-8. Its first row, the heading, names the columns: `t` [s] and, for each joint, `q.<joint>`,
+        `qd.<joint>`, `qdd.<joint>` or `tau.<joint>` [rad or m, per s and s^2; N m or N], in any order. Other columns
+        are ignored. The heading may begin with "#", below other such rows, as `numpy.savetxt` writes it.
+    joint_names : sequence of str
+        The joints in the order of the arrays, such as `robot.joint_names`.
+    time_unit : {"s", "ms", "us", "ns"}, optional
+        Unit of the column `t`. If it is not given, seconds, and times that are hardly in seconds are refused.
+
+    Returns
+    -------
+    Samples
+        The arrays t, q, qd, qdd, tau; a quantity without any column is None.
+
+    Raises
+    ------
+    TypeError
+        If `joint_names` is no sequence of str.
+    ValueError
+        If the file is empty or no text; the heading or a column is missing, or there for some joints only, or twice;
+        an entry is not a finite decimal number; or the times do not ascend. Names the file, the row (counted from 1)
+        and the column. If the times look like milliseconds, microseconds or nanoseconds: they are later than the year
+        5138, `qd` is that of another unit, or in steps of 0.1 s and more no joint that moves is faster than 0.01 rad/s
+        or m/s, which would be up to 10 in such a unit.
+    OSError
+        If the file cannot be read.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import rne
+    >>> file = pathlib.Path(tempfile.mkdtemp()) / "motion.csv"
+    >>> _ = file.write_text("t,q.lift,q.turn\\n0,0.1,1\\n0.5,0.2,1.5\\n")
+    >>> samples = rne.trajectories.read_csv(file, ["turn", "lift"])
+    >>> samples.q.tolist(), samples.qd
+    ([[1.0, 0.1], [1.5, 0.2]], None)
+    """
+    samples = read_samples(path, joint_names)
+    return in_seconds(path, samples, time_unit, 'give time_unit="{}", or "s" if they are seconds')
+
+
+def in_seconds(path: File, samples: Samples, unit: str | None, cure: str = "", limits: Array | None = None) -> Samples:
+    """Samples with times in seconds, given in a unit, or seconds unless they look like another."""
+    if unit is not None and unit not in UNITS:
+        raise ValueError(f'`time_unit` must be "s", "ms", "us" or "ns", got {unit!r}')
+    if unit is None and samples.q is not None:
+        seems = guessed_unit(samples.t, samples.q, samples.qd, limits)
+        if seems is not None:
+            raise ValueError(f"{os.fspath(path)}: column 't' {seems.said}; {cure.format(seems.symbol)}")
+    return samples._replace(t=samples.t / UNITS[unit or "s"])
+
+
+def read_samples(path: File, joint_names: Sequence[str], *, needed: Sequence[str] = (), timed: bool = True) -> Samples:
+    """The samples of a file of comma-separated values that must have the quantities `needed`.
+
+    Points that are not `timed` have their numbers for times, and a column of times is ignored.
+    """
+    from .logs import LogOptions, read_table
+
+    name = os.fspath(path)
+    log = read_table(name, text_of(Path(path)), LogOptions(separator=",", decimal=".", exact=True))
+    return samples_of(name, log, joint_names, needed, timed=timed)
+
+
+def samples_of(
+    name: str, log: Log, joint_names: Any, needed: Sequence[str], *, gaps: bool = False, timed: bool = True
+) -> Samples:
+    """The samples in columns that are named exactly; with `gaps`, NaN for entries left out."""
+    if isinstance(joint_names, str) or not isinstance(joint_names, Iterable):
+        given = type(joint_names).__name__
+        raise TypeError(f"`joint_names` must be a sequence of str, such as robot.joint_names, got {given}")
+    joint_names = tuple(plain(str(joint)) for joint in joint_names)  # as robots from files have them
+    wanted = _wanted(f"{name}, row {log.heading}", [*log.columns, *log.twice], joint_names, needed, timed)
+    if not log.rows:
+        raise ValueError(f"{name}: there are no rows below the names of the columns")
+    read = {x: log.decimals(name, x, gaps and x != "t") for x in wanted}
+    t = read["t"] if timed else np.arange(float(len(log.rows)))
+    for k in np.flatnonzero(np.diff(t) <= 0).tolist():
+        late = f"got {t[k + 1]:.10g} after {t[k]:.10g}"
+        raise ValueError(f"{name}, row {log.rows[k + 1]}, column 't': times must ascend, {late}")
+    kinds = [x for x in QUANTITIES if joint_names and f"{x}.{joint_names[0]}" in read]
+    return Samples(t, **{x: np.column_stack([read[f"{x}.{joint}"] for joint in joint_names]) for x in kinds})
+
+
+def _wanted(
+    place: str, columns: Sequence[str], joint_names: Sequence[str], needed: Sequence[str], timed: bool
+) -> list[str]:
+    """The columns to read: t, and every quantity that is there for all joints."""
+    if all(math.isfinite(as_number(column)) for column in columns):
+        example = ",".join([*["t"] * timed, *(f"q.{joint}" for joint in joint_names)])
+        above = f"above the numbers is needed, for example, {example!r}"
+        raise ValueError(f"{place}: the names of the columns are missing; {above}")
+    hint = "; separate columns by commas" if len(columns) == 1 and len(joint_names) + timed > 1 else ""
+    if hint and timed:
+        hint += ", or read the file by rne.identification.Record.from_log"
+    if timed and "t" not in columns:
+        raise MissingColumn(f"{place}: there is no column 't'; there are {listed_names(columns)}{hint}")
+    wanted = ["t"] * timed
+    for quantity in QUANTITIES:
+        own = [f"{quantity}.{joint}" for joint in joint_names]
+        missing = [column for column in own if column not in columns]
+        if missing and quantity in needed:
+            there = listed_names([column for column in columns if column.startswith(f"{quantity}.")] or columns)
+            what = f"there is no column {listed_names(missing)}, which is needed; there are {there}{hint}"
+            raise MissingColumn(f"{place}: {what}")
+        if missing and len(missing) < len(own):
+            what = f"no column {listed_names(missing)}; the {quantity} of all joints or of none are needed"
+            raise MissingColumn(f"{place}: {what}")
+        wanted += own if not missing else []
+    if twice := [column for column in wanted if columns.count(column) > 1]:
+        raise ValueError(f"{place}: column {twice[0]!r} is there twice")
+    return wanted
