@@ -9,9 +9,9 @@ from .exciting_motions.motion import Excitation, excitation
 from .fit.bodies import BodiesFit, fit_bodies
 from .fit.equations import RegressionData
 from .fit.least_squares import Bias, LeastSquares, Unexplained, fit_base_parameters
+from .log.findings import CleanRecord, RecordFinding
 from .log.prepared import Prepared
 from .log.record import Record
-from .log.screening import CleanRecord, RecordFinding
 from .payload import PayloadEstimate, identify_payload
 from .pipeline import assemble, diagnose, identify, regression
 from .result import Identification

@@ -54,6 +54,7 @@ from .fit.equations import (
     with_prior,
 )
 from .fit.least_squares import LeastSquares, believed_noise, least_squares
+from .log.findings import torques_of
 from .log.prepared import Prepared
 from .log.record import Record
 from .result import Identification, likely_text, unexplained_text
@@ -345,7 +346,7 @@ def is_that_of(record: Record, prepared: Prepared, delays: Array) -> bool:
     rows = np.isin(record.cleaned.t, prepared.t)
     if rows.sum() != len(prepared.t):
         return False
-    again = delayed(replace(prepared, tau=record.cleaned.tau[rows]), delays)
+    again = delayed(replace(prepared, tau=torques_of(record.cleaned)[rows]), delays)
     return np.array_equal(again.tau, prepared.tau)
 
 

@@ -56,6 +56,14 @@ KNOWN_VELOCITIES = 0.5  # share of samples with a velocity, below which those of
 RESTING = 0.01  # of the fastest joint's motion: velocities of a joint that moves less are not compared
 COMPARED_OVER = 0.1  # [s], over which they are compared: longer than delays of drives
 
+# Log: commands -----------------------------------------------------------------------------------------------------
+ENDS = (2, 98)  # percentiles that are a command's or position's ends, whatever overshoots
+KEEPS_MOVING = 0.2  # of its range, that a position moves in a record's second half if its command does not rest it
+FAR_COMMAND = 3.0  # ranges of the position between its ends and the command's, from which another unit is looked for
+NEAR_TURN = 0.5  # [rad] of error under load, up to which a command lies at a turn from its position
+CHANGING = 0.5  # share of samples that repeat a command, above which it is one of steps
+MADE_UP = 0.75  # of what a steady command would have moved meanwhile, from which a repeated one makes up for it
+
 # Log: the cut-off of the filter ------------------------------------------------------------------------------------
 SPECTRUM_SECONDS, SPECTRUM_SAMPLES = 4.0, 8  # length of one spectrum, at least so many samples; several are averaged
 LONG_ENOUGH = 0.7  # share of the samples in segments that are long enough for one

@@ -27,8 +27,8 @@ from ...model.parameters import PARAMETERS
 from ...robot import Robot
 from .. import thresholds
 from ..fit.equations import in_space_of_instruments, solve, triangular
+from ..log.findings import seconds
 from ..log.prepared import Prepared
-from ..log.screening import seconds
 from .conventions import conventions, turning
 from .residuals import Discrepancy, FitResiduals, Torques, by_joint, extended, orthonormal
 from .rigid_body_test import torque_noise

@@ -34,6 +34,7 @@ from ...model.topology import drivers_of
 from ...robot import Robot
 from .. import thresholds
 from ..log.filtering import impulse_response, low_pass, settling
+from ..log.findings import NO_COMMANDS, torques_of
 from ..log.prepared import Prepared, rows_without, undisturbed
 from ..log.record import Record
 from ..log.screening import consecutive, runs
@@ -581,8 +582,10 @@ def delayed(record: Prepared, delays: Array) -> Prepared:
     return replace(record, tau=tau)
 
 
-def checked_records(robot: Robot, records: Record | Sequence[Record], name: str = "records") -> tuple[Record, ...]:
-    """The records as a tuple, all of the robot's joints."""
+def checked_records(
+    robot: Robot, records: Record | Sequence[Record], name: str = "records", *, torques: bool = True
+) -> tuple[Record, ...]:
+    """The records as a tuple, all of the robot's joints, and with torques, or else with commands."""
     given = tuple(records) if isinstance(records, Sequence) and not isinstance(records, str) else (records,)
     if not given:
         raise ValueError(f"`{name}` must have at least one record")
@@ -590,9 +593,13 @@ def checked_records(robot: Robot, records: Record | Sequence[Record], name: str 
         if not isinstance(record, Record):
             raise TypeError(f"`{name}` must be an rne.identification.Record or several, got {type(record).__name__}")
         check_joints(robot, record, name)
+        if torques:
+            torques_of(record.cleaned)
+        elif record.command is None:
+            raise ValueError(f"{record.name}: {NO_COMMANDS}")
     for one, other in combinations(given, 2):
         if one.q.shape == other.q.shape and all(
-            np.array_equal(getattr(one, x), getattr(other, x)) for x in ("q", "tau")
+            np.array_equal(getattr(one, x), getattr(other, x)) for x in ("q", "tau" if torques else "command")
         ):
             cure = "one is the wrong file, or to be left out, since blocks of one are predicted by fits to the other"
             raise ValueError(f"`{name}` has the same measurements twice, {one.name!r} and {other.name!r}: {cure}")

@@ -13,7 +13,8 @@ from ...basics.spatial import Array
 from ...basics.text import counted, summary
 from .. import thresholds
 from . import filtering
-from .screening import CleanRecord, consecutive
+from .findings import CleanRecord, torques_of
+from .screening import consecutive
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,7 +200,7 @@ def prepare(name: str, clean: CleanRecord, cutoff: float | None, start: float) -
     if start:
         notes.append(f"times are counted from the first stamp, {start:.3f} s")
     notes += [*clean.notes, *(str(finding) for finding in clean.findings)]
-    t, tau, usable = (x[rows] for x in (clean.t, clean.tau, clean.usable))
+    t, tau, usable = (x[rows] for x in (clean.t, torques_of(clean), clean.usable))
     of_filters = rate, cutoff, position_cutoff, decimation
     return Prepared(t, q, qd, qdd, tau, segments, *of_filters, usable, tuple(notes), start)
 
@@ -208,7 +209,7 @@ def _cutoff(
     name: str, clean: CleanRecord, given: float | None, positions: list[Array], spectrum: tuple[Array, ...] | None
 ) -> tuple[float, tuple[str, ...]]:
     """The cut-off [Hz], and the reason in words: the given one, or by the spectrum of the positions of each segment."""
-    rate, torques = 1 / clean.period, [clean.tau[part] for part in clean.segments]
+    rate, torques = 1 / clean.period, [torques_of(clean)[part] for part in clean.segments]
     if given is None:
         try:
             if spectrum is None:

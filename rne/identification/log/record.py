@@ -21,8 +21,10 @@ from ...files.motion_files import numbered_joints
 from ...files.tables import File
 from ...files.time_units import TimeSymbol
 from .. import thresholds
+from .commands import Commands
+from .findings import NO_COMMANDS, RecordFinding, torques_of
 from .prepared import Prepared, prepare
-from .screening import STAMPS, RecordFinding, screen
+from .screening import STAMPS, screen
 
 if TYPE_CHECKING:
     from ...simulation.trajectory import Trajectory
@@ -41,11 +43,17 @@ class Record(ReadOnlyArrays):
         Times [s].
     q : array_like, shape (T, n)
         Joint positions, in `unit`.
-    tau : array_like, shape (T, n)
-        Joint torques [N m or N].
+    tau : array_like, shape (T, n), optional
+        Joint torques [N m or N]; without them `command` is needed.
     qd : array_like, shape (T, n), optional
         Measured joint velocities, in `unit` per second. Where they are those of the positions and have less noise than
         the derivatives of these, `prepare` uses them.
+    command : array_like, shape (T, n), optional
+        Commanded positions at the times `t`, in `unit`, from which `rne.identify_motion` fits a model.
+    command_rate : array_like, shape (T, n), optional
+        Commanded velocities beside them, in `unit` per second.
+    command_hold : bool
+        True if a command holds until the next sample, False if commands are linear in between.
     name : str
         For messages.
     joint_names : sequence of str, optional
@@ -64,10 +72,14 @@ class Record(ReadOnlyArrays):
     ----------
     t : ndarray, shape (T,)
         Times as given [s].
-    q, tau : ndarray, shape (T, n)
-        Positions and torques as given, in SI units [rad or m; N m or N].
-    qd : ndarray, shape (T, n), or None
-        Velocities as given, in SI units [rad/s or m/s].
+    q : ndarray, shape (T, n)
+        Positions as given, in SI units [rad or m].
+    tau, qd : ndarray, shape (T, n), or None
+        Torques and velocities as given, in SI units [N m or N; rad/s or m/s].
+    command, command_rate : ndarray, shape (T, n), or None
+        Commanded positions and velocities as given, in SI units [rad or m; rad/s or m/s].
+    command_hold : bool
+        True if a command holds until the next sample.
     cleaned : CleanRecord
         The measurements on a grid of equal steps, without what cannot be used.
     findings : tuple of RecordFinding
@@ -82,7 +94,8 @@ class Record(ReadOnlyArrays):
     Raises
     ------
     ValueError
-        If an array has the wrong shape or is not of numbers, or an option is none of those named.
+        If an array has the wrong shape or is not of numbers, there are neither torques nor commands, or an option is
+        none of those named.
 
     Notes
     -----
@@ -90,8 +103,10 @@ class Record(ReadOnlyArrays):
     values that are not finite; spikes, up to three samples off the curve through their neighbours by more than ten
     times the usual deviation, such as positions repeated in the midst of a motion; jumps of positions; torques that are
     constant, or at a limit; velocities that are not those of the positions; positions in degrees; joints that do not
-    move; fewer than two samples per second, and times that look like milliseconds, microseconds or nanoseconds. Errors
-    are raised by `prepare`.
+    move; fewer than two samples per second, and times that look like milliseconds, microseconds or nanoseconds. Of
+    commands: values that are not finite, constant commands, those in another unit than the positions or a turn away
+    from them, jumps by turns, and commands that repeat themselves in the midst of a motion and then make up for it.
+    Errors are raised by `prepare`.
 
     Examples
     --------
@@ -112,9 +127,12 @@ class Record(ReadOnlyArrays):
         self,
         t: ArrayLike,
         q: ArrayLike,
-        tau: ArrayLike,
+        tau: ArrayLike | None = None,
         qd: ArrayLike | None = None,
         *,
+        command: ArrayLike | None = None,
+        command_rate: ArrayLike | None = None,
+        command_hold: bool = True,
         name: str = "record",
         joint_names: Sequence[str] | None = None,
         unit: str | Sequence[str] = "rad",
@@ -126,9 +144,13 @@ class Record(ReadOnlyArrays):
         self.name, self._stamps, self._bridge = name, stamps, whole_number("bridge", bridge, least=0)
         self.q = samples_array("q", q, None)
         self.t = vector("t", t, len(self.q))
-        self.tau = samples_array("tau", tau, self.q.shape)
-        self.qd = None if qd is None else samples_array("qd", qd, self.q.shape)
-        n = self.q.shape[1]
+        if tau is None and command is None:
+            raise ValueError("`tau` or `command` must be given, got neither")
+        if command is None and command_rate is not None:
+            raise ValueError("`command_rate` must come with the positions, `command`")
+        given = {"tau": tau, "qd": qd, "command": command, "command_rate": command_rate}
+        arrays = {x: None if y is None else samples_array(x, y, self.q.shape) for x, y in given.items()}
+        self.tau, self.command_hold, n = arrays.pop("tau"), bool(command_hold), self.q.shape[1]
         self.joint_names = numbered_joints(n) if joint_names is None else tuple(joint_names)
         if len(self.joint_names) != n:
             raise ValueError(f"`joint_names` must have {n} names, got {len(self.joint_names)}")
@@ -140,8 +162,10 @@ class Record(ReadOnlyArrays):
         if len(units) != n or any(u not in UNITS for u in units):
             raise ValueError(f'`unit` must be "rad", "m" or "deg", or {n} of them, got {unit!r}')
         self.q *= (factors := [UNITS[u] for u in units])
-        self.qd = None if self.qd is None else self.qd * factors
-        self.cleaned = screen(name, self.joint_names, self.t, self.q, self.tau, self.qd, self._bridge, stamps)
+        self.qd, self.command, self.command_rate = (None if x is None else x * factors for x in arrays.values())
+        asked = None if self.command is None else Commands(self.command, self.command_rate, self.command_hold)
+        of_motion = self.t, self.q, self.tau, self.qd
+        self.cleaned = screen(name, self.joint_names, *of_motion, self._bridge, stamps, asked)
         self.findings: tuple[RecordFinding, ...] = self.cleaned.findings
         self.encoder_step: Array = self.cleaned.encoder_step
         self.sample_rate = 1 / self.cleaned.period
@@ -417,7 +441,8 @@ class Record(ReadOnlyArrays):
         t = self.t
         return (
             f"Record '{self.name}': {counted(len(t), 'sample')} of {counted(self.n, 'joint')}, "
-            f"{t[-1] - t[0]:.4g} s{f' from {t[0]:.3f} s on' if t[0] else ''}, {counted(len(self.findings), 'finding')}"
+            f"{t[-1] - t[0]:.4g} s{f' from {t[0]:.3f} s on' if t[0] else ''}, "
+            f"{'' if self.tau is not None else 'commands without torques, '}{counted(len(self.findings), 'finding')}"
         )
 
     @property
@@ -456,16 +481,24 @@ class Record(ReadOnlyArrays):
             raise ValueError(f"there are no samples between {start:.12g} and {end:.12g} s: {span}")
         return self._part(part, self.joint_names)
 
-    def _part(self, rows: Array | slice, joint_names: Sequence[str], called: Sequence[str] = ()) -> Record:
+    def _part(
+        self, rows: Array | slice, joint_names: Sequence[str], called: Sequence[str] = (), *, torques: bool = True
+    ) -> Record:
         """Some samples of some joints, with other names if given (`called`)."""
         joints = [self.joint_names.index(name) for name in joint_names]
-        qd = None if self.qd is None else self.qd[rows][:, joints]
-        options: dict[str, Any] = {"stamps": self._stamps, "bridge": self._bridge}
+        options: dict[str, Any] = {"stamps": self._stamps, "bridge": self._bridge, "command_hold": self.command_hold}
         options["joint_names"] = self._given_names and (called or joint_names)
-        q, tau = self.q[rows][:, joints], self.tau[rows][:, joints]
-        part = Record(self.t[rows], q, tau, qd, name=self.name, **options)
+        there = {x: getattr(self, x) for x in (*["tau"] * torques, "qd", "command", "command_rate")}
+        options |= {x: y[rows][:, joints] for x, y in there.items() if y is not None}
+        part = Record(self.t[rows], self.q[rows][:, joints], name=self.name, **options)
         part._tell(self.source, [finding for finding in self.findings if finding.kind == GUESS])
         return part
+
+    def _without_torques(self) -> Record:
+        """The commands and positions alone, screened as such."""
+        if self.command is None:
+            raise ValueError(f"{self.name}: {NO_COMMANDS}")
+        return self if self.tau is None else self._part(slice(None), self.joint_names, torques=False)
 
     def in_motion(self) -> Record:
         """The record without rest at its start and end.
@@ -527,8 +560,8 @@ class Record(ReadOnlyArrays):
         Raises
         ------
         ValueError
-            If a finding is an error, there is no motion to choose a cut-off from, no segment is long enough for the
-            filters, or an argument is out of its range.
+            If the record has no torques, a finding is an error, there is no motion to choose a cut-off from, no segment
+            is long enough for the filters, or an argument is out of its range.
 
         Notes
         -----
@@ -539,6 +572,7 @@ class Record(ReadOnlyArrays):
         run forwards and backwards. What a filter takes from the accelerations it takes from the inertias, so that
         parameters depend on the cut-off: `Identification.drift` shows by how much.
         """
+        torques_of(self.cleaned)
         errors = [finding for finding in self.findings if finding.severity == "error"]
         if errors:
             more = f" ({len(errors) - 1} more errors in `findings`)" if len(errors) > 1 else ""

@@ -7,191 +7,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass, field, fields
 from itertools import pairwise
-from typing import Literal
 
 import numpy as np
 
-from ...basics.arrays import ReadOnlyArrays
 from ...basics.spatial import Array
-from ...basics.text import counted, summary
+from ...basics.text import counted
 from ...files.time_units import guessed_unit
 from .. import thresholds
-
-Severity = Literal["error", "warning"]
-NAMED = 3  # samples that a text names
-
-
-def seconds(t: float) -> str:
-    """Seconds from a record's first stamp, to a millisecond."""
-    return f"{round(float(t), 3):.12g}"
-
-
-@dataclass(frozen=True)
-class RecordFinding:
-    """One error or warning about measurements.
-
-    Attributes
-    ----------
-    severity : {"error", "warning"}
-        A record with errors is not prepared for a fit; of warnings, the cure says what is done.
-    record : str
-        The record's name.
-    joint : str
-        The joint; empty if all are concerned.
-    kind : str
-        Kind of the fault, such as "position spike" or "gap".
-    text : str
-        Where, and by how much.
-    cure : str
-        Its treatment, or advice.
-    samples : tuple of int
-        The samples concerned, as indices of the record's arrays.
-
-    Examples
-    --------
-    >>> import rne
-    >>> finding = rne.identification.RecordFinding("warning", "run 1", "", "gap", "after sample 7", "cut here", (7,))
-    >>> print(finding)
-    warning: run 1: gap after sample 7; cut here
-    """
-
-    severity: Severity
-    record: str
-    joint: str
-    kind: str
-    text: str
-    cure: str
-    samples: tuple[int, ...] = ()
-
-    __repr__ = summary
-
-    def __str__(self) -> str:
-        return f"{self.severity}: {self.message}"
-
-    @property
-    def message(self) -> str:
-        """All but the severity."""
-        joint = f"{self.joint}: " if self.joint else ""
-        return f"{self.record}: {joint}{self.kind} {self.text}; {self.cure}"
-
-
-@dataclass
-class Screened:
-    """The measurements of a record on grids of equal steps, without what cannot be used, and what was found in them.
-
-    Findings name samples of the record by `rows`, those of its samples that are left.
-    """
-
-    name: str
-    joint_names: tuple[str, ...]
-    t: Array  # the record's stamps, then the grid, all segments after each other, shape (T,) [s]
-    q: Array  # shape (T, n), single spikes and missing values interpolated; torques and velocities likewise
-    tau: Array
-    qd: Array | None
-    usable: Array = field(init=False)  # False where a torque is not to be used, shape (T, n)
-    believed: Array = field(init=False)  # True for joints whose measured velocities are those of the positions
-    encoder_step: Array = field(init=False)  # smallest step of the positions, shape (n,); zero where there is none
-    segments: tuple[slice, ...] = ()  # the parts of the grid between gaps
-    period: float = float("nan")  # from one sample to the next [s]
-    notes: tuple[str, ...] = ()  # what was done though nothing is wrong
-    findings: list[RecordFinding] = field(default_factory=list)
-
-    def __post_init__(self) -> None:
-        self.stamps, self.rows = self.t, np.arange(len(self.t))
-
-    def warning(
-        self, joint: int | None, kind: str, text: str, cure: str, at: Iterable[int] = (), severity: Severity = "warning"
-    ) -> None:
-        """Add a finding; `joint` is None for all joints."""
-        name = "" if joint is None else self.joint_names[joint]
-        indices = tuple(int(self.rows[k]) for k in at)
-        self.findings.append(RecordFinding(severity, self.name, name, kind, text, cure, indices))
-
-    def error(self, kind: str, text: str, cure: str, samples: Iterable[int] = ()) -> None:
-        """Add an error that concerns all joints."""
-        self.warning(None, kind, text, cure, samples, "error")
-
-    def cleaned(self) -> CleanRecord:
-        """The measurements as they are, once all is looked through."""
-        own = {x.name: getattr(self, x.name) for x in fields(CleanRecord)}
-        return CleanRecord(**(own | {"findings": tuple(self.findings)}))
-
-    @property
-    def has_errors(self) -> bool:
-        """True if a finding is an error."""
-        return any(finding.severity == "error" for finding in self.findings)
-
-    def at(self, samples: Array) -> str:
-        """Places of samples in words, of the first ones with their times from the first stamp."""
-        rows = self.rows[samples[:NAMED]]
-        named = ", ".join(f"{k} (t = {seconds(self.stamps[k] - self.stamps[0])} s)" for k in rows)
-        if len(samples) == 1:
-            return f"at sample {named}"
-        more = f" and {len(samples) - NAMED} more" if len(samples) > NAMED else ""
-        return f"at {counted(len(samples), 'sample')}: {named}{more}"
-
-    def after(self, samples: Array) -> str:
-        """After which samples, the first ones with their times."""
-        return "after " + self.at(samples).removeprefix("at ")
-
-
-@dataclass(frozen=True, eq=False)
-class CleanRecord(ReadOnlyArrays):
-    """Measurements on grids of equal steps, without what cannot be used, as `Record.cleaned` has them.
-
-    Attributes
-    ----------
-    name : str
-        That of the record.
-    joint_names : tuple of str
-        Of the joints.
-    t : ndarray, shape (T,)
-        Times of the grid, all segments after each other [s].
-    q, tau, qd : ndarray, shape (T, n)
-        Positions, torques and velocities, single spikes and missing values interpolated; `qd` is None without measured
-        ones [rad or m; N m or N; rad/s or m/s].
-    usable : ndarray, shape (T, n)
-        False where a torque is measured but not to be used: a constant channel, a saturated drive.
-    believed : ndarray, shape (n,)
-        True for joints whose measured velocities are those of the positions.
-    encoder_step : ndarray, shape (n,)
-        Smallest step of the positions; zero where there is none [rad or m].
-    segments : tuple of slice
-        The parts of the grid between gaps.
-    period : float
-        From one sample to the next [s].
-    notes : tuple of str
-        What was done though nothing is wrong.
-    findings : tuple of RecordFinding
-        What is wrong, and what was done about it.
-
-    Examples
-    --------
-    >>> import numpy as np, rne
-    >>> t = np.arange(2000) / 500
-    >>> q = np.sin(2 * np.pi * np.outer(t, [0.5, 1.0]))
-    >>> clean = rne.identification.Record(np.delete(t, 9), np.delete(q, 9, axis=0), np.cos(q[1:])).cleaned
-    >>> len(clean.t), [finding.kind for finding in clean.findings]
-    (2000, ['missing samples'])
-    """
-
-    name: str
-    joint_names: tuple[str, ...]
-    t: Array
-    q: Array
-    tau: Array
-    qd: Array | None
-    usable: Array
-    believed: Array
-    encoder_step: Array
-    segments: tuple[slice, ...]
-    period: float
-    notes: tuple[str, ...]
-    findings: tuple[RecordFinding, ...]
-
-    __repr__ = summary
+from .commands import Commands, check_commands, known_commands
+from .findings import CleanRecord, Screened, Severity, seconds
 
 
 def runs(flags: Array) -> list[tuple[int, int]]:
@@ -455,51 +280,92 @@ def clipped(x: Array, step: float, moving: Array, spike: Array) -> Array:
 
 
 def screen(
-    name: str, joint_names: tuple[str, ...], t: Array, q: Array, tau: Array, qd: Array | None, bridge: int, stamps: str
+    name: str,
+    joint_names: tuple[str, ...],
+    t: Array,
+    q: Array,
+    tau: Array | None,
+    qd: Array | None,
+    bridge: int,
+    stamps: str,
+    commands: Commands | None = None,
 ) -> CleanRecord:
     """Find what is wrong, take out or cut what can be, and put the rest on a grid of equal steps."""
     found, n = Screened(name, joint_names, t, q, tau, qd), q.shape[1]
-    tau = np.where(np.isfinite(tau).any(0), tau, 0.0)  # a torque that was never read is constant
     qd = found.qd = _known_velocities(found, qd)
-    columns = {"position": q, "torque": tau} | ({} if qd is None else {"velocity": qd})
-    measured = np.hstack(list(columns.values()))
-    kept = check_order(found, t, measured, stamps) & _numbers(found, columns)
-    steps = np.array([encoder_step(x[np.isfinite(x)]) for x in measured.T])
+    columns = {"position": q}
+    if tau is not None:
+        columns["torque"] = np.where(np.isfinite(tau).any(0), tau, 0.0)  # a torque that was never read is constant
+    if qd is not None:
+        columns["velocity"] = qd
+    parts = {kind: slice(k * n, (k + 1) * n) for k, kind in enumerate(columns)}
+    values = np.hstack(list(columns.values()))
+    told = [] if commands is None or tau is not None else [commands.q]  # what tells samples of one time apart
+    kept = check_order(found, t, np.hstack([values, *told]), stamps) & _numbers(found, columns)
+    if commands is not None:
+        commands, started = known_commands(found, commands)
+        kept &= started | (tau is not None)
+    steps = np.array([encoder_step(x[np.isfinite(x)]) for x in values.T])
     found.usable, found.believed, found.encoder_step = np.ones(q.shape, bool), np.zeros(n, bool), steps[:n]
-    if not np.nan_to_num(tau).any():
+    _check_there(found, tau, kept)
+    if found.has_errors:
+        return found.cleaned()
+    found.rows = np.flatnonzero(kept)
+    values = np.asfortranarray(values[kept])
+    _screen_values(found, t[kept], values, (parts, steps), bridge, stamps, commands)
+    return found.cleaned()
+
+
+def _check_there(found: Screened, tau: Array | None, kept: Array) -> None:
+    """Errors where there are no torques, or too few samples."""
+    if tau is not None and not np.nan_to_num(tau).any():
         found.error("no torque", "in any sample, all are zero or missing", "did the driver publish efforts?")
     if not found.has_errors and kept.sum() < thresholds.FEWEST_SAMPLES:
         why = "".join(f": {x.joint} has {x.kind} {x.text}" for x in found.findings[:1] if x.joint)
         cure = f"at least {thresholds.FEWEST_SAMPLES} are needed"
         found.error("too few samples:", f"{int(kept.sum())} are usable{why}", cure)
-    if found.has_errors:
-        return found.cleaned()
-    found.rows = np.flatnonzero(kept)
-    t, measured, usable = t[kept], np.asfortranarray(measured[kept]), found.usable[kept]
-    q, tau = measured[:, :n], measured[:, n : 2 * n]  # views: what is interpolated in `measured` is so in these
-    velocities = None if qd is None else measured[:, 2 * n :]
+
+
+def _screen_values(
+    found: Screened,
+    t: Array,
+    measured: Array,
+    named: tuple[dict[str, slice], Array],
+    bridge: int,
+    stamps: str,
+    commands: Commands | None,
+) -> None:
+    """Screen the samples that are kept, of quantities in these columns and with these smallest steps (`named`)."""
+    parts, steps = named
+    usable = found.usable[found.rows]
+    q = measured[:, parts["position"]]  # a view: what is interpolated in `measured` is so in this
+    velocities = measured[:, parts["velocity"]] if "velocity" in parts else None
     times, found.period = check_stamps(found, t, q, velocities, bridge, stamps)
     if found.has_errors:
-        return found.cleaned()
+        return
     _check_unit_of_times(found, times, q, velocities)
     usual = [usual_deviation(x, step) for x, step in zip(measured.T, steps, strict=True)]
     flags = np.column_stack([spikes(x, level) for x, level in zip(measured.T, usual, strict=True)])
     longest = thresholds.LONGEST_SPIKE
     for after in 1 + np.flatnonzero(is_gap(times, found.period, bridge)):  # samples beside a gap: no neighbours
         flags[max(after - longest, 0) : after + longest] = False
-    usable &= _usable_torques(found, q, tau, steps[n:], flags[:, n : 2 * n])
-    flags[:, n : 2 * n] &= usable
+    if torque := parts.get("torque"):
+        usable &= _usable_torques(found, q, measured[:, torque], steps[torque], flags[:, torque])
+        flags[:, torque] &= usable
     cuts = _check_jumps(found, t, q, usual, flags)
-    for k, kind in enumerate(columns):
-        part = slice(k * n, (k + 1) * n)
+    for kind, part in parts.items():
         _check_spikes(found, kind, measured[:, part], flags[:, part], bridge)
     long_runs = _interpolate(times, measured, flags, bridge)
-    _check_motion(found, q, steps[:n])
+    _check_motion(found, q, steps[parts["position"]])
     if velocities is not None and not found.has_errors:
         found.believed = _check_velocities(found, times, q, velocities)
+    if commands is not None and not found.has_errors:
+        check_commands(found, commands.q[found.rows], q)
     if not found.has_errors:
-        _put_on_grid(found, times, measured, usable, ~long_runs, cuts, bridge)
-    return found.cleaned()
+        _put_on_grid(found, times, (measured, parts), usable, ~long_runs, cuts, bridge)
+        if commands is not None:
+            every = np.interp(np.arange(len(commands.q)), found.rows, times)
+            found.command, found.command_rate = commands.at(every, found.t, thresholds.REGULAR * found.period)
 
 
 def _numbers(found: Screened, columns: dict[str, Array]) -> Array:
@@ -539,9 +405,9 @@ def _usable_torques(found: Screened, q: Array, tau: Array, steps: Array, spike: 
     moved = np.abs(np.gradient(q, axis=0))
     for j, x in enumerate(tau.T):
         if np.ptp(x) <= max(thresholds.NOTHING * np.abs(x).max(), thresholds.SILENT):
-            what = ("constant torque", f"of {x[0]:.6g} in all samples")
-            what = what if np.isfinite(found.tau[:, j]).any() else ("torque missing", "in all samples")
-            found.warning(j, *what, "no row of this joint is used")
+            never = found.tau is not None and not np.isfinite(found.tau[:, j]).any()
+            what = ("torque missing", "") if never else ("constant torque", f"of {x[0]:.6g} ")
+            found.warning(j, what[0], f"{what[1]}in all samples", "no row of this joint is used")
             usable[:, j] = False
             continue
         usual = np.sqrt(np.mean(moved[:, j] ** 2))
@@ -653,12 +519,19 @@ def _check_velocities(found: Screened, t: Array, q: Array, qd: Array) -> Array:
 
 
 def _put_on_grid(
-    found: Screened, t: Array, values: Array, usable: Array, kept: Array, cuts: Array, bridge: int
+    found: Screened,
+    t: Array,
+    named: tuple[Array, dict[str, slice]],
+    usable: Array,
+    kept: Array,
+    cuts: Array,
+    bridge: int,
 ) -> None:
     """Put the samples that are kept on grids of equal steps, one between two gaps or cuts."""
     from scipy.interpolate import CubicSpline
 
-    rows, period, n = np.flatnonzero(kept), found.period, usable.shape[1]
+    values, columns = named
+    rows, period = np.flatnonzero(kept), found.period
     regular = thresholds.REGULAR * period
     gap = is_gap(t[rows], period, bridge)
     gap |= np.searchsorted(cuts, rows[1:]) > np.searchsorted(cuts, rows[:-1])
@@ -682,5 +555,6 @@ def _put_on_grid(
     found.segments = consecutive(len(grid) for grid, _, _ in parts[1:])
     joined = parts[1] if len(parts) == 2 else [np.concatenate(arrays) for arrays in zip(*parts, strict=True)]
     found.t, measured, found.usable = joined
-    found.q, found.tau = measured[:, :n], measured[:, n : 2 * n]
-    found.qd = None if found.qd is None else measured[:, 2 * n :]
+    found.q = measured[:, columns["position"]]
+    found.tau = measured[:, columns["torque"]] if "torque" in columns else None
+    found.qd = measured[:, columns["velocity"]] if "velocity" in columns else None

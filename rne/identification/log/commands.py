@@ -1,0 +1,125 @@
+"""Commanded positions of a record: what is wrong with them, and their values on the grid of the measurements."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...basics.spatial import Array
+from ...basics.text import counted
+from .. import thresholds
+from .findings import Screened
+
+UNITS = {180 / np.pi: "degrees beside positions in rad", np.pi / 180: "rad beside positions in degrees"}
+UNITS |= {1e3: "mm beside positions in m", 1e-3: "m beside positions in mm"}  # by size of the command's numbers
+TURN = 2 * np.pi
+
+
+class Commands(NamedTuple):
+    """Commanded positions, and velocities if there are, at the samples of a record, shape (T, n); NaN where missing."""
+
+    q: Array
+    rate: Array | None
+    hold: bool  # until the next sample; otherwise linear in between
+
+    def at(self, times: Array, grid: Array, rounding: float) -> tuple[Array, Array | None]:
+        """Commands of samples at `times`, which ascend, at the times of a grid: (q, rate)."""
+        if self.hold:
+            last = np.clip(np.searchsorted(times, grid + rounding, side="right") - 1, 0, None)
+            return self.q[last], None if self.rate is None else self.rate[last]
+
+        def linear(values: Array) -> Array:
+            return np.column_stack([np.interp(grid, times, x) for x in values.T])
+
+        return linear(self.q), None if self.rate is None else linear(self.rate)
+
+
+def known_commands(found: Screened, given: Commands) -> tuple[Commands, Array]:
+    """Commands without missing values, and True at samples from which on all joints have one."""
+    rows, started = np.arange(len(given.q)), np.ones(len(given.q), bool)
+    filled = []
+    for what, values in (("command", given.q), ("commanded velocity", given.rate)):
+        columns = []
+        for j, x in enumerate(() if values is None else values.T):
+            known = np.flatnonzero(np.isfinite(x))
+            if not len(known):
+                found.warning(j, f"no {what}", "in any sample", "give one for each joint", severity="error")
+                columns.append(np.zeros(len(x)))
+                continue
+            if missing := np.flatnonzero(~np.isfinite(x[known[0] :])).tolist():
+                cure = "the last one holds" if given.hold else "interpolated"
+                samples = known[0] + np.array(missing)
+                found.warning(j, f"no finite {what}", found.at(samples), cure, samples)
+            if known[0]:
+                text = f"before sample {known[0]} (t = {found.stamps[known[0]] - found.stamps[0]:.4g} s)"
+                found.warning(j, f"no {what}", text, "the record begins there")
+            started &= rows >= known[0]
+            last = np.clip(np.searchsorted(known, rows, side="right") - 1, 0, None)
+            columns.append(x[known[last]] if given.hold else np.interp(rows, known, x[known]))
+        filled.append(np.stack(columns, axis=1) if columns else None)
+    q, rate = filled
+    assert q is not None  # there are positions
+    return Commands(q, rate, given.hold), started
+
+
+def check_commands(found: Screened, commands: Array, q: Array) -> None:
+    """Name commands that are constant, in another unit than the positions, a turn away, or stale."""
+    for j, (command, position) in enumerate(zip(commands.T, q.T, strict=True)):
+        if np.ptp(command) == 0:  # of a step, after which the position comes to rest, or of another motion
+            if np.ptp(position[len(position) // 2 :]) > thresholds.KEEPS_MOVING * np.ptp(position):
+                text = f"of {command[0]:.6g} in all samples, while the position keeps moving"
+                found.warning(j, "constant command", text, "right if the drive is off or too weak")
+            continue
+        told = _unit_of(command, position)
+        if told:
+            cure = "give both in one unit, or no number of the controller is right"
+            found.warning(j, "unit of the command:", told, cure)
+            continue
+        turns = int(np.rint(np.median(command - position) / TURN))
+        if turns and abs(np.median(command - position) - turns * TURN) < thresholds.NEAR_TURN:
+            cure = f"take {TURN * turns:.4g} rad off the command"
+            found.warning(j, "command", f"is {counted(abs(turns), 'turn')} from the position", cure)
+        wraps = _wraps(command, position)
+        if len(wraps):
+            text = f"{found.after(wraps)}, by a turn that the position does not make"
+            found.warning(j, "jump of the command", text, "unwrap it by numpy.unwrap(command, axis=0)", wraps)
+        stale = _stale(command)
+        if len(stale):
+            cure = "taken as sent; if the log lost commands, the motion after them is not theirs"
+            found.warning(j, "repeated command", found.at(stale), cure, stale)
+
+
+def _unit_of(command: Array, q: Array) -> str:
+    """The units of command and position where these have the same ends in another unit than as they are."""
+    ends = np.percentile(q, thresholds.ENDS)
+    asked, size = np.percentile(command, thresholds.ENDS), max(float(np.ptp(ends)), thresholds.TINY)
+    if np.abs(asked - ends).max() < thresholds.FAR_COMMAND * size:
+        return ""
+    near = [text for factor, text in UNITS.items() if np.abs(asked / factor - ends).max() < size / 2]
+    return near[0] if len(near) == 1 else ""
+
+
+def _wraps(command: Array, q: Array) -> Array:
+    """Samples after which the command jumps by whole turns, between steps without them, and the position does not."""
+    steps, moved = np.diff(command), np.abs(np.diff(q))
+    turns = np.rint(steps / TURN)
+    beside = np.maximum(np.abs(np.roll(steps, 1)), np.abs(np.roll(steps, -1)))
+    is_wrap = (turns != 0) & (np.abs(steps - turns * TURN) <= beside + thresholds.NEAR_TURN / 2)
+    return np.flatnonzero(is_wrap & (beside < TURN / 2) & (moved < TURN / 2))
+
+
+def _stale(command: Array) -> Array:
+    """Samples of a command that changes at most of them, and here repeats itself and then makes up for it."""
+    steps = np.diff(command)
+    still = steps == 0
+    if still.mean() > thresholds.CHANGING:
+        return np.zeros(0, int)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(np.int8))).reshape(-1, 2)
+    found = [np.zeros(0, int)]
+    for a, b in edges[(edges[:, 0] > 0) & (edges[:, 1] + 1 < len(steps))]:
+        before, jump, after = steps[a - 1], steps[b], steps[b + 1]
+        slope = (before + after) / 2
+        if before * after > 0 and jump / slope > thresholds.MADE_UP * (b - a + 1):
+            found.append(np.arange(a + 1, b + 1))
+    return np.concatenate(found)
