@@ -196,6 +196,22 @@ def test_machine_code_and_numpy_agree():
         np.testing.assert_allclose(slopes, expected, rtol=0, atol=1e-10 * max(1, np.abs(expected).max()))
 
 
+def test_published_figures(rod):
+    """A servo lifts its nominal torque and no more, and under full voltage its speed is the nominal one."""
+    for name, torque_, speed in (("sts3215-7.4v", 1.912, 5.454), ("sts3215-12v", 2.942, 4.717)):
+        figures = rne.control.servo_figures(name)
+        law = figures.law(rod, 9.0)
+        assert abs(torque(law, 0, 0) - torque_) < 1e-3
+        assert abs(torque(law, 0, speed)) < 1e-3
+        assert abs(torque(law, 9 - 1 / (16 * figures.gain), 0) - torque_) < 1e-3
+        assert abs(torque(figures.law(rod, 0.1, p=8), 0, 0) - 0.8 * figures.gain * torque_) < 1e-3
+        assert "commit" in figures.source
+    with pytest.raises(ValueError, match=r"^`p` must be positive, got 0.0$"):
+        figures.law(rod, p=0)
+    with pytest.raises(ValueError, match=r"^`name` must be one of \['sts3215-7.4v', 'sts3215-12v'\], got 'mg90s'$"):
+        rne.control.servo_figures("mg90s")
+
+
 @pytest.mark.parametrize(
     ("wrong", "text"),
     [

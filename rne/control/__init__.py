@@ -2,6 +2,7 @@
 
 from .adaptive_law import Adaptive, adaptive
 from .feedback_loop import FeedbackLoop, LinearisedLoop, closed_loop
+from .known_servos import ServoFigures, servo_figures
 from .laws import PD, PID, ComputedTorque, Reference, computed_torque, pd, pd_gravity, pid, traceable
 from .momentum_observer import GuardedLaw, MomentumObserver, Residuals
 from .robust_laws import Robust, RobustPassive, SlidingMode, robust, robust_passive, sliding_mode
@@ -27,6 +28,7 @@ __all__ = [
     "Robust",
     "RobustPassive",
     "Servo",
+    "ServoFigures",
     "SlidingMode",
     "adaptive",
     "changed",
@@ -41,6 +43,7 @@ __all__ = [
     "robust",
     "robust_passive",
     "servo",
+    "servo_figures",
     "sliding_mode",
     "traceable",
     "uncertainty_bound",
