@@ -94,7 +94,8 @@ SERVOS = {
         coulomb=0.0515,
         steps=4096,
         source="Feetech STS3215-C001, gear 1/345: 19.5 kg cm, 0.192 s per 60 degrees at 7.4 V (as sold by DFRobot, "
-        "SER0069); gain, armature and friction: model M1 of github.com/Rhoban/bam, bam/params/feetech_sts3215_7_4V (commit 31e5b97)",
+        "SER0069); gain, armature and friction: model M1 of github.com/Rhoban/bam, "
+        "bam/params/feetech_sts3215_7_4V (commit 31e5b97)",
     ),
     "sts3215-12v": ServoFigures(
         stall_torque=30 * KG_CM,
@@ -105,7 +106,7 @@ SERVOS = {
         coulomb=0.0528,
         steps=4096,
         source="Feetech STS3215-C018, gear 1/345: 30 kg cm, 0.222 s per 60 degrees at 12 V (issue 134 of "
-        "github.com/TheRobotStudio/SO-ARM100); gain, armature and Coulomb friction of model M1, viscous friction of M4: "
+        "github.com/TheRobotStudio/SO-ARM100); gain, armature and Coulomb friction of model M1, viscous of M4: "
         "github.com/kscalelabs/sysid, data/feetech/STS_3215_12V_20250317 (commits 0d8884a and 6b78737)",
     ),
 }
