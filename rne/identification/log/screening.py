@@ -178,17 +178,19 @@ def _check_gaps(found: Screened, t: Array, period: float, gap: Array) -> None:
 
 NO_VELOCITY = "no finite velocity"
 NORMAL = 1.4826  # standard deviation of normal noise, per median of its magnitude
+ROUNDS = 5  # of fitting the step of an encoder
 
 
 def encoder_step(x: Array) -> float:
     """The step of which all differences of neighbours are multiples; zero if there is none."""
     steps = np.abs(np.diff(x))
-    steps = np.sort(steps[steps > 0])
+    steps = steps[steps > 0]
     if len(steps) < thresholds.FEWEST_DIFFERENCES:
         return 0.0
-    step = float(np.median(steps[: thresholds.FEWEST_DIFFERENCES]))
-    for _ in range(5):  # by least squares; it settles in a few rounds
-        small = steps[steps < 5 * step]
+    step = float(np.median(np.partition(steps, thresholds.FEWEST_DIFFERENCES - 1)[: thresholds.FEWEST_DIFFERENCES]))
+    near = np.sort(steps[steps < 5 * 1.5**ROUNDS * step])  # a round makes the step longer by half at most
+    for _ in range(ROUNDS):  # by least squares; it settles in a few rounds
+        small = near[near < 5 * step]
         multiples = np.rint(small / step)
         if not multiples.any():
             return 0.0
@@ -228,7 +230,9 @@ def usual_deviation(x: Array, step: float) -> Array:
     deviation = np.pad(deviations(x, 1)[0], 2, mode="edge")
     count = max(1, len(x) // thresholds.USUAL_OVER)
     blocks = deviation[: len(x) // count * count].reshape(count, -1)
-    local = np.repeat(NORMAL * np.median(blocks, axis=1), blocks.shape[1])
+    middle = slice((blocks.shape[1] - 1) // 2, blocks.shape[1] // 2 + 1)
+    median = np.sort(blocks, axis=1)[:, middle].mean(axis=1)  # numpy.median takes five times as long
+    local = np.repeat(NORMAL * median, blocks.shape[1])
     local = np.pad(local, (0, len(x) - len(local)), mode="edge")
     return np.asarray(np.maximum(local, max(float(np.percentile(deviation, thresholds.EXCEEDED)), step) / 2))
 
@@ -299,7 +303,7 @@ def screen(
     if qd is not None:
         columns["velocity"] = qd
     parts = {kind: slice(k * n, (k + 1) * n) for k, kind in enumerate(columns)}
-    values = np.hstack(list(columns.values()))
+    values = np.asfortranarray(np.hstack(list(columns.values())))
     told = [] if commands is None or tau is not None else [commands.q]  # what tells samples of one time apart
     kept = check_order(found, t, np.hstack([values, *told]), stamps) & _numbers(found, columns)
     if commands is not None:
@@ -311,7 +315,7 @@ def screen(
     if found.has_errors:
         return found.cleaned()
     found.rows = np.flatnonzero(kept)
-    values = np.asfortranarray(values[kept])
+    values = values if kept.all() else np.asfortranarray(values[kept])
     _screen_values(found, t[kept], values, (parts, steps), bridge, stamps, commands)
     return found.cleaned()
 
