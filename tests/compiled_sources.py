@@ -58,10 +58,10 @@ def c_library(sources, folder, *options):
         "-std=c99",
         "-Wall",
         "-Wextra",
-        "-Wno-unused-parameter",
+        "-Wpedantic",
+        "-Wconversion",
         "-Werror",
         "-Wdouble-promotion",
-        "-Wfloat-conversion",
     )
     command = ["cc", *warnings, *(options or ["-O0"]), "-shared", "-fPIC", "-o", "all.so", "all.c", "-lm"]
     subprocess.run(command, cwd=folder, check=True)

@@ -192,12 +192,13 @@ def test_names_of_python_are_imported_where_they_are_used():
 
 def test_another_language_is_refused(irb140):
     with pytest.raises(
-        ValueError, match=r"^`language` must be one of \['python', 'numpy', 'matlab', 'c', 'rust'\], got 'fortran'$"
+        ValueError,
+        match=r"^`language` must be one of \['python', 'numpy', 'matlab', 'c', 'c\+\+', 'rust'\], got 'fortran'$",
     ):
         irb140.kernel(rne.dynamics.mass_matrix).source("fortran")
 
 
-COMMENTS = {"python": "#", "numpy": "#", "matlab": "%", "c": "/*", "rust": "//"}
+COMMENTS = {"python": "#", "numpy": "#", "matlab": "%", "c": "/*", "c++": "//", "rust": "//"}
 
 
 def code_and_comments(text, language):

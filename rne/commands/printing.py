@@ -27,7 +27,7 @@ COMPARED = (
     *("joint_types", "lower", "upper", "velocity_limit", "effort_limit", "damping", "friction", "armature"),
     *("axis", "translation", "rotation", "mass", "com", "inertia"),
 )
-LANGUAGES, TYPES = ("python", "numpy", "matlab", "c", "rust"), ("float64", "float32")
+LANGUAGES, TYPES = ("python", "numpy", "matlab", "c", "c++", "rust"), ("float64", "float32")
 
 
 def quantities() -> list[str]:
@@ -172,7 +172,10 @@ def run_urdf(arguments: argparse.Namespace) -> int:
 
 def add_source(commands: Any) -> None:
     """Register `rne source`."""
-    title, example = "print a quantity as C, Rust, MATLAB, Python or NumPy", "rne source irb140 --language c > tau.c"
+    title, example = (
+        "print a quantity as C, C++, Rust, MATLAB, Python or NumPy",
+        "rne source irb140 --language c > tau.c",
+    )
     parser = shared.add_parser(commands, "source", title, example, run_source)
     parser.add_argument("robot", metavar="ROBOT", help=ROBOT)
     choices = quantities()
@@ -181,7 +184,9 @@ def add_source(commands: Any) -> None:
     element = "one entry alone: m23 of M, c3 of C q', g2 of g, tau4, h1, qdd5; joints from 1, m2_13 beyond nine"
     parser.add_argument("--element", metavar="ELEMENT", help=element)
     parser.add_argument("--language", default="python", choices=LANGUAGES, help="(default: python)")
-    parser.add_argument("--dtype", default="float64", choices=TYPES, help="numbers of C and Rust (default: float64)")
+    parser.add_argument(
+        "--dtype", default="float64", choices=TYPES, help="numbers of C, C++ and Rust (default: float64)"
+    )
 
 
 def run_source(arguments: argparse.Namespace) -> int:

@@ -40,7 +40,7 @@ from . import array_layout
 from .numpy_backend import BlockProgram, check_array, check_out
 from .python_backend import state_function
 from .soundness import NeedsRecursion, Recursion, Trace
-from .source import Printable, entry_of_element, heading, identifier, to_source
+from .source import Printable, checked_name, entry_of_element, heading, identifier, to_source
 from .trace import (
     LIMIT,
     argument_widths,
@@ -551,20 +551,35 @@ class Kernel:
         found = np.concatenate([accumulated(program, entries, part, by) for part in parts])
         return found.astype(inputs.dtype).reshape(*leading, entries, len(by))
 
-    def source(self, language: str = "python", element: str | None = None, dtype: str = "float64") -> str:
-        """The kernel as source text of a function of one state; it does not check its arguments, nor M's pivots.
+    def source(
+        self,
+        language: str = "python",
+        element: str | None = None,
+        dtype: str = "float64",
+        *,
+        name: str | None = None,
+        namespace: str | None = None,
+    ) -> str:
+        """The kernel as source text of a function of one state, which does not check its arguments.
+
+        In C and C++ it says where M is singular, as the comment above the function describes; in other languages it
+        does not check M's pivots.
 
         Parameters
         ----------
-        language : {"python", "numpy", "matlab", "c", "rust"}
+        language : {"python", "numpy", "matlab", "c", "c++", "rust"}
             MATLAB runs in Octave too; "numpy" takes batches. Rust is of edition 2021, needs `core` alone, and calls
-            sin, cos, ... of libm.
+            sin, cos, ... of libm. C++ is a header of C++17, with arrays of the standard library.
         element : str, optional
             One entry alone, as in the thesis's appendix C, with the operations that it needs: "m23" of M, "c3" of
             C q', "g2" of g, "tau4" of inverse dynamics, "h1" of bias torques, "qdd5" of forward dynamics. Joints are
             counted from 1; beyond nine, "m2_13".
         dtype : {"float64", "float32"}
-            Of arguments, constants and results; "float32" in C and Rust.
+            Of arguments, constants and results; "float32" in C, C++ and Rust.
+        name : str, optional
+            Name of the function; by default the quantity's or the entry's.
+        namespace : str, optional
+            Namespace in C++, by default `robot`; of two robots it keeps the functions apart.
 
         Returns
         -------
@@ -576,8 +591,8 @@ class Kernel:
         Raises
         ------
         ValueError
-            For any other language or dtype, an entry that the quantity does not have, or a constant that float32 cannot
-            hold.
+            For any other language or dtype, an entry that the quantity does not have, a constant that float32 cannot
+            hold, or a `name` or `namespace` that the language does not take.
         TypeError
             If the kernel is too large to be written out.
 
@@ -587,13 +602,42 @@ class Kernel:
         >>> rne.compile(rne.dynamics.gravity_torque, rne.irb140()).source("matlab", "g4").splitlines()[:2]
         ['function result = g4(q)', '% Entry 4 of gravity_torque of robot irb140']
         """
+        printed = self.printed(element)
+        if name is not None:
+            printed = printed._replace(name=checked_name("name", name, self.names))
+        if namespace is not None and language != "c++":
+            raise ValueError(f"`namespace` is for language 'c++', got language {language!r}")
+        if language == "c++":
+            own = "robot" if namespace is None else checked_name("namespace", namespace)
+            printed = printed._replace(namespace=own, looks_up=len(self.table) > 0)
+        return to_source(printed, language, dtype)
+
+    def printed(self, element: str | None = None) -> Printable:
+        """The kernel, or one entry of its result, with the name and the comment that its text has.
+
+        Parameters
+        ----------
+        element : str, optional
+            An entry, as of `source`.
+
+        Returns
+        -------
+        Printable
+            For `rne.kernels.source`.
+
+        Examples
+        --------
+        >>> import rne
+        >>> rne.compile(rne.dynamics.gravity_torque, rne.irb140()).printed("g4").name
+        'g4'
+        """
         name = re.sub("[ ,]+", "_", self._title)
         traced, title, entry = self.printable, name, None
         if element is not None:
             entry = entry_of_element(element, name, traced.shape)
             traced, title = trace(self.quantity, self.model, self._rest, self.wrt, entry, self.order), element
         lines = heading(self.model, name, self.names, entry, self.quantity.wrenches)
-        return to_source(Printable(traced, title, self.names, lines, self.table), language, dtype)
+        return Printable(traced, title, self.names, lines, self.table)
 
     def to_sympy(self) -> Any:
         """Return the kernel as expressions of SymPy; needs the extra `sympy`.

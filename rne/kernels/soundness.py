@@ -101,17 +101,18 @@ class Trace:
             conditions.append(write.within(velocities, velocity_bound(np.dtype(dtype))))
         return conditions
 
-    def sound_results(self, outputs: Any, dtype: Any, write: Conditions) -> list[Any]:
+    def sound_results(self, outputs: Any, dtype: Any, write: Conditions, units: float = NEARLY_SINGULAR) -> list[Any]:
         """Conditions on the outputs. If all hold, the result is used; if not, the recursion computes the state.
 
         The recursion then finds whether that is an error, to be warned of or sound after all. This is the only
-        statement of the conditions; each engine writes it in its own form. A NaN fulfils none.
+        statement of the conditions; each engine writes it in its own form. A NaN fulfils none. Printed C, which has no
+        recursion, takes the bound for singular M in its `units`.
         """
         first, n = self.entries, self.pivots
         conditions = [write.finite(outputs[:first])]
         if n:
             pivots, diagonal = outputs[first : first + n], outputs[first + n : first + 2 * n]
-            conditions.append(write.above(pivots, pivot_bound(NEARLY_SINGULAR, n, dtype), diagonal))
+            conditions.append(write.above(pivots, pivot_bound(units, n, dtype), diagonal))
         if (last := len(self.program.outputs)) > first + 2 * n:
             conditions.append(write.finite(outputs[first + 2 * n : last]))
         return conditions

@@ -1,4 +1,4 @@
-"""A program as source text in Python, NumPy, MATLAB (and Octave), C or Rust, below a comment on robot and units.
+"""A program as source text in Python, NumPy, MATLAB (and Octave), C, C++ or Rust, below a comment on robot and units.
 
 Joints are numbers in the program. Names come from a file, and the file may be anybody's: in the comment they are plain
 ASCII of a few harmless characters, so that no name can end the comment or continue its line, in any of the languages.
@@ -21,6 +21,7 @@ import numpy as np
 from ..basics.piecewise import NO_TABLE
 from ..basics.spatial import Array
 from ..basics.text import UNITS
+from ..dynamics.precision import SINGULAR
 from ..graph.program import Operand, Program, without_judged
 from ..model.model import Model
 from .python_backend import FUNCTIONS, expressions
@@ -58,6 +59,11 @@ class Printable(NamedTuple):
     arguments: tuple[str, ...]
     heading: Sequence[str]
     table: Array = NO_TABLE  # of the pieces that one of the arguments is
+    rows: Sequence[Sequence[str]] = ()  # the same as texts
+    namespace: str = ""  # of C++
+    looks_up: bool = False  # True if the piece is found by the function itself, in place of an argument
+    members: Mapping[str, Sequence[str]] = {}  # of arguments that are structures in C++: type, then its entries
+    checks: Sequence[str] = ()  # conditions in C or C++ under which there is a result
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -75,20 +81,44 @@ class Printable(NamedTuple):
         return list(product(*(range(size) for size in self.shape)))
 
 
+class Written(NamedTuple):
+    """A function with texts of its operations and results, and what ends a text of its language."""
+
+    printable: Printable  # with its whole heading
+    lines: list[str]
+    outputs: list[str]
+    types: tuple[str, str]  # what @ and $ stand for
+
+    def finished(self, lines: Iterable[str]) -> str:
+        """Lines as a text, with the names of types in place of @ and $."""
+        return "\n".join(lines).replace("@", self.types[0]).replace("$", self.types[1])
+
+
 def to_source(printable: Printable, language: str, dtype: str = "float64") -> str:
     """Source text of a function; a ValueError names the languages that there are, and their numbers."""
+    found = written(printable, language, dtype)
+    return found.finished([*LANGUAGES[language].text(*found[:3]), ""])
+
+
+def written(printable: Printable, language: str, dtype: str = "float64") -> Written:
+    """The parts of a function's text; a ValueError names the languages that there are, and their numbers."""
     if language not in LANGUAGES:
         raise ValueError(f"`language` must be one of {list(LANGUAGES)}, got {language!r}")
-    entry, functions, text, types, literal = LANGUAGES[language]
+    entry, functions, _, types, literal = LANGUAGES[language]
     if dtype not in types:
         raise ValueError(f"`dtype` of language {language!r} must be one of {list(types)}, got {dtype!r}")
-    program = without_judged(printable.trace.program, printable.trace.entries)
-    pairs = zip(printable.arguments, printable.trace.widths, strict=True)
+    trace, is_c, members = printable.trace, language in ("c", "c++"), printable.members
+    program = trace.program if is_c else without_judged(trace.program, trace.entries)
+    pairs = [*zip(printable.arguments, trace.widths, strict=True)]
     inputs = [entry(name, k) for name, width in pairs for k in range(width)]
-    number = repr if dtype == "float64" else _single
-    arguments = program, inputs.__getitem__, FUNCTIONS | functions, lambda x: literal.format(number(x))
+    if language == "c++":
+        inputs = [_member(name, k, width, members.get(name, ())) for name, width in pairs for k in range(width)]
+
+    def number(x: float) -> str:
+        return literal.format(repr(x) if dtype == "float64" else _single(x))
+
     costs = [f"Operations - {', '.join(f'{count} {kind}' for kind, count in program.operations.items()) or 'none'}"]
-    if language in ("c", "rust"):
+    if is_c or language == "rust":
         choices = ", ".join(kind for kind in CHOICES if kind in program.operations)
         costs += [f"No loop, no allocation, {f'choices in {choices} alone' if choices else 'no branch'}"]
         alive, size = most_alive(program), np.dtype(dtype).itemsize
@@ -97,13 +127,30 @@ def to_source(printable: Printable, language: str, dtype: str = "float64") -> st
         ]
     name = identifier(printable.name, printable.arguments)
     costs += [f"Save as {name}.m"] if language == "matlab" else []
-    printed = text(
-        printable._replace(name=name, heading=[*printable.heading, *_wrapped(costs)]), *expressions(*arguments)
-    )
-    if language == "c" and len(printable.table):
-        texts = [["-" * (x < 0) + literal.format(number(abs(x))) for x in row] for row in printable.table.tolist()]
-        printed += _look_up(name, texts)
-    return "\n".join([*printed, ""]).replace("@", types[dtype][0]).replace("$", types[dtype][1])
+    whole = printable._replace(name=name, heading=[*printable.heading, *_wrapped(costs)])
+    lines, outputs = expressions(program, inputs.__getitem__, FUNCTIONS | functions, number)
+    if is_c:
+        rows = [["-" * (x < 0) + number(abs(x)) for x in row] for row in printable.table.tolist()]
+        results, own = [f"result[{k}]" for k in range(trace.entries)], _OfC("" if language == "c" else "std::", number)
+        checks = trace.sound_results([*results, *outputs[trace.entries :]], dtype, own, SINGULAR)
+        whole = whole._replace(rows=rows, checks=checks if len(outputs) > trace.entries else ())
+    return Written(whole, lines, outputs[: trace.entries], types[dtype])
+
+
+class _OfC:
+    """Conditions of soundness as text in C or C++."""
+
+    def __init__(self, prefix: str, number: Callable[[float], str]) -> None:
+        self.prefix, self.number = prefix, number
+
+    def finite(self, values: Sequence[str]) -> str:
+        return " && ".join(f"{self.prefix}isfinite({x})" for x in values) or "1"
+
+    def within(self, values: Sequence[str], bound: float) -> str:
+        return self.finite(values)  # of inputs, which are not judged here
+
+    def above(self, values: Sequence[str], factor: float, others: Sequence[str]) -> str:
+        return " && ".join(f"{a} > {self.number(factor)} * {b}" for a, b in zip(values, others, strict=True))
 
 
 def identifier(name: str, taken: Sequence[str] = ()) -> str:
@@ -113,6 +160,13 @@ def identifier(name: str, taken: Sequence[str] = ()) -> str:
     known = {*RESERVED.split(), *keyword.kwlist, *keyword.softkwlist, *dir(builtins), *dir(math), *taken}
     is_known = name in known or (name[-1] in "fl" and name[:-1] in known) or re.fullmatch(r"t\d+", name)
     return f"{name}_" if is_known else name
+
+
+def checked_name(argument: str, name: str, taken: Sequence[str] = ()) -> str:
+    """A name that a user gives, as it is; a ValueError if it is none in every language."""
+    if not isinstance(name, str) or not name or identifier(name, taken) != name:
+        raise ValueError(f"`{argument}` must be a name of letters, digits and _ that no language has, got {name!r}")
+    return name
 
 
 def most_alive(program: Program) -> int:
@@ -164,30 +218,67 @@ def _matlab(p: Printable, lines: list[str], outputs: list[str]) -> list[str]:
 
 
 def _c(p: Printable, lines: list[str], outputs: list[str]) -> list[str]:
-    arguments = ", ".join([f"const @ *{name}" for name in p.arguments] + ["@ *result"])
-    body = [f"const @ {line};" for line in lines] + [f"result[{k}] = {x};" for k, x in enumerate(outputs)]
-    head = [
-        *(f"/* {line} */" for line in p.heading),
-        "#include <math.h>",
-        "",
-        *_used(body, C, ""),
-        f"/* {_size(p)}. */",
-    ]
-    return [*head, f"void {p.name}({arguments})", "{", *_indented(body), "}"]
+    head = [*(f"/* {line} */" for line in p.heading), "#include <math.h>", "", *c_helpers(lines, outputs)]
+    return [*head, *c_function(p, lines, outputs), *(["", *c_look_up(p)] if p.rows else [])]
 
 
-def _look_up(name: str, rows: Sequence[Sequence[str]]) -> list[str]:
-    """The function in C that finds `piece` at a time."""
-    texts = [f"{{{', '.join(row)}}}," for row in rows]
+def c_helpers(lines: Sequence[str], outputs: Sequence[str]) -> list[str]:
+    """Functions in C that lines call."""
+    return _used([*lines, *outputs], C, "")
+
+
+def c_signature(p: Printable) -> str:
+    """The head of a function in C."""
+    arguments = ", ".join([f"const @ *{name}" for name in taken(p)] + ["@ *result"])
+    return f"{'int' if may_fail(p) else 'void'} {p.name}({arguments})"
+
+
+def c_function(p: Printable, lines: Sequence[str], outputs: Sequence[str]) -> list[str]:
+    """A function in C; one that may fail returns 0, or 1 where it does, with NaN in its result."""
+    fail = ["{", f"    for (int k = 0; k < {len(outputs)}; k++)", "        result[k] = NAN;", "    return 1;", "}"]
+    body = [f"const @ *piece = {p.name}_piece(t[0]);", "if (!piece)", *fail] if p.looks_up else []
+    body += [f"const @ {line};" for line in lines]
+    body += [f"result[{k}] = {x};" for k, x in enumerate(outputs)]
+    body += [f"if (!({_each(p.checks)}))", *fail] if p.checks else []
+    body += ["return 0;"] * may_fail(p)
+    unread = [f"(void){name};" for name in [*taken(p), "result"] if not _reads(name, body)]
+    return [f"/* {sized(p)} */", c_signature(p), "{", *_indented([*unread, *body]), "}"]
+
+
+def _each(checks: Sequence[str]) -> str:
+    """Conditions as one expression, in lines."""
+    kept = [check.replace(" ", "\0") for check in " && ".join(checks).split(" && ")]
+    lines = textwrap.wrap(" &&\0".join(kept), WIDTH, break_long_words=False, break_on_hyphens=False)
+    return "\n      ".join(lines).replace("\0", " ")
+
+
+def taken(p: Printable) -> dict[str, int]:
+    """The arguments that a function in C or C++ has, with their lengths; without entries, or found by it, are none."""
+    pairs = zip(p.arguments, p.trace.widths, strict=True)
+    return {name: width for name, width in pairs if width and not (p.looks_up and name == "piece")}
+
+
+def may_fail(p: Printable) -> bool:
+    """True if a function in C or C++ says whether it has a result."""
+    return bool(p.checks) or p.looks_up
+
+
+def _reads(name: str, lines: Sequence[str]) -> bool:
+    return any(re.search(rf"\b{name}\b", line) for line in lines)
+
+
+def c_look_up(p: Printable) -> list[str]:
+    """The function in C or C++ that finds `piece` at a time."""
+    texts = [f"{{{', '.join(row)}}}," for row in p.rows]
     lines = [line for text in texts for line in textwrap.wrap(text, WIDTH, subsequent_indent="    ")]
-    return f"""
-/* The argument `piece` at a time: begin, end and coefficients. 0 outside the samples. */
-const @ *{name}_piece(@ t)
+    count = len(p.rows)
+    return f"""/* The argument `piece` at a time: begin, end and coefficients. 0 outside the samples. */
+const @ *{p.name}_piece(@ t)
 {{
-    static const @ table[{len(rows)}][{len(rows[0])}] = {{
+    static const @ table[{count}][{len(p.rows[0])}] = {{
 {textwrap.indent(chr(10).join(lines), "        ")}
     }};
-    int lower = 0, upper = {len(rows)};
+    int lower = 0, upper = {count};
     while (upper - lower > 1) {{
         int middle = (lower + upper) / 2;
         if (table[middle][0] <= t)
@@ -195,8 +286,48 @@ const @ *{name}_piece(@ t)
         else
             upper = middle;
     }}
-    return table[0][0] <= t && t <= table[{len(rows) - 1}][1] ? table[lower] : 0;
+    return table[0][0] <= t && t <= table[{count - 1}][1] ? table[lower] : 0;
 }}""".split("\n")
+
+
+def _cpp(p: Printable, lines: list[str], outputs: list[str]) -> list[str]:
+    return cpp_header([p], [cpp_function(p, lines, outputs)], p.heading)
+
+
+def cpp_header(printed: Sequence[Printable], functions: Sequence[Sequence[str]], top: Sequence[str]) -> list[str]:
+    """A header of C++17 with functions in their namespace."""
+    name = printed[0].namespace
+    head = [*(f"// {line}" for line in top), *CPP_HEAD, "", f"namespace {name} {{", ""]
+    return [*head, *[line for function in functions for line in (*function, "")], f"}} // namespace {name}"]
+
+
+def cpp_function(p: Printable, lines: Sequence[str], outputs: Sequence[str]) -> list[str]:
+    """A function in C++; one that may fail returns an optional array, which is empty where it does."""
+    found = f"std::array<@, {len(outputs)}>" if p.shape or may_fail(p) else "@"
+    body = [f"const auto {name} = {text};" for name, text in CPP.items() if _used([*lines, *outputs], {name: [text]})]
+    fail = ["    return std::nullopt;", "}"]
+    body += [f"const @* const piece = {p.name}_piece(t);", "if (piece == nullptr) {", *fail] if p.looks_up else []
+    body += [f"const @ {line};" for line in lines]
+    made = ",\n        ".join(outputs)
+    made = f"{{\n        {made}}}" if outputs else ""
+    body += [f"const {found} result{{{made}}};"] if may_fail(p) else []
+    body += [f"if (!({_each(p.checks)})) {{", *fail] if p.checks else []
+    body += ["return result;" if may_fail(p) else f"return {found}{{{made}}};" if p.shape else f"return {outputs[0]};"]
+    arguments = list[str]()
+    for name, width in taken(p).items():
+        kind = p.members[name][0] if name in p.members else f"std::array<@, {width}>"
+        kind = "@" if name == "t" else f"const {kind}&"
+        arguments.append(f"{kind} {name}" if _reads(name, body) else kind)
+    kind = f"std::optional<{found}>" if may_fail(p) else found
+    head = f"[[nodiscard]] inline {kind} {p.name}({', '.join(arguments)}) noexcept"
+    table = c_look_up(p) if p.looks_up else []
+    table = [f"inline {x}" if x.startswith("const") else x.replace(": 0;", ": nullptr;") for x in table]
+    return [*table, f"// {sized(p)}", head, "{", *_indented(body), "}"]
+
+
+def _member(name: str, k: int, width: int, members: Sequence[str]) -> str:
+    """The text of an argument's entry in C++: of a structure, of the time, which is a number, or of an array."""
+    return f"{name}.{members[k + 1]}" if members else name if name == "t" and width == 1 else f"{name}[{k}]"
 
 
 def _rust(p: Printable, lines: list[str], outputs: list[str]) -> list[str]:
@@ -215,6 +346,14 @@ def _size(p: Printable) -> str:
     return f"{' x '.join(map(str, p.shape))} entries, row by row" if p.shape else "1 entry"
 
 
+def sized(p: Printable) -> str:
+    """What a function in C or C++ returns, and where it does not."""
+    where = ["M is singular to rounding, or a number is not finite"] * bool(p.checks)
+    where += ["the time is outside the samples"] * p.looks_up
+    how = "Empty where" if p.namespace else "Returns 0, or 1 with NaN in the result where"
+    return f"{_size(p)}." + f" {how} {', or '.join(where)}." * bool(where)
+
+
 def _indented(lines: Sequence[str]) -> list[str]:
     return [f"    {line}" for line in lines]
 
@@ -225,7 +364,10 @@ PYTHON = {"sign": ["def sign(x):", "    return 1.0 if x > 0 else -1.0 if x < 0 e
 C = {"sign": ["static @ sign(@ x) { return x > 0 ? 1 : x < 0 ? -1 : x; }"]}
 RUST = {"sign": ["fn sign(x: @) -> @ { if x > 0.0 { 1.0 } else if x < 0.0 { -1.0 } else { x } }"]}
 MATLAB = {"root": ["function y = root(x)", "  y = where(x < 0, NaN, sqrt(abs(x)));", "end"]}
+CPP = {"sign": "[](@ x) noexcept { return x > 0 ? @(1) : x < 0 ? @(-1) : x; }"}
+CPP_HEAD = ["#pragma once", "#include <array>", "#include <cmath>", "#include <limits>", "#include <optional>"]
 for _k, _sign in {"minimum": "<=", "maximum": ">="}.items():
+    CPP[_k] = f"[](@ a, @ b) noexcept {{ return a {_sign} b || a != a ? a : b; }}"
     PYTHON[_k] = [f"def {_k}(a, b):", f"    return a if a {_sign} b or a != a else b"]
     C[_k] = [f"static @ {_k}(@ a, @ b) {{ return a {_sign} b || a != a ? a : b; }}"]
     RUST[_k] = [f"fn {_k}(a: @, b: @) -> @ {{ if a {_sign} b || a.is_nan() {{ a }} else {{ b }} }}"]
@@ -292,6 +434,20 @@ LANGUAGES = {
             "where": "({} != 0 ? {} : {})",
         },
         _c,
+        {"float64": ("double", ""), "float32": ("float", "f")},
+        "{}$",
+    ),
+    "c++": Language(
+        "{}[{}]".format,
+        {
+            **{kind: f"std::{call.replace('$', '')}" for kind, call in LIBM.items()},
+            "inf": "std::numeric_limits<@>::infinity()",
+            "nan": "std::numeric_limits<@>::quiet_NaN()",
+            "less": "static_cast<@>({} < {})",
+            "less_equal": "static_cast<@>({} <= {})",
+            "where": "({} != 0 ? {} : {})",
+        },
+        _cpp,
         {"float64": ("double", ""), "float32": ("float", "f")},
         "{}$",
     ),

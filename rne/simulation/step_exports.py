@@ -13,6 +13,7 @@ from ..basics.spatial import Array
 from ..integrators.frozen_steps import Schedule
 from ..kernels.exports.casadi import to_casadi
 from ..kernels.kernel import Kernel, with_table
+from ..kernels.units import Unit, UnitFunction, unit
 from .frozen_motion import FrozenScene
 from .scene_numbers import unknown
 
@@ -157,14 +158,14 @@ def interval_to_jax(stepper: Any) -> Callable[..., Any]:
 
 C_STEPS = """    for (int k = 0; k < {steps}; k++) {{{act}
         for (int s = 0; s < {stages}; s++) {{
-            const double time = t[0] + at[k][s];{look_up}
+            const double time = t[0] + at[k][s];
             for (int i = 0; i < {size}; i++) {{
                 double sum = 0.0;
                 for (int r = 0; r < s; r++)
                     sum += a[s][r] * slope[r][i];
                 stage[i] = x_next[i] + h[k] * sum;
             }}
-            {name}_rates(&time, stage, {given}slope[s]);
+            {call}
         }}
         for (int i = {size} - 1; i >= 0; i--) {{ /* the first ones may move with the rates at the end */
             double sum = 0.0;
@@ -173,15 +174,13 @@ C_STEPS = """    for (int k = 0; k < {steps}; k++) {{{act}
             x_next[i] += h[k] * (i < {positions} ? x_next[{positions} + i] : sum);
         }}
     }}"""
-C_LOOK_UP = """
-{indent}const double *piece = {name}_piece({time});
-{indent}if (!piece) {{
+C_FAILS = """if ({call}) {{
 {indent}    for (int i = 0; i < {row}; i++)
 {indent}        x_next[i] = NAN;
 {indent}    return;
 {indent}}}"""
-C_SAMPLE = """{look_up}
-    {name}(t, x, {piece}command);
+C_SAMPLE = """
+    {call}
     for (int i = 0; i < {m}; i++)
         x_next[{size} + i] += {period} * command[{n} + i];
     for (int i = 0; i < {n}; i++) {{
@@ -207,7 +206,7 @@ C_ENDS = """
 def interval_to_c(stepper: Any, name: str) -> str:
     """See `Stepper.source`."""
     frozen, side, plan, row = stepper._own.frozen, stepper._own.side, stepper._schedule, stepper.size
-    texts, has_piece = _functions_in_c(frozen, name)
+    functions = _functions_in_c(frozen, name)
     arrays = {"a": plan.tableau.A, "b": plan.tableau.B, "h": plan.lengths, "at": plan.times}
     n, first = stepper.scene.n, side.size + side.m + stepper.scene.n * stepper._holds
     fill: dict[str, Any] = {"name": name, "steps": len(plan.lengths), "stages": len(plan.tableau.B), "size": side.size}
@@ -217,45 +216,45 @@ def interval_to_c(stepper: Any, name: str) -> str:
     sample, act, ends, declared = "", "", "", [f"stage[{side.size}], slope[{fill['stages']}][{side.size}]"]
     if frozen.law is not None:
         arrays["limit"] = side.limits[0]
-        sample, act = _sample_in_c(fill, holds=stepper._holds, has_piece=has_piece["law"])
+        sample, act = _sample_in_c(fill, holds=stepper._holds, function=functions.functions["law"])
         declared += [f"command[{n + side.m}], queue[{fill['late'] + 1}][{n}], held[{n}]"]
     if stepper.position_stops:
         arrays |= {"lower": stepper._ranges[0], "upper": stepper._ranges[1]}
         ends = C_ENDS.format(**fill)
-    look_up = C_LOOK_UP.format(**fill | {"name": f"{name}_rates", "indent": " " * 12, "time": "time"})
-    given = "u, " if frozen.is_driven else "held, " if frozen.law else ""
-    if has_piece["rates"]:
-        given += "piece, "
-    steps = C_STEPS.format(**fill, act=act, look_up=look_up if has_piece["rates"] else "", given=given)
+    rates = functions.functions["rates"]
+    torques = ("u",) if frozen.is_driven else ("held",)
+    given = ["&time", "stage", *(torques if "u" in rates.arguments else ()), "slope[s]"]
+    steps = C_STEPS.format(**fill, act=act, call=_call(rates, given, row, 12))
     constants = [f"    static const double {k}{_sizes(array)} = {_literal(array)};" for k, array in arrays.items()]
     heading = f"/* {stepper!r}: x_next of x{', torques u' * frozen.is_driven} and the time t of the begin. */"
     head = f"void {name}(const double *t, const double *x, {'const double *u, ' * frozen.is_driven}double *x_next)"
     copy = f"    for (int i = 0; i < {row}; i++)\n        x_next[i] = x[i];"
     body = [*constants, *(f"    double {names};" for names in declared), copy + sample, steps + ends]
-    return "\n".join([*texts, "", heading, head, "{", *body, "}", ""])
+    return "\n".join([functions.source, heading, head, "{", *body, "}", ""])
 
 
-def _functions_in_c(frozen: FrozenScene, name: str) -> tuple[list[str], dict[str, bool]]:
-    """Lines with the functions of the rates and of the law, if there is one, and whether each takes a piece."""
-    texts, has_piece = list[str](), dict[str, bool]()
+def _functions_in_c(frozen: FrozenScene, name: str) -> Unit:
+    """The functions of the rates and of the law, if there is one."""
+    kernels = dict[str, Kernel]()
     for part, owner, function in (("rates", frozen.dynamics, "right_hand_side"), ("law", frozen.law, "outputs")):
         if owner is not None:
             quantity, numbers = getattr(owner, function), tuple(owner.vector.tolist())
-            kernel = with_table(frozen.scene.kernels.scene_kernel(quantity, numbers=numbers), owner.table)
-            title = re.compile(r"^(void |const double \*)[a-z_]+?(_piece)?\(", re.MULTILINE)
-            lines = title.sub(rf"static \1{name}_{part}\2(", kernel.source("c")).splitlines()
-            known = {line for line in texts if line.startswith(("#include", "static double"))}
-            texts += [line for line in lines if line not in known]
-            has_piece[part] = "piece" in kernel.names
-    return texts, has_piece
+            kernel = frozen.scene.kernels.scene_kernel(quantity, numbers=numbers)
+            kernels[part] = with_table(kernel, owner.table)
+    return unit(kernels, name=name, static=True)
 
 
-def _sample_in_c(fill: dict[str, Any], *, holds: bool, has_piece: bool) -> tuple[str, str]:
+def _sample_in_c(fill: dict[str, Any], *, holds: bool, function: UnitFunction) -> tuple[str, str]:
     """Text that samples the law, and text within a step that has a command act; `holds` for one that is a state."""
-    law, held = f"{fill['name']}_law", f"x[{fill['size'] + fill['m']} + i]"
-    found = C_LOOK_UP.format(**fill | {"name": law, "indent": "    ", "time": "t[0]"}) if has_piece else ""
-    own = {"name": law, "look_up": found, "held": held if holds else "0.0", "piece": "piece, " if has_piece else ""}
+    held = f"x[{fill['size'] + fill['m']} + i]"
+    own = {"call": _call(function, ["t", "x", "command"], fill["row"], 4), "held": held if holds else "0.0"}
     return C_SAMPLE.format(**fill | own), C_ACT.format(**fill, lasting=f"x_next{held[1:]} = " if holds else "")
+
+
+def _call(function: UnitFunction, given: Sequence[str], row: int, indent: int) -> str:
+    """A call in C, after which all that follows is NaN where it fails."""
+    call = f"{function.name}({', '.join(given)})"
+    return C_FAILS.format(call=call, row=row, indent=" " * indent) if function.may_fail else f"{call};"
 
 
 def _sizes(array: Array) -> str:

@@ -1,0 +1,145 @@
+"""Several kernels as one text in C or C++.
+
+`unit({"tau": kernel, "qdd": other}, name="ur10")` prints each kernel as a function `ur10_tau`, `ur10_qdd` in C, or as
+`ur10::tau`, `ur10::qdd` in C++. What they share stands once: lines of their comments at the top, and in C the helpers,
+which are static. The arguments of a function are those of its kernel, whether it reads them or not, so that the
+signature does not depend on the robot's numbers; `Unit.functions` has their names and lengths. Three rules differ from
+a kernel's call: arguments without entries are left out; the `piece` of a motion through samples is found by the
+function itself, at its argument t; and where M may be singular or a time may be outside the samples the function says
+so, in C by returning 1, with NaN in the result, in C++ by an empty std::optional. Functions have no memory, allocate
+nothing, and may be called from many threads.
+
+Numbers that are to stay arguments are arguments of the kernels: see `rne.simulation.named_numbers`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+from .kernel import Kernel
+from .source import (
+    Printable,
+    c_function,
+    c_helpers,
+    c_look_up,
+    c_signature,
+    checked_name,
+    cpp_function,
+    cpp_header,
+    may_fail,
+    sized,
+    taken,
+    written,
+)
+
+
+class UnitFunction(NamedTuple):
+    """A function of a unit as its callers need it."""
+
+    name: str  # in the text
+    arguments: Mapping[str, int]  # in order, with their lengths, before the result
+    shape: tuple[int, ...]  # of the result, row by row
+    may_fail: bool  # True if it returns int, 0 where there is a result
+
+
+class Unit(NamedTuple):
+    """One text of several kernels; see `unit`."""
+
+    functions: Mapping[str, UnitFunction]
+    header: str
+    source: str  # in C; empty in C++, whose header is all
+
+
+def unit(
+    kernels: Mapping[str, Kernel],
+    language: str = "c",
+    *,
+    name: str,
+    dtype: str = "float64",
+    static: bool = False,
+    notes: Sequence[str] = (),
+    members: Mapping[str, Sequence[str]] | None = None,
+) -> Unit:
+    """Kernels of one robot as functions of one text.
+
+    Parameters
+    ----------
+    kernels : mapping of str to Kernel
+        By the names of the functions.
+    language : {"c", "c++"}
+    name : str
+        What the names of functions begin with in C, and the namespace in C++.
+    dtype : {"float64", "float32"}
+        Of all numbers.
+    static : bool
+        True for functions in C that are known in their file alone; `source` then includes no header.
+    notes : sequence of str
+        Further lines of plain ASCII for the comment at the top.
+    members : mapping of str to sequence of str, optional
+        Arguments that are structures in C++: type, then what its entries are called.
+
+    Returns
+    -------
+    Unit
+
+    Raises
+    ------
+    ValueError
+        If a name, the language or the dtype is none, or float32 cannot hold a constant.
+    TypeError
+        If a kernel is too large to be written out.
+
+    Examples
+    --------
+    >>> import rne
+    >>> from rne.kernels.units import unit
+    >>> unit({"g": rne.load("irb140").kernel(rne.dynamics.gravity_torque)}, name="arm").functions["g"].name
+    'arm_g'
+    """
+    checked_name("name", name)
+    is_c, found = language == "c", list[Printable]()
+    parts = []
+    for key, kernel in kernels.items():
+        own = f"{name}_{key}" if is_c else key
+        printed = kernel.printed()._replace(name=checked_name("kernels", own, kernel.names), members=members or {})
+        printed = printed._replace(namespace="" if is_c else name, looks_up=len(kernel.table) > 0)
+        parts.append(written(printed, language, dtype))
+        found.append(parts[-1].printable)
+    common = [line for line in found[0].heading if all(line in p.heading for p in found)] if found else []
+    top = [*notes, *common]
+    sign, prefix = ("/* {} */", "static " * static) if is_c else ("// {}", "")
+    comments = [[sign.format(line) for line in p.heading if line not in common] for p in found]
+    functions = {
+        key: UnitFunction(p.name, taken(p), p.shape, may_fail(p)) for key, p in zip(kernels, found, strict=True)
+    }
+    finished = parts[0].finished
+    if not is_c:
+        texts = [[*lines, *cpp_function(*part[:3])] for lines, part in zip(comments, parts, strict=True)]
+        return Unit(functions, finished([*cpp_header(found, texts, top), ""]), "")
+    above = comments if static else [[] for _ in comments]  # what the header has
+    texts = [["", *lines, *_c_definition(*part[:3], prefix)] for lines, part in zip(above, parts, strict=True)]
+    included = ["#include <math.h>"] if static else [f'#include "{name}.h"', "", "#include <math.h>"]
+    every = [line for part in parts for line in (*part.lines, *part.outputs)]
+    head = [*map(sign.format, top), *included, "", *c_helpers(every, [])]
+    source = finished([*head[:-1], *(line for text in texts for line in text), ""])
+    declared = [
+        [*lines, f"/* {sized(p)} */", f"{c_signature(p)};", ""] for lines, p in zip(comments, found, strict=True)
+    ]
+    guard = f"{name.upper()}_H"
+    head = [*map(sign.format, top), f"#ifndef {guard}", f"#define {guard}", *OPENED, ""]
+    return Unit(
+        functions, finished([*head, *(line for text in declared for line in text), *CLOSED, "#endif", ""]), source
+    )
+
+
+OPENED = "#ifdef __cplusplus", 'extern "C" {', "#endif"
+CLOSED = "#ifdef __cplusplus", "}", "#endif"
+
+
+def _c_definition(p: Printable, lines: Sequence[str], outputs: Sequence[str], prefix: str) -> list[str]:
+    """A function in C behind what finds its piece."""
+    table = c_look_up(p) if p.looks_up else []
+    table = [f"static {line}" if line.startswith("const") else line for line in table]
+    comment, signature, *rest = c_function(p, lines, outputs)
+    return [*table, comment, prefix + signature, *rest]

@@ -1,0 +1,259 @@
+"""Functions of a scene of which some numbers stay arguments: payload, gravity, friction, gains, references."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import Any
+
+import numpy as np
+
+from .. import dynamics as quantities
+from ..basics.numbers import part_of
+from ..basics.spatial import Array, rotate_back, rotation_from_rpy
+from ..dynamics.quantity import OK, MethodQuantity, PrecisionStatus, Quantity
+from ..kernels.kernel import Kernel, with_table
+from ..model.model import Model, with_unchecked
+from ..model.parameters import (
+    ENTRIES,
+    PARAMETERS,
+    at_parameters,
+    moments_as_vector,
+    parameters_of_bodies,
+    parameters_seen_from,
+    with_fewest_terms,
+    with_moments,
+)
+from ..model.solids import Moments
+from ..model.topology import end_link
+from .scene import Payload, Scene, payload_argument
+from .scene_dynamics import Bodies, SceneDynamics
+from .scene_numbers import BODIES, unknown
+
+PAYLOAD = ("mass", "com x", "com y", "com z", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
+DRIVEN = ("inverse_dynamics", "forward_dynamics")  # with friction and springs, as those of a scene
+WITHOUT_GRAVITY = ("mass_matrix", "coriolis_torque", "coriolis_matrix", "kinetic_energy", "momentum")
+PARTS: dict[str, tuple[str, ...]] = dict.fromkeys(DRIVEN, ("friction.", "springs["))
+PARTS |= {"friction_torque": ("friction.",), "controller": ("controller.",)}
+PARTS["rates"] = "friction.", "springs[", "controller.", "elastic.", "effort_limit"
+
+
+def plain_name(name: str) -> str:
+    """The name of a number as an argument: that of "friction.viscous" is friction_viscous.
+
+    Examples
+    --------
+    >>> plain_name("springs[0].length")
+    'springs_0_length'
+    """
+    return re.sub(r"\W+", "_", name).strip("_")
+
+
+@dataclass(frozen=True)
+class NamedNumbers:
+    """Kernels of a scene's functions, with numbers as further arguments.
+
+    `kernel(quantity)` takes the arguments of the quantity, then those of the numbers, flat, that it can depend on. The
+    quantities are those of `rne.dynamics` that take joint arrays alone, of the robot with its payload; torques of
+    "inverse_dynamics" and accelerations of "forward_dynamics" are with friction and springs, as those of the scene;
+    "friction_torque" is of qd; "controller" of t, q, qd and the law's states z, if it has some, gives torques, then
+    dz/dt; "rates" gives dx/dt of t, x and the torques u, if the scene has no traced law, with limits. Where a law
+    follows samples, `piece` is an argument.
+
+    Numbers have the names of `Scene.numbers` and are as there, but for "payload": mass, the three coordinates of its
+    centre of mass, and Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the centre of mass, in the frame of its link.
+
+    Parameters
+    ----------
+    scene : Scene
+    names : tuple of str
+
+    Examples
+    --------
+    >>> import rne
+    >>> scene = rne.Scene(rne.load("ur5"), payload=rne.Payload(0.0, link="tool0"))
+    >>> kernel = NamedNumbers(scene, ("payload",)).kernel("gravity_torque")
+    >>> kernel.names, kernel.widths
+    (('q', 'payload'), (6, 10))
+    """
+
+    scene: Scene
+    names: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for name in self.names:
+            if name not in self.scene.numbers:
+                raise ValueError(f"`numbers`: {unknown(name, self.scene.numbers)}")
+            if self.scene.numbers[name].ndim > 1:
+                raise ValueError(f"`numbers`: {name!r} are samples of a motion, which are constants of the text")
+        if {"parameters", "payload"} <= {*self.names}:
+            raise ValueError("`numbers` must have 'parameters', which contain the payload, or 'payload', not both")
+
+    @cached_property
+    def named(self) -> Scene:
+        """The scene whose equations have the names as numbers, zeros among them."""
+        varying, model = None, self.scene.resolved.robot.model
+        if "parameters" in self.names:
+            varying = Bodies.mask(at_parameters(model, np.sqrt(np.arange(2.0, 2.0 + PARAMETERS * model.nb))))
+        return self.scene._naming({}, self.names, varying)
+
+    @cached_property
+    def equations(self) -> SceneDynamics:
+        """The equations of motion without energies."""
+        found = self.named.dynamics
+        inputs = "held" if found.law is None else "none"
+        return replace(found, inputs=inputs, inertia=None, has_energies=False)
+
+    def value(self, name: str) -> Array:
+        """A number as the scene has it, flat, as it is an argument."""
+        found = self.scene.numbers[name]
+        if name != "payload":
+            return found.reshape(-1)
+        mass, com, inertia, _ = self._payload
+        own = np.zeros((3, 3)) if inertia is None else np.asarray(inertia, float)
+        return np.concatenate([[float(mass)], np.asarray(com, float), own[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]])
+
+    def taken(self, quantity: str) -> dict[str, int]:
+        """The numbers that a quantity can depend on, with their lengths."""
+        parts = PARTS.get(quantity, ())
+        bodies = quantity not in ("friction_torque", "controller")
+        bodies = bodies and (quantity == "rates" or self._declared(quantity).moments)
+
+        def depends(name: str) -> bool:
+            if name in BODIES:
+                return bodies and not (name == "gravity" and quantity in WITHOUT_GRAVITY)
+            return name.startswith(parts)
+
+        return {name: self.value(name).size for name in self.names if depends(name)}
+
+    def kernel(self, quantity: str) -> Kernel:
+        """One of the functions; a ValueError for others, and where the scene has no such part."""
+        arguments, dynamics = self._arguments(quantity), self.equations
+        numbers = {plain_name(name): width for name, width in self.taken(quantity).items()}
+        how: dict[str, Any] = {"moments": False, "base_parameters": False}
+        how |= {"check": _unjudged} if quantity == "rates" or self._declared(quantity).check else {}
+        core = partial(self._core, quantity)
+        declared = Quantity(name=quantity, core=core, widths={**arguments, **numbers}, **how)
+        made = Kernel(MethodQuantity(self, declared, quantity.replace("_", " ")), self.named.resolved.robot.model, {})
+        law = self._law if quantity == "controller" else dynamics.law if quantity == "rates" else None
+        return made if law is None else with_table(made, law.table)
+
+    @cached_property
+    def _law(self) -> Any:
+        return self.named._traced_law()
+
+    @staticmethod
+    def _declared(quantity: str) -> Quantity:
+        """What tracing may assume of a quantity; of those that are not of rne.dynamics nothing."""
+        unknown_one = Quantity(name=quantity, core=_unjudged, widths={}, moments=False, base_parameters=False)
+        found: Quantity = getattr(getattr(quantities, quantity, None), "quantity", unknown_one)
+        return found
+
+    def _arguments(self, quantity: str) -> dict[str, int | None]:
+        parts = self.scene.resolved
+        if quantity == "rates":
+            found = self.equations.right_hand_side.quantity.widths
+            return {name: width for name, width in found.items() if name != "numbers"}
+        if quantity == "controller":
+            if self._law is None:
+                raise ValueError("'controller' needs a scene with a law that can be traced")
+            states = {"z": self._law.states} if self._law.states else {}
+            return {"t": 1, "q": None, "qd": None, **states, **self._law.piece_width}
+        if quantity == "friction_torque":
+            if parts.friction is None or "load" in parts.friction.losses:
+                raise ValueError("'friction_torque' needs a scene with friction that depends on velocities alone")
+            return {"qd": None}
+        how = self._declared(quantity)
+        if not how.widths or not how.returns_array:
+            raise ValueError(f"`quantities`: {quantity!r} is no function of joint arrays in rne.dynamics")
+        if quantity in DRIVEN:
+            self.scene._refuse_elastic(quantity, "the drives are behind springs")
+        return dict(how.widths)
+
+    def _core(self, quantity: str, model: Model, **arrays: Array) -> Any:
+        """A function in states (..., width), one after another where numbers may differ."""
+        leading = next(iter(arrays.values())).shape[:-1]
+        each = [self._of_one(quantity, model, {k: a[i][None] for k, a in arrays.items()}) for i in np.ndindex(leading)]
+        if not isinstance(each[0], tuple):
+            return np.concatenate(each).reshape(*leading, *each[0].shape[1:])
+        return tuple(np.concatenate(p).reshape(*leading, *p[0].shape[1:]) for p in zip(*each, strict=True))
+
+    def _of_one(self, quantity: str, model: Model, given: dict[str, Array]) -> Any:
+        """The same of a single state, in a batch of one."""
+        shapes = {name: self.scene.numbers[name].shape for name in self.taken(quantity)}
+        own = {name: given.pop(plain_name(name))[0] for name in shapes}
+        other = {name: x.reshape(shapes[name]) for name, x in own.items() if name not in BODIES}
+        if quantity == "controller":
+            t, piece = given.pop("t"), given.pop("piece", None)
+            law = self._law.at(part_of(other, "controller."))
+            return law._row(law.on_piece(piece)(t, np.concatenate([*given.values()], axis=-1)))
+        few = quantity == "rates" or self._declared(quantity).base_parameters
+        bodies = self._bodies(model, own, few=few)
+        if quantity == "rates":
+            if own.keys() & {*BODIES}:
+                other |= {
+                    "moments": moments_as_vector(bodies)[0],
+                    "armature": bodies.armature,
+                    "gravity": bodies.gravity,
+                }
+            return self.equations.at(other)._evaluated("right_hand_side_core", model, given)
+        parts = self.equations.at(other)
+        friction, springs = parts.friction, parts.springs
+        if quantity == "friction_torque":
+            return friction.torque(model, given["qd"])  # type: ignore[union-attr]
+        core = getattr(quantities, quantity).core
+        if quantity == "forward_dynamics":
+            q, qd, net = given.values()
+            core = self.named.kernels.forward_method.quantity.core
+            if friction is not None:
+                net = net - friction.torque(model, qd, 0 * qd)
+                net = friction.transmitted(net, qd) if "load" in friction.losses else net
+            return core(bodies, q, qd, net if springs is None else net - springs.torques(model, q, qd)[0])
+        found = core(bodies, **given)
+        if quantity == "inverse_dynamics":
+            found = found if springs is None else found + springs.torques(model, given["q"], given["qd"])[0]
+            found = found if friction is None else found + friction.torque(model, given["qd"], found)
+        return found
+
+    def _bodies(self, model: Model, own: Mapping[str, Array], *, few: bool) -> Model:
+        """The robot of the numbers, for dynamics alone."""
+        found = at_parameters(model, own["parameters"][None]) if "parameters" in own else model
+        found = at_parameters(model, self._unloaded) if "payload" in own else found
+        found = with_fewest_terms(found) if few else found
+        if "payload" in own:  # in the moments of its own body alone: moved to others it takes a tenth more operations
+            added = at_parameters(model, self._on_body(model, own["payload"][None]))
+            pairs = zip(found.moments, added.moments, strict=True)
+            found = with_moments(found, Moments(*(of_robot + of_payload for of_robot, of_payload in pairs)))
+        if "armature" in own:
+            found = with_unchecked(found, armature=own["armature"])
+        if "gravity" in own:
+            turn = np.zeros(3) if self.scene.mounting is None else np.asarray(self.scene.mounting, float)
+            found = with_unchecked(found, gravity=rotate_back(rotation_from_rpy(turn), own["gravity"]))
+        return found
+
+    @property
+    def _payload(self) -> Payload:
+        return payload_argument(self.scene.payload)  # type: ignore[arg-type]
+
+    @cached_property
+    def _unloaded(self) -> Array:
+        """The inertial parameters of the robot without its payload."""
+        return replace(self.scene, payload=None).resolved.robot.parameters
+
+    def _on_body(self, model: Model, given: Array) -> Array:
+        """What a payload, (1, 10), adds to the inertial parameters of the bodies, (1, 10 nb)."""
+        link = self._payload.link
+        index = model.link_index(end_link(model) if link is None else link)
+        R, p, body = model.link_rotation[index], model.link_translation[index], model.link_body[index]
+        pi = parameters_of_bodies(given[..., 0], given[..., 1:4], given[..., 4:].take(ENTRIES, -1))
+        m, h, I = pi[..., 0], pi[..., 1:4], pi[..., 4:].take(ENTRIES, -1)
+        seen = parameters_seen_from(m, h @ R.T, R @ I @ R.T, p - model.joint_origin[body])
+        rows = [seen if k == body else 0 * seen for k in range(model.nb)]
+        return np.concatenate(rows, axis=-1)
+
+
+def _unjudged(*_: Any) -> PrecisionStatus:
+    """Pivots are judged where the text that is printed runs."""
+    return OK
