@@ -13,11 +13,11 @@ from scipy.signal import lfilter
 from scipy.stats import f
 
 import rne
+from rne.basics.filters import low_pass, settling
 from rne.identification import Record
 from rne.identification.diagnosis.rigid_body_test import certified
 from rne.identification.fit.equations import equations
 from rne.identification.fit.least_squares import bias_of_least_squares, least_squares, with_correlation
-from rne.identification.log.filtering import low_pass, settling
 
 from .helpers import first_joints
 from .measurements import fourier_series

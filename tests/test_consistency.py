@@ -8,10 +8,10 @@ from scipy.linalg import orth
 from scipy.stats import f
 
 import rne
+from rne.basics.filters import low_pass
 from rne.identification import Record
 from rne.identification.diagnosis.rigid_body_test import certified, torque_noise
 from rne.identification.fit.equations import build_regression
-from rne.identification.log.filtering import low_pass
 
 from .helpers import first_joints, kept
 from .measurements import truth

@@ -10,6 +10,7 @@ from scipy.linalg import eigvalsh
 from scipy.signal import lfilter
 
 import rne
+from rne.basics.filters import low_pass
 from rne.identification import Record
 from rne.identification.fit.consistent import consistent_fit, expected_sizes, geometric_prior, model_prior
 from rne.identification.fit.equations import (
@@ -22,7 +23,6 @@ from rne.identification.fit.equations import (
     triangular,
 )
 from rne.identification.fit.least_squares import Estimator, least_squares, with_correlation
-from rne.identification.log.filtering import low_pass
 from rne.model.parameters import COLUMNS, ROWS, dual_of_gradient, pseudo_inertia
 
 from .helpers import first_joints, loaded

@@ -9,8 +9,9 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import lfilter
 
 import rne
+from rne.basics.filters import low_pass, settling
 from rne.identification import Record
-from rne.identification.log.filtering import choose_cutoff, derivatives, low_pass, motion_spectrum, settling
+from rne.identification.log.filtering import choose_cutoff, derivatives, motion_spectrum
 from rne.identification.log.screening import clipped, encoder_step, equal_steps, screen
 
 from .helpers import first_joints, loaded
@@ -147,7 +148,7 @@ def test_decimation_keeps_the_band(true):
 def test_columns_are_reduced_block_by_block_as_one(monkeypatch, true):
     prepared = Record(true.t, true.q, true.tau).prepare(cutoff=5.0)
     whole = prepared.reduce(prepared.tau)
-    monkeypatch.setattr("rne.identification.log.filtering.BLOCK", 1)
+    monkeypatch.setattr("rne.basics.filters.BLOCK", 1)
     assert np.array_equal(prepared.reduce(prepared.tau), whole)
 
 

@@ -17,6 +17,7 @@ import numpy as np
 import rne
 
 from ..basics.arrays import per_joint_array
+from ..basics.filters import low_pass
 from ..basics.spatial import Array
 from ..basics.text import UNITS, plain, short
 from ..files.samples import MissingColumn, Samples, in_seconds, read_samples
@@ -125,7 +126,7 @@ def add_torques(commands: Any) -> None:
     columns = "CSV with columns t and q.<joint>, if known qd.<joint> and qdd.<joint>, in any order [s, rad or m]"
     parser.add_argument("motion", metavar="MOTION.csv", type=Path, help=columns)
     add_units(parser)
-    cutoff = "filter the columns without delay before they are differentiated: Butterworth, cut off at HZ"
+    cutoff = "filter the columns before they are differentiated: Butterworth, fourth order, no delay, cut off at HZ"
     parser.add_argument("--cutoff", metavar="HZ", type=number, help=cutoff)
     out = "CSV file to write, columns t and tau.<joint> (default: standard output)"
     parser.add_argument("--out", metavar="FILE", type=Path, help=out)
@@ -454,17 +455,17 @@ def _scatter(t: Array, x: Array, order: int) -> Array:
 
 
 def filtered(motion: SampledMotion, cutoff: float) -> tuple[SampledMotion, str]:
-    """The motion after a Butterworth filter of second order, forwards and backwards, and a line on the change of q."""
+    """The motion after the filter of `rne.basics.filters` and a line on the change of q."""
     t, q, qd, qdd = motion
     step = _even_step(t)
     if step is None:
         raise CommandError("--cutoff: needs times at even steps")
     if not 0 < cutoff < 0.5 / step:
         raise CommandError(f"--cutoff: must be between 0 and {0.5 / step:g} Hz, half the sampling rate; got {cutoff:g}")
-    smooth = _low_pass(q, cutoff * step)
+    smooth = low_pass(q, cutoff, 1 / step, ends=True)
     change = np.abs(smooth - q).max(initial=0.0)
     text = f"zero-phase Butterworth filter of {cutoff:g} Hz; it changes q by at most {change:.2g} rad or m"
-    qd, qdd = (None if x is None else _low_pass(x, cutoff * step) for x in (qd, qdd))
+    qd, qdd = (None if x is None else low_pass(x, cutoff, 1 / step, ends=True) for x in (qd, qdd))
     return SampledMotion(t, smooth, qd, qdd), text
 
 
@@ -474,25 +475,17 @@ def _even_step(t: Array) -> float | None:
     return float(steps.mean()) if len(steps) and np.ptp(steps) <= EVEN * steps.mean() else None
 
 
-def _low_pass(x: Array, cutoff: float) -> Array:
-    """Filter each column, with a cut-off in cycles per sample; beyond the ends it is continued by point symmetry."""
-    from scipy.signal import butter, sosfiltfilt
-
-    pad = min(len(x) - 1, max(9, round(1 / cutoff)))
-    y: Array = sosfiltfilt(butter(2, cutoff, fs=1.0, output="sos"), x, axis=0, padlen=pad)
-    return y
-
-
 def suggested_cutoff(t: Array, x: Array, sigma: Array) -> float | None:
     """The lowest cut-off at which a filter removes no more than the noise [Hz]; None if steps vary.
 
+    Spectra, by which `rne.identify` chooses one, scatter too much in files no longer than a few of their windows.
     Residual analysis: D. A. Winter, Biomechanics and Motor Control of Human Movement, 4th ed., 2009, chapter 3.
     """
     step = _even_step(t)
     if step is None:
         return None
     for cutoff in np.geomspace(1 / len(t), 0.45, 40):
-        residual = np.sqrt(((x - _low_pass(x, cutoff)) ** 2).mean(axis=0))
+        residual = np.sqrt(((x - low_pass(x, cutoff, 1.0, ends=True)) ** 2).mean(axis=0))
         if (residual <= RESIDUAL * sigma)[sigma > 0].all():
             return float(cutoff / step)
     return None

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from ...basics.filters import impulse_response, settling
 from ...basics.spatial import Array
 from ...dynamics.base_inertial_parameters import BaseParameters
 from ...errors import NotFiniteError
@@ -19,7 +20,6 @@ from ...model.parameters import PARAMETERS
 from ...robot import Robot
 from .. import thresholds
 from ..fit.equations import RegressionData, blocks_of_time
-from ..log.filtering import impulse_response, settling
 
 Torques = Callable[[Array, Array, Array], Array]  # a function of q, qd, qdd, each of shape (T, n)
 

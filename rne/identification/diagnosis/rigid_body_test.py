@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...basics.filters import ORDER
 from ...basics.spatial import Array
 from ...basics.text import InNotebooks, Row, aligned, listed, short, wrapped
 from ...dynamics.base_inertial_parameters import BaseParameters
@@ -23,7 +24,6 @@ from ...model.standard_parameters import StandardParameters
 from .. import thresholds
 from ..fit.equations import Equations, RegressionData
 from ..fit.least_squares import weighted_fit
-from ..log.filtering import ORDER
 from ..log.prepared import Prepared
 
 COLUMNS = (

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...basics.arrays import per_joint_array, vector, whole_number
+from ...basics.filters import impulse_response, low_pass, settling
 from ...basics.spatial import Array
 from ...basics.text import counted, listed
 from ...dynamics.base_inertial_parameters import BaseParameters
@@ -33,7 +34,6 @@ from ...model.standard_parameters import StandardParameters
 from ...model.topology import drivers_of
 from ...robot import Robot
 from .. import thresholds
-from ..log.filtering import impulse_response, low_pass, settling
 from ..log.findings import NO_COMMANDS, torques_of
 from ..log.prepared import Prepared, rows_without, undisturbed
 from ..log.record import Record

@@ -1,4 +1,4 @@
-"""Zero-phase low-pass filters, derivatives of equally spaced samples, and the choice of the cut-off.
+"""Derivatives of equally spaced samples, and the choice of a low-pass filter's cut-off.
 
 Measured torques and the columns of a regressor pass the same filter, after which the linear relation between them holds
 as before: the parallel filter of Gautier, Janot and Vandanjon 2013, IEEE Trans. Control Systems Technology 21(2). Its
@@ -9,61 +9,19 @@ with the fourth power of the frequency, does not.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from functools import cache
 
 import numpy as np
 
+from ...basics.filters import low_pass
 from ...basics.spatial import Array
 from .. import thresholds
 
-ORDER = 4  # of the Butterworth filter, which runs forwards and backwards
-SETTLING = 1.25  # periods of the cut-off from a step to where less than 1 % of it is left
-BLOCK = 4_000_000  # numbers that are filtered at a time
 # Central differences of eighth order (Fornberg 1988, table 1), for offsets 1 to 4: at a tenth of the sample rate their
 # gain is 1 within 5e-5, where half the difference of both neighbours has 0.94.
 FIRST = (4 / 5, -1 / 5, 4 / 105, -1 / 280)
 SECOND = (8 / 5, -1 / 5, 8 / 315, -1 / 560)
 MARGIN = len(FIRST)  # samples at either end that have no central difference
-
-
-def low_pass(x: Array, cutoff: float, sample_rate: float, kept: Array | None = None) -> Array:
-    """Low-pass along the first axis without shift in time; of the result only the rows `kept`, if given.
-
-    A Butterworth filter forwards and backwards: the gain is 1 / (1 + (f / cutoff)^8), but for the bilinear transform.
-    """
-    from scipy.signal import sosfiltfilt
-
-    sections, padding = _butterworth(cutoff / sample_rate), min(settling(cutoff, sample_rate), len(x) - 1)
-    rows: Array = np.arange(len(x)) if kept is None else kept
-    columns = x.reshape(len(x), -1)
-    filtered = np.empty((len(rows), columns.shape[1]))
-    width = max(1, BLOCK // len(x))
-    for k in range(0, columns.shape[1], width):
-        y = sosfiltfilt(sections, columns[:, k : k + width], axis=0, padlen=padding)
-        filtered[:, k : k + width] = y[rows]
-    return filtered.reshape(len(rows), *x.shape[1:])
-
-
-def impulse_response(cutoff: float, sample_rate: float, reach: int) -> Array:
-    """What the filter makes of an impulse of 1, from `reach` samples before it to as many after it."""
-    impulse = np.zeros(4 * reach + 1)  # ends are far enough away not to be felt
-    impulse[2 * reach] = 1
-    return low_pass(impulse, cutoff, sample_rate, np.arange(reach, 3 * reach + 1))
-
-
-@cache
-def _butterworth(cutoff: float) -> Array:
-    """Second-order sections for a cut-off as a part of the sample rate; kept, as a design takes long."""
-    from scipy.signal import butter
-
-    return np.asarray(butter(ORDER, 2 * cutoff, output="sos"))
-
-
-def settling(cutoff: float, sample_rate: float) -> int:
-    """Samples after a step, and before it, in which the filter's output is more than 1 % of the step away from it."""
-    return math.ceil(SETTLING * sample_rate / cutoff) + 2  # by which a fast filter differs from an analogue one
 
 
 def derivatives(x: Array, sample_rate: float) -> tuple[Array, Array]:

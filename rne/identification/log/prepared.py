@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...basics.arrays import ReadOnlyArrays, cached_array, positive_number
+from ...basics.filters import low_pass, settling
 from ...basics.spatial import Array
 from ...basics.text import counted, summary
 from .. import thresholds
@@ -104,9 +105,9 @@ class Prepared(ReadOnlyArrays):
             raise ValueError(f"`columns` must have {rows}, got {values.shape}")
         if not np.isfinite(values).all():
             raise ValueError("`columns` must be finite")
-        low_pass = partial(filtering.low_pass, cutoff=self.cutoff, sample_rate=self.sample_rate)
+        filtered = partial(low_pass, cutoff=self.cutoff, sample_rate=self.sample_rate)
         parts = zip(self.segments, self._segment_rows, strict=True)
-        return np.concatenate([low_pass(values[part], kept=rows - part.start) for part, rows in parts])
+        return np.concatenate([filtered(values[part], kept=rows - part.start) for part, rows in parts])
 
     @cached_array
     def times(self) -> Array:
@@ -159,7 +160,7 @@ class Prepared(ReadOnlyArrays):
 
     @cached_property
     def _segment_rows(self) -> tuple[Array, ...]:
-        drop = filtering.settling(self.cutoff, self.sample_rate)
+        drop = settling(self.cutoff, self.sample_rate)
         return tuple(np.arange(part.start + drop, part.stop - drop, self.decimation) for part in self.segments)
 
 
@@ -179,8 +180,8 @@ def prepare(name: str, clean: CleanRecord, cutoff: float | None, start: float) -
     cutoff, reasons = _cutoff(name, clean, cutoff, positions, spectrum)
     decimation = max(1, int(thresholds.PASS_BAND * rate / (2 * cutoff) + ROUNDING))
     position_cutoff = min(thresholds.POSITION_CUTOFF * cutoff, thresholds.HIGHEST_POSITION_CUTOFF * rate)
-    drop = max(2 * filtering.settling(position_cutoff, rate), filtering.MARGIN)  # twice, for the accelerations
-    needed = 2 * (drop + filtering.settling(cutoff, rate)) + decimation
+    drop = max(2 * settling(position_cutoff, rate), filtering.MARGIN)  # twice, for the accelerations
+    needed = 2 * (drop + settling(cutoff, rate)) + decimation
     lengths = [len(q) for q in positions]
     kept = [k for k, length in enumerate(lengths) if length >= needed]
     if not kept:
@@ -246,13 +247,13 @@ def _fused(
 
 def _differentiated(q: Array, cutoff: float, rate: float, drop: int) -> tuple[Array, Array, Array]:
     """Positions, velocities and accelerations, without `drop` samples at either end."""
-    filtered = filtering.low_pass(q, cutoff, rate)
+    filtered = low_pass(q, cutoff, rate)
     qd, qdd = filtering.derivatives(filtered[drop - filtering.MARGIN : len(q) - drop + filtering.MARGIN], rate)
     return filtered[drop : len(q) - drop], qd, qdd
 
 
 def rows_without(record: Prepared, flags: Array) -> Array:
     """True at reduced rows that no flagged sample enters; flags have shape (T, n), the result (R, n)."""
-    reach = filtering.settling(record.cutoff, record.sample_rate)
+    reach = settling(record.cutoff, record.sample_rate)
     parts = zip(record.segments, record._segment_rows, strict=True)
     return np.concatenate([undisturbed(flags[part], rows - part.start, reach) for part, rows in parts])
