@@ -14,8 +14,8 @@ import numpy as np
 import rne
 from benchmarks.identification_tables import noise_table, rewrite_page, sensor_table
 from benchmarks.measure import is_quick, write
+from rne.basics.inertia import pseudo_inertia
 from rne.identification import Identification
-from rne.model.parameters import pseudo_inertia
 from tests.measurements import Truth, record, truth
 
 VISCOUS, COULOMB = np.array([8, 6, 2, 1.2, 1.4, 0.6]), np.array([6, 8, 6, 2, 2.4, 0.5])  # [N m s/rad], [N m]

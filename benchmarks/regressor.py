@@ -21,7 +21,7 @@ from benchmarks.kernel_errors import EXACT, reference, relative_error, single_re
 from benchmarks.measure import QUICK_NOTE, is_quick, many, nanoseconds, per_state, ratio, write
 from benchmarks.pages import DOCS, rewrite, table, three
 from benchmarks.peers.pinocchio import Pinocchio
-from rne.model.parameters import PARAMETERS
+from rne.basics.inertia import PARAMETERS
 
 ROBOTS = ("irb140", "ur5", "panda")
 PAGE = DOCS / "benchmarks" / "regressor.md"

@@ -1382,7 +1382,9 @@ class Robot(InNotebooks):
         True
         """
         from .bounds.bounds import robot_bounds
+        from .model.topology import refuse_couplings
 
+        refuse_couplings(self.model, "bounds take")
         box = positions, rates, accelerations, payload, masses
         effort, place = (tolerance, budget, seconds), (link, point_argument(point) or ORIGIN)
         return robot_bounds(self._kernels, *box, *effort, quantities, *place)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import rne
-from rne.model.parameters import pseudo_inertia
+from rne.basics.inertia import pseudo_inertia
 
 from .helpers import first_joints, kept, loaded
 

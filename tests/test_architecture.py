@@ -197,6 +197,68 @@ def test_identification_loads_neither_pictures_nor_simulation():
     assert not rooms & {"plotting", "simulation", "integrators", "control", "urdf", "loads", "commands"}
 
 
+# What identification and bounds take of the package beside `rne.basics`, `rne.errors` and what users call: if these names
+# became public, both could be distributions of their own.
+APART = ("identification", "bounds")
+TAKEN = {
+    "rne.dynamics.kinematics.joint_transforms": "poses of joints against each other, over boxes of positions",
+    "rne.dynamics.regressors.gravity_torques": "torques are linear in gravity: its direction as a cause of residuals",
+    "rne.files.log_columns.measured": "a log in any format: what Record.from_log reads",
+    "rne.files.log_columns.names_by_number": "joints that two sides number alike",
+    "rne.files.logs.LogOptions": "options of Record.from_log, on their way to the readers",
+    "rne.files.motion_files.write_columns": "the table of a motion, marked as one that may be replaced",
+    "rne.files.time_units.guessed_unit": "times that look like milliseconds are a finding of a Record",
+    "rne.kernels.cache.KernelCache": "kernels of a robot with other masses, where a Robot is not known yet",
+    "rne.model.coupling.IN_FILES": "types that an archive of a fit holds",
+    "rne.model.coupling.with_ratio": "the ratio of a joint that follows others, as a cause of residuals",
+    "rne.model.modify.limit_array": "limits for all joints, each, or some by name, as with_limits takes them",
+    "rne.model.topology.end_link": "the link of a load that is not named",
+    "rne.robot.robot_argument": "the error for an argument that is no Robot",
+    "rne.simulation.scene.payload_argument": "a load by its mass, as a Payload or as found, as Scene takes it",
+    "rne.simulation.springs.JointSpring": "what Spring.at_joint returns, whose stiffness is fitted",
+    "rne.simulation.springs.Springs": "the springs of a Scene, in which torques are linear",
+    "rne.simulation.springs.resolved_springs": "the argument `springs`, as Scene takes it",
+    "rne.simulation.trajectory.motors_at": "positions behind elastic joints, which encoders of motors measure",
+}
+MOST_TAKEN = 20
+
+
+def public_values():
+    """All that a user has by name: of `rne`, and of its public modules."""
+    modules = [thing for name in rne.__all__ if inspect.ismodule(thing := getattr(rne, name))]
+    listed = [(module, name) for module in (rne, *modules) for name in getattr(module, "__all__", dir(module))]
+    return {id(getattr(module, name)) for module, name in listed}
+
+
+def taken_by(folder):
+    """Names that are not public, by the module that has them: those that files of a folder import, for types too."""
+    public, found = public_values(), set()
+    for path in (p for p in SOURCES if entry(p) == folder):
+        package = path.relative_to(ROOT).with_suffix("").parts[:-1]
+        for node in (n for n in NODES[path] if isinstance(n, ast.ImportFrom) and n.level):
+            module = ".".join([*package[: len(package) - node.level + 1], *filter(None, [node.module])])
+            if module.split(".")[1:2] in ([folder], ["basics"], ["errors"]):
+                continue
+            for name in (alias.name for alias in node.names):
+                if id(getattr(importlib.import_module(module), name)) not in public:
+                    found.add(f"{module}.{name}")
+    return found
+
+
+def test_identification_and_bounds_take_public_names_and_few_others():
+    taken = set().union(*map(taken_by, APART))
+    assert sorted(taken - TAKEN.keys()) == []
+    assert sorted(TAKEN.keys() - taken) == []
+    assert len(TAKEN) <= MOST_TAKEN
+    for path in (p for p in SOURCES if entry(p) in APART):  # by `from ... import ...` alone, which the test reads
+        assert not any(
+            name.startswith("rne")
+            for n in NODES[path]
+            if isinstance(n, ast.Import)
+            for name in [a.name for a in n.names]
+        )
+
+
 def test_public_names_are_few():
     names = [name for name in dir(rne) if name[0] != "_" and not inspect.ismodule(getattr(rne, name))]
     assert len(names) <= MAX_PUBLIC

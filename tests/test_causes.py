@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 import rne
-from rne.dynamics.base_inertial_parameters import with_springs
 from rne.dynamics.regressors import gravity_torques
 from rne.identification import Record, thresholds
 from rne.identification.diagnosis import hypotheses
@@ -27,6 +26,7 @@ from rne.identification.diagnosis.hypotheses import (
 from rne.identification.diagnosis.residuals import FitResiduals
 from rne.identification.fit.equations import build_regression
 from rne.identification.fit.least_squares import least_squares
+from rne.identification.fit_model import with_springs
 from rne.simulation.springs import resolved_springs
 
 from . import faulty_logs as faults

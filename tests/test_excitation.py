@@ -58,7 +58,7 @@ def search_of(robot, criterion, harmonics=HARMONICS, rest=True, **options):
     within = MotionLimits(robot, FourierBasis(DURATION, harmonics), rest, **motion_limits(robot, {}))
     noise = np.linspace(1, 2, robot.n)
     x = 0.2 * np.random.default_rng(1).normal(size=within.size)
-    return MotionSearch(within, BaseRegressor.of(base), noise, 40, criterion, (criterion,), 5, None), x
+    return MotionSearch(within, BaseRegressor(base), noise, 40, criterion, (criterion,), 5, None), x
 
 
 def condition(p=np.inf):

@@ -11,6 +11,7 @@ from scipy.signal import lfilter
 
 import rne
 from rne.basics.filters import low_pass
+from rne.basics.inertia import COLUMNS, ROWS, dual_of_gradient, pseudo_inertia
 from rne.identification import Record
 from rne.identification.fit.consistent import consistent_fit, expected_sizes, geometric_prior, model_prior
 from rne.identification.fit.equations import (
@@ -23,7 +24,6 @@ from rne.identification.fit.equations import (
     triangular,
 )
 from rne.identification.fit.least_squares import Estimator, least_squares, with_correlation
-from rne.model.parameters import COLUMNS, ROWS, dual_of_gradient, pseudo_inertia
 
 from .helpers import first_joints, loaded
 

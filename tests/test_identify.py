@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 
 import rne
+from rne.basics.inertia import pseudo_inertia
 from rne.identification import Record
-from rne.identification.check import without_gaps
 from rne.identification.fit.equations import BEYOND, beyond_limits, locked_text, of_named_joints
 from rne.identification.fit.least_squares import least_squares
-from rne.model.parameters import pseudo_inertia
 
 from . import faulty_logs as faults
 from .conftest import TREES
@@ -729,12 +728,6 @@ def test_torques_with_the_wrong_sign_are_not_explained_by_bodies(scene, motions)
         rne.identify(
             scene.robot, Record(t, q, -tau), drives=rne.DriveModel(friction="viscous+coulomb"), prior="geometry"
         )
-
-
-def test_no_line_is_drawn_over_two_steps():
-    t, x = without_gaps(np.array([0, 1, 2, 4.0, 5]), np.arange(5.0))
-    assert np.flatnonzero(np.isnan(x)).tolist() == [3]
-    assert t.tolist() == [0, 1, 2, 2, 4, 5]
 
 
 def test_plot_has_a_panel_per_joint_and_no_line_across_a_gap(scene, motions):

@@ -7,6 +7,7 @@ import pytest
 
 import rne
 from rne import identification
+from rne.identification.fit.equations import MEASURED
 from rne.identification.fit_model import (
     FitModel,
     FitProblem,
@@ -16,7 +17,6 @@ from rne.identification.fit_model import (
     with_stribeck,
     without_rotors,
 )
-from rne.model.standard_parameters import MEASURED
 
 from .helpers import first_joints
 from .measurements import truth

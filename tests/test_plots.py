@@ -557,3 +557,23 @@ def test_the_legend_of_a_small_picture_is_below_the_robot(irb140):
 def test_steps_of_differences_are_written_as_numbers():
     ticks = pages._plot_errors(np.geomspace(1e-8, 1, 17), np.geomspace(1e-3, 1e-9, 17)).axes[0].xaxis
     assert [float(tick.get_text().replace("\N{MINUS SIGN}", "-")) for tick in ticks.get_ticklabels()] == [1e-8, 1e-4, 1]
+
+
+def test_no_line_of_a_prediction_is_drawn_over_two_steps():
+    t, tau = np.array([0, 1, 2, 4.0, 5]), np.arange(5.0)[:, None]
+    line = rne.plotting.prediction_plot(t, tau, tau, tau).axes[0].lines[0]
+    assert np.flatnonzero(np.isnan(line.get_ydata())).tolist() == [3]
+    assert line.get_xdata().tolist() == [0, 1, 2, 2, 4, 5]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (([0, 1], [1.0, 2.0], [1.0, 2.0], [1.0, 2.0]), "`measured` must have shape (2, n), got (2,)"),
+        (([0, 1], [[1.0]], [[1.0]], [[1.0]]), "`measured` must have shape (2, n), got (1, 1)"),
+        (([0, 1], [[1.0], [2.0]], [[1.0]], [[1.0]]), "`predicted` must have shape (2, 1), got (1, 1)"),
+    ],
+)
+def test_errors_of_a_prediction(arguments, text):
+    with pytest.raises(ValueError, match=re.escape(text)):
+        rne.plotting.prediction_plot(*arguments)

@@ -11,10 +11,10 @@ import rne
 from benchmarks import prediction_bands
 from benchmarks.measure import RESULTS
 from benchmarks.pages import filled
+from rne.basics.inertia import pseudo_inertia
 from rne.identification import Record
 from rne.identification.fit.equations import blocks_of_time
 from rne.identification.prediction import repeated
-from rne.model.parameters import pseudo_inertia
 
 from .compiled_sources import c_library, call
 from .helpers import first_joints

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import rne
+from rne.basics.inertia import DUALS, UNITS, dual_of_gradient, parameters_of_pseudo_inertia, pseudo_inertia
 from rne.basics.spatial import point_mass_inertia
 from rne.graph.graph import Graph
 from rne.graph.scalar import inputs, is_traced
-from rne.model.parameters import DUALS, UNITS, dual_of_gradient, parameters_of_pseudo_inertia, pseudo_inertia
 
 from .conftest import TREES
 

@@ -46,6 +46,13 @@ INTERNAL = {
     "Robot.with_model",
     "Scene.dynamics",
     "Scene.resolved",
+    "StandardParameters.drive_columns",
+    "StandardParameters.drive_columns_of",
+    "StandardParameters.drive_torques",
+    "StandardParameters.load",
+    "StandardParameters.rotor_torques",
+    "StandardParameters.spring_columns",
+    "StandardParameters.spring_torques",
     # The interface of gymnasium, which documents it.
     "ArmEnv.reset",
     "ArmEnv.step",

@@ -27,6 +27,7 @@ FREE, RATIO = 2**26, 100  # bytes that every file may unpack to, and each of its
 LONGEST, LINE = 2**24, 400  # bytes of the texts of an archive, characters of an error
 NOT_KEPT = "source"  # field of a Model: the path of a file, which a page of the robot would read
 
+File = str | PathLike[str]
 Kinds = dict[Any, tuple[tuple[str, ...], Callable[..., Any]]]  # of each type in files its fields, and what makes it
 
 
@@ -108,7 +109,7 @@ def contents(file: Path, what: str) -> tuple[Mapping[str, Any], dict[str, Any]]:
         raise ValueError(f"{str(file)!r} is not {what}") from None
 
 
-def write(path: str | PathLike[str], kinds: Kinds, value: Any, version: int) -> Path:
+def write(path: File, kinds: Kinds, value: Any, version: int) -> Path:
     """Write an object of one of the kinds to an archive."""
     file, arrays = output_file(path, ".npz"), dict[str, Any]()
     texts = {"version": version, "value": _encoded(value, kinds, arrays)}
@@ -118,9 +119,7 @@ def write(path: str | PathLike[str], kinds: Kinds, value: Any, version: int) -> 
     return file
 
 
-def read(
-    path: str | PathLike[str], kinds: Kinds, wanted: type, version: int, check: Callable[[Any], Any] = lambda _: None
-) -> Any:
+def read(path: File, kinds: Kinds, wanted: type, version: int, check: Callable[[Any], Any] = lambda _: None) -> Any:
     """The object in an archive; a ValueError names what is not as expected, in parts or by the check of the whole."""
     arrays, texts = contents(file := Path(path), f"written by {wanted.__name__}.save")
     try:

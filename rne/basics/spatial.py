@@ -201,3 +201,10 @@ def note_finite(x: Array) -> None:
     for entry in x.flat if x.dtype == object else ():
         if hasattr(entry, "graph"):
             entry.graph.note_finite(entry.ref)
+
+
+def christoffel(dM: Array) -> Array:
+    """c_ijk = (dM_kj/dq_i + dM_ki/dq_j - dM_ij/dq_k) / 2 of the derivatives dM_ij/dq_k of a symmetric matrix."""
+    dM_kj_dq_i: Array = np.swapaxes(dM, -3, -1)  # [i, j, k]
+    dM_ki_dq_j = np.swapaxes(dM_kj_dq_i, -3, -2)
+    return np.asarray((dM_kj_dq_i + dM_ki_dq_j - dM) / 2)

@@ -215,3 +215,8 @@ class InNotebooks(ReadOnlyArrays):
 
     def __str__(self) -> str:
         return str(self.report()) if hasattr(self, "report") else repr(self)
+
+
+def numbered_joints(n: int) -> tuple[str, ...]:
+    """Names of joints that have none."""
+    return tuple(f"joint_{k + 1}" for k in range(n))

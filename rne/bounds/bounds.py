@@ -11,14 +11,11 @@ from numpy.typing import ArrayLike
 
 from .. import dynamics
 from ..basics.arrays import per_joint_array, positive_number, real_array
-from ..basics.spatial import Array
+from ..basics.spatial import Array, christoffel
 from ..basics.text import InNotebooks, short
-from ..dynamics.kinematics import point_of_body
-from ..dynamics.lagrange import christoffel
 from ..kernels.cache import KernelCache
 from ..model.model import Model
 from ..model.modify import with_payload
-from ..model.topology import refuse_couplings
 from .branch_and_bound import Clock, ProvenMaximum, largest
 from .criteria import ROUNDING, Coriolis, LargestModulus, LargestOfInverse, Modulus, Norm, Torque, half_of_corners
 from .polynomials import Polynomial, PositionBox, box_argument, independent, levers, polynomial, sizes_of_terms
@@ -182,7 +179,6 @@ def robot_bounds(
     model = cache.model
     if not model.n:
         raise ValueError(f"bounds need a robot that moves, {model.name!r} has no joints")
-    refuse_couplings(model, "bounds take")
     tolerance, budget = positive_number("tolerance", tolerance), positive_number("budget", budget)
     seconds = np.inf if seconds is None else positive_number("seconds", seconds)
     known = model.coordinate_limits()
@@ -299,7 +295,8 @@ class RobotPolynomials:
     def point_jacobian(self, box: PositionBox, link: str, point: tuple[float, ...]) -> Polynomial:
         """Polynomial of the Jacobian of a point's velocity, (3, n)."""
         model = box.model
-        body, offset = point_of_body(model, link, point)
+        k = model.link_index(link)
+        body, offset = model.link_body[k], model.link_translation[k] + model.link_rotation[k] @ np.array(point)
         centred = replace(model, com=np.where(np.arange(model.nb)[:, None] == body, offset, 0.0))
         kernel = self.free.kernel(dynamics.jacobian, link=link, point=point)
         return polynomial(

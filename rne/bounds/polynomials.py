@@ -15,7 +15,6 @@ import numpy as np
 
 from ..basics.arrays import per_joint_array
 from ..basics.spatial import Array, Map
-from ..graph.program import Operand, Program
 from ..kernels.kernel import Kernel
 from ..model.model import Model
 
@@ -160,7 +159,7 @@ def _modes(kernel: Kernel, box: PositionBox, degree: int) -> tuple[Array, Array]
     """Frequency or power of each joint, shape (modes, nb), and the coefficients, shape (modes, ...)."""
     model, points = box.model, 2 * degree + 1
     middle, half = box.joint_ranges
-    read = inputs_read(kernel.traced.program)
+    read = kernel.traced.program.reads
     joints = np.flatnonzero(read & (half > 0))
     if points ** len(joints) > MOST_SAMPLES:
         names = [model.moving_joints[j] for j in joints]
@@ -183,17 +182,3 @@ def _modes(kernel: Kernel, box: PositionBox, degree: int) -> tuple[Array, Array]
     for axis in np.flatnonzero(~turning):
         c = np.moveaxis(np.tensordot(of_slides, c, (1, axis)), 0, axis)
     return modes, c.reshape(values.shape)
-
-
-def inputs_read(program: Program) -> Array:
-    """True for each input that an output depends on, by the traced operations, shape (inputs,)."""
-    read: list[Array] = []
-
-    def of(operand: Operand) -> Array:
-        if operand.kind == "result":
-            return read[int(operand.value)]
-        return np.asarray(np.arange(program.inputs) == (operand.value if operand.kind == "input" else -1))
-
-    for instruction in program.instructions:
-        read.append(np.any([of(operand) for operand in instruction.args], axis=0))
-    return np.asarray(np.any([of(operand) for operand in program.outputs], axis=0))

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import positive_number
+from ..basics.inertia import PARAMETERS, dual_of_gradient, parameters_of_pseudo_inertia, pseudo_inertia
 from ..basics.spatial import Array, transpose, zeros
 from ..basics.text import summary
 from ..elementwise import maximum, minimum, tanh
 from ..model.friction_laws import SMOOTHING
-from ..model.parameters import PARAMETERS, dual_of_gradient, parameters_of_pseudo_inertia, pseudo_inertia
 from ..robot import Robot
 from .laws import Reference, check_reference, checked_vectors, composite_error, model_torques, of_robot
 

@@ -14,19 +14,19 @@ along gravity. The argument for trees is that of Wensing, Niemeyer and Slotine 2
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import ReadOnlyArrays, cached_array, positive_number, real_array
+from ..basics.inertia import PARAMETERS, UNITS
 from ..basics.spatial import Array, cross, cross_matrix, rotate, symmetric, transpose
 from ..basics.text import counted, listed, short, six_digits, wrapped
 from ..errors import ModelError
 from ..model.model import Model, model_argument
-from ..model.parameters import PARAMETERS, UNITS
 from ..model.standard_parameters import OF_MOTORS, DriveModel, StandardParameters, drive_argument
 from ..model.topology import carriers, drivers_of, joint_groups, where_loops_close
 from .kinematics import BASE, coordinate_map, joint_transforms
@@ -226,15 +226,6 @@ def base_parameters(model: Model, *, drives: DriveModel | None = None, tolerance
         raise ValueError(f"`tolerance` must be below {COARSEST}, got {tolerance!r}")
     kept, matrix = regrouped(standard, tolerance)
     return BaseParameters(standard, kept, matrix, partial(regressor, model))
-
-
-def with_springs(base: BaseParameters, springs: Any) -> BaseParameters:
-    """Base parameters and those of springs, each of which is one of its own."""
-    standard = replace(base.standard, springs=springs)
-    places = range(base.standard.count, standard.count)
-    matrix = np.pad(base.matrix, (0, len(places)))
-    matrix[range(base.count, len(matrix)), places] = 1
-    return replace(base, standard=standard, independent=(*base.independent, *places), matrix=matrix)
 
 
 def regrouped(standard: StandardParameters, tolerance: float) -> tuple[tuple[int, ...], Array]:

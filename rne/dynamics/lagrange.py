@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..basics.spatial import Array, cross, cross_matrix, rotate, rotate_back, transpose, zeros
+from ..basics.spatial import Array, christoffel, cross, cross_matrix, rotate, rotate_back, transpose, zeros
 from ..model.model import Model
 from .crba import solve_with_pivots
 from .kinematics import (
@@ -97,13 +97,6 @@ def inertia_derivatives(model: Model, terms: list[Body], like: Array) -> Array:
         half = half + b.mass * (dJc @ transpose(b.Jc)[..., None, :, :])
         half = half + dJw @ (b.inertia @ transpose(b.Jw))[..., None, :, :]
     return np.asarray(np.moveaxis(half + transpose(half), -3, -1))
-
-
-def christoffel(dM: Array) -> Array:
-    """c_ijk = (dM_kj/dq_i + dM_ki/dq_j - dM_ij/dq_k) / 2."""
-    dM_kj_dq_i: Array = np.swapaxes(dM, -3, -1)  # [i, j, k]
-    dM_ki_dq_j = np.swapaxes(dM_kj_dq_i, -3, -2)
-    return np.asarray((dM_kj_dq_i + dM_ki_dq_j - dM) / 2)
 
 
 def gravity_terms(model: Model, terms: list[Body], like: Array) -> Array:

@@ -20,10 +20,11 @@ from typing import Any, Concatenate, NamedTuple, ParamSpec, Protocol, TypeVar, c
 import numpy as np
 
 from ..basics.arrays import is_finite, number_array
+from ..basics.inertia import PARAMETERS
 from ..basics.spatial import Array
 from ..errors import NotFiniteError, PrecisionWarning, SingularMassMatrixError
 from ..model.model import Model, joint_array, model_argument
-from ..model.parameters import PARAMETERS, at_parameters
+from ..model.parameters import at_parameters
 from ..model.topology import check_closure
 
 BatchIndex = tuple[int, ...]  # of a state in a batch; empty for a single state

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from ..basics.inertia import BASIS, PARAMETERS
 from ..basics.spatial import Array, cross, cross_matrix, dot, rotate, rotate_back, transpose, zeros
 from ..model.model import Model
-from ..model.parameters import BASIS, PARAMETERS
 from .kinematics import (
     BASE,
     body_poses,

@@ -514,6 +514,16 @@ def numbers_at_ends(joints: Iterable[str]) -> list[int]:
     return [int(number or 1) for _, number in parts] * alike
 
 
+def names_by_number(own: Sequence[str], others: Sequence[str]) -> list[str]:
+    """Of other joints the names with the numbers of these: arm_j2 for joint_2 or j2; none where they do not tell."""
+    k, theirs = numbers_at_ends(own), numbers_at_ends(others)
+    if not k or not set(own).isdisjoint(others) or not set(k) <= set(theirs) or (0 in k) != (0 in theirs):
+        return []
+    stem, whole = (plain_name(x[0].rstrip("0123456789")) for x in (own, others))
+    called = dict(zip(theirs, others, strict=True))
+    return [called[i] for i in k] if stem == "joint" or whole.endswith(stem) else []  # else another arm's
+
+
 def _units(
     place: str, kinds: Mapping[str, Sequence[str]], given: Mapping[str, Any], meanings: Mapping[str, Meaning]
 ) -> dict[str, Any]:

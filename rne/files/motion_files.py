@@ -66,11 +66,6 @@ def csv_text(t: Array, columns: Mapping[str, Array]) -> str:
     return text.getvalue()
 
 
-def numbered_joints(n: int) -> tuple[str, ...]:
-    """Names of joints that have none."""
-    return tuple(f"joint_{k + 1}" for k in range(n))
-
-
 def _check(motion: Any) -> None:
     """A ValueError that names the first array with a wrong shape or a number that is not finite, or late time."""
     sizes: dict[str, int] = {}

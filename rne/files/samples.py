@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from ..basics.archive import File
 from ..basics.spatial import Array
 from ..basics.text import plain
-from .tables import File, as_number, listed_names, text_of
+from .tables import as_number, listed_names, text_of
 from .time_units import UNITS, TimeSymbol, guessed_unit
 
 if TYPE_CHECKING:

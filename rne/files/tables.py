@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import io
 import math
-import os
 import re
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Sequence
@@ -20,7 +19,6 @@ from ..basics.archive import bytes_of
 from ..basics.spatial import Array
 from ..basics.text import MAX_NAME, cut
 
-File = str | os.PathLike[str]
 MAX_NAMES = 4  # columns that a message names
 SNIFFED, MIDDLE = 20, 2**16  # rows by which the format is found, and characters from the middle on that have them
 FORMATS = [(";", "."), (";", ","), ("\t", "."), ("\t", ","), (",", "."), (" ", "."), (" ", ",")]

@@ -67,6 +67,20 @@ class Program:
         results = [output.value for output in self.outputs if output.kind == "constant"]
         return not any(map(math.isnan, args)) and all(map(math.isfinite, results))
 
+    @cached_property
+    def reads(self) -> Array:
+        """True for each input that an output depends on, shape (inputs,)."""
+        found: list[Array] = []
+
+        def of(operand: Operand) -> Array:
+            if operand.kind == "result":
+                return found[int(operand.value)]
+            return np.asarray(np.arange(self.inputs) == (operand.value if operand.kind == "input" else -1))
+
+        for instruction in self.instructions:
+            found.append(np.any([of(operand) for operand in instruction.args], axis=0))
+        return np.asarray(np.any([of(operand) for operand in self.outputs], axis=0))
+
 
 def interpret(
     program: Program, inputs: Any, operations: Mapping[str, Callable[..., Any]], constant: Callable[..., Any]

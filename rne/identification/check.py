@@ -14,9 +14,6 @@ from . import thresholds
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-LOOK = (("0.7", 3.0), ("C0", 1.2), ("C3", 1.0))  # colour and width of measured, predicted and residual torques
-GAP = 1.5  # times the usual step, over which no line is drawn
-
 
 @dataclass(frozen=True, eq=False)
 class Check(InNotebooks):
@@ -125,41 +122,8 @@ class Check(InNotebooks):
             With the 95 % band of measured torques about the predicted ones, where it is finite;
             `figure.savefig("torques.png")` writes it to a file.
         """
-        from ..plotting.plots import HIDDEN, figure_of, legend_beside, literal, panels, plot_columns, style_axes
+        from ..plotting import prediction_plot
 
-        grid = panels(2 * self.measured.shape[1], f"Torques of {self.name}", 2, height=1.5)
-        band = thresholds.BAND * np.where(np.isfinite(self.std), self.std, np.nan)
-        t, measured, predicted, band = without_gaps(self.t, self.measured, self.predicted, band)
-        shown = {"measured": measured, "predicted": predicted, "residual": measured - predicted}
-        for j, (ax, over_speed) in enumerate(zip(grid[::2], grid[1::2], strict=True)):
-            ends = predicted[:, j] - band[:, j], predicted[:, j] + band[:, j]
-            ax.fill_between(
-                t, *ends, color=LOOK[1][0], alpha=0.25, linewidth=0, label="95 % band" if j == 0 else HIDDEN
-            )
-            for (label, values), (color, width) in zip(shown.items(), LOOK, strict=True):
-                plot_columns(ax, t, values[:, [j]], [label if j == 0 else HIDDEN], [color], linewidth=width)
-            style_axes(ax, f"[{self.units[j]}]")
-            ax.set_title(literal(short(self.joint_names[j])), loc="left", fontsize="small", pad=2)
-            valid = self.valid[:, j]
-            residual, own = (self.measured - self.predicted)[valid, j], thresholds.BAND * self.std[valid, j]
-            known = np.isfinite(own)
-            for side in (-own, own):
-                over_speed.plot(self.qd[valid, j][known], side[known], ".", color=LOOK[1][0], markersize=1, alpha=0.4)
-            over_speed.plot(self.qd[valid, j], residual, ".", color=LOOK[2][0], markersize=2)
-            largest = 1.1 * max(np.abs(residual).max(initial=0), np.median(own[known]) if known.any() else 0.0)
-            over_speed.set_ylim(-largest or None, largest or None)
-            style_axes(over_speed, "")
-            unit = "rad/s" if self.units[j] == "N m" else "m/s"
-            over_speed.set_title(f"residual over velocity [{unit}]", loc="left", fontsize="small", pad=2)
-            over_speed.set_xlabel("")
-        legend_beside(grid[0])
-        figure = figure_of(grid)
-        figure.align_ylabels(grid[::2])
-        return figure
-
-
-def without_gaps(t: Array, *columns: Array) -> list[Array]:
-    """Times and columns with an undefined sample in each gap, so that no line crosses it."""
-    steps = np.diff(t)
-    gaps = np.flatnonzero(steps > GAP * np.median(steps)) + 1 if len(steps) else np.zeros(0, int)
-    return [np.insert(t, gaps, t[gaps - 1]), *(np.insert(column, gaps, np.nan, axis=0) for column in columns)]
+        torques = self.t, self.measured, self.predicted, self.qd
+        title, bands = f"Torques of {self.name}", {"std": self.std, "valid": self.valid}
+        return prediction_plot(*torques, **bands, joint_names=self.joint_names, units=self.units, title=title)

@@ -12,16 +12,16 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import positive_number, whole_number
+from ..basics.inertia import PARAMETERS
 from ..basics.spatial import Array
 from ..basics.text import Row, listed, short, wrapped
 from ..errors import IdentificationError, IdentificationWarning
-from ..model.parameters import PARAMETERS
 from ..model.standard_parameters import DriveModel
 from ..model.topology import end_link
 from ..robot import Robot
@@ -35,7 +35,7 @@ from .record_sets import RecordSets, SetsFit, SetsResult, record_sets
 from .result import Identification
 
 if TYPE_CHECKING:
-    from ..simulation.scene import HasPayload, Payload
+    from ..simulation.scene import Payload
 
 UNTOLD = (
     "the load does not tell the gain of {}: it does not act there in these motions, or acts as the joint's own body or "
@@ -140,7 +140,7 @@ def identify_drive_gains(
     robot: Robot | Identification,
     without: Record | Sequence[Record] | None,
     with_load: Record | Sequence[Record],
-    payload: Payload | HasPayload | float,
+    payload: Payload | Any,
     *,
     drives: DriveModel | None = None,
     cutoff: float | None = None,

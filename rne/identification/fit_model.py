@@ -10,13 +10,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.spatial import Array
-from ..dynamics.base_inertial_parameters import BaseParameters, with_springs
+from ..dynamics.base_inertial_parameters import BaseParameters
 from ..model.standard_parameters import DriveModel
 from ..robot import Robot
 from . import thresholds
@@ -146,6 +146,15 @@ def fitted(problem: FitProblem, model: FitModel) -> Fit:
         notes = zip(data.prepared, model.filtered, strict=True)
         data = replace(data, prepared=tuple(replace(record, notes=text) for record, text in notes))
     return Fit(problem, model, base, data, estimate)
+
+
+def with_springs(base: BaseParameters, springs: Any) -> BaseParameters:
+    """Base parameters and those of springs, each of which is one of its own."""
+    standard = replace(base.standard, springs=springs)
+    places = range(base.standard.count, standard.count)
+    matrix = np.pad(base.matrix, (0, len(places)))
+    matrix[range(base.count, len(matrix)), places] = 1
+    return replace(base, standard=standard, independent=(*base.independent, *places), matrix=matrix)
 
 
 # The cut-offs

@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..basics.inertia import COLUMNS, ENTRIES, PARAMETERS, ROWS, parameters_of_bodies, pseudo_inertia
 from ..basics.spatial import Array, point_mass_inertia
 from ..basics.text import Row, short, wrapped
 from ..errors import IdentificationError, IdentificationWarning
-from ..model.parameters import COLUMNS, ENTRIES, PARAMETERS, ROWS, pseudo_inertia
-from ..model.standard_parameters import BODY_SYMBOLS, DriveModel, StandardParameters
+from ..model.standard_parameters import DriveModel, StandardParameters
 from ..model.topology import end_link
 from ..robot import Robot
 from . import thresholds
@@ -37,11 +37,8 @@ if TYPE_CHECKING:
 
 SCALED = "torques of the bodies without the load are"  # start of a note
 STEP = 1e-30  # of derivatives by complex numbers
-QUANTITIES = (
-    "mass [kg]",
-    *(f"centre {axis} [m]" for axis in "xyz"),
-    *(f"{symbol} [kg m^2]" for symbol in BODY_SYMBOLS[4:]),
-)
+INERTIAS = ("Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
+QUANTITIES = ("mass [kg]", *(f"centre {x} [m]" for x in "xyz"), *(f"{symbol} [kg m^2]" for symbol in INERTIAS))
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,10 +135,8 @@ class PayloadEstimate(SetsResult):
         >>> found.draws(100)["payload"].shape  # doctest: +SKIP
         (100, 10)
         """
-        from ..simulation.scene_numbers import payload_parameters
-
         first = self.sets.base.count + self.sets.S.shape[-1] - PARAMETERS
-        own, phi = np.s_[first : first + PARAMETERS], payload_parameters(self.payload)
+        own, phi = np.s_[first : first + PARAMETERS], parameters_of_bodies(np.array(self.mass), self.com, self.inertia)
         told = np.eye(PARAMETERS)[np.isfinite(self.estimate.errors[own])]
         root = told @ square_root(self.estimate.covariance[own, own])
         cure = "identify it with `consistent=True`"
@@ -350,7 +345,7 @@ def unknown_parts(factor: Array, mass: float, down: Array) -> tuple[str, ...]:
     names = ["its centre"] if k == 3 else [axis_text(axis, down) for axis in axes[:k]]
     shares = ((U[:, k:].T @ V[S < 1])[:, 4:] ** 2).sum(0)
     least = thresholds.NAMED_PART * shares.max()
-    told = [symbol for symbol, share in zip(BODY_SYMBOLS[4:], shares, strict=True) if share > least]
+    told = [symbol for symbol, share in zip(INERTIAS, shares, strict=True) if share > least]
     return (*names, *(["its inertia"] if len(told) == len(shares) else told))
 
 

@@ -24,10 +24,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import positive_number
+from ..basics.inertia import PARAMETERS
 from ..dynamics.base_inertial_parameters import BaseParameters
 from ..errors import IdentificationError, IdentificationWarning
-from ..model.parameters import PARAMETERS
-from ..model.standard_parameters import MEASURED, DriveModel, StandardParameters, drive_argument
+from ..model.standard_parameters import DriveModel, StandardParameters
 from ..robot import Robot, robot_argument
 from . import thresholds
 from .diagnosis.hypotheses import (
@@ -45,6 +45,7 @@ from .diagnosis.residuals import FitResiduals
 from .fit.bodies import BodiesFit, fit_bodies, possible_bodies, prior_of_bodies, prior_robot
 from .fit.equations import (
     EARLY,
+    MEASURED,
     Motion,
     RegressionData,
     build_regression,
@@ -343,7 +344,7 @@ def identify(
     are_open = {"finds_delays": delay is None, "finds_drives": drives is None}
     problem = FitProblem(robot, records, fitted, motions, minimum_velocity, folds, tried, **are_open)
     delays = np.zeros((len(records), robot.n)) + delay_argument(delay, robot.n)
-    fit = settled(problem, FitModel(MEASURED if drives is None else drive_argument(drives), delays, cutoff))
+    fit = settled(problem, FitModel(MEASURED if drives is None else drives, delays, cutoff))
     bodies, errors = validated_bodies(fit, known, prior_std)
     notes = (*matched, *notes_of_fit(fit), *bodies.notes)
     likely = merged_by_kind(fit.causes) if causes else ()

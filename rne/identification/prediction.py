@@ -13,13 +13,12 @@ from typing import Any
 import numpy as np
 
 from ..basics.arrays import ReadOnlyArrays, whole_number
+from ..basics.inertia import PARAMETERS, pseudo_inertia
 from ..basics.spatial import Array
 from ..basics.text import listed, short
 from ..dynamics.base_inertial_parameters import BaseParameters
-from ..elementwise import less, where
+from ..elementwise import less, maximum, where
 from ..errors import IdentificationError
-from ..model.friction_laws import magnitude
-from ..model.parameters import PARAMETERS, pseudo_inertia
 from . import thresholds
 from .fit.consistent import TRACE, scaling
 from .fit.equations import RESTS, Equations, RegressionData, blocks_of_time, solve
@@ -55,7 +54,7 @@ class Bands(ReadOnlyArrays):
 
     def written(self, columns: Array, qd: Array) -> Array:
         """Standard deviations of one state, all finite, in operations that can be traced, shape (n,)."""
-        residual = where(less(self.minimum_velocity, magnitude(qd)), self.in_motion, self.at_rest)
+        residual = where(less(self.minimum_velocity, maximum(qd, -qd)), self.in_motion, self.at_rest)
         y = columns[..., list(self.base.independent)] @ self.root
         return np.asarray(np.sqrt((y * y).sum(-1) + residual * residual))
 

@@ -18,11 +18,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..basics.inertia import PARAMETERS, parameters_of_pseudo_inertia, pseudo_inertia
 from ..basics.spatial import Array
 from ..basics.text import InNotebooks, Row, aligned, short, wrapped
 from ..dynamics.base_inertial_parameters import BaseParameters
-from ..model.parameters import PARAMETERS, parameters_of_pseudo_inertia, pseudo_inertia
-from ..model.standard_parameters import MEASURED, DriveModel, StandardParameters
+from ..model.standard_parameters import DriveModel, StandardParameters
 from ..robot import Robot, robot_argument
 from . import thresholds
 from .diagnosis.hypotheses import (
@@ -38,6 +38,7 @@ from .diagnosis.hypotheses import (
 from .diagnosis.residuals import FitResiduals, by_joint
 from .diagnosis.rigid_body_test import percent
 from .fit.equations import (
+    MEASURED,
     Equations,
     RegressionData,
     Solution,

@@ -15,12 +15,13 @@ from numpy.typing import ArrayLike
 
 from ..basics.archive import Kinds, names_of, read, write
 from ..basics.arrays import cached_array, positive_number
+from ..basics.inertia import PARAMETERS, pseudo_inertia
 from ..basics.spatial import Array
 from ..basics.text import InNotebooks, Row, aligned, counted, listed, short, wrapped
 from ..dynamics.base_inertial_parameters import BaseParameters
 from ..errors import IdentificationError
-from ..model.model import Model, joint_array
-from ..model.parameters import PARAMETERS, pseudo_inertia, with_parameters
+from ..model.model import Model
+from ..model.parameters import with_parameters
 from ..model.standard_parameters import DriveModel, StandardParameters
 from ..robot import Robot
 from . import thresholds
@@ -222,11 +223,11 @@ class Identification(InNotebooks):
         The expected size is that of the bodies found, if they are consistent, otherwise of the given robot's. A rotor
         or friction is expected to take a tenth of the torque. Bodies without any mass are of unknown size.
         """
-        model, bodies = self.initial.model, self.parameters[self.standard.groups["bodies"]]
+        model = self.initial.model
         if self.consistent:
-            P = pseudo_inertia(bodies)
+            P = pseudo_inertia(self.parameters[self.standard.groups["bodies"]])
         else:
-            P = model_prior(model)[0] if model.mass.any() else np.full((model.nb, 4, 4), np.inf)
+            P = model_prior(self.initial)[0] if model.mass.any() else np.full((model.nb, 4, 4), np.inf)
         return np.asarray(self.estimate.errors < expected_sizes(P, self.base, self.equations))
 
     @cached_property
@@ -542,10 +543,8 @@ class Identification(InNotebooks):
         `minimum_velocity`, where friction has any value up to Coulomb's: if the joint hardly rests in the log, its
         square is added to s^2. Neighbouring torques err alike, over `correlation_time`.
         """
-        model, bodies = self.initial.model, PARAMETERS * self.initial.model.nb
-        velocities, accelerations = joint_array("qd", qd, model), joint_array("qdd", qdd, model)
-        Y = self.initial.regressor(q, velocities, accelerations)
-        at = joint_array("q", q, model)
+        Y, bodies = self.initial.regressor(q, qd, qdd), PARAMETERS * self.initial.model.nb
+        at, velocities, accelerations = (np.asarray(x) for x in (q, qd, qdd))
         load = self._law.load(Y, at, accelerations, self.parameters)
         drives = self._law.drive_torques(velocities, accelerations, self.parameters[bodies:], load)
         torques = np.asarray(Y @ self.parameters[:bodies] + drives + self._law.spring_torques(at, self.parameters))

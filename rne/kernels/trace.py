@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from ..basics.inertia import PARAMETERS
 from ..basics.spatial import Array
 from ..dynamics.quantity import JOINT_ARGUMENTS, Declared, MethodQuantity, PrecisionStatus, Quantity, check_arguments
 from ..errors import NotFiniteError
@@ -23,7 +24,7 @@ from ..graph.graph import Graph, TooLarge
 from ..graph.program import evaluate, lower
 from ..graph.scalar import inputs, references
 from ..model.model import Model, model_argument
-from ..model.parameters import PARAMETERS, at_parameters, with_fewest_terms
+from ..model.parameters import at_parameters, with_fewest_terms
 from ..model.topology import where_loops_close
 from .soundness import Trace
 

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from .coupling import coupled
     from .linkages import cylinder, four_bar, slider_crank
     from .modify import locked, mounted, with_armature, with_limits, with_payload
+    from .standard_parameters import StandardParameters
 else:
     __getattr__ = on_first_use(
         __name__,
@@ -22,6 +23,7 @@ else:
             "coupling": "coupled",
             "linkages": "cylinder four_bar slider_crank",
             "modify": "locked mounted with_armature with_limits with_payload",
+            "standard_parameters": "StandardParameters",
         },
     )
 
@@ -29,6 +31,7 @@ __all__ = [
     "Box",
     "Cylinder",
     "Model",
+    "StandardParameters",
     "chain",
     "coupled",
     "cylinder",

@@ -11,12 +11,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import ReadOnlyArrays, cached_array, positive_number, real_array, vector
+from ..basics.inertia import PARAMETERS
 from ..basics.spatial import Array
 from ..basics.text import listed, summary
 from ..elementwise import less, where
 from .friction_laws import direction, magnitude, saturating, stribeck_effect
 from .model import Model, model_argument
-from .parameters import PARAMETERS, parameters_of
+from .parameters import parameters_of
 
 BODY_SYMBOLS = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 FRICTION = {"viscous": "Fv", "asymmetric": "Fvb", "coulomb": "Fc", "load": "Fl"}  # words for friction, and symbols
@@ -91,9 +92,6 @@ class DriveModel:
             positive_number("smoothing", self.smoothing, zero_allowed=True)
 
 
-MEASURED = DriveModel(rotor=True, friction="viscous+coulomb", offset=True)  # what drives of real robots have
-
-
 def drive_argument(drives: Any) -> DriveModel:
     """The argument `drives`: an rne.DriveModel, or None for bodies alone."""
     if drives is None:
@@ -112,18 +110,26 @@ class StandardParameters(ReadOnlyArrays):
     Springs add functions of the positions to L. The load L in the term of Fl has parameters of its own, so that the
     equations are linear: those of the last fit.
 
+    Attributes
+    ----------
+    model : Model
+        The robot, whose bodies have ten parameters each.
+    drives : DriveModel
+        Which torques of the drives are modelled; by default none.
+    springs : Springs or None
+        Springs of a Scene, whose parameters come last.
+
     Examples
     --------
     >>> import rne
-    >>> from rne.model.standard_parameters import StandardParameters
-    >>> standard = StandardParameters(rne.irb140(), rne.DriveModel(rotor=True, friction="viscous+coulomb"))
+    >>> standard = rne.model.StandardParameters(rne.irb140(), rne.DriveModel(rotor=True, friction="viscous+coulomb"))
     >>> standard.count, standard.names[10], standard.names[-1]
     (78, 'm_2', 'Fc_6')
     """
 
     model: Model
-    drives: DriveModel = DriveModel()  # which of their torques are modelled
-    springs: Any = None  # Springs, whose parameters follow those of drives and coupled motors
+    drives: DriveModel = DriveModel()
+    springs: Any = None
 
     __repr__ = summary
 

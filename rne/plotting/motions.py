@@ -10,8 +10,9 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import real_numbers
 from ..basics.spatial import Array
+from ..basics.text import numbered_joints
 from ..dynamics.energy import kinetic_energy, potential_energy
-from ..files.motion_files import MOTORS, numbered_joints
+from ..files.motion_files import MOTORS
 from ..model.model import Model
 from ..robot import Robot
 from ..simulation.trajectory import Trajectory, motors_at, samples_of

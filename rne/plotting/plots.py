@@ -47,6 +47,9 @@ COLORS = 10  # in matplotlib's cycle
 WIDTH = 4.9  # of a figure for pages that are read on phones too [inch]
 BELOW: dict[str, Any] = {"loc": "outside lower center", "ncols": 3, "frameon": False}  # a legend for all panels
 MANY = ("turbo", 0.02, 0.96)  # colour map of more curves, from the first to the last
+LOOK = {"measured": ("0.7", 3.0), "predicted": ("C0", 1.2), "residual": ("C3", 1.0)}  # colours and widths of torques
+BAND = 1.96  # standard deviations of a band for 95 %
+GAP = 1.5  # times the usual step, over which no line is drawn
 
 
 class Panel(NamedTuple):
@@ -281,6 +284,113 @@ def sensitivity_plot(
         ax.set_title(literal(joint), fontsize="medium")
     legend_beside(where[0])
     return figure_of(where)
+
+
+def prediction_plot(
+    t: ArrayLike,
+    measured: ArrayLike,
+    predicted: ArrayLike,
+    qd: ArrayLike,
+    *,
+    std: ArrayLike = np.nan,
+    valid: ArrayLike = True,
+    joint_names: Robot | Sequence[str] | None = None,
+    units: Sequence[str] | None = None,
+    title: str = "Torques",
+) -> Figure:
+    """Measured and predicted torques and their difference over time, and the difference over velocity, by joint.
+
+    Parameters
+    ----------
+    t : array_like, shape (T,)
+        Times [s]; over a step that is longer than the others no line is drawn.
+    measured, predicted : array_like, shape (T, n)
+        Torques [N m or N].
+    qd : array_like, shape (T, n)
+        Joint velocities [rad/s or m/s].
+    std : array_like, shape (T, n), optional
+        Standard deviations of measured about predicted torques, drawn as a 95 % band where they are finite [N m or N].
+    valid : array_like of bool, shape (T, n), optional
+        False for torques that are left out over velocity.
+    joint_names : Robot or sequence of str, length n, optional
+        The robot, or names of its joints; by default numbers.
+    units : sequence of str, length n, optional
+        "N m" or "N", by joint; by default those of the robot, or "N m".
+    title : str
+        Title of the figure.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Two panels for each joint.
+
+    Raises
+    ------
+    ValueError
+        If an array has the wrong shape, or there are too few or too many names.
+    ImportError
+        If matplotlib is not installed.
+
+    Examples
+    --------
+    >>> import numpy as np, rne
+    >>> robot, t = rne.load("irb140"), np.linspace(0, 2, 50)
+    >>> q, qd, qdd = rne.trajectories.quintic([0] * 6, [1] * 6, 2.0)(t)
+    >>> tau = robot.inverse_dynamics(q, qd, qdd)
+    >>> len(rne.plotting.prediction_plot(t, 1.1 * tau, tau, qd, std=2.0, joint_names=robot).axes)
+    12
+    """
+    times = real_numbers("t", t, "(T,)").astype(float)
+    given = {"measured": measured, "predicted": predicted, "qd": qd, "std": std, "valid": valid}
+    shape = np.shape(measured)
+    for name, x in given.items():
+        if len(shape) != 2 or shape[0] != len(times) or np.shape(x) not in (shape, ()):
+            wanted = f"({len(times)}, n)" if name == "measured" else str(shape)
+            raise ValueError(f"`{name}` must have shape {wanted}, got {np.shape(x)}")
+    torques, expected, speed, deviation, used = (np.broadcast_to(x, shape) for x in given.values())
+    labels, rotating = joint_labels(Motion(times, {"tau": torques}), joint_names)
+    if units is None:
+        units = np.where(np.ones(len(labels), bool) if rotating is None else rotating, "N m", "N").tolist()
+    grid = panels(2 * len(labels), title, 2, height=1.5)
+    band = BAND * np.where(np.isfinite(deviation), deviation, np.nan)
+    for j, (ax, beside) in enumerate(zip(grid[::2], grid[1::2], strict=True)):
+        _over_time(ax, times, torques[:, j], expected[:, j], band[:, j], named=j == 0)
+        style_axes(ax, f"[{units[j]}]")
+        ax.set_title(literal(short(labels[j])), loc="left", fontsize="small", pad=2)
+        chosen = used[:, j]
+        _over_velocity(beside, speed[chosen, j], (torques - expected)[chosen, j], band[chosen, j])
+        unit = "rad/s" if units[j] == "N m" else "m/s"
+        beside.set_title(f"residual over velocity [{unit}]", loc="left", fontsize="small", pad=2)
+    legend_beside(grid[0])
+    figure = figure_of(grid)
+    figure.align_ylabels(grid[::2])
+    return figure
+
+
+def _over_time(ax: Axes, t: Array, measured: Array, predicted: Array, band: Array, *, named: bool) -> None:
+    """Torques of a joint over time, with an undefined sample in each gap, so that no line crosses it."""
+    steps = np.diff(t)
+    gaps = np.flatnonzero(steps > GAP * np.median(steps)) + 1 if len(steps) else np.zeros(0, int)
+    measured, predicted, band = (np.insert(x, gaps, np.nan) for x in (measured, predicted, band))
+    t = np.insert(t, gaps, t[gaps - 1])
+    label, ends = ("95 % band" if named else HIDDEN), (predicted - band, predicted + band)
+    ax.fill_between(t, *ends, color=LOOK["predicted"][0], alpha=0.25, linewidth=0, label=label)
+    curves = {"measured": measured, "predicted": predicted, "residual": measured - predicted}
+    for label, values in curves.items():
+        color, width = LOOK[label]
+        plot_columns(ax, t, values[:, None], [label if named else HIDDEN], [color], linewidth=width)
+
+
+def _over_velocity(ax: Axes, qd: Array, residual: Array, band: Array) -> None:
+    """Residuals of a joint over its velocity, with the ends of their band."""
+    known = np.isfinite(band)
+    for side in (-band, band):
+        ax.plot(qd[known], side[known], ".", color=LOOK["predicted"][0], markersize=1, alpha=0.4)
+    ax.plot(qd, residual, ".", color=LOOK["residual"][0], markersize=2)
+    largest = 1.1 * max(np.abs(residual).max(initial=0), np.median(band[known]) if known.any() else 0.0)
+    ax.set_ylim(-largest or None, largest or None)
+    style_axes(ax, "")
+    ax.set_xlabel("")
 
 
 def panels_of(

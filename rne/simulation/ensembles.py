@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import check_function, positive_number, real_array, real_numbers
+from ..basics.inertia import PARAMETERS
 from ..basics.numbers import part_of
 from ..basics.piecewise import NO_TABLES, rows_of_tables
 from ..basics.spatial import Array
@@ -32,7 +33,6 @@ from ..integrators.step_control import NEARLY, Interval, aligned, equal_steps
 from ..integrators.tableaus import FIXED, tableau
 from ..kernels.kernel import Kernel
 from ..model.model import Model
-from ..model.parameters import PARAMETERS
 from ..robot import Robot
 from .plant import Plant, with_own_law
 from .scene import Scene

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import real_numbers
+from ..basics.inertia import PARAMETERS
 from ..basics.numbers import part_of
 from ..basics.piecewise import NO_TABLES, numbers_at, rows_of_tables
 from ..basics.spatial import Array
@@ -29,7 +30,7 @@ from ..integrators.loops import compiled
 from ..integrators.step_control import NEARLY, aligned, equal_steps
 from ..integrators.tableaus import EXPLICIT, Tableau, scipy_class, tableau
 from ..kernels.kernel import Kernel
-from ..model.parameters import PARAMETERS, at_parameters
+from ..model.parameters import at_parameters
 from .run import RunResult
 from .scene import Scene
 from .scene_dynamics import Bodies, SceneDynamics, UserFunction

@@ -12,22 +12,20 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import UNBOUNDED, convert_numbers, read_only
+from ..basics.inertia import (
+    ENTRIES,
+    PARAMETERS,
+    body_of_parameters,
+    parameters_of_bodies,
+    parameters_seen_from,
+    pseudo_inertia,
+)
 from ..basics.numbers import part_of
 from ..basics.spatial import Array, rotate_back, rotation_from_rpy
 from ..basics.text import brief, did_you_mean
 from ..control.law_numbers import law_at, models_of
 from ..control.traced_law import is_ours
-from ..model.parameters import (
-    ENTRIES,
-    PARAMETERS,
-    at_parameters,
-    body_of_parameters,
-    moments_as_vector,
-    parameters_of_bodies,
-    parameters_seen_from,
-    pseudo_inertia,
-    with_fewest_terms,
-)
+from ..model.parameters import at_parameters, moments_as_vector, with_fewest_terms
 from ..model.topology import end_link
 from ..robot import Robot
 from .elastic_joints import ElasticJoints

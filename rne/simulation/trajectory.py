@@ -15,9 +15,9 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import TIME_ROUNDING, positive_number, read_only, real_numbers
 from ..basics.piecewise import Piecewise, cubic, monotone, quintic
 from ..basics.spatial import Array
-from ..basics.text import UNBROKEN, InNotebooks, counted, listed, short, wrapped
+from ..basics.text import UNBROKEN, InNotebooks, counted, listed, numbered_joints, short, wrapped
 from ..dynamics.limits import Violation, limit_violations
-from ..files.motion_files import MOTORS, numbered_joints, read_archive, write_archive, write_columns
+from ..files.motion_files import MOTORS, read_archive, write_archive, write_columns
 from ..model.model import Model
 
 LONGEST = 240  # characters of the solver's message

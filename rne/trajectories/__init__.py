@@ -4,7 +4,19 @@ from typing import TYPE_CHECKING
 
 from ..basics import on_first_use
 from ..files.samples import Samples, read_csv
-from .profiles import Path, Quintic, Sampled, Spline, Trapezoidal, quintic, sampled, spline, through, trapezoidal
+from .profiles import (
+    Path,
+    Quintic,
+    ReferenceMotion,
+    Sampled,
+    Spline,
+    Trapezoidal,
+    quintic,
+    sampled,
+    spline,
+    through,
+    trapezoidal,
+)
 
 if TYPE_CHECKING:
     from .time_optimal import FastestMotion, fastest
@@ -15,6 +27,7 @@ __all__ = [
     "FastestMotion",
     "Path",
     "Quintic",
+    "ReferenceMotion",
     "Sampled",
     "Samples",
     "Spline",

@@ -45,7 +45,17 @@ def made_by(maker: str) -> Callable[[type[T]], type[T]]:
 
 
 class ReferenceMotion(ReadOnlyArrays):
-    """Base of the motions: a function of time."""
+    """Base of the motions of this module: a function of time that returns positions, velocities and accelerations.
+
+    Examples
+    --------
+    >>> import rne
+    >>> motion = rne.trajectories.quintic([0, 0], [1, 2], 1.0)
+    >>> isinstance(motion, rne.trajectories.ReferenceMotion)
+    True
+    >>> [x.shape for x in motion([0.0, 0.5, 1.0])]
+    [(3, 2), (3, 2), (3, 2)]
+    """
 
     def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
         """Positions, velocities and accelerations of the joints at given times.

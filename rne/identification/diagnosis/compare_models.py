@@ -14,15 +14,16 @@ from typing import Any
 
 import numpy as np
 
-from ...basics.arrays import positive_number
+from ...basics.arrays import positive_number, real_array
+from ...basics.inertia import COLUMNS, PARAMETERS, ROWS
 from ...basics.spatial import Array, point_mass_inertia
 from ...basics.text import InNotebooks, Row, aligned, listed, short, six_digits, wrapped
 from ...errors import NotFiniteError
-from ...model.model import Model, joint_array
-from ...model.parameters import COLUMNS, PARAMETERS, ROWS
-from ...model.standard_parameters import MEASURED, StandardParameters
+from ...model.model import Model
+from ...model.standard_parameters import StandardParameters
 from ...robot import Robot, robot_argument
 from .. import thresholds
+from ..fit.equations import MEASURED
 from .conventions import conventions, torques_of, turning, zeros_text
 from .hypotheses import (
     OF_JOINTS,
@@ -483,8 +484,8 @@ def torque_difference(robot: Robot, other: Other, tolerance: float, seed: int) -
 def given_torques(robot: Robot, other: Sequence[Any]) -> list[Array]:
     """The arrays q, qd, qdd and tau, checked: at least as many torques as standard parameters."""
     n, names = robot.n, ("q", "qd", "qdd", "tau")
-    arrays = [np.asarray(joint_array(name, x, robot.model), np.float64) for name, x in zip(names, other, strict=True)]
-    if arrays[0].ndim != 2 or len({x.shape for x in arrays}) > 1:
+    arrays = [real_array(f"other: {name}", x, f"(N, {n})") for name, x in zip(names, other, strict=True)]
+    if {x.shape for x in arrays} != {(len(np.atleast_1d(arrays[0])), n)}:
         raise ValueError(f"`other` must be four arrays of shape (N, {n}), got {[np.shape(x) for x in other]}")
     fewest = -(-StandardParameters(robot.model, MEASURED).count // max(n, 1))
     if len(arrays[0]) < fewest:

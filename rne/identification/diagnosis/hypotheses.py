@@ -18,12 +18,12 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
+from ...basics.inertia import PARAMETERS
 from ...basics.spatial import Array
 from ...basics.text import listed
 from ...dynamics import inverse_dynamics
 from ...dynamics.regressors import gravity_torques
 from ...model.coupling import with_ratio
-from ...model.parameters import PARAMETERS
 from ...robot import Robot
 from .. import thresholds
 from ..fit.equations import in_space_of_instruments, solve, triangular

@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 
 from ...basics.filters import impulse_response, settling
+from ...basics.inertia import PARAMETERS
 from ...basics.spatial import Array
 from ...dynamics.base_inertial_parameters import BaseParameters
 from ...errors import NotFiniteError
-from ...model.parameters import PARAMETERS
 from ...robot import Robot
 from .. import thresholds
 from ..fit.equations import RegressionData, blocks_of_time

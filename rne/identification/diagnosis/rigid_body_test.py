@@ -15,11 +15,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ...basics.filters import ORDER
+from ...basics.inertia import PARAMETERS
 from ...basics.spatial import Array
 from ...basics.text import InNotebooks, Row, aligned, listed, short, wrapped
 from ...dynamics.base_inertial_parameters import BaseParameters
 from ...dynamics.regressors import kinetic_energy_regressor, potential_energy_regressor, regressor
-from ...model.parameters import PARAMETERS
 from ...model.standard_parameters import StandardParameters
 from .. import thresholds
 from ..fit.equations import Equations, RegressionData

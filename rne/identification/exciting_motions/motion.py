@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,14 +20,12 @@ from ...basics.arrays import positive_number, vector, whole_number
 from ...basics.spatial import Array
 from ...basics.text import InNotebooks, counted, listed, short, wrapped
 from ...dynamics.base_inertial_parameters import BaseParameters
-from ...dynamics.quantity import PrecisionStatus, Quantity
 from ...dynamics.regressors import regressor
 from ...files.motion_files import write_columns
 from ...model.model import Model
-from ...model.standard_parameters import DriveModel, StandardParameters, drive_argument
+from ...model.standard_parameters import DriveModel, StandardParameters
 from ...robot import Robot, robot_argument
-from ...trajectories import Samples
-from ...trajectories.profiles import ReferenceMotion
+from ...trajectories import ReferenceMotion, Samples
 from .. import thresholds
 from .limits import FourierBasis, Locked, MotionLimits, States, locked_positions, motion_limits
 
@@ -35,41 +33,29 @@ if TYPE_CHECKING:
     from scipy.optimize import OptimizeResult
 
 
-class BaseRegressor(NamedTuple):
+@dataclass(frozen=True)
+class BaseRegressor:
     """The regressor of base parameters, bodies and drives, as a quantity whose kernel computes no other columns."""
 
-    columns: tuple[int, ...]  # the standard parameters that are kept
-    drives: tuple[Any, ...]  # fields of the DriveModel, arrays as tuples: the same key for the same kernel
-
-    @classmethod
-    def of(cls, base: BaseParameters) -> BaseRegressor:
-        """The regressor of a robot's base parameters."""
-        drives, rows = base.standard.drives, tuple(map(tuple, base.standard.motors.tolist())) or None
-        friction: Any = drives.friction
-        friction = tuple(friction.items()) if isinstance(friction, Mapping) else friction
-        given = drives.stribeck, drives.saturation
-        velocities = (None if x is None else tuple(np.asarray(x, float).tolist()) for x in given)
-        return cls(base.independent, (drives.rotor, friction, drives.offset, rows, drives.smoothing, *velocities))
+    base: BaseParameters
 
     @property
-    def quantity(self) -> Quantity:
+    def quantity(self) -> Any:
         """The quantity of the regressor, with these columns as its core."""
         return replace(regressor.quantity, core=self.core)
 
     def core(self, model: Model, q: Array, qd: Array, qdd: Array) -> Array:
         """The columns, shape (..., n, number of columns)."""
-        return self._kept(model, regressor.core(model, q, qd, qdd), qd, qdd)
+        return self._kept(regressor.core(model, q, qd, qdd), qd, qdd)
 
-    def evaluate(self, model: Model, *args: Any, **kwargs: Any) -> tuple[Any, PrecisionStatus]:
+    def evaluate(self, model: Model, *args: Any, **kwargs: Any) -> tuple[Any, Any]:
         """The columns by the function itself, with its verdict on their precision."""
         Y, verdict = regressor.evaluate(model, *args, **kwargs)
-        return self._kept(model, Y, *args[1:]), verdict
+        return self._kept(Y, *args[1:]), verdict
 
-    def _kept(self, model: Model, bodies: Array, qd: Array, qdd: Array) -> Array:
-        rotor, friction, *others = self.drives
-        given = DriveModel(rotor, dict(friction) if isinstance(friction, tuple) else friction, *others)
-        drives = StandardParameters(model, given).drive_columns(qd, qdd)
-        return np.asarray(np.concatenate([bodies, drives], axis=-1)[..., list(self.columns)])
+    def _kept(self, bodies: Array, qd: Array, qdd: Array) -> Array:
+        drives = self.base.standard.drive_columns(qd, qdd)
+        return np.asarray(np.concatenate([bodies, drives], axis=-1)[..., list(self.base.independent)])
 
 
 Criterion = Callable[[Array], tuple[float, Array]]  # of singular values: value, derivatives by their logarithms
@@ -541,7 +527,7 @@ def excitation(
     exact: Criterion = log_condition if criterion == "condition" else log_volume
     stages = tuple(partial(log_condition, p=p) for p in ORDERS) if criterion == "condition" else (log_volume,)
     count, most = thresholds.OBSERVED * harmonics, whole_number("iterations", iterations)
-    search = MotionSearch(within, BaseRegressor.of(base), sizes[moving], count, exact, stages, most, progress)
+    search = MotionSearch(within, BaseRegressor(base), sizes[moving], count, exact, stages, most, progress)
     x = random_series(within, whole_number("random_motions", random_motions), np.random.default_rng(0))
     measures = _excited(search, x)
     values_of_random = measures[:, CRITERIA.index(criterion)]
@@ -552,7 +538,7 @@ def excitation(
 
 def _drives(robot: Robot, given: DriveModel | None, moving: list[int], velocity_limit: Array) -> DriveModel:
     """The drives of the joints that move, with smooth Coulomb friction."""
-    drives = drive_argument(given)
+    drives = DriveModel() if given is None else given
     standard = StandardParameters(robot.model, drives)
     if "Fl" in standard.terms:
         raise ValueError('`drives`: friction under "load" depends on what is to be found; leave it out here')
@@ -575,7 +561,7 @@ def _excited(search: MotionSearch, x: Array) -> Array:
             rank = max(int(np.linalg.matrix_rank(W, 1 / thresholds.EXCITED)) for W in scaled)
             raise ValueError(
                 f"{len(x)} random motions of {search.within.basis.harmonics} harmonics within the limits excite at "
-                f"most {rank} of {len(search.regressor.columns)} base parameters; give more harmonics or wider limits"
+                f"most {rank} of {search.regressor.base.count} base parameters; give more harmonics or wider limits"
             )
     return np.array([SingularValues(W).measures for W in matrices])
 

@@ -10,11 +10,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ...basics.arrays import positive_number
+from ...basics.inertia import PARAMETERS, parameters_of_pseudo_inertia
 from ...basics.spatial import Array
 from ...dynamics.base_inertial_parameters import BaseParameters
 from ...errors import IdentificationError
 from ...model.model import Model
-from ...model.parameters import PARAMETERS, parameters_of_pseudo_inertia
 from ...robot import Robot
 from .. import thresholds
 from .consistent import geometric_prior, model_prior
@@ -171,7 +171,7 @@ def prior_of_bodies(
                 "torques and of gravity"
             )
         return BodiesPrior(density * bodies, stds, (f"prior: rods between the joints, {density:.4g} kg in all",))
-    bodies, thickened = model_prior(known.model)
+    bodies, thickened = model_prior(known)
     notes = tuple(f"prior: the body of {name} was too thin and was made thicker" for name in thickened)
     return BodiesPrior(bodies, stds, notes)
 

@@ -17,11 +17,12 @@ from collections.abc import Callable
 
 import numpy as np
 
+from ...basics.inertia import PARAMETERS, parameters_of_pseudo_inertia, pseudo_inertia
 from ...basics.spatial import Array
 from ...dynamics.base_inertial_parameters import BaseParameters
 from ...errors import IdentificationError
 from ...model.model import Model
-from ...model.parameters import PARAMETERS, parameters_of, parameters_of_pseudo_inertia, pseudo_inertia
+from ...robot import Robot
 from .. import thresholds
 from .equations import Equations
 
@@ -202,9 +203,9 @@ def refined(objective: Objective, slopes: Slopes, start: Array, free: Array) -> 
     return y, slopes(y)[0], decrement
 
 
-def model_prior(model: Model) -> tuple[Array, tuple[str, ...]]:
+def model_prior(robot: Robot) -> tuple[Array, tuple[str, ...]]:
     """Positive definite pseudo-inertias of bodies, (nb, 4, 4), and joints whose bodies had to be made thicker."""
-    given, guess = pseudo_inertia(parameters_of(model)), geometric_prior(model)
+    model, given, guess = robot.model, pseudo_inertia(robot.parameters), geometric_prior(robot.model)
     mean = model.mass.mean() if model.mass.any() else 1.0
     mass = np.where(model.mass > 0, model.mass, thresholds.ADDED * mean)
     guess = guess / guess[:, 3:, 3:] * mass[:, None, None]

@@ -28,10 +28,9 @@ from ...basics.spatial import Array
 from ...basics.text import counted, listed
 from ...dynamics.base_inertial_parameters import BaseParameters
 from ...errors import IdentificationWarning, NotFiniteError
-from ...files.log_columns import numbers_at_ends, plain_name
+from ...files.log_columns import names_by_number
 from ...model.model import Model
-from ...model.standard_parameters import StandardParameters
-from ...model.topology import drivers_of
+from ...model.standard_parameters import DriveModel, StandardParameters
 from ...robot import Robot
 from .. import thresholds
 from ..log.findings import NO_COMMANDS, torques_of
@@ -39,6 +38,7 @@ from ..log.prepared import Prepared, rows_without, undisturbed
 from ..log.record import Record
 from ..log.screening import consecutive, runs
 
+MEASURED = DriveModel(rotor=True, friction="viscous+coulomb", offset=True)  # what drives of real robots have
 Motion = Callable[[Array], tuple[Array, Array, Array]]  # q, qd and qdd, shape (T, n), at times (T,)
 BEYOND = "the motion leaves the robot's limits: in other units, or from another zero?"  # start of a note
 EARLY = "torques come before the positions, as where noise is fed back: give `instruments`"  # start of a note
@@ -664,9 +664,10 @@ def of_named_joints(
 
 def check_drivers(model: Model, moving: Sequence[str], missing: Collection[str]) -> None:
     """Refuse records in which joints move that follow others, and which lack these."""
-    for i, places in drivers_of(model).items():
-        joint, drivers = model.moving_joints[i], [model.joint_names[k] for k in places]
-        if joint in moving and not set(drivers).isdisjoint(missing):
+    places = {i: [k] for i, k in enumerate(model.coordinate)} | {i: own for i, own, _ in model.coupled_joints}
+    for joint in moving:
+        drivers = [model.joint_names[k] for k in places[model.moving_joints.index(joint)]]
+        if not set(drivers).isdisjoint(missing):
             cure = f"give positions and torques of {listed(drivers)}, or a robot in which {joint!r} is driven itself"
             raise ValueError(
                 f"records must have the joints that {joint!r} follows, they lack {listed([*missing])}: {cure}"
@@ -676,14 +677,8 @@ def check_drivers(model: Model, moving: Sequence[str], missing: Collection[str])
 def by_number(record: Record, names: Sequence[str]) -> Record:
     """The record with the robot's names where both have numbers alone: joint_2 or j2 is then the robot's arm_j2."""
     own = record._given_names or ()
-    k, theirs = numbers_at_ends(own), numbers_at_ends(names)
-    if not k or not set(own).isdisjoint(names) or not set(k) <= set(theirs) or (0 in k) != (0 in theirs):
-        return record
-    stem, whole = (plain_name(x[0].rstrip("0123456789")) for x in (own, names))
-    if stem != "joint" and not whole.endswith(stem):  # another arm's
-        return record
-    called = dict(zip(theirs, names, strict=True))
-    return record._part(slice(None), own, [called[i] for i in k])
+    called = names_by_number(own, names)
+    return record._part(slice(None), own, called) if called else record
 
 
 def warn_of_locked(notes: Sequence[str]) -> None:

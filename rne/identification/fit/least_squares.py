@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ...basics.arrays import ReadOnlyArrays
+from ...basics.inertia import PARAMETERS
 from ...basics.spatial import Array
 from ...dynamics.base_inertial_parameters import BaseParameters
-from ...model.parameters import PARAMETERS
 from .. import thresholds
 from .consistent import consistent_fit
 from .equations import Equations, RegressionData, solve, with_prior

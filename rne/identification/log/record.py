@@ -12,14 +12,12 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ...basics.archive import File
 from ...basics.arrays import ReadOnlyArrays, convert_numbers, positive_number, real_array, vector, whole_number
 from ...basics.spatial import Array
-from ...basics.text import counted, plain
+from ...basics.text import counted, numbered_joints, plain
 from ...files.log_columns import measured
 from ...files.logs import LogOptions
-from ...files.motion_files import numbered_joints
-from ...files.tables import File
-from ...files.time_units import TimeSymbol
 from .. import thresholds
 from .commands import Commands
 from .findings import NO_COMMANDS, RecordFinding, torques_of
@@ -31,6 +29,7 @@ if TYPE_CHECKING:
 
 REST, PAUSE = 0.005, 0.2  # of a joint's range, to which rest is less; shortest rest that is cut off [s]
 GUESS = "guess"  # kind of the findings on what a log does not say
+TimeUnits = Literal["s", "ms", "us", "ns"]
 UNITS = {"rad": 1.0, "m": 1.0, "deg": np.pi / 180}
 
 
@@ -179,7 +178,7 @@ class Record(ReadOnlyArrays):
         self.cleaned = replace(self.cleaned, findings=self.findings)
 
     @classmethod
-    def from_csv(cls, path: File, joint_names: Sequence[str], *, time_unit: TimeSymbol = "s", **options: Any) -> Self:
+    def from_csv(cls, path: File, joint_names: Sequence[str], *, time_unit: TimeUnits = "s", **options: Any) -> Self:
         """Measurements in a CSV file.
 
         Parameters
@@ -225,7 +224,7 @@ class Record(ReadOnlyArrays):
         joints: Sequence[str] | None = None,
         columns: Sequence[str] | Mapping[str, Any] | None = None,
         units: Mapping[str, Any] | None = None,
-        time_unit: TimeSymbol | None = None,
+        time_unit: TimeUnits | None = None,
         sample_rate: float | None = None,
         gains: ArrayLike | None = None,
         offsets: ArrayLike = 0.0,
