@@ -154,7 +154,7 @@ def test_consistent_fit_is_a_minimum(weight):
 def test_without_measurements_the_bodies_are_those_of_the_prior(capfd):
     """And nothing is printed."""
     robot = loaded("ur5")
-    prior, changed = model_prior(robot.model)
+    prior, changed = model_prior(robot)
     assert changed == ()
     found = consistent_fit(np.zeros((63, 63)), prior, 1.0, BOTH, np.ones(2))
     np.testing.assert_allclose(pseudo_inertia(found[:60]), pseudo_inertia(robot.parameters), atol=SOLVED)
@@ -166,15 +166,15 @@ def test_friction_is_not_negative():
     _, factor, x = arm_problem(noise=0.1, samples=200)
     factor[:, -1] -= 5 * factor[:, -2]
     robot = loaded("irb140")
-    found = consistent_fit(factor, model_prior(robot.model)[0], 1.0, BOTH, np.ones(2))
+    found = consistent_fit(factor, model_prior(robot)[0], 1.0, BOTH, np.ones(2))
     assert found[-1] == pytest.approx(0, abs=1e-6)
-    free = consistent_fit(factor, model_prior(robot.model)[0], 1.0, np.array([True, False]), np.ones(2))
+    free = consistent_fit(factor, model_prior(robot)[0], 1.0, np.array([True, False]), np.ones(2))
     assert free[-1] == pytest.approx(x[-1] - 5, abs=0.02)
 
 
 def test_equations_that_say_nothing_change_no_body():
     robot, factor, _ = arm_problem()
-    prior = model_prior(robot.model)[0]
+    prior = model_prior(robot)[0]
     more = np.concatenate([factor[:-1], np.zeros((5, factor.shape[1])), factor[-1:]])
     found, same = (consistent_fit(x, prior, 1.0, BOTH, np.ones(2)) for x in (factor, more))
     np.testing.assert_allclose(same, found, atol=SOLVED * np.abs(found).max())
@@ -183,7 +183,7 @@ def test_equations_that_say_nothing_change_no_body():
 def test_units_of_length_do_not_matter():
     """In millimetres second moments are a million times larger, and the fit is the same."""
     robot, factor, _ = arm_problem()
-    prior = model_prior(robot.model)[0] * 1.3
+    prior = model_prior(robot)[0] * 1.3
     unit = np.concatenate([np.tile([1, *[1e3] * 3, *[1e6] * 6], 6), [1, 1]])
     scale = np.array([1e3, 1e3, 1e3, 1])
     scaled = consistent_fit(factor / np.append(unit, 1), prior * np.outer(scale, scale), 1.0, BOTH, np.ones(2))
@@ -199,7 +199,7 @@ def test_bodies_that_are_too_thin_are_made_thicker(inertia):
     model = loaded("ur5").model
     rows = np.array(loaded("ur5").parameters).reshape(6, 10)
     rows[2] = [5, 0, 0, 0, *np.diag(inertia)[ROWS, COLUMNS]]
-    prior, changed = model_prior(rne.model.with_parameters(model, rows.ravel()))
+    prior, changed = model_prior(rne.Robot(rne.model.with_parameters(model, rows.ravel())))
     assert changed == (model.moving_joints[2],)
     rod = geometric_prior(model)[2]
     given, thick = (eigvalsh(P[2], rod / rod[3, 3] * 5)[0] for P in (pseudo_inertia(rows.ravel()), prior))
@@ -211,7 +211,7 @@ def test_a_body_is_thin_beside_a_rod_of_its_own_mass():
     """However much lighter than the other bodies it is."""
     model, rows = loaded("ur5").model, np.array(loaded("ur5").parameters).reshape(6, 10)
     rows[2] *= 1e-6
-    prior, changed = model_prior(rne.model.with_parameters(model, rows.ravel()))
+    prior, changed = model_prior(rne.Robot(rne.model.with_parameters(model, rows.ravel())))
     assert changed == ()
     np.testing.assert_allclose(prior, pseudo_inertia(rows.ravel()), rtol=SAME)
 
@@ -241,7 +241,7 @@ def test_without_clarabel_the_error_says_what_to_install(monkeypatch):
     robot, factor, _ = arm_problem()
     text = "the physically consistent fit needs Clarabel, which is not installed: pip install 'rne[identify]'"
     with pytest.raises(ImportError, match=f"^{re.escape(text)}$"):
-        consistent_fit(factor, model_prior(robot.model)[0], 1.0, BOTH, np.ones(2))
+        consistent_fit(factor, model_prior(robot)[0], 1.0, BOTH, np.ones(2))
 
 
 def test_a_body_is_felt_that_is_not_felt_at_every_sample():
@@ -347,7 +347,7 @@ def test_what_is_not_fitted_is_exactly_as_given(monkeypatch):
     Y = np.concatenate([robot.regressor(q, qd, qdd), base.standard.drive_columns(qd, qdd)], axis=-1)
     x = base.standard.values + np.isin(base.standard.names, ["Fv_2", "Fc_2", "Fs_2"])
     tau = Y @ x + 0.01 * rng.normal(size=qd.shape)
-    found = Estimator(base, model_prior(robot.model)[0], 10.0).fit(compressed(Y, tau))[1]
+    found = Estimator(base, model_prior(robot)[0], 10.0).fit(compressed(Y, tau))[1]
     of = dict(zip(base.standard.names, found, strict=True))
     assert (of["Ia_1"], of["Fv_1"], of["Fc_1"], of["Fs_1"]) == (0.3, 0, 0, 0)
     np.testing.assert_allclose([of["Fv_2"], of["Fc_2"], of["Fs_2"]], 1, atol=0.05)  # noise of 80 samples
