@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 
 import rne
 from rne.basics.filters import low_pass
-from rne.basics.inertia import COLUMNS, ROWS, dual_of_gradient, pseudo_inertia
+from rne.basics.inertia import COLUMNS, ROWS, dual_of_gradient, parameters_of_pseudo_inertia, pseudo_inertia
 from rne.identification import Record
 from rne.identification.fit.consistent import consistent_fit, expected_sizes, geometric_prior, model_prior
 from rne.identification.fit.equations import (
@@ -323,7 +323,7 @@ def test_the_consistent_fit_does_not_depend_on_how_the_cone_solver_ends(end, mon
     rng = np.random.default_rng(3)
     prior = geometric_prior(loaded("irb140").model)[:2] * 10
     rows = rng.normal(size=(60, 22))
-    truth = np.append(rne.model.parameters.parameters_of_pseudo_inertia(1.3 * prior), [0.5, 0.2])
+    truth = np.append(parameters_of_pseudo_inertia(1.3 * prior), [0.5, 0.2])
     factor = np.linalg.qr(np.column_stack([rows, rows @ truth + 0.01 * rng.normal(size=60)]), mode="r")
     given = (factor, prior, 1e-3, np.array([True, True]), np.ones(2))
     expected = consistent_fit(*given)
