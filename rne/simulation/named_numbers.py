@@ -11,21 +11,13 @@ from typing import Any
 import numpy as np
 
 from .. import dynamics as quantities
+from ..basics.inertia import ENTRIES, PARAMETERS, parameters_of_bodies, parameters_seen_from
 from ..basics.numbers import part_of
 from ..basics.spatial import Array, rotate_back, rotation_from_rpy
 from ..dynamics.quantity import OK, MethodQuantity, PrecisionStatus, Quantity
 from ..kernels.kernel import Kernel, with_table
 from ..model.model import Model, with_unchecked
-from ..model.parameters import (
-    ENTRIES,
-    PARAMETERS,
-    at_parameters,
-    moments_as_vector,
-    parameters_of_bodies,
-    parameters_seen_from,
-    with_fewest_terms,
-    with_moments,
-)
+from ..model.parameters import at_parameters, moments_as_vector, with_fewest_terms, with_moments
 from ..model.solids import Moments
 from ..model.topology import end_link
 from .scene import Payload, Scene, payload_argument
