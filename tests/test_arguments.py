@@ -362,7 +362,7 @@ DEFAULTS = """bounds: tolerance 0.05, budget 90 | base_parameters: tolerance 1e-
 simulate: rtol 1e-06, atol 1e-09 | ensemble: rtol 1e-06, atol 1e-09 | dh_chain: offset 0 | view: speed 1
 animate: fps 20, speed 1 | drives: gear 1, rotor 0, efficiency 1 | Friction: viscous 0, coulomb 0, smoothing 0.01, stribeck_rise 0, load 0, offset 0
 compare_models: tolerance 1e-08, seed 0 | identify: folds 10 | Record: bridge 3
-excitation: harmonics 5, random_motions 100, starts 3, iterations 150 | sample: periods 1 | to_csv: periods 1
+excitation: harmonics 5, starts 3, iterations 150 | sample: periods 1 | to_csv: periods 1
 MomentumObserver: gain 200, friction_error 0, floor 0 | adaptive: gain 1, smoothing 0.01 | pid: windup inf
 sliding_mode: reaching 1 | uncertainty_bound: samples 4000, margin 1.2, seed 0"""
 

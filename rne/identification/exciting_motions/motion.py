@@ -6,7 +6,7 @@ Sequential quadratic programming from the best of many random motions, with exac
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from os import PathLike
@@ -31,6 +31,8 @@ from .limits import FourierBasis, Locked, MotionLimits, States, locked_positions
 
 if TYPE_CHECKING:
     from scipy.optimize import OptimizeResult
+
+    from ...simulation.scene import Scene
 
 
 @dataclass(frozen=True)
@@ -408,22 +410,25 @@ class Excitation(ReferenceMotion, InNotebooks):
         return wrapped("\n  ".join([text, *self.notes]))
 
 
-CRITERIA = ("condition", "d-optimal")
+CRITERIA = ("condition", "d-optimal")  # by default of torques, and of positions
+MEASURED = ("torques", "positions")
 ORDERS = (8.0, 64.0)  # of the Schatten norms in place of the spectral norm, one stage each
 
 
 def excitation(
-    robot: Robot,
+    robot: Robot | Scene,
     duration: float,
     harmonics: int = 5,
-    criterion: str = "condition",
+    criterion: str | None = None,
     *,
+    measured: str = "torques",
+    wrt: str | Sequence[str] | None = None,
     limits: Mapping[str, ArrayLike] | None = None,
     drives: DriveModel | None = None,
     locked: Locked | None = None,
     noise: ArrayLike | None = None,
     rest: bool = True,
-    random_motions: int = 100,
+    random_motions: int | None = None,
     starts: int = 3,
     iterations: int = 150,
     progress: Progress | None = None,
@@ -432,15 +437,22 @@ def excitation(
 
     Parameters
     ----------
-    robot : Robot
-        The robot, as far as it is known: its geometry, and for limits of torques its parameters.
+    robot : Robot or Scene
+        The robot, as far as it is known: its geometry, and for limits of torques its parameters. For `measured`
+        "positions" the scene, whose controller follows the motion.
     duration : float
         The period [s].
     harmonics : int
         Number H of harmonics of each joint's Fourier series.
     criterion : {"condition", "d-optimal"}
         The measure that is minimised: the condition number of W, whose rows are the torques of the samples and whose
-        columns are the base parameters; or -log det(W^T W), the volume of the parameters' confidence ellipsoid.
+        columns are the base parameters; or -log det(W^T W), the volume of the parameters' confidence ellipsoid. By
+        default "condition" for torques, "d-optimal" for positions.
+    measured : {"torques", "positions"}
+        What the log will have. Of positions and commands without torques, rows of W are positions of the samples, its
+        columns their derivatives by the numbers `wrt`.
+    wrt : str or sequence of str, optional
+        Names of `scene.numbers` that are to be found from positions.
     limits : mapping of str to array_like, shape (n,), optional
         Replaces limits of the robot: "lower", "upper", "velocity_limit", "acceleration_limit" and "effort_limit"; the
         last two may be infinite [rad or m; rad/s or m/s; rad/s^2 or m/s^2; N m or N].
@@ -453,18 +465,20 @@ def excitation(
         the middle of their ranges. Parameters that only they excite are not counted [rad or m].
     noise : array_like, shape (n,), optional
         Standard deviations of the torques, or their relative sizes, by which the rows of W are divided; by default the
-        same for all joints; `estimate.sigma` of a first identification weighs them as a fit does [N m or N].
+        same for all joints; `estimate.sigma` of a first identification weighs them as a fit does [N m or N]. Of
+        positions theirs [rad or m].
     rest : bool
         True for a motion that starts and ends with velocities and accelerations zero.
     random_motions : int
-        Number of random motions within the limits that the result is compared with.
+        Number of random motions within the limits that the result is compared with; by default 100 for torques, 30
+        for positions.
     starts : int
         Number of starts of the optimiser, the best of the random motions.
     iterations : int
         Largest number of iterations of each run of the optimiser.
     progress : callable, optional
         A function progress(done, total), called with iterations of the optimiser, of which a run that ends early has
-        done all. Each run's end is a line on the logger "rne".
+        done all. Each run's end is a line on the logger "rne". For positions, with random motions.
 
     Returns
     -------
@@ -475,6 +489,8 @@ def excitation(
     ------
     TypeError
         If `robot`, `limits` or `locked` is of another type.
+    KeyError
+        If a name in `wrt` is not one of the scene's numbers.
     ValueError
         If an argument is out of range, a joint has no range or no velocity limit, the harmonics cannot excite all
         base parameters, or no motion within the limits is found.
@@ -488,6 +504,12 @@ def excitation(
     norms of orders 8 and 64 in place of the condition number. Positions, velocities and accelerations keep their limits
     at all times, by the inequality of Bernstein and Szego. Torques are those of `robot`, with its damping and friction;
     they are limited at 64 times per period of the highest harmonic, with the parabola through three of them in between.
+
+    From positions alone the result is the best of the random motions: each is simulated with `rne.sensitivities` for
+    two periods, of which the second counts, and no optimiser follows. Columns of W are divided by their norms over all
+    motions. What no motion determines, such as a velocity gain beside viscous friction, is left out, and named in
+    `notes`. Smooth motions tell little of a dead band, and of a stall torque only where they reach it: for these add
+    steps.
 
     Examples
     --------
@@ -507,33 +529,81 @@ def excitation(
     >>> panda = rne.load("panda")  # doctest: +SKIP
     >>> rne.excitation(panda, 10.0, locked=["panda_finger_joint1"], progress=progress)  # doctest: +SKIP
     """
-    if not robot_argument(robot).n:
-        raise ValueError("`robot` must have at least one joint, got none")
-    if whole_number("harmonics", harmonics) < (2 if rest else 1):
-        raise ValueError("`harmonics` must be at least 2 for a motion that starts at rest, got 1")
-    basis, numeric = FourierBasis(positive_number("duration", duration), harmonics), robot
+    if measured not in MEASURED:
+        raise ValueError(f"`measured` must be one of {list(MEASURED)}, got {measured!r}")
+    is_told = measured == "positions"
+    criterion = CRITERIA[is_told] if criterion is None else criterion
     if criterion not in CRITERIA:
         raise ValueError(f"`criterion` must be one of {list(CRITERIA)}, got {criterion!r}")
-    if robot.engine != "numpy":  # Numba takes minutes to compile the derivatives of a regressor
-        numeric = Robot(robot.model, "numpy")
+    if is_told:
+        if wrong := [name for name, x in (("drives", drives), ("locked", locked)) if x is not None]:
+            raise ValueError(f"`{wrong[0]}` is for `measured` 'torques'; those of positions are of the scene")
+        count = 30 if random_motions is None else random_motions
+        return _by_positions(robot, wrt, (duration, harmonics, rest), criterion, limits, noise, count, progress)
+    if wrt is not None:
+        raise ValueError("`wrt` is for `measured` 'positions'; from torques base parameters are found")
+    arm = numeric = robot_argument(robot)
+    basis = _basis(arm, duration, harmonics, rest)
+    if numeric.engine != "numpy":  # Numba takes minutes to compile the derivatives of a regressor
+        numeric = Robot(numeric.model, "numpy")
     values = motion_limits(numeric, limits)
     positions = locked_positions(numeric, locked, values)
-    moving = [k for k in range(robot.n) if k not in positions]
+    moving = [k for k in range(arm.n) if k not in positions]
     if positions:
-        numeric = numeric.locked({robot.joint_names[k]: position for k, position in positions.items()})
+        numeric = numeric.locked({arm.joint_names[k]: position for k, position in positions.items()})
     within = MotionLimits(numeric, basis, rest, **{name: limit[moving] for name, limit in values.items()})
-    base = numeric.base_parameters(drives=_drives(robot, drives, moving, within.velocity_limit))
-    sizes = np.ones(robot.n) if noise is None else vector("noise", noise, robot.n, sign="positive")
+    base = numeric.base_parameters(drives=_drives(arm, drives, moving, within.velocity_limit))
+    sizes = np.ones(arm.n) if noise is None else vector("noise", noise, arm.n, sign="positive")
     exact: Criterion = log_condition if criterion == "condition" else log_volume
     stages = tuple(partial(log_condition, p=p) for p in ORDERS) if criterion == "condition" else (log_volume,)
     count, most = thresholds.OBSERVED * harmonics, whole_number("iterations", iterations)
     search = MotionSearch(within, BaseRegressor(base), sizes[moving], count, exact, stages, most, progress)
-    x = random_series(within, whole_number("random_motions", random_motions), np.random.default_rng(0))
+    number = whole_number("random_motions", 100 if random_motions is None else random_motions)
+    x = random_series(within, number, np.random.default_rng(0))
     measures = _excited(search, x)
     values_of_random = measures[:, CRITERIA.index(criterion)]
     order = np.argsort(values_of_random if criterion == "condition" else -values_of_random)
     found = search.run(x[order[: whole_number("starts", starts)]])
-    return _result(robot, search, found, criterion, values_of_random, positions)
+    return _result(arm, search, found, criterion, values_of_random, positions)
+
+
+def _basis(robot: Robot, duration: float, harmonics: int, rest: bool) -> FourierBasis:
+    """The series of a motion; an error for what is none."""
+    if not robot.n:
+        raise ValueError("`robot` must have at least one joint, got none")
+    if whole_number("harmonics", harmonics) < (2 if rest else 1):
+        raise ValueError("`harmonics` must be at least 2 for a motion that starts at rest, got 1")
+    return FourierBasis(positive_number("duration", duration), harmonics)
+
+
+def _by_positions(
+    scene: Any,
+    wrt: str | Sequence[str] | None,
+    series: tuple[float, int, bool],
+    criterion: str,
+    limits: Mapping[str, ArrayLike] | None,
+    noise: ArrayLike | None,
+    random_motions: int,
+    progress: Progress | None,
+) -> Excitation:
+    """The best of random motions for numbers of a scene that are to be found from positions."""
+    from .positions import position_argument, position_matrices
+
+    names = position_argument(scene, wrt)
+    robot = scene.resolved.robot
+    basis = _basis(robot, *series)
+    numeric = robot if robot.engine == "numpy" else Robot(robot.model, "numpy")
+    within = MotionLimits(numeric, basis, series[2], **motion_limits(robot, limits))
+    sizes = np.ones(robot.n) if noise is None else vector("noise", noise, robot.n, sign="positive")
+    x = random_series(within, whole_number("random_motions", random_motions), np.random.default_rng(0))
+    matrices, untold = position_matrices(scene, names, within, x, sizes, progress)
+    measures = np.array([SingularValues(W, exact=True).measures for W in matrices])
+    best = int(measures[:, 0].argmin() if criterion == "condition" else measures[:, 1].argmax())
+    q0, a, b = np.split(within.coefficients(x[best]), [1, 1 + basis.harmonics], axis=1)
+    message = f"the best of {counted(len(x), 'random motion')}, which no optimiser follows"
+    ended: Any = within.use(x[best]), False, message, {}, (*untold, *_notes(within, {}))
+    (condition, log_det), random = measures[best].tolist(), measures[:, CRITERIA.index(criterion)]
+    return Excitation(robot, basis.duration, q0[:, 0], a, b, criterion, condition, log_det, random, *ended)
 
 
 def _drives(robot: Robot, given: DriveModel | None, moving: list[int], velocity_limit: Array) -> DriveModel:
