@@ -173,7 +173,7 @@ def test_tables_that_are_read_at_once_are_those_that_are_read_by_entry(separator
     ],
 )  # fmt: skip
 def test_names_of_columns(name, expected):
-    assert meaning(name) == (*expected, None)
+    assert meaning(name) == (*expected, None, "")
 
 
 @pytest.mark.parametrize(
@@ -237,8 +237,8 @@ def test_units_are_read_from_names_and_given(tmp_path):
             {"q": ["deg"]},
             "`units` of q must be 'rad', 'deg', 'm', 'mm', or a number of SI units, for all or 3 joints, got ['deg']",
         ),
-        ({"torque": "Nm"}, '`units` must be a mapping of "q", "qd" and "tau", got {\'torque\': \'Nm\'}'),
-        ("deg", '`units` must be a mapping of "q", "qd" and "tau", got \'deg\''),
+        ({"torque": "Nm"}, '`units` must be a mapping of "q", "qd", "tau", "command" and "command_rate", got {\'torque\': \'Nm\'}'),
+        ("deg", '`units` must be a mapping of "q", "qd", "tau", "command" and "command_rate", got \'deg\''),
     ):
         with exactly(text):
             Record.from_log(path, units=units)
@@ -315,7 +315,7 @@ def test_a_file_for_each_quantity(tmp_path):
         f"{bare['q']}: there are no times; there are 'q.0', 'q.1', 'q.2', 'tau.0', 'tau.1', 'tau.2'; give columns={{\"t\": ...}} or `sample_rate`"
     ):
         Record.from_log({"q": bare["q"], "tau": bare["tau"]})
-    with exactly('`path` must be a file, or files by "t", "q", "qd" and "tau", got \'effort\''):
+    with exactly('`path` must be a file, or files by "t", "q", "qd", "tau", "command" and "command_rate", got \'effort\''):
         Record.from_log({"q": bare["q"], "effort": bare["tau"]})
 
 
@@ -746,7 +746,7 @@ def test_arguments_that_do_not_belong_are_refused(tmp_path):
     path = table(tmp_path / "log.csv", ["t", *names_of("q", "tau")], T, Q, TAU)
     for options, text in (
         ({"unit": "deg"}, "give `units` and `joints` in place of `unit` and `joint_names`"),
-        ({"columns": {"torque": 1}}, '`columns` must be of "t", "q", "qd" and "tau", got \'torque\''),
+        ({"columns": {"torque": 1}}, '`columns` must be of "t", "q", "qd", "tau", "command" and "command_rate", got \'torque\''),
         ({"columns": {"tau": "effort"}}, f"{path}: there is no column 'effort', which `columns` asks for; there are 't', 'q.shoulder', 'q.elbow', 'q.wrist', 'tau.shoulder', 'tau.elbow', 'tau.wrist'"),
         ({"time_unit": "min"}, '`time_unit` must be "s", "ms", "us" or "ns", got \'min\''),
         ({"sample_rate": 0}, "`sample_rate` must be positive, got 0.0"),
@@ -1213,8 +1213,8 @@ def test_lerobot_data_sets(tmp_path):
     with exactly(f"{file}: there are episodes 0 to 2; give one as `episode`"):
         Record.from_log(folder, **options)
     same(Record.from_log(folder, episode=1, **options), tolerance=1e3 * ROUNDED, velocities=False)
-    lerobot(tmp_path, **{"observation.state": normalised, "action": 0 * Q})
-    there = ", ".join(f"'{x}.{j}.pos'" for x in ("observation.state", "action") for j in JOINTS)
+    lerobot(tmp_path, **{"observation.state": normalised})
+    there = ", ".join(f"'observation.state.{j}.pos'" for j in JOINTS)
     with exactly(
         f"{folder}: there are no torques or currents; there are {there}, 'timestamp', 'episode_index', 'index'; if some are, "
         'give columns={"tau": ...}'

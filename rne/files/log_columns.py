@@ -15,7 +15,7 @@ from ..basics.arrays import per_joint_array, positive_number
 from ..basics.spatial import Array
 from ..basics.text import MAX_NAME, cut, did_you_mean
 from .logs import LISTED, UNIT, Log, LogOptions, read_log, symbol, with_stamps
-from .samples import Samples, in_seconds, samples_of
+from .samples import Samples, in_seconds, logged
 from .tables import listed_names
 from .time_units import guessed_unit
 
@@ -38,6 +38,9 @@ ASKED = re.compile(  # words of commands and limits; in the second group those o
     "(?:target|desired|command|commanded|cmd|reference|set|setpoint|goal|action|soll|planned|limit|min|max)s?"
     "|(d|des|ref|errors?|ext|external)"
 )
+COMMANDED = re.compile(  # of these words those of commands; in the second group where a word names the quantity
+    "(?:target|desired|command|commanded|cmd|reference|set|setpoint|goal|action|soll|planned)s?|(d|des|ref)"
+)
 SPARE = re.compile(  # words that say nothing of the joint
     "actual|act|measured|meas|est|estimated|present|ist|angular|field|observation|state|feedback|fbk|log|data|values?|j"
 )
@@ -56,7 +59,12 @@ SI = {
     "qd": {"rad/s": 1.0, "deg/s": np.pi / 180, "rpm": np.pi / 30, "m/s": 1.0, "mm/s": 1e-3},
     "tau": {"Nm": 1.0, "mNm": 1e-3, "N": 1.0, "A": 1.0, "mA": 1e-3},
 }
+SI |= {"command": SI["q"], "command_rate": SI["qd"]}
+RATES = {"qd": "q", "command_rate": "command"}  # and what they are the rates of
+CAUSES = {"tau": "torques", "command": "commands"}  # without which a motion tells nothing
 TURN = 2 * np.pi  # [rad]
+QUANTITIES = '"t", "q", "qd", "tau", "command" and "command_rate"'  # of a log, in errors
+SO_ARM, PER_CENT = re.compile("so-?10[01]"), 100.0  # arms whose positions LeRobot has in degrees, or up to 100
 SINCE = 1e6  # [s], times beyond which count from the first one
 AMBIGUOUS = ("m", "mm", "N")  # units that do not say the quantity
 ORDER = "else name the columns alike"
@@ -67,13 +75,13 @@ Columns = dict[str, dict[str, str]]  # names of columns by quantity and joint
 def measured(path: Any, options: LogOptions) -> tuple[dict[str, Any], list[str], Guesses]:
     """The samples of a log, or of a file for each quantity, in units that are given, named in the log, or guessed.
 
-    Returns t, q, tau, qd in SI units and the names of the joints, how the log was read, and guesses with their cures.
+    Returns t, q, tau or command, and their rates in SI units and the names of the joints, how the log was read, and
+    guesses with their cures.
     """
     place = os.fspath(next(iter(path.values()), "`path`") if isinstance(path, Mapping) else path)
     log = _joined(path, options) if isinstance(path, Mapping) else read_log(Path(place), options)
     if options.exact:
-        exact = in_seconds(place, samples_of(place, log, options.joints, ("q", "tau"), gaps=True), options.time_unit)
-        return {name: getattr(exact, name) for name in ("t", "q", "tau", "qd")}, [], []
+        return logged(place, log, options), [], []
     log = with_stamps(place, log)
     rows = Guesses()
     if log.long:
@@ -100,7 +108,8 @@ def _wide(place: str, log: Log, options: LogOptions, guesses: Guesses) -> tuple[
     """
     texts, j = _numbered(np.char.strip(log.columns[log.long].astype(str)))
     joints = [re.sub(r"\.0$", "", joint) for joint in texts.tolist()]
-    kinds = {name: _meaning(name).kind for name in log.columns if name != log.long}
+    meanings = {name: _meaning(name) for name in log.columns if name != log.long}
+    kinds = {name: what.kind or what.command for name, what in meanings.items()}
     given = {kind: _named(place, list(log.columns), wanted) for kind, wanted in options.given.items()}
     asked = [name for own in given.values() for name in own]
     stamp = next(iter(given.get("t", [name for name, kind in kinds.items() if kind == "t"])), None)
@@ -168,27 +177,74 @@ def _columns_of(place: str, log: Log, kind: str, names: Sequence[str], count: in
 def _in_units(
     place: str, log: Log, x: Mapping[str, Array], named: tuple[Any, Any], options: LogOptions, guesses: Guesses
 ) -> dict[str, Any]:
-    """Positions, torques and velocities in SI units, by columns of each quantity and what these mean (`named`)."""
+    """The samples in SI units, by columns of each quantity and what these mean (`named`)."""
     (kinds, meanings), n = named, x["q"].shape[1]
     units = _units(place, kinds, options.units, meanings)
     if log.is_lerobot and "q" not in options.units:
-        cure = 'give units={"q": "deg"}, or rad per unit of each joint and `offsets`'
-        raise ValueError(f"{place}: positions of LeRobot data sets are in degrees or normalised; {cure}")
+        units["q"] = _unit_of_data_set(place, log, x, kinds["q"], guesses)
+    if "command" in x and units["q"] is None:
+        _refuse_counts(place, x["q"], kinds["q"])
     if units["q"] is None and np.mean(np.nanmax(np.abs(x["q"]), axis=0, initial=0) > 2 * TURN) > 0.5:
         guesses.append(("positions are in degrees, as most pass two turns", 'else give units={"q": "rad"}'))
         units["q"] = "deg"
+    zero = per_joint_array("offsets", options.offsets, n)
+    samples: dict[str, Any] = {"q": x["q"] * _in_si("q", units["q"], n) + zero, "tau": None, "qd": None}
+    if "tau" in x:
+        samples["tau"] = (
+            x["tau"] * _in_si("tau", units["tau"], n) * _gains(place, kinds["tau"], units, meanings, options, n)
+        )
+    if "command" in x:
+        units["command"] = units["q"] if units["command"] is None else units["command"]
+        samples["command"] = x["command"] * _in_si("command", units["command"], n) + zero
+    for kind in x.keys() & RATES.keys():
+        unit = units[RATES[kind]] if units[kind] is None else units[kind]
+        samples[kind] = x[kind] * _in_si(kind, unit, n)
+    return samples
+
+
+def _gains(
+    place: str,
+    names: Sequence[str],
+    units: Mapping[str, Any],
+    meanings: Mapping[str, Meaning],
+    options: LogOptions,
+    n: int,
+) -> Array:
+    """Torques per unit of what the log has as such, which are to be given of currents, shape (n,)."""
     are_currents = np.isin(np.asarray(units["tau"], dtype=object), ["A", "mA"]).any()
-    if options.gains is None and (are_currents or any(meanings[x].kind == "current" for x in kinds["tau"])):
+    if options.gains is None and (are_currents or any(meanings[x].kind == "current" for x in names)):
         cure = "give `gains` [N m/A]; gains=1 keeps currents, for `rne.identify_drive_gains`"
         motors = "at motors behind gears, Record.from_motors takes `drive_gains`"
-        raise ValueError(f"{place}: {_span(kinds['tau'])} are currents, not torques; {cure}; {motors}")
+        raise ValueError(f"{place}: {_span(names)} are currents, not torques; {cure}; {motors}")
     gains = per_joint_array("gains", 1 if options.gains is None else options.gains, n)
     if not gains.all():
         raise ValueError(f"`gains` must not be zero, got {options.gains!r}")
-    units["qd"] = units["q"] if units["qd"] is None else units["qd"]
-    q = x["q"] * _in_si("q", units["q"], n) + per_joint_array("offsets", options.offsets, n)
-    qd = x["qd"] * _in_si("qd", units["qd"], n) if "qd" in x else None
-    return {"q": q, "tau": x["tau"] * _in_si("tau", units["tau"], n) * gains, "qd": qd}
+    return gains
+
+
+def _unit_of_data_set(place: str, log: Log, x: Mapping[str, Array], names: Sequence[str], guesses: Guesses) -> str:
+    """Degrees, where an SO-100 or SO-101 has passed what normalised positions end at."""
+    cure = 'give units={"q": "deg"}, or rad per unit of each joint and `offsets`'
+    if "command" not in x or not SO_ARM.match(log.robot) or np.nanmax(np.abs(x["q"]), initial=0) <= PER_CENT:
+        raise ValueError(f"{place}: positions of LeRobot data sets are in degrees or normalised; {cure}")
+    if gripper := [name for name in names if "gripper" in name]:
+        cure = "give `joints` without it, or units={{'q': ...}} with one of each joint"
+        raise ValueError(f"{place}: {gripper[0]!r} is in per cent of its range, and the others in degrees; {cure}")
+    guesses.append(
+        (f"positions of {log.robot} are in degrees, as some pass {PER_CENT:g}", 'else give units={"q": ...}')
+    )
+    return "deg"
+
+
+def _refuse_counts(place: str, q: Array, names: Sequence[str]) -> None:
+    """A ValueError for whole numbers, which may be degrees or steps of encoders."""
+    known = q[np.isfinite(q)]
+    if known.size and np.ptp(known) > 2 * TURN and (known == np.rint(known)).all():
+        cure = 'give units={"q": "deg"}, or rad per step, such as 2 * pi / 4096, and `offsets`'
+        low, high = known.min(), known.max()
+        raise ValueError(
+            f"{place}: {_span(names)} are whole numbers from {low:g} to {high:g}, degrees or steps; {cure}"
+        )
 
 
 def _seconds(
@@ -214,6 +270,7 @@ class Meaning(NamedTuple):
     joint: str = ""
     unit: str = ""
     own: str | None = None  # the joint's name if the word for a command belongs to it, "" if it cannot; None without
+    command: str = ""  # "command" of positions or "command_rate" that it may be, without a word for the quantity too
 
 
 def _meaning(name: str, joints: Sequence[str] = ()) -> Meaning:
@@ -226,7 +283,7 @@ def _meaning(name: str, joints: Sequence[str] = ()) -> Meaning:
         for match in re.finditer(rf"(?<![^\W_]){re.escape(joint)}(?![^\W_])", name):
             before, after = name[: match.start()], name[match.end() :]
             rest = _meaning(before + after)
-            if rest.kind and (not rest.joint or (before[-1:] in BETWEEN and after[:1] in BETWEEN)):
+            if (rest.kind or rest.command) and (not rest.joint or (before[-1:] in BETWEEN and after[:1] in BETWEEN)):
                 return rest._replace(joint=joint)
     split = TOPIC.split(bare)
     tokens = [[word.lower() for word in TOKEN.findall(part)] for part in split]
@@ -239,13 +296,24 @@ def _meaning(name: str, joints: Sequence[str] = ()) -> Meaning:
     kind = _kind(tokens[kinds[-1]] if kinds else words, unit)
     kind = BY_UNIT.get(unit, kind) if kind in TORQUES else kind
     names = spare | {word for word in KINDS if kind == "t" or WORD.get(word) != "t"}
+    told = [COMMANDED.fullmatch(word) for word in asked]
+    if (
+        not kind
+        and told
+        and all(x and not x[1] for x in told)
+        and unit in ("", *SI["q"])
+        and "" not in map(WORD.get, words)
+    ):
+        rate = "_rate" * ("rate" in words)
+        return Meaning("", _joint(split, spare | asked.keys() | {"rate"}), unit, command=f"command{rate}")
     if not kind or (kind == "t" and not all(x in names or CLOCKS.fullmatch(x) for x in tokens[-1])):
         return Meaning()
     parts = [part for k, part in enumerate(split) if k not in kinds[-1:] and not spare.issuperset(tokens[k])][-1:]
     parts, names = (parts, set()) if kinds and parts else (split, names)
     joint, own = _joint(parts, names | asked.keys()), _joint(parts, names)
     own = own if own != joint and all(found[1] for found in asked.values()) else ""
-    return Meaning(kind, joint, unit, own if asked else None)
+    command = {"q": "command", "qd": "command_rate"}.get(kind, "") if told and all(told) else ""
+    return Meaning(kind, joint, unit, own if asked else None, command)
 
 
 def _unit(name: str) -> tuple[str, str]:
@@ -288,18 +356,18 @@ def _joined(files: Mapping[str, Any], options: LogOptions) -> Log:
     columns, log = dict[str, Array](), Log({})
     times: dict[str, Array] = {}
     for kind, path in files.items():
-        if kind not in ("t", "q", "qd", "tau"):
-            raise ValueError(f'`path` must be a file, or files by "t", "q", "qd" and "tau", got {kind!r}')
+        if kind not in ("t", *SI):
+            raise ValueError(f"`path` must be a file, or files by {QUANTITIES}, got {kind!r}")
         place, log = os.fspath(path), read_log(Path(path), replace(options, quantity=kind))
         if log.long:
             cure = "a column for each joint is needed, or one file of all quantities"
             raise ValueError(f"{place}: has rows of joints, which column {log.long!r} names; {cure}")
         for name in log.columns:
-            what, joint, unit, own = _meaning(name)
+            what, joint, unit, own, command = _meaning(name)
             if "t" in (what, kind):
                 columns.setdefault("t" + f" [{unit}]" * bool(unit), log.numbers(place, name))
                 times[place] = log.numbers(place, name)
-            elif what in ("", kind) and own != "":
+            elif (what in ("", RATES.get(kind, kind), "q" * (kind == "command")) and own != "") or command == kind:
                 columns[f"{kind}.{own or joint or name}" + f" [{unit}]" * bool(unit)] = log.numbers(place, name)
     for place, t in times.items():
         if not np.array_equal(t, next(iter(times.values()))):
@@ -312,10 +380,16 @@ def _by_joint(place: str, log: Log, meanings: Mapping[str, Meaning], options: Lo
     guesses = Guesses()
     found, asked, both = _by_meaning(place, log, meanings, options)
     left = _not_commands(found, asked, list(log.columns), guesses)
+    for x in () if options.torques else TORQUES:
+        found[x] = {}
     for kind in ("t", "q", "qd", *_torques(place, found, meanings, options, guesses)):
         if kind in both and kind not in options.given:
             raise ValueError(f"{place}: columns {both[kind]}")
-    for kind, what in (("q", "positions"), ("tau", "torques or currents")):
+    if not (options.torques and found["tau"]) or "command" in options.given:
+        _add_commands(place, log, meanings, found, options)
+        left = [name for name in left if not found["q"] or name not in found["command"].values()]
+    cause = ("tau", "torques or currents") if options.torques and not found["command"] else ("command", "commands")
+    for kind, what in (("q", "positions"), cause):
         if not found[kind]:
             alike = [name for name in left if TORQUES.get(asked[name].kind, "q") == kind]
             looks = f"; {_span(alike)} look like commands or errors" if alike else ""
@@ -334,11 +408,11 @@ def _by_meaning(
     place: str, log: Log, meanings: Mapping[str, Meaning], options: LogOptions
 ) -> tuple[Columns, dict[str, Meaning], dict[str, str]]:
     """The columns by quantity and joint; those that look like commands; of each quantity two columns of one joint."""
-    found: Columns = {kind: {} for kind in WORDS}
+    found: Columns = {kind: {} for kind in (*WORDS, *SI)}
     asked, both, columns = dict[str, Meaning](), dict[str, str](), dict[str, list[str]]()
     for kind, wanted in options.given.items():
-        if kind not in ("t", "q", "qd", "tau"):
-            raise ValueError(f'`columns` must be of "t", "q", "qd" and "tau", got {kind!r}')
+        if kind not in ("t", *SI):
+            raise ValueError(f"`columns` must be of {QUANTITIES}, got {kind!r}")
         columns[kind] = own = _named(place, list(log.columns), wanted)
         names = [log.joints.get(name, meanings[name].joint) for name in own]
         found[kind] = dict(zip(names if len(set(names)) == len(own) else map(str, range(len(own))), own, strict=True))
@@ -356,6 +430,27 @@ def _by_meaning(
                 both.setdefault(kind, f"{found[kind][joint]!r} and {name!r} {which}")
             found[kind].setdefault(joint, name)
     return found, asked, both
+
+
+def _add_commands(place: str, log: Log, meanings: Mapping[str, Meaning], found: Columns, options: LogOptions) -> None:
+    """Add the columns of commands, those that no word for the quantity names where there are no others.
+
+    Two of one joint that differ are an error.
+    """
+    used = {name for own in found.values() for name in own.values()}
+    joints = {*map(plain_name, found["q"]), ""}
+    for kind in ("command", "command_rate"):
+        own = {name: what for name, what in meanings.items() if what.command == kind and name not in used}
+        own = {name: what for name, what in own.items() if what.kind} or own
+        for name, what in own.items() if kind not in options.given else ():
+            joint = log.joints.get(name, what.joint)
+            if not (what.kind or joint.isdigit() or plain_name(joint) in joints):
+                continue
+            first = found[kind].setdefault(joint, name)
+            one, other = (log.numbers(place, x) for x in (first, name))
+            if not np.array_equal(one, other, equal_nan=True):
+                what_for = f"may both be commands{f' of {joint}' if joint else ''}"
+                raise ValueError(f'{place}: columns {first!r} and {name!r} {what_for}; give columns={{"{kind}": ...}}')
 
 
 def _torques(
@@ -434,14 +529,16 @@ def _same_joints(
 
     Names come before numbers, and numbers before the order in the file, unless the columns are given.
     """
-    joints, are_given = options.joints, {"q", "tau"} <= options.given.keys()
-    there = {kind: found[kind] for kind in ("q", "tau", "qd")}
+    joints, causes = options.joints, [kind for kind in CAUSES if found[kind]]
+    are_given = {"q", *causes} <= options.given.keys()
+    there = {kind: found[kind] for kind in ("q", *causes, "qd", *["command_rate"] * ("command" in causes))}
     of, key = _by_names(there, are_given, guesses)
     common = _chosen(place, there, of, key, options, guesses)
-    alone = [joint for joint in of["q"] if joint not in of["tau"]]
-    if set(common) - of["qd"].keys():
-        del of["qd"]
-    for kind in ("tau", "qd"):
+    alone = [joint for joint in of["q"] if not all(joint in of[kind] for kind in causes)]
+    for kind in there.keys() & RATES.keys():
+        if set(common) - of[kind].keys():
+            del of[kind]
+    for kind in [*there][1:]:
         kept = {x for joint, x in of.get(kind, {}).items() if joint in of["q"]}
         if lost := [x for x in there[kind].values() if x not in kept]:
             guesses.append((f"{_span(lost)} are not of the joints of the positions and not read", ORDER))
@@ -451,7 +548,7 @@ def _same_joints(
         if len(common) > 1:
             guesses.append(("numbered columns are taken in the robot's order", "else give their names as `joints`"))
     named = common if joints is None else joints
-    said = [f"without torques, left out: {listed_names(alone)}"] * bool(alone)
+    said = [f"without {' or '.join(CAUSES[x] for x in causes)}, left out: {listed_names(alone)}"] * bool(alone)
     return {kind: [x[joint] for joint in common] for kind, x in of.items()}, named or None, said
 
 
@@ -462,7 +559,7 @@ def _by_names(there: Columns, are_given: bool, guesses: Guesses) -> tuple[Column
         if k and not are_given:
             there[kind] = dict(x for _, x in sorted(zip(k, there[kind].items(), strict=True)))
     other = [kind for kind, x in there.items() if x and not numbers[kind]]  # velocities may be of more than the joints
-    first = next((kind for kind in other if kind != "qd" or len(there["qd"]) == len(there["q"])), "q")
+    first = next((kind for kind in other if kind not in RATES or len(there[kind]) == len(there["q"])), "q")
     names, of = there[first], Columns()
     key: Callable[[str], str] = plain_name if all(len({*map(plain_name, x)}) == len(x) for x in there.values()) else str
     for kind, x in there.items():
@@ -471,7 +568,7 @@ def _by_names(there: Columns, are_given: bool, guesses: Guesses) -> tuple[Column
         of[kind] = {joint: own[key(joint)] for joint in names if key(joint) in own and not is_shifted}
         if not of[kind] and len(x) == len(names) and (k or are_given):
             of[kind] = dict(zip(names, x.values(), strict=True))
-            if kind != "qd" and not are_given:
+            if kind not in RATES and not are_given:
                 guesses.append((f"{_span(x)} are of the joints of {_span(names)} in this order", ORDER))
     return of, key
 
@@ -480,15 +577,19 @@ def _chosen(
     place: str, there: Columns, of: Columns, key: Callable[[str], str], options: LogOptions, guesses: Guesses
 ) -> list[str]:
     """The joints with positions and torques in the order of those asked for, or all."""
-    joints, are_given = options.joints, {"q", "tau"} <= options.given.keys()
-    common = [joint for joint in of["q"] if joint in of["tau"]]
+    joints, causes = options.joints, [kind for kind in CAUSES if kind in there]
+    are_given, said = {"q", *causes} <= options.given.keys(), " and ".join(CAUSES[kind] for kind in causes)
+    which = "columns={" + ", ".join(f'"{kind}": ...' for kind in ("q", *causes)) + "}"
+    common = [joint for joint in of["q"] if all(joint in of[kind] for kind in causes)]
     own = {key(joint): joint for joint in common}
     shared = own.keys() & set(map(key, joints or ()))
     are_others = len(joints or ()) == len(common) and len(shared) < len(common)
     if not common:
-        both = f"positions are {_span(there['q'])}, torques {_span(there['tau'])}"
-        cure = 'if these are of the same joints, give columns={"q": ..., "tau": ...} in the same order'
-        raise ValueError(f"{place}: no joint has positions and torques; {both}; {cure}")
+        both = ", ".join(f"{CAUSES[kind]} {_span(there[kind])}" for kind in causes)
+        cure = f"if these are of the same joints, give {which} in the same order"
+        raise ValueError(
+            f"{place}: no joint has positions and {said}; positions are {_span(there['q'])}, {both}; {cure}"
+        )
     if joints is None or (are_others and are_given):
         return common
     if are_others and numbers_at_ends(common) and not shared:
@@ -496,8 +597,8 @@ def _chosen(
         return common
     if missing := [joint for joint in joints if key(joint) not in own]:
         hint = did_you_mean(missing[0], common) or f"; there are {listed_names(common, LISTED)}"
-        cure = '; to name them so, give columns={"q": ..., "tau": ...} in the order of `joints`' * are_others
-        raise ValueError(f"{place}: there are no positions and torques of joint {missing[0]!r}{hint}{cure}")
+        cure = f"; to name them so, give {which} in the order of `joints`" * are_others
+        raise ValueError(f"{place}: there are no positions and {said} of joint {missing[0]!r}{hint}{cure}")
     return [own[key(joint)] for joint in joints]
 
 
@@ -529,12 +630,14 @@ def _units(
 ) -> dict[str, Any]:
     """Units that are given, or that the names of all columns of a quantity have, or None; currents are in A or mA."""
     if not isinstance(given, Mapping) or set(given) - set(SI):
-        raise ValueError(f'`units` must be a mapping of "q", "qd" and "tau", got {given!r}')
+        raise ValueError(f"`units` must be a mapping of {QUANTITIES[5:]}, got {given!r}")
     units: dict[str, Any] = dict.fromkeys(SI) | dict(given)
     unit_of = {name: x.unit or ("A" if x.kind == "current" else None) for name, x in meanings.items()}
-    for kind in kinds.keys() - given.keys():
-        known = SI["q"] | SI["qd"] if kind == "qd" else SI[kind]
+    for kind in (kind for kind in kinds if kind not in given):
+        known = SI["q"] | SI["qd"] if kind in RATES else SI[kind]
         named = {unit_of[name]: name for name in kinds[kind]}
+        if kind == "command" and "q" in given and not named.keys() & SI["q"].keys():
+            continue  # in the unit that is given for the positions
         cure = f"give units={{{kind!r}: ...}}"
         if unknown := [unit for unit in named if unit not in (None, *known)]:
             cure += ", by name or as SI units per unit of the log"
@@ -549,7 +652,7 @@ def _in_si(kind: str, unit: Any, n: int) -> Array:
     """A unit of all joints, or one of each, by name or as a number, in SI units; ones for None."""
     if unit is None:
         return np.ones(n)
-    known = SI["q"] | SI["qd"] if kind == "qd" else SI[kind]
+    known = SI["q"] | SI["qd"] if kind in RATES else SI[kind]
     units = [unit] * n if isinstance(unit, str | int | float) else list(unit)
     names = ", ".join(map(repr, SI[kind]))
     if len(units) != n or any(symbol(x) not in known if isinstance(x, str) else not x for x in units):

@@ -9,7 +9,7 @@ import re
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import islice
 from operator import itemgetter
 from pathlib import Path
@@ -23,7 +23,19 @@ from ..basics.archive import Arrays, TooLargeError, bytes_of, check_regular, mos
 from ..basics.spatial import Array
 from ..basics.text import MAX_NAME, cut, plain
 from .matlab import matlab_arrays
-from .ros_bags import JOINT_STATE, KINDS, Message, NotReadError, bag_states, bag_topics, echoed, is_bag, rostopic
+from .ros_bags import (
+    CONTROLLER_STATE,
+    JOINT_STATE,
+    KINDS,
+    STATES,
+    Message,
+    NotReadError,
+    bag_states,
+    bag_topics,
+    echoed,
+    is_bag,
+    rostopic,
+)
 from .tables import (
     TableBody,
     as_number,
@@ -85,6 +97,7 @@ class LogOptions:
     decimal: str | None = None
     topic: str | None = None
     episode: int | None = None
+    torques: bool = True  # where there are such, else commands
     quantity: str = ""  # that alone stands in the file
     exact: bool = False  # names of columns are `t`, `q.<joint>` and so on, in the first row that is no comment
 
@@ -104,6 +117,7 @@ class Log(NamedTuple):
     rows: Sequence[int] = ()  # of texts, for messages
     heading: int = 1  # row of the names of columns, likewise
     is_lerobot: bool = False  # positions in degrees, or normalised
+    robot: str = ""  # whose data set it is
     joints: Mapping[str, str] = {}  # by columns, where the file names the joints apart
     twice: Collection[str] = ()  # names of different columns
     unused: Sequence[str] = ()  # names of joints that are as many as no numbered columns
@@ -345,11 +359,15 @@ def _states(place: str, messages: Iterable[Message], joints: Sequence[str] | Non
         raise ValueError(f"{place}: no message has all of `joints`, {listed_names(joints or ())}; there is {there}")
     start = found[0][0]
     columns = {"t": np.array([(ns - start) / 1e9 for ns, *_ in found])}
-    for k, quantity in enumerate(("q", "qd", "tau")):
+    of, called = dict[str, str](), dict[str, str]()
+    for k, quantity in enumerate(("q", "qd", "tau", "command", "command_rate")[: len(found[0][2])]):
         for joint in (joints or found[0][1]) if any(x[k] for *_, x in found) else ():
             numbers = [x[k][order[joint]] if x[k] else math.nan for _, order, x in found]
             columns[f"{quantity}.{joint}"] = np.array(numbers, float)
-    return Log(columns, (f"{said}, times from the first message on, at {start / 1e9:.3f} s",), "s")
+            if k > 2:  # whatever words are in the joint's name
+                of[f"{quantity}.{joint}"], called[f"{quantity}.{joint}"] = joint, quantity
+    when = f"{said}, times from the first message on, at {start / 1e9:.3f} s"
+    return Log(columns, (when,), "s", joints=of, called=called)
 
 
 def _checked(place: str, messages: Iterable[Message]) -> Iterator[Message]:
@@ -359,25 +377,32 @@ def _checked(place: str, messages: Iterable[Message]) -> Iterator[Message]:
         _check_names(place, names)
         if any(len(part) not in (0, len(names)) for part in values) or len(set(names)) < len(names):
             sizes = f"{len(set(names))} different names, and {', '.join(str(len(part)) for part in values)}"
-            raise ValueError(f"{place}: message {k + 1} has {sizes} positions, velocities and efforts")
+            both = "" if len(values) == 3 else ", commands and their velocities"
+            raise ValueError(f"{place}: message {k + 1} has {sizes} positions, velocities and efforts{both}")
         yield message
 
 
 def _bags(paths: Sequence[Path], options: LogOptions) -> Log:
-    """Joint states of one topic of a bag, or of the files of one."""
+    """States of joints, or of their controller, of one topic of a bag, or of the files of one."""
     topics: dict[str, str] = {}
     for path in paths:
         topics |= _whole(path, lambda path=path: bag_topics(path))  # type: ignore[misc]
-    states, topic = [name for name, kind in topics.items() if kind == JOINT_STATE], options.topic
+    topic, of = options.topic, {kind: [x for x, own in topics.items() if own == kind] for kind in STATES}
+    controllers = of[CONTROLLER_STATE]
+    has_commands = bool(controllers) and (not (options.torques and of[JOINT_STATE]) or topic in controllers)
+    kind = CONTROLLER_STATE if has_commands or not options.torques else JOINT_STATE
+    states = of[kind]
     if topic is None and len(states) > 1:
-        raise ValueError(f"{paths[0]}: there are joint states of {listed_names(states)}; give one as `topic`")
+        raise ValueError(f"{paths[0]}: there are {STATES[kind]} of {listed_names(states)}; give one as `topic`")
     if not states or topic not in (None, *states):
         there = ", ".join(f"{name} ({kind})" for name, kind in sorted(topics.items())[:LISTED]) or "nothing"
-        raise ValueError(f"{paths[0]}: there is no topic {topic or ''} of {JOINT_STATE}; there is {plain(there)}")
+        raise ValueError(f"{paths[0]}: there is no topic {topic or ''} of {kind}; there is {plain(there)}")
     topic = topic or states[0]
-    parts = [_whole(path, lambda path=path: bag_states(path, topic)) for path in paths]  # type: ignore[misc]
+    parts = [_whole(path, lambda path=path: bag_states(path, topic, kind)) for path in paths]  # type: ignore[misc]
     messages = [message for _, message in sorted((x for part in parts for x in part), key=itemgetter(0))]
-    return _states(os.fspath(paths[0]), messages, options.joints, f"topic {plain(topic)}")
+    log = _states(os.fspath(paths[0]), messages, options.joints, f"topic {plain(topic)}")
+    lacks_torques = kind == JOINT_STATE and not any(x.startswith("tau.") for x in log.columns)
+    return _bags(paths, replace(options, torques=False)) if lacks_torques and controllers and not options.topic else log
 
 
 # Arrays
@@ -498,7 +523,7 @@ def _parquet(paths: Sequence[Path], info: Path | None, options: LogOptions) -> L
 
     if not paths:
         raise ValueError(f"{info}: the data set has no files data/*/*.parquet")
-    names = {} if info is None else _whole(info, lambda: _names_of_features(info))
+    names, robot = ({}, "") if info is None else _whole(info, lambda: _names_of_features(info))
     parts = [_whole(path, lambda path=path: arrays_of(path)) for path in paths]  # type: ignore[misc]
     arrays = {x: np.concatenate([part[x] for part in parts]) for x in parts[0] if all(x in part for part in parts)}
     episodes, wanted = arrays.get("episode_index", np.zeros(1)), options.episode
@@ -507,13 +532,14 @@ def _parquet(paths: Sequence[Path], info: Path | None, options: LogOptions) -> L
         raise ValueError(f"{paths[0]}: there are episodes {low} to {high}; give one as `episode`")
     if wanted is not None:
         arrays = {name: x[episodes == wanted] for name, x in arrays.items()}
-    return Log(_columns(arrays, names), (f"episode {wanted or 0}",), "s", is_lerobot="episode_index" in arrays)
+    is_lerobot, said = "episode_index" in arrays, (f"episode {wanted or 0}",)
+    return Log(_columns(arrays, names), said, "s", is_lerobot=is_lerobot, robot=robot)
 
 
-def _names_of_features(info: Path) -> dict[str, list[str]]:
-    """Names of the entries of each array: those of a list, or of a list in a mapping."""
-    names = {}
-    for name, feature in json.loads(info.read_text(encoding="utf-8"))["features"].items():
+def _names_of_features(info: Path) -> tuple[dict[str, list[str]], str]:
+    """Names of the entries of each array, those of a list, or of a list in a mapping; and the kind of robot."""
+    names, told = {}, json.loads(info.read_text(encoding="utf-8"))
+    for name, feature in told["features"].items():
         own = feature.get("names") or []
         names[name] = [str(x) for part in (own.values() if isinstance(own, dict) else [own]) for x in part]
-    return names
+    return names, plain(str(told.get("robot_type") or ""))

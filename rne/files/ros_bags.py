@@ -19,13 +19,21 @@ from ..basics.archive import FREE, LARGEST, RATIO, TooLargeError, most_unpacked
 from ..basics.text import MAX_NAME, cut
 from .tables import TableBody, as_number
 
-Message = tuple[int, Sequence[str], Sequence[Sequence[float]]]  # time [ns], joints, and their q, qd, tau
+# time [ns], joints, and their q, qd, tau, of controllers also commands and their rates
+Message = tuple[int, Sequence[str], Sequence[Sequence[float]]]
 
-JOINT_STATE = "sensor_msgs/msg/JointState"
+JOINT_STATE, CONTROLLER_STATE = "sensor_msgs/msg/JointState", "control_msgs/msg/JointTrajectoryControllerState"
+STATES = {JOINT_STATE: "joint states", CONTROLLER_STATE: "states of controllers"}
+POINT = "trajectory_msgs/JointTrajectoryPoint"
+FIELDS = {  # of the bodies of messages; controllers have more fields behind these, and other names for them
+    JOINT_STATE: "string[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort\n",
+    CONTROLLER_STATE: f"string[] name\n{POINT} reference\n{POINT} feedback\n{{0}}MSG: {POINT}\nfloat64[] positions\n"
+    "float64[] velocities\nfloat64[] accelerations\nfloat64[] effort\nbuiltin_interfaces/Duration time_from_start\n"
+    "{0}MSG: builtin_interfaces/Duration\nint32 sec\nuint32 nanosec\n",
+}
 DEFINITION = (  # of ROS 2; that in a file may be any text
-    "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort\n{0}MSG: "
-    "std_msgs/Header\n{1}builtin_interfaces/Time stamp\nstring frame_id\n{0}MSG: builtin_interfaces/Time\nint32 sec\n"
-    "uint32 nanosec\n"
+    "std_msgs/Header header\n{2}{0}MSG: std_msgs/Header\n{1}builtin_interfaces/Time stamp\nstring frame_id\n"
+    "{0}MSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
 )
 KINDS = {b"#ROSBAG V2.0\n": ".bag", b"SQLite format 3\0": ".db3", b"\x89MCAP": ".mcap"}  # of bags by their first bytes
 FOOTER, CHUNK, TAIL = 2, 6, 37  # kinds of records of MCAP, and bytes from the footer on
@@ -120,20 +128,24 @@ def bag_topics(path: Path) -> dict[str, str]:
         return {x.topic: x.msgtype for x in reader.connections}
 
 
-def bag_states(path: Path, topic: str) -> list[tuple[int, Message]]:
-    """Joint states of a topic with the times at which they were recorded [ns]."""
+def bag_states(path: Path, topic: str, kind: str = JOINT_STATE) -> list[tuple[int, Message]]:
+    """States of joints, or of their controller, of a topic with the times at which they were recorded [ns]."""
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     most, numbers, messages = most_unpacked(path), 0, list[tuple[int, Message]]()
-    with _opened(path) as (reader, kind):
-        store = get_typestore(Stores.EMPTY)
-        text = DEFINITION.format("=" * 80 + "\n", "uint32 seq\n" * (kind == ".bag"))
-        store.register(get_types_from_msg(text, JOINT_STATE))
-        decode = store.deserialize_ros1 if kind == ".bag" else store.deserialize_cdr
-        own = [x for x in reader.connections if (x.topic, x.msgtype) == (topic, JOINT_STATE)]
+    with _opened(path) as (reader, suffix):
+        store, line = get_typestore(Stores.EMPTY), "=" * 80 + "\n"
+        text = DEFINITION.format(line, "uint32 seq\n" * (suffix == ".bag"), FIELDS[kind].format(line))
+        store.register(get_types_from_msg(text, kind))
+        own = [x for x in reader.connections if (x.topic, x.msgtype) == (topic, kind)]
         for _, logged, raw in reader.messages(own) if own else ():
-            state: Any = decode(raw, JOINT_STATE)
-            values = [array("d", x) for x in (state.position, state.velocity, state.effort)]
+            state: Any = _decoded(store, kind, raw, is_old=suffix == ".bag")
+            if kind == JOINT_STATE:
+                parts = [state.position, state.velocity, state.effort]
+            else:
+                asked, found = state.reference, state.feedback
+                parts = [found.positions, found.velocities, found.effort, asked.positions, asked.velocities]
+            values = [array("d", x) for x in parts]
             if (numbers := numbers + 4 + sum(map(len, values))) * 8 > most:
                 raise TooLargeError(most)
             ns = state.header.stamp.sec * 10**9 + state.header.stamp.nanosec or logged
@@ -141,6 +153,17 @@ def bag_states(path: Path, topic: str) -> list[tuple[int, Message]]:
         if (count := sum(x.msgcount for x in own)) > len(messages):
             raise ValueError(f"{count - len(messages)} of {count} messages cannot be found; mend its index")
     return messages
+
+
+def _decoded(store: Any, kind: str, raw: bytes, *, is_old: bool) -> Any:
+    """A message; of one of a controller the fields that all versions begin with."""
+    if kind == JOINT_STATE:
+        return store.deserialize_ros1(raw, kind) if is_old else store.deserialize_cdr(raw, kind)
+    definition = store.get_msgdef(kind)
+    read = definition.deserialize_ros1 if is_old else definition.deserialize_cdr_le
+    if not is_old and bytes(raw[:2]) != b"\0\1":
+        raise NotReadError("has messages of controllers in another byte order than little-endian")
+    return read(raw if is_old else raw[4:], 0, definition.cls, store)[0]
 
 
 def _checked_chunks(path: Path, most: int) -> Mapping[int, tuple[str, int, int]]:

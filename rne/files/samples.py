@@ -1,4 +1,7 @@
-"""Samples of a motion in a table, by columns `t`, `q.<joint>`, `qd.<joint>`, `qdd.<joint>` and `tau.<joint>`."""
+"""Samples of a motion in a table, by columns `t`, `q.<joint>`, `qd.<joint>`, `qdd.<joint>` and `tau.<joint>`.
+
+Of logs also `command.<joint>` and `command_rate.<joint>`.
+"""
 
 from __future__ import annotations
 
@@ -17,9 +20,10 @@ from .tables import as_number, listed_names, text_of
 from .time_units import UNITS, TimeSymbol, guessed_unit
 
 if TYPE_CHECKING:
-    from .logs import Log
+    from .logs import Log, LogOptions
 
 QUANTITIES = ("q", "qd", "qdd", "tau")
+COMMANDS = ("command", "command_rate")
 
 
 class Samples(NamedTuple):
@@ -117,18 +121,29 @@ def read_samples(path: File, joint_names: Sequence[str], *, needed: Sequence[str
 
     name = os.fspath(path)
     log = read_table(name, text_of(Path(path)), LogOptions(separator=",", decimal=".", exact=True))
-    return samples_of(name, log, joint_names, needed, timed=timed)
+    return Samples(**_arrays_of(name, log, joint_names, needed, timed=timed))
 
 
-def samples_of(
+def logged(name: str, log: Log, options: LogOptions) -> dict[str, Any]:
+    """The samples of a log in columns that are named exactly, NaN for entries left out; without torques commands."""
+    there = {x.partition(".")[0] for x in log.columns}
+    needed = ("q", "command" if "command" in there and "tau" not in there else "tau")
+    x = _arrays_of(name, log, options.joints, needed, gaps=True)
+    x["t"] = in_seconds(name, Samples(x["t"]), options.time_unit).t
+    return {kind: x[kind] for kind in ("t", "q", "tau", "qd", *COMMANDS) if kind in x}
+
+
+def _arrays_of(
     name: str, log: Log, joint_names: Any, needed: Sequence[str], *, gaps: bool = False, timed: bool = True
-) -> Samples:
-    """The samples in columns that are named exactly; with `gaps`, NaN for entries left out."""
+) -> dict[str, Array]:
+    """Arrays in columns that are named exactly, with `gaps` of a log: NaN for entries left out, and commands."""
     if isinstance(joint_names, str) or not isinstance(joint_names, Iterable):
         given = type(joint_names).__name__
         raise TypeError(f"`joint_names` must be a sequence of str, such as robot.joint_names, got {given}")
     joint_names = tuple(plain(str(joint)) for joint in joint_names)  # as robots from files have them
-    wanted = _wanted(f"{name}, row {log.heading}", [*log.columns, *log.twice], joint_names, needed, timed)
+    commands = [x for x in COMMANDS if gaps and (x in needed or all(f"{x}.{j}" in log.columns for j in joint_names))]
+    kinds = (*QUANTITIES, *commands)
+    wanted = _wanted(f"{name}, row {log.heading}", [*log.columns, *log.twice], joint_names, needed, (timed, kinds))
     if not log.rows:
         raise ValueError(f"{name}: there are no rows below the names of the columns")
     read = {x: log.decimals(name, x, gaps and x != "t") for x in wanted}
@@ -136,14 +151,19 @@ def samples_of(
     for k in np.flatnonzero(np.diff(t) <= 0).tolist():
         late = f"got {t[k + 1]:.10g} after {t[k]:.10g}"
         raise ValueError(f"{name}, row {log.rows[k + 1]}, column 't': times must ascend, {late}")
-    kinds = [x for x in QUANTITIES if joint_names and f"{x}.{joint_names[0]}" in read]
-    return Samples(t, **{x: np.column_stack([read[f"{x}.{joint}"] for joint in joint_names]) for x in kinds})
+    own = {x: [read[f"{x}.{joint}"] for joint in joint_names if f"{x}.{joint}" in read] for x in kinds}
+    return {"t": t} | {x: np.column_stack(columns) for x, columns in own.items() if columns}
 
 
 def _wanted(
-    place: str, columns: Sequence[str], joint_names: Sequence[str], needed: Sequence[str], timed: bool
+    place: str,
+    columns: Sequence[str],
+    joint_names: Sequence[str],
+    needed: Sequence[str],
+    read: tuple[bool, Sequence[str]],
 ) -> list[str]:
-    """The columns to read: t, and every quantity that is there for all joints."""
+    """The columns to read: t if there are times, and every quantity that is there for all joints (`read`)."""
+    timed, quantities = read
     if all(math.isfinite(as_number(column)) for column in columns):
         example = ",".join([*["t"] * timed, *(f"q.{joint}" for joint in joint_names)])
         above = f"above the numbers is needed, for example, {example!r}"
@@ -154,7 +174,7 @@ def _wanted(
     if timed and "t" not in columns:
         raise MissingColumn(f"{place}: there is no column 't'; there are {listed_names(columns)}{hint}")
     wanted = ["t"] * timed
-    for quantity in QUANTITIES:
+    for quantity in quantities:
         own = [f"{quantity}.{joint}" for joint in joint_names]
         missing = [column for column in own if column not in columns]
         if missing and quantity in needed:

@@ -115,11 +115,12 @@ def _stale(command: Array) -> Array:
     still = steps == 0
     if still.mean() > thresholds.CHANGING:
         return np.zeros(0, int)
+    digit = float(np.abs(steps[~still]).min())
     edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(np.int8))).reshape(-1, 2)
     found = [np.zeros(0, int)]
     for a, b in edges[(edges[:, 0] > 0) & (edges[:, 1] + 1 < len(steps))]:
         before, jump, after = steps[a - 1], steps[b], steps[b + 1]
         slope = (before + after) / 2
-        if before * after > 0 and jump / slope > thresholds.MADE_UP * (b - a + 1):
+        if before * after > 0 and jump / slope > thresholds.MADE_UP * (b - a + 1) + digit / abs(slope):
             found.append(np.arange(a + 1, b + 1))
     return np.concatenate(found)

@@ -184,9 +184,10 @@ class Record(ReadOnlyArrays):
         Parameters
         ----------
         path : path-like
-            A text file in UTF-8. Its first row names the columns: `t`, `q.<joint>`, `tau.<joint>` and, if measured,
-            `qd.<joint>`, in any order; others are ignored. Separator and decimal sign are found. Empty entries and
-            `nan`, except of times, are missing values, which the findings name.
+            A text file in UTF-8. Its first row names the columns: `t`, `q.<joint>`, `tau.<joint>` or
+            `command.<joint>`, and if there are such `qd.<joint>` and `command_rate.<joint>`, in any order; others are
+            ignored. Separator and decimal sign are found. Empty entries and `nan`, except of times, are missing values,
+            which the findings name.
         joint_names : sequence of str
             The joints in the order of the arrays, such as `robot.joint_names`.
         time_unit : {"s", "ms", "us", "ns"}
@@ -232,6 +233,7 @@ class Record(ReadOnlyArrays):
         decimal: Literal[".", ","] | None = None,
         topic: str | None = None,
         episode: int | None = None,
+        torques: bool = True,
         **options: Any,
     ) -> Self:
         """Measurements in a log as a robot writes it.
@@ -240,22 +242,26 @@ class Record(ReadOnlyArrays):
         states of ROS 1 and 2 (bags as .bag, .db3 and .mcap, and folders of them, `rostopic echo -p`,
         `ros2 topic echo --csv`), exports of bags by PlotJuggler and bagpy; .mat files of versions 5 to 7, .npz files,
         and LeRobot data sets. Names of joints in the log count before numbers, and these before guesses. What the log
-        does not say is given, or guessed, which `source` and `findings` report.
+        does not say is given, or guessed, which `source` and `findings` report. Where there are no torques, commanded
+        positions are read in their place, such as `action` beside `observation.state`, `target_q`, `goal_position`,
+        `q_cmd`, and the references of joint trajectory controllers in bags.
 
         Parameters
         ----------
         path : path-like, or mapping of path-like
-            A file or folder; or a file for each of "q" and "tau", and of "t" and "qd" if there are such.
+            A file or folder; or a file for each of "q" and "tau" or "command", and of "t", "qd" and "command_rate" if
+            there are such.
         joints : sequence of str, optional
             Joints to read, in the order of the arrays, such as `robot.joint_names`; by default those with positions and
-            torques.
+            torques, or commands.
         columns : sequence of str, or mapping, optional
             Names of all columns of a text, "" for one to ignore; or a column, its number from 0, or several of them,
-            for "t", "q", "qd" and "tau". By default their names tell, such as `q.<joint>`, `actual_q_0` or
-            `joint1_pos [deg]`; those of "target", "command" and the like are not read.
+            for "t", "q", "qd", "tau", "command" and "command_rate". By default their names tell, such as `q.<joint>`,
+            `actual_q_0` or `joint1_pos [deg]`; those of "target", "command" and the like are not read beside torques.
         units : mapping, optional
-            Units of "q" ("rad", "deg", "m", "mm"), "qd" ("rad/s", "deg/s", "rpm", "m/s", "mm/s") and "tau" ("Nm",
-            "mNm", "N", "A", "mA"), or SI units per unit of the log as a number; one for all joints or a sequence.
+            Units of "q" ("rad", "deg", "m", "mm"), "qd" ("rad/s", "deg/s", "rpm", "m/s", "mm/s"), "tau" ("Nm", "mNm",
+            "N", "A", "mA"), "command" and "command_rate", by default as "q", or SI units per unit of the log as a
+            number, such as 2 pi / 4096 for steps of an encoder; one for all joints or a sequence.
         time_unit : {"s", "ms", "us", "ns"}, optional
             Unit of the times.
         sample_rate : float, optional
@@ -263,13 +269,15 @@ class Record(ReadOnlyArrays):
         gains : float or array_like, shape (n,), optional
             Torque of each joint per ampere of its drive [N m/A], or per unit of what the log has as torque.
         offsets : float or array_like, shape (n,)
-            Joint positions where the log has zero [rad or m].
+            Joint positions where the log has zero, of positions and commands [rad or m].
         separator, decimal : str, optional
             Between the columns of a text, and of its numbers.
         topic : str, optional
-            Of the messages, where a file has several of joint states.
+            Of the messages, where a file has several of joint states, or of states of controllers.
         episode : int, optional
             Of a data set that has several.
+        torques : bool
+            False to read commands in place of torques where a log has both.
         **options
             Other options of `Record`; `name` is the file's if not given.
 
@@ -281,8 +289,9 @@ class Record(ReadOnlyArrays):
         Raises
         ------
         ValueError
-            If the file is of another kind, damaged or cut off; has no positions or torques; or a row, column, unit or
-            joint is wrong: names the file and what there is.
+            If the file is of another kind, damaged or cut off; has no positions, or no torques and no commands; a row,
+            column, unit or joint is wrong; or columns may be commands of one joint alike: names the file and what there
+            is.
         ImportError
             If rosbags or pyarrow is needed and not installed.
         OSError
@@ -303,7 +312,7 @@ class Record(ReadOnlyArrays):
         if isinstance(joints, str) or isinstance(columns, str):
             raise TypeError("`joints` and `columns` must be sequences of names, such as robot.joint_names, got str")
         times, texts = (time_unit, sample_rate), (separator, decimal)
-        reading = LogOptions(joints, columns, units or {}, *times, gains, offsets, *texts, topic, episode)
+        reading = LogOptions(joints, columns, units or {}, *times, gains, offsets, *texts, topic, episode, torques)
         return cls._read(path, reading, options)
 
     @classmethod
