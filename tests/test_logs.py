@@ -237,7 +237,10 @@ def test_units_are_read_from_names_and_given(tmp_path):
             {"q": ["deg"]},
             "`units` of q must be 'rad', 'deg', 'm', 'mm', or a number of SI units, for all or 3 joints, got ['deg']",
         ),
-        ({"torque": "Nm"}, '`units` must be a mapping of "q", "qd", "tau", "command" and "command_rate", got {\'torque\': \'Nm\'}'),
+        (
+            {"torque": "Nm"},
+            '`units` must be a mapping of "q", "qd", "tau", "command" and "command_rate", got {\'torque\': \'Nm\'}',
+        ),
         ("deg", '`units` must be a mapping of "q", "qd", "tau", "command" and "command_rate", got \'deg\''),
     ):
         with exactly(text):
@@ -315,7 +318,9 @@ def test_a_file_for_each_quantity(tmp_path):
         f"{bare['q']}: there are no times; there are 'q.0', 'q.1', 'q.2', 'tau.0', 'tau.1', 'tau.2'; give columns={{\"t\": ...}} or `sample_rate`"
     ):
         Record.from_log({"q": bare["q"], "tau": bare["tau"]})
-    with exactly('`path` must be a file, or files by "t", "q", "qd", "tau", "command" and "command_rate", got \'effort\''):
+    with exactly(
+        '`path` must be a file, or files by "t", "q", "qd", "tau", "command" and "command_rate", got \'effort\''
+    ):
         Record.from_log({"q": bare["q"], "effort": bare["tau"]})
 
 

@@ -1,5 +1,6 @@
 """Records with commanded positions: what they keep, what is said of their commands, and who needs torques."""
 
+import json
 import pickle
 import re
 
@@ -10,6 +11,11 @@ import rne
 from rne.identification import Record
 
 from .helpers import first_joints
+
+
+def exactly(text):
+    return pytest.raises(ValueError, match=f"^{re.escape(text)}$")
+
 
 RATE = 100
 T = np.arange(400) / RATE
@@ -81,3 +87,249 @@ def test_who_needs_torques_says_what_fits_a_model_without(call):
     text = "servo: the record has commands and no torques: rne.identify_motion fits a model from these"
     with pytest.raises(ValueError, match=f"^{text}$"):
         call(first_joints(2), Record(T, Q, command=COMMAND, name="servo"))
+
+
+# Screening
+
+
+def test_gaps_and_clocks_are_those_of_positions():
+    """A sample that is missing or there twice, and one time for different samples, which commands tell apart."""
+    lost = np.delete(np.arange(400), [200, 201])
+    record = Record(T[lost], Q[lost], command=COMMAND[lost])
+    assert [x.kind for x in record.findings] == ["missing samples"]
+    held = np.vstack([COMMAND[:200], COMMAND[[199, 199]], COMMAND[202:]])
+    assert np.array_equal(record.cleaned.command, held)  # a command holds until the next
+    between = Record(T[lost], Q[lost], command=COMMAND[lost], command_hold=False).cleaned.command
+    curve = np.array([4.0, 7.2]) / 8 * (3 / RATE) ** 2  # of a line over three periods from a curve of this much bend
+    assert (abs(between - COMMAND).max(axis=0) < curve).all()
+    assert (abs(held - COMMAND).max(axis=0) > curve).all()
+    twice = np.insert(np.arange(400), 100, 100)
+    assert said(COMMAND[twice], Q[twice], T[twice]) == [("", "sample twice", (101,))]
+    other = COMMAND[twice] + 0.1 * (np.arange(401) == 101)[:, None]
+    assert said(other, Q[twice], T[twice]) == [("", "one time for different samples", (101,))]
+
+
+def test_commands_that_are_missing_are_held_or_interpolated_and_said():
+    command = COMMAND.copy()
+    command[50:52, 1] = command[:3, 0] = np.nan
+    held = Record(T, Q, command=command)
+    assert [str(x) for x in held.findings] == [
+        "warning: record: joint_1: no command before sample 3 (t = 0.03 s); the record begins there",
+        "warning: record: joint_2: no finite command at 2 samples: 50 (t = 0.5 s), 51 (t = 0.51 s); the last one holds",
+    ]
+    assert len(held.cleaned.t) == 397
+    assert held.cleaned.command[47:50, 1].tolist() == [COMMAND[49, 1]] * 2 + [COMMAND[52, 1]]
+    linear = Record(T, Q, command=command, command_hold=False).cleaned.command
+    np.testing.assert_allclose(linear[46:50, 1], np.linspace(*COMMAND[[49, 52], 1], 4), rtol=1e-14)
+    command[:, 1] = np.nan
+    record = Record(T, Q, command=command)
+    assert ("joint_2", "no command") in [(x.joint, x.kind) for x in record.findings if x.severity == "error"]
+
+
+def test_positions_that_are_missing_take_no_command_with_them():
+    """The command of such a sample acts on what comes after it."""
+    q = Q.copy()
+    q[100] = np.nan
+    record = Record(T, q, command=COMMAND)
+    assert np.array_equal(record.cleaned.command, COMMAND)
+    assert abs(record.cleaned.q - Q).max() < 1e-6  # of a cubic spline over four periods: h^4 q''''/24
+
+
+@pytest.mark.parametrize(
+    ("command", "q", "text"),
+    [
+        (np.rad2deg(COMMAND), Q, "unit of the command: degrees beside positions in rad"),
+        (COMMAND, np.rad2deg(Q), "unit of the command: rad beside positions in degrees"),
+        (1e3 * COMMAND, Q, "unit of the command: mm beside positions in m"),
+        (COMMAND + 4 * np.pi, Q, "command is 2 turns from the position"),
+        (np.mod(COMMAND + np.pi, 2 * np.pi) - np.pi + 0 * Q, Q, ""),
+        (np.mod(COMMAND, 2 * np.pi), Q, "jump of the command"),
+        (0 * COMMAND + 1, Q, "constant command of 1 in all samples, while the position keeps moving"),
+    ],
+)
+def test_commands_that_are_not_those_of_the_positions_are_said(command, q, text):
+    findings = Record(T, q, command=command).findings
+    assert all(text in str(x) for x in findings if "position" not in x.kind)
+    assert bool(findings) == bool(text)
+
+
+def test_constant_commands_are_steps_where_the_position_comes_to_rest():
+    q = np.column_stack([np.exp(-5 * T), 1 - np.exp(-3 * T)])
+    assert said(np.broadcast_to([0.0, 1.0], (400, 2)), q) == []
+
+
+def test_commands_that_repeat_themselves_are_said_where_they_make_up_for_it():
+    """Steps, ramps that end and counts of an encoder repeat commands as well, and move on from there."""
+    late = COMMAND.copy()
+    late[60:63, 0] = late[59, 0]
+    assert said(late) == [("joint_1", "repeated command", (60, 61, 62))]
+    steps = np.repeat(COMMAND[::8], 8, axis=0)
+    ramps = np.clip(np.outer(T - 1, [0.5, -0.5]), -0.4, 0.6)
+    counts = np.rint(COMMAND / 0.0015) * 0.0015
+    for command in (steps, ramps, counts):
+        assert [x for x in said(command, Q + command - COMMAND) if "command" in x[1]] == []
+
+
+# Logs
+
+
+def write(path, names, *columns):
+    rows = [",".join(names), *(",".join(map(repr, row)) for row in np.column_stack(columns).tolist())]
+    path.write_text("\n".join(rows))
+    return path
+
+
+def columns(*forms, joints=("lift", "turn")):
+    return [form.format(joint) for form in forms for joint in joints]
+
+
+def read(record, joints=("lift", "turn"), tolerance=0.0, rate=False):
+    """The record has the samples above, and no finding but guesses."""
+    assert record.joint_names == tuple(joints)
+    assert record.tau is None
+    for found, given in ((record.q, Q), (record.command, COMMAND), *[(record.command_rate, 3 * Q)] * rate):
+        assert abs(found - given).max() <= tolerance
+    assert rate or record.command_rate is None
+    assert {x.kind for x in record.findings} <= {"guess"}
+
+
+@pytest.mark.parametrize(
+    ("measured", "command"),
+    [
+        ("q.{}", "command.{}"),
+        ("q.{}", "q_des.{}"),
+        ("actual_q.{}", "target_q.{}"),
+        ("{}_q", "{}_q_cmd"),
+        ("present_position.{}", "goal_position.{}"),
+        ("position.{}", "goal.{}"),
+        ("observation.state.{}.pos", "action.{}.pos"),
+        ("observation.state.{}", "action.{}"),
+        ("/arm/state/actual/{}/position", "/arm/state/desired/{}/position"),
+        ("/arm/state/feedback/{}/position", "/arm/state/reference/{}/position"),
+    ],
+)
+def test_names_of_commands_beside_positions(measured, command, tmp_path):
+    """Words for commands beside the positions; limits, errors, currents and accelerations asked for are none."""
+    others = ("q_limit.{}", "error_q.{}", "target_current.{}", "target_qdd.{}", "goal_temperature.{}")
+    names = ["t", *columns(command, measured, *others[: 5 if "." in command[:2] or "q" in command else 3])]
+    path = write(tmp_path / "log.csv", names, T, COMMAND, Q, *[0 * Q] * ((len(names) - 5) // 2))
+    read(Record.from_log(path, torques=False))
+    (path := tmp_path / "log.json").write_text(
+        json.dumps(
+            {"t": T.tolist()} | dict(zip(columns(command, measured), [*COMMAND.T.tolist(), *Q.T.tolist()], strict=True))
+        )
+    )
+    read(Record.from_log(path))
+
+
+def test_torques_come_before_commands_unless_these_are_asked_for(tmp_path):
+    names = ["t", *columns("target_q_{}", "target_qd_{}", "actual_q_{}", "actual_torque_{}", joints="01")]
+    path = write(tmp_path / "ur.csv", names, T, COMMAND, 3 * Q, Q, np.cos(Q))
+    record = Record.from_log(path)
+    assert np.array_equal(record.tau, np.cos(Q))
+    assert record.command is None
+    read(Record.from_log(path, torques=False), ("joint_1", "joint_2"), rate=True)
+    read(Record.from_log(path, torques=False, joints=("lift", "turn")), rate=True)
+    both = Record.from_log(path, columns={"command": ["target_q_0", "target_q_1"]})
+    assert np.array_equal(both.tau, record.tau)
+    assert np.array_equal(both.command, COMMAND)
+
+
+def test_logs_of_single_servos_and_of_rows_of_joints(tmp_path):
+    path = write(tmp_path / "servo.csv", ["t", "goal_position", "present_position"], T, COMMAND[:, 0], Q[:, 0])
+    record = Record.from_log(path)
+    assert np.array_equal(np.hstack([record.q, record.command]), np.column_stack([Q[:, 0], COMMAND[:, 0]]))
+    rows = [f"{t!r},{j},{a!r},{b!r}" for t, x, y in zip(T.tolist(), Q.tolist(), COMMAND.tolist(), strict=True) for j, a, b in zip(("lift", "turn"), x, y, strict=True)]  # fmt: skip
+    (path := tmp_path / "long.csv").write_text("\n".join(["t,joint,position,command", *rows]))
+    read(Record.from_log(path))
+    lines = [json.dumps({"t": t, "q": x, "q_cmd": y}) for t, x, y in zip(T.tolist(), Q.tolist(), COMMAND.tolist(), strict=True)]  # fmt: skip
+    (path := tmp_path / "log.jsonl").write_text("\n".join(lines))
+    read(Record.from_log(path), ("joint_1", "joint_2"))
+    np.savez(path := tmp_path / "log.npz", t=T, q=Q, command=COMMAND, command_rate=3 * Q)
+    read(Record.from_log(path), ("joint_1", "joint_2"), rate=True)
+    files = {"q": write(tmp_path / "q.csv", ["t", "lift", "turn"], T, Q)}
+    read(Record.from_log(files | {"command": write(tmp_path / "c.csv", ["t", "lift", "turn"], T, COMMAND)}))
+
+
+def test_own_tables_have_commands_in_place_of_torques(tmp_path):
+    path = write(tmp_path / "log.csv", ["t", *columns("q.{}", "command.{}", "command_rate.{}")], T, Q, COMMAND, 3 * Q)
+    read(Record.from_csv(path, ["lift", "turn"]), rate=True)
+    with pytest.raises(
+        ValueError, match=r"there is no column 'command\.arm', which is needed; there are 'command\.lift'"
+    ):
+        Record.from_csv(write(path, ["t", "q.arm", "command.lift"], T, Q), ["arm"])
+    names = ["t", *columns("q.{}", "tau.{}"), "command.lift"]
+    assert Record.from_csv(write(path, names, T, Q, Q, T), ["lift", "turn"]).command is None
+
+
+def test_units_of_commands_are_those_of_the_positions_unless_they_are_named_or_given(tmp_path):
+    counts = [np.rint(x * 4096 / (2 * np.pi)) + 2048 for x in (COMMAND, Q)]
+    names = ["t", *columns("goal_position_{}", "present_position_{}", joints="12")]
+    path = write(tmp_path / "ticks.csv", names, T, *counts)
+    low, high = counts[1].min(), counts[1].max()
+    text = (
+        f"{path}: 'present_position_1' to 'present_position_2' are whole numbers from {low:g} to {high:g}, degrees or "
+    )
+    with exactly(text + 'steps; give units={"q": "deg"}, or rad per step, such as 2 * pi / 4096, and `offsets`'):
+        Record.from_log(path)
+    options = {"units": {"q": 2 * np.pi / 4096}, "offsets": -np.pi}
+    half = np.pi / 4096 * (1 + 1e-9)  # of a step, to which counts are rounded
+    read(Record.from_log(path, **options), ("joint_1", "joint_2"), half)
+    named = [f"{name} [ticks]" if name != "t" else name for name in names]
+    read(Record.from_log(write(path, named, T, *counts), **options), ("joint_1", "joint_2"), half)
+    with pytest.raises(ValueError, match=r"the unit 'ticks' of column 'present_position_2 \[ticks\]' is not known"):
+        Record.from_log(path)
+    write(path, ["t", *columns("goal_{} [deg]", "pos_{} [rad]")], T, np.rad2deg(COMMAND), Q)
+    read(Record.from_log(path), tolerance=1e-15)  # of one rounding to degrees and back
+    write(path, ["t", *columns("goal_{}", "pos_{}")], T, 0.5 * COMMAND, Q)
+    read(Record.from_log(path, units={"command": 2.0}))
+    path.write_text(path.read_text().replace("pos_turn", "pos_arm"))
+    with exactly(f"{path}: there are no positions and commands of joint 'turn'; there are 'lift'"):
+        Record.from_log(path, joints=["lift", "turn"])
+
+
+def test_ambiguous_and_missing_commands_are_refused_by_name(tmp_path):
+    names = ["t", *columns("q.{}", "target_q.{}", "q_cmd.{}")]
+    path = write(tmp_path / "log.csv", names, T, Q, COMMAND, Q)
+    with exactly(f"{path}: columns 'target_q.lift' and 'q_cmd.lift' may both be commands of lift; give columns={{\"command\": ...}}"):  # fmt: skip
+        Record.from_log(path)
+    read(Record.from_log(path, columns={"command": ["target_q.lift", "target_q.turn"]}))
+    read(Record.from_log(write(path, names, T, Q, COMMAND, COMMAND)))  # the same twice
+    write(path, ["t", *columns("q.{}", "tau.{}", "q_limit.{}")], T, Q, Q, Q)
+    with exactly(f"{path}: there are no commands; there are 't', 'q.lift', 'q.turn', 'tau.lift', 'tau.turn', 'q_limit.lift', 'q_limit.turn'; if some are, give columns={{\"command\": ...}}"):  # fmt: skip
+        Record.from_log(path, torques=False)
+
+
+def data_set(folder, robot="so101_follower", joints=("lift", "turn"), scale=1.0):
+    """A LeRobot data set of these joints in degrees, times a scale."""
+    parquet = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed, which reads LeRobot data sets")
+    import pyarrow as arrow
+
+    (folder / "meta").mkdir(parents=True, exist_ok=True)
+    (folder / "data" / "chunk-000").mkdir(parents=True, exist_ok=True)
+    features = {x: {"names": [f"{joint}.pos" for joint in joints]} for x in ("action", "observation.state")}
+    (folder / "meta" / "info.json").write_text(json.dumps({"robot_type": robot, "features": features}))
+    lists = {"action": COMMAND, "observation.state": Q}
+    table = {
+        x: arrow.array((scale * np.rad2deg(y)).tolist(), arrow.list_(arrow.float64(), 2)) for x, y in lists.items()
+    }
+    table |= {"timestamp": T, "episode_index": 0 * np.arange(400)}
+    parquet.write_table(arrow.table(table), folder / "data" / "chunk-000" / "file-000.parquet")
+    return folder
+
+
+def test_lerobot_data_sets_are_in_degrees_where_they_show_it(tmp_path):
+    folder = data_set(tmp_path)
+    read(Record.from_log(folder, units={"q": "deg"}), tolerance=1e-15)
+    unknown = (
+        f'{folder}: positions of LeRobot data sets are in degrees or normalised; give units={{"q": "deg"}}, or rad per '
+        "unit of each joint and `offsets`"
+    )
+    for robot, scale in (("so101_follower", 1.0), ("koch_follower", 3.0)):  # normalised ones end at 100
+        with exactly(unknown):
+            Record.from_log(data_set(tmp_path, robot, scale=scale))
+    record = Record.from_log(data_set(tmp_path, scale=3.0))
+    assert abs(record.command - 3 * COMMAND).max() < 1e-14
+    assert "positions of so101_follower are in degrees, as some pass 100" in str(record.findings[0])
+    with pytest.raises(ValueError, match=r"'observation\.state\.gripper\.pos' is in per cent of its range"):
+        Record.from_log(data_set(tmp_path, joints=("lift", "gripper"), scale=3.0))

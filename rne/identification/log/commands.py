@@ -22,6 +22,7 @@ class Commands(NamedTuple):
     q: Array
     rate: Array | None
     hold: bool  # until the next sample; otherwise linear in between
+    filled: Array | None = None  # True where a position was missing
 
     def at(self, times: Array, grid: Array, rounding: float) -> tuple[Array, Array | None]:
         """Commands of samples at `times`, which ascend, at the times of a grid: (q, rate)."""
@@ -60,12 +61,13 @@ def known_commands(found: Screened, given: Commands) -> tuple[Commands, Array]:
         filled.append(np.stack(columns, axis=1) if columns else None)
     q, rate = filled
     assert q is not None  # there are positions
-    return Commands(q, rate, given.hold), started
+    return Commands(q, rate, given.hold, ~np.isfinite(given.q)), started
 
 
-def check_commands(found: Screened, commands: Array, q: Array) -> None:
+def check_commands(found: Screened, commands: Commands, q: Array) -> None:
     """Name commands that are constant, in another unit than the positions, a turn away, or stale."""
-    for j, (command, position) in enumerate(zip(commands.T, q.T, strict=True)):
+    assert commands.filled is not None
+    for j, (command, position) in enumerate(zip(commands.q[found.rows].T, q.T, strict=True)):
         if np.ptp(command) == 0:  # of a step, after which the position comes to rest, or of another motion
             if np.ptp(position[len(position) // 2 :]) > thresholds.KEEPS_MOVING * np.ptp(position):
                 text = f"of {command[0]:.6g} in all samples, while the position keeps moving"
@@ -76,15 +78,16 @@ def check_commands(found: Screened, commands: Array, q: Array) -> None:
             cure = "give both in one unit, or no number of the controller is right"
             found.warning(j, "unit of the command:", told, cure)
             continue
-        turns = int(np.rint(np.median(command - position) / TURN))
-        if turns and abs(np.median(command - position) - turns * TURN) < thresholds.NEAR_TURN:
+        wraps, ahead = _wraps(command, position), float(np.median(command - position))
+        turns = int(np.rint(ahead / TURN))
+        if turns and abs(ahead - turns * TURN) < thresholds.NEAR_TURN and not len(wraps):
             cure = f"take {TURN * turns:.4g} rad off the command"
             found.warning(j, "command", f"is {counted(abs(turns), 'turn')} from the position", cure)
-        wraps = _wraps(command, position)
         if len(wraps):
             text = f"{found.after(wraps)}, by a turn that the position does not make"
             found.warning(j, "jump of the command", text, "unwrap it by numpy.unwrap(command, axis=0)", wraps)
         stale = _stale(command)
+        stale = stale[~commands.filled[found.rows[stale], j]]
         if len(stale):
             cure = "taken as sent; if the log lost commands, the motion after them is not theirs"
             found.warning(j, "repeated command", found.at(stale), cure, stale)

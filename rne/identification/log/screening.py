@@ -364,7 +364,7 @@ def _screen_values(
     if velocities is not None and not found.has_errors:
         found.believed = _check_velocities(found, times, q, velocities)
     if commands is not None and not found.has_errors:
-        check_commands(found, commands.q[found.rows], q)
+        check_commands(found, commands, q)
     if not found.has_errors:
         _put_on_grid(found, times, (measured, parts), usable, ~long_runs, cuts, bridge)
         if commands is not None:
