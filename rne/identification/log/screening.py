@@ -304,8 +304,8 @@ def screen(
         columns["velocity"] = qd
     parts = {kind: slice(k * n, (k + 1) * n) for k, kind in enumerate(columns)}
     values = np.asfortranarray(np.hstack(list(columns.values())))
-    told = [] if commands is None or tau is not None else [commands.q]  # what tells samples of one time apart
-    kept = check_order(found, t, np.hstack([values, *told]), stamps) & _numbers(found, columns)
+    tells = values if commands is None or tau is not None else np.hstack([values, commands.q])  # samples apart
+    kept = check_order(found, t, tells, stamps) & _numbers(found, columns)
     if commands is not None:
         commands, started = known_commands(found, commands)
         kept &= started | (tau is not None)
