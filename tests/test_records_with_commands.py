@@ -183,12 +183,13 @@ def columns(*forms, joints=("lift", "turn")):
     return [form.format(joint) for form in forms for joint in joints]
 
 
-def read(record, joints=("lift", "turn"), tolerance=0.0, rate=False):
-    """The record has the samples above, and no finding but guesses."""
+def read(record, joints=("lift", "turn"), tolerance=0.0, rate=False, count=400):
+    """The record has the first samples above, and no finding but guesses."""
     assert record.joint_names == tuple(joints)
     assert record.tau is None
+    assert abs(record.t - T[:count]).max() <= 1e-15 * T[-1]  # of one rounding
     for found, given in ((record.q, Q), (record.command, COMMAND), *[(record.command_rate, 3 * Q)] * rate):
-        assert abs(found - given).max() <= tolerance
+        assert abs(found - given[:count]).max() <= tolerance
     assert rate or record.command_rate is None
     assert {x.kind for x in record.findings} <= {"guess"}
 
@@ -333,3 +334,81 @@ def test_lerobot_data_sets_are_in_degrees_where_they_show_it(tmp_path):
     assert "positions of so101_follower are in degrees, as some pass 100" in str(record.findings[0])
     with pytest.raises(ValueError, match=r"'observation\.state\.gripper\.pos' is in per cent of its range"):
         Record.from_log(data_set(tmp_path, joints=("lift", "gripper"), scale=3.0))
+
+
+POINT = "trajectory_msgs/JointTrajectoryPoint"
+MESSAGES = f"""float64[] positions
+float64[] velocities
+float64[] accelerations
+float64[] effort
+builtin_interfaces/Duration time_from_start
+{"=" * 80}
+MSG: builtin_interfaces/Duration
+int32 sec
+uint32 nanosec
+"""
+FIELDS = {  # of the state of a controller, as control_msgs had them in ROS 1, and has them from Humble and Jazzy on
+    "bag": f"{POINT} desired\n{POINT} actual\n{POINT} error\n",
+    "db3": "".join(f"{POINT} {x}\n" for x in ("reference", "feedback", "error", "output", "desired", "actual"))
+    + "string[] multi_dof_joint_names\n",
+    "mcap": "".join(f"{POINT} {x}\n" for x in ("reference", "feedback", "error", "output"))
+    + "float64 speed_scaling_factor\n",
+}
+
+
+def controller_bag(path, suffix, beside=None):
+    """A bag of states of a controller in the layout of FIELDS, and joint states without efforts as the function says."""
+    pytest.importorskip("rosbags", reason="rosbags is not installed, which reads bags of ROS")
+    from rosbags import rosbag1, rosbag2, typesys
+
+    is_old, kind = suffix == "bag", "control_msgs/msg/JointTrajectoryControllerState"
+    store = typesys.get_typestore(typesys.Stores.ROS1_NOETIC if is_old else typesys.Stores.ROS2_HUMBLE)
+    text = f"std_msgs/Header header\nstring[] joint_names\n{FIELDS[suffix]}{'=' * 80}\nMSG: {POINT}\n{MESSAGES}"
+    own = typesys.get_types_from_msg(text, kind)
+    store.register({name: x for name, x in own.items() if name not in store.types})
+    State, Point, Joints, Header, Time, Duration = (
+        store.types[x]
+        for x in (kind, POINT.replace("/", "/msg/"), "sensor_msgs/msg/JointState", "std_msgs/msg/Header", "builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
+    )  # fmt: skip
+    if is_old:
+        writer = rosbag1.Writer(path)
+    else:
+        plugin = rosbag2.StoragePlugin.MCAP if suffix == "mcap" else rosbag2.StoragePlugin.SQLITE3
+        writer = rosbag2.Writer(path, version=9, storage_plugin=plugin)
+    pack, none = store.serialize_ros1 if is_old else store.serialize_cdr, np.zeros(0)
+
+    def point(positions, velocities):
+        return Point(positions, velocities, none, none, Duration(0, 0))
+
+    with writer:
+        topic = writer.add_connection("/arm/controller_state", kind, typestore=store)
+        states = writer.add_connection("/joint_states", Joints.__msgtype__, typestore=store) if beside else None
+        for k, t in enumerate(np.rint(T[:120] * 1e9).astype(int).tolist()):
+            stamp = Header(**({"seq": k} if is_old else {}), stamp=Time(5 + t // 10**9, t % 10**9), frame_id="base")
+            first, more = [point(COMMAND[k], 3 * Q[k]), point(Q[k], none)], FIELDS[suffix].count(POINT) - 2
+            last = {"bag": [], "db3": [["rail"]], "mcap": [1.0]}[suffix]
+            message = State(stamp, ["lift_effort", "turn"], *first, *[point(9 + 0 * Q[k], none)] * more, *last)
+            writer.write(topic, 10**10 + t, pack(message, kind))
+            if states:
+                message = Joints(stamp, ["lift_effort", "turn"], Q[k], none, beside(k))
+                writer.write(states, 10**10 + t, pack(message, Joints.__msgtype__))
+    return path
+
+
+@pytest.mark.parametrize("suffix", list(FIELDS))
+def test_states_of_controllers_in_bags(suffix, tmp_path):
+    """References beside what was measured, in three layouts; whatever words are in joints' names."""
+    joints, none = ("lift_effort", "turn"), np.zeros(0)
+    path = controller_bag(tmp_path / f"alone.{suffix}", suffix)
+    read(Record.from_log(path), joints, rate=True, count=120)
+    record = Record.from_log(controller_bag(tmp_path / f"silent.{suffix}", suffix, lambda k: none))
+    read(record, joints, rate=True, count=120)
+    assert record.source.startswith(
+        "topic /arm/controller_state, times from the first message on, at 5.000 s; t: 't'; "
+    )
+    if suffix == "mcap":
+        path = controller_bag(tmp_path / f"loud.{suffix}", suffix, lambda k: np.cos(Q[k]))
+        assert np.array_equal(Record.from_log(path).tau, np.cos(Q[:120]))
+        read(Record.from_log(path, torques=False), joints, rate=True, count=120)
+        with pytest.raises(ValueError, match=r"there is no topic /joint_states of control_msgs/msg/JointTrajectory"):
+            Record.from_log(path, torques=False, topic="/joint_states")
