@@ -21,7 +21,7 @@ from .model import Model
 from .robot import Robot, wrench
 
 if TYPE_CHECKING:
-    from . import bounds, control, elementwise, environments, identification, kernels, plotting, trajectories
+    from . import bounds, control, elementwise, environments, export, identification, kernels, plotting, trajectories
     from .control.gains import Gains, check_gains
     from .control.laws import traceable
     from .identification import (
@@ -62,6 +62,7 @@ else:
             "control.laws": "traceable",
             "elementwise": "",
             "environments": "",
+            "export": "",
             "identification": "Consistency Excitation Identification "
             "excitation identify identify_drive_gains identify_payload",
             "kernels": "",
@@ -152,6 +153,7 @@ __all__ = [
     "ensemble",
     "environments",
     "excitation",
+    "export",
     "identification",
     "identify",
     "identify_drive_gains",

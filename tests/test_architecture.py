@@ -41,6 +41,7 @@ FLOORS = [
     ["loads", "environments"],
     ["plotting", "trajectories"],
     ["identification"],
+    ["export"],
     ["commands"],
     ["__init__", "__main__"],
 ]

@@ -20,6 +20,7 @@ MODULES = (
     "environments",
     "plotting",
     "identification",
+    "export",
 )
 # What one part of the package offers to another: neither documented in the reference nor kept stable.
 INTERNAL = {

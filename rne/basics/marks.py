@@ -10,13 +10,13 @@ from contextlib import suppress
 from pathlib import Path
 
 HTML = '<meta name="generator" content="rne">'
-COMMENT = "written by rne"  # of a GIF
+COMMENT = "written by rne"  # of a GIF, of source text
 URDF = f"<!-- {COMMENT} -->\n"
 PICTURE = {"Software": "rne"}  # of a PNG
 TABLE = '"t"'
 TEXTS = "texts"  # entry of an archive: what is not an array, as JSON
 PATTERNS = {".csv": rf'\A{TABLE}(?!,")', ".png": "Software\0rne", ".gif": COMMENT, ".urdf": URDF.strip()}
-PATTERNS |= dict.fromkeys((".html", ".htm"), HTML)
+PATTERNS |= dict.fromkeys((".html", ".htm"), HTML) | dict.fromkeys((".hpp", ".cpp", ".txt", ".md", ".xml"), COMMENT)
 
 
 def is_marked(file: Path) -> bool:

@@ -14,6 +14,7 @@ COMMANDS = (
     moving.add_cycle,
     identifying.add_identify,
     printing.add_source,
+    printing.add_export,
     printing.add_urdf,
     printing.add_report,
     printing.add_cache,

@@ -205,6 +205,39 @@ def run_source(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def add_export(commands: Any) -> None:
+    """Register `rne export`."""
+    title, example = "write a robot as a CMake package in C++17", "rne export ur10 ur10_dynamics --payload-at tool0"
+    parser = shared.add_parser(commands, "export", title, example, run_export)
+    parser.add_argument("robot", metavar="ROBOT", help=ROBOT)
+    parser.add_argument("folder", metavar="FOLDER", type=Path, help="folder of the package, made if it does not exist")
+    parser.add_argument("--namespace", metavar="NAME", help="name of package and namespace (default: the robot's)")
+    payload = "link on which a payload is an argument of the functions"
+    parser.add_argument("--payload-at", metavar="LINK", dest="payload", help=payload)
+    numbers = "further arguments, such as gravity or armature"
+    parser.add_argument("--numbers", metavar="NAME", nargs="+", default=[], help=numbers)
+    parser.add_argument(
+        "--quantities", metavar="QUANTITY", nargs="+", help="functions (default: those of a controller)"
+    )
+    parser.add_argument("--dtype", default="float64", choices=TYPES, help="type of all numbers (default: float64)")
+    shared.add_force(parser)
+
+
+def run_export(arguments: argparse.Namespace) -> int:
+    """Write the package."""
+    from ..export.cpp_package import package, write
+
+    names = "namespace", "payload", "numbers", "quantities", "dtype"
+    try:
+        texts = package(rne.load(arguments.robot), **{name: getattr(arguments, name) for name in names})
+    except (ValueError, TypeError) as error:
+        raise CommandError(in_one_line(error)) from error
+    shared.check_folder(arguments.folder, arguments, "FOLDER", [*texts])
+    write({arguments.folder / path: text for path, text in texts.items()})
+    say(f"{arguments.folder}: {', '.join(texts)}")
+    return 0
+
+
 def add_out(parser: argparse.ArgumentParser, default: Any) -> None:
     """The option for the folder of a page."""
     text = "folder of the page, made if it does not exist (default: rne-report)"

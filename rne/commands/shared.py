@@ -183,17 +183,17 @@ def add_force(parser: argparse.ArgumentParser, default: Any = argparse.SUPPRESS)
     parser.add_argument("--force", action="store_true", default=default, help=text)
 
 
-def check_folder(folder: Path, arguments: argparse.Namespace, option: str = "--out") -> None:
-    """Make the folder, try to write into it, and refuse to replace pages and pictures that rne did not write."""
+def check_folder(folder: Path, arguments: argparse.Namespace, option: str = "--out", names: Sequence[str] = ()) -> None:
+    """Make the folder, try to write into it, and refuse to replace pages, pictures and `names` of others."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=folder).close()
-        there = [file for file in sorted(folder.iterdir()) if file.suffix.lower() in PAGE]
+        there = [file for file in sorted(folder.iterdir()) if file.suffix.lower() in PAGE and not names]
     except FileExistsError:
         raise CommandError(f"{option}: cannot write into {str(folder)!r}: Not a directory") from None
     except OSError as error:
         raise CommandError(f"{option}: cannot write into {str(folder)!r}: {error.strerror}") from None
-    for file in there:
+    for file in (*there, *(folder / name for name in names)):
         _check_replaced(file, arguments, option, "folder")
 
 

@@ -291,12 +291,11 @@ const @ *{p.name}_piece(@ t)
 
 
 def _cpp(p: Printable, lines: list[str], outputs: list[str]) -> list[str]:
-    return cpp_header([p], [cpp_function(p, lines, outputs)], p.heading)
+    return cpp_header(p.namespace, [cpp_function(p, lines, outputs)], p.heading)
 
 
-def cpp_header(printed: Sequence[Printable], functions: Sequence[Sequence[str]], top: Sequence[str]) -> list[str]:
-    """A header of C++17 with functions in their namespace."""
-    name = printed[0].namespace
+def cpp_header(name: str, functions: Sequence[Sequence[str]], top: Sequence[str]) -> list[str]:
+    """A header of C++17 with functions in a namespace."""
     head = [*(f"// {line}" for line in top), *CPP_HEAD, "", f"namespace {name} {{", ""]
     return [*head, *[line for function in functions for line in (*function, "")], f"}} // namespace {name}"]
 
@@ -365,7 +364,14 @@ C = {"sign": ["static @ sign(@ x) { return x > 0 ? 1 : x < 0 ? -1 : x; }"]}
 RUST = {"sign": ["fn sign(x: @) -> @ { if x > 0.0 { 1.0 } else if x < 0.0 { -1.0 } else { x } }"]}
 MATLAB = {"root": ["function y = root(x)", "  y = where(x < 0, NaN, sqrt(abs(x)));", "end"]}
 CPP = {"sign": "[](@ x) noexcept { return x > 0 ? @(1) : x < 0 ? @(-1) : x; }"}
-CPP_HEAD = ["#pragma once", "#include <array>", "#include <cmath>", "#include <limits>", "#include <optional>"]
+CPP_HEAD = [
+    "#pragma once",
+    "#include <array>",
+    "#include <cmath>",
+    "#include <cstddef>",
+    "#include <limits>",
+    "#include <optional>",
+]
 for _k, _sign in {"minimum": "<=", "maximum": ">="}.items():
     CPP[_k] = f"[](@ a, @ b) noexcept {{ return a {_sign} b || a != a ? a : b; }}"
     PYTHON[_k] = [f"def {_k}(a, b):", f"    return a if a {_sign} b or a != a else b"]

@@ -60,6 +60,7 @@ def unit(
     static: bool = False,
     notes: Sequence[str] = (),
     members: Mapping[str, Sequence[str]] | None = None,
+    inside: Sequence[str] = (),
 ) -> Unit:
     """Kernels of one robot as functions of one text.
 
@@ -78,6 +79,8 @@ def unit(
         Further lines of plain ASCII for the comment at the top.
     members : mapping of str to sequence of str, optional
         Arguments that are structures in C++: type, then what its entries are called.
+    inside : sequence of str
+        Lines in C++ before the functions, with @ for the type of numbers.
 
     Returns
     -------
@@ -116,7 +119,7 @@ def unit(
     finished = parts[0].finished
     if not is_c:
         texts = [[*lines, *cpp_function(*part[:3])] for lines, part in zip(comments, parts, strict=True)]
-        return Unit(functions, finished([*cpp_header(found, texts, top), ""]), "")
+        return Unit(functions, finished([*cpp_header(name, [inside, *texts] if inside else texts, top), ""]), "")
     above = comments if static else [[] for _ in comments]  # what the header has
     texts = [["", *lines, *_c_definition(*part[:3], prefix)] for lines, part in zip(above, parts, strict=True)]
     included = ["#include <math.h>"] if static else [f'#include "{name}.h"', "", "#include <math.h>"]

@@ -129,12 +129,19 @@ class NamedNumbers:
         core = partial(self._core, quantity)
         declared = Quantity(name=quantity, core=core, widths={**arguments, **numbers}, **how)
         made = Kernel(MethodQuantity(self, declared, quantity.replace("_", " ")), self.named.resolved.robot.model, {})
-        law = self._law if quantity == "controller" else dynamics.law if quantity == "rates" else None
+        law = self.law if quantity == "controller" else dynamics.law if quantity == "rates" else None
         return made if law is None else with_table(made, law.table)
 
     @cached_property
-    def _law(self) -> Any:
+    def law(self) -> Any:
+        """The law of the scene, None if it has none that can be traced."""
         return self.named._traced_law()
+
+    @property
+    def payload_link(self) -> str:
+        """The link in whose frame a payload is given."""
+        model, link = self.scene.resolved.robot.model, self._payload.link
+        return end_link(model) if link is None else link
 
     @staticmethod
     def _declared(quantity: str) -> Quantity:
@@ -149,10 +156,10 @@ class NamedNumbers:
             found = self.equations.right_hand_side.quantity.widths
             return {name: width for name, width in found.items() if name != "numbers"}
         if quantity == "controller":
-            if self._law is None:
+            if self.law is None:
                 raise ValueError("'controller' needs a scene with a law that can be traced")
-            states = {"z": self._law.states} if self._law.states else {}
-            return {"t": 1, "q": None, "qd": None, **states, **self._law.piece_width}
+            states = {"z": self.law.states} if self.law.states else {}
+            return {"t": 1, "q": None, "qd": None, **states, **self.law.piece_width}
         if quantity == "friction_torque":
             if parts.friction is None or "load" in parts.friction.losses:
                 raise ValueError("'friction_torque' needs a scene with friction that depends on velocities alone")
@@ -179,7 +186,7 @@ class NamedNumbers:
         other = {name: x.reshape(shapes[name]) for name, x in own.items() if name not in BODIES}
         if quantity == "controller":
             t, piece = given.pop("t"), given.pop("piece", None)
-            law = self._law.at(part_of(other, "controller."))
+            law = self.law.at(part_of(other, "controller."))
             return law._row(law.on_piece(piece)(t, np.concatenate([*given.values()], axis=-1)))
         few = quantity == "rates" or self._declared(quantity).base_parameters
         bodies = self._bodies(model, own, few=few)
@@ -236,8 +243,7 @@ class NamedNumbers:
 
     def _on_body(self, model: Model, given: Array) -> Array:
         """What a payload, (1, 10), adds to the inertial parameters of the bodies, (1, 10 nb)."""
-        link = self._payload.link
-        index = model.link_index(end_link(model) if link is None else link)
+        index = model.link_index(self.payload_link)
         R, p, body = model.link_rotation[index], model.link_translation[index], model.link_body[index]
         pi = parameters_of_bodies(given[..., 0], given[..., 1:4], given[..., 4:].take(ENTRIES, -1))
         m, h, I = pi[..., 0], pi[..., 1:4], pi[..., 4:].take(ENTRIES, -1)
