@@ -50,7 +50,20 @@ def columns(data, quantity, robot):
     return np.column_stack([data[f"{quantity}.{joint}"] for joint in robot.joint_names])
 
 
-NAMES = ("check", "compare", "view", "simulate", "torques", "cycle", "identify", "source", "export", "urdf", "report", "cache")
+NAMES = (
+    "check",
+    "compare",
+    "view",
+    "simulate",
+    "torques",
+    "cycle",
+    "identify",
+    "source",
+    "export",
+    "urdf",
+    "report",
+    "cache",
+)
 
 
 def test_help_lists_every_command_in_a_line(capsys):
