@@ -7,7 +7,7 @@ these are wrong. Each of `STEPS` looks at a fit for one kind of error, and retur
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -36,7 +36,14 @@ from .diagnosis.hypotheses import (
 )
 from .diagnosis.residuals import FitResiduals
 from .fit.equations import Motion, RegressionData, along, build_regression
-from .fit.least_squares import Estimator, LeastSquares, fit_base_parameters, held_out, least_squares
+from .fit.least_squares import (
+    Estimator,
+    LeastSquares,
+    fit_base_parameters,
+    fits_without_block,
+    least_squares,
+    unexplained,
+)
 from .log.record import Record
 
 if TYPE_CHECKING:
@@ -179,7 +186,8 @@ def lower_cutoffs(fit: Fit) -> RegressionData:
     x = base.back @ fit.estimate.values
     if first.fitted.shares(x).max(initial=0) < thresholds.LITTLE:
         return first
-    data, failed, errors = first, 0, [errors_held_out(base, first, first)]
+    estimates = blocks_left_out(base, first)
+    data, failed, errors = first, 0, [shares_held_out(estimates, first)]
     for k in range(1, thresholds.CUTOFF_HALVINGS + 1):
         model = replace(fit.model, cutoffs=tuple(record.cutoff / 2**k for record in first.prepared))
         try:
@@ -188,11 +196,12 @@ def lower_cutoffs(fit: Fit) -> RegressionData:
             break
         if lower.used.sum() < thresholds.FEWEST_ROWS * base.count:
             break
-        own, other = (errors_held_out(base, part, lower) for part in (lower, data))
+        lower_estimates = blocks_left_out(base, lower)
+        own, other = (shares_held_out(x, lower) for x in (lower_estimates, estimates))
         ratio, fallen = (float(np.sqrt(np.nansum(own**2) / np.nansum(e**2))) for e in (other, errors[-1]))
         is_poor, least = np.nanmedian(errors[-1]) > thresholds.EXPLAINED, 1 - thresholds.LOWER
         if (ratio < least and fallen < 1) or (is_poor and fallen < least and ratio < 1 / least):
-            data, failed = lower, 0
+            data, estimates, failed = lower, lower_estimates, 0
             errors.append(own)
         elif is_poor and failed < thresholds.FAILED:
             failed += 1
@@ -201,13 +210,15 @@ def lower_cutoffs(fit: Fit) -> RegressionData:
     return data if data is first else with_reasons(first, data, errors[0], errors[-1])
 
 
-def errors_held_out(base: BaseParameters, data: RegressionData, others: RegressionData) -> Array:
-    """Parts of torques of others that fits to blocks of data leave, with the weights of all blocks, shape (n,).
-
-    The weights of each take ten times as long.
-    """
+def blocks_left_out(base: BaseParameters, data: RegressionData) -> list[Array]:
+    """Standard parameters fitted to all blocks but one, for each; with the weights of all, a tenth of the time."""
     noise = least_squares(data.fitted.mapped(base.back)).sigma
-    return held_out(Estimator(base, None, 1.0, noise=noise), data.fitted, others.fitted).everywhere
+    return fits_without_block(Estimator(base, None, 1.0, noise=noise), data.fitted)
+
+
+def shares_held_out(estimates: Sequence[Array], others: RegressionData) -> Array:
+    """Parts of the torques of each block of others that parameters fitted without it leave, shape (n,)."""
+    return unexplained(estimates, others.fitted, others.fitted).everywhere
 
 
 def with_reasons(first: RegressionData, data: RegressionData, before: Array, after: Array) -> RegressionData:

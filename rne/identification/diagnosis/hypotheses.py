@@ -850,7 +850,9 @@ def couplings(rest: FitResiduals, j: int, gain: Callable[[Array, Array], float])
     from scipy.optimize import minimize_scalar
 
     motors, unit, (name, other) = rest.standard.motors != 0, np.eye(rest.robot.n), (rest.names[j], rest.names[j - 1])
-    if (motors[:, j] & motors[:, j - 1]).any():  # known
+    left = rest.beyond_friction
+    others = np.delete(np.sqrt(left.squares / left.torques), [j, j - 1])
+    if (motors[:, j] & motors[:, j - 1]).any() or (others > thresholds.UNEXPLAINED).any():  # known, or far from all
         return
     step = np.outer(unit[j], unit[j - 1])
 

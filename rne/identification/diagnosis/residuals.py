@@ -267,16 +267,17 @@ class FitResiduals(Discrepancy):
             own = self.Y[..., self.base.independent]
             return own if self.known is None else np.concatenate([own, self.known], axis=-1)
 
-        def columns(q: Array, qd: Array, qdd: Array) -> Array:
+        def columns(q: Array, qd: Array, qdd: Array) -> tuple[Array, ...]:
             Y = self.robot.regressor(q, qd, qdd)
-            drives = self.standard.drive_columns(qd, qdd, self.standard.load(Y, q, qdd, self.x))
-            return np.concatenate([Y, drives, self.standard.spring_columns(q)], axis=-1)[..., self.base.independent]
+            load = self.standard.load(Y, q, qdd, self.x)
+            return Y, self.standard.drive_columns(qd, qdd, load), self.standard.spring_columns(q)
 
         rows = self.used.any(1)
         key, X = (J.tobytes(), rows.tobytes()), np.zeros((*self.tau.shape, self.base.count))
         try:
             if key not in self.turned:
-                self.turned[key] = self.near_rows(lambda *motion: columns(*(x @ J.T for x in motion)))[rows]
+                whole = self.near_rows(lambda *motion: columns(*(x @ J.T for x in motion)))
+                self.turned[key] = whole[rows][..., self.base.independent]
         except NotFiniteError:  # where joints that follow others have no position
             return X
         X[rows] = self.turned[key]
@@ -313,13 +314,21 @@ class FitResiduals(Discrepancy):
         """A function of the motion, evaluated at all samples, filtered, at the rows."""
         return np.concatenate([record.reduce(torques(record.q, record.qd, record.qdd)) for record in self.records])
 
-    def near_rows(self, torques: Torques) -> Array:
-        """The same from some samples about the rows that are used, zero at others: a hundredth of a step is missing."""
+    def near_rows(self, torques: Callable[[Array, Array, Array], Array | tuple[Array, ...]]) -> Array:
+        """The same from some samples about the rows that are used, zero at others: a hundredth of a step is missing.
+
+        Several columns, shape (T, n, k) each, are joined.
+        """
         found: list[Array] = []
         for record, (rows, samples, weights) in zip(self.records, self.filters, strict=True):
             values = torques(*(x[samples] for x in (record.q, record.qd, record.qdd)))
-            found.append(np.zeros((len(record.times), *values.shape[1:])))
-            found[-1][rows] = (weights @ values.reshape(len(samples), -1)).reshape(-1, *values.shape[1:])
+            parts = []
+            for x in values if isinstance(values, tuple) else (values,):
+                flat, part = x.reshape(len(samples), -1), np.zeros((len(record.times), *x.shape[1:]))
+                felt = np.flatnonzero(flat.any(axis=0))  # most bodies are not felt by a joint
+                part.reshape(len(part), -1)[rows[:, None], felt] = weights @ flat[:, felt]
+                parts.append(part)
+            found.append(np.concatenate(parts, axis=-1) if isinstance(values, tuple) else parts[0])
         return np.concatenate(found)
 
     @cached_property

@@ -6,6 +6,7 @@ These depend on the fit, and the fit on the noise: it is repeated until neither 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -235,11 +236,21 @@ class Unexplained(NamedTuple):
 
 def held_out(estimator: Estimator, fitted: Equations, measured: Equations) -> Unexplained:
     """The unexplained part of all measured torques, of those in motion, which are fitted, and of those at rest."""
-    squares, of_base = np.zeros((2, fitted.joints)), fitted.mapped(estimator.base.back)
-    for k in range(len(fitted.factors)):
-        others = np.arange(len(fitted.factors)) != k
-        _, x = estimator.fit(fitted.of_blocks(others), of_base.of_blocks(others))
-        squares += [equations.of_blocks(~others).residuals(x) for equations in (measured, fitted)]
+    return unexplained(fits_without_block(estimator, fitted), fitted, measured)
+
+
+def fits_without_block(estimator: Estimator, fitted: Equations) -> list[Array]:
+    """Standard parameters fitted to all blocks but one, for each of these."""
+    of_base, blocks = fitted.mapped(estimator.base.back), np.arange(len(fitted.factors))
+    others = [blocks != k for k in blocks]
+    return [estimator.fit(fitted.of_blocks(x), of_base.of_blocks(x))[1] for x in others]
+
+
+def unexplained(estimates: Sequence[Array], fitted: Equations, measured: Equations) -> Unexplained:
+    """The unexplained part of torques of blocks, by parameters that were fitted without each."""
+    squares = np.zeros((2, fitted.joints))
+    for k, x in enumerate(estimates):
+        squares += [equations.of_blocks(np.array([k])).residuals(x) for equations in (measured, fitted)]
     torques, rows = (np.array([f(measured), f(fitted)]) for f in (Equations.torques, lambda e: e.rows.sum(0)))
     squares, torques, rows = (np.concatenate([x, [x[0] - x[1]]]) for x in (squares, torques, rows))
     shares = np.sqrt(np.maximum(squares, 0) / np.maximum(torques, thresholds.TINY))
