@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -43,6 +44,7 @@ from .scene_numbers import BODIES
 from .simulator import METHODS, check_times, one_state, scene_argument, tolerances
 
 AT_ONCE = 2**21  # bytes of derivatives of dx/dt at once, which stay in a processor's cache
+SHIFT = "command.delay"  # in seconds, of pieces of a reference
 TOLD = 999  # parts of a motion after each of which `progress` is told
 Made = Mapping[str, list[tuple[slice, Any]]]  # by name: seeds, and matrices (k, some), or None, to be added
 
@@ -71,10 +73,17 @@ class Columns:
     """The directions in which a motion is differentiated: p, how names are `made` of them, and those of its parts.
 
     `numbers` and `of_law` have a direction, or -1, for each entry of the numbers of the equations and of a sampled law,
-    `limits`, (2, n), for bounds of commands; `samples` is the first of those that a law follows.
+    `limits`, (2, n), for bounds of commands; `samples` is the first of those that a law follows. Further `directions`
+    by name are derivatives of the pieces that it follows, (N, width, k), SHIFT those of pieces that come later.
     """
 
-    def __init__(self, frozen: FrozenScene, wrt: Sequence[str], starts: Sequence[Array]) -> None:
+    def __init__(
+        self,
+        frozen: FrozenScene,
+        wrt: Sequence[str],
+        starts: Sequence[Array],
+        directions: Mapping[str, Array] = MappingProxyType({}),
+    ) -> None:
         dynamics, law, known = frozen.dynamics, frozen.law, frozen.scene.numbers
         self.p, self.made = 0, {name: list[tuple[slice, Any]]() for name in wrt}
         sizes = {name: known[name].size for name in wrt if name not in STARTS}
@@ -92,6 +101,14 @@ class Columns:
             self.delay = int(self._add("delay", 1)[0])
         for name in filter(frozen.samples_of, wrt):
             self.samples = int(self._add(name, sizes[name])[0])
+        self.made |= {name: [] for name in directions}
+        places |= {name: self._add(name, array.shape[2]) for name, array in directions.items()}
+        self.delay = int(places[SHIFT][0]) if SHIFT in directions else self.delay
+        rows = next((array.shape[:2] for array in directions.values()), (0, 0))
+        self.of_pieces = np.zeros((*rows, max(self.p, 1)))
+        for name, array in directions.items():
+            self.of_pieces[..., places.pop(name)] = array
+        sizes |= {name: array.shape[2] for name, array in directions.items()}
         for name, parts in self.made.items():
             parts += [] if parts else [(slice(0), np.zeros((sizes[name], 0)))]  # nothing depends on it
         *by_starts, by_numbers = frozen.start_slopes(dynamics.vector, *(x[None] for x in starts))
@@ -132,6 +149,8 @@ class SensitivityTask(NamedTuple):
     ends: Array  # of steps, or of parts in between of which laws jump
     times: Array  # to report
     progress: Callable[[float, float], object] | None
+    group: SideBySide | None = None  # of other numbers and pieces than the scene's
+    reports_torques: bool = True
 
 
 class Forwards:
@@ -143,7 +162,7 @@ class Forwards:
 
     def __init__(self, task: SensitivityTask, *, by_machine: bool) -> None:
         self.task, self.frozen, self.columns, self.dynamics = task, task.frozen, task.columns, task.frozen.dynamics
-        self.group = group = SideBySide(self.frozen, {}, 1, by_machine=by_machine)
+        self.group = group = task.group or SideBySide(self.frozen, {}, 1, by_machine=by_machine)
         self.x, self.command = task.x0.copy(), group.rates.inputs[2][: group.n]
         self.command[:] = task.torque if task.torque.size else 0.0
         self.t, self.reached, self.next, self.limited = aligned(task.times, [task.ends]), 0.0, 0.0, False
@@ -176,7 +195,8 @@ class Forwards:
     def linear(self, function: Any, t: Array, x: Array, u: Array, *, of_law: bool = False) -> Linear:
         """Derivatives of a function of the equations or of the law."""
         tables = self.group.law_tables if of_law else self.group.tables
-        columns, by_pieces = self.columns.of_law if of_law else self.columns.numbers, self.columns.samples >= 0
+        columns, of_pieces = self.columns.of_law if of_law else self.columns.numbers, self.columns.of_pieces
+        by_pieces = self.columns.samples >= 0 or of_pieces.size > 0
         columns, by_pieces = columns if (columns >= 0).any() else columns[:0], by_pieces and len(tables) > 0
         wrt = {"u": self.frozen.law is not None and not of_law, "numbers": len(columns) > 0, "piece": by_pieces}
         kernel = self.frozen.scene.kernels.scene_kernel(function, "x", *(name for name in wrt if wrt[name]))
@@ -184,6 +204,10 @@ class Forwards:
         if not by_pieces:
             return Linear(J, columns, np.zeros((*J.shape[:-2], 0)))
         (*leading, rows), width, k = J.shape[:-1], tables.shape[2], self.columns.samples
+        if of_pieces.size:
+            further = J[..., -width:] @ of_pieces[numbers_at(tables[0], t[..., 0])]
+            columns = np.append(columns, np.full(width, -1))
+            return Linear(J, columns, further.reshape(*leading, rows * self.columns.p))
         C = self.frozen.by_samples[numbers_at(tables[0], t[..., 0])]
         further = np.zeros((*leading, rows, self.columns.p))
         n, K = (width - 2) // C.shape[-2], C.shape[-1]
@@ -216,7 +240,7 @@ class Forwards:
         if not len(self.t[rows]):
             return
         self.found_x[rows], self.along_x[rows] = x, along_x
-        if self.dynamics.law is None and not self.group.n:
+        if not self.task.reports_torques or (self.dynamics.law is None and not self.group.n):
             return
         t, size, width = self.sides[rows, None], x.shape[1], x.shape[1] + along_u.shape[1]
         self.tau[rows] = self.torques(t, x, u)
@@ -254,7 +278,7 @@ class Forwards:
         held = np.repeat(kept.held[:, None], len(part.tableau.C), axis=1)
         f = self.linear(dynamics.accelerations, part.times[:, :S, None], kept.stages, held[:, :S])
         of_law, jumps = self._at_samples(part, kept), self._jumps(part, kept, before, delays=d.delay >= 0)
-        if self.frozen.law is None and dynamics.effort_limit is not None:
+        if self.frozen.law is None and dynamics.effort_limit is not None and self.task.reports_torques:
             self.torques(part.times[:, :1], kept.stages[:, 0], kept.held)
         steps = np.searchsorted(part.begins, self.t[rows], side="right") - 1
         fraction = (self.t[rows] - part.begins[steps]) / part.lengths[steps]
@@ -267,6 +291,7 @@ class Forwards:
             states[inside] += ((weights[inside] * part.lengths[steps[inside], None])[:, None] @ K[place])[:, 0]
         X, U = np.empty((len(steps), d.x.size)), np.empty((len(steps), d.held.size))
         text = compiled(carry) if self.group.by_machine else carry
+        part = part if self.frozen.law else part._replace(acting=self._later(part))
         with np.errstate(over="ignore", invalid="ignore"):
             text(f, more, of_law, part, self.holding, kept, jumps, (steps, weights, A2, counts), d, X, U)
         if not np.isfinite(d.x).all():
@@ -289,8 +314,17 @@ class Forwards:
         """`jump` of each command that begins to act, if the delay is a direction: (acts, size), or without rows."""
         if not delays:
             return np.zeros((0, len(self.x)))
+        if self.frozen.law is None:
+            at, f = np.flatnonzero(self._later(part)), self.dynamics.right_hand_side
+            t, x, u = part.begins[at, None], kept.stages[at, 0], kept.held[at]
+            return self.value(f, np.nextafter(t, -np.inf), x, u) - self.value(f, t, x, u)
         at, held = np.flatnonzero(part.acting), np.concatenate([before[None], kept.held])
         return self.jump(part.times[at, :1], kept.stages[at, 0], held[at], kept.held[at])
+
+    def _later(self, part: Schedule) -> Array:
+        """1 for steps at whose begin another piece of a reference holds, which comes later if its delay grows."""
+        begins = self.group.tables[0, 1:, 0] if self.columns.delay >= 0 else np.zeros(0)
+        return np.isin(part.begins, begins).astype(np.int64)
 
     def _stages(self, part: Schedule, kept: Kept, held: Array, which: Array) -> tuple[Array, Linear, Array]:
         """Of some steps the stages that only interpolants need: rows of A, derivatives, and dx/dt at all stages."""

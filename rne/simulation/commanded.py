@@ -1,0 +1,146 @@
+"""Motions of a scene whose law follows recorded commands: positions at the times of samples, and their derivatives.
+
+For least squares: the scene is traced once, and each motion is evaluated at many numbers. Steps are equal ones of the
+Runge-Kutta method of order 4 that end at samples and where a command begins to act, so that derivatives are exact for
+what was computed, and those by the delay of commands are jumps of dx/dt.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from ..basics.spatial import Array
+from ..errors import NotFiniteError, SingularMassMatrixError
+from ..integrators.frozen_steps import Schedule
+from ..integrators.step_control import aligned, equal_steps
+from ..integrators.tableaus import tableau
+from ..trajectories import sampled
+from .frozen_motion import FIXED, STARTS, FrozenScene, SideBySide, schedule_of
+from .scene import Scene
+from .sensitivities import SHIFT, Columns, Forwards, SensitivityTask
+
+SCALE, OFFSET = "command.scale", "command.offset"
+OF_COMMANDS = SHIFT, SCALE, OFFSET
+TABLE = tableau(FIXED)._replace(C=np.concatenate([tableau(FIXED).C, [1.0], tableau(FIXED).C2]))
+FOREVER = 1e6  # for so long the first and the last command hold [s]
+
+
+class CommandNumbers(NamedTuple):
+    """What becomes of commands before a law follows them: it follows scale * command + offset, after a delay."""
+
+    delay: float  # [s]
+    scale: Array  # (n,)
+    offset: Array  # (n,) [rad or m]
+
+
+def following(scene: Scene, t: Array, command: Array, kind: str) -> Scene:
+    """The scene whose law follows commands (K, n) at times t, held or joined by straight lines."""
+    reference = sampled(t, command, kind)
+    return replace(scene, controller=replace(scene.controller, reference=reference))
+
+
+@dataclass(frozen=True, eq=False)
+class CommandedMotion:
+    """One motion from a start at time 0, with times (T,) of samples, under the commands of a scene's reference.
+
+    `wrt` names numbers of the scene, those of commands, and the start; `taken` has for each of the first two a matrix
+    (entries, k) of the k directions in which it is differentiated.
+    """
+
+    frozen: FrozenScene
+    times: Array
+    taken: Mapping[str, Array]
+    step: float
+
+    @property
+    def _table(self) -> Array:
+        """The pieces of the reference, between constant ones before the first and after the last command."""
+        law = self.frozen.dynamics.law
+        assert law is not None
+        rows, n = law.table, self.frozen.given.n
+        ends = np.zeros((2, rows.shape[1]))
+        ends[:, :2] = (rows[0, 0] - FOREVER, rows[0, 0]), (rows[-1, 1], rows[-1, 1] + FOREVER)
+        reference = self.frozen.given.controller.reference
+        ends[:, 2 : 2 + n] = reference.samples[[0, -1]]
+        return np.concatenate([ends[:1], rows[rows[:, 1] > rows[:, 0]], ends[1:]])
+
+    def _group(self, own: Mapping[str, Array], command: CommandNumbers) -> SideBySide:
+        """The motion under numbers of its own, and its commands."""
+        group = SideBySide(self.frozen, {k: x[None] for k, x in own.items()}, 1, by_machine=self.frozen.by_machine)
+        group.numbers = group.numbers.reshape(-1)
+        table, n = self._table, self.frozen.given.n
+        table[:, :2] += command.delay
+        table[:, 2:] *= np.tile(command.scale, table.shape[1] // n)[: table.shape[1] - 2]
+        table[:, 2 : 2 + n] += command.offset
+        group.tables = table[None]
+        return group
+
+    def _directions(self) -> dict[str, Array]:
+        """Derivatives of the pieces by the numbers of commands that are asked for."""
+        rows, n = self._table, self.frozen.given.n
+        found = {}
+        if SHIFT in self.taken:
+            found[SHIFT] = np.zeros((*rows.shape, 1))
+            found[SHIFT][:, :2] = 1.0
+        for name in {SCALE, OFFSET} & self.taken.keys():
+            found[name] = np.zeros((*rows.shape, n))
+            for j in range(n):
+                at = slice(2 + j, None, n) if name == SCALE else 2 + j
+                found[name][:, at, j] = rows[:, at] if name == SCALE else 1.0
+        return found
+
+    def columns(self) -> tuple[Columns, Array]:
+        """The seeds in which the motion is differentiated, and the matrix (p, k) of what is asked for by them."""
+        starts = (np.zeros(self.frozen.given.n),) * 2
+        names = [name for name in self.taken if name not in OF_COMMANDS]
+        columns = Columns(self.frozen, [*names, *STARTS], starts, self._directions())
+        n, parts = self.frozen.given.n, dict(self.taken) | dict.fromkeys(STARTS, np.eye(self.frozen.given.n))
+        W = np.zeros((columns.p, sum(A.shape[1] for A in parts.values())))
+        first = 0
+        for name, A in parts.items():
+            for seeds, M in columns.made[name]:
+                W[seeds, first : first + A.shape[1]] += A if M is None else M.T @ A
+            first += A.shape[1]
+        return columns, W
+
+    def _task(
+        self, own: Mapping[str, Array], command: CommandNumbers, q0: Array, qd0: Array, columns: Columns | None
+    ) -> tuple[SensitivityTask, Schedule]:
+        group, end = self._group(own, command), float(self.times[-1])
+        breaks = group.tables[0, 1:, 0]
+        ends = equal_steps(end, self.step, breaks, aligned(self.times, [breaks]))
+        x0 = self.frozen.start(group.numbers, q0[None], qd0[None])[0]
+        task = SensitivityTask(self.frozen, columns, x0, np.zeros(0), ends, self.times, None, group, False)  # type: ignore[arg-type]
+        return task, schedule_of(TABLE, ends, np.zeros(0), np.zeros(0), breaks)
+
+    def positions(self, own: Mapping[str, Array], command: CommandNumbers, q0: Array, qd0: Array) -> Array | None:
+        """Positions at the times, (T, n); None where the motion cannot be computed."""
+        task, schedule = self._task(own, command, q0, qd0, None)
+        assert task.group is not None
+        x, kept = task.x0.copy(), task.group.kept(len(schedule.lengths), len(schedule.tableau.B))
+        try:
+            with np.errstate(all="ignore"):
+                done = task.group.advance(schedule, x, kept)
+        except (NotFiniteError, SingularMassMatrixError):
+            return None
+        if not done or not np.isfinite(x).all():
+            return None
+        n, times = self.frozen.given.n, aligned(self.times, [task.ends])
+        found: Array = np.append(kept.stages[:, 0, :n], x[None, :n], axis=0)[np.searchsorted(task.ends, times)]
+        return found
+
+    def derivatives(
+        self, own: Mapping[str, Array], command: CommandNumbers, q0: Array, qd0: Array
+    ) -> tuple[Array, Array]:
+        """Positions (T, n), and their derivatives (T, n, k) by what is `taken`, the start's positions and velocities."""
+        columns, W = self.columns()
+        task, schedule = self._task(own, command, q0, qd0, columns)
+        run = Forwards(task, by_machine=self.frozen.by_machine)
+        if not run.along_steps(schedule):
+            raise NotFiniteError("the motion cannot be computed")
+        n = self.frozen.given.n
+        return run.found_x[:, :n], run.along_x[:, :n] @ W
