@@ -166,10 +166,14 @@ def aligned(times: Array, instants: Sequence[Array]) -> Array:
 def equal_steps(end: float, step: float, *instants: Array) -> Array:
     """Ends of the longest equal steps between instants, from 0 on, (K + 1,), none longer than a step."""
     inner = np.concatenate(instants)
-    edges = np.unique([0.0, *inner[(inner > 0) & (inner < end)], end]).tolist()
-    counts = [max(1, ceil((b - a) / step * NEARLY)) for a, b in pairwise(edges)]
-    parts = [np.linspace(a, b, k + 1)[1:] for (a, b), k in zip(pairwise(edges), counts, strict=True)]
-    return np.concatenate([[0.0], *parts])
+    edges = np.unique([0.0, *inner[(inner > 0) & (inner < end)], end])
+    lengths = np.diff(edges)
+    counts = np.maximum(1, np.ceil(lengths / step * NEARLY)).astype(int)
+    last = np.cumsum(counts)
+    number = np.arange(1, 1 + last[-1]) - np.repeat(last - counts, counts)
+    ends = number * np.repeat(lengths / counts, counts) + np.repeat(edges[:-1], counts)
+    ends[last - 1] = edges[1:]
+    return np.concatenate([[0.0], ends])
 
 
 def squares(values: Array) -> Array:

@@ -104,10 +104,7 @@ class Columns:
         self.made |= {name: [] for name in directions}
         places |= {name: self._add(name, array.shape[2]) for name, array in directions.items()}
         self.delay = int(places[SHIFT][0]) if SHIFT in directions else self.delay
-        rows = next((array.shape[:2] for array in directions.values()), (0, 0))
-        self.of_pieces = np.zeros((*rows, max(self.p, 1)))
-        for name, array in directions.items():
-            self.of_pieces[..., places.pop(name)] = array
+        self.of_pieces = [(places.pop(name), array) for name, array in directions.items()]
         sizes |= {name: array.shape[2] for name, array in directions.items()}
         for name, parts in self.made.items():
             parts += [] if parts else [(slice(0), np.zeros((sizes[name], 0)))]  # nothing depends on it
@@ -196,7 +193,7 @@ class Forwards:
         """Derivatives of a function of the equations or of the law."""
         tables = self.group.law_tables if of_law else self.group.tables
         columns, of_pieces = self.columns.of_law if of_law else self.columns.numbers, self.columns.of_pieces
-        by_pieces = self.columns.samples >= 0 or of_pieces.size > 0
+        by_pieces = self.columns.samples >= 0 or len(of_pieces) > 0
         columns, by_pieces = columns if (columns >= 0).any() else columns[:0], by_pieces and len(tables) > 0
         wrt = {"u": self.frozen.law is not None and not of_law, "numbers": len(columns) > 0, "piece": by_pieces}
         kernel = self.frozen.scene.kernels.scene_kernel(function, "x", *(name for name in wrt if wrt[name]))
@@ -204,10 +201,11 @@ class Forwards:
         if not by_pieces:
             return Linear(J, columns, np.zeros((*J.shape[:-2], 0)))
         (*leading, rows), width, k = J.shape[:-1], tables.shape[2], self.columns.samples
-        if of_pieces.size:
-            further = J[..., -width:] @ of_pieces[numbers_at(tables[0], t[..., 0])]
-            columns = np.append(columns, np.full(width, -1))
-            return Linear(J, columns, further.reshape(*leading, rows * self.columns.p))
+        if of_pieces:
+            row, by_piece = numbers_at(tables[0], t[..., 0]), J[..., -width:]
+            J = np.concatenate([J, *(by_piece @ array[row] for _, array in of_pieces)], axis=-1)
+            columns = np.concatenate([columns, np.full(width, -1), *(seeds for seeds, _ in of_pieces)])
+            return Linear(J, columns, np.zeros((*leading, 0)))
         C = self.frozen.by_samples[numbers_at(tables[0], t[..., 0])]
         further = np.zeros((*leading, rows, self.columns.p))
         n, K = (width - 2) // C.shape[-2], C.shape[-1]
