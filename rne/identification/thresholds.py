@@ -248,3 +248,16 @@ CLEARLY = 1e-3  # of the largest zero of all joints that are fitted: one below i
 NOWHERE = 1e3  # times the largest torque, of positions to which joints cannot follow; numerics
 EVALUATIONS, LAST_STEP = 100, 1e-15  # of a fit that is not linear (MODELS), and relative change at its end; numerics
 STARTS = 6  # likeliest changes of a body from which such a fit starts; MODELS
+
+# Of fits of motions without torques
+GAP_OF_COMMANDS = 5.5  # sample times: a longer pause ends a shot
+STARTS_OF_SHOTS = 10.0  # standard deviations of the measured positions, by which one may start elsewhere
+SMALLEST_INFORMATION = 1e-14  # relative to the largest: below it a direction is rounding
+BY_SPREAD = 1.1  # by how much errors may grow if ten times the spread is allowed for
+ALIKE = 0.9  # correlation of numbers that cannot be told apart
+SCALED = 1e3  # information on the scale of all torques, over that of what is allowed for, below which it is unknown
+COARSE = 0.01  # of a joint's range, standard deviation of positions while starts are compared
+TRIED, FEW_STEPS = 12, 12  # motions per start that are compared first; evaluations from each start
+STRAY = 0.7  # standard deviation of logarithms of numbers about where they start
+ROUNDS, MANY_STEPS = 5, 60  # of weights; evaluations of each
+SETTLED = 0.02  # change of the logarithm of weights that ends them

@@ -74,10 +74,14 @@ class CommandedMotion:
         group.numbers = group.numbers.reshape(-1)
         table, n = self._table, self.frozen.given.n
         table[:, :2] += command.delay
-        table[:, 2:] *= np.tile(command.scale, table.shape[1] // n)[: table.shape[1] - 2]
+        table[:, 2:] *= np.resize(command.scale, table.shape[1] - 2)
         table[:, 2 : 2 + n] += command.offset
         group.tables = table[None]
         return group
+
+    def vector(self, own: Mapping[str, Array]) -> Array:
+        """The numbers of the equations."""
+        return self._group(own, CommandNumbers(0.0, np.ones(1), np.zeros(1))).numbers
 
     def _directions(self) -> dict[str, Array]:
         """Derivatives of the pieces by the numbers of commands that are asked for."""

@@ -1,0 +1,1 @@
+"""Models from commands and positions, without torques: output error of simulated motions."""

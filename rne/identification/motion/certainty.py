@@ -1,0 +1,161 @@
+"""How sure a fit of motions is: standard errors under correlated residuals, and what the log cannot tell apart."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ...basics.arrays import ReadOnlyArrays
+from ...basics.spatial import Array
+from .. import thresholds
+
+TORQUE_LIKE = (
+    "kp",
+    "kd",
+    "ki",
+    "stall_torque",
+    "effort_limit",
+    "viscous",
+    "coulomb",
+    "viscous_back",
+    "coulomb_back",
+    "stribeck_rise",
+    "armature",
+    "parameters",
+    "stiffness",
+    "damping",
+    "rotor",
+)  # which all grow alike where torques do
+
+
+@dataclass(frozen=True, eq=False)
+class Certainty(ReadOnlyArrays):
+    """What rows of derivatives say of x, with starts of shots as further unknowns.
+
+    Attributes
+    ----------
+    information : ndarray, shape (Z, Z)
+        J^T J of weighted residuals.
+    score : ndarray, shape (Z, Z)
+        Covariance of J^T r, residuals being correlated in time.
+    spread : ndarray, shape (Z,)
+        Standard deviations that were allowed for.
+    count : int
+        The first P of Z are what is asked for.
+    """
+
+    information: Array
+    score: Array
+    spread: Array
+    count: int
+
+    @cached_property
+    def covariance(self) -> Array:
+        """That of x, (P, P): the sandwich of the correlated score, at least the one of white residuals."""
+        return self._covariance(1.0)
+
+    def _covariance(self, looser: float) -> Array:
+        prior = np.diag(1 / (looser * self.spread) ** 2)
+        scale = 1 / np.sqrt(np.diag(self.information + prior))
+        H = scale[:, None] * (self.information + prior) * scale
+        w, V = np.linalg.eigh(H)
+        half = V / np.sqrt(np.maximum(w, w.max(initial=1.0) * thresholds.SMALLEST_INFORMATION))
+        inner = half.T @ (scale[:, None] * (self.score + prior) * scale) @ half
+        v, U = np.linalg.eigh(inner)
+        half = scale[:, None] * (half @ U) * np.sqrt(np.maximum(v, 1.0))
+        return np.asarray((half @ half.T)[: self.count, : self.count])
+
+    @cached_property
+    def std(self) -> Array:
+        """Standard errors of x, (P,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @cached_property
+    def looser(self) -> Array:
+        """The covariance if ten times the spread were allowed for."""
+        return self._covariance(10.0)
+
+    @cached_property
+    def told(self) -> Array:
+        """True for entries of x that the log tells: whose errors do not depend on the spread that was allowed for."""
+        return np.asarray(np.sqrt(np.diag(self.looser)) < thresholds.BY_SPREAD * self.std)
+
+    def alike(self) -> list[list[int]]:
+        """Groups of entries that the log cannot tell apart: strongly correlated ones among those that are not told."""
+        C, untold = self.looser, np.flatnonzero(~self.told)
+        size = np.sqrt(np.diag(C))
+        R = np.abs(C / size[:, None] / size)
+        groups, left = [], set(untold.tolist())
+        while left:
+            group, fresh = set(), {left.pop()}
+            while fresh:
+                group |= fresh
+                near = {j for i in fresh for j in left if R[i, j] > thresholds.ALIKE}
+                left, fresh = left - near, near
+            groups.append(sorted(group))
+        return sorted(groups)
+
+    def scales(self, x: Array, names: Sequence[str], is_log: Array) -> bool:
+        """True if all torques may be scaled together without a change of the motion."""
+        like = np.array([x.rpartition(".")[2] in TORQUE_LIKE or x == "friction.offset" for x in names], bool)
+        v = np.zeros(len(self.spread))
+        v[: self.count] = np.where(like, np.where(is_log, 1.0, x), 0.0)
+        if not like.any() or not v.any():
+            return False
+        # the least information that is left after starts and all others have adapted is at least this direction's
+        return bool(v @ self.information @ v < thresholds.SCALED * (v / self.spread) @ (v / self.spread))
+
+    def given(self, direction: Array) -> Certainty:
+        """The same if it were known how far x is along a direction, (P,)."""
+        v = np.zeros(len(self.spread))
+        v[: self.count] = direction / self.spread[: self.count] ** 2
+        added = np.outer(v, v) * 1e6 / max(v @ (self.spread**2 * v), 1e-300)
+        return Certainty(self.information + added, self.score + added, self.spread, self.count)
+
+
+def certainty(parts: Sequence[tuple[Array, Array]], spread: Array, count: int) -> Certainty:
+    """That of weighted residuals (T, n) of shots, NaN where not measured, and their derivatives (T, n, Z).
+
+    Residuals of a joint are taken as stationary: S = sum of J_t^T c(t - s) J_s, c being their autocovariance, which is
+    tapered beyond where it is significant (Newey and West 1987; flat-top window of Politis and Romano 1995).
+    """
+    n, Z = parts[0][0].shape[1], len(spread)
+    information, score = np.zeros((Z, Z)), np.zeros((Z, Z))
+    for j in range(n):
+        rows = [(np.nan_to_num(r[:, j]), np.where(np.isfinite(r[:, j])[:, None], J[:, j], 0.0)) for r, J in parts]
+        own = sum(J.T @ J for _, J in rows)
+        measured = sum(int(np.isfinite(r[:, j]).sum()) for r, _ in parts)
+        free = float(np.trace(own @ np.linalg.pinv(own + np.diag(1 / spread**2)))) if measured else 0.0
+        c = autocovariance([r for r, _ in rows]) * measured / max(measured - free, 1.0)
+        information += own
+        for _, J in rows:
+            T = len(J)
+            kernel = c[: min(len(c), T)]
+            spectrum = np.fft.rfft(np.concatenate([kernel, np.zeros(2 * T - 2 * len(kernel) + 1), kernel[:0:-1]]))
+            KJ = np.fft.irfft(spectrum[:, None] * np.fft.rfft(J, 2 * T, axis=0), 2 * T, axis=0)[:T]
+            score += J.T @ KJ
+    return Certainty(information, (score + score.T) / 2, spread, count)
+
+
+def autocovariance(series: Sequence[Array]) -> Array:
+    """Of residuals, at lags 0 to where it is no longer significant, tapered, shape (L + 1,)."""
+    longest, total = max(len(r) for r in series), sum(len(r) for r in series)
+    size = 2 * longest
+    c = sum(np.fft.irfft(np.abs(np.fft.rfft(r, size)) ** 2, size)[:longest] for r in series) / max(total, 1)
+    if c[0] <= 0:
+        return np.zeros(1)
+    noise = 2.0 * np.sqrt(np.log10(max(total, 10)) / total) * c[0]
+    run = max(5, int(np.ceil(np.sqrt(np.log10(max(total, 10))))))
+    small = np.abs(c) < noise
+    last = next((k for k in range(1, longest - run) if small[k : k + run].all()), max(1, longest // 3))
+    lags = np.arange(min(2 * last + 1, longest))
+    return np.asarray(c[lags] * np.clip(2 - lags / last, 0.0, 1.0))
+
+
+def correlation_time(series: Sequence[Array]) -> float:
+    """Integrated autocorrelation time of residuals, in samples, at least 1."""
+    c = autocovariance(series)
+    return float(max(1.0, (2 * c.sum() - c[0]) / c[0])) if c[0] > 0 else 1.0

@@ -1,0 +1,205 @@
+"""Output error of motions that follow commands: residuals of positions, and their derivatives, over shots of records.
+
+A shot is a part of a record that is simulated from a start of its own, which is fitted along with what is unknown.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ...basics.spatial import Array
+from ...errors import IdentificationError
+from ...simulation.commanded import CommandedMotion, following
+from ...simulation.frozen_motion import FrozenScene
+from ...simulation.scene import Scene
+from .. import thresholds
+from ..log.record import Record
+from .unknowns import SENSOR_OFFSET, SENSOR_SCALE, Unknowns
+
+FIRST = 7  # samples through which the start is estimated, by a parabola
+STABLE = 1.0  # of a step times the fastest mode of the motion
+HELD, JOINED = "hold", "linear"
+
+
+@dataclass(frozen=True, eq=False)
+class Shot:
+    """Samples of a record that are simulated at once, at times since the first."""
+
+    record: int
+    t: Array  # (T,), in the record's time [s]
+    q: Array  # (T, n), measured, NaN where not [rad or m]
+    start: Array  # (2 n,), positions and velocities at the first, estimated
+    start_spread: Array  # (2 n,)
+
+
+def columns_for(scene: Scene, record: Record) -> list[int]:
+    """The joints of a record that are those of the scene, in its order."""
+    names = scene.resolved.robot.joint_names
+    if record._given_names is not None:
+        if lost := [name for name in names if name not in record.joint_names]:
+            raise ValueError(f"{record.name}: joint {lost[0]!r} of the scene is not in the record, which has {', '.join(record.joint_names)}")
+        return [record.joint_names.index(name) for name in names]
+    if record.q.shape[1] != scene.n:
+        raise ValueError(f"{record.name}: has {record.q.shape[1]} joints without names, the scene has {scene.n}")
+    return list(range(scene.n))
+
+
+def shots_of(scene: Scene, records: Sequence[Record], length: float | None, noise: Array) -> list[Shot]:
+    """Shots of records, none longer than a length, cut where samples are missing."""
+    found = []
+    for k, record in enumerate(records):
+        q, period = record.q[:, columns_for(scene, record)], 1 / record.sample_rate
+        gaps = np.flatnonzero(np.diff(record.t) > thresholds.GAP_OF_COMMANDS * period) + 1
+        for rows in np.split(np.arange(len(record.t)), gaps):
+            span = record.t[rows[-1]] - record.t[rows[0]]
+            parts = 1 if length is None else max(1, int(np.ceil(span / length)))
+            for part in np.array_split(rows, parts):
+                if len(part) >= FIRST:
+                    found.append(_shot(k, record.t[part], q[part], noise))
+    if not found:
+        raise IdentificationError(f"no part of the records has {FIRST} samples in a row")
+    return found
+
+
+def _shot(record: int, t: Array, q: Array, noise: Array) -> Shot:
+    """A shot with its start, which a parabola through the first samples estimates."""
+    n, s = q.shape[1], t - t[0]
+    start, spread = np.zeros((2, n)), np.zeros((2, n))
+    speed = np.nanmax(np.abs(np.diff(q, axis=0) / np.diff(t)[:, None]), axis=0, initial=0.0)
+    for j in range(n):
+        rows = np.flatnonzero(np.isfinite(q[:, j]))[:FIRST]
+        if len(rows) < 3:
+            raise IdentificationError(f"joint {j + 1} has {len(rows)} measured positions in a part of {t[-1] - t[0]:.3g} s")
+        fit = np.polynomial.polynomial.polyfit(s[rows], q[rows, j], 2)
+        start[:, j] = fit[0], np.clip(fit[1], -speed[j], speed[j])
+        spread[:, j] = thresholds.STARTS_OF_SHOTS * noise[j] + 0.1 * np.abs(q[rows, j] - fit[0]).max(), max(speed[j], 1e-3)
+    return Shot(record, t, q, start.reshape(-1), spread.reshape(-1))
+
+
+def fastest_mode(frozen: FrozenScene, x: Array, numbers: Array) -> float:
+    """The largest modulus of an eigenvalue of the equations in states (N, size), under numbers of them [1/s]."""
+    dynamics, law = frozen.dynamics, frozen.dynamics.law
+    kernel = frozen.scene.kernels.scene_kernel(dynamics.right_hand_side, "x")
+    t = np.zeros((len(x), 1))
+    held = (np.zeros((len(x), frozen.commanded)),) if frozen.commanded else ()
+    piece = () if law is None or not len(law.table) else (np.repeat(law.table[:1], len(x), axis=0),)
+    return float(np.abs(np.linalg.eigvals(kernel(t, x, *held, *piece, numbers))).max(initial=0.0))
+
+
+@dataclass(frozen=True, eq=False)
+class OutputError:
+    """Residuals of shots as a function of z: what is unknown, x, then each shot's start, (P + 2 n S,)."""
+
+    unknowns: Unknowns
+    records: Sequence[Record]
+    shots: Sequence[Shot]
+    sigma: Array  # (n,), standard deviations of what is measured [rad or m]
+    step: float  # [s]
+    told: Callable[[float], object] | None = None  # of the rms residual of each iteration, in sigma
+
+    @cached_property
+    def motions(self) -> list[CommandedMotion]:
+        """One for each shot."""
+        scene, found = self.unknowns.scene, []
+        frozen = {}
+        for shot in self.shots:
+            if shot.record not in frozen:
+                record = self.records[shot.record]
+                command = record.command[:, columns_for(scene, record)]
+                kind = HELD if record.command_hold else JOINED
+                frozen[shot.record] = FrozenScene(following(scene, record.t, command, kind), self.unknowns.of_scene)
+            found.append(CommandedMotion(frozen[shot.record], shot.t, self.unknowns.directions, self.step))
+        return found
+
+    @property
+    def first(self) -> Array:
+        """z at the start."""
+        return np.concatenate([self.unknowns.together("start"), *(shot.start for shot in self.shots)])
+
+    @property
+    def spread(self) -> Array:
+        """Standard deviations of z that are allowed for."""
+        return np.concatenate([self.unknowns.together("spread"), *(shot.start_spread for shot in self.shots)])
+
+    def parts(self, z: Array) -> tuple[Array, list[Array]]:
+        """x, and the shots' starts, (2, n) each."""
+        P, n = len(z) - 2 * self.unknowns.scene.n * len(self.shots), self.unknowns.scene.n
+        return z[:P], [row.reshape(2, n) for row in z[P:].reshape(len(self.shots), 2 * n)]
+
+    def _sensed(self, numbers: dict[str, Array], q: Array) -> Array:
+        """What sensors show of positions."""
+        return np.asarray(q * numbers.get(SENSOR_SCALE, 1.0) + numbers.get(SENSOR_OFFSET, 0.0))
+
+    def positions(self, z: Array) -> list[Array | None]:
+        """What sensors show in each shot, (T, n); None where a motion cannot be computed."""
+        x, starts = self.parts(z)
+        numbers = self.unknowns.numbers(x)
+        own, command = self._own(numbers), self.unknowns.command(numbers)
+        found = (motion.positions(own, command, *start) for motion, start in zip(self.motions, starts, strict=True))
+        return [None if q is None else self._sensed(numbers, q) for q in found]
+
+    def _own(self, numbers: dict[str, Array]) -> dict[str, Array]:
+        return {name: numbers[name] for name in self.unknowns.of_scene}
+
+    def residuals(self, z: Array) -> Array:
+        """Predicted less measured positions over sigma, then z's deviations from its start; infinite where it fails."""
+        rows = []
+        for shot, q in zip(self.shots, self.positions(z), strict=True):
+            if q is None:
+                return np.full(self.count, np.inf)
+            rows.append(((q - shot.q) / self.sigma)[np.isfinite(shot.q)])
+        return np.concatenate([*rows, (z - self.first) / self.spread])
+
+    @cached_property
+    def count(self) -> int:
+        """Number of residuals."""
+        return sum(int(np.isfinite(shot.q).sum()) for shot in self.shots) + len(self.first)
+
+    def slopes(self, z: Array) -> Array:
+        """Derivatives of the residuals by z."""
+        if self.told is not None:
+            self.told(float(np.sqrt(np.mean(self.residuals(z)[: -len(z)] ** 2))))
+        x, starts = self.parts(z)
+        P, n = len(x), self.unknowns.scene.n
+        found, first = np.zeros((self.count, len(z))), 0
+        for s, (shot, (_, J)) in enumerate(zip(self.shots, self.derivatives(z), strict=True)):
+            rows = (J / self.sigma[:, None])[np.isfinite(shot.q)]
+            place = slice(first, first + len(rows))
+            found[place, :P], found[place, P + 2 * n * s : P + 2 * n * (s + 1)] = rows[:, :P], rows[:, P:]
+            first += len(rows)
+        found[first:] = np.diag(1 / self.spread)
+        return found
+
+    def derivatives(self, z: Array) -> list[tuple[Array, Array]]:
+        """In each shot what sensors show, (T, n), and its derivatives by x and the shot's start, (T, n, P + 2 n)."""
+        x, starts = self.parts(z)
+        numbers, unknowns = self.unknowns.numbers(x), self.unknowns
+        own, command, factor = self._own(numbers), unknowns.command(numbers), unknowns.slopes(x)
+        inner = np.concatenate([np.arange(len(x))[unknowns.places[name]] for name in unknowns.directions])
+        n, found = unknowns.scene.n, []
+        for motion, start in zip(self.motions, starts, strict=True):
+            q, along = motion.derivatives(own, command, *start)
+            J = np.zeros((*q.shape, len(x) + 2 * n))
+            J[..., inner], J[..., len(x) :] = along[..., : -2 * n], along[..., -2 * n :]
+            J *= np.asarray(numbers.get(SENSOR_SCALE, np.ones(n)))[:, None]
+            for part in unknowns.parts:
+                if part.name in (SENSOR_SCALE, SENSOR_OFFSET):
+                    of = q if part.name == SENSOR_SCALE else np.ones_like(q)
+                    J[..., unknowns.places[part.name]] = of[..., None] * part.directions
+            J[..., : len(x)] *= factor
+            found.append((self._sensed(numbers, q), J))
+        return found
+
+    def misfits(self, z: Array) -> Array:
+        """Predicted less measured positions, (N, n), NaN where not measured."""
+        shown = self.positions(z)
+        return np.concatenate([np.full_like(s.q, np.nan) if q is None else q - s.q for s, q in zip(self.shots, shown, strict=True)])
+
+    def at(self, **changes: Any) -> OutputError:
+        """The same with other shots, sigma or step."""
+        return replace(self, **changes)

@@ -1,0 +1,219 @@
+"""What a fit of motions finds: numbers of a scene as functions of one vector, with where they start and how widely."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ...basics.arrays import convert_numbers
+from ...basics.spatial import Array
+from ...model.parameters import pseudo_inertia
+from ...model.standard_parameters import DriveModel
+from ...robot import Robot
+from ...simulation.commanded import OF_COMMANDS, OFFSET, SCALE, CommandNumbers
+from ...simulation.scene import Scene
+from ...simulation.scene_numbers import unit_of, unknown
+from ...simulation.sensitivities import SHIFT
+
+SENSORS = SENSOR_SCALE, SENSOR_OFFSET = "sensor.scale", "sensor.offset"
+OUTSIDE = OF_COMMANDS + SENSORS  # of the scene
+OF_ANY_SIGN = "offset", "stribeck_rise", "gravity", "pose"
+CONSTANT = "smoothing", "reference", "gravity", "payload", "torque_rate", "static"  # what "auto" leaves out
+LOG_SPREAD, SCALE_SPREAD, OFFSET_SPREAD = 2.0, 0.1, 0.1  # of logarithms; of scales; of offsets [rad or m]
+BODY_SPREAD = 2.0  # of parameters of bodies, over what the robot's have
+SHORTEST = 0.05  # reach by which first moments of links are taken to be of some size [m]
+PERIODS = 3.0  # of samples, by which a delay may differ from where it starts
+
+
+@dataclass(frozen=True, eq=False)
+class Unknown:
+    """Entries of one quantity: value = start + directions (x - x_start), or exp(x) where `is_log`."""
+
+    name: str
+    labels: tuple[str, ...]
+    unit: str
+    number: Array  # the quantity at the start
+    directions: Array  # (entries, k)
+    start: Array  # (k,)
+    spread: Array  # (k,), standard deviations of x that are allowed for
+    is_log: Array  # (k,)
+
+    def value(self, x: Array) -> Array:
+        """The quantity at x, (k,)."""
+        own = np.where(self.is_log, np.exp(np.minimum(x, 700.0)), x)
+        at_start = np.where(self.is_log, np.exp(self.start), self.start)
+        change = self.directions @ (own - at_start)
+        return np.asarray(self.number + change.reshape(self.number.shape))
+
+
+@dataclass(frozen=True, eq=False)
+class Unknowns:
+    """All of them, one after the other in a vector x, (P,)."""
+
+    scene: Scene
+    parts: tuple[Unknown, ...]
+
+    @cached_property
+    def places(self) -> dict[str, slice]:
+        """Where in x each one is."""
+        ends = np.cumsum([0, *(len(part.start) for part in self.parts)]).tolist()
+        return {part.name: slice(a, b) for part, a, b in zip(self.parts, ends, ends[1:], strict=False)}
+
+    def together(self, field: str) -> Array:
+        """An array of all parts in the order of x."""
+        return np.concatenate([np.zeros(0), *(getattr(part, field) for part in self.parts)])
+
+    @cached_property
+    def is_log(self) -> Array:
+        """Which entries of x are logarithms."""
+        return self.together("is_log").astype(bool)
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """The entries of x in words."""
+        return tuple(label for part in self.parts for label in part.labels)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Their units."""
+        return tuple(part.unit for part in self.parts for _ in part.labels)
+
+    @property
+    def of_scene(self) -> tuple[str, ...]:
+        """Those that are numbers of the scene."""
+        return tuple(part.name for part in self.parts if part.name not in OUTSIDE)
+
+    @property
+    def directions(self) -> dict[str, Array]:
+        """In which the motion is differentiated, of all but what sensors do."""
+        return {part.name: part.directions for part in self.parts if part.name not in SENSORS}
+
+    def numbers(self, x: Array) -> dict[str, Array]:
+        """The quantities at x by name."""
+        return {part.name: part.value(x[self.places[part.name]]) for part in self.parts}
+
+    def entries(self, x: Array) -> Array:
+        """The values that x stands for, (P,): themselves, or of logarithms."""
+        return np.where(self.is_log, np.exp(np.minimum(x, 700.0)), x)
+
+    def slopes(self, x: Array) -> Array:
+        """Derivatives of these values by x."""
+        return np.where(self.is_log, np.exp(np.minimum(x, 700.0)), 1.0)
+
+    def command(self, numbers: Mapping[str, Array]) -> CommandNumbers:
+        """What becomes of commands."""
+        n = self.scene.n
+        delay, ones, zeros = np.zeros(1), np.ones(n), np.zeros(n)
+        found = numbers.get(SHIFT, delay), numbers.get(SCALE, ones), numbers.get(OFFSET, zeros)
+        return CommandNumbers(float(found[0][0]), found[1], found[2])
+
+
+def unknowns_of(
+    scene: Scene, wrt: str | Sequence[str], period: float, start: Mapping[str, ArrayLike], priors: Mapping[str, ArrayLike]
+) -> Unknowns:
+    """What names stand for, or "auto" all that the scene has; starts and standard deviations by name, if given."""
+    known = scene.numbers
+    if isinstance(wrt, str) and wrt == "auto":
+        names = _of_itself(scene)
+    else:
+        names = list(dict.fromkeys([wrt] if isinstance(wrt, str) else wrt))
+    every = [*known, *OUTSIDE]
+    for argument, given in (("wrt", names), ("start", start), ("priors", priors)):
+        for name in given:
+            if name not in every:
+                raise KeyError(f"`{argument}`: {unknown(name, every)}")
+    if lost := [name for name in (*start, *priors) if name not in names]:
+        raise ValueError(f"`start` and `priors` must be of what is fitted, which {lost[0]!r} is not: name it in `wrt`")
+    numbers = dict(known) | _outside(scene) | {k: _shaped(k, x, scene, "start") for k, x in start.items()}
+    parts = [_bodies(scene) if name == "parameters" else _entries(scene, name, numbers[name], period, names) for name in names]
+    return Unknowns(scene, tuple(_under_prior(part, priors[part.name]) if part.name in priors else part for part in parts))
+
+
+def _of_itself(scene: Scene) -> list[str]:
+    """The numbers that "auto" takes."""
+    fields = {name: name.rpartition(".")[2] for name in scene.numbers}
+    found = [name for name, field in fields.items() if field not in CONSTANT]
+    found = [name for name in found if (np.isfinite(x := scene.numbers[name]) & (x != 0)).any()]
+    followed = OF_COMMANDS if scene.sample_time is None else OF_COMMANDS[1:]
+    return [*found, *followed]
+
+
+def _outside(scene: Scene) -> dict[str, Array]:
+    """Commands and sensors as they are taken to be."""
+    ones, zeros = np.ones(scene.n), np.zeros(scene.n)
+    return {SHIFT: np.zeros(1), SCALE: ones, OFFSET: zeros, SENSOR_SCALE: ones, SENSOR_OFFSET: zeros}
+
+
+def _shaped(name: str, value: ArrayLike, scene: Scene, argument: str) -> Array:
+    """A quantity that was given by name, one number for all entries or an array of its shape."""
+    shape = (dict(scene.numbers) | _outside(scene))[name].shape
+    array = np.asarray(convert_numbers(f"{argument}[{name!r}]", value, str(shape)), dtype=float)
+    if array.shape not in ((), shape) or np.isnan(array).any():
+        raise ValueError(f"`{argument}[{name!r}]` must be of shape {shape} without NaN, got {array.shape}")
+    return np.broadcast_to(array, shape).copy()
+
+
+def _entries(scene: Scene, name: str, number: Array, period: float, names: Sequence[str]) -> Unknown:
+    """The entries of a number that are neither zero nor infinite: logarithms of those that can only be positive."""
+    flat, field = number.reshape(-1), name.rpartition(".")[2]
+    may_be_zero = name in OUTSIDE or field in OF_ANY_SIGN
+    taken = np.isfinite(flat) & ((flat != 0) | may_be_zero)
+    if name == "armature" and "parameters" in names:
+        taken &= _rotors_apart(scene)
+    if not taken.any():
+        raise ValueError(f"`wrt`: {name!r} is {flat[0]:g}: give it a value above 0 to start from, by `start`")
+    own, k = flat[taken], np.flatnonzero(taken)
+    is_log = (own > 0) & (not may_be_zero)
+    scales = {SHIFT: PERIODS * period, SCALE: SCALE_SPREAD, SENSOR_SCALE: SCALE_SPREAD}
+    spread = np.where(is_log, LOG_SPREAD, scales.get(name, np.maximum(np.abs(own), OFFSET_SPREAD)))
+    start = np.where(is_log, np.log(np.where(is_log, own, 1.0)), own)
+    joints = scene.resolved.robot.joint_names
+    per_joint = joints if flat.size == len(joints) else [str(i) for i in range(flat.size)]
+    labels = tuple(name if flat.size == 1 else f"{name} of {per_joint[i]}" for i in k)
+    unit = {SHIFT: "s", SCALE: "1", SENSOR_SCALE: "1"}.get(name, unit_of(name).strip(" []"))
+    return Unknown(name, labels, unit, number, np.eye(flat.size)[:, k], start, spread, is_log)
+
+
+def _rotors_apart(scene: Scene) -> Array:
+    """The rotors whose inertia motions can tell from that of bodies."""
+    robot = scene.resolved.robot
+    base = robot.base_parameters(drives=DriveModel(rotor=True))
+    kept = set(base.names)
+    return np.array([f"Ia_{i + 1}" in kept for i in range(robot.model.nb)])
+
+
+def _bodies(scene: Scene) -> Unknown:
+    """Inertial parameters regrouped as motions depend on them."""
+    robot = scene.resolved.robot
+    base = robot.base_parameters()
+    E = base.back[: 10 * robot.model.nb]
+    sizes = np.linalg.norm(base.matrix * _sizes(robot), axis=1)
+    values = base.matrix @ robot.parameters
+    labels = tuple(f"parameters: {name}" for name in base.names)
+    is_log = np.zeros(base.count, bool)
+    return Unknown("parameters", labels, "kg, kg m, kg m^2", robot.parameters, E, values, BODY_SPREAD * sizes, is_log)
+
+
+def _sizes(robot: Robot) -> Array:
+    """Of standard parameters, (10 nb,): of bodies with the mass and the extent of the robot's."""
+    P = pseudo_inertia(robot.parameters)
+    mass, second = P[:, 3, 3], np.trace(P[:, :3, :3], axis1=1, axis2=2)
+    second = np.maximum(second, mass * SHORTEST**2)
+    first = np.sqrt(mass * second)
+    return np.column_stack([mass, *[first] * 3, *[second] * 6]).reshape(-1)
+
+
+def _under_prior(part: Unknown, std: ArrayLike) -> Unknown:
+    """The same with a standard deviation that is known, in units of the quantity."""
+    given = np.asarray(convert_numbers(f"priors[{part.name!r}]", std, "of the quantity"), dtype=float)
+    if part.name == "parameters":
+        given = np.broadcast_to(given, part.start.shape)
+    else:
+        given = np.broadcast_to(given, part.number.shape).reshape(-1) @ part.directions
+    if not (given > 0).all():
+        raise ValueError(f"`priors[{part.name!r}]` must be positive, got {given.min()}")
+    return replace(part, spread=np.where(part.is_log, given / np.exp(part.start), given))
