@@ -9,8 +9,6 @@ on which the others are exact.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from itertools import pairwise
-from math import ceil
 from typing import Any, NamedTuple
 
 import numpy as np

@@ -7,13 +7,15 @@ what was computed, and those by the delay of commands are jumps of dx/dt.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from ..basics.spatial import Array
+from ..control.traced_law import TracedLaw
 from ..errors import NotFiniteError, SingularMassMatrixError
 from ..integrators.frozen_steps import Schedule
 from ..integrators.step_control import aligned, equal_steps
@@ -52,36 +54,46 @@ class CommandedMotion:
     """
 
     frozen: FrozenScene
-    times: Array
+    begin: float  # in the time of the commands [s]
+    times: Array  # since then
     taken: Mapping[str, Array]
     step: float
 
-    @property
+    @cached_property
     def _table(self) -> Array:
-        """The pieces of the reference, between constant ones before the first and after the last command."""
-        law = self.frozen.dynamics.law
-        assert law is not None
-        rows, n = law.table, self.frozen.given.n
+        """The pieces of the reference since the start, between constant ones before the first and after the last."""
+        rows, n = self._law.table, self.frozen.given.n
         ends = np.zeros((2, rows.shape[1]))
         ends[:, :2] = (rows[0, 0] - FOREVER, rows[0, 0]), (rows[-1, 1], rows[-1, 1] + FOREVER)
-        reference = self.frozen.given.controller.reference
-        ends[:, 2 : 2 + n] = reference.samples[[0, -1]]
-        return np.concatenate([ends[:1], rows[rows[:, 1] > rows[:, 0]], ends[1:]])
+        ends[:, 2 : 2 + n] = self.frozen.given.controller.reference.samples[[0, -1]]
+        found = np.concatenate([ends[:1], rows[rows[:, 1] > rows[:, 0]], ends[1:]])
+        found[:, :2] -= self.begin
+        return found
 
-    def _group(self, own: Mapping[str, Array], command: CommandNumbers) -> SideBySide:
-        """The motion under numbers of its own, and its commands."""
+    @property
+    def _law(self) -> TracedLaw:
+        law = self.frozen.law or self.frozen.dynamics.law
+        assert law is not None
+        return law
+
+    def vectors(self, own: Mapping[str, Array]) -> tuple[Array, Array]:
+        """Numbers by name as the kernels of the equations and of a sampled law take them."""
         group = SideBySide(self.frozen, {k: x[None] for k, x in own.items()}, 1, by_machine=self.frozen.by_machine)
-        group.numbers = group.numbers.reshape(-1)
-        table, n = self._table, self.frozen.given.n
+        return group.numbers.reshape(-1), group.law_numbers.reshape(-1)
+
+    def _group(self, vectors: tuple[Array, Array], command: CommandNumbers) -> SideBySide:
+        """The motion under numbers of its own, and its commands."""
+        group = SideBySide(self.frozen, {}, 1, by_machine=self.frozen.by_machine)
+        group.numbers, group.law_numbers = vectors
+        table, n = self._table.copy(), self.frozen.given.n
         table[:, :2] += command.delay
         table[:, 2:] *= np.resize(command.scale, table.shape[1] - 2)
         table[:, 2 : 2 + n] += command.offset
-        group.tables = table[None]
+        if self.frozen.law is None:
+            group.tables = table[None]
+        else:
+            group.law_tables = table[None]
         return group
-
-    def vector(self, own: Mapping[str, Array]) -> Array:
-        """The numbers of the equations."""
-        return self._group(own, CommandNumbers(0.0, np.ones(1), np.zeros(1))).numbers
 
     def _directions(self) -> dict[str, Array]:
         """Derivatives of the pieces by the numbers of commands that are asked for."""
@@ -97,12 +109,13 @@ class CommandedMotion:
                 found[name][:, at, j] = rows[:, at] if name == SCALE else 1.0
         return found
 
+    @cached_property
     def columns(self) -> tuple[Columns, Array]:
         """The seeds in which the motion is differentiated, and the matrix (p, k) of what is asked for by them."""
         starts = (np.zeros(self.frozen.given.n),) * 2
         names = [name for name in self.taken if name not in OF_COMMANDS]
         columns = Columns(self.frozen, [*names, *STARTS], starts, self._directions())
-        n, parts = self.frozen.given.n, dict(self.taken) | dict.fromkeys(STARTS, np.eye(self.frozen.given.n))
+        parts = dict(self.taken) | dict.fromkeys(STARTS, np.eye(self.frozen.given.n))
         W = np.zeros((columns.p, sum(A.shape[1] for A in parts.values())))
         first = 0
         for name, A in parts.items():
@@ -112,18 +125,25 @@ class CommandedMotion:
         return columns, W
 
     def _task(
-        self, own: Mapping[str, Array], command: CommandNumbers, q0: Array, qd0: Array, columns: Columns | None
+        self,
+        vectors: tuple[Array, Array],
+        command: CommandNumbers,
+        start: Array,
+        columns: Columns | None = None,
     ) -> tuple[SensitivityTask, Schedule]:
-        group, end = self._group(own, command), float(self.times[-1])
-        breaks = group.tables[0, 1:, 0]
-        ends = equal_steps(end, self.step, breaks, aligned(self.times, [breaks]))
+        """The motion, and its steps."""
+        group, end = self._group(vectors, command), float(self.times[-1])
+        (samples, acting, _), tables = self.frozen.instants(end), group.tables
+        breaks = tables[0, 1:, 0] if len(tables) else np.zeros(0)
+        ends = equal_steps(end, self.step, samples, acting, breaks, aligned(self.times, [samples, acting, breaks]))
+        q0, qd0 = start
         x0 = self.frozen.start(group.numbers, q0[None], qd0[None])[0]
-        task = SensitivityTask(self.frozen, columns, x0, np.zeros(0), ends, self.times, None, group, False)  # type: ignore[arg-type]
-        return task, schedule_of(TABLE, ends, np.zeros(0), np.zeros(0), breaks)
+        task = SensitivityTask(self.frozen, columns, x0, np.zeros(0), ends, self.times, None, group, False)
+        return task, schedule_of(TABLE, ends, samples, acting, breaks)
 
-    def positions(self, own: Mapping[str, Array], command: CommandNumbers, q0: Array, qd0: Array) -> Array | None:
+    def positions(self, vectors: tuple[Array, Array], command: CommandNumbers, start: Array) -> Array | None:
         """Positions at the times, (T, n); None where the motion cannot be computed."""
-        task, schedule = self._task(own, command, q0, qd0, None)
+        task, schedule = self._task(vectors, command, start)
         assert task.group is not None
         x, kept = task.x0.copy(), task.group.kept(len(schedule.lengths), len(schedule.tableau.B))
         try:
@@ -138,11 +158,11 @@ class CommandedMotion:
         return found
 
     def derivatives(
-        self, own: Mapping[str, Array], command: CommandNumbers, q0: Array, qd0: Array
+        self, vectors: tuple[Array, Array], command: CommandNumbers, start: Array
     ) -> tuple[Array, Array]:
-        """Positions (T, n), and their derivatives (T, n, k) by what is `taken`, the start's positions and velocities."""
-        columns, W = self.columns()
-        task, schedule = self._task(own, command, q0, qd0, columns)
+        """Positions (T, n), and their derivatives (T, n, k) by what is `taken` and by the start."""
+        columns, W = self.columns
+        task, schedule = self._task(vectors, command, start, columns)
         run = Forwards(task, by_machine=self.frozen.by_machine)
         if not run.along_steps(schedule):
             raise NotFiniteError("the motion cannot be computed")

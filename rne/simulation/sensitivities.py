@@ -140,7 +140,7 @@ class SensitivityTask(NamedTuple):
     """A motion to be differentiated."""
 
     frozen: FrozenScene
-    columns: Columns
+    columns: Any  # Columns, or None where a motion is not differentiated
     x0: Array
     torque: Array  # (n,), constant, or (0,)
     ends: Array  # of steps, or of parts in between of which laws jump

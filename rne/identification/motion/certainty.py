@@ -71,7 +71,7 @@ class Certainty(ReadOnlyArrays):
     @cached_property
     def std(self) -> Array:
         """Standard errors of x, (P,)."""
-        return np.sqrt(np.diag(self.covariance))
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
 
     @cached_property
     def looser(self) -> Array:
@@ -93,26 +93,30 @@ class Certainty(ReadOnlyArrays):
             group, fresh = set(), {left.pop()}
             while fresh:
                 group |= fresh
-                near = {j for i in fresh for j in left if R[i, j] > thresholds.ALIKE}
+                near = {j for i in fresh for j in left if R[i, j] > thresholds.ALIKE_OF_MOTIONS}
                 left, fresh = left - near, near
             groups.append(sorted(group))
         return sorted(groups)
 
-    def scales(self, x: Array, names: Sequence[str], is_log: Array) -> bool:
-        """True if all torques may be scaled together without a change of the motion."""
+    def scale(self, values: Array, names: Sequence[str], is_log: Array) -> Array | None:
+        """The direction of x in which all torques are scaled together, (P,), if motions do not change along it."""
         like = np.array([x.rpartition(".")[2] in TORQUE_LIKE or x == "friction.offset" for x in names], bool)
-        v = np.zeros(len(self.spread))
-        v[: self.count] = np.where(like, np.where(is_log, 1.0, x), 0.0)
-        if not like.any() or not v.any():
-            return False
-        # the least information that is left after starts and all others have adapted is at least this direction's
-        return bool(v @ self.information @ v < thresholds.SCALED * (v / self.spread) @ (v / self.spread))
+        v = np.where(like, np.where(is_log, 1.0, values), 0.0)
+        own, spread = self.information[: self.count, : self.count], self.spread[: self.count]
+        if not v.any() or float(v @ own @ v) >= thresholds.SCALED_OF_MOTIONS * float(np.sum((v / spread) ** 2)):
+            return None
+        return np.asarray(v)
 
-    def given(self, direction: Array) -> Certainty:
+    def given_scale(self, v: Array) -> Certainty:
+        """The same if the entry were known by which a scale of all torques, the direction v, is told best."""
+        sizes = np.divide(self._given(v).std, np.abs(v), out=np.full(len(v), np.inf), where=v != 0)
+        return self._given(np.eye(len(v))[np.argmin(sizes)])
+
+    def _given(self, direction: Array) -> Certainty:
         """The same if it were known how far x is along a direction, (P,)."""
         v = np.zeros(len(self.spread))
         v[: self.count] = direction / self.spread[: self.count] ** 2
-        added = np.outer(v, v) * 1e6 / max(v @ (self.spread**2 * v), 1e-300)
+        added = np.outer(v, v) * 1e6 / max(float(v @ (self.spread**2 * v)), 1e-300)
         return Certainty(self.information + added, self.score + added, self.spread, self.count)
 
 
@@ -123,12 +127,12 @@ def certainty(parts: Sequence[tuple[Array, Array]], spread: Array, count: int) -
     tapered beyond where it is significant (Newey and West 1987; flat-top window of Politis and Romano 1995).
     """
     n, Z = parts[0][0].shape[1], len(spread)
-    information, score = np.zeros((Z, Z)), np.zeros((Z, Z))
+    information, score, prior = np.zeros((Z, Z)), np.zeros((Z, Z)), np.diag(1 / spread**2)
     for j in range(n):
         rows = [(np.nan_to_num(r[:, j]), np.where(np.isfinite(r[:, j])[:, None], J[:, j], 0.0)) for r, J in parts]
-        own = sum(J.T @ J for _, J in rows)
+        own = np.sum([J.T @ J for _, J in rows], axis=0)
         measured = sum(int(np.isfinite(r[:, j]).sum()) for r, _ in parts)
-        free = float(np.trace(own @ np.linalg.pinv(own + np.diag(1 / spread**2)))) if measured else 0.0
+        free = float(np.trace(np.linalg.solve(own + prior, own))) if measured else 0.0
         c = autocovariance([r for r, _ in rows]) * measured / max(measured - free, 1.0)
         information += own
         for _, J in rows:
@@ -144,7 +148,8 @@ def autocovariance(series: Sequence[Array]) -> Array:
     """Of residuals, at lags 0 to where it is no longer significant, tapered, shape (L + 1,)."""
     longest, total = max(len(r) for r in series), sum(len(r) for r in series)
     size = 2 * longest
-    c = sum(np.fft.irfft(np.abs(np.fft.rfft(r, size)) ** 2, size)[:longest] for r in series) / max(total, 1)
+    each = [np.fft.irfft(np.abs(np.fft.rfft(r, size)) ** 2, size)[:longest] for r in series]
+    c = np.sum(each, axis=0) / max(total, 1)
     if c[0] <= 0:
         return np.zeros(1)
     noise = 2.0 * np.sqrt(np.log10(max(total, 10)) / total) * c[0]

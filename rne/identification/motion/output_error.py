@@ -6,7 +6,7 @@ A shot is a part of a record that is simulated from a start of its own, which is
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -22,7 +22,6 @@ from ..log.record import Record
 from .unknowns import SENSOR_OFFSET, SENSOR_SCALE, Unknowns
 
 FIRST = 7  # samples through which the start is estimated, by a parabola
-STABLE = 1.0  # of a step times the fastest mode of the motion
 HELD, JOINED = "hold", "linear"
 
 
@@ -42,11 +41,19 @@ def columns_for(scene: Scene, record: Record) -> list[int]:
     names = scene.resolved.robot.joint_names
     if record._given_names is not None:
         if lost := [name for name in names if name not in record.joint_names]:
-            raise ValueError(f"{record.name}: joint {lost[0]!r} of the scene is not in the record, which has {', '.join(record.joint_names)}")
+            has = f"not in the record, which has {', '.join(record.joint_names)}"
+            raise ValueError(f"{record.name}: joint {lost[0]!r} of the scene is {has}")
         return [record.joint_names.index(name) for name in names]
     if record.q.shape[1] != scene.n:
         raise ValueError(f"{record.name}: has {record.q.shape[1]} joints without names, the scene has {scene.n}")
     return list(range(scene.n))
+
+
+def commands(scene: Scene, record: Record) -> Array:
+    """A record's commands of the joints of the scene, (T, n)."""
+    if record.command is None:
+        raise ValueError(f"{record.name}: has no commands: give `command`, or use rne.identify with its torques")
+    return np.asarray(record.command[:, columns_for(scene, record)])
 
 
 def shots_of(scene: Scene, records: Sequence[Record], length: float | None, noise: Array) -> list[Shot]:
@@ -74,11 +81,22 @@ def _shot(record: int, t: Array, q: Array, noise: Array) -> Shot:
     for j in range(n):
         rows = np.flatnonzero(np.isfinite(q[:, j]))[:FIRST]
         if len(rows) < 3:
-            raise IdentificationError(f"joint {j + 1} has {len(rows)} measured positions in a part of {t[-1] - t[0]:.3g} s")
+            raise IdentificationError(
+                f"joint {j + 1} has {len(rows)} measured positions in a part of {t[-1] - t[0]:.3g} s"
+            )
         fit = np.polynomial.polynomial.polyfit(s[rows], q[rows, j], 2)
         start[:, j] = fit[0], np.clip(fit[1], -speed[j], speed[j])
-        spread[:, j] = thresholds.STARTS_OF_SHOTS * noise[j] + 0.1 * np.abs(q[rows, j] - fit[0]).max(), max(speed[j], 1e-3)
+        spread[:, j] = (
+            thresholds.STARTS_OF_SHOTS * noise[j] + 0.1 * np.abs(q[rows, j] - fit[0]).max(),
+            max(speed[j], 1e-3),
+        )
     return Shot(record, t, q, start.reshape(-1), spread.reshape(-1))
+
+
+def joint_units(scene: Scene) -> list[str]:
+    """Units of the positions of its joints."""
+    model = scene.resolved.robot.model
+    return ["m" if model.joint_types[i] == "prismatic" else "rad" for i in model.independent_joints]
 
 
 def fastest_mode(frozen: FrozenScene, x: Array, numbers: Array) -> float:
@@ -101,19 +119,21 @@ class OutputError:
     sigma: Array  # (n,), standard deviations of what is measured [rad or m]
     step: float  # [s]
     told: Callable[[float], object] | None = None  # of the rms residual of each iteration, in sigma
+    traced: dict[int, FrozenScene] = field(default_factory=dict, repr=False)  # scenes by record
 
     @cached_property
     def motions(self) -> list[CommandedMotion]:
         """One for each shot."""
-        scene, found = self.unknowns.scene, []
-        frozen = {}
+        scene, found, frozen = self.unknowns.scene, [], self.traced
         for shot in self.shots:
             if shot.record not in frozen:
                 record = self.records[shot.record]
-                command = record.command[:, columns_for(scene, record)]
+                command = commands(scene, record)
                 kind = HELD if record.command_hold else JOINED
                 frozen[shot.record] = FrozenScene(following(scene, record.t, command, kind), self.unknowns.of_scene)
-            found.append(CommandedMotion(frozen[shot.record], shot.t, self.unknowns.directions, self.step))
+            found.append(
+                CommandedMotion(frozen[shot.record], shot.t[0], shot.t - shot.t[0], self.unknowns.directions, self.step)
+            )
         return found
 
     @property
@@ -139,12 +159,12 @@ class OutputError:
         """What sensors show in each shot, (T, n); None where a motion cannot be computed."""
         x, starts = self.parts(z)
         numbers = self.unknowns.numbers(x)
-        own, command = self._own(numbers), self.unknowns.command(numbers)
-        found = (motion.positions(own, command, *start) for motion, start in zip(self.motions, starts, strict=True))
+        own, command = self._vectors(numbers), self.unknowns.command(numbers)
+        found = (motion.positions(own, command, start) for motion, start in zip(self.motions, starts, strict=True))
         return [None if q is None else self._sensed(numbers, q) for q in found]
 
-    def _own(self, numbers: dict[str, Array]) -> dict[str, Array]:
-        return {name: numbers[name] for name in self.unknowns.of_scene}
+    def _vectors(self, numbers: dict[str, Array]) -> tuple[Array, Array]:
+        return self.motions[0].vectors({name: numbers[name] for name in self.unknowns.of_scene})
 
     def residuals(self, z: Array) -> Array:
         """Predicted less measured positions over sigma, then z's deviations from its start; infinite where it fails."""
@@ -162,28 +182,29 @@ class OutputError:
 
     def slopes(self, z: Array) -> Array:
         """Derivatives of the residuals by z."""
-        if self.told is not None:
-            self.told(float(np.sqrt(np.mean(self.residuals(z)[: -len(z)] ** 2))))
-        x, starts = self.parts(z)
+        x, _ = self.parts(z)
         P, n = len(x), self.unknowns.scene.n
-        found, first = np.zeros((self.count, len(z))), 0
-        for s, (shot, (_, J)) in enumerate(zip(self.shots, self.derivatives(z), strict=True)):
+        found, first, total = np.zeros((self.count, len(z))), 0, 0.0
+        for s, (shot, (q, J)) in enumerate(zip(self.shots, self.derivatives(z), strict=True)):
+            total += float(np.nansum(((q - shot.q) / self.sigma) ** 2))
             rows = (J / self.sigma[:, None])[np.isfinite(shot.q)]
             place = slice(first, first + len(rows))
             found[place, :P], found[place, P + 2 * n * s : P + 2 * n * (s + 1)] = rows[:, :P], rows[:, P:]
             first += len(rows)
         found[first:] = np.diag(1 / self.spread)
+        if self.told is not None:
+            self.told(float(np.sqrt(total / max(first, 1))))
         return found
 
     def derivatives(self, z: Array) -> list[tuple[Array, Array]]:
         """In each shot what sensors show, (T, n), and its derivatives by x and the shot's start, (T, n, P + 2 n)."""
         x, starts = self.parts(z)
         numbers, unknowns = self.unknowns.numbers(x), self.unknowns
-        own, command, factor = self._own(numbers), unknowns.command(numbers), unknowns.slopes(x)
+        own, command, factor = self._vectors(numbers), unknowns.command(numbers), unknowns.slopes(x)
         inner = np.concatenate([np.arange(len(x))[unknowns.places[name]] for name in unknowns.directions])
         n, found = unknowns.scene.n, []
         for motion, start in zip(self.motions, starts, strict=True):
-            q, along = motion.derivatives(own, command, *start)
+            q, along = motion.derivatives(own, command, start)
             J = np.zeros((*q.shape, len(x) + 2 * n))
             J[..., inner], J[..., len(x) :] = along[..., : -2 * n], along[..., -2 * n :]
             J *= np.asarray(numbers.get(SENSOR_SCALE, np.ones(n)))[:, None]
@@ -198,7 +219,9 @@ class OutputError:
     def misfits(self, z: Array) -> Array:
         """Predicted less measured positions, (N, n), NaN where not measured."""
         shown = self.positions(z)
-        return np.concatenate([np.full_like(s.q, np.nan) if q is None else q - s.q for s, q in zip(self.shots, shown, strict=True)])
+        return np.concatenate(
+            [np.full_like(s.q, np.nan) if q is None else q - s.q for s, q in zip(self.shots, shown, strict=True)]
+        )
 
     def at(self, **changes: Any) -> OutputError:
         """The same with other shots, sigma or step."""

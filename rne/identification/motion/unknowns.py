@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike
 
 from ...basics.arrays import convert_numbers
 from ...basics.spatial import Array
-from ...model.parameters import pseudo_inertia
+from ...dynamics.base_inertial_parameters import BaseParameters
+from ...model.parameters import PARAMETERS, pseudo_inertia
 from ...model.standard_parameters import DriveModel
 from ...robot import Robot
 from ...simulation.commanded import OF_COMMANDS, OFFSET, SCALE, CommandNumbers
@@ -113,15 +114,21 @@ class Unknowns:
 
 
 def unknowns_of(
-    scene: Scene, wrt: str | Sequence[str], period: float, start: Mapping[str, ArrayLike], priors: Mapping[str, ArrayLike]
+    scene: Scene,
+    wrt: str | Sequence[str],
+    period: float,
+    start: Mapping[str, ArrayLike],
+    priors: Mapping[str, ArrayLike],
 ) -> Unknowns:
     """What names stand for, or "auto" all that the scene has; starts and standard deviations by name, if given."""
     known = scene.numbers
     if isinstance(wrt, str) and wrt == "auto":
         names = _of_itself(scene)
+        if not _rotors_apart(scene).any():
+            names = [name for name in names if name != "armature"]
     else:
         names = list(dict.fromkeys([wrt] if isinstance(wrt, str) else wrt))
-    every = [*known, *OUTSIDE]
+    every = dict(known) | _outside(scene)
     for argument, given in (("wrt", names), ("start", start), ("priors", priors)):
         for name in given:
             if name not in every:
@@ -129,8 +136,13 @@ def unknowns_of(
     if lost := [name for name in (*start, *priors) if name not in names]:
         raise ValueError(f"`start` and `priors` must be of what is fitted, which {lost[0]!r} is not: name it in `wrt`")
     numbers = dict(known) | _outside(scene) | {k: _shaped(k, x, scene, "start") for k, x in start.items()}
-    parts = [_bodies(scene) if name == "parameters" else _entries(scene, name, numbers[name], period, names) for name in names]
-    return Unknowns(scene, tuple(_under_prior(part, priors[part.name]) if part.name in priors else part for part in parts))
+    parts = [
+        _bodies(scene) if name == "parameters" else _entries(scene, name, numbers[name], period, names)
+        for name in names
+    ]
+    return Unknowns(
+        scene, tuple(_under_prior(part, priors[part.name]) if part.name in priors else part for part in parts)
+    )
 
 
 def _of_itself(scene: Scene) -> list[str]:
@@ -162,10 +174,12 @@ def _entries(scene: Scene, name: str, number: Array, period: float, names: Seque
     flat, field = number.reshape(-1), name.rpartition(".")[2]
     may_be_zero = name in OUTSIDE or field in OF_ANY_SIGN
     taken = np.isfinite(flat) & ((flat != 0) | may_be_zero)
-    if name == "armature" and "parameters" in names:
-        taken &= _rotors_apart(scene)
     if not taken.any():
         raise ValueError(f"`wrt`: {name!r} is {flat[0]:g}: give it a value above 0 to start from, by `start`")
+    if name == "armature" and "parameters" in names:
+        taken &= _rotors_apart(scene)
+        if not taken.any():
+            raise ValueError("`wrt`: 'armature' acts as inertias of bodies do: leave it or 'parameters' out")
     own, k = flat[taken], np.flatnonzero(taken)
     is_log = (own > 0) & (not may_be_zero)
     scales = {SHIFT: PERIODS * period, SCALE: SCALE_SPREAD, SENSOR_SCALE: SCALE_SPREAD}
@@ -181,21 +195,33 @@ def _entries(scene: Scene, name: str, number: Array, period: float, names: Seque
 def _rotors_apart(scene: Scene) -> Array:
     """The rotors whose inertia motions can tell from that of bodies."""
     robot = scene.resolved.robot
-    base = robot.base_parameters(drives=DriveModel(rotor=True))
-    kept = set(base.names)
+    kept = set(robot.base_parameters(drives=DriveModel(rotor=True)).names)
     return np.array([f"Ia_{i + 1}" in kept for i in range(robot.model.nb)])
 
 
 def _bodies(scene: Scene) -> Unknown:
-    """Inertial parameters regrouped as motions depend on them."""
+    """Inertial parameters regrouped as motions depend on them, with rotors that act as they do."""
     robot = scene.resolved.robot
-    base = robot.base_parameters()
-    E = base.back[: 10 * robot.model.nb]
-    sizes = np.linalg.norm(base.matrix * _sizes(robot), axis=1)
-    values = base.matrix @ robot.parameters
-    labels = tuple(f"parameters: {name}" for name in base.names)
-    is_log = np.zeros(base.count, bool)
-    return Unknown("parameters", labels, "kg, kg m, kg m^2", robot.parameters, E, values, BODY_SPREAD * sizes, is_log)
+    base, matrix = regrouped(robot)
+    E = base.back[: PARAMETERS * robot.model.nb, : len(matrix)]
+    sizes = np.linalg.norm(matrix[:, : len(E)] * _sizes(robot), axis=1)
+    values = matrix @ np.append(robot.parameters, rotors(robot))
+    labels = tuple(f"parameters: {name}" for name in base.names[: len(matrix)])
+    none, unit = np.zeros(len(matrix), bool), "kg, kg m, kg m^2"
+    return Unknown("parameters", labels, unit, robot.parameters, E, values, BODY_SPREAD * sizes, none)
+
+
+def rotors(robot: Robot) -> Array:
+    """Inertias of the rotors that a model of drives has."""
+    model = robot.model
+    return np.asarray(model.armature[list(model.independent_joints)])
+
+
+def regrouped(robot: Robot) -> tuple[BaseParameters, Array]:
+    """The base parameters with rotors, and the rows of their matrix for those of bodies, the first ones."""
+    base = robot.base_parameters(drives=DriveModel(rotor=True))
+    count = sum(k < PARAMETERS * robot.model.nb for k in base.independent)
+    return base, base.matrix[:count]
 
 
 def _sizes(robot: Robot) -> Array:

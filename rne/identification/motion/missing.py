@@ -1,0 +1,162 @@
+"""Effects that a fit of motions leaves out: which of them would explain its residual (score test, Rao 1948)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ...basics.spatial import Array
+from ...basics.text import short
+from ...simulation.commanded import OFFSET, SCALE
+from ...simulation.friction import Friction
+from ...simulation.scene import Scene
+from ...simulation.sensitivities import SHIFT
+from .. import thresholds
+from ..diagnosis.hypotheses import Cause
+from ..log.record import Record
+from .certainty import correlation_time
+from .output_error import OutputError, columns_for, commands
+from .unknowns import OUTSIDE, SENSOR_OFFSET, Unknown, Unknowns
+
+
+class Effect(NamedTuple):
+    """A quantity that may be missing: its name, in words, and whether it can only be positive."""
+
+    name: str
+    text: str
+    is_positive: bool
+
+
+EFFECTS = (
+    Effect("friction.viscous", "viscous friction", True),
+    Effect("friction.coulomb", "Coulomb friction", True),
+    Effect("friction.load", "friction that grows with load", True),
+    Effect("friction.stribeck_rise", "the Stribeck effect", True),
+    Effect("friction.offset", "a constant torque", False),
+    Effect(SHIFT, "a delay of commands", True),
+    Effect(OFFSET, "an offset of commands", False),
+    Effect(SCALE, "a scale of commands", False),
+    Effect(SENSOR_OFFSET, "a zero of the positions", False),
+)
+
+
+def missing_effects(problem: OutputError, z: Array, noise: Array) -> tuple[Cause, ...]:
+    """Effects that are not in the model and would take away a part of the squares of the residual."""
+    left = problem.misfits(z)
+    if (np.sqrt(np.nanmean(left**2, axis=0)) < thresholds.ABOVE_RESOLUTION * noise).all():
+        return ()
+    scene, parts = _extended(problem.unknowns)
+    if not parts:
+        return ()
+    unknowns = Unknowns(scene, (*problem.unknowns.parts, *parts))
+    P, P_all = len(problem.unknowns.labels), len(unknowns.labels)
+    wider = problem.at(unknowns=unknowns, traced={}, told=None)
+    z_all = np.concatenate([z[:P], np.concatenate([part.start for part in parts]), z[P:]])
+    J, r = wider.slopes(z_all)[: -len(z_all)], wider.residuals(z_all)[: -len(z_all)]
+    known = np.delete(np.arange(len(z_all)), np.arange(P, P_all))
+    Q, _ = np.linalg.qr(J[:, known])
+    inflation = max(correlation_time([np.nan_to_num(column)]) for column in left.T)
+    found = []
+    for effect in EFFECTS:
+        if effect.name not in unknowns.places or effect.name in problem.unknowns.places:
+            continue
+        cause = _judged(effect, unknowns, J[:, unknowns.places[effect.name]], Q, r, inflation)
+        found += [] if cause is None else [cause]
+    return tuple(sorted(found, key=lambda cause: -cause.score))
+
+
+def _judged(effect: Effect, unknowns: Unknowns, J: Array, Q: Array, r: Array, inflation: float) -> Cause | None:
+    """The effect as a cause, if it explains enough, with its likely size of each joint."""
+    apart = J - Q @ (Q.T @ J)
+    is_apart = np.linalg.norm(apart, axis=0) > 1e-6 * np.maximum(np.linalg.norm(J, axis=0), 1e-300)
+    if not is_apart.any():
+        return None
+    size = np.zeros(J.shape[1])
+    size[is_apart] = -np.linalg.lstsq(apart[:, is_apart], r, rcond=None)[0]
+    if effect.is_positive:
+        size = np.maximum(size, 0.0)
+    gain = float(r @ r - (r + apart @ size) @ (r + apart @ size))
+    score, share = gain / (inflation * is_apart.sum()), gain / float(r @ r)
+    if score < thresholds.SCORE or share < thresholds.PART_EXPLAINED:
+        return None
+    part = unknowns.parts[[p.name for p in unknowns.parts].index(effect.name)]
+    joints = unknowns.scene.resolved.robot.joint_names
+    names = joints if len(size) == len(joints) else ()
+    of = ", ".join(f"{x:.3g} on {short(name)}" for x, name in zip(size, names, strict=True) if x) or f"{size[0]:.3g}"
+    what = f"{effect.text} is not in the model ({part.name} {of} {part.unit})".replace(" )", ")")
+    text = f"{what}: it would explain {100 * share:.0f} % of the residual's squares"
+    error = float(np.sqrt(inflation / max(float((apart[:, is_apart] ** 2).sum(axis=0).max()), 1e-300)))
+    return Cause(effect.name, tuple(names), text, score, float(size[np.argmax(np.abs(size))]), error, numbers=len(size))
+
+
+def _extended(unknowns: Unknowns) -> tuple[Scene, list[Unknown]]:
+    """The scene with all effects, of size 0 where they are missing, and these as further unknowns."""
+    scene, n = unknowns.scene, unknowns.scene.n
+    given = scene.resolved.friction
+    if given is None or not given.sticks:
+        own: dict[str, Any] = {} if given is None else dict(given.numbers)
+        if "stribeck" not in own:
+            own["stribeck"] = np.full(n, thresholds.STRIBECK_VELOCITY)
+        scene = replace(scene, friction=Friction(**own))
+    sizes = dict(scene.numbers) | {
+        SHIFT: np.zeros(1),
+        SCALE: np.ones(n),
+        OFFSET: np.zeros(n),
+        SENSOR_OFFSET: np.zeros(n),
+    }
+    found = []
+    for effect in EFFECTS:
+        is_there = effect.name in sizes and not (effect.name == SHIFT and scene.sample_time is not None)
+        is_zero = effect.name in OUTSIDE or (is_there and not sizes[effect.name].any())
+        if effect.name in unknowns.places or not is_there or not is_zero:
+            continue
+        number = sizes[effect.name]
+        k, labels = number.size, tuple(effect.name for _ in range(number.size))
+        none, wide = np.zeros(k, bool), np.full(k, 1e6)
+        found.append(Unknown(effect.name, labels, "", number, np.eye(k), number.copy(), wide, none))
+    return scene, found
+
+
+def mistaken_columns(scene: Scene, records: Sequence[Record]) -> tuple[Cause, ...]:
+    """Joints whose positions follow the commands of another joint, or the opposite of their own, or in other units."""
+    names, found = scene.resolved.robot.joint_names, []
+    for record in records:
+        places = columns_for(scene, record)
+        q, command = record.q[:, places], commands(scene, record)
+        R, slopes = _correlations(q, command)
+        for j, name in enumerate(names):
+            k = int(np.argmax(np.abs(R[j])))
+            if k != j and abs(R[j, k]) > thresholds.FOLLOWS and abs(R[j, j]) < thresholds.OTHER_JOINT:
+                other = f"the commands of {short(names[k])}: are columns swapped?"
+                text = f"{record.name}: positions of {short(name)} follow {other}"
+                found.append(Cause("swapped joints", (name, names[k]), text, float(abs(R[j, k]))))
+            elif R[j, j] < -thresholds.FOLLOWS:
+                text = (
+                    f"{record.name}: positions of {short(name)} follow the opposite of its commands: is a sign wrong?"
+                )
+                found.append(Cause("sign", (name,), text, float(-R[j, j])))
+            elif R[j, j] > thresholds.FOLLOWS and not 1 / thresholds.OTHER_UNIT < slopes[j] < thresholds.OTHER_UNIT:
+                size = f"{slopes[j]:.3g} times its commands"
+                text = f"{record.name}: positions of {short(name)} are {size}: are units alike?"
+                found.append(Cause("unit", (name,), text, float(R[j, j]), value=float(slopes[j])))
+    return tuple(dict((cause.text, cause) for cause in found).values())
+
+
+def _correlations(q: Array, command: Array) -> tuple[Array, Array]:
+    """Largest correlations of positions with commands at any delay, (n, n), and slopes of each on its own."""
+    n, T = q.shape[1], len(q)
+    a, b = (np.nan_to_num(x - np.nanmean(x, axis=0)) for x in (q, command))
+    A, B = np.fft.rfft(a, 2 * T, axis=0), np.fft.rfft(b, 2 * T, axis=0)
+    size = np.linalg.norm(a, axis=0)[:, None] * np.linalg.norm(b, axis=0)
+    R, slopes = np.zeros((n, n)), np.ones(n)
+    for j in range(n):
+        late = np.fft.irfft(A[:, [j]] * B.conj(), 2 * T, axis=0)[: max(1, T // 4)]
+        best = np.argmax(np.abs(late), axis=0)
+        top = late[best, np.arange(n)]
+        R[j] = np.divide(top, size[j], out=np.zeros(n), where=size[j] > 0)
+        power = float(b[:, j] @ b[:, j])
+        slopes[j] = top[j] / power if power > 0 else 1.0
+    return R, slopes

@@ -1,0 +1,160 @@
+"""Gauss-Newton steps on the output error, from several starts; starts of motions alone; folds for validation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ...basics.spatial import Array
+from ...errors import IdentificationError
+from ...simulation.sensitivities import SHIFT
+from .. import thresholds
+from .output_error import OutputError, fastest_mode
+
+
+class Solver:
+    """Gauss-Newton steps within a trust region, from several starts, with weights and steps that follow the fit."""
+
+    def __init__(
+        self,
+        problem: OutputError,
+        noise: Array,
+        steps_free: bool,
+        robust: bool,
+        progress: Callable[[int, float], object] | None,
+    ) -> None:
+        self.noise, self.steps_free, self.robust, self.progress = noise, steps_free, robust, progress
+        self.iterations, self.problem, self.message = 0, problem, ""
+        self.problem = replace(self._stepped(problem, problem.first), told=self._tell)
+        self.z = problem.first
+
+    def _tell(self, rms: float) -> None:
+        self.iterations += 1
+        if self.progress is not None:
+            self.progress(self.iterations, rms)
+
+    def _stepped(self, problem: OutputError, z: Array) -> OutputError:
+        """With steps that are stable at z."""
+        if not self.steps_free:
+            return problem
+        x, _ = problem.parts(z)
+        numbers, motion, shot = problem.unknowns.numbers(x), problem.motions[0], problem.shots[0]
+        q = shot.q[np.isfinite(shot.q).all(axis=1)][:: max(1, len(shot.q) // 4)][:4]
+        frozen = motion.frozen
+        vector, _ = motion.vectors({name: numbers[name] for name in problem.unknowns.of_scene})
+        states = frozen.start(vector, q, np.zeros_like(q))
+        rate = fastest_mode(frozen, states, vector)
+        period = min(1 / record.sample_rate for record in problem.records)
+        return problem.at(step=min(period, thresholds.STABLE / max(rate, 1e-9)))
+
+    def solved(self, problem: OutputError, z: Array, most: int) -> Any:
+        """By scipy.optimize.least_squares from z, in so many evaluations at most."""
+        from scipy.optimize import least_squares
+
+        low, high = np.full(len(z), -np.inf), np.full(len(z), np.inf)
+        if SHIFT in problem.unknowns.places:
+            low[problem.unknowns.places[SHIFT]] = 0.0
+        z = np.maximum(z, low)
+        how: dict[str, Any] = {"loss": "soft_l1", "f_scale": 2.0} if self.robust else {}
+        with np.errstate(all="ignore"):
+            return least_squares(
+                problem.residuals,
+                z,
+                problem.slopes,
+                bounds=(low, high),
+                x_scale=problem.spread,
+                method="trf",
+                ftol=1e-11,
+                xtol=1e-10,
+                gtol=1e-12,
+                max_nfev=most,
+                **how,
+            )
+
+    def from_starts(self, count: int, seed: int) -> None:
+        """The best of some starts after a few steps each."""
+        problem, found = self.problem, []
+        for z in self._starts(count, seed):
+            if np.isfinite(problem.residuals(z)).all():
+                found.append(self.solved(problem, z, thresholds.FEW_STEPS))
+                left = np.sqrt(np.nanmean(problem.misfits(found[-1].x) ** 2, axis=0))
+                if (left < thresholds.ABOVE_RESOLUTION * self.noise).all():
+                    break  # no other start can explain more
+        if not found:
+            raise IdentificationError(
+                "the motion cannot be simulated from any start: give `shot`, or other numbers to start from"
+            )
+        best = min(found, key=lambda s: float(s.cost))
+        self.z = best.x
+
+    def _starts(self, count: int, seed: int) -> list[Array]:
+        """The one that was given, and the best ones of many about it."""
+        problem = self.problem
+        first = problem.first
+        if count == 1:
+            return [first]
+        rng, P = np.random.default_rng(seed), len(problem.unknowns.labels)
+        tried = []
+        for _ in range(thresholds.TRIED * (count - 1)):
+            z = first.copy()
+            z[:P] += rng.normal(size=P) * np.where(problem.unknowns.is_log, thresholds.STRAY, 0.0)
+            if SHIFT in problem.unknowns.places:
+                place = problem.unknowns.places[SHIFT]
+                z[place] += np.abs(rng.normal()) * problem.spread[:P][place]
+            r = problem.residuals(z)
+            if np.isfinite(r).all():
+                tried.append((float(r @ r), z))
+        tried.sort(key=lambda pair: pair[0])
+        return [first, *(z for _, z in tried[: count - 1])]
+
+    def refine(self) -> None:
+        """To the end, with weights by what is left of each joint, and steps for the modes that were found."""
+        z, problem = self.z, self.problem
+        for _ in range(thresholds.ROUNDS):
+            before = problem.sigma
+            rms = np.sqrt(np.nanmean(problem.misfits(z) ** 2, axis=0))
+            problem = replace(self._stepped(problem, z), sigma=np.maximum(rms, self.noise), told=self._tell)
+            solution = self.solved(problem, z, thresholds.MANY_STEPS)
+            z, self.message = solution.x, solution.message
+            if np.abs(np.log(problem.sigma / before)).max() < thresholds.SETTLED:
+                break
+        self.problem, self.z = problem, z
+
+
+def fitted_starts(problem: OutputError, x: Array) -> Array:
+    """z with the numbers x and the starts of shots that fit their positions best."""
+    from scipy.optimize import least_squares
+
+    P, first = len(x), problem.first[len(x) :]
+    rows = np.ones(problem.count, bool)
+    rows[problem.count - len(first) - P : problem.count - len(first)] = False  # deviations of x
+
+    def residuals(s: Array) -> Array:
+        return problem.residuals(np.append(x, s))[rows]
+
+    def slopes(s: Array) -> Array:
+        return problem.slopes(np.append(x, s))[rows][:, P:]
+
+    if not np.isfinite(residuals(first)).all():
+        raise IdentificationError("the motion cannot be simulated from the start that the positions show")
+    found = least_squares(residuals, first, slopes, x_scale=problem.spread[P:], max_nfev=thresholds.MANY_STEPS)
+    return np.append(x, found.x)
+
+
+def validation_errors(solver: Solver, folds: int) -> Array:
+    """Root mean square of the residual of each joint on shots that were left out of a fit, fold by fold."""
+    problem, z = solver.problem, solver.z
+    P, width = len(problem.unknowns.labels), 2 * problem.unknowns.scene.n
+    total, count = np.zeros(problem.unknowns.scene.n), np.zeros(problem.unknowns.scene.n)
+    starts = z[P:].reshape(len(problem.shots), width)
+    for fold in range(folds):
+        out = np.arange(len(problem.shots)) % folds == fold
+        fitted = problem.at(shots=[s for s, is_out in zip(problem.shots, out, strict=True) if not is_out])
+        left = problem.at(shots=[s for s, is_out in zip(problem.shots, out, strict=True) if is_out])
+        x = solver.solved(fitted, np.append(z[:P], starts[~out]), thresholds.MANY_STEPS).x[:P]
+        misfits = left.misfits(fitted_starts(left, x))
+        total, count = total + np.nansum(misfits**2, axis=0), count + np.isfinite(misfits).sum(axis=0)
+    return np.asarray(np.sqrt(total / np.maximum(count, 1)))
