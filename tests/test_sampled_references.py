@@ -273,6 +273,15 @@ def test_motions_side_by_side_follow_their_own_samples(kind, has_own, sample_tim
         np.testing.assert_allclose(getattr(found, name)[:, k], getattr(motion, name), rtol=0, atol=AGREED)
 
 
+def test_equal_steps_side_by_side_end_at_jumps(side_by_side):
+    """They are those of `rne.sensitivities`; a stage on the other side of a jump would cost all orders but one."""
+    start, how = ([0.1, -0.2], [0.0, 0.0]), {"step": 7e-3, "t_eval": [0.05, 0.17, 0.25]}
+    found = rne.ensemble(scene_of(MADE["hold"](T, Q), side_by_side), *np.array(start)[:, None], 0.25, **how)
+    motion = rne.sensitivities(scene_of(MADE["hold"](T, Q)), *start, 0.25, wrt="q0", **how)
+    for name in ("q", "qd", "tau"):
+        np.testing.assert_allclose(getattr(found, name)[:, 0], getattr(motion, name), rtol=0, atol=1e-11)
+
+
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
 def test_c_source_has_the_samples(tmp_path):
     law = rne.control.compiled(scene_of(spline(T, Q)).controller)

@@ -408,7 +408,8 @@ def _plan(
     whole = Interval(tableau(chosen), 0.0, end, -np.inf, np.inf, rtol, atol, dynamics.counted, watched=watched)
     if longest:
         positions = dynamics.n if chosen == "semi-implicit-euler" else 0
-        intervals = [_in_equal_steps(whole, times, longest, samples)._replace(positions=positions)]
+        breaks = law_breaks(scene.controller) if period is None else []
+        intervals = _in_equal_steps(whole._replace(positions=positions), times, longest, samples, breaks)
     elif period is None:
         intervals = _between_breaks(whole, times, law_breaks(scene.controller))
     else:
@@ -446,11 +447,14 @@ class Motions(NamedTuple):
     interrupted: bool = False
 
 
-def _in_equal_steps(whole: Interval, times: Array, step: float, samples: Array) -> Interval:
+def _in_equal_steps(whole: Interval, times: Array, step: float, samples: Array, breaks: list[float]) -> list[Interval]:
     """Equal steps between two times to report or samples, which stand for times that are equal up to rounding."""
     times = aligned(times, [samples])
-    grid = equal_steps(whole.end, step, times, samples)
-    return whole._replace(t_eval=np.append(times[times < whole.end], whole.end), grid=grid, watched=0)
+    grid = equal_steps(whole.end, step, times, samples, np.array(breaks))
+    if not breaks:
+        return [whole._replace(t_eval=np.append(times[times < whole.end], whole.end), grid=grid, watched=0)]
+    parts = _between_breaks(whole, times, breaks)
+    return [part._replace(grid=grid[(grid >= part.begin) & (grid <= part.end)], watched=0) for part in parts]
 
 
 def _between_breaks(whole: Interval, times: Array, breaks: list[float]) -> list[Interval]:
@@ -482,7 +486,7 @@ class BatchRun:
     @property
     def steps(self) -> Array:
         """Lengths of steps that are not controlled."""
-        return np.diff(self.intervals[0].grid)
+        return np.concatenate([np.diff(interval.grid) for interval in self.intervals])
 
     @property
     def work(self) -> int:
@@ -513,7 +517,7 @@ class BatchRun:
             is_last = interval is self.intervals[-1]
             X = np.full((len(interval.t_eval), *x.shape), np.nan, x.dtype)
             how = interval._replace(table=tables), self.fallback.kernel, own, x[:, :size], X
-            part = run(*how, advance if is_last else lambda _: advance(0), last)
+            part = run(*how, advance if is_last or len(interval.grid) else lambda _: advance(0), last)
             stiff |= part.code != 0
             evaluations, verdict, is_done = evaluations + part.evaluations, verdict.worse(part.verdict), part.is_done
             X[:, stiff] = x[stiff] if is_done else np.nan
