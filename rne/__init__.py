@@ -31,6 +31,7 @@ if TYPE_CHECKING:
         excitation,
         identify,
         identify_drive_gains,
+        identify_motion,
         identify_payload,
     )
     from .identification.diagnosis.compare_models import ModelComparison, compare_models
@@ -64,7 +65,7 @@ else:
             "environments": "",
             "export": "",
             "identification": "Consistency Excitation Identification "
-            "excitation identify identify_drive_gains identify_payload",
+            "excitation identify identify_drive_gains identify_motion identify_payload",
             "kernels": "",
             "kernels.compilation": "compile",
             "model.abb_irb140": "irb140",
@@ -157,6 +158,7 @@ __all__ = [
     "identification",
     "identify",
     "identify_drive_gains",
+    "identify_motion",
     "identify_payload",
     "irb140",
     "kernels",

@@ -49,7 +49,7 @@ FLOOR = {entry: k for k, floor in enumerate(FLOORS) for entry in floor}
 SOURCES = sorted(PACKAGE.rglob("*.py"))
 ON_IMPORT = {"basics", "errors", "elementwise", "model", "dynamics", "robot"}  # the rest is imported on first use
 MAX_ENTRIES = 25  # of rne/: more are not taken in at a glance
-MAX_PUBLIC = 53  # names of rne besides its modules
+MAX_PUBLIC = 54  # names of rne besides its modules
 MAX_NAMES = 25  # of a function: a reader holds no more
 NAMELESS = {"lambda", "listcomp", "setcomp", "dictcomp", "genexpr"}  # functions, as `symtable` calls them
 MAX_CHANGES = 14  # of folder, from simulate to the first step
@@ -215,6 +215,7 @@ TAKEN = {
     "rne.model.modify.limit_array": "limits for all joints, each, or some by name, as with_limits takes them",
     "rne.model.topology.end_link": "the link of a load that is not named",
     "rne.robot.robot_argument": "the error for an argument that is no Robot",
+    "rne.simulation.commanded.CommandedMotion": "motions under recorded commands, which are fitted",
     "rne.simulation.scene.payload_argument": "a load by its mass, as a Payload or as found, as Scene takes it",
     "rne.simulation.springs.JointSpring": "what Spring.at_joint returns, whose stiffness is fitted",
     "rne.simulation.springs.Springs": "the springs of a Scene, in which torques are linear",

@@ -1,5 +1,8 @@
 """From measurements to a model: motions that excite it, records of motions, their fit, and how far to trust it."""
 
+from typing import TYPE_CHECKING
+
+from ..basics import on_first_use
 from .check import Check
 from .diagnosis.compare_models import ModelComparison, compare_models
 from .diagnosis.hypotheses import Cause, Hypothesis
@@ -16,6 +19,11 @@ from .payload import PayloadEstimate, identify_payload
 from .pipeline import assemble, diagnose, identify, regression
 from .result import Identification
 
+if TYPE_CHECKING:
+    from .motion.motion_fit import MotionFit, identify_motion
+else:
+    __getattr__ = on_first_use(__name__, {"motion.motion_fit": "MotionFit identify_motion"})
+
 __all__ = [
     "Bias",
     "BodiesFit",
@@ -30,6 +38,7 @@ __all__ = [
     "Identification",
     "LeastSquares",
     "ModelComparison",
+    "MotionFit",
     "PayloadEstimate",
     "Prepared",
     "Record",
@@ -44,6 +53,7 @@ __all__ = [
     "fit_bodies",
     "identify",
     "identify_drive_gains",
+    "identify_motion",
     "identify_payload",
     "regression",
 ]

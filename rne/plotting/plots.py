@@ -315,7 +315,7 @@ def prediction_plot(
     joint_names : Robot or sequence of str, length n, optional
         The robot, or names of its joints; by default numbers.
     units : sequence of str, length n, optional
-        "N m" or "N", by joint; by default those of the robot, or "N m".
+        "N m" or "N", of positions "rad" or "m", by joint; by default those of the robot, or "N m".
     title : str
         Title of the figure.
 
@@ -359,7 +359,7 @@ def prediction_plot(
         ax.set_title(literal(short(labels[j])), loc="left", fontsize="small", pad=2)
         chosen = used[:, j]
         _over_velocity(beside, speed[chosen, j], (torques - expected)[chosen, j], band[chosen, j])
-        unit = "rad/s" if units[j] == "N m" else "m/s"
+        unit = "rad/s" if units[j] in ("N m", "rad") else "m/s"
         beside.set_title(f"residual over velocity [{unit}]", loc="left", fontsize="small", pad=2)
     legend_beside(grid[0])
     figure = figure_of(grid)

@@ -7,10 +7,10 @@ what was computed, and those by the delay of commands are jumps of dx/dt.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -20,7 +20,6 @@ from ..errors import NotFiniteError, SingularMassMatrixError
 from ..integrators.frozen_steps import Schedule
 from ..integrators.step_control import aligned, equal_steps
 from ..integrators.tableaus import tableau
-from ..trajectories import sampled
 from .frozen_motion import FIXED, STARTS, FrozenScene, SideBySide, schedule_of
 from .scene import Scene
 from .sensitivities import SHIFT, Columns, Forwards, SensitivityTask
@@ -28,21 +27,8 @@ from .sensitivities import SHIFT, Columns, Forwards, SensitivityTask
 SCALE, OFFSET = "command.scale", "command.offset"
 OF_COMMANDS = SHIFT, SCALE, OFFSET
 TABLE = tableau(FIXED)._replace(C=np.concatenate([tableau(FIXED).C, [1.0], tableau(FIXED).C2]))
+Command = tuple[float, Array, Array]  # a law follows scale * command + offset (n,), after a delay [s]
 FOREVER = 1e6  # for so long the first and the last command hold [s]
-
-
-class CommandNumbers(NamedTuple):
-    """What becomes of commands before a law follows them: it follows scale * command + offset, after a delay."""
-
-    delay: float  # [s]
-    scale: Array  # (n,)
-    offset: Array  # (n,) [rad or m]
-
-
-def following(scene: Scene, t: Array, command: Array, kind: str) -> Scene:
-    """The scene whose law follows commands (K, n) at times t, held or joined by straight lines."""
-    reference = sampled(t, command, kind)
-    return replace(scene, controller=replace(scene.controller, reference=reference))
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,11 +39,28 @@ class CommandedMotion:
     (entries, k) of the k directions in which it is differentiated.
     """
 
+    NAMES: ClassVar = OF_COMMANDS
+
     frozen: FrozenScene
     begin: float  # in the time of the commands [s]
     times: Array  # since then
     taken: Mapping[str, Array]
     step: float
+
+    @classmethod
+    def of(cls, scene: Scene, names: Sequence[str], begin: float, times: Array, taken: Any, step: float) -> Self:
+        """That of a scene, of which some numbers by name are other ones."""
+        return cls(FrozenScene(scene, tuple(names)), begin, times, taken, step)
+
+    def fastest_rate(self, vectors: tuple[Array, Array], q: Array) -> float:
+        """The largest modulus of an eigenvalue of the equations at rest at positions (N, n) [1/s]."""
+        frozen, law, numbers = self.frozen, self.frozen.dynamics.law, vectors[0]
+        x = frozen.start(numbers, q, np.zeros_like(q))
+        kernel = frozen.scene.kernels.scene_kernel(frozen.dynamics.right_hand_side, "x")
+        held = (np.zeros((len(x), frozen.commanded)),) if frozen.commanded else ()
+        piece = () if law is None or not len(law.table) else (np.repeat(law.table[:1], len(x), axis=0),)
+        J = kernel(np.zeros((len(x), 1)), x, *held, *piece, numbers)
+        return float(np.abs(np.linalg.eigvals(J)).max(initial=0.0))
 
     @cached_property
     def _table(self) -> Array:
@@ -81,14 +84,15 @@ class CommandedMotion:
         group = SideBySide(self.frozen, {k: x[None] for k, x in own.items()}, 1, by_machine=self.frozen.by_machine)
         return group.numbers.reshape(-1), group.law_numbers.reshape(-1)
 
-    def _group(self, vectors: tuple[Array, Array], command: CommandNumbers) -> SideBySide:
+    def _group(self, vectors: tuple[Array, Array], command: Command) -> SideBySide:
         """The motion under numbers of its own, and its commands."""
+        delay, scale, offset = command
         group = SideBySide(self.frozen, {}, 1, by_machine=self.frozen.by_machine)
         group.numbers, group.law_numbers = vectors
         table, n = self._table.copy(), self.frozen.given.n
-        table[:, :2] += command.delay
-        table[:, 2:] *= np.resize(command.scale, table.shape[1] - 2)
-        table[:, 2 : 2 + n] += command.offset
+        table[:, :2] += delay
+        table[:, 2:] *= np.resize(scale, table.shape[1] - 2)
+        table[:, 2 : 2 + n] += offset
         if self.frozen.law is None:
             group.tables = table[None]
         else:
@@ -127,7 +131,7 @@ class CommandedMotion:
     def _task(
         self,
         vectors: tuple[Array, Array],
-        command: CommandNumbers,
+        command: Command,
         start: Array,
         columns: Columns | None = None,
     ) -> tuple[SensitivityTask, Schedule]:
@@ -141,7 +145,7 @@ class CommandedMotion:
         task = SensitivityTask(self.frozen, columns, x0, np.zeros(0), ends, self.times, None, group, False)
         return task, schedule_of(TABLE, ends, samples, acting, breaks)
 
-    def positions(self, vectors: tuple[Array, Array], command: CommandNumbers, start: Array) -> Array | None:
+    def positions(self, vectors: tuple[Array, Array], command: Command, start: Array) -> Array | None:
         """Positions at the times, (T, n); None where the motion cannot be computed."""
         task, schedule = self._task(vectors, command, start)
         assert task.group is not None
@@ -157,9 +161,7 @@ class CommandedMotion:
         found: Array = np.append(kept.stages[:, 0, :n], x[None, :n], axis=0)[np.searchsorted(task.ends, times)]
         return found
 
-    def derivatives(
-        self, vectors: tuple[Array, Array], command: CommandNumbers, start: Array
-    ) -> tuple[Array, Array]:
+    def derivatives(self, vectors: tuple[Array, Array], command: Command, start: Array) -> tuple[Array, Array]:
         """Positions (T, n), and their derivatives (T, n, k) by what is `taken` and by the start."""
         columns, W = self.columns
         task, schedule = self._task(vectors, command, start, columns)

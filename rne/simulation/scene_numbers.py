@@ -76,6 +76,27 @@ class SceneNumbers(Mapping[str, Array]):
     def __len__(self) -> int:
         return len(self._numbers)
 
+    def unit(self, name: str) -> str:
+        """The unit of a number; empty for those of controllers, which only their authors know.
+
+        Parameters
+        ----------
+        name : str
+            Its name.
+
+        Returns
+        -------
+        str
+            Such as "N m s/rad or N s/m".
+
+        Examples
+        --------
+        >>> import rne
+        >>> rne.Scene(rne.load("irb140"), friction=rne.Friction(viscous=2.0)).numbers.unit("friction.viscous")
+        'N m s/rad or N s/m'
+        """
+        return unit_of(name).strip(" []")
+
     def __repr__(self) -> str:
         width = max(map(len, self), default=0)
         lines = [f"  {name:{width}}  {x.shape!s:8} {brief(x)}{unit_of(name)}" for name, x in self.items()]

@@ -10,16 +10,14 @@ import numpy as np
 
 from ...basics.spatial import Array
 from ...basics.text import short
-from ...simulation.commanded import OFFSET, SCALE
 from ...simulation.friction import Friction
 from ...simulation.scene import Scene
-from ...simulation.sensitivities import SHIFT
 from .. import thresholds
 from ..diagnosis.hypotheses import Cause
 from ..log.record import Record
 from .certainty import correlation_time
 from .output_error import OutputError, columns_for, commands
-from .unknowns import OUTSIDE, SENSOR_OFFSET, Unknown, Unknowns
+from .unknowns import DELAY, OFFSET, OUTSIDE, SCALE, SENSOR_OFFSET, Unknown, Unknowns
 
 
 class Effect(NamedTuple):
@@ -36,7 +34,7 @@ EFFECTS = (
     Effect("friction.load", "friction that grows with load", True),
     Effect("friction.stribeck_rise", "the Stribeck effect", True),
     Effect("friction.offset", "a constant torque", False),
-    Effect(SHIFT, "a delay of commands", True),
+    Effect(DELAY, "a delay of commands", True),
     Effect(OFFSET, "an offset of commands", False),
     Effect(SCALE, "a scale of commands", False),
     Effect(SENSOR_OFFSET, "a zero of the positions", False),
@@ -102,14 +100,14 @@ def _extended(unknowns: Unknowns) -> tuple[Scene, list[Unknown]]:
             own["stribeck"] = np.full(n, thresholds.STRIBECK_VELOCITY)
         scene = replace(scene, friction=Friction(**own))
     sizes = dict(scene.numbers) | {
-        SHIFT: np.zeros(1),
+        DELAY: np.zeros(1),
         SCALE: np.ones(n),
         OFFSET: np.zeros(n),
         SENSOR_OFFSET: np.zeros(n),
     }
     found = []
     for effect in EFFECTS:
-        is_there = effect.name in sizes and not (effect.name == SHIFT and scene.sample_time is not None)
+        is_there = effect.name in sizes and not (effect.name == DELAY and scene.sample_time is not None)
         is_zero = effect.name in OUTSIDE or (is_there and not sizes[effect.name].any())
         if effect.name in unknowns.places or not is_there or not is_zero:
             continue

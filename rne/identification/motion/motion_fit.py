@@ -14,9 +14,9 @@ from numpy.typing import ArrayLike
 
 from ...basics.archive import Kinds, names_of, read, write
 from ...basics.arrays import positive_number, whole_number
+from ...basics.inertia import PARAMETERS
 from ...basics.spatial import Array
 from ...basics.text import InNotebooks, Row, aligned, counted, listed, short
-from ...model.parameters import PARAMETERS
 from ...simulation.scene import Scene
 from .. import thresholds
 from ..diagnosis.hypotheses import Cause
@@ -25,7 +25,7 @@ from ..log.record import Record
 from .certainty import Certainty, certainty, correlation_time
 from .missing import missing_effects, mistaken_columns
 from .output_error import OutputError, Shot, columns_for, commands, joint_units, shots_of
-from .solver import Solver, fitted_starts, validation_errors
+from .solver import MotionSolver, fitted_starts, validation_errors
 from .unknowns import Unknown, Unknowns, regrouped, rotors, unknowns_of
 
 if TYPE_CHECKING:
@@ -194,7 +194,7 @@ class MotionFit(InNotebooks):
         nb = PARAMETERS * robot.model.nb
         held = matrix[:, nb:] @ rotors(robot)
         factor = np.column_stack([half @ matrix[:, :nb], half @ (self._x[place] - held)])
-        prior, _ = model_prior(robot.model)
+        prior, _ = model_prior(robot)
         none = np.zeros(0)
         return consistent_fit(
             np.vstack([factor, 0 * factor[:1]]), prior, thresholds.PRIOR_STD**-2, none.astype(bool), none
@@ -329,30 +329,21 @@ class MotionFit(InNotebooks):
         Returns
         -------
         matplotlib.figure.Figure
-            With the 95 % band of measured positions about the predicted ones.
+            With the 95 % band of measured positions about the predicted ones, and the residual over velocity.
+
+        Examples
+        --------
+        >>> found.plot().savefig("positions.png")  # doctest: +SKIP
         """
-        from ...plotting.plots import figure_of, legend_beside, literal, panels, plot_columns, style_axes
+        from ...plotting import prediction_plot
 
         record = max(self.problem.records, key=lambda one: len(one.t))
         predicted, std = self.predict(record, std=True)
-        places, units = columns_for(self.initial, record), joint_units(self.initial)
-        measured, grid = record.q[:, places], panels(2 * self.initial.n, f"Positions of {record.name}", 2, height=1.5)
-        for j, (ax, beside) in enumerate(zip(grid[::2], grid[1::2], strict=True)):
-            band, left = thresholds.BAND * std[:, j], measured[:, j] - predicted[:, j]
-            ax.fill_between(
-                record.t, predicted[:, j] - band, predicted[:, j] + band, alpha=0.25, linewidth=0, label="95 % band"
-            )
-            shown = np.column_stack([measured[:, j], predicted[:, j]])
-            plot_columns(ax, record.t, shown, ["measured", "predicted"], ["C7", "C0"])
-            style_axes(ax, f"[{units[j]}]")
-            ax.set_title(
-                literal(short(self.initial.resolved.robot.joint_names[j])), loc="left", fontsize="small", pad=2
-            )
-            plot_columns(beside, record.t, left[:, None], ["residual"], ["C3"], linewidth=0.8)
-            style_axes(beside, f"[{units[j]}]")
-            beside.set_title("residual", loc="left", fontsize="small", pad=2)
-        legend_beside(grid[0])
-        return figure_of(grid)
+        qd = np.gradient(predicted, record.t, axis=0)
+        measured, units = record.q[:, columns_for(self.initial, record)], joint_units(self.initial)
+        how: dict[str, Any] = {"joint_names": self.initial.resolved.robot.joint_names, "units": units}
+        title = f"Positions of {record.name}"
+        return prediction_plot(record.t, measured, predicted, qd, std=std, title=title, **how)
 
     def save(self, path: str | PathLike[str]) -> Path:
         """Write all of it to a NumPy archive, which `load` reads.
@@ -412,8 +403,7 @@ MEDIAN = 0.6745  # of the absolute value of a standard normal number
 
 def kinds() -> Kinds:
     """The classes that a saved fit is made of, with their fields."""
-    from ...control.laws import PD, PID
-    from ...control.servo_law import Servo
+    from ...control import PD, PID, Servo
     from ...simulation.elastic_joints import ElasticJoints
     from ...simulation.friction import Friction
     from ...simulation.scene import Payload
@@ -525,7 +515,7 @@ def identify_motion(
         shots = shots_of(scene, given, total / folds, noise)
     longest = 1.0 if step is None else positive_number("step", step)
     problem = OutputError(unknowns, given, tuple(shots), np.maximum(noise, thresholds.OF_RANGE * spans), longest)
-    solver = Solver(problem, noise, step is None, robust, progress)
+    solver = MotionSolver(problem, noise, step is None, robust, progress)
     solver.from_starts(whole_number("starts", starts, least=1), seed)
     solver.refine()
     held = validation_errors(solver, folds) if folds else np.full(scene.n, np.nan)

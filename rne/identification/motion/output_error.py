@@ -14,9 +14,9 @@ import numpy as np
 
 from ...basics.spatial import Array
 from ...errors import IdentificationError
-from ...simulation.commanded import CommandedMotion, following
-from ...simulation.frozen_motion import FrozenScene
+from ...simulation.commanded import CommandedMotion
 from ...simulation.scene import Scene
+from ...trajectories import sampled
 from .. import thresholds
 from ..log.record import Record
 from .unknowns import SENSOR_OFFSET, SENSOR_SCALE, Unknowns
@@ -99,16 +99,6 @@ def joint_units(scene: Scene) -> list[str]:
     return ["m" if model.joint_types[i] == "prismatic" else "rad" for i in model.independent_joints]
 
 
-def fastest_mode(frozen: FrozenScene, x: Array, numbers: Array) -> float:
-    """The largest modulus of an eigenvalue of the equations in states (N, size), under numbers of them [1/s]."""
-    dynamics, law = frozen.dynamics, frozen.dynamics.law
-    kernel = frozen.scene.kernels.scene_kernel(dynamics.right_hand_side, "x")
-    t = np.zeros((len(x), 1))
-    held = (np.zeros((len(x), frozen.commanded)),) if frozen.commanded else ()
-    piece = () if law is None or not len(law.table) else (np.repeat(law.table[:1], len(x), axis=0),)
-    return float(np.abs(np.linalg.eigvals(kernel(t, x, *held, *piece, numbers))).max(initial=0.0))
-
-
 @dataclass(frozen=True, eq=False)
 class OutputError:
     """Residuals of shots as a function of z: what is unknown, x, then each shot's start, (P + 2 n S,)."""
@@ -119,21 +109,21 @@ class OutputError:
     sigma: Array  # (n,), standard deviations of what is measured [rad or m]
     step: float  # [s]
     told: Callable[[float], object] | None = None  # of the rms residual of each iteration, in sigma
-    traced: dict[int, FrozenScene] = field(default_factory=dict, repr=False)  # scenes by record
+    traced: dict[int, CommandedMotion] = field(default_factory=dict, repr=False)  # one of each record
 
     @cached_property
     def motions(self) -> list[CommandedMotion]:
         """One for each shot."""
-        scene, found, frozen = self.unknowns.scene, [], self.traced
+        scene, unknowns, found = self.unknowns.scene, self.unknowns, []
         for shot in self.shots:
-            if shot.record not in frozen:
+            times = shot.t - shot.t[0]
+            if shot.record not in self.traced:
                 record = self.records[shot.record]
-                command = commands(scene, record)
-                kind = HELD if record.command_hold else JOINED
-                frozen[shot.record] = FrozenScene(following(scene, record.t, command, kind), self.unknowns.of_scene)
-            found.append(
-                CommandedMotion(frozen[shot.record], shot.t[0], shot.t - shot.t[0], self.unknowns.directions, self.step)
-            )
+                reference = sampled(record.t, commands(scene, record), HELD if record.command_hold else JOINED)
+                own = replace(scene, controller=replace(scene.controller, reference=reference))
+                how = unknowns.of_scene, shot.t[0], times, unknowns.directions, self.step
+                self.traced[shot.record] = CommandedMotion.of(own, *how)
+            found.append(replace(self.traced[shot.record], begin=shot.t[0], times=times, step=self.step))
         return found
 
     @property

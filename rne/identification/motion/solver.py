@@ -10,12 +10,12 @@ import numpy as np
 
 from ...basics.spatial import Array
 from ...errors import IdentificationError
-from ...simulation.sensitivities import SHIFT
 from .. import thresholds
-from .output_error import OutputError, fastest_mode
+from .output_error import OutputError
+from .unknowns import DELAY
 
 
-class Solver:
+class MotionSolver:
     """Gauss-Newton steps within a trust region, from several starts, with weights and steps that follow the fit."""
 
     def __init__(
@@ -43,10 +43,8 @@ class Solver:
         x, _ = problem.parts(z)
         numbers, motion, shot = problem.unknowns.numbers(x), problem.motions[0], problem.shots[0]
         q = shot.q[np.isfinite(shot.q).all(axis=1)][:: max(1, len(shot.q) // 4)][:4]
-        frozen = motion.frozen
-        vector, _ = motion.vectors({name: numbers[name] for name in problem.unknowns.of_scene})
-        states = frozen.start(vector, q, np.zeros_like(q))
-        rate = fastest_mode(frozen, states, vector)
+        vectors = motion.vectors({name: numbers[name] for name in problem.unknowns.of_scene})
+        rate = motion.fastest_rate(vectors, q)
         period = min(1 / record.sample_rate for record in problem.records)
         return problem.at(step=min(period, thresholds.STABLE / max(rate, 1e-9)))
 
@@ -55,8 +53,8 @@ class Solver:
         from scipy.optimize import least_squares
 
         low, high = np.full(len(z), -np.inf), np.full(len(z), np.inf)
-        if SHIFT in problem.unknowns.places:
-            low[problem.unknowns.places[SHIFT]] = 0.0
+        if DELAY in problem.unknowns.places:
+            low[problem.unknowns.places[DELAY]] = 0.0
         z = np.maximum(z, low)
         how: dict[str, Any] = {"loss": "soft_l1", "f_scale": 2.0} if self.robust else {}
         with np.errstate(all="ignore"):
@@ -101,8 +99,8 @@ class Solver:
         for _ in range(thresholds.TRIED * (count - 1)):
             z = first.copy()
             z[:P] += rng.normal(size=P) * np.where(problem.unknowns.is_log, thresholds.STRAY, 0.0)
-            if SHIFT in problem.unknowns.places:
-                place = problem.unknowns.places[SHIFT]
+            if DELAY in problem.unknowns.places:
+                place = problem.unknowns.places[DELAY]
                 z[place] += np.abs(rng.normal()) * problem.spread[:P][place]
             r = problem.residuals(z)
             if np.isfinite(r).all():
@@ -144,7 +142,7 @@ def fitted_starts(problem: OutputError, x: Array) -> Array:
     return np.append(x, found.x)
 
 
-def validation_errors(solver: Solver, folds: int) -> Array:
+def validation_errors(solver: MotionSolver, folds: int) -> Array:
     """Root mean square of the residual of each joint on shots that were left out of a fit, fold by fold."""
     problem, z = solver.problem, solver.z
     P, width = len(problem.unknowns.labels), 2 * problem.unknowns.scene.n

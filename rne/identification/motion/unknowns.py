@@ -10,16 +10,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...basics.arrays import convert_numbers
+from ...basics.inertia import PARAMETERS, pseudo_inertia
 from ...basics.spatial import Array
+from ...basics.text import did_you_mean
 from ...dynamics.base_inertial_parameters import BaseParameters
-from ...model.parameters import PARAMETERS, pseudo_inertia
 from ...model.standard_parameters import DriveModel
 from ...robot import Robot
-from ...simulation.commanded import OF_COMMANDS, OFFSET, SCALE, CommandNumbers
+from ...simulation.commanded import CommandedMotion
 from ...simulation.scene import Scene
-from ...simulation.scene_numbers import unit_of, unknown
-from ...simulation.sensitivities import SHIFT
 
+DELAY, SCALE, OFFSET = OF_COMMANDS = CommandedMotion.NAMES
 SENSORS = SENSOR_SCALE, SENSOR_OFFSET = "sensor.scale", "sensor.offset"
 OUTSIDE = OF_COMMANDS + SENSORS  # of the scene
 OF_ANY_SIGN = "offset", "stribeck_rise", "gravity", "pose"
@@ -105,12 +105,12 @@ class Unknowns:
         """Derivatives of these values by x."""
         return np.where(self.is_log, np.exp(np.minimum(x, 700.0)), 1.0)
 
-    def command(self, numbers: Mapping[str, Array]) -> CommandNumbers:
+    def command(self, numbers: Mapping[str, Array]) -> tuple[float, Array, Array]:
         """What becomes of commands."""
         n = self.scene.n
         delay, ones, zeros = np.zeros(1), np.ones(n), np.zeros(n)
-        found = numbers.get(SHIFT, delay), numbers.get(SCALE, ones), numbers.get(OFFSET, zeros)
-        return CommandNumbers(float(found[0][0]), found[1], found[2])
+        found = numbers.get(DELAY, delay), numbers.get(SCALE, ones), numbers.get(OFFSET, zeros)
+        return float(found[0][0]), found[1], found[2]
 
 
 def unknowns_of(
@@ -132,7 +132,8 @@ def unknowns_of(
     for argument, given in (("wrt", names), ("start", start), ("priors", priors)):
         for name in given:
             if name not in every:
-                raise KeyError(f"`{argument}`: {unknown(name, every)}")
+                hint = did_you_mean(str(name), every)
+                raise KeyError(f"`{argument}` must name some of {', '.join(every)}; got {name!r}{hint}")
     if lost := [name for name in (*start, *priors) if name not in names]:
         raise ValueError(f"`start` and `priors` must be of what is fitted, which {lost[0]!r} is not: name it in `wrt`")
     numbers = dict(known) | _outside(scene) | {k: _shaped(k, x, scene, "start") for k, x in start.items()}
@@ -157,7 +158,7 @@ def _of_itself(scene: Scene) -> list[str]:
 def _outside(scene: Scene) -> dict[str, Array]:
     """Commands and sensors as they are taken to be."""
     ones, zeros = np.ones(scene.n), np.zeros(scene.n)
-    return {SHIFT: np.zeros(1), SCALE: ones, OFFSET: zeros, SENSOR_SCALE: ones, SENSOR_OFFSET: zeros}
+    return {DELAY: np.zeros(1), SCALE: ones, OFFSET: zeros, SENSOR_SCALE: ones, SENSOR_OFFSET: zeros}
 
 
 def _shaped(name: str, value: ArrayLike, scene: Scene, argument: str) -> Array:
@@ -182,13 +183,13 @@ def _entries(scene: Scene, name: str, number: Array, period: float, names: Seque
             raise ValueError("`wrt`: 'armature' acts as inertias of bodies do: leave it or 'parameters' out")
     own, k = flat[taken], np.flatnonzero(taken)
     is_log = (own > 0) & (not may_be_zero)
-    scales = {SHIFT: PERIODS * period, SCALE: SCALE_SPREAD, SENSOR_SCALE: SCALE_SPREAD}
+    scales = {DELAY: PERIODS * period, SCALE: SCALE_SPREAD, SENSOR_SCALE: SCALE_SPREAD}
     spread = np.where(is_log, LOG_SPREAD, scales.get(name, np.maximum(np.abs(own), OFFSET_SPREAD)))
     start = np.where(is_log, np.log(np.where(is_log, own, 1.0)), own)
     joints = scene.resolved.robot.joint_names
     per_joint = joints if flat.size == len(joints) else [str(i) for i in range(flat.size)]
     labels = tuple(name if flat.size == 1 else f"{name} of {per_joint[i]}" for i in k)
-    unit = {SHIFT: "s", SCALE: "1", SENSOR_SCALE: "1"}.get(name, unit_of(name).strip(" []"))
+    unit = {DELAY: "s", SCALE: "1", SENSOR_SCALE: "1"}.get(name, scene.numbers.unit(name))
     return Unknown(name, labels, unit, number, np.eye(flat.size)[:, k], start, spread, is_log)
 
 
