@@ -121,7 +121,7 @@ assert abs(after - true).max() < 0.1 * abs(before - true).max()
 #    rne identify so101 so101.mcap --locked gripper=0 --units tau=mA --gains 1.1 --out camera.urdf
 #
 # The same call reads LeRobot data sets (extra ``lerobot``). Most of them hold positions
-# alone, from which no mass follows: record the currents of the servos as well.
+# and commands alone, which it reads as such: record the currents of the servos as well.
 
 folder.cleanup()
 holding
