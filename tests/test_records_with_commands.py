@@ -170,6 +170,25 @@ def test_commands_that_repeat_themselves_are_said_where_they_make_up_for_it():
         assert [x for x in said(command, Q + command - COMMAND) if "command" in x[1]] == []
 
 
+def test_commands_that_come_after_the_motion_are_said():
+    """Columns of commands and positions that are exchanged, or of clocks that differ."""
+    record = Record(T, COMMAND, command=Q)
+    assert [(x.joint, x.kind) for x in record.findings] == [
+        (x, "command after the position") for x in record.joint_names
+    ]
+    assert str(record.findings[0]).endswith("by about 10 ms; are columns exchanged, or clocks different?")
+    assert said(Q, Q) == []  # of no delay at all
+
+
+def test_steps_of_an_encoder_at_rest_are_no_jumps():
+    """After a step response, with too few changes for the step of the encoder to be told."""
+    step = 2 * np.pi / 2**12
+    moved = np.clip(T[:, None] / 0.15, 0, 1)
+    q = step * np.rint(0.06 * (3 * moved**2 - 2 * moved**3) / step)
+    q[300:] -= step
+    assert said(np.full((400, 1), 0.06), q) == []
+
+
 # Logs
 
 

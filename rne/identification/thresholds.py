@@ -62,6 +62,8 @@ KEEPS_MOVING = 0.2  # of its range, that a position moves in a record's second h
 FAR_COMMAND = 3.0  # ranges of the position between its ends and the command's, from which another unit is looked for
 NEAR_TURN = 0.5  # [rad] of error under load, up to which a command lies at a turn from its position
 CHANGING = 0.5  # share of samples that repeat a command, above which it is one of steps
+LATE_OVER = 0.3  # [s], up to which a position is looked for ahead of its command
+ALIKE_CHANGES = 0.8  # correlation of the changes of both, from which one follows the other
 MADE_UP = 0.75  # of what a steady command would have moved meanwhile, from which a repeated one makes up for it
 
 # Log: the cut-off of the filter ------------------------------------------------------------------------------------

@@ -65,7 +65,7 @@ def known_commands(found: Screened, given: Commands) -> tuple[Commands, Array]:
 
 
 def check_commands(found: Screened, commands: Commands, q: Array) -> None:
-    """Name commands that are constant, in another unit than the positions, a turn away, or stale."""
+    """Name commands that are constant, in another unit than the positions, a turn away, stale, or late."""
     assert commands.filled is not None
     for j, (command, position) in enumerate(zip(commands.q[found.rows].T, q.T, strict=True)):
         if np.ptp(command) == 0:  # of a step, after which the position comes to rest, or of another motion
@@ -91,6 +91,9 @@ def check_commands(found: Screened, commands: Commands, q: Array) -> None:
         if len(stale):
             cure = "taken as sent; if the log lost commands, the motion after them is not theirs"
             found.warning(j, "repeated command", found.at(stale), cure, stale)
+        if late := _late(command, position, int(thresholds.LATE_OVER / found.period)):
+            text, cure = f"by about {1e3 * late * found.period:.3g} ms", "are columns exchanged, or clocks different?"
+            found.warning(j, "command after the position", text, cure)
 
 
 def _unit_of(command: Array, q: Array) -> str:
@@ -127,3 +130,17 @@ def _stale(command: Array) -> Array:
         if before * after > 0 and jump / slope > thresholds.MADE_UP * (b - a + 1) + digit / abs(slope):
             found.append(np.arange(a + 1, b + 1))
     return np.concatenate(found)
+
+
+def _late(command: Array, q: Array, most: int) -> int:
+    """By how many samples, up to `most`, changes of the position are ahead of those of the command, if they are."""
+    most = min(most, len(q) // 4)
+    asked, moved = (x - x.mean() for x in (np.diff(command), np.diff(q)))
+    lag, (a, m) = np.arange(-most, most + 1), (np.append(0, np.cumsum(x**2)) for x in (asked, moved))
+    first, last = np.maximum(-lag, 0), len(asked) - np.maximum(lag, 0)  # samples of the command that have a position
+    size = np.sqrt((a[last] - a[first]) * (m[last + lag] - m[first + lag]))
+    alike = np.correlate(np.pad(moved, most), asked, "valid") / np.maximum(size, thresholds.TINY)
+    best = int(alike.argmax())
+    causal = float(alike[most:].max())
+    is_late = best < most and alike[best] > thresholds.ALIKE_CHANGES and 1 - alike[best] < (1 - causal) / 2
+    return most - best if is_late else 0

@@ -103,8 +103,9 @@ class Record(ReadOnlyArrays):
     times the usual deviation, such as positions repeated in the midst of a motion; jumps of positions; torques that are
     constant, or at a limit; velocities that are not those of the positions; positions in degrees; joints that do not
     move; fewer than two samples per second, and times that look like milliseconds, microseconds or nanoseconds. Of
-    commands: values that are not finite, constant commands, those in another unit than the positions or a turn away
-    from them, jumps by turns, and commands that repeat themselves in the midst of a motion and then make up for it.
+    commands: values that are not finite, constant commands, those in another unit than the positions, a turn away from
+    them or later than them, jumps by turns, and commands that repeat themselves in the midst of a motion and then make
+    up for it.
     Errors are raised by `prepare`.
 
     Examples
