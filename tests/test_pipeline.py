@@ -10,7 +10,6 @@ from rne import identification
 from rne.identification.fit.equations import MEASURED
 from rne.identification.fit_model import (
     FitModel,
-    FitProblem,
     fitted,
     settled,
     with_delays,
@@ -46,12 +45,8 @@ def record(scene):
     return log_of(scene)
 
 
-def problem(scene, record, **options):
-    return FitProblem(scene.robot, (record,), folds=2, **options)
-
-
-def model(scene, drives=MEASURED, **options):
-    return FitModel(drives, np.zeros((1, scene.n)), 5.0, **options)
+def model(scene, record, **options):
+    return FitModel(scene.robot, (record,), MEASURED, np.zeros((1, scene.n)), 5.0, folds=2, **options)
 
 
 def test_stages_by_hand_give_what_identify_gives(scene, record):
@@ -88,31 +83,31 @@ def test_a_clean_record_lies_on_a_grid_without_the_samples_that_are_wrong(record
 
 
 def test_the_step_of_delays_finds_how_late_torques_are(scene):
-    fit = fitted(problem(scene, log_of(scene, late=LATE)), model(scene))
+    fit = fitted(model(scene, log_of(scene, late=LATE)))
     np.testing.assert_allclose(with_delays(fit).delays, LATE, atol=3e-4)  # standard errors are 0.05 ms
-    again = fitted(fit.problem, replace(fit.model, delays=with_delays(fit).delays))
+    again = fitted(replace(fit.model, delays=with_delays(fit).delays))
     assert with_delays(again) is None
-    assert with_delays(fitted(replace(fit.problem, finds_delays=False), fit.model)) is None
+    assert with_delays(fitted(replace(fit.model, finds_delays=False))) is None
 
 
 def test_the_step_of_stribeck_effects_finds_the_velocity(scene):
     friction = replace(scene.friction, stribeck=[STRIBECK, 0.0, 0.0], stribeck_rise=[20.0, 0.0, 0.0])
-    fit = fitted(problem(scene, log_of(replace(scene, friction=friction))), model(scene))
+    fit = fitted(model(scene, log_of(replace(scene, friction=friction))))
     found = with_stribeck(fit).drives.stribeck
     assert found[0] == pytest.approx(STRIBECK, rel=0.2)  # three times its scatter over six seeds, 6 %
     assert not found[1:].any()
-    assert with_stribeck(fitted(fit.problem, model(scene, replace(MEASURED, stribeck=found)))) is None
+    assert with_stribeck(fitted(replace(fit.model, drives=replace(MEASURED, stribeck=found)))) is None
 
 
 def test_the_step_of_rotors_drops_them_where_none_is_felt(scene, record):
-    fit = fitted(problem(scene, record), model(scene))
+    fit = fitted(model(scene, record))
     assert not without_rotors(fit).drives.rotor
     with_armature = rne.Scene(scene.robot.with_armature([20.0, 20.0, 10.0]), friction=scene.friction)
-    assert without_rotors(fitted(problem(scene, log_of(with_armature)), model(scene))) is None
+    assert without_rotors(fitted(model(scene, log_of(with_armature)))) is None
 
 
 def test_steps_are_taken_until_none_asks_for_another(scene):
-    fit = settled(problem(scene, log_of(scene, late=LATE)), model(scene))
+    fit = settled(model(scene, log_of(scene, late=LATE)))
     assert not fit.model.drives.rotor
     np.testing.assert_allclose(fit.model.delays, LATE, atol=3e-4)
     assert [cause.kind for cause in fit.modelled] == ["delay"]

@@ -51,11 +51,14 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class FitProblem:
-    """What a fit is of: a robot and its records, and which assumptions it may change."""
+class FitModel:
+    """A fit to records of a robot: what it assumes beside the robot, and what of that the residuals may change."""
 
     robot: Robot
     records: tuple[Record, ...]
+    drives: DriveModel
+    delays: Array  # by which torques were measured later than positions, shape (records, n) [s]
+    cutoffs: float | tuple[float, ...] | None = None  # [Hz]; None for those of the spectra
     springs: Springs | None = None  # whose stiffness and length are found
     motions: tuple[Motion, ...] = ()  # of the instruments, one for each record; none for least squares
     minimum_velocity: ArrayLike | None = None  # this and `folds` as of `rne.identify`
@@ -63,29 +66,19 @@ class FitProblem:
     hypotheses: tuple[Hypothesis, ...] | None = ()  # tried as causes beside those known; None to look for no causes
     finds_delays: bool = True
     finds_drives: bool = True  # Stribeck effects, and whether there are rotors
-
-    def data(self, base: BaseParameters, model: FitModel, loaded: Array | None = None) -> RegressionData:
-        """The equations under a model; friction under load is that of standard parameters `loaded`."""
-        filters = self.minimum_velocity, model.cutoffs, self.folds
-        return build_regression(self.robot, self.records, base, *filters, model.delays, loaded, self.motions)
-
-
-@dataclass(frozen=True, eq=False)
-class FitModel:
-    """What a fit assumes beside the robot."""
-
-    drives: DriveModel
-    delays: Array  # by which torques were measured later than positions, shape (records, n) [s]
-    cutoffs: float | tuple[float, ...] | None = None  # [Hz]; None for those of the spectra
     filtered: tuple[tuple[str, ...], ...] = ()  # notes on the filter of each record, once the cut-offs are chosen
     modelled: Mapping[tuple[object, ...], Cause] = field(default_factory=dict)  # delays and Stribeck effects found
+
+    def data(self, base: BaseParameters, loaded: Array | None = None) -> RegressionData:
+        """The equations; friction under load is that of standard parameters `loaded`."""
+        filters = self.minimum_velocity, self.cutoffs, self.folds
+        return build_regression(self.robot, self.records, base, *filters, self.delays, loaded, self.motions)
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
     """Base parameters fitted under a model, and what their residuals show."""
 
-    problem: FitProblem
     model: FitModel
     base: BaseParameters
     data: RegressionData
@@ -100,22 +93,22 @@ class Fit:
     def residuals(self) -> FitResiduals:
         """The residuals of the fit."""
         estimate = self.estimate
-        return FitResiduals(self.problem.robot, self.base, self.data, estimate.values, estimate.sigma)
+        return FitResiduals(self.model.robot, self.base, self.data, estimate.values, estimate.sigma)
 
     @cached_property
     def linear(self) -> LinearCauses:
         """Causes of the residuals whose torques are linear in their numbers."""
-        return linear_causes(self.residuals, self.problem.hypotheses)
+        return linear_causes(self.residuals, self.model.hypotheses)
 
     @cached_property
     def _likely(self) -> tuple[tuple[Cause, ...], tuple[Cause, ...]]:
-        if self.problem.motions:  # the noise of the positions is in the residuals
+        if self.model.motions:  # the noise of the positions is in the residuals
             return (), ()
-        return likely_causes(self.residuals, self.problem.hypotheses, self.linear)
+        return likely_causes(self.residuals, self.model.hypotheses, self.linear)
 
     @property
     def causes(self) -> tuple[Cause, ...]:
-        """Likely causes of the residuals; friction of gears alone, if the problem has no hypotheses."""
+        """Likely causes of the residuals; friction of gears alone, if the model has no hypotheses."""
         return self._likely[0]
 
     @property
@@ -124,27 +117,27 @@ class Fit:
         return self._likely[1]
 
 
-def settled(problem: FitProblem, model: FitModel) -> Fit:
+def settled(model: FitModel) -> Fit:
     """The fit under a model in which no step finds an error, or that of the last round."""
-    fit = with_chosen_cutoffs(fitted(problem, model))
+    fit = with_chosen_cutoffs(fitted(model))
     for _ in range(thresholds.DELAY_ROUNDS):
         changed = next((found for step in STEPS if (found := step(fit)) is not None), None)
         if changed is None:
             break
-        fit = fitted(problem, changed)
+        fit = fitted(changed)
     return fit
 
 
-def fitted(problem: FitProblem, model: FitModel) -> Fit:
+def fitted(model: FitModel) -> Fit:
     """The fit under a model; where friction depends on the load, in rounds with the loads of the last one.
 
     A round leaves of the parameters' error about the part of the torque that friction takes.
     """
-    base = problem.robot.base_parameters(drives=model.drives)
-    base = base if problem.springs is None else with_springs(base, problem.springs)
+    base = model.robot.base_parameters(drives=model.drives)
+    base = base if model.springs is None else with_springs(base, model.springs)
     x, before = None, np.full(base.count, np.inf)
     for _ in range(thresholds.LOAD_ROUNDS if "Fl" in base.standard.terms else 1):
-        data = problem.data(base, model, x)
+        data = model.data(base, x)
         estimate = least_squares(data.fitted.mapped(base.back))
         moved, x, before = np.abs(estimate.values - before), base.back @ estimate.values, estimate.values
         if (moved <= thresholds.LOAD_SETTLED * estimate.errors).all():
@@ -152,7 +145,7 @@ def fitted(problem: FitProblem, model: FitModel) -> Fit:
     if model.filtered:
         notes = zip(data.prepared, model.filtered, strict=True)
         data = replace(data, prepared=tuple(replace(record, notes=text) for record, text in notes))
-    return Fit(problem, model, base, data, estimate)
+    return Fit(model, base, data, estimate)
 
 
 def with_springs(base: BaseParameters, springs: Any) -> BaseParameters:
@@ -172,7 +165,7 @@ def with_chosen_cutoffs(fit: Fit) -> Fit:
     data = fit.data if fit.model.cutoffs else lower_cutoffs(fit)
     cutoffs, notes = tuple(r.cutoff for r in data.prepared), tuple(r.notes for r in data.prepared)
     model = replace(fit.model, cutoffs=cutoffs, filtered=notes)
-    return replace(fit, model=model) if data is fit.data else fitted(fit.problem, model)
+    return replace(fit, model=model) if data is fit.data else fitted(model)
 
 
 def lower_cutoffs(fit: Fit) -> RegressionData:
@@ -191,7 +184,7 @@ def lower_cutoffs(fit: Fit) -> RegressionData:
     for k in range(1, thresholds.CUTOFF_HALVINGS + 1):
         model = replace(fit.model, cutoffs=tuple(record.cutoff / 2**k for record in first.prepared))
         try:
-            lower = fit.problem.data(base, model, x)
+            lower = model.data(base, x)
         except ValueError:  # the record is too short for this filter
             break
         if lower.used.sum() < thresholds.FEWEST_ROWS * base.count:
@@ -236,11 +229,11 @@ def with_reasons(first: RegressionData, data: RegressionData, before: Array, aft
 
 def with_delays(fit: Fit) -> FitModel | None:
     """The model with delays of the torques that the residuals show, or that another cause may hide."""
-    problem, model = fit.problem, fit.model
-    if not problem.finds_delays:
+    model = fit.model
+    if not model.finds_delays:
         return None
-    if problem.motions:
-        moved = [along(record, motion) for record, motion in zip(fit.data.prepared, problem.motions, strict=True)]
+    if model.motions:
+        moved = [along(record, motion) for record, motion in zip(fit.data.prepared, model.motions, strict=True)]
         found = delays_by_instruments(fit.residuals, moved)
     else:
         rest = fit.residuals.beyond_friction
@@ -249,7 +242,7 @@ def with_delays(fit: Fit) -> FitModel | None:
             found = delays_of(rest.with_known(leading))
     delays, modelled = model.delays, dict(model.modelled)
     for cause in found:
-        delays = delays + added_delay(cause, len(delays), problem.robot.joint_names)
+        delays = delays + added_delay(cause, len(delays), model.robot.joint_names)
         key = cause.kind, cause.joints, str(cause.at)
         before = modelled[key].value if key in modelled else 0.0
         modelled[key] = cause._replace(value=cause.value + before)
@@ -258,8 +251,8 @@ def with_delays(fit: Fit) -> FitModel | None:
 
 def with_stribeck(fit: Fit) -> FitModel | None:
     """The model with Stribeck effects, where these are among the likeliest causes."""
-    model, names = fit.model, fit.problem.robot.joint_names
-    slow = [cause for cause in fit.causes if cause.kind == STRIBECK] if fit.problem.finds_drives else []
+    model, names = fit.model, fit.model.robot.joint_names
+    slow = [cause for cause in fit.causes if cause.kind == STRIBECK] if fit.model.finds_drives else []
     if not slow or slow[0].score < max(cause.score for cause in fit.causes) / 2:
         return None
     velocities = np.zeros(len(names)) if model.drives.stribeck is None else np.array(model.drives.stribeck, np.float64)
@@ -274,9 +267,9 @@ def without_rotors(fit: Fit) -> FitModel | None:
 
     Other causes hide rotors.
     """
-    model, base, robot = fit.model, fit.base, fit.problem.robot
+    model, base, robot = fit.model, fit.base, fit.model.robot
     own = [k for k, name in enumerate(base.names) if name.startswith("Ia_") and base.formulas[k] == name]
-    is_open = fit.problem.finds_drives and model.drives.rotor
+    is_open = fit.model.finds_drives and model.drives.rotor
     if not is_open or not own or any(cause.kind not in GEARS for cause in fit.causes):
         return None
     found, size = fit_base_parameters(base, fit.data), np.zeros(robot.model.nb)

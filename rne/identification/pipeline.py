@@ -56,7 +56,7 @@ from .fit.equations import (
 )
 from .fit.instruments import cutoff_of_instruments, motions_of
 from .fit.least_squares import LeastSquares, Unexplained, fit_base_parameters
-from .fit_model import Fit, FitModel, FitProblem, settled
+from .fit_model import Fit, FitModel, settled
 from .log.record import Record
 from .result import IMPOSSIBLE, NAMED, NOT_CONSISTENT, NOT_SOUGHT, WRONG_SIGN, Identification
 
@@ -341,10 +341,9 @@ def identify(
     if motions and cutoff is None:
         cutoff, matched = cutoff_of_instruments(records, motions), (*matched, FROM_INSTRUMENTS)
     tried = tried_hypotheses(hypotheses, bool(motions), causes=causes)
-    are_open = {"finds_delays": delay is None, "finds_drives": drives is None}
-    problem = FitProblem(robot, records, fitted, motions, minimum_velocity, folds, tried, **are_open)
     delays = np.zeros((len(records), robot.n)) + delay_argument(delay, robot.n)
-    fit = settled(problem, FitModel(MEASURED if drives is None else drives, delays, cutoff))
+    assumed = MEASURED if drives is None else drives, delays, cutoff, fitted, motions, minimum_velocity, folds, tried
+    fit = settled(FitModel(robot, records, *assumed, finds_delays=delay is None, finds_drives=drives is None))
     bodies, errors = validated_bodies(fit, known, prior_std)
     notes = (*matched, *notes_of_fit(fit), *bodies.notes)
     likely = merged_by_kind(fit.causes) if causes else ()
@@ -400,8 +399,8 @@ def notes_of_fit(fit: Fit) -> tuple[str, ...]:
     """Notes on the equations, on what the model takes into account, and on what it leaves out."""
     period = max(1 / record.sample_rate for record in fit.data.prepared)
     is_early = any(cause.kind == "delay" and cause.value < -period for cause in fit.modelled)
-    early = (EARLY,) * (is_early and not fit.problem.motions)
-    declined = (NO_ROTORS,) * (fit.problem.finds_drives and not fit.model.drives.rotor)
+    early = (EARLY,) * (is_early and not fit.model.motions)
+    declined = (NO_ROTORS,) * (fit.model.finds_drives and not fit.model.drives.rotor)
     return (*early, *fit.data.notes, *map(taken_text, fit.modelled), *declined, *small_text(fit.small_causes))
 
 
