@@ -191,15 +191,17 @@ def aligned(rows: Sequence[Row]) -> list[str]:
     return lines
 
 
-def table(head: str, titles: Sequence[str], names: Iterable[str], *columns: Iterable[str]) -> list[str]:
+def table(
+    head: str, titles: Sequence[str], names: Iterable[str], *columns: Iterable[str], indent: str = ""
+) -> list[str]:
     """Lines of a table: titles of the columns, then a line for each name, decimal points below each other."""
-    rows = [Row(short(name), cells) for name, *cells in zip(names, *columns, strict=True)]
+    rows = [Row(f"{indent}{short(name)}", cells) for name, *cells in zip(names, *columns, strict=True)]
     return aligned([Row(head, titles, words=True), *rows])
 
 
-def column(values: Iterable[float], form: str) -> list[str]:
-    """Numbers as texts of one format, such as ".4g"."""
-    return [format(value, form) for value in values]
+def column(values: Iterable[float], form: str, unknown: str = "nan") -> list[str]:
+    """Numbers as texts of one format, such as ".4g", and a text for NaN."""
+    return [format(value, form) if value == value else unknown for value in values]
 
 
 def _from_the_point(text: str) -> str:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..basics.spatial import Array
-from ..basics.text import InNotebooks, Row, aligned, listed, short, wrapped
+from ..basics.text import InNotebooks, column, listed, short, table, wrapped
 from . import thresholds
 
 if TYPE_CHECKING:
@@ -103,15 +103,14 @@ class Check(InNotebooks):
             A line for each joint, and of joints that a constant torque predicts better that it does.
         """
         columns = ("rms error [N m or N]", "relative [%]", "R^2", "within the 95 % band [%]")
-        rows, values = [Row(f"motion {short(self.name)}", columns, words=True)], (self.rms, self.relative)
-        for joint, rms, part, r2, share in zip(self.joint_names, *values, self.r_squared, self.covered, strict=True):
-            within = "-" if np.isnan(share) else f"{100 * share:.0f}"
-            rows.append(Row(f"  {short(joint)}", (f"{rms:.4g}", f"{100 * part:.1f}", f"{r2:.4f}", within)))
+        errors = column(self.rms, ".4g"), column(100 * self.relative, ".1f"), column(self.r_squared, ".4f")
+        cells = *errors, column(100 * self.covered, ".0f", "-")
+        lines = table(f"motion {short(self.name)}", columns, self.joint_names, *cells, indent="  ")
         worse = [name for name, r2 in zip(self.joint_names, self.r_squared, strict=True) if r2 < 0]
         text = (
             f"a constant torque predicts {listed(worse)} better: are units, zero and order those of the fitted records?"
         )
-        return "\n".join([*aligned(rows), *[text] * bool(worse)])
+        return "\n".join([*lines, *[text] * bool(worse)])
 
     def plot(self) -> Figure:
         """Measured and predicted torque and their difference over time, and the difference over speed, by joint.

@@ -112,10 +112,6 @@ class DriveGains(SetsResult):
         ------
         ValueError
             If `count` is not a positive integer.
-
-        Examples
-        --------
-        >>> gains.draws(100).std(0)  # doctest: +SKIP
         """
         n, rng = len(self.gains), np.random.default_rng(seed)
         root = square_root(self.estimate.covariance[-n:, -n:])
@@ -215,6 +211,8 @@ def identify_drive_gains(
     [8.0, 8.0, 8.0, 8.0, 8.0, 8.0]
     >>> print(found.report().split(";")[0][:32])
     gains of 6 of 6 joints, known to
+    >>> found.draws(100).shape
+    (100, 6)
     """
     from ..simulation.scene import payload_argument
 

@@ -129,11 +129,6 @@ class PayloadEstimate(SetsResult):
         ValueError, IdentificationError
             As for `Identification.draws`, whose notes hold: by the covariance of `estimate`, and where the motions say
             nothing of a parameter by a prior of bodies like the load, which may be three times as large.
-
-        Examples
-        --------
-        >>> found.draws(100)["payload"].shape  # doctest: +SKIP
-        (100, 10)
         """
         first = self.sets.base.count + self.sets.S.shape[-1] - PARAMETERS
         own, phi = np.s_[first : first + PARAMETERS], parameters_of_bodies(np.array(self.mass), self.com, self.inertia)
@@ -251,6 +246,8 @@ def identify_payload(
     (3.0, 6)
     >>> print(found.report()[:23])
     3 kg on tool0, known to
+    >>> found.draws(100)["payload"].shape
+    (100, 10)
     """
     from ..simulation.scene import Payload
 

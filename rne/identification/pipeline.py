@@ -325,6 +325,9 @@ def identify(
     ((54,), (5000, 6), (6,))
     >>> found.check(record).measured.shape[1], len(found.plot().axes)
     (6, 12)
+    >>> found.essential().base.names, found.to_urdf(), found.kernel(std=True).source("c")  # doctest: +SKIP
+    >>> found.save("found.npz"), rne.Identification.load("found.npz")  # doctest: +SKIP
+    >>> run = rne.ensemble(found.scene(), q0, qd0, duration=1.0, numbers=found.draws(100))  # doctest: +SKIP
     """
     whole = robot_argument(robot)
     robot, records, matched = of_named_joints(whole, records)

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from ..basics.inertia import PARAMETERS, parameters_of_pseudo_inertia, pseudo_inertia
 from ..basics.spatial import Array
-from ..basics.text import InNotebooks, Row, aligned, short, wrapped
+from ..basics.text import InNotebooks, Row, aligned, column, table, wrapped
 from ..dynamics.base_inertial_parameters import BaseParameters
 from ..model.standard_parameters import DriveModel, StandardParameters
 from ..robot import Robot, robot_argument
@@ -328,18 +328,17 @@ class SetsResult(InNotebooks):
         first += f"; torques in motion are predicted to {percent(self.held_out)} on blocks of time that were not fitted"
         causes = [*likely_text(self.causes), *(cause.text for cause in self.causes if cause.kind in GEARS)]
         notes = [*self.notes, contained, *(causes or [QUIET])]
-        return "\n".join([wrapped(first), *aligned(rows), *aligned(self._errors()), *map(wrapped, notes)])
+        return "\n".join([wrapped(first), *aligned(rows), *self._errors(), *map(wrapped, notes)])
 
-    def _errors(self) -> list[Row]:
+    def _errors(self) -> list[str]:
         """A table of the errors held out."""
         of_sets = ("no load", *("load weighed",) * (len(self.held_out_rms) - 2), "load")
         columns = (*(f"{name} [%]" for name in of_sets), "load [N m or N]", "noise [N m or N]")
-        rows, (errors, torques) = [Row("errors held out", columns, words=True)], np.moveaxis(self.held_out_rms, 1, 0)
-        for j, name in enumerate(self.sets.robot.joint_names):
-            values = [f"{100 * x:.2f}" for x in errors[:, j] / np.maximum(torques[:, j], thresholds.TINY)]
-            values += [f"{errors[-1, j]:.4g}", f"{self.estimate.sigma[j]:.4g}"]
-            rows.append(Row(f"  {short(name)}", ["-"] * len(values) if np.isnan(errors[-1, j]) else values))
-        return rows
+        errors, torques = np.moveaxis(self.held_out_rms, 1, 0)
+        shares, told = 100 * errors / np.maximum(torques, thresholds.TINY), np.where(np.isnan(errors[-1]), np.nan, 1.0)
+        cells = *(column(x * told, ".2f", "-") for x in shares), column(errors[-1], ".4g", "-")
+        noise = column(self.estimate.sigma * told, ".4g", "-")
+        return table("errors held out", columns, self.sets.robot.joint_names, *cells, noise, indent="  ")
 
 
 def is_that_of(record: Record, prepared: Prepared, delays: Array) -> bool:

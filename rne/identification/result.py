@@ -17,7 +17,7 @@ from ..basics.archive import Kinds, names_of, read, write
 from ..basics.arrays import cached_array, positive_number
 from ..basics.inertia import PARAMETERS, pseudo_inertia
 from ..basics.spatial import Array
-from ..basics.text import InNotebooks, Row, aligned, counted, listed, short, wrapped
+from ..basics.text import InNotebooks, column, counted, listed, short, table, wrapped
 from ..dynamics.base_inertial_parameters import BaseParameters
 from ..errors import IdentificationError
 from ..model.model import Model
@@ -321,10 +321,6 @@ class Identification(InNotebooks):
         ------
         IdentificationError
             As for `robot`.
-
-        Examples
-        --------
-        >>> text = found.to_urdf()  # doctest: +SKIP
         """
         from ..urdf.write import to_urdf
 
@@ -352,10 +348,6 @@ class Identification(InNotebooks):
         ------
         ValueError, FileNotFoundError
             If the path has another ending, or its folder does not exist.
-
-        Examples
-        --------
-        >>> found.save("found.npz")  # doctest: +SKIP
         """
         return write(path, kinds(), self, VERSION)
 
@@ -379,10 +371,6 @@ class Identification(InNotebooks):
             If the file is another one or damaged, of another version, or has a field that this version does not know.
         OSError
             If the file cannot be read.
-
-        Examples
-        --------
-        >>> found = rne.Identification.load("found.npz")  # doctest: +SKIP
         """
         found: Identification = read(path, kinds(), cls, VERSION, partial(cls.report, details=True))
         return found
@@ -411,10 +399,6 @@ class Identification(InNotebooks):
         Notes
         -----
         Pressé and Gautier 1991; Gautier, Janot and Vandanjon 2013, section III.
-
-        Examples
-        --------
-        >>> found.essential().base.names  # doctest: +SKIP
         """
         positive_number("limit", limit)
         springs = self.standard.groups.get("springs", slice(0))  # the last ones, which are kept
@@ -575,10 +559,6 @@ class Identification(InNotebooks):
         ------
         IdentificationError
             If a deviation is infinite: the log leaves parameters, or a joint, undetermined; or with springs.
-
-        Examples
-        --------
-        >>> print(found.kernel(std=True).source("c"))  # doctest: +SKIP
         """
         bands, law, x = self.bands, self._law, self.parameters
         if self.standard.springs is not None:
@@ -633,10 +613,6 @@ class Identification(InNotebooks):
         with the second derivatives of the divergence). Where bodies would not be possible, the part that torques do not
         depend on is shortened; trials that then are none are left out. Negative inertias of rotors and friction are set
         to zero. Residuals, as of friction beyond the model, are not in it: `predict` has them.
-
-        Examples
-        --------
-        >>> run = rne.ensemble(found.scene(), q0, qd0, duration=1.0, numbers=found.draws(100))  # doctest: +SKIP
         """
         scene, x, base = self.scene(), self.parameters, self.base
         bodies, names = self.standard.groups["bodies"], self.standard.names
@@ -939,23 +915,22 @@ def joints_text(found: Identification) -> str:
     """Errors of each joint."""
     columns = ["held out: in motion", "[N m or N]", "R^2", "at rest", "fitted"]
     columns += ["noise [N m or N]", "equations", "independent"]
-    rows, left = [Row("errors [%]", columns, words=True)], found.unexplained
+    left, counts = found.unexplained, found.equations.rows.sum(0)
     fitted = np.where(np.isnan(left.everywhere), np.nan, found.equations.shares(found.parameters))
     in_torque = left.in_motion * found.equations.rms_torques()
-    for j, name in enumerate(found.initial.joint_names):
-        count = int(found.equations.rows[:, j].sum())
-        motion, rest, fit = (
-            "-" if np.isnan(x) else f"{100 * x:.1f}" if x < thresholds.FARTHEST_TOLD else "> 1000"
-            for x in (left.in_motion[j], left.at_rest[j], fitted[j])
-        )
-        torque, r2 = ("-" if np.isnan(x) else f"{x:.4{f}}" for x, f in ((in_torque[j], "g"), (found.r_squared[j], "f")))
-        noise, independent = f"{found.estimate.sigma[j]:.4g}", f"{count / found.correlation_time[j]:.0f}"
-        rows.append(Row(f"  {short(name)}", [motion, torque, r2, rest, fit, noise, str(count), independent]))
+    motion, rest, fit = (
+        ["> 1000" if x >= thresholds.FARTHEST_TOLD else cell for x, cell in zip(share, cells, strict=True)]
+        for share in (left.in_motion, left.at_rest, fitted)
+        for cells in [column(100 * share, ".1f", "-")]
+    )
+    cells = motion, column(in_torque, ".4g", "-"), column(found.r_squared, ".4f", "-"), rest, fit
+    numbers = column(found.estimate.sigma, ".4g"), column(counts, "d"), column(counts / found.correlation_time, ".0f")
+    rows = table("errors [%]", columns, found.initial.joint_names, *cells, *numbers, indent="  ")
     close = (
         f"Held out: each of {len(found.equations.factors)} blocks of the measurements, predicted by a fit to the rest. "
         "At rest: torques of slow joints, which are not fitted because Coulomb friction then has no known direction."
     )
-    return "\n".join([*aligned(rows), close, *motions_text(found)])
+    return "\n".join([*rows, close, *motions_text(found)])
 
 
 def causes_text(found: Identification) -> str:
@@ -987,12 +962,11 @@ def motions_text(found: Identification) -> list[str]:
     """Errors of each of several motions."""
     if len(found.records) == 1:
         return []
-    rows = [Row("errors of each motion [%]", [short(name) for name in found.initial.joint_names], words=True)]
-    each = len(found.equations.factors) // len(found.records)
-    for k, name in enumerate(found.data.names):
-        shares = found.equations.of_blocks(np.arange(each * k, each * (k + 1))).shares(found.parameters)
-        rows.append(Row(f"  {short(name)}", [f"{100 * x:.1f}" for x in shares]))
-    return aligned(rows)
+    joints, of_records = map(short, found.initial.joint_names), np.arange(len(found.equations.factors))
+    parts = np.split(of_records, len(found.records))
+    shares = np.array([found.equations.of_blocks(part).shares(found.parameters) for part in parts])
+    cells = (column(100 * x, ".1f") for x in shares.T)
+    return table("errors of each motion [%]", [*joints], found.data.names, *cells, indent="  ")
 
 
 def parameters_text(found: Identification) -> str:
@@ -1001,15 +975,12 @@ def parameters_text(found: Identification) -> str:
     title = ["least squares", "standard error", "of the value [%]", "drift", "its error"]
     title += ["consistent"] * found.consistent
     joints = ", ".join(f"{k} {short(name)}" for k, name in enumerate(found.initial.model.moving_joints, 1))
-    rows = [Row("base parameters", title, words=True)]
-    for k, name in enumerate(found.base.names):
-        relative = 100 * e.errors[k] / max(abs(e.values[k]), thresholds.TINY)
-        numbers = [found.drift[k], found.drift_error[k], *[found.values[k]] * found.consistent]
-        cells = ["-" if np.isnan(x) else f"{x:.5f}" for x in numbers]
-        share = f"{relative:.2g}" if relative < thresholds.UNKNOWN_VALUE else "-"
-        rows.append(Row(f"  {name}", [f"{e.values[k]:.5f}", f"{e.errors[k]:.5f}", share, *cells]))
+    relative = 100 * e.errors / np.maximum(np.abs(e.values), thresholds.TINY)
+    shares = column(np.where(relative < thresholds.UNKNOWN_VALUE, relative, np.nan), ".2g", "-")
+    numbers = found.drift, found.drift_error, *[found.values] * found.consistent
+    cells = column(e.values, ".5f"), column(e.errors, ".5f"), shares, *(column(x, ".5f", "-") for x in numbers)
     lines = [
-        *aligned(rows),
+        *table("base parameters", title, found.base.names, *cells, indent="  "),
         f"Numbers are those of the joints: {joints}. {BASE_UNITS} A dash for a share: not told from "
         "zero. Drift is the change with half the cut-off, to be compared with its own standard error beside it.",
     ]
@@ -1050,10 +1021,10 @@ SHORT = {fitted_text: 11, joints_text: 18, causes_text: 7}  # the most lines of 
 
 def bodies_text(found: Identification) -> str:
     """Masses and centres of the consistent bodies; each is one of many with the same torques."""
-    rows = [Row("bodies", ("mass [kg]", "centre x [m]", "y", "z"), words=True)]
-    bodies = found.parameters[found.standard.groups["bodies"]].reshape(-1, PARAMETERS)
-    for name, body in zip(found.initial.model.moving_joints, bodies, strict=True):
-        rows.append(Row(f"  {short(name)}", [f"{x:.4f}" for x in (body[0], *(body[1:4] / body[0]))]))
+    mass, *moments = found.parameters[found.standard.groups["bodies"]].reshape(-1, PARAMETERS).T[:4]
+    titles, numbers = ("mass [kg]", "centre x [m]", "y", "z"), [mass, *(x / mass for x in moments)]
+    cells = (column(x, ".4f") for x in numbers)
+    rows = table("bodies", titles, found.initial.model.moving_joints, *cells, indent="  ")
     values = found.base.back @ found.estimate.values, found.parameters
     sigma = believed_noise(found.equations, found.estimate.sigma)
     free, consistent = ((found.equations.residuals(x) / sigma**2).sum() for x in values)
@@ -1070,4 +1041,4 @@ def bodies_text(found: Identification) -> str:
             f"No possible bodies fit as least squares do: residuals are {growth:.3g} times larger. Signs, units and "
             "zeros of the measurements may be wrong, friction or rotors missing, or the prior too narrow (`prior_std`)."
         )
-    return "\n".join([*aligned(rows), worth])
+    return "\n".join([*rows, worth])

@@ -17,7 +17,7 @@ import numpy as np
 from ...basics.arrays import positive_number, real_array
 from ...basics.inertia import COLUMNS, PARAMETERS, ROWS
 from ...basics.spatial import Array, point_mass_inertia
-from ...basics.text import InNotebooks, Row, aligned, listed, short, six_digits, wrapped
+from ...basics.text import InNotebooks, column, listed, six_digits, table, wrapped
 from ...errors import NotFiniteError
 from ...model.model import Model
 from ...model.standard_parameters import StandardParameters
@@ -602,11 +602,11 @@ class ModelComparison(InNotebooks):
         >>> print(rne.compare_models(robot, robot).report().splitlines()[0])
         cause: none
         """
-        rows = [Row("|difference| / |torque| [%]", ("before", "explained so", "rounding"), words=True)]
-        for name, *cells in zip(self.joint_names, self.difference, self.unexplained, self.accuracy, strict=True):
-            rows.append(Row(f"  {short(name)}", [f"{100 * x:.3g}" for x in cells]))
+        shares = (column(100 * x, ".3g") for x in (self.difference, self.unexplained, self.accuracy))
+        titles = "before", "explained so", "rounding"
+        rows = table("|difference| / |torque| [%]", titles, self.joint_names, *shares, indent="  ")
         lines = [*[self.different] * bool(self.different), f"cause: {self.cause}"]
-        lines += [*wrapped(f"  {self.text}").splitlines(), *aligned(rows)]
+        lines += [*wrapped(f"  {self.text}").splitlines(), *rows]
         if self.equivalent:
             lines.append("cannot be told apart from: " + "; ".join(self.equivalent))
         if self.candidates and not self.different:

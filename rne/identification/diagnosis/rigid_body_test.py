@@ -17,7 +17,7 @@ import numpy as np
 from ...basics.filters import ORDER
 from ...basics.inertia import PARAMETERS
 from ...basics.spatial import Array
-from ...basics.text import InNotebooks, Row, aligned, listed, short, wrapped
+from ...basics.text import InNotebooks, column, listed, table, wrapped
 from ...dynamics.base_inertial_parameters import BaseParameters
 from ...dynamics.regressors import kinetic_energy_regressor, potential_energy_regressor, regressor
 from ...model.standard_parameters import StandardParameters
@@ -111,16 +111,15 @@ class Consistency(InNotebooks):
             Lines of at most 100 characters.
         """
         title = ("noise", "single joint", "all joints", "held out", "F", "chance of F", "power left", "its mean")
-        rows = [Row("errors [%]", title, words=True)]
-        for j, name in enumerate(self.joint_names):
-            percents = [f"{100 * x[j]:.3g}" for x in (self.noise, self.single_joint, self.all_joints, self.held_out)]
-            power = [f"{100 * x[j]:.2g}" for x in (self.energy.power, self.energy.lost)]
-            rows.append(Row(f"  {short(name)}", [*percents, f"{self.F[j]:.3g}", f"{self.probability[j]:.1g}", *power]))
+        shares = [column(100 * x, ".3g") for x in (self.noise, self.single_joint, self.all_joints, self.held_out)]
+        shares += [column(self.F, ".3g"), column(self.probability, ".1g")]
+        shares += [column(100 * x, ".2g") for x in (self.energy.power, self.energy.lost)]
+        rows = table("errors [%]", title, self.joint_names, *shares, indent="  ")
         energy = (
             f"energy: {100 * self.energy.missing:.2g} % of the work of the drives is neither stored nor lost in the "
             "fitted model"
         )
-        return "\n".join([wrapped(self.verdict), *aligned(rows), wrapped(COLUMNS), energy])
+        return "\n".join([wrapped(self.verdict), *rows, wrapped(COLUMNS), energy])
 
 
 def percent(x: Array) -> str:

@@ -68,10 +68,6 @@ class BodiesFit(NamedTuple):
         -------
         Unexplained
             |predicted - measured| / |measured| by joint: everywhere, in motion, at rest.
-
-        Examples
-        --------
-        >>> bodies.held_out(data).in_motion  # doctest: +SKIP
         """
         return held_out(self.estimator, data.fitted, data.measured)
 

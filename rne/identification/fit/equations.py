@@ -247,7 +247,7 @@ class RegressionData:
 
     Examples
     --------
-    >>> x = numpy.linalg.lstsq(data.Y[data.used], data.tau[data.used])[0]  # doctest: +SKIP
+    >>> data.residuals(found.parameters).std(0)  # doctest: +SKIP
     """
 
     names: tuple[str, ...]
@@ -287,55 +287,21 @@ class RegressionData:
         -------
         ndarray, shape (rows, n)
             Of the filtered torques [N m or N].
-
-        Examples
-        --------
-        >>> data.residuals(found.parameters)  # doctest: +SKIP
         """
         return np.asarray(self.tau - self.Y @ x)
 
     def in_torques(self, gains: Array) -> RegressionData:
-        """The equations of measurements times gains.
-
-        Parameters
-        ----------
-        gains : ndarray, shape (n,)
-            Of the drives; a joint whose gain is NaN has no equations.
-
-        Returns
-        -------
-        RegressionData
-            The same rows.
-
-        Examples
-        --------
-        >>> data.in_torques(gains)  # doctest: +SKIP
-        """
+        """The equations of measurements times gains, shape (n,); a joint whose gain is NaN has none."""
         g, known = np.nan_to_num(gains), np.isfinite(gains)
         fitted, measured = (e.scaled(g, known) for e in (self.fitted, self.measured))
         tau, used, sure = self.tau * g, self.used & known, self.sure & known
         return replace(self, tau=tau, used=used, sure=sure, fitted=fitted, measured=measured)
 
     def at_lower_cutoff(self, base: BaseParameters, noise: Array) -> tuple[Array, Array]:
-        """Base parameters with half the cut-off, from equations that no joint at rest enters.
+        """Base parameters with half the cut-off, from equations that no joint at rest enters, and standard errors.
 
-        Parameters
-        ----------
-        base : BaseParameters
-            The combinations of parameters that are fitted.
-        noise : ndarray, shape (n,)
-            Square root of the residuals' spectral density at low frequencies, which half the cut-off leaves as it is.
-
-        Returns
-        -------
-        values : ndarray, shape (base.count,)
-            Estimates; NaN for what the equations do not determine.
-        errors : ndarray, shape (base.count,)
-            Their standard errors, likewise.
-
-        Examples
-        --------
-        >>> values, errors = data.at_lower_cutoff(base, estimate.sigma)  # doctest: +SKIP
+        `noise` is the square root of the residuals' spectral density at low frequencies, which half the cut-off leaves
+        as it is, shape (n,). NaN for what the equations do not determine.
         """
         Z = self.Y[..., :0] if self.Z is None else self.Z
         all_columns = np.concatenate([Z, self.Y @ base.back, self.tau[..., None]], axis=-1) / noise[:, None]
@@ -353,23 +319,9 @@ class RegressionData:
         return np.where(unknown, np.nan, found.x), np.where(unknown, np.nan, errors)
 
     def correlation_time(self, residuals: Array, used: Array | None = None) -> Array:
-        """Integrated autocorrelation time of residuals, at least that of filtered noise.
+        """Integrated autocorrelation time of residuals, at least that of filtered noise, 1 + 2 sum rho_k in rows, (n,).
 
-        Parameters
-        ----------
-        residuals : ndarray, shape (rows, n)
-            Of torques.
-        used : ndarray of bool, shape (rows, n), optional
-            The rows that count, by default `used`.
-
-        Returns
-        -------
-        ndarray, shape (n,)
-            1 + 2 sum rho_k of each joint, in rows.
-
-        Examples
-        --------
-        >>> data.correlation_time(data.residuals(found.parameters))  # doctest: +SKIP
+        Of the rows that are `used`, by default those that are fitted.
         """
         of_noise = [correlation_time_of_filtered_noise(p.cutoff, p.sample_rate, p.decimation) for p in self.prepared]
         used, parts = self.used if used is None else used, [part for _, part in self.segments]
