@@ -350,24 +350,24 @@ def build_regression(
     prepared = tuple(delayed(r.prepare(c), d) for r, c, d in zip(given, cutoffs, late, strict=True))
     still, slowest = minimum_velocities(standard, given, prepared, minimum_velocity)
     loads = standard.values if loaded is None else loaded
-    rows, Z = rows_of_all(robot, standard, prepared, slowest, still, loads), None
+    Y, tau, valid, used, sure = rows_of_all(robot, standard, prepared, slowest, still, loads)
+    Z = None
     if still.all() and len(still):
         raise ValueError("`records` show no joint that moves: one pose says nothing of inertias and friction")
     if instruments:
         moved = [along(r, motion) for r, motion in zip(prepared, instruments, strict=True)]
-        both = rows_of_all(robot, standard, moved, slowest, still, loads)
-        Z = both.Y @ base.back
-        rows = rows._replace(used=rows.used & both.used, sure=rows.sure & both.used)  # friction's direction is known
-    silent = [no_torque_text(given, j, robot.joint_names[j]) for j in np.flatnonzero(~rows.valid.any(0)).tolist()]
-    check_enough(int(rows.used.sum()), base.count, silent, robot.n)
+        along_motion, _, _, both, _ = rows_of_all(robot, standard, moved, slowest, still, loads)
+        Z, used, sure = along_motion @ base.back, used & both, sure & both  # friction's direction is known
+    silent = [no_torque_text(given, j, robot.joint_names[j]) for j in np.flatnonzero(~valid.any(0)).tolist()]
+    check_enough(int(used.sum()), base.count, silent, robot.n)
     resting_text = still_text(standard, [robot.joint_names[j] for j in np.flatnonzero(still)])
     notes = (*beyond_limits(robot, prepared), *followers_text(standard), *resting_text, *silent)
     blocks = blocks_of_time(prepared, blocks_of_each(prepared, folds))
-    measured = fitted = equations(rows.Y, rows.tau, rows.used, blocks, Z)
-    if (rows.used != rows.valid).any():
-        measured = equations(rows.Y, rows.tau, rows.valid, blocks, Z)
+    measured = fitted = equations(Y, tau, used, blocks, Z)
+    if (used != valid).any():
+        measured = equations(Y, tau, valid, blocks, Z)
     names = tuple(r.name for r in given)
-    return RegressionData(names, prepared, late, slowest, notes, *rows, fitted, measured, Z)
+    return RegressionData(names, prepared, late, slowest, notes, Y, tau, valid, used, sure, fitted, measured, Z)
 
 
 def check_enough(count: int, unknowns: int, silent: Sequence[str], n: int) -> None:
@@ -419,29 +419,20 @@ def blocks_of_each(records: Sequence[Prepared], folds: int) -> int:
     return each
 
 
-class RegressionRows(NamedTuple):
-    """The equations of records and what may be done with them, as of RegressionData."""
-
-    Y: Array
-    tau: Array
-    valid: Array
-    used: Array
-    sure: Array
-
-
 def rows_of_all(
     robot: Robot, standard: StandardParameters, records: Sequence[Prepared], *given: Array
-) -> RegressionRows:
-    """The rows of records one after the other."""
-    return RegressionRows(
-        *map(np.concatenate, zip(*(rows_of(robot, standard, r, *given) for r in records), strict=True))
-    )
+) -> tuple[Array, ...]:
+    """Y, tau and masks of the rows of records one after the other, as of `rows_of`."""
+    return tuple(map(np.concatenate, zip(*(rows_of(robot, standard, r, *given) for r in records), strict=True)))
 
 
 def rows_of(
     robot: Robot, standard: StandardParameters, record: Prepared, minimum_velocity: Array, still: Array, loaded: Array
-) -> RegressionRows:
-    """The rows of a record: slow joints are not used, those that are `still` do not move at all."""
+) -> tuple[Array, ...]:
+    """Y and tau at the rows of a record, and where they are valid, used and sure: see RegressionData.
+
+    Slow joints are not used, those that are `still` do not move at all.
+    """
     qd, qdd = record.qd * ~still, record.qdd * ~still
     bodies, first = robot.regressor(record.q, qd, qdd), standard.groups["bodies"].stop
     load = standard.load(bodies, record.q, qdd, loaded)
@@ -455,7 +446,7 @@ def rows_of(
         Y[..., standard.groups["springs"]] = record.reduce(standard.spring_columns(record.q))
     used = record.valid & ((record.reduce(np.abs(qd)) > minimum_velocity) | (minimum_velocity == 0))
     sure = used & rows_without(record, resting(record, minimum_velocity))
-    return RegressionRows(Y, record.reduce(record.tau), record.valid, used, sure)
+    return Y, record.reduce(record.tau), record.valid, used, sure
 
 
 def resting(record: Prepared, minimum_velocity: Array) -> Array:
