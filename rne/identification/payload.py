@@ -134,9 +134,8 @@ class PayloadEstimate(SetsResult):
         own, phi = np.s_[first : first + PARAMETERS], parameters_of_bodies(np.array(self.mass), self.com, self.inertia)
         told = np.eye(PARAMETERS)[np.isfinite(self.estimate.errors[own])]
         root = told @ square_root(self.estimate.covariance[own, own])
-        cure = "identify it with `consistent=True`"
-        scale = prior_scale(phi, thresholds.LOAD_STD, np.zeros(0), cure)
-        return {"payload": possible_draws(phi, scale, np.s_[:PARAMETERS], told, root, count, seed, cure)}
+        scale = prior_scale(phi, thresholds.LOAD_STD, np.zeros(0), "identify it with `consistent=True`")
+        return {"payload": possible_draws(phi, scale, np.s_[:PARAMETERS], told, root, count, seed)}
 
     def report(self) -> str:
         """A text on the load: how well it is known, standard errors of its parameters, and notes.

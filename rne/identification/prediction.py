@@ -159,9 +159,7 @@ def square_root(covariance: Array) -> Array:
     return np.asarray(np.linalg.qr((size[:, None] * axes * np.sqrt(np.maximum(values, 0))).T, mode="r")).T
 
 
-def possible_draws(
-    pi: Array, scale: Array, bodies: slice, known: Array, root: Array, count: int, seed: int, cure: str
-) -> Array:
+def possible_draws(pi: Array, scale: Array, bodies: slice, known: Array, root: Array, count: int, seed: int) -> Array:
     """Draws of parameters about those of possible bodies, shape (count, P).
 
     Before the measurements, parameters are pi + scale z with z ~ N(0, 1); these give the functions `known` of them, of

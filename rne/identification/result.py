@@ -622,7 +622,7 @@ class Identification(InNotebooks):
                 drives[k - bodies.stop] = thresholds.WIDE * error
         scale = prior_scale(x[bodies], self.prior_std, drives, self._cure)
         known, root = self.bands.known @ base.matrix, self.bands.known @ self.bands.root
-        found = possible_draws(x, scale, bodies, known, root, count, seed, self._cure)
+        found = possible_draws(x, scale, bodies, known, root, count, seed)
         bounded = [k for k in range(bodies.stop, len(x)) if not names[k].startswith(("tau0", "c_"))]
         found[:, bounded] = np.maximum(found[:, bounded], 0)
         law = self._law

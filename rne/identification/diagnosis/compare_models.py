@@ -35,8 +35,8 @@ from .hypotheses import (
     gravity_columns,
     hypotheses_argument,
     judged,
-    members,
     of_joints,
+    one_by_one,
     text_of,
     zero_columns,
 )
@@ -402,20 +402,6 @@ def explanations(data: TorqueDifference, given: Sequence[Hypothesis]) -> list[Ex
     if not any(data.explains(left) and causes[0].kind != SEVERAL_BODIES for causes, left in found):
         found += two_together(data, [h for h in linear if h.kind != SEVERAL_BODIES], changes)
     return sorted(found, key=lambda x: (not data.explains(x[1]), -sum(cause.score for cause in x[0])))
-
-
-def one_by_one(data: TorqueDifference, given: Sequence[Hypothesis]) -> Iterator[Hypothesis]:
-    """The hypotheses, of families of joints each alone."""
-    for h in given:
-        for j, (joints, columns) in enumerate(members(data, h)) if h.numbers == "each" else ():
-
-            def text(c: Array, _: int = 0, m: int = 0, h: Hypothesis = h, j: int = j) -> str:
-                return text_of(h, c, j, m)
-
-            at, many = (float(np.broadcast_to(x, len(h.joints))[j]) for x in (h.at, h.alternatives))
-            yield replace(h, columns=columns, text=text, joints=joints, at=at, alternatives=many, numbers="all")
-        if h.numbers != "each":
-            yield h
 
 
 def explanation(data: TorqueDifference, h: Hypothesis, numbers: int = 0) -> Iterator[Explanation]:

@@ -251,6 +251,24 @@ def members(rest: Discrepancy, h: Hypothesis) -> list[tuple[tuple[str, ...], Arr
     return [(h.joints[j : j + 1], x) for j, x in enumerate(np.split(columns, len(h.joints), axis=-1))]
 
 
+def one_by_one(rest: Discrepancy, given: Sequence[Hypothesis]) -> Iterator[Hypothesis]:
+    """The hypotheses, of families of joints each alone."""
+    for h in given:
+        if h.numbers != "each":
+            yield h
+            continue
+        every = zip(
+            members(rest, h), *(np.broadcast_to(x, len(h.joints)).tolist() for x in (h.at, h.alternatives)), strict=True
+        )
+        for j, ((joints, columns), at, many) in enumerate(every):
+
+            def text(c: Array, _: int = 0, m: int = 0, h: Hypothesis = h, j: int = j) -> str:
+                return text_of(h, c, j, m)
+
+            own = {"at": at, "alternatives": many, "numbers": "all"}
+            yield replace(h, columns=columns, text=text, joints=joints, **own)
+
+
 def hypotheses_argument(given: Any) -> tuple[Hypothesis, ...]:
     """The argument `hypotheses`, checked."""
     if not isinstance(given, Sequence) or not all(isinstance(x, Hypothesis) for x in given):
@@ -492,13 +510,13 @@ def gravity_columns(rest: Discrepancy, *bodies: Array) -> Array:
     return rest.sampled(lambda q, qd, qdd: gravity_torques(rest.robot.model, q, np.stack(bodies, axis=-1)))
 
 
-def zero_columns(rest: Discrepancy, zero: Array | float = 0.0) -> Array:
-    """Torques per unit of each joint's zero, where zeros are at `zero`, shape (rows, n, n)."""
+def zero_columns(rest: Discrepancy) -> Array:
+    """Torques per unit of each joint's zero, shape (rows, n, n)."""
     steps = np.eye(rest.robot.n)[:, None]
 
     def torques(q: Array, qd: Array, qdd: Array) -> Array:
         states = [np.broadcast_to(x, (rest.robot.n, *q.shape)) for x in (qd, qdd)]
-        return np.moveaxis(slope(lambda h: rest.load(q + zero + h * steps, *states)), 0, -1)
+        return np.moveaxis(slope(lambda h: rest.load(q + h * steps, *states)), 0, -1)
 
     return rest.sampled(torques)
 
@@ -751,12 +769,8 @@ def hypotheses_with_load(rest: FitResiduals, body: int) -> Iterator[Hypothesis]:
     offset = of_each(rest, "the torque of {joint} is {size:.3g} {torque} larger")
     ones = by_joint(np.ones((*rest.tau.shape, 1)))
     families.append(Hypothesis("offset", ones, offset, rest.names, numbers="each"))
-    found = [replace(h, columns=columns_of(rest, h)[..., :2]) for h in tilts]  # without other bodies
-    for family in families:
-        for j, (names, columns) in enumerate(members(rest, family)):
-            own = partial(text_of, family, j=j)
-            found.append(Hypothesis(family.kind, columns, own, names))
-    for h in found:
+    tilts = [replace(h, columns=columns_of(rest, h)[..., :2]) for h in tilts]  # without other bodies
+    for h in (*tilts, *one_by_one(rest, families)):
 
         def text(c: Array, h: Hypothesis = h) -> str:
             return f"{text_of(h, c)} with the load, not without it"

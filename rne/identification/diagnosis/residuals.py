@@ -81,12 +81,12 @@ class Discrepancy:
         """Cost of free numbers (Schwarz 1978)."""
         return 0.5 * numbers * float(np.log(max(self.counts.sum(), 2.0)))
 
-    def with_columns(self, X: Array, target: Array | None = None) -> tuple[Array, Array, Array, int]:
+    def with_columns(self, X: Array) -> tuple[Array, Array, Array, int]:
         """Coefficients of columns, shape (rows, n, k), their standard errors, the values left, shape (R,), the rank.
 
-        Columns may be `weighted` already, shape (R, k); `target`, shape (R,), takes the place of `left`.
+        Columns may be `weighted` already, shape (R, k).
         """
-        X, b = X if X.ndim == 2 else self.weighted(X), self.left if target is None else target
+        X = X if X.ndim == 2 else self.weighted(X)
         left, (of_joint, of_all) = X - self.Q @ (self.Q.T @ X), self.resolution
         parts, given = (self.of_joint @ x**2 for x in (left, X))  # shape (n, k)
         doubt = np.maximum(of_joint**2 * given, of_all**2 * given.sum(0))
@@ -98,9 +98,9 @@ class Discrepancy:
             U, S, V = np.linalg.svd(left[:, known] / lengths[known], full_matrices=False)
             rank = int((thresholds.RANK * S[0] < S).sum())
             back = V[:rank].T / S[:rank]
-            c[known] = back @ (U[:, :rank].T @ b) / lengths[known]
+            c[known] = back @ (U[:, :rank].T @ self.left) / lengths[known]
             errors[known] = np.linalg.norm(back, axis=1) / lengths[known]
-        return c, np.sqrt(self.correlation) * errors, b - left @ c, rank
+        return c, np.sqrt(self.correlation) * errors, self.left - left @ c, rank
 
     def with_numbers(self, X: Array, numbers: str) -> tuple[Array, Array, Array, int]:
         """Fit the numbers that a hypothesis asks for, here all of them; results of `with_columns`."""
