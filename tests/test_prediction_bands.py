@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -24,13 +25,13 @@ RATE, NOISE = 100.0, np.array([0.6, 0.8, 0.3])  # samples per second, deviation 
 FRICTION = rne.Friction(viscous=[3.0, 4.0, 2.0], coulomb=[4.0, 5.0, 2.0], smoothing=0.003)
 
 
-def log(seed, *, duration=10.0, scale=1.0, still=(), base=0.2, load=None, units=1.0):
+def log(seed, *, duration=10.0, scale=1.0, still=(), base=0.2, load=None, units=1.0, friction=FRICTION):
     """A motion of the IRB 140's first three axes with friction and white noise; joints that are `still` rest at zero."""
     rng, t = np.random.default_rng(seed), np.arange(int(duration * RATE)) / RATE
     a, b = scale * rng.normal(size=(2, 3, 5)) * 0.5
     a[list(still)] = b[list(still)] = 0.0
     q, qd, qdd = fourier_series(t, base, a, b)
-    tau = rne.Scene(first_joints(), payload=load, friction=FRICTION).inverse_dynamics(q, qd, qdd)
+    tau = rne.Scene(first_joints(), payload=load, friction=friction).inverse_dynamics(q, qd, qdd)
     return (q, qd, qdd), Record(t, q, units * (tau + NOISE * rng.normal(size=tau.shape)))
 
 
@@ -67,8 +68,6 @@ def test_the_variance_is_that_of_parameters_and_of_residuals(found):
 
 def replaced(found, parameters):
     """The identification with other parameters, and the smoothing that it predicts with."""
-    from dataclasses import replace
-
     return replace(found, standard=found._law, parameters=parameters)
 
 
@@ -78,6 +77,31 @@ def test_bands_cover_another_motion(found):
     share = coverage(check)
     few = np.sqrt(0.95 * 0.05 / (len(check.t) / found.correlation_time))
     assert (np.abs(share - 0.95) < 4 * few).all()
+
+
+def test_bands_at_rest_contain_all_friction_with_which_a_joint_breaks_away():
+    """Held at rest, friction has any value up to that of Coulomb, the Stribeck effect and the load together."""
+    friction = replace(FRICTION, stribeck_rise=[6.0, 7.0, 3.0], stribeck=[0.1, 0.1, 0.1], load=[0.1, 0.15, 0.2])
+    robot, (motion, record) = first_joints(), log(0, friction=friction)
+    drives = rne.DriveModel(friction="viscous+coulomb+load", stribeck=friction.stribeck)
+    found = rne.identify(robot, record, drives=drives, causes=False, delay=0.0, consistent=False)
+    rng, q = np.random.default_rng(1), motion[0][::5]
+    held, zero = robot.gravity_torque(q), np.zeros(q.shape)
+    breakaway = np.array(friction.coulomb) + friction.stribeck_rise + np.array(friction.load) * np.abs(held)
+    predicted, std = found.predict(q, zero, zero, std=True)
+    for part in (1.0, rng.uniform(-1, 1, q.shape)):
+        off = held + part * breakaway + NOISE * rng.normal(size=q.shape) - predicted
+        assert (np.abs(off) <= norm.ppf(0.975) * std).mean(0).min() > 0.95
+    in_motion = found.bands.std(columns_at(found, q, zero), np.full(q.shape, np.inf))
+    np.testing.assert_allclose(std**2 - in_motion**2, breakaway**2, rtol=0.2)  # errors of the coefficients: 5 %
+    kernel = found.kernel(std=True)(q, zero, zero)
+    np.testing.assert_allclose(kernel[:, 1], std, rtol=1e-12)
+
+
+def columns_at(found, q, zero):
+    """Torques per unit of the standard parameters at rest."""
+    law, Y = found._law, found.initial.regressor(q, zero, zero)
+    return np.concatenate([Y, law.drive_columns(zero, zero, law.load(Y, q, zero, found.parameters))], axis=-1)
 
 
 def test_torques_that_depend_on_what_the_log_says_nothing_of_have_no_finite_deviation():

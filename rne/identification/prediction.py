@@ -36,27 +36,35 @@ class Bands(ReadOnlyArrays):
     known: Array  # rows of functions of the parameters that the log determines, shape (count - u, count)
     lengths: Array  # of the columns of the weighted equations, shape (count,)
     in_motion: Array  # standard deviation of the residuals, shape (n,) [N m or N]
-    at_rest: Array  # likewise of slow joints, whose friction has any value up to Coulomb's
+    at_rest: Array  # likewise of slow joints, without the next two
+    friction: Array  # with which slow joints break away, of any sign; zero where at_rest contains it, (n,) [N m or N]
+    of_load: Array  # likewise, per size of the load of friction that is proportional to it, shape (n,)
     minimum_velocity: Array  # of joints in motion, shape (n,) [rad/s or m/s]
     covered: Array  # share of residuals held out in motion within the band of parameters and noise alone, or NaN, (n,)
     largest: Array  # that 95 % of these are within, in motion and at rest, likewise [N m or N]
 
-    def std(self, Y: Array, speed: Array) -> Array:
+    def std(self, Y: Array, speed: Array, load: Array | None = None) -> Array:
         """Standard deviations of torques with columns (..., n, P) per unit of the standard parameters, (..., n).
 
-        Joints are in motion by their speed (..., n).
+        Joints are in motion by their speed (..., n); their load has the same shape, if friction depends on it.
         """
         y = Y[..., list(self.base.independent)]
-        residual = np.where(speed > self.minimum_velocity, self.in_motion, self.at_rest)
+        residual = np.where(speed > self.minimum_velocity, self.in_motion, np.sqrt(self._squares_at_rest(load)))
         own, size = np.linalg.norm(y @ self.unknown, axis=-1), np.linalg.norm(y / self.lengths, axis=-1)
         total = np.hypot(np.linalg.norm(y @ self.root, axis=-1), residual)
         return np.where(own > thresholds.UNDETERMINED * size, np.inf, total)
 
-    def written(self, columns: Array, qd: Array) -> Array:
+    def _squares_at_rest(self, load: Array | None) -> Array:
+        """Squared deviations of slow joints; friction of any value up to a torque has at most that deviation."""
+        friction = self.friction if load is None else self.friction + self.of_load * maximum(load, -load)
+        return np.asarray(self.at_rest**2 + friction * friction)
+
+    def written(self, columns: Array, qd: Array, load: Array | None = None) -> Array:
         """Standard deviations of one state, all finite, in operations that can be traced, shape (n,)."""
-        residual = where(less(self.minimum_velocity, maximum(qd, -qd)), self.in_motion, self.at_rest)
+        is_moving = less(self.minimum_velocity, maximum(qd, -qd))
+        residual = where(is_moving, self.in_motion**2, self._squares_at_rest(load))
         y = columns[..., list(self.base.independent)] @ self.root
-        return np.asarray(np.sqrt((y * y).sum(-1) + residual * residual))
+        return np.asarray(np.sqrt((y * y).sum(-1) + residual))
 
     def text(self, names: Any, units: Any) -> str:
         """How far torques of another motion are from those predicted, in a sentence or two."""
@@ -76,12 +84,16 @@ class Bands(ReadOnlyArrays):
 
 
 def bands_of(
-    base: BaseParameters, data: RegressionData, estimate: LeastSquares, correlation_time: Array, coulomb: Array
+    base: BaseParameters,
+    data: RegressionData,
+    estimate: LeastSquares,
+    correlation_time: Array,
+    friction: tuple[Array, Array],
 ) -> Bands:
-    """The bands of a fit to these equations.
+    """The bands of a fit to these equations, with what friction a joint at rest has at most, and more per load, (n,).
 
     At rest the residuals' deviation is that of joints that rest for a while in the log or, where hardly any does,
-    contains Coulomb friction.
+    contains this friction.
     """
     equations, sigma = data.fitted.mapped(base.back), estimate.sigma
     A, y = equations.weighted(sigma), data.Y[..., list(base.independent)]
@@ -97,14 +109,15 @@ def bands_of(
     squares = mean_square(residuals, used) - mean_square(spread, used)
     in_motion = np.where(used.any(0), np.sqrt(np.maximum(squares, sigma**2)), np.inf)
     is_known = rest.sum(0) > thresholds.FEWEST_FREE * data.correlation_time(residuals, rest)
-    at_rest = np.where(is_known, np.sqrt(mean_square(residuals, rest)), np.hypot(in_motion, coulomb))
-    at_rest = np.where(data.minimum_velocity == 0, in_motion, at_rest)  # of smoothed friction, or none
+    is_smooth = data.minimum_velocity == 0  # friction, or there is none
+    at_rest = np.where(is_known & ~is_smooth, np.sqrt(mean_square(residuals, rest)), in_motion)
+    breakaway, of_load = (np.where(is_known | is_smooth, 0.0, x) for x in friction)
     within = np.abs(residuals) <= thresholds.BAND * np.hypot(spread, sigma)
     covered, largest = np.full((2, len(sigma)), np.nan)
     for j in np.flatnonzero(used.any(0)):
         covered[j] = within[used[:, j], j].mean()
         largest[j] = np.quantile(np.abs(residuals[data.valid[:, j], j]), thresholds.WITHIN)
-    of_joints = in_motion, at_rest, data.minimum_velocity
+    of_joints = in_motion, at_rest, breakaway, of_load, data.minimum_velocity
     return Bands(base, square_root(estimate.covariance), *directions, lengths, *of_joints, covered, largest)
 
 

@@ -524,8 +524,9 @@ class Identification(InNotebooks):
         the residuals, and errors of delays and Stribeck velocities that were estimated, not of the smoothing, and of
         friction under load only that of its coefficient. s is of residuals of blocks that were held out, with other
         periods of the same motion, less the parameters' part, for each joint in motion, and at rest, below
-        `minimum_velocity`, where friction has any value up to Coulomb's: if the joint hardly rests in the log, its
-        square is added to s^2. Neighbouring torques err alike, over `correlation_time`.
+        `minimum_velocity`, where friction has any value up to that of Coulomb, the Stribeck effect and the load: if the
+        joint hardly rests in the log, its square is added to s^2. Neighbouring torques err alike, over
+        `correlation_time`.
         """
         Y, bodies = self.initial.regressor(q, qd, qdd), PARAMETERS * self.initial.model.nb
         at, velocities, accelerations = (np.asarray(x) for x in (q, qd, qdd))
@@ -538,9 +539,9 @@ class Identification(InNotebooks):
         """Standard deviations of torques; `speed` decides whether joints are in motion, |qd| if it is not given."""
         q, qd, qdd = np.broadcast_arrays(q, qd, qdd)
         Y = self.initial.regressor(q, qd, qdd)
-        drives = self._law.drive_columns(qd, qdd, self._law.load(Y, q, qdd, self.parameters))
-        columns = np.concatenate([Y, drives, self._law.spring_columns(q)], axis=-1)
-        return self.bands.std(columns, np.abs(qd) if speed is None else speed)
+        load = self._law.load(Y, q, qdd, self.parameters)
+        columns = np.concatenate([Y, self._law.drive_columns(qd, qdd, load), self._law.spring_columns(q)], axis=-1)
+        return self.bands.std(columns, np.abs(qd) if speed is None else speed, load)
 
     def kernel(self, *, std: bool = False) -> Kernel:
         """The torques of `predict` as a kernel, which prints C by ``source("c")``; of other languages as well.
@@ -570,8 +571,9 @@ class Identification(InNotebooks):
 
         def prediction(q: Array, qd: Array, qdd: Array) -> Array:
             Y = self.initial.regressor(q, qd, qdd)
-            columns = np.concatenate([Y, law.drive_columns(qd, qdd, law.load(Y, q, qdd, x))], axis=-1)
-            return np.stack([columns @ x, bands.written(columns, qd)]) if std else np.asarray(columns @ x)
+            load = law.load(Y, q, qdd, x)
+            columns = np.concatenate([Y, law.drive_columns(qd, qdd, load)], axis=-1)
+            return np.stack([columns @ x, bands.written(columns, qd, load)]) if std else np.asarray(columns @ x)
 
         prediction.traceable = True  # type: ignore[attr-defined]
         return self.initial.kernel(prediction)  # type: ignore[arg-type]
@@ -579,8 +581,8 @@ class Identification(InNotebooks):
     @cached_property
     def bands(self) -> Bands:
         """What standard deviations of predicted torques are made of."""
-        coulomb = np.maximum(self._of_drives("Fc"), 0)
-        return bands_of(self.base, self.data, self.estimate, self.correlation_time, coulomb)
+        coulomb, rise, of_load = (np.maximum(self._of_drives(symbol), 0) for symbol in ("Fc", "Fs", "Fl"))
+        return bands_of(self.base, self.data, self.estimate, self.correlation_time, (coulomb + rise, of_load))
 
     def draws(self, count: int, seed: int = 0) -> dict[str, Array]:
         """Numbers of `scene` that are as likely as those found, for `numbers` of `rne.ensemble`.
