@@ -1,6 +1,7 @@
 """How sure predictions of an identified robot are: bands of torques, draws of parameters, printed programs."""
 
 import json
+import re
 import shutil
 from dataclasses import replace
 
@@ -12,10 +13,12 @@ import rne
 from benchmarks import prediction_bands
 from benchmarks.measure import RESULTS
 from benchmarks.pages import filled
+from rne.basics.archive import write
 from rne.basics.inertia import pseudo_inertia
 from rne.identification import Record
 from rne.identification.fit.equations import blocks_of_time
 from rne.identification.prediction import repeated
+from rne.identification.result import VERSION, kinds
 
 from .compiled_sources import c_library, call
 from .helpers import first_joints
@@ -205,6 +208,18 @@ def test_bodies_that_are_not_possible_give_no_draws(found):
     parameters[20:30] = [1.0, 0.0, 0.0, 0.0, 10.0, 0.0, 1.0, 0.0, 0.0, 1.0]
     with pytest.raises(rne.IdentificationError, match="the bodies found are no possible ones"):
         replaced(found, parameters).draws(3)
+
+
+def test_draws_of_a_file_without_the_prior_say_what_they_take(found, tmp_path):
+    """As files were saved before the prior's deviation was kept."""
+    fields, made = kinds()[rne.Identification]
+    older = kinds() | {rne.Identification: (tuple(name for name in fields if name != "prior_std"), made)}
+    read = rne.Identification.load(write(tmp_path / "found.npz", older, found, VERSION))
+    assert (found.prior_std, read.prior_std) == (0.3, None)
+    text = "draws take a prior_std of 0.3: the file does not say that of the fit, which dataclasses.replace"
+    with pytest.warns(rne.IdentificationWarning, match=re.escape(text)):
+        draws = read.draws(2)
+    np.testing.assert_array_equal(draws["parameters"], found.draws(2)["parameters"])
 
 
 def test_deviations_of_states_that_share_a_position(found):

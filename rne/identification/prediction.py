@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..basics.arrays import ReadOnlyArrays, whole_number
 from ..basics.inertia import PARAMETERS, pseudo_inertia
@@ -88,9 +89,9 @@ def bands_of(
     data: RegressionData,
     estimate: LeastSquares,
     correlation_time: Array,
-    friction: tuple[Array, Array],
+    friction: ArrayLike,
 ) -> Bands:
-    """The bands of a fit to these equations, with what friction a joint at rest has at most, and more per load, (n,).
+    """The bands of a fit to these equations, with the friction of a joint at rest at most, and more per load, (2, n).
 
     At rest the residuals' deviation is that of joints that rest for a while in the log or, where hardly any does,
     contains this friction.
@@ -111,14 +112,24 @@ def bands_of(
     is_known = rest.sum(0) > thresholds.FEWEST_FREE * data.correlation_time(residuals, rest)
     is_smooth = data.minimum_velocity == 0  # friction, or there is none
     at_rest = np.where(is_known & ~is_smooth, np.sqrt(mean_square(residuals, rest)), in_motion)
-    breakaway, of_load = (np.where(is_known | is_smooth, 0.0, x) for x in friction)
+    friction = np.where(is_known | is_smooth, 0.0, friction)
     within = np.abs(residuals) <= thresholds.BAND * np.hypot(spread, sigma)
     covered, largest = np.full((2, len(sigma)), np.nan)
     for j in np.flatnonzero(used.any(0)):
         covered[j] = within[used[:, j], j].mean()
         largest[j] = np.quantile(np.abs(residuals[data.valid[:, j], j]), thresholds.WITHIN)
-    of_joints = in_motion, at_rest, breakaway, of_load, data.minimum_velocity
-    return Bands(base, square_root(estimate.covariance), *directions, lengths, *of_joints, covered, largest)
+    return Bands(
+        base,
+        square_root(estimate.covariance),
+        *directions,
+        lengths,
+        in_motion,
+        at_rest,
+        *friction,
+        data.minimum_velocity,
+        covered,
+        largest,
+    )
 
 
 def held_out_residuals(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -19,7 +20,7 @@ from ..basics.inertia import PARAMETERS, pseudo_inertia
 from ..basics.spatial import Array
 from ..basics.text import InNotebooks, column, counted, listed, short, table, wrapped
 from ..dynamics.base_inertial_parameters import BaseParameters
-from ..errors import IdentificationError
+from ..errors import IdentificationError, IdentificationWarning
 from ..model.model import Model
 from ..model.parameters import with_parameters
 from ..model.standard_parameters import DriveModel, StandardParameters
@@ -120,8 +121,9 @@ class Identification(InNotebooks):
         Changes that would explain the residuals better, the likeliest first.
     notes : tuple of str
         Assumptions, and signs of mistakes.
-    prior_std : float
-        Standard deviation of the prior, how far bodies may differ from it, relatively.
+    prior_std : float or None
+        Standard deviation of the prior, how far bodies may differ from it, relatively; None in files that were saved
+        before it was kept.
     """
 
     initial: Robot
@@ -137,7 +139,7 @@ class Identification(InNotebooks):
     drift_error: Array
     causes: tuple[Cause, ...]
     notes: tuple[str, ...]
-    prior_std: float = thresholds.PRIOR_STD
+    prior_std: float | None = None
 
     def __repr__(self) -> str:
         worst = f"{100 * np.nanmax(self.unexplained.in_motion, initial=0):.3g} %"
@@ -608,6 +610,11 @@ class Identification(InNotebooks):
             As for `scene`, and if the bodies found are not possible ones, as least squares may leave them, or fewer
             than one trial in twenty gives possible bodies.
 
+        Warns
+        -----
+        IdentificationWarning
+            If `prior_std` is None: 0.3 is taken.
+
         Notes
         -----
         The posterior of the linear model about the parameters found: base parameters vary by `estimate.covariance`, and
@@ -616,13 +623,17 @@ class Identification(InNotebooks):
         depend on is shortened; trials that then are none are left out. Negative inertias of rotors and friction are set
         to zero. Residuals, as of friction beyond the model, are not in it: `predict` has them.
         """
-        scene, x, base = self.scene(), self.parameters, self.base
+        scene, x, base, std = self.scene(), self.parameters, self.base, self.prior_std
+        if std is None:
+            std = thresholds.PRIOR_STD
+            text = f"draws take a prior_std of {std:g}: the file does not say that of the fit, which "
+            warnings.warn(f"{text}dataclasses.replace(found, prior_std=...) sets", IdentificationWarning, stacklevel=2)
         bodies, names = self.standard.groups["bodies"], self.standard.names
         drives = np.zeros(len(x) - bodies.stop)
         for k, error in zip(base.independent, self.estimate.errors, strict=True):
             if k >= bodies.stop and np.isfinite(error):
                 drives[k - bodies.stop] = thresholds.WIDE * error
-        scale = prior_scale(x[bodies], self.prior_std, drives, self._cure)
+        scale = prior_scale(x[bodies], std, drives, self._cure)
         known, root = self.bands.known @ base.matrix, self.bands.known @ self.bands.root
         found = possible_draws(x, scale, bodies, known, root, count, seed)
         bounded = [k for k in range(bodies.stop, len(x)) if not names[k].startswith(("tau0", "c_"))]
