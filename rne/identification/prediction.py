@@ -107,29 +107,19 @@ def bands_of(
     spread *= np.sqrt(correlation_time)
     used, rest = data.used, [rows_without(r, np.abs(r.qd) > data.minimum_velocity) for r in data.prepared]
     rest = data.valid & ~used & np.concatenate(rest)  # not where a joint turns back
-    squares = mean_square(residuals, used) - mean_square(spread, used)
-    in_motion = np.where(used.any(0), np.sqrt(np.maximum(squares, sigma**2)), np.inf)
+    in_motion = np.sqrt(np.maximum(mean_square(residuals, used) - mean_square(spread, used), sigma**2))
+    in_motion = np.where(used.any(0), in_motion, np.inf)
     is_known = rest.sum(0) > thresholds.FEWEST_FREE * data.correlation_time(residuals, rest)
     is_smooth = data.minimum_velocity == 0  # friction, or there is none
     at_rest = np.where(is_known & ~is_smooth, np.sqrt(mean_square(residuals, rest)), in_motion)
-    friction = np.where(is_known | is_smooth, 0.0, friction)
+    breakaway, of_load = np.where(is_known | is_smooth, 0.0, friction)
     within = np.abs(residuals) <= thresholds.BAND * np.hypot(spread, sigma)
     covered, largest = np.full((2, len(sigma)), np.nan)
     for j in np.flatnonzero(used.any(0)):
         covered[j] = within[used[:, j], j].mean()
         largest[j] = np.quantile(np.abs(residuals[data.valid[:, j], j]), thresholds.WITHIN)
-    return Bands(
-        base,
-        square_root(estimate.covariance),
-        *directions,
-        lengths,
-        in_motion,
-        at_rest,
-        *friction,
-        data.minimum_velocity,
-        covered,
-        largest,
-    )
+    own = in_motion, at_rest, breakaway, of_load, data.minimum_velocity
+    return Bands(base, square_root(estimate.covariance), *directions, lengths, *own, covered, largest)
 
 
 def held_out_residuals(
