@@ -303,8 +303,8 @@ def _example(functions: NamedNumbers, named: Mapping[str, UnitFunction]) -> dict
     constants = [f"const std::array<%REAL%, {x.size}> {name}{{{{{_list(x)}}}}};\n" for name, x in arrays.items()]
     constants += ["const %NAME%::Payload payload{}; // without mass\n"] * ("payload" in used)
     limits = functions.scene.resolved.robot.model.coordinate_limits()
-    lower, upper = limits["lower"], limits["upper"]
-    middle = np.where(np.isfinite(upper - lower), lower / 2 + upper / 2, 0.0)
+    has_both = np.isfinite(limits["lower"]) & np.isfinite(limits["upper"])
+    middle = sum(np.where(has_both, limits[end], 0.0) / 2 for end in ("lower", "upper"))
     return {
         "EXAMPLE_NUMBERS": "".join(constants),
         "START": _list(middle),

@@ -1,0 +1,364 @@
+"""The CMake package in C++: what its texts say, that compilers take it without a warning, that its numbers are right."""
+
+import importlib.util
+import re
+import shutil
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rne
+from rne.__main__ import main
+
+from .helpers import ROOT, gimbal
+
+WARNINGS = ("-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow", "-Werror")
+ARMS = ("irb140", "ur3_robot", "ur5", "ur10", "panda", "z1", "xarm7", "kinova", "talos_left_arm", "so101")
+PARTS = {  # scenes with every kind of number, and the names of those that are arguments
+    "hand": lambda: rne.Scene(rne.load("panda").locked({"panda_finger_joint1": 0.0}), gravity=[1.0, 2.0, -9.0]),
+    "scene": lambda: rne.Scene(
+        rne.load("irb140"),
+        friction=rne.Friction(viscous=2.0, coulomb=1.0, smoothing=0.05),
+        controller=rne.control.pid(rne.load("irb140"), 60.0, 20.0, 5.0, np.full(6, 0.2)),
+    ),
+}
+# Relative to the largest entry. In single precision a sum of n terms, and forward dynamics by the condition of M.
+TORQUES = {"float64": 1e-13, "float32": 1e-6}
+WITH_CPP = pytest.mark.skipif(shutil.which("g++") is None, reason="there is no g++ here")
+WITH_CMAKE = pytest.mark.skipif(None in map(shutil.which, ("cmake", "g++")), reason="there is no CMake or no g++ here")
+
+
+def run(*words, cwd):
+    """What a command prints; its errors, if it fails, are those of the test."""
+    done = subprocess.run(words, cwd=cwd, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-4000:]
+    return done.stdout
+
+
+def errors(said):
+    """The largest relative errors that the package's own test prints, by function."""
+    found = {}
+    for name, error, size in re.findall(r"^(\w+): largest error (\S+) of ([\d.e+-]+)", said, re.MULTILINE):
+        found[name] = max(found.get(name, 0.0), float(error) / max(float(size), 1e-300))
+    return found
+
+
+@pytest.fixture(scope="module")
+def lever(tmp_path_factory):
+    """The folder and the header of a package, with payload and gravity as arguments."""
+    folder = tmp_path_factory.mktemp("lever")
+    rne.export.cmake(gimbal_with_limits(), folder, payload="c", numbers=["gravity"])
+    return folder, (folder / "include" / "gimbal" / "gimbal.hpp").read_text()
+
+
+def gimbal_with_limits():
+    limits = {"effort_limit": [7.0, np.inf, 9.0], "upper": [1.5, 2.5, np.inf], "lower": [-1.5, 0.5, -np.inf]}
+    return rne.Robot(replace(gimbal(), **{name: np.array(x) for name, x in limits.items()}))
+
+
+def test_the_header_says_joints_units_limits_and_what_a_thread_may_do(lever):
+    _, header = lever
+    for text in (
+        'joint_names{{"outer", "middle", "inner"}};',
+        "effort_limits{{7.0, std::numeric_limits<double>::infinity(), 9.0}}; // N m",
+        "lower_limits{{-1.5, 0.5, -std::numeric_limits<double>::infinity()}}; // rad",
+        "// Units - q rad, qd rad/s, tau N m",
+        "// gravity [m/s^2] is an argument",
+        "any number of threads may call them",
+        "std::optional<std::array<double, 3>> forward_dynamics(const std::array<double, 3>& q,",
+    ):
+        assert text in header, text
+    functions = [line for line in header.splitlines() if line.startswith("[[nodiscard]]")]
+    assert [line.endswith(" noexcept") for line in functions] == [True] * 5
+    assert ["const Payload& payload" in line for line in functions] == [True] * 5
+    assert [re.search(r"(\w+)\(", line)[1] for line in functions if "& gravity" in line] == [
+        "inverse_dynamics",
+        "gravity_torque",
+        "forward_dynamics",
+    ]
+
+
+def test_no_name_of_a_file_leaves_its_literal_or_its_comment(tmp_path):
+    """Joints are named in literals, by numbers of what is not plain; robot and links in comments, without such signs."""
+    known, names = gimbal(), ("*/ int main(){} /*", 'a"; int x = 1; //', "b\\\nc??/%NAME%")
+    rename = dict(zip(known.moving_joints, names, strict=True))
+    model = replace(
+        known, name=names[0], moving_joints=names, link_joints=tuple(rename.get(j, j) for j in known.link_joints)
+    )
+    rne.export.cmake(rne.Robot(model), tmp_path, namespace="gimbal", quantities=["gravity_torque"])
+    plain = tmp_path / "plain"
+    rne.export.cmake(rne.Robot(known), plain, namespace="gimbal", quantities=["gravity_torque"])
+    for file in (file.relative_to(plain) for file in plain.rglob("*.*pp")):
+        code = [without_names(folder / file) for folder in (tmp_path, plain)]
+        assert code[0] == code[1], file
+    header = (tmp_path / "include" / "gimbal" / "gimbal.hpp").read_text(encoding="ascii")
+    assert r'"a\042\073 int x \075 1\073 \057\057"' in header
+
+
+def without_names(file):
+    """The lines of a file in C++ but for comments and the names of joints."""
+    lines = file.read_text(encoding="ascii").splitlines()
+    return [line for line in lines if not line.startswith("//") and "joint_names{{" not in line]
+
+
+def test_files_of_others_are_kept_by_function_and_by_command(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    command = ["export", "double_pendulum", "arm", "--quantities", "gravity_torque"]
+    assert main(command) == main(command) == 0  # the second time in place of the first
+    own = Path("arm", "test", "numbers.cpp")
+    own.write_text("int mine;\n")
+    assert capsys.readouterr().err == ""
+    assert main(command) == 2
+    assert capsys.readouterr().err == (
+        "error: FOLDER: 'arm/test/numbers.cpp' was not written by rne; name another folder, or give --force to replace it\n"
+    )
+    with pytest.raises(FileExistsError, match=r"^'arm/test/numbers.cpp' was not written by rne; name another folder"):
+        rne.export.cmake(rne.load("double_pendulum"), "arm", quantities=["gravity_torque"])
+    assert own.read_text() == "int mine;\n"
+    assert main([*command, "--force"]) == 0
+    assert "gravity_torque_rows" in own.read_text()
+
+
+REFUSED = {
+    r"`payload` must be one of \['base', 'a', 'b', 'c'\], got 'd'": {"payload": "d"},
+    r"`namespace` must be a name of letters, digits and _ that no language has, got 'class'": {"namespace": "class"},
+    r"`quantities`: 'no' is no function of joint arrays in rne.dynamics": {"quantities": ["no"]},
+    r"`numbers`: the scene has the numbers .*; got 'mass'": {"numbers": ["mass"]},
+    r"`dtype` of language 'c\+\+' must be one of \['float64', 'float32'\], got 'int'": {"dtype": "int"},
+    r"`std` is for an Identification, got Robot": {"std": True},
+}
+
+
+@pytest.mark.parametrize("text", REFUSED)
+def test_what_cannot_be_written_is_refused(text, tmp_path):
+    with pytest.raises(ValueError, match=f"^{text}"):
+        rne.export.cmake(gimbal_with_limits(), tmp_path, **REFUSED[text])
+    assert not [*tmp_path.iterdir()]
+
+
+@WITH_CPP
+@pytest.mark.long
+@pytest.mark.parametrize("name", [*ARMS, *PARTS])
+def test_numbers_of_the_recursion_on_ten_arms(name, tmp_path):
+    """In both precisions, by C++17 and C++20, with no warning."""
+    given, how = rne.load(name) if name in ARMS else PARTS[name](), {}
+    if name == "scene":
+        how = {"payload": "tool0", "numbers": ["friction.viscous", "controller.kp", "controller.reference", "gravity"]}
+    elif name in PARTS:
+        how = {"payload": "panda_link8", "numbers": ["gravity", "armature"]}
+    for dtype, standard in (("float64", "c++17"), ("float32", "c++20")):
+        folder = tmp_path / dtype
+        rne.export.cmake(given, folder, namespace="arm", dtype=dtype, **how)
+        run("g++", f"-std={standard}", *WARNINGS, "-O1", "-Iinclude", "test/numbers.cpp", "-o", "numbers", cwd=folder)
+        found = errors(run("./numbers", cwd=folder))
+        assert len(found) >= 5
+        for function, error in found.items():
+            assert error <= TORQUES[dtype] * (2 if function == "forward_dynamics" else 1), (dtype, function)
+
+
+@pytest.mark.long
+@pytest.mark.skipif(importlib.util.find_spec("ziglang") is None, reason="ziglang is not installed, which is a clang")
+def test_clang_takes_it_without_a_warning(lever):
+    """Compiled, not linked: ziglang would first compile the standard library, which takes minutes."""
+    words = sys.executable, "-m", "ziglang", "c++", *WARNINGS, "-Iinclude", "-c", "test/numbers.cpp"
+    for standard in ("c++17", "c++20"):
+        run(*words, f"-std={standard}", "-o", "numbers.o", cwd=lever[0])
+
+
+CONSUMER = """cmake_minimum_required(VERSION 3.15)
+project(consumer LANGUAGES CXX)
+find_package(gimbal 1.0 REQUIRED)
+add_executable(consumer main.cpp)
+target_link_libraries(consumer PRIVATE gimbal::gimbal pthread)
+target_link_options(consumer PRIVATE -Wl,--wrap=malloc)
+"""
+# Eight threads get the same numbers, bit by bit, none of them asks for memory, and a singular M gives no numbers.
+MAIN = """#include <gimbal/gimbal.hpp>
+#include <atomic>
+#include <cstdio>
+#include <cstdlib>
+#include <new>
+#include <thread>
+#include <vector>
+
+thread_local long asked = 0;
+extern "C" void* __real_malloc(std::size_t);
+extern "C" void* __wrap_malloc(std::size_t size) { asked++; return __real_malloc(size); }
+void* operator new(std::size_t size) { asked++; return __real_malloc(size); }
+
+int main()
+{
+    const gimbal::Payload payload{1.5, {{0.1, 0.0, 0.2}}, 0.01, 0.0, 0.0, 0.02, 0.0, 0.03};
+    const std::array<double, 3> gravity{{0.0, 0.0, -9.81}};
+    const auto sum = [&](long& own) {
+        double total = 0;
+        const long before = asked;
+        for (int k = 0; k < 20000; k++) {
+            const gimbal::Vector q{{0.001 * k, 1.0, 0.3}}, qd{{1.0, 0.002 * k, -1.0}}, qdd{{0.5, 0.6, 0.7}};
+            for (const double x : gimbal::inverse_dynamics(q, qd, qdd, payload, gravity))
+                total += x;
+            for (const double x : gimbal::mass_matrix(q, payload))
+                total += x;
+            total += gimbal::forward_dynamics(q, qd, qdd, payload, gravity).value()[0];
+        }
+        own = asked - before;
+        return total;
+    };
+    std::vector<double> totals(8);
+    std::vector<long> counts(8);
+    std::vector<std::thread> threads;
+    for (std::size_t k = 0; k < 8; k++)
+        threads.emplace_back([&, k] { totals[k] = sum(counts[k]); });
+    for (auto& thread : threads)
+        thread.join();
+    for (std::size_t k = 0; k < 8; k++)
+        if (totals[k] != totals[0] || counts[k] != 0)
+            return 1;
+    delete new int;
+    std::free(std::malloc(1));
+    if (asked < 2) // of these two and the vectors: the count does count
+        return 2;
+    const gimbal::Vector zero{};
+    if (gimbal::forward_dynamics(zero, zero, zero, payload, gravity).has_value())
+        return 3;
+    std::printf("%s has %zu joints\\n", gimbal::joint_names[0], gimbal::joints);
+    return 0;
+}
+"""
+
+
+@WITH_CMAKE
+@pytest.mark.long
+def test_a_consumer_finds_the_installed_package(lever, tmp_path):
+    build, prefix, own = tmp_path / "build", tmp_path / "prefix", tmp_path / "consumer"
+    run("cmake", "-S", str(lever[0]), "-B", str(build), "-DCMAKE_BUILD_TYPE=Release", cwd=tmp_path)
+    run("cmake", "--build", str(build), cwd=tmp_path)
+    assert "100% tests passed, 0 tests failed out of 2" in run("ctest", "--test-dir", str(build), cwd=tmp_path)
+    run("cmake", "--install", str(build), "--prefix", str(prefix), cwd=tmp_path)
+    assert {str(file.relative_to(prefix)) for file in prefix.rglob("*") if file.is_file()} == {
+        "include/gimbal/gimbal.hpp",
+        "include/gimbal/eigen.hpp",
+        "share/gimbal/package.xml",
+        "share/gimbal/cmake/gimbalConfig.cmake",
+        "share/gimbal/cmake/gimbalConfigVersion.cmake",
+    }
+    own.mkdir()
+    (own / "CMakeLists.txt").write_text(CONSUMER)
+    (own / "main.cpp").write_text(MAIN)
+    options = f"-DCMAKE_PREFIX_PATH={prefix}", "-DCMAKE_BUILD_TYPE=Release"
+    run("cmake", "-S", str(own), "-B", str(own / "build"), *options, cwd=tmp_path)
+    run("cmake", "--build", str(own / "build"), cwd=tmp_path)
+    assert run(str(own / "build" / "consumer"), cwd=tmp_path) == "outer has 3 joints\n"
+    (own / "CMakeLists.txt").write_text(CONSUMER.replace("gimbal 1.0", "gimbal 2.0"))
+    refused = subprocess.run(["cmake", "-S", own, "-B", own / "other", *options], capture_output=True, check=False)
+    assert refused.returncode != 0
+
+
+def eigen():
+    """The folder of Eigen's headers, or None."""
+    casadi = importlib.util.find_spec("casadi")
+    places = [Path("/usr/include/eigen3")]
+    places += [Path(casadi.origin).parent / "include" / "eigen3"] if casadi else []
+    return next((place for place in places if (place / "Eigen" / "Core").exists()), None)
+
+
+WITH_EIGEN = pytest.mark.skipif(eigen() is None, reason="Eigen is not here")
+BY_EIGEN = """#include <gimbal/eigen.hpp>
+
+int main()
+{
+    const gimbal::eigen::Vector q(0.1, 1.0, 0.3), qd(1.0, -2.0, 0.5), qdd(0.5, 0.6, 0.7), gravity(0.0, 0.0, -9.81);
+    const gimbal::Payload payload{1.5, {{0.1, 0.0, 0.2}}, 0.01, 0.0, 0.0, 0.02, 0.0, 0.03};
+    namespace by = gimbal::eigen;
+    const gimbal::eigen::Vector tau = by::inverse_dynamics(q, qd, qdd, payload, gravity);
+    const gimbal::eigen::Vector sum = by::mass_matrix(q, payload) * qdd + by::coriolis_torque(q, qd, payload)
+        + by::gravity_torque(q, payload, gravity);
+    const auto found = by::forward_dynamics(q, qd, tau, payload, gravity);
+    return !((tau - sum).norm() < 1e-12 && found && (*found - qdd).norm() < 1e-12);
+}
+"""
+
+
+@WITH_CPP
+@WITH_EIGEN
+@pytest.mark.long
+def test_the_functions_of_eigen_are_the_same(lever):
+    (lever[0] / "main.cpp").write_text(BY_EIGEN)
+    words = "-std=c++17", *WARNINGS, "-Iinclude", f"-isystem{eigen()}"
+    run("g++", *words, "main.cpp", "-o", "by_eigen", cwd=lever[0])
+    run("./by_eigen", cwd=lever[0])
+
+
+STUB = """#pragma once
+#include <Eigen/Core>
+#include <memory>
+#include <string>
+namespace rclcpp::node_interfaces { struct NodeParametersInterface { using ConstSharedPtr = std::shared_ptr<const int>; }; }
+namespace inverse_dynamics_solver {
+struct InverseDynamicsSolver {
+    using Parameters = rclcpp::node_interfaces::NodeParametersInterface::ConstSharedPtr;
+    using Vector = Eigen::VectorXd;
+    virtual ~InverseDynamicsSolver() = default;
+    virtual void initialize(Parameters, const std::string&, const std::string&) = 0;
+    virtual Eigen::MatrixXd getInertiaMatrix(const Vector&) const = 0;
+    virtual Vector getCoriolisVector(const Vector&, const Vector&) const = 0;
+    virtual Vector getGravityVector(const Vector&) const = 0;
+    virtual Vector getFrictionVector(const Vector&) const = 0;
+};
+}
+"""
+
+
+@WITH_CPP
+@WITH_EIGEN
+@pytest.mark.long
+def test_the_adapter_of_the_page_compiles_against_the_methods_it_overrides(tmp_path):
+    """Not against ROS, which is not here: the class that it is derived from is declared here."""
+    rne.export.cmake(rne.load("ur10"), tmp_path)
+    page = (ROOT / "docs" / "ros2-control.md").read_text(encoding="utf-8")
+    (adapter,) = re.findall(r"^```cpp\n(#include <inverse_dynamics_solver.*?)^```", page, re.DOTALL | re.MULTILINE)
+    for name, text in (("inverse_dynamics_solver/inverse_dynamics_solver", STUB), ("pluginlib/class_list_macros", "")):
+        file = tmp_path / "include" / f"{name}.hpp"
+        file.parent.mkdir(exist_ok=True)
+        file.write_text(text)
+    (tmp_path / "solver.cpp").write_text(
+        "#define PLUGINLIB_EXPORT_CLASS(a, b) template class std::unique_ptr<a>;\n" + adapter
+    )
+    run(
+        "g++",
+        "-std=c++17",
+        "-Wall",
+        "-Wextra",
+        "-Werror",
+        "-Iinclude",
+        f"-isystem{eigen()}",
+        "-c",
+        "solver.cpp",
+        cwd=tmp_path,
+    )
+
+
+@WITH_CPP
+@pytest.mark.long
+def test_an_identified_model_with_its_friction_and_deviations(tmp_path):
+    """Prediction, by C++, is that of the identification; inverse dynamics have the same torques."""
+    arm = rne.load("irb140").locked({"joint_4": 0, "joint_5": 0, "joint_6": 0})
+    t = np.arange(0, 12, 0.01)
+    w, rng = 2 * np.pi * np.array([0.3, 0.4, 0.5]), np.random.default_rng(0)
+    q, qd, qdd = np.sin(np.outer(t, w)), w * np.cos(np.outer(t, w)), -(w**2) * np.sin(np.outer(t, w))
+    tau = arm.inverse_dynamics(q, qd, qdd) + 5 * qd + 2 * np.tanh(qd / 0.02) + 0.1 * rng.normal(size=q.shape)
+    drives = rne.DriveModel(friction="viscous+coulomb")
+    found = rne.identify(arm, rne.identification.Record(t, q, tau), drives=drives)
+    rne.export.cmake(found, tmp_path, namespace="arm", std=True)
+    text = (tmp_path / "test" / "numbers.cpp").read_text()
+    table = re.search(r"prediction_rows\[\]\[\d+\] = \{(.*?)\};", text, re.DOTALL)[1]
+    rows = np.array([[float(x) for x in row.split(",")] for row in re.findall(r"\{(.*?)\}", table)])
+    torque, deviation = found.predict(*rows[:, :9].reshape(-1, 3, 3).swapaxes(0, 1), std=True)
+    np.testing.assert_allclose(rows[:, 9:12], torque, rtol=0, atol=1e-12 * abs(torque).max())
+    np.testing.assert_allclose(rows[:, 12:], deviation, rtol=1e-9)
+    run("g++", "-std=c++17", *WARNINGS, "-Iinclude", "test/numbers.cpp", "-o", "numbers", cwd=tmp_path)
+    assert {"prediction", "friction_torque"} <= errors(run("./numbers", cwd=tmp_path)).keys()
