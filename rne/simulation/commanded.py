@@ -8,9 +8,10 @@ what was computed, and those by the delay of commands are jumps of dx/dt.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
@@ -29,6 +30,15 @@ OF_COMMANDS = SHIFT, SCALE, OFFSET
 TABLE = tableau(FIXED)._replace(C=np.concatenate([tableau(FIXED).C, [1.0], tableau(FIXED).C2]))
 Command = tuple[float, Array, Array]  # a law follows scale * command + offset (n,), after a delay [s]
 FOREVER = 1e6  # for so long the first and the last command hold [s]
+
+
+class Vectors(NamedTuple):
+    """Numbers of a motion as kernels of the equations and of a sampled law take them, and how its commands are held."""
+
+    numbers: Array
+    law_numbers: Array
+    limits: Array  # (2, n), of commands and of their change, or (2, 0)
+    delay: float  # of a sampled law [s]
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,9 +62,9 @@ class CommandedMotion:
         """That of a scene, of which some numbers by name are other ones."""
         return cls(FrozenScene(scene, tuple(names)), begin, times, taken, step)
 
-    def fastest_rate(self, vectors: tuple[Array, Array], q: Array) -> float:
+    def fastest_rate(self, vectors: Vectors, q: Array) -> float:
         """The largest modulus of an eigenvalue of the equations at rest at positions (N, n) [1/s]."""
-        frozen, law, numbers = self.frozen, self.frozen.dynamics.law, vectors[0]
+        frozen, law, numbers = self.frozen, self.frozen.dynamics.law, vectors.numbers
         x = frozen.start(numbers, q, np.zeros_like(q))
         kernel = frozen.scene.kernels.scene_kernel(frozen.dynamics.right_hand_side, "x")
         held = (np.zeros((len(x), frozen.commanded)),) if frozen.commanded else ()
@@ -79,16 +89,19 @@ class CommandedMotion:
         assert law is not None
         return law
 
-    def vectors(self, own: Mapping[str, Array]) -> tuple[Array, Array]:
-        """Numbers by name as the kernels of the equations and of a sampled law take them."""
+    def vectors(self, own: Mapping[str, Array]) -> Vectors:
+        """Those of numbers by name."""
         group = SideBySide(self.frozen, {k: x[None] for k, x in own.items()}, 1, by_machine=self.frozen.by_machine)
-        return group.numbers.reshape(-1), group.law_numbers.reshape(-1)
+        delay = float(own.get("delay", self.frozen.given.delay or 0.0))
+        return Vectors(group.numbers.reshape(-1), group.law_numbers.reshape(-1), group.limits, delay)
 
-    def _group(self, vectors: tuple[Array, Array], command: Command) -> SideBySide:
+    def _group(self, vectors: Vectors, command: Command) -> SideBySide:
         """The motion under numbers of its own, and its commands."""
         delay, scale, offset = command
         group = SideBySide(self.frozen, {}, 1, by_machine=self.frozen.by_machine)
-        group.numbers, group.law_numbers = vectors
+        group.numbers, group.law_numbers = vectors.numbers, vectors.law_numbers
+        rows = int(self.frozen.late(vectors.delay)[0]) + 1
+        group.holding = group.holding._replace(limits=vectors.limits, pending=np.zeros((rows, group.n)))
         table, n = self._table.copy(), self.frozen.given.n
         table[:, :2] += delay
         table[:, 2:] *= np.resize(scale, table.shape[1] - 2)
@@ -130,14 +143,14 @@ class CommandedMotion:
 
     def _task(
         self,
-        vectors: tuple[Array, Array],
+        vectors: Vectors,
         command: Command,
         start: Array,
         columns: Columns | None = None,
     ) -> tuple[SensitivityTask, Schedule]:
         """The motion, and its steps."""
         group, end = self._group(vectors, command), float(self.times[-1])
-        (samples, acting, _), tables = self.frozen.instants(end), group.tables
+        (samples, acting, _), tables = self.frozen.instants(end, vectors.delay), group.tables
         breaks = tables[0, 1:, 0] if len(tables) else np.zeros(0)
         ends = equal_steps(end, self.step, samples, acting, breaks, aligned(self.times, [samples, acting, breaks]))
         q0, qd0 = start
@@ -145,7 +158,7 @@ class CommandedMotion:
         task = SensitivityTask(self.frozen, columns, x0, np.zeros(0), ends, self.times, None, group, False)
         return task, schedule_of(TABLE, ends, samples, acting, breaks)
 
-    def positions(self, vectors: tuple[Array, Array], command: Command, start: Array) -> Array | None:
+    def positions(self, vectors: Vectors, command: Command, start: Array) -> Array | None:
         """Positions at the times, (T, n); None where the motion cannot be computed."""
         task, schedule = self._task(vectors, command, start)
         assert task.group is not None
@@ -161,9 +174,12 @@ class CommandedMotion:
         found: Array = np.append(kept.stages[:, 0, :n], x[None, :n], axis=0)[np.searchsorted(task.ends, times)]
         return found
 
-    def derivatives(self, vectors: tuple[Array, Array], command: Command, start: Array) -> tuple[Array, Array]:
+    def derivatives(self, vectors: Vectors, command: Command, start: Array) -> tuple[Array, Array]:
         """Positions (T, n), and their derivatives (T, n, k) by what is `taken` and by the start."""
         columns, W = self.columns
+        if self.frozen.given.elastic is not None:  # motors start where they hold their links
+            columns = copy(columns)
+            columns.start = columns.start_at(self.frozen, vectors.numbers, tuple(start))
         task, schedule = self._task(vectors, command, start, columns)
         run = Forwards(task, by_machine=self.frozen.by_machine)
         if not run.along_steps(schedule):

@@ -132,13 +132,17 @@ class FrozenScene:
     @cached_property
     def delay(self) -> tuple[float, float]:
         """From a sample until its command acts: a whole number of periods, and the rest."""
-        return in_periods(float(self.given.delay or 0.0), self.period) if self.period else (0.0, 0.0)
+        return self.late(float(self.given.delay or 0.0))
 
-    def instants(self, end: float) -> tuple[Array, Array, Array]:
+    def late(self, delay: float) -> tuple[float, float]:
+        """Another delay in this way."""
+        return in_periods(delay, self.period) if self.period else (0.0, 0.0)
+
+    def instants(self, end: float, delay: float | None = None) -> tuple[Array, Array, Array]:
         """Times of samples before the end, those at which their commands begin to act, and those at which laws jump."""
         if self.law is None:
             return np.zeros(0), np.zeros(0), np.array(law_breaks(self.given.controller))
-        late, rest = self.delay
+        late, rest = self.delay if delay is None else self.late(delay)
         count = np.arange(ceil(end / self.period * NEARLY))
         return count * self.period, (count + late) * self.period + rest, np.zeros(0)
 

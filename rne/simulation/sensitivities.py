@@ -108,13 +108,18 @@ class Columns:
         sizes |= {name: array.shape[2] for name, array in directions.items()}
         for name, parts in self.made.items():
             parts += [] if parts else [(slice(0), np.zeros((sizes[name], 0)))]  # nothing depends on it
-        *by_starts, by_numbers = frozen.start_slopes(dynamics.vector, *(x[None] for x in starts))
-        self.p, taken = max(self.p, 1), self.numbers >= 0
-        self.start, self.scale = np.zeros((dynamics.size, self.p)), np.ones(self.p)  # scale: of numbers above 1
-        self.start[:, self.numbers[taken]] = by_numbers[0][:, taken]
-        self.scale[self.numbers[taken]] = np.maximum(1.0, np.abs(dynamics.vector[taken]))
-        for name, place in places.items():
-            self.start[:, place] = by_starts[STARTS.index(name)][0]
+        self.p, taken, self.places = max(self.p, 1), self.numbers >= 0, places
+        self.start, self.scale = self.start_at(frozen, dynamics.vector, starts), np.ones(self.p)
+        self.scale[self.numbers[taken]] = np.maximum(1.0, np.abs(dynamics.vector[taken]))  # of numbers above 1
+
+    def start_at(self, frozen: FrozenScene, vector: Array, starts: Sequence[Array]) -> Array:
+        """Derivatives of the state at a start under numbers of the equations, (size, p)."""
+        *by_starts, by_numbers = frozen.start_slopes(vector, *(x[None] for x in starts))
+        found, taken = np.zeros((frozen.dynamics.size, self.p)), self.numbers >= 0
+        found[:, self.numbers[taken]] = by_numbers[0][:, taken]
+        for name, place in self.places.items():
+            found[:, place] = by_starts[STARTS.index(name)][0]
+        return found
 
     def _add(self, name: str, count: int, matrix: Array | None = None) -> Array:
         """New directions for a name; their numbers."""

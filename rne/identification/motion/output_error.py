@@ -153,7 +153,7 @@ class OutputError:
         found = (motion.positions(own, command, start) for motion, start in zip(self.motions, starts, strict=True))
         return [None if q is None else self._sensed(numbers, q) for q in found]
 
-    def _vectors(self, numbers: dict[str, Array]) -> tuple[Array, Array]:
+    def _vectors(self, numbers: dict[str, Array]) -> Any:
         return self.motions[0].vectors({name: numbers[name] for name in self.unknowns.of_scene})
 
     def residuals(self, z: Array) -> Array:
