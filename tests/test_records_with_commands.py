@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 import rne
+from rne.__main__ import main, parser
+from rne.commands.commanded import scene_of
 from rne.identification import Record
 
 from .helpers import first_joints
@@ -431,3 +433,60 @@ def test_states_of_controllers_in_bags(suffix, tmp_path):
         read(Record.from_log(path, torques=False), joints, rate=True, count=120)
         with pytest.raises(ValueError, match=r"there is no topic /joint_states of control_msgs/msg/JointTrajectory"):
             Record.from_log(path, torques=False, topic="/joint_states")
+
+
+# Command line
+
+
+@pytest.fixture
+def lever(tmp_path):
+    """A lever under PD control that follows steps, in two logs of 2 s, and the numbers of its scene."""
+    level = [[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]]  # the joint's axis
+    bodies = {"masses": [0.5], "centres": [[0, 0, 0]], "inertias": [[1e-3, 1e-3, 1e-3]]}
+    arm = rne.dh_chain(a=[0.2], alpha=[0], d=[0], theta=[0], base=level, **bodies)
+    (tmp_path / "arm.urdf").write_text(rne.to_urdf(arm))
+    robot, t = rne.Robot(arm), np.arange(50) / 25
+    for name, seed in (("a.csv", 0), ("b.csv", 1)):
+        steps = np.repeat(np.random.default_rng(seed).uniform(-1, 1, 5), 10)[:, None]
+        law = rne.control.pd(robot, 8.0, 0.0, rne.trajectories.sampled(t, steps, kind="hold"))
+        scene = rne.Scene(robot, controller=law, friction=rne.Friction(viscous=0.4), armature=0.02)
+        motion = rne.simulate(scene, steps[0], [0.0], t[-1], t_eval=t, rtol=1e-8)
+        write(tmp_path / name, ["t", "q.joint_1", "q_cmd.joint_1"], t, np.rint(motion.q * 1e4) / 1e4, steps)
+    return tmp_path
+
+
+def test_rne_identify_without_torques(lever, monkeypatch, capsys):
+    monkeypatch.setattr("rne.plotting.html_page.has_matplotlib", lambda: False)  # pictures have tests of their own
+    monkeypatch.setattr("rne.commands.commanded.importlib.util.find_spec", lambda name: None)  # nothing is compiled
+    call = ["identify", *(str(lever / x) for x in ("arm.urdf", "a.csv")), "--check", str(lever / "b.csv"), "--page", str(lever / "page")]  # fmt: skip
+    motion = [*call, "--without-torques", "--kp", "5", "--viscous", "0.3", "--wrt", "controller.kp,friction.viscous"]
+    assert main([*motion, "--starts", "1", "--rotors", "0.02", "--out", str(lever / "found.urdf")]) == 0
+    said, progress = capsys.readouterr()
+    page = (lever / "page" / "index.html").read_text()
+    (kp,) = re.findall(r"controller\.kp +(\S+) +(\S+)", said)
+    assert abs(float(kp[0]) - 8) < 4 * float(kp[1]) < 0.2  # 4 standard errors
+    assert "b.csv, predicted" in said
+    assert "a.csv, fitted" in page
+    assert re.search(r"^  iteration 1: residual [\d.e+]+ standard deviations of the positions$", progress, re.MULTILINE)
+    assert '<dynamics damping="0.4' in (lever / "found.urdf").read_text()
+    for wrong, text in (
+        ([*call, "--kp", "5"], "--kp: needs --without-torques"),
+        ([*call, "--without-torques"], "--kp: is needed: gains to start from, a factor of two off is near enough"),
+        ([*motion, "--gains", "2"], "--gains: is of torques, and cannot be given with --without-torques"),
+        ([*motion, "--servo", "sts3215-12v"], "--servo: needs --controller servo"),
+        ([*motion[:-1], "controller.ki"], "--wrt must name some of "),
+    ):
+        assert main(wrong) == 2
+        assert text in capsys.readouterr().err
+
+
+def test_published_figures_of_servos_are_the_start_where_nothing_else_is_given(lever):
+    robot = rne.load(lever / "arm.urdf")
+    call = ["identify", "arm.urdf", "a.csv", "--without-torques", "--controller", "servo", "--servo", "sts3215-12v"]
+    figures = rne.control.servo_figures("sts3215-12v")
+    numbers = scene_of(robot, parser().parse_args([*call, "--coulomb", "0.2"])).numbers
+    assert numbers["controller.kp"] == figures.law(robot).kp
+    assert numbers["controller.stall_torque"] == figures.stall_torque
+    assert numbers["friction.coulomb"] == 0.2
+    assert numbers["friction.viscous"] == figures.viscous
+    assert numbers["armature"] == figures.armature

@@ -5,17 +5,22 @@ from __future__ import annotations
 import argparse
 import math
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import rne
 
 from ..basics.marks import URDF
 from ..files.tables import as_number
 from . import shared
+from .commanded import add_commanded, check_options, run_commanded
 from .moving import add_units, rotating
 from .shared import CommandError, as_options, fail, in_one_line, note, number, numbers, say, used, work
 
-IDENTIFY = "rne identify ur5 run1.mcap run2.mcap --check run3.mcap --out ur5.urdf"
+if TYPE_CHECKING:
+    from ..plotting.html_page import Report
+
+IDENTIFY = """rne identify ur5 run1.mcap run2.mcap --check run3.mcap --out ur5.urdf
+  rne identify so101.urdf lerobot_data --units q=deg --without-torques --controller servo --servo sts3215-7.4v"""
 
 
 def add_identify(commands: Any) -> None:
@@ -45,6 +50,7 @@ def add_identify(commands: Any) -> None:
     parser.add_argument("--out", metavar="FILE.urdf", type=Path, help="file for the robot found")
     page = "folder for the page (default: rne-identify)"
     parser.add_argument("--page", metavar="FOLDER", type=Path, default=Path("rne-identify"), help=page)
+    add_commanded(parser)
     shared.add_force(parser)
 
 
@@ -54,6 +60,7 @@ def run_identify(arguments: argparse.Namespace) -> int:
 
     shared.check_file(arguments.out, arguments, suffixes=(".urdf",))
     shared.check_folder(arguments.page, arguments, "--page")
+    check_options(arguments)
     robot, held_out = shared.robot_of(arguments), [arguments.check] * (arguments.check is not None)
     work.begin("reading the logs")
     records = [_record(file, robot, arguments) for file in (*arguments.logs, *held_out)]
@@ -61,19 +68,11 @@ def run_identify(arguments: argparse.Namespace) -> int:
         say(f"{record.name}: {record.source}")
     for finding in held_out and records[-1].findings:
         note(as_options(f"{finding}", arguments))
-    work.begin("identifying")
-    with shared.warnings_in_one_line(arguments):
-        found = rne.identify(robot, records[: len(arguments.logs)], cutoff=arguments.cutoff)
     page = Report(f"{robot.model.name} identified", say, arguments.page)
-    page.text(used(robot, arguments))
-    report = found.report(details=arguments.details).replace("`report(details=True)`", "--details")
-    page.lines(as_options(report, arguments))
-    for k, record in enumerate(records):
-        check, how = found.check(record), "fitted" if k < len(arguments.logs) else "predicted"
-        page.heading(f"{record.name}, {how}")
-        page.lines(check.report())
-        page.figure(f"torques_{k}", check.plot, f"{record.name}: measured torques, {how} ones, and their difference")
+    found = (run_commanded if arguments.without_torques else _run_with_torques)(robot, records, page, arguments)
     say(f"page: {page.write()}")
+    if arguments.without_torques and not arguments.out:
+        return 0
     try:
         urdf = found.to_urdf()
     except rne.IdentificationError as error:
@@ -85,8 +84,26 @@ def run_identify(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def _run_with_torques(
+    robot: rne.Robot, records: list[rne.identification.Record], page: Report, arguments: argparse.Namespace
+) -> rne.identification.Identification:
+    """Identify, print the report and how well each record is predicted, and return the result."""
+    work.begin("identifying")
+    with shared.warnings_in_one_line(arguments):
+        found = rne.identify(robot, records[: len(arguments.logs)], cutoff=arguments.cutoff)
+    page.text(used(robot, arguments))
+    report = found.report(details=arguments.details).replace("`report(details=True)`", "--details")
+    page.lines(as_options(report, arguments))
+    for k, record in enumerate(records):
+        check, how = found.check(record), "fitted" if k < len(arguments.logs) else "predicted"
+        page.heading(f"{record.name}, {how}")
+        page.lines(check.report())
+        page.figure(f"torques_{k}", check.plot, f"{record.name}: measured torques, {how} ones, and their difference")
+    return found
+
+
 def _record(file: Path, robot: rne.Robot, arguments: argparse.Namespace) -> rne.identification.Record:
-    """The record of a log, in the units of `add_units`, without rest at its ends."""
+    """The record of a log, in the units of `add_units`; of torques without rest at its ends."""
     given = {name: getattr(arguments, name) for name in ("time_unit", "sample_rate", "joints", "topic", "episode")}
     given |= {name: shared.one_or_each(getattr(arguments, name)) for name in ("gains", "offsets")}
     units, columns = _merged("--units", arguments.units), _merged("--columns", arguments.columns)
@@ -96,8 +113,9 @@ def _record(file: Path, robot: rne.Robot, arguments: argparse.Namespace) -> rne.
             given["joints"] = given["joints"] or robot.joint_names
         unit = ["deg" if turns.get(joint, True) else "m" for joint in given["joints"] or ()] or "deg"
         units = {"q": unit, "qd": unit} | units
-    given |= {"units": units, "columns": columns.get("", columns) or None}
-    return rne.identification.Record.from_log(file, **given).in_motion()
+    given |= {"units": units, "columns": columns.get("", columns) or None, "torques": not arguments.without_torques}
+    record = rne.identification.Record.from_log(file, **given)
+    return record if arguments.without_torques else record.in_motion()
 
 
 def _named(text: str) -> dict[str, Any]:

@@ -323,8 +323,13 @@ class MotionFit(InNotebooks):
         each = [unknowns.numbers(x) for x in self._x + normal * np.sqrt(np.maximum(w, 0)) @ V.T]
         return {name: np.array([numbers[name] for numbers in each]) for name in unknowns.of_scene}
 
-    def plot(self) -> Figure:
-        """Measured and predicted positions and their difference over time, by joint, of the record with most samples.
+    def plot(self, record: Record | None = None) -> Figure:
+        """Measured and predicted positions and their difference over time, by joint.
+
+        Parameters
+        ----------
+        record : Record, optional
+            With commands and positions; by default the one with most samples of those that were fitted.
 
         Returns
         -------
@@ -337,7 +342,7 @@ class MotionFit(InNotebooks):
         """
         from ...plotting import prediction_plot
 
-        record = max(self.problem.records, key=lambda one: len(one.t))
+        record = record or max(self.problem.records, key=lambda one: len(one.t))
         predicted, std = self.predict(record, std=True)
         qd = np.gradient(predicted, record.t, axis=0)
         measured, units = record.q[:, columns_for(self.initial, record)], joint_units(self.initial)
@@ -522,7 +527,7 @@ def identify_motion(
     sure = how_sure(solver.problem, solver.z)
     causes = (*mistaken_columns(scene, given), *missing_effects(solver.problem, solver.z, noise))
     text = f"{counted(solver.iterations, 'iteration')} in steps of {solver.problem.step:.3g} s: {solver.message}"
-    return MotionFit(solver.problem, solver.z, sure, noise, held, causes, text)
+    return MotionFit(solver.problem.at(told=None), solver.z, sure, noise, held, causes, text)
 
 
 def how_sure(problem: OutputError, z: Array) -> Certainty:
