@@ -322,9 +322,8 @@ def shifted_zeros(data: TorqueDifference, changes: Changes) -> Iterator[tuple[Hy
     few, n = data.few, data.robot.n
     felt = np.flatnonzero(few.sizes(few.weighted(zero_columns(few))) > 1)
     scores = [0.0, *changes.scores(few)[: len(changes.conventions)]]
-    zeros = np.array(
-        [np.zeros(n), *(x.zero if x.kind == "joint zero" else np.full(n, np.nan) for x in changes.conventions)]
-    )
+    given = (x.zero if x.kind == "joint zero" else np.full(n, np.nan) for x in changes.conventions)
+    zeros = np.array([np.zeros(n), *given])
 
     def fitted(free: Array, alternatives: int) -> tuple[Array, tuple[Hypothesis, int]]:
         allowed = (zeros[:, np.setdiff1d(np.arange(n), free)] == 0).all(1) & np.isfinite(zeros).all(1)
@@ -361,30 +360,24 @@ def point_mass(x: Array) -> Array:
     return np.concatenate([[x[0]], x[0] * x[1:], inertia_change(point_mass_inertia(x[0], x[1:]))[4:]])
 
 
-def left_by(left: Array, A: Array, change: Callable[[Array], Array], x: Array) -> Array:
-    """Values that a change of one body's parameters leaves."""
-    return np.asarray(left - A @ change(x))
-
-
-def changes_of_one_body(data: TorqueDifference) -> Iterator[tuple[Hypothesis, int]]:
+def changes_of_body(data: TorqueDifference, i: int) -> Iterator[tuple[Hypothesis, int]]:
     """Inertia of a body in other axes, and a point mass that the last body of a branch has or lacks."""
     from scipy.spatial.transform import Rotation
 
-    model, last = data.robot.model, tips(data.robot)
-    for i, name in enumerate(model.moving_joints):
-        columns, I = data.body_columns[:, :, i], model.inertia[i]
-        A, (c, _, left, _) = data.weighted(columns), data.with_columns(columns)
-        if not data.explains(left):  # no change of this body explains the difference
-            continue
-        if np.ptp(np.linalg.eigvalsh(I)) > thresholds.NONE * np.trace(I):
-            x = minimum(partial(left_by, data.left, A, partial(turned, I)), Rotation.create_group("O").as_rotvec())
-            text = f"the inertia of the body of {name} is in other axes, turned by a rotation"
-            yield switch("inertia axes", columns @ turned(I, x), text, model.nb), len(x)
-        if i in last:
-            starts = [[c[0], *c[1:4] / (c[0] or 1.0)], [1.0, 0, 0, 0], [-1.0, 0, 0, 0]]
-            x = minimum(partial(left_by, data.left, A, point_mass), starts)
-            text = f"it {payload_text(x[0], x[1:])} m of the frame of {name}"
-            yield switch("payload", columns @ point_mass(x), text, len(last)), len(x)
+    model, columns, last = data.robot.model, data.body_columns[:, :, i], tips(data.robot)
+    name, I, A = model.moving_joints[i], model.inertia[i], data.weighted(columns)
+    c, _, left, _ = data.with_columns(columns)
+    if not data.explains(left):  # no change of this body explains the difference
+        return
+    if np.ptp(np.linalg.eigvalsh(I)) > thresholds.NONE * np.trace(I):
+        x = minimum(lambda w: data.left - A @ turned(I, w), Rotation.create_group("O").as_rotvec())
+        text = f"the inertia of the body of {name} is in other axes, turned by a rotation"
+        yield switch("inertia axes", columns @ turned(I, x), text, model.nb), len(x)
+    if i in last:
+        starts = [[c[0], *c[1:4] / (c[0] or 1.0)], [1.0, 0, 0, 0], [-1.0, 0, 0, 0]]
+        x = minimum(lambda x: data.left - A @ point_mass(x), starts)
+        text = f"it {payload_text(x[0], x[1:])} m of the frame of {name}"
+        yield switch("payload", columns @ point_mass(x), text, len(last)), len(x)
 
 
 # The search
@@ -397,7 +390,8 @@ def explanations(data: TorqueDifference, given: Sequence[Hypothesis]) -> list[Ex
     linear = [h for h in linear if h.numbers != "switches"]
     found = [x for h in linear for x in explanation(data, h)]
     found += [x for h in changes.nearest(data.few, thresholds.FINALISTS) for x in explanation(data, h)]
-    for h, numbers in (*shifted_zeros(data, changes), *changes_of_one_body(data)):
+    of_bodies = (change for i in range(data.robot.model.nb) for change in changes_of_body(data, i))
+    for h, numbers in (*shifted_zeros(data, changes), *of_bodies):
         found += explanation(data, h, numbers)
     if not any(data.explains(left) and causes[0].kind != SEVERAL_BODIES for causes, left in found):
         found += two_together(data, [h for h in linear if h.kind != SEVERAL_BODIES], changes)
@@ -421,7 +415,9 @@ def two_together(data: TorqueDifference, linear: Sequence[Hypothesis], changes: 
     ]
     for i, h in enumerate(linear):
         beside = data.few.beside(data.few.weighted(columns_of(data.few, few[i])))
-        later = [k for k in range(i + 1, len(few)) if may_act_together(h.kind, few[k].kind)]
+        later = [
+            k for k in range(i + 1, len(few)) if h.kind != few[k].kind and not {h.kind, few[k].kind} <= OTHER_BODIES
+        ]
         scores = [next(judged(beside, few[k], by_rank=True))[0].score for k in later]
         others = [x for x in changes.nearest(beside, 1) if x.kind != h.kind]
         others += [linear[later[int(np.argmax(scores))]]] if scores else []
@@ -432,11 +428,6 @@ def two_together(data: TorqueDifference, linear: Sequence[Hypothesis], changes: 
                 gain = data.gain(known.squares) - rest.gain(rest.by_joint(left))  # of the first before the second
                 causes = first._replace(score=first.score + gain), second
                 yield causes if second.numbers else causes[::-1], left
-
-
-def may_act_together(kind: str, other: str) -> bool:
-    """False for two of one kind, and for two bodies, which are several."""
-    return kind != other and not {kind, other} <= OTHER_BODIES
 
 
 # The states and the result
@@ -676,19 +667,10 @@ def compare_models(
         nearest = "" if different else "; the nearest are below"
         names, text = ("unknown",), f"no hypothesis explains the difference{nearest}"
     fitting = [causes for causes in explaining if numbers_of(causes) <= numbers_of(explaining[0])]
-    others = [
-        x for x in fitting if not any(a.kind in b or b in a.kind for a in x for b in names)
-    ]  # friction: viscous too
-    size = float(np.linalg.norm(data.left))
-    return ModelComparison(
-        data.names,
-        names,
-        text,
-        data.relative(data.tau - data.expected),
-        data.relative(residual.reshape(data.tau.shape) * data.sigma),
-        data.relative(np.broadcast_to(data.sigma, data.tau.shape)),
-        tuple(causes for causes, _ in found),
-        tuple(dict.fromkeys(map(together, others))),
-        tuple(float(np.linalg.norm(left)) / size for _, left in found),
-        different,
-    )
+    are_named = ([a.kind in b or b in a.kind for a in causes for b in names] for causes in fitting)  # friction: viscous too
+    others = [causes for causes, named in zip(fitting, are_named, strict=True) if not any(named)]
+    errors = data.tau - data.expected, residual.reshape(data.tau.shape) * data.sigma, data.sigma + 0 * data.tau
+    candidates, equivalent = tuple(causes for causes, _ in found), tuple(dict.fromkeys(map(together, others)))
+    shares = tuple(float(np.linalg.norm(left) / np.linalg.norm(data.left)) for _, left in found)
+    told = candidates, equivalent, shares, different
+    return ModelComparison(data.names, names, text, *map(data.relative, errors), *told)
