@@ -27,7 +27,7 @@ from ..model.standard_parameters import DriveModel, StandardParameters
 from ..robot import Robot
 from . import thresholds
 from .check import Check
-from .diagnosis.hypotheses import GEARS, Cause
+from .diagnosis.hypotheses import GEARS, Cause, units
 from .diagnosis.rigid_body_test import Consistency, certified
 from .fit.consistent import expected_sizes, model_prior
 from .fit.equations import (
@@ -699,8 +699,7 @@ class Identification(InNotebooks):
 
     @property
     def _units(self) -> tuple[str, ...]:
-        model = self.initial.model
-        return tuple("N m" if model.is_revolute[i] else "N" for i in model.independent_joints)
+        return tuple(units(self.initial, j)[1] for j in range(self.initial.n))
 
     def _compared(self, name: str, prepared: Prepared) -> Check:
         model, torques = self.initial.model, self.predict(prepared.q, prepared.qd, prepared.qdd)

@@ -667,7 +667,8 @@ def compare_models(
         nearest = "" if different else "; the nearest are below"
         names, text = ("unknown",), f"no hypothesis explains the difference{nearest}"
     fitting = [causes for causes in explaining if numbers_of(causes) <= numbers_of(explaining[0])]
-    are_named = ([a.kind in b or b in a.kind for a in causes for b in names] for causes in fitting)  # friction: viscous too
+    # friction is viscous friction too
+    are_named = ([a.kind in b or b in a.kind for a in causes for b in names] for causes in fitting)
     others = [causes for causes, named in zip(fitting, are_named, strict=True) if not any(named)]
     errors = data.tau - data.expected, residual.reshape(data.tau.shape) * data.sigma, data.sigma + 0 * data.tau
     candidates, equivalent = tuple(causes for causes, _ in found), tuple(dict.fromkeys(map(together, others)))

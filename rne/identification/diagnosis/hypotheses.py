@@ -31,7 +31,7 @@ from ..log.findings import seconds
 from ..log.prepared import Prepared
 from .conventions import conventions, turning
 from .residuals import Discrepancy, FitResiduals, Torques, by_joint, extended, orthonormal
-from .rigid_body_test import torque_noise
+from .rigid_body_test import noise_shares
 
 LOGGER = logging.getLogger("rne")
 STRIBECK, SIZE, DIRECTION, GAIN = "Stribeck friction", "gravity magnitude", "gravity direction", "torque factor"
@@ -850,12 +850,9 @@ def other_conventions(rest: FitResiduals, beyond: FitResiduals) -> Iterator[tupl
 
 def odd_joints(rest: FitResiduals) -> list[int]:
     """Joints of which more is left beyond friction of gears than noise explains, the largest part first."""
-    left, noise, size = rest.beyond_friction, np.zeros(rest.robot.n), np.full(rest.robot.n, thresholds.TINY)
-    for record in rest.records:
-        noise += record.valid.sum(0) * np.nan_to_num(torque_noise(record))
-        size += ((record.reduce(record.tau) * record.valid) ** 2).sum(0)
-    share = np.sqrt(left.squares / left.torques)
-    odd = share > np.maximum(thresholds.ABOVE_NOISE * np.sqrt(noise / size), thresholds.ODD)
+    left = rest.beyond_friction
+    share, noise = np.sqrt(left.squares / left.torques), noise_shares(rest.records, 0.0)
+    odd = share > np.maximum(thresholds.ABOVE_NOISE * noise, thresholds.ODD)
     return [j for j in np.argsort(-share).tolist() if odd[j] and rest.counts[j]]
 
 

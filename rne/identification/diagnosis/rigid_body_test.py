@@ -9,6 +9,7 @@ come from their own regressors (Gautier and Khalil 1988 identify with them).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -147,17 +148,15 @@ def certified(base: BaseParameters, data: RegressionData, held_out: Array) -> Co
     all_joints, single_joint = np.sqrt(total / np.maximum(rows - spent, 1) * scale), np.sqrt(squares / freedom * scale)
     conflict = (probability < thresholds.CHANCE / fitted.joints) & (all_joints > thresholds.CONFLICT * single_joint)
     names, energy = base.standard.model.joint_names, energy_balance(base.standard, data, base.back @ x)
-    errors = noise_shares(data), held_out, all_joints, single_joint
+    errors = noise_shares(data.prepared), held_out, all_joints, single_joint
     return Consistency(names, *errors, F, probability, independent, conflict, energy)
 
 
-def noise_shares(data: RegressionData) -> Array:
-    """Noise of the filtered torques, from their spectra, as a part of |torque|, shape (n,)."""
-    noise, size = 0.0, thresholds.TINY
-    for record in data.prepared:
-        noise = noise + record.valid.sum(0) * torque_noise(record)
-        size = size + ((record.reduce(record.tau) * record.valid) ** 2).sum(0)
-    return np.asarray(np.sqrt(noise / size))
+def noise_shares(records: Sequence[Prepared], unknown: float = np.nan) -> Array:
+    """Noise of the filtered torques, from their spectra, as a part of |torque|, shape (n,); `unknown` if none tells."""
+    noise = sum(record.valid.sum(0) * np.nan_to_num(torque_noise(record), nan=unknown) for record in records)
+    size = sum(((record.reduce(record.tau) * record.valid) ** 2).sum(0) for record in records)
+    return np.asarray(np.sqrt(noise / (size + thresholds.TINY)))
 
 
 def single_joint_fit(equations: Equations) -> tuple[Array, float, int]:
