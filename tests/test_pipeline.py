@@ -1,5 +1,7 @@
 """Identification stage by stage: what `identify` composes may be called by itself, and each step finds its own error."""
 
+import sys
+from collections import Counter
 from dataclasses import FrozenInstanceError, replace
 
 import numpy as np
@@ -25,6 +27,7 @@ LATE = 0.004  # [s], a sample
 STRIBECK = 0.08  # [rad/s]
 NOISE = 0.2  # [N m]
 ALIKE = 1e-12  # relative: the same operations in the same order, but for threads of BLAS
+MOST_CLASSES, MOST_OBJECTS = 12, 300  # that one call makes: more are not taken in
 
 
 def log_of(scene, *, late=0.0, seed=3):
@@ -111,6 +114,26 @@ def test_steps_are_taken_until_none_asks_for_another(scene):
     assert not fit.model.drives.rotor
     np.testing.assert_allclose(fit.model.delays, LATE, atol=3e-4)
     assert [cause.kind for cause in fit.modelled] == ["delay"]
+
+
+def test_identify_makes_objects_of_few_classes(scene, record):
+    """Each is something that a reader of a fit has to know; those of kernels, which are there before, do not count."""
+    rne.identify(scene.robot, record, consistent=False)
+    made = Counter()
+
+    def note(frame, event, _):
+        owner = frame.f_locals.get("self") if event == "call" and frame.f_code.co_name == "__init__" else None
+        if type(owner).__module__.startswith("rne"):
+            made[type(owner).__name__] += 1
+
+    sys.setprofile(note)
+    try:
+        rne.identify(scene.robot, record, consistent=False)
+    finally:
+        sys.setprofile(None)
+    assert {"FitModel", "RegressionData", "Identification"} <= made.keys()
+    assert len(made) <= MOST_CLASSES, made
+    assert made.total() <= MOST_OBJECTS, made
 
 
 @pytest.mark.parametrize(

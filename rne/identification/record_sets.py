@@ -230,7 +230,9 @@ class RecordSets:
         kept = np.r_[:K, K + m : len(solution.x)]
         scatter, squares = jackknife(of_blocks, noise, K, spread)
         estimate = replace(plain, values=solution.x[kept], errors=np.where(solution.free[kept], np.inf, 0), sigma=sigma)
-        estimate = estimate._with_covariance(widened(solution.inverse[kept], scatter[kept]))
+        covariance = solution.inverse[kept] @ solution.inverse[kept].T
+        wider = np.sqrt(np.maximum(scatter[kept] / np.maximum(np.diag(covariance), thresholds.TINY), 1))
+        estimate = estimate._with_covariance(covariance * np.outer(wider, wider))
         factor = with_prior(both.weighted(believed_noise(both, noise)), K, 1 / spread)
         load = eliminated(factor, np.s_[K + m : K + m + self.S.shape[-1]])
         of_sets = np.split(squares, np.cumsum([len(x.rows) for x in blocks])[:-1])
@@ -374,13 +376,6 @@ def in_blocks(data: RegressionData, X: Array, sets: int) -> Equations:
     each = max(-(-thresholds.FOLDS // sets // len(data.prepared)), 2)
     blocks = blocks_of_time(data.prepared, each)
     return equations(np.concatenate([data.Y, X], axis=-1), data.tau, data.used, blocks)
-
-
-def widened(inverse: Array, scatter: Array) -> Array:
-    """The covariance, with variances that are at least the scatter between blocks of time."""
-    covariance = inverse @ inverse.T
-    wider = np.sqrt(np.maximum(scatter / np.maximum(np.diag(covariance), thresholds.TINY), 1))
-    return np.asarray(covariance * np.outer(wider, wider))
 
 
 def eliminated(factor: Array, kept: slice) -> Array:

@@ -24,12 +24,8 @@ from .least_squares import Estimator, Unexplained, held_out, least_squares
 NARROWER = "with a larger one, torques that are not explained ask for one body of a mass above the guess of all"
 
 
-class BodiesPrior(NamedTuple):
-    """What bodies are like where the motion says nothing."""
-
-    bodies: Array  # pseudo-inertias, shape (nb, 4, 4)
-    stds: tuple[float, ...]  # relative standard deviations, of which the first with plausible bodies is taken
-    notes: tuple[str, ...]
+# Pseudo-inertias (nb, 4, 4), relative standard deviations, of which the first with plausible bodies is taken, and notes.
+BodiesPrior = tuple[Array, tuple[float, ...], tuple[str, ...]]
 
 
 class BodiesFit(NamedTuple):
@@ -122,13 +118,13 @@ def fit_bodies(
 
 def possible_bodies(base: BaseParameters, data: RegressionData, prior: BodiesPrior) -> BodiesFit:
     """The physically consistent fit, with the widest standard deviation of the prior that gives plausible bodies."""
-    stds = prior.stds
+    bodies, stds, notes = prior
     for std in stds:
-        estimator = Estimator(base, prior.bodies, std**-2)
+        estimator = Estimator(base, bodies, std**-2)
         _, parameters = estimator.fit(data.fitted)
-        if plausible(parameters, prior.bodies, data.fitted):
+        if plausible(parameters, bodies, data.fitted):
             break
-    notes = *prior.notes, *[f"prior_std {std:g}: {NARROWER}"] * (std != stds[0])
+    notes = *notes, *[f"prior_std {std:g}: {NARROWER}"] * (std != stds[0])
     return BodiesFit(parameters, estimator, True, notes)
 
 
@@ -166,10 +162,10 @@ def prior_of_bodies(
                 f"`prior` 'geometry': the torques ask for bodies of {density:.4g} kg in all; check the signs of "
                 "torques and of gravity"
             )
-        return BodiesPrior(density * bodies, stds, (f"prior: rods between the joints, {density:.4g} kg in all",))
+        return density * bodies, stds, (f"prior: rods between the joints, {density:.4g} kg in all",)
     bodies, thickened = model_prior(known)
     notes = tuple(f"prior: the body of {name} was too thin and was made thicker" for name in thickened)
-    return BodiesPrior(bodies, stds, notes)
+    return bodies, stds, notes
 
 
 def plausible(parameters: Array, guess: Array, fitted: Equations) -> bool:
