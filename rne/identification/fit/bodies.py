@@ -24,7 +24,7 @@ from .least_squares import Estimator, Unexplained, held_out, least_squares
 NARROWER = "with a larger one, torques that are not explained ask for one body of a mass above the guess of all"
 
 
-# Pseudo-inertias (nb, 4, 4), relative standard deviations, of which the first with plausible bodies is taken, and notes.
+# Pseudo-inertias (nb, 4, 4); relative standard deviations, of which the first with plausible bodies is taken; notes.
 BodiesPrior = tuple[Array, tuple[float, ...], tuple[str, ...]]
 
 
