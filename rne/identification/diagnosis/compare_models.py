@@ -673,5 +673,6 @@ def compare_models(
     errors = data.tau - data.expected, residual.reshape(data.tau.shape) * data.sigma, data.sigma + 0 * data.tau
     candidates, equivalent = tuple(causes for causes, _ in found), tuple(dict.fromkeys(map(together, others)))
     shares = tuple(float(np.linalg.norm(left) / np.linalg.norm(data.left)) for _, left in found)
-    told = candidates, equivalent, shares, different
-    return ModelComparison(data.names, names, text, *map(data.relative, errors), *told)
+    difference, unexplained, accuracy = map(data.relative, errors)
+    told = difference, unexplained, accuracy, candidates, equivalent, shares, different
+    return ModelComparison(data.names, names, text, *told)
