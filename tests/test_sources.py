@@ -1,5 +1,6 @@
 """Generated source text computes what the kernel computes, in every language."""
 
+import ctypes
 import functools
 import re
 import shutil
@@ -144,7 +145,8 @@ def every_operation():
     program = lower(graph, references(graph, outputs), 2)
 
     def printed(language, dtype="float64"):
-        return to_source(Printable(Trace(program, (2,), (len(parts),)), "every", ("a",), ["all"]), language, dtype)
+        traced = Trace(program, (2,), (len(parts),))
+        return to_source(Printable(traced, "every", ("a",), ["all"], namespace="robot"), language, dtype)
 
     points = np.array([[0.7, -1.5], [-1.5, 0.7], [2.0, 2.0], [-0.3, -0.4]])
     x, y = points.T
@@ -170,6 +172,24 @@ class TestEveryOperation:
         printed, points, expected = every_operation
         library = c_library([printed("c", dtype)], tmp_path)
         got = call(library.every, [points], expected.shape[1], dtype)
+        np.testing.assert_allclose(got, expected.astype(dtype), rtol=8 * np.finfo(dtype).eps)
+
+    @pytest.mark.long  # test_in_c has the same operations
+    @pytest.mark.skipif(shutil.which("g++") is None, reason="there is no g++ here")
+    @pytest.mark.parametrize("dtype", ["float64", "float32"])
+    def test_in_cpp(self, every_operation, dtype, tmp_path):
+        printed, points, expected = every_operation
+        real, count = {"float64": "double", "float32": "float"}[dtype], expected.shape[1]
+        body = (
+            f"std::array<{real}, {count}> y = robot::every({{{{x[0], x[1]}}}}); std::copy(y.begin(), y.end(), result);"
+        )
+        (tmp_path / "every.hpp").write_text(printed("c++", dtype))
+        text = f'extern "C" void every(const {real}* x, {real}* result) {{ {body} }}'
+        (tmp_path / "every.cpp").write_text(f'#include <algorithm>\n#include "every.hpp"\n{text}\n')
+        warnings = "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow", "-Wdouble-promotion", "-Werror"
+        command = ["g++", "-std=c++17", *warnings, "-shared", "-fPIC", "-o", "every.so", "every.cpp"]
+        subprocess.run(command, cwd=tmp_path, check=True)
+        got = call(ctypes.CDLL(str(tmp_path / "every.so")).every, [points], count, dtype)
         np.testing.assert_allclose(got, expected.astype(dtype), rtol=8 * np.finfo(dtype).eps)
 
     @pytest.mark.skipif(shutil.which("octave-cli") is None, reason="GNU Octave is not here")

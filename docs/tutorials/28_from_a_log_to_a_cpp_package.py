@@ -66,8 +66,7 @@ for line in heads:
 # %%
 # Built and tested
 # ----------------
-# ``ctest`` compares each function with numbers of the recursion, and runs the example of
-# gravity compensation.
+# ``ctest`` compares each function with numbers of the recursion.
 
 
 def run(*words):

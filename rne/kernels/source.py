@@ -363,7 +363,7 @@ PYTHON = {"sign": ["def sign(x):", "    return 1.0 if x > 0 else -1.0 if x < 0 e
 C = {"sign": ["static @ sign(@ x) { return x > 0 ? 1 : x < 0 ? -1 : x; }"]}
 RUST = {"sign": ["fn sign(x: @) -> @ { if x > 0.0 { 1.0 } else if x < 0.0 { -1.0 } else { x } }"]}
 MATLAB = {"root": ["function y = root(x)", "  y = where(x < 0, NaN, sqrt(abs(x)));", "end"]}
-CPP = {"sign": "[](@ x) noexcept { return x > 0 ? @(1) : x < 0 ? @(-1) : x; }"}
+CPP = {"sign": "[](@ u0) noexcept { return u0 > 0 ? @(1) : u0 < 0 ? @(-1) : u0; }"}
 CPP_HEAD = [
     "#pragma once",
     "#include <array>",
@@ -373,7 +373,7 @@ CPP_HEAD = [
     "#include <optional>",
 ]
 for _k, _sign in {"minimum": "<=", "maximum": ">="}.items():
-    CPP[_k] = f"[](@ a, @ b) noexcept {{ return a {_sign} b || a != a ? a : b; }}"
+    CPP[_k] = f"[](@ u0, @ u1) noexcept {{ return u0 {_sign} u1 || u0 != u0 ? u0 : u1; }}"
     PYTHON[_k] = [f"def {_k}(a, b):", f"    return a if a {_sign} b or a != a else b"]
     C[_k] = [f"static @ {_k}(@ a, @ b) {{ return a {_sign} b || a != a ? a : b; }}"]
     RUST[_k] = [f"fn {_k}(a: @, b: @) -> @ {{ if a {_sign} b || a.is_nan() {{ a }} else {{ b }} }}"]
