@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 import weakref
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
@@ -487,6 +488,68 @@ class Scene:
         dynamics, model = self._exported(), self.resolved.robot.model
         fixed = {"parameters": parameters, "numbers": tuple(dynamics.vector.tolist())}
         return scene_to_casadi(Kernel(dynamics.rates_and_drives, model, fixed), name, symbolic, steps)
+
+    def to_fmu(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        fmi: str = "2.0",
+        q0: ArrayLike | None = None,
+        qd0: ArrayLike | None = None,
+        payload: str | None = None,
+        numbers: Sequence[str] = (),
+        derivatives: bool = True,
+        platforms: Sequence[str] | None = None,
+    ) -> tuple[str, ...]:
+        """Write a Functional Mock-up Unit for other simulators: the arm, torques in, or the closed loop, references in.
+
+        Parameters
+        ----------
+        path : str or path
+            The file, such as "arm.fmu"; one that exists is replaced.
+        fmi : {"2.0", "3.0"}
+            The standard; each has model exchange and co-simulation.
+        q0, qd0 : array_like, shape (n,), optional
+            Positions and velocities that the parameters `q0[1]`, ... start at, 0 if not given; behind elastic joints
+            motors follow, or are given with them, (2 n,) [rad or m; rad/s or m/s].
+        payload : str, optional
+            A link that carries a body whose mass, centre of mass and inertia are parameters, `payload.mass`, ...; they
+            start at those of the scene's payload, or at 0.
+        numbers : sequence of str
+            Names of `numbers` that are parameters.
+        derivatives : bool
+            False without directional derivatives: a smaller file.
+        platforms : sequence of str, optional
+            Those of the binaries, such as "x86_64-linux". By default all, by the extra `fmu`, or this machine's, by its
+            compiler; without either the unit has sources alone, which a line on the logger says.
+
+        Returns
+        -------
+        tuple of str
+            The platforms whose binaries are inside.
+
+        Raises
+        ------
+        ValueError
+            If a part is no function of time and state: a called controller, dry friction that sticks, `torque_rate`;
+            or an argument has the wrong shape or name.
+        TypeError, ImportError, RuntimeError
+            If the equations are too large to be written out, or no compiler for `platforms` is there, or it fails.
+
+        Notes
+        -----
+        A constant reference of the controller is an input. Sampled controllers sample and hold by themselves, with
+        their delay; `stops` end the simulation. Binaries for Windows and macOS are built, but have never been run.
+
+        Examples
+        --------
+        >>> import rne
+        >>> rne.Scene(rne.load("irb140")).to_fmu("irb140.fmu")  # doctest: +SKIP
+        ('x86_64-linux', 'x86_64-windows', 'x86_64-darwin')
+        """
+        from .fmu_model import SceneUnit
+
+        return SceneUnit(self, q0, qd0, payload, tuple(numbers), derivatives).write(path, fmi, platforms)
 
     def _exported(self) -> SceneDynamics:
         """The equations as a function of time, state and perhaps torques alone; a ValueError names what is not."""
