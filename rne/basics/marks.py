@@ -26,5 +26,9 @@ def is_marked(file: Path) -> bool:
         with suppress(zipfile.BadZipFile), zipfile.ZipFile(file) as archive:
             return {f"{TEXTS}.npy", "array_0.npy"} <= {*archive.namelist()}
         return False
+    if suffix == ".fmu":
+        with suppress(zipfile.BadZipFile), zipfile.ZipFile(file) as archive:
+            return archive.comment == COMMENT.encode()
+        return False
     with file.open("rb") as stream:
         return suffix in PATTERNS and re.search(PATTERNS[suffix].encode(), stream.read(4096)) is not None

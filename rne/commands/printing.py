@@ -207,10 +207,16 @@ def run_source(arguments: argparse.Namespace) -> int:
 
 def add_export(commands: Any) -> None:
     """Register `rne export`."""
-    title, example = "write a robot as a CMake package in C++17", "rne export ur10 ur10_dynamics --payload-at tool0"
+    title = "write a robot as a CMake package in C++17, or as a Functional Mock-up Unit"
+    example = "rne export ur10 ur10_dynamics --payload-at tool0"
     parser = shared.add_parser(commands, "export", title, example, run_export)
     parser.add_argument("robot", metavar="ROBOT", help=ROBOT)
-    parser.add_argument("folder", metavar="FOLDER", type=Path, help="folder of the package, made if it does not exist")
+    what = "folder of the package, made if it does not exist; a name that ends in .fmu is the file of a unit"
+    parser.add_argument("folder", metavar="FOLDER", type=Path, help=what)
+    standard = "of a unit, the standard (default: 2.0)"
+    parser.add_argument("--fmi", choices=("2.0", "3.0"), default="2.0", help=standard)
+    what = "of a unit, platforms of the binaries, such as x86_64-linux (default: all that can be built)"
+    parser.add_argument("--platforms", metavar="PLATFORM", nargs="+", help=what)
     parser.add_argument("--namespace", metavar="NAME", help="name of package and namespace (default: the robot's)")
     payload = "link on which a payload is an argument of the functions"
     parser.add_argument("--payload-at", metavar="LINK", dest="payload", help=payload)
@@ -224,7 +230,9 @@ def add_export(commands: Any) -> None:
 
 
 def run_export(arguments: argparse.Namespace) -> int:
-    """Write the package."""
+    """Write the package or the unit."""
+    if arguments.folder.suffix == ".fmu":
+        return _write_unit(arguments)
     from ..export.cpp_package import package, write
 
     names = "namespace", "payload", "numbers", "quantities", "dtype"
@@ -235,6 +243,20 @@ def run_export(arguments: argparse.Namespace) -> int:
     shared.check_folder(arguments.folder, arguments, "FOLDER", [*texts])
     write({arguments.folder / path: text for path, text in texts.items()})
     say(f"{arguments.folder}: {', '.join(texts)}")
+    return 0
+
+
+def _write_unit(arguments: argparse.Namespace) -> int:
+    """Write the Functional Mock-up Unit of an arm, torques in."""
+    shared.check_file(arguments.folder, arguments, "FOLDER")
+    names = "fmi", "payload", "numbers", "platforms"
+    try:
+        scene = rne.Scene(rne.load(arguments.robot))
+        built = scene.to_fmu(arguments.folder, **{name: getattr(arguments, name) for name in names})
+    except (ValueError, TypeError, ImportError, RuntimeError) as error:
+        raise CommandError(in_one_line(error)) from error
+    what = f"binaries for {', '.join(built)}" if built else "sources alone"
+    say(f"{arguments.folder}: FMI {arguments.fmi}, {what}")
     return 0
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import functools
 import operator
 import types
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import fields, is_dataclass, replace
 from typing import Any, NamedTuple
@@ -18,7 +18,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from ..basics.arrays import copy_with
+from ..basics.arrays import copy_with, real_array
 from ..basics.numbers import part_of
 from ..basics.piecewise import on_rows
 from ..basics.spatial import Array
@@ -199,3 +199,16 @@ def _copied(law: types.FunctionType, cells: Any) -> types.FunctionType:
     own.__kwdefaults__ = law.__kwdefaults__
     own.__dict__.update(law.__dict__)
     return own
+
+
+def law_breaks(law: Any, further: Sequence[float] = ()) -> list[float]:
+    """Instants at which a law's torques jump, and others."""
+    owners: dict[str, Any] = {"controller": law, "controller.reference": getattr(law, "reference", None)}
+    given, found = [*further], list[float]()
+    for name, owner in owners.items():
+        if hasattr(type(owner), "breaks") or hasattr(owner, "breaks"):  # a property may raise an AttributeError itself
+            given += real_array(f"{name}.breaks", owner.breaks, "(k,)").tolist()
+    for instant in sorted(set(given)):
+        if not found or instant - found[-1] > 1e-12 * max(1.0, abs(instant)):  # equal up to rounding
+            found.append(float(instant))
+    return found

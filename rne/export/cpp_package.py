@@ -292,7 +292,7 @@ def _tolerance(functions: NamedNumbers, arrays: Mapping[str, Array], dtype: str)
         M, h, tau = robot.mass_matrix(arrays["q"]), robot.bias_torque(arrays["q"], arrays["qd"]), arrays["tau"]
         sizes = [np.linalg.norm(x, axis=-1) for x in (tau, h, tau - h)]
         growth = float((np.linalg.cond(M) * (sizes[0] + sizes[1]) / sizes[2]).max())
-    return TOLERANCE * robot.n * float(np.finfo(dtype).eps) * growth
+    return float(TOLERANCE * robot.n * np.finfo(dtype).eps * growth)
 
 
 def _example(functions: NamedNumbers, named: Mapping[str, UnitFunction]) -> dict[str, str]:

@@ -23,6 +23,7 @@ from ..basics.numbers import part_of
 from ..basics.piecewise import NO_TABLES, rows_of_tables
 from ..basics.spatial import Array
 from ..basics.text import InNotebooks, counted, short
+from ..control.law_numbers import law_breaks
 from ..control.traced_law import one_at_a_time
 from ..dynamics.quantity import OK, PrecisionStatus
 from ..errors import NotFiniteError, SimulationError, SimulationInterrupted
@@ -38,7 +39,7 @@ from .plant import Plant, with_own_law
 from .scene import Scene
 from .scene_dynamics import SceneDynamics
 from .scene_numbers import SceneNumbers, checked, friction_of_all, numbers_of_dynamics, scene_of_all
-from .simulator import METHODS, check_times, law_breaks, scene_argument, simulate, tolerances
+from .simulator import METHODS, check_times, scene_argument, simulate, tolerances
 from .zero_order_hold import held_side_by_side
 
 if TYPE_CHECKING:

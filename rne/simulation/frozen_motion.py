@@ -21,7 +21,7 @@ from ..basics.inertia import PARAMETERS
 from ..basics.numbers import part_of
 from ..basics.piecewise import NO_TABLES, numbers_at, rows_of_tables
 from ..basics.spatial import Array
-from ..control.law_numbers import models_of
+from ..control.law_numbers import law_breaks, models_of
 from ..control.sampled_loop import in_periods
 from ..control.traced_law import TracedLaw
 from ..errors import NotFiniteError, SingularMassMatrixError
@@ -35,7 +35,7 @@ from .run import RunResult
 from .scene import Scene
 from .scene_dynamics import Bodies, SceneDynamics, UserFunction
 from .scene_numbers import BODIES, bodies_as_numbers, numbers_of_dynamics, unknown
-from .simulator import law_breaks, simulate
+from .simulator import simulate
 
 STARTS = ("q0", "qd0")
 FIXED = "rk4"  # of equal steps

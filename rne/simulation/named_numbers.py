@@ -13,6 +13,7 @@ import numpy as np
 from .. import dynamics as quantities
 from ..basics.inertia import ENTRIES, PARAMETERS, parameters_of_bodies, parameters_seen_from
 from ..basics.numbers import part_of
+from ..basics.piecewise import NO_TABLE
 from ..basics.spatial import Array, rotate_back, rotation_from_rpy
 from ..dynamics.quantity import OK, MethodQuantity, PrecisionStatus, Quantity
 from ..kernels.kernel import Kernel, with_table
@@ -20,7 +21,6 @@ from ..model.model import Model, with_unchecked
 from ..model.parameters import at_parameters, moments_as_vector, with_fewest_terms, with_moments
 from ..model.solids import Moments
 from ..model.topology import end_link
-from .scene import Payload, Scene, payload_argument
 from .scene_dynamics import Bodies, SceneDynamics
 from .scene_numbers import BODIES, unknown
 
@@ -29,7 +29,12 @@ DRIVEN = ("inverse_dynamics", "forward_dynamics")  # with friction and springs, 
 WITHOUT_GRAVITY = ("mass_matrix", "coriolis_torque", "coriolis_matrix", "kinetic_energy", "momentum")
 PARTS: dict[str, tuple[str, ...]] = dict.fromkeys(DRIVEN, ("friction.", "springs["))
 PARTS |= {"friction_torque": ("friction.",), "controller": ("controller.",)}
-PARTS["rates"] = "friction.", "springs[", "controller.", "elastic.", "effort_limit"
+PARTS |= {"law": ("controller.",), "start_of_motors": ("springs[", "elastic.")}
+OF_SCENE = {"rates": "right_hand_side", "rates_and_drives": "rates_and_drives", "start_of_motors": "start_of_motors"}
+PARTS |= dict.fromkeys(
+    ("rates", "rates_and_drives"), ("friction.", "springs[", "controller.", "elastic.", "effort_limit")
+)
+LAWS = "controller", "law"
 
 
 def plain_name(name: str) -> str:
@@ -51,8 +56,9 @@ class NamedNumbers:
     quantities are those of `rne.dynamics` that take joint arrays alone, of the robot with its payload; torques of
     "inverse_dynamics" and accelerations of "forward_dynamics" are with friction and springs, as those of the scene;
     "friction_torque" is of qd; "controller" of t, q, qd and the law's states z, if it has some, gives torques, then
-    dz/dt; "rates" gives dx/dt of t, x and the torques u, if the scene has no traced law, with limits. Where a law
-    follows samples, `piece` is an argument.
+    dz/dt, and "law" the same of t and x; "rates" gives dx/dt of t, x and the torques u, if the scene has no traced law,
+    with limits, "rates_and_drives" torques behind them, "start_of_motors" where motors behind elastic joints start.
+    Where a law follows samples, `piece` is an argument.
 
     Numbers have the names of `Scene.numbers` and are as there, but for "payload": mass, the three coordinates of its
     centre of mass, and Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the centre of mass, in the frame of its link.
@@ -71,7 +77,7 @@ class NamedNumbers:
     (('q', 'payload'), (6, 10))
     """
 
-    scene: Scene
+    scene: Any  # a Scene, whose methods import this
     names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -84,7 +90,7 @@ class NamedNumbers:
             raise ValueError("`numbers` must have 'parameters', which contain the payload, or 'payload', not both")
 
     @cached_property
-    def named(self) -> Scene:
+    def named(self) -> Any:
         """The scene whose equations have the names as numbers, zeros among them."""
         varying, model = None, self.scene.resolved.robot.model
         if "parameters" in self.names:
@@ -94,24 +100,24 @@ class NamedNumbers:
     @cached_property
     def equations(self) -> SceneDynamics:
         """The equations of motion without energies."""
-        found = self.named.dynamics
+        found: SceneDynamics = self.named.dynamics
         inputs = "held" if found.law is None else "none"
         return replace(found, inputs=inputs, inertia=None, has_energies=False)
 
     def value(self, name: str) -> Array:
         """A number as the scene has it, flat, as it is an argument."""
-        found = self.scene.numbers[name]
+        found: Array = self.scene.numbers[name]
         if name != "payload":
             return found.reshape(-1)
-        mass, com, inertia, _ = self._payload
+        mass, com, inertia, _ = self.scene.payload
         own = np.zeros((3, 3)) if inertia is None else np.asarray(inertia, float)
         return np.concatenate([[float(mass)], np.asarray(com, float), own[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]])
 
     def taken(self, quantity: str) -> dict[str, int]:
         """The numbers that a quantity can depend on, with their lengths."""
         parts = PARTS.get(quantity, ())
-        bodies = quantity not in ("friction_torque", "controller")
-        bodies = bodies and (quantity == "rates" or self._declared(quantity).moments)
+        bodies = quantity not in ("friction_torque", *LAWS)
+        bodies = bodies and (quantity in OF_SCENE or self._declared(quantity).moments)
 
         def depends(name: str) -> bool:
             if name in BODIES:
@@ -120,17 +126,26 @@ class NamedNumbers:
 
         return {name: self.value(name).size for name in self.names if depends(name)}
 
-    def kernel(self, quantity: str) -> Kernel:
-        """One of the functions; a ValueError for others, and where the scene has no such part."""
-        arguments, dynamics = self._arguments(quantity), self.equations
+    def function(self, quantity: str) -> MethodQuantity:
+        """One of the functions, to be traced; a ValueError for others, and where the scene has no such part."""
+        arguments = self._arguments(quantity)
         numbers = {plain_name(name): width for name, width in self.taken(quantity).items()}
         how: dict[str, Any] = {"moments": False, "base_parameters": False}
-        how |= {"check": _unjudged} if quantity == "rates" or self._declared(quantity).check else {}
+        has_pivots = quantity in ("rates", "rates_and_drives") or self._declared(quantity).check
+        how |= {"check": _unjudged} if has_pivots else {}
         core = partial(self._core, quantity)
         declared = Quantity(name=quantity, core=core, widths={**arguments, **numbers}, **how)
-        made = Kernel(MethodQuantity(self, declared, quantity.replace("_", " ")), self.named.resolved.robot.model, {})
-        law = self.law if quantity == "controller" else dynamics.law if quantity == "rates" else None
-        return made if law is None else with_table(made, law.table)
+        return MethodQuantity(self, declared, quantity.replace("_", " "))
+
+    def kernel(self, quantity: str) -> Kernel:
+        """One of the functions; a ValueError for others, and where the scene has no such part."""
+        made = Kernel(self.function(quantity), self.named.resolved.robot.model, {})
+        return with_table(made, self.table(quantity))
+
+    def table(self, quantity: str) -> Array:
+        """Pieces of the motion that the law within a function holds; empty without one."""
+        law = self.law if quantity in LAWS else self.equations.law if quantity in OF_SCENE else None
+        return NO_TABLE if law is None else law.table
 
     @cached_property
     def law(self) -> Any:
@@ -140,7 +155,7 @@ class NamedNumbers:
     @property
     def payload_link(self) -> str:
         """The link in whose frame a payload is given."""
-        model, link = self.scene.resolved.robot.model, self._payload.link
+        model, link = self.scene.resolved.robot.model, self.scene.payload.link
         return end_link(model) if link is None else link
 
     @staticmethod
@@ -152,12 +167,13 @@ class NamedNumbers:
 
     def _arguments(self, quantity: str) -> dict[str, int | None]:
         parts = self.scene.resolved
-        if quantity == "rates":
-            found = self.equations.right_hand_side.quantity.widths
+        if quantity in OF_SCENE or (quantity == "law" and self.law is not None):
+            of: Any = self.law.outputs if quantity == "law" else getattr(self.equations, OF_SCENE[quantity])
+            found = of.quantity.widths
             return {name: width for name, width in found.items() if name != "numbers"}
-        if quantity == "controller":
+        if quantity in LAWS:
             if self.law is None:
-                raise ValueError("'controller' needs a scene with a law that can be traced")
+                raise ValueError(f"{quantity!r} needs a scene with a law that can be traced")
             states = {"z": self.law.states} if self.law.states else {}
             return {"t": 1, "q": None, "qd": None, **states, **self.law.piece_width}
         if quantity == "friction_torque":
@@ -184,20 +200,20 @@ class NamedNumbers:
         shapes = {name: self.scene.numbers[name].shape for name in self.taken(quantity)}
         own = {name: given.pop(plain_name(name))[0] for name in shapes}
         other = {name: x.reshape(shapes[name]) for name, x in own.items() if name not in BODIES}
-        if quantity == "controller":
+        if quantity in LAWS:
             t, piece = given.pop("t"), given.pop("piece", None)
             law = self.law.at(part_of(other, "controller."))
             return law._row(law.on_piece(piece)(t, np.concatenate([*given.values()], axis=-1)))
-        few = quantity == "rates" or self._declared(quantity).base_parameters
+        few = quantity in OF_SCENE or self._declared(quantity).base_parameters
         bodies = self._bodies(model, own, few=few)
-        if quantity == "rates":
+        if quantity in OF_SCENE:
             if own.keys() & {*BODIES}:
                 other |= {
                     "moments": moments_as_vector(bodies)[0],
                     "armature": bodies.armature,
                     "gravity": bodies.gravity,
                 }
-            return self.equations.at(other)._evaluated("right_hand_side_core", model, given)
+            return self.equations.at(other)._evaluated(f"{OF_SCENE[quantity]}_core", model, given)
         parts = self.equations.at(other)
         friction, springs = parts.friction, parts.springs
         if quantity == "friction_torque":
@@ -232,14 +248,11 @@ class NamedNumbers:
             found = with_unchecked(found, gravity=rotate_back(rotation_from_rpy(turn), own["gravity"]))
         return found
 
-    @property
-    def _payload(self) -> Payload:
-        return payload_argument(self.scene.payload)  # type: ignore[arg-type]
-
     @cached_property
     def _unloaded(self) -> Array:
         """The inertial parameters of the robot without its payload."""
-        return replace(self.scene, payload=None).resolved.robot.parameters
+        found: Array = replace(self.scene, payload=None).resolved.robot.parameters
+        return found
 
     def _on_body(self, model: Model, given: Array) -> Array:
         """What a payload, (1, 10), adds to the inertial parameters of the bodies, (1, 10 nb)."""

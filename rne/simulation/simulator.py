@@ -6,13 +6,13 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import check_function, positive_number, real_array
 from ..basics.spatial import Array
+from ..control.law_numbers import law_breaks
 from ..control.traced_law import check_law, one_at_a_time
 from ..errors import SimulationError, SimulationInterrupted
 from ..integrators.base import IMPLICIT, RODAS
@@ -201,19 +201,6 @@ def _with_torque(scene: Scene, torque: ArrayLike | TorqueLaw | None) -> Scene:
         return replace(scene, controller=CalledLaw(torque))
     constant = real_array("torque", torque, f"({scene.n},)")
     return replace(scene, controller=lambda t, q, qd: constant)
-
-
-def law_breaks(law: Any, further: Sequence[float] = ()) -> list[float]:
-    """Instants at which a law's torques jump, and others."""
-    owners: dict[str, Any] = {"controller": law, "controller.reference": getattr(law, "reference", None)}
-    given, found = [*further], list[float]()
-    for name, owner in owners.items():
-        if hasattr(type(owner), "breaks") or hasattr(owner, "breaks"):  # a property may raise an AttributeError itself
-            given += real_array(f"{name}.breaks", owner.breaks, "(k,)").tolist()
-    for instant in sorted(set(given)):
-        if not found or instant - found[-1] > 1e-12 * max(1.0, abs(instant)):  # equal up to rounding
-            found.append(float(instant))
-    return found
 
 
 def one_state(name: str, array: Array) -> Array:

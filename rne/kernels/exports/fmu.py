@@ -26,7 +26,8 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from ..basics.spatial import Array
+from ...basics.marks import COMMENT
+from ...basics.spatial import Array
 from .fmu_text import text_around
 
 LOGGER = logging.getLogger("rne")
@@ -61,7 +62,7 @@ class Variable(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Unit:
+class MockupUnit:
     """A unit but for its version: variables in blocks, functions in C, and what the text around these needs."""
 
     name: str
@@ -171,6 +172,7 @@ class Unit:
             folder, _, end = PLATFORMS[name]
             files[f"binaries/{folder if is_2 else name}/{self.name}{end}"] = content
         with zipfile.ZipFile(path, "w") as archive:
+            archive.comment = COMMENT.encode()
             for name, content in sorted(files.items()):
                 archive.writestr(zipfile.ZipInfo(name, DATE), content, zipfile.ZIP_DEFLATED)
         return tuple(built)

@@ -18,13 +18,10 @@ static int rates_at(const Memory *m, double t, const double *x, double *result)
 {
     /* up to its event a break belongs to what is before it */
     const double at = m->broken < BREAKS && t >= breaks[m->broken] ? nextafter(breaks[m->broken], -INFINITY) : t;
-    const double *piece = PIECE(at);
-    int is_finite = piece != 0;
-    if (piece)
-        RATES(&at, x, piece, m, result);
-    for (int k = 0; k < R && is_finite; k++)
-        is_finite = isfinite(result[k]);
-    return !is_finite;
+    int has_failed = RATES(&at, x, m, result);
+    for (int k = 0; k < R; k++)
+        has_failed |= !isfinite(result[k]);
+    return has_failed;
 }
 
 static int now(Memory *m) { return rates_at(m, m->v[T], &m->v[X], &m->v[DX]); }
@@ -33,7 +30,7 @@ static void begin(Memory *m) /* at the start values */
 {
     memcpy(&m->v[X], &m->v[Q0], (QD0 - Q0) * sizeof(double));
     if (QD0 - Q0 < C)
-        MOTORS(&m->v[Q0], m, &m->v[X + QD0 - Q0]);
+        (void)MOTORS(&m->v[Q0], m, &m->v[X + QD0 - Q0]);
     for (int k = 0; k < C; k++)
         m->v[X + C + k] = m->v[QD0 + k % (NV - QD0)];
     m->sampled = m->acted = SAMPLED ? (int64_t)ceil(m->v[T] / PERIOD - 1e-9) : 0;
@@ -51,7 +48,7 @@ static int renew(Memory *m) /* take the samples, and have the commands act, that
     while (m->broken < BREAKS && breaks[m->broken] <= m->v[T])
         m->broken++;
     while (SAMPLED && coming(m) <= m->v[T] + SLACK) {
-        const double sample = (double)m->sampled * PERIOD, *piece = LAW_PIECE(sample);
+        const double sample = (double)m->sampled * PERIOD;
         if (sample > m->v[T] + SLACK) {
             memcpy(&m->v[U], m->queue[m->acted++ % QUEUE], sizeof m->queue[0]);
             continue;
@@ -60,9 +57,8 @@ static int renew(Memory *m) /* take the samples, and have the commands act, that
         memcpy(row, &m->v[X], S * sizeof(double));
         memcpy(row + S, m->z, M * sizeof(double));
         memcpy(&m->v[Z], m->z, M * sizeof(double));
-        if (!piece)
+        if (LAW(&sample, row, m, found))
             return 1;
-        LAW(&sample, row, piece, m, found);
         for (int i = 0; i < N + M; i++) {
             if (!isfinite(found[i]))
                 return 1;
@@ -274,13 +270,13 @@ static Status advanced(Instance *c, double t, double h)
 static Status derive(Instance *c, const Reference *unknowns, size_t rows, const Reference *knowns, size_t columns,
                      const double *seeds, double *found, int is_adjoint)
 {
-    const double *piece = PIECE(c->m.v[T]);
-    if (update(c) || !piece)
+    if (update(c)) /* which fails outside of a motion's samples */
         return Error;
     for (int r = 0; r < R && !c->has_slopes; r++) {
         double weights[R] = {0.0};
         weights[r] = 1.0;
-        GRADIENT(&c->m.v[T], &c->m.v[X], piece, &c->m, weights, c->slopes[r]);
+        if (GRADIENT(&c->m.v[T], &c->m.v[X], &c->m, weights, c->slopes[r]))
+            return failed(c);
     }
     c->has_slopes = 1;
     memset(found, 0, (is_adjoint ? columns : rows) * sizeof *found);
@@ -393,9 +389,9 @@ EnterInitializationMode(Flag is_given, double tolerance, double t, Flag has_end,
 GetFloat64(const Reference *vr, size_t n, double *x, size_t m): return n == m ? get(c, vr, n, x) : Error;
 SetFloat64(const Reference *vr, size_t n, const double *x, size_t m): return n == m ? set(c, vr, n, x) : Error;
 GetDirectionalDerivative(const Reference *f, size_t m, const Reference *x, size_t n, const double *dx, size_t k,
-    double *df, size_t l): return derive(c, f, m, x, n, dx, df, 0);
+    double *df, size_t l): if (k != n || l != m) return Error; return derive(c, f, m, x, n, dx, df, 0);
 GetAdjointDerivative(const Reference *f, size_t m, const Reference *x, size_t n, const double *df, size_t k,
-    double *dx, size_t l): return derive(c, f, m, x, n, df, dx, 1);
+    double *dx, size_t l): if (k != m || l != n) return Error; return derive(c, f, m, x, n, df, dx, 1);
 GetContinuousStateDerivatives(double *dx, size_t n): return block(c, DX, dx, n);
 GetNumberOfContinuousStates(size_t *n): *n = S;
 GetNumberOfEventIndicators(size_t *n): *n = DX + R - STOP;
