@@ -141,10 +141,14 @@ class FrozenScene:
     def instants(self, end: float, delay: float | None = None) -> tuple[Array, Array, Array]:
         """Times of samples before the end, those at which their commands begin to act, and those at which laws jump."""
         if self.law is None:
-            return np.zeros(0), np.zeros(0), np.array(law_breaks(self.given.controller))
+            return np.zeros(0), np.zeros(0), self._breaks
         late, rest = self.delay if delay is None else self.late(delay)
         count = np.arange(ceil(end / self.period * NEARLY))
         return count * self.period, (count + late) * self.period + rest, np.zeros(0)
+
+    @cached_property
+    def _breaks(self) -> Array:
+        return np.array(law_breaks(self.given.controller))
 
     @cached_property
     def kernel(self) -> Kernel:

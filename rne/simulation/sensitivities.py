@@ -104,7 +104,9 @@ class Columns:
         self.made |= {name: [] for name in directions}
         places |= {name: self._add(name, array.shape[2]) for name, array in directions.items()}
         self.delay = int(places[SHIFT][0]) if SHIFT in directions else self.delay
-        self.of_pieces = [(places.pop(name), array) for name, array in directions.items()]
+        held = 2 + frozen.given.n  # entries of a piece that is constant, in which its times do not show
+        given = [(name, places.pop(name), array) for name, array in directions.items()]
+        self.of_pieces = [(seeds, x) for name, seeds, x in given if name != SHIFT or x.shape[1] > held]
         sizes |= {name: array.shape[2] for name, array in directions.items()}
         for name, parts in self.made.items():
             parts += [] if parts else [(slice(0), np.zeros((sizes[name], 0)))]  # nothing depends on it
@@ -207,10 +209,8 @@ class Forwards:
             return Linear(J, columns, np.zeros((*J.shape[:-2], 0)))
         (*leading, rows), width, k = J.shape[:-1], tables.shape[2], self.columns.samples
         if of_pieces:
-            row, by_piece = numbers_at(tables[0], t[..., 0]), J[..., -width:]
-            J = np.concatenate([J, *(by_piece @ array[row] for _, array in of_pieces)], axis=-1)
-            columns = np.concatenate([columns, np.full(width, -1), *(seeds for seeds, _ in of_pieces)])
-            return Linear(J, columns, np.zeros((*leading, 0)))
+            J, seeds = self._by_pieces(J, numbers_at(tables[0], t[..., 0]), width)
+            return Linear(J, np.append(columns, seeds), np.zeros((*leading, 0)))
         C = self.frozen.by_samples[numbers_at(tables[0], t[..., 0])]
         further = np.zeros((*leading, rows, self.columns.p))
         n, K = (width - 2) // C.shape[-2], C.shape[-1]
@@ -218,6 +218,18 @@ class Forwards:
         further[..., k : k + K * n] = along.reshape(*leading, rows, K * n)
         columns = np.append(columns, np.full(width, -1))
         return Linear(J, columns, further.reshape(*leading, rows * self.columns.p))
+
+    def _by_pieces(self, J: Array, row: Array, width: int) -> tuple[Array, Array]:
+        """J with derivatives by directions of pieces in place of those by the pieces, its last columns; their seeds."""
+        of_pieces, first = self.columns.of_pieces, J.shape[-1] - width
+        seeds = np.concatenate([seeds for seeds, _ in of_pieces])
+        found = np.zeros((*J.shape[:-1], first + len(seeds)))
+        found[..., :first] = J[..., :first]
+        for _, array in of_pieces:
+            for i, k in np.argwhere(array.any(axis=0)):
+                found[..., first + k] += J[..., i - width] * array[row, i, k][..., None]
+            first += array.shape[2]
+        return found, seeds
 
     def jump(self, t: Array, x: Array, old: Array, new: Array) -> Array:
         """dx/dt before a command begins to act, less that after it."""
