@@ -554,13 +554,13 @@ def check_records(scene: Scene, records: Sequence[Record]) -> None:
 
 def positions_noise(scene: Scene, records: Sequence[Record]) -> Array:
     """The noise of positions: of rounding by encoders, or as third differences show it where joints move."""
-    steps = np.array([record.encoder_step[columns_for(scene, record)] for record in records])
+    steps = np.array([record.encoder_step[columns_for(scene, record)] for record in records]).max(axis=0)
     changes = [np.abs(np.diff(record.q[:, columns_for(scene, record)], 3, axis=0)) for record in records]
     third = np.concatenate(changes)
     third[~(third > 0)] = np.nan
     with np.errstate(all="ignore"):
         white = np.nan_to_num(np.nanmedian(third, axis=0)) / (MEDIAN * np.sqrt(20.0))
-    return np.asarray(np.maximum.reduce([steps.max(axis=0) * ROUNDING, white, np.full(scene.n, 1e-12)]))
+    return np.asarray(np.maximum(np.where(steps > 0, steps * ROUNDING, white), 1e-12))
 
 
 def ranges(scene: Scene, records: Sequence[Record]) -> Array:

@@ -27,7 +27,7 @@ class MotionSolver:
         progress: Callable[[int, float], object] | None,
     ) -> None:
         self.noise, self.steps_free, self.robust, self.progress = noise, steps_free, robust, progress
-        self.iterations, self.problem, self.message = 0, problem, ""
+        self.iterations, self.message, self.finer = 0, "", 1.0
         self.problem = replace(self._stepped(problem, problem.first), told=self._tell)
         self.z = problem.first
 
@@ -46,7 +46,7 @@ class MotionSolver:
         vectors = motion.vectors({name: numbers[name] for name in problem.unknowns.of_scene})
         rate = motion.fastest_rate(vectors, q)
         period = min(1 / record.sample_rate for record in problem.records)
-        return problem.at(step=min(period, thresholds.STABLE / max(rate, 1e-9)))
+        return problem.at(step=min(period, thresholds.STABLE / max(rate, 1e-9)) / self.finer)
 
     def solved(self, problem: OutputError, z: Array, most: int) -> Any:
         """By scipy.optimize.least_squares from z, in so many evaluations at most."""
@@ -117,9 +117,19 @@ class MotionSolver:
             problem = replace(self._stepped(problem, z), sigma=np.maximum(rms, self.noise), told=self._tell)
             solution = self.solved(problem, z, thresholds.MANY_STEPS)
             z, self.message = solution.x, solution.message
-            if np.abs(np.log(problem.sigma / before)).max() < thresholds.SETTLED:
+            is_settled = np.abs(np.log(problem.sigma / before)).max() < thresholds.SETTLED
+            if self._precise(problem, z) and is_settled:
                 break
         self.problem, self.z = problem, z
+
+    def _precise(self, problem: OutputError, z: Array) -> bool:
+        """True if half the steps lead to the same positions, far below sigma; otherwise steps are finer from now on."""
+        if not self.steps_free:
+            return True
+        halved = problem.at(step=problem.step / 2, traced=dict(problem.traced))
+        error = float(np.sqrt(np.nanmean(((problem.misfits(z) - halved.misfits(z)) / problem.sigma) ** 2)))
+        self.finer *= max(1.0, np.ceil((error / thresholds.ERROR_OF_STEPS) ** 0.25)) if np.isfinite(error) else 2.0
+        return error <= thresholds.ERROR_OF_STEPS
 
 
 def fitted_starts(problem: OutputError, x: Array) -> Array:
