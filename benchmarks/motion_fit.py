@@ -1,8 +1,9 @@
 """Numbers of planted motions found without torques, and how sure: python -m benchmarks.motion_fit
 
 A pendulum and an SO-101 under the law of a hobby servo, an IRB 140 with its wrist locked and a UR5 under PD, follow
-commands of 50 to 500 Hz after a delay; encoders round the positions. Friction is one of five laws. Numbers start 50 %
-off. `--runs` is how many (200), `--quick` means 8 and writes no file, `--seed` the first one, `--only` a robot.
+commands of 50 to 500 Hz after a delay; encoders of 14 or 17 bits round the positions. Friction is one of five laws.
+Gains or bodies are known, the other numbers start 50 % off. `--runs` is how many, `--first` the first of them, `--kind`
+whether something is left out of the model; `--quick` means 8 and writes no file.
 Writes benchmarks/results/motion_fit.json and the tables of docs/benchmarks/motion_fit.md.
 """
 
@@ -10,9 +11,11 @@ from __future__ import annotations
 
 import argparse
 import json
+import tempfile
 import time
 import warnings
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,6 +25,7 @@ import rne
 from benchmarks.measure import RESULTS, write
 from benchmarks.pages import DOCS, rewrite, table
 from rne.identification import MotionFit, Record
+from rne.identification.motion.unknowns import regrouped, rotors
 from rne.trajectories import sampled
 
 PAGE = DOCS / "benchmarks" / "motion_fit.md"
@@ -48,9 +52,6 @@ def servos(robot: rne.Robot, kp: float, stall: float) -> Any:
 def arm_named(name: str, engine: str) -> Arm:
     """One of the four."""
     if name == "pendulum":
-        import tempfile
-        from pathlib import Path
-
         with tempfile.TemporaryDirectory() as folder:
             (Path(folder) / "pendulum.urdf").write_text(PENDULUM)
             robot = rne.load(Path(folder) / "pendulum.urdf", engine=engine)
@@ -69,7 +70,8 @@ def arm_named(name: str, engine: str) -> Arm:
         return Arm(scene, np.array([60.0, 120.0, 50.0]), True)
     robot = rne.load("ur5", engine=engine)
     law = rne.control.pd(robot, [3000, 3000, 2000, 500, 400, 300], [250, 250, 150, 30, 25, 15], 0)
-    return Arm(rne.Scene(robot, controller=law, armature=[1, 1, 0.7, 0.2, 0.2, 0.2]), np.array([40, 60, 30, 8, 6, 3.0]), True)
+    scene = rne.Scene(robot, controller=law, armature=[1, 1, 0.7, 0.2, 0.2, 0.2])
+    return Arm(scene, np.array([40, 60, 30, 8, 6, 3.0]), True)
 
 
 ARMS = "pendulum", "IRB 140", "SO-101", "UR5"
@@ -111,8 +113,10 @@ def commands(rng: np.random.Generator, t: np.ndarray, n: int) -> np.ndarray:
     return q + steps[(t / 0.5).astype(int)]
 
 
-def planted(name: str, seed: int, engine: str = "numba", bits: int = 0, rate: float = 0.0, lacking: str = "") -> Planted:
-    """A log of ten seconds."""
+def planted(
+    name: str, seed: int, engine: str = "numba", bits: int = 0, rate: float = 0.0, lacking: str = ""
+) -> Planted:
+    """A log of ten seconds, and a scene from which something may be left out."""
     rng = np.random.default_rng([seed, ARMS.index(name)])
     arm = arm_named(name, engine)
     n, kind = arm.scene.n, FRICTIONS[seed % len(FRICTIONS)]
@@ -128,7 +132,8 @@ def planted(name: str, seed: int, engine: str = "numba", bits: int = 0, rate: fl
         motion = rne.simulate(moving, command[0], np.zeros(n), t[-1], t_eval=t, rtol=1e-10, atol=1e-12)
     record = Record(t, np.round(motion.q / step) * step, command=command, name=f"{name} {seed}")
     names = [x for x in truth.numbers if x.startswith(("friction.", "controller."))]
-    names = [x for x in names if not x.endswith(("smoothing", "dead_band", "reference", "stribeck")) and truth.numbers[x].any()]
+    constant = "smoothing", "dead_band", "reference", "stribeck"
+    names = [x for x in names if not x.endswith(constant) and truth.numbers[x].any()]
     names += ["armature"] * arm.rotors
     known = seed % 2 == 0  # bodies, or gains
     if not known:
@@ -140,13 +145,14 @@ def planted(name: str, seed: int, engine: str = "numba", bits: int = 0, rate: fl
         factor["parameters"] = np.repeat(1 + 0.5 * rng.choice([-1.0, 1.0], len(truth.numbers["parameters"]) // 10), 10)
     if "friction.load" in factor:
         factor["friction.load"][:] = 0.5
+    modelled = truth
     if lacking:
         names = [x for x in names if lacking not in x]
-        truth_start = replace(truth, friction=rne.Friction(**{k: x for k, x in friction(kind, arm.torque).items() if lacking not in k}))
-    else:
-        truth_start = truth
-    start = truth_start.with_numbers({x: truth.numbers[x] * factor[x] for x in names})
-    return Planted(record, truth, start, (*names, "command.delay"), delay, step)
+        sizes = {name: x for name, x in friction(kind, arm.torque).items() if lacking not in name}
+        modelled = replace(truth, friction=rne.Friction(**sizes))
+    start = modelled.with_numbers({x: truth.numbers[x] * factor[x] for x in names})
+    wrt = tuple(names) if lacking == "delay" else (*names, "command.delay")
+    return Planted(record, truth, start, wrt, delay, step)
 
 
 def judged(case: Planted, found: MotionFit) -> dict[str, Any]:
@@ -157,8 +163,6 @@ def judged(case: Planted, found: MotionFit) -> dict[str, Any]:
         if part.name == "command.delay":
             x.append([case.delay])
         elif part.name == "parameters":
-            from rne.identification.motion.unknowns import regrouped, rotors
-
             robot = case.truth.resolved.robot
             _, matrix = regrouped(robot)
             x.append(matrix @ np.append(robot.parameters, rotors(robot)))
@@ -192,32 +196,74 @@ def run(name: str, seed: int, **how: Any) -> dict[str, Any]:
     return judged(case, found) | {"robot": name, "seed": seed, "seconds": spent, "friction": FRICTIONS[seed % 5], **how}
 
 
+KINDS: dict[str, dict[str, Any]] = {
+    "complete": {},
+    "12 bits at 500 Hz": {"bits": 12, "rate": 500.0},
+    "without Coulomb friction": {"lacking": "coulomb"},
+    "without the delay": {"lacking": "delay"},
+}
+
+
+def tables(found: dict[str, Any]) -> dict[str, str]:
+    """Tables of the page."""
+    rows = []
+    for kind in KINDS:
+        for name in (*ARMS, "all"):
+            own = [r for r in found.get(kind, []) if name in (r["robot"], "all")]
+            if not own:
+                continue
+            every = np.concatenate([np.abs(r["deviations"]) for r in own])
+            likely = 100 * np.mean([r["together"] for r in own])
+            said = sum(bool(r["causes"]) or not r["explained"] for r in own)
+            cells = [str(len(every)), str(sum(r["undetermined"] for r in own)), f"{100 * np.mean(every < 3):.1f}"]
+            spent = np.median([r["seconds"] for r in own])
+            rows.append([kind, name, str(len(own)), *cells, f"{likely:.0f}", str(said), f"{spent:.1f}"])
+    head = [
+        "model",
+        "robot",
+        "logs",
+        "numbers",
+        "not determined",
+        "within 3 s.e. [%]",
+        "together [%]",
+        "said",
+        "CPU [s]",
+    ]
+    return {"planted": table(head, rows)}
+
+
+def keep(**changed: list[dict[str, Any]]) -> None:
+    """Write the results, those that were not measured again as they were, and the page's tables."""
+    path = RESULTS / "motion_fit.json"
+    last = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    kept = {kind: last.get(kind, []) for kind in KINDS} | changed
+    write(path.name, kept)
+    rewrite(PAGE, tables(kept))
+
+
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--runs", type=int, default=200)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--only", default="")
-    parser.add_argument("--bits", type=int, default=0)
-    parser.add_argument("--rate", type=float, default=0.0)
-    parser.add_argument("--lacking", default="")
+    parser.add_argument("--kind", choices=tuple(KINDS), default="complete")
+    parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--quick", action="store_true")
     given = parser.parse_args()
-    names = [name for name in ARMS if given.only in ("", name)]
     rows = []
-    for k in range(given.seed, given.seed + (8 if given.quick else given.runs)):
-        name = names[k % len(names)]
-        row = run(name, k // len(names), bits=given.bits, rate=given.rate, lacking=given.lacking)
-        rows.append(row)
-        d = np.abs(row["deviations"])
+    for k in range(given.first, given.first + (8 if given.quick else given.runs)):
+        rows.append(run(ARMS[k % len(ARMS)], k // len(ARMS), **KINDS[given.kind]))
+        row, d = rows[-1], np.abs(rows[-1]["deviations"])
         worst = row["names"][int(np.argmax(d))] if len(d) else ""
+        said = f"explained {row['explained']}, {np.max(row['residual']):.2f} steps, {row['causes'][:2]}"
         print(
-            f"{name:9s} {row['seed']:3d} {row['friction']:12s} {row['seconds']:6.2f} s, {len(d):3d} numbers, beyond 3: "
-            f"{(d > 3).sum()}, worst {d.max(initial=0):.1f} {worst}, together {row['together']}, not determined "
-            f"{row['undetermined']}, explained {row['explained']}, residual {np.max(row['residual']):.2f} steps {row['causes'][:2]}",
+            f"{row['robot']:9s} {row['seed']:3d} {row['friction']:12s} {row['seconds']:6.2f} s, {len(d):3d} numbers, "
+            f"{(d > 3).sum()} beyond 3, {d.max(initial=0):.1f} {worst}, together {row['together']}, not determined "
+            f"{row['undetermined']}, {said}",
             flush=True,
         )
-    every = np.concatenate([np.abs(row["deviations"]) for row in rows])
-    print(f"within three standard errors: {100 * np.mean(every < 3):.2f} % of {len(every)}; together {100 * np.mean([r['together'] for r in rows]):.1f} %")
+        if not given.quick and len(rows) % 8 == 0:
+            keep(**{given.kind: rows})
+    if not given.quick:
+        keep(**{given.kind: rows})
 
 
 if __name__ == "__main__":
