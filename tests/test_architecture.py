@@ -226,10 +226,11 @@ MOST_TAKEN = 20
 
 
 def public_values():
-    """All that a user has by name: of `rne`, and of its public modules."""
+    """All that a user has by name: functions and classes of `rne` and of its public modules."""
     modules = [thing for name in rne.__all__ if inspect.ismodule(thing := getattr(rne, name))]
     listed = [(module, name) for module in (rne, *modules) for name in getattr(module, "__all__", dir(module))]
-    return {id(getattr(module, name)) for module, name in listed}
+    things = (getattr(module, name) for module, name in listed)
+    return {id(thing) for thing in things if hasattr(thing, "__name__")}  # equal numbers may be one object
 
 
 def taken_by(folder):

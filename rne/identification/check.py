@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Check(InNotebooks):
-    """Torques predicted for a measured motion beside the measured ones, by `Identification.check`.
+    """Torques predicted for a measured motion beside the measured ones, of a fit by `rne.identify`.
 
     Attributes
     ----------
@@ -35,20 +35,6 @@ class Check(InNotebooks):
         False where a torque was not measured properly.
     std : ndarray, shape (R, n)
         Standard deviations of measured torques about the predicted ones, as of `predict` [N m or N].
-
-    Examples
-    --------
-    >>> import numpy as np, rne
-    >>> robot, t = rne.load("irb140"), np.arange(0, 10, 0.002)
-    >>> q, qd, qdd = rne.trajectories.quintic([0] * 6, [1] * 6, 10.0)(t)
-    >>> record = rne.identification.Record(t, q, robot.inverse_dynamics(q, qd, qdd))
-    >>> check = rne.identify(robot, record, consistent=False).check(record)
-    >>> bool((check.relative < 1e-3).all())
-    True
-    >>> print(check.report().splitlines()[0].split("  ")[0])
-    motion record
-    >>> len(check.plot().axes)
-    12
     """
 
     name: str

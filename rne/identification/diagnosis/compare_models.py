@@ -541,8 +541,8 @@ class ModelComparison(InNotebooks):
     >>> import rne
     >>> robot = rne.load("irb140")
     >>> upside_down = lambda q, qd, qdd: robot.inverse_dynamics(q, qd, qdd) - 2 * robot.gravity_torque(q)
-    >>> rne.compare_models(robot, upside_down).causes
-    ('gravity sign',)
+    >>> print(rne.compare_models(robot, upside_down).report().splitlines()[0])
+    cause: gravity sign
     """
 
     joint_names: tuple[str, ...]
@@ -571,13 +571,6 @@ class ModelComparison(InNotebooks):
         -------
         str
             Lines of at most 100 characters.
-
-        Examples
-        --------
-        >>> import rne
-        >>> robot = rne.load("irb140")
-        >>> print(rne.compare_models(robot, robot).report().splitlines()[0])
-        cause: none
         """
         shares = (column(100 * x, ".3g") for x in (self.difference, self.unexplained, self.accuracy))
         titles = "before", "explained so", "rounding"

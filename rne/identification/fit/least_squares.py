@@ -127,7 +127,7 @@ def fit_base_parameters(base: BaseParameters, data: RegressionData) -> LeastSqua
 
 
 class Bias(NamedTuple):
-    """The test of Durbin, Wu and Hausman on a bias of least squares, as `Identification.bias` returns it: Hausman 1978.
+    """The test of Durbin, Wu and Hausman on a bias of least squares: Hausman 1978; of fits by `rne.identify`.
 
     Attributes
     ----------
@@ -137,17 +137,6 @@ class Bias(NamedTuple):
         Standard errors of least squares, which do not contain the bias, likewise.
     probability : float
         That chance makes the estimates differ by so much, where neither is biased.
-
-    Examples
-    --------
-    >>> import numpy as np, rne
-    >>> arm = rne.load("irb140").locked({"joint_4": 0, "joint_5": 0, "joint_6": 0})
-    >>> t, motion = np.arange(0, 5, 0.01), rne.trajectories.quintic([0, 0, 0], [1, 0.9, 0.8], 5.0)
-    >>> noise = 0.1 * np.random.default_rng(0).normal(size=(500, 3))
-    >>> record = rne.identification.Record(t, motion(t)[0], arm.inverse_dynamics(*motion(t)) + noise)
-    >>> found = rne.identify(arm, record, drives=rne.DriveModel(), consistent=False, instruments=motion)
-    >>> found.bias.probability > 0.05
-    True
     """
 
     shift: Array
