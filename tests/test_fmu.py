@@ -638,3 +638,29 @@ def test_all_platforms_are_small_and_come_out_the_same_twice(tmp_path):
         sizes = [x.file_size for x in archive.infolist() if x.filename.startswith("binaries")]
     assert len(sizes) == 6
     assert max(sizes) < 150_000
+
+
+@needs_fmpy
+@long
+@pytest.mark.parametrize("sampling", [{}, {"sample_time": 2e-3, "delay": 1e-3}], ids=["continuous", "sampled"])
+@pytest.mark.parametrize("kind", ["hold", "spline", "quintic"])
+def test_references_that_are_motions_are_inside(tmp_path, kind, sampling):
+    """Where they jump both ways of simulation have an event, so that no step goes across."""
+    robot, rng = arm("irb140"), np.random.default_rng(1)
+    I, T = size_of(robot), np.linspace(0, 2.1, 8)
+    rows = rng.uniform(-0.3, 0.3, (8, 6))
+    references = {"hold": lambda: rne.trajectories.sampled(T, rows), "spline": lambda: rne.trajectories.spline(T, rows)}
+    references["quintic"] = lambda: rne.trajectories.quintic(rows[0], rows[1], 1.0)
+    law = rne.control.pd_gravity(robot, 100 * I, 10 * I, references[kind]())
+    scene, path = rne.Scene(robot, controller=law, **sampling), str(tmp_path / "a.fmu")
+    scene.to_fmu(path, platforms=HERE)
+    t = np.arange(21) * 0.1
+    motion = rne.simulate(scene, [0] * 6, [0] * 6, 2.05, rtol=MINUTE, atol=MINUTE, t_eval=t)
+    unit, found = Opened(path).begin(), []
+    for instant in t:
+        if instant:
+            unit.step(instant - unit.t)
+        found.append(unit.get("q", 6))
+    assert np.abs(np.array(found) - motion.q).max() < SAME
+    exchanged = integrated(Opened(path, exchange=True).begin(), scene, 2.0, t, 1e-11)
+    assert np.abs(exchanged[:, :6] - motion.q).max() < 1e-8

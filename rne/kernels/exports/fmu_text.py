@@ -34,6 +34,8 @@ static void begin(Memory *m) /* at the start values */
     for (int k = 0; k < C; k++)
         m->v[X + C + k] = m->v[QD0 + k % (NV - QD0)];
     m->sampled = m->acted = SAMPLED ? (int64_t)ceil(m->v[T] / PERIOD - 1e-9) : 0;
+    for (m->broken = 0; m->broken < BREAKS && breaks[m->broken] <= m->v[T]; m->broken++)
+        ;
 }
 
 static double coming(const Memory *m) /* time of the next sample, command or break */
