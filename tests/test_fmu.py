@@ -664,3 +664,29 @@ def test_references_that_are_motions_are_inside(tmp_path, kind, sampling):
     assert np.abs(np.array(found) - motion.q).max() < SAME
     exchanged = integrated(Opened(path, exchange=True).begin(), scene, 2.0, t, 1e-11)
     assert np.abs(exchanged[:, :6] - motion.q).max() < 1e-8
+
+
+@needs_fmpy
+@long
+@pytest.mark.parametrize("kind", ["torques", "pid", "sampled"])
+def test_derivatives_by_numbers_are_slopes(tmp_path, kind):
+    """Of accelerations by a payload and by friction, and by gains where the law is not sampled, by differences."""
+    robot = arm("irb140")
+    scene = replace(KINDS[kind](robot), friction=rne.Friction(viscous=2.0))
+    path, names = str(tmp_path / "a.fmu"), ["friction.viscous", *(["controller.kp"] if kind != "torques" else [])]
+    q0, qd0 = start(scene)
+    scene.to_fmu(path, q0=q0, qd0=qd0, payload="tool0", numbers=names, platforms=HERE)
+    unit = Opened(path).begin(**{"payload.mass": 2.0, "payload.com": np.array([0.02, 0.01, 0.1])})
+    unknowns, h = [unit.vr[f"der(qd[{k}])"] for k in range(1, 7)], 1e-3
+    for name in ("payload.mass", "payload.com[3]", "payload.inertia[2]", "friction.viscous[5]", "controller.kp[2]"):
+        if name not in unit.vr:
+            continue
+        found = np.array(unit.fmu.getDirectionalDerivative(unknowns, [unit.vr[name]], [1.0]))
+        rows, value = [], unit.get(name)[0]
+        for moved in (value - h, value + h):
+            unit.set(name, moved)
+            rows.append(np.array(unit.fmu.getReal(unknowns)))
+        unit.set(name, value)
+        wanted = (rows[1] - rows[0]) / (2 * h)
+        assert np.abs(found - wanted).max() < 1e-4 * max(1.0, np.abs(wanted).max()), name  # of differences
+        assert np.abs(found).max() > 0 or (kind == "sampled" and name == "controller.kp[2]")

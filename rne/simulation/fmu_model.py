@@ -86,6 +86,8 @@ class SceneUnit:
             raise ValueError("`numbers` cannot have 'delay', on which the text depends")
         is_reference = REFERENCE in known and known[REFERENCE].shape == (self.scene.n,)
         names = [*[REFERENCE] * is_reference, *self.numbers, *["payload"] * (self.payload is not None)]
+        if self.scene.sample_time is not None:  # of what rates depend on first, as in their gradient
+            names.sort(key=lambda name: name.startswith("controller."))
         return NamedNumbers(replace(self.scene, stops=False), tuple(dict.fromkeys(names)))
 
     @cached_property
