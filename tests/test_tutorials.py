@@ -24,6 +24,7 @@ USES = {  # what in a script shows that it needs an extra
     "casadi": "import casadi",
     "jax": "import jax",
     "ros": "from rosbags",
+    "lerobot": "import pyarrow",
     "gymnasium": r"rne\.environments",
 }
 
@@ -37,6 +38,8 @@ def test_tutorial_runs(name, tmp_path, monkeypatch):
         pytest.importorskip("jax", reason="JAX is not installed, which the tutorial is about")
     if "from rosbags" in (FOLDER / f"{name}.py").read_text(encoding="utf-8"):
         pytest.importorskip("rosbags", reason="rosbags is not installed, which writes the tutorial's log")
+    if "import pyarrow" in (FOLDER / f"{name}.py").read_text(encoding="utf-8"):
+        pytest.importorskip("pyarrow", reason="pyarrow is not installed, which writes the tutorial's data set")
     if "rne.environments" in (FOLDER / f"{name}.py").read_text(encoding="utf-8"):
         pytest.importorskip("gymnasium", reason="gymnasium is not installed, whose environments the tutorial uses")
     work = tmp_path / "work"
