@@ -206,7 +206,8 @@ def _fits(value: Any, hint: Any) -> bool:
     if hint in (int, float):
         return isinstance(value, int | hint) and not isinstance(value, bool)
     kind = origin or hint
-    return not isinstance(kind, type) or kind is Any or isinstance(value, kind)
+    is_open = not isinstance(kind, type) or kind is Any or getattr(kind, "_is_protocol", False)
+    return is_open or isinstance(value, kind)
 
 
 def names_of(made: Any) -> tuple[str, ...]:

@@ -263,6 +263,7 @@ TRIED, FEW_STEPS = 12, 12  # motions per start that are compared first; evaluati
 STRAY = 0.7  # standard deviation of logarithms of numbers about where they start
 ROUNDS, MANY_STEPS = 8, 60  # of weights; evaluations of each
 SETTLED = 0.02  # change of the logarithm of weights that ends them
+LEAST_OF_RANGE = 1e-6  # of a joint's range, the least standard deviation of positions without steps of encoders
 STABLE = 1.0  # of a step times the rate of the fastest mode
 ERROR_OF_STEPS = 0.02  # of positions, in their standard deviations
 ABOVE_RESOLUTION, WHITE = 1.3, 1.5  # of a residual over the resolution; of its autocorrelation time: more is a bias

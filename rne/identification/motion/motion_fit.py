@@ -403,7 +403,6 @@ class MotionFit(InNotebooks):
 
 VERSION = 1  # of files: another one when a field changes its meaning
 ROUNDING = 1 / np.sqrt(12)  # standard deviation of a uniform error of one step
-MEDIAN = 0.6745  # of the absolute value of a standard normal number
 
 
 def kinds() -> Kinds:
@@ -512,7 +511,9 @@ def identify_motion(
     if folds == 1:
         raise ValueError("`folds` must be 0, or 2 and more")
     unknowns = unknowns_of(scene, wrt, min(1 / record.sample_rate for record in given), start or {}, priors or {})
-    noise, spans = positions_noise(scene, given), ranges(scene, given)
+    spans = ranges(scene, given)
+    least = rounding(scene, given)
+    noise = np.where(least > 0, least, thresholds.LEAST_OF_RANGE * np.maximum(spans, thresholds.LEAST_OF_RANGE))
     length = None if shot is None else positive_number("shot", shot)
     shots = shots_of(scene, given, length, noise)
     if len(shots) < folds:
@@ -525,7 +526,8 @@ def identify_motion(
     solver.refine()
     held = validation_errors(solver, folds) if folds else np.full(scene.n, np.nan)
     sure = how_sure(solver.problem, solver.z)
-    causes = (*mistaken_columns(scene, given), *missing_effects(solver.problem, solver.z, noise))
+    finest = resolution(solver.problem, solver.z, least)
+    causes = (*mistaken_columns(scene, given), *missing_effects(solver.problem, solver.z, finest))
     text = f"{counted(solver.iterations, 'iteration')} in steps of {solver.problem.step:.3g} s: {solver.message}"
     return MotionFit(solver.problem.at(told=None), solver.z, sure, noise, held, causes, text)
 
@@ -552,15 +554,18 @@ def check_records(scene: Scene, records: Sequence[Record]) -> None:
         commands(scene, record)
 
 
-def positions_noise(scene: Scene, records: Sequence[Record]) -> Array:
-    """The noise of positions: of rounding by encoders, or as third differences show it where joints move."""
-    steps = np.array([record.encoder_step[columns_for(scene, record)] for record in records]).max(axis=0)
-    changes = [np.abs(np.diff(record.q[:, columns_for(scene, record)], 3, axis=0)) for record in records]
-    third = np.concatenate(changes)
-    third[~(third > 0)] = np.nan
+def rounding(scene: Scene, records: Sequence[Record]) -> Array:
+    """Standard deviations of the rounding of encoders, (n,), 0 where no step is known."""
+    steps = [record.encoder_step[columns_for(scene, record)] for record in records]
+    return np.asarray(ROUNDING * np.max(steps, axis=0))
+
+
+def resolution(problem: OutputError, z: Array, least: Array) -> Array:
+    """Standard deviations of what is white in the residuals, by their third differences; of rounding at least."""
+    each = [np.diff(q - shot.q, 3, axis=0) for shot, q in zip(problem.shots, problem.positions(z), strict=True)]
     with np.errstate(all="ignore"):
-        white = np.nan_to_num(np.nanmedian(third, axis=0)) / (MEDIAN * np.sqrt(20.0))
-    return np.asarray(np.maximum(np.where(steps > 0, steps * ROUNDING, white), 1e-12))
+        white = np.sqrt(np.nanmean(np.concatenate(each) ** 2, axis=0) / 20)
+    return np.asarray(np.maximum(np.nan_to_num(white), least))
 
 
 def ranges(scene: Scene, records: Sequence[Record]) -> Array:
