@@ -416,11 +416,15 @@ def kinds() -> Kinds:
     def record(**fields: Any) -> Record:
         return Record(fields.pop("t"), fields.pop("q"), **fields)
 
+    def friction(numbers: dict[str, Any]) -> Friction:
+        return Friction(**numbers | {"smoothing": float(numbers["smoothing"])})
+
     def problem(unknowns: Unknowns, records: Any, shots: Any, sigma: Array, step: float) -> OutputError:
         return OutputError(unknowns, records, shots, sigma, step)
 
     plain = MotionFit, Certainty, Unknowns, Unknown, Shot, Scene, Payload, ElasticJoints, Friction, PD, PID, Servo
     found: Kinds = of_identifications() | {kind: (names_of(kind), kind) for kind in plain}
+    found[Friction] = (("numbers",), friction)  # directions that follow the other have none
     found[Record] = (("t", "q", "qd", "command", "command_rate", "command_hold", "name", "joint_names"), record)
     return found | {OutputError: (("unknowns", "records", "shots", "sigma", "step"), problem)}
 
@@ -529,7 +533,7 @@ def identify_motion(
     finest = resolution(solver.problem, solver.z, least)
     causes = (*mistaken_columns(scene, given), *missing_effects(solver.problem, solver.z, finest))
     text = f"{counted(solver.iterations, 'iteration')} in steps of {solver.problem.step:.3g} s: {solver.message}"
-    return MotionFit(solver.problem.at(told=None), solver.z, sure, noise, held, causes, text)
+    return MotionFit(solver.problem.at(told=None), solver.z, sure, finest, held, causes, text)
 
 
 def how_sure(problem: OutputError, z: Array) -> Certainty:
