@@ -128,6 +128,27 @@ def test_commands_that_are_missing_are_held_or_interpolated_and_said():
     assert ("joint_2", "no command") in [(x.joint, x.kind) for x in record.findings if x.severity == "error"]
 
 
+def test_what_is_simulated_has_no_invented_positions():
+    """Of spikes, missing samples and positions, on a grid; commands are those that held."""
+    q, rows = Q.copy(), np.delete(np.arange(400), [200, 201])
+    q[100, 0] += 0.1
+    q[150] = np.nan
+    record = Record(T[rows], q[rows], np.cos(Q[rows]), command=COMMAND[rows])
+    grid = record._on_grid()
+    unknown = np.zeros(Q.shape, bool)
+    unknown[100, 0] = unknown[[150, 200, 201]] = True
+    assert np.array_equal(np.isnan(grid.q), unknown)
+    assert np.array_equal(record.cleaned.interpolated, unknown)
+    assert abs(grid.t - T).max() < 1e-12  # of sums of periods
+    assert abs(grid.q - Q)[~unknown].max() < 1e-9  # of a spline through the samples, beside these
+    assert np.array_equal(grid.command[:200], COMMAND[:200])
+    assert grid.tau is None
+    assert Record(T, Q, command=COMMAND)._on_grid().q is not None
+    back = Record(T[::-1], Q, command=COMMAND)
+    with pytest.raises(ValueError, match="time that goes back"):
+        back._on_grid()
+
+
 def test_positions_that_are_missing_take_no_command_with_them():
     """The command of such a sample acts on what comes after it."""
     q = Q.copy()

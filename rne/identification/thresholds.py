@@ -60,6 +60,7 @@ COMPARED_OVER = 0.1  # [s], over which they are compared: longer than delays of 
 ENDS = (2, 98)  # percentiles that are a command's or position's ends, whatever overshoots
 KEEPS_MOVING = 0.2  # of its range, that a position moves in a record's second half if its command does not rest it
 FAR_COMMAND = 3.0  # ranges of the position between its ends and the command's, from which another unit is looked for
+NEAR_COMMAND = 0.4  # of that range, between the ends in another unit: commands of no size at all have 0.5 and more
 NEAR_TURN = 0.5  # [rad] of error under load, up to which a command lies at a turn from its position
 CHANGING = 0.5  # share of samples that repeat a command, above which it is one of steps
 LATE_OVER = 0.3  # [s], up to which a position is looked for ahead of its command

@@ -102,8 +102,9 @@ def _unit_of(command: Array, q: Array) -> str:
     asked, size = np.percentile(command, thresholds.ENDS), max(float(np.ptp(ends)), thresholds.TINY)
     if np.abs(asked - ends).max() < thresholds.FAR_COMMAND * size:
         return ""
-    near = [text for factor, text in UNITS.items() if np.abs(asked / factor - ends).max() < size / 2]
-    return near[0] if len(near) == 1 else ""
+    near = {text: float(np.abs(asked / factor - ends).max()) / size for factor, text in UNITS.items()}
+    best = min(near, key=lambda text: near[text])
+    return best if near[best] < thresholds.NEAR_COMMAND else ""
 
 
 def _wraps(command: Array, q: Array) -> Array:

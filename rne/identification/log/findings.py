@@ -85,6 +85,7 @@ class Screened:
     q: Array  # shape (T, n), single spikes and missing values interpolated; torques and velocities likewise
     tau: Array | None
     qd: Array | None
+    interpolated: Array = field(init=False)  # True where a position is no sample, shape (T, n)
     usable: Array = field(init=False)  # False where a torque is not to be used, shape (T, n)
     believed: Array = field(init=False)  # True for joints whose measured velocities are those of the positions
     encoder_step: Array = field(init=False)  # smallest step of the positions, shape (n,); zero where there is none
@@ -163,6 +164,8 @@ class CleanRecord(ReadOnlyArrays):
         What was done though nothing is wrong.
     findings : tuple of RecordFinding
         What is wrong, and what was done about it.
+    interpolated : ndarray, shape (T, n)
+        True where a position is none that was measured.
     command, command_rate : ndarray, shape (T, n), or None
         Commanded positions and velocities that hold at these times, missing ones filled [rad or m; rad/s or m/s].
 
@@ -189,6 +192,7 @@ class CleanRecord(ReadOnlyArrays):
     period: float
     notes: tuple[str, ...]
     findings: tuple[RecordFinding, ...]
+    interpolated: Array
     command: Array | None = None
     command_rate: Array | None = None
 

@@ -509,6 +509,27 @@ class Record(ReadOnlyArrays):
             raise ValueError(f"{self.name}: {NO_COMMANDS}")
         return self if self.tau is None else self._part(slice(None), self.joint_names, torques=False)
 
+    def _on_grid(self) -> Record:
+        """Commands and positions as cleaned, NaN where none was measured; a ValueError for a finding of an error."""
+        record = self._without_torques()
+        record._refuse_errors()
+        clean = record.cleaned
+        arrays: dict[str, Any] = {"t": clean.t, "q": np.where(clean.interpolated, np.nan, clean.q)}
+        arrays |= {"qd": clean.qd, "command": clean.command, "command_rate": clean.command_rate}
+        if all(np.array_equal(x, getattr(record, name), equal_nan=True) for name, x in arrays.items() if x is not None):
+            return record
+        how: dict[str, Any] = {"command_hold": self.command_hold, "bridge": self._bridge, "stamps": "sampled"}
+        found = Record(**arrays, **how, name=self.name, joint_names=self._given_names)
+        found.encoder_step = record.encoder_step  # which resampled positions do not show
+        return found
+
+    def _refuse_errors(self) -> None:
+        """Raise a ValueError if a finding is an error."""
+        errors = [finding for finding in self.findings if finding.severity == "error"]
+        if errors:
+            more = f" ({len(errors) - 1} more errors in `findings`)" if len(errors) > 1 else ""
+            raise ValueError(errors[0].message + more)
+
     def in_motion(self) -> Record:
         """The record without rest at its start and end.
 
@@ -582,10 +603,7 @@ class Record(ReadOnlyArrays):
         parameters depend on the cut-off: `Identification.drift` shows by how much.
         """
         torques_of(self.cleaned)
-        errors = [finding for finding in self.findings if finding.severity == "error"]
-        if errors:
-            more = f" ({len(errors) - 1} more errors in `findings`)" if len(errors) > 1 else ""
-            raise ValueError(errors[0].message + more)
+        self._refuse_errors()
         return prepare(self.name, self.cleaned, cutoff, float(self.t[0]))
 
 

@@ -311,6 +311,7 @@ def screen(
         kept &= started | (tau is not None)
     steps = np.array([encoder_step(x[np.isfinite(x)]) for x in values.T])
     found.usable, found.believed, found.encoder_step = np.ones(q.shape, bool), np.zeros(n, bool), steps[:n]
+    found.interpolated = np.zeros(q.shape, bool)
     _check_there(found, tau, kept)
     if found.has_errors:
         return found.cleaned()
@@ -366,6 +367,7 @@ def _screen_values(
     if commands is not None and not found.has_errors:
         check_commands(found, commands, q)
     if not found.has_errors:
+        found.interpolated = flags[:, parts["position"]]
         _put_on_grid(found, times, (measured, parts), usable, ~long_runs, cuts, bridge)
         if commands is not None:
             every = np.interp(np.arange(len(commands.q)), found.rows, times)
@@ -535,12 +537,12 @@ def _put_on_grid(
     """Put the samples that are kept on grids of equal steps, one between two gaps or cuts."""
     from scipy.interpolate import CubicSpline
 
-    values, columns = named
+    (values, columns), made = named, found.interpolated
     rows, period = np.flatnonzero(kept), found.period
     regular = thresholds.REGULAR * period
     gap = is_gap(t[rows], period, bridge)
     gap |= np.searchsorted(cuts, rows[1:]) > np.searchsorted(cuts, rows[:-1])
-    parts = [(t[:0], values[:0], usable[:0])]
+    parts = [(t[:0], values[:0], usable[:0], made[:0])]
     for part in np.split(rows, np.flatnonzero(gap) + 1):
         stamps = t[part]
         apart = np.diff(stamps, prepend=-np.inf) > thresholds.CLOSE * period
@@ -549,17 +551,20 @@ def _put_on_grid(
         grid = period * np.arange(int(np.rint((stamps[-1] - stamps[0]) / period)) + 1)
         centred = grid + (stamps.mean() - grid.mean())
         if len(grid) == len(part) and np.abs(stamps - centred).max() <= regular:
-            parts.append((centred, values[part], usable[part]))
+            parts.append((centred, values[part], usable[part], made[part]))
             continue
         resampled = f"resampled by a cubic spline through the stamps, every {1e3 * period:.4g} ms"
         found.notes = tuple(dict.fromkeys((*found.notes, resampled)))
         grid = (grid + stamps[0])[grid <= stamps[-1] - stamps[0] + regular]
         after = np.clip(np.searchsorted(stamps, grid), 1, len(part) - 1)
         on_grid = CubicSpline(stamps[apart], values[part[apart]], axis=0)(grid)
-        parts.append((grid, on_grid, usable[part[after]] & usable[part[after - 1]]))
-    found.segments = consecutive(len(grid) for grid, _, _ in parts[1:])
+        nearest = np.where(stamps[after] - grid < grid - stamps[after - 1], after, after - 1)
+        lost = np.abs(grid - stamps[nearest]) > thresholds.LONG_STEP / 2 * period
+        filled = made[part[nearest]] | lost[:, None]
+        parts.append((grid, on_grid, usable[part[after]] & usable[part[after - 1]], filled))
+    found.segments = consecutive(len(grid) for grid, *_ in parts[1:])
     joined = parts[1] if len(parts) == 2 else [np.concatenate(arrays) for arrays in zip(*parts, strict=True)]
-    found.t, measured, found.usable = joined
+    found.t, measured, found.usable, found.interpolated = joined
     found.q = measured[:, columns["position"]]
     found.tau = measured[:, columns["torque"]] if "torque" in columns else None
     found.qd = measured[:, columns["velocity"]] if "velocity" in columns else None

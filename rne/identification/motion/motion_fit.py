@@ -240,30 +240,30 @@ class MotionFit(InNotebooks):
         Returns
         -------
         positions : ndarray, shape (T, n)
-            At the record's times, NaN in gaps [rad or m].
+            At the record's times, NaN in gaps, and before the first command [rad or m].
         deviations : ndarray, shape (T, n)
             With `std`: of the numbers' errors and the residual together [rad or m].
 
         Raises
         ------
         ValueError
-            If the record has no commands, or not the scene's joints.
+            If the record has no commands, not the scene's joints, or errors among its findings.
 
         Examples
         --------
         >>> q, std = found.predict(record, std=True)  # doctest: +SKIP
         """
         check_records(self.initial, (record,))
-        shots = shots_of(self.initial, (record,), None, self.resolution)
-        problem = self.problem.at(records=(record,), shots=shots, traced={})
+        clean, apart = record._on_grid(), 0.5 / record.sample_rate
+        shots = shots_of(self.initial, (clean,), None, self.resolution)
+        problem = self.problem.at(records=(clean,), shots=shots, traced={})
         z = fitted_starts(problem, self._x)
         found = np.full((2, len(record.t), self.initial.n), np.nan)
         P = self.certainty.count
         for shot, (q, J) in zip(shots, problem.derivatives(z), strict=True):
-            rows = np.searchsorted(record.t, shot.t)
-            found[0, rows] = q
+            rows = (record.t > shot.t[0] - apart) & (record.t < shot.t[-1] + apart)
             of_numbers = np.einsum("tjp,pq,tjq->tj", J[..., :P], self.certainty.covariance, J[..., :P])
-            found[1, rows] = np.sqrt(of_numbers + self.rms**2)
+            found[:, rows] = at_times((q, np.sqrt(of_numbers + self.rms**2)), shot.t, record.t[rows])
         return (found[0], found[1]) if std else found[0]
 
     def report(self) -> str:
@@ -342,7 +342,7 @@ class MotionFit(InNotebooks):
         """
         from ...plotting import prediction_plot
 
-        record = record or max(self.problem.records, key=lambda one: len(one.t))
+        record = (record or max(self.problem.records, key=lambda one: len(one.t)))._on_grid()
         predicted, std = self.predict(record, std=True)
         qd = np.gradient(predicted, record.t, axis=0)
         measured, units = record.q[:, columns_for(self.initial, record)], joint_units(self.initial)
@@ -511,6 +511,7 @@ def identify_motion(
     """
     given = (records,) if isinstance(records, Record) else tuple(records)
     check_records(scene, given)
+    given = tuple(record._on_grid() for record in given)
     folds = whole_number("folds", folds, least=0)
     if folds == 1:
         raise ValueError("`folds` must be 0, or 2 and more")
@@ -534,6 +535,15 @@ def identify_motion(
     causes = (*mistaken_columns(scene, given), *missing_effects(solver.problem, solver.z, finest))
     text = f"{counted(solver.iterations, 'iteration')} in steps of {solver.problem.step:.3g} s: {solver.message}"
     return MotionFit(solver.problem.at(told=None), solver.z, sure, finest, held, causes, text)
+
+
+def at_times(values: Sequence[Array], grid: Array, t: Array) -> Array:
+    """Values on a grid at other times, which are those of the grid unless samples were left out or resampled."""
+    from scipy.interpolate import CubicSpline
+
+    return np.array(
+        [x if np.array_equal(t, grid) else CubicSpline(grid, x)(np.clip(t, *grid[[0, -1]])) for x in values]
+    )
 
 
 def how_sure(problem: OutputError, z: Array) -> Certainty:
