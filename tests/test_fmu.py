@@ -30,12 +30,10 @@ HERE = (this_machine(),)
 
 
 def arm(name):
-    """A robot without joints that follow others, which elastic joints cannot have."""
+    """A robot with its fingers locked: elastic joints have none that follow others, sampled loops none so light."""
     robot = rne.load(name)
-    model = robot.model
-    follows = [j for k, j in enumerate(model.moving_joints) if k not in model.independent_joints]
-    assert not follows or name == "panda"
-    return robot.locked({j: 0.01 for j in robot.joint_names if "finger" in j}) if "panda" in name else robot
+    fingers = {joint: 0.01 for joint in robot.joint_names if "finger" in joint or "gripper" in joint}
+    return robot.locked(fingers) if fingers else robot
 
 
 def size_of(robot):
