@@ -450,3 +450,20 @@ def test_few_changes_of_folder_lead_from_simulate_to_the_first_step_of_a_scene_b
     way = [*codes.values()]
     assert (way[0], way[-1], [*codes][-1]) == ("simulation", "integrators", "steps")
     assert sum(one != other for one, other in itertools.pairwise(way)) <= MAX_CHANGES
+
+
+NO_THRESHOLDS = {0.0, 0.5, 1.0, 2.0}  # halves, units and pairs
+
+
+def test_identification_compares_with_the_table_of_thresholds():
+    """No number with a point stands in a comparison outside of it, and none of its names is there twice."""
+    folder = PACKAGE / "identification"
+    table = folder / "thresholds.py"
+    bare = []
+    for path in (path for path in SOURCES if path.is_relative_to(folder) and path != table):
+        compared = {part for node in NODES[path] if isinstance(node, ast.Compare) for part in ast.walk(node)}
+        numbers = [x for x in compared if isinstance(x, ast.Constant) and isinstance(x.value, float)]
+        bare += [f"{path.relative_to(ROOT)}:{x.lineno}: {x.value}" for x in numbers if x.value not in NO_THRESHOLDS]
+    assert bare == []
+    stored = [x.id for x in NODES[table] if isinstance(x, ast.Name) and isinstance(x.ctx, ast.Store)]
+    assert sorted(stored) == sorted(set(stored))

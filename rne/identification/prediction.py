@@ -22,7 +22,7 @@ from ..elementwise import less, maximum, where
 from ..errors import IdentificationError
 from . import thresholds
 from .fit.consistent import TRACE, scaling
-from .fit.equations import RESTS, Equations, RegressionData, blocks_of_time, solve
+from .fit.equations import Equations, RegressionData, blocks_of_time, solve
 from .fit.least_squares import LeastSquares
 from .log.prepared import Prepared, rows_without
 
@@ -148,7 +148,9 @@ def repeated(records: Sequence[Prepared], blocks: Sequence[slice]) -> Array:
     """True for pairs of blocks of which a part has nearly the same positions and velocities, (blocks, blocks)."""
     from scipy.spatial import KDTree
 
-    moved = np.max([np.ptp(record.q, axis=0) for record in records], axis=0) > RESTS  # others differ by noise
+    moved = (
+        np.max([np.ptp(record.q, axis=0) for record in records], axis=0) > thresholds.RESTS
+    )  # others differ by noise
     states = np.concatenate([np.concatenate([r.q[:, moved], r.qd[:, moved]], axis=1)[r.row_samples] for r in records])
     if not moved.any():
         return np.zeros((len(blocks), len(blocks)), bool)

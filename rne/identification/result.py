@@ -36,7 +36,6 @@ from .fit.equations import (
     LOCKED,
     MOVING,
     NO_TORQUE,
-    RESTS,
     Equations,
     RegressionData,
     by_number,
@@ -377,7 +376,7 @@ class Identification(InNotebooks):
         found: Identification = read(path, kinds(), cls, VERSION, partial(cls.report, details=True))
         return found
 
-    def essential(self, limit: float = 0.3) -> Identification:
+    def essential(self, limit: float = thresholds.ESSENTIAL) -> Identification:
         """The model of the essential parameters alone, the base parameters that the log determines well.
 
         The base parameter of the largest relative standard error is set to zero and the others are fitted again, by
@@ -706,7 +705,7 @@ class Identification(InNotebooks):
         qd, tau, predicted, speed = (
             prepared.reduce(x) for x in (prepared.qd, prepared.tau, torques, np.abs(prepared.qd))
         )
-        rests = np.isinf(self.minimum_velocity) & (np.ptp(prepared.q, axis=0) < RESTS)  # as in the log
+        rests = np.isinf(self.minimum_velocity) & (np.ptp(prepared.q, axis=0) < thresholds.RESTS)  # as in the log
         q, v, a = (x[prepared.row_samples] for x in (prepared.q, prepared.qd * ~rests, prepared.qdd * ~rests))
         std = self._std(q, v, a, speed * ~rests)
         return Check(name, model.joint_names, self._units, prepared.times, qd, tau, predicted, prepared.valid, std)

@@ -22,6 +22,7 @@ STAMPS_OVER = 4  # samples over which measured velocities are integrated to judg
 VELOCITY_WINDOW = (9, 101)  # samples that velocities are averaged over where stamps are judged: more than a burst
 CLOSE = 0.3  # of the period: of two samples closer than this one is enough for a spline; numerics
 FEWEST_SAMPLES = 20  # samples from which anything can be said
+JITTER = 3.0  # standard deviations of steps, beyond which a long one has missed a sample; statistics
 SLOWEST_RATE = 2.0  # samples per second, below which times are hardly in seconds: 1 kHz in milliseconds gives 1
 
 # Log: spikes, jumps and steps of the encoder -----------------------------------------------------------------------
@@ -34,17 +35,22 @@ FREQUENT = 1.0  # jumps per second, above which they are noise
 BEND = 3.0  # times the change of velocity across a step that is no jump: the arm may brake there; RECORDS
 LATTICE = 0.15  # of a step: scatter of differences about its multiples; without a step it is 0.29 (uniform)
 NEGLIGIBLE = 1e-5  # of the median difference: a step that is rounding of numbers
+STEP_ROUNDS, MULTIPLES = 5, 5.0  # rounds of fitting a step, and multiples of it that they take; RECORDS
+NORMAL = 1.4826  # standard deviation of normal noise, over the median of its size; statistics
+ROUNDED_SPIKE = 1e-12  # of the largest value: a deviation that is rounding; numerics
 FEWEST_DIFFERENCES = 40  # differences from which a step is told; RECORDS
 
 # Log: torques at a limit -------------------------------------------------------------------------------------------
 CLIPPED = 10  # samples at a torque's limit, from which it is one: 20 ms of RECORDS
 CROWDED = 5  # times as many samples as in twice the width below: a smooth peak has 1.4 times as many
+CROWDED_OVER = 3.0  # widths from the limit, within which samples are counted
 CLIP_WIDTHS = (1e-6, 1e-3)  # of the torque's range: rounding of numbers, and a drive's own noise at its limit; RECORDS
 ONE_LEVEL, DIGITS = 0.75, 2.5  # steps of the torque: a limit of one level, and one whose last digit flickers
 MOST = 0.9  # share of the samples of the widest limit that a narrower one must have to be taken
 LEVELS = 50  # steps in the torque's range, from which a limit may spread over some
 QUIET = 0.3  # change from sample to sample at a limit, of the usual one in motion; RECORDS
 PLATEAUS = 3  # times that a limit is reached that is not quiet: a drive that accelerates steadily has its torque once
+MOVING_OVER = 9  # samples, over which a velocity is averaged; RECORDS
 IN_MOTION = 0.05  # velocity, of the joint's usual one: holding torques are no limit
 
 # Log: motion and velocities ----------------------------------------------------------------------------------------
@@ -54,6 +60,8 @@ TURNS = 20 * np.pi  # range of a position [rad] from which degrees are likely: t
 VELOCITY_ERROR = 0.05  # relative deviation of measured velocities from the positions' that is named; RECORDS
 KNOWN_VELOCITIES = 0.5  # share of samples with a velocity, below which those of a joint count as not measured
 RESTING = 0.01  # of the fastest joint's motion: velocities of a joint that moves less are not compared
+AT_REST, PAUSE = 0.005, 0.2  # of a joint's range, to which rest is less; shortest rest that is cut off [s]
+NOISE_AT_REST, NOISIEST_REST = 4.0, 10.0  # usual changes of a position that are rest, of the former at most so many
 COMPARED_OVER = 0.1  # [s], over which they are compared: longer than delays of drives
 
 # Log: commands -----------------------------------------------------------------------------------------------------
@@ -69,6 +77,7 @@ MADE_UP = 0.75  # of what a steady command would have moved meanwhile, from whic
 
 # Log: the cut-off of the filter ------------------------------------------------------------------------------------
 SPECTRUM_SECONDS, SPECTRUM_SAMPLES = 4.0, 8  # length of one spectrum, at least so many samples; several are averaged
+AVERAGES = 1.6  # independent spectra per window, where windows overlap by half; statistics
 LONG_ENOUGH = 0.7  # share of the samples in segments that are long enough for one
 MOTION_POWER = 0.99  # share of the velocities' power below the motion's bandwidth
 ABOVE_MOTION = 5.0  # cut-off over that bandwidth: the filter takes less than 1e-5 of it
@@ -85,6 +94,7 @@ CROSSOVER_PERIODS = 2.0  # of the crossover in a segment, at least: positions me
 HIGHEST_CROSSOVER = 0.25  # of the sample rate, from which the positions alone are used
 POSITION_CUTOFF = 5.0  # cut-off of the positions' filter, over the parallel filter's: it takes less than 1e-5 there
 HIGHEST_POSITION_CUTOFF = 0.25  # of the sample rate: central differences lose 3 % there
+WHOLE_RATIO = 1e-6  # of a ratio of rates that is whole but for rounding; numerics
 PASS_BAND = 0.8  # cut-off, of half the reduced rows' rate (Gautier, Janot and Vandanjon 2013)
 PRINTED = 1.01  # a cut-off that was printed with three digits may be given back
 SINGULAR_COUPLING = 1e-10  # smallest singular value of motors' rows of unit length, of the largest; numerics
@@ -93,6 +103,8 @@ SINGULAR_COUPLING = 1e-10  # smallest singular value of motors' rows of unit len
 FOLDS = 10  # of the cross-validation, contiguous in time; the field's custom
 REST_PERIODS = 0.5  # of the cut-off, below which a joint turns back without resting
 SLOWEST_FITTED = 0.02  # of a joint's largest velocity: below it, Coulomb friction has no known direction
+RESTS = 0.05  # range of a joint [rad or m], below which its motion is taken for none
+ROUNDINGS = 1e3  # of a position, within which it does not change; numerics
 STEPS_AT_REST = 2.0  # of the encoder about its mean position, within which a joint rests
 FAR_FROM_GIVEN = 3.0  # times the masses of the robot given, or a third, from which units are doubted
 BEYOND_LIMITS = 0.05  # of a joint's range or largest speed, by which a motion may leave it: stops are not sharp
@@ -102,6 +114,7 @@ LEAST_NAMED = 0.2  # part of the robot's joints that a log must have: an arm of 
 WEIGHTINGS, NOISE_SETTLED = 30, 1e-6  # rounds of weighting, and change of the noise at which they end: a few are taken
 FEWEST_FREE = 5  # degrees of freedom of a joint, from which its residual says what its noise is; statistics
 TINY = float(np.finfo(np.float64).tiny)  # divisor in place of zero; numerics
+LARGEST = 1e150  # number whose square is still one; numerics
 EXACT = 1e-13  # of the torques: noise of measurements without any, rounding
 SILENT = 1e-100  # noise of torques of which none differs from zero: one over its square is a number; numerics
 NOTHING = 1e-12  # length of a column, of the longest, that is rounding
@@ -120,6 +133,7 @@ AT_BOUND = 1e-6  # of its usual size: a parameter of a drive below it is at its 
 INSIDE = 1e-12  # eigenvalues of bodies over those of the prior from which Newton's method begins; numerics
 PATH = 10  # decades of the prior's weight, from where the minimum is the prior, along which Newton's method follows it
 BOUND_ROUNDS, CONE_GAP = 20, 1e-9  # changes of the set of such, and gap of the objective per weight of the prior
+SUFFICIENT = 1e-4  # part of the decrease foreseen, from which a step is taken (Armijo 1966)
 NEWTON_STEPS, STEP_HALVINGS, CONVERGED = 100, 40, 1e-16  # of Newton's method; CONVERGED is twice the gap it ends at
 PRIOR_STD = 0.3  # of the prior: that bodies differ from it by 30 % is as likely as one standard deviation of noise
 PRIOR_STDS_OF_GUESS = (3.0, 1.0, 0.3, 0.1)  # of bodies guessed from the geometry: the first with plausible masses
@@ -153,6 +167,7 @@ WIDE = 100.0  # standard errors of a drive's parameter that it may have before t
 COVERED = 0.90  # share of torques held out within that of noise and parameters, below which the model is at fault
 
 # Fit: loads and gains ----------------------------------------------------------------------------------------------
+ESSENTIAL = 0.3  # relative standard error of a base parameter, up to which it is essential
 DOUBTFUL = 0.05  # relative standard error of a mass or gain from which a warning tells it
 FIRST_SPREAD, LEAST_SPREAD = 0.03, 1e-9  # of a kind of errors, of the torques: assumed first (PAYLOADS), and at least
 SPREAD_ROUNDS = 60  # of expectation and maximisation: slow where a kind is hardly there; PAYLOADS

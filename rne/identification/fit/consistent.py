@@ -196,7 +196,9 @@ def refined(objective: Objective, slopes: Slopes, start: Array, free: Array) -> 
         decrement = float(-gradient @ step)
         lengths = 0.5 ** np.arange(thresholds.STEP_HALVINGS)
         value = objective(y)
-        length = next((a for a in lengths if objective(y + a * step) <= value - 1e-4 * a * decrement), 0.0)
+        length = next(
+            (a for a in lengths if objective(y + a * step) <= value - thresholds.SUFFICIENT * a * decrement), 0.0
+        )
         y = y + length * step
         if decrement <= thresholds.CONVERGED or length == 0:
             break

@@ -44,12 +44,9 @@ BEYOND = "the motion leaves the robot's limits: in other units, or from another 
 EARLY = "torques come before the positions, as where noise is fed back: give `instruments`"  # start of a note
 LOCKED = "joints that the records do not have, taken as locked"  # start of a note
 MOVING = "joints that the robot has locked, and that move in the records"  # start of a note
-RESTS = 0.05  # [rad or m], below which a joint's motion is taken for none
 NO_TORQUE = "has no torque that can be used"  # in a note
 UNUSABLE = ("constant torque", "saturated torque", "torque missing")  # kinds of findings on such torques
-LARGEST = 1e150  # number whose square is still one
 MOST_TOLD = 3  # limits that a note names
-ROUNDINGS = 1e3  # of a position, within which it does not change
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,7 +160,7 @@ def equations(Y: Array, tau: Array, used: Array, blocks: Sequence[slice], Z: Arr
             rows[k, j] = chosen.sum()
             augmented = np.concatenate([Y[block, j][chosen], tau[block, j][chosen, None]], axis=1)
             factors[k, j] = triangular(augmented)
-    if not (np.abs(factors).max(initial=0) < LARGEST):
+    if not (np.abs(factors).max(initial=0) < thresholds.LARGEST):
         raise NotFiniteError("the equations overflow: torques or velocities of the measurements are too large")
     return Equations(factors, rows, 0 if Z is None else Z.shape[-1])
 
@@ -593,10 +590,10 @@ def of_named_joints(
     if moving := [
         f"{x} by {ranges[x]:.3g}"
         for x in robot.model.link_joints
-        if x in others and x not in following and ranges.get(x, 0) > RESTS
+        if x in others and x not in following and ranges.get(x, 0) > thresholds.RESTS
     ]:
         notes = [f"{MOVING}: {listed(moving)}", *notes]
-    check_drivers(robot.model, [x for x in following if ranges.get(x, 0) > RESTS], missing)
+    check_drivers(robot.model, [x for x in following if ranges.get(x, 0) > thresholds.RESTS], missing)
     if missing:
         notes = [f"{LOCKED}: {listed([f'{name} at {q:.4g}' for name, q in missing.items()])}", *notes]
         robot = robot.locked(missing)
@@ -660,7 +657,9 @@ def minimum_velocities(
     step = np.max([record.encoder_step for record in records], axis=0)
     middle = np.mean([p.q.mean(0) for p in prepared], axis=0)
     reach = np.max([np.abs(p.q - middle).max(0) for p in prepared], axis=0)
-    still = reach <= np.maximum(thresholds.STEPS_AT_REST * step, ROUNDINGS * np.finfo(float).eps * np.abs(middle))
+    still = reach <= np.maximum(
+        thresholds.STEPS_AT_REST * step, thresholds.ROUNDINGS * np.finfo(float).eps * np.abs(middle)
+    )
     largest = np.max([np.abs(p.qd).max(0) for p in prepared], axis=0)
     floor = 2 * np.pi * max(p.cutoff for p in prepared) * step  # velocity that one step makes at the cut-off
     if given is not None:

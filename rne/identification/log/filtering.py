@@ -35,9 +35,6 @@ def derivatives(x: Array, sample_rate: float) -> tuple[Array, Array]:
     return first * sample_rate, second * sample_rate**2
 
 
-AVERAGES = 1.6  # independent spectra per window, where windows overlap by half
-
-
 def motion_spectrum(
     q: Sequence[Array], sample_rate: float, integrals: Sequence[Array] = (), used: Array | None = None
 ) -> tuple[Array, Array, Array, Array]:
@@ -159,7 +156,7 @@ def _coherence(q: Sequence[Array], tau: Sequence[Array], sample_rate: float) -> 
     moved, torque = (_power(x, x, sample_rate)[1].real for x in (q, tau))
     squared: Array = np.abs(both) ** 2 / np.maximum(moved * torque, thresholds.TINY)
     window = _window(q, sample_rate)
-    averages = max(2.0, AVERAGES * sum(len(x) for x in q if len(x) > window) / window)
+    averages = max(2.0, thresholds.AVERAGES * sum(len(x) for x in q if len(x) > window) / window)
     chance = squared < 1 - thresholds.COHERENT_BY_CHANCE ** (1 / (averages - 1))
     chance[:-1] &= chance[1:]  # two neighbouring frequencies
     start = np.argmax(squared * moved / f[:, None] ** 2, axis=0)

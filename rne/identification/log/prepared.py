@@ -170,15 +170,12 @@ def undisturbed(flags: Array, rows: Array, reach: int) -> Array:
     return np.asarray(count[rows + reach] == count[rows - reach])
 
 
-ROUNDING = 1e-6  # of a ratio of rates
-
-
 def prepare(name: str, clean: CleanRecord, cutoff: float | None, start: float) -> Prepared:
     """Filter and differentiate the positions of every segment that is long enough."""
     rate, parts = 1 / clean.period, clean.segments
     positions, spectrum, notes = _fused(clean, [clean.q[part] for part in parts], rate)
     cutoff, reasons = _cutoff(name, clean, cutoff, positions, spectrum)
-    decimation = max(1, int(thresholds.PASS_BAND * rate / (2 * cutoff) + ROUNDING))
+    decimation = max(1, int(thresholds.PASS_BAND * rate / (2 * cutoff) + thresholds.WHOLE_RATIO))
     position_cutoff = min(thresholds.POSITION_CUTOFF * cutoff, thresholds.HIGHEST_POSITION_CUTOFF * rate)
     drop = max(2 * settling(position_cutoff, rate), filtering.MARGIN)  # twice, for the accelerations
     needed = 2 * (drop + settling(cutoff, rate)) + decimation

@@ -27,7 +27,6 @@ from .screening import STAMPS, screen
 if TYPE_CHECKING:
     from ...simulation.trajectory import Trajectory
 
-REST, PAUSE = 0.005, 0.2  # of a joint's range, to which rest is less; shortest rest that is cut off [s]
 GUESS = "guess"  # kind of the findings on what a log does not say
 TimeUnits = Literal["s", "ms", "us", "ns"]
 UNITS = {"rad": 1.0, "m": 1.0, "deg": np.pi / 180}
@@ -560,15 +559,17 @@ class Record(ReadOnlyArrays):
         q = median_filter(np.stack(known, axis=1), (5, 1), mode="nearest")  # without single spikes
         noise = np.median(np.abs(np.diff(known, append=q[-1:].T)), axis=1)
         span = np.ptp(q, axis=0)
-        still = np.maximum(REST * span, np.minimum(4 * noise, 10 * REST * span) + self.encoder_step)
+        least = thresholds.AT_REST * span
+        shaken = np.minimum(thresholds.NOISE_AT_REST * noise, thresholds.NOISIEST_REST * least)
+        still = np.maximum(least, shaken + self.encoder_step)
         start, end = (np.flatnonzero((np.abs(q - x) > still).any(axis=1)) for x in (q[0], q[-1]))
         if not len(start):
             raise ValueError(f"{self.name}: no joint moves")
         first, last = max(start[0] - 1, 0), min(end[-1] + 1, len(q) - 1)
         before, after = self.t[first] - self.t[0], self.t[-1] - self.t[last]
-        first, last = first * (before > PAUSE), last if after > PAUSE else len(q) - 1
+        first, last = first * (before > thresholds.PAUSE), last if after > thresholds.PAUSE else len(q) - 1
         part = self._part(slice(first, last + 1), self.joint_names)
-        cut = [f"{x:.4g} s at the {end}" for x, end in ((before, "start"), (after, "end")) if x > PAUSE]
+        cut = [f"{x:.4g} s at the {end}" for x, end in ((before, "start"), (after, "end")) if x > thresholds.PAUSE]
         part._tell(f"rest cut off: {', '.join(cut)}" * bool(cut), ())
         return part
 

@@ -167,7 +167,7 @@ def _check_gaps(found: Screened, t: Array, period: float, gap: Array) -> None:
         text = f"{found.after(after)}; the longest lasts {steps[gap].max():.4g} s"
         found.warning(None, "gap", text, "the record is cut there", after)
     usual = steps[np.abs(steps - period) < period / 2]
-    lost = np.flatnonzero((steps > thresholds.LONG_STEP * period + 3 * np.std(usual)) & ~gap)
+    lost = np.flatnonzero((steps > thresholds.LONG_STEP * period + thresholds.JITTER * np.std(usual)) & ~gap)
     if len(lost):
         missing = int((np.rint(steps[lost] / period) - 1).sum())
         text = f"{found.after(lost)}: {missing} in all"
@@ -177,8 +177,6 @@ def _check_gaps(found: Screened, t: Array, period: float, gap: Array) -> None:
 # Values
 
 NO_VELOCITY = "no finite velocity"
-NORMAL = 1.4826  # standard deviation of normal noise, per median of its magnitude
-ROUNDS = 5  # of fitting the step of an encoder
 
 
 def encoder_step(x: Array) -> float:
@@ -188,9 +186,10 @@ def encoder_step(x: Array) -> float:
     if len(steps) < thresholds.FEWEST_DIFFERENCES:
         return 0.0
     step = float(np.median(np.partition(steps, thresholds.FEWEST_DIFFERENCES - 1)[: thresholds.FEWEST_DIFFERENCES]))
-    near = np.sort(steps[steps < 5 * 1.5**ROUNDS * step])  # a round makes the step longer by half at most
-    for _ in range(ROUNDS):  # by least squares; it settles in a few rounds
-        small = near[near < 5 * step]
+    longest = thresholds.MULTIPLES * 1.5**thresholds.STEP_ROUNDS * step  # a round makes a step longer by half at most
+    near = np.sort(steps[steps < longest])
+    for _ in range(thresholds.STEP_ROUNDS):  # by least squares; it settles in a few rounds
+        small = near[near < thresholds.MULTIPLES * step]
         multiples = np.rint(small / step)
         if not multiples.any():
             return 0.0
@@ -232,7 +231,7 @@ def usual_deviation(x: Array, step: float) -> Array:
     blocks = deviation[: len(x) // count * count].reshape(count, -1)
     middle = slice((blocks.shape[1] - 1) // 2, blocks.shape[1] // 2 + 1)
     median = np.sort(blocks, axis=1)[:, middle].mean(axis=1)  # numpy.median takes five times as long
-    local = np.repeat(NORMAL * median, blocks.shape[1])
+    local = np.repeat(thresholds.NORMAL * median, blocks.shape[1])
     local = np.pad(local, (0, len(x) - len(local)), mode="edge")
     return np.asarray(np.maximum(local, max(float(np.percentile(deviation, thresholds.EXCEEDED)), step) / 2))
 
@@ -242,7 +241,7 @@ def spikes(x: Array, usual: Array) -> Array:
     found = np.zeros(len(x), dtype=bool)
     for length in range(1, thresholds.LONGEST_SPIKE + 1):
         deviation, allowed = deviations(x, length)
-        bound = thresholds.SPIKE * usual[2 : 2 + len(allowed)] + allowed + np.abs(x).max() * 1e-12
+        bound = thresholds.SPIKE * usual[2 : 2 + len(allowed)] + allowed + np.abs(x).max() * thresholds.ROUNDED_SPIKE
         for k in np.flatnonzero(deviation > bound) + 2:
             found[k : k + length] = True
     return found
@@ -269,7 +268,7 @@ def clipped(x: Array, step: float, moving: Array, spike: Array) -> Array:
         top = y[~spike].max()
         peak = np.zeros(len(x), dtype=bool)
         for width in sorted(widths, reverse=True):
-            near, below = (y >= top - width) & ~spike, (y < top - width) & (y >= top - 3 * width)
+            near, below = (y >= top - width) & ~spike, (y < top - width) & (y >= top - thresholds.CROWDED_OVER * width)
             count = int((near & moving).sum())
             crowd = thresholds.CROWDED * (1 + (below & moving).sum())
             if count < thresholds.CLIPPED or count <= crowd or count < thresholds.MOST * peak.sum():
@@ -408,7 +407,7 @@ def _check_unit_of_times(found: Screened, t: Array, q: Array, qd: Array | None) 
 def _usable_torques(found: Screened, q: Array, tau: Array, steps: Array, spike: Array) -> Array:
     """False where a torque does not follow the motion: constant channels and torques at their limit."""
     usable = np.ones(tau.shape, dtype=bool)
-    moved = np.abs(np.gradient(q, axis=0))
+    moved, over = np.abs(np.gradient(q, axis=0)), np.ones(thresholds.MOVING_OVER) / thresholds.MOVING_OVER
     for j, x in enumerate(tau.T):
         if np.ptp(x) <= max(thresholds.NOTHING * np.abs(x).max(), thresholds.SILENT):
             never = found.tau is not None and not np.isfinite(found.tau[:, j]).any()
@@ -417,7 +416,7 @@ def _usable_torques(found: Screened, q: Array, tau: Array, steps: Array, spike: 
             usable[:, j] = False
             continue
         usual = np.sqrt(np.mean(moved[:, j] ** 2))
-        moving = np.convolve(moved[:, j], np.ones(9) / 9, "same") > thresholds.IN_MOTION * usual
+        moving = np.convolve(moved[:, j], over, "same") > thresholds.IN_MOTION * usual
         samples = np.flatnonzero(clipped(x, steps[j], moving, spike[:, j]))
         if len(samples):
             usable[samples, j] = False

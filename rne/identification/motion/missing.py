@@ -69,7 +69,8 @@ def missing_effects(problem: OutputError, z: Array, noise: Array) -> tuple[Cause
 def _judged(effect: Effect, unknowns: Unknowns, J: Array, Q: Array, r: Array, inflation: float) -> Cause | None:
     """The effect as a cause, if it explains enough, with its likely size of each joint."""
     apart = J - Q @ (Q.T @ J)
-    is_apart = np.linalg.norm(apart, axis=0) > 1e-6 * np.maximum(np.linalg.norm(J, axis=0), 1e-300)
+    least = thresholds.APART_FROM_OTHERS * np.maximum(np.linalg.norm(J, axis=0), thresholds.TINY)
+    is_apart = np.linalg.norm(apart, axis=0) > least
     if not is_apart.any():
         return None
     size = np.zeros(J.shape[1])
