@@ -24,7 +24,6 @@ from ..model.topology import end_link
 from .scene_dynamics import Bodies, SceneDynamics
 from .scene_numbers import BODIES, unknown
 
-PAYLOAD = ("mass", "com x", "com y", "com z", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 DRIVEN = ("inverse_dynamics", "forward_dynamics")  # with friction and springs, as those of a scene
 WITHOUT_GRAVITY = ("mass_matrix", "coriolis_torque", "coriolis_matrix", "kinetic_energy", "momentum")
 PARTS: dict[str, tuple[str, ...]] = dict.fromkeys(DRIVEN, ("friction.", "springs["))
