@@ -17,6 +17,8 @@ import numpy as np
 import pytest
 
 import rne
+from rne.__main__ import main
+from rne.basics.marks import is_marked
 from rne.kernels.exports.fmu import this_machine
 from rne.simulation.fmu_model import SceneUnit
 from rne.simulation.named_numbers import NamedNumbers
@@ -277,7 +279,7 @@ def shifted(variables):
 @pytest.mark.parametrize("mutant", ["swapped", "shifted", "axes", "missing"])
 def test_mutants_are_found(tmp_path, monkeypatch, mutant):
     """Swapped indices of derivatives, value references off by one, a payload in other axes, dependencies left out."""
-    scene = rne.Scene(small())
+    scene = rne.Scene(small(), friction=rne.Friction(viscous=2.0))
     if mutant == "axes":
         model = scene.robot.model
         quarter = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
@@ -330,6 +332,21 @@ def test_without_a_compiler_there_are_sources_alone(tmp_path, monkeypatch, caplo
     assert "no binaries for x86_64-linux, x86_64-windows, x86_64-darwin, which the extra `fmu` builds" in caplog.text
     with pytest.raises(ImportError, match="no binaries for x86_64-linux"):
         scene.to_fmu(tmp_path / "a.fmu", derivatives=False, platforms=["x86_64-linux"])
+
+
+def test_the_command_writes_a_unit_and_replaces_its_own_alone(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("rne.kernels.exports.fmu.binaries", lambda source, name, asked, must: {})
+    robot, path = tmp_path / "arm.urdf", tmp_path / "arm.fmu"
+    robot.write_text(rne.to_urdf(small().model), encoding="utf-8")
+    assert main(["export", str(robot), str(path), "--fmi", "3.0", "--payload-at", "link_2"]) == 0
+    assert is_marked(path)
+    assert "arm.fmu: FMI 3.0, sources alone" in capsys.readouterr().out
+    with zipfile.ZipFile(path) as archive:
+        assert "payload.mass" in archive.read("modelDescription.xml").decode()
+    path.write_bytes(b"a file of others")
+    assert main(["export", str(robot), str(path)]) != 0
+    assert "arm.fmu" in capsys.readouterr().err
+    assert path.read_bytes() == b"a file of others"
 
 
 @needs_fmpy
