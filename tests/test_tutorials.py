@@ -26,6 +26,7 @@ USES = {  # what in a script shows that it needs an extra
     "ros": "from rosbags",
     "lerobot": "import pyarrow",
     "gymnasium": r"rne\.environments",
+    "fmu": r"\.to_fmu\(",
 }
 
 
