@@ -533,7 +533,7 @@ class Record(ReadOnlyArrays):
         """The record without rest at its start and end.
 
         Rest lasts more than 0.2 s, until a joint leaves its position by half a per cent of its range, or by more
-        than noise.
+        than noise, and without torques until a command does.
 
         Returns
         -------
@@ -554,14 +554,15 @@ class Record(ReadOnlyArrays):
         """
         from scipy.ndimage import median_filter
 
-        pairs, rows = zip(self.q.T, np.isfinite(self.q.T), strict=True), np.arange(len(self.q))
+        x = self.q if self.tau is not None or self.command is None else np.hstack([self.q, self.command])
+        pairs, rows = zip(x.T, np.isfinite(x.T), strict=True), np.arange(len(x))
         known = [np.interp(rows, rows[told], x[told]) if told.any() else 0.0 * rows for x, told in pairs]
         q = median_filter(np.stack(known, axis=1), (5, 1), mode="nearest")  # without single spikes
         noise = np.median(np.abs(np.diff(known, append=q[-1:].T)), axis=1)
         span = np.ptp(q, axis=0)
         least = thresholds.AT_REST * span
         shaken = np.minimum(thresholds.NOISE_AT_REST * noise, thresholds.NOISIEST_REST * least)
-        still = np.maximum(least, shaken + self.encoder_step)
+        still = np.maximum(least, shaken + np.pad(self.encoder_step, (0, x.shape[1] - self.n)))
         start, end = (np.flatnonzero((np.abs(q - x) > still).any(axis=1)) for x in (q[0], q[-1]))
         if not len(start):
             raise ValueError(f"{self.name}: no joint moves")
