@@ -17,6 +17,7 @@ from ...basics.arrays import positive_number, whole_number
 from ...basics.inertia import PARAMETERS
 from ...basics.spatial import Array
 from ...basics.text import InNotebooks, Row, aligned, counted, listed, short
+from ...control import PID
 from ...simulation.scene import Scene
 from .. import thresholds
 from ..diagnosis.hypotheses import Cause
@@ -414,7 +415,7 @@ def kinds() -> Kinds:
     from ..result import kinds as of_identifications
 
     def record(**fields: Any) -> Record:
-        return Record(fields.pop("t"), fields.pop("q"), **fields)
+        return Record(fields.pop("t"), fields.pop("q"), joint_names=fields.pop("_given_names"), **fields)
 
     def friction(numbers: dict[str, Any]) -> Friction:
         return Friction(**numbers | {"smoothing": float(numbers["smoothing"])})
@@ -425,7 +426,7 @@ def kinds() -> Kinds:
     plain = MotionFit, Certainty, Unknowns, Unknown, Shot, Scene, Payload, ElasticJoints, Friction, PD, PID, Servo
     found: Kinds = of_identifications() | {kind: (names_of(kind), kind) for kind in plain}
     found[Friction] = (("numbers",), friction)  # directions that follow the other have none
-    found[Record] = (("t", "q", "qd", "command", "command_rate", "command_hold", "name", "joint_names"), record)
+    found[Record] = (("t", "q", "qd", "command", "command_rate", "command_hold", "name", "_given_names"), record)
     return found | {OutputError: (("unknowns", "records", "shots", "sigma", "step"), problem)}
 
 
@@ -562,6 +563,8 @@ def check_records(scene: Scene, records: Sequence[Record]) -> None:
         raise TypeError(f"`scene` must be an rne.Scene, got {type(scene).__name__}")
     if not hasattr(scene.controller, "reference") or not getattr(scene.controller, "traceable", False):
         raise ValueError("`scene` must have a controller with a `reference`, such as rne.control.pd or servo")
+    if isinstance(scene.controller, PID):
+        raise ValueError("`scene` has a PID controller, whose reference is constant: take rne.control.pd or servo")
     if not records:
         raise ValueError("`records` must have one record at least")
     for record in records:

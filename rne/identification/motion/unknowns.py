@@ -134,6 +134,8 @@ def unknowns_of(
             if name not in every:
                 hint = did_you_mean(str(name), every)
                 raise KeyError(f"`{argument}` must name some of {', '.join(every)}; got {name!r}{hint}")
+    if DELAY in names and scene.sample_time is not None:
+        raise ValueError(f"`wrt`: the law is sampled, so that the delay of its commands is 'delay', not {DELAY!r}")
     if lost := [name for name in (*start, *priors) if name not in names]:
         raise ValueError(f"`start` and `priors` must be of what is fitted, which {lost[0]!r} is not: name it in `wrt`")
     numbers = dict(known) | _outside(scene) | {k: _shaped(k, x, scene, "start") for k, x in start.items()}
