@@ -271,6 +271,7 @@ STARTS = 6  # likeliest changes of a body from which such a fit starts; MODELS
 GAP_OF_COMMANDS = 5.5  # sample times: a longer pause ends a shot
 STARTS_OF_SHOTS = 10.0  # standard deviations of the measured positions, by which one may start elsewhere
 SMALLEST_INFORMATION = 1e-14  # relative to the largest: below it a direction is rounding
+BESIDE_PRIOR = 1e3  # spread of what is known by a prior, over the prior; numerics
 BY_SPREAD = 1.1  # by how much errors may grow if ten times the spread is allowed for
 ALIKE_OF_MOTIONS = 0.9  # correlation of numbers that cannot be told apart
 SCALED_OF_MOTIONS = 1e3  # information on the scale of all torques over that of its spread: less is none

@@ -554,7 +554,11 @@ def how_sure(problem: OutputError, z: Array) -> Certainty:
         wide = np.zeros((*J.shape[:2], len(z)))
         wide[..., :P], wide[..., P + width * s : P + width * (s + 1)] = J[..., :P], J[..., P:]
         parts.append(((q - shot.q) / problem.sigma, wide / problem.sigma[:, None]))
-    return certainty(parts, problem.spread, P)
+    sure, known = certainty(parts, problem.spread, P), np.zeros(len(z))
+    for part in problem.unknowns.parts:  # what is known counts as measured
+        known[problem.unknowns.places[part.name]] = 0.0 if part.prior is None else part.prior**-2
+    added, spread = np.diag(known), np.where(known > 0, thresholds.BESIDE_PRIOR * sure.spread, sure.spread)
+    return Certainty(sure.information + added, sure.score + added, spread, P)
 
 
 def check_records(scene: Scene, records: Sequence[Record]) -> None:

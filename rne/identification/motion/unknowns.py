@@ -42,6 +42,7 @@ class Unknown:
     start: Array  # (k,)
     spread: Array  # (k,), standard deviations of x that are allowed for
     is_log: Array  # (k,)
+    prior: Array | None = None  # (k,), standard deviations of x that are known, which `spread` has then
 
     def value(self, x: Array) -> Array:
         """The quantity at x, (k,)."""
@@ -245,4 +246,5 @@ def _under_prior(part: Unknown, std: ArrayLike) -> Unknown:
         given = np.broadcast_to(given, part.number.shape).reshape(-1) @ part.directions
     if not (given > 0).all():
         raise ValueError(f"`priors[{part.name!r}]` must be positive, got {given.min()}")
-    return replace(part, spread=np.where(part.is_log, given / np.exp(part.start), given))
+    known = np.where(part.is_log, given / np.exp(part.start), given)
+    return replace(part, spread=known, prior=known)
