@@ -14,6 +14,7 @@ from benchmarks import (
     identification_tables,
     import_time,
     motion_derivatives,
+    motion_fit_peers,
     regressor,
     weight,
 )
@@ -34,7 +35,10 @@ from benchmarks.peers import Point
 from .helpers import ROOT, kept
 
 FURTHER = ("validation", "kernels", "lagrange", "simulation", "regressor", "engines", "derivatives", "elsewhere")
-BENCHMARKS = ["benchmarks", *(f"benchmarks.{name}" for name in (*FURTHER, "scene_costs", "motion_derivatives"))]
+BENCHMARKS = [
+    "benchmarks",
+    *(f"benchmarks.{name}" for name in (*FURTHER, "scene_costs", "motion_derivatives", "motion_fit_peers")),
+]
 WITHOUT_NUMBA = (
     "import runpy, sys; sys.modules['numba'] = None; runpy.run_module({!r}, run_name='__main__', alter_sys=True)"
 )
@@ -140,6 +144,13 @@ def test_tables_of_derivatives_of_motions_are_those_of_the_last_run():
     """After a new run: python -m benchmarks.motion_derivatives."""
     text = motion_derivatives.PAGE.read_text(encoding="utf-8")
     assert filled(text, motion_derivatives.tables(engines.read("motion_derivatives.json"))) == text
+
+
+def test_tables_of_fits_beside_rollouts_are_those_of_the_last_run():
+    """After a new run: python -m benchmarks.motion_fit_peers."""
+    text, found = motion_fit_peers.PAGE.read_text(encoding="utf-8"), engines.read("motion_fit_peers.json")
+    assert filled(text, motion_fit_peers.tables(found)) == text
+    assert found["beside"]["deviations"]["RK4"] < 1e-3  # standard errors
 
 
 def test_batches_are_compared_with_batches_and_single_calls_with_single_calls():
