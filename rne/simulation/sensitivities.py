@@ -221,15 +221,19 @@ class Forwards:
 
     def _by_pieces(self, J: Array, row: Array, width: int) -> tuple[Array, Array]:
         """J with derivatives by directions of pieces in place of those by the pieces, its last columns; their seeds."""
-        of_pieces, first = self.columns.of_pieces, J.shape[-1] - width
+        of_pieces, first, at = self.columns.of_pieces, J.shape[-1] - width, 0
         seeds = np.concatenate([seeds for seeds, _ in of_pieces])
-        found = np.zeros((*J.shape[:-1], first + len(seeds)))
-        found[..., :first] = J[..., :first]
+        found = np.zeros((*J.shape[:-1], len(seeds)))
         for _, array in of_pieces:
             for i, k in np.argwhere(array.any(axis=0)):
-                found[..., first + k] += J[..., i - width] * array[row, i, k][..., None]
-            first += array.shape[2]
-        return found, seeds
+                slopes = array[:, i, k]
+                factor = slopes[0] if (slopes == slopes[0]).all() else slopes[row][..., None]
+                found[..., at + k] += J[..., i - width] * factor
+            at += array.shape[2]
+        if at > width:
+            return np.concatenate([J[..., :first], found], axis=-1), seeds
+        J[..., first : first + at] = found  # no copy of the others
+        return J, np.append(seeds, np.full(width - at, -1))
 
     def jump(self, t: Array, x: Array, old: Array, new: Array) -> Array:
         """dx/dt before a command begins to act, less that after it."""
