@@ -29,6 +29,7 @@ SCALE, OFFSET = "command.scale", "command.offset"
 OF_COMMANDS = SHIFT, SCALE, OFFSET
 TABLE = tableau(FIXED)._replace(C=np.concatenate([tableau(FIXED).C, [1.0], tableau(FIXED).C2]))
 Command = tuple[float, Array, Array]  # a law follows scale * command + offset (n,), after a delay [s]
+NEAR = 1e-6  # of a sample time
 FOREVER = 1e6  # for so long the first and the last command hold [s]
 
 
@@ -109,6 +110,10 @@ class CommandedMotion:
         if self.frozen.law is None:
             group.tables = table[None]
         else:
+            period = self.frozen.period  # a command that comes with a sample, but for rounding, is read by it
+            whole = np.round(table[:, :2] / period) * period
+            is_near = np.abs(table[:, :2] - whole) < NEAR * period
+            table[:, :2] = np.where(is_near, whole, table[:, :2])
             group.law_tables = table[None]
         return group
 

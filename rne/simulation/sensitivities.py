@@ -103,7 +103,7 @@ class Columns:
             self.samples = int(self._add(name, sizes[name])[0])
         self.made |= {name: [] for name in directions}
         places |= {name: self._add(name, array.shape[2]) for name, array in directions.items()}
-        self.delay = int(places[SHIFT][0]) if SHIFT in directions else self.delay
+        self.delay = int(places[SHIFT][0]) if SHIFT in directions and law is None else self.delay
         held = 2 + frozen.given.n  # entries of a piece that is constant, in which its times do not show
         given = [(name, places.pop(name), array) for name, array in directions.items()]
         self.of_pieces = [(seeds, x) for name, seeds, x in given if name != SHIFT or x.shape[1] > held]

@@ -45,12 +45,15 @@ class Certainty(ReadOnlyArrays):
         Standard deviations that were allowed for.
     count : int
         The first P of Z are what is asked for.
+    given : ndarray of bool, shape (Z,)
+        True where the spread is what is known, and not what the fit allows for.
     """
 
     information: Array
     score: Array
     spread: Array
     count: int
+    given: Array
 
     @cached_property
     def covariance(self) -> Array:
@@ -58,7 +61,7 @@ class Certainty(ReadOnlyArrays):
         return self._covariance(1.0)
 
     def _covariance(self, looser: float) -> Array:
-        prior = np.diag(1 / (looser * self.spread) ** 2)
+        prior = np.diag(1 / (np.where(self.given, 1.0, looser) * self.spread) ** 2)
         scale = 1 / np.sqrt(np.diag(self.information + prior))
         H = scale[:, None] * (self.information + prior) * scale
         w, V = np.linalg.eigh(H)
@@ -102,7 +105,9 @@ class Certainty(ReadOnlyArrays):
         """The direction of x in which all torques are scaled together, (P,), if motions do not change along it."""
         like = np.array([x.rpartition(".")[2] in TORQUE_LIKE or x == "friction.offset" for x in names], bool)
         v = np.where(like, np.where(is_log, 1.0, values), 0.0)
-        own, spread = self.information[: self.count, : self.count], self.spread[: self.count]
+        P, spread = self.count, self.spread[: self.count]
+        own = self.information[:P, :P] + np.diag(self.given[:P] / spread**2)
+        spread = np.where(self.given[:P], np.inf, spread)
         if not v.any() or float(v @ own @ v) >= thresholds.SCALED_OF_MOTIONS * float(np.sum((v / spread) ** 2)):
             return None
         return np.asarray(v)
@@ -117,10 +122,10 @@ class Certainty(ReadOnlyArrays):
         v = np.zeros(len(self.spread))
         v[: self.count] = direction / self.spread[: self.count] ** 2
         added = np.outer(v, v) * 1e6 / max(float(v @ (self.spread**2 * v)), 1e-300)
-        return Certainty(self.information + added, self.score + added, self.spread, self.count)
+        return Certainty(self.information + added, self.score + added, self.spread, self.count, self.given)
 
 
-def certainty(parts: Sequence[tuple[Array, Array]], spread: Array, count: int) -> Certainty:
+def certainty(parts: Sequence[tuple[Array, Array]], spread: Array, count: int, given: Array) -> Certainty:
     """That of weighted residuals (T, n) of shots, NaN where not measured, and their derivatives (T, n, Z).
 
     Residuals of a joint are taken as stationary: S = sum of J_t^T c(t - s) J_s, c being their autocovariance, which is
@@ -141,7 +146,7 @@ def certainty(parts: Sequence[tuple[Array, Array]], spread: Array, count: int) -
             spectrum = np.fft.rfft(np.concatenate([kernel, np.zeros(2 * T - 2 * len(kernel) + 1), kernel[:0:-1]]))
             KJ = np.fft.irfft(spectrum[:, None] * np.fft.rfft(J, 2 * T, axis=0), 2 * T, axis=0)[:T]
             score += J.T @ KJ
-    return Certainty(information, (score + score.T) / 2, spread, count)
+    return Certainty(information, (score + score.T) / 2, spread, count, given)
 
 
 def autocovariance(series: Sequence[Array]) -> Array:

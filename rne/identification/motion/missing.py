@@ -56,18 +56,23 @@ def missing_effects(problem: OutputError, z: Array, noise: Array) -> tuple[Cause
     J, r = wider.slopes(z_all)[: -len(z_all)], wider.residuals(z_all)[: -len(z_all)]
     known = np.delete(np.arange(len(z_all)), np.arange(P, P_all))
     Q, _ = np.linalg.qr(J[:, known])
-    inflation = max(correlation_time([np.nan_to_num(column)]) for column in left.T)
+    least = float(np.min(noise / problem.sigma)) ** 2
     found = []
     for effect in EFFECTS:
         if effect.name not in unknowns.places or effect.name in problem.unknowns.places:
             continue
-        cause = _judged(effect, unknowns, J[:, unknowns.places[effect.name]], Q, r, inflation)
+        cause = _judged(effect, wider, J[:, unknowns.places[effect.name]], Q, r, least)
         found += [] if cause is None else [cause]
     return tuple(sorted(found, key=lambda cause: -cause.score))
 
 
-def _judged(effect: Effect, unknowns: Unknowns, J: Array, Q: Array, r: Array, inflation: float) -> Cause | None:
-    """The effect as a cause, if it explains enough, with its likely size of each joint."""
+def _judged(effect: Effect, wider: OutputError, J: Array, Q: Array, r: Array, least: float) -> Cause | None:
+    """The effect as a cause, if it explains enough, with its likely size of each joint.
+
+    The gain is compared with what chance gives: the variance of what is then left, at least that of the resolution,
+    times its correlation time.
+    """
+    unknowns = wider.unknowns
     apart = J - Q @ (Q.T @ J)
     least = thresholds.APART_FROM_OTHERS * np.maximum(np.linalg.norm(J, axis=0), thresholds.TINY)
     is_apart = np.linalg.norm(apart, axis=0) > least
@@ -77,8 +82,10 @@ def _judged(effect: Effect, unknowns: Unknowns, J: Array, Q: Array, r: Array, in
     size[is_apart] = -np.linalg.lstsq(apart[:, is_apart], r, rcond=None)[0]
     if effect.is_positive:
         size = np.maximum(size, 0.0)
-    gain = float(r @ r - (r + apart @ size) @ (r + apart @ size))
-    score, share = gain / (inflation * is_apart.sum()), gain / float(r @ r)
+    rest = r + apart @ size
+    gain = float(r @ r - rest @ rest)
+    chance = max(float(np.mean(rest**2)), least) * max(correlation_time(wider.series(rest, j)) for j in range(wider.n))
+    score, share = gain / (chance * is_apart.sum()), gain / float(r @ r)
     if score < thresholds.SCORE or share < thresholds.PART_EXPLAINED:
         return None
     part = unknowns.parts[[p.name for p in unknowns.parts].index(effect.name)]
@@ -87,7 +94,7 @@ def _judged(effect: Effect, unknowns: Unknowns, J: Array, Q: Array, r: Array, in
     of = ", ".join(f"{x:.3g} on {short(name)}" for x, name in zip(size, names, strict=True) if x) or f"{size[0]:.3g}"
     what = f"{effect.text} is not in the model ({part.name} {of} {part.unit})".replace(" )", ")")
     text = f"{what}: it would explain {100 * share:.0f} % of the residual's squares"
-    error = float(np.sqrt(inflation / max(float((apart[:, is_apart] ** 2).sum(axis=0).max()), 1e-300)))
+    error = float(np.sqrt(chance / max(float((apart[:, is_apart] ** 2).sum(axis=0).max()), 1e-300)))
     return Cause(effect.name, tuple(names), text, score, float(size[np.argmax(np.abs(size))]), error, numbers=len(size))
 
 

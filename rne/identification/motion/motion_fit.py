@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass, is_dataclass, replace
+from functools import cached_property, partial
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,13 +19,14 @@ from ...basics.spatial import Array
 from ...basics.text import InNotebooks, Row, aligned, counted, listed, short
 from ...control import PID
 from ...simulation.scene import Scene
+from ...trajectories import sampled
 from .. import thresholds
 from ..diagnosis.hypotheses import Cause
 from ..fit.consistent import consistent_fit, model_prior
 from ..log.record import Record
 from .certainty import Certainty, certainty, correlation_time
 from .missing import missing_effects, mistaken_columns
-from .output_error import OutputError, Shot, columns_for, commands, joint_units, shots_of
+from .output_error import OutputError, Shot, columns_for, commands, joint_units, shots_of, states_of
 from .solver import MotionSolver, fitted_starts, validation_errors
 from .unknowns import Unknown, Unknowns, regrouped, rotors, unknowns_of
 
@@ -119,7 +120,8 @@ class MotionFit(InNotebooks):
     def explained(self) -> Array:
         """True for joints whose residual is no more than the resolution of their positions explains."""
         loud = self.rms > thresholds.ABOVE_RESOLUTION * self.resolution
-        return np.asarray(~(loud & (self._correlated > thresholds.WHITE)))
+        far = self.rms > thresholds.FAR_ABOVE_RESOLUTION * self.resolution
+        return np.asarray(~(far | (loud & (self._correlated > thresholds.WHITE))))
 
     @cached_property
     def alike(self) -> tuple[str, ...]:
@@ -166,7 +168,8 @@ class MotionFit(InNotebooks):
         Returns
         -------
         Scene
-            With the controller as it was given, whose reference is not that of a record.
+            With the controller as it was given, whose reference is not that of a record, and without what was found of
+            commands and sensors, which `numbers` has.
 
         Raises
         ------
@@ -229,7 +232,7 @@ class MotionFit(InNotebooks):
         return to_urdf(replace(model, notes=notes, **drives))
 
     def predict(self, record: Record, *, std: bool = False) -> Any:
-        """Positions that a record's commands lead to, from its start, which its positions give.
+        """Positions that a record's commands lead to, from starts that fit the record's positions best.
 
         Parameters
         ----------
@@ -293,7 +296,11 @@ class MotionFit(InNotebooks):
                 Row(f"  {short(name)}", (f"{rms:.3g}", f"{least:.3g}", "-" if np.isnan(held) else f"{held:.3g}", unit))
             )
         likely = [f"likely cause: {cause.text}" for cause in self.causes[: thresholds.NAMED]]
-        return "\n".join([self.verdict, *self.alike, *likely, *aligned(rows), *aligned(joints), self.message])
+        out = self.problem.unknowns.left_out
+        unused = [f"not fitted, as they are zero: {listed(out)}"] * bool(out)
+        rates = any(record.command_rate is not None for record in self.problem.records)
+        unused += ["`command_rate` is not used: the controller follows positions"] * rates
+        return "\n".join([self.verdict, *self.alike, *likely, *unused, *aligned(rows), *aligned(joints), self.message])
 
     def __repr__(self) -> str:
         numbers, records = counted(len(self.names), "number"), counted(len(self.problem.records), "record")
@@ -349,6 +356,7 @@ class MotionFit(InNotebooks):
         measured, units = record.q[:, columns_for(self.initial, record)], joint_units(self.initial)
         how: dict[str, Any] = {"joint_names": self.initial.resolved.robot.joint_names, "units": units}
         title = f"Positions of {record.name}"
+        how["valid"] = np.isfinite(measured - predicted) & np.isfinite(qd)
         return prediction_plot(record.t, measured, predicted, qd, std=std, title=title, **how)
 
     def save(self, path: str | PathLike[str]) -> Path:
@@ -367,7 +375,7 @@ class MotionFit(InNotebooks):
         Raises
         ------
         TypeError
-            If the controller is none of `rne.control`.
+            If the controller or another part of the scene is of a class that is not of this package.
 
         Examples
         --------
@@ -396,7 +404,7 @@ class MotionFit(InNotebooks):
 
         Examples
         --------
-        >>> found = rne.MotionFit.load("fit.npz")  # doctest: +SKIP
+        >>> found = rne.identification.MotionFit.load("fit.npz")  # doctest: +SKIP
         """
         found: MotionFit = read(path, kinds(), cls, VERSION, cls.report)
         return found
@@ -408,14 +416,15 @@ ROUNDING = 1 / np.sqrt(12)  # standard deviation of a uniform error of one step
 
 def kinds() -> Kinds:
     """The classes that a saved fit is made of, with their fields."""
-    from ...control import PD, PID, Servo
+    from ... import control
     from ...simulation.elastic_joints import ElasticJoints
     from ...simulation.friction import Friction
     from ...simulation.scene import Payload
     from ..result import kinds as of_identifications
 
     def record(**fields: Any) -> Record:
-        return Record(fields.pop("t"), fields.pop("q"), joint_names=fields.pop("_given_names"), **fields)
+        names = fields.pop("_given_names", None)
+        return Record(fields.pop("t"), fields.pop("q"), joint_names=names, stamps="sampled", **fields)
 
     def friction(numbers: dict[str, Any]) -> Friction:
         return Friction(**numbers | {"smoothing": float(numbers["smoothing"])})
@@ -423,8 +432,9 @@ def kinds() -> Kinds:
     def problem(unknowns: Unknowns, records: Any, shots: Any, sigma: Array, step: float) -> OutputError:
         return OutputError(unknowns, records, shots, sigma, step)
 
-    plain = MotionFit, Certainty, Unknowns, Unknown, Shot, Scene, Payload, ElasticJoints, Friction, PD, PID, Servo
-    found: Kinds = of_identifications() | {kind: (names_of(kind), kind) for kind in plain}
+    plain = MotionFit, Certainty, Unknowns, Unknown, Shot, Scene, Payload, ElasticJoints, Friction
+    laws = [x for x in map(partial(getattr, control), control.__all__) if isinstance(x, type) and is_dataclass(x)]
+    found: Kinds = of_identifications() | {kind: (names_of(kind), kind) for kind in (*plain, *laws)}
     found[Friction] = (("numbers",), friction)  # directions that follow the other have none
     found[Record] = (("t", "q", "qd", "command", "command_rate", "command_hold", "name", "_given_names"), record)
     return found | {OutputError: (("unknowns", "records", "shots", "sigma", "step"), problem)}
@@ -522,9 +532,6 @@ def identify_motion(
     noise = np.where(least > 0, least, thresholds.LEAST_OF_RANGE * np.maximum(spans, thresholds.LEAST_OF_RANGE))
     length = None if shot is None else positive_number("shot", shot)
     shots = shots_of(scene, given, length, noise)
-    if len(shots) < folds:
-        total = sum(s.t[-1] - s.t[0] for s in shots)
-        shots = shots_of(scene, given, total / folds, noise)
     longest = 1.0 if step is None else positive_number("step", step)
     problem = OutputError(unknowns, given, tuple(shots), np.maximum(noise, thresholds.OF_RANGE * spans), longest)
     solver = MotionSolver(problem, noise, step is None, robust, progress)
@@ -554,21 +561,26 @@ def how_sure(problem: OutputError, z: Array) -> Certainty:
         wide = np.zeros((*J.shape[:2], len(z)))
         wide[..., :P], wide[..., P + width * s : P + width * (s + 1)] = J[..., :P], J[..., P:]
         parts.append(((q - shot.q) / problem.sigma, wide / problem.sigma[:, None]))
-    sure, known = certainty(parts, problem.spread, P), np.zeros(len(z))
-    for part in problem.unknowns.parts:  # what is known counts as measured
-        known[problem.unknowns.places[part.name]] = 0.0 if part.prior is None else part.prior**-2
-    added, spread = np.diag(known), np.where(known > 0, thresholds.BESIDE_PRIOR * sure.spread, sure.spread)
-    return Certainty(sure.information + added, sure.score + added, spread, P)
+    given = np.append(problem.unknowns.is_given, np.zeros(len(z) - P, bool))
+    return certainty(parts, problem.spread, P, given)
 
 
 def check_records(scene: Scene, records: Sequence[Record]) -> None:
     """Raise an error for a scene without a law that follows, or records without commands."""
     if not isinstance(scene, Scene):
         raise TypeError(f"`scene` must be an rne.Scene, got {type(scene).__name__}")
-    if not hasattr(scene.controller, "reference") or not getattr(scene.controller, "traceable", False):
-        raise ValueError("`scene` must have a controller with a `reference`, such as rne.control.pd or servo")
-    if isinstance(scene.controller, PID):
+    law, n = scene.controller, scene.n
+    if isinstance(law, PID):
         raise ValueError("`scene` has a PID controller, whose reference is constant: take rne.control.pd or servo")
+    if not (is_dataclass(law) and hasattr(law, "reference") and getattr(law, "traceable", False)):
+        wanted = "a dataclass with a `reference` and `traceable = True`, such as rne.control.pd or servo"
+        raise ValueError(f"the controller of `scene` must be {wanted}, got {type(law).__name__}")
+    states = [np.zeros(states_of(scene))] * (states_of(scene) > 0)
+    try:
+        moving: Any = replace(law, reference=sampled([0.0, 1.0], np.zeros((2, n))))  # type: ignore[type-var]
+        moving(0.0, np.zeros(n), np.zeros(n), *states)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"the controller of `scene` follows no reference that moves: {error}") from None
     if not records:
         raise ValueError("`records` must have one record at least")
     for record in records:

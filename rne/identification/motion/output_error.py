@@ -39,7 +39,7 @@ class Shot:
 def columns_for(scene: Scene, record: Record) -> list[int]:
     """The joints of a record that are those of the scene, in its order."""
     names = scene.resolved.robot.joint_names
-    if record._given_names is not None:
+    if record._is_of(names):
         if lost := [name for name in names if name not in record.joint_names]:
             has = f"not in the record, which has {', '.join(record.joint_names)}"
             raise ValueError(f"{record.name}: joint {lost[0]!r} of the scene is {has}")
@@ -56,6 +56,11 @@ def commands(scene: Scene, record: Record) -> Array:
     return np.asarray(record.command[:, columns_for(scene, record)])
 
 
+def states_of(scene: Scene) -> int:
+    """Number of states of the controller."""
+    return int(getattr(scene.controller, "states", 0))
+
+
 def shots_of(scene: Scene, records: Sequence[Record], length: float | None, noise: Array) -> list[Shot]:
     """Shots of records, none longer than a length, cut where samples are missing."""
     found = []
@@ -68,6 +73,12 @@ def shots_of(scene: Scene, records: Sequence[Record], length: float | None, nois
             for part in np.array_split(rows, parts):
                 if len(part) >= FIRST:
                     found.append(_shot(k, record.t[part], q[part], noise))
+    memory = "elastic joints" if scene.elastic else "the states of the controller" if states_of(scene) else ""
+    memory = "a sampled controller" if scene.sample_time is not None else memory
+    if memory and len({shot.record for shot in found}) < len(found):
+        raise ValueError(
+            f"with {memory} a motion cannot start in its midst: leave `shot` out, give records without gaps"
+        )
     if not found:
         raise IdentificationError(f"no part of the records has {FIRST} samples in a row")
     return found
@@ -165,6 +176,21 @@ class OutputError:
             rows.append(((q - shot.q) / self.sigma)[np.isfinite(shot.q)])
         return np.concatenate([*rows, (z - self.first) / self.spread])
 
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return self.unknowns.scene.n
+
+    def series(self, rows: Array, joint: int) -> list[Array]:
+        """Of residuals without those of z, the ones of a joint in each shot, 0 where nothing was measured."""
+        found, first = [], 0
+        for shot in self.shots:
+            mask = np.isfinite(shot.q)
+            block, count = np.zeros(shot.q.shape), int(mask.sum())
+            block[mask], first = rows[first : first + count], first + count
+            found.append(block[:, joint])
+        return found
+
     @cached_property
     def count(self) -> int:
         """Number of residuals."""
@@ -191,7 +217,9 @@ class OutputError:
         x, starts = self.parts(z)
         numbers, unknowns = self.unknowns.numbers(x), self.unknowns
         own, command, factor = self._vectors(numbers), unknowns.command(numbers), unknowns.slopes(x)
-        inner = np.concatenate([np.arange(len(x))[unknowns.places[name]] for name in unknowns.directions])
+        inner = np.concatenate(
+            [np.zeros(0, int), *(np.arange(len(x))[unknowns.places[k]] for k in unknowns.directions)]
+        )
         n, found = unknowns.scene.n, []
         for motion, start in zip(self.motions, starts, strict=True):
             q, along = motion.derivatives(own, command, start)

@@ -11,8 +11,10 @@ import numpy as np
 from ...basics.spatial import Array
 from ...errors import IdentificationError
 from .. import thresholds
-from .output_error import OutputError
+from .output_error import OutputError, shots_of
 from .unknowns import DELAY
+
+MEDIAN = 0.6745  # of the absolute value of a standard normal number
 
 
 class MotionSolver:
@@ -113,7 +115,9 @@ class MotionSolver:
         z, problem = self.z, self.problem
         for _ in range(thresholds.ROUNDS):
             before = problem.sigma
-            rms = np.sqrt(np.nanmean(problem.misfits(z) ** 2, axis=0))
+            left = problem.misfits(z)
+            rms = np.sqrt(np.nanmean(left**2, axis=0))
+            rms = np.nanmedian(np.abs(left), axis=0) / MEDIAN if self.robust else rms
             problem = replace(self._stepped(problem, z), sigma=np.maximum(rms, self.noise), told=self._tell)
             solution = self.solved(problem, z, thresholds.MANY_STEPS)
             z, self.message = solution.x, solution.message
@@ -153,16 +157,22 @@ def fitted_starts(problem: OutputError, x: Array) -> Array:
 
 
 def validation_errors(solver: MotionSolver, folds: int) -> Array:
-    """Root mean square of the residual of each joint on shots that were left out of a fit, fold by fold."""
-    problem, z = solver.problem, solver.z
-    P, width = len(problem.unknowns.labels), 2 * problem.unknowns.scene.n
-    total, count = np.zeros(problem.unknowns.scene.n), np.zeros(problem.unknowns.scene.n)
-    starts = z[P:].reshape(len(problem.shots), width)
+    """Root mean square of the residual of each joint on parts of records left out of a fit, fold by fold."""
+    problem, P, n = solver.problem.at(told=None), len(solver.problem.unknowns.labels), solver.problem.unknowns.scene.n
+    shots = problem.shots
+    if len(shots) < folds:
+        total = sum(float(shot.t[-1] - shot.t[0]) for shot in shots)
+        shots = shots_of(problem.unknowns.scene, problem.records, total / folds, problem.sigma)
+    if len(shots) < folds:
+        raise ValueError(f"`folds` must be at most {len(shots)}, the parts that records can be cut into, got {folds}")
+    problem, total_square, count = problem.at(shots=tuple(shots)), np.zeros(n), np.zeros(n)
+    z = fitted_starts(problem, solver.z[:P])
+    starts = z[P:].reshape(len(shots), 2 * n)
     for fold in range(folds):
-        out = np.arange(len(problem.shots)) % folds == fold
-        fitted = problem.at(shots=[s for s, is_out in zip(problem.shots, out, strict=True) if not is_out])
-        left = problem.at(shots=[s for s, is_out in zip(problem.shots, out, strict=True) if is_out])
+        out = np.arange(len(shots)) % folds == fold
+        fitted = problem.at(shots=[shot for shot, is_out in zip(shots, out, strict=True) if not is_out])
+        left = problem.at(shots=[shot for shot, is_out in zip(shots, out, strict=True) if is_out])
         x = solver.solved(fitted, np.append(z[:P], starts[~out]), thresholds.MANY_STEPS).x[:P]
         misfits = left.misfits(fitted_starts(left, x))
-        total, count = total + np.nansum(misfits**2, axis=0), count + np.isfinite(misfits).sum(axis=0)
-    return np.asarray(np.sqrt(total / np.maximum(count, 1)))
+        total_square, count = total_square + np.nansum(misfits**2, axis=0), count + np.isfinite(misfits).sum(axis=0)
+    return np.asarray(np.sqrt(np.divide(total_square, count, out=np.full(n, np.nan), where=count > 0)))

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from ...basics.arrays import convert_numbers
 from ...basics.inertia import PARAMETERS, pseudo_inertia
 from ...basics.spatial import Array
-from ...basics.text import did_you_mean
+from ...basics.text import counted, did_you_mean
 from ...dynamics.base_inertial_parameters import BaseParameters
 from ...model.standard_parameters import DriveModel
 from ...robot import Robot
@@ -21,6 +21,14 @@ from ...simulation.scene import Scene
 
 DELAY, SCALE, OFFSET = OF_COMMANDS = CommandedMotion.NAMES
 SENSORS = SENSOR_SCALE, SENSOR_OFFSET = "sensor.scale", "sensor.offset"
+POSITION = "rad or m"
+UNITS = {DELAY: "s", SCALE: "1", OFFSET: POSITION, SENSOR_SCALE: "1", SENSOR_OFFSET: POSITION} | {
+    "kp": "N m/rad or N/m",
+    "kd": "N m s/rad or N s/m",
+    "dead_band": POSITION,
+    "stall_torque": "N m or N",
+    "no_load_speed": "rad/s or m/s",
+}
 OUTSIDE = OF_COMMANDS + SENSORS  # of the scene
 OF_ANY_SIGN = "offset", "stribeck_rise", "gravity", "pose"
 CONSTANT = "smoothing", "reference", "gravity", "payload", "torque_rate", "static"  # what "auto" leaves out
@@ -42,7 +50,7 @@ class Unknown:
     start: Array  # (k,)
     spread: Array  # (k,), standard deviations of x that are allowed for
     is_log: Array  # (k,)
-    prior: Array | None = None  # (k,), standard deviations of x that are known, which `spread` has then
+    is_given: bool = False  # True if the spread is what is known
 
     def value(self, x: Array) -> Array:
         """The quantity at x, (k,)."""
@@ -73,6 +81,17 @@ class Unknowns:
     def is_log(self) -> Array:
         """Which entries of x are logarithms."""
         return self.together("is_log").astype(bool)
+
+    @cached_property
+    def is_given(self) -> Array:
+        """Of which entries of x the spread is what is known."""
+        return np.concatenate([np.full(len(part.start), part.is_given) for part in self.parts])
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """Quantities of which entries that are zero are not fitted, with their number."""
+        kept = [(p.name, int((p.number == 0).sum())) for p in self.parts if p.name not in ("parameters", *OUTSIDE)]
+        return tuple(f"{counted(count, 'entry')} of {name}" for name, count in kept if count)
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -129,6 +148,8 @@ def unknowns_of(
             names = [name for name in names if name != "armature"]
     else:
         names = list(dict.fromkeys([wrt] if isinstance(wrt, str) else wrt))
+        if not names:
+            raise ValueError("`wrt` must name one number at least")
     every = dict(known) | _outside(scene)
     for argument, given in (("wrt", names), ("start", start), ("priors", priors)):
         for name in given:
@@ -139,9 +160,11 @@ def unknowns_of(
         raise ValueError(f"`wrt`: the law is sampled, so that the delay of its commands is 'delay', not {DELAY!r}")
     if lost := [name for name in (*start, *priors) if name not in names]:
         raise ValueError(f"`start` and `priors` must be of what is fitted, which {lost[0]!r} is not: name it in `wrt`")
+    if refused := [name for name in names if name.endswith((".reference", ".breaks"))]:
+        raise ValueError(f"`wrt`: {refused[0]!r} is replaced by the commands of records")
     numbers = dict(known) | _outside(scene) | {k: _shaped(k, x, scene, "start") for k, x in start.items()}
     parts = [
-        _bodies(scene) if name == "parameters" else _entries(scene, name, numbers[name], period, names)
+        _bodies(scene, numbers[name]) if name == "parameters" else _entries(scene, name, numbers[name], period, names)
         for name in names
     ]
     return Unknowns(
@@ -185,14 +208,19 @@ def _entries(scene: Scene, name: str, number: Array, period: float, names: Seque
         if not taken.any():
             raise ValueError("`wrt`: 'armature' acts as inertias of bodies do: leave it or 'parameters' out")
     own, k = flat[taken], np.flatnonzero(taken)
+    usual = scene.numbers[name].reshape(-1)[taken] if name in scene.numbers else own
+    if not may_be_zero and ((usual > 0) & (own < 0)).any():
+        raise ValueError(f"`start[{name!r}]` must be positive, got {own.min():g}")
     is_log = (own > 0) & (not may_be_zero)
     scales = {DELAY: PERIODS * period, SCALE: SCALE_SPREAD, SENSOR_SCALE: SCALE_SPREAD}
     spread = np.where(is_log, LOG_SPREAD, scales.get(name, np.maximum(np.abs(own), OFFSET_SPREAD)))
     start = np.where(is_log, np.log(np.where(is_log, own, 1.0)), own)
     joints = scene.resolved.robot.joint_names
-    per_joint = joints if flat.size == len(joints) else [str(i) for i in range(flat.size)]
+    moving = scene.resolved.robot.model.moving_joints
+    of_each = [names for names in (joints, moving) if len(names) == flat.size and name != "gravity"]
+    per_joint = of_each[0] if of_each else [str(i) for i in range(flat.size)]
     labels = tuple(name if flat.size == 1 else f"{name} of {per_joint[i]}" for i in k)
-    unit = {DELAY: "s", SCALE: "1", SENSOR_SCALE: "1"}.get(name, scene.numbers.unit(name))
+    unit = UNITS.get(name.removeprefix("controller."), "") or scene.numbers.unit(name)
     return Unknown(name, labels, unit, number, np.eye(flat.size)[:, k], start, spread, is_log)
 
 
@@ -203,16 +231,16 @@ def _rotors_apart(scene: Scene) -> Array:
     return np.array([f"Ia_{i + 1}" in kept for i in range(robot.model.nb)])
 
 
-def _bodies(scene: Scene) -> Unknown:
+def _bodies(scene: Scene, parameters: Array) -> Unknown:
     """Inertial parameters regrouped as motions depend on them, with rotors that act as they do."""
     robot = scene.resolved.robot
     base, matrix = regrouped(robot)
     E = base.back[: PARAMETERS * robot.model.nb, : len(matrix)]
     sizes = np.linalg.norm(matrix[:, : len(E)] * _sizes(robot), axis=1)
-    values = matrix @ np.append(robot.parameters, rotors(robot))
+    values = matrix @ np.append(parameters, rotors(robot))
     labels = tuple(f"parameters: {name}" for name in base.names[: len(matrix)])
     none, unit = np.zeros(len(matrix), bool), "kg, kg m, kg m^2"
-    return Unknown("parameters", labels, unit, robot.parameters, E, values, BODY_SPREAD * sizes, none)
+    return Unknown("parameters", labels, unit, parameters, E, values, BODY_SPREAD * sizes, none)
 
 
 def rotors(robot: Robot) -> Array:
@@ -240,11 +268,12 @@ def _sizes(robot: Robot) -> Array:
 def _under_prior(part: Unknown, std: ArrayLike) -> Unknown:
     """The same with a standard deviation that is known, in units of the quantity."""
     given = np.asarray(convert_numbers(f"priors[{part.name!r}]", std, "of the quantity"), dtype=float)
-    if part.name == "parameters":
-        given = np.broadcast_to(given, part.start.shape)
-    else:
-        given = np.broadcast_to(given, part.number.shape).reshape(-1) @ part.directions
-    if not (given > 0).all():
+    shape = part.start.shape if part.name == "parameters" else part.number.shape
+    if given.shape not in ((), shape):
+        raise ValueError(f"`priors[{part.name!r}]` must be one number or of shape {shape}, got {given.shape}")
+    given = np.broadcast_to(given, shape).reshape(-1)
+    given = given if part.name == "parameters" else given[np.argmax(part.directions != 0, axis=0)]
+    if not ((given > 0) & np.isfinite(given)).all():
         raise ValueError(f"`priors[{part.name!r}]` must be positive, got {given.min()}")
-    known = np.where(part.is_log, given / np.exp(part.start), given)
-    return replace(part, spread=known, prior=known)
+    spread = np.where(part.is_log, given / np.exp(np.where(part.is_log, part.start, 0.0)), given)
+    return replace(part, spread=spread, is_given=True)
