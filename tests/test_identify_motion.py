@@ -173,7 +173,7 @@ def test_swapped_joints_signs_and_units_are_named(pair):
 def covariance_of(r, J, spread=1e6):
     """Of residuals (T,) and derivatives (T, P)."""
     P = J.shape[1]
-    return certainty([(r[:, None], J[:, None])], np.full(P, spread), P).covariance
+    return certainty([(r[:, None], J[:, None])], np.full(P, spread), P, np.zeros(P, bool)).covariance
 
 
 def test_of_white_residuals_it_is_the_usual_covariance():
@@ -226,7 +226,9 @@ def test_a_log_never_says_more_than_white_residuals_would():
 def certain(information, spread=None):
     P = len(information)
     spread = np.ones(P) if spread is None else spread
-    return Certainty(np.asarray(information, float), np.asarray(information, float), spread, P)
+    return Certainty(
+        np.asarray(information, float), np.asarray(information, float), spread, P, np.zeros(len(spread), bool)
+    )
 
 
 def test_directions_that_no_residual_shows_are_not_determined():

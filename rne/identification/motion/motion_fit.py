@@ -573,8 +573,7 @@ def check_records(scene: Scene, records: Sequence[Record]) -> None:
     if isinstance(law, PID):
         raise ValueError("`scene` has a PID controller, whose reference is constant: take rne.control.pd or servo")
     if not (is_dataclass(law) and hasattr(law, "reference") and getattr(law, "traceable", False)):
-        wanted = "a dataclass with a `reference` and `traceable = True`, such as rne.control.pd or servo"
-        raise ValueError(f"the controller of `scene` must be {wanted}, got {type(law).__name__}")
+        raise ValueError("`scene` must have a controller with a `reference`, such as rne.control.pd or servo")
     states = [np.zeros(states_of(scene))] * (states_of(scene) > 0)
     try:
         moving: Any = replace(law, reference=sampled([0.0, 1.0], np.zeros((2, n))))  # type: ignore[type-var]
