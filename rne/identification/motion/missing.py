@@ -56,17 +56,17 @@ def missing_effects(problem: OutputError, z: Array, noise: Array) -> tuple[Cause
     J, r = wider.slopes(z_all)[: -len(z_all)], wider.residuals(z_all)[: -len(z_all)]
     known = np.delete(np.arange(len(z_all)), np.arange(P, P_all))
     Q, _ = np.linalg.qr(J[:, known])
-    least = float(np.min(noise / problem.sigma)) ** 2
+    floor = float(np.min(noise / problem.sigma)) ** 2
     found = []
     for effect in EFFECTS:
         if effect.name not in unknowns.places or effect.name in problem.unknowns.places:
             continue
-        cause = _judged(effect, wider, J[:, unknowns.places[effect.name]], Q, r, least)
+        cause = _judged(effect, wider, J[:, unknowns.places[effect.name]], Q, r, floor)
         found += [] if cause is None else [cause]
     return tuple(sorted(found, key=lambda cause: -cause.score))
 
 
-def _judged(effect: Effect, wider: OutputError, J: Array, Q: Array, r: Array, least: float) -> Cause | None:
+def _judged(effect: Effect, wider: OutputError, J: Array, Q: Array, r: Array, floor: float) -> Cause | None:
     """The effect as a cause, if it explains enough, with its likely size of each joint.
 
     The gain is compared with what chance gives: the variance of what is then left, at least that of the resolution,
@@ -84,7 +84,7 @@ def _judged(effect: Effect, wider: OutputError, J: Array, Q: Array, r: Array, le
         size = np.maximum(size, 0.0)
     rest = r + apart @ size
     gain = float(r @ r - rest @ rest)
-    chance = max(float(np.mean(rest**2)), least) * max(correlation_time(wider.series(rest, j)) for j in range(wider.n))
+    chance = max(float(np.mean(rest**2)), floor) * max(correlation_time(wider.series(rest, j)) for j in range(wider.n))
     score, share = gain / (chance * is_apart.sum()), gain / float(r @ r)
     if score < thresholds.SCORE or share < thresholds.PART_EXPLAINED:
         return None
