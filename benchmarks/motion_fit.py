@@ -177,13 +177,14 @@ def judged(case: Planted, found: MotionFit) -> dict[str, Any]:
     kept = w > 1e-10 * w.max(initial=1)
     square = float((((V.T @ (d[own] / size)) ** 2)[kept] / w[kept]).sum())
     return {
-        "deviations": (d[own] / size).tolist(),
-        "names": [name for name, ok in zip(found.names, own, strict=True) if ok],
+        "numbers": int(own.sum()),
+        "beyond": int((np.abs(d[own]) > 3 * size).sum()),
+        "worst": round(float(np.abs(d[own] / size).max(initial=0.0)), 3),
         "undetermined": int((~own).sum()),
         "together": bool(square < chi2.ppf(0.95, max(kept.sum(), 1))),
         "explained": bool(found.explained.all()),
         "causes": [cause.kind for cause in found.causes],
-        "residual": (found.rms / case.step).tolist(),
+        "residual": round(float((found.rms / case.step).max()), 3),
     }
 
 
@@ -193,7 +194,13 @@ def run(name: str, seed: int, **how: Any) -> dict[str, Any]:
     began = time.process_time()
     found = rne.identify_motion(case.start, case.record, case.wrt)
     spent = time.process_time() - began
-    return judged(case, found) | {"robot": name, "seed": seed, "seconds": spent, "friction": FRICTIONS[seed % 5], **how}
+    return judged(case, found) | {
+        "robot": name,
+        "seed": seed,
+        "seconds": round(spent, 2),
+        "friction": FRICTIONS[seed % 5],
+        **how,
+    }
 
 
 KINDS: dict[str, dict[str, Any]] = {
@@ -212,10 +219,10 @@ def tables(found: dict[str, Any]) -> dict[str, str]:
             own = [r for r in found.get(kind, []) if name in (r["robot"], "all")]
             if not own:
                 continue
-            every = np.concatenate([np.abs(r["deviations"]) for r in own])
+            numbers, beyond = sum(r["numbers"] for r in own), sum(r["beyond"] for r in own)
             likely = 100 * np.mean([r["together"] for r in own])
             said = sum(bool(r["causes"]) or not r["explained"] for r in own)
-            cells = [str(len(every)), str(sum(r["undetermined"] for r in own)), f"{100 * np.mean(every < 3):.1f}"]
+            cells = [str(numbers), str(sum(r["undetermined"] for r in own)), f"{100 * (1 - beyond / numbers):.1f}"]
             spent = np.median([r["seconds"] for r in own])
             rows.append([kind, name, str(len(own)), *cells, f"{likely:.0f}", str(said), f"{spent:.1f}"])
     head = [
@@ -251,15 +258,7 @@ def main() -> None:
     rows = []
     for k in range(given.first, given.first + (8 if given.quick else given.runs)):
         rows.append(run(ARMS[k % len(ARMS)], k // len(ARMS), **KINDS[given.kind]))
-        row, d = rows[-1], np.abs(rows[-1]["deviations"])
-        worst = row["names"][int(np.argmax(d))] if len(d) else ""
-        said = f"explained {row['explained']}, {np.max(row['residual']):.2f} steps, {row['causes'][:2]}"
-        print(
-            f"{row['robot']:9s} {row['seed']:3d} {row['friction']:12s} {row['seconds']:6.2f} s, {len(d):3d} numbers, "
-            f"{(d > 3).sum()} beyond 3, {d.max(initial=0):.1f} {worst}, together {row['together']}, not determined "
-            f"{row['undetermined']}, {said}",
-            flush=True,
-        )
+        print(rows[-1], flush=True)
         if not given.quick and len(rows) % 8 == 0:
             keep(**{given.kind: rows})
     if not given.quick:

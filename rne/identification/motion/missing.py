@@ -91,7 +91,8 @@ def _judged(effect: Effect, wider: OutputError, J: Array, Q: Array, r: Array, fl
     part = unknowns.parts[[p.name for p in unknowns.parts].index(effect.name)]
     joints = unknowns.scene.resolved.robot.joint_names
     names = joints if len(size) == len(joints) else ()
-    of = ", ".join(f"{x:.3g} on {short(name)}" for x, name in zip(size, names, strict=True) if x) or f"{size[0]:.3g}"
+    each = [f"{x:.3g} on {short(name)}" for x, name in zip(size, names, strict=False) if x]  # or one for all joints
+    of = ", ".join(each) or f"{size[0]:.3g}"
     what = f"{effect.text} is not in the model ({part.name} {of} {part.unit})".replace(" )", ")")
     text = f"{what}: it would explain {100 * share:.0f} % of the residual's squares"
     error = float(np.sqrt(chance / max(float((apart[:, is_apart] ** 2).sum(axis=0).max()), 1e-300)))
