@@ -42,10 +42,13 @@ EFFECTS = (
 
 
 def missing_effects(problem: OutputError, z: Array, noise: Array) -> tuple[Cause, ...]:
-    """Effects that are not in the model and would take away a part of the squares of the residual."""
-    left = problem.misfits(z)
-    if (np.sqrt(np.nanmean(left**2, axis=0)) < thresholds.ABOVE_RESOLUTION * noise).all():
-        return ()
+    """Effects that are not in the model and would take away a part of the squares of the residual.
+
+    Where the residual is that of the sensors, any part that chance does not explain.
+    """
+    rms = np.sqrt(np.nanmean(problem.misfits(z) ** 2, axis=0))
+    is_fine = bool((rms < thresholds.ABOVE_RESOLUTION * noise).all())  # where small effects shift numbers unseen
+    part = 0.0 if is_fine else thresholds.PART_EXPLAINED
     scene, parts = _extended(problem.unknowns)
     if not parts:
         return ()
@@ -61,18 +64,20 @@ def missing_effects(problem: OutputError, z: Array, noise: Array) -> tuple[Cause
     for effect in EFFECTS:
         if effect.name not in unknowns.places or effect.name in problem.unknowns.places:
             continue
-        cause = _judged(effect, wider, J[:, unknowns.places[effect.name]], Q, r, floor)
+        cause = _judged(effect, wider, J[:, unknowns.places[effect.name]], Q, r, (floor, part))
         found += [] if cause is None else [cause]
     return tuple(sorted(found, key=lambda cause: -cause.score))
 
 
-def _judged(effect: Effect, wider: OutputError, J: Array, Q: Array, r: Array, floor: float) -> Cause | None:
+def _judged(
+    effect: Effect, wider: OutputError, J: Array, Q: Array, r: Array, floors: tuple[float, float]
+) -> Cause | None:
     """The effect as a cause, if it explains enough, with its likely size of each joint.
 
     The gain is compared with what chance gives: the variance of what is then left, at least that of the resolution,
     times its correlation time.
     """
-    unknowns = wider.unknowns
+    unknowns, (floor, part) = wider.unknowns, floors
     apart = J - Q @ (Q.T @ J)
     least = thresholds.APART_FROM_OTHERS * np.maximum(np.linalg.norm(J, axis=0), thresholds.TINY)
     is_apart = np.linalg.norm(apart, axis=0) > least
@@ -86,15 +91,15 @@ def _judged(effect: Effect, wider: OutputError, J: Array, Q: Array, r: Array, fl
     gain = float(r @ r - rest @ rest)
     chance = max(float(np.mean(rest**2)), floor) * max(correlation_time(wider.series(rest, j)) for j in range(wider.n))
     score, share = gain / (chance * is_apart.sum()), gain / float(r @ r)
-    if score < thresholds.SCORE or share < thresholds.PART_EXPLAINED:
+    if score < thresholds.SCORE or share < part:
         return None
-    part = unknowns.parts[[p.name for p in unknowns.parts].index(effect.name)]
+    unknown = unknowns.parts[[p.name for p in unknowns.parts].index(effect.name)]
     joints = unknowns.scene.resolved.robot.joint_names
     names = joints if len(size) == len(joints) else ()
     each = [f"{x:.3g} on {short(name)}" for x, name in zip(size, names, strict=False) if x]  # or one for all joints
     of = ", ".join(each) or f"{size[0]:.3g}"
-    what = f"{effect.text} is not in the model ({part.name} {of} {part.unit})".replace(" )", ")")
-    text = f"{what}: it would explain {100 * share:.0f} % of the residual's squares"
+    what = f"{effect.text} is not in the model ({unknown.name} {of} {unknown.unit})".replace(" )", ")")
+    text = f"{what}: it would explain {100 * share:.2g} % of the residual's squares"
     error = float(np.sqrt(chance / max(float((apart[:, is_apart] ** 2).sum(axis=0).max()), 1e-300)))
     return Cause(effect.name, tuple(names), text, score, float(size[np.argmax(np.abs(size))]), error, numbers=len(size))
 

@@ -157,6 +157,7 @@ class MotionFit(InNotebooks):
             text += "; standard errors account for the correlation, not for a bias"
         else:
             text = f"the model explains the positions to their resolution ({sized})"
+            text += "; a small effect that is missing shifts numbers: see the likely cause" * bool(self.causes)
         count = int((~self.determined).sum())
         return text + f"; {count} of {counted(len(self.names), 'number')} not determined" * bool(count)
 
