@@ -117,7 +117,7 @@ def servo(
 
     In motions the back EMF acts as viscous friction of stall_torque / no_load_speed does. With the `sample_time` of a
     scene the whole torque is held for a period, the back EMF too. The loop inside of a servo is fast: to hold commands
-    alone, leave `sample_time` out and give a reference of `rne.trajectories.sampled(..., kind="hold")`. Friction of
+    alone, leave `sample_time` out and give a reference of `rne.trajectories.sampled` of kind "hold". Friction of
     gears, which grows with load, is that of the scene: `rne.Friction` with `load`.
 
     Examples

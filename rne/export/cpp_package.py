@@ -67,7 +67,7 @@ def cmake(
     numbers : sequence of str
         Numbers of `Scene.numbers` that are further arguments, such as "gravity", "friction.viscous", "controller.kp".
     quantities : sequence of str, optional
-        Functions of `rne.dynamics` of joint arrays alone, "friction_torque" and "controller". By default inverse and
+        Functions of ``rne.dynamics`` of joint arrays alone, "friction_torque" and "controller". By default inverse and
         forward dynamics, M, gravity and Coriolis torques, and the last two where a scene has them.
     std : bool
         True for `prediction` of an Identification: torques, then their standard deviations.

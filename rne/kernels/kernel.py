@@ -623,7 +623,7 @@ class Kernel:
         Returns
         -------
         Printable
-            For `rne.kernels.source`.
+            For the printers of ``rne.kernels.source``.
 
         Examples
         --------

@@ -308,7 +308,7 @@ class MotionFit(InNotebooks):
         return f"MotionFit of {numbers} to {records}: {self.verdict}"
 
     def draws(self, count: int, seed: int = 0) -> dict[str, Array]:
-        """Numbers as likely as those found, for `rne.ensemble(..., numbers=)`.
+        """Numbers as likely as those found, for the argument `numbers` of `rne.ensemble`.
 
         Parameters
         ----------
