@@ -1037,3 +1037,19 @@ def test_samples_lost_from_a_log_that_counts_them_on_are_found():
     assert "most positions jump at once" in str(finding)
     assert (rne.identify(robot, record, consistent=False, causes=False).held_out < 0.01).all()
     assert not any("noise of the position" in str(found) for found in record.findings)
+
+
+def test_a_joint_that_rests_and_jumps_once_is_cut():
+    """Its jump is its only step, but none of an encoder: the record is cut there, and no velocity comes of it."""
+    t = np.arange(0, 4, 0.01)
+    q = np.column_stack([0.5 * np.sin(t), np.where(t < 2, 0.3, 1.8)])
+    tau = np.cos(q) + 0.01 * np.random.default_rng(0).normal(size=q.shape)
+    record = rne.identification.Record(t, q, tau)
+    assert "jump of the position" in [finding.kind for finding in record.findings]
+    assert abs(record.prepare(5.0).qd[:, 1]).max() < 1e-9  # it rests on both sides
+
+
+def test_headings_between_commas_do_not_decide_for_rows_between_blanks(tmp_path):
+    rng, t = np.random.default_rng(0), np.arange(60) / 50
+    np.savetxt(tmp_path / "log.txt", np.column_stack([t, rng.random((60, 4))]), header="t, q1, q2, tau1, tau2")
+    assert rne.identification.Record.from_log(tmp_path / "log.txt").q.shape == (60, 2)

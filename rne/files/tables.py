@@ -66,8 +66,10 @@ def formatted(text: str, separator: str | None = None, decimal: str | None = Non
     Commas separate where one of the names between them is `t`, whatever is in other columns.
     """
     lines = [line for line in text[:HEAD].splitlines() if line.strip()]
-    names = next((x for x, below in pairwise(lines) if not below.lstrip().startswith("#")), "").lstrip(" #").split(",")
-    if separator is None and "t" in [x.strip(' "') for x in names]:
+    pairs = ((x, below) for x, below in pairwise(lines) if not below.lstrip().startswith("#"))
+    heading, first = next(pairs, ("", ""))
+    names = [x.strip(' "') for x in heading.lstrip(" #").split(",")]
+    if separator is None and "t" in names and first.count(",") >= len(names) - 1:
         separator = ","
     lines = [line for line in text[len(text) // 2 * (len(text) > MIDDLE) :][:MIDDLE].splitlines() if line.strip()]
     lines = [re.sub(r'\[.*?\]|"', "", line) for line in lines[len(lines) // 2 :][:SNIFFED]]

@@ -154,7 +154,8 @@ def repeated(records: Sequence[Prepared], blocks: Sequence[slice]) -> Array:
     states = np.concatenate([np.concatenate([r.q[:, moved], r.qd[:, moved]], axis=1)[r.row_samples] for r in records])
     if not moved.any():
         return np.zeros((len(blocks), len(blocks)), bool)
-    states /= states.std(0) * np.sqrt(states.shape[1])
+    size = states.std(0)
+    states /= np.where(size > 0, size, 1.0) * np.sqrt(states.shape[1])
     found = np.zeros((len(blocks), len(blocks)), bool)
     for k, block in enumerate(blocks):
         distances = KDTree(states[block]).query(states)[0]

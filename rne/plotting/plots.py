@@ -344,13 +344,18 @@ def prediction_plot(
     given = {"measured": measured, "predicted": predicted, "qd": qd, "std": std, "valid": valid}
     shape = np.shape(measured)
     for name, x in given.items():
-        if len(shape) != 2 or shape[0] != len(times) or np.shape(x) not in (shape, ()):
+        if times.ndim != 1 or len(shape) != 2 or shape[0] != len(times) or np.shape(x) not in (shape, ()):
             wanted = f"({len(times)}, n)" if name == "measured" else str(shape)
             raise ValueError(f"`{name}` must have shape {wanted}, got {np.shape(x)}")
-    torques, expected, speed, deviation, used = (np.broadcast_to(x, shape) for x in given.values())
+    used = np.broadcast_to(np.asarray(valid, dtype=bool), shape)
+    torques, expected, speed, deviation = (
+        np.broadcast_to(np.asarray(x, dtype=np.float64), shape) for x in list(given.values())[:-1]
+    )
     labels, rotating = joint_labels(Motion(times, {"tau": torques}), joint_names)
     if units is None:
         units = np.where(np.ones(len(labels), bool) if rotating is None else rotating, "N m", "N").tolist()
+    if len(units) != len(labels):
+        raise ValueError(f"`units` must have {len(labels)} entries, got {len(units)}")
     grid = panels(2 * len(labels), title, 2, height=1.5)
     band = BAND * np.where(np.isfinite(deviation), deviation, np.nan)
     for j, (ax, beside) in enumerate(zip(grid[::2], grid[1::2], strict=True)):
@@ -387,7 +392,8 @@ def _over_velocity(ax: Axes, qd: Array, residual: Array, band: Array) -> None:
     for side in (-band, band):
         ax.plot(qd[known], side[known], ".", color=LOOK["predicted"][0], markersize=1, alpha=0.4)
     ax.plot(qd, residual, ".", color=LOOK["residual"][0], markersize=2)
-    largest = 1.1 * max(np.abs(residual).max(initial=0), np.median(band[known]) if known.any() else 0.0)
+    seen = np.abs(residual[np.isfinite(residual)])
+    largest = 1.1 * max(seen.max(initial=0), np.median(band[known]) if known.any() else 0.0)
     ax.set_ylim(-largest or None, largest or None)
     style_axes(ax, "")
     ax.set_xlabel("")

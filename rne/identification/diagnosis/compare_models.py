@@ -461,7 +461,9 @@ def torque_difference(robot: Robot, other: Other, tolerance: float, seed: int) -
 def given_torques(robot: Robot, other: Sequence[Any]) -> list[Array]:
     """The arrays q, qd, qdd and tau, checked: at least as many torques as standard parameters."""
     n, names = robot.n, ("q", "qd", "qdd", "tau")
-    arrays = [real_array(f"other: {name}", x, f"(N, {n})") for name, x in zip(names, other, strict=True)]
+    arrays = [
+        real_array(f"other: {name}", x, f"(N, {n})").astype(np.float64) for name, x in zip(names, other, strict=True)
+    ]
     if {x.shape for x in arrays} != {(len(np.atleast_1d(arrays[0])), n)}:
         raise ValueError(f"`other` must be four arrays of shape (N, {n}), got {[np.shape(x) for x in other]}")
     fewest = -(-StandardParameters(robot.model, MEASURED).count // max(n, 1))

@@ -863,7 +863,8 @@ def couplings(rest: FitResiduals, j: int, gain: Callable[[Array, Array], float])
     motors, unit, (name, other) = rest.standard.motors != 0, np.eye(rest.robot.n), (rest.names[j], rest.names[j - 1])
     left = rest.beyond_friction
     others = np.delete(np.sqrt(left.squares / left.torques), [j, j - 1])
-    if (motors[:, j] & motors[:, j - 1]).any() or (others > thresholds.UNEXPLAINED).any():  # known, or far from all
+    unexplained = others > thresholds.UNEXPLAINED
+    if (motors[:, j] & motors[:, j - 1]).any() or 2 * unexplained.sum() > len(others):  # known, or another robot
         return
     step = np.outer(unit[j], unit[j - 1])
 

@@ -45,7 +45,10 @@ def known_commands(found: Screened, given: Commands) -> tuple[Commands, Array]:
         for j, x in enumerate(() if values is None else values.T):
             known = np.flatnonzero(np.isfinite(x))
             if not len(known):
-                found.warning(j, f"no {what}", "in any sample", "give one for each joint", severity="error")
+                if found.tau is None:
+                    found.warning(j, f"no {what}", "in any sample", "give one for each joint", severity="error")
+                else:  # torques need no commands
+                    found.warning(j, f"no {what}", "in any sample", "not used")
                 columns.append(np.zeros(len(x)))
                 continue
             if missing := np.flatnonzero(~np.isfinite(x[known[0] :])).tolist():
@@ -54,7 +57,9 @@ def known_commands(found: Screened, given: Commands) -> tuple[Commands, Array]:
                 found.warning(j, f"no finite {what}", found.at(samples), cure, samples)
             if known[0]:
                 text = f"before sample {known[0]} (t = {found.stamps[known[0]] - found.stamps[0]:.4g} s)"
-                found.warning(j, f"no {what}", text, "the record begins there")
+                found.warning(
+                    j, f"no {what}", text, "the record begins there" if found.tau is None else "the first one"
+                )
             started &= rows >= known[0]
             last = np.clip(np.searchsorted(known, rows, side="right") - 1, 0, None)
             columns.append(x[known[last]] if given.hold else np.interp(rows, known, x[known]))

@@ -431,7 +431,9 @@ def _check_jumps(found: Screened, t: Array, q: Array, usual: list[Array], flags:
     found_jumps = []
     for j, x in enumerate(q.T):
         jumped, size = jumps(x, usual[j]), np.abs(np.diff(x))
-        jumped = jumped[size[jumped] > thresholds.ONE_STEP * size[size > 0].min(initial=np.inf)]  # none of an encoder's
+        smallest = float(size[size > 0].min(initial=np.inf))
+        step = smallest if smallest < thresholds.RESTS else 0.0  # of an encoder, which is no jump
+        jumped = jumped[size[jumped] > thresholds.ONE_STEP * step]
         found_jumps.append(np.setdiff1d(jumped[~flags[jumped, j] & ~flags[jumped + 1, j]], after_gap))
     every, joints = np.unique(np.concatenate(found_jumps), return_counts=True)
     sent = (q[every] != q[every - 1]).sum(axis=1)  # joints that did not repeat a position before
