@@ -235,7 +235,7 @@ def test_directions_that_no_residual_shows_are_not_determined():
     """The sum of the first two is known, the third one is, the fourth is not."""
     J = np.array([[1e3, 1e3, 0, 0], [0, 0, 1e3, 0]])
     found = certain(J.T @ J)
-    assert found.told.tolist() == [False, False, True, False]
+    assert found.determined.tolist() == [False, False, True, False]
     assert found.alike() == [[0, 1], [3]]
 
 
@@ -246,7 +246,7 @@ def test_a_scale_of_all_torques_is_found_and_taken_out():
     names = ["controller.kp", "friction.viscous", "command.delay"]
     v = found.scale(np.ones(3), names, is_log)
     np.testing.assert_array_equal(v, [1, 1, 0])
-    assert found.given_scale(v).told.all()
+    assert found.given_scale(v).determined.all()
     assert certain(np.eye(3) * 1e6).scale(np.ones(3), names, is_log) is None
 
 

@@ -82,16 +82,16 @@ class Certainty(ReadOnlyArrays):
         return self._covariance(10.0)
 
     @cached_property
-    def told(self) -> Array:
-        """True for entries of x that the log tells: whose errors do not depend on the spread that was allowed for."""
+    def determined(self) -> Array:
+        """True for entries that the log determines: whose errors do not grow with the spread that is allowed for."""
         return np.asarray(np.sqrt(np.diag(self.looser)) < thresholds.BY_SPREAD * self.std)
 
     def alike(self) -> list[list[int]]:
-        """Groups of entries that the log cannot tell apart: strongly correlated ones among those that are not told."""
-        C, untold = self.looser, np.flatnonzero(~self.told)
+        """Groups of entries that act alike: strongly correlated ones among those that are not determined."""
+        C, undetermined = self.looser, np.flatnonzero(~self.determined)
         size = np.sqrt(np.diag(C))
         R = np.abs(C / size[:, None] / size)
-        groups, left = [], set(untold.tolist())
+        groups, left = [], set(undetermined.tolist())
         while left:
             group, fresh = set(), {left.pop()}
             while fresh:
@@ -113,7 +113,7 @@ class Certainty(ReadOnlyArrays):
         return np.asarray(v)
 
     def given_scale(self, v: Array) -> Certainty:
-        """The same if the entry were known by which a scale of all torques, the direction v, is told best."""
+        """The same if the entry were known by which a scale of all torques, the direction v, is known best."""
         sizes = np.divide(self._given(v).std, np.abs(v), out=np.full(len(v), np.inf), where=v != 0)
         return self._given(np.eye(len(v))[np.argmin(sizes)])
 

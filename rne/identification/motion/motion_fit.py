@@ -103,7 +103,7 @@ class MotionFit(InNotebooks):
     @property
     def determined(self) -> Array:
         """False for entries that the log does not determine: they rest on the spread that was allowed for."""
-        return self.certainty.told
+        return self.certainty.determined
 
     @cached_property
     def rms(self) -> Array:
