@@ -471,14 +471,14 @@ def test_states_of_controllers_in_bags(suffix, tmp_path):
 
 @pytest.fixture
 def lever(tmp_path):
-    """A lever under PD control that follows steps, in two logs of 2 s, and the numbers of its scene."""
+    """A lever under PD control that follows steps, in two logs of 0.8 s, and the numbers of its scene."""
     level = [[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]]  # the joint's axis
     bodies = {"masses": [0.5], "centres": [[0, 0, 0]], "inertias": [[1e-3, 1e-3, 1e-3]]}
     arm = rne.dh_chain(a=[0.2], alpha=[0], d=[0], theta=[0], base=level, **bodies)
     (tmp_path / "arm.urdf").write_text(rne.to_urdf(arm))
-    robot, t = rne.Robot(arm), np.arange(50) / 25
+    robot, t = rne.Robot(arm), np.arange(20) / 25
     for name, seed in (("a.csv", 0), ("b.csv", 1)):
-        steps = np.repeat(np.random.default_rng(seed).uniform(-1, 1, 5), 10)[:, None]
+        steps = np.repeat(np.random.default_rng(seed).uniform(-1, 1, 2), 10)[:, None]
         law = rne.control.pd(robot, 8.0, 0.0, rne.trajectories.sampled(t, steps, kind="hold"))
         scene = rne.Scene(robot, controller=law, friction=rne.Friction(viscous=0.4), armature=0.02)
         motion = rne.simulate(scene, steps[0], [0.0], t[-1], t_eval=t, rtol=1e-8)
