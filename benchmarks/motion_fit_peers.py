@@ -231,7 +231,7 @@ def main() -> None:
     quick = is_quick(__doc__)
     found = {"beside": beside(quick), "jacobians": jacobians(quick)}
     if quick:
-        print(found, QUICK_NOTE, sep="\n")
+        print(*tables(found | {"fresh": {}}).values(), QUICK_NOTE, sep="\n")
         return
     found["fresh"] = fresh()
     print(found)
