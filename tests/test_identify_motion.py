@@ -236,7 +236,14 @@ def test_directions_that_no_residual_shows_are_not_determined():
     J = np.array([[1e3, 1e3, 0, 0], [0, 0, 1e3, 0]])
     found = certain(J.T @ J)
     assert found.determined.tolist() == [False, False, True, False]
-    assert found.alike() == [[0, 1], [3]]
+    assert found.alike() == [([0, 1], 1), ([3], 0)]
+
+
+def test_of_entries_that_act_alike_as_many_are_to_be_given_as_directions_are_free():
+    """Only the sum of three is known: with two of them given it tells the third. Of five only differences are."""
+    assert certain(1e6 * np.ones((3, 3))).alike() == [([0, 1, 2], 2)]
+    differences = 1e3 * (np.eye(5)[:4] - np.eye(5)[1:])
+    assert certain(differences.T @ differences).alike() == [([0, 1, 2, 3, 4], 1)]
 
 
 def test_a_scale_of_all_torques_is_found_and_taken_out():
@@ -315,7 +322,7 @@ def test_what_acts_alike_is_said_and_resolved_by_a_prior(fast):
     assert fitted(scene, record, every).alike[0] == scale
     twins = [*WRT, "controller.kd"]
     fit = fitted(scene, record, twins)
-    assert fit.alike == ("friction.viscous, controller.kd act alike: give one",) or "act alike" in fit.alike[0]
+    assert fit.alike == ("friction.viscous, controller.kd act alike: give one of them",)
     assert not fit.determined[[1, 3]].any()
     known = fitted(scene, record, twins, priors={"controller.kd": 0.01})
     assert known.alike == ()
@@ -337,7 +344,7 @@ def test_what_the_model_misses_is_named_first(fast, missing, wrt):
     record = planted(scene_of(fast), 6.0, delay=0.004 if missing == "command.delay" else 0.0)
     fit = fitted(scene_of(fast, **left_out), record, wrt)
     assert fit.causes[0].kind == missing
-    assert fit.verdict.startswith("the model misses something: residuals of joint0 are correlated")
+    assert fit.verdict.startswith("the model misses something: residuals of joint0 exceed the resolution")
 
 
 @long

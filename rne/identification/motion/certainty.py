@@ -86,20 +86,26 @@ class Certainty(ReadOnlyArrays):
         """True for entries that the log determines: whose errors do not grow with the spread that is allowed for."""
         return np.asarray(np.sqrt(np.diag(self.looser)) < thresholds.BY_SPREAD * self.std)
 
-    def alike(self) -> list[list[int]]:
-        """Groups of entries that act alike: strongly correlated ones among those that are not determined."""
+    def alike(self) -> list[tuple[list[int], int]]:
+        """Groups of entries that are not determined because they act alike, and in how many directions each is free.
+
+        What the log would not determine either if all others were known is a group by itself, free in none.
+        """
         C, undetermined = self.looser, np.flatnonzero(~self.determined)
-        size = np.sqrt(np.diag(C))
+        size, seen = np.sqrt(np.diag(C)), np.diag(self.information) * self.spread**2 > thresholds.SEEN
         R = np.abs(C / size[:, None] / size)
         groups, left = [], set(undetermined.tolist())
         while left:
-            group, fresh = set(), {left.pop()}
+            group, fresh = set(), {min(left)}
+            left -= fresh
             while fresh:
                 group |= fresh
-                near = {j for i in fresh for j in left if R[i, j] > thresholds.ALIKE_OF_MOTIONS}
+                near = {j for i in fresh for j in left if seen[i] and seen[j] and R[i, j] > thresholds.ALIKE_OF_MOTIONS}
                 left, fresh = left - near, near
-            groups.append(sorted(group))
-        return sorted(groups)
+            here, spread = sorted(group), self.spread[sorted(group)]
+            free = np.linalg.eigvalsh(C[np.ix_(here, here)] / spread[:, None] / spread) > 1.0
+            groups.append((here, int(free.sum()) if seen[here[0]] else 0))
+        return groups
 
     def scale(self, values: Array, names: Sequence[str], is_log: Array) -> Array | None:
         """The direction of x in which all torques are scaled together, (P,), if motions do not change along it."""

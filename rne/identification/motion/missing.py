@@ -99,7 +99,7 @@ def _judged(
     each = [f"{x:.3g} on {short(name)}" for x, name in zip(size, names, strict=False) if x]  # or one for all joints
     of = ", ".join(each) or f"{size[0]:.3g}"
     what = f"{effect.text} is not in the model ({unknown.name} {of} {unknown.unit})".replace(" )", ")")
-    text = f"{what}: it would explain {100 * share:.2g} % of the residual's squares"
+    text = f"{what}: it would explain {100 * share:.1f} % of the residual's squares"
     error = float(np.sqrt(chance / max(float((apart[:, is_apart] ** 2).sum(axis=0).max()), 1e-300)))
     return Cause(effect.name, tuple(names), text, score, float(size[np.argmax(np.abs(size))]), error, numbers=len(size))
 

@@ -90,8 +90,12 @@ class Unknowns:
     @property
     def left_out(self) -> tuple[str, ...]:
         """Quantities of which entries that are zero are not fitted, with their number."""
-        kept = [(p.name, int((p.number == 0).sum())) for p in self.parts if p.name not in ("parameters", *OUTSIDE)]
-        return tuple(f"{counted(count, 'entry')} of {name}" for name, count in kept if count)
+        found = []
+        for part in self.parts:
+            fitted = (part.directions != 0).any(axis=1)
+            count = int(((part.number.reshape(-1) == 0) & ~fitted).sum())
+            found += [f"{part.name} of {counted(count, 'joint')}"] * (count > 0 and part.name != "parameters")
+        return tuple(found)
 
     @property
     def labels(self) -> tuple[str, ...]:
