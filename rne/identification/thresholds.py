@@ -273,7 +273,9 @@ STARTS_OF_SHOTS = 10.0  # standard deviations of the measured positions, by whic
 SMALLEST_INFORMATION = 1e-14  # relative to the largest: below it a direction is rounding
 BY_SPREAD = 1.1  # by how much errors may grow if ten times the spread is allowed for
 ALIKE_OF_MOTIONS = 0.3  # correlation of numbers that act alike
-SEEN = 100.0  # information on a number, times the square of its spread, if all others were known: less is none
+SEEN_OF_MOTIONS = (
+    100.0  # information on a number, times the square of its spread, if all others were known: less is none
+)
 SCALED_OF_MOTIONS = 1e3  # information on the scale of all torques over that of its spread: less is none
 OF_RANGE = 0.01  # of a joint's range, standard deviation of positions while starts are compared
 TRIED, FEW_STEPS = 12, 12  # motions per start that are compared first; evaluations from each start

@@ -92,7 +92,7 @@ class Certainty(ReadOnlyArrays):
         What the log would not determine either if all others were known is a group by itself, free in none.
         """
         C, undetermined = self.looser, np.flatnonzero(~self.determined)
-        size, seen = np.sqrt(np.diag(C)), np.diag(self.information) * self.spread**2 > thresholds.SEEN
+        size, seen = np.sqrt(np.diag(C)), np.diag(self.information) * self.spread**2 > thresholds.SEEN_OF_MOTIONS
         R = np.abs(C / size[:, None] / size)
         groups, left = [], set(undetermined.tolist())
         while left:
@@ -169,9 +169,3 @@ def autocovariance(series: Sequence[Array]) -> Array:
     last = next((k for k in range(1, longest - run) if small[k : k + run].all()), max(1, longest // 3))
     lags = np.arange(min(2 * last + 1, longest))
     return np.asarray(c[lags] * np.clip(2 - lags / last, 0.0, 1.0))
-
-
-def correlation_time(series: Sequence[Array]) -> float:
-    """Integrated autocorrelation time of residuals, in samples, at least 1."""
-    c = autocovariance(series)
-    return float(max(1.0, (2 * c.sum() - c[0]) / c[0])) if c[0] > 0 else 1.0

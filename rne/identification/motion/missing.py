@@ -15,7 +15,6 @@ from ...simulation.scene import Scene
 from .. import thresholds
 from ..diagnosis.hypotheses import Cause
 from ..log.record import Record
-from .certainty import correlation_time
 from .output_error import OutputError, columns_for, commands
 from .unknowns import DELAY, OFFSET, OUTSIDE, SCALE, SENSOR_OFFSET, Unknown, Unknowns
 
@@ -89,7 +88,7 @@ def _judged(
         size = np.maximum(size, 0.0)
     rest = r + apart @ size
     gain = float(r @ r - rest @ rest)
-    chance = max(float(np.mean(rest**2)), floor) * max(correlation_time(wider.series(rest, j)) for j in range(wider.n))
+    chance = max(float(np.mean(rest**2)), floor) * float(wider.correlation_times(rest).max())
     score, share = gain / (chance * is_apart.sum()), gain / float(r @ r)
     if score < thresholds.SCORE or share < part:
         return None

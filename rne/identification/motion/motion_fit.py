@@ -24,7 +24,7 @@ from .. import thresholds
 from ..diagnosis.hypotheses import Cause
 from ..fit.consistent import consistent_fit, model_prior
 from ..log.record import Record
-from .certainty import Certainty, certainty, correlation_time
+from .certainty import Certainty, certainty
 from .missing import missing_effects, mistaken_columns
 from .output_error import OutputError, Shot, columns_for, commands, joint_units, shots_of, states_of
 from .solver import MotionSolver, fitted_starts, validation_errors
@@ -111,17 +111,13 @@ class MotionFit(InNotebooks):
         return np.asarray(np.sqrt(np.nanmean(self.problem.misfits(self.z) ** 2, axis=0)))
 
     @cached_property
-    def _correlated(self) -> Array:
-        """Of each joint's residual, the integrated autocorrelation time in samples."""
-        left = self.problem.misfits(self.z)
-        return np.array([correlation_time([np.nan_to_num(column)]) for column in left.T])
-
-    @cached_property
     def explained(self) -> Array:
         """True for joints whose residual is no more than the resolution of their positions explains."""
         loud = self.rms > thresholds.ABOVE_RESOLUTION * self.resolution
         far = self.rms > thresholds.FAR_ABOVE_RESOLUTION * self.resolution
-        return np.asarray(~(far | (loud & (self._correlated > thresholds.WHITE))))
+        left = self.problem.misfits(self.z)
+        correlated = self.problem.correlation_times(left[self.problem.measured]) > thresholds.WHITE
+        return np.asarray(~(far | (loud & correlated)))
 
     @cached_property
     def alike(self) -> tuple[str, ...]:
@@ -557,11 +553,9 @@ def at_times(values: Sequence[Array], grid: Array, t: Array) -> Array:
 
 def how_sure(problem: OutputError, z: Array) -> Certainty:
     """Standard errors at a solution."""
-    P, width, parts = len(problem.unknowns.labels), 2 * problem.unknowns.scene.n, []
+    P, parts = len(problem.unknowns.labels), []
     for s, (shot, (q, J)) in enumerate(zip(problem.shots, problem.derivatives(z), strict=True)):
-        wide = np.zeros((*J.shape[:2], len(z)))
-        wide[..., :P], wide[..., P + width * s : P + width * (s + 1)] = J[..., :P], J[..., P:]
-        parts.append(((q - shot.q) / problem.sigma, wide / problem.sigma[:, None]))
+        parts.append(((q - shot.q) / problem.sigma, problem.placed(s, J / problem.sigma[:, None])))
     given = np.append(problem.unknowns.is_given, np.zeros(len(z) - P, bool))
     return certainty(parts, problem.spread, P, given)
 

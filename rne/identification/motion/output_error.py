@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from ...simulation.commanded import CommandedMotion
 from ...simulation.scene import Scene
 from ...trajectories import sampled
 from .. import thresholds
+from ..fit.equations import correlation_time_of_residuals
 from ..log.record import Record
 from .unknowns import SENSOR_OFFSET, SENSOR_SCALE, Unknowns
 
@@ -181,31 +183,36 @@ class OutputError:
         """Number of joints."""
         return self.unknowns.scene.n
 
-    def series(self, rows: Array, joint: int) -> list[Array]:
-        """Of residuals without those of z, the ones of a joint in each shot, 0 where nothing was measured."""
-        found, first = [], 0
-        for shot in self.shots:
-            mask = np.isfinite(shot.q)
-            block, count = np.zeros(shot.q.shape), int(mask.sum())
-            block[mask], first = rows[first : first + count], first + count
-            found.append(block[:, joint])
+    @cached_property
+    def measured(self) -> Array:
+        """True where positions were measured, (N, n), one shot after the other."""
+        return np.asarray(np.isfinite(np.concatenate([shot.q for shot in self.shots])))
+
+    def correlation_times(self, rows: Array) -> Array:
+        """Integrated autocorrelation time in samples, (n,), of what is in the rows of residuals, without those of z."""
+        values, ends = np.zeros(self.measured.shape), np.cumsum([0, *(len(shot.t) for shot in self.shots)]).tolist()
+        values[self.measured] = rows
+        return correlation_time_of_residuals(values, self.measured, [slice(a, b) for a, b in pairwise(ends)])
+
+    def placed(self, s: int, J: Array) -> Array:
+        """Derivatives by x and the start of shot s, (..., P + 2 n), as those by z, (..., Z)."""
+        found, width = np.zeros((*J.shape[:-1], len(self.first))), 2 * self.n
+        P = J.shape[-1] - width
+        found[..., :P], found[..., P + width * s : P + width * (s + 1)] = J[..., :P], J[..., P:]
         return found
 
     @cached_property
     def count(self) -> int:
         """Number of residuals."""
-        return sum(int(np.isfinite(shot.q).sum()) for shot in self.shots) + len(self.first)
+        return int(self.measured.sum()) + len(self.first)
 
     def slopes(self, z: Array) -> Array:
         """Derivatives of the residuals by z."""
-        x, _ = self.parts(z)
-        P, n = len(x), self.unknowns.scene.n
         found, first, total = np.zeros((self.count, len(z))), 0, 0.0
         for s, (shot, (q, J)) in enumerate(zip(self.shots, self.derivatives(z), strict=True)):
             total += float(np.nansum(((q - shot.q) / self.sigma) ** 2))
-            rows = (J / self.sigma[:, None])[np.isfinite(shot.q)]
-            place = slice(first, first + len(rows))
-            found[place, :P], found[place, P + 2 * n * s : P + 2 * n * (s + 1)] = rows[:, :P], rows[:, P:]
+            rows = self.placed(s, J / self.sigma[:, None])[np.isfinite(shot.q)]
+            found[first : first + len(rows)] = rows
             first += len(rows)
         found[first:] = np.diag(1 / self.spread)
         if self.told is not None:
