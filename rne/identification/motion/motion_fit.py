@@ -26,7 +26,7 @@ from ..fit.consistent import consistent_fit, model_prior
 from ..log.record import Record
 from .certainty import Certainty, certainty
 from .missing import missing_effects, mistaken_columns
-from .output_error import OutputError, Shot, columns_for, commands, joint_units, shots_of, states_of
+from .output_error import FIRST, OutputError, Shot, columns_for, commands, joint_units, shots_of, states_of
 from .solver import MotionSolver, fitted_starts, validation_errors
 from .unknowns import Unknown, Unknowns, regrouped, rotors, unknowns_of
 
@@ -539,6 +539,8 @@ def identify_motion(
     finest = resolution(solver.problem, solver.z, least)
     causes = (*mistaken_columns(scene, given), *missing_effects(solver.problem, solver.z, finest))
     text = f"{counted(solver.iterations, 'iteration')} in steps of {solver.problem.step:.3g} s: {solver.message}"
+    if lost := sum(len(record.t) for record in given) - sum(len(shot.t) for shot in shots):
+        text += f"; {counted(lost, 'sample')} in parts of fewer than {FIRST} not used"
     return MotionFit(solver.problem.at(told=None), solver.z, sure, finest, held, causes, text)
 
 
