@@ -20,10 +20,10 @@ import numpy as np
 import pinocchio as pin
 
 import rne
+from rne.commands.agreement import random_states
+from rne.commands.oracle import Oracle, each
 from rne.model.abb_irb140 import CLOSED_LOOPS, KD, KP
 from rne.urdf.loading import urdf_files
-from rne.validation.agreement import random_states
-from rne.validation.oracle import Oracle, each
 
 MASS, COM, INERTIA = 3.0, np.array([0.05, -0.1, 0.2]), np.diag([0.02, 0.03, 0.04])  # the payload, on a tool's frame
 RPY = np.array([0.3, -0.7, 1.1])  # the mounting, on no axis

@@ -14,8 +14,8 @@ import time
 import numpy as np
 
 import rne
+from rne.commands.oracle import Oracle
 from rne.trajectories.time_optimal import FastestMotion, _Piece, _solve
-from rne.validation.oracle import Oracle
 
 POINTS = 10_000
 ROBOTS = ("ur5", "irb140", "panda")

@@ -11,8 +11,8 @@ import rne
 from benchmarks.every_torque import Difference, arms, differences
 from benchmarks.measure import is_quick, write
 from benchmarks.pages import table
+from rne.commands.agreement import against_pinocchio
 from rne.urdf.loading import urdf_files
-from rne.validation.agreement import against_pinocchio
 
 NAMED = ("ur_description/ur5_robot", "panda_description/panda")
 QUANTITIES = ["inverse dynamics", "mass matrix", "gravity", "bias"]

@@ -36,11 +36,11 @@ if TYPE_CHECKING:
     )
     from .identification.diagnosis.compare_models import ModelComparison, compare_models
     from .kernels.compilation import compile
-    from .loads.bearings import BearingPeaks, bearing_peaks
-    from .loads.drive_report import DriveReport, drives
     from .model import dh_chain, irb140
     from .model.standard_parameters import DriveModel
     from .plotting.viewer import view
+    from .simulation.bearings import BearingPeaks, bearing_peaks
+    from .simulation.drive_report import DriveReport, drives
     from .simulation.elastic_joints import ElasticJoints
     from .simulation.ensembles import Ensemble, ensemble
     from .simulation.friction import Friction
@@ -73,8 +73,8 @@ else:
             "model.standard_parameters": "DriveModel",
             "plotting": "",
             "plotting.viewer": "view",
-            "loads.bearings": "BearingPeaks bearing_peaks",
-            "loads.drive_report": "DriveReport drives",
+            "simulation.bearings": "BearingPeaks bearing_peaks",
+            "simulation.drive_report": "DriveReport drives",
             "simulation.elastic_joints": "ElasticJoints",
             "simulation.ensembles": "Ensemble ensemble",
             "simulation.friction": "Friction",

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import rne
+from rne.commands.oracle import Oracle, each
 from rne.kernels.numpy_backend import BlockProgram
 from rne.model.builder import Mimic, Part, assemble, pose
 from rne.urdf.loading import library, urdf_files
-from rne.validation.oracle import Oracle, each
 
 __all__ = [
     "EPS",

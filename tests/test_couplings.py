@@ -11,13 +11,13 @@ import pytest
 
 import rne
 from rne.__main__ import main
+from rne.commands.agreement import loop_gap, validate
 from rne.dynamics.kinematics import coordinate_map, coordinate_map_rate, joint_positions, joint_velocities
 from rne.elementwise import arctan2
 from rne.graph.program import evaluate
 from rne.kernels.trace import by_recursion
 from rne.model import coupled, cylinder, four_bar, slider_crank
 from rne.trajectories.time_optimal import OutOfRange
-from rne.validation.agreement import loop_gap, validate
 
 from .helpers import EPS, Part, assemble, kept, pose
 

@@ -10,8 +10,8 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 import rne
+from rne.commands.oracle import Oracle
 from rne.simulation.plant import Plant
-from rne.validation.oracle import Oracle
 
 from .helpers import Part, assemble, kept
 from .random_robots import random_tree, straight_chain

@@ -8,10 +8,10 @@ from scipy.linalg import expm
 
 import rne
 from rne.bounds import Bound, Bounds
+from rne.commands.agreement import validate
 from rne.control.gains import SampledLoop, bounded, largest_over, random_configurations, workspace
 from rne.control.sampled_loop import CoupledModes, LinearLoop, first_unstable_time, gravity_modes, unstable_windows
 from rne.dynamics import gravity_torque
-from rne.validation.agreement import validate
 
 from .helpers import Part, assemble, kept, pose
 from .random_robots import random_tree

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 import rne
+from rne.commands.agreement import validate
 from rne.elementwise import arctan2, clip, exp, less, maximum, minimum, sign, tanh, where
 from rne.graph.graph import COMPARISONS, Graph
 from rne.kernels import kernel as kernels
 from rne.kernels import trace as module
 from rne.simulation.plant import Plant
-from rne.validation.agreement import validate
 
 from .helpers import EPS, states
 from .random_robots import random_tree

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import rne
+from rne.commands.agreement import euler_lagrange
 from rne.dynamics.kinematics import coordinate_map, joint_accelerations, on_coordinates
 from rne.dynamics.rnea import newton_euler
-from rne.validation.agreement import euler_lagrange
 
 from .helpers import EPS, loaded, relative, states
 

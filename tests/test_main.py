@@ -15,12 +15,12 @@ import examples.thesis.__main__ as thesis
 import rne
 from rne.__main__ import main, parser
 from rne.commands import pages
+from rne.commands.agreement import against_energies, against_pinocchio, random_states, validate
 from rne.commands.pages import BATCH, FORWARD, INVERSE, NUMPY, ONE, PINOCCHIO, Measured, Way, plot_speed, speed_tables
 from rne.commands.printing import quantities
 from rne.commands.shared import work
 from rne.plotting.html_page import Report
 from rne.plotting.notebook import BODIES
-from rne.validation.agreement import against_energies, against_pinocchio, random_states, validate
 
 from .helpers import ROOT
 
@@ -239,7 +239,7 @@ def test_validation_keeps_every_bound_against_pinocchio(irb140):
 
 
 def test_validation_without_pinocchio_keeps_every_bound(irb140, monkeypatch):
-    monkeypatch.setattr("rne.validation.agreement.has_pinocchio", lambda: False)
+    monkeypatch.setattr("rne.commands.agreement.has_pinocchio", lambda: False)
     source, rows = validate(irb140, samples=50)
     assert source == "energy and Lagrange identities (package pin is not installed)"
     assert [row.quantity for row in rows] == [row.quantity for row in against_energies(irb140, 1)]
@@ -314,7 +314,7 @@ def test_main_job_without_matplotlib_and_pinocchio_says_what_is_there(tmp_path, 
     """Energies, which are no other program, with their own bound, and no picture."""
     monkeypatch.setattr("rne.plotting.html_page.has_matplotlib", lambda: False)
     monkeypatch.setattr("rne.plotting.html_page.importlib.util.find_spec", lambda name: None)
-    for module in ("rne.validation.agreement", "rne.commands.pages"):
+    for module in ("rne.commands.agreement", "rne.commands.pages"):
         monkeypatch.setattr(f"{module}.has_pinocchio", lambda: False)
     assert main(["--out", str(tmp_path)]) == 0
     said = capsys.readouterr().out

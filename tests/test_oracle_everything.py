@@ -16,7 +16,7 @@ from benchmarks.every_torque import (
     of_states,
     quotients,
 )
-from rne.validation.agreement import random_states
+from rne.commands.agreement import random_states
 
 from .helpers import kept, relative
 

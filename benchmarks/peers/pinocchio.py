@@ -13,7 +13,7 @@ import pinocchio as pin
 
 import rne
 from benchmarks.peers.registry import Call, Case, Point, peer
-from rne.validation.oracle import Oracle
+from rne.commands.oracle import Oracle
 
 LOOP = 2000  # states of a Python loop over single calls
 SINGLE: dict[str, tuple[Any, int]] = {

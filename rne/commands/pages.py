@@ -25,8 +25,8 @@ from ..plotting.notebook import BODIES, body_table, joint_table
 from ..plotting.plots import BELOW, WIDTH, blank_figure, small_plots
 from ..plotting.robot_picture import small_picture
 from ..simulation.trajectory import Trajectory, between, trajectory_lines
-from ..validation.agreement import ROUNDING, Match, has_pinocchio, random_states, relative, validate
-from ..validation.oracle import Oracle, each
+from .agreement import ROUNDING, Match, has_pinocchio, random_states, relative, validate
+from .oracle import Oracle, each
 from .shared import units_of
 
 if TYPE_CHECKING:

@@ -76,7 +76,7 @@ def run_check(arguments: argparse.Namespace) -> int:
 
 def _print_gap(robot: str, points: Sequence[str]) -> int:
     """Print how far apart two points of a robot come."""
-    from ..validation.agreement import loop_gap
+    from .agreement import loop_gap
 
     try:
         ends = [(link, [float(x) for x in place.split(",")]) for link, _, place in (p.partition(",") for p in points)]

@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import real_numbers
 from ..basics.spatial import Array
 from ..basics.text import short
-from ..loads.drive_report import DriveReport
 from ..robot import Robot
+from ..simulation.drive_report import DriveReport
 from ..simulation.ensembles import Ensemble
 from ..simulation.sensitivities import Sensitivities
 from ..simulation.trajectory import Trajectory

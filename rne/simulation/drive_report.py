@@ -15,10 +15,10 @@ from ..basics.spatial import Array
 from ..basics.text import InNotebooks, column, six_digits, table
 from ..dynamics.limits import limit_shares, share_texts
 from ..robot import Robot
-from ..simulation.scene import Scene
-from ..simulation.springs import Springs
-from ..simulation.trajectory import Trajectory, motors_at
 from .bearings import BearingPeaks, cycle_samples, peaks_of, scene_of
+from .scene import Scene
+from .springs import Springs
+from .trajectory import Trajectory, motors_at
 
 LOGGER = logging.getLogger("rne")
 MOVING = 0.01  # of a joint's largest speed, above which its drive is on duty

@@ -15,9 +15,9 @@ from ..basics.text import InNotebooks, counted, six_digits, summary, table
 from ..dynamics.recursion_record import bearing_loads, not_known
 from ..model.model import Model
 from ..robot import Robot, robot_argument
-from ..simulation.scene import Scene
-from ..simulation.springs import Springs
-from ..simulation.trajectory import MOST_LOADS, Trajectory, between, samples_of
+from .scene import Scene
+from .springs import Springs
+from .trajectory import MOST_LOADS, Trajectory, between, samples_of
 
 LOGGER = logging.getLogger("rne")
 EVERY = 1e-3  # [s] between the instants of a motion that is a function of time

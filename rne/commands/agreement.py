@@ -87,7 +87,7 @@ def validate(robot: Robot, samples: int = 1000, *, by_terms: bool = False) -> tu
     for robots of few joints, whose torques can cancel. A SingularMassMatrixError says where M is singular.
 
     >>> import rne
-    >>> from rne.validation.agreement import validate
+    >>> from rne.commands.agreement import validate
     >>> source, rows = validate(rne.load("irb140"), samples=10)
     >>> all(row.worst <= row.bound for row in rows)
     True

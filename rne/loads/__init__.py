@@ -1,1 +1,0 @@
-"""Loads of drives, gears and bearings along a motion."""

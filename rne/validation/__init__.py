@@ -1,1 +1,0 @@
-"""Comparison of the dynamics with Pinocchio or, where it is not installed, with the energies; of two models."""
