@@ -1,4 +1,4 @@
-"""Adaptive control: tracking by a law that corrects the inertial parameters of its model on the way."""
+"""Adaptive control: tracking by a law that estimates the inertial parameters of its model during the motion."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from ..model.friction_laws import SMOOTHING
 from ..robot import Robot
 from .laws import Reference, check_reference, checked_vectors, composite_error, model_torques, of_robot
 
-FADING = 0.1  # of its limit: within this of it a torque slows the adaptation
-SMALLEST = 1e-12  # eigenvalue, of the largest, of a pseudo-inertia that counts as positive definite
+FADING = 0.1  # width of the margin below a torque limit in which adaptation slows down, relative to the limit
+SMALLEST = 1e-12  # smallest eigenvalue of a positive definite pseudo-inertia, relative to the largest
 ROWS, COLUMNS = np.triu_indices(4)
 
 
@@ -57,7 +57,7 @@ class Adaptive:
 
     @cached_property
     def _columns(self) -> Array:
-        """Places of the adapted parameters among those of all bodies."""
+        """Column indices of the adapted parameters among those of all bodies."""
         places = np.array([self.robot.model.moving_joints.index(name) for name in self.bodies], dtype=int)
         return (PARAMETERS * places[:, None] + np.arange(PARAMETERS)).ravel()
 
@@ -99,7 +99,7 @@ class Adaptive:
         return np.asarray(Z_dot[..., ROWS, COLUMNS].reshape(*z.shape[:-1], -1))
 
     def _share(self, u: Array) -> Array | float:
-        """Speed of adaptation: 1 while every torque is within its limit by a margin, falling to 0 at the limit."""
+        """Adaptation rate factor: 1 while all torques are below their limits by a margin, falling to 0 at a limit."""
         if self.effort_limit is None:
             return 1.0
         used = np.abs(u) / self.effort_limit
@@ -302,7 +302,7 @@ def adaptive(
 
 
 def _adapted_bodies(robot: Robot, bodies: Sequence[str] | None, *, required: bool) -> tuple[str, ...]:
-    """Joints whose bodies are adapted, in the order of `model.moving_joints`; `required`: nothing else is adapted."""
+    """Joints whose bodies are adapted, in the order of `model.moving_joints`; raises if others are `required`."""
     eigenvalues = np.linalg.eigvalsh(pseudo_inertia(robot.parameters))
     joints, can_adapt = robot.model.moving_joints, eigenvalues[:, 0] > SMALLEST * eigenvalues[:, -1]
     possible = [joints[i] for i in np.flatnonzero(can_adapt)]

@@ -25,20 +25,20 @@ from ..basics.spatial import Array
 from ..basics.text import InNotebooks, summary
 from .sampled_loop import LARGEST_GROWTH, Window
 
-MARGIN = 1e-9  # of growth rates, over the fastest: less is rounding
-FREE_POLE = 1e-6  # of the fastest pole, below which one is zero: double ones keep half the digits
-EXACT = 1e-9  # of an edge between windows
-SLOWEST, FASTEST = 1e2, 0.1  # sample times examined, over the times of the slowest and of the fastest mode
-STEP, DELAY_STEP = 1.04, 1.3  # from one sample time or factor of the gain that is examined to the next; of delays
-SAMPLES_LATE = 8  # of a delay, at most, where windows of sample times are searched
-REACH = 4  # end of the windows of sample times, over that of the first
+MARGIN = 1e-9  # smallest significant growth rate relative to the fastest pole; smaller ones are rounding
+FREE_POLE = 1e-6  # largest magnitude of a zero pole relative to the fastest one: double poles keep half the digits
+EXACT = 1e-9  # relative tolerance of the edges of windows
+SLOWEST, FASTEST = 1e2, 0.1  # range of sample times examined, relative to the slowest and to the fastest time constant
+STEP, DELAY_STEP = 1.04, 1.3  # ratio of neighbouring sample times or gain factors examined; ratio of delays
+SAMPLES_LATE = 8  # largest delay for which windows of sample times are searched [samples]
+REACH = 4  # end of the search for windows, relative to the end of the first window
 # Phases of vibrations between samples [rad], near half turns, where two eigenvalues meet and windows may be narrow
 HALF_TURNS = np.add.outer(np.pi * np.arange(1, 81), np.outer([-1, 1], np.geomspace(3e-3, 1, 5))).ravel()
-LARGEST_GAIN = 1e4  # factor of the feedback up to which the gain margin is searched
-LARGE = 100  # past commands, beyond which modes are counted: eigenvalues of the map take longer
-TERMS = 16  # of a series at half the time over the norm: the rest is 1e-17
-ANGLES, TURN, HALVINGS = 1.06, 0.2, 60  # from one angle of the contour to the next; phase between them [rad]; refined
-Node = tuple[float, float]  # a sample time, gain or delay, and the growth rate there
+LARGEST_GAIN = 1e4  # largest gain factor examined for the gain margin
+LARGE = 100  # number of past commands from which on modes are counted, as eigenvalues take longer
+TERMS = 16  # terms of the Taylor series for norm times time below 1/2: remainder 1e-17
+ANGLES, TURN, HALVINGS = 1.06, 0.2, 60  # ratio of contour angles; largest phase step [rad]; refinements
+Node = tuple[float, float]  # (sample time, gain or delay; growth rate)
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,15 +124,15 @@ class FeedbackLoop(ReadOnlyArrays):
 
     @cached_property
     def _open(self) -> Array:
-        """Rates of x and z without commands."""
+        """Rates of x and z for zero commands."""
         return np.vstack([np.pad(self.A, ((0, 0), (0, len(self.R)))), self.R])
 
     def _closed(self, F: Array) -> Array:
-        """Rates of x and z in continuous time."""
+        """Rates of x and z of the closed loop in continuous time."""
         return np.asarray(self._open + np.vstack([self.B @ F, 0 * self.R]))
 
     def _integral(self, t: float) -> Array:
-        """S(t) by Taylor's series of a short time and S(2 h) = 2 S(h) + S(h) A S(h)."""
+        """Integral S(t) of the matrix exponential: Taylor series for a short time, S(2 h) = 2 S(h) + S(h) A S(h)."""
         doublings = max(0, int(np.ceil(np.log2(t * np.abs(self.A).sum(axis=1).max(initial=1e-300)))) + 1)
         h = t * 0.5**doublings
         term = total = h * np.eye(len(self.A))
@@ -144,7 +144,7 @@ class FeedbackLoop(ReadOnlyArrays):
         return total
 
     def _sampled(self, T: float, delay: float) -> tuple[Array, Array, Array, int]:
-        """Changes of x and z by themselves, of x by the commands u_k-m and u_k-m-1, over a sample, and m."""
+        """Changes over a sample: of x and z without commands, of x by the commands u_k-m and u_k-m-1; and m."""
         m, r = divmod(delay / T, 1.0)
         whole = self._integral(T)
         part = self._integral((1 - r) * T) if r else whole
@@ -152,7 +152,7 @@ class FeedbackLoop(ReadOnlyArrays):
         return own, part @ self.B, (whole - part) @ self.B, int(m)
 
     def _change(self, T: float, delay: float, F: Array) -> Array:
-        """The map from sample to sample less the unit matrix: no digits are lost for short sample times."""
+        """Map from sample to sample minus the identity, which keeps all digits for short sample times."""
         own, later, earlier, m = self._sampled(T, delay)
         (N, n), size, late = self.B.shape, len(own), int(np.ceil(delay / T))
         commands = np.eye((late + 1) * n, size + late * n, size - n)  # rows of u_k, u_k-1, ...
@@ -163,7 +163,7 @@ class FeedbackLoop(ReadOnlyArrays):
         return change
 
     def _growth(self, T: float | None, delay: float, gain: float = 1.0) -> float:
-        """The largest growth rate over the fastest rate; of many past commands its sign alone, by their count."""
+        """Largest growth rate relative to the fastest pole; of many past commands only its sign, by counting modes."""
         F = gain * self.F
         if (T is None and delay) or (T and len(F) * delay / T > LARGE):
             return 1.0 if self._unstable_modes(T, delay, F) else -1.0
@@ -175,7 +175,7 @@ class FeedbackLoop(ReadOnlyArrays):
         return float(np.log1p(max(square, -1 + EXACT)) / 2 / min(fastest, 1.0))
 
     def _unstable_modes(self, T: float | None, delay: float, F: Array) -> int:
-        """Number of modes that do not decay, by the argument principle: at a cost that no delay adds to.
+        """Number of modes that do not decay, by the argument principle, whose cost does not depend on the delay.
 
         Along half of the circle |z| = 1 (or of the axis) the phase of det(z - map) turns less by pi for each mode
         outside (on its right) than without any. Between neighbours on it the phase turns by less than TURN.
@@ -291,12 +291,12 @@ class LinearisedLoop(InNotebooks):
 
 
 def geometric(first: float, last: float, ratio: float) -> Array:
-    """0, and numbers from `first` to `last` by a ratio of at most `ratio`."""
+    """Zero, followed by a geometric sequence from `first` to `last` with at most this ratio."""
     return np.append(0.0, np.geomspace(first, last, int(np.ceil(np.log(last / first) / np.log(ratio))) + 1))
 
 
 def verdict(growth: float) -> str:
-    """What a growth rate over the fastest says."""
+    """ "stable", "unstable" or "undecided" for a growth rate relative to the fastest pole."""
     return "stable" if growth < -MARGIN else "unstable" if growth > MARGIN else "undecided"
 
 
@@ -363,7 +363,7 @@ def windows(growth: Callable[[float], float], points: Array, reach: float = 0, l
 
 
 def hidden_peak(growth: Callable[[float], float], *nodes: Node) -> Node | None:
-    """A peak beside the second of three nodes, if the sign of the growth rate is another there."""
+    """Local extremum between three nodes at which the verdict differs from the middle one's, or None."""
     from scipy.optimize import minimize_scalar
 
     (start, before), (_, value), (end, behind) = nodes
@@ -376,7 +376,7 @@ def hidden_peak(growth: Callable[[float], float], *nodes: Node) -> Node | None:
 
 
 def edge(growth: Callable[[float], float], before: Node, behind: Node) -> float:
-    """Where a growth rate changes its sign between two nodes; what is undecided begins and ends at a node."""
+    """Zero of the growth rate between two nodes; an undecided window begins and ends at a node."""
     from scipy.optimize import brentq
 
     (start, first), (end, last) = before, behind
@@ -386,6 +386,6 @@ def edge(growth: Callable[[float], float], before: Node, behind: Node) -> float:
 
 
 def end_of_stability(found: tuple[Window, ...]) -> float:
-    """The end of the first window if it is stable, infinite if there is no other; its start if it is not."""
+    """End of the first window if stable, infinite if it is the only one; its start if it is not stable."""
     first, *others = found
     return first.start if first.verdict != "stable" else first.end if others else float("inf")

@@ -22,11 +22,11 @@ from .sampled_loop import LinearLoop, Window, first_unstable_time, gravity_modes
 if TYPE_CHECKING:
     from ..bounds.bounds import Bounds
 
-SAMPLES, REFINED = 2048, 4  # configurations that are drawn, and the best of them that are refined
-SWEPT = np.append(np.arange(1, 16) / 16, 1 - 0.5 ** np.arange(5, 13))  # of the limit: times tried with some
-LONGEST, ROUNDS = 1.25, 40  # sample times examined, of a loop's horizon; lowering the sample time and searching again
-BOTH = "beats_gravity", "sample_time_limit"  # results that bounds may prove
-FREE = np.pi  # range of a coordinate without limits: -pi to pi [rad or m]
+SAMPLES, REFINED = 2048, 4  # number of random configurations; number of the worst ones that are refined
+SWEPT = np.append(np.arange(1, 16) / 16, 1 - 0.5 ** np.arange(5, 13))  # sample times examined, relative to the limit
+LONGEST, ROUNDS = 1.25, 40  # longest sample time examined relative to a loop's horizon; most iterations
+BOTH = "beats_gravity", "sample_time_limit"  # names of the results that bounds can prove
+FREE = np.pi  # half range of a coordinate without limits [rad or m]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -192,7 +192,7 @@ def check_gains(
 
 
 def bounded(robot: Robot, kp: Array, kd: Array, bounds: Bounds, limit: float) -> tuple[float, float, tuple[str, ...]]:
-    """Gravity's stiffness, the limit, and what bounds prove of both; where one was not found, nothing is stable."""
+    """Gravity's stiffness, sample-time limit and what bounds prove of both; without one, nothing is stable."""
     if bounds.joint_names != robot.joint_names:
         names = (listed(x.joint_names) for x in (bounds, robot))
         raise ValueError("`bounds` must be of the robot, with the joints {1}; got those of one with {0}".format(*names))
@@ -234,7 +234,7 @@ def random_configurations(lower: Array, upper: Array) -> Array:
 def largest_over(
     value: Callable[[Array], Array], lower: Array, upper: Array, drawn: Array | None = None
 ) -> tuple[float, Array]:
-    """The largest value found between two corners of the workspace, and where; refined from the best drawn ones."""
+    """Largest value found in a box of the workspace and its configuration; the best random samples are refined."""
     from scipy.optimize import Bounds, minimize
 
     drawn, bounds = random_configurations(lower, upper) if drawn is None else drawn, Bounds(lower, upper)

@@ -12,7 +12,7 @@ from ..robot import Robot
 from .laws import Reference
 from .servo_law import Servo, servo
 
-KG_CM = 9.80665e-2  # [N m], torque of a kilogram at a centimetre
+KG_CM = 9.80665e-2  # torque of 1 kgf at 1 cm [N m]
 
 
 class ServoFigures(NamedTuple):

@@ -26,19 +26,19 @@ from ..graph.scalar import is_traced
 from ..model.model import unchecked_model
 from ..robot import Robot
 
-MOST = 400  # entries of an array that is a number of a law: larger ones are tables
+MOST = 400  # largest size of an array that is a parameter of a law; larger ones are tables
 Numbers = dict[str, Array]
 
 
 def is_number(value: Any) -> bool:
-    """True for a float and for an array of floats that is no table."""
+    """True for a float and for a float array that is small enough not to be a table."""
     if isinstance(value, np.ndarray):
         return value.dtype.kind == "f" and 0 < value.size <= MOST and value.ndim <= 2
     return isinstance(value, float)
 
 
 def parts_of(law: Any) -> dict[str, Any]:
-    """What a law holds, by the names that its author gave it."""
+    """Attributes, fields or closure variables of a law by name."""
     if isinstance(law, types.MethodType):
         return parts_of(law.__self__)
     if isinstance(law, types.FunctionType):
@@ -50,7 +50,7 @@ def parts_of(law: Any) -> dict[str, Any]:
 
 
 def numbers_of(law: Any) -> Numbers:
-    """The numbers of a law by name, "kp", and those of parts with numbers of their own, "feedforward.viscous"."""
+    """Numerical parameters of a law by name, "kp", and those of its parts, "feedforward.viscous"."""
     found: Numbers = {}
     for name, part in parts_of(law).items():
         if is_number(part):
@@ -63,13 +63,13 @@ def numbers_of(law: Any) -> Numbers:
 
 
 def models_of(law: Any, asked: Collection[str]) -> Numbers:
-    """The inertial parameters of robots that a law holds, "robot.parameters": numbers only where they are asked for."""
+    """Inertial parameters of the robots held by a law, "robot.parameters"; only for the names `asked`."""
     held = {f"{name}.parameters": part for name, part in parts_of(law).items()} if asked else {}
     return {name: part.parameters for name, part in held.items() if name in asked and isinstance(part, Robot)}
 
 
 class _KernelsAt(NamedTuple):
-    """What a robot's methods evaluate within a law that is traced, at traced inertial parameters."""
+    """Kernels of a robot inside a traced law, evaluated at traced inertial parameters."""
 
     kernels: Any
     traced: Array
@@ -97,19 +97,19 @@ def _robot_at(robot: Robot, parameters: Array) -> Robot:
 
 
 def motion_of(law: Any) -> tuple[str, Any] | None:
-    """The name and the motion through samples, which has a `table`, that a law holds; None for none or several."""
+    """Name and value of the law's motion through samples, which has a `table`; None for none or several."""
     found = [(name, part) for name, part in parts_of(law).items() if hasattr(type(part), "with_samples")]
     return found[0] if len(found) == 1 else None
 
 
 def samples_of(law: Any) -> Numbers:
-    """The samples of the motion that a law holds, by its name."""
+    """Samples of the law's motion, by its name."""
     found = motion_of(law)
     return {} if found is None else {found[0]: found[1].samples}
 
 
 class OnRows(NamedTuple):
-    """In place of a motion through samples of n joints: its values at a time by the rows that hold there, or traced."""
+    """Replacement of a motion through samples of n joints, evaluated from the table rows that hold at a time."""
 
     rows: Array
     n: int
@@ -120,7 +120,7 @@ class OnRows(NamedTuple):
 
 
 def law_at(law: Any, numbers: Mapping[str, Any]) -> Any:
-    """The law with other numbers, which may be traced; their names are those of `numbers_of`."""
+    """Law with other numbers, which may be traced; names as in `numbers_of`."""
     changed: dict[str, Any] = {}
     for name, part in parts_of(law).items():
         inner = part_of(numbers, f"{name}.")
@@ -136,7 +136,7 @@ def law_at(law: Any, numbers: Mapping[str, Any]) -> Any:
 
 
 def as_given(number: Any, part: Any) -> Any:
-    """A number in place of a part: an array of its shape, or a number alone where that is one."""
+    """Replacement number in the form of the original: an array of its shape, or a float."""
     array = np.asarray(number)
     if isinstance(part, np.ndarray):
         return array.reshape(part.shape)
@@ -173,7 +173,7 @@ def _defaults(law: types.FunctionType) -> Iterator[tuple[str, Any]]:
 
 
 def _function_with(law: types.FunctionType, parts: Mapping[str, Any]) -> types.FunctionType:
-    """The function with other values in its defaults and its cells, which functions that it holds share."""
+    """Copy of a function with other defaults and closure cells, shared with the functions it refers to."""
     cells = zip(law.__code__.co_freevars, law.__closure__ or (), strict=True)
     own = _at_cells(law, {id(cell): types.CellType(parts[name]) for name, cell in cells if name in parts})
     own = _copied(law, law.__closure__) if own is law else own
@@ -183,7 +183,7 @@ def _function_with(law: types.FunctionType, parts: Mapping[str, Any]) -> types.F
 
 
 def _at_cells(law: types.FunctionType, places: dict[int, Any]) -> types.FunctionType:
-    """A function with other cells in the places of some, by their ids, and so have the functions that it holds."""
+    """Copy of a function with some closure cells, given by id, replaced, and of the functions it refers to."""
     held = {name: part for name, part in _cells(law) if isinstance(part, types.FunctionType)}
     for name, cell in zip(law.__code__.co_freevars, law.__closure__ or (), strict=True):
         if id(cell) not in places:
@@ -202,7 +202,7 @@ def _copied(law: types.FunctionType, cells: Any) -> types.FunctionType:
 
 
 def law_breaks(law: Any, further: Sequence[float] = ()) -> list[float]:
-    """Instants at which a law's torques jump, and others."""
+    """Instants at which a law's torques jump, merged with others."""
     owners: dict[str, Any] = {"controller": law, "controller.reference": getattr(law, "reference", None)}
     given, found = [*further], list[float]()
     for name, owner in owners.items():

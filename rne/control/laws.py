@@ -54,7 +54,7 @@ def traceable(law: F) -> F:
 
 
 def of_robot(make: F) -> F:
-    """A function whose first argument is checked before Python misses the last, where a call forgets the robot."""
+    """Decorator that checks that the first argument is a Robot, for a clear error where a call omits it."""
 
     @functools.wraps(make)
     def checked(*arguments: Any, **options: Any) -> Any:
@@ -74,7 +74,7 @@ def checked_vectors(
 
 
 class HasTorque(Protocol):
-    """What gives torques over joint velocities, such as an rne.Friction."""
+    """Object with torques as a function of joint velocities, such as an rne.Friction."""
 
     def torque(self, model: Model, qd: ArrayLike, /) -> Array:
         """Torques, shape (..., n)."""
@@ -130,7 +130,7 @@ def composite_error(
 
 
 def model_torques(robot: Robot, Y: Array, parameters: Array, qddr: Array) -> Array:
-    """M qddr + C qdr + g: Y pi of the parameters, and the torque of the rotors, which are known."""
+    """M qddr + C qdr + g: Y pi of the parameters, and the torque of the rotors, which are not estimated."""
     model = robot.model
     if model.couplings and model.armature.any():
         refuse_couplings(model, "adaptive and robust laws of robots with armature take")
@@ -265,7 +265,7 @@ def _pd(
 
 
 def check_feedforward(robot: Robot, feedforward: Any) -> None:
-    """Raise an error for what gives no torques of this robot's joints."""
+    """Raise an error if a feed-forward cannot give torques of this robot's joints."""
     if feedforward is None:
         return
     if not callable(getattr(feedforward, "torque", None)):
@@ -279,7 +279,7 @@ def under_load(feedforward: Any) -> bool:
 
 
 def supplied(law: Any, qd: Array, load: Array) -> Array:
-    """Torques of a law's feed-forward; friction under load is that of its other torques."""
+    """Feed-forward torques of a law; load-dependent friction uses its other torques as the load."""
     loads = (load,) if under_load(law.feedforward) else ()
     torques: Array = law.feedforward.torque(law.robot.model, qd, *loads)
     return torques

@@ -1,4 +1,4 @@
-"""Robust tracking: a nominal torque and a bounded term against the torque that the controller's model is short of."""
+"""Robust tracking: a nominal torque and a bounded term that dominates the error of the controller's model."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ..robot import Robot
 from .laws import Reference, check_reference, checked_vectors, composite_error, model_torques, of_robot
 from .uncertainty import Cases, checked_cases
 
-SMALLEST = 1e-20  # [W^2]: a root has no derivative at zero
+SMALLEST = 1e-20  # [W^2], added below a square root, which has no derivative at zero
 
 
 def saturated_direction(v: Array, width: float) -> Array:
@@ -28,7 +28,7 @@ def saturated_direction(v: Array, width: float) -> Array:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RobustLaw:
-    """Tracking by the composite error s = e' + bandwidth e, e = q - q_ref, which a robust law bounds."""
+    """Base of robust laws: tracking by the composite error s = e' + bandwidth e with e = q - q_ref."""
 
     robot: Robot
     bandwidth: Array
@@ -40,7 +40,7 @@ class RobustLaw:
 
     @cached_array
     def error_bound(self) -> Array:
-        """Bound on each joint's tracking error, shape (n,) [rad or m]; the function that makes the law derives it."""
+        """Bound of each joint's tracking error, shape (n,) [rad or m]; derived where the law is made."""
         return self._bound_of_s() / self.bandwidth
 
     def __call__(self, t: float, q: Array, qd: Array) -> Array:

@@ -15,14 +15,14 @@ import numpy as np
 
 from ..basics.spatial import Array
 
-NARROWEST = 1e-10  # of an end of an interval: narrower ones stay undecided
-PARTS, INTERVALS = 4, 4000  # an undecided interval is cut in so many; so many are examined before others are given up
-REDUCED = 0.3  # of a gap between eigenvalues: larger couplings are not transformed away
-CLOSE = 0.1  # of their size: eigenvectors of closer eigenvalues may be nearly parallel and are made orthonormal
-LARGEST_GROWTH = 100.0  # of an inverted pendulum over one sample, exp(100): longer sample times are undecided
-SUM_ROUNDING = 16 * float(np.finfo(float).eps)  # of sums of a few products, relative to their largest terms
-NONE = np.empty((0, 2))  # windows
-WHOLE = 1e-12  # relative: delays that are a whole number of sample times up to rounding
+NARROWEST = 1e-10  # smallest relative width of an interval that is subdivided
+PARTS, INTERVALS = 4, 4000  # parts into which an undecided interval is divided; most intervals examined
+REDUCED = 0.3  # largest coupling that is transformed away, relative to the eigenvalue gap
+CLOSE = 0.1  # relative distance of eigenvalues below which their eigenvectors are made orthonormal
+LARGEST_GROWTH = 100.0  # largest exponent of an unstable mode over one sample; longer sample times are undecided
+SUM_ROUNDING = 16 * float(np.finfo(float).eps)  # rounding of sums of a few products, relative to the largest term
+NONE = np.empty((0, 2))  # no windows
+WHOLE = 1e-12  # relative rounding tolerance of delays that are a whole number of sample times
 
 
 class Window(NamedTuple):
@@ -76,7 +76,7 @@ def step_matrix(w: Array, P: Array, D: Array, T: Array) -> tuple[Array, Array]:
 
 
 class LinearLoop:
-    """The loop of one configuration; its `horizon` is of the order of the first unstable sample time, or longer."""
+    """Loop of one configuration; `horizon` is of the order of the first unstable sample time, or longer."""
 
     def __init__(self, w: Array, P: Array, D: Array) -> None:
         self.w, self.P, self.D = w, P, D
@@ -84,7 +84,7 @@ class LinearLoop:
         self.horizon = float(1 / max(rates))
 
     def windows(self, upto: float) -> list[Window]:
-        """Windows of all sample times up to `upto`."""
+        """Stability windows of all sample times up to `upto`."""
         coupled = np.eye(len(self.w))
         for X in (self.P, self.D):
             coupled += np.abs(X) > SUM_ROUNDING * np.sqrt(np.outer(np.diagonal(X), np.diagonal(X)))
@@ -105,7 +105,7 @@ class LinearLoop:
         return [Window(*row) for row in zip(*(x.tolist() for x in rows), strict=True)]
 
     def first_unstable(self, upto: float) -> float:
-        """The largest sample time up to `upto` below which all are proven stable."""
+        """Largest sample time up to `upto` below which all are proven stable."""
         first = self.windows(upto)[0]
         return first.end if first.verdict == "stable" else 0.0
 
@@ -165,7 +165,7 @@ class CoupledModes:
         return np.select([constant & (least > 0).any(axis=-1) | alone, constant], ["unstable", "stable"], "undecided")
 
     def proven_start(self, upto: float) -> float:
-        """A time up to which all are proven stable, by (Phi - 1) / T = A + F A T / 2 + F^2 A T^2 / 6 + ...; or 0."""
+        """Time up to which all are proven stable, by (Phi - 1) / T = A + F A T / 2 + F^2 A T^2 / 6 + ...; or 0."""
         V, T = _basis(self.A[None])[0], upto * 0.5 ** np.arange(60)
         inverse, Y, h = np.linalg.inv(V), self.A @ V, T[:, None, None]
         start, size, z = inverse @ Y, np.abs(inverse), np.diagonal(inverse @ Y)
@@ -204,7 +204,7 @@ class CoupledModes:
 
 
 def outside_circle(z: Array, step: Array) -> tuple[Array, Array]:
-    """The least and the largest of |1 + z + step x| - 1 for -1 <= x <= 1."""
+    """Minimum and maximum of |1 + z + step x| - 1 over -1 <= x <= 1."""
     linear, square = 2 * ((1 + z).conj() * step).real, np.abs(step) ** 2
     x = np.clip(-linear / np.where(square == 0, 1, 2 * square), -1, 1)
     excess = 2 * z.real + np.abs(z) ** 2 + np.stack([linear * x + square * x**2, np.abs(linear) + square])
@@ -238,7 +238,7 @@ def _dominant(constant: Array, residual: Array, distance: Array) -> Array:
 
 
 def in_periods(delay: float, period: float) -> tuple[float, float]:
-    """A delay as a whole number of periods and the rest [s], which is 0 where rounding has left it."""
+    """Delay as a whole number of periods and a remainder [s], 0 where it is only rounding."""
     whole, rest = float(round(delay / period)), 0.0
     if abs(delay - whole * period) > WHOLE * max(delay, period):
         whole = float(np.floor(delay / period))

@@ -26,9 +26,9 @@ from ..basics.text import summary
 from ..robot import Robot, rows_argument
 from .laws import PD, of_robot, pd
 
-VEE = np.array([[2, 1], [0, 2], [1, 0]])  # entries of a skew matrix that are its vector
-ROTATION = 1e-9  # deviation of R^T R from 1 that a pose may have
-NOT_NEGATIVE = -1e-12  # of the largest eigenvalue: less is rounding
+VEE = np.array([[2, 1], [0, 2], [1, 0]])  # entries of a skew-symmetric matrix that form its vector
+ROTATION = 1e-9  # largest deviation of a pose's R^T R from the identity
+NOT_NEGATIVE = -1e-12  # smallest eigenvalue relative to the largest of a positive semidefinite matrix with rounding
 
 Target = Callable[[float], Any]
 
@@ -118,7 +118,7 @@ def spring_wrench(T: Array, target: Array, K: Array) -> Array:
 
 
 def in_base_axes(X: Array, target: Array, axes: str) -> Array:
-    """A matrix (6, 6) of blocks in the target's axes or the root link's, in these."""
+    """Matrix (6, 6) in the root link's axes, from one whose blocks are in the target's or the root link's axes."""
     if axes == "base":
         return X
     turn = zeros((6, 6), like=target)
@@ -153,7 +153,7 @@ def pose_argument(pose: Any) -> Any:
 
 
 def task_matrix(name: str, value: ArrayLike, *, blocks: bool) -> Array:
-    """A symmetric matrix (6, 6) without negative eigenvalues from six numbers or a matrix, perhaps of two blocks."""
+    """Positive semidefinite (6, 6) matrix from six diagonal entries, a matrix, or its two blocks."""
     given = np.asarray(value)
     if given.shape not in ((6,), (6, 6)):
         raise ValueError(f"`{name}` must have shape (6,) or (6, 6), rotations first, got {given.shape}")
@@ -268,7 +268,7 @@ def impedance(
 
 
 def posture_argument(robot: Robot, posture: Any) -> PD | None:
-    """The springs in the joints as a law."""
+    """Springs in the joints as a control law."""
     if posture is None:
         return None
     if not isinstance(posture, tuple) or len(posture) != 3:
@@ -306,7 +306,7 @@ class OperationalSpace:
 
 
 def motion_values(given: Any) -> tuple[Array, Array, Array]:
-    """The pose, velocity and acceleration that a reference of a link gave."""
+    """Pose, velocity and acceleration of a link, from a reference."""
     shapes = [np.shape(part) for part in given] if isinstance(given, tuple) else []
     if shapes != [(4, 4), (6,), (6,)]:
         raise ValueError(f"`reference` must give shapes (4, 4), (6,) and (6,), got {shapes or 'something else'}")

@@ -1,4 +1,4 @@
-"""Control laws: how they are called; those that are traced become part of a scene's kernel, or a kernel themselves."""
+"""Control laws: their calls, and their traces as part of a scene's kernel or as kernels themselves."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ def check_law(name: str, law: Any) -> None:
         whole_number(f"{name}.states", law.states, least=0)
 
 
-_locks: WeakValueDictionary[int, Any] = WeakValueDictionary()  # of laws that run, by the id of what has their memory
+_locks: WeakValueDictionary[int, Any] = WeakValueDictionary()  # by the id of what holds a law's state
 _guard = RLock()
 
 
 def one_at_a_time(law: Any) -> Any:
-    """A context in which no other thread runs a law, whose memory is that of one motion; of None any may run."""
+    """Lock that keeps other threads from running a law with memory; a null context for None."""
     if law is None:
         return nullcontext()
     with _guard:
@@ -76,7 +76,7 @@ def call_law(law: Any, t: Any, x: Array, given: LawInputs) -> tuple[Any, Any]:
 
 
 def changed(law: Any) -> None:
-    """Have control laws traced anew at their next run, after a change that their formulas do not show.
+    """Mark laws as changed, so that they are traced anew at their next run; for changes that formulas do not show.
 
     Before each run a scene compares the formula of a traced law with that of its kernel, so that any change of what the
     law reads is noticed. The page on control laws lists the few changes that are not: report them by this function.
@@ -109,7 +109,7 @@ class TracedLaw(WithNumbers):
     of pieces, of which a kernel of the law is given the row that holds at its time, `piece`.
     """
 
-    changes = 0  # that were reported by `changed`
+    changes = 0  # number of calls of `changed`
     piece: Array | None = None  # rows (..., width) that take the place of the motion, traced or not
 
     def __init__(self, law: Any, n: int, given: LawInputs | None = None, named: frozenset[str] = frozenset()) -> None:
@@ -160,7 +160,7 @@ class TracedLaw(WithNumbers):
 
     @classmethod
     def known(cls, law: Any, n: int, given: LawInputs, named: frozenset[str], kernels: KernelCache) -> TracedLaw:
-        """The law as the kernels of a scene know it: of this package's laws that differ in numbers alone one is traced.
+        """Law as a key of a scene's kernels: laws of this package that differ only in numbers share one.
 
         What others read is not all to be seen, so that their formula is compared.
         """
@@ -186,14 +186,14 @@ class TracedLaw(WithNumbers):
         return copy_with(found, law=law, numbers=numbers, **own)
 
     def tables(self, own: Mapping[str, Array]) -> Array:
-        """Its table, (1, N, width), or those of motions with samples of their own by its name; (0, 0, 0) of none."""
+        """Tables (1, N, width) of the law's motion, or of other motions by its name; (0, 0, 0) without one."""
         if self.motion is None:
             return NO_TABLES
         name, motion = self.motion
         return tables_of(motion, own[name]) if name in own else self.table[None]
 
     def on_piece(self, piece: Array | None) -> TracedLaw:
-        """The law with rows of its table, traced or not, (..., width), in place of its motion through samples."""
+        """Law with its motion replaced by rows of its table, traced or not, (..., width)."""
         return self if piece is None or self.motion is None else copy_with(self, piece=piece)
 
     def _formula(self, numbers: Mapping[str, Array]) -> tuple[Any, ...] | None:
@@ -208,7 +208,7 @@ class TracedLaw(WithNumbers):
             with np.errstate(all="ignore"):
                 torques, rates = law.filled(x[0, first:last]).on_piece(x[:, last:])(x[:, :1], x[:, 1:first])
             found = [references(graph, part) for part in (torques, rates) if part is not None]
-        except Exception:  # whatever the law raises when it meets traced numbers: the trace for a kernel tells it
+        except Exception:  # whatever the law raises for traced numbers: the trace for a kernel reports it
             return None
         if any(kind == "constant" and args[0] != args[0] for kind, args in graph.nodes):  # of a robot without values
             return None
@@ -255,7 +255,7 @@ class TracedLaw(WithNumbers):
 
     @cached_property
     def _takes_batches(self) -> bool:
-        """True if the law gives for some states at once what it gives for each."""
+        """True if the law gives the same for a batch of states as for each alone."""
         count = self.n + 1  # a matrix (n, n) times so many states fails
         t, X = self._trials(count)
         try:
@@ -269,7 +269,7 @@ class TracedLaw(WithNumbers):
 
     @property
     def piece_width(self) -> dict[str, int | None]:
-        """The length of the argument `piece`, by its name, if there is one."""
+        """Width of the argument `piece` by its name, empty without one."""
         return {"piece": self.table.shape[1]} if len(self.table) else {}
 
     @cached_property
@@ -301,11 +301,11 @@ class TracedLaw(WithNumbers):
     def core_of_joints(
         self, model: Model, t: Array, q: Array, qd: Array, z: Array | None = None, piece: Array | None = None
     ) -> Array:
-        """The same as a function of time, positions, velocities, the law's states and the piece of its motion."""
+        """[torques, dz/dt] as a function of time, q, qd, the law's states and the piece of its motion."""
         return self._core(model, t, np.concatenate([q, qd] if z is None else [q, qd, z], axis=-1), piece=piece)
 
     def why_not_traced(self, kernels: KernelCache) -> str | None:
-        """Why the law must be called: it cannot be traced, or its trace differs from calls. None if it is traced.
+        """Reason why the law must be called: it cannot be traced, or its trace differs from calls. None if traced.
 
         A law that was once compared with its trace is compared no more, and neither are this package's of this formula.
         """
@@ -321,7 +321,7 @@ class TracedLaw(WithNumbers):
         try:
             worst = self._error_of_trace(kernels)
         except Exception as error:  # whatever the law raises when it meets traced numbers
-            cause = error.__cause__ if isinstance(error.__cause__, TypeError) else error  # NumPy's tells of sequences
+            cause = error.__cause__ if isinstance(error.__cause__, TypeError) else error  # NumPy's is about sequences
             return f"{type(cause).__name__}: {cause}".splitlines()[0]
         if worst <= AGREEMENT:
             return None
@@ -346,7 +346,7 @@ class TracedLaw(WithNumbers):
 
 @cache
 def _trials(count: int, size: int) -> tuple[Array, Array]:
-    """Times and states in which a law is compared with its trace."""
+    """Random times and states in which a law is compared with its trace."""
     rng = np.random.default_rng(0)
     return rng.uniform(0, 1, (count, 1)), rng.uniform(-1, 1, (count, size))
 

@@ -15,13 +15,13 @@ from ..robot import Robot
 from .gains import workspace
 from .laws import Reference, check_reference, checked_vectors, of_robot, reference_values
 
-MARGIN = 1.1  # on the largest values found
-BUDGET = 3.0  # of proofs, in units of `rne.Robot.bounds`: some seconds
-SHARED = (  # fields of a Model in which all cases agree
+MARGIN = 1.1  # factor on the largest values found
+BUDGET = 3.0  # effort of proofs as in `rne.Robot.bounds`: a few seconds
+SHARED = (  # fields of a Model that must be equal in all cases
     *("moving_joints", "joint_types", "parent", "axis", "rotation", "translation", "joint_origin"),
     *("gravity", "armature", "coordinate", "multiplier", "offset", "couplings"),
 )
-MIXTURES = 16  # robots drawn for the bound of an uncertainty
+MIXTURES = 16  # number of random mixtures for the bound of an uncertainty
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +81,7 @@ class Cases:
 
 
 def checked_cases(cases: Sequence[Robot]) -> Cases:
-    """Robots that differ in their bodies' parameters alone, or an error."""
+    """Robots that differ only in their bodies' parameters; raises otherwise."""
     robots = tuple(cases) if isinstance(cases, Sequence) else ()
     if len(robots) < 2 or not all(isinstance(robot, Robot) for robot in robots):
         raise ValueError("`cases` must be a sequence of at least two Robots, between which the robot that moves lies")
@@ -183,7 +183,7 @@ def uncertainty_bound(
 def _drawn_states(
     robot: Robot, reference: Reference, times: Array, layer: Sequence[Array], rng: np.random.Generator
 ) -> tuple[Array, Array, Array]:
-    """Positions, velocities and accelerations that the law asks for, (samples, n), near the reference at some times.
+    """States near the reference at some times: q, qd and the accelerations asked for, (samples, n) each.
 
     `layer` has bandwidth and boundary.
     """

@@ -1,4 +1,4 @@
-"""Operations on whole vectors for texts that run by NumPy or in machine code, each with its loops for the latter.
+"""Vector operations for functions that run by NumPy or in machine code, each with its loops for the latter.
 
 The vector that is written to, `out`, may be shorter than the others: their first entries count.
 """
@@ -19,7 +19,7 @@ def _put(x: Any, out: Any) -> None:
 
 @by_loops(_put)
 def put(x: Any, out: Any) -> None:
-    """The first entries of a vector into another one."""
+    """Copy the first entries of a vector into another one."""
     out[:] = x[: len(out)]
 
 
@@ -30,7 +30,7 @@ def _fill(number: Any, out: Any) -> None:
 
 @by_loops(_fill)
 def fill(number: Any, out: Any) -> None:
-    """One number into a vector."""
+    """Fill a vector with one number."""
     out[:] = number
 
 
@@ -41,7 +41,7 @@ def _add(x: Any, out: Any) -> None:
 
 @by_loops(_add)
 def add(x: Any, out: Any) -> None:
-    """The first entries of a vector added to another one."""
+    """Add the first entries of a vector to another one."""
     out += x[: len(out)]
 
 
@@ -52,7 +52,7 @@ def _move(x: Any, h: Any, slope: Any, out: Any) -> None:
 
 @by_loops(_move)
 def move(x: Any, h: Any, slope: Any, out: Any) -> None:
-    """x + h slope, as far as `out` is long."""
+    """out = x + h slope, for the length of `out`."""
     out[:] = x[: len(out)] + h * slope[: len(out)]
 
 
@@ -68,7 +68,7 @@ def _combination(weights: Any, first: Any, end: Any, K: Any, out: Any) -> None:
 
 @by_loops(_combination)
 def combination(weights: Any, first: Any, end: Any, K: Any, out: Any) -> None:
-    """The sum of weights[j] K[j] over first <= j < end, of vectors, term by term: each entry's bits are its own."""
+    """Sum of weights[j] K[j] over first <= j < end, term by term: no entry's rounding depends on the others."""
     out[:] = 0.0
     for w, k in zip(weights[first:end].tolist(), K[first:end], strict=True):
         if w:
@@ -86,7 +86,7 @@ def _add_product(A: Any, first: Any, x: Any, p: Any, out: Any) -> None:
 
 @by_loops(_add_product)
 def add_product(A: Any, first: Any, x: Any, p: Any, out: Any) -> None:
-    """A X added to a matrix of p columns, like X as a vector; A has the columns of a matrix from `first` on."""
+    """Add A X to a matrix of p columns, both flattened; A consists of columns of a matrix from `first` on."""
     out.reshape(-1, p)[:] += A[: len(out) // p, first : first + len(x) // p] @ x.reshape(-1, p)
 
 
@@ -99,6 +99,6 @@ def _add_columns(A: Any, first: Any, columns: Any, p: Any, out: Any) -> None:
 
 @by_loops(_add_columns)
 def add_columns(A: Any, first: Any, columns: Any, p: Any, out: Any) -> None:
-    """Columns of a matrix from `first` on added to those of these numbers, -1 to none, of one with p, as a vector."""
+    """Add columns of a matrix, from `first` on, to the given columns of a flattened matrix of p; -1 adds to none."""
     taken = np.flatnonzero(columns >= 0)
     out.reshape(-1, p)[:, columns[taken]] += A[: len(out) // p, first + taken]

@@ -1,4 +1,4 @@
-"""What integrators share: the steps that they take, what they ask of a system, and what ends a run.
+"""Common classes of the integrators: steps, systems, solvers and the exceptions that end a run.
 
 A system is dx/dt = f(t, x, u) whose inputs u may be held over a segment; `simulation` makes systems of robots.
 """
@@ -21,17 +21,17 @@ Interpolant = Callable[[Array | float], Array]  # a time gives (size,), times of
 
 IMPLICIT = ("Radau", "BDF", "LSODA")
 RODAS = "Rodas5P"  # the method that is not SciPy's
-SAME = 8 * EPS  # relative: times that are equal up to rounding
-FAILURES = (NotFiniteError, SingularMassMatrixError, ArithmeticError)  # that end a run
+SAME = 8 * EPS  # relative tolerance within which times are equal
+FAILURES = (NotFiniteError, SingularMassMatrixError, ArithmeticError)  # exceptions that end a run
 
 
 class GaveUpError(NotFiniteError):
-    """A method that needs steps shorter than the rounding of times."""
+    """Raised by a method that needs steps shorter than the rounding of times."""
 
 
 @dataclass(frozen=True)
 class IntegrationOptions:
-    """How an initial value problem is integrated."""
+    """Options of an initial value problem: tolerances, step lengths, times to report, breaks."""
 
     method: str
     rtol: float  # relative and absolute tolerance of the state, per step
@@ -41,7 +41,7 @@ class IntegrationOptions:
 
 
 class Implicit(NamedTuple):
-    """Equations of motion R(t, x, a, u) = 0, linear in a, of which a system's rates are solved.
+    """Equations of motion R(t, x, a, u) = 0, linear in a, which are solved for a system's rates.
 
     The state is x = (q, qd, z, e): n coordinates, their rates, further states, integrals. The first n rows of R are
     M a - forces, with the mass matrix M = dR/da, which is not singular, and a = d(qd)/dt; the others are the rates of
@@ -54,7 +54,7 @@ class Implicit(NamedTuple):
 
 
 class System(Protocol):
-    """What is integrated: dx/dt = f(t, x, u, numbers). What solvers may rely on, and what they must do:
+    """Initial value problem dx/dt = f(t, x, u, numbers); the contract between systems and solvers:
 
     1. The first `counted` entries of the state x, (size,), are held to the tolerances. The others are integrals, such
        as energies: their rates depend on the first alone, and an error of theirs is relative to `integral_scale` plus
@@ -108,7 +108,7 @@ class System(Protocol):
 
 
 class Sampler(Protocol):
-    """A law that is sampled: its commands are held as inputs of the system, each until the next one acts."""
+    """Sampled control law: its commands are held as inputs of the system, each until the next one acts."""
 
     period: float  # time between two samples
     delay: tuple[float, float]  # from a sample until its command acts: a whole number of periods, and a rest of time
@@ -132,7 +132,7 @@ class Sampler(Protocol):
         """Take the sample, and have the command act, that are due."""
 
     def note(self, samples: tuple[Array, ...], acting: tuple[Array, ...], states: Array, evaluations: int) -> None:
-        """In machine code samples (t, x, u, z) were taken, and from times on, at states, commands acted, (t, x, u).
+        """Append samples (t, x, u, z) taken in machine code and, from times on, at states, commands (t, x, u).
 
         With the law's states at the last and the next sample; `pending` is as the loop has left it.
         """
@@ -155,7 +155,7 @@ class Steps:
 
     @property
     def jumps(self) -> list[bool]:
-        """Whether inputs that are held change where a step begins, of k steps."""
+        """True for each of k steps if held inputs change where it begins."""
         return [False] * (len(self.T) - 1)
 
     def inside(self, k: int) -> Interpolant:
@@ -170,7 +170,7 @@ class Steps:
 
 
 class Solver(ABC):
-    """A method that steps along a system and can be restarted; a new one writes `steps`, and more of `resume`."""
+    """Base of methods that step along a system and restart; a new one implements `steps` and extends `resume`."""
 
     note = ""  # for the message of a run
     tableau: Any = ()
@@ -186,16 +186,16 @@ class Solver(ABC):
         self.h, self.max_step = 0.0, max_step
 
     def resume(self, system: System, t: float, x: Array, end: float) -> None:
-        """Restart after the inputs changed, with the last step's length, or the whole interval's if there is none."""
+        """Restart after a change of the inputs, with the last step's length, or the whole interval's without one."""
         self.system, self.t, self.x, self.end, self.h = system, t, x, end, self.h or end - t
 
     @property
     def is_running(self) -> bool:
-        """False when the end was reached."""
+        """False at the end of the interval."""
         return self.t < self.end
 
     def interval(self) -> Interval:
-        """The time to go, as loops take it."""
+        """Remaining interval, as loops take it."""
         (first, last), options, system = map(float, self.system.span), self.options, self.system
         scale = float(system.integral_scale) if len(self.x) > system.counted else np.inf
         tolerances = options.rtol, options.atol, system.counted, float(self.max_step), scale
@@ -204,11 +204,11 @@ class Solver(ABC):
         return whole._replace(breaks=self.breaks_within(whole)) if len(options.breaks) else whole
 
     def breaks_within(self, whole: Interval) -> Array:
-        """Breaks in an interval, its begin among them, each with the numbers next to it, before and after, (k, 3)."""
+        """Breaks in an interval, its start included, each with the neighbouring floats before and after, (k, 3)."""
         t = self.options.breaks
         inner = t[(t >= whole.begin) & (t < whole.end)] if self.takes_breaks else t[:0]
         return np.column_stack([inner, np.nextafter(inner, -np.inf), np.nextafter(inner, np.inf)])
 
     @abstractmethod
     def steps(self, max_steps: int) -> Steps:
-        """The next steps, at most so many; NotFiniteError if there is none."""
+        """Next steps, at most this many; NotFiniteError if there is none."""

@@ -27,11 +27,11 @@ from .tableaus import tableau
 
 take_segments, take_samples = compiled(runge_kutta.take_segments), compiled(runge_kutta.take_samples)
 add_stages, take_stiff_segments = compiled(runge_kutta.add_stages), compiled(rosenbrock.take_segments)
-FIRST = 1e-6  # of the time to go: a first step of Rodas5P to try, from which they grow tenfold
+FIRST = 1e-6  # first step length of Rodas5P to try, relative to the remaining time; steps grow tenfold
 
 
 class Block(Steps):
-    """Steps of a compiled loop, with the slopes K of each step's stages first in what the kernel gives there.
+    """Steps of a compiled loop, with the stage derivatives K of each step.
 
     Inputs of the right-hand side are u; of these the first were U in each step, shape (k, n), where samples were taken
     between the steps.
@@ -46,7 +46,7 @@ class Block(Steps):
 
     @property
     def jumps(self) -> list[bool]:
-        """Whether inputs that are held change where a step begins; at the first, whatever was held before."""
+        """True for each step if held inputs change where it begins; the first compares with the last block."""
         if self.U is None:
             return super().jumps
         return [True, *(self.U[1:] != self.U[:-1]).any(axis=1).tolist()]
@@ -59,7 +59,7 @@ class Block(Steps):
         return coefficients
 
     def _factors(self, s: Any) -> Array:
-        """What multiplies the coefficients at fractions s: s, s (1 - s), s (1 - s) s, ..."""
+        """Basis functions of the interpolant at fractions s: s, s (1 - s), s (1 - s) s, ..."""
         return np.array([*accumulate([s if j % 2 == 0 else 1 - s for j in range(self.polynomials.shape[1])], mul)])
 
     def states(self, times: Array, k: Array) -> Array:
@@ -101,18 +101,18 @@ class CompiledSolver(Solver):
 
     @property
     def note(self) -> str:  # type: ignore[override]
-        """For the message of a run."""
+        """Remark of the method for the message of a run."""
         return "in machine code" + (f", {counted(self.by_scipy, 'step')} by SciPy" if self.by_scipy else "")
 
     def steps(self, max_steps: int) -> Steps:
-        """The next steps, at most so many."""
+        """Next steps, at most this many."""
         work, u = self._storage(max_steps), None if self.system.held is None else np.array(self.system.held)
         problem = Problem(self.rates, self._arguments(u), self.interval())
         taken = take_segments(problem, self.how, work)
         if not taken:
             return self._step_by_scipy(self.end)
         block = self._taken(taken, work, u)
-        if self.t in self.options.breaks:  # the slope there is that before it
+        if self.t in self.options.breaks:  # the derivative there is the one before it
             self.how = RESTART
         return block
 
@@ -121,7 +121,7 @@ class CompiledSolver(Solver):
         return _arguments(len(self.x), u, self.coefficients, self.system.table)
 
     def _storage(self, max_steps: int) -> Storage:
-        """Room for steps, with what is known of the first."""
+        """Arrays for steps, filled with what is known of the first."""
         n, stages = len(self.x), self.tableau.D.shape[1]
         T, X, K = (
             np.empty(max_steps + 1),
@@ -133,7 +133,7 @@ class CompiledSolver(Solver):
         return Storage(T, X, K, H, count, np.empty(n))
 
     def _taken(self, taken: int, work: Storage, u: Array | None, U: Array | None = None) -> Block:
-        """The block, behind which the next one begins."""
+        """Block of the steps taken; the next one starts at its end."""
         T, X, K, H, count, _ = work
         self.system.evaluations += int(count.sum())
         self.t, self.x, self.h, self.how = float(T[taken]), X[taken], float(H[taken]), CONTINUE
@@ -154,7 +154,7 @@ class CompiledSolver(Solver):
         return steps
 
     def extend(self, block: Block) -> None:
-        """Add the stages that only interpolants need, by the recursion where a state needs it."""
+        """Add the stages that only interpolants need; the recursion evaluates those that the kernel cannot."""
         A, C, system, interval = self.tableau.A2, self.tableau.C2, self.system, block.interval
         if not len(C):
             return
@@ -173,7 +173,7 @@ class CompiledSolver(Solver):
 
 
 class SampledSolver(CompiledSolver):
-    """The same with a traced law that is sampled between the steps."""
+    """Compiled explicit method with a traced law that is sampled between the steps."""
 
     takes_samples, takes_breaks = True, False
 
@@ -182,7 +182,7 @@ class SampledSolver(CompiledSolver):
         self.sampler, self.law, self.bounds = sampler, sampler.traced, sampler.bounds()
 
     def steps(self, max_steps: int) -> Steps:
-        """The next steps, at most so many."""
+        """Next steps, at most this many."""
         sampler, n, m = self.sampler, self.bounds.shape[1], len(self.sampler.state)
         work, u = self._storage(max_steps), np.array(self.system.held)
         moving = self.law.widths[1] - m
@@ -203,7 +203,7 @@ class SampledSolver(CompiledSolver):
             sampler.note(samples, acting, z, self.system.evaluations + int(work.evaluations[:last].sum()))
         if taken:
             block = self._taken(taken, work, u, U[:taken])
-            if last == taken:  # the slope there is that before the sample
+            if last == taken:  # the derivative there is the one before the sample
                 self.how = KEEP_LENGTH
             return block
         if self.t >= sampler.next:
@@ -235,7 +235,7 @@ class RosenbrockSolver(Solver):
         self.functions: tuple[Any, Any] = (system.kernel.address(), self.slopes.address())
 
     def steps(self, max_steps: int) -> Steps:
-        """The next steps, at most so many; NotFiniteError if there is none."""
+        """Next steps, at most this many; NotFiniteError if there is none."""
         steps = self._take(max_steps, take_stiff_segments, self.functions)
         if len(steps.T) == 1:
             with np.errstate(all="ignore"):
@@ -258,17 +258,17 @@ class RosenbrockSolver(Solver):
         return RosenbrockSteps(T[: taken + 1], X[: taken + 1], P[:taken])
 
     def _rates(self, t: Array, x: Array, *rest: Array) -> bool:
-        """dx/dt, under inputs that are held, into the last array."""
+        """Write dx/dt for held inputs into the last array."""
         rest[-1][:] = self.system.rates(float(t[0]), x, None if self.system.held is None else rest[0])
         return True
 
     def _slopes(self, *arguments: Array) -> bool:
-        """The slopes of the equations of motion into the last array."""
+        """Write the derivatives of the equations of motion into the last array."""
         arguments[-1][:] = self.slopes(*arguments[:-2], self.system.numbers)
         return True
 
 
 def _arguments(size: int, u: Array | None, coefficients: Array, table: Array) -> tuple[Array, ...]:
-    """Arrays for the arguments of a function: t, x, inputs and a piece if it has some, and what the numbers give."""
+    """Arrays for a function's arguments: t, x, inputs and piece if any, and the coefficients of the numbers."""
     piece = (np.full(table.shape[1], np.nan),) if len(table) else ()
     return (np.empty(1), np.empty(size), *(() if u is None else (u,)), *piece, coefficients)

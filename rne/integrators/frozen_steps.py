@@ -26,10 +26,10 @@ from .loops import by_loops, evaluate, inline, row_at
 
 
 class Schedule(NamedTuple):
-    """K steps of S stages, the same for all motions side by side."""
+    """K steps of S stages, common to motions computed side by side."""
 
     tableau: Any
-    positions: int  # entries of the state that move with the rates at the end of the step, which follow them
+    positions: int  # entries of the state that move with the rates at the end of the step, which are stored behind them
     times: Array  # (K, S), of stages, each on its own side of jumps [s]
     begins: Array  # (K,)
     lengths: Array  # (K,)
@@ -37,12 +37,12 @@ class Schedule(NamedTuple):
     acting: Array  # (K,) of int64, 1 where a command begins to act
 
     def part(self, first: int, end: int) -> Schedule:
-        """Some of the steps."""
+        """Steps of a part of the schedule."""
         return Schedule(*self[:2], *(array[first:end] for array in self[2:]))
 
 
 class Function(NamedTuple):
-    """A kernel for the texts: an address or a function, arrays for its arguments and its result, tables of pieces."""
+    """Kernel for loops: an address or a function, arrays for its arguments and its result, tables of pieces."""
 
     call: Any
     inputs: tuple[Array, ...]  # t, x, perhaps u, perhaps a piece, coefficients of numbers, perhaps weights
@@ -53,7 +53,7 @@ class Function(NamedTuple):
 
 
 class Holding(NamedTuple):
-    """What a sampled law has between its samples."""
+    """State of a sampled law between its samples."""
 
     period: float
     limits: Array  # (2, n L), of commands and of their change from one to the next
@@ -63,7 +63,7 @@ class Holding(NamedTuple):
 
 
 class Kept(NamedTuple):
-    """What derivatives need of each step; arrays without rows where nothing is kept."""
+    """Values stored in each step for derivatives; arrays without rows where nothing is stored."""
 
     stages: Array  # (K, S, size L), states
     held: Array  # (K, n L), commands that act
@@ -72,7 +72,7 @@ class Kept(NamedTuple):
 
 
 class Adjoint(NamedTuple):
-    """Derivatives of a number by what a motion is made of, which `pull_back` adds up, and its room."""
+    """Derivatives of a scalar by the quantities of a motion, accumulated by `pull_back`, and its workspace."""
 
     x: Array  # (size L,), the state
     held: Array  # (n L,), the command that acts
@@ -84,12 +84,12 @@ class Adjoint(NamedTuple):
     table: Array  # (N, width L), of pieces that the equations take
     law_table: Array  # (N, width L)
     arrivals: Array  # (K, size L), derivatives by the state where a command begins to act; of no rows if not asked for
-    slopes: Array  # (S, size L), of stages
+    slopes: Array  # (S, size L), stage derivatives
 
 
 @inline
 def put_time(function: Any, t: Any) -> Any:
-    """A time since the begin, and the pieces that hold then, into the arguments; the number of the first one's row."""
+    """Write a time since the start, and the pieces that hold then, into the arguments; returns the first one's row."""
     tables, piece, times = function.tables, function.inputs[function.piece], function.inputs[0]
     fill(t, times)
     add(function.begins, times)
@@ -117,7 +117,7 @@ def _bound(u: Any, before: Any, limits: Any, is_first: Any, command: Any, bounds
 
 @by_loops(_bound)
 def bound(u: Any, before: Any, limits: Any, is_first: Any, command: Any, bounds: Any) -> None:
-    """A command within the limits of its size and of its change, and which of them it is at."""
+    """Command within the limits of its size and of its change, and the code of the limit it is at."""
     over = np.abs(u) > limits[0]
     found = np.where(over, np.copysign(limits[0], u), u)
     code = np.where(over, np.sign(u), 0.0)
@@ -131,7 +131,7 @@ def bound(u: Any, before: Any, limits: Any, is_first: Any, command: Any, bounds:
 
 @inline
 def sample(law: Any, holding: Any, t: Any, x: Any, command: Any, bounds: Any, states: Any) -> bool:
-    """Sample the law: its command becomes the last that is pending, its states go on by Euler's rule; True if valid."""
+    """Sample the law: append its command to the pending ones and step its states by Euler's rule; True if valid."""
     call, inputs, out = law.call, law.inputs, law.out
     count, pending, z = holding.counts[0], holding.pending, holding.states
     moving, last = len(inputs[1]) - z.shape[1], count % len(pending)
@@ -152,9 +152,9 @@ def sample(law: Any, holding: Any, t: Any, x: Any, command: Any, bounds: Any, st
 
 @inline
 def advance(rates: Any, law: Any, schedule: Any, holding: Any, x: Any, room: Any, kept: Any) -> int:
-    """Take the steps from the state x, (size L,), to that at the end; how many, fewer if a state needs the recursion.
+    """Integrate from the state x, (size L,), in place; returns the steps taken, fewer if a state needs the recursion.
 
-    `room` has slopes, (S, size L), a vector of these and two of commands.
+    `room` has stage derivatives, (S, size L), a vector of these and two of commands.
     """
     A, B = schedule.tableau.A, schedule.tableau.B
     K, total, command, bounds = room
@@ -188,7 +188,7 @@ def advance(rates: Any, law: Any, schedule: Any, holding: Any, x: Any, room: Any
 
 @inline
 def pull_back_bounds(holding: Any, bounds: Any, adjoint: Any, raw: Any) -> None:
-    """From derivatives by the last command to those by what the law gave, by bounds, and by the command before."""
+    """Pull derivatives by the last command back to the law's output, the bounds and the command before."""
     count, pending = holding.counts[0], adjoint.pending
     own, before = count % len(pending), (count - 1) % len(pending)
     for e in range(len(raw)):
@@ -204,7 +204,7 @@ def pull_back_bounds(holding: Any, bounds: Any, adjoint: Any, raw: Any) -> None:
 
 @inline
 def pull_back_sample(law: Any, holding: Any, t: Any, x: Any, states: Any, bounds: Any, adjoint: Any) -> bool:
-    """Backwards through `sample`, by the gradient of the law; True if it is valid."""
+    """Pull derivatives back through `sample`, by the gradient of the law; True if valid."""
     call, inputs, out = law.call, law.inputs, law.out
     weights, m = inputs[len(inputs) - 1], len(adjoint.states)
     moving, n = len(inputs[1]) - m, len(adjoint.held)
@@ -228,7 +228,7 @@ def pull_back_sample(law: Any, holding: Any, t: Any, x: Any, states: Any, bounds
 
 @inline
 def pull_back(gradient: Any, law: Any, schedule: Any, holding: Any, kept: Any, adjoint: Any) -> int:
-    """Go through the steps backwards; the number of the step that failed plus 1, or 0.
+    """Integrate the adjoint backwards through the steps; returns the number of the step that failed plus 1, or 0.
 
     The kernels are gradients: of the equations by x, u, the piece and numbers, of the law likewise.
     """
@@ -292,13 +292,13 @@ class Directions(NamedTuple):
     states: Array  # (m p,), of the law at the next sample
     limits: Array  # (2, n) of int64: seeds of the bounds of commands, or -1
     delay: int  # seed of the delay, or -1
-    slopes: Array  # (S, size p), of stages
+    slopes: Array  # (S, size p), stage derivatives
     room: Array  # (3, size p, n p or m p, whichever is the longest)
 
 
 @inline
 def carry_slope(J: Any, further: Any, columns: Any, held: Any, p: Any, y: Any, out: Any) -> None:
-    """Derivatives of a stage's slope from those of its state: the first rows of dx/dt are rates among the state."""
+    """Derivatives of a stage's dx/dt from those of its state, whose velocities are the first rows of dx/dt."""
     first = len(out) - J.shape[0] * p
     put(y[first:], out[:first])
     own = out[first:]
@@ -358,7 +358,7 @@ def carry(
     X: Any,
     U: Any,
 ) -> None:
-    """Take derivatives of a motion along its steps; at the times to report into X, (R, size p), and U, (R, n p).
+    """Propagate derivatives of a motion along its steps; those at the times to report into X (R, size p), U (R, n p).
 
     The derivatives of dx/dt at the stages are `f`, at stages that only interpolants need `more`, of the steps in which
     a time to report is, one after the other; those of the law `law`, of its samples. A delay that grows moves the state

@@ -25,8 +25,8 @@ from .rows import EARLY, FAST_DECAY, LOOK, NEEDS_RECURSION, SLOW, STIFF, BatchRe
 from .step_control import MOST_STEPS, NEARLY, Interval, first_lengths, shortest_step, step_factor
 from .tableaus import Tableau
 
-EMPTY = -1  # in place of a motion's number
-OPERATIONS = 3 * 10**7  # of the kernel in one call, on LANES states: less than a tenth of a second
+EMPTY = -1  # number that marks a lane without a motion
+OPERATIONS = 3 * 10**7  # most operations of one call on LANES states: less than a tenth of a second
 # Rows of `lane`: the motion, its next time to report, its steps, whether the last was taken, whether that needs Q, its
 # samples, its commands that act or have acted, its steps before the last of these; of `step`: begin, length and end of
 # the step, its errors, the length to try next, the time of the next sample or command.
@@ -53,16 +53,16 @@ class Hold(NamedTuple):
 
 
 class Room(NamedTuple):
-    """What `run_all` overwrites; vectors have the entries of a state, (size LANES,)."""
+    """Workspace of `run_all`; vectors have the entries of a state, (size LANES,)."""
 
     inputs: tuple[Array, ...]  # arguments of the kernel, the state as the second
     saved: tuple[Array, ...]  # room for those that differ from lane to lane
     y: Array  # the state at the begin of the step
     new: Array  # that at its end
-    total: Array  # sums of slopes
+    total: Array  # sums of stage derivatives
     h: Array  # the length of the step
     before: Array  # the state at the last stage before the end
-    K: Array  # (stages, size LANES), slopes
+    K: Array  # (stages, size LANES), stage derivatives
     Q: Array  # (rows of D, size LANES), of the interpolant
     lane: Array  # (LANE_ROWS, LANES) of int64
     step: Array  # (STEP_ROWS, LANES)
@@ -72,7 +72,7 @@ class Room(NamedTuple):
 def hold_of(
     period: float, law: Kernel | None, given: tuple[Array, Array], table: Array, rows: Array, driven: int, most: int
 ) -> Hold:
-    """Torques for `run_lanes`: of a law of t, x and what is `given`, or without one of a table.
+    """Torques for `run_lanes`: of a law of t, x and what is `given`, or from a table.
 
     Given are pieces of a motion that the law follows, as `Interval.table` of batches, and coefficients, (k,) or (N, k).
     Rows of delays, work and bounds have shape (N, 3 + 2 n).
@@ -91,7 +91,7 @@ def hold_of(
 
 
 def no_pieces(table: Array, count: int) -> tuple[Array, ...]:
-    """Rows for the argument of a piece, if there are tables: of none yet."""
+    """Empty rows for the argument of a piece, one per table."""
     return (np.full((count, table.shape[2]), np.nan),) if len(table) else ()
 
 
@@ -99,7 +99,7 @@ NONE = hold_of(0.0, None, (NO_TABLES, np.zeros(0)), np.zeros((0, 0, 0)), np.zero
 
 
 def workspace(widths: tuple[int, ...], tableau: Tableau, hold: Hold, common: tuple[Array, ...]) -> Room:
-    """Arrays for `run_all`: of a kernel's arguments that differ from lane to lane, of these widths, and of common ones.
+    """Arrays for `run_all`: kernel arguments that differ between lanes, by their widths, and common ones.
 
     The second argument is the state; the common ones come last.
     """
@@ -113,7 +113,7 @@ def workspace(widths: tuple[int, ...], tableau: Tableau, hold: Hold, common: tup
 
 @inline
 def put_pieces(tables: Any, inputs: Any, lane: Any) -> None:
-    """The pieces that hold at the lanes' times, inputs[0], into inputs[2], if there are tables."""
+    """Write the pieces that hold at the lanes' times, inputs[0], into inputs[2], if there are tables."""
     if tables.ndim == 1:  # known when machine code is made
         return
     times, piece = inputs[0], inputs[2]
@@ -127,7 +127,7 @@ def put_pieces(tables: Any, inputs: Any, lane: Any) -> None:
 
 @inline
 def put_motion(sources: Any, motion: Any, inputs: Any, k: Any) -> None:
-    """A motion's rows into a lane."""
+    """Load a motion's rows into a lane."""
     for a in range(len(sources)):
         for i in range(sources[a].shape[1]):
             inputs[a][i * LANES + k] = sources[a][motion, i]
@@ -135,7 +135,7 @@ def put_motion(sources: Any, motion: Any, inputs: Any, k: Any) -> None:
 
 @inline
 def copy_lane(array: Any, source: Any, k: Any) -> None:
-    """One lane into another."""
+    """Copy one lane into another."""
     for i in range(0, len(array), LANES):
         array[i + k] = array[i + source]
 
@@ -163,7 +163,7 @@ def mark_invalid(function: Any, inputs: Any, saved: Any, out: Any, lane: Any, co
 
 
 def rates_of_all(function: Any, sources: Any, F: Any, code: Any, room: Any) -> None:
-    """dx/dt of every motion into F, from rows of times, states and perhaps parameters; some are marked."""
+    """Write dx/dt of every motion into F, from rows of times, states and perhaps parameters; mark invalid ones."""
     inputs, saved, lane, out, count = room.inputs, room.saved, room.lane, room.y, len(F)
     for begin in range(0, count, LANES):
         for k in range(LANES):
@@ -179,7 +179,7 @@ def rates_of_all(function: Any, sources: Any, F: Any, code: Any, room: Any) -> N
 
 @inline
 def fill_lanes(waiting: Any, sources: Any, F: Any, H: Any, code: Any, room: Any) -> Any:
-    """Waiting motions into lanes without one, or a copy of another lane; who waits then, EMPTY at the end."""
+    """Load waiting motions into free lanes, or copies of other lanes; returns the next to wait, EMPTY at the end."""
     inputs, y, K, lane, step, hold = room.inputs, room.y, room.K, room.lane, room.step, room.hold
     source = EMPTY
     for k in range(LANES):
@@ -213,7 +213,7 @@ def fill_lanes(waiting: Any, sources: Any, F: Any, H: Any, code: Any, room: Any)
 
 @inline
 def sample_lane(hold: Any, lane: Any, k: Any) -> None:
-    """A lane's command, that of the table or what the law gave, becomes the last that is pending."""
+    """Append a lane's command, from the table or the law, to its pending ones."""
     motion, count, n, out = lane[MOTION, k], lane[SAMPLES, k], len(hold.start), hold.law[3]
     bounds, states = hold.own[-1][BOUNDS * LANES :], hold.own[1]
     before, last = (count - 1) % len(hold.pending), count % len(hold.pending)
@@ -231,7 +231,7 @@ def sample_lane(hold: Any, lane: Any, k: Any) -> None:
 
 @inline
 def act_in_lane(hold: Any, times: Any, y: Any, u: Any, lane: Any, now: Any, k: Any, X: Any) -> None:
-    """A lane's next command begins to act, and is that of a time just reported."""
+    """Let a lane's next command begin to act; it is also that of a time just reported."""
     n, time, row, timing = len(u) // LANES, lane[TIME, k] - 1, lane[ACTED, k] % len(hold.pending), hold.own[-1]
     is_reported = time >= 0 and times[time] >= now * (1 - SAME)
     for e in range(k, len(u), LANES):
@@ -245,7 +245,7 @@ def act_in_lane(hold: Any, times: Any, y: Any, u: Any, lane: Any, now: Any, k: A
 
 @inline
 def call_law(hold: Any, y: Any, lane: Any, step: Any, code: Any) -> None:
-    """The law in all lanes; where it is not valid, those that want it are marked."""
+    """Evaluate the law in all lanes; mark those that need it where it is not valid."""
     function, inputs, saved, out = hold.law
     for e in range(len(inputs[1]) - len(out) + len(hold.start)):  # before the law's own states
         inputs[1][e] = y[e]
@@ -259,7 +259,7 @@ def call_law(hold: Any, y: Any, lane: Any, step: Any, code: Any) -> None:
 
 @inline
 def renew_torques(interval: Any, code: Any, count: Any, X: Any, room: Any) -> bool:
-    """Take the samples, and have the commands act, that are due; True if there are any, for new slopes there."""
+    """Take the samples, and have the commands act, that are due; True if there are any: derivatives are new."""
     inputs, y, lane, step, hold = room.inputs, room.y, room.lane, room.step, room.hold
     is_due, samples, timing, period = False, False, hold.own[-1], hold.period
     for k in range(LANES):
@@ -285,7 +285,7 @@ def renew_torques(interval: Any, code: Any, count: Any, X: Any, room: Any) -> bo
 
 @inline
 def is_endless(interval: Any, lane: Any, k: Any, t: Any, most: Any) -> bool:
-    """As `rows.RowSteps`, or after `most` steps without a new torque."""
+    """True if the motion would take too many steps, or took `most` steps without a new torque; see `rows.RowSteps`."""
     steps = lane[STEPS, k]
     is_slow = steps * (interval.end - interval.begin) > MOST_STEPS * (t - interval.begin)
     return bool((steps >= EARLY and is_slow) or steps - lane[SINCE, k] > most)
@@ -293,7 +293,7 @@ def is_endless(interval: Any, lane: Any, k: Any, t: Any, most: Any) -> bool:
 
 @inline
 def choose_lengths(interval: Any, lane: Any, step: Any, h: Any, code: Any, most: Any) -> None:
-    """The end of each lane's step: that of the grid, or by the length to be tried; too short a step is marked.
+    """Choose the end of each lane's step: from the grid, or by the length to be tried; mark too short steps.
 
     Where a torque changes within a step of the grid, that is taken in two.
     """
@@ -317,7 +317,7 @@ def choose_lengths(interval: Any, lane: Any, step: Any, h: Any, code: Any, most:
 
 @inline
 def put_stage(interval: Any, y: Any, total: Any, h: Any, c: Any, inputs: Any, lane: Any, step: Any) -> None:
-    """Times and states of a stage: y + h total, c steps later."""
+    """Set times and states of a stage: y + h total, c steps later."""
     times, x = inputs[0], inputs[1]
     for e in range(len(y)):
         x[e] = y[e] + h[e] * total[e]
@@ -328,7 +328,7 @@ def put_stage(interval: Any, y: Any, total: Any, h: Any, c: Any, inputs: Any, la
 
 @inline
 def take_stages(function: Any, interval: Any, code: Any, room: Any, first: Any) -> bool:
-    """The slopes K of the lanes' stages from the first one on, and of the ends of their steps.
+    """Compute the stage derivatives K of the lanes from the first one on, and of the ends of their steps.
 
     False if one of them is not valid in some lane; its motion is marked.
     """
@@ -354,7 +354,7 @@ def take_stages(function: Any, interval: Any, code: Any, room: Any, first: Any) 
 
 @inline
 def interpolate(function: Any, interval: Any, code: Any, room: Any) -> None:
-    """The interpolant Q of the lanes' steps, with the stages that only this needs."""
+    """Compute the interpolant Q of the lanes' steps, with the stages that only it needs."""
     A2, C2, D, first = interval.tableau.A2, interval.tableau.C2, interval.tableau.D, len(interval.tableau.B) + 1
     inputs, saved, y, _, total, h, _, K, Q, lane, step, _ = room
     for s in range(len(C2)):
@@ -368,7 +368,7 @@ def interpolate(function: Any, interval: Any, code: Any, room: Any) -> None:
 
 @inline
 def estimate_errors(interval: Any, y: Any, new: Any, total: Any, K: Any, step: Any) -> None:
-    """The error of each lane's step."""
+    """Estimate the error of each lane's step."""
     E, count, rtol, atol = interval.tableau.E, interval.counted, interval.rtol, interval.atol
     for k in range(LANES):
         step[THIRD, k] = 0.0
@@ -389,7 +389,7 @@ def estimate_errors(interval: Any, y: Any, new: Any, total: Any, K: Any, step: A
 
 @inline
 def accept(interval: Any, lane: Any, step: Any) -> bool:
-    """Which steps are taken, and the lengths to try next; True if a time to report is inside of one."""
+    """Accept or reject steps and choose the lengths to try next; True if a time to report is inside of one."""
     wants, times, exponent = False, interval.t_eval, interval.tableau.exponent
     for k in range(LANES):
         error, was_taken = step[FIFTH, k], lane[TAKEN, k]
@@ -409,7 +409,7 @@ def accept(interval: Any, lane: Any, step: Any) -> bool:
 
 @inline
 def report(times: Any, y: Any, new: Any, Q: Any, hold: Any, u: Any, lane: Any, step: Any, k: Any, X: Any) -> None:
-    """States of a lane at the times within its step, into X[time, motion]; behind them torques, and their work."""
+    """Write states of a lane at times within its step into X[time, motion], followed by torques and their work."""
     motion, time, size, n = lane[MOTION, k], lane[TIME, k], len(y) // LANES, len(hold.start) // LANES
     while time < len(times) and times[time] <= step[END, k]:
         part = (times[time] - step[NOW, k]) / step[LENGTH, k]
@@ -433,7 +433,7 @@ def report(times: Any, y: Any, new: Any, Q: Any, hold: Any, u: Any, lane: Any, s
 
 @inline
 def is_stiff(interval: Any, slope: Any, other: Any, new: Any, before: Any, lane: Any, step: Any, k: Any) -> bool:
-    """As `rows.RowSteps`: from the slopes of the last two states, at the same time."""
+    """True if a motion is stiff, by the derivatives of the last two states at the same time; see `rows.RowSteps`."""
     steps, begin = lane[STEPS, k] + 1, interval.begin
     if steps % LOOK != 0 or not steps * (interval.end - begin) > interval.watched * SLOW * (step[END, k] - begin):
         return False
@@ -447,7 +447,7 @@ def is_stiff(interval: Any, slope: Any, other: Any, new: Any, before: Any, lane:
 
 @inline
 def move_on(y: Any, new: Any, K: Any, last: Any, extra: Any, end: Any, lane: Any, step: Any, count: Any) -> bool:
-    """Each lane to the end of its step, if that was taken; True if a lane has no motion."""
+    """Move each lane to the end of its step, if that was taken; True if a lane has no motion."""
     taken, vacant = 0, False
     for k in range(LANES):
         if lane[MOTION, k] >= 0:
@@ -470,9 +470,9 @@ def move_on(y: Any, new: Any, K: Any, last: Any, extra: Any, end: Any, lane: Any
 def run_all(
     function: Any, interval: Any, sources: Any, F: Any, H: Any, code: Any, count: Any, X: Any, room: Any, go_on: Any
 ) -> int:
-    """Every motion from its row of `sources` to the end; states at the times to report into X[time, motion].
+    """Integrate every motion from its row of `sources` to the end; states at the times to report into X[time, motion].
 
-    F and H have each motion's first slope and the length to try first; `count` takes evaluations. `go_on` has the
+    F and H have each motion's first derivative and the length to try first; `count` takes evaluations. `go_on` has the
     motion that waits for a lane and the evaluations after which to return; the result is the next such motion, or
     EMPTY at the end.
     """
@@ -508,7 +508,7 @@ def run_all(
 def run_lanes(
     interval: Interval, kernel: Kernel, numbers: Array, x: Array, X: Array, progress: Progress, hold: Hold = NONE
 ) -> BatchResult:
-    """Motions from states x, shape (N, size), into X[time, motion], which is NaN where nothing is reported.
+    """Integrate from states x, shape (N, size), into X[time, motion], which is NaN where nothing is reported.
 
     Behind the states X has the torques that are held, if there are some, and their work. Numbers of the run, the
     kernel's last argument, are (p,) for all or (N, p). Machine code returns to Python after some OPERATIONS, so that
@@ -553,7 +553,7 @@ def run_lanes(
 def run_batch(
     interval: Interval, kernel: Kernel, numbers: Array, x: Array, X: Array, progress: Progress, places: Array
 ) -> BatchResult:
-    """The same by machine code where the kernel is that, and by NumPy otherwise and for what needs the recursion."""
+    """Integrate in machine code if the kernel has any; by NumPy otherwise and where the recursion is needed."""
     part, left = BatchResult(np.full(len(x), NEEDS_RECURSION), 0, OK, is_done=True), np.arange(len(x))
     if kernel.engine == "numba" and kernel.is_unrolled and x.dtype == np.float64:
         part = run_lanes(interval, kernel, numbers, x, X, progress)

@@ -1,4 +1,4 @@
-"""Loops in machine code around kernels: what a loop may call, and its compilation.
+"""Loops in machine code around kernels: their compilation, and the functions they may call.
 
 The source of a loop is Python that works on contiguous arrays of float64 or int64, numbers and tuples of these, named
 or not. It allocates nothing, raises nothing, and calls only `evaluate`, functions marked by `inline` and those of
@@ -26,14 +26,14 @@ from ..basics.spatial import Array
 
 LOGGER = logging.getLogger("rne")
 Text = TypeVar("Text", bound=Callable[..., Any])
-INLINED: list[Callable[..., Any]] = []  # texts that other texts call, not yet known to Numba
+INLINED: list[Callable[..., Any]] = []  # functions called by others, not yet registered with Numba
 REPLACED: list[
     tuple[Callable[..., Any], Callable[..., Any]]
-] = []  # functions of NumPy with their loops, as yet unknown
+] = []  # (function of NumPy, its loops), not yet registered with Numba
 TRANSLATING = threading.Lock()
-NO_PIECES: Array = np.zeros(0)  # in place of a table of pieces
+NO_PIECES: Array = np.zeros(0)  # placeholder for a table of pieces
 OPTIONS: Any = {"error_model": "numpy", "fastmath": {"contract", "nsz"}, "no_cpython_wrapper": True}
-OPTIONS |= {"no_cfunc_wrapper": True, "_nrt": False}  # loops own no memory: they count no references
+OPTIONS |= {"no_cfunc_wrapper": True, "_nrt": False}  # loops own no memory, so count no references
 
 
 def _lanes() -> int:
@@ -44,11 +44,11 @@ def _lanes() -> int:
     return REGISTER_BITS // 64
 
 
-LANES = _lanes()  # float64 in a vector register
+LANES = _lanes()  # number of float64 in a vector register
 
 
 def evaluate(function: Any, arguments: tuple[Array, ...], out: Array) -> bool:
-    """A kernel on one state or on LANES states side by side; True if the result in `out` is sound.
+    """Evaluate a kernel on one state or on LANES states side by side; True if the result in `out` is valid.
 
     In machine code `function` is the address that `Kernel.address` gives, here any f(*arguments, out) -> bool.
     """
@@ -62,7 +62,7 @@ def inline(text: Text) -> Text:
 
 
 def by_loops(loops: Callable[..., Any]) -> Callable[[Text], Text]:
-    """Mark a function of whole arrays, in place of which machine code runs loops of the same arguments."""
+    """Mark a function of whole arrays that machine code replaces by loops with the same arguments."""
 
     def mark(function: Text) -> Text:
         REPLACED.append((function, loops))
@@ -73,7 +73,7 @@ def by_loops(loops: Callable[..., Any]) -> Callable[[Text], Text]:
 
 @inline
 def combine(weights: Any, count: Any, K: Any, total: Any) -> None:
-    """The sum of weights[j] K[j] over j < count."""
+    """Sum of weights[j] K[j] over j < count."""
     for i in range(len(total)):
         total[i] = 0.0
     for j in range(count):
@@ -85,14 +85,14 @@ def combine(weights: Any, count: Any, K: Any, total: Any) -> None:
 
 @inline
 def copy(values: Any, into: Any) -> None:
-    """A vector into another one."""
+    """Copy a vector into another one."""
     for i in range(len(into)):
         into[i] = values[i]
 
 
 @inline
 def rows_begun(table: Any, t: Any) -> Any:
-    """How many rows of a table begin at t or before: their first entries ascend."""
+    """Number of rows of a table that begin at t or before; first entries ascend."""
     lower, upper = 0, len(table)
     while lower < upper:
         middle = (lower + upper) // 2
@@ -102,7 +102,7 @@ def rows_begun(table: Any, t: Any) -> Any:
 
 @inline
 def row_at(table: Any, t: Any) -> Any:
-    """The number of the row of a table of pieces, (N, width), that holds at a time; -1 outside of it."""
+    """Index of the row of a table of pieces, (N, width), that holds at a time; -1 outside of it."""
     start, end = table[0, 0], table[-1, 1]
     slack = TIME_ROUNDING * max(abs(start), abs(end))
     return max(rows_begun(table, t) - 1, 0) if start - slack <= t <= end + slack else -1
@@ -110,7 +110,7 @@ def row_at(table: Any, t: Any) -> Any:
 
 @inline
 def put_piece(table: Any, t: Any, piece: Any) -> None:
-    """The row of a table that holds at a time into `piece`, if there is a table, not NO_PIECES; NaN outside of it."""
+    """Write the row that holds at a time into `piece`, NaN outside of the table; nothing for NO_PIECES."""
     if table.ndim == 1:  # known when machine code is made: no loop without a table looks for one
         return
     if piece[0] <= t < piece[1]:
@@ -122,7 +122,7 @@ def put_piece(table: Any, t: Any, piece: Any) -> None:
 
 @inline
 def put_time(arguments: Any, interval: Any, t: Any) -> None:
-    """The time of a stage, within the span of the interval, and the piece of a motion that holds then."""
+    """Write the time of a stage, clipped to the interval, and the piece of a motion that holds then."""
     time = min(max(t, interval.first), interval.last)
     arguments[0][0] = time
     put_piece(interval.table, time, arguments[-2])
@@ -130,7 +130,7 @@ def put_time(arguments: Any, interval: Any, t: Any) -> None:
 
 @functools.cache
 def compiled(text: Callable[..., Any]) -> Callable[..., Any]:
-    """A text in machine code, called like the text itself; compiled for the kinds of its arguments at a first call."""
+    """Function in machine code, called like the original; compiled for the kinds of its arguments at a first call."""
     made: dict[str, Any] = {}
     last: Any = lambda *_: None  # noqa: E731
 
@@ -141,7 +141,7 @@ def compiled(text: Callable[..., Any]) -> Callable[..., Any]:
         if result is None:  # it was made for other kinds of arguments
             arguments = _plain(arguments)
             kind = kind_of(arguments)
-            with TRANSLATING:  # threads that begin together wait for one translation
+            with TRANSLATING:  # threads that begin together wait for one compilation
                 if kind not in made:
                     made[kind] = _compiled(text, arguments, kind)
             last = found = made[kind]  # another thread may set `last` for its own kinds
@@ -166,7 +166,7 @@ def _plain(value: Any) -> Any:
 
 
 def kind_of(value: Any) -> str:
-    """What machine code is made for: "f2" for a matrix of float64, "i" for an int, (f1 f) for a tuple."""
+    """Kind of an argument for which code is compiled: "f2" for a float64 matrix, "i" for an int, (f1 f) for a tuple."""
     if isinstance(value, tuple):
         return f"({' '.join(map(kind_of, value))})"
     if isinstance(value, np.ndarray):
@@ -187,7 +187,7 @@ def _compiled(text: Callable[..., Any], arguments: tuple[Any, ...], kind: str) -
 
 @functools.cache
 def _sources() -> str:
-    """The files of this folder, whose texts call one another: a change in one makes void what is kept on disk."""
+    """Source files of this folder, whose functions call one another: a change in one invalidates the cache on disk."""
     return "".join(path.read_text(encoding="utf-8") for path in sorted(Path(__file__).parent.glob("*.py")))
 
 
@@ -202,12 +202,12 @@ def numba_version() -> str:
 
 @functools.cache
 def _announce() -> None:
-    """Say once in a process why its first simulation takes long."""
+    """Log once per process why the first simulation takes long."""
     LOGGER.info("Numba translates the loops of simulations, some 10 s in all, once on this machine")
 
 
 def _llvm_text(text: Callable[..., Any], arguments: tuple[Any, ...]) -> str:
-    """The text as LLVM's instructions, with "call" for Python, and nothing in it that belongs to Numba."""
+    """LLVM instructions of a function, with "call" for Python and without names that belong to Numba."""
     from llvmlite import ir
     from numba import njit, types
     from numba.extending import register_jitable
@@ -247,7 +247,7 @@ def _numba_type(value: Any) -> Any:
 
 
 def _teach_loops(function: Callable[..., Any], loops: Callable[..., Any]) -> None:
-    """Tell Numba which loops stand for a function of NumPy."""
+    """Register with Numba the loops that replace functions of NumPy."""
     from numba.extending import overload
 
     def chosen(*_: Any) -> Callable[..., Any]:
@@ -259,7 +259,7 @@ def _teach_loops(function: Callable[..., Any], loops: Callable[..., Any]) -> Non
 
 @functools.cache
 def _teach_evaluate() -> None:
-    """Tell Numba how to call an address."""
+    """Register with Numba how an address is called."""
     from llvmlite import ir
     from numba import types
     from numba.extending import intrinsic, overload

@@ -6,14 +6,14 @@ order 4 of the error and an interpolant of order 4. In the form of Hairer and Wa
 
     (1 / (h gamma) - f_x) u_i = f(t + alpha_i h, x + sum_j a_ij u_j) + sum_j c_ij u_j / h + gamma_i h f_t
 
-The state is x = (q, qd, z, e). K, D, Z, M and R_t are slopes of the equations of motion R(t, x, qdd) = 0 by q, qd, z,
+The state is x = (q, qd, z, e). K, D, Z, M and R_t: derivatives of the equations of motion R(t, x, qdd) = 0 by q, qd, z,
 qdd and t. The rows of qd are multiplied by M, and those of q, u_q c - u_qd = b_q with c = 1 / (h gamma), eliminate
 u_qd:
 
     (c^2 M + c D + K) u_q + Z u_z = M b_qd + (c M + D) b_q,    u_qd = c u_q - b_q
 
 so that M is not inverted and the system has the size of (q, z). The last states e, such as energies, are integrals:
-their rates depend on the others, and neither on e nor on qdd. u_e follows from the slopes of these rates, without a
+their rates depend on the others, and neither on e nor on qdd. u_e follows from their derivatives, without a
 system.
 """
 
@@ -29,7 +29,7 @@ from .loops import combine, copy, evaluate, inline, put_time
 from .step_control import Problem, Storage, error_norm, shortest_step, step_factor, until_break
 
 STAGES = 8
-EXPONENT = -0.2  # of the error in the factor between two steps: the estimate is of order 4
+EXPONENT = -0.2  # exponent of the error in the step factor: the estimate is of order 4
 GAMMA = 0.21193756319429014
 # fmt: off
 STAGE = [  # a_ij, below the first stage, where it is the state itself
@@ -89,7 +89,7 @@ class RosenbrockTableau(NamedTuple):
 
 
 class RosenbrockRoom(NamedTuple):
-    """What `take_steps` overwrites, for n coordinates, a state of `size` entries and systems of `rows` rows."""
+    """Workspace of `take_steps` for n coordinates, a state of `size` entries and linear systems of `rows` rows."""
 
     S: Array  # (size - n, size + n + 1), derivatives of the equations of motion by the state, qdd and t
     W: Array  # (rows, ...), the matrix of the linear systems and what is eliminated with it
@@ -101,12 +101,12 @@ class RosenbrockRoom(NamedTuple):
 
 
 A, C, ALPHA, GAMMAS = _tableau()
-TABLEAU = RosenbrockTableau(A, C, ALPHA, GAMMAS, INTERPOLANT, np.eye(STAGES)[-1:])  # the last stage is the error
+TABLEAU = RosenbrockTableau(A, C, ALPHA, GAMMAS, INTERPOLANT, np.eye(STAGES)[-1:])  # last stage: error estimate
 
 
 @inline
 def set_up(S: Any, n: Any, size: Any, c: Any, W: Any) -> None:
-    """[matrix, factors of (b_q, b_qd, b_z) and of gamma_i h f_t] of the linear systems, from the slopes S."""
+    """Build [matrix, factors of (b_q, b_qd, b_z) and of gamma_i h f_t] of the linear systems from the derivatives S."""
     rows = len(W)
     for i in range(rows):
         for j in range(n):
@@ -130,7 +130,7 @@ def set_up(S: Any, n: Any, size: Any, c: Any, W: Any) -> None:
 
 @inline
 def eliminate(W: Any, G: Any) -> bool:
-    """G, transposed, from [W, G] by Gauss and Jordan's elimination with row pivots; False if W is singular."""
+    """Compute G, transposed, from [W, G] by Gauss-Jordan elimination with row pivots; False if W is singular."""
     rows, columns = W.shape
     for k in range(rows):
         best = k
@@ -187,7 +187,7 @@ def solve_stage(S: Any, G: Any, n: Any, c: Any, by_time: Any, f: Any, b: Any, u:
 
 @inline
 def linearise(problem: Any, slopes: Any, steps: Any, t: Any, y: Any) -> bool:
-    """dx/dt and the derivatives of the equations of motion at the begin of a step; True if both are valid."""
+    """Evaluate dx/dt and the derivatives of the equations of motion at the start of a step; True if both are valid."""
     rates, state, interval = problem
     qdd, start = slopes[1][2], steps.work.start
     put_time(state, interval, t)
@@ -202,7 +202,7 @@ def linearise(problem: Any, slopes: Any, steps: Any, t: Any, y: Any) -> bool:
 
 @inline
 def solve_stages(problem: Any, steps: Any, n: Any, t: Any, y: Any, h: Any) -> bool:
-    """u_i of all stages of a step from y, and the state at its end; False if dx/dt is not valid at one of them."""
+    """Solve all stages u_i of a step from y, and the state at its end; False if dx/dt is not valid at one of them."""
     rates, state, interval = problem
     A, C, alpha, gamma, _, _ = interval.tableau
     S, _, G, b, U, start, f = steps.work
@@ -225,11 +225,11 @@ def solve_stages(problem: Any, steps: Any, n: Any, t: Any, y: Any, h: Any) -> bo
 
 @inline
 def take_steps(problem: Any, slopes: Any, steps: Any) -> int:
-    """Steps into the storage from T[0] and X[0] on; how many.
+    """Take steps into the storage from T[0] and X[0] on; returns their number.
 
     `slopes` is the function for the Jacobian of the equations of motion and its arguments t, x, qdd and inputs; it
     shares all but qdd and numbers with the right-hand side. The storage has the vectors P of the interpolants,
-    (steps, 3, size), in place of slopes, `evaluations[0]` and `[1]` gain those of right-hand side and Jacobian, and
+    (steps, 3, size), in place of stages, `evaluations[0]` and `[1]` gain those of right-hand side and Jacobian, and
     `work` is what `workspace` makes.
     """
     interval, x, n = problem.interval, problem.arguments[1], len(slopes[1][2])
@@ -268,7 +268,7 @@ def take_steps(problem: Any, slopes: Any, steps: Any) -> int:
 
 
 def take_segments(problem: Any, slopes: Any, steps: Any) -> int:
-    """`take_steps` from break to break, as far as the end or the arrays allow; how many."""
+    """Take steps from break to break, as far as the end or the arrays allow; returns their number."""
     (T, X, P, H, count, work), step = steps, 0
     while step < len(T) - 1 and T[step] < problem.interval.end:
         part = until_break(problem.interval, T[step])
@@ -280,7 +280,7 @@ def take_segments(problem: Any, slopes: Any, steps: Any) -> int:
 
 
 def workspace(n: int, counted: int, size: int) -> RosenbrockRoom:
-    """Room for n coordinates and a state of this size, integrals from `counted` on."""
+    """Workspace for n coordinates and a state of this size, whose integrals start at `counted`."""
     rows = counted - n
     systems = (size - n, size + n + 1), (rows, rows + counted + 1), (counted + 1, rows), (rows,)
     return RosenbrockRoom(*(np.zeros(shape) for shape in (*systems, (STAGES, size), (size,), (size,))))

@@ -44,7 +44,7 @@ class RowGroup(NamedTuple):
 
 
 class RowSlopes(NamedTuple):
-    """Derivatives of a number by the rows of a group, and by what else differs from row to row."""
+    """Derivatives of a scalar by the rows of a group, and by other inputs that differ between rows."""
 
     gradient: Function
     law: Function
@@ -63,7 +63,7 @@ def _take(rows: Any, first: Any, last: Any, lanes: Any, out: Any) -> None:
 
 @by_loops(_take)
 def take(rows: Any, first: Any, last: Any, lanes: Any, out: Any) -> None:
-    """Rows from the first to before the last, into lanes, which the last fills up; a single row is that of all."""
+    """Load a range of rows into lanes, repeating the last one to fill them; a single row is common to all."""
     out.reshape(-1, lanes)[:] = rows[np.minimum(np.arange(first, first + lanes), min(last, len(rows)) - 1)].T
 
 
@@ -75,7 +75,7 @@ def _give(state: Any, first: Any, last: Any, lanes: Any, rows: Any) -> None:
 
 @by_loops(_give)
 def give(state: Any, first: Any, last: Any, lanes: Any, rows: Any) -> None:
-    """From lanes back into rows."""
+    """Store lanes back into rows."""
     rows[first:last] = state.reshape(-1, lanes)[: rows.shape[1], : last - first].T
 
 
@@ -94,7 +94,7 @@ def is_finite(x: Any) -> bool:
 
 @inline
 def spread(state: Any, states: Any, held: Any, waiting: Any) -> None:
-    """What a row has behind the state of the equations, z, held and waiting, into arrays of their own."""
+    """Split the part of a row behind the state of the equations, z, held and waiting, into separate arrays."""
     put(state, states)
     put(state[len(states) :], held)
     put(state[len(states) + len(held) :], waiting)
@@ -102,7 +102,7 @@ def spread(state: Any, states: Any, held: Any, waiting: Any) -> None:
 
 @inline
 def collect(states: Any, held: Any, waiting: Any, state: Any) -> None:
-    """The same back."""
+    """Collect z, held and waiting back into rows."""
     first, last = len(states), len(states) + len(held)
     put(states, state[:first])
     put(held, state[first:last])
@@ -120,7 +120,7 @@ def _end_at(ends: Any, first: Any, x: Any, met: Any) -> None:
 
 @by_loops(_end_at)
 def end_at(ends: Any, first: Any, x: Any, met: Any) -> None:
-    """End an interval inelastically: coordinates within their ranges, without velocities that lead out of them."""
+    """End an interval inelastically: clip coordinates to their ranges and stop velocities that lead out of them."""
     q, qd = x[: len(met)], x[first : first + len(met)]
     met[:] = (q > ends[1]) * 1.0 - (q < ends[0])
     q[:] = np.clip(q, ends[0], ends[1])
@@ -130,7 +130,7 @@ def end_at(ends: Any, first: Any, x: Any, met: Any) -> None:
 
 @inline
 def interval(group: Any, rows: Any, u: Any, own: Any, first: Any, last: Any) -> bool:
-    """One interval of some rows; True if they are valid and finite."""
+    """Integrate one interval of some rows; True if they are valid and finite."""
     lanes, holding, state = len(group.rates.begins), group.holding, group.state
     take(rows, first, last, lanes, state)
     take(u, first, last, lanes, group.u)
@@ -148,7 +148,7 @@ def interval(group: Any, rows: Any, u: Any, own: Any, first: Any, last: Any) -> 
 
 
 def step_rows(group: Any, rows: Any, u: Any, own: Any, span: Any, out: Any, left: Any) -> int:
-    """One interval of rows, from the first of a span to before its end; how many are left, marked, to the caller."""
+    """Integrate one interval of a span of rows; returns the number of rows, marked, that the caller must compute."""
     lanes, count, (begin, last), alone = len(group.rates.begins), 0, span, 0
     while begin < last:
         end = begin + 1 if alone > 0 else min(begin + lanes, last)
@@ -166,7 +166,7 @@ def step_rows(group: Any, rows: Any, u: Any, own: Any, span: Any, out: Any, left
 
 @inline
 def pull_back_interval(group: Any, slopes: Any, weights: Any, first: Any, last: Any) -> bool:
-    """Derivatives of weighted rows by what they were before the interval; True if valid and finite."""
+    """Pull derivatives of weighted rows back through an interval; True if valid and finite."""
     state, adjoint, lanes = slopes.state, slopes.adjoint, len(group.rates.begins)
     waiting, x = slopes.waiting, state[: group.size]
     late, held = len(waiting) - adjoint.pending.shape[1], adjoint.held[: group.held]
@@ -187,7 +187,7 @@ def pull_back_interval(group: Any, slopes: Any, weights: Any, first: Any, last: 
 def pull_back_rows(
     group: Any, slopes: Any, rows: Any, u: Any, own: Any, weights: Any, span: Any, out: Any, others: Any, left: Any
 ) -> int:
-    """Derivatives of weighted rows at the end of their interval, by the rows into `out`, and by what else differs."""
+    """Pull derivatives of weighted rows back: by the rows into `out`, by other inputs into `others`."""
     lanes, count, (begin, last), alone = len(group.rates.begins), 0, span, 0
     while begin < last:
         end = begin + 1 if alone > 0 else min(begin + lanes, last)

@@ -20,16 +20,16 @@ from .step_control import LARGEST, MOST_STEPS, SAFETY, SMALLEST, THIRD, Interval
 from .tableaus import Tableau
 
 EVERY = slice(None)
-FULL = 0.75  # part of the columns that are on their way, below which the others are dropped: a new width costs time
-LOOK = 500  # steps between two looks whether the motion is stiff
-SLOW, FAST_DECAY = 20_000, 3.0  # steps of the whole way at this pace, and time constants of the fastest mode in a step
-EARLY = 100  # steps before which no motion is given up for its pace
-NEEDS_RECURSION, STIFF = 1, 2  # codes of motions that are left: with a state that machine code cannot decide, and stiff
-Progress = Callable[[int], Any]  # is told units of work: motions, or steps of all motions where these are equal
+FULL = 0.75  # share of running motions below which the finished ones are dropped: a new width costs time
+LOOK = 500  # steps between two checks for stiffness
+SLOW, FAST_DECAY = 20_000, 3.0  # steps of the whole motion at the present rate; time constants per step
+EARLY = 100  # steps before which no motion is given up as slow
+NEEDS_RECURSION, STIFF = 1, 2  # codes of motions not finished: machine code cannot decide a state; stiff
+Progress = Callable[[int], Any]  # called with units of work: motions, or steps of all motions where these are equal
 
 
 class BatchResult(NamedTuple):
-    """How motions were run: their codes, 0 of those that came to the end, and whether they were not interrupted."""
+    """Result of a batch: codes of the motions, 0 for completed ones, and False if it was interrupted."""
 
     code: Array
     evaluations: int
@@ -38,7 +38,7 @@ class BatchResult(NamedTuple):
 
 
 class Rates:
-    """dx/dt of the motions that are still on their way, by a kernel of time, state and numbers of the run.
+    """Function dx/dt of the motions still running, by a kernel of time, state and numbers of the run.
 
     The numbers have shape (p,), or (N, p) of each motion; errors name the motions by their `places`, shape (N,).
     """
@@ -52,7 +52,7 @@ class Rates:
             self.program = kernel.blocks if kernel.engine == "numpy" else BlockProgram(kernel.traced)
 
     def keep(self, chosen: Array) -> None:
-        """Forget the other motions."""
+        """Drop all but some motions."""
         self.places = self.places[chosen]
         self.numbers, self.coefficients = (_of(a, chosen) for a in (self.numbers, self.coefficients))
         self.table = self.table[chosen] if len(self.table) > 1 else self.table
@@ -72,7 +72,7 @@ class Rates:
         return out
 
     def _by_recursion(self, states: Sequence[Array], places: Array) -> Array:
-        """The same by the recursion, which names what is wrong."""
+        """Rates of single states by the recursion, whose errors name the cause."""
         try:
             rates, verdict = self.kernel.by_recursion(*states)
         except NotFiniteError as error:
@@ -90,12 +90,12 @@ class Rates:
 
 
 def _of(array: Array, chosen: Any) -> Array:
-    """The rows of some motions; a vector is that of all."""
+    """Rows of some motions; a vector is common to all."""
     return array if array.ndim == 1 else array[chosen]
 
 
 def combine(weights: Array, K: Array) -> Array:
-    """The sum of weights[j] K[j], term by term, so that each column's bits are its own."""
+    """Sum of weights[j] K[j], term by term, so that no column's rounding depends on the others."""
     total, term = np.zeros(K.shape[1:], K.dtype), np.empty(K.shape[1:], K.dtype)
     for w, k in zip(weights.tolist(), K, strict=False):
         if w:
@@ -104,7 +104,7 @@ def combine(weights: Array, K: Array) -> Array:
 
 
 class RowSteps:
-    """Steps of each motion's own lengths, or those of the grid; states at the times to report into X[time, motion]."""
+    """Steps of individual or given lengths of many motions; states at the times to report go into X[time, motion]."""
 
     def __init__(self, rates: Rates, X: Array) -> None:
         self.rates, self.interval, self.X = rates, rates.interval, X
@@ -112,7 +112,7 @@ class RowSteps:
         self.is_fixed, self.code = len(self.interval.grid) > 0, np.zeros(X.shape[1], dtype=np.int64)
 
     def run(self, x: Array, progress: Progress) -> None:
-        """From states x, shape (N, size), to the end."""
+        """Integrate from states x, shape (N, size), to the end."""
         interval, N = self.interval, len(x)
         self.x, self.t = x.T.copy(), np.full(N, interval.begin)
         self.row, self.reported, self.steps = np.arange(N), np.zeros(N, dtype=int), np.zeros(N, dtype=int)
@@ -153,7 +153,7 @@ class RowSteps:
             self.code[self.row[is_stiff]] = STIFF
 
     def _ends(self) -> Array:
-        """The ends of steps of the lengths to be tried."""
+        """Ends of the steps to be tried."""
         smallest, interval = shortest_step(self.t), self.interval
         endless = self.steps * (interval.end - interval.begin) > MOST_STEPS * (self.t - interval.begin)
         short = ~(self.taken | (self.h >= smallest)) | np.isnan(self.h)
@@ -166,7 +166,7 @@ class RowSteps:
         return np.asarray(np.minimum(self.t + np.maximum(self.h, smallest), interval.end))
 
     def _accept(self, h: Array, new: Array) -> tuple[Array, Array]:
-        """Which steps are taken, and the factors between their lengths and the next ones'."""
+        """Mask of accepted steps, and the factors from their lengths to the next ones'."""
         error = self._error(h, new)
         with np.errstate(all="ignore"):
             factor = SAFETY * error**self.tableau.exponent
@@ -175,7 +175,7 @@ class RowSteps:
         return taken, np.where(taken, np.minimum(largest, factor), np.fmax(SMALLEST, factor))
 
     def _is_stiff(self, ends: Array, h: Array, new: Array) -> Array:
-        """By slopes of the last two states, which have one time: Hairer and Wanner 1996, IV.2."""
+        """True for stiff motions: derivatives of two states at one time, Hairer and Wanner 1996, IV.2."""
         interval, last, count = self.interval, len(self.tableau.B), self.interval.counted
         paces = self.steps * (interval.end - interval.begin) > SLOW * (ends - interval.begin)
         found = (self.steps % LOOK == 0) & paces
@@ -186,7 +186,7 @@ class RowSteps:
         return np.asarray(found)
 
     def _stages(self, ends: Array, h: Array) -> Array:
-        """The states after steps of lengths h, and the slopes."""
+        """States after steps of lengths h, and the stage derivatives."""
         A, B, C = self.tableau.A, self.tableau.B, self.tableau.C
         t, x, K, n = self.t, self.x, self.K, self.interval.positions
         length = h.astype(x.dtype)
@@ -207,7 +207,7 @@ class RowSteps:
         return h * np.divide(fifth, both, out=np.zeros_like(both), where=fifth > 0)
 
     def _report(self, ends: Array, h: Array, new: Array, taken: Array) -> None:
-        """States at the times within the steps that are taken."""
+        """Write the states at the times to report within accepted steps."""
         times, before = self.interval.t_eval, self.reported
         self.reported = np.where(taken, np.searchsorted(times, ends, side="right"), before)
         many = self.reported - before
@@ -228,7 +228,7 @@ class RowSteps:
         self.X[time, self.row[which]] = states.T
 
     def _interpolants(self, chosen: Array, h: Array) -> list[Array]:
-        """Coefficients of the interpolants of some motions' steps."""
+        """Coefficients of the interpolants of the steps of some motions."""
         stages, (A, C, D) = len(self.tableau.B) + 1, self.tableau[4:7]
         t, x, h, K = self.t[chosen], self.x[:, chosen], h[chosen], self.K[:, :, chosen]
         for s in range(len(C)):
@@ -239,7 +239,7 @@ class RowSteps:
 def run_rows(
     interval: Interval, kernel: Kernel, numbers: Array, places: Array, x: Array, X: Array, progress: Progress
 ) -> BatchResult:
-    """Motions from states x, shape (N, size), into X[time, motion]."""
+    """Integrate motions from states x, shape (N, size), into X[time, motion]."""
     rates, is_done = Rates(kernel, numbers, places, interval), True
     rows = RowSteps(rates, X)
     try:

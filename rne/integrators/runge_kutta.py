@@ -12,12 +12,12 @@ from ..basics.spatial import Array
 from .loops import combine, copy, evaluate, inline, put_piece, put_time
 from .step_control import NEARLY, Problem, Storage, error_norm, first_length, shortest_step, step_factor, until_break
 
-CONTINUE, KEEP_LENGTH, RESTART = 0, 1, 2  # the first step: slope and length are known, the length, neither
+CONTINUE, KEEP_LENGTH, RESTART = 0, 1, 2  # start of a run: derivative and length are known; only the length; neither
 
 
 @inline
 def stage(problem: Any, t: Any, x: Any, h: Any, row: Any, K: Any, s: Any, c: Any) -> bool:
-    """The slope K[s] at t + c and x + h row K; True if it is valid."""
+    """Evaluate the stage derivative K[s] at t + c and x + h row K; True if it is valid."""
     rates, arguments, interval = problem
     y = arguments[1]
     put_time(arguments, interval, t + c)
@@ -29,7 +29,7 @@ def stage(problem: Any, t: Any, x: Any, h: Any, row: Any, K: Any, s: Any, c: Any
 
 @inline
 def begin(problem: Any, how: Any, steps: Any) -> bool:
-    """The first slope and the first step's length, as far as `how` asks for them; True if they are valid."""
+    """Compute the first derivative and the first step's length, as far as `how` asks for them; True if valid."""
     if how == CONTINUE:
         return True
     t, x, K = steps.T[0], steps.X[0], steps.K[0]
@@ -44,7 +44,7 @@ def begin(problem: Any, how: Any, steps: Any) -> bool:
 
 @inline
 def take_stages(problem: Any, t: Any, x: Any, h: Any, K: Any, evaluations: Any) -> bool:
-    """The slopes K of a step's stages behind the first, and of its end; True if they are valid."""
+    """Compute the stage derivatives K of a step behind the first, and of its end; True if they are valid."""
     A, B, C = problem.interval.tableau.A, problem.interval.tableau.B, problem.interval.tableau.C
     for s in range(1, len(B) + 1):
         row, c = (A[s], C[s] * h) if s < len(B) else (B, h)
@@ -56,7 +56,7 @@ def take_stages(problem: Any, t: Any, x: Any, h: Any, K: Any, evaluations: Any) 
 
 @inline
 def take_steps(problem: Any, end: Any, how: Any, steps: Any) -> int:
-    """Steps into the storage from T[0] and X[0] on, as far as `end` or the arrays allow; how many."""
+    """Take steps into the storage from T[0] and X[0] on, as far as `end` or the arrays allow; returns their number."""
     interval, y = problem.interval, problem.arguments[1]
     T, X, K, H, count, work = steps
     stages, exponent = len(interval.tableau.B), interval.tableau.exponent
@@ -91,7 +91,7 @@ def take_steps(problem: Any, end: Any, how: Any, steps: Any) -> int:
 
 
 def take_segments(problem: Any, how: Any, steps: Any) -> int:
-    """`take_steps` from break to break, as far as the end or the arrays allow; how many."""
+    """Take steps from break to break, as far as the end or the arrays allow; returns their number."""
     (T, X, K, H, count, work), step = steps, 0
     while step < len(T) - 1 and T[step] < problem.interval.end:
         part = until_break(problem.interval, T[step])
@@ -104,7 +104,7 @@ def take_segments(problem: Any, how: Any, steps: Any) -> int:
 
 
 def add_stages(problem: Any, T: Any, X: Any, K: Any, U: Any) -> bool:
-    """The stages that only interpolants need, in the last rows of K; False if one of them is not valid.
+    """Compute the stages that only interpolants need, in the last rows of K; False if one of them is not valid.
 
     The first entries of arguments[2] are the row of U that was held in each step, if U has columns.
     """
@@ -120,7 +120,7 @@ def add_stages(problem: Any, T: Any, X: Any, K: Any, U: Any) -> bool:
 
 
 class HeldCommands(NamedTuple):
-    """Samples of a law, and its commands, held in between: of n drives, and of a law with m states."""
+    """Record of a law's samples and commands, held in between: n drives, m states of the law."""
 
     number: Array  # (4,) of int64, samples and commands that have acted so far, and of both in this call
     bounds: Array  # (2, n), of commands and of their change
@@ -135,7 +135,7 @@ class HeldCommands(NamedTuple):
 
 @inline
 def sample(law: Any, period: Any, t: Any, x: Any, held: Any) -> bool:
-    """Sample a law: its command, within the bounds, becomes the last one that is pending; True if it is valid."""
+    """Sample a law: append its command, within the bounds, to the pending ones; True if it is valid."""
     function, arguments, found, table = law
     number, bounds, z, pending, _, _, _, W, Z = held
     time, states = arguments[0], arguments[1]
@@ -164,14 +164,14 @@ def sample(law: Any, period: Any, t: Any, x: Any, held: Any) -> bool:
 
 @inline
 def next_changes(timing: Any, number: Any) -> Any:
-    """Times of the next sample, and of when the next command begins to act [s]."""
+    """Times of the next sample and of the next command's start [s]."""
     period, late, rest = timing
     return number[0] * period, (number[1] + late) * period + rest
 
 
 @inline
 def change_command(law: Any, timing: Any, u: Any, steps: Any, step: Any, held: Any) -> bool:
-    """Take the sample, and have the command act, that are due at the begin of a step; True if the law is valid."""
+    """Take the sample, and have the command act, that are due at the start of a step; True if the law is valid."""
     number, t = held.number, steps.T[step]
     sample_time, arrival = next_changes(timing, number)
     if t >= sample_time:
@@ -190,7 +190,7 @@ def change_command(law: Any, timing: Any, u: Any, steps: Any, step: Any, held: A
 
 
 def take_samples(law: Any, problem: Any, timing: Any, how: Any, steps: Any, held: Any) -> int:
-    """`take_steps` with a law that is sampled, and whose commands, the first of arguments[2], are held in between.
+    """Take steps with a sampled law, whose commands, the first of arguments[2], are held between samples.
 
     `law` has its function, its arguments t, (x, z), perhaps the piece of a motion, and numbers, room for its outputs
     and the rates of its states z, which go on by Euler's rule, and the table of the motion. `timing` has the period and

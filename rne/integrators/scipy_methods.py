@@ -17,11 +17,11 @@ from .step_control import EPS
 from .tableaus import scipy_class
 
 Keeps = Sequence[float] | Literal[True] | None
-SMALLEST_RTOL = 100 * EPS  # that SciPy's solvers take
+SMALLEST_RTOL = 100 * EPS  # smallest relative tolerance of SciPy's solvers
 
 
 class SolverSteps(Steps):
-    """Steps of one of SciPy's solvers with their interpolants, or one whose interpolant `solver` has until the next."""
+    """Steps of one of SciPy's solvers with their interpolants; a single step may leave its own in `solver`."""
 
     def __init__(self, T: Array, X: Array, solver: Any, interpolants: list[Any]) -> None:
         super().__init__(T, X)
@@ -29,7 +29,7 @@ class SolverSteps(Steps):
 
     @cached_property
     def interpolants(self) -> list[Any]:
-        """SciPy's, one for each step, None where none is needed."""
+        """Interpolants of SciPy, one for each step, None where none is needed."""
         return self._kept if self._kept != [None] else [self._solver.dense_output()]
 
     def states(self, times: Array, k: Array) -> Array:
@@ -37,12 +37,12 @@ class SolverSteps(Steps):
         return _on_polynomials(times, k, self.interpolants)
 
     def inside(self, k: int) -> Interpolant:
-        """SciPy's interpolant itself."""
+        """SciPy's interpolant of a step."""
         return self.interpolants[k]  # type: ignore[no-any-return]
 
 
 class SciPySolver(Solver):
-    """One of SciPy's solvers, or a tableau of one's own in its RK45.
+    """One of SciPy's solvers, or a user's tableau in its RK45.
 
     Interpolants are needed in the steps of some times that it `keeps`, in all if that is True; with None each step is
     returned before the next one.
@@ -65,22 +65,22 @@ class SciPySolver(Solver):
         self.scipy = scipy_class(self.method)(system, t, x, end, **options)
 
     def resume(self, system: System, t: float, x: Array, end: float) -> None:
-        """Go on after a jump of the inputs: an explicit solver with the length of its last step."""
+        """Continue after a jump of the inputs: an explicit solver with the length of its last step."""
         if self.scipy is None or self.method in IMPLICIT:
             first = end - t if self.scipy is None and self.method != "LSODA" else None  # its first step must be short
             return self.start(system, t, x, end, first=first)
-        solver = self.scipy  # a Runge-Kutta method stores one slope
+        solver = self.scipy  # a Runge-Kutta method stores one derivative
         solver.t, solver.y, solver.f = t, np.array(x), system(t, x)
         solver.t_bound, solver.status = end, "running"
         return None
 
     @property
     def is_running(self) -> bool:
-        """False when the end was reached."""
+        """False at the end of the interval."""
         return self.failure is not None or bool(self.scipy.status == "running")
 
     def steps(self, max_steps: int) -> Steps:
-        """The next steps, at most so many. NotFiniteError if there is none or its end is not finite."""
+        """Next steps, at most this many; NotFiniteError if there is none or its end is not finite."""
         if self.failure is not None:
             raise self.failure
         solver, keeps = self.scipy, self.keeps
@@ -111,7 +111,7 @@ class SciPySolver(Solver):
 
 
 def _tolerances(options: IntegrationOptions, system: System, size: int) -> dict[str, Any]:
-    """The tolerances of SciPy's solvers: those of integrals allow for `integral_scale`.
+    """Tolerances of SciPy's solvers: those of integrals include `integral_scale`.
 
     The norm is a root mean square over all components, which is made one over those that count, and LSODA's a maximum.
     """

@@ -1,4 +1,4 @@
-"""Control of steps by the estimate of their error, as texts of loops in machine code and for rows in NumPy.
+"""Step-size control by error estimates, as functions of loops in machine code and for rows in NumPy.
 
 Norms, factors and first lengths are those of Hairer, Norsett and Wanner 1993, II.4 and II.5, as in `scipy.integrate`.
 The first `counted` components of a state are held to the tolerances. Those behind are integrals, such as energies: the
@@ -16,19 +16,19 @@ import numpy as np
 from ..basics.spatial import Array
 from .loops import NO_PIECES, combine, evaluate, inline, put_time, rows_begun
 
-SAFETY, SMALLEST, LARGEST = 0.9, 0.2, 10.0  # factors between steps, as SciPy's
+SAFETY, SMALLEST, LARGEST = 0.9, 0.2, 10.0  # safety, smallest and largest factor between step lengths, as SciPy's
 EPS = float(np.finfo(np.float64).eps)
-ROUNDINGS, TINY = 10 * EPS, 1e-300  # of the time, and at time 0: shorter steps are given up
-NEARLY = 1 - 1e-12  # of the end: a sample later than this is not taken, up to rounding it is at the end
-MOST_STEPS = 1e10  # a motion is given up that at its pace would take so many
-THIRD = 0.01  # of the second estimate of an error in the norm of both, DOP853's
-# Of the first length: sizes that say nothing, the length then; the part of the state or of its slope that a step may
-# change; slopes that are none; how far the length may exceed the guess.
+ROUNDINGS, TINY = 10 * EPS, 1e-300  # shortest step relative to the time, and at time 0 [s]
+NEARLY = 1 - 1e-12  # share of the time to the end up to which samples are taken; later ones are at the end
+MOST_STEPS = 1e10  # most steps that a motion may need at its present rate
+THIRD = 0.01  # weight of DOP853's second error estimate in the norm
+# First length: norm below which a state is negligible, length used then; largest relative change of state or
+# derivative; norm of a negligible derivative; largest ratio of the length to the guess.
 UNKNOWN, GUESS, CHANGE, FLAT, GROWTH = 1e-5, 1e-6, 0.01, 1e-15, 100
 
 
 class Interval(NamedTuple):
-    """A stretch of time without a switch, and how its steps are taken; the last four are of batches."""
+    """Interval of time without a switch, and the options of its steps; the last four are those of batches."""
 
     tableau: Any  # of the method
     begin: float
@@ -52,7 +52,7 @@ class Interval(NamedTuple):
 
 
 class Problem(NamedTuple):
-    """dx/dt for loops: its address, arrays for t, x and what else it takes, which are overwritten, and the interval."""
+    """Function dx/dt for loops: its address, arrays for t, x and other arguments (overwritten); the interval."""
 
     rates: Any
     arguments: Any
@@ -60,7 +60,7 @@ class Problem(NamedTuple):
 
 
 class Storage(NamedTuple):
-    """Room for steps: ends, states, slopes, the lengths to try first, numbers of evaluations, and workspace."""
+    """Storage of steps: ends, states, derivatives, the lengths to try first, numbers of evaluations, and workspace."""
 
     T: Array
     X: Array
@@ -72,7 +72,7 @@ class Storage(NamedTuple):
 
 @inline
 def until_break(interval: Any, t: Any) -> Any:
-    """The interval from t to the next break, or to its end; evaluated on its own side of each break."""
+    """Interval from t to the next break, or to its end; evaluated on its own side of each break."""
     breaks, passed = interval.breaks, rows_begun(interval.breaks, t)
     first = max(interval.first, breaks[passed - 1, 2]) if passed > 0 else interval.first
     end, before = interval.end, interval.last
@@ -85,13 +85,13 @@ def until_break(interval: Any, t: Any) -> Any:
 
 @inline
 def shortest_step(t: Any) -> Any:
-    """The length below which a step is given up."""
+    """Length below which a step is given up."""
     return ROUNDINGS * abs(t) + TINY
 
 
 @inline
 def step_factor(error: Any, exponent: Any) -> Any:
-    """The factor to the next length; an error that is not a number shortens it most."""
+    """Factor to the next step length; smallest for an error that is not a number."""
     if error == 0.0:
         return LARGEST
     factor = SAFETY * error**exponent
@@ -100,7 +100,7 @@ def step_factor(error: Any, exponent: Any) -> Any:
 
 @inline
 def integral_errors(errors: Any, x: Any, y: Any, interval: Any) -> float:
-    """The sum of squares of the integrals' errors on a step from x to y, in units of their tolerance."""
+    """Sum of squares of the integrals' errors on a step from x to y, in units of their tolerance."""
     total, scale = 0.0, interval.integral_scale
     if scale == float("inf"):
         return total
@@ -111,7 +111,7 @@ def integral_errors(errors: Any, x: Any, y: Any, interval: Any) -> float:
 
 @inline
 def error_norm(E: Any, K: Any, h: Any, x: Any, y: Any, interval: Any, work: Any) -> float:
-    """The estimated error of a step from x to y, in units of the tolerance: of two estimates, or of one, as E has."""
+    """Estimated error of a step from x to y relative to the tolerance, from one or two estimates, as E has."""
     count, rtol, atol, sums = interval.counted, interval.rtol, interval.atol, (0.0, 0.0)
     for e in range(len(E)):
         combine(E[e], len(K), K, work)
@@ -127,7 +127,7 @@ def error_norm(E: Any, K: Any, h: Any, x: Any, y: Any, interval: Any, work: Any)
 
 @inline
 def first_length(problem: Any, t: Any, x: Any, K: Any) -> float:
-    """Length of the first step from the slope K[0]; 0 if that after a guess is not valid."""
+    """Length of the first step from the derivative K[0]; 0 if the derivative after a guess is not valid."""
     rates, arguments, interval = problem
     count, rtol, atol, longest = interval.counted, interval.rtol, interval.atol, interval.end - t
     d0, d1, y = integral_errors(x, x, x, interval), integral_errors(K[0], x, x, interval), arguments[1]
@@ -154,7 +154,7 @@ def first_length(problem: Any, t: Any, x: Any, K: Any) -> float:
 
 
 def aligned(times: Array, instants: Sequence[Array]) -> Array:
-    """Times, in place of which instants stand that are equal up to rounding."""
+    """Times with those that equal one of the instants up to rounding replaced by it."""
     others = np.unique(np.concatenate([[-np.inf, np.inf], *instants]))
     k = np.searchsorted(others, times)
     nearest = np.where(np.abs(others[k - 1] - times) < np.abs(others[k] - times), others[k - 1], others[k])
@@ -175,7 +175,7 @@ def equal_steps(end: float, step: float, *instants: Array) -> Array:
 
 
 def squares(values: Array) -> Array:
-    """The sum of each column's squares, in one order whatever the number of columns."""
+    """Sum of each column's squares, in an order that does not depend on the number of columns."""
     total = np.zeros(values.shape[1])
     for row in values:
         total += row * row
@@ -183,7 +183,7 @@ def squares(values: Array) -> Array:
 
 
 def first_lengths(rates: Callable[[Array, Array], Array], interval: Interval, x: Array, f: Array) -> Array:
-    """`first_length` of many motions, whose states and slopes are the columns of x and f."""
+    """Lengths of the first steps of many motions; states and derivatives are the columns of x and f."""
     count, longest, exponent = interval.counted, interval.end - interval.begin, interval.tableau.exponent
     scale = interval.atol + interval.rtol * np.abs(x[:count])
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..basics.spatial import Array
 
-FIXED = ("rk4", "semi-implicit-euler")  # without an estimate of the error
+FIXED = ("rk4", "semi-implicit-euler")  # methods without an error estimate
 
 
 class Tsit5:
@@ -62,7 +62,7 @@ class Tableau(NamedTuple):
 
 
 def scipy_class(method: str) -> Any:
-    """A method as a solver class of SciPy's."""
+    """Solver class of SciPy for a method."""
     import scipy.integrate
 
     return type(method, (OWN[method], scipy.integrate.RK45), {}) if method in OWN else getattr(scipy.integrate, method)
@@ -70,7 +70,7 @@ def scipy_class(method: str) -> Any:
 
 @functools.cache
 def tableau(method: str) -> Tableau:
-    """The tableau of a method with step control, or with fixed steps; semi-implicit Euler has explicit Euler's."""
+    """Tableau of a method, adaptive or with fixed steps; semi-implicit Euler has explicit Euler's."""
     A2, C2 = np.zeros((0, 1)), np.zeros(0)
     if method in FIXED:
         A, B, C = np.zeros((1, 1)), np.ones(1), np.zeros(1)
@@ -90,10 +90,10 @@ def tableau(method: str) -> Tableau:
 
 
 def _by_turns(degree: int) -> Array:
-    """The matrix from coefficients of u, u^2, ... to those of u, u (1 - u), u (1 - u) u, ..."""
+    """Matrix from coefficients of u, u^2, ... to those of u, u (1 - u), u (1 - u) u, ..."""
     rows, rest = [], np.eye(degree)
     while len(rest):
-        rows.append(rest.sum(axis=0))  # the value at u = 1 of what is left, divided by u; that at 0 below
+        rows.append(rest.sum(axis=0))  # remainder at u = 1, divided by u; that at 0 below
         rest = np.array([-rest[k + 1 :].sum(axis=0) for k in range(len(rest) - 1)]).reshape(-1, degree)
         rows, rest = [*rows, *rest[:1]], rest[1:]
     return np.array(rows)
