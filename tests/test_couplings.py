@@ -13,10 +13,11 @@ import rne
 from rne.__main__ import main
 from rne.commands.agreement import loop_gap, validate
 from rne.dynamics.kinematics import coordinate_map, coordinate_map_rate, joint_positions, joint_velocities
-from rne.elementwise import arctan2
-from rne.graph.program import evaluate
+from rne.elementwise import arctan2, minimum
+from rne.graph.program import Operand, evaluate
 from rne.kernels.trace import by_recursion
 from rne.model import coupled, cylinder, four_bar, slider_crank
+from rne.model.model import with_unchecked
 from rne.trajectories.time_optimal import OutOfRange
 
 from .helpers import EPS, Part, assemble, kept, pose
@@ -525,6 +526,39 @@ def test_validation_by_energies(name):
     assert all(row.worst <= row.bound for row in rows)
 
 
+def a_cam():
+    """A joint that follows another by a function in Python, with a case in it."""
+    _, open_tree, _ = linkage("bar")
+    return coupled(open_tree, {"rocker": (("crank",), lambda x: 0.2 * np.sin(x) + minimum(x, 0.0) * x)})
+
+
+@pytest.mark.parametrize("name", kept([*ROBOTS, "cam"], ["bar", "cam"]))
+def test_motions_are_saved_with_what_they_follow_by(name, tmp_path):
+    """The model that is loaded is equal, couplings included, and so are its quantities between the samples."""
+    model = a_cam() if name == "cam" else linkage(name)[0]
+    q0 = drawn(model, 1)[0][0]
+    motion = rne.simulate(robot_of(model), q0, 0 * q0, 0.01)
+    back = rne.Trajectory.load(motion.save(tmp_path / "motion.npz"))
+    assert back.model == model
+    assert back.model.couplings == model.couplings
+    assert back.model.loops == model.loops
+    for found, expected in zip((*back(0.004), back.energy), (*motion(0.004), motion.energy), strict=True):
+        np.testing.assert_array_equal(found, expected)
+    np.testing.assert_array_equal(back.torques(0.004), motion.torques(0.004))
+
+
+def test_programs_of_couplings_that_are_damaged_are_refused(tmp_path):
+    motion = rne.simulate(robot_of(linkage("bar")[0]), [0, 0], [0, 0], 0.001)
+    coupling = motion.model.couplings[0]
+    for value, text in ((999, "is damaged"), ("x", "must be of type")):
+        outputs = (Operand("result", value),)
+        damaged = replace(coupling, program=replace(coupling.program, outputs=outputs))
+        model = with_unchecked(motion.model, couplings=(damaged, *motion.model.couplings[1:]))
+        file = replace(motion, model=model).save(tmp_path / "motion.npz")
+        with pytest.raises(ValueError, match=f"^{re.escape(repr(str(file)))}: .*{text}"):
+            rne.Trajectory.load(file)
+
+
 def test_check_measures_loops(tmp_path, capsys):
     links = part("upper", 0, (0, 0, 0)), part("rod", 1, (0, 0, 0.6)), part("lever", 0, (0.3, 0, 0))
     closing = (("rod", (0.3, 0, 0)), ("lever", (0, 0, 0.6)))
@@ -730,11 +764,6 @@ ERRORS = {
         lambda m: rne.Scene(rne.Robot(replace(linkage("bar")[0], damping=np.ones(4))), friction="urdf").resolved,
         rne.ModelError,
         "`friction` 'urdf' takes no couplings, but joint 'coupler' of robot 'linkage' follows crank",
-    ),
-    "files of motions": (
-        lambda m: rne.simulate(robot_of(linkage("bar")[0]), [0, 0], [0, 0], 0.01).save("motion.npz"),
-        rne.ModelError,
-        "files of motions take no couplings, but joint 'coupler' of robot 'linkage' follows crank",
     ),
     "articulated bodies": (
         lambda m: rne.dynamics.articulated_forward_dynamics(linkage("bar")[0], [0, 0], [0, 0], [0, 0]),

@@ -76,6 +76,22 @@ class TestTorques:
             slopes = spring._energy(irb140.model, moved).imag / 1e-30
             assert relative(spring._elastic(irb140.model, q), slopes) <= 100 * EPS
 
+    def test_a_force_alone_and_a_damper_alone_need_no_stiffness(self):
+        """A push F supplies F dl/dq at every length; the drives must supply d dl/dt dl/dq against a damper.
+
+        By the law of cosines l^2 = a^2 + r^2 - 2 a r cos(q) between points at a and r below the pivot.
+        """
+        a, r, F, d, q, qd = 0.9, 0.4, 30.0, 7.0, np.array([[0.4], [2.1]]), np.array([[0.5], [-1.5]])
+        ends = ("wall", [0, 0, -a], "rod", [0, 0, -r])
+        length = np.sqrt(a * a + r * r - 2 * a * r * np.cos(q))
+        slope = a * r * np.sin(q) / length
+        still = rne.Scene(pendulum(), gravity=[0, 0, 0]).inverse_dynamics(q, qd, 0 * qd)
+        for more, expected in (({"force": F}, -F * slope), ({"damping": d}, d * slope * qd * slope)):
+            scene = rne.Scene(pendulum(), gravity=[0, 0, 0], springs=[rne.Spring(*ends, **more)])
+            assert relative(scene.inverse_dynamics(q, qd, 0 * qd) - still, expected) <= 100 * EPS
+            motion = rne.simulate(scene, [0.4], [0.0], 0.5, rtol=1e-9)
+            assert motion.energy_drift < 1e-7  # a hundred tolerances
+
     def test_damping_takes_power(self, irb140, sprung):
         """d l'^2 of each, l' being the slope of l along the motion."""
         q, qd, _ = states(6, 20)
@@ -362,12 +378,22 @@ class TestArguments:
             ({"point": [0, 0]}, "`point` must have shape (3,), got (2,)"),
             ({"other_point": [0, 0, np.nan]}, "`other_point` must be finite, got nan at index (2,)"),
             ({"stiffness": "5"}, "`stiffness` must be one number, got str"),
+            (
+                {"stiffness": 0},
+                "one of `stiffness`, `force` and `damping` of the spring between 'a' and 'b' must not be zero",
+            ),
         ],
     )
     def test_numbers(self, change, text):
         given = {"link": "a", "point": [0, 0, 0], "other": "b", "other_point": [0, 0, 0], "stiffness": 1, "length": 1}
         with pytest.raises(ValueError, match=f"^{re.escape(text)}$"):
             rne.Spring(**(given | change))
+
+    def test_nothing_but_places_is_no_spring(self):
+        for length in ({}, {"length": 0.3}):
+            with pytest.raises(ValueError, match=r"^one of `stiffness`, `force` and `damping` of the spring"):
+                rne.Spring("a", [0, 0, 0], "b", [0, 0, 0], **length)
+        assert rne.Spring("a", [0, 0, 0], "b", [0, 0, 0], force=-5) == rne.Spring("a", [0] * 3, "b", [0] * 3, 0, 0, -5)
 
     def test_names(self, irb140):
         with pytest.raises(TypeError, match=r"^`link` must be a name, got int$"):

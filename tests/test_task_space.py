@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy.linalg
 
 import rne
 
@@ -282,6 +283,24 @@ class TestImpedance:
             np.sort(-poles.real)[::2], np.sort(np.sqrt(np.linalg.eigvals(np.linalg.solve(L, K)).real)), rtol=1e-5
         )
 
+    @pytest.mark.parametrize("axes", ["target", "base"])
+    def test_without_inertia_the_damping_ratio_is_1_at_the_posture(self, axes):
+        """In joint space: modes V of J^T K J with M, V^T M V = 1, have V^T D V = 2 w, D being that of the torques."""
+        robot, link = arm("ur5")
+        K, J = [10, 20, 30, 1e3, 2e3, 3e3], robot.jacobian(POSE_Q, link)
+        turned = rne.basics.spatial.rotation_from_rpy(np.array([0.3, 0.2, 0.1]))
+        given = {"stiffness": np.kron(np.eye(2), turned) @ np.diag(K) @ np.kron(np.eye(2), turned).T, "axes": axes}
+        given["stiffness"] = (given["stiffness"] + given["stiffness"].T) / 2
+        motion = lambda t: (POSE_Q + t, np.ones(6), np.zeros(6))  # noqa: E731
+        laws = [soft(robot, link, damping="critical", posture=(p, 0, 0), **given) for p in (POSE_Q, motion)]
+        laws += [soft(robot, link, damping="critical", inertia=robot.task_inertia(POSE_Q, link), **given)]
+        for law in laws:
+            D = (law(0.0, POSE_Q, np.zeros((6, 6))) - law(0.0, np.tile(POSE_Q, (6, 1)), np.eye(6))).T
+            in_base = rne.control.task_space.in_base_axes(law.stiffness, law.pose, axes)
+            w2, V = scipy.linalg.eigh(J.T @ in_base @ J, robot.mass_matrix(POSE_Q))
+            ratios = V.T @ D @ V / (2 * np.sqrt(np.sqrt(np.outer(w2, w2))))
+            np.testing.assert_allclose(ratios, np.eye(6), atol=1e-9)  # conditions of J and M are some 100 each
+
     def test_planar_arm_against_its_closed_form(self):
         pose = np.eye(4)
         pose[:3, 3] = [1.2, 0.5, 0]
@@ -333,7 +352,11 @@ class TestImpedance:
             ({"stiffness": coupled}, "`stiffness` must have two blocks"),
             ({"pose": bad}, "`pose` must be a homogeneous matrix"),
             ({"pose": lambda t: np.eye(3)}, r"`pose` must give \(4, 4\)"),
-            ({"damping": "critical"}, "`inertia` must be given"),
+            (
+                {"damping": "critical"},
+                r"damping 'critical' needs an inertia, which depends on joint positions: give `inertia`, such as "
+                r"robot.task_inertia\(q, link\), or `posture`, whose positions are taken then",
+            ),
             ({"damping": "some"}, "`damping` must be an array or 'critical', got 'some'"),
             ({"inertia": np.eye(6)}, "`inertia` is for damping 'critical' only"),
             ({"axes": "link"}, "`axes` must be 'target' or 'base'"),

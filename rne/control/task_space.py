@@ -24,7 +24,7 @@ from ..basics.arrays import check_function, real_array
 from ..basics.spatial import Array, rotate, symmetric, transpose, zeros
 from ..basics.text import summary
 from ..robot import Robot, rows_argument
-from .laws import PD, of_robot, pd
+from .laws import PD, of_robot, pd, reference_values
 
 VEE = np.array([[2, 1], [0, 2], [1, 0]])  # entries of a skew-symmetric matrix that form its vector
 ROTATION = 1e-9  # largest deviation of a pose's R^T R from the identity
@@ -207,7 +207,7 @@ def impedance(
     stiffness : array_like, shape (6,) or (6, 6)
         Rotations first; as a matrix symmetric, of two blocks [N m/rad; N/m].
     damping : array_like, shape (6,) or (6, 6), or "critical"
-        "critical" damps every mode of `inertia` with `stiffness` critically [N m s/rad; N s/m].
+        "critical" for damping ratio 1 of every mode of `inertia` with `stiffness` [N m s/rad; N s/m].
     pose : array_like, shape (4, 4), or callable
         Target pose in the root link's frame, or a function of time that gives it, or a tuple of it and its velocity
         [omega; v] in the root link's axes, shape (6,), which is taken as zero otherwise.
@@ -218,7 +218,8 @@ def impedance(
         True for the part of the posture's torques that does not accelerate the link, `Robot.null_space`. The energy of
         the closed loop need not fall then.
     inertia : array_like, shape (6, 6), optional
-        For critical damping: `robot.task_inertia(q, link)` at the target, in the root link's axes.
+        For critical damping: `robot.task_inertia(q, link)` at the target, in the root link's axes. By default that at
+        the positions of `posture`, at time 0 if these move, whose link should be at the target.
     axes : {"target", "base"}
         Axes of stiffness and damping: the target's or the root link's.
 
@@ -231,13 +232,16 @@ def impedance(
     Raises
     ------
     ValueError
-        If an argument has the wrong shape, is not finite or is negative, or there is no such link or axes.
+        If an argument has the wrong shape, is not finite or is negative, there is no such link or axes, or damping is
+        "critical" without inertia and posture.
     SingularMassMatrixError
-        If the inertia for critical damping is asked for in a singular pose; the law itself needs none.
+        If the inertia for critical damping is that of a singular pose; the law itself needs none.
 
     Notes
     -----
-    Hogan 1985; the potential is in the heading of ``rne/control/task_space.py``.
+    Hogan 1985; the potential is in the heading of ``rne/control/task_space.py``. Critical damping is that of
+    Albu-Schäffer et al. 2003, section III: where both Lambda = Q Q^T, the task inertia, and K = Q diag(w^2) Q^T, it is
+    D = 2 Q diag(w) Q^T. The ratio is 1 in the pose of the inertia; in others it differs, since D stays as it is.
 
     Examples
     --------
@@ -258,13 +262,20 @@ def impedance(
             raise ValueError("`inertia` is for damping 'critical' only")
         D = task_matrix("damping", damping, blocks=False)
     elif damping == "critical":
-        if inertia is None:
-            raise ValueError("`inertia` must be given for critical damping, such as robot.task_inertia(q, link)")
-        L = task_matrix("inertia", inertia, blocks=False)
+        L = task_matrix("inertia", inertia_at(robot, link, held) if inertia is None else inertia, blocks=False)
         D = critical_damping(K, in_base_axes(L, np.linalg.inv(target_values(target, 0.0)[0]), axes))
     else:
         raise ValueError(f"`damping` must be an array or 'critical', got {damping!r}")
     return Impedance(robot, link, K, D, target, axes, held, bool(projector))
+
+
+def inertia_at(robot: Robot, link: str, posture: PD | None) -> Array:
+    """Task inertia of a link at the positions of a posture, at time 0 if these move."""
+    if posture is None:
+        cure = "give `inertia`, such as robot.task_inertia(q, link), or `posture`, whose positions are taken then"
+        raise ValueError(f"damping 'critical' needs an inertia, which depends on joint positions: {cure}")
+    q = posture.reference
+    return robot.task_inertia(reference_values(robot, q(0.0))[0] if callable(q) else q, link)
 
 
 def posture_argument(robot: Robot, posture: Any) -> PD | None:

@@ -15,9 +15,8 @@ from ..basics.archive import Kinds, names_of, read, write
 from ..basics.arrays import output_file
 from ..basics.marks import TABLE
 from ..basics.spatial import Array
-from ..model.model import Loop, Model
+from ..model.model import Model
 from ..model.solids import Box, Cylinder
-from ..model.topology import refuse_couplings
 
 VERSION = 2  # of the archives
 NOT_KEPT = ("error_estimate", "run")  # fields that may hold laws
@@ -32,16 +31,15 @@ SHAPES: dict[str, tuple[str, ...]] = {
 
 
 def _kinds(motion: type) -> Kinds:
-    """What an archive holds: the motion, its model without couplings, which have programs, and its shapes."""
-    left_out = {motion: NOT_KEPT, Model: ("couplings",)}
-    kinds = (motion, Model, Loop, Box, Cylinder)
-    return {x: (tuple(name for name in names_of(x) if name not in left_out.get(x, ())), x) for x in kinds}
+    """Types in an archive with their fields: the motion, its model, shapes, and couplings as traced programs."""
+    from ..model.coupling import IN_FILES  # loaded with the first file
+
+    kinds = (motion, Model, Box, Cylinder, *IN_FILES)
+    return {x: (tuple(name for name in names_of(x) if x is not motion or name not in NOT_KEPT), x) for x in kinds}
 
 
 def write_archive(path: str | PathLike[str], motion: Any) -> Path:
     """Write a Trajectory to a NumPy archive."""
-    if motion.model is not None:
-        refuse_couplings(motion.model, "files of motions take")
     return write(path, _kinds(type(motion)), motion, VERSION)
 
 
@@ -84,6 +82,8 @@ def _check(motion: Any) -> None:
         raise ValueError("`jumps` must be among the times `t`, and ascend")
     if motion.model is not None and len(motion.model.joint_names) != sizes["n"]:
         raise ValueError(f"`q` must have {len(motion.model.joint_names)} columns, as its model, got {sizes['n']}")
+    for _, drivers, coupling in motion.model.coupled_joints if motion.model is not None else ():
+        coupling.derivatives(motion.q[:1, drivers])  # fails if its program is damaged
 
 
 def _check_array(name: str, value: Array, shape: tuple[str, ...], sizes: dict[str, int]) -> None:

@@ -30,7 +30,8 @@ class Spring:
     """A spring between a point of a link and a point of another, for a Scene; equal by value.
 
     Its tension is stiffness (l - length) - force + damping dl/dt, where l is the distance of the points: it pulls
-    where this is positive. So a gas spring, which pushes, has force > 0.
+    where this is positive. So a gas spring, which pushes, has force > 0. One of stiffness, force and damping must not
+    be zero: with `force` alone it is a constant force between the points, with `damping` alone a damper.
 
     Parameters
     ----------
@@ -40,20 +41,21 @@ class Spring:
         Its end there, in the frame of that link [m].
     other, other_point : str, and array_like of shape (3,)
         Link and point of its other end [m].
-    stiffness : float
+    stiffness : float, optional
         Tension per length [N/m].
-    length : float
+    length : float, optional
         Length at which the stiffness makes no tension. With 0, and without force and damping, the tension is
         proportional to the distance, and its ends may meet, as those of ideal counterbalances do [m].
-    force : float
+    force : float, optional
         Force with which it pushes at every length, negative for a preload that pulls [N].
-    damping : float
+    damping : float, optional
         Tension per rate of the length [N s/m].
 
     Raises
     ------
     ValueError
-        If a number is not finite, stiffness, length or damping is negative, or a point has another shape.
+        If a number is not finite, stiffness, length or damping is negative, stiffness, force and damping are all
+        zero, or a point has another shape.
     TypeError
         If a link is not named by a text.
 
@@ -74,13 +76,15 @@ class Spring:
     point: Any  # a tuple
     other: str
     other_point: Any
-    stiffness: float
-    length: float
+    stiffness: float = 0.0
+    length: float = 0.0
     force: float = 0.0
     damping: float = 0.0
 
     def __post_init__(self) -> None:
         _check(self, ("link", "other"), "force", "stiffness", "length", "damping")
+        if not (self.stiffness or self.force or self.damping):
+            raise ValueError(f"one of `stiffness`, `force` and `damping` of the {self} must not be zero")
         for name in ("point", "other_point"):
             object.__setattr__(self, name, tuple(vector(name, getattr(self, name), 3).tolist()))
 

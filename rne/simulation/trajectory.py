@@ -380,7 +380,8 @@ class Trajectory(InNotebooks):
         -------
         pathlib.Path
             The file written; `Trajectory.load` reads it. It names no file: to see the meshes of a robot's file with
-            the motion that is read, give `rne.view` the robot, and `t` and `q`.
+            the motion that is read, give `rne.view` the robot, and `t` and `q`. Joints that follow others by
+            `rne.model.coupled` or a linkage are saved with the functions they follow by, as traced operations.
 
         Raises
         ------
