@@ -1,4 +1,4 @@
-"""The README's chart, from the results that other benchmarks keep: python -m benchmarks.readme_picture
+"""The chart of the start page, from the results that other benchmarks keep: python -m benchmarks.readme_picture
 
 Error against time of the UR5: inverse dynamics and Hessians of batches of states, and a free swing; for a light and a
 dark page, beside each other for wide screens and below each other for phones.
