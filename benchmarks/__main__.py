@@ -2,8 +2,8 @@
 
 Evaluation, integration, growth and scenes, with Pinocchio in the same interleaved runs, one thread each. Writes
 benchmarks/results/charts.json, the tables and pictures of docs/benchmarks/index.md, whose text is written by hand, and
-the chart of the start page. Peers that are installed take part in the first chart: pip install $(python -m benchmarks.peers).
-With `--only`, other charts stay as they were kept.
+the chart of the start page. Peers that are installed take part in the first chart:
+pip install $(python -m benchmarks.peers). With `--only`, other charts stay as they were kept.
 """
 
 from __future__ import annotations
