@@ -322,7 +322,7 @@ def test_sampled_motions_with_very_stiff_friction_begin(irb140, method):
 def test_a_motion_that_nothing_damps_is_not_stiff_however_long(two):
     """Long swings were once called stiff: the unstable direction of a pendulum times the duration."""
     motion = rne.simulate(two, [3.1, 0.0], [0, 0], 0.5)
-    assert motion.message == "DOP853: not stiff, nothing damps the motion; the end was reached"
+    assert motion.message == "DOP853: not stiff, nothing damps the motion; completed"
 
 
 def methods_that_ran(patch):

@@ -29,12 +29,12 @@ SCALE, OFFSET = "command.scale", "command.offset"
 OF_COMMANDS = SHIFT, SCALE, OFFSET
 TABLE = tableau(FIXED)._replace(C=np.concatenate([tableau(FIXED).C, [1.0], tableau(FIXED).C2]))
 Command = tuple[float, Array, Array]  # a law follows scale * command + offset (n,), after a delay [s]
-NEAR = 1e-6  # of a sample time
-FOREVER = 1e6  # for so long the first and the last command hold [s]
+NEAR = 1e-6  # tolerance of times relative to a sample time
+FOREVER = 1e6  # duration for which the first and the last command hold [s]
 
 
 class Vectors(NamedTuple):
-    """Numbers of a motion as kernels of the equations and of a sampled law take them, and how its commands are held."""
+    """Numbers of a motion as the kernels of the equations and of a law take them; limits and delay of its commands."""
 
     numbers: Array
     law_numbers: Array
@@ -60,7 +60,7 @@ class CommandedMotion:
 
     @classmethod
     def of(cls, scene: Scene, names: Sequence[str], begin: float, times: Array, taken: Any, step: float) -> Self:
-        """That of a scene, of which some numbers by name are other ones."""
+        """Motion of a scene with some numbers replaced by name."""
         return cls(FrozenScene(scene, tuple(names)), begin, times, taken, step)
 
     def fastest_rate(self, vectors: Vectors, q: Array) -> float:
@@ -75,7 +75,7 @@ class CommandedMotion:
 
     @cached_property
     def _table(self) -> Array:
-        """The pieces of the reference since the start, between constant ones before the first and after the last."""
+        """Pieces of the reference since the start, with constant ones before the first and after the last."""
         rows, n = self._law.table, self.frozen.given.n
         ends = np.zeros((2, rows.shape[1]))
         ends[:, :2] = (rows[0, 0] - FOREVER, rows[0, 0]), (rows[-1, 1], rows[-1, 1] + FOREVER)
@@ -91,13 +91,13 @@ class CommandedMotion:
         return law
 
     def vectors(self, own: Mapping[str, Array]) -> Vectors:
-        """Those of numbers by name."""
+        """Vectors of the kernels for numbers by name."""
         group = SideBySide(self.frozen, {k: x[None] for k, x in own.items()}, 1, by_machine=self.frozen.by_machine)
         delay = float(own.get("delay", self.frozen.given.delay or 0.0))
         return Vectors(group.numbers.reshape(-1), group.law_numbers.reshape(-1), group.limits, delay)
 
     def _group(self, vectors: Vectors, command: Command) -> SideBySide:
-        """The motion under numbers of its own, and its commands."""
+        """Motion, as a group of one, under its own numbers and commands."""
         delay, scale, offset = command
         group = SideBySide(self.frozen, {}, 1, by_machine=self.frozen.by_machine)
         group.numbers, group.law_numbers = vectors.numbers, vectors.law_numbers
@@ -118,7 +118,7 @@ class CommandedMotion:
         return group
 
     def _directions(self) -> dict[str, Array]:
-        """Derivatives of the pieces by the numbers of commands that are asked for."""
+        """Derivatives of the pieces by the numbers of commands to be differentiated by."""
         rows, n = self._table, self.frozen.given.n
         found = {}
         if SHIFT in self.taken:
@@ -133,7 +133,7 @@ class CommandedMotion:
 
     @cached_property
     def columns(self) -> tuple[Columns, Array]:
-        """The seeds in which the motion is differentiated, and the matrix (p, k) of what is asked for by them."""
+        """Seeds in which the motion is differentiated, and the matrix (p, k) from them to the derivatives asked for."""
         starts = (np.zeros(self.frozen.given.n),) * 2
         names = [name for name in self.taken if name not in OF_COMMANDS]
         columns = Columns(self.frozen, [*names, *STARTS], starts, self._directions())
@@ -153,7 +153,7 @@ class CommandedMotion:
         start: Array,
         columns: Columns | None = None,
     ) -> tuple[SensitivityTask, Schedule]:
-        """The motion, and its steps."""
+        """Motion and its steps."""
         group, end = self._group(vectors, command), float(self.times[-1])
         (samples, acting, _), tables = self.frozen.instants(end, vectors.delay), group.tables
         breaks = tables[0, 1:, 0] if len(tables) else np.zeros(0)
@@ -180,7 +180,7 @@ class CommandedMotion:
         return found
 
     def derivatives(self, vectors: Vectors, command: Command, start: Array) -> tuple[Array, Array]:
-        """Positions (T, n), and their derivatives (T, n, k) by what is `taken` and by the start."""
+        """Positions (T, n), and their derivatives (T, n, k) by the names `taken` and by the start."""
         columns, W = self.columns
         if self.frozen.given.elastic is not None:  # motors start where they hold their links
             columns = copy(columns)

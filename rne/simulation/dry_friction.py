@@ -20,16 +20,16 @@ from .plant import Plant, with_modes
 from .scene_dynamics import SceneDynamics
 
 MAX_MODE_CHANGES, MAX_AT_ONE_TIME = 1000, 20
-AT_REST = 1e-12  # of the largest rate so far: rates below it count as zero
+AT_REST = 1e-12  # rate that counts as zero, relative to the largest so far
 # Steps of a robot all of whose joints stick; with the points at which events are examined inside a step, loads of a
 # duration above 1/1000 of the run's are found.
 STUCK_STEPS = 100
-SAME_INSTANT = 1e-12  # of the time: events closer than this are simultaneous
-ROUNDING = 1e-9  # of the largest load or acceleration: closer to the limit a load is held, closer to 0 there is no sign
+SAME_INSTANT = 1e-12  # relative time difference below which events are simultaneous
+ROUNDING = 1e-9  # rounding of loads and accelerations, relative to the largest
 
 
 class ModeChange:
-    """As an event: a slipping joint comes to rest, or the load of a sticking one exceeds its static friction."""
+    """Event: a slipping joint comes to rest, or the load of a sticking one exceeds its static friction."""
 
     def __init__(self, dry: DryPlant, joint: int) -> None:
         self.dry, self.joint, self.mode = dry, joint, float(dry.mode[joint])
@@ -91,12 +91,12 @@ class DryPlant(Plant):
 
     @property
     def held(self) -> Array:
-        """What the equations take beside time and state: torques that are held, and the modes."""
+        """Inputs of the equations: held torques, and the modes."""
         return np.asarray(with_modes(self.sampled, self.modes))
 
     @property
     def modes(self) -> Array:  # type: ignore[override]
-        """Whether each joint slips, and its dry friction torque, as the equations take them."""
+        """Inputs of the equations: 1 for each joint that slips, and its dry friction torque."""
         modes = self.known_modes.get(key := self.mode.tobytes())
         if modes is None:
             slips, (forward, back) = self.mode != 0, self.coulomb
@@ -104,7 +104,7 @@ class DryPlant(Plant):
         return modes
 
     def begin(self, t: float, x: Array, span: tuple[float, float]) -> None:
-        """Settle the modes, just after t; further on if the torques jump here without being declared."""
+        """Settle the modes just after t; later if the torques jump here without a declared break."""
         same = SAME_INSTANT * max(abs(t), abs(span[1] - t))
         self.at_once = self.at_once + 1 if self.changes and t - self.begun <= same else 0
         if self.at_once > MAX_AT_ONE_TIME:
@@ -119,7 +119,7 @@ class DryPlant(Plant):
         self.events = [ModeChange(self, i) for i in np.flatnonzero(~self.frictionless).tolist()]
 
     def apply_event(self, event: Event, x: Array) -> Array:
-        """The state after an event: a rate that passes through zero is zero."""
+        """State after an event: a rate that passes through zero is set to zero."""
         x = self.reported(x)
         if isinstance(event, ModeChange):
             self.changes += 1
@@ -128,11 +128,11 @@ class DryPlant(Plant):
         return x
 
     def longest_step(self, duration: float) -> float:
-        """While nothing moves, steps short enough to see loads that come and go."""
+        """Longest step: short enough to detect varying loads while no joint moves."""
         return np.inf if self.mode[self.dynamics.driven].any() else duration / STUCK_STEPS
 
     def reported(self, x: Array) -> Array:
-        """The state with the rates of sticking joints at zero."""
+        """State with the rates of sticking joints set to zero."""
         x = np.array(x)
         x[..., self.n : 2 * self.n][..., self.mode == 0] = 0.0
         return x
@@ -187,14 +187,14 @@ class DryPlant(Plant):
         raise NotFiniteError(f"no modes of sticking and slipping fit the loads at t = {t:.6g} s", t)
 
     def _wrong(self, t: float, x: Array, rests: Array) -> Array:
-        """The joints at rest that stick under too great a load, or slip against their acceleration."""
+        """Joints at rest whose mode is wrong: they stick under too great a load, or slip against their acceleration."""
         qdd, needed, net = self.loads(t, x)
         breaks = rests & (self.mode == 0) & (self._margin(needed, net) < 0)
         turns = rests & (qdd * self.mode < -ROUNDING * np.abs(qdd).max(initial=0.0))
         return np.asarray(breaks | turns)
 
     def _release_fewest(self, t: float, x: Array, rests: Array, order: list[int]) -> None:
-        """Let one joint of `order` slip, then two, ... until all fit, those that come first in it before others."""
+        """Release joints in the order given, one, then two, ..., until all modes are consistent."""
         before = self.mode.copy()
         trials = (
             (joints, signs)

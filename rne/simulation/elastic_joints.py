@@ -34,7 +34,7 @@ READS = ("motor", "link", "both")
 
 @dataclass(frozen=True, eq=False)
 class ElasticJoints:
-    """Joints that yield between motor and link, for a Scene (Spong's model); every joint of the scene has a motor.
+    """Joints with a flexible transmission between motor and link, for a Scene (Spong's model); all or none have motors.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ class ElasticJoints:
 
 
 def part_at_joints(robot: Robot, elastic: ElasticJoints) -> tuple[Robot, MotorSide]:
-    """The links, without rotors, and what is behind the joints; a ValueError where the two do not fit."""
+    """Links without rotors and the motor sides; a ValueError where the two do not fit."""
     model, names = robot.model, robot.joint_names
     if driven := [name for k, name in enumerate(model.moving_joints) if k not in model.independent_joints]:
         raise ValueError(f"`elastic` is not for joints that follow others, got {listed(driven)}")
@@ -96,7 +96,7 @@ def part_at_joints(robot: Robot, elastic: ElasticJoints) -> tuple[Robot, MotorSi
 
 
 def _numbers(name: str, value: LimitValues, joints: tuple[str, ...]) -> tuple[float, ...]:
-    """One number per joint, positive, or not negative of damping; a ValueError names the joint at fault."""
+    """Array of one number per joint, positive, or nonnegative for damping; a ValueError names the joint at fault."""
     found = limit_array("armature", value, joints, np.zeros(len(joints)), name).tolist()
     for joint, number in zip(joints, found, strict=True):
         if number == np.inf or (number == 0 and name != "damping"):
@@ -178,7 +178,7 @@ class ElasticDynamics(SceneDynamics):
         return np.concatenate([np.concatenate([links, motors], axis=-1) - net, *further], axis=-1)
 
     def _balance(self, model: Model, t: Array, x: Array, u: Array) -> tuple[Any, ...]:
-        """As of rigid joints: links always move, motors are accelerated by what drives, friction and torsion leave."""
+        """Balance of forces: links always move; drives less friction and torsion accelerate the motors."""
         assert self.friction is not None
         n, m, rotor = self.n, self.joints, np.array(self.motor_side.rotor)
         slips, dry = u[..., -2 * n + m : -n], u[..., -m:]

@@ -45,11 +45,11 @@ from .zero_order_hold import held_side_by_side
 if TYPE_CHECKING:
     from concurrent.futures import Executor, Future
 
-QUANTITIES = ("q", "qd", "tau")  # of each motion
-CHUNK, SHARE = 8192, 250  # most motions side by side, and fewest of a share in NumPy, where few cost as much as many
-SAMPLED_STEPS = 50  # between samples, on average: of fewer steps it does not matter whether a motion is stiff
+QUANTITIES = ("q", "qd", "tau")  # outputs of each motion
+CHUNK, SHARE = 8192, 250  # most motions side by side; fewest per share in NumPy
+SAMPLED_STEPS = 50  # mean steps between samples below which stiffness does not matter
 UserProgress = Callable[[int, int], Any]
-PATIENCE = 0.5  # s that Ctrl-C waits for what other threads and processes have begun
+PATIENCE = 0.5  # time that Ctrl-C waits for other threads and processes [s]
 
 
 @dataclass(frozen=True, eq=False)
@@ -307,7 +307,7 @@ def ensemble(
 def _numbers(
     scene: Scene, numbers: Mapping[str, ArrayLike] | None, parameters: ArrayLike | None, count: int
 ) -> tuple[Scene, dict[str, Array]]:
-    """The scene with its own numbers named that motions have in place of them, and these, (N, ...) each."""
+    """Scene with those of its numbers named that motions replace, and their values, (N, ...) each."""
     if parameters is not None and numbers is not None and "parameters" in numbers:
         raise ValueError("`parameters` and `numbers['parameters']` are the same: give one of them")
     given = dict(numbers or {})
@@ -377,7 +377,7 @@ def _plan(
     given: float | None,
     own: Mapping[str, Array],
 ) -> Plan:
-    """How the motions of a scene are run, with torques each of which is `given` for so long, if there are any."""
+    """Plan of the computation of a scene's motions, with torques held for the time `given`, if there are any."""
     friction, law = friction_of_all(scene, own), scene.traced_samples
     period = scene.sample_time if given is None else given
     dynamics = scene.dynamics if given is None else scene._dynamics("held")
@@ -420,7 +420,7 @@ def _plan(
 
 
 class Chunk(NamedTuple):
-    """Initial states, their numbers of the scene by name, (N, ...) each, given torques, and the first one's place."""
+    """Part of an ensemble: initial states, numbers by name, (N, ...) each, given torques, and the first index."""
 
     x: Array
     numbers: Mapping[str, Array]
@@ -428,13 +428,13 @@ class Chunk(NamedTuple):
     first: int = 0
 
     def part(self, begin: int, end: int) -> Chunk:
-        """Some of them."""
+        """Slice of the chunk."""
         own = {name: array[begin:end] for name, array in self.numbers.items()}
         return Chunk(self.x[begin:end], own, self.torque[begin:end], self.first + begin)
 
 
 class Motions(NamedTuple):
-    """Motions of a chunk at the times to report, and how they went."""
+    """Motions of a chunk at the times to report, with their statuses."""
 
     q: Array  # (S, N, n), as `qd` and `tau`
     qd: Array
@@ -449,7 +449,7 @@ class Motions(NamedTuple):
 
 
 def _in_equal_steps(whole: Interval, times: Array, step: float, samples: Array, breaks: list[float]) -> list[Interval]:
-    """Equal steps between two times to report or samples, which stand for times that are equal up to rounding."""
+    """Equal steps between neighbouring reports or samples; times equal up to rounding are merged."""
     times = aligned(times, [samples])
     grid = equal_steps(whole.end, step, times, samples, np.array(breaks))
     if not breaks:
@@ -459,7 +459,7 @@ def _in_equal_steps(whole: Interval, times: Array, step: float, samples: Array, 
 
 
 def _between_breaks(whole: Interval, times: Array, breaks: list[float]) -> list[Interval]:
-    """The parts of the time between breaks of the torques."""
+    """Intervals of time between breaks of the torques."""
     inner, found = [b for b in breaks if 0 < b < whole.end], []
     for a, b in itertools.pairwise([whole.begin, *inner, whole.end]):
         first, last = np.nextafter(a, np.inf) if a in inner else -np.inf, np.nextafter(b, 0.0) if b in inner else np.inf
@@ -470,7 +470,7 @@ def _between_breaks(whole: Interval, times: Array, breaks: list[float]) -> list[
 
 @dataclass(frozen=True, eq=False)
 class BatchRun:
-    """Motions by an explicit method, all at once."""
+    """Computation of all motions at once by an explicit method."""
 
     method: str
     dynamics: SceneDynamics
@@ -480,7 +480,7 @@ class BatchRun:
     held: Callable[[Mapping[str, Array], Array], Hold] | None = None  # torques of a chunk that are, in lanes
 
     def _tables(self, own: Mapping[str, Array]) -> Array:
-        """The pieces of the motion that a law follows, one table for all or one for each, as of `TracedLaw.tables`."""
+        """Pieces of the motion that a law follows, one table for all or one for each; see `TracedLaw.tables`."""
         law = self.dynamics.law
         return NO_TABLES if law is None else law.tables(part_of(own, "controller."))
 
@@ -491,11 +491,11 @@ class BatchRun:
 
     @property
     def work(self) -> int:
-        """Units of progress of one motion: its steps, or itself."""
+        """Units of progress per motion: its steps, or one."""
         return max(len(self.steps), 1)
 
     def most_shares(self, size: int) -> int:
-        """Into how many shares so many motions may be divided."""
+        """Largest number of shares for a number of motions."""
         return size if self.fallback.kernel.engine == "numba" else max(2, size // SHARE)
 
     def run(self, chunk: Chunk, advance: Progress) -> Motions:
@@ -559,7 +559,7 @@ class BatchRun:
 
 @dataclass(frozen=True, eq=False)
 class SequentialRun:
-    """Motions as `rne.simulate` runs them, for scenes with events, samples or called laws."""
+    """Computation of motions one by one by `rne.simulate`, for scenes with events, samples or called laws."""
 
     scene: Scene
     dynamics: SceneDynamics
@@ -575,7 +575,7 @@ class SequentialRun:
         return self.scene.kernels.scene_kernel(self.dynamics.right_hand_side)
 
     def most_shares(self, size: int) -> int:
-        """Each motion may be one."""
+        """Largest number of shares: one per motion."""
         return size
 
     def run(self, chunk: Chunk, advance: Progress) -> Motions:
@@ -596,13 +596,13 @@ class SequentialRun:
         return found._replace(interrupted=found.interrupted or interrupted)
 
     def nothing(self, count: int, dtype: Any = np.float64) -> Motions:
-        """Motions that were not begun."""
+        """Placeholder for motions that were not started."""
         S, n, energies = len(self.times), self.scene.n, len(self.dynamics.ledger)
         q, qd, tau, ledger = (np.full((S, count, k), np.nan, dtype) for k in (n, n, n, energies))
         return Motions(q, qd, tau, ledger, np.zeros(count), np.full(count, -1), (), 0, OK)
 
     def replaced(self, part: Motions, chunk: Chunk, rows: Array, advance: Progress) -> Motions:
-        """Some motions of a part run anew."""
+        """Copy of a part with some motions computed again."""
         others = self._motions(chunk, rows.tolist(), lambda _: advance(0))
         for name in ("q", "qd", "tau", "energies"):
             getattr(part, name)[:, rows] = getattr(others, name)
@@ -639,7 +639,7 @@ class SequentialRun:
         return part._replace(methods=(motion.method,), evaluations=motion.evaluations, interrupted=status < 0)
 
     def _torque(self, given: Array) -> dict[str, Any]:
-        """Torques of one motion, (K, n), as `rne.simulate` takes them."""
+        """Torques of one motion, (K, n), in the form of `rne.simulate`."""
         if len(given) <= 1:
             return {"torque": given[0]} if len(given) else {}
         begins = aligned(np.arange(len(given)) * (self.given or 0.0), [self.times])
@@ -648,7 +648,7 @@ class SequentialRun:
 
 
 def joined(parts: Sequence[Motions]) -> Motions:
-    """The motions of several parts."""
+    """Motions of several chunks joined."""
     q, qd, tau, energies = (np.concatenate([part[k] for part in parts], axis=1) for k in range(4))
     end, status = (np.concatenate([part[k] for part in parts]) for k in (4, 5))
     methods = tuple(sorted({method for part in parts for method in part.methods}))
@@ -661,7 +661,7 @@ Plan = BatchRun | SequentialRun
 
 
 def run_all(plan: Plan, starts: Chunk, progress: UserProgress | None, executor: Executor | None) -> Motions:
-    """All motions, in chunks."""
+    """Compute all motions, in chunks."""
     size = len(starts.x)
     edges = [*range(0, max(size, 1), CHUNK), size]
     if executor is not None and size:
@@ -709,7 +709,7 @@ def run_all(plan: Plan, starts: Chunk, progress: UserProgress | None, executor: 
 
 
 def run_elsewhere(plan: Plan | bytes, chunk: Chunk, stop: threading.Event | None = None) -> Motions:
-    """Plan.run in another thread or process; a thread is told when to stop."""
+    """Run a plan in another thread or process; a thread stops on request."""
 
     def advance(count: int) -> None:
         if stop is not None and stop.is_set():
@@ -722,7 +722,7 @@ def run_elsewhere(plan: Plan | bytes, chunk: Chunk, stop: threading.Event | None
 
 
 def _pickled(plan: Plan) -> bytes:
-    """The plan for other processes; a ValueError where its controller cannot be sent to them."""
+    """Pickled plan for other processes; a ValueError where its controller cannot be pickled."""
     try:
         return pickle.dumps(plan)
     except (AttributeError, TypeError, pickle.PicklingError) as error:
@@ -734,6 +734,6 @@ def _pickled(plan: Plan) -> bytes:
 
 @lru_cache(maxsize=4)
 def _unpickled(pickled: bytes) -> Plan:
-    """The plan of a process, which traces and compiles its kernel once for all chunks."""
+    """Plan of a process, which traces and compiles its kernel once for all chunks."""
     plan: Plan = pickle.loads(pickled)
     return plan

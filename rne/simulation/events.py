@@ -18,11 +18,11 @@ from ..integrators.base import Interpolant, Steps
 from ..model.model import Model
 
 NODES = 10  # intervals per step at whose ends events are evaluated
-NEXT = 1e-3  # of an interval: distance from the ends of the step of two more points, which show where values rise there
-HIGHEST = 4  # how far a peak may lie above the highest point, in units of the rise to it; a parabola's, 1/4
-CLOSE = 1e-14  # [s] of the time of an event, beside rounding
+NEXT = 1e-3  # distance of two more points from the ends of a step, relative to an interval
+HIGHEST = 4  # largest height of a peak over the highest point, relative to the rise to it; a parabola's is 1/4
+CLOSE = 1e-14  # tolerance of an event's time beside rounding [s]
 EPS = float(np.finfo(np.float64).eps)
-PLACES = np.array([0, NEXT, *range(1, NODES), NODES - NEXT, NODES]) / NODES  # of the points in a step
+PLACES = np.array([0, NEXT, *range(1, NODES), NODES - NEXT, NODES]) / NODES  # of points in a step, relative
 
 # times (m,), states (m, size), torques that are held where samples were taken, or None -> values (m,)
 Event = Callable[[Array, Array, Array | None], Array]
@@ -41,7 +41,7 @@ class Crossing(NamedTuple):
 
 
 def first_crossing(events: Sequence[Event], steps: Steps, first: int = 0, last: int | None = None) -> Crossing | None:
-    """The first event on the interpolants of steps, or of those from `first` to before `last`, or None."""
+    """First event on the interpolants of steps `first` to before `last`, or None."""
     if not events:
         return None
     numbers = np.arange(len(steps.T) - 1)[first:last]
@@ -80,7 +80,7 @@ def first_crossing(events: Sequence[Event], steps: Steps, first: int = 0, last: 
 
 
 def _passages(values: Array) -> tuple[Array, Array]:
-    """Between or around which points of each step events pass zero, of values of shape (steps, points, events).
+    """Intervals of points between which events pass zero in each step, from values (steps, points, events).
 
     Those that rise from each point to the next, and those that may pass zero and return around it.
     """
@@ -93,12 +93,12 @@ def _passages(values: Array) -> tuple[Array, Array]:
 
 
 def _value(event: Event, interpolant: Interpolant, u: Array | None) -> Callable[[float], float]:
-    """The value of an event at one time of a step."""
+    """Value of an event at one time of a step."""
     return lambda t: float(event(np.array([t]), interpolant(t)[None], u)[0])
 
 
 def _first_passage(value: Callable[[float], float], times: Sequence[float], rises: Array, peaks: Array) -> float | None:
-    """The time of the first passage from negative to positive; an end where rounding has moved it beyond that end."""
+    """Time of the first passage from negative to positive, clipped to the ends of its interval."""
     from scipy.optimize import brentq, minimize_scalar
 
     for j in np.flatnonzero(rises | peaks).tolist():

@@ -31,7 +31,7 @@ from .named_numbers import NamedNumbers, plain_name
 from .scene_numbers import UNITS, unbounded
 
 REFERENCE = "controller.reference"
-SLACK = 1e-9  # of a sample time: how late an importer may be
+SLACK = 1e-9  # largest lateness of an importer, relative to a sample time
 NO_FUNCTION = "no function of time and state"
 # Macros of the text that call functions: their arguments and the function.
 CALLS = {"RATES": ("t, x, m, result", "rates"), "LAW": ("t, x, m, result", "law")}
@@ -41,7 +41,7 @@ PARAMETER, FIXED = ("parameter", "tunable"), ("parameter", "fixed")
 
 @dataclass(frozen=True, eq=False)
 class SceneUnit:
-    """What of a scene a unit is made of; see `Scene.to_fmu`."""
+    """Parts of a scene that make up a unit; see `Scene.to_fmu`."""
 
     given: Any  # a Scene, whose method imports this
     q0: ArrayLike | None
@@ -80,7 +80,7 @@ class SceneUnit:
 
     @cached_property
     def named(self) -> NamedNumbers:
-        """The functions of the scene whose numbers of some names are arguments; the reference is the first."""
+        """Functions of the scene with some numbers as arguments; the reference is the first."""
         known = self.scene.numbers
         if "delay" in self.numbers:
             raise ValueError("`numbers` cannot have 'delay', on which the text depends")
@@ -92,29 +92,29 @@ class SceneUnit:
 
     @cached_property
     def law(self) -> TracedLaw | None:
-        """The law that is sampled."""
+        """Sampled control law."""
         return None if self.scene.sample_time is None else self.named.law
 
     @cached_property
     def delay(self) -> tuple[float, float]:
-        """From a sample until its command acts: a whole number of periods, and the rest."""
+        """Delay of commands after their samples: whole periods, and the remainder."""
         return in_periods(float(self.scene.delay or 0.0), float(self.scene.sample_time or 1.0))
 
     @cached_property
     def stops(self) -> list[Stop]:
-        """The stops that end a run."""
+        """Stops that end a run."""
         return stops(self.scene.resolved.robot.model) if self.scene.stops else []
 
     @cached_property
     def starts(self) -> tuple[Array, Array]:
-        """Positions and velocities where joints start, or joints and the motors behind them."""
+        """Initial positions and velocities of joints, or of joints and the motors behind them."""
         q0, qd0 = (np.zeros(self.scene.n) if x is None else np.asarray(x, np.float64) for x in (self.q0, self.qd0))
         q, qd = self.named.equations.start(self.scene.resolved.robot, q0, qd0)
         check_within_stops(self.stops, np.concatenate([q, qd]))
         return q0, qd0
 
     def rates(self, *wrt: str) -> Kernel:
-        """dx/dt, the torques of the drives unless they are held, and the distances to stops, or the gradient."""
+        """Function dx/dt, with the drives' torques unless held, and distances to stops; or its gradient."""
         name = "rates_and_drives" if self.law is None else "rates"
         function, model = self.named.function(name), self.scene.resolved.robot.model
 
@@ -129,7 +129,7 @@ class SceneUnit:
 
     @cached_property
     def kernels(self) -> dict[str, Kernel]:
-        """The functions of a unit, by their names in its text."""
+        """Functions of a unit, by their names in its text."""
         found = {"rates": self.rates()}
         if self.derivatives:
             found["gradient"] = self.rates(*(name for name in found["rates"].names if name not in ("t", "piece")))
@@ -145,13 +145,13 @@ class SceneUnit:
         return unit(self.kernels, name="arm", static=True)
 
     def places(self, first: Mapping[str, int]) -> dict[str, int]:
-        """Where the arguments of functions begin among the variables."""
+        """Offsets of functions' arguments among the variables."""
         sizes = {plain_name(name): self.named.value(name).size for name in self.named.names}
         numbers = dict(zip(sizes, accumulate(sizes.values(), initial=first["P"]), strict=False))
         return {"x": first["X"], "u": first["U"], "q": first["Q0"]} | numbers
 
     def reached(self, name: str, first: Mapping[str, int]) -> list[set[int]]:
-        """Places of the variables that the results of a function depend on."""
+        """Indices of the variables that the results of a function depend on."""
         kernel, begins, places = self.kernels[name], self.places(first), list[set[int]]()
         for key, width in zip(kernel.names, kernel.widths, strict=True):
             known = 0 if key not in begins else self.named.equations.size if key == "x" else width
@@ -169,7 +169,7 @@ class SceneUnit:
     def dependencies(
         self, blocks: Mapping[str, Any], first: Mapping[str, int]
     ) -> tuple[dict[int, Any], dict[int, Any]]:
-        """Places of variables that states, results and held torques depend on, and on what at the start."""
+        """Indices of the variables that states, results and held torques depend on, and of those at the start."""
         law, size, n = self.law, self.named.equations.size, self.named.equations.n
         found = {first["X"] + k: {first["X"] + k} for k in range(size)}
         found |= {first["DX"] + k: places for k, places in enumerate(self.reached("rates", first))}
@@ -187,7 +187,7 @@ class SceneUnit:
         return {k: sorted(places & inputs) for k, places in found.items()}, initial
 
     def joints(self, title: str, quantity: str, what: str, *how: str, **numbers: Any) -> list[Variable]:
-        """A variable of each joint."""
+        """One variable per joint."""
         robot, found = self.scene.resolved.robot, list[Variable]()
         for k, (i, joint) in enumerate(zip(robot.model.independent_joints, robot.joint_names, strict=True)):
             unit = _name(OF_JOINTS[quantity][not robot.model.is_revolute[i]])
@@ -198,11 +198,11 @@ class SceneUnit:
 
     @cached_property
     def sides(self) -> dict[str, str]:
-        """What names and descriptions of joints, and of motors behind elastic ones, begin with."""
+        """Prefixes of names and descriptions of joints, and of motors behind elastic ones."""
         return {"": "", "motor_": "motor "} if self.named.equations.n > self.scene.n else {"": ""}
 
     def moving(self) -> tuple[list[Variable], dict[str, list[Variable]]]:
-        """Positions and velocities, and blocks of those at the start."""
+        """Positions and velocities, and blocks of their initial values."""
         robot, n, states, starts = (
             self.scene.resolved.robot,
             self.scene.n,
@@ -220,7 +220,7 @@ class SceneUnit:
         return states, starts
 
     def blocks(self) -> dict[str, list[Variable]]:
-        """The variables, in the order of the text."""
+        """Blocks of variables, in the order of the text."""
         law, is_driven, (X, starts) = self.law, self.scene.controller is None, self.moving()
         most = np.inf if self.scene.resolved.effort_limit is None else unbounded(self.scene.resolved.effort_limit)
         states = range(1, 1 + (law.states if law else self.named.equations.states))
@@ -270,7 +270,7 @@ class SceneUnit:
 
     @cached_property
     def unit(self) -> MockupUnit:
-        """The whole."""
+        """Complete unit."""
         scene, dynamics, law, blocks = self.scene, self.named.equations, self.law, self.blocks()
         first = dict(zip([*blocks, "NV"], [0, *accumulate(map(len, blocks.values()))], strict=True))
         model, method, limit = scene.resolved.robot.model, tableau("DOP853"), scene.resolved.effort_limit
@@ -299,5 +299,5 @@ class SceneUnit:
 
 
 def _name(unit: str) -> str:
-    """A unit such as N m s/rad by the name that it has in a description; empty if it is not one."""
+    """Name of a unit such as N m s/rad in a description; empty if it is none."""
     return "" if re.search("[^A-Za-z0-9 ^/]|^1$", unit) or " or " in unit else unit.replace(" ", ".").replace("^", "")

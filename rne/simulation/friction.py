@@ -24,14 +24,14 @@ from ..model.topology import refuse_couplings
 from ..robot import Robot
 
 SIZES = ("viscous", "coulomb", "viscous_back", "coulomb_back", "static", "load", "saturation", "stribeck")
-SIGNED = ("stribeck_rise", "offset")  # sizes that may be negative
+SIGNED = ("stribeck_rise", "offset")  # coefficients that may be negative
 OPTIONAL = ("static", "saturation", "stribeck")
-BACK = ("viscous", "coulomb")  # sizes that may differ by the direction
-TOLD = {"rad": 0.01, "m": 0.001}  # of creep, from which on the message of a run names it
+BACK = ("viscous", "coulomb")  # coefficients that may differ between directions
+TOLD = {"rad": 0.01, "m": 0.001}  # smallest creep named in a run's message, by unit
 
 
 class Following(np.ndarray[Any, Any]):
-    """A size of the negative direction that was not given: it follows that of the positive one."""
+    """Coefficient of the negative direction that was not given and equals that of the positive one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +74,7 @@ class Friction(ReadOnlyArrays):
     -----
     Smoothed friction does not hold a joint. Under a torque below `coulomb` it creeps, without viscous friction at the
     rate smoothing artanh(torque / coulomb): 2 mrad/s under a fifth of it. Dry friction, `smoothing=0`, holds, and often
-    takes a fraction of the evaluations, as smoothed friction is stiff. The message of a run tells by how much joints
+    takes a fraction of the evaluations, as smoothed friction is stiff. The message of a run states by how much joints
     crept in all, from 0.01 rad or 0.001 m on: how far they moved from where their speed was within `smoothing` until
     the load on them exceeded `coulomb`, the load being the friction that would keep the joint from accelerating; of a
     robot without drives that starts at rest and would stay there, how far they moved at all.
@@ -105,13 +105,13 @@ class Friction(ReadOnlyArrays):
 
     @cached_property
     def _values(self) -> tuple[object, ...]:
-        """The numbers, which make two frictions equal, and those that follow others."""
+        """Coefficients for equality of frictions, and those that follow others."""
         return (*map(self._same_back, BACK),) + tuple(
             (name, size.shape, size.tobytes()) for name, size in self._given().items()
         )
 
     def __eq__(self, other: object) -> bool:
-        if type(self) is not Friction or type(other) is not Friction:  # of a subclass the numbers do not tell all
+        if type(self) is not Friction or type(other) is not Friction:  # a subclass may have more than the numbers
             return self is other
         return self._values == other._values
 
@@ -123,12 +123,12 @@ class Friction(ReadOnlyArrays):
 
     @property
     def numbers(self) -> dict[str, Array]:
-        """The numbers by name, as arrays; a size of the negative direction that was not given has none."""
+        """Coefficients by name, as arrays; without those of the negative direction that were not given."""
         follow = [f"{name}_back" for name in BACK if self._same_back(name)]
         return {name: size for name, size in self._given().items() if name not in follow}
 
     def at(self, numbers: Mapping[str, Any]) -> Friction:
-        """The same with other numbers, which are not checked.
+        """Friction with other numbers, which are not checked.
 
         Parameters
         ----------
@@ -193,7 +193,7 @@ class Friction(ReadOnlyArrays):
 
     @property
     def varying(self) -> str:
-        """The names of what makes Coulomb friction change with speed or load; empty for none."""
+        """Names of the coefficients that make Coulomb friction vary with speed or load; empty for none."""
         return " and ".join(f"`{name}`" for name in ("stribeck_rise", "load") if is_present(getattr(self, name)))
 
     @cached_property
@@ -286,7 +286,7 @@ class Friction(ReadOnlyArrays):
         return size * tanh(qd * (1 / self.smoothing))
 
     def transmitted(self, tau: Array, qd: Array) -> Array:
-        """Torque that reaches the bodies where friction takes a part of it: L of tau = L + load |L| s.
+        """Torque transmitted to the bodies: L of tau = L + load |L| s.
 
         It is solved joint by joint, and needs no accelerations; L has the sign of tau, the torques of the drives less
         all other friction, both of shape (..., n) [N m or N].
@@ -342,14 +342,14 @@ class Friction(ReadOnlyArrays):
 
 
 def viscous_slope(friction: Friction, qd: Array) -> Array:
-    """The derivative of viscous friction by the velocity, in either direction its own, shape (..., n)."""
+    """Derivative of viscous friction by the velocity, by direction, shape (..., n)."""
     forward, back = np.asarray(friction.viscous), np.asarray(friction.viscous_back)
     size: Array = 0 * qd + (forward if friction._same_back("viscous") else where(less(qd, 0), back, forward))
     return size if friction.saturation is None else size * saturating_slope(qd, friction.saturation)
 
 
 def one_per_joint(friction: Friction, n: int, named: Collection[str]) -> Friction:
-    """Friction of n numbers per size; equal sizes of both directions are one, if neither is named."""
+    """Friction with n numbers per coefficient; both directions share one if equal and neither is named."""
     sizes = {k: read_only(np.broadcast_to(x, (n,))) for k, x in friction.numbers.items() if k != "smoothing"}
     for name in BACK:
         back = f"{name}_back"
@@ -361,7 +361,7 @@ def one_per_joint(friction: Friction, n: int, named: Collection[str]) -> Frictio
 def creep(
     friction: Friction, robot: Robot, motion: Sequence[Array], rest: Array | None, springs: Any, rotor: Any
 ) -> str:
-    """How far joints crept along samples (T, n) while dry friction would have held them; empty where that is little.
+    """Creep of joints along samples (T, n) that dry friction would have held; empty where it is small.
 
     A robot without drives that starts at rest does so in the positions `rest`; otherwise these are None. `motion` is
     (q, qd, qdd), behind elastic joints of the motors, with their `rotor`.
@@ -373,7 +373,7 @@ def creep(
     evaluate, sample = robot._kernels.evaluate_some, np.arange(len(q))[:, None]
 
     def release(rows: Any) -> None:
-        """Note which joints' loads are more than dry friction holds."""
+        """Note the joints whose load exceeds what dry friction can hold."""
         q, qd, qdd = (x[rows] for x in motion)
         inverse, passed = np.linalg.inv(evaluate(mass_matrix, q) if rotor is None else np.diag(rotor)), 0 * qd
         if np.any(friction.load):

@@ -38,20 +38,20 @@ from .scene_numbers import BODIES, bodies_as_numbers, numbers_of_dynamics, unkno
 from .simulator import simulate
 
 STARTS = ("q0", "qd0")
-FIXED = "rk4"  # of equal steps
+FIXED = "rk4"  # method of equal steps
 STICKS = "dry `friction` sticks and slips by events: give it a `smoothing` above 0"
-EXAMINED, LOOSE = 8, 3.0  # of steps: how many of the longest, and how much longer than modes ask for they may be
+EXAMINED, LOOSE = 8, 3.0  # number of the longest steps examined; largest step length relative to the modes' need
 SHORTER, GROWTH = (
     0.95 ** np.arange(100),
     1.02,
-)  # parts of a step that are tried, and what derivatives may grow by in one
-MOST_AT_ONCE = 20_000  # steps times motions of one call of machine code, after which Ctrl-C is heard
+)  # fractions of a step that are tried; largest growth of derivatives per step
+MOST_AT_ONCE = 20_000  # most steps times motions per call of machine code, between which Ctrl-C is handled
 Own = Mapping[str, Array]
 
 
 @dataclass(frozen=True, eq=False)
 class FrozenScene:
-    """A scene for steps that do not depend on its state, with a cost that is the last state if there is one.
+    """Scene for steps that do not depend on its state; the last state is the cost, if there is one.
 
     `names` are the numbers that differ from motion to motion or by which is differentiated.
     """
@@ -65,12 +65,12 @@ class FrozenScene:
 
     @cached_property
     def numbers(self) -> dict[str, Array]:
-        """Those of the scene."""
+        """Numbers of the scene."""
         return dict(self.given.numbers)
 
     @cached_property
     def scene(self) -> Scene:
-        """The scene whose kernels have these names as inputs."""
+        """Scene whose kernels have the names as inputs."""
         asked = [name for name in self.names if name not in STARTS]
         models = models_of(self.given.controller, [name.removeprefix("controller.") for name in asked])
         known = {**self.numbers, **{f"controller.{name}": x for name, x in models.items()}}
@@ -87,17 +87,17 @@ class FrozenScene:
 
     @cached_property
     def law(self) -> TracedLaw | None:
-        """The law that is sampled."""
+        """Sampled control law."""
         return None if self.given.sample_time is None else self.scene._traced_law()
 
     @cached_property
     def _as_given(self) -> SceneDynamics:
-        """The equations of the scene, which traces a user's law each time that it is asked."""
+        """Equations of the scene; traces a user's law at each call."""
         return self.scene.dynamics
 
     @cached_property
     def refused(self) -> str:
-        """Why steps do not follow from the state alone, and the cure; empty if they do."""
+        """Reason why steps do not follow from the state alone, and the cure; empty if they do."""
         scene, friction = self.scene, self.given.resolved.friction
         if scene.stops:
             return "`stops` end a run: set `stops` to False"
@@ -110,7 +110,7 @@ class FrozenScene:
 
     @cached_property
     def dynamics(self) -> SceneDynamics:
-        """The equations without energies; a ValueError names what has no derivative."""
+        """Equations without energies; a ValueError names what has no derivative."""
         if self.refused:
             raise ValueError(f"the motion cannot be differentiated: {self.refused}")
         found = self.scene._dynamics("held") if self.is_driven else self._as_given
@@ -121,25 +121,25 @@ class FrozenScene:
 
     @property
     def commanded(self) -> int:
-        """Number of commands that are held."""
+        """Number of held commands."""
         return self.given.n if self.dynamics.inputs == "held" else 0
 
     @cached_property
     def period(self) -> float:
-        """The sample time; 0 without a sampled law."""
+        """Sample time; 0 without a sampled law."""
         return float(self.given.sample_time or 0.0)
 
     @cached_property
     def delay(self) -> tuple[float, float]:
-        """From a sample until its command acts: a whole number of periods, and the rest."""
+        """Delay of commands after their samples: whole periods, and the remainder."""
         return self.late(float(self.given.delay or 0.0))
 
     def late(self, delay: float) -> tuple[float, float]:
-        """Another delay in this way."""
+        """Other delay in whole periods and a remainder."""
         return in_periods(delay, self.period) if self.period else (0.0, 0.0)
 
     def instants(self, end: float, delay: float | None = None) -> tuple[Array, Array, Array]:
-        """Times of samples before the end, those at which their commands begin to act, and those at which laws jump."""
+        """Times of samples before the end, of commands that begin to act, and of jumps of laws."""
         if self.law is None:
             return np.zeros(0), np.zeros(0), self._breaks
         late, rest = self.delay if delay is None else self.late(delay)
@@ -162,7 +162,7 @@ class FrozenScene:
 
     @cached_property
     def gradient(self) -> Kernel:
-        """Its gradient by the state, commands, and pieces and numbers where some are named."""
+        """Gradient of dx/dt by the state, commands, and named pieces and numbers."""
         return self.scene.kernels.scene_gradient(self.dynamics.right_hand_side, *self._wrt(self.kernel))
 
     def _wrt(self, kernel: Kernel) -> tuple[str, ...]:
@@ -173,12 +173,12 @@ class FrozenScene:
 
     @cached_property
     def law_kernel(self) -> Kernel | None:
-        """The law that is sampled."""
+        """Kernel of the sampled law."""
         return None if self.law is None else self.scene.kernels.scene_kernel(self.law.outputs)
 
     @cached_property
     def law_gradient(self) -> Kernel | None:
-        """Its gradient by the state, and pieces and numbers where some are named."""
+        """Gradient of the sampled law by the state, and named pieces and numbers."""
         if self.law is None or self.law_kernel is None:
             return None
         return self.scene.kernels.scene_gradient(self.law.outputs, *self._wrt(self.law_kernel))
@@ -194,12 +194,12 @@ class FrozenScene:
         return found
 
     def equal_steps(self, end: float, step: float, *instants: Array) -> Array:
-        """Ends of equal steps, which samples, commands that begin to act, breaks and further instants are among."""
+        """Ends of equal steps that include samples, starts of commands, breaks and further instants."""
         events = self.instants(end)
         return equal_steps(end, step, *events, *(aligned(given, [*events, np.array([end])]) for given in instants))
 
     def start(self, numbers: Array, q0: Array, qd0: Array) -> Array:
-        """States (L, size) where joints start, under numbers of the equations, (p,) or (L, p)."""
+        """Initial states (L, size), under numbers of the equations, (p,) or (L, p)."""
         dynamics = self.dynamics
         q, qd = dynamics.start(self.scene.resolved.robot, q0, qd0)
         if q0.shape[1] < q.shape[1]:
@@ -225,7 +225,7 @@ class FrozenScene:
         return found[0], found[1], found[2]
 
     def samples_of(self, name: str) -> bool:
-        """True for the number that has the samples of a motion which a law follows."""
+        """True for the number that holds the samples of a motion followed by a law."""
         law = self.law or self.dynamics.law
         return law is not None and law.motion is not None and name == f"controller.{law.motion[0]}"
 
@@ -241,7 +241,7 @@ class FrozenScene:
     def by_names(
         self, wrt: Sequence[str], group: SideBySide, adjoint: Adjoint, starts: tuple[Array, Array]
     ) -> dict[str, Array]:
-        """Derivatives by numbers of the scene and by starts, (L, ...) each, from those by what motions are made of."""
+        """Derivatives by numbers of the scene and by starts, (L, ...) each, from those by a motion's vectors."""
         x = adjoint.x.reshape(-1, group.count).T
         *by_starts, at_start = (np.einsum("ls,lsk->lk", x, D) for D in self.start_slopes(group.numbers, *starts))
         numbers = adjoint.numbers + flat(at_start) if len(adjoint.numbers) else adjoint.numbers
@@ -249,7 +249,7 @@ class FrozenScene:
         return found | dict(zip(STARTS, by_starts, strict=True))
 
     def by_numbers(self, names: Sequence[str], L: int, adjoint: Adjoint) -> dict[str, Array]:
-        """The same of L motions that start as they do, whatever these numbers."""
+        """Derivatives by numbers, (L, ...) each, of L motions whose starts do not depend on them."""
         found, of_numbers = dict[str, Array](), unpacked(self.dynamics.masks, adjoint.numbers, L)
         of_law = {} if self.law is None else unpacked(self.law.masks, adjoint.of_law, L)
         of_law = {f"controller.{name}": array for name, array in of_law.items()}
@@ -271,7 +271,7 @@ class FrozenScene:
 
 
 def names_of(wrt: Any) -> tuple[str, ...]:
-    """The names in `wrt`, checked to be texts."""
+    """Names in `wrt`, checked to be strings."""
     names = (wrt,) if isinstance(wrt, str) or not isinstance(wrt, Iterable) else tuple(wrt)
     if wrong := [name for name in names if not isinstance(name, str)]:
         raise TypeError(f"`wrt` must be names of numbers, got {wrong[0]!r}")
@@ -279,7 +279,7 @@ def names_of(wrt: Any) -> tuple[str, ...]:
 
 
 def constant_torques(scene: Scene, torque: ArrayLike | None, count: int) -> Array:
-    """Constant torques, (N, n); (N, 0) of none."""
+    """Constant torques, (N, n), or (N, 0) without any."""
     if torque is None:
         return np.zeros((count, 0))
     if scene.controller is not None:
@@ -297,7 +297,7 @@ def constant_torques(scene: Scene, torque: ArrayLike | None, count: int) -> Arra
 def scene_function(
     kernel: Kernel | None, entries: int, numbers: Array, count: int, tables: Array, *, by_machine: bool
 ) -> Function:
-    """A kernel for `count` motions side by side, under numbers (p,) of all or (count, p)."""
+    """Kernel for `count` motions side by side, under common numbers (p,) or one row each (count, p)."""
     if kernel is None:
         return Function(0, (np.zeros(0),) * 4, np.zeros(0), NO_TABLES, 0, np.zeros(0))
     at, is_common = kernel.names.index("numbers"), numbers.ndim == 1
@@ -310,7 +310,7 @@ def scene_function(
 
 
 def by_numpy(kernel: Kernel, at: int, count: int, is_common: bool) -> Callable[..., bool]:
-    """The kernel as a function of flat arrays, for texts that run by NumPy; argument `at` has the numbers."""
+    """Kernel as a function of flat arrays, for loops run by NumPy; argument `at` is the numbers."""
 
     def call(*arrays: Array) -> bool:
         given = [a if k == at and is_common else a.reshape(-1, count).T for k, a in enumerate(arrays[:-1])]
@@ -331,7 +331,7 @@ def by_numpy(kernel: Kernel, at: int, count: int, is_common: bool) -> Callable[.
 
 
 def unpacked(masks: Mapping[str, Array], vector: Array, count: int) -> dict[str, Array]:
-    """Derivatives by numbers, (L, ...), from those by their entries that are inputs; 0 by the others."""
+    """Derivatives by whole numbers, (L, ...), from those by their input entries; zero for the others."""
     if not len(vector):  # they were not asked for
         return {}
     rows, first, found = vector.reshape(-1, count).T, 0, dict[str, Array]()
@@ -343,7 +343,7 @@ def unpacked(masks: Mapping[str, Array], vector: Array, count: int) -> dict[str,
 
 
 class SideBySide:
-    """Motions of a frozen scene side by side, as the texts of `frozen_steps` take them.
+    """Motions of a frozen scene side by side, as the functions of `frozen_steps` take them.
 
     Parameters
     ----------
@@ -385,7 +385,7 @@ class SideBySide:
         )
 
     def function(self, kernel: Kernel | None, *, of_law: bool = False) -> Function:
-        """A kernel of the equations or of the law."""
+        """Kernel of the equations or of the law."""
         numbers, tables = (self.law_numbers, self.law_tables) if of_law else (self.numbers, self.tables)
         entries = self.n + self.m if of_law else self.size
         if kernel is not None and kernel.wrt:
@@ -393,13 +393,13 @@ class SideBySide:
         return scene_function(kernel, entries, numbers, self.count, tables, by_machine=self.by_machine)
 
     def check_within_samples(self, first: float, last: float, sampled: float) -> None:
-        """Raise a ValueError for times, the last one of the equations or of a sampled law, outside of its samples."""
+        """Raise a ValueError if times of the equations or of a sampled law are outside of its motion's samples."""
         for tables, end in ((self.tables, last), (self.law_tables, sampled)):
             if len(tables):
                 numbers_at(tables[0], np.array([first, end]))
 
     def kept(self, steps: int, stages: int) -> Kept:
-        """Room for so many steps."""
+        """Storage for a number of steps."""
         n, m = self.n * self.count, self.m * self.count
         return Kept(
             np.empty((steps, stages, self.size * self.count)),
@@ -410,21 +410,21 @@ class SideBySide:
 
     @cached_property
     def rates(self) -> Function:
-        """dx/dt, whose command is held from call to call."""
+        """Kernel of dx/dt, whose command is held between calls."""
         return self.function(self.frozen.kernel)
 
     @cached_property
     def sampled_law(self) -> Function:
-        """The law that is sampled."""
+        """Sampled control law."""
         return self.function(self.frozen.law_kernel, of_law=True)
 
     @cached_property
     def gradients(self) -> tuple[Function, Function]:
-        """Those of the equations and of the law."""
+        """Gradients of the equations and of the law."""
         return self.function(self.frozen.gradient), self.function(self.frozen.law_gradient, of_law=True)
 
     def advance(self, schedule: Schedule, x: Array, kept: Kept) -> bool:
-        """Take steps from the flat state x on, which changes; False if a state needs the recursion."""
+        """Integrate the flat state x in place; False if a state needs the recursion."""
         n, stages = self.n * self.count, len(schedule.tableau.B)
         room = np.empty((stages, len(x))), np.empty(len(x)), np.empty(n), np.empty(n)
         text = compiled(advance) if self.by_machine else advance
@@ -432,7 +432,7 @@ class SideBySide:
         return int(taken) == len(schedule.lengths)
 
     def adjoint(self, x: Array, stages: int) -> Adjoint:
-        """Derivatives by the flat state at the end, before `pull_back`; by nothing else as yet."""
+        """Adjoint with derivatives by the flat state at the end, all others zero."""
         L, (gradient, law) = self.count, self.gradients
         n, m, rows = self.n * L, self.m * L, len(self.holding.pending)
         of, tables = (self.frozen.gradient, self.frozen.law_gradient), (self.tables, self.law_tables)
@@ -446,18 +446,18 @@ class SideBySide:
         return Adjoint(x, np.zeros(n), pending, np.zeros(m), *numbers, limits, table, law_table, *room)
 
     def pull_back(self, schedule: Schedule, kept: Kept, adjoint: Adjoint) -> bool:
-        """Go back through steps; False if a state needs the recursion."""
+        """Integrate the adjoint backwards through steps; False if a state needs the recursion."""
         text = compiled(pull_back) if self.by_machine else pull_back
         return not text(*self.gradients, schedule, self.holding, kept, adjoint)
 
 
 def flat(rows: Array) -> Array:
-    """Rows of motions side by side, (L, k), as one vector."""
+    """Rows of motions side by side, (L, k), flattened."""
     return np.ascontiguousarray(rows.T).reshape(-1)
 
 
 def schedule_of(method: Tableau, ends: Array, samples: Array, arrivals: Array, breaks: Array) -> Schedule:
-    """Steps between times, (K + 1,), on their own sides of breaks, samples and commands among them."""
+    """Schedule of steps between times, (K + 1,), each on its own side of breaks, samples and commands."""
     begins, lengths = ends[:-1], np.diff(ends)
     first = np.where(np.isin(begins, breaks), np.nextafter(begins, np.inf), -np.inf)
     last = np.where(np.isin(ends[1:], breaks), np.nextafter(ends[1:], -np.inf), np.inf)
@@ -469,7 +469,7 @@ def schedule_of(method: Tableau, ends: Array, samples: Array, arrivals: Array, b
 def steps_taken(
     frozen: FrozenScene, scene: Scene, own: Own, starts: Sequence[Array], end: float, *, if_growing: bool, **how: Any
 ) -> tuple[RunResult, Array, Array]:
-    """A run by a method that controls its steps, their ends, and those of `divided_steps` of explicit methods."""
+    """Run by a method with step control; ends of its steps, for explicit methods those of `divided_steps`."""
     q0, qd0 = starts
     run = simulate(scene, q0, qd0, end, **how).run
     ends = aligned(run.reported.t, frozen.instants(end))
@@ -479,7 +479,7 @@ def steps_taken(
 
 
 def divided_steps(frozen: FrozenScene, own: Own, run: RunResult, ends: Array, *, if_growing: bool) -> Array:
-    """The ends of a run's steps, with shorter ones in place of those that do not resolve the fastest mode.
+    """Ends of a run's steps, with those too long for the fastest mode divided.
 
     Where nothing moves, the control of errors sees no need of any step, but derivatives do. A step h resolves a mode of
     rate r if the remainder of Taylor's series, (h r)^(p + 1) / (p + 1)!, is at most the relative tolerance. To be
@@ -510,7 +510,7 @@ def divided_steps(frozen: FrozenScene, own: Own, run: RunResult, ends: Array, *,
 
 
 def stable_part(method: Tableau, z: Array) -> Array:
-    """The part of steps, (K,), in which modes, z = h lambda of shape (K, size), grow no more than they should.
+    """Fraction of steps, (K,), at which modes z = h lambda, (K, size), grow no more than they should.
 
     By the method's stability function, R(z) = 1 + z b^T (I - z A)^-1 1 (Hairer and Wanner 1996, equation IV.3.2).
     """

@@ -1,4 +1,4 @@
-"""Which solver suits a motion, at its start and while it goes on: loops that become stiff, and laws that chatter."""
+"""Choice of the solver at the start and during a run: detection of stiff motions and chattering laws."""
 
 from __future__ import annotations
 
@@ -19,32 +19,32 @@ from .zero_order_hold import ZeroOrderHold
 # Fastest decay times remaining duration above which an explicit method is held to tiny steps by stability alone:
 # DOP853 reaches about 6 time constants a step, so this is some 200 steps that accuracy does not ask for.
 STIFF = 1000.0
-STIFF_STICKING = 1e5  # where joints stick and steps are taken in machine code, which LSODA's are not: 100 times as fast
+STIFF_STICKING = 1e5  # the same with sticking joints and compiled steps, which are 100 times as fast as LSODA's
 # The same for the time between two samples: Tsit5 reaches 3.5 time constants a step, and an implicit method that begins
 # anew at each sample takes as many evaluations as nine steps.
 STIFF_SAMPLE = 30.0
-STIFF_MACHINE_CODE = 150.0  # where the law is sampled in machine code, as fast as ten steps of Tsit5: Rodas5P is not
-HELD_BACK = 1.5  # steps of this many time constants of the fastest mode: stability limits them, not accuracy
-REACHED = {"DOP853": 4.0, "Tsit5": 2.5}  # time constants of the fastest mode in a step that stability limits, at least
+STIFF_MACHINE_CODE = 150.0  # the same with a law sampled in machine code: Rodas5P is not
+HELD_BACK = 1.5  # time constants of the fastest mode per step above which stability, not accuracy, limits steps
+REACHED = {"DOP853": 4.0, "Tsit5": 2.5}  # least time constants per step limited by stability
 # Times as much time per work, which makes a change from Rodas5P worth trying. Without the way back, 100 s of free
 # motion after a brake that fades within 0.3 s take three to five times as long; without undoing changes, some twice.
 WORTH = 2.0
-CHECKED = 100  # steps between two looks, and after a change of the method
-IN_MACHINE_CODE, UNDAMPED = 2, 10  # times as many of a compiled loop, whose steps cost little, and of free motion
-SLOPES = 3  # times the time of an operation of the right-hand side takes one of the slopes, which registers do not hold
-PATIENCE = 4  # times as many looks until the next change, after one that did not pay
-SLOW = 2000  # looks' worth of steps that the whole run would take at a pace that is suspicious
-TRIED = 1000  # steps after which a run is given up that would take MOST_STEPS
-EXAMINED = 10  # of the last steps are examined for a jump of the torques nearby
-REACH = 4  # steps' lengths along the motion within which a jump is looked for
+CHECKED = 100  # steps between two checks, and after a change of the method
+IN_MACHINE_CODE, UNDAMPED = 2, 10  # factors of CHECKED: for compiled loops, whose steps are cheap; for free motion
+SLOPES = 3  # time of an operation of the Jacobian relative to one of the right-hand side: registers do not hold it
+PATIENCE = 4  # factor of CHECKED after a change that did not pay
+SLOW = 2000  # number of checks in the whole run at a pace that is suspicious
+TRIED = 1000  # steps after which a run that would take MOST_STEPS is given up
+EXAMINED = 10  # number of last steps examined for a jump of the torques nearby
+REACH = 4  # range of the search for a jump [lengths of steps]
 BISECTIONS = 40
-NOTICED = 1e-3  # of a torque: smaller changes are no jump
-MAX_CHANGES = 1000  # of sticking and slipping, within SAME_SPAN of the duration
+NOTICED = 1e-3  # smallest jump of a torque, relative
+MAX_CHANGES = 1000  # most changes between sticking and slipping within SAME_SPAN of the duration
 SAME_SPAN = 1e-4
 
 
 class MethodMonitor:
-    """Decides, every 100 steps or more, whether a run goes on with another method, and refuses laws that chatter.
+    """Monitor of a run: decides, every 100 steps or more, on a change of method, and refuses chattering laws.
 
     It is made with the method to begin with; its `method` is the one to go on with, another one if it `may_change`.
     """
@@ -64,17 +64,17 @@ class MethodMonitor:
 
     @property
     def note(self) -> str:
-        """What has been changed, for the run's message."""
+        """Changes of method so far, for the run's message."""
         notes, left_out = self.notes, f"{len(self.notes) - 4} more changes"
         return "; ".join(notes if len(notes) <= 5 else [*notes[:3], left_out, notes[-1]])
 
     @property
     def steps_to_look(self) -> int:
-        """Steps until the next look."""
+        """Steps until the next check."""
         return self.next_look - self.count
 
     def changes_method(self, steps: Steps) -> bool:
-        """Take note of steps; True if the run goes on with another method."""
+        """Check steps; True if the run continues with another method."""
         last = slice(max(1, len(steps.T) - CHECKED - 1), None)
         self.recent.extend(zip(steps.T[last].tolist(), steps.X[last], strict=True))
         self.count += len(steps.T) - 1
@@ -109,7 +109,7 @@ class MethodMonitor:
             self._check_ease(t, x, h)
 
     def _returns(self, t: float, x: Array, h: float) -> bool:
-        """After a change: True if the method before covered more time per work, and is taken again."""
+        """True, after a change, if the method before covered more time per work and is restored."""
         if self.before is None:
             return False
         (method, speed), self.before = self.before, None
@@ -123,14 +123,14 @@ class MethodMonitor:
         return True
 
     def _change(self, method: str, h: float, note: str) -> None:
-        """Go on with another method; from or to Rodas5P, the next look compares the speeds of both."""
+        """Change the method; from or to Rodas5P, the next check compares the speeds of both."""
         if RODAS in (method, self.method):
             self.before = self.method, h / work_per_step(self.plant, self.method)
         self.method = method
         self.notes.append(note)
 
     def _check_stiffness(self, t: float, x: Array, h: float) -> None:
-        """Go on with an implicit method where stability holds back the steps of an explicit one."""
+        """Change to an implicit method where stability limits the steps of an explicit one."""
         if self.plant.is_conservative:
             return
         decay = fastest_decay(self.plant, t, x)
@@ -141,18 +141,18 @@ class MethodMonitor:
             self._change(method, h, f"{method} from t = {t:.4g} s on, {mode} and {self.method} was held to short steps")
 
     def _check_ease(self, t: float, x: Array, h: float) -> None:
-        """Go on with an explicit method where its stability would allow steps that are worth it."""
+        """Change to an explicit method where its stability allows efficient steps."""
         method = explicit_method(self.hold)
         if self._stable_speed(method, t, x) > WORTH * h / work_per_step(self.plant, RODAS):
             self._change(method, h, f"{method} from t = {t:.4g} s on, where stability would allow it longer steps")
 
     def _stable_speed(self, method: str, t: float, x: Array) -> float:
-        """Time per work that the stability of an explicit method allows; NaN where that is not known."""
+        """Time per work that the stability of an explicit method allows; NaN if unknown."""
         fastest = float(np.abs(modes(self.plant, t, x)).max(initial=1e-300))
         return REACHED[method] / fastest / work_per_step(self.plant, method)
 
     def change(self, t: float) -> None:
-        """A joint stuck or slipped."""
+        """Count a joint's change between sticking and slipping."""
         self.changes.append(t)
         if len(self.changes) == MAX_CHANGES and t - self.changes[0] < SAME_SPAN * self.duration:
             raise NotFiniteError(
@@ -162,7 +162,7 @@ class MethodMonitor:
             )
 
     def check_chatter(self) -> None:
-        """Refuse torques that jump right beside most of the last states: the motion is held at the jump."""
+        """Refuse torques that jump close to most of the last states: the motion is held at the jump."""
         self._check_repeats(*self.recent[-1])
         chosen = list(self.recent)[-EXAMINED - 1 :]
         found = [self._jump(t, x, end - t) for (t, x), (end, _) in itertools.pairwise(chosen)]
@@ -177,7 +177,7 @@ class MethodMonitor:
         )
 
     def _check_repeats(self, t: float, x: Array) -> None:
-        """Refuse a law that does not return the same torques again: no steps follow noise."""
+        """Refuse a law that does not repeat its torques: an integrator cannot follow noise."""
         if self.plant.law is None:
             return
         first, again = (np.asarray(self.plant.torque(t, x)) for _ in range(2))
@@ -218,7 +218,7 @@ class MethodMonitor:
 
 
 def fastest_joint(plant: Plant, x: Array) -> str:
-    """What moves fastest in a state, for messages."""
+    """Joint or state with the fastest mode, for messages."""
     n, names = plant.dynamics.n, plant.robot.joint_names
     rates = np.abs(x[n : n + len(names)])
     k = int(np.argmax(rates))
@@ -226,7 +226,7 @@ def fastest_joint(plant: Plant, x: Array) -> str:
 
 
 def choose_method(plant: Plant, x0: Array, duration: float, hold: ZeroOrderHold | None) -> tuple[str, str]:
-    """The solver to begin with, and why: the fastest decaying mode of the motion linearised at the start decides."""
+    """Solver to begin with and the reason: the fastest decaying mode of the motion linearised at the start."""
     if plant.is_conservative:
         return "DOP853", "DOP853: not stiff, nothing damps the motion"
     method, decay = explicit_method(hold), fastest_decay(plant, 0.0, x0)
@@ -245,7 +245,7 @@ def choose_method(plant: Plant, x0: Array, duration: float, hold: ZeroOrderHold 
 
 
 def stiffness(plant: Plant, hold: ZeroOrderHold | None, decay: float, left: float) -> tuple[float, float, str]:
-    """Time constants of the fastest mode in the time left or between samples, how many are stiff, and over what."""
+    """Time constants of the fastest mode in the remaining time or a sample, the limit if stiff, the time's name."""
     if hold is not None:
         in_machine_code = plant.is_compiled and hold.traced is not None
         bound = STIFF_MACHINE_CODE if in_machine_code else STIFF_SAMPLE
@@ -255,7 +255,7 @@ def stiffness(plant: Plant, hold: ZeroOrderHold | None, decay: float, left: floa
 
 
 def explicit_method(hold: ZeroOrderHold | None) -> str:
-    """The explicit method for a motion: between samples of a controller, one of short steps."""
+    """Explicit method for a motion: between samples of a controller, one of short steps."""
     return "DOP853" if hold is None else "Tsit5"
 
 
@@ -265,7 +265,7 @@ def stiff_method(plant: Plant) -> str:
 
 
 def has_rodas5p(plant: Plant) -> bool:
-    """True if the equations of motion and their slopes are machine code and no joint sticks."""
+    """True if the equations of motion and their derivatives are machine code and no joint sticks."""
     return plant.is_compiled and not plant.sticks and plant.implicit.slopes.is_unrolled
 
 

@@ -56,7 +56,7 @@ class MotionGradient(NamedTuple):
 
 
 class Segment(NamedTuple):
-    """Steps that are kept at once, and what begins them: the state, the command, and what is held, as copies."""
+    """Steps whose values are stored together, and copies of the state, command and holding at their start."""
 
     first: int
     end: int
@@ -66,7 +66,7 @@ class Segment(NamedTuple):
 
 
 class _Backwards:
-    """The adjoint of motions side by side over a schedule, with checkpoints where not all steps can be kept."""
+    """Adjoint of motions side by side over a schedule, with checkpoints where not all steps can be stored."""
 
     def __init__(self, group: SideBySide, schedule: Schedule, memory: int, tell: Callable[[int], None]) -> None:
         self.group, self.schedule, self.tell = group, schedule, tell
@@ -77,7 +77,7 @@ class _Backwards:
         self.segments: list[Segment] = []
 
     def forwards(self, x: Array) -> bool:
-        """From the flat state x to the end, with the last segment kept; False if a state needs the recursion."""
+        """Integrate from the flat state x to the end, store the last segment; False if a state needs the recursion."""
         nothing, steps = self.group.kept(0, 0), len(self.schedule.lengths)
         for first in range(0, steps, self.most):
             end = min(first + self.most, steps)
@@ -107,7 +107,7 @@ class _Backwards:
         return [(k, min(k + most, segment.end)) for k in range(segment.first, segment.end, most)]
 
     def backwards(self, adjoint: Adjoint, *, by_delay: bool) -> Array | None:
-        """Add up derivatives from the end to the start; those by the delay, or None if a state needs the recursion."""
+        """Adjoint integrated from end to start; derivatives by the delay, None if a state needs the recursion."""
         total = np.zeros(self.group.count)
         for segment in reversed(self.segments):
             if segment is not self.segments[-1]:
@@ -129,7 +129,7 @@ class _Backwards:
         return total
 
     def _by_delay(self, part: Schedule, kept: Kept, arrivals: Array, before: Array) -> Array:
-        """Derivatives by the delay: a command that acts later leaves the one before it for longer."""
+        """Derivatives by the delay: a later command lets the one before it act for longer."""
         group, L = self.group, self.group.count
         k, held = np.flatnonzero(part.acting), np.concatenate([before[None], kept.held])
         if not len(k):
@@ -143,7 +143,7 @@ class _Backwards:
 
 
 class _Batch(NamedTuple):
-    """Motions to be differentiated, and how their steps are taken."""
+    """Motions to be differentiated, and the options of their steps."""
 
     starts: tuple[Array, Array]  # positions and velocities, (N, n) each
     own: Own
@@ -154,13 +154,13 @@ class _Batch(NamedTuple):
     tolerances: tuple[float, float]  # relative and absolute, where steps are not equal
 
     def rows(self, rows: Array) -> _Batch:
-        """Some of the motions."""
+        """Slice of the motions."""
         q, qd = self.starts
         own = {name: array[rows] for name, array in self.own.items()}
         return self._replace(starts=(q[rows], qd[rows]), own=own, torques=self.torques[rows])
 
     def schedule(self, frozen: FrozenScene) -> Schedule:
-        """The steps of motions side by side: equal ones, or those that step control gives the only motion."""
+        """Schedule of motions side by side: equal steps, or those that step control chose for a single motion."""
         if self.step is not None:
             ends = frozen.equal_steps(self.end, self.step)
         else:
@@ -174,17 +174,17 @@ class _Batch(NamedTuple):
 
 
 class _Told:
-    """Tells `progress` of the steps of all motions, there and back."""
+    """Progress of the steps of all motions, forwards and backwards, reported to `progress`."""
 
     def __init__(self, progress: Callable[[int, int], object] | None) -> None:
         self.progress, self.done, self.total, self.count = progress, 0, 0, 0
 
     def begin(self, total: int, count: int) -> None:
-        """So many motions begin; all motions have at least so many steps in `total`."""
+        """Begin a number of motions; all motions have at least `total` steps."""
         self.total, self.count = max(self.total, total), count
 
     def tell(self, steps: int) -> None:
-        """Each of them took so many steps."""
+        """Report a number of steps of each motion."""
         self.done += steps * self.count
         if self.progress is not None:
             self.progress(min(self.done, self.total), self.total)
@@ -192,7 +192,7 @@ class _Told:
 
 @dataclass(frozen=True)
 class _Task:
-    """What is differentiated, by which names, and how."""
+    """Cost to be differentiated, names to differentiate by, and memory."""
 
     frozen: FrozenScene
     final: UserFunction | None
@@ -201,7 +201,7 @@ class _Task:
     told: _Told
 
     def of_all(self, batch: _Batch) -> tuple[Array, dict[str, Array]]:
-        """The costs of motions, (N,), and their derivatives, side by side as far as they take the same steps."""
+        """Costs of all motions, (N,), and their derivatives, side by side where they have the same steps."""
         frozen, count = self.frozen, len(batch.starts[0])
         L = 1 if batch.step is None else count if not frozen.by_machine else LANES if count > 1 else 1
         value, gradient = np.zeros(count), dict[str, Array]()
@@ -221,7 +221,7 @@ class _Task:
         return value, gradient
 
     def of_group(self, part: _Batch, schedule: Schedule, *, by_machine: bool) -> tuple[Array, dict[str, Array]]:
-        """The cost of motions side by side, (L,), and its derivatives; by NumPy where a state needs the recursion."""
+        """Costs of motions side by side, (L,), and derivatives; by NumPy where a state needs the recursion."""
         group = SideBySide(self.frozen, part.own, len(part.starts[0]), by_machine=by_machine)
         try:
             found = self._of(group, part.starts, part.torques, schedule)
@@ -254,7 +254,7 @@ class _Task:
         return value, found | ({"delay": by_delay} if "delay" in self.names else {})
 
     def _at_end(self, x: Array) -> tuple[Array, Array]:
-        """Costs of states at the end, (L, size), and their slopes."""
+        """Costs of final states, (L, size), and their gradients."""
         dynamics, value, slopes = self.frozen.dynamics, np.zeros(len(x)), np.zeros_like(x)
         if dynamics.cost is not None:
             value, slopes[:, -1] = x[:, -1].copy(), 1.0
@@ -271,7 +271,7 @@ class _Task:
 
 @lru_cache(maxsize=64)
 def _kernels_at_end(final: UserFunction, model: Model) -> tuple[Kernel, Kernel]:
-    """Of a function of the end and of its gradient."""
+    """Kernels of a function of the end and of its gradient."""
     traced: Any = traceable(lambda q, qd: final.value(q, qd))
     traced.__name__ = final.name  # in errors
     return Kernel(traced, model, {}), Kernel(traced, model, {}, ("q", "qd"), order="gradient")
@@ -368,7 +368,7 @@ def motion_gradient(
     >>> value, slopes = rne.motion_gradient(
     ...     scene, [0] * 6, [0] * 6, 0.1, final=lambda q, qd: q[1] ** 2, wrt="friction.viscous", step=0.01
     ... )
-    >>> slopes["friction.viscous"].shape, bool(slopes["friction.viscous"][1] < 0)  # more friction: it falls less
+    >>> slopes["friction.viscous"].shape, bool(slopes["friction.viscous"][1] < 0)  # more friction, smaller angle
     ((6,), True)
     """
     scene, names = scene_argument(scene_or_robot), names_of(wrt)
@@ -391,7 +391,7 @@ def motion_gradient(
 
 
 def _check_functions(cost: Any, final: Any, progress: Any) -> None:
-    """Raise an error if a function is none, or there is nothing to differentiate."""
+    """Raise an error if a cost is no function, or there is nothing to differentiate."""
     functions = (
         ("cost", cost, "(t, q, qd, tau)"),
         ("final", final, "(q, qd)"),
@@ -407,7 +407,7 @@ def _check_functions(cost: Any, final: Any, progress: Any) -> None:
 def _side_by_side(
     frozen: FrozenScene, own: Own, count: int, end: float, most: int
 ) -> Iterator[tuple[FrozenScene, Array]]:
-    """The places of motions whose samples act at the same times, at most so many, and the scene with their delay."""
+    """Groups of motions whose samples act at the same times, with a largest size, and the scene with their delay."""
     delay = float(frozen.given.delay or 0.0)
     late = np.minimum(own.get("delay", np.full(count, delay)), end + 2 * frozen.period)  # later ones do not act at all
     for same in np.unique(late).tolist():
@@ -418,7 +418,7 @@ def _side_by_side(
 
 
 def _starts(scene: Scene, q0: ArrayLike, qd0: ArrayLike) -> tuple[tuple[Array, Array], bool]:
-    """Initial positions and velocities, (N, n) each, and whether they are of one motion."""
+    """Initial positions and velocities, (N, n) each, and True if they are those of one motion."""
     n = scene.n
     q, qd = (real_numbers(name, x, f"({n},) or (N, {n})").astype(float) for name, x in (("q0", q0), ("qd0", qd0)))
     if q.ndim != qd.ndim or q.ndim not in (1, 2) or q.shape[:-1] != qd.shape[:-1]:

@@ -1,4 +1,4 @@
-"""Functions of a scene of which some numbers stay arguments: payload, gravity, friction, gains, references."""
+"""Functions of a scene with some numbers as arguments: payload, gravity, friction, gains, references."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from ..model.topology import end_link
 from .scene_dynamics import Bodies, SceneDynamics
 from .scene_numbers import BODIES, unknown
 
-DRIVEN = ("inverse_dynamics", "forward_dynamics")  # with friction and springs, as those of a scene
+DRIVEN = ("inverse_dynamics", "forward_dynamics")  # functions with friction and springs, as those of a scene
 WITHOUT_GRAVITY = ("mass_matrix", "coriolis_torque", "coriolis_matrix", "kinetic_energy", "momentum")
 PARTS: dict[str, tuple[str, ...]] = dict.fromkeys(DRIVEN, ("friction.", "springs["))
 PARTS |= {"friction_torque": ("friction.",), "controller": ("controller.",)}
@@ -37,7 +37,7 @@ LAWS = "controller", "law"
 
 
 def plain_name(name: str) -> str:
-    """The name of a number as an argument: that of "friction.viscous" is friction_viscous.
+    """Name of a number as an argument: friction_viscous for "friction.viscous".
 
     Examples
     --------
@@ -90,7 +90,7 @@ class NamedNumbers:
 
     @cached_property
     def named(self) -> Any:
-        """The scene whose equations have the names as numbers, zeros among them."""
+        """Scene whose equations have the names as numbers, zeros included."""
         varying, model = None, self.scene.resolved.robot.model
         if "parameters" in self.names:
             varying = Bodies.mask(at_parameters(model, np.sqrt(np.arange(2.0, 2.0 + PARAMETERS * model.nb))))
@@ -98,13 +98,13 @@ class NamedNumbers:
 
     @cached_property
     def equations(self) -> SceneDynamics:
-        """The equations of motion without energies."""
+        """Equations of motion without energies."""
         found: SceneDynamics = self.named.dynamics
         inputs = "held" if found.law is None else "none"
         return replace(found, inputs=inputs, inertia=None, has_energies=False)
 
     def value(self, name: str) -> Array:
-        """A number as the scene has it, flat, as it is an argument."""
+        """Value of a number in the scene, flattened."""
         found: Array = self.scene.numbers[name]
         if name != "payload":
             return found.reshape(-1)
@@ -113,7 +113,7 @@ class NamedNumbers:
         return np.concatenate([[float(mass)], np.asarray(com, float), own[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]])
 
     def taken(self, quantity: str) -> dict[str, int]:
-        """The numbers that a quantity can depend on, with their lengths."""
+        """Numbers that a quantity can depend on, with their lengths."""
         parts = PARTS.get(quantity, ())
         bodies = quantity not in ("friction_torque", *LAWS)
         bodies = bodies and (quantity in OF_SCENE or self._declared(quantity).moments)
@@ -126,7 +126,7 @@ class NamedNumbers:
         return {name: self.value(name).size for name in self.names if depends(name)}
 
     def function(self, quantity: str) -> MethodQuantity:
-        """One of the functions, to be traced; a ValueError for others, and where the scene has no such part."""
+        """Function of a given name, to be traced; a ValueError for unknown ones and missing parts of the scene."""
         arguments = self._arguments(quantity)
         numbers = {plain_name(name): width for name, width in self.taken(quantity).items()}
         how: dict[str, Any] = {"moments": False, "base_parameters": False}
@@ -137,7 +137,7 @@ class NamedNumbers:
         return MethodQuantity(self, declared, quantity.replace("_", " "))
 
     def kernel(self, quantity: str) -> Kernel:
-        """One of the functions; a ValueError for others, and where the scene has no such part."""
+        """Kernel of a function; a ValueError for unknown ones and missing parts of the scene."""
         made = Kernel(self.function(quantity), self.named.resolved.robot.model, {})
         return with_table(made, self.table(quantity))
 
@@ -159,7 +159,7 @@ class NamedNumbers:
 
     @staticmethod
     def _declared(quantity: str) -> Quantity:
-        """What tracing may assume of a quantity; of those that are not of rne.dynamics nothing."""
+        """Declarations of a quantity for tracing; none outside rne.dynamics."""
         unknown_one = Quantity(name=quantity, core=_unjudged, widths={}, moments=False, base_parameters=False)
         found: Quantity = getattr(getattr(quantities, quantity, None), "quantity", unknown_one)
         return found
@@ -187,7 +187,7 @@ class NamedNumbers:
         return dict(how.widths)
 
     def _core(self, quantity: str, model: Model, **arrays: Array) -> Any:
-        """A function in states (..., width), one after another where numbers may differ."""
+        """Core of a function for states (..., width), evaluated one by one where numbers may differ."""
         leading = next(iter(arrays.values())).shape[:-1]
         each = [self._of_one(quantity, model, {k: a[i][None] for k, a in arrays.items()}) for i in np.ndindex(leading)]
         if not isinstance(each[0], tuple):
@@ -195,7 +195,7 @@ class NamedNumbers:
         return tuple(np.concatenate(p).reshape(*leading, *p[0].shape[1:]) for p in zip(*each, strict=True))
 
     def _of_one(self, quantity: str, model: Model, given: dict[str, Array]) -> Any:
-        """The same of a single state, in a batch of one."""
+        """Core of a function for a single state, as a batch of one."""
         shapes = {name: self.scene.numbers[name].shape for name in self.taken(quantity)}
         own = {name: given.pop(plain_name(name))[0] for name in shapes}
         other = {name: x.reshape(shapes[name]) for name, x in own.items() if name not in BODIES}
@@ -232,7 +232,7 @@ class NamedNumbers:
         return found
 
     def _bodies(self, model: Model, own: Mapping[str, Array], *, few: bool) -> Model:
-        """The robot of the numbers, for dynamics alone."""
+        """Robot with the numbers, for dynamics only."""
         found = at_parameters(model, own["parameters"][None]) if "parameters" in own else model
         found = at_parameters(model, self._unloaded) if "payload" in own else found
         found = with_fewest_terms(found) if few else found
@@ -254,7 +254,7 @@ class NamedNumbers:
         return found
 
     def _on_body(self, model: Model, given: Array) -> Array:
-        """What a payload, (1, 10), adds to the inertial parameters of the bodies, (1, 10 nb)."""
+        """Increment of the bodies' inertial parameters, (1, 10 nb), by a payload, (1, 10)."""
         index = model.link_index(self.payload_link)
         R, p, body = model.link_rotation[index], model.link_translation[index], model.link_body[index]
         pi = parameters_of_bodies(given[..., 0], given[..., 1:4], given[..., 4:].take(ENTRIES, -1))
@@ -265,5 +265,5 @@ class NamedNumbers:
 
 
 def _unjudged(*_: Any) -> PrecisionStatus:
-    """Pivots are judged where the text that is printed runs."""
+    """Pivots without a verdict: printed code judges them where it runs."""
     return OK

@@ -1,4 +1,4 @@
-"""The equations of motion as an integrator calls them: f(t, x) and its Jacobian, calls counted and laws checked."""
+"""Equations of motion for integrators: f(t, x) and its Jacobian, with counted calls and checked laws."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ NONE: Mapping[str, Array] = {}
 
 
 class Plant:
-    """dx/dt of a robot in a scene, with its kernels; nothing in it switches by itself, see `DryPlant` for what does.
+    """Function dx/dt of a scene with its kernels; events that switch it are in `DryPlant`.
 
     The robot has payload, armature and locked joints. The law, f(t, q, qd) for the torques where `dynamics.inputs` is
     "called", has the name of the argument that the user gave it as, "controller" or "torque".
@@ -72,12 +72,12 @@ class Plant:
 
     @property
     def integral_scale(self) -> float:
-        """Kinetic energy of the robot whose joints move at 1 rad/s or m/s: smaller energies need not be exact [J]."""
+        """Kinetic energy with all joints at 1 rad/s or m/s: the absolute scale of energy errors [J]."""
         return float(self.robot._kernels.typical_inertia.sum()) / 2 or 1.0
 
     @property
     def held(self) -> Array | None:
-        """Inputs of the equations that are held over the segment."""
+        """Inputs of the equations held over the segment."""
         return self.sampled
 
     @property
@@ -97,12 +97,12 @@ class Plant:
 
     @cached_property
     def implicit(self) -> Implicit:
-        """The equations of motion with their mass matrix, for Rodas5P, which also needs the time."""
+        """Equations of motion with their mass matrix, for Rodas5P, which also needs the time."""
         kernel = self.kernels.scene_kernel(self.dynamics.residual, "x", "a", "t")
         return Implicit(self.dynamics.n, kernel)
 
     def keep_kernels(self) -> None:
-        """Have the cache find the kernels of this run, so that it is repeated with the law as it was."""
+        """Register the kernels of this run in the cache, so that it can be repeated with the law as it was."""
         _, slopes = self.__dict__.get("implicit", (0, None))
         for kernel in (self.kernel, self._law_kernel, slopes):
             if kernel is not None:
@@ -113,15 +113,15 @@ class Plant:
         self.span = span
 
     def apply_event(self, event: Event, x: Array) -> Array:
-        """The state with which motion goes on after one of `events`."""
+        """State after one of `events`."""
         return x
 
     def longest_step(self, duration: float) -> float:
-        """Longest step that the solver may take in a run of this duration [s]."""
+        """Longest step of the solver in a run of this duration [s]."""
         return float("inf")
 
     def reported(self, x: Array) -> Array:
-        """The state to report of a solver's state."""
+        """State to report for a solver's state."""
         return x
 
     def within(self, t: float) -> float:
@@ -130,13 +130,13 @@ class Plant:
         return first if t < first else last if t > last else t
 
     def note_loss(self, status: PrecisionStatus) -> None:
-        """Raise an error; keep a loss if it is the worst so far."""
+        """Raise an error, or record a loss of digits if it is the worst so far."""
         if status.error is not None:
             raise status.error
         self.status = self.status.worse(status.with_state(lambda state: ()))
 
     def torque(self, t: float, x: Array) -> Array | None:
-        """Torques that the law returns, and the rates of its states; a NaN or a wrong shape is named with its time."""
+        """Torques of the law, and the rates of its states; errors name the time of a NaN or a wrong shape."""
         if self.law is None:
             return self.sampled
         u, rates = self.called(self.law, t, x)
@@ -146,7 +146,7 @@ class Plant:
         return np.concatenate([checked_torques(self.law_name, u, self.robot, t), slopes])
 
     def called(self, law: Callable[..., Any], t: float, x: Array) -> tuple[Any, Any]:
-        """What a law returns; an error of it that ends the run is its cause."""
+        """Result of a law; an exception in it becomes the cause of the error that ends the run."""
         try:
             return call_law(law, t, x, self.dynamics.law_inputs)
         except (RneError, ArithmeticError) as error:
@@ -163,11 +163,11 @@ class Plant:
         return self.rates(t, x, self.torque(t, x))
 
     def rates(self, t: float, x: Array, u: Array | None) -> Array:
-        """dx/dt under given inputs, by the kernel or else by the recursion, which names what is wrong."""
+        """Function dx/dt under given inputs, by the kernel or else by the recursion, whose errors name the cause."""
         return self.outputs(t, x, u)
 
     def outputs(self, t: float, x: Array, u: Array | None) -> Array:
-        """All that the kernel of the equations gives in one state, dx/dt first."""
+        """Results of the equations' kernel in one state, dx/dt first."""
         if self._state_function is not None:
             try:
                 self._time[0] = t
@@ -187,12 +187,12 @@ class Plant:
         return rates
 
     def _inputs(self, t: Array, x: Array, u: Array | None = None) -> tuple[Array, ...]:
-        """The arguments of a kernel but for the numbers, at times of shape (..., 1)."""
+        """Arguments of a kernel without the numbers, at times of shape (..., 1)."""
         pieces = pieces_at(self.table, t)
         return (t, x, *pieces) if u is None else (t, x, u, *pieces)
 
     def all_outputs(self, t: Array, X: Array, u: Array | None = None, few: int = 1) -> Array:
-        """The same at many times, shapes (T,) and (T, size), for laws that are traced or inputs that are given.
+        """Results of the equations' kernel at times (T,) in states (T, size), for traced laws or given inputs.
 
         Machine code of one state gives those of a few: loading that of many takes some 8 ms.
         """
@@ -213,7 +213,7 @@ class Plant:
         own: Mapping[str, Array] = NONE,
         pieces: tuple[Array, ...] = (),
     ) -> Array:
-        """Torques of the drives at many times, within their limits, zero without drives, shape (T, n).
+        """Torques of the drives at times (T,), within their limits, zero without drives, shape (T, n).
 
         Numbers of the scene that each time has of its `own` have shapes (T, ...), and its own `pieces` (T, width).
         """
@@ -230,7 +230,7 @@ class Plant:
         return np.zeros((len(t), self.robot.n)) if drives is None else np.asarray(drives, dtype=np.float64)
 
     def torques_at(self, t: Array, X: Array) -> Array | None:
-        """Inputs at many times: torques of a called law and the rates of its states, shape (T, n + m), or None."""
+        """Inputs at times (T,): torques of a called law and the rates of its states, shape (T, n + m), or None."""
         if self.law is None:
             return None
         found = [self.torque(float(time), x) for time, x in zip(t, X, strict=True)]
@@ -241,7 +241,7 @@ class Plant:
             raise NotFiniteError(f"state is not finite at t = {t:.6g} s", t)
 
     def jacobian(self, t: float, x: Array) -> Array:
-        """df/dx for an implicit solver: exact, but for called laws, by forward differences.
+        """Jacobian df/dx for an implicit solver: exact, except for called laws, by forward differences.
 
         From M qdd + h - torques = 0: M dqdd = -d(M qdd + h - torques) at constant qdd. Counted as one evaluation per
         component of the state, the cost of differences.
@@ -265,13 +265,13 @@ class Plant:
         return np.concatenate([np.eye(n, size, n), accelerations, by_x[n:]])
 
     def linearised(self, t: float, x: Array) -> Array:
-        """df/dx for judging its modes, by differences of what runs: nothing is traced for it."""
+        """Jacobian df/dx for estimates of its modes, by differences: nothing is traced for it."""
         self._check_state(t, x)
         return differences(partial(self, t), x, self.counted)
 
 
 def differences(f: Callable[[Array], Array], x: Array, count: int) -> Array:
-    """Slopes of f at x by forward differences over the first components of x; 0 by others."""
+    """Jacobian of f at x by forward differences over the first components of x; 0 for the others."""
     value = f(x)
     slopes = np.zeros((len(value), len(x)))
     for j in range(count):
@@ -282,7 +282,7 @@ def differences(f: Callable[[Array], Array], x: Array, count: int) -> Array:
 
 
 def with_own_law(scene: Any) -> Any:
-    """The scene with a copy of a law that is called, whose memory is that of one motion; as it is where none is had."""
+    """Scene with a copy of its called law, whose memory is that of one motion; unchanged if it cannot be copied."""
     if scene.controller is None or scene.dynamics.law is not None or scene.traced_samples is not None:
         return scene
     own = copy(scene)
@@ -292,14 +292,14 @@ def with_own_law(scene: Any) -> Any:
 
 
 def with_modes(u: Array | None, modes: Array | None) -> Array | None:
-    """Inputs of the equations: torques, and the modes of friction that sticks behind them, if there are any."""
+    """Inputs of the equations: torques, followed by the modes of sticking friction, if any."""
     if u is None or modes is None:
         return modes if u is None else u
     return np.concatenate([u, modes], axis=-1)
 
 
 def checked_torques(name: str, returned: Any, robot: Robot, t: float) -> Array:
-    """What a law returned as an array of torques."""
+    """Torques returned by a law, as a checked array."""
     n = robot.n
     if type(returned) is np.ndarray and returned.dtype == np.float64 and returned.shape == (n,):
         tau = returned.copy()
@@ -320,7 +320,7 @@ def checked_torques(name: str, returned: Any, robot: Robot, t: float) -> Array:
 
 
 def checked_state_rates(returned: Any, m: int, t: float) -> Array:
-    """What a law returned as the rates of its m states."""
+    """Rates of the m states returned by a law, checked."""
     rates = np.asarray(returned)
     if rates.shape == (m,) and rates.dtype.kind == "f" and not np.isfinite(rates).all():
         i = int(np.argmin(np.isfinite(rates)))
@@ -329,7 +329,7 @@ def checked_state_rates(returned: Any, m: int, t: float) -> Array:
 
 
 def _not_finite(tau: Array, robot: Robot, t: float) -> NotFiniteError | None:
-    """The error of torques that are not finite; None of those that are."""
+    """Error for torques that are not finite; None if they are."""
     finite = np.isfinite(tau)
     if finite.all():
         return None

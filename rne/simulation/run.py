@@ -31,16 +31,16 @@ from .zero_order_hold import MAX_EVALUATIONS, ControlSamples, ZeroOrderHold
 
 # Steps per call of the solver: at first, where an event may throw them away or progress is reported, and at most
 FIRST_STEPS, MAX_STEPS = 8, 1000
-MIN_TOLERANCES = 2.3e-14, 1e-20  # 100 roundings in float64, as SciPy's solvers demand, and far below any state
-# Of the run that is compared with another one: times smaller tolerances; the other has an error too; comparisons a step
+MIN_TOLERANCES = 2.3e-14, 1e-20  # smallest tolerances: 100 roundings of float64 as in SciPy; far below any state
+# Reference run for the error estimate: tolerance divisor, safety factor for its own error, comparison points per step
 FINER, MARGIN, COMPARED = 100.0, 1.1, 8
 EPS = float(np.finfo(np.float64).eps)
-FEW = 500  # states up to which calls of the function of one state take less time than loading that of many
-ROUNDING = 1e-9  # of the largest value of a joint: what differs by less has not jumped
+FEW = 500  # number of states up to which calls for one state are faster than loading the batch function
+ROUNDING = 1e-9  # smallest jump relative to the largest value of a joint
 
 
 class Task(NamedTuple):
-    """The task of a run."""
+    """Task of a run: initial state, duration, method and options."""
 
     x0: Array
     duration: float
@@ -51,16 +51,16 @@ class Task(NamedTuple):
     breaks: Sequence[float] = ()
     stops: Sequence[Stop] = ()
     is_auto: bool = False  # True if the method may be changed while the run goes on
-    progress: Callable[[float, float], object] | None = None  # is told the time and the duration
+    progress: Callable[[float, float], object] | None = None  # called with the time and the duration
 
 
 class Failure(NamedTuple):
-    """Why a run ended before its time."""
+    """Reason why a run ended early."""
 
     time: float
     cause: str
-    is_interrupt: bool = False  # by the user
-    error: BaseException | None = None  # of the user's law, that ended it
+    is_interrupt: bool = False  # True if the user interrupted it
+    error: BaseException | None = None  # exception of the user's law that ended it
 
 
 class Instants(NamedTuple):
@@ -71,13 +71,13 @@ class Instants(NamedTuple):
     modes: Array | None = None
 
     def first(self, count: int) -> Instants:
-        """The first of them."""
+        """First instants of the record."""
         return Instants(self.t[:count], self.x[:count], None if self.modes is None else self.modes[:count])
 
 
 @dataclass(eq=False)
 class RunResult:
-    """The record of a run: the loop adds to it, the Trajectory reads it.
+    """Record of a run, which the loop extends and the Trajectory reads.
 
     Laws of its arrays, and of what `derived` computes of them:
 
@@ -112,12 +112,12 @@ class RunResult:
     asked: int = 0  # times of `t_eval` that were reported
 
     def begin(self, t: float, x: Array) -> None:
-        """A segment begins."""
+        """Start a segment."""
         if self.task.t_eval is None:
             self._add(self.parts, np.array([t]), x[None])
 
     def take(self, steps: Steps, count: int, end: float, x: Array) -> None:
-        """So many steps were taken, the last as far as `end`, where the state is x."""
+        """Record a number of steps, the last one as far as `end`, with state x there."""
         times, before = self.task.t_eval, slice(1, count)
         if times is None:
             T, X = np.append(steps.T[before], end), np.concatenate([steps.X[before], x[None]])
@@ -129,13 +129,13 @@ class RunResult:
         return None
 
     def leave(self, t: Array, x: Array) -> None:
-        """Note the states just before times t at which values may jump; of several at one time the first."""
+        """Record the states just before times t at which values may jump; only the first at equal times."""
         before, from_samples = np.nextafter(t, 0.0), self.plant.sampled is not None and not self.plant.sticks
         if self.task.t_eval is None and not from_samples and (not self.ends or self.ends[-1].t[-1] < before[0]):
             self._add(self.ends, before, x)
 
     def finish(self, t: float, x: Array, *, stopped: bool) -> None:
-        """The run ends: the last instant, if it is asked for or a stop."""
+        """Record the last instant if it is to be reported or a stop."""
         times = np.array([t]) if self.task.t_eval is None else self.task.t_eval[self.asked :]
         times = times[times <= t * (1 + SAME)]
         if len(times):
@@ -144,7 +144,7 @@ class RunResult:
             self._add(self.parts, np.array([t]), x[None])
 
     def _add(self, parts: list[Instants], t: Array, x: Array) -> None:
-        """Instants that follow those before, of which the last gives way if it is not earlier."""
+        """Append instants; the last one before is replaced if it is not earlier."""
         while parts and parts[-1].t[-1] >= t[0]:
             before = parts.pop()
             if len(before.t) > 1:
@@ -163,11 +163,11 @@ class RunResult:
 
     @cached_property
     def reported(self) -> Instants:
-        """What is reported, when the run has ended."""
+        """Instants to report, after the end of the run."""
         return self._joined(self.parts)
 
     def trajectory(self) -> tuple[Trajectory, Failure | None]:
-        """The motion as far as it is finite, and the failure; torques and energies later, where no law is called."""
+        """Trajectory up to the first non-finite value, and the failure; torques and energies are computed later."""
         n, N, (t, x, _), given = self.plant.robot.n, self.plant.dynamics.n, self.reported, dict[str, Any]()
         if self.failure is not None or self.plant.law is not None:
             found, self.failure = self._quantities
@@ -190,7 +190,7 @@ class RunResult:
         return motion, self.failure
 
     def position_errors(self) -> tuple[Array, Array]:
-        """Times, eight in each of the solver's steps, and the largest difference of a position from a finer run.
+        """Largest position difference from a finer run, with its times, eight per step of the solver.
 
         The other run starts one rounding beside, so that what rounding grows to is seen. Where the tolerances are at
         rounding already, they are coarser, and the difference is an upper bound.
@@ -214,7 +214,7 @@ class RunResult:
         return run.reported.t[:count], MARGIN * difference
 
     def derived(self) -> dict[str, Any]:
-        """What a Trajectory has beside times and states; NotFiniteError where it is not finite."""
+        """Fields of a Trajectory derived from times and states; NotFiniteError where they are not finite."""
         found, failure = self._quantities
         if failure is not None and failure is not self.failure:
             raise NotFiniteError(failure.cause, failure.time)
@@ -222,7 +222,7 @@ class RunResult:
 
     @cached_property
     def _quantities(self) -> tuple[dict[str, Any], Failure | None]:
-        """Torques, accelerations and energies of the motion, and its jumps, as far as they are finite; the failure."""
+        """Torques, accelerations, energies and jumps of the motion as far as they are finite; the failure."""
         plant, dynamics, N = self.plant, self.plant.dynamics, self.plant.dynamics.n
         tau, rates, failure = _torques_and_accelerations(plant, self._after_breaks(), self._held(self.reported.t))
         t, x, _ = self.reported.first(len(tau))
@@ -250,7 +250,7 @@ class RunResult:
         return found | {"message": self._message(moved)}, self.failure or failure
 
     def _message(self, moved: tuple[Array, ...]) -> str:
-        """How the run ended, and which joints crept while they were meant to rest; drives have `moved` so."""
+        """Message of the run: its end, and joints that crept while meant to rest, from the drives' path `moved`."""
         dynamics, x0, N = self.plant.dynamics, self.task.x0, self.plant.dynamics.n
         if dynamics.friction is None:
             return self.ending
@@ -261,16 +261,16 @@ class RunResult:
         return f"{crept}; {self.ending}" if crept else self.ending
 
     def _after_breaks(self) -> Instants:
-        """The instants to report, those of breaks just after them."""
+        """Instants to report, those of breaks just after them."""
         t = self.reported.t
         return self.reported._replace(t=np.where(np.isin(t, self.task.breaks), np.nextafter(t, np.inf), t))
 
     def _held(self, t: Array, same: float = SAME) -> Array | None:
-        """The torques that are held, (T, n), where they are; at a change those that begin there, up to rounding."""
+        """Held torques, (T, n), if any; at a change those that begin there, up to rounding."""
         return None if self.acting is None else self.acting.u[self.acting.held(t, same)]
 
     def _before_jumps(self) -> Instants:
-        """The instants just before those at which accelerations or torques may jump."""
+        """Instants just before possible jumps of accelerations or torques."""
         if self.acting is None or self.plant.sticks or self.task.t_eval is not None:
             return self._joined(self.ends)
         t = self.acting.t
@@ -297,7 +297,7 @@ class RunResult:
 def _torques_and_accelerations(
     plant: Plant, instants: Instants, u: Array | None
 ) -> tuple[Array, Array, Failure | None]:
-    """Torques and accelerations of every instant up to the first that is not finite or where M is singular."""
+    """Torques and accelerations up to the first instant that is not finite or where M is singular."""
     (t, x, modes), n = instants, plant.dynamics.n
     if not len(t):
         return np.zeros((0, plant.robot.n)), np.zeros((0, n)), None
@@ -314,13 +314,13 @@ def _torques_and_accelerations(
             time = float(t[k])
             held = plant.torque(time, x[k]) if u is None else u[k]
             plant.rates(time, x[k], with_modes(held, None if modes is None else modes[k]))
-        except (NotFiniteError, SingularMassMatrixError) as same:  # told with its time
+        except (NotFiniteError, SingularMassMatrixError) as same:  # reported with its time
             error = same
         return tau, qdd, Failure(float(t[k]), str(error))
 
 
 class Run:
-    """From an initial state to the end, a stop or a failure, in segments; with a hold for a sampled controller."""
+    """Run of a task in segments, to its end, a stop or a failure; with a hold for a sampled controller."""
 
     def __init__(self, plant: Plant, task: Task, hold: ZeroOrderHold | None = None) -> None:
         self.plant, self.task, self.hold = plant, task, hold
@@ -334,7 +334,7 @@ class Run:
         self.breaks = [b for b in task.breaks if 0 < b < task.duration] if hold is None else []
 
     def result(self) -> RunResult:
-        """From the start to the end, a stop or a failure."""
+        """Integrate from the start to the end, a stop or a failure."""
         failure = None
         try:
             if self.task.duration == 0 or not self.plant.counted:  # nothing moves; SciPy's solvers divide by both
@@ -375,7 +375,7 @@ class Run:
         return Failure(time, str(error), error=error.__cause__)
 
     def _segment(self) -> None:
-        """To the next sample or command, break, event or the end."""
+        """Integrate to the next sample or command, break, event or the end."""
         end, resumes = self._begin_segment()
         events: list[Event] = [*self.plant.events, *self.task.stops]
         solver = self.solver  # of this segment: another one may take over at its end
@@ -415,13 +415,13 @@ class Run:
         return min(self.most, MAX_STEPS if self.solver.takes_samples else self.monitor.steps_to_look)
 
     def _leave_samples(self, steps: Steps, count: int) -> None:
-        """Note the values just before the samples within so many steps."""
+        """Record the values just before the samples within a number of steps."""
         rows = np.flatnonzero(steps.jumps[1:count]) + 1
         if len(rows):
             self.record.leave(steps.T[rows], steps.X[rows])
 
     def _leave_breaks(self, t: Array, x: Array) -> None:
-        """Note the values just before the breaks at which steps ended, as far as the run came."""
+        """Record the values just before the breaks at which steps ended, as far as the run came."""
         if not self._passes_breaks:
             return
         at_breaks = np.isin(t, self.breaks) & (t <= self.t)
@@ -430,11 +430,11 @@ class Run:
 
     @property
     def _passes_breaks(self) -> bool:
-        """True if the solver's steps go on behind a break; where joints stick, they may slip from there on."""
+        """True if the solver's steps continue behind a break; where joints stick, they may slip from there on."""
         return self.solver.takes_breaks and len(self.breaks) > 0 and not self.plant.sticks
 
     def _begin_segment(self) -> tuple[float, bool]:
-        """Renew held torques if it is due, settle what sticks; the segment's end, and whether the solver goes on."""
+        """Renew held torques if due and settle sticking joints; end of the segment, and True to continue the solver."""
         t, hold = self.t, self.hold
         is_due = hold is not None and t >= hold.next and not (self.solver.takes_samples and not self.plant.sticks)
         if hold is not None and is_due:
@@ -446,14 +446,14 @@ class Run:
         return end, is_due and not self.plant.has_changed
 
     def _next_switch(self) -> float:
-        """The next sample or command, the next break or the end."""
+        """Time of the next sample or command, break or the end."""
         duration, hold = self.task.duration, self.hold
         if hold is not None and not self.solver.takes_samples:
             return hold.next if hold.next < duration * NEARLY else duration
         return duration if self._passes_breaks else next((b for b in self.breaks if b > self.t), duration)
 
     def _happen(self, event: Any) -> None:
-        """Go on from an event, or end at a stop."""
+        """Continue after an event, or end at a stop."""
         self.x = self.plant.apply_event(event, self.x)
         if isinstance(event, Stop):
             self.stop = event
@@ -461,7 +461,7 @@ class Run:
             self.monitor.change(self.t)
 
     def _looks_further(self, steps: Steps) -> bool:
-        """Watch the run; True if it goes on with another method."""
+        """Monitor the run; True if it continues with another method."""
         if self.hold is not None and self.plant.evaluations - self.hold.evaluations_before > MAX_EVALUATIONS:
             raise self._diverged(self.hold)
         if not self.monitor.changes_method(steps):
@@ -470,7 +470,7 @@ class Run:
         return True
 
     def _diverged(self, hold: ZeroOrderHold) -> NotFiniteError:
-        """The error of a sampled loop that diverges, whose steps become ever shorter."""
+        """Error of a diverging sampled loop, whose steps become ever shorter."""
         where = fastest_joint(self.plant, self.x)
         return NotFiniteError(
             f"more than {MAX_EVALUATIONS} evaluations within one sample at t = {self.t:.6g} s, {where}: the sampled "
@@ -479,19 +479,19 @@ class Run:
         )
 
     def _ending(self) -> str:
-        """How the run went, for the message."""
+        """Text on how the run ended, for its message."""
         parts = [self.monitor.note, self.plant.note]
         if self.hold is not None:
             count = self.hold.count
             late = f", and acted {self.hold.scene.delay:g} s later" if any(self.hold.delay) else ""
             parts.append(f"the controller was sampled {count} times, every {self.hold.period:g} s{late}")
-        went = "; ".join(part for part in parts if part) or "the end was reached"
+        went = "; ".join(part for part in parts if part) or "completed"
         words = [self.solver.note, went if self.stop is None else self.stop.message(self.t)]
         return "; ".join(word for word in words if word)
 
 
 def _solver(plant: Plant, task: Task, method: str, hold: ZeroOrderHold | None) -> Solver:
-    """A method's loop in machine code where there is one, or SciPy's solver."""
+    """Solver of a method: a compiled loop where there is one, otherwise SciPy's."""
     breaks = np.array([b for b in task.breaks if b > 0 and hold is None])  # a law that is held jumps at its samples
     options = IntegrationOptions(method, task.rtol, task.atol, task.t_eval, breaks)
     if method == RODAS:

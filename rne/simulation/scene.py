@@ -1,4 +1,4 @@
-"""A scene: what of a robot and its surroundings is modelled. Parts that are not given add no operations."""
+"""Scene: the modelled parts of a robot and its surroundings. Parts that are not given add no operations."""
 
 from __future__ import annotations
 
@@ -69,14 +69,14 @@ class Payload(NamedTuple):
 
 @runtime_checkable
 class HasPayload(Protocol):
-    """What has found a payload, such as an rne.identification.PayloadEstimate."""
+    """Object with an estimated payload, such as an rne.identification.PayloadEstimate."""
 
     @property
     def payload(self) -> Payload: ...
 
 
 def payload_argument(given: Payload | HasPayload | float) -> Payload:
-    """A payload that is given, found, or a mass alone."""
+    """Payload from a Payload, an estimate, or a mass."""
     given = given.payload if isinstance(given, HasPayload) else given
     if isinstance(given, tuple) and not 1 <= len(given) <= len(Payload._fields):
         raise ValueError(f"`payload` must be a mass or rne.Payload(mass, com, inertia, link), got {len(given)} values")
@@ -84,7 +84,7 @@ def payload_argument(given: Payload | HasPayload | float) -> Payload:
 
 
 def _kept(given: Any) -> Any:
-    """A part of a scene as it is now: mappings, sequences and arrays are copied."""
+    """Copy of a part of a scene: mappings, sequences and arrays are copied."""
     if isinstance(given, Mapping):
         return dict(given)
     if isinstance(given, HasPayload | Payload):
@@ -95,7 +95,7 @@ def _kept(given: Any) -> Any:
 
 @dataclass(frozen=True, eq=False)
 class ResolvedScene(ReadOnlyArrays):
-    """The parts of a scene in numbers, as the simulation needs them."""
+    """Parts of a scene in numbers, for the simulation."""
 
     robot: Robot  # mounted, with payload, joints locked, the drives' inertia added
     friction: Friction | None
@@ -197,7 +197,7 @@ class Scene:
         self._check_robot_of_controller()
 
     def _check_sampling(self) -> None:
-        """The controller, and numbers that only a sampled one has."""
+        """Check the controller and the arguments that only a sampled one has."""
         if self.controller is not None:
             check_law("controller", self.controller)
         if self.sample_time is not None:
@@ -214,7 +214,7 @@ class Scene:
             positive_number("delay", self.delay, zero_allowed=True)
 
     def _check_robot_of_controller(self) -> None:
-        """That a controller which names its robot is for this one."""
+        """Check that a controller made for a robot is used with this one."""
         meant_for = getattr(self.controller, "robot", None)
         if not isinstance(meant_for, Robot):
             return
@@ -228,7 +228,7 @@ class Scene:
 
     @cached_property
     def resolved(self) -> ResolvedScene:
-        """The scene in numbers."""
+        """Parts of the scene in numbers."""
         robot, motor_side = self._resolved_robot(), None
         if self.elastic is not None:
             robot, motor_side = part_at_joints(robot, self.elastic)
@@ -256,7 +256,7 @@ class Scene:
 
     @property
     def dynamics(self) -> SceneDynamics:
-        """The equations of motion of the scene, with the controller as it is now; equal scenes share their kernels."""
+        """Equations of motion of the scene with the present controller; equal scenes share their kernels."""
         law = self._traced_law() if self.sample_time is None else None
         return self._dynamics_without_law if law is None else self._dynamics("none", law)
 
@@ -290,7 +290,7 @@ class Scene:
 
     @property
     def _named(self) -> frozenset[str]:
-        """The numbers that were named: inputs of kernels as wholes."""
+        """Names of numbers that are inputs of kernels as wholes."""
         return self.__dict__.get("_names", frozenset())  # type: ignore[no-any-return]
 
     def _named_of(self, part: str) -> frozenset[str]:
@@ -298,17 +298,17 @@ class Scene:
 
     @property
     def _varying(self) -> Array | None:
-        """Which moments of bodies are inputs of kernels, where others than those that are not zero."""
+        """Mask of the bodies' moments that are kernel inputs, unless these are the nonzero ones."""
         return self.__dict__.get("_varying_moments")
 
     @property
     def kernels(self) -> KernelCache:
-        """The kernels of the scene: those of its robot, or of the robot whose bodies became numbers."""
+        """Kernels of the scene: those of its robot, or of the robot whose bodies are numbers."""
         return self.__dict__.get("_kernels") or self.resolved.robot._kernels
 
     @property
     def numbers(self) -> SceneNumbers:
-        """What may differ without another program, by name: read-only arrays in SI units.
+        """Numbers that may change without recompilation, by name: read-only arrays in SI units.
 
         "friction.<field>", one number per joint (`smoothing` is one); "effort_limit", "torque_rate", (n,); "delay";
         "controller.<name>" of the floats and arrays of floats that a law holds, as fields, attributes, in the cells of
@@ -329,7 +329,7 @@ class Scene:
 
     @property
     def numbers_of_controller(self) -> dict[str, Array]:
-        """Those of the controller, as far as it can be traced with others."""
+        """Numbers of the controller that can be traced."""
         if self.controller is None:
             return {}
         found = numbers_of(self.controller)
@@ -341,7 +341,7 @@ class Scene:
         return {f"controller.{name}": x for name, x in (found | models | samples_of(self.controller)).items()}
 
     def with_numbers(self, numbers: Mapping[str, ArrayLike]) -> Scene:
-        """The scene with other numbers, which runs the same program.
+        """Scene with other numbers, which runs the same program.
 
         Parameters
         ----------
@@ -375,7 +375,7 @@ class Scene:
         return self._naming(checked_numbers(self, numbers), numbers)
 
     def _naming(self, numbers: Mapping[str, Array], names: Iterable[str], varying: Array | None = None) -> Scene:
-        """The scene with other numbers that were checked; `names` are inputs of its kernels as wholes."""
+        """Scene with other, checked numbers; `names` are inputs of its kernels as wholes."""
         found = scene_at(self, numbers) if numbers else copy(self)
         for name in [key for key in vars(found) if key.startswith("_dynamics_") or key == "_law_before"]:
             del vars(found)[name]
@@ -391,7 +391,7 @@ class Scene:
 
     @property
     def _law(self) -> TracedLaw:
-        """The controller as it is now."""
+        """Controller in its present state."""
         given = self._dynamics_without_law.law_inputs
         law = TracedLaw.known(self.controller, self.n, given, self._named_of("controller."), self.kernels)
         before: TracedLaw | None = self.__dict__.get("_law_before")
@@ -402,7 +402,7 @@ class Scene:
         return law
 
     def _traced_law(self) -> TracedLaw | None:
-        """The controller, if it is traced; a line on the logger if it is marked as traceable but cannot be."""
+        """Traced controller, if it can be; logs a line if it is marked as traceable but cannot."""
         if not getattr(self.controller, "traceable", False):
             return None
         law = self._law
@@ -417,7 +417,7 @@ class Scene:
 
     @property
     def traced_samples(self) -> TracedLaw | None:
-        """A sampled controller as machine code, where that is possible."""
+        """Sampled controller in machine code, if possible."""
         if self.sample_time is None or self.resolved.robot.engine != "numba":
             return None
         return self._traced_law()
@@ -429,14 +429,14 @@ class Scene:
 
     @property
     def _why_called(self) -> str:
-        """Why a controller that is not traced is called."""
+        """Reason why a controller is called rather than traced."""
         law = self._law if getattr(self.controller, "traceable", False) else None
         why = law.why_not_traced(self.kernels) if law else "it is not marked by rne.traceable"
         return why or "a sampled law is called at each sample; engine 'numba' samples it in machine code"
 
     @property
     def kernel(self) -> Kernel:
-        """The whole right-hand side in one kernel, the controller included if it is traceable."""
+        """Kernel of the whole right-hand side, including the controller if it is traceable."""
         dynamics = replace(self.dynamics, has_energies=False)
         numbers = tuple(dynamics.vector.tolist())
         return with_table(self.kernels.scene_kernel(dynamics.right_hand_side, numbers=numbers), dynamics.table)
@@ -501,7 +501,7 @@ class Scene:
         derivatives: bool = True,
         platforms: Sequence[str] | None = None,
     ) -> tuple[str, ...]:
-        """Write a Functional Mock-up Unit for other simulators: the arm, torques in, or the closed loop, references in.
+        """Write a Functional Mock-up Unit: the arm with torques as inputs, or the closed loop with references.
 
         Parameters
         ----------
@@ -552,7 +552,7 @@ class Scene:
         return SceneUnit(self, q0, qd0, payload, tuple(numbers), derivatives).write(path, fmi, platforms)
 
     def _exported(self) -> SceneDynamics:
-        """The equations as a function of time, state and perhaps torques alone; a ValueError names what is not."""
+        """Equations as a function of time, state and perhaps torques; a ValueError names what has no such form."""
         friction, controller, refused = self.resolved.friction, self.controller, ""
         if self.stops:
             refused = "`stops` end a run: set `stops` to False, and bound the positions"
@@ -644,7 +644,7 @@ class Scene:
             raise ValueError(f"`{name}` is not for elastic joints: {why}; {cure}")
 
     def check_gains(self, q: ArrayLike) -> LinearisedLoop:
-        """Stability of the closed loop near a target, for any controller: linearised there.
+        """Stability of the closed loop near a target, for any controller, by linearisation.
 
         PD gains over the whole workspace are `rne.check_gains`.
 
@@ -667,7 +667,7 @@ class Scene:
         Notes
         -----
         The scene's delay, springs and elastic joints belong to the loop; the motors are where they hold the links at
-        rest. A warning tells of a controller with memory that is not in its `states`.
+        rest. A warning names a controller with memory that is not in its `states`.
 
         Examples
         --------
@@ -687,7 +687,7 @@ class Scene:
         return linearised_loop(self, target)
 
     def cost(self) -> dict[str, int | str | None]:
-        """Operations per call of the right-hand side, and what each part adds to them.
+        """Operations per call of the right-hand side, and the share of each part.
 
         Returns
         -------
@@ -726,7 +726,7 @@ class Scene:
 
 
 def resolved_friction(friction: Friction | str | None, robot: Robot) -> Friction | None:
-    """A scene's friction, that of the file if it says so."""
+    """Friction of a scene, from the file if it says so."""
     if isinstance(friction, str):
         if friction != "urdf":
             raise ValueError(f"`friction` must be an rne.Friction or 'urdf', got {friction!r}")
@@ -744,7 +744,7 @@ def resolved_friction(friction: Friction | str | None, robot: Robot) -> Friction
 
 
 def resolved_limits(name: str, limit: ArrayLike | str | None, robot: Robot) -> Array | None:
-    """Largest absolute values, one per joint, those of the file if it says so; None if none is limited."""
+    """Largest absolute values, one per joint, from the file if it says so; None without any limit."""
     if limit is None:
         return None
     if isinstance(limit, str | bool) and name == "effort_limit":

@@ -50,7 +50,7 @@ from .springs import Springs
 
 
 class MotorSide(NamedTuple):
-    """What is behind elastic joints, one number per joint, and what laws read."""
+    """Motors behind elastic joints, one number per joint, and the side that laws read."""
 
     stiffness: tuple[float, ...]
     damping: tuple[float, ...]
@@ -59,7 +59,7 @@ class MotorSide(NamedTuple):
 
 
 class UserFunction:
-    """A user's function of one state, such as a running cost, that returns a number; equal to those of its operations.
+    """User's function of one state, such as a running cost, that returns a number; equal if the operations are.
 
     So a kernel of it is found again, and not when something changed that the function reads. `widths` are the lengths
     of its arguments, 0 for a number.
@@ -72,7 +72,7 @@ class UserFunction:
         try:
             returned = function(*(x if w else x[0] for w, x in zip(widths, arguments, strict=True)))
             self.formula: tuple[Any, ...] = *graph.nodes, *references(graph, returned)
-        except Exception:  # whatever it raises when it meets traced numbers: the trace for a kernel tells it
+        except Exception:  # whatever it raises for traced numbers: the trace for a kernel reports it
             self.formula = (id(function),)
         self._hash = hash(self.formula)
 
@@ -83,14 +83,14 @@ class UserFunction:
         return self._hash
 
     def __call__(self, t: Any, q: Array, qd: Array, tau: Array) -> Array:
-        """Its values in states of shape (..., n), shape (..., 1)."""
+        """Values in states of shape (..., n), shape (..., 1)."""
         leading = q.shape[:-1]
         times = np.broadcast_to(t, (*leading, 1))
         each = [self.value(times[k][0], q[k].copy(), qd[k].copy(), tau[k].copy()) for k in np.ndindex(leading)]
         return np.array(each).reshape(*leading, 1)
 
     def value(self, *arguments: Any) -> Any:
-        """The number that it returns in one state; errors name the function."""
+        """Number returned in one state; errors name the function."""
         try:
             found = self.function(*arguments)
         except TypeError as error:
@@ -114,7 +114,7 @@ class Bodies(NamedTuple):
 
     @classmethod
     def of(cls, model: Model, varying: Array | None = None) -> Bodies:
-        """Those of a model."""
+        """Bodies of a model."""
         moments = moments_as_vector(with_fewest_terms(model))
         mask = moments != 0 if varying is None else varying
         m, armature, gravity = map(_hashable, (moments, model.armature, model.gravity))
@@ -122,18 +122,18 @@ class Bodies(NamedTuple):
 
     @staticmethod
     def mask(model: Model) -> Array:
-        """Which of a model's regrouped moments are not zero, in one of its states if they differ."""
+        """Mask of a model's regrouped moments that are nonzero in any of its states."""
         moments = moments_as_vector(with_fewest_terms(model))
         return np.asarray((moments.reshape(-1, moments.shape[-1]) != 0).any(axis=0))
 
     def in_model(self, model: Model) -> Model:
-        """The model with these, for dynamics alone."""
+        """Model with these bodies, for dynamics only."""
         moments, rotors = moments_of_vector(np.asarray(self.moments)), np.array(self.armature)
         return with_unchecked(model, given_moments=moments, armature=rotors, gravity=np.array(self.gravity))
 
 
 def _hashable(numbers: Any) -> Any:
-    """Floats as a tuple; traced numbers as they are."""
+    """Floats as a tuple; traced numbers unchanged."""
     array = np.asarray(numbers)
     return tuple(array.tolist()) if array.dtype.kind == "f" else array
 
@@ -173,7 +173,7 @@ class SceneDynamics(WithNumbers):
 
     @cached_property
     def ledger(self) -> tuple[str, ...]:
-        """Names of the energies that the scene exchanges, under numbers that are named also where they are 0."""
+        """Names of the energies that the scene exchanges; includes those of named numbers that are 0."""
         if self.template is not self:
             return self.template.ledger
         names = ["drives"] if self.law is not None or self.inputs != "none" else []
@@ -205,12 +205,12 @@ class SceneDynamics(WithNumbers):
 
     @property
     def driven(self) -> slice:
-        """The coordinates that the drives act on, the last ones."""
+        """Coordinates that the drives act on, the last ones."""
         return slice(self.n - self.joints, self.n)
 
     @property
     def law_inputs(self) -> LawInputs:
-        """The coordinates that the controller is given."""
+        """Coordinates that the controller is given."""
         reads = "both" if self.motor_side is None else self.motor_side.reads
         return LawInputs(self.joints if reads == "motor" else 0, self.joints if reads == "link" else self.n, self.n)
 
@@ -226,7 +226,7 @@ class SceneDynamics(WithNumbers):
 
     @cached_array
     def numbers(self) -> dict[str, Array]:
-        """The numbers of its parts by their names in a scene."""
+        """Numbers of the parts by their names in a scene."""
         found = {} if self.friction is None else {f"friction.{k}": x for k, x in self.friction.numbers.items()}
         if self.effort_limit is not None:
             found["effort_limit"] = np.array(self.effort_limit)
@@ -240,7 +240,7 @@ class SceneDynamics(WithNumbers):
         return found
 
     def at(self, numbers: Mapping[str, Any]) -> Self:
-        """The same with other numbers of some names, which are not checked and may be traced."""
+        """Dynamics with other numbers of some names, which are not checked and may be traced."""
         found: dict[str, Any] = {}
         if self.friction is not None and (own := part_of(numbers, "friction.")):
             found["friction"] = self.friction.at(own)
@@ -261,32 +261,32 @@ class SceneDynamics(WithNumbers):
 
     @cached_array
     def masks(self) -> dict[str, Array]:
-        """Which entries of the numbers are inputs of kernels."""
+        """Masks of the entries of the numbers that are kernel inputs."""
         found = super().masks
         found |= {} if self.bodies is None else {"moments": np.array(self.bodies.varying)}
         return {name: found[name] for name in self.numbers if name in found and found[name].any()}
 
     @property
     def table(self) -> Array:
-        """The pieces of the motion through samples that a traced law holds, a row each; empty without one."""
+        """Table of pieces of the motion that a traced law follows; empty without one."""
         return NO_TABLE if self.law is None else self.law.table
 
     @cached_property
     def template(self) -> Self:
-        """The same with all these numbers at 1, but those of the law: equal templates share their kernels."""
+        """Dynamics with all numbers except those of the law set to 1: equal templates share their kernels."""
         kept = {name: mask for name, mask in self.masks.items() if not name.startswith("controller.")}
         found = self.at({name: np.where(mask, 1.0, self.numbers[name]) for name, mask in kept.items()})
         vars(found)["template"] = found
         return found
 
     def filled(self, vector: Array) -> Self:
-        """The same with the entries of a vector, and with the energies of its template."""
+        """Dynamics with the entries of a vector as numbers, and the energies of its template."""
         found = super().filled(vector)
         vars(found)["template"] = self.template
         return found
 
     def core_at(self, name: str, model: Model, *, numbers: Any, **arrays: Array) -> Any:
-        """One of the functions under the numbers of a vector, or of one per state."""
+        """Core of a function under a vector of numbers, or one vector per state."""
         given, width = np.asarray(numbers), len(self.vector)
         rows = given.reshape(-1, width) if width else np.zeros((1, 0))
         if given.dtype.kind == "c" and not given.imag.any():
@@ -307,12 +307,12 @@ class SceneDynamics(WithNumbers):
 
     @cached_array
     def _side_by_side(self) -> Array:
-        """Which entries of the vector may differ from state to state in one call of a function: moments of bodies."""
+        """Mask of the vector entries that may differ between the states of one call: moments of bodies."""
         counts = {name: int(mask.sum()) for name, mask in self.masks.items()}
         return np.concatenate([np.zeros(0, bool), *(np.full(k, name == "moments") for name, k in counts.items())])
 
     def _model_at(self, model: Model, numbers: Array) -> Model:
-        """The robot of some states, for checks of its mass matrix."""
+        """Model in some states, for checks of its mass matrix."""
         return model if self.bodies is None else self.filled(numbers).bodies.in_model(model)  # type: ignore[union-attr]
 
     def _evaluated(self, name: str, model: Model, arrays: Mapping[str, Array]) -> Any:
@@ -340,7 +340,7 @@ class SceneDynamics(WithNumbers):
     def start(
         self, robot: Robot, q0: ArrayLike, qd0: ArrayLike, parameters: Array | None = None
     ) -> tuple[Array, Array]:
-        """Coordinates and their velocities where joints start, checked; of other inertial parameters if given."""
+        """Initial coordinates and velocities, checked; for other inertial parameters if given."""
         return joint_array("q0", q0, robot.model), joint_array("qd0", qd0, robot.model)
 
     def energies_of(self, robot: Robot, x: Array) -> tuple[Array, Array]:
@@ -364,14 +364,14 @@ class SceneDynamics(WithNumbers):
         return net - held, [*further, *lost]
 
     def _held(self, model: Model, x: Array) -> tuple[Array, list[Array]]:
-        """Torques that springs need of the joints, and the power that they take, where energies are states."""
+        """Torques that springs need of the joints, and their power where energies are states."""
         assert self.springs is not None
         qd = x[..., self.n : self.n + self.joints]
         held, damped = self.springs.torques(model, x[..., : self.joints], qd)
         return held, [] if damped is None else self._powers(qd, {"springs": damped})
 
     def _driving(self, t: Any, x: Array, u: Array | None) -> tuple[Array, list[Array]]:
-        """Torques of drives and friction on what the drives move, and the rates of the states but for other losses."""
+        """Torques of drives and friction, and the rates of the states without other losses."""
         qd = x[..., self.n : 2 * self.n][..., self.driven]
         drives, further = self.drives(t, x, u)
         torques: dict[str, Array | None] = {"drives": drives}
@@ -393,13 +393,13 @@ class SceneDynamics(WithNumbers):
         return net, further
 
     def _damping(self, qd: Array) -> list[Any]:
-        """What implicit viscous friction adds to the inertia of each drive's joint over a step, (...) each."""
+        """Increment of the inertia of each drive's joint by implicit viscous friction over a step, (...) each."""
         if not self.damped_over or self.friction is None or "viscous" not in self.ledger:
             return [0.0] * self.joints
         return list(np.moveaxis(self.damped_over * viscous_slope(self.friction, qd), -1, 0))
 
     def _damped(self, model: Model, qd: Array) -> Model:
-        """The robot with viscous friction over a step as further inertia of rotors, (nb, ...), for dynamics alone."""
+        """Robot with viscous friction over a step as added rotor inertia, (nb, ...), for dynamics only."""
         if not is_present(added := self._damping(qd)):
             return model
         armature = [*model.armature]
@@ -426,7 +426,7 @@ class SceneDynamics(WithNumbers):
         return 0 * x[..., : self.joints] if drives is None else drives
 
     def accelerations_core(self, model: Model, t: Array, x: Array, u: Array | None = None) -> Array:
-        """dx/dt but for the rates of positions, which are entries of the state."""
+        """Rates dx/dt without those of positions, which are entries of the state."""
         rates: Array = self.right_hand_side_core(model, t, x, u)[0]
         return rates[..., self.n :]
 
@@ -483,7 +483,7 @@ class SceneDynamics(WithNumbers):
     def _judged(
         self, check: str, model: Model, arguments: Any, rates: Array, pivots: Array, diagonal: Array
     ) -> PrecisionStatus:
-        """One of the checks; state by state where other numbers differ than those of bodies."""
+        """Check of the mass matrix; one by one where other numbers than bodies' differ between states."""
         numbers, judge, status = arguments["numbers"], getattr(self, check), OK
         rows = numbers.reshape(-1, numbers.shape[-1]) if numbers.size else numbers[None]
         if numbers.ndim < 2 or not (rows != rows[:1])[:, ~self._side_by_side].any():
@@ -517,7 +517,7 @@ class SceneDynamics(WithNumbers):
             self.springs.check_ends(model, x[..., : self.joints])
 
     def _declared(self, name: str, title: str, *, a: bool = False, modes: bool = False, **how: Any) -> MethodQuantity:
-        """One of the functions, with the lengths of its arguments: t, x, perhaps a, u where there are inputs, piece."""
+        """Declared function with the lengths of its arguments: t, x, perhaps a, u where there are inputs, piece."""
         inputs = (self.joints + self.states if self.torque_given else 0) + (2 * self.n if modes else 0)
         widths: dict[str, int | None] = {"t": 1, "x": self.size}
         widths |= {"a": self.n} if a else {}
@@ -549,17 +549,17 @@ class SceneDynamics(WithNumbers):
 
     @cached_property
     def accelerations(self) -> MethodQuantity:
-        """dx/dt but for the rates of positions, which are entries of the state."""
+        """Rates dx/dt without those of positions, which are entries of the state."""
         return self._declared("accelerations", "the accelerations")
 
     @cached_property
     def residual(self) -> MethodQuantity:
-        """The equations of motion, whose slopes linearise the motion."""
+        """Residual of the equations of motion, whose derivatives linearise the motion."""
         return self._declared("residual", "the equations of motion", a=True)
 
     @cached_property
     def start_of_motors(self) -> MethodQuantity:
-        """Where motors behind elastic joints start, as a function of the links' positions."""
+        """Initial positions of motors behind elastic joints as a function of the links' positions."""
         widths: dict[str, int | None] = {"q": self.joints, "numbers": len(self.vector)}
         core = partial(self.template.core_at, "start_of_motors_core")
         how: dict[str, Any] = {"moments": True, "base_parameters": True, "of_run": "numbers"}

@@ -1,4 +1,4 @@
-"""The numbers of a scene by name: those that may differ from motion to motion without another program."""
+"""Numbers of a scene by name, which may differ between motions without another program."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ from ..robot import Robot
 from .elastic_joints import ElasticJoints
 from .scene_dynamics import Bodies
 
-LIMITS = ("effort_limit", "torque_rate", "windup", "stall_torque", "no_load_speed")  # numbers that may be infinite
-# Of an inertia that is moved to the centre of mass, relative to that about a link's origin
+LIMITS = ("effort_limit", "torque_rate", "windup", "stall_torque", "no_load_speed")  # may be infinite
+# Rounding of an inertia about the centre of mass relative to that about the link's origin
 ROUNDING = 16 * float(np.finfo(np.float64).eps)
 # Numbers of laws of rne.control that may be negative
 OF_ANY_SIGN = "reference", "pose", "stiffness", "damping", "offset", "stribeck_rise", "parameters"
@@ -77,7 +77,7 @@ class SceneNumbers(Mapping[str, Array]):
         return len(self._numbers)
 
     def unit(self, name: str) -> str:
-        """The unit of a number; empty for those of controllers, which only their authors know.
+        """Unit of a number; empty for those of controllers, known only to their authors.
 
         Parameters
         ----------
@@ -104,14 +104,14 @@ class SceneNumbers(Mapping[str, Array]):
 
 
 def unknown(name: Any, known: Mapping[str, Any]) -> str:
-    """The text of the error for a name that a scene does not have."""
+    """Error message for a name that a scene does not have."""
     near = [x for x in known if x.rpartition(".")[2] == name]
     hint = f"; did you mean {near[0]!r}?" if near else did_you_mean(str(name), tuple(known))
     return f"the scene has the numbers {', '.join(known)}; got {name!r}{hint}"
 
 
 def unit_of(name: str) -> str:
-    """The unit of a number in brackets; empty for those of controllers, which only their authors know."""
+    """Unit of a number in brackets; empty for a controller's, known only to its author."""
     part, _, field = name.partition(".")
     unit = UNITS.get(field if part.startswith("springs[") else name.removesuffix("_back"))
     unit = "N m or N" if unit is None and part == "friction" else unit
@@ -119,7 +119,7 @@ def unit_of(name: str) -> str:
 
 
 def numbers_of_scene(scene: Any) -> dict[str, Array]:
-    """The numbers of a scene by name, as far as it has the parts."""
+    """Numbers of a scene by name, for the parts it has."""
     parts, n = scene.resolved, scene.n
     found: dict[str, Array] = {}
     if parts.friction is not None:
@@ -140,7 +140,7 @@ def numbers_of_scene(scene: Any) -> dict[str, Array]:
 
 
 def unbounded(limit: Array) -> Array:
-    """A limit, infinite where there is none."""
+    """Limits, infinite where there are none."""
     return np.where(np.abs(limit) >= UNBOUNDED, np.copysign(np.inf, limit), limit)
 
 
@@ -182,7 +182,7 @@ def checked(scene: Any, numbers: Mapping[str, ArrayLike], count: int | None = No
 
 @contextmanager
 def named(names: Iterable[str]) -> Iterator[None]:
-    """Have the errors of parts, which name a field, name the number that it was given by."""
+    """Context in which errors of parts name the number instead of the field."""
     try:
         yield
     except ValueError as error:
@@ -196,7 +196,7 @@ def named(names: Iterable[str]) -> Iterator[None]:
 
 
 def scene_at(scene: Any, numbers: Mapping[str, Array]) -> Any:
-    """The scene with other numbers, which its parts check."""
+    """Scene with other numbers, checked by its parts."""
     with named(numbers):
         return _scene_at(scene, numbers)
 
@@ -224,7 +224,7 @@ def _scene_at(scene: Any, numbers: Mapping[str, Array]) -> Any:
 
 
 def scene_of_all(scene: Any, own: Mapping[str, Array]) -> Any:
-    """The scene whose kernels take numbers (N, ...) of N motions, which its parts accept."""
+    """Scene whose kernels take numbers (N, ...) of N motions, checked by its parts."""
     finite, known = dict[str, Array](), scene.numbers
     for name, array in own.items():
         if name not in known:  # the model of a law, whose parameters are not checked entry by entry
@@ -255,7 +255,7 @@ def scene_of_all(scene: Any, own: Mapping[str, Array]) -> Any:
 def common_and_own(
     scene: Any, numbers: Mapping[str, ArrayLike], count: int, sticking: str, *, is_one: bool = False
 ) -> tuple[Any, dict[str, Array]]:
-    """The scene under numbers that N motions have in common, and those that each has of its own, (N, ...).
+    """Scene with the numbers common to N motions, and each motion's own numbers, (N, ...).
 
     Limits that are all infinite are own ones, as the scene would have none; a ValueError is `sticking` if joints stick.
     """
@@ -275,13 +275,13 @@ def common_and_own(
 
 
 def numbers_of_dynamics(scene: Any, own: Mapping[str, Array]) -> dict[str, Array]:
-    """Numbers of motions as the equations have them: moments of bodies in place of their parameters."""
+    """Numbers of motions for the equations: moments of bodies in place of their parameters."""
     found = {name: array for name, array in own.items() if name not in BODIES}
     return found | (bodies_as_numbers(scene, own) if {*BODIES} & {*own} else {})
 
 
 def friction_of_all(scene: Any, own: Mapping[str, Array]) -> Any:
-    """The friction of N motions as one of N n joints, so that it is checked at once; None without friction.
+    """Friction of N motions as one of N n joints, so that it is checked at once; None without friction.
 
     It has the least of their smoothings, which says whether joints can stick.
     """
@@ -306,7 +306,7 @@ def _springs_at(springs: Any, numbers: Mapping[str, Array]) -> list[Any]:
 
 
 def _payload_at(payload: Any, pi: Array) -> Any:
-    """A payload of other parameters about the origin of its link."""
+    """Payload with given parameters about the origin of its link."""
     if not pi[0] and pi[1:4].any():
         raise ValueError(f"`payload` without mass must have no first moment, got {pi[1:4].tolist()}")
     mass, centre, inertia = body_of_parameters(pi)
@@ -315,7 +315,7 @@ def _payload_at(payload: Any, pi: Array) -> Any:
 
 
 def bodies_of(scene: Any, own: Mapping[str, Array]) -> Any:
-    """The robot with payload of a scene, whose bodies differ from motion to motion, for dynamics alone."""
+    """Robot with payload of a scene, whose bodies differ between motions, for dynamics only."""
     model = scene.resolved.robot.model
     if "parameters" in own:
         return at_parameters(model, own["parameters"])
@@ -327,7 +327,7 @@ def bodies_of(scene: Any, own: Mapping[str, Array]) -> Any:
 
 
 def bodies_as_numbers(scene: Any, own: Mapping[str, Array]) -> dict[str, Array]:
-    """The numbers of the equations of motion, by name, for bodies, rotors and gravity of motions, (N, ...) each."""
+    """Numbers of the equations for bodies, rotors and gravity of motions by name, (N, ...) each."""
     found: dict[str, Array] = {}
     if "parameters" in own or "payload" in own:
         found["moments"] = moments_as_vector(with_fewest_terms(bodies_of(scene, own)))
@@ -340,7 +340,7 @@ def bodies_as_numbers(scene: Any, own: Mapping[str, Array]) -> dict[str, Array]:
 
 
 def parameters_on_body(model: Any, link: str | None, pi: Array) -> Array:
-    """The inertial parameters (..., 10 nb) that bodies of (..., 10), about a link's origin, add to those of a robot."""
+    """Increment of a robot's inertial parameters, (..., 10 nb), by bodies (..., 10) about a link's origin."""
     index = model.link_index(end_link(model) if link is None else link)
     R, p, body = model.link_rotation[index], model.link_translation[index], model.link_body[index]
     found = np.zeros((*pi.shape[:-1], model.nb, PARAMETERS))
@@ -351,13 +351,13 @@ def parameters_on_body(model: Any, link: str | None, pi: Array) -> Array:
 
 
 def moments_of_payloads(scene: Any) -> Array:
-    """Which regrouped moments of a robot's bodies the payload of a scene can change, whatever numbers it has now."""
+    """Mask of a robot's regrouped moments that the payload of a scene can change."""
     model, general = scene.resolved.robot.model, np.sqrt(np.arange(2.0, 2.0 + PARAMETERS))
     return Bodies.mask(at_parameters(model, parameters_on_body(model, scene.payload.link, general)))
 
 
 def at_parameters_of(scene: Any, parameters: Array) -> Any:
-    """The scene at other inertial parameters of its robot with payload."""
+    """Scene with other inertial parameters of its robot with payload."""
     parts = scene.resolved
     robot = Robot(at_parameters(parts.robot.model, parameters), parts.robot.engine)
     contained: dict[str, Any] = dict.fromkeys(("payload", "locked", "armature"))

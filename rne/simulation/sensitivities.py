@@ -1,4 +1,4 @@
-"""Derivatives of a motion by its start and numbers of its scene, at many times.
+"""Derivatives of a motion by its initial state and numbers of its scene, at given times.
 
 Of explicit methods they are discrete sensitivities: the steps with frozen sizes, and derivatives along with them. Of
 implicit ones, whose stages hold a Jacobian, the variational equations S' = (df/dx) S + df/dp are integrated with the
@@ -43,14 +43,14 @@ from .scene import Scene
 from .scene_numbers import BODIES
 from .simulator import METHODS, check_times, one_state, scene_argument, tolerances
 
-AT_ONCE = 2**21  # bytes of derivatives of dx/dt at once, which stay in a processor's cache
-SHIFT = "command.delay"  # in seconds, of pieces of a reference
-TOLD = 999  # parts of a motion after each of which `progress` is told
+AT_ONCE = 2**21  # size of the derivatives of dx/dt computed at once, which fit into a processor's cache [bytes]
+SHIFT = "command.delay"  # name of the shift of a reference's pieces [s]
+TOLD = 999  # number of parts of a motion after each of which `progress` is called
 Made = Mapping[str, list[tuple[slice, Any]]]  # by name: seeds, and matrices (k, some), or None, to be added
 
 
 class ByNames(Mapping[str, Array]):
-    """Derivatives of a quantity by name, (T, n, k), computed when they are asked for from those by p seeds."""
+    """Derivatives of a quantity by name, (T, n, k), computed on access from those by p seeds."""
 
     def __init__(self, along: Array, made: Made) -> None:
         self._along, self._made, self._found = along, made, dict[str, Array]()
@@ -70,7 +70,7 @@ class ByNames(Mapping[str, Array]):
 
 
 class Columns:
-    """The directions in which a motion is differentiated: p, how names are `made` of them, and those of its parts.
+    """Directions in which a motion is differentiated: p seeds, the combinations that form each name, and the parts.
 
     `numbers` and `of_law` have a direction, or -1, for each entry of the numbers of the equations and of a sampled law,
     `limits`, (2, n), for bounds of commands; `samples` is the first of those that a law follows. Further `directions`
@@ -115,7 +115,7 @@ class Columns:
         self.scale[self.numbers[taken]] = np.maximum(1.0, np.abs(dynamics.vector[taken]))  # of numbers above 1
 
     def start_at(self, frozen: FrozenScene, vector: Array, starts: Sequence[Array]) -> Array:
-        """Derivatives of the state at a start under numbers of the equations, (size, p)."""
+        """Derivatives of the initial state under numbers of the equations, (size, p)."""
         *by_starts, by_numbers = frozen.start_slopes(vector, *(x[None] for x in starts))
         found, taken = np.zeros((frozen.dynamics.size, self.p)), self.numbers >= 0
         found[:, self.numbers[taken]] = by_numbers[0][:, taken]
@@ -124,13 +124,13 @@ class Columns:
         return found
 
     def _add(self, name: str, count: int, matrix: Array | None = None) -> Array:
-        """New directions for a name; their numbers."""
+        """Add directions for a name; returns their indices."""
         self.made[name].append((slice(self.p, self.p + count), matrix))
         self.p += count
         return np.arange(self.p - count, self.p)
 
     def _of_vector(self, masks: Mapping[str, Array], own: Mapping[str, Mapping[str, Any]]) -> Array:
-        """Directions of the entries of a vector that names need: `own` has a matrix (k, ...) or None of each number."""
+        """Directions for the vector entries that names need: `own` has a matrix (k, ...) or None for each number."""
         found = [np.zeros(0, np.int64)]
         for of, mask in masks.items():
             count, users = int(mask.sum()), [name for name, parts in own.items() if of in parts]
@@ -158,7 +158,7 @@ class SensitivityTask(NamedTuple):
 
 
 class Forwards:
-    """A motion from its start to its end with derivatives in all directions, at times to report.
+    """Motion from its start to its end with derivatives in all directions, at the times to report.
 
     There `found_x`, (T, size), has the state, `tau`, (T, n), the drives' torques, `along_x` and `along_tau`, (T, ...,
     p), their derivatives.
@@ -180,20 +180,20 @@ class Forwards:
         self.holding = group.holding._replace(counts=np.zeros(2, np.int64))  # of derivatives, which come behind
 
     def tell(self, t: float) -> None:
-        """Note the time that was reached."""
+        """Record the time reached."""
         self.reached, end, progress = t, float(self.task.ends[-1]), self.task.progress
         if progress is not None and (t >= self.next or t == end):
             self.next = t + end / TOLD
             progress(t, end)
 
     def given(self, t: Array, x: Array, u: Array, *, of_law: bool = False) -> tuple[Array, ...]:
-        """The arguments of a kernel of the equations or of the law at times (..., 1)."""
+        """Arguments of a kernel of the equations or of the law at times (..., 1)."""
         group, inputs = self.group, (u,) if self.group.n and not of_law else ()
         tables, numbers = (group.law_tables, group.law_numbers) if of_law else (group.tables, group.numbers)
         return t, x, *inputs, *rows_of_tables(tables, t[..., 0]), numbers
 
     def value(self, function: Any, t: Array, x: Array, u: Array) -> Array:
-        """A function of the equations."""
+        """Value of a function of the equations."""
         return self.frozen.scene.kernels.scene_kernel(function)(*self.given(t, x, u))
 
     def linear(self, function: Any, t: Array, x: Array, u: Array, *, of_law: bool = False) -> Linear:
@@ -220,7 +220,7 @@ class Forwards:
         return Linear(J, columns, further.reshape(*leading, rows * self.columns.p))
 
     def _by_pieces(self, J: Array, row: Array, width: int) -> tuple[Array, Array]:
-        """J with derivatives by directions of pieces in place of those by the pieces, its last columns; their seeds."""
+        """Jacobian J with its last columns, by pieces, replaced by directions of pieces; their seeds."""
         of_pieces, first, at = self.columns.of_pieces, J.shape[-1] - width, 0
         seeds = np.concatenate([seeds for seeds, _ in of_pieces])
         found = np.zeros((*J.shape[:-1], len(seeds)))
@@ -236,18 +236,18 @@ class Forwards:
         return J, np.append(seeds, np.full(width - at, -1))
 
     def jump(self, t: Array, x: Array, old: Array, new: Array) -> Array:
-        """dx/dt before a command begins to act, less that after it."""
+        """Jump of dx/dt as a command begins to act: before minus after."""
         rates = self.dynamics.right_hand_side
         return self.value(rates, t, x, old) - self.value(rates, t, x, new)
 
     def torques(self, t: Array, x: Array, u: Array) -> Array:
-        """Those of the drives; notes whether one is at its limit."""
+        """Torques of the drives; notes if one is at its limit."""
         tau, limit = self.value(self.dynamics.drive_torques, t, x, u), self.dynamics.effort_limit
         self.limited |= limit is not None and bool((np.abs(tau) >= limit).any())
         return tau
 
     def directions(self, stages: int) -> Directions:
-        """Those at the start, and room."""
+        """Directions at the start, with workspace."""
         columns, p, rows = self.columns, self.columns.p, len(self.holding.pending)
         size, n, m = self.x.size * p, (self.group.n if self.frozen.law else 0) * p, self.group.m * p
         held = np.zeros(n), np.zeros((rows, n)), np.zeros(m)
@@ -255,7 +255,7 @@ class Forwards:
         return Directions(p, columns.start.reshape(-1).copy(), *held, columns.limits, columns.delay, *room)
 
     def report(self, rows: slice, x: Array, u: Array, along_x: Array, along_u: Array) -> None:
-        """The motion at the times of some rows, with the torques of the drives."""
+        """Store the motion at the times of some rows, with the torques of the drives."""
         if not len(self.t[rows]):
             return
         self.found_x[rows], self.along_x[rows] = x, along_x
@@ -269,14 +269,14 @@ class Forwards:
         self.along_tau[rows] = along + further.reshape(along.shape) if further.size else along
 
     def finish(self, d: Directions) -> None:
-        """The end, if it is to be reported."""
+        """Store the end, if it is to be reported."""
         end = float(self.task.ends[-1])
         along = (array.reshape(1, len(array) // d.p, d.p) for array in (d.x, d.held))
         self.report(slice(int(np.searchsorted(self.t, end)), None), self.x[None], self.command[None], *along)
         self.tell(end)
 
     def along_steps(self, schedule: Schedule) -> bool:
-        """Along steps as they were taken; False if a state needs the recursion."""
+        """Integrate derivatives along the steps taken; False if a state needs the recursion."""
         d, S, ends = self.directions(len(schedule.tableau.C)), len(schedule.tableau.B), self.task.ends
         width = len(self.x) + self.group.n + len(self.group.numbers) + d.p * (self.columns.samples >= 0)
         most = max(1, AT_ONCE // (8 * S * width * (len(self.x) - self.dynamics.n)))
@@ -289,7 +289,7 @@ class Forwards:
         return True
 
     def _take(self, part: Schedule, rows: slice, d: Directions) -> bool:
-        """Some steps, with the times of some rows among them."""
+        """Take a range of steps, with the times of some rows among them."""
         dynamics, S = self.dynamics, len(part.tableau.B)
         before, kept = self.command.copy(), self.group.kept(len(part.lengths), S)
         if not self.group.advance(part, self.x, kept):
@@ -321,7 +321,7 @@ class Forwards:
         return True
 
     def _at_samples(self, part: Schedule, kept: Kept) -> Linear:
-        """Derivatives of the law at its samples; of no rows without one. Notes whether a command is at a bound."""
+        """Derivatives of the law at its samples, without rows if there is none; notes commands at a bound."""
         law, at = self.frozen.law, np.flatnonzero(part.sampled)
         if law is None:
             return Linear(np.zeros((0, 0, 0)), self.columns.of_law, np.zeros((0, 0)))
@@ -330,7 +330,7 @@ class Forwards:
         return self.linear(law.outputs, part.begins[at, None], states, kept.held[at], of_law=True)
 
     def _jumps(self, part: Schedule, kept: Kept, before: Array, *, delays: bool) -> Array:
-        """`jump` of each command that begins to act, if the delay is a direction: (acts, size), or without rows."""
+        """Jumps of dx/dt where commands begin to act, if the delay is a direction: (acts, size), or without rows."""
         if not delays:
             return np.zeros((0, len(self.x)))
         if self.frozen.law is None:
@@ -341,12 +341,12 @@ class Forwards:
         return self.jump(part.times[at, :1], kept.stages[at, 0], held[at], kept.held[at])
 
     def _later(self, part: Schedule) -> Array:
-        """1 for steps at whose begin another piece of a reference holds, which comes later if its delay grows."""
+        """Mask of steps that begin with another piece of a reference, which a longer delay moves."""
         begins = self.group.tables[0, 1:, 0] if self.columns.delay >= 0 else np.zeros(0)
         return np.isin(part.begins, begins).astype(np.int64)
 
     def _stages(self, part: Schedule, kept: Kept, held: Array, which: Array) -> tuple[Array, Linear, Array]:
-        """Of some steps the stages that only interpolants need: rows of A, derivatives, and dx/dt at all stages."""
+        """Stages of some steps that only interpolants need: rows of A, derivatives, and dx/dt at all stages."""
         table, x, h, S = part.tableau, kept.stages[which, 0], part.lengths[which, None], len(part.tableau.B)
         A2 = np.zeros((len(table.C) - S, len(table.C)))
         A2[0, :S], A2[1:, : table.A2.shape[1]] = table.B, table.A2
@@ -359,7 +359,7 @@ class Forwards:
         return A2, self.linear(self.dynamics.accelerations, t[:, S:], Y[:, S:], u[:, S:]), K
 
     def beside(self, parts: Schedule, how: Variational) -> None:
-        """By the variational equations, from one sample, command that begins to act or jump of a law to the next."""
+        """Integrate the variational equations from one sample, start of a command or jump of a law to the next."""
         d = self.directions(0)
         for k, end in enumerate(self.task.ends[1:].tolist()):
             self._switch(parts, k, d)
@@ -367,7 +367,7 @@ class Forwards:
         self.finish(d)
 
     def _switch(self, parts: Schedule, k: int, d: Directions) -> None:
-        """Sample the law, and have a command act, where they are due."""
+        """Sample the law, and let a command act, where due."""
         group, law, t = self.group, self.frozen.law, parts.begins[k : k + 1]
         if law is not None and parts.sampled[k]:
             command, bounds, states = np.empty(group.n), np.empty(group.n), np.empty(group.m)
@@ -383,7 +383,7 @@ class Forwards:
                 d.x[d.delay :: d.p] += self.jump(t, self.x, old, self.command)
 
     def _integrate(self, span: Array, begin: float, end: float, d: Directions, how: Variational) -> None:
-        """The state and its derivatives, column by column, to the end of a part."""
+        """Integrate the state and its derivatives, column by column, to the end of a part."""
         dynamics, size, n, u = self.dynamics, len(self.x), self.dynamics.n, self.command
 
         def rates(t: float, y: Array) -> Array:
@@ -415,21 +415,21 @@ class Forwards:
 
 
 class Variational(NamedTuple):
-    """How the variational equations are integrated: by one of SciPy's methods, with a Jacobian of equal blocks."""
+    """Integrator of the variational equations: one of SciPy's methods, with a Jacobian of equal blocks."""
 
     method: str
     rtol: float
     atol: Array  # (1 + p, size), of the state and of each column
 
     def solver(self, rates: Any, begin: float, y: Array, end: float, jacobian: Any) -> Any:
-        """One of SciPy's."""
+        """Solver of SciPy."""
         band = self.atol.shape[1] - 1
         how = {"lband": band, "uband": band} if self.method == "LSODA" else {}
         tolerated = {"rtol": self.rtol, "atol": self.atol.reshape(-1)}
         return scipy_class(self.method)(rates, begin, y, end, jac=jacobian, **tolerated, **how)
 
     def blocks(self, A: Array, count: int) -> Any:
-        """A matrix with A on its diagonal so many times, as the method takes it; how A changes is left out."""
+        """Block-diagonal matrix of copies of A, in the method's format; the change of A is neglected."""
         if self.method != "LSODA":
             from scipy.sparse import block_diag
 
@@ -441,12 +441,12 @@ class Variational(NamedTuple):
 
 
 def turned(matrix: Array, rows: int) -> Array:
-    """A matrix as a vector, of so many rows, its columns in place of them."""
+    """Transpose of a matrix given as a vector with this number of rows."""
     return matrix.reshape(rows, -1).T.reshape(-1)
 
 
 def interpolation(table: Tableau, fraction: Array) -> Array:
-    """Weights of the stages, (R, stages), by which states at fractions of a step follow from that at its begin."""
+    """Weights of the stages, (R, stages), of the interpolant at fractions of a step."""
     u, total = fraction[:, None], np.zeros((len(fraction), table.D.shape[1]))
     for k in range(len(table.D) - 1, -1, -1):  # u (d_0 + (1 - u) (d_1 + u (d_2 + ...)))
         total = (table.D[k] + total) * (1 - u if k % 2 else u)
@@ -550,7 +550,7 @@ def sensitivities(
     t_eval: ArrayLike | None = None,
     progress: Callable[[float, float], object] | None = None,
 ) -> Sensitivities:
-    """Simulate a robot or a scene with its forward sensitivities: derivatives by the start and by numbers of the scene.
+    """Simulate a robot or a scene with forward sensitivities: derivatives by the start and by numbers of the scene.
 
     dq/dp, dqd/dp and dtau/dp at many times, as columns that are integrated along with the motion.
 
@@ -651,7 +651,7 @@ def sensitivities(
 
 
 def _differentiated(task: SensitivityTask, method: str, why: str, tolerated: tuple[float, float]) -> Sensitivities:
-    """The motion and its derivatives by a method."""
+    """Motion and its derivatives by a method."""
     frozen, ends, (rtol, atol) = task.frozen, task.ends, tolerated
     table = tableau(FIXED if method in IMPLICIT else method)
     table = table._replace(C=np.concatenate([table.C, [1.0], table.C2]))  # of all stages that interpolants need
@@ -678,7 +678,7 @@ def _differentiated(task: SensitivityTask, method: str, why: str, tolerated: tup
 
 
 def _result(run: Forwards, count: int, method: str, message: str) -> Sensitivities:
-    """What was found at the first times."""
+    """Result at the times reported so far."""
     n, N, model = run.dynamics.joints, run.dynamics.n, run.frozen.scene.resolved.robot.model
     places = slice(0, n), slice(N, N + n)
     along = *(run.along_x[:count, place] for place in places), run.along_tau[:count]

@@ -162,7 +162,7 @@ def _run(scene: Scene, dynamics: SceneDynamics, law_name: str, task: Task) -> Ru
 
 
 def tolerances(rtol: float, atol: float) -> tuple[float, float]:
-    """Both tolerances; a ValueError for one that rounding exceeds, so that steps would shrink without end."""
+    """Both tolerances; a ValueError for one below rounding, with which steps would shrink without end."""
     checked = positive_number("rtol", rtol), positive_number("atol", atol)
     for name, value, least in zip(("rtol", "atol"), checked, MIN_TOLERANCES, strict=True):
         if value < least:
@@ -171,7 +171,7 @@ def tolerances(rtol: float, atol: float) -> tuple[float, float]:
 
 
 def scene_argument(scene_or_robot: Scene | Robot, name: str = "scene_or_robot") -> Scene:
-    """The scene that is given, or that of a robot alone."""
+    """Scene given, or the scene of a robot alone."""
     if not isinstance(scene_or_robot, Scene | Robot):
         raise TypeError(f"`{name}` must be an rne.Scene or rne.Robot, got {type(scene_or_robot).__name__}")
     return Scene(scene_or_robot) if isinstance(scene_or_robot, Robot) else scene_or_robot
@@ -189,7 +189,7 @@ class CalledLaw:
 
 
 def _with_torque(scene: Scene, torque: ArrayLike | TorqueLaw | None) -> Scene:
-    """The scene with a torque law, if one is given, that is called, not traced, as it may change between runs."""
+    """Scene with a called torque law, if one is given; not traced, as it may change between runs."""
     if torque is None:
         return scene
     if scene.controller is not None:
@@ -204,7 +204,7 @@ def _with_torque(scene: Scene, torque: ArrayLike | TorqueLaw | None) -> Scene:
 
 
 def one_state(name: str, array: Array) -> Array:
-    """An array of the start, checked to be of one motion."""
+    """Initial array, checked to be that of one motion."""
     if array.ndim == 1 and array.dtype == np.float64:
         return array
     return real_array(name, array, f"({array.shape[-1]},), one state").astype(np.float64)

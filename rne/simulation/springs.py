@@ -27,7 +27,7 @@ from ..robot import Robot
 
 @dataclass(frozen=True)
 class Spring:
-    """A spring between a point of a link and a point of another, for a Scene; equal by value.
+    """Spring between points of two links, for a Scene; equal by value.
 
     Its tension is stiffness (l - length) - force + damping dl/dt, where l is the distance of the points: it pulls
     where this is positive. So a gas spring, which pushes, has force > 0. One of stiffness, force and damping must not
@@ -127,17 +127,17 @@ class Spring:
 
     @property
     def ends(self) -> tuple[tuple[str, Any], tuple[str, Any]]:
-        """Link and point of either end."""
+        """Link and point of both ends."""
         return (self.link, self.point), (self.other, self.other_point)
 
     @property
     def has_length(self) -> bool:
-        """False if its tension is proportional to the distance, so that its ends may meet."""
+        """False for a tension proportional to the distance, for which the end points may coincide."""
         return any(map(is_present, (self.length, self.force, self.damping)))
 
     @property
     def symbols(self) -> tuple[str, ...]:
-        """Numbers that torques are linear in: k, and c = k length + force if it has a length."""
+        """Symbols of the numbers that torques are linear in: k, and c = k length + force if it has a length."""
         return ("k", "c") if self.has_length else ("k",)
 
     def _columns(self, model: Model, q: Array) -> Array:
@@ -146,12 +146,12 @@ class Spring:
         return np.stack([rotate(J, d), -self._stretch(model, q)[1]][: len(self.symbols)], axis=-1)
 
     def _at(self, k: float, c: float = 0.0) -> Spring:
-        """The spring of these numbers: of its force and a length that is not negative, or else of length 0."""
+        """Spring with these numbers: force kept and length nonnegative, or else length 0."""
         length = max((c - self.force) / k, 0.0) if k and self.has_length else 0.0
         return replace(self, stiffness=k, length=length, force=self.force if length else c)
 
     def _bodies(self, model: Model) -> list[list[int]]:
-        """The bodies that carry each end but not the other, from the base to the tips; none that stretch it: []."""
+        """Bodies that carry one end but not the other, from the base to the tips; [] if none stretch it."""
         paths = []
         for link in (self.link, self.other):
             path = [model.link_body[model.link_index(link)]]
@@ -161,7 +161,7 @@ class Spring:
         return [[i for i in path if i not in other] for path, other in (paths, paths[::-1])]
 
     def _offset(self, model: Model, q: Array) -> tuple[Array, Array]:
-        """The vector d from one end to the other, and dd/dq, shape (..., n, 3), in the axes of what carries both."""
+        """Vector d from one end to the other and dd/dq, (..., n, 3), in the axes of the body that carries both."""
         R, p = joint_transforms(model, q)
         ends, J = [], zeros((*q.shape[:-1], model.nb, 3), like=q)
         for sign, path, (link, point) in zip((-1, 1), self._bodies(model), self.ends, strict=True):
@@ -177,25 +177,25 @@ class Spring:
         return ends[1] - ends[0], by_coordinates(model, q, J)
 
     def _stretch(self, model: Model, q: Array) -> tuple[Array, Array]:
-        """Length l and its slope dl/dq, (...) and (..., n)."""
+        """Length l and its derivative dl/dq, (...) and (..., n)."""
         d, J = self._offset(model, q)
         l = sqrt(dot(d, d))
         return l, rotate(J, d) / l[..., None]
 
     def _pull(self, d: Array) -> Array:
-        """Force towards the other end, at d from the first one, of stiffness and `force`, (..., 3)."""
+        """Force towards the other end, at distance d from the first, from stiffness and `force`, (..., 3)."""
         if not self.has_length:
             return self.stiffness * d
         l = sqrt(dot(d, d))[..., None]
         return (self.stiffness * (l - self.length) - self.force) * (d / l)
 
     def _elastic(self, model: Model, q: Array) -> Array:
-        """Torques of stiffness and force, the slope of the energy, (..., n)."""
+        """Torques of stiffness and force, the gradient of the energy, (..., n)."""
         d, J = self._offset(model, q)
         return rotate(J, self._pull(d))
 
     def _energy(self, model: Model, q: Array) -> Array:
-        """Potential energy, of the force from length 0 on, (...)."""
+        """Potential energy, with the force integrated from length 0, (...)."""
         d, _ = self._offset(model, q)
         l = sqrt(dot(d, d))
         return self.stiffness / 2 * (l - self.length) * (l - self.length) - self.force * l
@@ -203,13 +203,13 @@ class Spring:
 
 @dataclass(frozen=True)
 class JointSpring:
-    """A spring at a joint, made by `Spring.at_joint`, with its arguments."""
+    """Spring at a joint, made by `Spring.at_joint`, with its arguments."""
 
     joint: str
     stiffness: float
     rest: float
     damping: float = 0.0
-    symbols = ("k",)  # what torques are linear in; another rest is an offset of the drive
+    symbols = ("k",)  # symbol of the stiffness: another rest position is an offset of the drive
 
     def __post_init__(self) -> None:
         _check(self, ("joint",), "rest", "stiffness", "damping")
@@ -230,19 +230,19 @@ class JointSpring:
         return [self.joint] if self.joint in model.moving_joints else []
 
     def _stretch(self, model: Model, q: Array) -> tuple[Array, Array]:
-        """Position l of the joint and its slope dl/dq, (...) and (..., n)."""
+        """Position l of the joint and its derivative dl/dq, (...) and (..., n)."""
         i = model.moving_joints.index(self.joint)
         unit = zeros((*q.shape[:-1], model.nb, 1), like=q)
         unit[..., i, 0] = 1
         return joint_positions(model, q)[..., i], by_coordinates(model, q, unit)[..., 0]
 
     def _elastic(self, model: Model, q: Array) -> Array:
-        """Torques of the stiffness, the slope of the energy, (..., n)."""
+        """Torques of the stiffness, the gradient of the energy, (..., n)."""
         l, slope = self._stretch(model, q)
         return (self.stiffness * (l - self.rest))[..., None] * slope
 
     def _wrenches(self, model: Model, T: Array, q: Array) -> dict[str, Array]:
-        """What the spring does to the links on both sides of the joint, from the poses of all links."""
+        """Wrenches of the spring on the links on both sides of the joint, from the poses of all links."""
         i, k = model.moving_joints.index(self.joint), model.link_joints.index(self.joint)
         axis = rotate(T[..., k, :3, :3], model.axis[i])
         found, load = {}, self.stiffness * (self.rest - self._stretch(model, q)[0])[..., None] * axis
@@ -261,14 +261,14 @@ class JointSpring:
 
 @dataclass(frozen=True)
 class Springs:
-    """The springs of a scene as functions of the joints; equal by value, so that kernels are found."""
+    """Springs of a scene as functions of the joint positions; equal by value, so that kernels are found."""
 
     each: tuple[Spring | JointSpring, ...]
     places: tuple[int, ...]  # among the springs that the scene was given
 
     @property
     def numbers(self) -> dict[str, Array]:
-        """The numbers by name, "springs[0].stiffness"."""
+        """Numbers by name, "springs[0].stiffness"."""
         return {
             f"springs[{k}].{name}": np.array(getattr(spring, name))
             for k, spring in zip(self.places, self.each, strict=True)
@@ -277,7 +277,7 @@ class Springs:
         }
 
     def with_numbers(self, numbers: Mapping[str, Any]) -> Springs:
-        """The same with other numbers, which are not checked and may be traced."""
+        """Springs with other numbers, which are not checked and may be traced."""
         found = []
         for k, spring in zip(self.places, self.each, strict=True):
             own = part_of(numbers, f"springs[{k}].")
@@ -290,7 +290,7 @@ class Springs:
         return any(is_present(spring.damping) for spring in self.each)
 
     def torques(self, model: Model, q: Array, qd: Array) -> tuple[Array, Array | None]:
-        """What drives must supply against the springs, and the part of it against damping, None without, (..., n)."""
+        """Torques that drives must supply against the springs, and the part against damping or None, (..., n)."""
         total, damping = sum((spring._elastic(model, q) for spring in self.each), 0 * q), None
         for spring in self.each:
             if is_present(spring.damping):
@@ -301,7 +301,7 @@ class Springs:
 
     @property
     def symbols(self) -> tuple[str, ...]:
-        """What torques are linear in, spring by spring."""
+        """Symbols of the numbers that torques are linear in, spring by spring."""
         return tuple(f"{symbol}_spring{k}" for k, spring in enumerate(self.each, 1) for symbol in spring.symbols)
 
     def columns(self, model: Model, q: Array) -> Array:
@@ -309,12 +309,12 @@ class Springs:
         return np.concatenate([spring._columns(model, q) for spring in self.each], axis=-1)
 
     def at(self, numbers: Array) -> tuple[Spring | JointSpring, ...]:
-        """The springs of these numbers."""
+        """Springs with these numbers."""
         left = iter(numbers.tolist())
         return tuple(spring._at(*(next(left) for _ in spring.symbols)) for spring in self.each)
 
     def torque(self, robot: Robot, q: ArrayLike, qd: ArrayLike) -> Array:
-        """What the drives of a robot must supply against the springs, (..., n) [N m or N]."""
+        """Torques that drives must supply against the springs, (..., n) [N m or N]."""
         return self._evaluate(robot, lambda model, q, qd: self.torques(model, q, qd)[0], "torque", q=q, qd=qd)
 
     def energy(self, robot: Robot, q: ArrayLike) -> Array:
@@ -331,7 +331,7 @@ class Springs:
             raise
 
     def wrenches(self, robot: Robot, q: Array) -> dict[str, Array]:
-        """What springs do to links, without damping, as `external` of the robot's recursion.
+        """Wrenches of springs on links, without damping, as `external` of the robot's recursion.
 
         Those at joints belong to the torque along the axis, but at joints of closed linkages pivots balance them.
         """
@@ -349,7 +349,7 @@ class Springs:
         return found
 
     def check_ends(self, model: Model, q: Array) -> None:
-        """Raise an error that names a spring whose ends meet, as its tension has no direction there."""
+        """Raise an error that names a spring whose end points coincide: its tension has no direction there."""
         for spring in self.each:
             if not isinstance(spring, Spring) or not spring.has_length:
                 continue
@@ -372,12 +372,12 @@ def _check(spring: Any, texts: Sequence[str], signed: str, *not_negative: str) -
 
 
 def by_coordinates(model: Model, q: Array, rows: Array) -> Array:
-    """Slopes by the coordinates of slopes by the positions of moving joints, (..., nb, k) to (..., n, k)."""
+    """Derivatives by coordinates from those by the positions of moving joints, (..., nb, k) to (..., n, k)."""
     return transpose(coordinate_map(model, q)) @ rows if model.has_mimics else rows
 
 
 def resolved_springs(springs: Any, robot: Robot, scene: Robot) -> Springs | None:
-    """The springs given for a robot, checked, that act in a scene whose robot may have locked joints."""
+    """Springs for a robot, checked, without those that do not act as joints are locked."""
     if not isinstance(springs, Sequence) or isinstance(springs, str):
         raise TypeError(f"`springs` must be a sequence of rne.Spring, got {type(springs).__name__}")
     for k, spring in enumerate(springs):

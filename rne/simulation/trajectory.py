@@ -1,4 +1,4 @@
-"""A simulated motion with its torques and its energy account."""
+"""Simulated motion with its torques and its energy account."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from ..dynamics.limits import Violation, limit_violations
 from ..files.motion_files import MOTORS, read_archive, write_archive, write_columns
 from ..model.model import Model
 
-LONGEST = 240  # characters of the solver's message
-SUDDEN = 10.0  # times between two instants: within them an error may grow at once
-PARTS, MOST = 16, 100_000  # of a step, and of a motion: of many samples, fewer between them
-MOST_LOADS = 20_000  # where a recursion is computed at each
+LONGEST = 240  # most characters of the solver's message
+SUDDEN = 10.0  # growth between two instants above which an error is taken to grow at once
+PARTS, MOST = 16, 100_000  # parts per step; parts of a motion at most
+MOST_LOADS = 20_000  # most samples at which a recursion is evaluated
 
 
 class Derived:
-    """A field of a motion that its run computes, unless it is given.
+    """Field of a motion that its run computes on access, unless it is given.
 
     `empty` makes the value of a motion without a run that does not give it; without this it must be given.
     """
@@ -47,12 +47,12 @@ class Derived:
 
 
 def derived(empty: Callable[[], Any] | None = None) -> Any:
-    """The default of a field that a run computes."""
+    """Default of a field that a run computes."""
     return Derived(empty)
 
 
 def trajectory_lines(motion: Trajectory) -> list[str]:
-    """What was simulated by what, how it ended, the energies, and the joints whose limits are exceeded."""
+    """Summary lines: scene and method, end, energies, and the joints whose limits are exceeded."""
     of = "" if motion.model is None else f" of '{short(motion.model.name)}'"
     t, message = motion.t, motion.message
     if len(message) > LONGEST:
@@ -93,7 +93,7 @@ class Trajectory(InNotebooks):
     method : str
         The solver that ran.
     status : int
-        0 if the end was reached, 1 if an event of the scene stopped the run, -1 if it failed.
+        0 if completed, 1 if an event of the scene stopped the run, -1 if it failed.
     message : str
         Why this method, and how the run ended.
     dissipated : mapping of str to ndarray, shape (T,)
@@ -252,7 +252,7 @@ class Trajectory(InNotebooks):
         return self._at(t, "tau")[0]
 
     def _at(self, t: ArrayLike, *names: str) -> list[Array]:
-        """Some quantities at times within the motion; a ValueError for others."""
+        """Quantities at times within the motion; a ValueError for other times."""
         if not len(self.t):
             raise ValueError("this motion has no samples")
         times = real_numbers("t", t, "(T,)").astype(np.float64)
@@ -269,7 +269,7 @@ class Trajectory(InNotebooks):
 
     @cached_property
     def _curves(self) -> dict[str, Piecewise]:
-        """Positions, velocities, accelerations and torques as functions of times (T,); none reaches across a jump."""
+        """Positions, velocities, accelerations and torques as functions of times (T,), piecewise between jumps."""
         keep = np.append(True, np.diff(self.t) > 0)
         t, q, qd, qdd, tau = (x[keep] for x in (self.t, self.q, self.qd, self.qdd, self.tau))
         motor_q, motor_qd = (self.motor_q[keep], self.motor_qd[keep]) if self.motor_q.size else (q, qd)
@@ -292,7 +292,7 @@ class Trajectory(InNotebooks):
         return tuple(self.jumps.tolist())
 
     def trusted_horizon(self, accuracy: float = 1e-3) -> float:
-        """The time up to which the solver's tolerances keep every joint within `accuracy` [s].
+        """Time up to which the solver's tolerances keep every joint within `accuracy` [s].
 
         The run is repeated with a hundredth of the tolerances, from a state that is one rounding beside. Chaos,
         unstable equilibria and instants of switching make errors grow; beyond this time the trajectory is
@@ -332,7 +332,7 @@ class Trajectory(InNotebooks):
         return _horizon(bound, *self.error_estimate())
 
     def check_limits(self) -> list[Violation]:
-        """Where the motion exceeds the ranges, speeds and efforts of its robot.
+        """Times and joints at which the motion exceeds the ranges, speeds and efforts of its robot.
 
         Returns
         -------
@@ -490,7 +490,7 @@ class Trajectory(InNotebooks):
 
 
 def _horizon(bound: float, t: Array, error: Array) -> float:
-    """When an error first exceeds a bound; between two times it is an exponential, unless it grows by much."""
+    """Time at which an error first exceeds a bound, interpolated exponentially unless it grows by much."""
     beyond = np.flatnonzero(~(error <= bound))
     if not len(beyond):
         return float(t[-1])
@@ -504,7 +504,7 @@ def _horizon(bound: float, t: Array, error: Array) -> float:
 
 
 def samples_of(motion: Trajectory, times: Array) -> tuple[Array, ...]:
-    """t, q, qd, qdd and tau of a motion for reports: its samples, the values before jumps and those at further times.
+    """t, q, qd, qdd and tau of a motion for reports: samples, values before jumps and those at further times.
 
     The time of a jump stands twice, first with the values before it. Between times of `t_eval` nothing is known and
     nothing added. Accelerations are monotone between the solver's steps as torques are: the second derivative of an
@@ -524,13 +524,13 @@ def samples_of(motion: Trajectory, times: Array) -> tuple[Array, ...]:
 
 
 def motors_at(motion: Trajectory, t: Array) -> tuple[Array, Array]:
-    """Positions and velocities of the motors at times within a motion; of rigid joints those of the joints."""
+    """Motor positions and velocities at times of a motion; those of the joints if these are rigid."""
     motor_q, motor_qd = motion._at(t, "motor_q", "motor_qd")
     return motor_q, motor_qd
 
 
 def between(t: Array, most: int = PARTS, samples: int = MOST) -> Array:
-    """The times of samples and further ones between them, each step in up to 16 parts, or `most`, `samples` in all."""
+    """Times of samples and between them: up to `most` parts per step, `samples` in all."""
     if len(t) < 2:
         return t
     parts = int(np.clip(samples // len(t), 1, most))
@@ -539,7 +539,7 @@ def between(t: Array, most: int = PARTS, samples: int = MOST) -> Array:
 
 
 def _step_ends(after: Array, jumps: Array, before: Array) -> tuple[Array, Array]:
-    """Values at the begin and at the end of each step, the latter those before a jump."""
+    """Values at the start and end of each step, the latter before a jump."""
     ends = after[1:].copy()
     if len(jumps):
         ends[jumps - 1] = before
