@@ -1,5 +1,6 @@
 """Robots made from robots."""
 
+import inspect
 import re
 from dataclasses import replace
 
@@ -110,6 +111,58 @@ def test_originals_are_unchanged(irb140):
 def refused(call, text):
     with pytest.raises(ValueError, match="^" + re.escape(text) + "$"):
         call()
+
+
+def linkage_of_two(robot):
+    """A parallelogram of the first three joints of a plane arm."""
+    return rne.model.four_bar(robot, "joint_1", (("tool0", [0, 0, 0]), ("base_link", [0.8, 0.0, 0])))
+
+
+SQUARE = {"a": [0.3, 0.8, 0.3], "alpha": [0] * 3, "d": [0] * 3, "theta": [np.pi / 2, -np.pi / 2, -np.pi / 2]}
+BOOM = {"a": [1, 0, 0], "alpha": [0, np.pi / 2, 0], "d": [0, 0, 0.7], "theta": [0] * 3}
+BOOM |= {"types": ["revolute", "revolute", "prismatic"]}
+JACK = (("tool0", [0, 0, 0]), ("base_link", [1, -0.7, 0]))
+CHANGES = {
+    "coupled": (None, lambda x: rne.model.coupled(x, {"joint_3": (["joint_2"], lambda q: 0.2 * np.sin(q))})),
+    "cylinder": (BOOM, lambda x: rne.model.cylinder(x, "joint_3", JACK)),
+    "four_bar": (SQUARE, linkage_of_two),
+    "locked": (None, lambda x: rne.model.locked(x, {"joint_2": 0.3})),
+    "mounted": (None, lambda x: rne.model.mounted(x, [0.1, 0, 0])),
+    "with_armature": (None, lambda x: rne.model.with_armature(x, 0.1)),
+    "with_limits": (None, lambda x: rne.model.with_limits(x, effort=10.0)),
+    "with_parameters": (None, lambda x: rne.model.with_parameters(x, 2 * rne.Robot(rne.irb140()).parameters)),
+    "with_payload": (None, lambda x: rne.model.with_payload(x, 2.0)),
+}
+
+
+@pytest.mark.parametrize("name", CHANGES)
+def test_what_changes_a_model_changes_a_robot(name):
+    """The Robot of the model that results, with the engine of the one that is given."""
+    chain, change = CHANGES[name]
+    model = rne.irb140() if chain is None else rne.dh_chain(**chain)
+    robot = rne.Robot(model, "numba")
+    found, expected = change(robot), change(model)
+    assert type(found) is rne.Robot
+    assert type(expected) is rne.Model
+    assert found.model == expected != model
+    assert found.engine == "numba"
+    assert robot.model is model
+
+
+def test_every_function_that_changes_a_model_is_among_them():
+    changing = {
+        name
+        for name in rne.model.__all__
+        if "model" in (signature := inspect.signature(getattr(rne.model, name))).parameters
+        and signature.return_annotation == "Model"
+    }
+    assert changing == {*CHANGES}
+
+
+@pytest.mark.parametrize("name", CHANGES)
+def test_neither_a_model_nor_a_robot_is_refused(name):
+    with pytest.raises(TypeError, match=r"^`model` must be an rne.Model or rne.Robot, got str$"):
+        CHANGES[name][1]("irb140")
 
 
 def test_wrong_arguments_are_named(irb140):

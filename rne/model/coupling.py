@@ -17,7 +17,7 @@ from ..graph.differentiation import differentiate
 from ..graph.graph import Graph
 from ..graph.program import ON_ARRAYS, Instruction, Operand, Program, interpret, lower
 from ..graph.scalar import Scalar, inputs, references
-from .model import Loop, Model, model_argument, with_unchecked
+from .model import Loop, Model, of_either, with_unchecked
 
 LOGGER = logging.getLogger("rne")
 SAMPLES = 1000  # of a driver's range on either side of its zero, twice, between which it is cut
@@ -89,23 +89,24 @@ def _run(program: Program, given: Array) -> Array:
     return found
 
 
+@of_either
 def coupled(model: Model, couplings: Mapping[str, Followed | Linked | Callable[..., Linked]]) -> Model:
     """The robot with some joints following others, by functions of their positions.
 
     Parameters
     ----------
-    model : Model
-        The robot's parameters.
+    model : Model or Robot
+        The robot, or its parameters.
     couplings : mapping of str to (sequence of str, callable)
         By the joint that is to follow: its drivers, which may follow others themselves, and its position as a function
         of theirs, traced once: arithmetic, NumPy's sin, cos, sqrt, `rne.elementwise`. Or what `slider_crank` returns.
 
     Returns
     -------
-    Model
-        With fewer coordinates. A linear function of one driver is a mimic. The ranges of drivers are cut to where the
-        joints that follow, other drivers at zero, have positions within their own ranges; a line on the logger "rne"
-        and a note say so.
+    Model or Robot
+        As `model`, with fewer coordinates. A linear function of one driver is a mimic. The ranges of drivers are cut to
+        where the joints that follow, other drivers at zero, have positions within their own ranges; a line on the
+        logger "rne" and a note say so.
 
     Raises
     ------
@@ -126,7 +127,7 @@ def coupled(model: Model, couplings: Mapping[str, Followed | Linked | Callable[.
     >>> cam.n, rne.Robot(cam).mass_matrix([0] * 5).shape
     (5, (5, 5))
     """
-    followers = _checked(model_argument(model), couplings)
+    followers = _checked(model, couplings)
     linked = {joint: value for joint, value in followers.items() if isinstance(value, Linked)}
     coordinates = [name for name in model.joint_names if name not in followers]
     place = [model.joint_names[k] for k in model.coordinate]  # a coordinate of each joint

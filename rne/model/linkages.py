@@ -19,7 +19,7 @@ from ..basics.spatial import Array, cross, rotate, rotate_back, rotation_about
 from ..elementwise import arctan2
 from ..errors import ModelError
 from .coupling import Linked, coupled
-from .model import Loop, Model, model_argument
+from .model import Loop, Model, of_either
 from .parameters import perpendicular
 from .topology import carriers
 
@@ -41,6 +41,7 @@ class Pivot(NamedTuple):
     sense: float
 
 
+@of_either
 def four_bar(model: Model, driver: str, closing: Closing) -> Model:
     """The robot with a four-bar linkage closed: two joints follow the driver, on the branch of the zero pose.
 
@@ -49,7 +50,7 @@ def four_bar(model: Model, driver: str, closing: Closing) -> Model:
 
     Parameters
     ----------
-    model : Model
+    model : Model or Robot
         The robot as a tree, with the loop open at one of its pivots.
     driver : str
         One of the joints of the loop, all rotating and with parallel axes.
@@ -58,8 +59,8 @@ def four_bar(model: Model, driver: str, closing: Closing) -> Model:
 
     Returns
     -------
-    Model
-        Without the joints that follow among its coordinates; ranges are cut as by `rne.model.coupled`.
+    Model or Robot
+        As `model`, without the joints that follow among its coordinates; ranges are cut as by `rne.model.coupled`.
 
     Raises
     ------
@@ -113,12 +114,13 @@ def four_bar(model: Model, driver: str, closing: Closing) -> Model:
     return _closed(model, loop, closing, motions, _ends(D.sense, *_span(a, g, psi0, abs(b - r), b + r)), driver)
 
 
+@of_either
 def cylinder(model: Model, driver: str, closing: Closing) -> Model:
     """The robot with a hydraulic cylinder or ball screw closed, between a pivot on each side of a joint that it turns.
 
     Parameters
     ----------
-    model : Model
+    model : Model or Robot
         The robot as a tree: the turned joint, the cylinder's swing at one pivot, and its slide; the other pivot open.
     driver : str
         The slide, along the line between the pivots, or the turned joint, opposite to it in the loop.
@@ -127,8 +129,8 @@ def cylinder(model: Model, driver: str, closing: Closing) -> Model:
 
     Returns
     -------
-    Model
-        Without the two other joints among its coordinates; ranges are cut as by `rne.model.coupled`.
+    Model or Robot
+        As `model`, without the two other joints among its coordinates; ranges are cut as by `rne.model.coupled`.
 
     Raises
     ------
@@ -296,7 +298,7 @@ def _loop(model: Model, driver: str, closing: Closing, *forms: str) -> list[Pivo
 
     A form has an R for each that rotates and a P for each that slides.
     """
-    if driver not in model_argument(model).moving_joints:
+    if driver not in model.moving_joints:
         raise ValueError(f"`driver` must be one of {list(model.moving_joints)}, got {driver!r}")
     if not isinstance(closing, Sequence) or [isinstance(end, Sequence) and len(end) for end in closing] != [2, 2]:
         raise TypeError(f"`closing` must be ((link, point), (link, point)), got {closing!r}")

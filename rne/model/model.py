@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
-from functools import cached_property
+from functools import cached_property, wraps
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any, Concatenate, NamedTuple, ParamSpec, Protocol, Self, TypeVar, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
@@ -418,6 +418,45 @@ def model_argument(model: object) -> Model:
     if not isinstance(model, Model):
         raise TypeError(f"`model` must be an rne.Model, got {type(model).__name__}; a Robot has it as .model")
     return model
+
+
+class HasModel(Protocol):
+    """An object with a model that can be made of another model: an rne.Robot, which is not known here."""
+
+    @property
+    def model(self) -> Model:
+        """The model."""
+
+    def with_model(self, model: Model) -> Self:
+        """The same of another model."""
+
+
+P = ParamSpec("P")
+R = TypeVar("R", bound=HasModel)
+
+
+class OfEither(Protocol[P]):
+    """A function that returns a Model for a Model and a Robot for a Robot."""
+
+    @overload
+    def __call__(self, model: Model, /, *args: P.args, **kwargs: P.kwargs) -> Model: ...
+
+    @overload
+    def __call__(self, model: R, /, *args: P.args, **kwargs: P.kwargs) -> R: ...
+
+
+def of_either(change: Callable[Concatenate[Model, P], Model]) -> OfEither[P]:
+    """Decorator of a function from Model to Model that takes a Robot too, and then returns one, of the same engine."""
+
+    @wraps(change)
+    def changed(model: Any, *args: P.args, **kwargs: P.kwargs) -> Any:
+        if isinstance(model, Model):
+            return change(model, *args, **kwargs)
+        if not hasattr(model, "with_model"):
+            raise TypeError(f"`model` must be an rne.Model or rne.Robot, got {type(model).__name__}")
+        return model.with_model(change(model.model, *args, **kwargs))
+
+    return changed
 
 
 def joint_array(

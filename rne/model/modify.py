@@ -13,7 +13,7 @@ from ..basics.arrays import convert_numbers, real_array, real_numbers, refuse_de
 from ..basics.spatial import Array, combine_bodies, rotate, rotate_back, rotation_about, rotation_from_rpy, symmetric
 from .builder import Part, Pose, assemble, disassemble, pose
 from .checks import DRIVES, domain_error, inertia_error, symmetric_up_to_rounding, triangle_excess
-from .model import Model, model_argument
+from .model import Model, of_either
 from .topology import check_closure, end_link
 
 LimitValues = ArrayLike | Mapping[str, float] | None
@@ -22,6 +22,7 @@ FAR = 5  # times the size of a robot: a centre of mass farther out is outside an
 LOGGER = logging.getLogger("rne")
 
 
+@of_either
 def with_payload(
     model: Model,
     mass: float,
@@ -31,9 +32,9 @@ def with_payload(
 ) -> Model:
     """The robot with a further rigid body fixed to one of its links.
 
-    The result is a Model; parameters and errors are those of `rne.Robot.with_payload`, with the model first.
+    It is a Model, or a Robot if `model` is one. Parameters and errors are those of `rne.Robot.with_payload`, with the
+    model first.
     """
-    model_argument(model)
     if np.ndim(mass):
         cure = "for many masses in one call, parameters=np.stack([robot.with_payload(m).parameters for m in masses])"
         raise ValueError(f"`mass` must be one number, got shape {np.shape(mass)}; {cure}")
@@ -65,12 +66,13 @@ def with_payload(
     return replace(model, mass=masses, com=coms, inertia=inertias)
 
 
+@of_either
 def locked(model: Model, positions: Mapping[str, float]) -> Model:
     """The robot with some joints fixed at a position: a smaller robot with fewer coordinates.
 
-    The result is a Model; parameters and errors are those of `rne.Robot.locked`, with the model first.
+    It is a Model, or a Robot if `model` is one. Parameters and errors are those of `rne.Robot.locked`, with the model
+    first.
     """
-    model_argument(model)
     if not isinstance(positions, Mapping):
         example = f"such as {{{model.joint_names[-1] if model.n else 'joint'!r}: 0.0}}"
         raise TypeError(f"`positions` must map joint names to positions, {example}, got {type(positions).__name__}")
@@ -108,17 +110,19 @@ def _moved(part: Part, position: float) -> Pose:
     return part.placement.then(Pose(rotation_about(axis, np.asarray(position, dtype=np.longdouble)), np.zeros(3)))
 
 
+@of_either
 def mounted(model: Model, rpy: ArrayLike) -> Model:
     """The robot with its root link rotated in the world: on a wall, under a ceiling, on a slope.
 
-    The result is a Model; parameters and errors are those of `rne.Robot.mounted`, with the model first.
+    It is a Model, or a Robot if `model` is one. Parameters and errors are those of `rne.Robot.mounted`, with the model
+    first.
     """
-    model_argument(model)
     angles = real_array("rpy", rpy, "(3,)")
     refuse_degrees("rpy", angles)
     return replace(model, gravity=rotate_back(rotation_from_rpy(angles), model.gravity) + 0.0)
 
 
+@of_either
 def with_limits(
     model: Model,
     *,
@@ -130,9 +134,10 @@ def with_limits(
 ) -> Model:
     """The robot with other limits of its joints and drives, such as those of a data sheet.
 
-    The result is a Model; parameters and errors are those of `rne.Robot.with_limits`, with the model first.
+    It is a Model, or a Robot if `model` is one. Parameters and errors are those of `rne.Robot.with_limits`, with the
+    model first.
     """
-    coordinates = list(model_argument(model).independent_joints)
+    coordinates = list(model.independent_joints)
     changed = {}
     for name, value in zip(DRIVES, (effort, velocity, acceleration, deceleration, jerk), strict=True):
         if value is not None:
@@ -143,12 +148,14 @@ def with_limits(
     return replace(model, **changed) if changed else model
 
 
+@of_either
 def with_armature(model: Model, armature: LimitValues) -> Model:
     """The robot with other inertias of its rotors, reflected through the gears to the joints.
 
-    The result is a Model; parameters and errors are those of `rne.Robot.with_armature`, with the model first.
+    It is a Model, or a Robot if `model` is one. Parameters and errors are those of `rne.Robot.with_armature`, with the
+    model first.
     """
-    rotors = limit_array("armature", armature, model_argument(model).moving_joints, model.armature)
+    rotors = limit_array("armature", armature, model.moving_joints, model.armature)
     return model if armature is None else replace(model, armature=rotors)
 
 

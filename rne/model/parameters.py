@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import real_array
 from ..basics.inertia import COLUMNS, ENTRIES, PARAMETERS, ROWS, parameters_of_bodies, parameters_seen_from
 from ..basics.spatial import IDENTITY, Array, dot, outer, point_mass_inertia, transpose
-from .model import Model, model_argument, with_unchecked
+from .model import Model, of_either, with_unchecked
 from .solids import Moments
 
 
@@ -49,12 +49,13 @@ def at_parameters(model: Model, parameters: Array) -> Model:
     return with_moments(model, Moments(m, h + m[..., None] * o, inertia))
 
 
+@of_either
 def with_parameters(model: Model, parameters: ArrayLike) -> Model:
     """The robot with other masses, centres of mass and inertias.
 
-    The result is a Model; parameters and errors are those of `rne.Robot.with_parameters`, with the model first.
+    It is a Model, or a Robot if `model` is one. Parameters and errors are those of `rne.Robot.with_parameters`, with
+    the model first.
     """
-    model_argument(model)
     pi = real_array("parameters", parameters, f"({PARAMETERS * model.nb},), ten per body").astype(np.float64)
     rows = pi.reshape(model.nb, PARAMETERS)
     mass, moment = rows[:, 0], rows[:, 1:4]
