@@ -17,7 +17,6 @@ from rne.elementwise import arctan2, minimum
 from rne.graph.program import Operand, evaluate
 from rne.kernels.trace import by_recursion
 from rne.model import coupled, cylinder, four_bar, slider_crank
-from rne.model.model import with_unchecked
 from rne.trajectories.time_optimal import OutOfRange
 
 from .helpers import EPS, Part, assemble, kept, pose
@@ -553,7 +552,7 @@ def test_programs_of_couplings_that_are_damaged_are_refused(tmp_path):
     for value, text in ((999, "is damaged"), ("x", "must be of type")):
         outputs = (Operand("result", value),)
         damaged = replace(coupling, program=replace(coupling.program, outputs=outputs))
-        model = with_unchecked(motion.model, couplings=(damaged, *motion.model.couplings[1:]))
+        model = replace(motion.model, couplings=(damaged, *motion.model.couplings[1:]))
         file = replace(motion, model=model).save(tmp_path / "motion.npz")
         with pytest.raises(ValueError, match=f"^{re.escape(repr(str(file)))}: .*{text}"):
             rne.Trajectory.load(file)
