@@ -1405,7 +1405,8 @@ class Robot(InNotebooks):
             About its centre of mass, in the link's axes; None for a point mass [kg m^2].
         link : str, optional
             One of `link_names`. If not given, the last link of the chain, a fixed frame such as a flange behind the
-            last joint included.
+            last joint included. If several last links have one frame, it is ``tool0`` or the last of them, which is
+            logged at level INFO.
 
         Returns
         -------
@@ -1416,7 +1417,7 @@ class Robot(InNotebooks):
         ------
         ValueError
             If the link does not exist, is not given for a robot whose moving joints branch or mimic others or whose
-            last body ends at several points (or, with a `com` or `inertia`, in links with different axes), or the
+            last links have different origins (or, with a `com` or `inertia`, different axes), or the
             payload is not a possible rigid body.
 
         Examples

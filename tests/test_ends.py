@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 import rne
+from rne.__main__ import main
+from rne.basics.spatial import rotation_about
 from rne.model.topology import end_link, pinocchio_order, tip
 
 from .conftest import TREES
@@ -47,9 +49,19 @@ def test_frames_on_other_bodies_are_not_its_end():
     assert end_link(model) == "tool"
 
 
-def test_of_frames_at_one_point_it_is_the_last():
-    model = arm(frame("ee_link", 2, [0, 0, 0.1]), frame("tool0", 2, [0, 0, 0.1]))
-    assert end_link(model) == "tool0"
+@pytest.mark.parametrize(
+    ("names", "first"), [(("ee_link", "tool0"), "tool0"), (("tool0", "ee_link"), "tool0"), (("a", "b"), "b")]
+)
+def test_of_frames_that_are_one_it_is_tool0_or_the_last_and_that_is_said(names, first, caplog):
+    """Up to the rounding of a file."""
+    model = arm(*(frame(name, 2, [0, 0, 0.1 + 1e-12 * k]) for k, name in enumerate(names)))
+    other = next(name for name in names if name != first)
+    assert end_link(model, axes_count=True) == first
+    with caplog.at_level("INFO", "rne"):
+        rne.model.with_payload(model, 1.0, [0, 0, 0.1])
+    assert caplog.messages == [f"payload on link '{first}', which is at the same place as {other}"]
+    with pytest.raises(ValueError, match=r"^ambiguous: near and far have different frames, choose one by `link`"):
+        end_link(arm(frame("near", 2, [0, 0, 0.1]), frame("far", 2, [0, 0, 0.1 + 1e-6])))
 
 
 def test_a_chain_without_a_frame_behind_its_last_joint_has_no_tip():
@@ -87,11 +99,6 @@ def test_a_frame_beside_the_first_axis_turns_about_it():
         (arm(parent=0), "its moving joints branch", ["link1", "link2"]),
         (arm(frame("tool", 1), parent=0), "its moving joints branch", ["link2", "tool"]),
         (arm(mimic=Mimic(1, 2.0, 0.0)), "its joint 'j2' mimics another", ["link2"]),
-        (
-            arm(frame("left", 2, [0, 1, 0]), frame("right", 2, [0, -1, 0]), frame("base", 0)),
-            "its last body ends at several points",
-            ["left", "right"],
-        ),
     ],
 )
 def test_where_a_payload_belongs_is_not_guessed(model, reason, leaves):
@@ -107,6 +114,35 @@ def test_where_a_payload_belongs_is_not_guessed(model, reason, leaves):
             call()
     loaded = rne.Scene(robot, payload=rne.Payload(1.0, link=leaves[-1])).resolved.robot
     assert loaded.model == rne.model.with_payload(model, 1.0, link=leaves[-1])
+
+
+def test_frames_at_several_points_are_named_to_choose_from():
+    model = arm(*(frame(name, 2, [0, k, 0]) for k, name in enumerate(("tool0", "left", "right"))), frame("base", 0))
+    text = (
+        "ambiguous: tool0, left and right have different frames, choose one by `link`: the last body of robot 'arm' "
+        "ends at several points"
+    )
+    for call in (lambda: rne.Robot(model).with_payload(1.0), lambda: rne.Scene(rne.Robot(model), payload=1)):
+        with pytest.raises(ValueError, match=f"^{re.escape(text)}$"):
+            call()
+
+
+def test_the_command_line_says_where_a_payload_is_and_how_to_choose(tmp_path, capsys):
+    """Frames of one point and different axes: the same for a point mass, and not for a centre of mass."""
+    turned = Part(link="tool0", joint="to_tool0", parent=2, placement=pose(rotation_about(Z, np.array(0.5)), [0, 0, 1]))
+    files = [tmp_path / name for name in ("arm.urdf", "motion.csv")]
+    files[0].write_text(rne.to_urdf(arm(frame("ee_link", 2, [0, 0, 1]), turned)))
+    files[1].write_text("t,q.j1,q.j2,qd.j1,qd.j2,qdd.j1,qdd.j2\n0,0,0,0,0,0,0\n")
+    words = ["torques", *map(str, files), "--payload", "2"]
+    assert main(words) == 0
+    said = "payload 2 kg at the origin of link tool0 (the same as of ee_link)"
+    assert capsys.readouterr().err.splitlines()[0].endswith(said)
+    assert main([*words, "--payload-com", "0 0 0.1"]) == 2
+    assert capsys.readouterr().err == (
+        "error: ambiguous: ee_link and tool0 have different frames, choose one by --payload-link: the last body of "
+        "robot 'arm' ends in links with different axes, in which --payload-com and --payload-inertia are given\n"
+    )
+    assert main([*words, "--payload-com", "0 0 0.1", "--payload-link", "tool0"]) == 0
 
 
 def test_the_pandas_payload_is_refused_without_a_link():
@@ -128,7 +164,7 @@ def test_arms_of_makers_carry_it_at_their_tool_frame(name, link):
 
 
 def test_a_hand_of_fixed_fingers_has_no_single_end():
-    with pytest.raises(ValueError, match="its last body ends at several points"):
+    with pytest.raises(ValueError, match="have different frames, choose one by `link`"):
         loaded("kinova_description/kinova").with_payload(1.0)
 
 
@@ -164,8 +200,8 @@ def test_branched_robots_have_no_tip():
 def test_axes_count_where_something_is_seen_in_them(ur5):
     """Links tool0 and ee_link of the UR5 have one origin and different axes."""
     expected = (
-        "`link` must be given for robot 'ur5': its last body ends in links with different axes, in which `com` and "
-        "`inertia` are given; its leaf links are ['ee_link', 'tool0'], others are in `link_names`"
+        "ambiguous: ee_link and tool0 have different frames, choose one by `link`: the last body of robot 'ur5' ends "
+        "in links with different axes, in which `com` and `inertia` are given"
     )
     for more in ({"com": [0, 0, 0.1]}, {"inertia": np.eye(3)}):
         with pytest.raises(ValueError, match=f"^{re.escape(expected)}$"):

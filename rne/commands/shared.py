@@ -22,7 +22,7 @@ import rne
 from ..basics.arrays import UNBOUNDED
 from ..basics.spatial import Array
 from ..basics.text import did_you_mean, listed, plain
-from ..model.topology import end_link
+from ..model.topology import end_links
 
 ROBOT = "path of a URDF, MJCF or xacro file, or a name of rne.robots() such as irb140"
 ARGUMENT = re.compile(r"`(?P<name>\w+)(?P<rest>[^`]*)`|\b(?P<key>\w+)=(?P<value>\[.*?\]|\{.*?\}|\"[^\"]*\"|[\w.]+)")
@@ -70,7 +70,8 @@ def add_robot(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--payload-com", metavar="X Y Z", type=numbers, help=com)
     inertia = "about its centre of mass, in the link's axes (default: a point mass) [kg m^2]"
     parser.add_argument("--payload-inertia", metavar="XX YY ZZ XY XZ YZ", type=numbers, help=inertia)
-    parser.add_argument("--payload-link", metavar="LINK", help="link that carries the payload, where robots branch")
+    carrier = "link that carries it (default: the last one; needed where joints branch or last links have other frames)"
+    parser.add_argument("--payload-link", metavar="LINK", help=carrier)
     gravity = "in the axes of the root link [m/s^2] (default: of an MJCF file its own, else 0 0 -9.81)"
     parser.add_argument("--gravity", metavar="X Y Z", type=numbers, help=gravity)
     locked = "joints that stay where they are, such as finger=0.02,wrist=1 [rad or m]"
@@ -107,8 +108,10 @@ def used(robot: rne.Robot, arguments: argparse.Namespace) -> str:
     line = f"robot {model.name}, joints {' '.join(robot.joint_names)}, gravity {written(model.gravity.tolist())} m/s^2"
     if arguments.payload is None:
         return line
-    where = arguments.payload_link or end_link(model, axes_count=any((*(com or ()), *(inertia or ()))))
+    given = [arguments.payload_link] if arguments.payload_link else None
+    where, *others = given or end_links(model, axes_count=any((*(com or ()), *(inertia or ()))))
     line += f", payload {arguments.payload:g} kg at {f'{written(com)} m' if com else 'the origin'} of link {where}"
+    line += f" (the same as of {listed(others)})" if others else ""
     return line + (f" with inertia {written(inertia)} kg m^2" if inertia else "")
 
 

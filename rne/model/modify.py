@@ -11,10 +11,11 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import convert_numbers, real_array, real_numbers, refuse_degrees
 from ..basics.spatial import Array, combine_bodies, rotate, rotate_back, rotation_about, rotation_from_rpy, symmetric
+from ..basics.text import listed
 from .builder import Part, Pose, assemble, disassemble, pose
 from .checks import DRIVES, domain_error, inertia_error, symmetric_up_to_rounding, triangle_excess
 from .model import Model, of_either
-from .topology import check_closure, end_link
+from .topology import check_closure, end_links
 
 LimitValues = ArrayLike | Mapping[str, float] | None
 TRIANGLE = 1e-12  # of the trace: rounding error of principal moments
@@ -42,7 +43,9 @@ def with_payload(
     c = real_array("com", com, "(3,)")
     I = real_array("inertia", np.zeros((3, 3)) if inertia is None else inertia, "(3, 3)")
     if link is None:
-        link = end_link(model, axes_count=bool(c.any() or I.any()))
+        link, *others = end_links(model, axes_count=bool(c.any() or I.any()))
+        if others:
+            LOGGER.info("payload on link %r, which is at the same place as %s", link, listed(others))
     index = model.link_index(link)
     I = symmetric_up_to_rounding(I)
     error = inertia_error(float(m), c, I)

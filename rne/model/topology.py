@@ -11,13 +11,22 @@ from ..basics.text import listed
 from ..errors import ModelError, NotFiniteError
 from .model import Loop, Model
 
+SAME = 1e-9  # [m] and entries of rotations: rounding of numbers in files, of frames that are one
+TOOL = "tool0"  # the tool frame of an arm by the convention of ROS-Industrial
+
 
 def end_link(model: Model, *, axes_count: bool = False) -> str:
-    """The link at the end of an unbranched chain, a fixed frame behind the last joint included.
+    """The link at the end of an unbranched chain, a fixed frame behind the last joint included; see `end_links`."""
+    return end_links(model, axes_count=axes_count)[0]
+
+
+def end_links(model: Model, *, axes_count: bool = False) -> list[str]:
+    """The link at the end of an unbranched chain, and behind it those that have the same frame.
 
     Of the links that no other is attached to, it is the one that moves with the last joint. If several do, they must
-    have the same origin, and the same axes if `axes_count`; then it is the last of them in `link_names`. Otherwise, and
-    where moving joints branch or one mimics another, a ValueError says why and names the leaf links.
+    have the same origin, and the same axes if `axes_count`; then tool0 is the first, or else the last of them in
+    `link_names`. Otherwise, and where moving joints branch or one mimics another, a ValueError says why, and which
+    links there are to choose from.
     """
     ends = _ends(model)
     mimics = [joint for i, joint in enumerate(model.moving_joints) if i not in model.independent_joints]
@@ -26,16 +35,29 @@ def end_link(model: Model, *, axes_count: bool = False) -> str:
     elif mimics:
         follows = "follows others" if any(c.joint == mimics[0] for c in model.couplings) else "mimics another"
         reason = f"its joint {mimics[0]!r} {follows}"
-    elif not _all_same(model.link_translation[ends]):
-        reason = "its last body ends at several points"
-    elif axes_count and not _all_same(model.link_rotation[ends]):
-        reason = "its last body ends in links with different axes, in which `com` and `inertia` are given"
     else:
-        return model.link_names[ends[-1]]
+        return _of_one_frame(model, ends, axes_count=axes_count)
     candidates = [model.link_names[k] for k in _leaves(model) if model.link_body[k] >= 0 or not model.nb]
     raise ValueError(
         f"`link` must be given for robot {model.name!r}: {reason}; its leaf links are {candidates}, others are in "
         "`link_names`"
+    )
+
+
+def _of_one_frame(model: Model, ends: list[int], *, axes_count: bool) -> list[str]:
+    """The names of links, tool0 or the last one first; a ValueError if they do not have one frame."""
+    names = [model.link_names[k] for k in ends]
+    if not _all_same(model.link_translation[ends]):
+        reason = "at several points"
+    elif axes_count and not _all_same(model.link_rotation[ends]):
+        reason = "in links with different axes, in which `com` and `inertia` are given"
+    else:
+        first = TOOL if TOOL in names else names[-1]
+        return [first, *(name for name in names if name != first)]
+    both = f"{listed(names[:-1])} and {names[-1]}"
+    raise ValueError(
+        f"ambiguous: {both} have different frames, choose one by `link`: the last body of robot {model.name!r} ends "
+        f"{reason}"
     )
 
 
@@ -69,7 +91,7 @@ def _ends(model: Model) -> list[int]:
 
 
 def _all_same(values: Array) -> bool:
-    return bool(np.all(values == values[-1]))
+    return bool(np.all(np.abs(values - values[-1]) <= SAME))
 
 
 def pinocchio_order(model: Model) -> Array:
