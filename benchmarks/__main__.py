@@ -1,7 +1,7 @@
 """All charts: python -m benchmarks [--quick] [--only CHART]
 
 Evaluation, integration, growth and scenes, with Pinocchio in the same interleaved runs, one thread each. Writes
-benchmarks/results/charts.json, the tables and pictures of docs/benchmarks/index.md, whose text is written by hand, and
+benchmarks/results/charts.json, tables and pictures of the pages in docs/benchmarks, whose text is written by hand, and
 the chart of the start page. Peers that are installed take part in the first chart:
 pip install $(python -m benchmarks.peers). With `--only`, other charts stay as they were kept.
 """
@@ -15,6 +15,7 @@ from datetime import date
 from typing import Any
 
 from benchmarks import (
+    engines,
     evaluation,
     evaluation_picture,
     growth,
@@ -35,6 +36,13 @@ CHARTS: dict[str, tuple[Any, Any]] = {
     "growth": (growth, growth_picture.picture),
     "scenes": (scenes, scenes.picture),
 }
+PAGES = tuple(
+    DOCS / "benchmarks" / f"{name}.md"
+    for name in (
+        *("evaluation", "evaluation-calls", "batch-sizes"),
+        *("simulation", "energy-drift", "closed-loops", "joints", "scenes"),
+    )
+)
 
 
 def about(refused: dict[str, dict[str, str]]) -> str:
@@ -74,7 +82,8 @@ def main() -> None:
     tables = {"machine": about(results["evaluation"]["refused"])}
     for name, (module, _) in CHARTS.items():
         tables |= module.tables(results[name])
-    rewrite(DOCS / "benchmarks" / "index.md", tables)
+    rewrite(tables, *PAGES)
+    engines.fill()
     readme_picture.main()
 
 

@@ -318,7 +318,7 @@ def main() -> None:
     if quick or "page" not in given.parts:
         return
     head = ["arm", "joints", "positions", "gravity torque", "k_g", "entries of M", "eigenvalues of M", "k_C", "torque"]
-    rewrite(PAGE, {"bounds": table(head, rows(proofs))})
+    rewrite({"bounds": table(head, rows(proofs))}, PAGE)
     picture(proofs, samples).savefig(DOCS / "stability" / "bounds.png", facecolor="white")
 
 

@@ -181,7 +181,7 @@ def main() -> None:
         return
     write("control_loop.json", results)
     figure.savefig(DOCS / "benchmarks" / "control_loop.png", facecolor="white", dpi=150)
-    rewrite(DOCS / "in-a-control-loop.md", tables(results))
+    rewrite(tables(results), DOCS / "in-a-control-loop.md")
 
 
 if __name__ == "__main__":

@@ -3,7 +3,7 @@
 Operations of inverse and forward dynamics, of their gradients and Hessians; time per state in batches and error
 against 50 digits, of Pinocchio's first derivatives, CasADi's of a hand-written recursion, complex steps and differences
 in the same interleaved runs, one thread each; what a new process waits for. Writes benchmarks/results/derivatives.json,
-the tables of docs/derivatives.md and its picture.
+the tables of docs/derivatives.md and docs/benchmarks/derivatives.md, and their picture.
 """
 
 from __future__ import annotations
@@ -149,7 +149,7 @@ def main() -> None:
         return
     write("derivatives.json", results)
     figure.savefig(DOCS / "benchmarks" / "derivatives.png", facecolor="white")
-    rewrite(DOCS / "derivatives.md", tables(results))
+    rewrite(tables(results), DOCS / "derivatives.md", DOCS / "benchmarks" / "derivatives.md")
     readme_picture.main()
 
 

@@ -1,8 +1,8 @@
 """Dynamics that travel, in one run: python -m benchmarks.elsewhere [--quick]
 
 Inside CasADi, inside JAX and as C and Rust, beside what else is there: `benchmarks.elsewhere_casadi`, `elsewhere_jax`
-and `elsewhere_c` one after the other. Writes benchmarks/results/elsewhere.json, the tables of docs/elsewhere.md and
-its picture.
+and `elsewhere_c` one after the other. Writes benchmarks/results/elsewhere.json, the tables and
+the picture of docs/benchmarks/export.md.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ def main() -> None:
         return
     write("elsewhere.json", results)
     picture(results).savefig(DOCS / "benchmarks" / "elsewhere.png", facecolor="white")
-    rewrite(DOCS / "elsewhere.md", tables(results))
+    rewrite(tables(results), DOCS / "benchmarks" / "export.md")
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@ benchmarks with few states and prints the tables.
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -18,14 +19,41 @@ from benchmarks.measure import QUICK_NOTE, RESULTS, is_quick
 from benchmarks.pages import DOCS, places, rewrite, table
 
 README = Path(__file__).resolve().parents[1] / "README.md"
-PAGES = (README, DOCS / "explanation" / "kernels.md", DOCS / "benchmarks" / "engines.md")
+PAGES = (
+    README,
+    DOCS / "explanation" / "kernels.md",
+    DOCS / "benchmarks" / "engines.md",
+    DOCS / "benchmarks" / "index.md",
+)
+RUNS = {  # files of results behind docs/benchmarks/index.md, and what writes them
+    "kernels.json": "python -m benchmarks.kernels",
+    "simulation.json": "python -m benchmarks.simulation",
+    "charts.json": "python -m benchmarks",
+}
 SHOWN = ("irb140", "panda")  # robots of the table of kernels
 Results = dict[str, Any]
 
 
 def tables(found: Results, motions: Results) -> dict[str, str]:
     """By the name of their place in a page."""
-    return {"engines": beside_each_other(found, motions), "kernels": of_kernels(found), "motions": of_motions(motions)}
+    return {
+        "engines": beside_each_other(found, motions),
+        "kernels": of_kernels(found),
+        "motions": of_motions(motions),
+        "record": record(),
+    }
+
+
+def record() -> str:
+    """A row for each kept run: command, date, machine, and the hash of its results."""
+    lines = []
+    for name, command in RUNS.items():
+        text = (RESULTS / name).read_text(encoding="utf-8")
+        kept = json.loads(text)
+        machine = f"{kept['machine']['cpu']}, {kept['machine']['cores']} cores"
+        digest = hashlib.sha256(text.encode()).hexdigest()[:12]
+        lines.append([f"`{command}`", kept["date"], machine, f"`benchmarks/results/{name}`", f"`{digest}`"])
+    return table(["command", "date", "machine", "results", "SHA-256 begins with"], lines)
 
 
 def beside_each_other(found: Results, motions: Results) -> str:
@@ -116,14 +144,17 @@ def read(name: str) -> Results:
     return found
 
 
+def fill() -> dict[str, str]:
+    """Write the tables of the kept results into the pages that have a place for them, and return them."""
+    found = tables(read("kernels.json"), read("simulation.json"))
+    for page in PAGES:
+        rewrite({name: found[name] for name in places(page)}, page)
+    return found
+
+
 def main() -> None:
     quick = is_quick(__doc__)
-    if quick:
-        found = tables(kernels.run(True), simulation.run(True, ("motions", "ensemble")))
-    else:
-        found = tables(read("kernels.json"), read("simulation.json"))
-        for page in PAGES:
-            rewrite(page, {name: found[name] for name in places(page)})
+    found = tables(kernels.run(True), simulation.run(True, ("motions", "ensemble"))) if quick else fill()
     print("\n\n".join(found.values()))
     if quick:
         print(f"\n{QUICK_NOTE}")

@@ -184,7 +184,7 @@ def of_chaos(chaos: Results) -> str:
 
 
 def main() -> None:
-    rewrite(PAGE, tables())
+    rewrite(tables(), PAGE)
     pictures = {
         "engines": engines_picture(read("kernels.json")),
         "differences": differences_picture(read("validation.json")),

@@ -1,7 +1,7 @@
 """Loads and drive gains from measured motions: python -m benchmarks.identification_payload [--quick]
 
 Arms with friction and seeded loads of 1 to 5 kg: 100 runs each, with another load, other motions and other noise.
-Writes benchmarks/results/identification_payload.json and the tables of docs/benchmarks/identification.md.
+Writes benchmarks/results/identification_payload.json and the tables of docs/benchmarks/identification-payload.md.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The tables of docs/benchmarks/identification.md, from the last results of its benchmarks and of public logs."""
+"""The tables of the pages on identification below docs/benchmarks, from the last results."""
 
 from __future__ import annotations
 
@@ -12,16 +12,18 @@ from benchmarks.measure import RESULTS
 from benchmarks.pages import DOCS, rewrite, table
 from rne.basics.spatial import Array
 
-PAGE = DOCS / "benchmarks" / "identification.md"
+PAGES = tuple(
+    DOCS / "benchmarks" / f"{name}.md" for name in ("identification", "identification-payload", "public-logs")
+)
 
 
 def rewrite_page() -> None:
-    """Write the tables of docs/benchmarks/identification.md from the last results."""
-    rewrite(PAGE, tables())
+    """Write the tables of the last results into their pages."""
+    rewrite(tables(), *PAGES)
 
 
 def tables() -> dict[str, str]:
-    """Tables of docs/benchmarks/identification.md by their names, from the last results."""
+    """Tables by their names, from the last results."""
     names = ("", "_faults", "_payload", "_couplings")
     found, faults, payloads, couplings = (last(f"identification{name}") for name in names)
     logs = last("public_logs")

@@ -3,7 +3,8 @@
 Gradients of a cost of PD motions of the UR5 beside the motion alone, by the same steps and as `rne.simulate` and
 `rne.ensemble` run it; sensitivities at many times; a chart of error against time beside differences, CasADi, JAX and
 MuJoCo. One core, CPU times of calls that take turns, and the error of the very call that was timed. Writes
-benchmarks/results/motion_derivatives.json, the tables of docs/benchmarks/motion_derivatives.md and its picture.
+benchmarks/results/motion_derivatives.json, the tables of motion_derivatives.md and gradient-errors.md in
+docs/benchmarks, and their picture.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ from benchmarks.peers.registry import import_failure
 from rne.integrators.tableaus import tableau
 from rne.simulation.frozen_motion import FrozenScene, SideBySide, flat, schedule_of
 
-PAGE = DOCS / "benchmarks" / "motion_derivatives.md"
+PAGES = tuple(DOCS / "benchmarks" / f"{name}.md" for name in ("motion_derivatives", "gradient-errors"))
 STEP, DURATION, SIDE_BY_SIDE = 1e-3, 10.0, 256  # [s], [s], motions
 TIGHT: dict[str, Any] = {"method": "DOP853", "rtol": 1e-13, "atol": 1e-15}
 CONTROLLED: dict[str, Any] = {"method": "DOP853", "rtol": 1e-8, "atol": 1e-11}
@@ -296,7 +297,7 @@ def main() -> None:
         return
     write("motion_derivatives.json", results)
     figure.savefig(DOCS / "benchmarks" / "motion_derivatives.png", facecolor="white", dpi=150)
-    rewrite(PAGE, tables(results))
+    rewrite(tables(results), *PAGES)
 
 
 if __name__ == "__main__":

@@ -245,7 +245,7 @@ def keep(**changed: list[dict[str, Any]]) -> None:
     last = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
     kept = {kind: last.get(kind, []) for kind in KINDS} | changed
     write(path.name, kept)
-    rewrite(PAGE, tables(kept))
+    rewrite(tables(kept), PAGE)
 
 
 def main() -> None:

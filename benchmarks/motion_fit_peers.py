@@ -236,7 +236,7 @@ def main() -> None:
     found["fresh"] = fresh()
     print(found)
     write("motion_fit_peers.json", found)
-    rewrite(PAGE, tables(found))
+    rewrite(tables(found), PAGE)
 
 
 if __name__ == "__main__":

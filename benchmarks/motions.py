@@ -1,4 +1,4 @@
-"""The simulations of docs/stability.md: every experiment of tests/stability/steps.py and motions.py."""
+"""The simulations of docs/stability: every experiment of tests/stability/steps.py and motions.py."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def _lists(found: Any) -> dict[str, Any]:
 
 
 def tables(found: dict[str, Any]) -> dict[str, str]:
-    """Of docs/stability.md, by name."""
+    """Of docs/stability, by name."""
     return {
         "largest-steps": of_steps(found["steps"]),
         "single-precision": of_precisions(found["float"]),

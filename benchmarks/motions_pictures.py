@@ -1,4 +1,4 @@
-"""Pictures of docs/stability.md: errors by family, largest steps, evaluations, growing errors."""
+"""Pictures of docs/stability: errors by family, largest steps, evaluations, growing errors."""
 
 from __future__ import annotations
 

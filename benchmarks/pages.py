@@ -30,9 +30,14 @@ def places(path: Path) -> list[str]:
     return [name for _, name, _ in BLOCK.findall(path.read_text(encoding="utf-8"))]
 
 
-def rewrite(path: Path, tables: Mapping[str, str]) -> None:
-    """Replace the tables of a page, and keep its text."""
-    path.write_text(filled(path.read_text(encoding="utf-8"), tables), encoding="utf-8")
+def rewrite(tables: Mapping[str, str], *pages: Path) -> None:
+    """Replace the tables of pages and keep their text; ValueError if together they do not have the same names."""
+    there = sorted({name for page in pages for name in places(page)})
+    if there != sorted(tables):
+        raise ValueError(f"the pages have the tables {there}, given are {sorted(tables)}")
+    for page in pages:
+        text = page.read_text(encoding="utf-8")
+        page.write_text(filled(text, {name: tables[name] for name in places(page)}), encoding="utf-8")
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

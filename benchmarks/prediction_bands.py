@@ -91,7 +91,7 @@ def keep(**changed: Sequence[dict[str, Any]]) -> None:
     last = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {"planted": [], "public": []}
     kept = {name: last[name] for name in ("planted", "public")} | changed
     write(path.name, kept)
-    rewrite(PAGE, tables(kept))
+    rewrite(tables(kept), PAGE)
 
 
 def main() -> None:

@@ -11,7 +11,7 @@ pendulums.npz  double and simple pendulum, github.com/dfki-ric-underactuated-lab
           (1e8544e) and torque_limited_simple_pendulum (ed17ea2, both BSD-3-Clause), and their double_pendulum.urdf and
           simple_pendulum.urdf: of the motions dp00, dp12 and sp dp00_t, dp00_q, dp00_qd, dp00_tau
 
-Writes benchmarks/results/public_logs.json and the tables of docs/benchmarks/identification.md.
+Writes benchmarks/results/public_logs.json and the tables of docs/benchmarks/public-logs.md.
 """
 
 from __future__ import annotations

@@ -181,7 +181,7 @@ def main() -> None:
         print(QUICK_NOTE)
         return
     write("regressor.json", results)
-    rewrite(PAGE, tables(results))
+    rewrite(tables(results), PAGE)
 
 
 if __name__ == "__main__":

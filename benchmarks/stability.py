@@ -1,7 +1,8 @@
-"""Where methods fail: python -m benchmarks.stability [--quick]
+"""When precision is lost: python -m benchmarks.stability [--quick]
 
 Every method on every family of tests/stability, against 50 digits, and simulations at their limits. Writes
-benchmarks/results/stability.json, and the tables and pictures of docs/stability.md, whose text is written by hand.
+benchmarks/results/stability.json, and the tables and pictures of the pages in docs/stability, whose
+text is written by hand.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from tests.stability.families import FAMILIES, Case, case, straight, subjects
 from tests.stability.far_file import exact_model, far_text
 from tests.stability.structured import DIGITS, measure
 
+PAGES = tuple(DOCS / "stability" / f"{name}.md" for name in ("evaluation", "simulation", "long-motions"))
 HEAD = ["family", "quantity", "worst case", "error", "condition", "error / (eps condition)", "remarks"]
 
 
@@ -113,7 +115,7 @@ def main() -> None:
         pictures |= {name: getattr(motions_pictures, name)(moved) for name in ("steps", "effort", "growth")}
         for name, figure in pictures.items():
             figure.savefig(DOCS / "stability" / f"{name}.png", facecolor="white")
-        rewrite(DOCS / "stability.md", tables)
+        rewrite(tables, *PAGES)
     print("\n\n".join(tables.values()))
 
 

@@ -7,6 +7,7 @@ import sys
 import numpy as np
 import pytest
 
+from benchmarks import __main__ as charts
 from benchmarks import (
     cases,
     engines,
@@ -43,6 +44,7 @@ WITHOUT_NUMBA = (
     "import runpy, sys; sys.modules['numba'] = None; runpy.run_module({!r}, run_name='__main__', alter_sys=True)"
 )
 NUMBER = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?:e-\d+)?(?![\w]|\.\d)")
+RESULT = re.compile(r"^Result: .+?(?=\n\n)", re.DOTALL | re.MULTILINE)
 NAMES = ["RK45", "DOP853", "gauss-4", "IRB 140", "UR5", "RK4"]  # their digits are no figures
 
 
@@ -103,6 +105,13 @@ def test_ratios_say_which_is_faster(times_faster, text):
     assert engines.words(times_faster) == text
 
 
+def current(found, pages):
+    """Whether the tables of pages are those given, all of them."""
+    texts = {page: page.read_text(encoding="utf-8") for page in pages}
+    assert sorted(name for page in pages for name in places(page)) == sorted(found)
+    return all(filled(text, {name: found[name] for name in places(page)}) == text for page, text in texts.items())
+
+
 def test_tables_of_engines_are_those_of_the_last_runs():
     """After new runs: python -m benchmarks.engines."""
     kernels, simulation = engines.read("kernels.json"), engines.read("simulation.json")
@@ -143,8 +152,7 @@ def test_tables_of_the_regressor_are_those_of_the_last_run():
 
 def test_tables_of_derivatives_of_motions_are_those_of_the_last_run():
     """After a new run: python -m benchmarks.motion_derivatives."""
-    text = motion_derivatives.PAGE.read_text(encoding="utf-8")
-    assert filled(text, motion_derivatives.tables(engines.read("motion_derivatives.json"))) == text
+    assert current(motion_derivatives.tables(engines.read("motion_derivatives.json")), motion_derivatives.PAGES)
 
 
 def test_tables_of_fits_beside_rollouts_are_those_of_the_last_run():
@@ -181,16 +189,31 @@ def test_labels_of_batches_have_their_size():
 
 def test_figures_in_the_text_of_results_stand_in_the_tables():
     """After new runs this names the figures to rewrite by hand."""
-    page = (DOCS / "benchmarks" / "index.md").read_text(encoding="utf-8")
-    tables = set(NUMBER.findall("\n".join(block[0] for block in BLOCK.finditer(page))))
-    results = re.findall(r"^Result: .+?(?=\n\n)", page, re.DOTALL | re.MULTILINE)
+    pages = [path.read_text(encoding="utf-8") for path in charts.PAGES]
+    results = [(result, page) for page in pages for result in RESULT.findall(page)]
     assert len(results) >= 4
-    for result in results:
-        for name in NAMES:
-            result = result.replace(name, "")
-        figures = NUMBER.findall(result)
-        assert figures
-        assert [figure for figure in figures if figure not in tables] == [], result
+    for result, page in results:
+        assert figures(result)
+        assert figures(result) - tables_of(page) == set(), result
+
+
+def test_figures_of_the_summary_stand_in_the_tables_of_all_benchmarks():
+    pages = [path.read_text(encoding="utf-8") for path in (*charts.PAGES, *engines.PAGES)]
+    summary = engines.PAGES[-1].read_text(encoding="utf-8").partition("Where rne is slower:")[2].partition("<!--")[0]
+    assert len(figures(summary)) > 8
+    assert figures(summary) - set.union(*map(tables_of, pages)) == set()
+
+
+def figures(text):
+    """Figures of a text, without the digits of names."""
+    for name in NAMES:
+        text = text.replace(name, "")
+    return set(NUMBER.findall(text))
+
+
+def tables_of(page):
+    """Figures of the tables of a page."""
+    return set(NUMBER.findall("\n".join(block[0] for block in BLOCK.finditer(page))))
 
 
 def test_filling_a_page_replaces_tables_and_keeps_the_text():
@@ -205,12 +228,12 @@ def test_a_page_without_a_place_for_a_table_is_refused():
         filled("<!-- table: one -->\n<!-- end of table -->\n", {"two": ""})
 
 
-IDENTIFICATION = identification_tables.PAGE.read_text(encoding="utf-8")
+PUBLIC_LOGS = (DOCS / "benchmarks" / "public-logs.md").read_text(encoding="utf-8")
 
 
 def test_tables_of_identification_are_those_of_the_last_runs():
     """After new runs: python -m benchmarks.identification, or python -m benchmarks.public_logs FOLDER."""
-    assert filled(IDENTIFICATION, identification_tables.tables()) == IDENTIFICATION
+    assert current(identification_tables.tables(), identification_tables.PAGES)
 
 
 def test_masses_of_the_last_runs_are_within_two_percent_and_three_standard_errors():
@@ -222,7 +245,7 @@ def test_masses_of_the_last_runs_are_within_two_percent_and_three_standard_error
 
 def test_what_the_text_says_of_published_logs_stands_in_the_results():
     logs = {(log["robot"], log["chosen"]): log for log in engines.read("public_logs.json")["logs"]}
-    six = re.findall(r"(?:\d+\.\d\d ){5}\d\.\d\d", IDENTIFICATION.split("published friction")[1])
+    six = re.findall(r"(?:\d+\.\d\d ){5}\d\.\d\d", PUBLIC_LOGS.split("published friction")[1])
     viscous, coulomb = (np.array(numbers.split(), float) for numbers in six[:2])
     arm, alone = logs["TX40", False], logs["TX40 without the shaft", False]
     assert (np.abs(np.array(arm["Fv"]) / viscous - 1) < 0.03).all()
