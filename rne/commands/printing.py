@@ -14,7 +14,7 @@ import numpy as np
 
 import rne
 
-from ..basics.text import counted
+from ..basics.text import counted, listed
 from ..model import Model
 from . import shared
 from .shared import ROBOT, CommandError, fail, in_one_line, number, say
@@ -109,8 +109,9 @@ def add_compare(commands: Any) -> None:
 
 
 def run_compare(arguments: argparse.Namespace) -> int:
-    """Print the differences; 1 if there are any."""
+    """Print the differences, of two different robots in three lines; 1 if there are any."""
     from ..identification import thresholds
+    from ..identification.diagnosis.compare_models import different_robots
 
     tolerance = thresholds.TOLERANCE if arguments.tolerance is None else arguments.tolerance
     names = arguments.robot, arguments.other
@@ -120,20 +121,24 @@ def run_compare(arguments: argparse.Namespace) -> int:
     differences = list(_differences(one.model, other.model, names, tolerance))
     lines = [*differences] or ["joints: the same, with the same limits, bodies and frames"]
     if one.n != other.n:
+        different, differs = different_robots(one.model, other.model), True
         lines += [f"torques: not compared, {names[0]} has {counted(one.n, 'joint')}, {names[1]} {other.n}"]
-        differs = True
     else:
         found = rne.compare_models(one, other, tolerance=tolerance)
-        report = found.report()
-        if report.startswith("different robots"):
-            first, _, report = report.partition("\n")
-            lines = [first, *lines]
+        different, differs = found.different, bool(differences) or found.causes != ("none",)
         lines += [f"torques of {names[1]} beside those of {names[0]}, and the likely cause by torques alone"]
-        lines += report.split("\n")
-        differs = bool(differences) or found.causes != ("none",)
+        lines += found.report().split("\n")
+    if different:
+        lines = [different, *(f"{name}: {_in_short(x)}" for name, x in zip(names, (one, other), strict=True))]
     for line in lines:
         say(line)
     return int(differs)
+
+
+def _in_short(robot: rne.Robot) -> str:
+    """Number and names of the joints of a robot, and the mass that they move."""
+    joints = f"{counted(robot.n, 'joint')} ({listed(robot.joint_names)})" if robot.n else "no joints"
+    return f"{joints}, {robot.model.mass.sum():.4g} kg moving"
 
 
 def _differences(one: Model, other: Model, names: Sequence[str], tolerance: float) -> Iterator[str]:
