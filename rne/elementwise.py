@@ -54,7 +54,8 @@ def _apply(name: str, **x: ArrayLike) -> Array:
     arrays = [plain_array(argument, value) for argument, value in x.items()]
     if any(array.dtype == object for array in arrays):  # of single ones the number itself, which np.array can take
         found: Any = np.frompyfunc(partial(_entry, name), len(arrays), 1)(*arrays)
-        return found.single() if hasattr(found, "single") else found  # type: ignore[no-any-return]
+        single: Array = found.single() if hasattr(found, "single") else found
+        return single
     if name == "arctan2" and any(array.dtype.kind == "c" for array in arrays):  # a complex step: NumPy has reals only
         a, b = arrays
         turned = (a * b.real - b * a.real) / (b * b.real + a * a.real)  # the tangent of the rest of the angle

@@ -98,8 +98,8 @@ class Polynomial:
 
 def independent(model: Model) -> Model:
     """The model with mimic joints set free: the positions of all moving joints are its coordinates."""
-    free = {"coordinate": None, "independent_joints": None, "multiplier": None, "offset": None}
-    return replace(model, **free) if model.has_mimics else model  # type: ignore[arg-type]
+    free: dict[str, Any] = {"coordinate": None, "independent_joints": None, "multiplier": None, "offset": None}
+    return replace(model, **free) if model.has_mimics else model
 
 
 def levers(model: Model, slides: Array | float = 0.0) -> tuple[Array, Array]:

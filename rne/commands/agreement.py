@@ -54,7 +54,8 @@ def loop_gap(robot: Robot, *ends: tuple[str, ArrayLike]) -> tuple[float, Array]:
 def random_states(n: int, samples: int, seed: int = 0) -> tuple[Array, Array, Array]:
     """Positions within +-pi, velocities within +-10, accelerations within +-50 [SI], shape (samples, n) each."""
     rng = np.random.default_rng(seed)
-    return tuple(rng.uniform(-x, x, (samples, n)) for x in (np.pi, 10.0, 50.0))  # type: ignore[return-value]
+    q, qd, qdd = (rng.uniform(-x, x, (samples, n)) for x in (np.pi, 10.0, 50.0))
+    return q, qd, qdd
 
 
 def relative(a: Array, b: Array, terms: Array | None = None) -> float:

@@ -394,7 +394,7 @@ def _own(robot: rne.Robot, quantity: str, arrays: list[Array]) -> Iterator[Way]:
         out = kernel(*arrays)
         yield _singles(quantity, who, kernel, arrays)
         in_place = partial(kernel, *arrays, out=out)
-        yield Way(quantity, BATCH, who, in_place, STATES, lambda out=out: out[:COMPARED])  # type: ignore[misc]
+        yield Way(quantity, BATCH, who, in_place, STATES, partial(out.__getitem__, slice(COMPARED)))
 
 
 def _of_pinocchio(robot: rne.Robot, quantity: str, arrays: list[Array]) -> Iterator[Way]:

@@ -74,11 +74,11 @@ class _KernelsAt(NamedTuple):
     kernels: Any
     traced: Array
 
-    def evaluate_quantity(self, function: Any, *arrays: Any, parameters: Any = None, **how: Any) -> Array:
+    def evaluate_quantity(self, function: Any, *arrays: Any, parameters: Any = None, **how: Any) -> Any:
         parameters = self.traced if function.quantity.moments else None
         if parameters is not None and how.get("link") is not None:
             raise TypeError(f"{function.quantity.name} takes no parameters")
-        return self.kernels.evaluate_quantity(function, *arrays, parameters=parameters, **how)  # type: ignore[no-any-return]
+        return self.kernels.evaluate_quantity(function, *arrays, parameters=parameters, **how)
 
 
 _first: WeakKeyDictionary[Robot, Robot] = WeakKeyDictionary()  # of robots at other parameters, whose formulas they have
@@ -149,8 +149,8 @@ def law_with(law: Any, parts: Mapping[str, Any]) -> Any:
         return types.MethodType(law.__func__, law_with(law.__self__, parts))
     if isinstance(law, types.FunctionType):
         return _function_with(law, parts)
-    if is_dataclass(law):
-        return replace(law, **parts)  # type: ignore[type-var]
+    if is_dataclass(law) and not isinstance(law, type):
+        return replace(law, **parts)
     own = copy_with(law, **parts)
     for name, part in vars(law).items():  # its own methods and functions of itself, which it keeps
         if isinstance(part, types.MethodType) and part.__self__ is law:

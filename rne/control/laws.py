@@ -46,8 +46,9 @@ def traceable(law: F) -> F:
     """
     if not callable(law):
         raise TypeError(f"`law` must be a function, got {type(law).__name__}")
+    marked: Any = getattr(law, "__func__", law)  # a method has it by its function
     try:
-        getattr(law, "__func__", law).traceable = True  # type: ignore[union-attr]  # a method has it by its function
+        marked.traceable = True
     except AttributeError:
         raise TypeError(f"`law` cannot be marked: set `traceable = True` in the class {type(law).__name__}") from None
     return law

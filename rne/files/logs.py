@@ -10,6 +10,7 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import islice
 from operator import itemgetter
 from pathlib import Path
@@ -386,7 +387,7 @@ def _bags(paths: Sequence[Path], options: LogOptions) -> Log:
     """States of joints, or of their controller, of one topic of a bag, or of the files of one."""
     topics: dict[str, str] = {}
     for path in paths:
-        topics |= _whole(path, lambda path=path: bag_topics(path))  # type: ignore[misc]
+        topics |= _whole(path, partial(bag_topics, path))
     topic, of = options.topic, {kind: [x for x, own in topics.items() if own == kind] for kind in STATES}
     controllers = of[CONTROLLER_STATE]
     has_commands = bool(controllers) and (not (options.torques and of[JOINT_STATE]) or topic in controllers)
@@ -398,7 +399,7 @@ def _bags(paths: Sequence[Path], options: LogOptions) -> Log:
         there = ", ".join(f"{name} ({kind})" for name, kind in sorted(topics.items())[:LISTED]) or "nothing"
         raise ValueError(f"{paths[0]}: there is no topic {topic or ''} of {kind}; there is {plain(there)}")
     topic = topic or states[0]
-    parts = [_whole(path, lambda path=path: bag_states(path, topic, kind)) for path in paths]  # type: ignore[misc]
+    parts = [_whole(path, partial(bag_states, path, topic, kind)) for path in paths]
     messages = [message for _, message in sorted((x for part in parts for x in part), key=itemgetter(0))]
     log = _states(os.fspath(paths[0]), messages, options.joints, f"topic {plain(topic)}")
     lacks_torques = kind == JOINT_STATE and not any(x.startswith("tau.") for x in log.columns)
@@ -524,7 +525,7 @@ def _parquet(paths: Sequence[Path], info: Path | None, options: LogOptions) -> L
     if not paths:
         raise ValueError(f"{info}: the data set has no files data/*/*.parquet")
     names, robot = ({}, "") if info is None else _whole(info, lambda: _names_of_features(info))
-    parts = [_whole(path, lambda path=path: arrays_of(path)) for path in paths]  # type: ignore[misc]
+    parts = [_whole(path, partial(arrays_of, path)) for path in paths]
     arrays = {x: np.concatenate([part[x] for part in parts]) for x in parts[0] if all(x in part for part in parts)}
     episodes, wanted = arrays.get("episode_index", np.zeros(1)), options.episode
     if wanted not in episodes if wanted is not None else np.ptp(episodes):

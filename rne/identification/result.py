@@ -576,8 +576,9 @@ class Identification(InNotebooks):
             columns = np.concatenate([Y, law.drive_columns(qd, qdd, load)], axis=-1)
             return np.stack([columns @ x, bands.written(columns, qd, load)]) if std else np.asarray(columns @ x)
 
-        prediction.traceable = True  # type: ignore[attr-defined]
-        return self.initial.kernel(prediction)  # type: ignore[arg-type]
+        marked: Any = prediction
+        marked.traceable = True
+        return self.initial.kernel(marked)
 
     @cached_property
     def bands(self) -> Bands:

@@ -38,7 +38,8 @@ class SolverSteps(Steps):
 
     def inside(self, k: int) -> Interpolant:
         """SciPy's interpolant of a step."""
-        return self.interpolants[k]  # type: ignore[no-any-return]
+        interpolant: Interpolant = self.interpolants[k]
+        return interpolant
 
 
 class SciPySolver(Solver):

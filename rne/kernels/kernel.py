@@ -448,9 +448,9 @@ class Kernel:
         >>> kernel.into(q, out) is out
         True
         """
-        return self._checked_into(*arrays, out=out)
+        return self.checked_into(*arrays, out=out)
 
-    def _checked_into(self, *arrays: Array, out: Array | None = None) -> Array:
+    def checked_into(self, *arrays: Array, out: Array | None = None) -> Array:
         """`into` in Python, of one state or many; the caller's caller is warned."""
         arrays = arrays if out is None else (*arrays, out)
         if len(arrays) != len(self.names) + 1:

@@ -245,7 +245,7 @@ def trace_library(
     return found
 
 
-def state_function(trace: Trace) -> Callable[..., Array]:
+def state_function(trace: Trace) -> Any:
     """A function of one float64 vector per argument, as `python_backend.state_function`."""
 
     def emit(module: ir.Module, trace: Trace) -> None:
@@ -256,7 +256,7 @@ def state_function(trace: Trace) -> Callable[..., Array]:
     found = trace_library(trace, "state", "float64", ("function", "call", "into"), emit)
     function = from_text(STATE, trace, state=python_function(found))
     function.seconds, function.library = found.seconds, found
-    return function  # type: ignore[no-any-return]
+    return function
 
 
 def into(kernel: Any) -> Callable[..., Array]:
@@ -264,8 +264,8 @@ def into(kernel: Any) -> Callable[..., Array]:
     kept, recipe = weakref.ref(kernel), kernel.__reduce__()  # a cycle would keep machine code until it is looked for
     again: Any = cache(lambda: recipe[0](*recipe[1]))  # of a kernel that no one else has kept
 
-    def otherwise(*arrays: Any, out: Array | None = None) -> Array:
-        return (kept() or again())._checked_into(*arrays, out=out)  # type: ignore[no-any-return]
+    def otherwise(*arrays: Any, out: Array | None = None) -> Any:
+        return (kept() or again()).checked_into(*arrays, out=out)
 
     otherwise.__qualname__ = "Kernel.into"  # for Python's errors
     return python_function(kernel.state_function.library, name="into", otherwise=otherwise)
@@ -288,7 +288,8 @@ def fast_call(kernel: Any) -> Callable[..., Array | None]:
         names["rows"] = kept().blocks.compiled(FLOAT64)
         return names["rows"](*arrays)
 
-    return from_text(FAST, kernel.traced, state=state, rows=rows)  # type: ignore[no-any-return]
+    call: Callable[..., Array] = from_text(FAST, kernel.traced, state=state, rows=rows)
+    return call
 
 
 def plain_copy(array: Array, dtype: np.dtype[Any] = FLOAT64) -> Array:

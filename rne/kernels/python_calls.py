@@ -48,7 +48,8 @@ def python_function(
     make.restype, make.argtypes = ctypes.py_object, (ctypes.c_void_p, ctypes.py_object, ctypes.c_void_p)
     # The last two are there to be kept as long as the function.
     own = *KNOWN[:-1], dtype, otherwise, OUT, library, method
-    return make(ctypes.addressof(method), own, None)  # type: ignore[no-any-return]
+    function: Callable[..., Any] = make(ctypes.addressof(method), own, None)
+    return function
 
 
 class Call:

@@ -44,7 +44,8 @@ def declared(function: Any) -> Declared:
         if not quantity.returns_array:
             name = f"rne.dynamics.{quantity.name}"
             raise TypeError(f"`function` must give an array; {name} gives a record, which is not compiled")
-        return function  # type: ignore[no-any-return]
+        known: Declared = function
+        return known
     if not getattr(function, "traceable", False):
         raise TypeError(
             "`function` must be one of rne's functions of a model, such as rne.dynamics.mass_matrix, or one of joint "

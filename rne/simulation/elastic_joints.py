@@ -133,7 +133,8 @@ class ElasticDynamics(SceneDynamics):
         """Positions of motors whose torsion holds the links at rest, traced."""
         weight = gravity_torque.core(model, q)
         weight = weight if self.springs is None else weight + self.springs.torques(model, q, 0 * q)[0]
-        return q + weight / np.array(self.motor_side.stiffness)  # type: ignore[no-any-return]
+        start: Array = q + weight / np.array(self.motor_side.stiffness)
+        return start
 
     def energies_of(self, robot: Robot, x: Array) -> tuple[Array, Array]:
         """Kinetic and potential energy in states, those of rotors and torsion included [J]."""

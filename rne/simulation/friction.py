@@ -171,12 +171,12 @@ class Friction(ReadOnlyArrays):
         rise, slow = np.asarray(self.stribeck_rise), np.asarray(0.0 if self.stribeck is None else self.stribeck)
         if np.any((rise != 0) & (slow == 0)):
             raise ValueError("`stribeck_rise` needs `stribeck`, the velocity at which it has fallen to 1/e, above 0")
-        least = np.minimum(self.coulomb, self.coulomb_back)  # type: ignore[arg-type]
-        if np.any(least + rise < 0):
+        dry = np.asarray(self.coulomb), np.asarray(self.coulomb_back)
+        if np.any(np.minimum(*dry) + rise < 0):
             raise ValueError("`stribeck_rise` must be at least -`coulomb`: friction does not drive a joint")
         if self.static is None:
             return
-        if np.any(np.asarray(self.static) < np.maximum(self.coulomb, self.coulomb_back)):  # type: ignore[arg-type]
+        if np.any(np.asarray(self.static) < np.maximum(*dry)):
             raise ValueError("`static` must be at least `coulomb`: friction at rest is no less than when slipping")
         if self.smoothing != 0:
             raise ValueError("`static` needs dry friction: set `smoothing` to 0")

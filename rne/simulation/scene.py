@@ -291,7 +291,8 @@ class Scene:
     @property
     def _named(self) -> frozenset[str]:
         """Names of numbers that are inputs of kernels as wholes."""
-        return self.__dict__.get("_names", frozenset())  # type: ignore[no-any-return]
+        names: frozenset[str] = self.__dict__.get("_names", frozenset())
+        return names
 
     def _named_of(self, part: str) -> frozenset[str]:
         return frozenset(name.removeprefix(part) for name in self._named if name.startswith(part))

@@ -313,7 +313,8 @@ class SceneDynamics(WithNumbers):
 
     def _model_at(self, model: Model, numbers: Array) -> Model:
         """Model in some states, for checks of its mass matrix."""
-        return model if self.bodies is None else self.filled(numbers).bodies.in_model(model)  # type: ignore[union-attr]
+        bodies = None if self.bodies is None else self.filled(numbers).bodies
+        return model if bodies is None else bodies.in_model(model)
 
     def _evaluated(self, name: str, model: Model, arrays: Mapping[str, Array]) -> Any:
         given, dynamics = dict(arrays), self
@@ -480,14 +481,12 @@ class SceneDynamics(WithNumbers):
         rates = slips * x[..., n : 2 * n], qdd + held, *further
         return np.concatenate([*rates, loads, net], axis=-1), pivots, diagonal
 
-    def _judged(
-        self, check: str, model: Model, arguments: Any, rates: Array, pivots: Array, diagonal: Array
-    ) -> PrecisionStatus:
+    def _judged(self, check: str, model: Model, arguments: Any, rates: Array, pivots: Array, diagonal: Array) -> Any:
         """Check of the mass matrix; one by one where other numbers than bodies' differ between states."""
         numbers, judge, status = arguments["numbers"], getattr(self, check), OK
         rows = numbers.reshape(-1, numbers.shape[-1]) if numbers.size else numbers[None]
         if numbers.ndim < 2 or not (rows != rows[:1])[:, ~self._side_by_side].any():
-            return judge(model, arguments, rates, pivots, diagonal)  # type: ignore[no-any-return]
+            return judge(model, arguments, rates, pivots, diagonal)
         for k in np.ndindex(numbers.shape[:-1]):
             found = judge(model, {name: a[k] for name, a in arguments.items()}, rates[k], pivots[k], diagonal[k])
             status = status.worse(found.with_state(lambda _, k=k: k))

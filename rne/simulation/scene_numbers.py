@@ -62,11 +62,13 @@ class SceneNumbers(Mapping[str, Array]):
     """Arrays by name, read-only; see `Scene.numbers`."""
 
     def __init__(self, numbers: Mapping[str, Array]) -> None:
-        self._numbers = read_only({name: np.array(x, dtype=np.float64) for name, x in numbers.items()})
+        self._numbers: dict[str, Array] = read_only(
+            {name: np.array(x, dtype=np.float64) for name, x in numbers.items()}
+        )
 
     def __getitem__(self, name: str) -> Array:
         try:
-            return self._numbers[name]  # type: ignore[no-any-return]
+            return self._numbers[name]
         except KeyError:
             raise KeyError(unknown(name, self._numbers)) from None
 

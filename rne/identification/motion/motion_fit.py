@@ -569,11 +569,12 @@ def check_records(scene: Scene, records: Sequence[Record]) -> None:
     law, n = scene.controller, scene.n
     if isinstance(law, PID):
         raise ValueError("`scene` has a PID controller, whose reference is constant: take rne.control.pd or servo")
-    if not (is_dataclass(law) and hasattr(law, "reference") and getattr(law, "traceable", False)):
+    has_reference = hasattr(law, "reference") and getattr(law, "traceable", False)
+    if not is_dataclass(law) or isinstance(law, type) or not has_reference:
         raise ValueError("`scene` must have a controller with a `reference`, such as rne.control.pd or servo")
     states = [np.zeros(states_of(scene))] * (states_of(scene) > 0)
     try:
-        moving: Any = replace(law, reference=sampled([0.0, 1.0], np.zeros((2, n))))  # type: ignore[type-var]
+        moving: Any = replace(law, reference=sampled([0.0, 1.0], np.zeros((2, n))))
         moving(0.0, np.zeros(n), np.zeros(n), *states)
     except (TypeError, ValueError) as error:
         raise ValueError(f"the controller of `scene` follows no reference that moves: {error}") from None

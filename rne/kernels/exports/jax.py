@@ -35,7 +35,8 @@ def to_jax(kernel: Any, mode: str) -> Callable[..., Any]:
         return run(*arrays).astype(dtype)
 
     function.__name__, function.__doc__ = kernel.quantity.name, repr(kernel)
-    return jax.jit(function)  # type: ignore[no-any-return]
+    compiled: Callable[..., Any] = jax.jit(function)
+    return compiled
 
 
 def _arrays(kernel: Any, arguments: Sequence[Any]) -> tuple[list[Any], Any]:
@@ -57,7 +58,7 @@ def _arrays(kernel: Any, arguments: Sequence[Any]) -> tuple[list[Any], Any]:
     return [jnp.broadcast_to(a, (*leading, a.shape[-1])).astype(number) for a in arrays], dtype
 
 
-def _with_rules(mode: str, kernel: Any, rules: Rules) -> Callable[..., Any]:
+def _with_rules(mode: str, kernel: Any, rules: Rules) -> Any:
     """The machine code as a function of arrays, with its derivatives by the rules."""
     import jax
 
@@ -69,7 +70,7 @@ def _with_rules(mode: str, kernel: Any, rules: Rules) -> Callable[..., Any]:
         function.defvjp(lambda *x: (function(*x), x), partial(rules.backwards, kernel))
     else:
         function.defjvp(lambda x, along: (function(*x), rules.forwards(kernel, x, along)))
-    return function  # type: ignore[no-any-return]
+    return function
 
 
 def called(trace: Trace, *arrays: Any) -> Any:

@@ -61,4 +61,5 @@ def differentiable(kernel: Any, rules: Rules) -> Callable[..., Any]:
             moved = [x.expand(info.batch_size, *x.shape) if k is None else x.movedim(k, 0) for x, k in pairs]
             return Differentiable.apply(*moved), 0
 
-    return Differentiable.apply  # type: ignore[no-any-return]
+    apply: Callable[..., Any] = Differentiable.apply
+    return apply
