@@ -44,7 +44,7 @@ def of_length(family: str, n: int, count: int, repeats: int) -> dict[str, Any]:
             continue
         arrays = everything[:arity]
         start = time.perf_counter()
-        kernel = robot.kernel(robot._kernels.forward_method if quantity == "forward_dynamics" else function)
+        kernel = robot.kernel(robot.kernels.forward_method if quantity == "forward_dynamics" else function)
         out = kernel(*arrays)
         compiled = time.perf_counter() - start
         pair = {"ours": (lambda k=kernel, a=arrays, o=out: k(*a, out=o), count), "theirs": theirs.fastest(quantity)}

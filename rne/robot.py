@@ -75,7 +75,7 @@ class Robot(InNotebooks):
         from .kernels.cache import KernelCache  # loaded with the first robot
 
         self._model = model
-        self._kernels = KernelCache(model, engine)
+        self.kernels = KernelCache(model, engine)
 
     @property
     def model(self) -> Model:
@@ -85,7 +85,7 @@ class Robot(InNotebooks):
     @property
     def engine(self) -> str:
         """The engine that runs its kernels: "numpy" or "numba"."""
-        return self._kernels.engine
+        return self.kernels.engine
 
     @property
     def n(self) -> int:
@@ -151,7 +151,7 @@ class Robot(InNotebooks):
         if model is self._model:
             return self
         variant = object.__new__(Robot)
-        variant._kernels = self._kernels.variant(model)
+        variant.kernels = self.kernels.variant(model)
         variant._model = model
         return variant
 
@@ -223,7 +223,7 @@ class Robot(InNotebooks):
         for function in functions or COMPILED:
             self.kernel(function)
         if not functions:
-            self._kernels.forward_kernel()
+            self.kernels.forward_kernel()
 
     def kernel(self, function: Declared, *wrt: str, order: str | None = None, **fixed: Any) -> Kernel:
         """The function traced on this robot, on first use, and kept.
@@ -264,7 +264,7 @@ class Robot(InNotebooks):
         """
         if "engine" in fixed:
             raise TypeError("`engine` is the robot's: give it to rne.load or rne.Robot, or to rne.compile")
-        return self._kernels.kernel(function, *wrt, order=order, **fixed)
+        return self.kernels.kernel(function, *wrt, order=order, **fixed)
 
     def inverse_dynamics(
         self,
@@ -316,7 +316,7 @@ class Robot(InNotebooks):
         >>> tau.shape, tau[:, 1].min().round(1).item(), tau[:, 1].max().round(1).item()
         ((5000, 6), -26.0, -21.3)
         """
-        return self._kernels.evaluate_quantity(
+        return self.kernels.evaluate_quantity(
             dynamics.inverse_dynamics, q, qd, qdd, external=external, parameters=parameters
         )
 
@@ -368,7 +368,7 @@ class Robot(InNotebooks):
         >>> robot.forward_dynamics([0.1] * 6, [0] * 6, tau).round(9).tolist()
         [1.0, 1.0, 1.0, 1.0, 1.0, 1.0]
         """
-        qdd, status = self._kernels.forward_dynamics(q, qd, tau, external, parameters)
+        qdd, status = self.kernels.forward_dynamics(q, qd, tau, external, parameters)
         status.raise_or_warn(stacklevel=2)
         return qdd
 
@@ -395,7 +395,7 @@ class Robot(InNotebooks):
         >>> rne.load("irb140").mass_matrix([0] * 6)[5, 5].round(6).item()
         0.001458
         """
-        return self._kernels.evaluate_quantity(dynamics.mass_matrix, q, parameters=parameters)
+        return self.kernels.evaluate_quantity(dynamics.mass_matrix, q, parameters=parameters)
 
     def recursion(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, *, external: External | None = None) -> Recursion:
         """Inverse dynamics with all intermediate vectors of every link.
@@ -497,7 +497,7 @@ class Robot(InNotebooks):
         >>> robot.bias_torque([0] * 6, [1, 0, 0, 0, 0, 0]).round(2)[1].item()  # -23.63 of it is gravity
         -25.46
         """
-        return self._kernels.evaluate_quantity(dynamics.bias_torque, q, qd, external=external, parameters=parameters)
+        return self.kernels.evaluate_quantity(dynamics.bias_torque, q, qd, external=external, parameters=parameters)
 
     def gravity_torque(self, q: ArrayLike, *, parameters: ArrayLike | None = None) -> Array:
         """Joint torques g(q) that balance gravity at rest.
@@ -522,7 +522,7 @@ class Robot(InNotebooks):
         >>> rne.load("irb140").gravity_torque([0, math.pi / 2, -math.pi / 2, 0, 0, 0]).round(3)[[1, 2, 4]].tolist()
         [-158.834, -23.632, -0.284]
         """
-        return self._kernels.evaluate_quantity(dynamics.gravity_torque, q, parameters=parameters)
+        return self.kernels.evaluate_quantity(dynamics.gravity_torque, q, parameters=parameters)
 
     def coriolis_torque(self, q: ArrayLike, qd: ArrayLike, *, parameters: ArrayLike | None = None) -> Array:
         """Centrifugal and Coriolis joint torques C(q, qd) qd.
@@ -548,7 +548,7 @@ class Robot(InNotebooks):
         >>> [robot.coriolis_torque([0] * 6, k * qd).round(2)[1].item() for k in (1, 2)]  # twice as fast: four times
         [-1.83, -7.33]
         """
-        return self._kernels.evaluate_quantity(dynamics.coriolis_torque, q, qd, parameters=parameters)
+        return self.kernels.evaluate_quantity(dynamics.coriolis_torque, q, qd, parameters=parameters)
 
     def coriolis_matrix(self, q: ArrayLike, qd: ArrayLike, *, parameters: ArrayLike | None = None) -> Array:
         """The matrix C(q, qd) of the Christoffel symbols: C qd is the Coriolis torque and dM/dt = C + C^T.
@@ -575,7 +575,7 @@ class Robot(InNotebooks):
         >>> np.allclose(C @ qd, robot.coriolis_torque(q, qd)), C[1, 1].round(3).item()
         (True, -0.419)
         """
-        return self._kernels.evaluate_quantity(dynamics.coriolis_matrix, q, qd, parameters=parameters)
+        return self.kernels.evaluate_quantity(dynamics.coriolis_matrix, q, qd, parameters=parameters)
 
     def inverse_dynamics_derivatives(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> tuple[Array, Array, Array]:
         """Exact derivatives of the inverse dynamics, from the traced program.
@@ -604,7 +604,7 @@ class Robot(InNotebooks):
         >>> bool(dtau_dqd.any()), np.allclose(M, robot.mass_matrix(q))  # at rest
         (False, True)
         """
-        return self._kernels.inverse_derivatives(q, qd, qdd)
+        return self.kernels.inverse_derivatives(q, qd, qdd)
 
     def forward_dynamics_derivatives(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> tuple[Array, Array, Array]:
         """Exact derivatives of the forward dynamics.
@@ -648,7 +648,7 @@ class Robot(InNotebooks):
         return self._forward_derivatives(q, qd, tau)
 
     def _forward_derivatives(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> tuple[Array, Array, Array]:
-        slopes, status = self._kernels.forward_derivatives(q, qd, tau)
+        slopes, status = self.kernels.forward_derivatives(q, qd, tau)
         status.raise_or_warn(stacklevel=3)
         dqdd_dq, dqdd_dqd, dqdd_dtau = np.split(slopes, 3, axis=-1)
         return dqdd_dq, dqdd_dqd, dqdd_dtau
@@ -758,7 +758,7 @@ class Robot(InNotebooks):
         return self._forward_weighted("hessian", q, qd, tau, weights)
 
     def _forward_weighted(self, order: str, *arrays: ArrayLike) -> Array:
-        result, status = self.kernel(self._kernels.forward_method, order=order).evaluate(*arrays)
+        result, status = self.kernel(self.kernels.forward_method, order=order).evaluate(*arrays)
         status.raise_or_warn(stacklevel=3)
         return result
 
@@ -828,7 +828,7 @@ class Robot(InNotebooks):
         >>> robot.link_poses([0] * 6)[robot.link_names.index("link_2"), :3, 3].tolist()
         [0.07, 0.0, 0.352]
         """
-        return self._kernels.evaluate_quantity(dynamics.link_poses, q)
+        return self.kernels.evaluate_quantity(dynamics.link_poses, q)
 
     def jacobian(self, q: ArrayLike, link: str, point: ArrayLike = ORIGIN, *, axes: str = "base") -> Array:
         """Geometric Jacobian of a point of a link, in the root's axes: angular velocity, then the point's velocity.
@@ -864,7 +864,7 @@ class Robot(InNotebooks):
         [0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
         """
         self._model.link_index(link)
-        J = self._kernels.evaluate_quantity(dynamics.jacobian, q, link=link, point=point_argument(point))
+        J = self.kernels.evaluate_quantity(dynamics.jacobian, q, link=link, point=point_argument(point))
         if axes_argument(axes) == BASE_AXES:
             return J
         return in_link_axes(self.link_poses(q)[..., self._model.link_index(link), :3, :3], J)
@@ -901,7 +901,7 @@ class Robot(InNotebooks):
         [-0.38, -0.36]
         """
         self._model.link_index(link)
-        return self._kernels.evaluate_quantity(dynamics.jacobian_rate, q, qd, link=link, point=point_argument(point))
+        return self.kernels.evaluate_quantity(dynamics.jacobian_rate, q, qd, link=link, point=point_argument(point))
 
     def task_inertia(
         self,
@@ -1094,7 +1094,7 @@ class Robot(InNotebooks):
         >>> rne.load("irb140").centre_of_mass([0] * 6).round(3).tolist()
         [0.082, 0.004, 0.504]
         """
-        return self._kernels.evaluate_quantity(dynamics.centre_of_mass, q, parameters=parameters)
+        return self.kernels.evaluate_quantity(dynamics.centre_of_mass, q, parameters=parameters)
 
     def centre_of_mass_jacobian(self, q: ArrayLike, *, parameters: ArrayLike | None = None) -> Array:
         """Velocity of the centre of mass per joint velocity, the derivative of `centre_of_mass`.
@@ -1124,7 +1124,7 @@ class Robot(InNotebooks):
         >>> rne.load("irb140").centre_of_mass_jacobian([0] * 6)[:, 0].round(3).tolist()  # joint 1 turns about z
         [-0.004, 0.082, 0.0]
         """
-        return self._kernels.evaluate_quantity(dynamics.centre_of_mass_jacobian, q, parameters=parameters)
+        return self.kernels.evaluate_quantity(dynamics.centre_of_mass_jacobian, q, parameters=parameters)
 
     def kinetic_energy(self, q: ArrayLike, qd: ArrayLike, *, parameters: ArrayLike | None = None) -> Array:
         """Kinetic energy of the robot, drives (`armature`) included; equal to qd^T M qd / 2.
@@ -1149,7 +1149,7 @@ class Robot(InNotebooks):
         >>> rne.load("irb140").kinetic_energy([0] * 6, [0, 0, 0, 0, 0, 2]).round(6).item()
         0.002916
         """
-        return self._kernels.evaluate_quantity(dynamics.kinetic_energy, q, qd, parameters=parameters)
+        return self.kernels.evaluate_quantity(dynamics.kinetic_energy, q, qd, parameters=parameters)
 
     def potential_energy(self, q: ArrayLike, *, parameters: ArrayLike | None = None) -> Array:
         """Potential energy of the moving bodies in gravity, zero at the height of the root link's origin.
@@ -1174,7 +1174,7 @@ class Robot(InNotebooks):
         >>> rne.load("irb140").potential_energy([0] * 6).round(5).item()
         370.87686
         """
-        return self._kernels.evaluate_quantity(dynamics.potential_energy, q, parameters=parameters)
+        return self.kernels.evaluate_quantity(dynamics.potential_energy, q, parameters=parameters)
 
     def momentum(self, q: ArrayLike, qd: ArrayLike, *, parameters: ArrayLike | None = None) -> Array:
         """Momentum of the moving bodies about the root link's origin.
@@ -1199,7 +1199,7 @@ class Robot(InNotebooks):
         >>> rne.load("irb140").momentum([0] * 6, [1, 0, 0, 0, 0, 0])[2].round(2).item()  # about z [kg m^2/s]
         2.36
         """
-        return self._kernels.evaluate_quantity(dynamics.momentum, q, qd, parameters=parameters)
+        return self.kernels.evaluate_quantity(dynamics.momentum, q, qd, parameters=parameters)
 
     @property
     def parameters(self) -> Array:
@@ -1234,7 +1234,7 @@ class Robot(InNotebooks):
         >>> np.allclose(tau, robot.inverse_dynamics(q, qd, qdd))
         True
         """
-        return self._kernels.evaluate_quantity(dynamics.regressor, q, qd, qdd)
+        return self.kernels.evaluate_quantity(dynamics.regressor, q, qd, qdd)
 
     def control_regressor(self, q: ArrayLike, qd: ArrayLike, qdr: ArrayLike, qddr: ArrayLike) -> Array:
         """The matrix Y of M qddr + C qdr + g = Y pi, with dM/dt - 2 C skew: what adaptive control needs.
@@ -1263,7 +1263,7 @@ class Robot(InNotebooks):
         >>> np.allclose(torques, M @ qddr + C @ qdr + g)
         True
         """
-        return self._kernels.evaluate_quantity(dynamics.control_regressor, q, qd, qdr, qddr)
+        return self.kernels.evaluate_quantity(dynamics.control_regressor, q, qd, qdr, qddr)
 
     def base_parameters(self, *, drives: DriveModel | None = None, tolerance: float = 1e-9) -> BaseParameters:
         """The fewest combinations of inertial and drive parameters that determine the joint torques, by rules.
@@ -1307,7 +1307,7 @@ class Robot(InNotebooks):
 
         options = (*vars(drive_argument(drives)).values(), tolerance)
         key = repr([np.asarray(x, object).tolist() for x in options])
-        base: BaseParameters = self._kernels.base_parameters.get_or_make(key, find)
+        base: BaseParameters = self.kernels.base_parameters.get_or_make(key, find)
         return base
 
     def bounds(
@@ -1387,7 +1387,7 @@ class Robot(InNotebooks):
         refuse_couplings(self.model, "bounds take")
         box = positions, rates, accelerations, payload, masses
         effort, place = (tolerance, budget, seconds), (link, point_argument(point) or ORIGIN)
-        return robot_bounds(self._kernels, *box, *effort, quantities, *place)
+        return robot_bounds(self.kernels, *box, *effort, quantities, *place)
 
     def with_payload(
         self, mass: float, com: ArrayLike = (0.0, 0.0, 0.0), inertia: ArrayLike | None = None, link: str | None = None

@@ -54,9 +54,9 @@ CEILINGS = {
     "lines": 60_000,
     "entries at the top": 23,  # more are not taken in at a glance
     "public names": 54,
-    "internal names imported by tests": 386,
-    "type: ignore": 45,
-    "private accesses": 60,
+    "internal names imported by tests": 387,
+    "type: ignore": 16,
+    "private accesses": 4,
     "functions over 40 lines": 32,
     "functions over 15 branches": 82,
 }

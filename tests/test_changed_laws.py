@@ -291,4 +291,4 @@ def test_laws_of_one_structure_share_their_formula_and_keep_their_numbers():
         motion = rne.simulate(rne.Scene(robot, controller=law), [0.3, -0.2], [0, 0.5], 0.02)
         called = [law(t, q, qd) for t, q, qd in zip(motion.t, motion.q, motion.qd, strict=True)]
         np.testing.assert_allclose(motion.tau, called, rtol=1e-12, atol=1e-12)  # [N m], roundings of some 5 N m
-    assert len(robot._kernels.laws) == 2  # with a share of gravity, and without
+    assert len(robot.kernels.laws) == 2  # with a share of gravity, and without

@@ -199,7 +199,7 @@ class TestLaws:
 def test_complex_steps_are_the_traced_derivatives(irb140):
     """The first derivative of a state is taken by complex steps of the recursion, later ones by the kernel."""
     (q, qd), pi = random_states(irb140, 2), variants(irb140)
-    cache = rne.Robot(irb140.model)._kernels
+    cache = rne.Robot(irb140.model).kernels
     first, again = (
         cache.evaluate_quantity(rne.dynamics.bias_torque, q[0], qd[0], wrt=("parameters",), parameters=pi[0])
         for _ in range(2)

@@ -952,7 +952,7 @@ def test_a_load_of_fewer_joints_than_the_arm_was_identified_from_is_refused(arm,
     alone = rne.identify(
         arm, three[0], drives=rne.DriveModel(friction="viscous+coulomb"), consistent=False, causes=False
     )
-    fewer = three[1]._part(slice(None), arm.joint_names[:2])
+    fewer = three[1].part(slice(None), arm.joint_names[:2])
     text = f"`with_load` must have all joints of the other records, it lacks {[arm.joint_names[2]]}"
     with pytest.raises(ValueError, match=f"^{re.escape(text)}$"):
         rne.identify_payload(alone, None, fewer, link="tool0")

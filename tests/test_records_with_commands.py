@@ -144,7 +144,7 @@ def test_what_is_simulated_has_no_invented_positions():
     q[100, 0] += 0.1
     q[150] = np.nan
     record = Record(T[rows], q[rows], np.cos(Q[rows]), command=COMMAND[rows])
-    grid = record._on_grid()
+    grid = record.on_grid()
     unknown = np.zeros(Q.shape, bool)
     unknown[100, 0] = unknown[[150, 200, 201]] = True
     assert np.array_equal(np.isnan(grid.q), unknown)
@@ -153,10 +153,10 @@ def test_what_is_simulated_has_no_invented_positions():
     assert abs(grid.q - Q)[~unknown].max() < 1e-9  # of a spline through the samples, beside these
     assert np.array_equal(grid.command[:200], COMMAND[:200])
     assert grid.tau is None
-    assert Record(T, Q, command=COMMAND)._on_grid().q is not None
+    assert Record(T, Q, command=COMMAND).on_grid().q is not None
     back = Record(T[::-1], Q, command=COMMAND)
     with pytest.raises(ValueError, match="time that goes back"):
-        back._on_grid()
+        back.on_grid()
 
 
 def test_positions_that_are_missing_take_no_command_with_them():

@@ -17,7 +17,7 @@ from .random_robots import random_tree, straight_chain
 @pytest.mark.parametrize("n", kept([2, 9, 10, 14, 20, 21, 30], [2, 9, 10, 21]))
 def test_forward_dynamics_takes_the_method_with_fewer_operations(n):
     robot = rne.Robot(straight_chain(n))
-    count = sum(robot._kernels.forward_kernel().operations.values())
+    count = sum(robot.kernels.forward_kernel().operations.values())
     both = [robot.kernel(f) for f in (rne.dynamics.forward_dynamics, rne.dynamics.articulated_forward_dynamics)]
     assert count == min(sum(k.operations.values()) for k in both)
 
@@ -41,7 +41,7 @@ def test_either_method_is_as_accurate_as_the_condition_of_M_allows(model):
 
 def test_mimics_are_solved_through_M():
     robot = rne.Robot(random_tree(12, 6, mimics=2))
-    assert robot._kernels.forward_kernel().function is rne.dynamics.forward_dynamics
+    assert robot.kernels.forward_kernel().function is rne.dynamics.forward_dynamics
 
 
 def test_repr_of_a_plain_robot_is_one_line(irb140):

@@ -537,7 +537,7 @@ class TestDryFrictionOfSeveralJoints:
         rates = np.concatenate(
             [rates, [(np.sin(t) - moving) @ moving, friction.viscous * moving @ moving, dry @ moving]]
         )
-        kernels, function, largest = robot._kernels, dynamics.right_hand_side_under_modes, np.abs(net).max()
+        kernels, function, largest = robot.kernels, dynamics.right_hand_side_under_modes, np.abs(net).max()
         given = t, x, modes, dynamics.vector
         for found in (kernels.scene_kernel(function)(*given), function.evaluate(robot.model, *given)[0]):
             for got, expected in zip(np.split(found, [len(x), len(x) + n]), (rates, load, net), strict=True):

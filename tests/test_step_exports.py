@@ -62,7 +62,7 @@ def test_casadi_computes_the_interval_and_its_derivatives(name, method):
     stepper, names, x, u, W = made(name, method)
     numbers = {key: stepper.scene.numbers[key] * (1.0 if key == "payload" else 0.9) for key in names}
     expected, slopes = stepper(x, u, numbers, t=T), stepper.gradient(x, u, W, numbers, t=T)
-    law = stepper._own.frozen.law or stepper._own.frozen.dynamics.law
+    law = stepper.own_numbers.frozen.law or stepper.own_numbers.frozen.dynamics.law
     for symbolic in ("SX", "MX"):
         function = stepper.to_casadi(symbolic=symbolic, numbers=names)
         given = {"x": x, "u": u, "t": np.full((3, 1), T)}

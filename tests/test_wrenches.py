@@ -250,9 +250,9 @@ class TestRobot:
         link = robot.link_names[-1]
         s, (wrench,) = states(n, 2, rate=1.0, acceleration=1.0), wrenches_on([link], 2)
         got = robot.forward_dynamics(*s, external={link: wrench})
-        chosen = robot._kernels.forward_kernel(external=(link,))
+        chosen = robot.kernels.forward_kernel(external=(link,))
         assert np.array_equal(got, chosen(*s, wrench))
-        assert chosen.function is robot._kernels.forward_method
+        assert chosen.function is robot.kernels.forward_method
 
     def test_a_traced_law_may_know_of_wrenches(self, irb140):
         @rne.traceable

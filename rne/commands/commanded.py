@@ -114,7 +114,7 @@ def _tell(iteration: int, residual: float) -> None:
 
 def _followed(found: Any, record: rne.identification.Record, page: Any) -> None:
     """Add how far a record's positions are from those of the model."""
-    record = record._on_grid()
+    record = record.on_grid()
     names, predicted = found.initial.robot.joint_names, found.predict(record)
     own = [record.joint_names.index(name) if name in record.joint_names else j for j, name in enumerate(names)]
     rms = np.sqrt(np.nanmean((record.q[:, own] - predicted) ** 2, axis=0))

@@ -89,7 +89,7 @@ def _robot_at(robot: Robot, parameters: Array) -> Robot:
     if is_traced(parameters):
         values = {f.name: getattr(first.model, f.name) for f in fields(first.model)}
         unknown = {name: values[name] * np.nan for name in ("mass", "com", "inertia")}  # for laws that read them
-        own = {"_model": unchecked_model(values | unknown), "_kernels": _KernelsAt(first._kernels, parameters)}
+        own = {"_model": unchecked_model(values | unknown), "kernels": _KernelsAt(first.kernels, parameters)}
         return copy_with(first, **own)
     found = first.with_parameters(parameters)
     _first[found] = first

@@ -259,8 +259,8 @@ class TracedLaw(WithNumbers):
         count = self.n + 1  # a matrix (n, n) times so many states fails
         t, X = self._trials(count)
         try:
-            together = self._row(self._call(t, X))
-            single = [self._row(self._call(float(s[0]), x)) for s, x in zip(t, X, strict=True)]
+            together = self.row(self._call(t, X))
+            single = [self.row(self._call(float(s[0]), x)) for s, x in zip(t, X, strict=True)]
         except Exception:  # whatever the law raises
             return False
         if together.shape != (count, self.n + self.states) or together.dtype != np.float64:  # times in one entry
@@ -284,17 +284,17 @@ class TracedLaw(WithNumbers):
     def _core(self, model: Model, t: Array, x: Array, numbers: Any = None, piece: Array | None = None) -> Array:
         law = self.on_piece(piece)
         if numbers is None:
-            return self._row(law(t, x))
+            return self.row(law(t, x))
         given, width = np.asarray(numbers), len(self.vector)
         rows = given.reshape(-1, width) if width else np.zeros((1, 0))
         if rows.dtype == object or (rows == rows[:1]).all():
-            return self._row(law.filled(rows[0])(t, x))
+            return self.row(law.filled(rows[0])(t, x))
         pieces = [None] * len(t) if piece is None else piece
         each = zip(rows, t, x, pieces, strict=True)
-        return np.array([self._row(self.filled(v).on_piece(p)(s, y)) for v, s, y, p in each])
+        return np.array([self.row(self.filled(v).on_piece(p)(s, y)) for v, s, y, p in each])
 
     @staticmethod
-    def _row(returned: tuple[Array, Array | None]) -> Array:
+    def row(returned: tuple[Array, Array | None]) -> Array:
         u, rates = returned
         return u if rates is None else np.concatenate([u, rates], axis=-1)
 
@@ -390,7 +390,7 @@ def compiled(law: Any, robot: Robot | None = None, *, engine: str | None = None)
     if not getattr(law, "traceable", False):
         raise TypeError("`law` must be marked by rne.traceable")
     traced = TracedLaw(law, known.n)
-    reason = traced.why_not_traced(known._kernels)
+    reason = traced.why_not_traced(known.kernels)
     if reason is not None:
         raise TypeError(f"`law` cannot be traced: {reason}")
     widths: dict[str, int | None] = {"t": 1, "q": known.n, "qd": known.n}

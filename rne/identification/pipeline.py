@@ -197,7 +197,7 @@ def assemble(
     if modelled:
         rest = FitResiduals(robot, base, data, estimate.values, estimate.sigma, correlation_time)
         columns = np.concatenate([derivative_by(rest, cause) for cause in modelled], axis=-1)
-        estimate = estimate._with_covariance(estimate.covariance + rest.covariance_of(columns))
+        estimate = estimate.with_covariance(estimate.covariance + rest.covariance_of(columns))
     lower, drift_error = data.at_lower_cutoff(base, estimate.sigma * np.sqrt(correlation_time))
     told = (*data.notes, *bodies.notes) if notes is None else tuple(notes)
     told += (*ignored_drives(base.standard), *negative_drives(robot, base, estimate))

@@ -232,7 +232,7 @@ class RecordSets:
         estimate = replace(plain, values=solution.x[kept], errors=np.where(solution.free[kept], np.inf, 0), sigma=sigma)
         covariance = solution.inverse[kept] @ solution.inverse[kept].T
         wider = np.sqrt(np.maximum(scatter[kept] / np.maximum(np.diag(covariance), thresholds.TINY), 1))
-        estimate = estimate._with_covariance(covariance * np.outer(wider, wider))
+        estimate = estimate.with_covariance(covariance * np.outer(wider, wider))
         factor = with_prior(both.weighted(believed_noise(both, noise)), K, 1 / spread)
         load = eliminated(factor, np.s_[K + m : K + m + self.S.shape[-1]])
         of_sets = np.split(squares, np.cumsum([len(x.rows) for x in blocks])[:-1])

@@ -691,7 +691,7 @@ class Identification(InNotebooks):
             raise TypeError(f"`record` must be an rne.identification.Record, got {type(record).__name__}")
         record = by_number(record, self.initial.joint_names)
         if set(self.initial.joint_names) <= set(record.joint_names):
-            record = record._part(slice(None), self.initial.joint_names)
+            record = record.part(slice(None), self.initial.joint_names)
         check_joints(self.initial, record, "record")
         cutoff = min(fitted.cutoff for fitted in self.records)
         prepared = record.prepare(min(cutoff, thresholds.HIGHEST_CUTOFF * record.sample_rate))

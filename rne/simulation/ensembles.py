@@ -380,7 +380,7 @@ def _plan(
     """Plan of the computation of a scene's motions, with torques held for the time `given`, if there are any."""
     friction, law = friction_of_all(scene, own), scene.traced_samples
     period = scene.sample_time if given is None else given
-    dynamics = scene.dynamics if given is None else scene._dynamics("held")
+    dynamics = scene.dynamics if given is None else scene.dynamics_under("held")
     known, (rtol, atol) = METHODS if step is None else FIXED, tolerated
     if method not in ("auto", *known):
         needs = "; equal steps need `step`" if method in FIXED else ""
@@ -615,7 +615,7 @@ class SequentialRun:
     def _motion(self, chunk: Chunk, k: int, progress: Callable[..., Any]) -> Motions:
         x, number = chunk.x[k].astype(np.float64), chunk.first + k
         own = {name: array[k] for name, array in chunk.numbers.items()}
-        shared = self.scene._naming(own, (), self.scene._varying) if own else self.scene
+        shared = self.scene.naming(own, (), self.scene.varying) if own else self.scene
         scene, n = shared if self.dynamics.law is not None else with_own_law(shared), self.dynamics.n
         how = self.options | {"t_eval": self.times, "progress": progress} | self._torque(chunk.torque[k])
         try:

@@ -62,11 +62,11 @@ class SceneUnit:
         scene, is_sampled = self.given, self.given.sample_time is not None
         sampled = ("controller", "sample_time", "delay", "torque_rate") if is_sampled else ()
         without: dict[str, Any] = dict.fromkeys(sampled)
-        replace(scene, stops=False, **without)._exported()
+        replace(scene, stops=False, **without).exported()
         if scene.torque_rate is not None:
             raise ValueError(f"{NO_FUNCTION}: `torque_rate` bounds torques by those before: leave it out")
-        if is_sampled and scene._traced_law() is None:
-            raise ValueError(f"{NO_FUNCTION}: `controller` is called, as {scene._why_called}")
+        if is_sampled and scene.traced_law() is None:
+            raise ValueError(f"{NO_FUNCTION}: `controller` is called, as {scene.why_called}")
         if not scene.n:
             raise ValueError(f"robot {scene.robot.model.name!r} has no joint that moves")
         if self.payload is None:

@@ -370,7 +370,7 @@ def creep(
     forward, back = np.asarray(friction.coulomb, dtype=float), np.asarray(friction.coulomb_back, dtype=float)
     if friction.smoothing == 0 or not (forward.any() or back.any()) or len(q) < 2:
         return ""
-    evaluate, sample = robot._kernels.evaluate_some, np.arange(len(q))[:, None]
+    evaluate, sample = robot.kernels.evaluate_some, np.arange(len(q))[:, None]
 
     def release(rows: Any) -> None:
         """Note the joints whose load exceeds what dry friction can hold."""

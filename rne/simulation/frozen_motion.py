@@ -83,12 +83,12 @@ class FrozenScene:
         if "parameters" in asked:  # all moments that bodies can have
             model = self.given.resolved.robot.model
             varying = Bodies.mask(at_parameters(model, np.sqrt(np.arange(2.0, 2.0 + PARAMETERS * model.nb))))
-        return self.given._naming({}, asked, varying)
+        return self.given.naming({}, asked, varying)
 
     @cached_property
     def law(self) -> TracedLaw | None:
         """Sampled control law."""
-        return None if self.given.sample_time is None else self.scene._traced_law()
+        return None if self.given.sample_time is None else self.scene.traced_law()
 
     @cached_property
     def _as_given(self) -> SceneDynamics:
@@ -105,7 +105,7 @@ class FrozenScene:
             return STICKS
         if scene.controller is not None and self.law is None and self._as_given.law is None:
             cure = "" if getattr(scene.controller, "traceable", False) else ": mark it by rne.traceable"
-            return f"`controller` is called, as {scene._why_called}{cure}"
+            return f"`controller` is called, as {scene.why_called}{cure}"
         return ""
 
     @cached_property
@@ -113,7 +113,7 @@ class FrozenScene:
         """Equations without energies; a ValueError names what has no derivative."""
         if self.refused:
             raise ValueError(f"the motion cannot be differentiated: {self.refused}")
-        found = self.scene._dynamics("held") if self.is_driven else self._as_given
+        found = self.scene.dynamics_under("held") if self.is_driven else self._as_given
         cost = None if self.cost is None else UserFunction("cost", self.cost, (0, *[self.given.n] * 3))
         found = replace(found, has_energies=False, cost=cost, damped_over=self.damped_over)
         found = found if self.follows_limits else replace(found, inertia=None)

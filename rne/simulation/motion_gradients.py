@@ -166,7 +166,7 @@ class _Batch(NamedTuple):
         else:
             scene, torque = frozen.scene, self.torques[0] if self.torques.size else None
             if self.own:
-                scene = scene._naming({name: x[0] for name, x in self.own.items()}, (), scene._varying)
+                scene = scene.naming({name: x[0] for name, x in self.own.items()}, (), scene.varying)
             how = {"rtol": self.tolerances[0], "atol": self.tolerances[1], "method": self.method, "torque": torque}
             start = [x[0] for x in self.starts]
             *_, ends = steps_taken(frozen, scene, self.own, start, self.end, if_growing=True, **how)
@@ -411,7 +411,7 @@ def _side_by_side(
     delay = float(frozen.given.delay or 0.0)
     late = np.minimum(own.get("delay", np.full(count, delay)), end + 2 * frozen.period)  # later ones do not act at all
     for same in np.unique(late).tolist():
-        at = frozen if same == delay else replace(frozen, given=frozen.given._naming({"delay": np.array(same)}, ()))
+        at = frozen if same == delay else replace(frozen, given=frozen.given.naming({"delay": np.array(same)}, ()))
         places = np.flatnonzero(late == same)
         for first in range(0, len(places), most):
             yield at, places[first : first + most]
@@ -423,7 +423,7 @@ def _starts(scene: Scene, q0: ArrayLike, qd0: ArrayLike) -> tuple[tuple[Array, A
     q, qd = (real_numbers(name, x, f"({n},) or (N, {n})").astype(float) for name, x in (("q0", q0), ("qd0", qd0)))
     if q.ndim != qd.ndim or q.ndim not in (1, 2) or q.shape[:-1] != qd.shape[:-1]:
         raise ValueError(f"`q0` and `qd0` must both have shape ({n},) or (N, {n}), got {q.shape} and {qd.shape}")
-    scene._dynamics_without_law.start(scene.resolved.robot, q, qd)  # raises the errors of the arrays
+    scene.dynamics_without_law.start(scene.resolved.robot, q, qd)  # raises the errors of the arrays
     return (np.atleast_2d(q), np.atleast_2d(qd)), q.ndim == 1
 
 

@@ -94,7 +94,7 @@ class NamedNumbers:
         varying, model = None, self.scene.resolved.robot.model
         if "parameters" in self.names:
             varying = Bodies.mask(at_parameters(model, np.sqrt(np.arange(2.0, 2.0 + PARAMETERS * model.nb))))
-        return self.scene._naming({}, self.names, varying)
+        return self.scene.naming({}, self.names, varying)
 
     @cached_property
     def equations(self) -> SceneDynamics:
@@ -149,7 +149,7 @@ class NamedNumbers:
     @cached_property
     def law(self) -> Any:
         """The law of the scene, None if it has none that can be traced."""
-        return self.named._traced_law()
+        return self.named.traced_law()
 
     @property
     def payload_link(self) -> str:
@@ -183,7 +183,7 @@ class NamedNumbers:
         if not how.widths or not how.returns_array:
             raise ValueError(f"`quantities`: {quantity!r} is no function of joint arrays in rne.dynamics")
         if quantity in DRIVEN:
-            self.scene._refuse_elastic(quantity, "the drives are behind springs")
+            self.scene.refuse_elastic(quantity, "the drives are behind springs")
         return dict(how.widths)
 
     def _core(self, quantity: str, model: Model, **arrays: Array) -> Any:
@@ -202,7 +202,7 @@ class NamedNumbers:
         if quantity in LAWS:
             t, piece = given.pop("t"), given.pop("piece", None)
             law = self.law.at(part_of(other, "controller."))
-            return law._row(law.on_piece(piece)(t, np.concatenate([*given.values()], axis=-1)))
+            return law.row(law.on_piece(piece)(t, np.concatenate([*given.values()], axis=-1)))
         few = quantity in OF_SCENE or self._declared(quantity).base_parameters
         bodies = self._bodies(model, own, few=few)
         if quantity in OF_SCENE:
@@ -212,7 +212,7 @@ class NamedNumbers:
                     "armature": bodies.armature,
                     "gravity": bodies.gravity,
                 }
-            return self.equations.at(other)._evaluated(f"{OF_SCENE[quantity]}_core", model, given)
+            return self.equations.at(other).evaluated(f"{OF_SCENE[quantity]}_core", model, given)
         parts = self.equations.at(other)
         friction, springs = parts.friction, parts.springs
         if quantity == "friction_torque":

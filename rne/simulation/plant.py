@@ -53,7 +53,7 @@ class Plant:
         self.dynamics, self.robot, self.law, self.law_name = dynamics, robot, law, law_name
         self.numbers = dynamics.vector  # of the scene, the last argument of its kernels
         self.table = dynamics.table  # of the motion that a traced law holds
-        self.kernels = kernels or robot._kernels  # of another robot, where bodies are numbers of the scene
+        self.kernels = kernels or robot.kernels  # of another robot, where bodies are numbers of the scene
         self.counted = dynamics.counted  # entries of the state that are held to the tolerances
         self.width = dynamics.size  # of what the kernel gives
         self.kernel = kernel = self.kernels.scene_kernel(self._function)
@@ -73,7 +73,7 @@ class Plant:
     @property
     def integral_scale(self) -> float:
         """Kinetic energy with all joints at 1 rad/s or m/s: the absolute scale of energy errors [J]."""
-        return float(self.robot._kernels.typical_inertia.sum()) / 2 or 1.0
+        return float(self.robot.kernels.typical_inertia.sum()) / 2 or 1.0
 
     @property
     def held(self) -> Array | None:

@@ -257,14 +257,17 @@ class Scene:
     @property
     def dynamics(self) -> SceneDynamics:
         """Equations of motion of the scene with the present controller; equal scenes share their kernels."""
-        law = self._traced_law() if self.sample_time is None else None
-        return self._dynamics_without_law if law is None else self._dynamics("none", law)
+        law = self.traced_law() if self.sample_time is None else None
+        return self.dynamics_without_law if law is None else self.dynamics_under("none", law)
 
     @property
-    def _dynamics_without_law(self) -> SceneDynamics:
-        return self._dynamics("none" if self.controller is None else "called" if self.sample_time is None else "held")
+    def dynamics_without_law(self) -> SceneDynamics:
+        """The equations of motion with the torques of a controller as an input."""
+        inputs = "none" if self.controller is None else "called" if self.sample_time is None else "held"
+        return self.dynamics_under(inputs)
 
-    def _dynamics(self, inputs: str, law: TracedLaw | None = None) -> SceneDynamics:
+    def dynamics_under(self, inputs: str, law: TracedLaw | None = None) -> SceneDynamics:
+        """The equations of motion with torques of a controller as inputs ("called", "held") or of a traced law."""
         parts, is_held, kernels = self.resolved, self.sample_time is not None, self.kernels
         limit, states = parts.effort_limit, 0 if is_held else int(getattr(self.controller, "states", 0))
         known: SceneDynamics | None = self.__dict__.get(f"_dynamics_{inputs}")
@@ -283,7 +286,7 @@ class Scene:
             tuple(inertia) if has_impulses else None,
             motor_side=side,
             springs=parts.springs,
-            bodies=Bodies.of(parts.robot.model, self._varying) if self._named & {*BODIES} else None,
+            bodies=Bodies.of(parts.robot.model, self.varying) if self._named & {*BODIES} else None,
             named=self._named,
         )
         return known
@@ -298,14 +301,14 @@ class Scene:
         return frozenset(name.removeprefix(part) for name in self._named if name.startswith(part))
 
     @property
-    def _varying(self) -> Array | None:
+    def varying(self) -> Array | None:
         """Mask of the bodies' moments that are kernel inputs, unless these are the nonzero ones."""
         return self.__dict__.get("_varying_moments")
 
     @property
     def kernels(self) -> KernelCache:
         """Kernels of the scene: those of its robot, or of the robot whose bodies are numbers."""
-        return self.__dict__.get("_kernels") or self.resolved.robot._kernels
+        return self.__dict__.get("_kernels") or self.resolved.robot.kernels
 
     @property
     def numbers(self) -> SceneNumbers:
@@ -335,7 +338,7 @@ class Scene:
             return {}
         found = numbers_of(self.controller)
         if getattr(self.controller, "traceable", False):  # those that it decides on, if only where they are 0, are none
-            how = self._dynamics_without_law.law_inputs, frozenset(found), self.kernels
+            how = self.dynamics_without_law.law_inputs, frozenset(found), self.kernels
             law = TracedLaw.known(self.controller, self.n, *how)
             found = found if law.formula[1] is None else law.numbers
         models = models_of(self.controller, self._named_of("controller."))
@@ -373,9 +376,9 @@ class Scene:
         >>> stiffer.controller.kp[0].item(), stiffer.friction.viscous.tolist()
         (80.0, [1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
         """
-        return self._naming(checked_numbers(self, numbers), numbers)
+        return self.naming(checked_numbers(self, numbers), numbers)
 
-    def _naming(self, numbers: Mapping[str, Array], names: Iterable[str], varying: Array | None = None) -> Scene:
+    def naming(self, numbers: Mapping[str, Array], names: Iterable[str], varying: Array | None = None) -> Scene:
         """Scene with other, checked numbers; `names` are inputs of its kernels as wholes."""
         found = scene_at(self, numbers) if numbers else copy(self)
         for name in [key for key in vars(found) if key.startswith("_dynamics_") or key == "_law_before"]:
@@ -383,7 +386,7 @@ class Scene:
         named = self._named | set(names)
         vars(found)["_names"] = frozenset(named)
         if named & {*BODIES}:
-            vars(found)["_kernels"], before = self.kernels, self._varying
+            vars(found)["_kernels"], before = self.kernels, self.varying
             of_payloads = moments_of_payloads(found) if "payload" in named and found.payload is not None else None
             mask = [m for m in (varying, before, of_payloads) if m is not None]
             if mask:
@@ -393,7 +396,7 @@ class Scene:
     @property
     def _law(self) -> TracedLaw:
         """Controller in its present state."""
-        given = self._dynamics_without_law.law_inputs
+        given = self.dynamics_without_law.law_inputs
         law = TracedLaw.known(self.controller, self.n, given, self._named_of("controller."), self.kernels)
         before: TracedLaw | None = self.__dict__.get("_law_before")
         same = before == law and before.law is law.law and before.table is law.table
@@ -402,7 +405,7 @@ class Scene:
         self.__dict__["_law_before"] = law
         return law
 
-    def _traced_law(self) -> TracedLaw | None:
+    def traced_law(self) -> TracedLaw | None:
         """Traced controller, if it can be; logs a line if it is marked as traceable but cannot."""
         if not getattr(self.controller, "traceable", False):
             return None
@@ -421,7 +424,7 @@ class Scene:
         """Sampled controller in machine code, if possible."""
         if self.sample_time is None or self.resolved.robot.engine != "numba":
             return None
-        return self._traced_law()
+        return self.traced_law()
 
     @property
     def is_traced(self) -> bool:
@@ -429,7 +432,7 @@ class Scene:
         return self.dynamics.law is not None
 
     @property
-    def _why_called(self) -> str:
+    def why_called(self) -> str:
         """Reason why a controller is called rather than traced."""
         law = self._law if getattr(self.controller, "traceable", False) else None
         why = law.why_not_traced(self.kernels) if law else "it is not marked by rne.traceable"
@@ -486,7 +489,7 @@ class Scene:
         """
         from ..kernels.exports.casadi import scene_to_casadi
 
-        dynamics, model = self._exported(), self.resolved.robot.model
+        dynamics, model = self.exported(), self.resolved.robot.model
         fixed = {"parameters": parameters, "numbers": tuple(dynamics.vector.tolist())}
         return scene_to_casadi(Kernel(dynamics.rates_and_drives, model, fixed), name, symbolic, steps)
 
@@ -552,7 +555,7 @@ class Scene:
 
         return SceneUnit(self, q0, qd0, payload, tuple(numbers), derivatives).write(path, fmi, platforms)
 
-    def _exported(self) -> SceneDynamics:
+    def exported(self) -> SceneDynamics:
         """Equations as a function of time, state and perhaps torques; a ValueError names what has no such form."""
         friction, controller, refused = self.resolved.friction, self.controller, ""
         if self.stops:
@@ -562,7 +565,7 @@ class Scene:
                 "dry `friction` sticks and slips by events: give it a `smoothing` above 0, a large one for `steps`"
             )
         elif controller is not None and (self.sample_time is not None or not self.is_traced):
-            how = "sampled" if self.sample_time is not None else f"called, as {self._why_called}"
+            how = "sampled" if self.sample_time is not None else f"called, as {self.why_called}"
             refused = f"`controller` is {how}; without it the torques are an argument u"
         if refused:
             raise ValueError(f"no function of time and state: {refused}")
@@ -594,7 +597,7 @@ class Scene:
         >>> scene.inverse_dynamics([0] * 6, [0, 0, 0, 0, 0, 1], [0] * 6).round(9)[5].item()
         2.0
         """
-        self._refuse_elastic("inverse_dynamics", "torques of drives also depend on how accelerations change")
+        self.refuse_elastic("inverse_dynamics", "torques of drives also depend on how accelerations change")
         robot, friction = self.resolved.robot, self.resolved.friction
         load = robot.inverse_dynamics(q, qd, qdd)
         if self.resolved.springs is not None:
@@ -630,7 +633,7 @@ class Scene:
         >>> scene.forward_dynamics([0] * 6, [1] * 6, tau).round(9).tolist()
         [3.0, 3.0, 3.0, 3.0, 3.0, 3.0]
         """
-        self._refuse_elastic("forward_dynamics", "accelerations follow from the torsion, not from the drives' torques")
+        self.refuse_elastic("forward_dynamics", "accelerations follow from the torsion, not from the drives' torques")
         robot, friction = self.resolved.robot, self.resolved.friction
         net = joint_array("tau", tau, robot.model)
         if friction is not None:
@@ -640,7 +643,8 @@ class Scene:
             net = net - self.resolved.springs.torque(robot, q, qd)
         return robot.forward_dynamics(q, qd, net)
 
-    def _refuse_elastic(self, name: str, why: str, cure: str = "use scene.resolved.robot for the links alone") -> None:
+    def refuse_elastic(self, name: str, why: str, cure: str = "use scene.resolved.robot for the links alone") -> None:
+        """Raise a ValueError if the scene has elastic joints."""
         if self.elastic is not None:
             raise ValueError(f"`{name}` is not for elastic joints: {why}; {cure}")
 
@@ -707,7 +711,7 @@ class Scene:
         law: dict[str, int | str | None] = {"law": "none"}
         if self.controller is not None:
             is_traced = self.is_traced or self.traced_samples is not None
-            law = {"law": "traced"} if is_traced else {"law": "called", "why": self._why_called}
+            law = {"law": "traced"} if is_traced else {"law": "called", "why": self.why_called}
         if not self.kernel.is_unrolled:
             return {"total": None} | law
 

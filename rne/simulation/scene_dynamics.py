@@ -293,12 +293,12 @@ class SceneDynamics(WithNumbers):
             rows = rows.real
         differ = np.zeros(width, bool) if rows.dtype == object else (rows != rows[:1]).any(axis=0)
         if not differ.any():
-            return self.filled(rows[0])._evaluated(name, model, arrays)
+            return self.filled(rows[0]).evaluated(name, model, arrays)
         if not differ[~self._side_by_side].any():
             common = np.where(self._side_by_side, given, rows[0])
-            return self.filled(common)._evaluated(name, model, arrays)
+            return self.filled(common).evaluated(name, model, arrays)
         each = [
-            self.filled(row)._evaluated(name, model, {k: a[index][None] for k, a in arrays.items()})
+            self.filled(row).evaluated(name, model, {k: a[index][None] for k, a in arrays.items()})
             for index, row in zip(np.ndindex(given.shape[:-1]), rows, strict=True)
         ]
         if not isinstance(each[0], tuple):
@@ -316,7 +316,7 @@ class SceneDynamics(WithNumbers):
         bodies = None if self.bodies is None else self.filled(numbers).bodies
         return model if bodies is None else bodies.in_model(model)
 
-    def _evaluated(self, name: str, model: Model, arrays: Mapping[str, Array]) -> Any:
+    def evaluated(self, name: str, model: Model, arrays: Mapping[str, Array]) -> Any:
         given, dynamics = dict(arrays), self
         if self.law is not None and "piece" in given:
             dynamics = replace(self, law=self.law.on_piece(given.pop("piece")))
@@ -346,7 +346,7 @@ class SceneDynamics(WithNumbers):
 
     def energies_of(self, robot: Robot, x: Array) -> tuple[Array, Array]:
         """Kinetic and potential energy in states [J]."""
-        q, evaluate = x[..., : self.joints], robot._kernels.evaluate_some
+        q, evaluate = x[..., : self.joints], robot.kernels.evaluate_some
         potential = evaluate(potential_energy, q)
         potential = potential if self.springs is None else potential + self.springs.energy(robot, q)
         return evaluate(kinetic_energy, q, x[..., self.n : self.n + self.joints]), potential

@@ -247,7 +247,7 @@ def scene_of_all(scene: Any, own: Mapping[str, Array]) -> Any:
             for end in (array.min(axis=0), array.max(axis=0)):  # what they accept at both they accept in between
                 scene_at(scene, {name: end})
     varying = Bodies.mask(bodies_of(scene, own)) if {*BODIES} & {*own} else None
-    found = (scene_at(scene, finite) if finite else scene)._naming({}, own, varying)
+    found = (scene_at(scene, finite) if finite else scene).naming({}, own, varying)
     law = found.dynamics.law
     if absent := [x for x in own if law and x not in known and x.removeprefix("controller.") not in law.numbers]:
         raise ValueError(f"`numbers[{absent[0]!r}]` cannot differ: the law reads its robot where it cannot be traced")

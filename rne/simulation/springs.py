@@ -325,7 +325,7 @@ class Springs:
         given: dict[str, Any] = {k: x if is_traced(x) else joint_array(k, x, robot.model) for k, x in arrays.items()}
         how = Quantity(name=name, core=core, widths=dict.fromkeys(given), moments=False, base_parameters=False)
         try:
-            return robot._kernels.evaluate_some(MethodQuantity(self, how, "the springs"), *given.values())
+            return robot.kernels.evaluate_some(MethodQuantity(self, how, "the springs"), *given.values())
         except NotFiniteError:
             self.check_ends(robot.model, given["q"])
             raise

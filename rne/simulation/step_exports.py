@@ -67,11 +67,11 @@ def interval_to_casadi(stepper: Any, name: str, symbolic: str, names: Sequence[s
 
 def _composed(stepper: Any, ca: Any, call: Callable[..., Any], symbols: Mapping[str, Any], limit: Any) -> Any:
     """The steps of `advance` on CasADi's symbols: call(0, t, x, u) is dx/dt, call(1, t, x) the law that is sampled."""
-    side, plan, n, t = stepper._own.side, stepper._schedule, stepper.scene.n, symbols.get("t", 0.0)
+    side, plan, n, t = stepper.own_numbers.side, stepper.schedule, stepper.scene.n, symbols.get("t", 0.0)
     row, size, m = symbols["x"], side.size, side.m
     x, z, held = row[:size], row[size : size + m], symbols.get("u")
     waiting = [row[first : first + n] for first in range(size + m, stepper.size, n)] if n else []
-    held = waiting.pop(0) if stepper._holds else held
+    held = waiting.pop(0) if stepper.holds else held
     for k, h in enumerate(plan.lengths.tolist()):
         if plan.sampled[k]:
             found = call(1, t, ca.vertcat(x, z))
@@ -85,7 +85,7 @@ def _composed(stepper: Any, ca: Any, call: Callable[..., Any], symbols: Mapping[
         x = x + h * total
     if stepper.position_stops:
         x = _within_stops(stepper, ca, x)
-    return ca.vertcat(x, z, *([held] if stepper._holds else []), *waiting)
+    return ca.vertcat(x, z, *([held] if stepper.holds else []), *waiting)
 
 
 def _mean_slope(plan: Schedule, k: int, x: Any, rates: Callable[[float, Any], Any]) -> Any:
@@ -98,7 +98,7 @@ def _mean_slope(plan: Schedule, k: int, x: Any, rates: Callable[[float, Any], An
 
 def _within_stops(stepper: Any, ca: Any, x: Any) -> Any:
     """The state with positions within their ranges, and without velocities that lead out of them."""
-    n, moving, (lower, upper) = stepper.scene.n, stepper._own.side.frozen.dynamics.n, map(ca.DM, stepper._ranges)
+    n, moving, (lower, upper) = stepper.scene.n, stepper.own_numbers.side.frozen.dynamics.n, map(ca.DM, stepper._ranges)
     q, rest, qd = x[:n], x[n:moving], x[moving:]
     ends = ca.fmin(ca.fmax(q, lower), upper)
     return ca.vertcat(ends, rest, ca.if_else((q - ends) * qd[:n] > 0, 0.0, qd[:n]), qd[n:])
@@ -205,10 +205,10 @@ C_ENDS = """
 
 def interval_to_c(stepper: Any, name: str) -> str:
     """See `Stepper.source`."""
-    frozen, side, plan, row = stepper._own.frozen, stepper._own.side, stepper._schedule, stepper.size
+    frozen, side, plan, row = stepper.own_numbers.frozen, stepper.own_numbers.side, stepper.schedule, stepper.size
     functions = _functions_in_c(frozen, name)
     arrays = {"a": plan.tableau.A, "b": plan.tableau.B, "h": plan.lengths, "at": plan.times}
-    n, first = stepper.scene.n, side.size + side.m + stepper.scene.n * stepper._holds
+    n, first = stepper.scene.n, side.size + side.m + stepper.scene.n * stepper.holds
     fill: dict[str, Any] = {"name": name, "steps": len(plan.lengths), "stages": len(plan.tableau.B), "size": side.size}
     fill |= {"n": n, "m": side.m, "row": row, "positions": plan.positions, "first": first}
     fill |= {"late": (row - first) // max(n, 1), "arrival": int(np.argmax(plan.acting))}
@@ -216,7 +216,7 @@ def interval_to_c(stepper: Any, name: str) -> str:
     sample, act, ends, declared = "", "", "", [f"stage[{side.size}], slope[{fill['stages']}][{side.size}]"]
     if frozen.law is not None:
         arrays["limit"] = side.limits[0]
-        sample, act = _sample_in_c(fill, holds=stepper._holds, function=functions.functions["law"])
+        sample, act = _sample_in_c(fill, holds=stepper.holds, function=functions.functions["law"])
         declared += [f"command[{n + side.m}], queue[{fill['late'] + 1}][{n}], held[{n}]"]
     if stepper.position_stops:
         arrays |= {"lower": stepper._ranges[0], "upper": stepper._ranges[1]}

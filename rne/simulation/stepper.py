@@ -82,7 +82,7 @@ class _Lanes:
     """Rows side by side, as the texts of `row_steps` take them, in machine code or by NumPy."""
 
     def __init__(self, stepper: Stepper, numbers: _Numbers, L: int, *, by_machine: bool, derive: bool) -> None:
-        frozen, schedule, holds = numbers.frozen, stepper._schedule, stepper._holds
+        frozen, schedule, holds = numbers.frozen, stepper.schedule, stepper.holds
         self.numbers, self.by_machine, self.derive, self.count = numbers, by_machine, derive, L
         side = SideBySide(frozen, numbers.part(np.arange(L)), L, by_machine=by_machine)
         n, size, stages = side.n * L, side.size * L, len(schedule.tableau.B)
@@ -215,9 +215,9 @@ class Stepper:
         self.scene, self.substeps = scene_argument(scene, "scene"), whole_number("substeps", substeps)
         self.sample_time, self.position_stops = _period(self.scene, sample_time), bool(position_stops)
         self.method = method
-        self._own = _Numbers(self._frozen(self.scene, ()), {}, {})
+        self.own_numbers = _Numbers(self._frozen(self.scene, ()), {}, {})
         self._known: dict[tuple[str, ...], _Numbers] = {}  # those given last, by their names
-        frozen, side, robot = self._own.frozen, self._own.side, self.scene.resolved.robot
+        frozen, side, robot = self.own_numbers.frozen, self.own_numbers.side, self.scene.resolved.robot
         late, rest = frozen.delay
         rests = np.array([rest])
         ends = np.linspace(0, self.sample_time, self.substeps + 1)
@@ -225,10 +225,10 @@ class Stepper:
         samples = np.zeros(int(frozen.law is not None))
         positions = frozen.dynamics.n if method == "semi-implicit-euler" else 0
         schedule = schedule_of(tableau(METHODS[method]), ends, samples, rests[: len(samples)], np.zeros(0))
-        self._schedule = schedule._replace(positions=positions)
+        self.schedule = schedule._replace(positions=positions)
         self._ranges = np.array([robot.lower, robot.upper]) if self.position_stops else np.zeros((2, 0))
-        self._holds = rest > 0
-        self.size = side.size + side.m + self.scene.n * (int(late) + self._holds)
+        self.holds = rest > 0
+        self.size = side.size + side.m + self.scene.n * (int(late) + self.holds)
         self._by_machine = frozen.by_machine
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -271,7 +271,7 @@ class Stepper:
         ValueError
             If an array has the wrong shape or is not finite.
         """
-        q, qd = self._own.frozen.dynamics.start(self.scene.resolved.robot, q0, qd0)
+        q, qd = self.own_numbers.frozen.dynamics.start(self.scene.resolved.robot, q0, qd0)
         q, qd = np.broadcast_arrays(q, qd)
         return np.concatenate([q, qd, np.zeros((*q.shape[:-1], self.size - 2 * q.shape[-1]))], axis=-1)
 
@@ -386,8 +386,8 @@ class Stepper:
         states = x.reshape(-1, self.size)
         commands = np.zeros((1, 0)) if u is None else u.reshape(-1, n)
         self._check_torques(u)
-        rows = _Rows(states, commands, self._times(self._own, t, 1), out.reshape(-1, self.size))
-        self._run(self._own, rows, 1)
+        rows = _Rows(states, commands, self._times(self.own_numbers, t, 1), out.reshape(-1, self.size))
+        self._run(self.own_numbers, rows, 1)
         return out
 
     def gradient(
@@ -614,7 +614,7 @@ class Stepper:
         """Numbers in place of the scene's, checked; those given last are known."""
         numbers = _named(numbers)
         if not numbers:
-            return self._own
+            return self.own_numbers
         names = tuple(numbers)
         if (last := self._known.get(names)) is not None and last.is_of(numbers, count):
             return last

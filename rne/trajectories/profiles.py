@@ -525,7 +525,7 @@ class Path:
     def __repr__(self) -> str:
         return f"Path({len(self.points)} points, stops={self.stops})"
 
-    def _via(self, piece: int, s: float) -> str:
+    def via(self, piece: int, s: float) -> str:
         """A place on the path in words: s is the parameter of a piece."""
         knots = self.pieces[piece].x
         k = int(np.clip(np.searchsorted(knots, s, side="right") - 1, 0, len(knots) - 2))

@@ -414,7 +414,7 @@ def _infeasible(piece: _Piece, grid: Array) -> str:
     j = int(row) % piece.limits.robot.n
     joint, limit = piece.limits.robot.joint_names[j], piece.limits.known["effort_limit"][j]
     share = at_rest[k, row]
-    place = piece.path._via(piece.index, float(grid[k]))
+    place = piece.path.via(piece.index, float(grid[k]))
     if share < 1:
         return f"`path`: toppra finds no motion; at rest it needs most {place}, {share:.0%} of joint {joint!r}"
     return (
@@ -763,7 +763,7 @@ def _check_range(piece: _Piece) -> None:
     beyond = np.nan_to_num(np.maximum(q - high, low - q), nan=2 * OUT_OF_RANGE)  # mostly its driver is farther beyond
     k, j = np.unravel_index(int(beyond.argmax()), q.shape)
     if beyond[k, j] > OUT_OF_RANGE:
-        place = piece.path._via(piece.index, float(grid[k]))
+        place = piece.path.via(piece.index, float(grid[k]))
         raise OutOfRange(
             f"`path` leaves the range of joint {names[j]!r}, {low[j]:.4g} to {high[j]:.4g}: {q[k, j]:.4g} {place}"
         )

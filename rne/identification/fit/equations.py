@@ -556,9 +556,9 @@ def of_named_joints(
     """
     given = tuple(records) if isinstance(records, Sequence) else (records,)
     given = tuple(by_number(r, robot.joint_names) if isinstance(r, Record) else r for r in given)
-    named = [r for r in given if isinstance(r, Record) and r._is_of(robot.joint_names)]
+    named = [r for r in given if isinstance(r, Record) and r.is_of(robot.joint_names)]
     if not named or len(named) < len(given):
-        told = [r for r in given if isinstance(r, Record) and r._given_names]
+        told = [r for r in given if isinstance(r, Record) and r.given_names]
         return (
             robot,
             given,
@@ -598,7 +598,7 @@ def of_named_joints(
         notes = [f"{LOCKED}: {listed([f'{name} at {q:.4g}' for name, q in missing.items()])}", *notes]
         robot = robot.locked(missing)
     if any(record.joint_names != robot.joint_names for record in named):
-        given = tuple(record._part(slice(None), robot.joint_names) for record in named)
+        given = tuple(record.part(slice(None), robot.joint_names) for record in named)
     return robot, given, tuple(notes)
 
 
@@ -616,9 +616,9 @@ def check_drivers(model: Model, moving: Sequence[str], missing: Collection[str])
 
 def by_number(record: Record, names: Sequence[str]) -> Record:
     """The record with the robot's names where both have numbers alone: joint_2 or j2 is then the robot's arm_j2."""
-    own = record._given_names or ()
+    own = record.given_names or ()
     called = names_by_number(own, names)
-    return record._part(slice(None), own, called) if called else record
+    return record.part(slice(None), own, called) if called else record
 
 
 def warn_of_locked(notes: Sequence[str]) -> None:
@@ -637,12 +637,12 @@ def locked_text(notes: Sequence[str], then: str, why: str = "") -> list[str]:
 def check_joints(robot: Robot, record: Record, argument: str) -> None:
     """Refuse a record of other joints, or of these in another order."""
     names = robot.joint_names
-    if record.n == robot.n and (not record._is_of(names) or record.joint_names == names):
+    if record.n == robot.n and (not record.is_of(names) or record.joint_names == names):
         return
     lacking: Sequence[str] = names[record.n :]
     came = f"{counted(record.n, 'joint')} without names"
     cure = "give the names of those measured as `joint_names` of the Record"
-    if record._is_of(names):
+    if record.is_of(names):
         came, lacking = str(list(record.joint_names)), [name for name in names if name not in record.joint_names]
         cure = "name the joints of all records as the robot does, by `joint_names` of the Record"
     if record.n < robot.n:

@@ -47,7 +47,7 @@ class LeastSquares(ReadOnlyArrays):
     condition: float
     scaled_condition: float
 
-    def _with_covariance(self, covariance: Array) -> LeastSquares:
+    def with_covariance(self, covariance: Array) -> LeastSquares:
         """The estimates with another covariance; errors that are infinite stay so."""
         errors = np.where(np.isinf(self.errors), np.inf, np.sqrt(np.diag(covariance)))
         return replace(self, covariance=covariance, errors=errors)
@@ -94,7 +94,7 @@ def with_correlation(estimate: LeastSquares, equations: Equations, correlation_t
     for j, A in enumerate(equations.predicted(estimate.sigma)):  # G (sum over joints of tau_j A_j^T A_j) G^T
         share = solution.inverse @ (A @ solution.inverse).T
         covariance += correlation_time[j] * share @ share.T
-    return estimate._with_covariance(covariance)
+    return estimate.with_covariance(covariance)
 
 
 def fit_base_parameters(base: BaseParameters, data: RegressionData) -> LeastSquares:

@@ -458,7 +458,12 @@ class Record(ReadOnlyArrays):
         """Number of joints."""
         return int(self.q.shape[1])
 
-    def _is_of(self, joint_names: Sequence[str]) -> bool:
+    @property
+    def given_names(self) -> tuple[str, ...] | None:
+        """Names of the joints that the record was given, None where it numbers them."""
+        return self._given_names
+
+    def is_of(self, joint_names: Sequence[str]) -> bool:
         """True if the joints were named; joint_1 and so on are numbers for a robot without joints of these names."""
         given = self._given_names or ()
         plain = tuple(re.sub(r"[ _]*0*(\d+)$", r"_\1", name.lower()) for name in given)  # Joint1, joint 01
@@ -487,9 +492,9 @@ class Record(ReadOnlyArrays):
         if not part.any():
             span = f"the record's are from {self.t[0]:.12g} to {self.t[-1]:.12g} s"
             raise ValueError(f"there are no samples between {start:.12g} and {end:.12g} s: {span}")
-        return self._part(part, self.joint_names)
+        return self.part(part, self.joint_names)
 
-    def _part(
+    def part(
         self, rows: Array | slice, joint_names: Sequence[str], called: Sequence[str] = (), *, torques: bool = True
     ) -> Record:
         """Some samples of some joints, with other names if given (`called`)."""
@@ -506,9 +511,9 @@ class Record(ReadOnlyArrays):
         """The commands and positions alone, screened as such."""
         if self.command is None:
             raise ValueError(f"{self.name}: {NO_COMMANDS}")
-        return self if self.tau is None else self._part(slice(None), self.joint_names, torques=False)
+        return self if self.tau is None else self.part(slice(None), self.joint_names, torques=False)
 
-    def _on_grid(self) -> Record:
+    def on_grid(self) -> Record:
         """Commands and positions as cleaned, NaN where none was measured; a ValueError for a finding of an error."""
         record = self._without_torques()
         record._refuse_errors()
@@ -569,7 +574,7 @@ class Record(ReadOnlyArrays):
         first, last = max(start[0] - 1, 0), min(end[-1] + 1, len(q) - 1)
         before, after = self.t[first] - self.t[0], self.t[-1] - self.t[last]
         first, last = first * (before > thresholds.PAUSE), last if after > thresholds.PAUSE else len(q) - 1
-        part = self._part(slice(first, last + 1), self.joint_names)
+        part = self.part(slice(first, last + 1), self.joint_names)
         cut = [f"{x:.4g} s at the {end}" for x, end in ((before, "start"), (after, "end")) if x > thresholds.PAUSE]
         part._tell(f"rest cut off: {', '.join(cut)}" * bool(cut), ())
         return part

@@ -255,7 +255,7 @@ class MotionFit(InNotebooks):
         >>> q, std = found.predict(record, std=True)  # doctest: +SKIP
         """
         check_records(self.initial, (record,))
-        clean, apart = record._on_grid(), 0.5 / record.sample_rate
+        clean, apart = record.on_grid(), 0.5 / record.sample_rate
         shots = shots_of(self.initial, (clean,), None, self.resolution)
         problem = self.problem.at(records=(clean,), shots=shots, traced={})
         z = fitted_starts(problem, self._x)
@@ -347,7 +347,7 @@ class MotionFit(InNotebooks):
         """
         from ...plotting import prediction_plot
 
-        record = (record or max(self.problem.records, key=lambda one: len(one.t)))._on_grid()
+        record = (record or max(self.problem.records, key=lambda one: len(one.t))).on_grid()
         predicted, std = self.predict(record, std=True)
         qd = np.gradient(predicted, record.t, axis=0)
         measured, units = record.q[:, columns_for(self.initial, record)], joint_units(self.initial)
@@ -519,7 +519,7 @@ def identify_motion(
     """
     given = (records,) if isinstance(records, Record) else tuple(records)
     check_records(scene, given)
-    given = tuple(record._on_grid() for record in given)
+    given = tuple(record.on_grid() for record in given)
     folds = whole_number("folds", folds, least=0)
     if folds == 1:
         raise ValueError("`folds` must be 0, or 2 and more")

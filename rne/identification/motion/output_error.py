@@ -41,7 +41,7 @@ class Shot:
 def columns_for(scene: Scene, record: Record) -> list[int]:
     """The joints of a record that are those of the scene, in its order."""
     names = scene.resolved.robot.joint_names
-    if record._is_of(names):
+    if record.is_of(names):
         if lost := [name for name in names if name not in record.joint_names]:
             has = f"not in the record, which has {', '.join(record.joint_names)}"
             raise ValueError(f"{record.name}: joint {lost[0]!r} of the scene is {has}")
