@@ -1,4 +1,4 @@
-"""From measurements to a model: motions that excite it, records of motions, their fit, and how far to trust it."""
+"""From measurements to a model: exciting motions, records of motions, their fit, and its uncertainty."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""Torques predicted for a measured motion beside the measured ones: errors, bands, a table and a picture."""
+"""Validation of a fit on another motion: predicted and measured torques, errors, bands, a table and a picture."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Check(InNotebooks):
-    """Torques predicted for a measured motion beside the measured ones, of a fit by `rne.identify`.
+    """Predicted and measured torques of a motion, for validation of a fit by `rne.identify`.
 
     Attributes
     ----------
@@ -53,7 +53,7 @@ class Check(InNotebooks):
 
     @property
     def rms(self) -> Array:
-        """Root mean square of predicted less measured torque of each joint, NaN without any, (n,) [N m or N]."""
+        """Root mean square of predicted minus measured torque of each joint, NaN without any, (n,) [N m or N]."""
         rows = np.where(self.valid.any(0), self.valid.sum(0), np.nan)
         errors: Array = np.sqrt((((self.predicted - self.measured) * self.valid) ** 2).sum(0) / rows)
         return errors
@@ -81,7 +81,7 @@ class Check(InNotebooks):
         return np.asarray(within.sum(0) / np.where(rows.any(0), rows.sum(0), np.nan))
 
     def report(self) -> str:
-        """A table of the errors and of what the 95 % band covers, joint by joint.
+        """Table of the errors and of the coverage of the 95 % band, joint by joint.
 
         Returns
         -------

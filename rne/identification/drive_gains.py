@@ -96,7 +96,7 @@ class DriveGains(SetsResult):
         return wrapped(f"DriveGains([{', '.join(f'{gain:.4g}' for gain in self.gains)}])")
 
     def draws(self, count: int, seed: int = 0) -> Array:
-        """Gains that are as likely as those found, by their standard errors and correlations, shape (count, n).
+        """Random gains distributed by their standard errors and correlations, shape (count, n).
 
         Parameters
         ----------
@@ -119,7 +119,7 @@ class DriveGains(SetsResult):
         return np.asarray(self.gains + rng.normal(size=(whole_number("count", count, least=1), n)) @ root.T)
 
     def report(self) -> str:
-        """A text on the gains: how well they are known, standard errors, and notes.
+        """Text on the gains: accuracy, standard errors, and notes.
 
         Returns
         -------
@@ -251,7 +251,7 @@ def identify_drive_gains(
 
 
 def gain_rows(names: Sequence[str], gains: Array, errors: Array) -> list[Row]:
-    """A table of gains."""
+    """Table of gains."""
     rows = [Row("drive gains [N m or N per unit]", ("gain", "standard error"), words=True)]
     for name, gain, error in zip(names, gains, errors, strict=True):
         rows.append(Row(f"  {short(name)}", ("-", "-") if np.isnan(gain) else (f"{gain:.5g}", f"{error:.2g}")))
@@ -259,12 +259,12 @@ def gain_rows(names: Sequence[str], gains: Array, errors: Array) -> list[Row]:
 
 
 def place(x: Array) -> str:
-    """A point in words."""
+    """Text of a point."""
     return f"({', '.join(f'{value:.3g}' for value in x)})"
 
 
 def refuse_negative(names: Sequence[str], gains: Array, errors: Array, bare: bool) -> None:
-    """Refuse gains below zero, with what may cause them."""
+    """Refuse negative gains, naming likely causes."""
     negative = np.flatnonzero(gains < 0).tolist()
     if not len(negative):
         return
@@ -278,11 +278,11 @@ def refuse_negative(names: Sequence[str], gains: Array, errors: Array, bare: boo
 
 
 def change_by_another_load(weighed: RecordSets, mass: float, com: Array, gains: Array) -> Array:
-    """Change of the gains, beyond chance, if only the mass of the load is taken as given; a large one is refused."""
+    """Significant change of the gains if only the load's mass is taken as given; a large one is refused."""
     K, names = weighed.base.count, weighed.robot.joint_names
     try:
         other, errors, fit = of_all_joints(weighed)
-    except IdentificationError:  # these motions cannot tell
+    except IdentificationError:  # not identifiable from these motions
         return np.zeros(len(gains))
     change, errors = np.abs(np.nan_to_num(gains - other)), np.nan_to_num(errors)
     least = np.maximum(thresholds.BEYOND_DOUBT * errors, thresholds.CONTRADICTED * np.abs(np.nan_to_num(other)))
@@ -297,7 +297,7 @@ def change_by_another_load(weighed: RecordSets, mass: float, com: Array, gains: 
 
 
 def of_all_joints(sets: RecordSets) -> tuple[Array, Array, SetsFit]:
-    """Gains by a fit of all joints with the same parameters, with errors; NaN where they are not told."""
+    """Gains and errors by a fit of all joints with common parameters; NaN where they are not identifiable."""
     first = sets.base.count + sets.S.shape[-1]  # of the unknowns that are changes of gains
     gains, states = first_gains(sets)
     for k in range(thresholds.GAIN_ROUNDS):
@@ -325,7 +325,7 @@ def of_all_joints(sets: RecordSets) -> tuple[Array, Array, SetsFit]:
 
 
 def with_random_errors(sets: RecordSets, gains: Array, fit: SetsFit) -> tuple[Array, Array, SetsFit]:
-    """Gains by further steps of the fit with random errors of the drives, which may move them far."""
+    """Gains by further steps of the fit with random errors of the drives."""
     first, told = sets.base.count + sets.S.shape[-1], np.isfinite(gains)
     for k in range(thresholds.REFINED):
         change, errors = fit.estimate.values[first:], fit.estimate.errors[first:]
@@ -337,7 +337,7 @@ def with_random_errors(sets: RecordSets, gains: Array, fit: SetsFit) -> tuple[Ar
 
 
 def first_gains(sets: RecordSets) -> tuple[Array, Array]:
-    """Gains by the currents that each joint's own fit predicts, and parameters of each set."""
+    """Initial gains by the currents that each joint's own fit predicts, and parameters of each set."""
     K, n = sets.base.count, sets.robot.n
     alone = replace(sets, S=np.concatenate([sets.S, sets.known[..., None]], axis=-1), known=0 * sets.known)
     both = alone.assembled(sets.plain)

@@ -1,4 +1,4 @@
-"""What a fit assumes beside the robot, and the steps that find it: cut-offs, delays, Stribeck effects, rotors.
+"""Assumptions of a fit beside the robot, and the steps that find them: cut-offs, delays, Stribeck effects, rotors.
 
 A fit assumes drives, delays of the torques, and cut-offs of the filter: its `FitModel`. The residuals show which of
 these are wrong. Each of `STEPS` looks at a fit for one kind of error, and returns the model without it, or None;
@@ -52,32 +52,32 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class FitModel:
-    """A fit to records of a robot: what it assumes beside the robot, and what of that the residuals may change."""
+    """Model of a fit: assumptions beside the robot, and options of what the residuals may change."""
 
     robot: Robot
     records: tuple[Record, ...]
     drives: DriveModel
-    delays: Array  # by which torques were measured later than positions, shape (records, n) [s]
+    delays: Array  # of torques after the positions, shape (records, n) [s]
     cutoffs: float | tuple[float, ...] | None = None  # [Hz]; None for those of the spectra
-    springs: Springs | None = None  # whose stiffness and length are found
+    springs: Springs | None = None  # springs whose stiffness and length are found
     motions: tuple[Motion, ...] = ()  # of the instruments, one for each record; none for least squares
     minimum_velocity: ArrayLike | None = None  # this and `folds` as of `rne.identify`
     folds: int = thresholds.FOLDS
-    hypotheses: tuple[Hypothesis, ...] | None = ()  # tried as causes beside those known; None to look for no causes
+    hypotheses: tuple[Hypothesis, ...] | None = ()  # tried as causes beside the known ones; None to look for no causes
     finds_delays: bool = True
-    finds_drives: bool = True  # Stribeck effects, and whether there are rotors
+    finds_drives: bool = True  # True to look for Stribeck effects, and for absent rotors
     filtered: tuple[tuple[str, ...], ...] = ()  # notes on the filter of each record, once the cut-offs are chosen
     modelled: Mapping[tuple[object, ...], Cause] = field(default_factory=dict)  # delays and Stribeck effects found
 
     def data(self, base: BaseParameters, loaded: Array | None = None) -> RegressionData:
-        """The equations; friction under load is that of standard parameters `loaded`."""
+        """Equations; friction under load is that of standard parameters `loaded`."""
         filters = self.minimum_velocity, self.cutoffs, self.folds
         return build_regression(self.robot, self.records, base, *filters, self.delays, loaded, self.motions)
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """Base parameters fitted under a model, and what their residuals show."""
+    """Base parameters fitted under a model, and the diagnosis of their residuals."""
 
     model: FitModel
     base: BaseParameters
@@ -108,17 +108,17 @@ class Fit:
 
     @property
     def causes(self) -> tuple[Cause, ...]:
-        """Likely causes of the residuals; friction of gears alone, if the model has no hypotheses."""
+        """Likely causes of the residuals; only gear friction if the model has no hypotheses."""
         return self._likely[0]
 
     @property
     def small_causes(self) -> tuple[Cause, ...]:
-        """Causes that are evident, and matter little."""
+        """Causes that are evident but of small effect."""
         return self._likely[1]
 
 
 def settled(model: FitModel) -> Fit:
-    """The fit under a model in which no step finds an error, or that of the last round."""
+    """Fit under a model in which no step finds an error, or that of the last round."""
     fit = with_chosen_cutoffs(fitted(model))
     for _ in range(thresholds.DELAY_ROUNDS):
         changed = next((found for step in STEPS if (found := step(fit)) is not None), None)
@@ -129,7 +129,7 @@ def settled(model: FitModel) -> Fit:
 
 
 def fitted(model: FitModel) -> Fit:
-    """The fit under a model; where friction depends on the load, in rounds with the loads of the last one.
+    """Fit under a model; where friction depends on the load, iterated with the loads of the last fit.
 
     A round leaves of the parameters' error about the part of the torque that friction takes.
     """
@@ -149,7 +149,7 @@ def fitted(model: FitModel) -> Fit:
 
 
 def with_springs(base: BaseParameters, springs: Any) -> BaseParameters:
-    """Base parameters and those of springs, each of which is one of its own."""
+    """Base parameters and those of springs, each its own base parameter."""
     standard = replace(base.standard, springs=springs)
     places = range(base.standard.count, standard.count)
     matrix = np.pad(base.matrix, (0, len(places)))
@@ -161,7 +161,7 @@ def with_springs(base: BaseParameters, springs: Any) -> BaseParameters:
 
 
 def with_chosen_cutoffs(fit: Fit) -> Fit:
-    """The fit with the cut-offs given, or with those of `lower_cutoffs`, which later rounds keep."""
+    """Fit with the given cut-offs, or with those of `lower_cutoffs`, which later rounds keep."""
     data = fit.data if fit.model.cutoffs else lower_cutoffs(fit)
     cutoffs, notes = tuple(r.cutoff for r in data.prepared), tuple(r.notes for r in data.prepared)
     model = replace(fit.model, cutoffs=cutoffs, filtered=notes)
@@ -169,7 +169,7 @@ def with_chosen_cutoffs(fit: Fit) -> Fit:
 
 
 def lower_cutoffs(fit: Fit) -> RegressionData:
-    """The equations with the cut-offs of the spectra, halved where that predicts what was not fitted better.
+    """Equations with the cut-offs of the spectra, halved where that reduces the validation error.
 
     Of two fits that with the lower cut-off is taken if it predicts blocks of time that neither has seen better, on
     signals below that cut-off, and less is left of its own signals than of the other's; where much is left also if it
@@ -204,18 +204,18 @@ def lower_cutoffs(fit: Fit) -> RegressionData:
 
 
 def blocks_left_out(base: BaseParameters, data: RegressionData) -> list[Array]:
-    """Standard parameters fitted to all blocks but one, for each; with the weights of all, a tenth of the time."""
+    """Standard parameters fitted to all blocks but one, for each, with common weights, in a tenth of the time."""
     noise = least_squares(data.fitted.mapped(base.back)).sigma
     return fits_without_block(Estimator(base, None, 1.0, noise=noise), data.fitted)
 
 
 def shares_held_out(estimates: Sequence[Array], others: RegressionData) -> Array:
-    """Parts of the torques of each block of others that parameters fitted without it leave, shape (n,)."""
+    """Validation errors of the torques, each block by parameters fitted without it, shape (n,)."""
     return unexplained(estimates, others.fitted, others.fitted).everywhere
 
 
 def with_reasons(first: RegressionData, data: RegressionData, before: Array, after: Array) -> RegressionData:
-    """The equations with notes on why the cut-offs are not those of the first ones, by the errors held out."""
+    """Equations with notes on why cut-offs differ from the first ones, by the validation errors."""
     left, given = (", ".join(f"{100 * x:.3g}" for x in errors) for errors in (after, before))
     why = f"of blocks not fitted {left} % is left by joint, with that of the spectrum, {{:.3g}} Hz, {given} %: "
     why += "noise may be fed back"
@@ -228,7 +228,7 @@ def with_reasons(first: RegressionData, data: RegressionData, before: Array, aft
 
 
 def with_delays(fit: Fit) -> FitModel | None:
-    """The model with delays of the torques that the residuals show, or that another cause may hide."""
+    """Model with delays of the torques that the residuals show, or that another cause may hide."""
     model = fit.model
     if not model.finds_delays:
         return None
@@ -250,7 +250,7 @@ def with_delays(fit: Fit) -> FitModel | None:
 
 
 def with_stribeck(fit: Fit) -> FitModel | None:
-    """The model with Stribeck effects, where these are among the likeliest causes."""
+    """Model with Stribeck effects, where these are among the likeliest causes."""
     model, names = fit.model, fit.model.robot.joint_names
     slow = [cause for cause in fit.causes if cause.kind == STRIBECK] if fit.model.finds_drives else []
     if not slow or slow[0].score < max(cause.score for cause in fit.causes) / 2:
@@ -263,7 +263,7 @@ def with_stribeck(fit: Fit) -> FitModel | None:
 
 
 def without_rotors(fit: Fit) -> FitModel | None:
-    """The model without rotors, if none is felt where it could be, as by torque sensors behind the gears.
+    """Model without rotors, if none is significant where it could be, as by torque sensors behind the gears.
 
     Other causes hide rotors.
     """

@@ -36,14 +36,14 @@ if TYPE_CHECKING:
     from ..simulation.scene import Payload
 
 SCALED = "torques of the bodies without the load are"  # start of a note
-STEP = 1e-30  # of derivatives by complex numbers
+STEP = 1e-30  # imaginary step of complex-step derivatives
 INERTIAS = ("Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 QUANTITIES = ("mass [kg]", *(f"centre {x} [m]" for x in "xyz"), *(f"{symbol} [kg m^2]" for symbol in INERTIAS))
 
 
 @dataclass(frozen=True, eq=False)
 class PayloadEstimate(SetsResult):
-    """A load found by `rne.identify_payload`; a Scene takes it as its `payload`.
+    """Load estimated by `rne.identify_payload`; a Scene takes it as its `payload`.
 
     Attributes
     ----------
@@ -112,7 +112,7 @@ class PayloadEstimate(SetsResult):
         )
 
     def draws(self, count: int, seed: int = 0) -> dict[str, Array]:
-        """Loads that are as likely as the one found, for `numbers` of `rne.ensemble` and a Scene that carries it.
+        """Random loads distributed as the estimate, for `numbers` of `rne.ensemble` and a Scene that carries it.
 
         Parameters
         ----------
@@ -138,7 +138,7 @@ class PayloadEstimate(SetsResult):
         return {"payload": possible_draws(phi, scale, np.s_[:PARAMETERS], told, root, count, seed)}
 
     def report(self) -> str:
-        """A text on the load: how well it is known, standard errors of its parameters, and notes.
+        """Text on the load: accuracy, standard errors of its parameters, and notes.
 
         Returns
         -------
@@ -301,7 +301,7 @@ def identify_payload(
 
 
 def beside_given(standard: StandardParameters, data: RegressionData, x: Array, sigma: Array) -> float:
-    """Factor of the torques of bodies of parameters x beside those of the model, 1 where these are unlike them."""
+    """Ratio of the torques of bodies of parameters x to those of the model, 1 where these are unlike."""
     bodies = standard.groups["bodies"]
     found, given = ((data.Y[..., bodies] @ values[bodies] / sigma)[data.used] for values in (x, standard.values))
     both, own, whole = found @ given, given @ given, found @ found
@@ -309,7 +309,7 @@ def beside_given(standard: StandardParameters, data: RegressionData, x: Array, s
 
 
 def doubts(phi: Array, errors: Array) -> list[str]:
-    """Notes on a load by least squares that is doubtful or impossible."""
+    """Notes on a doubtful or impossible least-squares load."""
     notes, mass = [], f"a mass of {phi[0]:.3g} kg with a standard error of {errors[0]:.2g} kg"
     if phi[0] < -thresholds.BEYOND_DOUBT * errors[0]:
         notes.append(f"least squares give {mass}: are the records exchanged?")
@@ -329,7 +329,7 @@ def gravity_in(robot: Robot, link: str, records: Sequence[Prepared]) -> Array:
 
 
 def unknown_parts(factor: Array, mass: float, down: Array) -> tuple[str, ...]:
-    """Names of what the equations do not tell of a load: where a body of its size decides instead, as a prior.
+    """Names of a load's parameters that the equations do not determine and a prior body decides.
 
     Gravity acts along `down`, shape (k, 3), in the link's axes.
     """
@@ -346,7 +346,7 @@ def unknown_parts(factor: Array, mass: float, down: Array) -> tuple[str, ...]:
 
 
 def axis_text(axis: Array, down: Array) -> str:
-    """The centre along an axis, in words."""
+    """Text of the centre along an axis."""
     x, y, z = axis * np.sign(axis[np.abs(axis).argmax()])
     along = ", as gravity" * bool(len(down) and (np.abs(down @ axis) > thresholds.ALONG).all())
     return f"its centre along ({x:.2f}, {y:.2f}, {z:.2f}){along}".replace("-0.00", "0.00")
@@ -358,7 +358,7 @@ def gyration(mass: float) -> float:
 
 
 def possible_load(factor: Array, phi: Array, errors: Array) -> Array:
-    """Parameters of the physically consistent load that fits best, near a ball of the mass and centre found."""
+    """Parameters of the best-fitting physically consistent load, near a ball of the mass and centre found."""
     mass = max(phi[0], errors[0])
     centre = phi[1:4] / mass if phi[0] > thresholds.BEYOND_DOUBT * errors[0] else np.zeros(3)
     ball = np.eye(4)
@@ -369,7 +369,7 @@ def possible_load(factor: Array, phi: Array, errors: Array) -> Array:
 
 
 def body_of(phi: Array) -> Array:
-    """Mass, centre of mass and inertia about it, from the parameters about the link's origin; complex ones too."""
+    """Mass, centre of mass and inertia about it, from parameters about the link's origin; also complex."""
     centre = phi[1:4] / phi[0]
     inertia = phi[4:][ENTRIES] - point_mass_inertia(phi[0], centre)
     return np.concatenate([phi[:1], centre, inertia[ROWS, COLUMNS]])

@@ -81,7 +81,7 @@ def regression(
     delay: ArrayLike | None = None,
     folds: int = thresholds.FOLDS,
 ) -> RegressionData:
-    """The equations Y x = tau of measured motions, filtered, in folds of time.
+    """Equations Y x = tau of measured motions, filtered, in folds of time.
 
     Parameters
     ----------
@@ -359,7 +359,7 @@ def identify(
 
 
 def validated_bodies(fit: Fit, prior: Robot | str | None, prior_std: float | None) -> tuple[BodiesFit, Unexplained]:
-    """Bodies and their validation error; by least squares where torques are those of no possible bodies.
+    """Bodies and their validation error; by least squares where no possible bodies fit the torques.
 
     The causes say more of such torques.
     """
@@ -378,7 +378,7 @@ def validated_bodies(fit: Fit, prior: Robot | str | None, prior_std: float | Non
 def tried_hypotheses(
     hypotheses: Sequence[Hypothesis], are_instruments: bool, *, causes: bool
 ) -> tuple[Hypothesis, ...] | None:
-    """The argument `hypotheses`, checked; None if no causes are looked for."""
+    """Argument `hypotheses`, checked; None if no causes are looked for."""
     if hypotheses and not causes:
         raise ValueError("`hypotheses` are tried as causes: leave them out, or set `causes=True`")
     tried = hypotheses_argument(hypotheses) if causes else None
@@ -388,7 +388,7 @@ def tried_hypotheses(
 
 
 def fitted_springs(springs: Sequence[Spring | JointSpring], robot: Robot, moved: Robot) -> Springs | None:
-    """The springs that are to be found, of which joints that are not locked move, checked."""
+    """Springs to be found, those of joints that are not locked, checked."""
     from ..simulation.springs import resolved_springs
 
     found = resolved_springs(springs, robot, moved)
@@ -399,7 +399,7 @@ def fitted_springs(springs: Sequence[Spring | JointSpring], robot: Robot, moved:
 
 
 def notes_of_fit(fit: Fit) -> tuple[str, ...]:
-    """Notes on the equations, on what the model takes into account, and on what it leaves out."""
+    """Notes on the equations, on modelled effects, and on neglected ones."""
     period = max(1 / record.sample_rate for record in fit.data.prepared)
     is_early = any(cause.kind == "delay" and cause.value < -period for cause in fit.modelled)
     early = (EARLY,) * (is_early and not fit.model.motions)
@@ -408,7 +408,7 @@ def notes_of_fit(fit: Fit) -> tuple[str, ...]:
 
 
 def taken_text(cause: Cause) -> str:
-    """A delay or Stribeck effect that is taken into account, with its standard error, in words."""
+    """Text of a modelled delay or Stribeck effect, with its standard error."""
     if cause.kind == "delay":
         text = delay_text(cause.joints if np.isnan(cause.at) else ())(np.array([cause.value]))
         return f"delay of {1000 * cause.value:.3g} ms: {text} (+- {1000 * cause.error:.2g} ms); taken into account"
@@ -416,14 +416,14 @@ def taken_text(cause: Cause) -> str:
 
 
 def small_text(causes: Sequence[Cause]) -> tuple[str, ...]:
-    """A note on causes that matter little to the model, but for friction that sound gears have."""
+    """Note on causes of small effect, without the usual friction of gears."""
     told = merged_by_kind([cause for cause in causes if cause.kind not in GEARS])[:NAMED]
     texts = [f"{cause.text} (held out: {cause.effect})" for cause in told]
     return (f"evident, but of little effect, no likely causes: {'; '.join(texts)}",) * bool(texts)
 
 
 def ignored_drives(standard: StandardParameters) -> tuple[str, ...]:
-    """Rotors and friction that the given model has and that were not asked for: the robot found is without them."""
+    """Note on rotors and friction of the given model that were not asked for: the robot found has none."""
     model = standard.model
     known = {"Ia": model.armature, "Fv": model.damping, "Fc": model.friction}
     ignored = [DRIVES[symbol] for symbol, x in known.items() if symbol not in standard.terms and x.any()]
@@ -432,7 +432,7 @@ def ignored_drives(standard: StandardParameters) -> tuple[str, ...]:
 
 
 def negative_drives(robot: Robot, base: BaseParameters, estimate: LeastSquares) -> tuple[str, ...]:
-    """Rotors and friction that come out negative beyond doubt: a torque of the wrong sign does this."""
+    """Notes on significantly negative rotors and friction, as by torques of the wrong sign."""
     bodies, found = PARAMETERS * robot.model.nb, []
     for k, name in enumerate(base.names):
         value, error = estimate.values[k], estimate.errors[k]

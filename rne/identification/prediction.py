@@ -1,4 +1,4 @@
-"""How sure a predicted torque is: the parameters' covariance through the regressor, and residuals that were held out.
+"""Uncertainty of predicted torques: the parameters' covariance through the regressor, and validation residuals.
 
 The variance of a torque is y C y^T + s^2, with the torque's row y of the regressor of the base parameters, their
 covariance C, and the variance s^2 of what no parameters explain, by joint: Draper and Smith 1998, section 1.4 and 5.5.
@@ -29,7 +29,7 @@ from .log.prepared import Prepared, rows_without
 
 @dataclass(frozen=True, eq=False)
 class Bands(ReadOnlyArrays):
-    """Standard deviations of torques predicted by base parameters, and what they cover of blocks held out."""
+    """Standard deviations of torques predicted by base parameters, and their coverage of validation blocks."""
 
     base: BaseParameters
     root: Array  # L of the parameters' covariance L L^T, shape (count, r)
@@ -56,7 +56,7 @@ class Bands(ReadOnlyArrays):
         return np.where(own > thresholds.UNDETERMINED * size, np.inf, total)
 
     def _squares_at_rest(self, load: Array | None) -> Array:
-        """Squared deviations of slow joints; friction of any value up to a torque has at most that deviation."""
+        """Squared deviations of slow joints, whose friction is undetermined up to a torque."""
         friction = self.friction if load is None else self.friction + self.of_load * maximum(load, -load)
         return np.asarray(self.at_rest**2 + friction * friction)
 
@@ -68,7 +68,7 @@ class Bands(ReadOnlyArrays):
         return np.asarray(np.sqrt((y * y).sum(-1) + residual))
 
     def text(self, names: Any, units: Any) -> str:
-        """How far torques of another motion are from those predicted, in a sentence or two."""
+        """Sentences on the deviations of another motion's torques from predicted ones."""
         each = zip(names, units, self.largest, strict=True)
         told = [f"+- {x:.2g} {unit} ({short(name)})" for name, unit, x in each if np.isfinite(x)]
         if not told:
@@ -91,7 +91,7 @@ def bands_of(
     correlation_time: Array,
     friction: ArrayLike,
 ) -> Bands:
-    """The bands of a fit to these equations, with the friction of a joint at rest at most, and more per load, (2, n).
+    """Bands of a fit to these equations, with the largest friction of a joint at rest, and more per load, (2, n).
 
     At rest the residuals' deviation is that of joints that rest for a while in the log or, where hardly any does,
     contains this friction.
@@ -125,7 +125,7 @@ def bands_of(
 def held_out_residuals(
     data: RegressionData, equations: Equations, y: Array, estimate: LeastSquares
 ) -> tuple[Array, Array]:
-    """Residuals of each block by a fit without it, and deviations by that fit's parameters of independent rows.
+    """Validation residuals of each block, and deviations of independent rows by the parameters fitted without it.
 
     Blocks in which the joints go the same way, as in another period, are left out too, unless these are most of all or
     the others do not determine the parameters. Both have shape (rows, n).
@@ -145,7 +145,7 @@ def held_out_residuals(
 
 
 def repeated(records: Sequence[Prepared], blocks: Sequence[slice]) -> Array:
-    """True for pairs of blocks of which a part has nearly the same positions and velocities, (blocks, blocks)."""
+    """True for pairs of blocks that partly have nearly the same positions and velocities, (blocks, blocks)."""
     from scipy.spatial import KDTree
 
     moved = (
@@ -177,7 +177,7 @@ def square_root(covariance: Array) -> Array:
 
 
 def possible_draws(pi: Array, scale: Array, bodies: slice, known: Array, root: Array, count: int, seed: int) -> Array:
-    """Draws of parameters about those of possible bodies, shape (count, P).
+    """Random parameters of physically consistent bodies, distributed as the estimate, shape (count, P).
 
     Before the measurements, parameters are pi + scale z with z ~ N(0, 1); these give the functions `known` of them, of
     shape (r, P), with errors root e, e ~ N(0, 1). Draws are of the posterior of this linear model. What the
@@ -203,7 +203,7 @@ def possible_draws(pi: Array, scale: Array, bodies: slice, known: Array, root: A
 
 
 def prior_scale(bodies: Array, std: float, drives: Array, cure: str) -> Array:
-    """Standard deviations, as columns, of parameters of bodies (10 nb,) to which others are alike, and of drives.
+    """Standard deviations, as columns, of bodies' parameters (10 nb,) under the prior, and of drives.
 
     An IdentificationError with the cure, if the bodies are not possible.
     """

@@ -77,7 +77,7 @@ GAINS_CONTAINED = (
     "drives make of the load; not an error of the load weighed: the mass is as wrong as it is, relatively"
 )
 QUIET = "no change of the log, the robot or the drives that was looked for explains what is left"
-FEWEST_FOLDS = 2  # of the equations alone: none is held out
+FEWEST_FOLDS = 2  # fewest folds of the equations, where no validation is needed
 CONTAINED = (
     "standard errors contain noise, the scatter between blocks of time, and what errors of the drives make of the "
     "load; not a factor common to all torques"
@@ -85,17 +85,17 @@ CONTAINED = (
 
 
 class SetsFit(NamedTuple):
-    """A fit with random errors of the drives; unknowns are base parameters, those of the load, changes of gains."""
+    """Fit with random errors of the drives; unknowns are base parameters, those of the load, changes of gains."""
 
     estimate: LeastSquares
-    held_out: Array  # rms errors in motion on blocks that were not fitted, and rms torques, shape (sets, 2, n)
+    held_out: Array  # rms validation errors in motion, and rms torques, shape (sets, 2, n)
     load: Array  # triangular equations of the loads' parameters alone
     notes: tuple[str, ...]  # on the records, and on what the errors contain
 
 
 @dataclass(frozen=True, eq=False)
 class RecordSets:
-    """The equations of sets of records, without a load and with one or another, of the same standard parameters pi.
+    """Equations of sets of records, without and with loads, of the same standard parameters pi.
 
     The load of a set adds its `known` + S phi to pi, of which phi is unknown and the same for all.
     """
@@ -110,7 +110,7 @@ class RecordSets:
     def with_records(
         self, records: Record | Sequence[Record], cutoff: float | None, delay: ArrayLike | None = None
     ) -> RecordSets:
-        """The equations with those of another set of records, torques as late as in the last one unless given."""
+        """Equations with another set of records; its torques' delays are those of the last one unless given."""
         robot, given, notes = of_named_joints(self.robot, records)
         if robot is not self.robot:
             lacking = [name for name in self.robot.joint_names if name not in robot.joint_names]
@@ -129,7 +129,7 @@ class RecordSets:
         return replace(self, data=(*self.data, data), S=S, known=known, records=kept)
 
     def with_delays(self, gains: Array | None = None) -> RecordSets:
-        """The equations with delays of each record, and of a joint where it differs, as the residuals show them.
+        """Equations with delays of each record, and of single joints where they differ, by the residuals.
 
         Torques are what was measured times `gains`.
         """
@@ -149,19 +149,19 @@ class RecordSets:
         return replace(self, data=tuple(found), records=((),) * len(found))
 
     def with_load(self, link: str) -> RecordSets:
-        """The equations with the ten parameters of a load on a link, in the last set, among the unknowns."""
+        """Equations with the ten parameters of a load on a link, in the last set, among the unknowns."""
         S = np.zeros((*self.known.shape, PARAMETERS))
         S[-1] = load_map(self.base.standard, link)
         return replace(self, S=np.concatenate([self.S, S], axis=-1))
 
     @cached_property
     def plain(self) -> list[Equations]:
-        """The equations of the sets, each in one block."""
+        """Equations of the sets, each in one block."""
         return [data.fitted.merged() for data in self.data]
 
     @cached_property
     def causes(self) -> tuple[Cause, ...]:
-        """Changes that would explain a set of records better, as of `rne.identify`, or all of them together."""
+        """Changes that would reduce the residuals of a set of records, or of all together; see `rne.identify`."""
         found = self.changes
         told = {cause.kind: [c for c in found if c.kind == cause.kind] for cause in found}
         for data in self.data:
@@ -174,7 +174,7 @@ class RecordSets:
 
     @property
     def changes(self) -> list[Cause]:
-        """What else differs between the records with the last load and the others."""
+        """Other changes between the records with the last load and the others."""
         estimate = least_squares(self.assembled(self.plain))
         loads = np.concatenate([self.S, self.known[..., None]], axis=-1)
         torques = np.concatenate([part.Y @ x for part, x in zip(self.data, loads, strict=True)])
@@ -190,7 +190,7 @@ class RecordSets:
         return changes_with_load(rest, known, loaded[:, None, None], body)
 
     def in_torques(self, gains: Array) -> RecordSets:
-        """The equations of measurements times gains; joints whose gain is NaN have none."""
+        """Equations in torques from measurements and gains; joints whose gain is NaN have none."""
         return replace(self, data=tuple(data.in_torques(gains) for data in self.data))
 
     def states(self, x: Array) -> Array:
@@ -218,7 +218,7 @@ class RecordSets:
         return joined(found)
 
     def fitted(self, at: Array | None = None) -> SetsFit:
-        """The fit of these unknowns with random errors of the drives."""
+        """Fit of these unknowns with random errors of the drives."""
         K, n = self.base.count, self.robot.n
         m = len(self.kinds) * n
         plain = least_squares(self.assembled(self.plain, at))
@@ -243,7 +243,7 @@ class RecordSets:
     def _with_spreads(
         self, both: Equations, plain: LeastSquares, X: Sequence[Array]
     ) -> tuple[Solution, Array, Array, Array]:
-        """The solution with random errors X, the noise it is weighted by, the errors' spreads, the noise it leaves."""
+        """Solution with random errors X: its noise for weights, the errors' spreads, and the residual noise."""
         K, n, m = self.base.count, self.robot.n, len(self.kinds) * self.robot.n
         c, sigma, states = np.zeros((n, len(self.kinds))), plain.sigma, self.states(plain.values)
         for _ in range(2):  # errors found are taken out of the noise
@@ -259,14 +259,14 @@ class RecordSets:
         return solution, noise, spread, sigma
 
     def _shown_text(self, spread: Array) -> tuple[str, ...]:
-        """A note on the kinds of random errors that the torques show, of the spread of each."""
+        """Note on the kinds of random errors present in the torques, with their spreads."""
         shown = [(name, s) for name, s in zip(self.kinds, spread, strict=True) if s > thresholds.TOLD_SPREAD]
         told = ", ".join(f"{name} ({100 * s:.2g} %)" for name, s in shown)
         return (f"the torques show, and the standard errors contain: {told}",) * bool(told)
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """The kinds of random errors, those of changes for each set but the first."""
+        """Kinds of random errors, those of changes for each set but the first."""
         between = ("",) if len(self.data) < 3 else (*(", load weighed",) * (len(self.data) - 2), ", load")
         return (*KINDS, *(f"{kind}{which}" for which in between for kind in CHANGES))
 
@@ -299,7 +299,7 @@ class RecordSets:
 
 @dataclass(frozen=True, eq=False)
 class SetsResult(InNotebooks):
-    """The common part of results from records without and with a load."""
+    """Base of results from records without and with a load."""
 
     estimate: LeastSquares
     held_out_rms: Array
@@ -308,18 +308,18 @@ class SetsResult(InNotebooks):
 
     @property
     def held_out(self) -> Array:
-        """|predicted - measured| / |measured| of each joint in motion with the load, on blocks not fitted, (n,)."""
+        """Validation error |predicted - measured| / |measured| of each joint in motion with the load, (n,)."""
         errors, torques = self.held_out_rms[-1]
         return np.asarray(errors / np.maximum(torques, thresholds.TINY))
 
     @property
     def causes(self) -> tuple[Cause, ...]:
-        """Changes that would explain the residuals of either set better, the likeliest first, as of `rne.identify`."""
+        """Changes that would reduce the residuals of either set, the likeliest first; see `rne.identify`."""
         return self.sets.causes
 
     @cached_property
     def doubt(self) -> str:
-        """Reasons not to believe the result, with the likely causes; empty if there is none."""
+        """Reasons to doubt the result, with the likely causes; empty if there are none."""
         lines = self._reasons() + unexplained_text(self.sets.robot.joint_names, self.held_out)
         return ". ".join([*lines, *likely_text(self.causes)]) if lines else ""
 
@@ -333,7 +333,7 @@ class SetsResult(InNotebooks):
         return "\n".join([wrapped(first), *aligned(rows), *self._errors(), *map(wrapped, notes)])
 
     def _errors(self) -> list[str]:
-        """A table of the errors held out."""
+        """Table of the validation errors."""
         of_sets = ("no load", *("load weighed",) * (len(self.held_out_rms) - 2), "load")
         columns = (*(f"{name} [%]" for name in of_sets), "load [N m or N]", "noise [N m or N]")
         errors, torques = np.moveaxis(self.held_out_rms, 1, 0)
@@ -344,7 +344,7 @@ class SetsResult(InNotebooks):
 
 
 def is_that_of(record: Record, prepared: Prepared, delays: Array) -> bool:
-    """True if this record was prepared so, whatever the filter and the delays."""
+    """True if this record was prepared from the same measurements, for any filter and delays."""
     rows = np.isin(record.cleaned.t, prepared.t)
     if rows.sum() != len(prepared.t):
         return False
@@ -353,7 +353,7 @@ def is_that_of(record: Record, prepared: Prepared, delays: Array) -> bool:
 
 
 def delay_notes(data: RegressionData, joints: Sequence[str]) -> Iterator[str]:
-    """Delays of each record that are taken into account, in words."""
+    """Text of the delays taken into account in each record."""
     for name, late in zip(data.names, data.delays, strict=True):
         for x in np.unique(late[late != 0]):  # zero unless given or found
             names = tuple(joint for joint, own in zip(joints, late, strict=True) if own == x)
@@ -362,7 +362,7 @@ def delay_notes(data: RegressionData, joints: Sequence[str]) -> Iterator[str]:
 
 
 def joined_data(parts: Sequence[RegressionData]) -> RegressionData:
-    """The equations of several sets of records as one."""
+    """Equations of several sets of records as one."""
     tuples = {name: tuple(x for part in parts for x in getattr(part, name)) for name in ("names", "prepared", "notes")}
     masks = ("delays", "Y", "tau", "valid", "used", "sure")
     arrays = {name: np.concatenate([getattr(part, name) for part in parts]) for name in masks}
@@ -372,7 +372,7 @@ def joined_data(parts: Sequence[RegressionData]) -> RegressionData:
 
 
 def in_blocks(data: RegressionData, X: Array, sets: int) -> Equations:
-    """Equations of [Y, X, tau] in blocks of time, of so many sets with the folds shared among them."""
+    """Equations of [Y, X, tau] in blocks of time, for a number of sets that share the folds."""
     each = max(-(-thresholds.FOLDS // sets // len(data.prepared)), 2)
     blocks = blocks_of_time(data.prepared, each)
     return equations(np.concatenate([data.Y, X], axis=-1), data.tau, data.used, blocks)
@@ -388,7 +388,7 @@ def eliminated(factor: Array, kept: slice) -> Array:
 
 
 def spreads(factor: Array, K: int, m: int, n: int) -> Array:
-    """Standard deviation of the m coefficients of random errors of n joints, which follow the K first unknowns."""
+    """Standard deviations of the m coefficients of n joints' random errors, which follow the K first unknowns."""
     errors, rest = factor[:, K : K + m], eliminated(factor, np.s_[K : K + m])
     H, h = rest[:, :-1].T @ rest[:, :-1], rest[:, :-1].T @ rest[:, -1]
     told = (np.diag(H) > thresholds.APART_FROM_OTHERS**2 * (errors**2).sum(0)).reshape(-1, n)
@@ -403,7 +403,7 @@ def spreads(factor: Array, K: int, m: int, n: int) -> Array:
 
 
 def jackknife(both: Equations, noise: Array, K: int, spread: Array) -> tuple[Array, Array]:
-    """Variances from fits to all blocks but one, and squares that each leaves on that block without random errors."""
+    """Variances from fits to all blocks but one, and squared validation errors without random errors."""
     blocks, found, squares = np.arange(len(both.factors)), [], []
     factors = np.array([both.of_blocks(blocks == k).weighted(noise) for k in blocks])
     for k in blocks:
@@ -415,7 +415,7 @@ def jackknife(both: Equations, noise: Array, K: int, spread: Array) -> tuple[Arr
 
 
 def errors_of(equations: Equations, squares: Array) -> Array:
-    """Root mean square of errors held out of blocks of these squares, by joint, and of the torques, shape (2, n)."""
+    """Root mean square of validation errors by joint, from squares of blocks, and of the torques, shape (2, n)."""
     rows = equations.rows.sum(0)
     rms = np.sqrt(squares.sum(0) / np.maximum(rows, 1))
     return np.where(rows == 0, np.nan, [rms, equations.rms_torques()])
@@ -429,7 +429,7 @@ def record_sets(
     cutoff: float | None,
     delay: ArrayLike | None = None,
 ) -> RecordSets:
-    """The equations of both sets, of which the arguments are checked, without any unknown of a load."""
+    """Equations of both sets, with checked arguments, without unknowns of a load."""
     if isinstance(robot, Identification):
         if without is not None or drives is not None:
             raise ValueError("an Identification has its records and drives: `without` and `drives` must be None")
@@ -456,7 +456,7 @@ def record_sets(
 def of_one_set(
     robot: Robot, base: BaseParameters, data: RegressionData, records: tuple[Record, ...] = ()
 ) -> RecordSets:
-    """The equations of records without a load."""
+    """Equations of records without a load."""
     if "Fl" in base.standard.terms:
         raise ValueError('`drives`: friction under "load" changes with the load that is to be found; leave it out here')
     S, known = np.zeros((1, base.standard.count, 0)), np.zeros((1, base.standard.count))
@@ -464,7 +464,7 @@ def of_one_set(
 
 
 def load_map(standard: StandardParameters, link: str) -> Array:
-    """S of pi + S phi: standard parameters per unit of the load's parameters about a link's origin, in its axes."""
+    """Matrix S of pi + S phi: standard parameters per unit of the load's about a link's origin, in its axes."""
     model = standard.model
     index = model.link_index(link)
     body = int(model.link_body[index])

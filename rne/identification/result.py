@@ -1,4 +1,4 @@
-"""The result of an identification, its report, and reasons to doubt it."""
+"""Result of an identification, its report, and reasons for doubt."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ if TYPE_CHECKING:
 
 NOT_CONSISTENT = "parameters are those of least squares, as with `consistent=False`"  # start of a note
 NOT_SOUGHT = "causes of what is left were not looked for, as `causes` says"  # a note
-NAMED = 3  # causes that a warning names
+NAMED = 3  # number of causes named in a warning
 ESSENTIAL = "of the essential parameters alone, by least squares, which need not be those of possible bodies"  # a note
 WRONG_SIGN = "is the sign of the joint's torque right?"  # end of a note on negative friction
 IMPOSSIBLE = "which no drive has", "which no spring has"  # ends of notes on numbers that are not possible
@@ -86,7 +86,7 @@ UNKNOWN = (
 
 @dataclass(frozen=True, eq=False)
 class Identification(InNotebooks):
-    """Parameters found from measured motions, by `rne.identify`.
+    """Parameters identified from measured motions, by `rne.identify`.
 
     Attributes
     ----------
@@ -160,7 +160,7 @@ class Identification(InNotebooks):
 
     @cached_property
     def doubt(self) -> str:
-        """Reasons not to believe the parameters, the likeliest causes first; empty if there is none."""
+        """Reasons to doubt the parameters, the likeliest causes first; empty if there are none."""
         left, names = self.unexplained.in_motion, self.initial.joint_names
         poor = np.flatnonzero(left > thresholds.UNEXPLAINED)
         impossible = [note for note in self.notes if note.endswith(IMPOSSIBLE)]
@@ -170,10 +170,10 @@ class Identification(InNotebooks):
             lines.append(f"no joint but {listed(moving)} moves. {MOVE_ALL}")
         if self.unexcited:
             lines.append(self.unexcited)
-        elif self.data.Z is None:  # otherwise the noise of the positions is in what is left
+        elif self.data.Z is None:  # otherwise residuals contain the noise of the positions
             lines += unexplained_text(names, left)
         named = likely_text(self.causes)
-        if lines or named:  # which a joint that stood elsewhere looks like
+        if lines or named:  # which look like a joint at another position
             lines += locked_text(self.notes, ": ", "that is the cause: ")
         lines += named
         were_sought = not self.unexcited and NOT_SOUGHT not in self.notes and self.data.Z is None
@@ -185,7 +185,7 @@ class Identification(InNotebooks):
 
     @cached_property
     def unexcited(self) -> str:
-        """A warning that the motion says too little: parts of the log are fitted but not predicted from the others."""
+        """Warning of an uninformative motion: parts of the log are fitted but not predicted from the others."""
         are_fitted = self.equations.shares(self.parameters) < thresholds.UNEXPLAINED
         far = are_fitted & (self.unexplained.in_motion > thresholds.TOO_FAR)
         if not far.any():
@@ -199,12 +199,12 @@ class Identification(InNotebooks):
 
     @property
     def records(self) -> tuple[Prepared, ...]:
-        """The measurements after the filter."""
+        """Filtered measurements."""
         return self.data.prepared
 
     @property
     def equations(self) -> Equations:
-        """The equations that were fitted."""
+        """Fitted equations."""
         return self.data.fitted
 
     @property
@@ -219,7 +219,7 @@ class Identification(InNotebooks):
 
     @property
     def excited(self) -> Array:
-        """True for base parameters that the motion determines to better than their expected size, (base.count,).
+        """True for base parameters determined better than their expected size, (base.count,).
 
         The expected size is that of the bodies found, if they are consistent, otherwise of the given robot's. A rotor
         or friction is expected to take a tenth of the torque. Bodies without any mass are of unknown size.
@@ -233,7 +233,7 @@ class Identification(InNotebooks):
 
     @cached_property
     def robot(self) -> Robot:
-        """The robot with the bodies found, `armature` from the rotors, and `damping` and `friction` of its joints.
+        """Robot with the bodies found, `armature` from the rotors, and `damping` and `friction` of its joints.
 
         Its methods are without friction and offsets; those of `scene` have them.
 
@@ -274,7 +274,7 @@ class Identification(InNotebooks):
             raise IdentificationError(f"the fit gave no possible friction: {self._cure}; {error}") from None
 
     def scene(self, **parts: Any) -> Scene:
-        """The robot found as a Scene, with friction and offsets of its drives, and springs: what `predict` predicts.
+        """Scene of the identified robot, with friction and offsets of its drives, and springs, as for `predict`.
 
         Parameters
         ----------
@@ -311,7 +311,7 @@ class Identification(InNotebooks):
         return Scene(self.robot, **(drives | parts))
 
     def to_urdf(self) -> str:
-        """The robot found as URDF: bodies, rotors, and `<dynamics>` with viscous and Coulomb friction.
+        """URDF of the identified robot: bodies, rotors, and `<dynamics>` with viscous and Coulomb friction.
 
         Returns
         -------
@@ -333,7 +333,7 @@ class Identification(InNotebooks):
         return to_urdf(replace(model, notes=notes))
 
     def save(self, path: str | PathLike[str]) -> Path:
-        """Write all of it to a NumPy archive, which `load` reads in this version and later ones.
+        """Write the identification to a NumPy archive, which `load` reads in this version and later ones.
 
         Parameters
         ----------
@@ -354,7 +354,7 @@ class Identification(InNotebooks):
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Identification:
-        """Read an identification that was written by `save`.
+        """Read an identification written by `save`.
 
         Parameters
         ----------
@@ -377,7 +377,7 @@ class Identification(InNotebooks):
         return found
 
     def essential(self, limit: float = thresholds.ESSENTIAL) -> Identification:
-        """The model of the essential parameters alone, the base parameters that the log determines well.
+        """Model of the essential parameters alone, the base parameters that the log determines well.
 
         The base parameter of the largest relative standard error is set to zero and the others are fitted again, by
         least squares with the noise of the joints as it is, until no relative standard error is above the limit.
@@ -432,7 +432,7 @@ class Identification(InNotebooks):
         return "use those of the fit of all parameters" if ESSENTIAL in self.notes else "fit with `consistent=True`"
 
     def _check_consistent(self) -> None:
-        """Refuse to make a robot or its friction from least squares that came out negative."""
+        """Refuse to make a robot or its friction from negative least-squares estimates."""
         symbols, values = ("m", "Ia", "Fv", "Fvb", "Fc", "Fl"), zip(self.standard.names, self.parameters, strict=True)
         negative = [name for name, x in values if x < 0 and name.split("_")[0] in symbols]
         if negative and not self.consistent:
@@ -443,7 +443,7 @@ class Identification(InNotebooks):
 
     @property
     def springs(self) -> tuple[Spring | JointSpring, ...]:
-        """The springs that were asked for, with the stiffness and length found, for a Scene.
+        """Springs that were asked for, with the stiffness and length found, for a Scene.
 
         Raises
         ------
@@ -537,7 +537,7 @@ class Identification(InNotebooks):
         return (torques, self._std(at, velocities, accelerations)) if std else torques
 
     def _std(self, q: Array, qd: Array, qdd: Array, speed: Array | None = None) -> Array:
-        """Standard deviations of torques; `speed` decides whether joints are in motion, |qd| if it is not given."""
+        """Standard deviations of torques; `speed`, by default |qd|, decides on motion or rest."""
         q, qd, qdd = np.broadcast_arrays(q, qd, qdd)
         Y = self.initial.regressor(q, qd, qdd)
         load = self._law.load(Y, q, qdd, self.parameters)
@@ -545,7 +545,7 @@ class Identification(InNotebooks):
         return self.bands.std(columns, np.abs(qd) if speed is None else speed, load)
 
     def kernel(self, *, std: bool = False) -> Kernel:
-        """The torques of `predict` as a kernel, which prints C by ``source("c")``; of other languages as well.
+        """Kernel of the torques of `predict`, which prints C by ``source("c")``, or other languages.
 
         Parameters
         ----------
@@ -582,12 +582,12 @@ class Identification(InNotebooks):
 
     @cached_property
     def bands(self) -> Bands:
-        """What standard deviations of predicted torques are made of."""
+        """Components of the standard deviations of predicted torques."""
         coulomb, rise, of_load = (np.maximum(self._of_drives(symbol), 0) for symbol in ("Fc", "Fs", "Fl"))
         return bands_of(self.base, self.data, self.estimate, self.correlation_time, (coulomb + rise, of_load))
 
     def draws(self, count: int, seed: int = 0) -> dict[str, Array]:
-        """Numbers of `scene` that are as likely as those found, for `numbers` of `rne.ensemble`.
+        """Random numbers of `scene` distributed as the estimates, for `numbers` of `rne.ensemble`.
 
         Parameters
         ----------
@@ -645,7 +645,7 @@ class Identification(InNotebooks):
 
     @cached_property
     def _law(self) -> StandardParameters:
-        """The drives as they are simulated: friction that was a step in the fit is smoothed as the logs have it."""
+        """Friction of the drives for simulation: steps of the fit are smoothed as in the logs."""
         if self.standard.smoothing:
             return self.standard
         smoothed = [replace(self.standard.drives, smoothing=s) for s in thresholds.SMOOTHINGS]
@@ -665,7 +665,7 @@ class Identification(InNotebooks):
         return laws[int(left.argmin())]
 
     def check(self, record: Record) -> Check:
-        """The torques predicted for another measured motion beside the measured ones.
+        """Validation on another measured motion: predicted and measured torques.
 
         Parameters
         ----------
@@ -712,7 +712,7 @@ class Identification(InNotebooks):
         return Check(name, model.joint_names, self._units, prepared.times, qd, tau, predicted, prepared.valid, std)
 
     def plot(self) -> Figure:
-        """Measured and predicted torque of the first record with a 95 % band, and their difference, by joint.
+        """Plot measured and predicted torque of the first record with a 95 % band, and their difference, by joint.
 
         Returns
         -------
@@ -722,7 +722,7 @@ class Identification(InNotebooks):
         return self._compared(self.data.names[0], self.records[0]).plot()
 
     def consistency(self) -> Consistency:
-        """Test whether the measured torques can come from one rigid-body model at all.
+        """Test of the measured torques for consistency with one rigid-body model.
 
         One set of parameters is fitted to all joints, and a set of its own to each. Torques of a rigid body leave the
         same in both fits, up to chance. The masses of `initial` do not matter, only its joints and their places.
@@ -754,7 +754,7 @@ class Identification(InNotebooks):
 
     @cached_array
     def r_squared(self) -> Array:
-        """Coefficient of determination of each joint's torques in motion on held-out blocks, NaN without any, (n,)."""
+        """Coefficient of determination of each joint's validated torques in motion, NaN without any, (n,)."""
         size, used = self.equations.rms_torques(), self.data.used
         mean = (self.data.tau * used).sum(0) / np.maximum(used.sum(0), 1)
         variance = np.maximum(size**2 - mean**2, thresholds.TINY)
@@ -762,14 +762,14 @@ class Identification(InNotebooks):
 
     @cached_property
     def bias(self) -> Bias | None:
-        """Whether noise that the controller feeds back biases least squares, by the instruments; None without."""
+        """Test of least squares for a bias by noise in the feedback, by the instruments; None without these."""
         if self.data.Z is None:
             return None
         return bias_of_least_squares(self.estimate, self.equations.mapped(self.base.back), self.correlation_time)
 
     @property
     def verdict(self) -> str:
-        """What the model is good for, in one sentence, and which joints are not known: above 15 % on held-out blocks.
+        """Verdict on the use of the model, in one sentence, with the joints whose validation error exceeds 15 %.
 
         Errors are those below the cut-off of the filter; above it, they may be many times larger.
         """
@@ -801,7 +801,7 @@ class Identification(InNotebooks):
         return "; ".join([*first, text, *remarks])
 
     def _why_not(self, j: int) -> str:
-        """What the verdict says of a joint that is not predicted."""
+        """Reason why a joint is not predicted, for the verdict."""
         left, start = self.unexplained.in_motion[j], f"{self.initial.joint_names[j]} {NO_TORQUE}"
         if not np.isnan(left):
             return f"{100 * min(left, thresholds.FARTHEST_TOLD):.0f} %"
@@ -810,7 +810,7 @@ class Identification(InNotebooks):
 
     @property
     def _far_from_given(self) -> list[str]:
-        """A doubt where most masses are several times those of the robot given, or a fraction: units may be wrong."""
+        """Doubt about units, where most masses are several times those of the given robot, or a fraction."""
         given, found = self.initial.model.mass, self.parameters[: PARAMETERS * self.initial.model.nb : PARAMETERS]
         known = given > 0
         if not self.consistent or not known.any():
@@ -822,7 +822,7 @@ class Identification(InNotebooks):
 
     @cached_property
     def _essential(self) -> str:
-        """How many base parameters are essential, and what is lost without the others."""
+        """Text on the number of essential base parameters, and the effect of the others on the validation error."""
         few, count = self.essential(), counted(self.base.count, "base parameter")
         if not few.base.count:
             return f"none of {count} is essential: the torques say nothing of the motion"
@@ -830,7 +830,7 @@ class Identification(InNotebooks):
         return f"{few.base.count} of {count} are essential: with these alone held-out errors rise by up to {lost:.1f} %"
 
     def report(self, *, details: bool = False) -> str:
-        """A text on the measurements, the parameters, and how far to trust them.
+        """Text on the measurements, the parameters, and the quality of the fit.
 
         Parameters
         ----------
@@ -855,17 +855,17 @@ class Identification(InNotebooks):
 
 
 def first_of(text: str, most: int) -> str:
-    """The first lines, with the number of others if there are several and more."""
+    """First lines of a text, followed by the number of omitted ones."""
     lines = text.split("\n")
     more = [f"  ... {len(lines) - most + 1} more lines"] if len(lines) > most > 1 else []
     return "\n".join([*lines[: most - len(more)], *more])
 
 
-VERSION = 1  # of files: another one when a field changes its meaning
+VERSION = 1  # version of files, increased when a field changes its meaning
 
 
 def kinds() -> Kinds:
-    """The classes that a saved identification is made of, with their fields."""
+    """Classes that a saved identification consists of, with their fields."""
     from ..model.coupling import IN_FILES
     from ..model.solids import Box, Cylinder
     from ..simulation.springs import JointSpring, Spring, Springs
@@ -882,7 +882,7 @@ def kinds() -> Kinds:
 
 
 def bias_text(found: Identification) -> list[str]:
-    """Whether least squares would be biased, if there are instruments that tell."""
+    """Text on the bias of least squares, if instruments are given."""
     if found.bias is None:
         return []
     told = f"Durbin-Wu-Hausman p = {found.bias.probability:.2g}"
@@ -895,14 +895,14 @@ def bias_text(found: Identification) -> list[str]:
 
 
 def unexplained_text(names: Sequence[str], in_motion: Array) -> list[str]:
-    """Joints of whose torques in motion too much is not explained, if there are any."""
+    """Text on joints with large validation errors in motion, if any."""
     shares = zip(names, in_motion, strict=True)
     poor = [f"{name} {100 * x:.0f} %" for name, x in shares if x > thresholds.UNEXPLAINED]
     return [f"torques in motion that the model does not explain: {listed(poor)}"] * bool(poor)
 
 
 def likely_text(causes: Sequence[Cause]) -> list[str]:
-    """The likeliest causes but those that gears without a fault have, if there are any."""
+    """Text on the likeliest causes, other than the usual friction of gears, if any."""
     told = [cause for cause in causes if cause.kind not in GEARS][:NAMED]
     texts = [f"{cause.text} (held out: {cause.effect})" if cause.effect else cause.text for cause in told]
     first = "likely causes" if len(texts) > 1 else "the likely cause"
@@ -910,7 +910,7 @@ def likely_text(causes: Sequence[Cause]) -> list[str]:
 
 
 def fitted_text(found: Identification) -> str:
-    """The motions, their filter and the prior."""
+    """Text on the motions, their filter and the prior."""
     e = found.estimate
     lines = [
         f"{counted(found.base.count, 'base parameter')} of {short(found.initial.model.name)} from "
@@ -924,7 +924,7 @@ def fitted_text(found: Identification) -> str:
 
 
 def joints_text(found: Identification) -> str:
-    """Errors of each joint."""
+    """Table of the errors of each joint."""
     columns = ["held out: in motion", "[N m or N]", "R^2", "at rest", "fitted"]
     columns += ["noise [N m or N]", "equations", "independent"]
     left, counts = found.unexplained, found.equations.rows.sum(0)
@@ -946,7 +946,7 @@ def joints_text(found: Identification) -> str:
 
 
 def causes_text(found: Identification) -> str:
-    """Joints that are not explained, and causes of the residuals, the likeliest first."""
+    """Text on unexplained joints and causes of the residuals, the likeliest first."""
     lines: list[str] = []
     if found.unexcited:
         return found.unexcited
@@ -971,7 +971,7 @@ def causes_text(found: Identification) -> str:
 
 
 def motions_text(found: Identification) -> list[str]:
-    """Errors of each of several motions."""
+    """Table of the errors of each motion, if there are several."""
     if len(found.records) == 1:
         return []
     joints, of_records = map(short, found.initial.joint_names), np.arange(len(found.equations.factors))
@@ -982,7 +982,7 @@ def motions_text(found: Identification) -> list[str]:
 
 
 def parameters_text(found: Identification) -> str:
-    """Base parameters with standard errors."""
+    """Table of base parameters with standard errors."""
     e = found.estimate
     title = ["least squares", "standard error", "of the value [%]", "drift", "its error"]
     title += ["consistent"] * found.consistent
@@ -1012,7 +1012,7 @@ def parameters_text(found: Identification) -> str:
 
 
 def springs_text(found: Identification) -> str:
-    """Stiffness and length of the springs with standard errors."""
+    """Text on stiffness and length of the springs with standard errors."""
     from ..simulation.springs import Spring
 
     try:
@@ -1028,11 +1028,11 @@ def springs_text(found: Identification) -> str:
     return "\n".join(lines)
 
 
-SHORT = {fitted_text: 11, joints_text: 18, causes_text: 7}  # the most lines of parts of a short report
+SHORT = {fitted_text: 11, joints_text: 18, causes_text: 7}  # most lines of each part of a short report
 
 
 def bodies_text(found: Identification) -> str:
-    """Masses and centres of the consistent bodies; each is one of many with the same torques."""
+    """Table of masses and centres of the consistent bodies; each is one of many with the same torques."""
     mass, *moments = found.parameters[found.standard.groups["bodies"]].reshape(-1, PARAMETERS).T[:4]
     titles, numbers = ("mass [kg]", "centre x [m]", "y", "z"), [mass, *(x / mass for x in moments)]
     cells = (column(x, ".4f") for x in numbers)

@@ -1,1 +1,1 @@
-"""What a fit leaves unexplained, its likely causes, and tests of the parameters it found."""
+"""Diagnosis of a fit: residuals, their likely causes, and tests of the parameters."""

@@ -1,4 +1,4 @@
-"""The likely cause of a difference between two models: hypotheses as those of an identification's residuals.
+"""Likely cause of a difference between two models: hypotheses as those for an identification's residuals.
 
 The residuals are torques of the other model less the robot's at states without noise. Hypotheses have columns, a few
 free numbers or none; those that are not linear are columns of the change that fits best.
@@ -42,9 +42,9 @@ from .hypotheses import (
 )
 from .residuals import Discrepancy, Torques, orthonormal
 
-SEVERAL_BODIES = "several bodies"  # explains whatever other bodies do
-OTHER_BODIES = {"one body", "payload"}  # two of them are several bodies
-OF_FEW_JOINTS = {  # kind: a noun, and the kinds of single joints with a symbol
+SEVERAL_BODIES = "several bodies"  # kind that explains any difference of bodies
+OTHER_BODIES = {"one body", "payload"}  # kinds of which two together are several bodies
+OF_FEW_JOINTS = {  # kind: noun, and the kinds of single joints with their symbols
     "armature": ("inertia of rotors (armature)", {"rotor": ""}),
     "viscous friction": ("viscous friction", {"viscous friction": ""}),
     "Coulomb friction": ("Coulomb friction", {"Coulomb friction": ""}),
@@ -53,15 +53,15 @@ OF_FEW_JOINTS = {  # kind: a noun, and the kinds of single joints with a symbol
     "spring": ("torque of springs", {"spring": ""}),
     "friction by direction": ("viscous friction in one direction", {"friction by direction": ""}),
 }
-PLACES = ("axis", "translation", "rotation")  # of a joint, what joints of one name may differ in beside their type
-SHOWN = 5  # candidates in a report
+PLACES = ("axis", "translation", "rotation")  # fields in which joints of one name may differ, beside their type
+SHOWN = 5  # number of candidates in a report
 
 Other = Robot | Callable[[Array, Array, Array], Any] | Sequence[Any]
-Explanation = tuple[tuple[Cause, ...], Array]  # causes that act together, and the values that they leave, shape (R,)
+Explanation = tuple[tuple[Cause, ...], Array]  # causes that act together; residual, shape (R,)
 
 
 class TorqueDifference(Discrepancy):
-    """Torques of another model less the robot's own at states, in units of the rounding that is allowed.
+    """Difference of torques between another model and the robot at some states, in units of the allowed rounding.
 
     Joint friction is not among the robot's torques. Columns that are `known`, shape (R, k), are fitted with any others.
     """
@@ -79,7 +79,7 @@ class TorqueDifference(Discrepancy):
         self.floor = self.counts = np.full(robot.n, float(len(tau)))
 
     def sampled(self, torques: Torques) -> Array:
-        """A function of the motion at the states."""
+        """Values of a function of the motion at the states."""
         return torques(*self.states)
 
     def load(self, q: Array, qd: Array, qdd: Array) -> Array:
@@ -93,12 +93,12 @@ class TorqueDifference(Discrepancy):
 
     @cached_property
     def few(self) -> TorqueDifference:
-        """A few of the states, enough to choose among many hypotheses, with the same rounding."""
+        """Few of the states, enough to select among many hypotheses, with the same rounding."""
         states = [x[self.chosen] for x in self.states]
         return TorqueDifference(self.robot, states, self.tau[self.chosen], self.sigma)
 
     def beside(self, known: Array | None, torques: Array | float = 0.0) -> TorqueDifference:
-        """The difference less some torques, with columns that are known, shape (R, k)."""
+        """Difference minus some torques, with known columns, shape (R, k)."""
         return TorqueDifference(self.robot, self.states, self.tau - torques, self.sigma, known)
 
     @cached_property
@@ -114,7 +114,7 @@ class TorqueDifference(Discrepancy):
             return np.asarray(np.linalg.norm(torques, axis=0) / np.maximum(size, least))
 
     def explains(self, left: Array) -> bool:
-        """True if no joint's values that are left, by their root mean square, are above rounding."""
+        """True if the root mean square of every joint's residual is within rounding."""
         return bool((self.by_joint(left) <= self.floor).all())
 
     def sizes(self, X: Array) -> Array:
@@ -122,7 +122,7 @@ class TorqueDifference(Discrepancy):
         return np.asarray(np.linalg.norm(X, axis=0) / np.sqrt(len(self.tau)))
 
     def with_numbers(self, X: Array, numbers: str) -> tuple[Array, Array, Array, int]:
-        """Fit the numbers asked for: all, those above rounding, or fixed ones; results are those of `with_columns`."""
+        """Fit of all numbers, only nonzero ones, or 0 or 1 each; results as of `with_columns`."""
         if numbers == "switches":
             left, one = X - self.Q @ (self.Q.T @ X), np.ones(X.shape[1])
             return one, 0 * one, self.left - left @ one, 0
@@ -138,7 +138,7 @@ class TorqueDifference(Discrepancy):
 
 
 def hypotheses_of_models(data: TorqueDifference) -> Iterator[Hypothesis]:
-    """All that are columns, the plainest first."""
+    """Hypotheses with linear columns, the simplest first."""
     yield from other_gravity(data)
     yield from other_torques(data)
     singles = {h.kind: h for h in of_joints(data, OF_JOINTS)}
@@ -156,17 +156,17 @@ def hypotheses_of_models(data: TorqueDifference) -> Iterator[Hypothesis]:
 
 
 def switch(kind: str, torques: Array, text: str, alternatives: float = 1.0) -> Hypothesis:
-    """A change that is there or not."""
+    """Hypothesis of a change that is present or absent."""
     return Hypothesis(kind, torques[..., None], lambda c: text, alternatives=alternatives, numbers="switches")
 
 
 def vector_text(x: Array) -> str:
-    """Three numbers to four digits."""
+    """Text of three numbers with four digits."""
     return "(" + ", ".join(f"{round(float(v), 9) + 0.0:.4g}" for v in x) + ")"
 
 
 def other_gravity(data: TorqueDifference) -> Iterator[Hypothesis]:
-    """Sign, magnitude and direction of gravity."""
+    """Hypotheses on sign, magnitude and direction of gravity."""
     g = data.robot.model.gravity
     columns = gravity_columns(data, data.bodies)[..., 0]
     own = columns @ g
@@ -179,7 +179,7 @@ def other_gravity(data: TorqueDifference) -> Iterator[Hypothesis]:
 
 
 def other_torques(data: TorqueDifference) -> Iterator[Hypothesis]:
-    """Torques in another unit, of all joints and of single ones."""
+    """Hypotheses on the unit of torques, of all joints and of single ones."""
 
     def factor_text(c: Array) -> str:
         return "torques are " + listed([f"{1 + x:.6g} times in {data.names[j]}" for j, x in enumerate(c) if x])
@@ -193,12 +193,12 @@ def other_torques(data: TorqueDifference) -> Iterator[Hypothesis]:
 
 
 def inertia_change(I: Array) -> Array:
-    """Parameters of bodies that change by inertias alone, shape (..., 10)."""
+    """Parameters of bodies changed only by their inertias, shape (..., 10)."""
     return np.concatenate([np.zeros((*I.shape[:-2], 4)), I[..., ROWS, COLUMNS]], axis=-1)
 
 
 def other_inertias(data: TorqueDifference) -> Iterator[Hypothesis]:
-    """Inertias about another point, or with other products: a switch for each body."""
+    """Hypotheses on inertias about another point, or with other products: a switch for each body."""
     names, pi = data.robot.model.moving_joints, data.bodies.reshape(-1, PARAMETERS)
     mass = pi[:, 0, None]
     steiner = inertia_change(point_mass_inertia(mass[..., None], pi[:, 1:4] / np.where(mass == 0, 1.0, mass)))
@@ -222,7 +222,7 @@ def other_inertias(data: TorqueDifference) -> Iterator[Hypothesis]:
 
 
 def other_bodies(data: TorqueDifference) -> Iterator[Hypothesis]:
-    """Other parameters of one body, or of all."""
+    """Hypotheses on other parameters of one body, or of all."""
     names, last = data.robot.model.moving_joints, tips(data.robot)
     for i, name in enumerate(names):
         columns = data.body_columns[:, :, i]
@@ -236,18 +236,18 @@ def other_bodies(data: TorqueDifference) -> Iterator[Hypothesis]:
 
 
 def tips(robot: Robot) -> list[int]:
-    """The last bodies of the branches."""
+    """Last bodies of the branches."""
     return [i for i in range(robot.model.nb) if i not in robot.model.parent]
 
 
 def tip_text(name: str, c: Array) -> str:
-    """Parameters that a last body has more, as a payload."""
+    """Text of additional parameters of a last body, as a payload."""
     what = f"{payload_text(c[0], c[1:4] / c[0])} m of the joint's frame" if c[0] else "has other inertial parameters"
     return f"the last body, of {name}, {what}"
 
 
 def payload_text(mass: float, centre: Array) -> str:
-    """A mass and where it is."""
+    """Text of a mass and its position."""
     return f"{'carries' if mass > 0 else 'lacks'} a payload of {abs(mass):.4g} kg at {vector_text(centre)}"
 
 
@@ -255,7 +255,7 @@ def payload_text(mass: float, centre: Array) -> str:
 
 
 class Changes:
-    """Conventions, and switches of all, one or several bodies, by their torques at few states, shape (A, R)."""
+    """Conventions, and switches of all, one or several bodies, with their torques at few states, shape (A, R)."""
 
     def __init__(self, data: TorqueDifference, switches: Sequence[Hypothesis]) -> None:
         self.data, self.conventions = data, list(conventions(data.robot))
@@ -273,18 +273,18 @@ class Changes:
         self.values = (np.array(torques) / data.sigma).reshape(len(torques), -1)
 
     def scores(self, few: TorqueDifference) -> Array:
-        """Scores of the changes, as `judged` gives them."""
+        """Scores of the changes, in the sense of `judged`."""
         left = few.left - self.values + self.values @ few.Q @ few.Q.T
         squares = (left**2).reshape(len(left), -1, few.robot.n).sum(1)
         gains = 0.5 * few.counts * np.log((few.squares + few.floor) / (squares + few.floor))
         return np.asarray(gains.sum(1) - np.log(self.alternatives))
 
     def nearest(self, few: TorqueDifference, number: int) -> list[Hypothesis]:
-        """The best ones at few states, at all states."""
+        """Best changes at few states, evaluated at all states."""
         return [self.hypothesis(k) for k in np.argsort(-self.scores(few), kind="stable")[:number].tolist()]
 
     def hypothesis(self, k: int) -> Hypothesis:
-        """A change at all states."""
+        """Hypothesis of a change, evaluated at all states."""
         data = self.data
         if k < len(self.conventions):
             x = self.conventions[k]
@@ -298,7 +298,7 @@ class Changes:
 
 
 def minimum(residual: Callable[[Array], Array], starts: Sequence[Any]) -> Array:
-    """The least squares, to rounding, that the likeliest of several starts lead to (Levenberg-Marquardt)."""
+    """Least squares minimum, to rounding, from the likeliest of several starts (Levenberg-Marquardt)."""
     from scipy.optimize import least_squares
 
     options: dict[str, Any] = dict.fromkeys(("xtol", "ftol", "gtol"), thresholds.LAST_STEP)
@@ -310,7 +310,7 @@ def minimum(residual: Callable[[Array], Array], starts: Sequence[Any]) -> Array:
 
 
 def moved_load(data: TorqueDifference, q: Array, qd: Array, qdd: Array) -> Array:
-    """Torques at other positions; far from all others where joints that follow have no position."""
+    """Torques at other positions; far from all others where following joints have no position."""
     try:
         return data.load(q, qd, qdd)
     except NotFiniteError:
@@ -318,7 +318,7 @@ def moved_load(data: TorqueDifference, q: Array, qd: Array, qdd: Array) -> Array
 
 
 def shifted_zeros(data: TorqueDifference, changes: Changes) -> Iterator[tuple[Hypothesis, int]]:
-    """Another zero of each joint, of all joints, and of those whose zero then differs, from the nearest convention."""
+    """Zero offsets of each joint, of all joints, and of those found to differ, starting at the nearest convention."""
     few, n = data.few, data.robot.n
     felt = np.flatnonzero(few.sizes(few.weighted(zero_columns(few))) > 1)
     scores = [0.0, *changes.scores(few)[: len(changes.conventions)]]
@@ -348,7 +348,7 @@ def shifted_zeros(data: TorqueDifference, changes: Changes) -> Iterator[tuple[Hy
 
 
 def turned(I: Array, w: Array) -> Array:
-    """Parameters of a body with inertia I that a rotation vector w of its axes adds."""
+    """Change of a body's parameters when its inertia I is turned by a rotation vector w."""
     from scipy.spatial.transform import Rotation
 
     R = Rotation.from_rotvec(w).as_matrix()
@@ -356,12 +356,12 @@ def turned(I: Array, w: Array) -> Array:
 
 
 def point_mass(x: Array) -> Array:
-    """Parameters of a point of mass x[0] at x[1:]."""
+    """Parameters of a point mass x[0] at x[1:]."""
     return np.concatenate([[x[0]], x[0] * x[1:], inertia_change(point_mass_inertia(x[0], x[1:]))[4:]])
 
 
 def changes_of_body(data: TorqueDifference, i: int) -> Iterator[tuple[Hypothesis, int]]:
-    """Inertia of a body in other axes, and a point mass that the last body of a branch has or lacks."""
+    """Hypotheses on one body: inertia in other axes, and a point mass added to or missing at the end of a branch."""
     from scipy.spatial.transform import Rotation
 
     model, columns, last = data.robot.model, data.body_columns[:, :, i], tips(data.robot)
@@ -384,7 +384,7 @@ def changes_of_body(data: TorqueDifference, i: int) -> Iterator[tuple[Hypothesis
 
 
 def explanations(data: TorqueDifference, given: Sequence[Hypothesis]) -> list[Explanation]:
-    """All hypotheses, the best first; two together only where none alone explains the difference."""
+    """Explanations, the best first; two causes together only where none alone explains the difference."""
     linear = [replace(h, columns=columns_of(data, h)) for h in (*hypotheses_of_models(data), *one_by_one(data, given))]
     changes = Changes(data, [h for h in linear if h.numbers == "switches"])
     linear = [h for h in linear if h.numbers != "switches"]
@@ -399,7 +399,7 @@ def explanations(data: TorqueDifference, given: Sequence[Hypothesis]) -> list[Ex
 
 
 def explanation(data: TorqueDifference, h: Hypothesis, numbers: int = 0) -> Iterator[Explanation]:
-    """The hypothesis as a cause, if it has a part in the difference; so many of its numbers were fitted before."""
+    """Explanation by a hypothesis if it has a share in the difference, given the count of numbers fitted before."""
     for cause, columns, c in judged(data, h, by_rank=True):
         spent = cause.numbers + numbers
         if spent or h.numbers == "switches":
@@ -408,7 +408,7 @@ def explanation(data: TorqueDifference, h: Hypothesis, numbers: int = 0) -> Iter
 
 
 def two_together(data: TorqueDifference, linear: Sequence[Hypothesis], changes: Changes) -> Iterator[Explanation]:
-    """Each hypothesis, with the best change without free numbers beside it, and the best hypothesis of those after."""
+    """Explanations by two causes: each hypothesis with the best change without numbers, then with the best other."""
     few = [
         replace(h, columns=columns_of(data, h)[data.chosen], masks=None if h.masks is None else h.masks[:, data.chosen])
         for h in linear
@@ -434,7 +434,7 @@ def two_together(data: TorqueDifference, linear: Sequence[Hypothesis], changes: 
 
 
 def torque_difference(robot: Robot, other: Other, tolerance: float, seed: int) -> TorqueDifference:
-    """The torques of another robot or function at random states, or those given."""
+    """Torques of another robot or function at random or given states, and their difference from the robot's."""
     if isinstance(other, Robot) and other.n != robot.n:
         raise ValueError(f"`other` must have {robot.n} joints, as the robot, got {other.n}")
     torques = other.inverse_dynamics if isinstance(other, Robot) else other
@@ -459,7 +459,7 @@ def torque_difference(robot: Robot, other: Other, tolerance: float, seed: int) -
 
 
 def given_torques(robot: Robot, other: Sequence[Any]) -> list[Array]:
-    """The arrays q, qd, qdd and tau, checked: at least as many torques as standard parameters."""
+    """Arrays q, qd, qdd and tau, checked: at least as many torques as standard parameters."""
     n, names = robot.n, ("q", "qd", "qdd", "tau")
     arrays = [
         real_array(f"other: {name}", x, f"(N, {n})").astype(np.float64) for name, x in zip(names, other, strict=True)
@@ -473,7 +473,7 @@ def given_torques(robot: Robot, other: Sequence[Any]) -> list[Array]:
 
 
 def states_in_range(robot: Robot, seed: int) -> tuple[Array, Array, Array]:
-    """States all over the ranges of the joints."""
+    """Random states within the ranges of the joints."""
     rng = np.random.default_rng(seed)
     reach = np.where(turning(robot), thresholds.TURNING, thresholds.SLIDING)
     lower, upper = (np.clip(x, -reach, reach) for x in (robot.lower, robot.upper))
@@ -485,7 +485,7 @@ def states_in_range(robot: Robot, seed: int) -> tuple[Array, Array, Array]:
 
 
 def different_robots(one: Model, other: Model) -> str:
-    """A sentence on the joints that are the same, if fewer than half of them are, otherwise nothing."""
+    """Sentence on the joints that agree, if fewer than half of them do; otherwise empty."""
     same = 0
     for i, name in enumerate(one.moving_joints):
         if name in other.moving_joints:
@@ -497,17 +497,17 @@ def different_robots(one: Model, other: Model) -> str:
 
 
 def numbers_of(causes: Sequence[Cause]) -> int:
-    """Free numbers of causes that act together."""
+    """Number of free numbers of causes that act together."""
     return sum(cause.numbers for cause in causes)
 
 
 def together(causes: Sequence[Cause]) -> str:
-    """Kinds of causes that act together, in words."""
+    """Kinds of causes that act together, joined by "and"."""
     return " and ".join(cause.kind for cause in causes)
 
 
 def text_of_all(causes: Sequence[Cause]) -> str:
-    """Texts of causes that act together."""
+    """Joined texts of causes that act together."""
     return "; ".join(cause.text for cause in causes)
 
 
@@ -560,14 +560,14 @@ class ModelComparison(InNotebooks):
 
     @property
     def cause(self) -> str:
-        """The cause; two that act together are joined by "and"."""
+        """Kind of the cause; two that act together are joined by "and"."""
         return " and ".join(self.causes)
 
     def __repr__(self) -> str:
         return wrapped(f"ModelComparison(cause: {self.cause}; {self.text})")
 
     def report(self) -> str:
-        """The cause, a table of the joints, and what else was tried; of two different robots first that they are.
+        """Text with the cause, a table of the joints, and other candidates; says first if the robots are different.
 
         Returns
         -------

@@ -1,4 +1,4 @@
-"""Conventions of joints and torques that a log or another model may have: order, signs, zeros and units.
+"""Conventions of joints and torques that a log or another model may use: order, signs, zeros and units.
 
 The joints of the robot are at q' = a (s q)[order] + b, with rates and accelerations scaled by a', and have the torques
 tau' = (t tau)[torque_order]. `rne.compare_models` tries all of them on torques of another model, and the causes of an
@@ -28,10 +28,10 @@ KINDS = ("joint order", "torque order", "axis flipped", "torque sign", "joint ze
 
 
 class Convention(NamedTuple):
-    """Order, signs, zeros and units of joints and torques, where they are not the robot's own."""
+    """Order, signs, zeros and units of joints and torques that differ from the robot's."""
 
     kind: str
-    alternatives: float  # among how many it was chosen
+    alternatives: float  # number of conventions it was chosen from
     text: Callable[[], str]
     order: Sequence[int]
     sign: Sequence[float]
@@ -41,24 +41,24 @@ class Convention(NamedTuple):
     torque_sign: Sequence[float]
 
     def matrices(self, turns: Array) -> tuple[Array, Array]:
-        """J and T of q' = J q and tau' = T tau, of zeros that are the robot's own, shape (n, n) each."""
+        """Matrices J and T of q' = J q and tau' = T tau, for the robot's own zeros, shape (n, n) each."""
         J = np.where(turns, self.unit[0], 1.0)[:, None] * np.diag(self.sign)[list(self.order)]
         return J, np.diag(self.torque_sign)[list(self.torque_order)]
 
 
 def zeros_text(names: Sequence[str], zero: Sequence[float] | Array) -> str:
-    """Where joints are zero, in words."""
+    """Text of zero positions."""
     places = [f"{name} at {x:.6g}" for name, x in zip(names, zero, strict=True) if x]
     return f"zero positions differ: its zero is {listed(places)} [rad or m] of this robot"
 
 
 def turning(robot: Robot) -> Array:
-    """True for the robot's joints that turn, shape (n,)."""
+    """True for revolute joints, shape (n,)."""
     return np.asarray(robot.model.is_revolute[list(robot.model.independent_joints)])
 
 
 def conventions(robot: Robot, kinds: Iterable[str] = KINDS, *, alone: bool = False) -> Iterator[Convention]:
-    """Conventions of some kinds that are tried, the fewest changes of a kind first; or those of one joint or two."""
+    """Conventions of some kinds, with the fewest changes of a kind first; or those of one joint or two."""
     n, names, slides = robot.n, robot.joint_names, ~turning(robot)
     numbers, most = tuple(range(n)), 1 if alone else n
     own = Convention("", 1.0, str, numbers, (1.0,) * n, (0.0,) * n, (1.0, 1.0), numbers, (1.0,) * n)
@@ -92,7 +92,7 @@ def conventions(robot: Robot, kinds: Iterable[str] = KINDS, *, alone: bool = Fal
 
 
 def orders(n: int, alone: bool) -> Iterator[tuple[tuple[int, ...], float]]:
-    """Orders of the joints, of more than eight only exchanges of two; each with how many are like it."""
+    """Orders of the joints, for more than eight only exchanges of two; each with its number of alternatives."""
     if alone or factorial(n) > thresholds.CONVENTIONS:
         for i, j in combinations(range(n), 2):
             yield tuple({i: j, j: i}.get(k, k) for k in range(n)), 2 * comb(n, 2)
@@ -104,7 +104,7 @@ def orders(n: int, alone: bool) -> Iterator[tuple[tuple[int, ...], float]]:
 
 
 def variants(n: int, own: float, others: Sequence[float], most: int) -> Iterator[tuple[tuple[float, ...], float]]:
-    """Values of n joints of which at most so many differ, the fewest first, unless too many; how many are like each."""
+    """Values of n joints of which a limited number differ, fewest first, if not too many; alternatives of each."""
     total = 0
     for k in range(1, most + 1):
         alike = comb(n, k) * len(others) ** k
@@ -117,7 +117,7 @@ def variants(n: int, own: float, others: Sequence[float], most: int) -> Iterator
 
 
 def torques_of(robot: Robot, conventions: Sequence[Convention], states: Sequence[Array]) -> Array:
-    """Torques of another model with each convention, shape (A, N, n)."""
+    """Torques of another model under each convention, shape (A, N, n)."""
     columns = list(zip(*conventions, strict=True))[3:]
     order, sign, zero, unit, torque_order, torque_sign = (np.array(x)[:, None] for x in columns)
     scales = np.where(turning(robot), np.moveaxis(unit, -1, 0)[..., None], 1.0)  # of positions; of rates

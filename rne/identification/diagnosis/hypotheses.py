@@ -1,4 +1,4 @@
-"""Hypotheses on torques that a model leaves unexplained, and the causes of an identification's residuals among them.
+"""Hypotheses on torques that a model leaves unexplained, among them the causes of an identification's residuals.
 
 A hypothesis adds columns X to the torques of a model: derivatives by a delay, a gear ratio or a zero, the torques of a
 payload from some time on, those of a force at the last link for a while. Least squares with these columns say how much
@@ -36,11 +36,11 @@ from .rigid_body_test import noise_shares
 LOGGER = logging.getLogger("rne")
 STRIBECK, SIZE, DIRECTION, GAIN = "Stribeck friction", "gravity magnitude", "gravity direction", "torque factor"
 LOAD = "payload changed"
-EVENTS = (LOAD, "encoder slip", "contact", "friction changed", "offset drifts")  # of which blocks between tell
-GEARS = ("friction under load", "friction by direction", "pre-sliding friction", STRIBECK)  # which sound gears have
+EVENTS = (LOAD, "encoder slip", "contact", "friction changed", "offset drifts")  # kinds judged by short blocks
+GEARS = ("friction under load", "friction by direction", "pre-sliding friction", STRIBECK)  # those of healthy gears
 DRIVES = {"Ia": "rotor", "Fv": "viscous friction", "Fc": "Coulomb friction", "tau0": "offset"}  # kinds of symbols
 NOT_ASKED = "the drive of {joint} has %s of {size:.3g}, which was not asked for"
-OF_JOINTS: dict[str, tuple[str, Torques, float]] = {  # kind: text, torque of each joint, scale of the number told
+OF_JOINTS: dict[str, tuple[str, Torques, float]] = {  # kind: text, torque of each joint, scale of the printed number
     "rotor": (NOT_ASKED % "a rotor", lambda q, qd, qdd: qdd, 1.0),
     "viscous friction": (NOT_ASKED % "viscous friction", lambda q, qd, qdd: qd, 1.0),
     "Coulomb friction": (NOT_ASKED % "Coulomb friction", lambda q, qd, qdd: np.sign(qd), 1.0),
@@ -50,14 +50,14 @@ OF_JOINTS: dict[str, tuple[str, Torques, float]] = {  # kind: text, torque of ea
         lambda q, qd, qdd: np.abs(qd),
         2.0,
     ),
-    "spring": (  # slack anywhere, beside an offset
+    "spring": (  # with any rest position, as an offset is fitted too
         "something pulls {joint} as a spring of {size:.3g} {torque} per {unit}",
         lambda q, qd, qdd: q - q.mean(0),
         1.0,
     ),
 }
 OF_DRIVES = "%s of rne.DriveModel"
-MENDED_BY = {  # kind: what fits it or mends the log
+MENDED_BY = {  # kind: option of the fit, or of the log, that accounts for it
     "rotor": OF_DRIVES % "rotor=True",
     "viscous friction": OF_DRIVES % 'friction="viscous"',
     "Coulomb friction": OF_DRIVES % 'friction="coulomb"',
@@ -82,7 +82,7 @@ MENDED_BY = {  # kind: what fits it or mends the log
     "joint order": "joint_names of the Record",
     "degrees": 'unit="deg" of the Record',
 }
-IN_LOGS = {  # kind of convention: that of the cause in a log, and its text
+IN_LOGS = {  # kind of convention: kind of the cause in a log, and its text
     "torque sign": ("torque sign", "the torque of {} has the wrong sign"),
     "torque order": ("torque order", "the torques of {} and {} are interchanged"),
     "joint order": ("joint order", "{} and {} are interchanged"),
@@ -92,7 +92,7 @@ IN_LOGS = {  # kind of convention: that of the cause in a log, and its text
 
 
 class Cause(NamedTuple):
-    """One of `Identification.causes`: a change that explains part of the torques left unexplained by `rne.identify`.
+    """Likely cause of residuals, a change that explains part of the torques left unexplained by `rne.identify`.
 
     Attributes
     ----------
@@ -130,13 +130,13 @@ class Cause(NamedTuple):
     numbers: int = 0
 
 
-Trial = Callable[[FitResiduals], tuple[Array, ...]]  # `FitResiduals.held_out` without a change and with it
-LinearCauses = tuple[int, list[tuple[Cause, Array, Trial]]]  # hypotheses tried, and evident causes with their columns
+Trial = Callable[[FitResiduals], tuple[Array, ...]]  # validation errors without and with a change
+LinearCauses = tuple[int, list[tuple[Cause, Array, Trial]]]  # number tried; evident causes with their columns
 
 
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
-    """A possible cause of torques that a model does not explain: columns of torque, and words for their numbers.
+    """Possible cause of torques that a model does not explain: columns of torque, and a text for their numbers.
 
     `rne.identify` and `rne.compare_models` have many, and try those of their argument `hypotheses` too.
 
@@ -183,14 +183,14 @@ class Hypothesis:
 
 
 def text_of(h: Hypothesis, c: Array, j: int = 0, m: int = 0) -> str:
-    """The text of a hypothesis with these numbers, in a family of joint j and mask m."""
+    """Text of a hypothesis with its numbers; of a family for joint j and mask m."""
     if isinstance(h.text, str):
         return h.text.format(*c)
     return h.text(c) if h.numbers != "each" and h.masks is None else h.text(c, j, m)
 
 
 def columns_of(rest: Discrepancy, h: Hypothesis) -> Array:
-    """The columns of a hypothesis at the rows of the equations, shape (rows, n, k), checked."""
+    """Columns of a hypothesis at the rows of the equations, shape (rows, n, k), checked."""
     columns = h.columns
     if not callable(columns):
         return columns
@@ -210,7 +210,7 @@ def columns_of(rest: Discrepancy, h: Hypothesis) -> Array:
 def judged(
     rest: Discrepancy, h: Hypothesis, least: float = -np.inf, *, by_rank: bool = False
 ) -> Iterator[tuple[Cause, Array, Array]]:
-    """Causes of a score above the least, their columns and coefficients: of a family each joint's, with its best mask.
+    """Causes scored above `least`, with columns and coefficients; for a family one per joint, with its best mask.
 
     A score takes all numbers into account, or `by_rank` those that are independent of what is known.
     """
@@ -234,14 +234,14 @@ def judged(
 
 
 def kind_of(h: Hypothesis, c: Array) -> str:
-    """The kind of a hypothesis with these numbers."""
+    """Kind of a hypothesis with its numbers."""
     if h.kind == STRIBECK and c[0] < 0:
         return "pre-sliding friction"
     return "torque sign" if h.kind == GAIN and h.numbers != "few" and c[0] < -1 else h.kind
 
 
 def members(rest: Discrepancy, h: Hypothesis) -> list[tuple[tuple[str, ...], Array]]:
-    """Joints and columns of each hypothesis of a family, or of one that is none."""
+    """Joints and columns of each member of a family, or of a single hypothesis."""
     columns = columns_of(rest, h)
     if h.numbers != "each":
         return [(h.joints, columns)]
@@ -252,7 +252,7 @@ def members(rest: Discrepancy, h: Hypothesis) -> list[tuple[tuple[str, ...], Arr
 
 
 def one_by_one(rest: Discrepancy, given: Sequence[Hypothesis]) -> Iterator[Hypothesis]:
-    """The hypotheses, of families of joints each alone."""
+    """Hypotheses with families split into their members."""
     for h in given:
         if h.numbers != "each":
             yield h
@@ -270,14 +270,14 @@ def one_by_one(rest: Discrepancy, given: Sequence[Hypothesis]) -> Iterator[Hypot
 
 
 def hypotheses_argument(given: Any) -> tuple[Hypothesis, ...]:
-    """The argument `hypotheses`, checked."""
+    """Argument `hypotheses`, checked."""
     if not isinstance(given, Sequence) or not all(isinstance(x, Hypothesis) for x in given):
         raise TypeError(f"`hypotheses` must be a sequence of rne.identification.Hypothesis, got {given!r}")
     return tuple(given)
 
 
 def linear_causes(rest: FitResiduals, hypotheses: Sequence[Hypothesis] | None) -> LinearCauses:
-    """Evident causes, and how many were tried; without `hypotheses`, only the friction of gears is looked for."""
+    """Evident causes, and the number tried; without `hypotheses`, only gear friction is tried."""
     linear = [(rest, h) for h in friction(rest)]
     if hypotheses is not None:
         beyond = rest.beyond_friction
@@ -291,7 +291,7 @@ def linear_causes(rest: FitResiduals, hypotheses: Sequence[Hypothesis] | None) -
 
 
 def leading_columns(linear: LinearCauses) -> Array | None:
-    """Columns of the best cause, but for delays and friction of gears; None if there is none."""
+    """Columns of the best cause, other than delays and gear friction; None without one."""
     others = [x for x in linear[1] if x[0].kind not in (*GEARS, "delay")]
     return max(others, key=lambda x: x[0].score)[1] if others else None
 
@@ -299,7 +299,7 @@ def leading_columns(linear: LinearCauses) -> Array | None:
 def likely_causes(
     rest: FitResiduals, hypotheses: Sequence[Hypothesis] | None = (), linear: LinearCauses | None = None
 ) -> tuple[tuple[Cause, ...], tuple[Cause, ...]]:
-    """The best cause of each kind and joints that is evident and improves what was held out, and those of small effect.
+    """Best causes by kind and joints that are evident and reduce the validation error; those of small effect apart.
 
     The likeliest first; causes that explain what friction cannot come before friction of gears. Without `hypotheses`,
     only that is looked for; `linear` causes may be known.
@@ -327,10 +327,10 @@ def of_columns(columns: Array, is_event: bool, rest: FitResiduals) -> tuple[Arra
 
 
 def with_effect(rest: FitResiduals, cause: Cause, trial: Trial | None) -> tuple[Cause, bool] | None:
-    """The cause with its effect on what was held out, and if it matters; None if it improves no joint, or costs one.
+    """Cause with its effect on the validation error, and True if significant; None if no joint improves or one worsens.
 
-    It matters if it takes 5 % of a joint's error and twice what that varies by over the blocks. All beside friction
-    that gears without a fault have. The effect is that without it, where that is one.
+    Significant: an error falls by 5 % and by twice its standard error over the blocks. Judged with the friction terms
+    of healthy gears in the model; the effect reported is the one without them, if there is one.
     """
     if trial is None:
         return cause._replace(removed=np.zeros(rest.robot.n)), True
@@ -349,12 +349,12 @@ def with_effect(rest: FitResiduals, cause: Cause, trial: Trial | None) -> tuple[
 
 
 def matters(ratio: Array, scatter: Array) -> bool:
-    """True if a joint's error falls by more than 5 % of it, and twice what that varies by over the blocks."""
+    """True if a joint's error falls by more than 5 %, and by twice the standard error over the blocks."""
     return bool(((ratio < 1 - thresholds.MATTERS) & (1 - ratio > thresholds.SURELY * scatter)).any())
 
 
 def held_out_ratio(shares: tuple[Array, ...]) -> tuple[Array, Array]:
-    """Each joint's error with a change over that without it, and its standard error by the scatter between blocks."""
+    """Ratio of each joint's error with a change to that without, and its standard error between blocks."""
     before, after = shares
     size = np.maximum(before.sum(0), thresholds.LEAST**2)
     ratio = np.sqrt(np.maximum(after.sum(0), thresholds.LEAST**2) / size)
@@ -363,7 +363,7 @@ def held_out_ratio(shares: tuple[Array, ...]) -> tuple[Array, Array]:
 
 
 def delays_of(rest: FitResiduals) -> list[Cause]:
-    """Delays of records and joints that the residuals show, whatever else they show, with their sizes together."""
+    """Delays of records and joints visible in the residuals, selected one by one, then estimated together."""
     names, options, left = rest.names, [x for h in delays(rest) for x in members(rest, h)], rest
     chosen: list[tuple[tuple[str, ...], Array]] = []
     while options:
@@ -383,13 +383,13 @@ def delays_of(rest: FitResiduals) -> list[Cause]:
 
 
 def added_delay(cause: Cause, records: int, names: Sequence[str]) -> Array:
-    """What a cause adds to the delays of so many records of joints of these names, shape (records, n) [s]."""
+    """Increment of the delays by a cause, for a number of records and the named joints, shape (records, n) [s]."""
     of_record = np.isnan(cause.at) | (np.arange(records) == cause.at)
     return np.asarray(cause.value * np.outer(of_record, np.isin(names, cause.joints)))
 
 
 def delays_by_instruments(rest: FitResiduals, moved: Sequence[Prepared]) -> list[Cause]:
-    """Delays of records, by instrumental variables, until nothing changes: what is not sure is taken as estimated."""
+    """Delays of records by instrumental variables, without those that have settled or are out of range."""
     data, names = rest.data, rest.names
     along = FitResiduals(rest.robot, rest.base, replace(data, prepared=tuple(moved)), rest.beta, rest.sigma)
     each = np.equal.outer(rest.record, np.arange(len(data.prepared)))[:, None]
@@ -406,7 +406,7 @@ def delays_by_instruments(rest: FitResiduals, moved: Sequence[Prepared]) -> list
 
 
 def merged_by_kind(causes: Sequence[Cause]) -> tuple[Cause, ...]:
-    """One cause of each kind, with the joints and numbers of all."""
+    """Causes merged by kind, with the joints and numbers of all."""
     found = []
     for kind in dict.fromkeys(cause.kind for cause in causes):
         first, *others = (cause for cause in causes if cause.kind == kind)
@@ -425,7 +425,7 @@ def merged_by_kind(causes: Sequence[Cause]) -> tuple[Cause, ...]:
 
 
 def merged_text(texts: Sequence[str]) -> str:
-    """One text of several that differ in names and numbers."""
+    """Merged text of several that differ in names and numbers."""
     places = list(zip(*(text.split(" ") for text in texts), strict=False))
     differ, words_of_cause = sum(len(set(words)) > 1 for words in places), texts[0].partition(" (")[0].split(" ")
     if len({text.count(" ") for text in texts}) > 1 or 2 * differ > len(words_of_cause):
@@ -445,7 +445,7 @@ def of_each(
     signs: tuple[str, ...] = (),
     times: Sequence[str] = ("",),
 ) -> Callable[[Array, int, int], str]:
-    """A text of the first number of joint j from time m on; with words for both signs, of its size."""
+    """Function for the text of a number of joint j from time m on; if `signs` are given, of its size and sign."""
 
     def told(c: Array, j: int, m: int) -> str:
         size, (unit, torque) = start + scale * float(c[0]), units(rest.robot, j)
@@ -457,7 +457,7 @@ def of_each(
 
 
 def delay_text(joints: tuple[str, ...]) -> Callable[[Array], str]:
-    """Words for a delay, of all joints or of some."""
+    """Text of a delay, of all joints or of some."""
     whose = f" of {listed(joints)}" if joints else ""
 
     def told(c: Array) -> str:
@@ -468,19 +468,19 @@ def delay_text(joints: tuple[str, ...]) -> Callable[[Array], str]:
 
 
 def size_text(factor: float) -> str:
-    """Words for gravity of another size."""
+    """Text of another magnitude of gravity."""
     clock = f", or the times are {1 / np.sqrt(factor):.3g} times the true ones" if factor > 0 else ""
     return f"gravity is {factor:.3g} times the model's{clock}"
 
 
 def direction_text(gravity: Array, given: Array) -> str:
-    """Words for gravity along a vector instead of the vector given."""
+    """Text of gravity along another vector than the given one."""
     (x, y, z), angle = gravity / np.linalg.norm(gravity), angle_between(gravity, given)
     return f"gravity acts along ({x:.2f}, {y:.2f}, {z:.2f}), {angle:.3g} degrees from the model's"
 
 
 def angle_between(a: Array, b: Array) -> float:
-    """Angle of two vectors in degrees."""
+    """Angle between two vectors in degrees."""
     return float(np.rad2deg(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b)))
 
 
@@ -493,14 +493,14 @@ def units(robot: Robot, j: int) -> tuple[str, str]:
 
 
 def of_joints(rest: Discrepancy, kinds: Iterable[str]) -> Iterator[Hypothesis]:
-    """Torques of single joints, a family of each kind."""
+    """Hypotheses on torques of single joints, a family for each kind."""
     for kind, (text, torques, scale) in ((kind, OF_JOINTS[kind]) for kind in kinds):
         columns = rest.of_each_joint(torques)
         yield Hypothesis(kind, columns, of_each(rest, text, scale=scale), rest.names, numbers="each")
 
 
 def factors(rest: Discrepancy, torques: Array) -> Hypothesis:
-    """Torques of single joints that are multiples of those of the model, shape (rows, n)."""
+    """Hypotheses on factors of the torques of single joints, shape (rows, n)."""
     text = of_each(rest, "the torque of {joint} is measured {size:.4g} times", start=1)
     return Hypothesis(GAIN, by_joint(torques[..., None]), text, rest.names, numbers="each")
 
@@ -532,7 +532,7 @@ def slope(function: Callable[[float], Array]) -> Array:
 
 
 def declined_drives(rest: FitResiduals) -> Iterator[Hypothesis]:
-    """Rotors, friction and offsets that are not fitted, of single joints and of all."""
+    """Hypotheses on rotors, friction and offsets that are not fitted, of single joints and of all."""
     for kind in (kind for symbol, kind in DRIVES.items() if symbol not in rest.standard.terms):
         (each,) = of_joints(rest, [kind])
         text = OF_JOINTS[kind][0].replace("drive of {joint} has", "drives have").replace(" of {size:.3g}", "")
@@ -541,7 +541,7 @@ def declined_drives(rest: FitResiduals) -> Iterator[Hypothesis]:
 
 
 def other_gravity(rest: FitResiduals) -> Iterator[Hypothesis]:
-    """Gravity of another size, as with a clock of another rate, or tilted by a small angle.
+    """Hypotheses on gravity of another magnitude, as by a wrong clock rate, or tilted by a small angle.
 
     The first body's centre may be felt in tilted gravity alone.
     """
@@ -557,7 +557,7 @@ def other_gravity(rest: FitResiduals) -> Iterator[Hypothesis]:
 
 
 def delays(rest: FitResiduals) -> Iterator[Hypothesis]:
-    """Torques later than positions: in each record, or of one joint."""
+    """Hypotheses on delays of torques: of each record, or of one joint."""
     late, names = rest.delay_column, rest.names
     of_records = [late * (rest.record == k)[:, None, None] for k in range(len(rest.records))]
     yield Hypothesis("delay", np.concatenate(of_records, axis=-1), delay_text(()), names)
@@ -566,7 +566,7 @@ def delays(rest: FitResiduals) -> Iterator[Hypothesis]:
 
 
 def joints(rest: FitResiduals) -> Iterator[Hypothesis]:
-    """Zeros, also from some time on, gear ratios, springs and gains of torques."""
+    """Hypotheses on zeros, also from a certain time on, gear ratios, springs and gains of torques."""
     zeros, (times, masks) = zero_columns(rest), starts(rest)
     zero = of_each(rest, "the zero of {joint} is off by {size:.3g} {unit}")
     slip = of_each(rest, "the encoder of {joint} slips by {size:.3g} {unit} near {time}", times=times)
@@ -581,7 +581,7 @@ def joints(rest: FitResiduals) -> Iterator[Hypothesis]:
 
 
 def ratio_columns(rest: FitResiduals) -> Array:
-    """Measured torques per unit of each joint's gear ratio, to which motions and its torque are proportional."""
+    """Derivatives of measured torques by each gear ratio, to which motions and the torque are proportional."""
     steps = np.eye(rest.robot.n)[:, None]  # drives of the joint stay what they are
 
     def torques(k: Array, motion: tuple[Array, ...]) -> Array:
@@ -591,7 +591,7 @@ def ratio_columns(rest: FitResiduals) -> Array:
 
 
 def coupling_ratios(rest: FitResiduals) -> Iterator[Hypothesis]:
-    """Ratios of joints that mimic others or follow them, but for those of linkages, whose lengths say how."""
+    """Hypotheses on ratios of mimic and coupled joints, except linkages, whose lengths determine them."""
     model, bodies = rest.robot.model, rest.bodies
     closed = {joint for loop in model.loops for joint in loop.followers}
     for joint in (name for name in model.moving_joints if name not in closed.union(rest.names)):
@@ -608,7 +608,7 @@ def coupling_ratios(rest: FitResiduals) -> Iterator[Hypothesis]:
 
 
 def changing(rest: FitResiduals) -> Iterator[Hypothesis]:
-    """Friction that changes during the log; torques whose zero drifts."""
+    """Hypotheses on friction that changes during the log, and drifting torque offsets."""
     ramp = progress(rest) - progress(rest).mean()
     terms = [rest.sampled(OF_JOINTS[kind][1])[..., None] for kind in ("viscous friction", "Coulomb friction")]
     courses = [term * course for term in terms for course in (ramp, ramp**2)]
@@ -620,7 +620,7 @@ def changing(rest: FitResiduals) -> Iterator[Hypothesis]:
 
 
 def friction(rest: FitResiduals) -> Iterator[Hypothesis]:
-    """Friction that changes with speed or with the load."""
+    """Hypotheses on friction that varies with speed or with the load."""
     yield from of_joints(rest, ["friction by direction"])
     load = of_each(rest, "friction of {joint} changes by {size:.3g} % of its load", scale=100)
     yield Hypothesis("friction under load", by_joint(rest.curves[..., :1]), load, rest.names, numbers="each")
@@ -629,12 +629,12 @@ def friction(rest: FitResiduals) -> Iterator[Hypothesis]:
 
 
 def stribeck_columns(rest: FitResiduals, vs: Array | float) -> Array:
-    """Torques of the Stribeck effect of each joint, of velocities vs, shape (rows, n, n)."""
+    """Torques of the Stribeck effect of each joint for velocities vs, shape (rows, n, n)."""
     return rest.of_each_joint(lambda q, qd, qdd: np.sign(qd) * np.exp(-np.abs(qd) / vs))
 
 
 def stribeck(rest: FitResiduals, joints: Sequence[int], vs: Array) -> Hypothesis:
-    """The Stribeck effect of some joints, of these velocities of all, shape (n,)."""
+    """Hypothesis of the Stribeck effect of some joints, with the velocities of all, shape (n,)."""
     columns = stribeck_columns(rest, np.maximum(vs, thresholds.TINY))[..., joints]
 
     def text(c: Array, k: int, m: int) -> str:
@@ -648,7 +648,7 @@ def stribeck(rest: FitResiduals, joints: Sequence[int], vs: Array) -> Hypothesis
 
 
 def refine(rest: FitResiduals, cause: Cause) -> Cause:
-    """The Stribeck effect with the velocity that fits best."""
+    """Cause of the Stribeck effect with the best-fitting velocity."""
     from scipy.optimize import minimize_scalar
 
     j, middle = rest.names.index(cause.joints[0]), np.log(cause.at)
@@ -676,13 +676,13 @@ def derivative_by(rest: FitResiduals, cause: Cause) -> Array:
 
 
 def progress(rest: FitResiduals) -> Array:
-    """Times of the rows: the number of the record, and the part of it that has passed, shape (rows, 1, 1)."""
+    """Times of the rows: index of the record, and elapsed fraction of it, shape (rows, 1, 1)."""
     passed = [(r.times - r.times[0]) / (np.ptp(r.times) or 1.0) * (1 - 1e-9) for r in rest.records]
     return np.concatenate([k + x for k, x in enumerate(passed)])[:, None, None]
 
 
 def time_text(rest: FitResiduals, place: float) -> str:
-    """A time in words, of the number of a record and the part of it that has passed."""
+    """Text of a time, from the index of a record and the elapsed fraction of it."""
     t = np.concatenate([record.times - record.start for record in rest.records])
     k = min(int(np.searchsorted(progress(rest).ravel(), place)), len(t) - 1)
     name = f" of record {int(place) + 1}" if len(rest.records) > 1 else ""
@@ -690,14 +690,14 @@ def time_text(rest: FitResiduals, place: float) -> str:
 
 
 def starts(rest: FitResiduals) -> tuple[list[str], Array]:
-    """Times at which something may begin, in words, and the rows from then on, shape (times, rows)."""
+    """Candidate times of a change as texts, and the rows from then on, shape (times, rows)."""
     place = progress(rest).ravel()
     edges = np.quantile(place, np.linspace(0, 1, thresholds.PLACES + 2)[1:-1])
     return [time_text(rest, start) for start in edges], place >= edges[:, None]
 
 
 def payloads(rest: FitResiduals) -> Iterator[Hypothesis]:
-    """Another last body from some time on; another of the others, if much is left."""
+    """Hypotheses on a change of the last body from some time on; of other bodies if residuals are large."""
     names, nb, (times, masks) = rest.robot.model.moving_joints, rest.robot.model.nb, starts(rest)
     first = 0 if rest.share > thresholds.SEEN else nb - 1
     bodies = rest.Y[..., PARAMETERS * first : PARAMETERS * nb]
@@ -714,7 +714,7 @@ def payloads(rest: FitResiduals) -> Iterator[Hypothesis]:
 
 
 def contacts(rest: FitResiduals) -> Iterator[Hypothesis]:
-    """A force on the last link for a while."""
+    """Hypotheses on a temporary force on the last link."""
     model, place, count = rest.robot.model, progress(rest).ravel(), 2 * thresholds.PLACES
     link = [name for name, k in zip(model.link_names, model.link_body, strict=True) if k == model.nb - 1][-1]
     force = rest.sampled(lambda q, qd, qdd: np.swapaxes(rest.robot.jacobian(q, link)[..., 3:, :], -1, -2))
@@ -736,7 +736,7 @@ def contacts(rest: FitResiduals) -> Iterator[Hypothesis]:
 
 
 def changes_with_load(rest: FitResiduals, known: Array, loaded: Array, body: int) -> list[Cause]:
-    """Changes that matter of those that the residuals of all records show, the likeliest first, each beside the others.
+    """Significant changes shown by the residuals of all records, the likeliest first, each given the others.
 
     Torques of the loads, and friction of sound gears, are `known` columns. Rows with the load, shape (rows, 1, 1),
     have the parameters of `rest`; it is on the body of this number. Residuals are as independent as all of the changes
@@ -763,7 +763,7 @@ def changes_with_load(rest: FitResiduals, known: Array, loaded: Array, body: int
 
 
 def hypotheses_with_load(rest: FitResiduals, body: int) -> Iterator[Hypothesis]:
-    """Gravity, zeros, factors and offsets of torques, and bodies other than that of the load."""
+    """Hypotheses on gravity, zeros, factors and offsets of torques, and bodies other than that of the load."""
     families = [h for h in joints(rest) if h.kind in (GAIN, "joint zero")]
     tilts = [h for h in other_gravity(rest) if h.kind == DIRECTION]
     offset = of_each(rest, "the torque of {joint} is {size:.3g} {torque} larger")
@@ -788,7 +788,7 @@ def hypotheses_with_load(rest: FitResiduals, body: int) -> Iterator[Hypothesis]:
 
 
 def friction_power(rest: FitResiduals) -> tuple[Array, Array]:
-    """Mean power that friction takes in each joint, and its standard error, shape (n,) each [W]; 0 without friction."""
+    """Mean power dissipated by friction in each joint, with standard error, shape (n,) each [W]; 0 without friction."""
     n, each = rest.robot.n, np.zeros((rest.robot.n, rest.standard.count))
     for symbol, exponent in (("Fv", 2), ("Fc", 1)):
         if symbol in rest.standard.groups:
@@ -800,12 +800,12 @@ def friction_power(rest: FitResiduals) -> tuple[Array, Array]:
 
 
 def dissipates(rest: FitResiduals) -> Array:
-    """True for joints whose friction takes power, as with a torque of the right sign; False where none is modelled."""
+    """True for joints whose friction dissipates, as with the right sign of torque; False where none is modelled."""
     return np.asarray(friction_power(rest)[0] > 0)
 
 
 def powered(rest: FitResiduals) -> Iterator[tuple[Cause, None]]:
-    """Torques of the wrong sign that leave no residual, because negative friction compensates them."""
+    """Causes of torques with the wrong sign that leave no residual, as negative friction compensates them."""
     (power, error), v = friction_power(rest), np.concatenate([record.reduce(record.qd) for record in rest.records])
     work = np.abs(rest.tau * v).mean(0)
     is_explained = rest.squares < thresholds.EXPLAINED**2 * rest.torques  # otherwise anything may come out negative
@@ -817,7 +817,7 @@ def powered(rest: FitResiduals) -> Iterator[tuple[Cause, None]]:
 
 
 def other_conventions(rest: FitResiduals, beyond: FitResiduals) -> Iterator[tuple[Cause, Trial]]:
-    """Torques of other signs and in another order; if noise leaves less, joints too, or coupled, or in degrees.
+    """Causes of other signs and orders of torques; of joints, couplings and degrees if the residual exceeds noise.
 
     Joints are J q, and their torques T tau.
     """
@@ -849,7 +849,7 @@ def other_conventions(rest: FitResiduals, beyond: FitResiduals) -> Iterator[tupl
 
 
 def odd_joints(rest: FitResiduals) -> list[int]:
-    """Joints of which more is left beyond friction of gears than noise explains, the largest part first."""
+    """Joints whose residual beyond gear friction exceeds noise, the largest share first."""
     left = rest.beyond_friction
     share, noise = np.sqrt(left.squares / left.torques), noise_shares(rest.records, 0.0)
     odd = share > np.maximum(thresholds.ABOVE_NOISE * noise, thresholds.ODD)
@@ -857,7 +857,7 @@ def odd_joints(rest: FitResiduals) -> list[int]:
 
 
 def couplings(rest: FitResiduals, j: int, gain: Callable[[Array, Array], float]) -> Iterator[tuple[Cause, Trial]]:
-    """A joint's motor that turns with the joint before too, by any ratio: its positions, and its torques or not."""
+    """Causes of motors that also turn with the joint before, by any ratio: in positions, with or without torques."""
     from scipy.optimize import minimize_scalar
 
     motors, unit, (name, other) = rest.standard.motors != 0, np.eye(rest.robot.n), (rest.names[j], rest.names[j - 1])
@@ -887,7 +887,7 @@ def couplings(rest: FitResiduals, j: int, gain: Callable[[Array, Array], float])
 
 
 def of_convention(J: Array, T: Array, rest: FitResiduals) -> tuple[Array, ...]:
-    """What is held out of the torques measured, with joints q, and with joints J q and their torques T tau."""
+    """Validation errors of the measured torques with joints q, and with joints J q and torques T tau."""
     left = rest.coarse
     shares = left.held_out_as_given, left.held_out_moved(J, rest.tau @ T.T)
     errors = [np.maximum(x, thresholds.ODD**2 / len(x)) for x in shares]  # steps of friction are off by as much
@@ -895,7 +895,7 @@ def of_convention(J: Array, T: Array, rest: FitResiduals) -> tuple[Array, ...]:
 
 
 def torque_scale(rest: FitResiduals) -> Iterator[tuple[Cause, None]]:
-    """Torques many times larger or smaller than the bodies of the robot given ask for, or of the opposite sign.
+    """Causes of torques many times larger or smaller than the given bodies need, or of the opposite sign.
 
     Without what drives can explain: rotors and friction, and offsets, as the weight of an arm that hardly moves. The
     torques of single joints also with offsets, those of all joints as fitted.
@@ -914,7 +914,7 @@ def torque_scale(rest: FitResiduals) -> Iterator[tuple[Cause, None]]:
 
 
 def torque_factors(rest: FitResiduals) -> tuple[tuple[Array, Array], tuple[float, float]]:
-    """Factors of torques from those of the robot given, with their squared cosines: of each joint, negative
+    """Factors of torques relative to the given robot, with squared cosines: of each joint, signed, and of all.
     where the signs differ, and of all.
 
     What drives may explain is left out of both; of a single joint with offsets, where it resembles the robot's then.
@@ -939,19 +939,19 @@ def torque_factors(rest: FitResiduals) -> tuple[tuple[Array, Array], tuple[float
 
 
 def scale_of_all(rest: FitResiduals, factor: float) -> Cause:
-    """Torques that are so many times those of the robot given, in all joints."""
+    """Cause of torques that are a multiple of the given robot's in all joints."""
     kind, text = "torque unit", f"torques are {factor:.3g} times those of the robot given: N mm, mA, or at the motors?"
     certain = float(rest.counts.sum())
     score = certain if rest.share < thresholds.POOR else 2 * thresholds.EVIDENT  # a fit that fails tells of no factor
     if factor < 0:
         kind, text = "torque sign", "the torques of all joints have the wrong sign"
-        if friction_power(rest)[0].sum() < 0:  # which tells it too: before all that residuals tell
+        if friction_power(rest)[0].sum() < 0:  # evidence too, and faster than the residuals
             score = certain * float(np.log(1 / thresholds.LEAST))
     return Cause(kind, rest.names, text, score, factor)
 
 
 class Gravity:
-    """The fit of torques as a function of gravity, a vector in units of the model's length, at some of the rows."""
+    """Fit of torques as a function of gravity, in units of the model's magnitude, at some of the rows."""
 
     def __init__(self, rest: FitResiduals) -> None:
         model, self.rest, count = rest.robot.model, rest.coarse, len(rest.bodies)
@@ -963,11 +963,11 @@ class Gravity:
         self.tau, self.drives = self.rest.weighted(rest.tau), self.rest.weighted(rest.Y[..., count:])
 
     def bodies(self, gravity: Array) -> Array:
-        """Columns of the bodies' parameters, other ones of which are felt, shape (R, 10 nb)."""
+        """Columns of the bodies' parameters that torques depend on under a gravity vector, shape (R, 10 nb)."""
         return self.rest.weighted(self.still + np.tensordot(gravity, self.pulls, 1))
 
     def squares(self, gravity: Array) -> Array:
-        """Sum of squares that each joint leaves, shape (n,)."""
+        """Sum of squares of each joint's residual, shape (n,)."""
         X = np.concatenate([self.bodies(gravity), self.drives], axis=1)
         lengths = np.linalg.norm(X, axis=0)
         X = X / np.maximum(lengths, thresholds.NOTHING * lengths.max())  # dependent columns, without what is rounding
@@ -975,17 +975,17 @@ class Gravity:
         return self.rest.by_joint(self.tau - X @ np.linalg.solve(whole, X.T @ self.tau))
 
     def loss(self, gravity: Array) -> float:
-        """Less is likelier; of those that fit equally well, the nearest to the model's."""
+        """Negative log likelihood; prefers gravity near the model's among equally good fits."""
         turned = float(((gravity - self.given) ** 2).sum())
         return thresholds.KEPT * turned - self.rest.gain(self.squares(gravity))
 
     def start(self) -> Array:
-        """The best of the model's gravity, the axes, and sums of both."""
+        """Best of the model's gravity, the axes, and sums of both, as a start."""
         axes = [s * e for e in np.eye(3) for s in (1, -1)]
         return min((x for x in (self.given, *axes, *(self.given + x for x in axes)) if x.any()), key=self.loss)
 
     def best(self) -> Array:
-        """The gravity with which the torques are fitted best (Nelder and Mead 1965)."""
+        """Best-fitting gravity vector (Nelder and Mead 1965)."""
         from scipy.optimize import minimize
 
         start = self.start()
@@ -993,13 +993,13 @@ class Gravity:
         return np.asarray(minimize(self.loss, start, method="Nelder-Mead", options=options).x)
 
     def held_out(self, gravity: Array) -> Array:
-        """Validation errors, as of `FitResiduals.held_out`."""
+        """Validation errors, see `FitResiduals.held_out`."""
         Q = extended(orthonormal(self.drives), self.bodies(gravity))
         return self.rest.held_out(Q, self.tau, self.rest.blocks)
 
 
 def gravity_directions(rest: FitResiduals) -> Iterator[tuple[Cause, Trial]]:
-    """Gravity, a vector of any length, with which the torques are fitted best."""
+    """Causes of gravity with another direction and any magnitude, by the best fit."""
     if not rest.robot.model.gravity.any() or not (rest.share > thresholds.POOR or odd_joints(rest)):
         return
     fit = Gravity(rest)

@@ -1,4 +1,4 @@
-"""Torques that a model does not explain, and what further columns would take away of them.
+"""Residual torques of a model, and the reduction by further columns.
 
 `Discrepancy` judges columns, whether the torques are residuals of a fit to measurements (`FitResiduals`) or differences
 of two models (`compare_models`).
@@ -25,14 +25,14 @@ Torques = Callable[[Array, Array, Array], Array]  # a function of q, qd, qdd, ea
 
 
 class Discrepancy:
-    """Torques that a model leaves, each over the noise `sigma` of its joint, at the rows and joints that are `used`."""
+    """Residual torques of a model over the noise `sigma` of their joint, at the rows and joints that are `used`."""
 
-    left: Array  # the torques over their noise, shape (R,), without their part along Q
-    Q: Array  # orthonormal columns that are fitted with any others, shape (R, k)
-    counts: Array  # independent equations of each joint, shape (n,)
+    left: Array  # torques over their noise, shape (R,), orthogonal to Q
+    Q: Array  # orthonormal columns fitted in any case, shape (R, k)
+    counts: Array  # number of independent equations of each joint, shape (n,)
     floor: Array  # sum of squares of each joint that needs no explanation, shape (n,)
-    resolution: tuple[float, float]  # parts of a joint's values and of all of a column that are numerical
-    correlation = 1.0  # factor of variances of estimates: residuals resemble their neighbours
+    resolution: tuple[float, float]  # numerical resolution relative to a joint's values; to a column
+    correlation = 1.0  # factor of variances for correlated residuals
     bodies: Array  # inertial parameters, shape (10 nb,)
 
     def __init__(self, robot: Robot, sigma: Array, used: Array) -> None:
@@ -40,7 +40,7 @@ class Discrepancy:
         self.row, self.joint = np.nonzero(used)  # of each value
 
     def sampled(self, torques: Torques) -> Array:
-        """A function of the motion, shape (T, ...), at the rows, shape (rows, ...)."""
+        """Values of a function of the motion, shape (T, ...), at the rows, shape (rows, ...)."""
         raise NotImplementedError
 
     def load(self, q: Array, qd: Array, qdd: Array) -> Array:
@@ -49,21 +49,21 @@ class Discrepancy:
         return torques
 
     def of_each_joint(self, torques: Torques) -> Array:
-        """The torque of each joint, a function of its own q, qd and qdd, as a column, shape (rows, n, n)."""
+        """Torque of each joint as a function of its own q, qd and qdd, as columns, shape (rows, n, n)."""
         return by_joint(self.sampled(torques)[..., None])
 
     @cached_property
     def of_joint(self) -> Array:
-        """1 for the values of each joint, shape (n, R)."""
+        """Indicator of the values of each joint, shape (n, R)."""
         return np.equal.outer(np.arange(self.robot.n), self.joint).astype(float)
 
     @cached_property
     def squares(self) -> Array:
-        """Sum of squares that each joint leaves, shape (n,)."""
+        """Sum of squares of each joint's residual, shape (n,)."""
         return self.by_joint(self.left)
 
     def weighted(self, columns: Array, sigma: Array | None = None) -> Array:
-        """Values of the used rows, shape (rows, n, ...), over the noise of their joint, shape (R, ...)."""
+        """Values of the used rows, from shape (rows, n, ...), over the noise of their joint, shape (R, ...)."""
         scale = (self.sigma if sigma is None else sigma).reshape(-1, *(1 for _ in columns.shape[2:]))
         found: Array = (columns / scale)[self.used]
         return found
@@ -73,16 +73,16 @@ class Discrepancy:
         return np.bincount(self.joint, r * (r if s is None else s), minlength=self.robot.n)
 
     def gain(self, squares: Array, before: Array | None = None) -> float:
-        """Gain of log likelihood by a fit that leaves these squares."""
+        """Gain of log likelihood by a fit with these residual squares."""
         start = self.squares if before is None else before
         return float(0.5 * (self.counts * np.log((start + self.floor) / (squares + self.floor))).sum())
 
     def penalty(self, numbers: float) -> float:
-        """Cost of free numbers (Schwarz 1978)."""
+        """Penalty of the log likelihood for free numbers (Schwarz 1978)."""
         return 0.5 * numbers * float(np.log(max(self.counts.sum(), 2.0)))
 
     def with_columns(self, X: Array) -> tuple[Array, Array, Array, int]:
-        """Coefficients of columns, shape (rows, n, k), their standard errors, the values left, shape (R,), the rank.
+        """Fit of columns, shape (rows, n, k): coefficients, standard errors, residuals (R,), and rank.
 
         Columns may be `weighted` already, shape (R, k).
         """
@@ -103,7 +103,7 @@ class Discrepancy:
         return c, np.sqrt(self.correlation) * errors, self.left - left @ c, rank
 
     def with_numbers(self, X: Array, numbers: str) -> tuple[Array, Array, Array, int]:
-        """Fit the numbers that a hypothesis asks for, here all of them; results of `with_columns`."""
+        """Fit of the numbers of a hypothesis, here all of them; results of `with_columns`."""
         return self.with_columns(X)
 
 
@@ -149,13 +149,13 @@ class FitResiduals(Discrepancy):
         self.floor = thresholds.LEAST**2 * self.torques
 
     def load(self, q: Array, qd: Array, qdd: Array, x: Array | None = None) -> Array:
-        """Torques of bodies and springs, of standard parameters x, by default those of the fit, shape (T, n)."""
+        """Torques of bodies and springs for standard parameters x, by default the fit's, shape (T, n)."""
         x = self.x if x is None else x
         bodies: Array = self.robot.inverse_dynamics(q, qd, qdd, parameters=x[self.standard.groups["bodies"]])
         return bodies + self.standard.spring_torques(q, x)
 
     def with_known(self, columns: Array) -> FitResiduals:
-        """The residuals with more columns fitted in any case."""
+        """Residuals with more columns fitted in any case."""
         known = columns if self.known is None else np.concatenate([self.known, columns], axis=-1)
         return self._with(self.sigma, self.correlation_time, known, self.used)
 
@@ -166,7 +166,7 @@ class FitResiduals(Discrepancy):
 
     @cached_property
     def beyond_friction(self) -> FitResiduals:
-        """The residuals with friction known that rises with the load and is curved over speed, as that of real gears.
+        """Residuals with the friction of real gears fitted, which rises with the load and is curved over speed.
 
         Noise and correlation time are those of what it leaves.
         """
@@ -182,7 +182,7 @@ class FitResiduals(Discrepancy):
 
     @cached_property
     def curves(self) -> Array:
-        """Friction of each joint that no parameter stands for, at the rows, shape (rows, n, 4)."""
+        """Friction curves of each joint beside the parameters, at the rows, shape (rows, n, 4)."""
         return self.sampled(lambda q, qd, qdd: self.friction_curves(q, qd, qdd, self.x))
 
     def friction_curves(self, q: Array, qd: Array, qdd: Array, x: Array) -> Array:
@@ -202,12 +202,12 @@ class FitResiduals(Discrepancy):
 
     @property
     def share(self) -> float:
-        """The largest unexplained part of a joint's torques."""
+        """Largest unexplained share of a joint's torques."""
         return float(np.sqrt((self.squares / self.torques).max(initial=0)))
 
     @cached_property
     def blocks(self) -> Array:
-        """The block of time of each row that is held out, as many as the fit's or more, shape (rows,)."""
+        """Validation block of each row, at least as many as the fit's, shape (rows,)."""
         each = max(len(self.data.fitted.factors), thresholds.FOLDS) // len(self.records)
         each = min(each, *(len(record.times) for record in self.records))
         lengths = [block.stop - block.start for block in blocks_of_time(self.records, each)]
@@ -215,12 +215,12 @@ class FitResiduals(Discrepancy):
 
     @cached_property
     def short_blocks(self) -> Array:
-        """The same of short blocks in turn, for what happens at one time."""
+        """Short validation block of each row, in turn, for single events, shape (rows,)."""
         rows = int(np.ceil(thresholds.SHORT_BLOCK * self.correlation_time.max(initial=1)))
         return np.arange(len(self.tau)) // rows % thresholds.FOLDS
 
     def held_out(self, Q: Array, b: Array, blocks: Array) -> Array:
-        """|predicted - measured|^2 of each block, which is not fitted, over the joint's |measured|^2, (blocks, n).
+        """Squared validation errors of each block relative to the joint's |measured|^2, (blocks, n).
 
         b, shape (R,), is predicted by orthonormal columns Q; measured are the torques of all blocks.
         """
@@ -233,12 +233,12 @@ class FitResiduals(Discrepancy):
 
     @cached_property
     def errors(self) -> tuple[Array, Array]:
-        """What is held out without further columns, in blocks of time and in short ones, shape (blocks, n) each."""
+        """Squared validation errors without further columns, for long and for short blocks, shape (blocks, n) each."""
         b = self.weighted(self.tau)
         return self.held_out(self.Q, b, self.blocks), self.held_out(self.Q, b, self.short_blocks)
 
     def refitted(self, columns: Array, tau: Array) -> tuple[Array, Array, Array]:
-        """Coefficients of columns, shape (rows, n, k), the noise of each joint, the parts of its squares that are left.
+        """Fit of columns, shape (rows, n, k): coefficients, noise of each joint, remaining shares of its squares.
 
         Each joint counts by what the fit leaves of it, as that of a wrong model says nothing; by normal equations.
         """
@@ -256,13 +256,13 @@ class FitResiduals(Discrepancy):
 
     @cached_property
     def coarse(self) -> FitResiduals:
-        """The residuals of some of the rows, for changes of all columns."""
+        """Residuals at some of the rows, for changes of all columns."""
         step = max(1, int(self.used.sum() / (thresholds.COARSE * self.base.count)))
         used = self.used & (np.arange(len(self.used)) % step == 0)[:, None]
         return self._with(self.sigma, self.correlation_time / step, self.known, used)
 
     def moved(self, J: Array, tau: Array) -> Array:
-        """All columns of a fit to torques where the joints are J q, and friction that is known, shape (rows, n, k)."""
+        """Columns of a fit to torques where the joints are J q, with known friction, shape (rows, n, k)."""
         if (np.eye(len(J)) == J).all():
             own = self.Y[..., self.base.independent]
             return own if self.known is None else np.concatenate([own, self.known], axis=-1)
@@ -292,18 +292,18 @@ class FitResiduals(Discrepancy):
         return np.concatenate([X, known], axis=-1)
 
     def held_out_moved(self, J: Array, tau: Array) -> Array:
-        """Validation errors of fits with joints J q, by the noise of `refitted`, shape (blocks, n)."""
+        """Squared validation errors of fits with joints J q, weighted as in `refitted`, shape (blocks, n)."""
         columns = self.moved(J, tau)
         sigma = self.refitted(columns, tau)[1]
         return self.held_out(orthonormal(self.weighted(columns, sigma)), self.weighted(tau, sigma), self.blocks)
 
     @cached_property
     def held_out_as_given(self) -> Array:
-        """Validation errors of fits with the joints as they are, shape (blocks, n)."""
+        """Squared validation errors of fits with the joints as given, shape (blocks, n)."""
         return self.held_out_moved(np.eye(self.robot.n), self.tau)
 
     def covariance_of(self, columns: Array) -> Array:
-        """Covariance of the base parameters that the coefficients of these columns bring, where they are found too."""
+        """Increase of the base parameters' covariance by fitting the coefficients of these columns too."""
         X = self.weighted(columns)
         along = self.Q.T @ X
         left = X - self.Q @ along
@@ -311,11 +311,11 @@ class FitResiduals(Discrepancy):
         return np.asarray(self.correlation_time.max() * moved @ np.linalg.pinv(left.T @ left, hermitian=True) @ moved.T)
 
     def sampled(self, torques: Torques) -> Array:
-        """A function of the motion, evaluated at all samples, filtered, at the rows."""
+        """Values of a function of the motion, evaluated at all samples, filtered, at the rows."""
         return np.concatenate([record.reduce(torques(record.q, record.qd, record.qdd)) for record in self.records])
 
     def near_rows(self, torques: Callable[[Array, Array, Array], Array | tuple[Array, ...]]) -> Array:
-        """The same from some samples about the rows that are used, zero at others: a hundredth of a step is missing.
+        """Values of a function evaluated only near the rows used, zero at others; 1 % of a step change is lost.
 
         Several columns, shape (T, n, k) each, are joined.
         """
@@ -325,7 +325,7 @@ class FitResiduals(Discrepancy):
             parts = []
             for x in values if isinstance(values, tuple) else (values,):
                 flat, part = x.reshape(len(samples), -1), np.zeros((len(record.times), *x.shape[1:]))
-                felt = np.flatnonzero(flat.any(axis=0))  # most bodies are not felt by a joint
+                felt = np.flatnonzero(flat.any(axis=0))  # most bodies do not act on a joint
                 part.reshape(len(part), -1)[rows[:, None], felt] = weights @ flat[:, felt]
                 parts.append(part)
             found.append(np.concatenate(parts, axis=-1) if isinstance(values, tuple) else parts[0])
@@ -333,7 +333,7 @@ class FitResiduals(Discrepancy):
 
     @cached_property
     def filters(self) -> list[tuple[Array, Array, Any]]:
-        """Rows of each record that are used, samples about them, and the weights of these in the filter."""
+        """Used rows of each record, samples around them, and the filter weights of these samples."""
         from scipy.sparse import csr_matrix
 
         found = []
@@ -353,7 +353,7 @@ class FitResiduals(Discrepancy):
 
     @cached_property
     def delay_column(self) -> Array:
-        """Torques per second by which they are measured later than positions, shape (rows, n, 1)."""
+        """Derivative of measured torques by their delay after the positions, shape (rows, n, 1)."""
         parts = []
         for record in self.records:
             load, x = self.load(record.q, record.qd, record.qdd), self.x
@@ -365,7 +365,7 @@ class FitResiduals(Discrepancy):
 
 
 def extended(Q: Array, X: Array) -> Array:
-    """Orthonormal columns that span those of Q and X, without what is rounding."""
+    """Orthonormal basis of the columns of Q and X, without rounding."""
     left = X - Q @ (Q.T @ X)
     left -= Q @ (Q.T @ left)
     own, R = np.linalg.qr(left / np.maximum(np.linalg.norm(X, axis=0), thresholds.TINY))
@@ -374,7 +374,7 @@ def extended(Q: Array, X: Array) -> Array:
 
 
 def orthonormal(X: Array) -> Array:
-    """Orthonormal columns that span those of X, without directions that only rounding makes, as QR alone has them."""
+    """Orthonormal basis of the columns of X, without directions that only rounding makes, which QR alone keeps."""
     return extended(X[:, :0], X)
 
 

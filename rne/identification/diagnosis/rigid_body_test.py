@@ -1,4 +1,4 @@
-"""Whether measured torques can come from one rigid-body model: the F-test of nested linear models.
+"""Test of measured torques for consistency with one rigid-body model: the F-test of nested linear models.
 
 A joint's own fit may take every combination of parameters that its torque depends on. That of all joints has to share
 them, which costs a joint with independent noise no more than chance; F compares the cost with the joint's own residual
@@ -37,7 +37,7 @@ COLUMNS = (
 
 @dataclass(frozen=True, eq=False)
 class Consistency(InNotebooks):
-    """Whether torques can come from one rigid-body model, by `rne.Identification.consistency`.
+    """Consistency of torques with one rigid-body model, by `rne.Identification.consistency`.
 
     Attributes
     ----------
@@ -74,7 +74,7 @@ class Consistency(InNotebooks):
 
     @property
     def one_model(self) -> bool:
-        """True if no joint is in conflict with the others, and all are explained to 15 % or better."""
+        """True if no joint is in conflict with the others, and all validation errors are at most 15 %."""
         return not (self.conflict | (self.held_out > thresholds.EXPLAINED)).any()
 
     def __repr__(self) -> str:
@@ -82,7 +82,7 @@ class Consistency(InNotebooks):
 
     @property
     def verdict(self) -> str:
-        """The answer in a sentence."""
+        """Result in one sentence."""
         noise, single = percent(self.noise), percent(self.single_joint)
         above = self._named(self.single_joint > thresholds.ABOVE_NOISE * np.maximum(self.noise, thresholds.PRECISION))
         if self.conflict.any():
@@ -100,11 +100,11 @@ class Consistency(InNotebooks):
         return f"{text}; {cause}" if above else text
 
     def _named(self, chosen: Array) -> str:
-        """The joints for which a mask is true."""
+        """Names of the joints for which a mask is true."""
         return listed([name for name, yes in zip(self.joint_names, chosen, strict=True) if yes])
 
     def report(self) -> str:
-        """The verdict, a table of the joints, and the energy balance.
+        """Text with the verdict, a table of the joints, and the energy balance.
 
         Returns
         -------
@@ -124,12 +124,12 @@ class Consistency(InNotebooks):
 
 
 def percent(x: Array) -> str:
-    """The range of those of some shares that are known."""
+    """Range of the shares that are known, as a text in per cent."""
     return f"{100 * np.nanmin(x):.2g} to {100 * np.nanmax(x):.2g} %"
 
 
 def certified(base: BaseParameters, data: RegressionData, held_out: Array) -> Consistency:
-    """The verdict on the equations of records, with what is left of the torques in motion on held-out blocks."""
+    """Consistency test of the equations of records, with their validation errors in motion."""
     from scipy.stats import f
 
     fitted = data.fitted.without_instruments().mapped(base.back)
@@ -153,14 +153,14 @@ def certified(base: BaseParameters, data: RegressionData, held_out: Array) -> Co
 
 
 def noise_shares(records: Sequence[Prepared], unknown: float = np.nan) -> Array:
-    """Noise of the filtered torques, from their spectra, as a part of |torque|, shape (n,); `unknown` if none tells."""
+    """Noise of the filtered torques, from their spectra, relative to |torque|, (n,); `unknown` if not measurable."""
     noise = sum(record.valid.sum(0) * np.nan_to_num(torque_noise(record), nan=unknown) for record in records)
     size = sum(((record.reduce(record.tau) * record.valid) ** 2).sum(0) for record in records)
     return np.asarray(np.sqrt(noise / (size + thresholds.TINY)))
 
 
 def single_joint_fit(equations: Equations) -> tuple[Array, float, int]:
-    """Estimates of smallest length, |residual|^2 and rank of the equations of one joint."""
+    """Least-norm estimates, |residual|^2 and rank of the equations of one joint."""
     factor = equations.weighted(np.ones(1))
     lengths = np.linalg.norm(factor[:, :-1], axis=0)
     lengths[lengths <= thresholds.NOTHING * lengths.max(initial=0)] = np.inf  # columns of rounding, which get a zero
@@ -169,7 +169,7 @@ def single_joint_fit(equations: Equations) -> tuple[Array, float, int]:
 
 
 def torque_noise(record: Prepared) -> Array:
-    """Variance that noise gives the torques after the filter, shape (n,) [N^2 m^2 or N^2]; NaN if no band shows it.
+    """Variance of the filtered torques' noise, shape (n,) [N^2 m^2 or N^2]; NaN if no frequency band shows it.
 
     Noise that is equal at all frequencies has the spectral density S. It is the mean from a quarter of the sample rate
     to 0.45 of it, above twice the cut-off, where no motion is left. The filter leaves S times the integral of its
@@ -193,7 +193,7 @@ def torque_noise(record: Prepared) -> Array:
 
 
 class EnergyBalance(NamedTuple):
-    """Shares of the work that drives and brakes do, by `rne.Identification.consistency`.
+    """Energy balance relative to the work of drives and brakes, by `rne.Identification.consistency`.
 
     Attributes
     ----------
@@ -213,7 +213,7 @@ class EnergyBalance(NamedTuple):
 
 
 def energy_balance(standard: StandardParameters, data: RegressionData, x: Array) -> EnergyBalance:
-    """The balance of measured motions, of standard parameters x."""
+    """Energy balance of measured motions for standard parameters x."""
     sums, energies, residuals = np.zeros((4, standard.model.n)), np.zeros(2), data.residuals(x)
     for record, rows in zip(data.prepared, data.parts, strict=True):
         velocity = record.reduce(record.qd) * record.valid
@@ -226,7 +226,7 @@ def energy_balance(standard: StandardParameters, data: RegressionData, x: Array)
 
 
 def energies_of_pieces(standard: StandardParameters, record: Prepared, part: slice, x: Array) -> Array:
-    """Squares of energy that is missing and of work, summed over the pieces of a segment, shape (2,)."""
+    """Squared missing energy and squared work, summed over the pieces of a segment, shape (2,)."""
     from scipy.integrate import cumulative_trapezoid
 
     model, bodies = standard.model, PARAMETERS * standard.model.nb

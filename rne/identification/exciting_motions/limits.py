@@ -35,7 +35,7 @@ class FourierBasis:
 
     @property
     def frequencies(self) -> Array:
-        """k w of each harmonic, shape (H,) [rad/s]."""
+        """Angular frequencies k w of the harmonics, shape (H,) [rad/s]."""
         return 2 * np.pi / self.duration * np.arange(1, self.harmonics + 1)
 
     def states(self, t: Array, coefficients: Array) -> States:
@@ -51,7 +51,7 @@ class FourierBasis:
         return self.states(t[:, None], np.eye(2 * self.harmonics + 1))
 
     def grid_share(self, count: int) -> float:
-        """Smallest part of its maximum over all times that a series reaches on a grid of so many times.
+        """Smallest ratio of a series' maximum on a grid to its maximum over all times.
 
         cos(pi H / count): next to a maximum a trigonometric polynomial of degree H falls no faster than the cosine of
         its highest harmonic (Bernstein and Szego; Ehlich and Zeller 1964).
@@ -60,7 +60,7 @@ class FourierBasis:
 
 
 def motion_limits(robot: Robot, given: Mapping[str, ArrayLike] | None) -> dict[str, Array]:
-    """The robot's limits, those of joints that mimic others included, replaced by those given; shape (n,) each."""
+    """Limits of the robot, including mimic joints, replaced by those given; shape (n,) each."""
     if given is None:
         given = {}
     if not isinstance(given, Mapping):
@@ -76,7 +76,7 @@ def motion_limits(robot: Robot, given: Mapping[str, ArrayLike] | None) -> dict[s
 
 
 def locked_positions(robot: Robot, locked: Locked | None, values: Mapping[str, Array]) -> dict[int, float]:
-    """Coordinates that stay where they are with their positions, by default the middle of their ranges."""
+    """Coordinates that are locked with their positions, by default the middle of their ranges."""
     if isinstance(locked, str) or not isinstance(locked, Iterable | None):
         raise TypeError(f"`locked` must be a list of joints or a mapping to positions, got {type(locked).__name__}")
     names, found = robot.joint_names, {}
@@ -98,7 +98,7 @@ def locked_positions(robot: Robot, locked: Locked | None, values: Mapping[str, A
 
 @dataclass(frozen=True, eq=False)
 class MotionLimits:
-    """The limits of one robot, and its series x: coefficients over the velocity limits, zero in mid-range."""
+    """Limits of one robot for series x: coefficients over the velocity limits, zero in mid-range."""
 
     robot: Robot
     basis: FourierBasis
@@ -124,12 +124,12 @@ class MotionLimits:
 
     @property
     def centre(self) -> Array:
-        """The middle of the ranges."""
+        """Middle of the ranges."""
         return (self.lower + self.upper) / 2
 
     @cached_property
     def free(self) -> Array:
-        """Orthonormal coefficient vectors of one joint that x combines, as columns: with `rest` qd(0) = qdd(0) = 0."""
+        """Orthonormal basis of one joint's coefficients, as columns: with `rest` qd(0) = qdd(0) = 0."""
         from scipy.linalg import null_space
 
         _, qd, qdd = self.basis.grid(1)
@@ -159,7 +159,7 @@ class MotionLimits:
         return q, qd, qdd
 
     def linear(self, count: int) -> dict[str, Array]:
-        """A of shape (n, count, size of one joint): |A x| <= 1 on the grid keeps the limits at all times."""
+        """Matrix A, (n, count, size of one joint): |A x| <= 1 on the grid keeps the limits at all times."""
         matrices = (m @ self.free / self.basis.grid_share(count) for m in self.basis.grid(count))
         limits = self.upper - self.centre, self.velocity_limit, self.acceleration_limit
         kinds = zip(("position", "velocity", "acceleration"), matrices, limits, strict=True)
@@ -167,7 +167,7 @@ class MotionLimits:
 
     @cached_property
     def rows(self) -> Array:
-        """A of the optimiser's inequalities A x <= 1."""
+        """Matrix A of the optimiser's inequalities A x <= 1."""
         n, m = self.robot.n, self.free.shape[1]
         blocks = []
         for A in self.linear(thresholds.GRID * self.basis.harmonics).values():
@@ -185,7 +185,7 @@ class MotionLimits:
 
     @cached_property
     def _friction(self) -> tuple[Array, Array]:
-        """Viscous and Coulomb friction that the model has, per coordinate."""
+        """Viscous and Coulomb friction of the model, per coordinate."""
         known = StandardParameters(self.robot.model, DriveModel(friction="viscous+coulomb"))
         return known.values[known.groups["Fv"]], known.values[known.groups["Fc"]]
 
@@ -196,11 +196,11 @@ class MotionLimits:
 
     @property
     def coulomb(self) -> Array:
-        """Coulomb friction over the torques' limits: always counted against the drive."""
+        """Coulomb friction over the torques' limits, counted against the drive."""
         return self._friction[1] / self.effort_limit
 
     def torque_use(self, x: Array) -> Array:
-        """The largest share of the efforts that series use, shape (..., n), with parabolas between samples."""
+        """Largest share of the torque limits used by series, shape (..., n), with parabolas between samples."""
         if not len(self.driven):
             return np.zeros((*x.shape[:-1], self.robot.n))
         tau = self.torques(self.states(x, self._fine[1]))
@@ -208,7 +208,7 @@ class MotionLimits:
         return np.asarray(np.abs(tau).max(-2) + self.coulomb + bend)
 
     def torque_slack(self, x: Array, matrices: States) -> Array:
-        """Distances of torques from their limits, which the optimiser keeps positive: by sign, time and joint."""
+        """Distances of torques from their limits, to be kept positive: by sign, time and joint."""
         limit, tau = 1 - thresholds.TORQUE_MARGIN - self.coulomb, self.torques(self.states(x, matrices))
         return np.concatenate([(limit + sign * tau)[:, self.driven].ravel() for sign in (-1, 1)])
 
@@ -227,14 +227,14 @@ class MotionLimits:
         return self.linear(count), self.basis.grid(count)
 
     def linear_use(self, x: Array) -> dict[str, Array]:
-        """The largest share of the limits of positions, velocities and accelerations at all times, at most."""
+        """Upper bound of the share of position, velocity and acceleration limits used at any time."""
         parts = x.reshape(*x.shape[:-1], self.robot.n, -1)
         return {kind: np.abs(np.einsum("jti,...ji->...jt", A, parts)).max(-1) for kind, A in self._fine[0].items()}
 
     def use(self, x: Array) -> dict[str, Array]:
-        """The largest share of each limit that series use, at most, shape (..., n) each; see `torque_use`."""
+        """Upper bound of the share of each limit used by series, shape (..., n) each; see `torque_use`."""
         return self.linear_use(x) | {"torque": self.torque_use(x)}
 
     def holds(self, x: Array) -> bool:
-        """True if a series keeps its limits: positions, velocities and accelerations at all times."""
+        """True if a series keeps its limits of positions, velocities and accelerations at all times."""
         return all(bool((share <= 1).all()) for share in self.use(x).values())

@@ -1,4 +1,4 @@
-"""Motions that excite a robot's parameters: criteria of how well they do, and the search for the best.
+"""Exciting motions: criteria for the identifiability of a robot's parameters, and the search for the best motion.
 
 Sequential quadratic programming from the best of many random motions, with exact gradients.
 """
@@ -37,21 +37,21 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class BaseRegressor:
-    """The regressor of base parameters, bodies and drives, as a quantity whose kernel computes no other columns."""
+    """Regressor of base parameters, bodies and drives, as a quantity whose kernel computes only these columns."""
 
     base: BaseParameters
 
     @property
     def quantity(self) -> Any:
-        """The quantity of the regressor, with these columns as its core."""
+        """Quantity of the regressor, with these columns as its core."""
         return replace(regressor.quantity, core=self.core)
 
     def core(self, model: Model, q: Array, qd: Array, qdd: Array) -> Array:
-        """The columns, shape (..., n, number of columns)."""
+        """Columns of the regressor, shape (..., n, number of columns)."""
         return self._kept(regressor.core(model, q, qd, qdd), qd, qdd)
 
     def evaluate(self, model: Model, *args: Any, **kwargs: Any) -> tuple[Any, Any]:
-        """The columns by the function itself, with its verdict on their precision."""
+        """Columns by the function itself, with its verdict on their precision."""
         Y, verdict = regressor.evaluate(model, *args, **kwargs)
         return self._kept(Y, *args[1:]), verdict
 
@@ -79,7 +79,7 @@ class SingularValues:
             self.V = Vt.T
 
     def gradient(self, slopes: Array) -> Array:
-        """Derivatives by the entries of W of a function, given those by the logarithms of the singular values."""
+        """Derivatives of a function by the entries of W, from those by the logarithms of the singular values."""
         return np.asarray(self.W @ (self.V * (slopes / self.s**2) @ self.V.T))  # ds = u^T dW v with u = W v / s
 
     @property
@@ -95,7 +95,7 @@ def log_condition(s: Array, p: float = np.inf) -> tuple[float, Array]:
     With Schatten's norm of order p in place of the spectral norm, (sum of s^p)^(1/p) and (sum of s^-p)^(1/p) have one,
     and exceed the condition number by a factor of at most (number of columns)^(2/p).
     """
-    order = min(p, 1e6)  # which picks the two extreme values
+    order = min(p, 1e6)  # approximates the two extreme values
     large, small = (s / s.max()) ** order, (s.min() / s) ** order
     excess = 0.0 if np.isinf(p) else np.log(large.sum() * small.sum()) / p
     return float(np.log(s.max() / s.min()) + excess), large / large.sum() - small / small.sum()
@@ -107,7 +107,7 @@ def log_volume(s: Array) -> tuple[float, Array]:
 
 
 def random_series(within: MotionLimits, count: int, rng: np.random.Generator) -> Array:
-    """Random series x that touch some limit of each joint, less where torques are limited, shape (count, size)."""
+    """Random series x that reach some limit of each joint, scaled down where torques are limited, (count, size)."""
     n = within.robot.n
     anchor = rest_pose(within, rng)
     x = rng.normal(size=(count, n, within.size // n))
@@ -121,7 +121,7 @@ def random_series(within: MotionLimits, count: int, rng: np.random.Generator) ->
 
 
 def rest_pose(within: MotionLimits, rng: np.random.Generator) -> Array:
-    """The series that rests in mid-range, or in a random pose if the drives cannot hold that one."""
+    """Series resting in mid-range, or in a random pose if the drives cannot hold that one."""
     robot = within.robot
     poses = within.centre + (within.upper - within.centre) * rng.uniform(-0.9, 0.9, (thresholds.POSES, robot.n))
     poses[0] = within.centre
@@ -147,7 +147,7 @@ Progress = Callable[[int, int], Any]  # (done, total)
 
 @dataclass(frozen=True, eq=False)
 class MotionSearch:
-    """The search for the series x of least criterion within limits.
+    """Search for the series x of least criterion within limits.
 
     Criteria are those of W: its rows are torques of a motion's samples over their noise, its columns base parameters.
     Results are those of `scipy.optimize`: a series `x` that keeps its limits, `fun`, the exact criterion, and `success`
@@ -200,7 +200,7 @@ class MotionSearch:
         return self.within.gradient(np.asarray(by_coefficients))
 
     def run(self, starts: Array) -> OptimizeResult:
-        """The best of several starts: each through the first stage, the best of them through the further ones."""
+        """Best of several starts: each through the first stage, the best of them through the further ones."""
         from scipy.optimize import OptimizeResult
 
         first, *further = self.stages
@@ -215,7 +215,7 @@ class MotionSearch:
         return found
 
     def _minimise(self, criterion: Criterion, start: OptimizeResult, k: int, runs: tuple[int, int]) -> OptimizeResult:
-        """One run of SLSQP, the k-th of all; where it ends no better than it started, the start.
+        """Run of SLSQP, the k-th of all; returns its start if there is no improvement.
 
         Where rounding leaves its quadratic subproblem without a solution, it begins again at the best of its iterates.
         """
@@ -252,7 +252,7 @@ class MotionSearch:
                 break
             kept = [self._held(start.x, x) for x in path]
             path.append(min(kept, key=lambda x: self.value(criterion, x)))
-        if done < end:  # what an early end saves counts as done
+        if done < end:  # steps saved by an early end count as done
             done = end - 1
             tick(run.x)
         LOGGER.info("excitation, start %d: %s after %d iterations", k, run.message, run.nit)
@@ -261,7 +261,7 @@ class MotionSearch:
         return start if run.x is start.x or not run.fun <= start.fun else run
 
     def _held(self, start: Array, end: Array) -> Array:
-        """The farthest series on the line from a start, which keeps its limits, to the optimiser's end that does."""
+        """Farthest admissible series on the line from an admissible start to the optimiser's end."""
         if not np.isfinite(end).all():
             return start
         if self.within.holds(end):
@@ -343,7 +343,7 @@ class Excitation(ReferenceMotion, InNotebooks):
         return FourierBasis(self.duration, self.harmonics).states(t, series)
 
     def sample(self, sample_rate: float, periods: int = 1) -> Samples:
-        """The motion at equal intervals, as a robot's controller takes it.
+        """Samples of the motion at equal intervals, for a robot's controller.
 
         Parameters
         ----------
@@ -410,9 +410,9 @@ class Excitation(ReferenceMotion, InNotebooks):
         return wrapped("\n  ".join([text, *self.notes]))
 
 
-CRITERIA = ("condition", "d-optimal")  # by default of torques, and of positions
+CRITERIA = ("condition", "d-optimal")  # default criteria: from torques; from positions
 MEASURED = ("torques", "positions")
-ORDERS = (8.0, 64.0)  # of the Schatten norms in place of the spectral norm, one stage each
+ORDERS = (8.0, 64.0)  # orders of the Schatten norms that replace the spectral norm, one stage each
 
 
 def excitation(
@@ -568,7 +568,7 @@ def excitation(
 
 
 def _basis(robot: Robot, duration: float, harmonics: int, rest: bool) -> FourierBasis:
-    """The series of a motion; an error for what is none."""
+    """Series of a motion; an error for anything else."""
     if not robot.n:
         raise ValueError("`robot` must have at least one joint, got none")
     if whole_number("harmonics", harmonics) < (2 if rest else 1):
@@ -586,7 +586,7 @@ def _by_positions(
     random_motions: int,
     progress: Progress | None,
 ) -> Excitation:
-    """The best of random motions for numbers of a scene that are to be found from positions."""
+    """Best of random motions for numbers of a scene to be identified from positions."""
     from .positions import position_argument, position_matrices
 
     names = position_argument(scene, wrt)
@@ -607,7 +607,7 @@ def _by_positions(
 
 
 def _drives(robot: Robot, given: DriveModel | None, moving: list[int], velocity_limit: Array) -> DriveModel:
-    """The drives of the joints that move, with smooth Coulomb friction."""
+    """Drives of the joints that move, with smooth Coulomb friction."""
     drives = DriveModel() if given is None else given
     standard = StandardParameters(robot.model, drives)
     if "Fl" in standard.terms:
@@ -648,7 +648,7 @@ def _result(
     moving = [k for k in range(n) if k not in positions]
 
     def placed(part: Array) -> Array:
-        """Rows of the joints that move among those of all."""
+        """Matrix that places rows of the joints that move among those of all."""
         rows = np.zeros((n, *part.shape[1:]))
         rows[moving] = part
         return rows
@@ -665,7 +665,7 @@ def _result(
 
 
 def _notes(within: MotionLimits, locked: Mapping[str, float]) -> tuple[str, ...]:
-    """Notes on what the motion does not take into account."""
+    """Notes on effects that the motion does not take into account."""
     notes = ["collisions of the arm with itself and its surroundings are not considered"]
     free = [name for k, name in enumerate(within.robot.joint_names) if k not in within.driven]
     if free:

@@ -1,4 +1,4 @@
-"""How well positions along motions determine numbers of a scene: sensitivities in place of regressors."""
+"""Identifiability of a scene's numbers from positions along motions: sensitivities in place of regressors."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .limits import MotionLimits
 
 
 def position_argument(scene: Any, wrt: str | Sequence[str] | None) -> tuple[str, ...]:
-    """The names of the numbers that are to be found; an error for what no positions can tell."""
+    """Names of the numbers to be found; an error for those not identifiable from positions."""
     if not isinstance(scene, Scene):
         raise TypeError(
             f"`robot` must be an rne.Scene, whose controller follows the motion, for `measured` 'positions', "
@@ -48,7 +48,7 @@ def position_matrices(
     noise: Array,
     progress: Callable[[int, int], Any] | None,
 ) -> tuple[list[Array], tuple[str, ...]]:
-    """Derivatives of positions by numbers along each of some series, over the noise, and a note.
+    """Derivatives of positions by numbers along each series, over the noise, and a note.
 
     Of each motion the second of two periods counts, after its start has settled. Columns are divided by their norms
     over all motions, and combined to those directions that some motion determines.
@@ -79,7 +79,7 @@ def _derivatives(scene: Scene, names: Sequence[str], within: MotionLimits, serie
 
 
 def _untold(scene: Scene, names: Sequence[str], directions: Array) -> tuple[str, ...]:
-    """A note on numbers that only others' values would tell."""
+    """Note on numbers that are identifiable only with others known."""
     if not len(directions):
         return ()
     labels, joints = [], scene.resolved.robot.joint_names

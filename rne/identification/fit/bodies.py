@@ -1,4 +1,4 @@
-"""The physically consistent bodies of a fit, which are like those of a prior where the motion says nothing.
+"""Physically consistent bodies of a fit, close to those of a prior where the motion is not informative.
 
 The prior is a robot, or a guess from the places of the joints whose density is found from the torques.
 """
@@ -53,7 +53,7 @@ class BodiesFit(NamedTuple):
     notes: tuple[str, ...] = ()
 
     def held_out(self, data: RegressionData) -> Unexplained:
-        """The validation error of each joint: each block of time predicted by a fit to the others.
+        """Validation error of each joint: each block of time predicted by a fit to the others.
 
         Parameters
         ----------
@@ -71,7 +71,7 @@ class BodiesFit(NamedTuple):
 def fit_bodies(
     base: BaseParameters, data: RegressionData, *, prior: Robot | str | None, prior_std: float | None = None
 ) -> BodiesFit:
-    """Fit bodies that some distribution of mass has, and drives with positive friction, to the equations of motions.
+    """Fit bodies with a possible mass distribution, and drives with positive friction, to the equations of motions.
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ def fit_bodies(
 
 
 def possible_bodies(base: BaseParameters, data: RegressionData, prior: BodiesPrior) -> BodiesFit:
-    """The physically consistent fit, with the widest standard deviation of the prior that gives plausible bodies."""
+    """Physically consistent fit, with the widest standard deviation of the prior that gives plausible bodies."""
     bodies, stds, notes = prior
     for std in stds:
         estimator = Estimator(base, bodies, std**-2)
@@ -129,7 +129,7 @@ def possible_bodies(base: BaseParameters, data: RegressionData, prior: BodiesPri
 
 
 def prior_robot(model: Model, prior: Robot | str) -> Robot | str:
-    """The robot whose bodies are the prior of those of a model, checked, or "geometry"."""
+    """Robot whose bodies are the prior of a model's, checked, or "geometry"."""
     if isinstance(prior, str) and prior == "geometry":
         return prior
     if not isinstance(prior, Robot):
@@ -147,7 +147,7 @@ def prior_robot(model: Model, prior: Robot | str) -> Robot | str:
 def prior_of_bodies(
     known: Robot | str, prior_std: float | None, base: BaseParameters, data: RegressionData
 ) -> BodiesPrior:
-    """The prior of a robot's bodies, or by the geometry, of the density with which torques are fitted best."""
+    """Prior from a robot's bodies, or from the geometry with the best-fitting density."""
     standard = base.standard
     stds = thresholds.PRIOR_STDS_OF_GUESS if isinstance(known, str) else (thresholds.PRIOR_STD,)
     stds = stds if prior_std is None else (positive_number("prior_std", prior_std),)
@@ -169,6 +169,6 @@ def prior_of_bodies(
 
 
 def plausible(parameters: Array, guess: Array, fitted: Equations) -> bool:
-    """False if torques that are not explained make one body heavier than all together are guessed to be."""
+    """False if unexplained torques make one body heavier than the guess for all together."""
     heaviest = parameters[: PARAMETERS * len(guess) : PARAMETERS].max(initial=0)
     return bool(heaviest <= guess[:, 3, 3].sum() or (fitted.shares(parameters) <= thresholds.EXPLAINED).all())

@@ -1,4 +1,4 @@
-"""The physically consistent fit: least squares over bodies that some distribution of mass has.
+"""Physically consistent fit: least squares over bodies with a possible mass distribution.
 
 minimise 1/2 |R x - b|^2 + w sum over bodies of (tr(P0^-1 P) - log det(P0^-1 P) - 4)
 
@@ -29,8 +29,8 @@ from .equations import Equations
 LOWER = [(i, j) for i in range(4) for j in range(i + 1)]  # entries of X and of Z, in the order of their variables
 DIAGONAL = [k for k, (i, j) in enumerate(LOWER) if i == j]
 ENTRIES = len(LOWER)
-TRACE = np.isin(range(ENTRIES), DIAGONAL).astype(float)  # tr X of the entries of X
-UNITS = np.zeros((ENTRIES, 4, 4))  # symmetric matrices that the entries of X multiply
+TRACE = np.isin(range(ENTRIES), DIAGONAL).astype(float)  # coefficients of tr X in the entries of X
+UNITS = np.zeros((ENTRIES, 4, 4))  # symmetric basis matrices of the entries of X
 for k, (i, j) in enumerate(LOWER):
     UNITS[k, i, j] = UNITS[k, j, i] = 1
 ROOT_2 = np.sqrt(2.0)
@@ -40,13 +40,13 @@ Slopes = Callable[[Array], tuple[Array, Array]]  # gradient and Hessian
 
 
 def consistent_fit(factor: Array, prior: Array, weight: float, bounded: Array, size: Array) -> Array:
-    """The standard parameters that fit best among the physically consistent ones.
+    """Best-fitting physically consistent standard parameters.
 
     `factor` is triangular, of the weighted equations [R b] of the standard parameters; `prior` has pseudo-inertias P0,
     positive definite, of shape (nb, 4, 4), `weight` belongs to the divergence from it; `bounded` drives may not be
     negative, `size` is what they typically are.
     """
-    factor = factor[:-1]  # the last row is what no parameters explain
+    factor = factor[:-1]  # the last row is the residual norm
     scale = scaling(prior, size)
     R, b, nb = factor[:, :-1] @ scale, factor[:, -1], len(prior)
     like_prior = np.append(np.tile(TRACE, nb), np.zeros(len(size)))  # X = 1, drives zero
@@ -66,7 +66,7 @@ def consistent_fit(factor: Array, prior: Array, weight: float, bounded: Array, s
 
 
 def inside(y: Array, nb: int) -> Array:
-    """Entries with matrices X that are positive definite, which the last digits of a solver may not leave them."""
+    """Entries with positive definite matrices X, corrected for a solver's rounding."""
     own, found = np.s_[: ENTRIES * nb], np.nan_to_num(y, posinf=0.0, neginf=0.0)
     values, axes = np.linalg.eigh(np.tensordot(found[own].reshape(nb, -1), UNITS, 1))
     X = (axes * np.maximum(values, thresholds.INSIDE)[:, None]) @ np.swapaxes(axes, 1, 2)
@@ -77,7 +77,7 @@ def inside(y: Array, nb: int) -> Array:
 def at_minimum(
     objective: Objective, slopes: Slopes, start: Array, bounded: Array, gap: float, least: float
 ) -> Array | None:
-    """The minimum near a start to within a gap, with entries that are `bounded` at zero or above; None if not reached.
+    """Minimum near a start to within a gap, with nonnegative `bounded` entries; None if not reached.
 
     An entry at its bound is held there while its slope is at least `least`.
     """
@@ -98,7 +98,7 @@ def at_minimum(
 
 
 def scaling(prior: Array, size: Array) -> Array:
-    """The matrix of (pi, drives) = scaling (X, drives / size), with P = L X L^T of each body."""
+    """Matrix of (pi, drives) = scaling (X, drives / size), with P = L X L^T of each body."""
     nb = len(prior)
     matrix = np.zeros((PARAMETERS * nb + len(size), ENTRIES * nb + len(size)))
     for k, L in enumerate(np.linalg.cholesky(prior)):
@@ -110,7 +110,7 @@ def scaling(prior: Array, size: Array) -> Array:
 
 
 def cone_solution(R: Array, b: Array, trace: Array, bounded: Array) -> tuple[Array, str]:
-    """The minimum by Clarabel, to a small gap of the objective, and how it ended; `trace` @ y is w times tr X.
+    """Minimum by Clarabel, to a small gap of the objective, and its status; `trace` @ y is w times tr X.
 
     Variables are the entries of X, the drives, the entries of Z, four log Z_ii per body, and the residual R y - b; the
     objective is 1/2 |residual|^2 + w (tr X - sum of the log Z_ii).
@@ -159,7 +159,7 @@ def block_matrix(X: Array, Z: Array) -> Array:
 
 
 def barrier_objective(R: Array, b: Array, w: float, nb: int) -> tuple[Objective, Slopes]:
-    """1/2 |R y - b|^2 + w sum (tr X - log det X) of y = (entries of nb matrices X, drives), and (gradient, Hessian)."""
+    """Objective 1/2 |R y - b|^2 + w sum (tr X - log det X) of y = (entries of nb X, drives), and its derivatives."""
 
     def bodies(y: Array) -> Array:
         return np.asarray(np.tensordot(y[: ENTRIES * nb].reshape(nb, -1), UNITS, 1))
@@ -184,7 +184,7 @@ def barrier_objective(R: Array, b: Array, w: float, nb: int) -> tuple[Objective,
 
 
 def refined(objective: Objective, slopes: Slopes, start: Array, free: Array) -> tuple[Array, Array, float]:
-    """The minimum by Newton's method over the free entries of y, which starts inside the cone.
+    """Minimum by Newton's method over the free entries of y, from a start inside the cone.
 
     With the gradient there, and the decrement, twice the estimated gap to the minimum.
     """
@@ -206,7 +206,7 @@ def refined(objective: Objective, slopes: Slopes, start: Array, free: Array) -> 
 
 
 def model_prior(robot: Robot) -> tuple[Array, tuple[str, ...]]:
-    """Positive definite pseudo-inertias of bodies, (nb, 4, 4), and joints whose bodies had to be made thicker."""
+    """Positive definite pseudo-inertias of bodies, (nb, 4, 4), and joints whose bodies were made thicker."""
     model, given, guess = robot.model, pseudo_inertia(robot.parameters), geometric_prior(robot.model)
     mean = model.mass.mean() if model.mass.any() else 1.0
     mass = np.where(model.mass > 0, model.mass, thresholds.ADDED * mean)
@@ -222,7 +222,7 @@ def model_prior(robot: Robot) -> tuple[Array, tuple[str, ...]]:
 
 
 def expected_sizes(P: Array, base: BaseParameters, equations: Equations) -> Array:
-    """Expected sizes of base parameters: of bodies like these, and of drives that take a tenth of the torque.
+    """Expected sizes of base parameters: of bodies like these, and of drives that need a tenth of the torque.
 
     The pseudo-inertias P are infinite if nothing is known of the bodies; equations are those of standard parameters.
     """
@@ -240,7 +240,7 @@ def expected_sizes(P: Array, base: BaseParameters, equations: Equations) -> Arra
 
 
 def geometric_prior(model: Model) -> Array:
-    """Pseudo-inertias of rods from each joint to the next, of one density per length and a total mass of 1 kg."""
+    """Pseudo-inertias of rods from each joint to the next, of uniform line density and a total mass of 1 kg."""
     ends = [body_ends(model, i) for i in range(model.nb)]
     lengths = [np.linalg.norm(end, axis=1) for end in ends]
     known = np.concatenate(lengths)[np.concatenate(lengths) > 0]
@@ -251,7 +251,7 @@ def geometric_prior(model: Model) -> Array:
 
 
 def body_ends(model: Model, i: int) -> Array:
-    """Points that body i reaches from its joint's origin: the next joints and its further links."""
+    """End points of body i relative to its joint's origin: the next joints and its further links."""
     origin = model.joint_origin[i]
     children = [j for j in range(model.nb) if model.parent[j] == i]
     joints = [model.translation[j] + model.rotation[j] @ model.joint_origin[j] for j in children]

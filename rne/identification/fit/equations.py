@@ -1,4 +1,4 @@
-"""The equations Y x = tau of measured motions: from records to rows, and from rows to triangular factors.
+"""Equations Y x = tau of measured motions: from records to rows, and from rows to triangular factors.
 
 A factor R of [Y tau] has |Y x - tau| = |R (x, -1)| for every x. Factors are kept for each block of time and each joint:
 weights of joints, fits without some of the blocks and errors on those blocks need no row of the measurement again.
@@ -38,20 +38,20 @@ from ..log.prepared import Prepared, rows_without, undisturbed
 from ..log.record import Record
 from ..log.screening import consecutive, runs
 
-MEASURED = DriveModel(rotor=True, friction="viscous+coulomb", offset=True)  # what drives of real robots have
+MEASURED = DriveModel(rotor=True, friction="viscous+coulomb", offset=True)  # usual drives of real robots
 Motion = Callable[[Array], tuple[Array, Array, Array]]  # q, qd and qdd, shape (T, n), at times (T,)
 BEYOND = "the motion leaves the robot's limits: in other units, or from another zero?"  # start of a note
 EARLY = "torques come before the positions, as where noise is fed back: give `instruments`"  # start of a note
 LOCKED = "joints that the records do not have, taken as locked"  # start of a note
 MOVING = "joints that the robot has locked, and that move in the records"  # start of a note
 NO_TORQUE = "has no torque that can be used"  # in a note
-UNUSABLE = ("constant torque", "saturated torque", "torque missing")  # kinds of findings on such torques
-MOST_TOLD = 3  # limits that a note names
+UNUSABLE = ("constant torque", "saturated torque", "torque missing")  # kinds of findings on unusable torques
+MOST_TOLD = 3  # number of limits named in a note
 
 
 @dataclass(frozen=True, eq=False)
 class Equations:
-    """The equations of blocks of time, by joint, each kept as the triangular factor of [Y tau]."""
+    """Equations of blocks of time, by joint, each stored as the triangular factor of [Y tau]."""
 
     factors: Array  # shape (blocks, n, K + P + 1, K + P + 1); the last column belongs to tau
     rows: Array  # number of equations that each stands for, shape (blocks, n)
@@ -68,30 +68,30 @@ class Equations:
         return self.factors[..., self.instruments :]
 
     def of_blocks(self, chosen: Array) -> Equations:
-        """The equations of some blocks, by a mask or by indices."""
+        """Equations of some blocks, by a mask or by indices."""
         return replace(self, factors=self.factors[chosen], rows=self.rows[chosen])
 
     def merged(self) -> Equations:
-        """The equations of all blocks in one."""
+        """Equations of all blocks in one."""
         by_joint = np.moveaxis(self.factors, 1, 0)
         factors = triangular(by_joint.reshape(self.joints, -1, by_joint.shape[-1]))
         return replace(self, factors=factors[None], rows=self.rows.sum(0, keepdims=True))
 
     def without_instruments(self) -> Equations:
-        """The equations alone, which least squares solve."""
+        """Equations without instruments, for least squares."""
         return Equations(triangular(self.columns), self.rows) if self.instruments else self
 
     def of_joint(self, j: int) -> Equations:
-        """The equations of one joint."""
+        """Equations of one joint."""
         return replace(self, factors=self.factors[:, [j]], rows=self.rows[:, [j]])
 
     def mapped(self, E: Array) -> Equations:
-        """The equations Y E z = tau of other unknowns z, where x = E z."""
+        """Equations Y E z = tau of other unknowns z, where x = E z."""
         Z, Y, tau = np.split(self.factors, [self.instruments, -1], axis=-1)
         return replace(self, factors=triangular(np.concatenate([Z, Y @ E, tau], axis=-1)))
 
     def scaled(self, gains: Array, known: Array) -> Equations:
-        """The equations of torques times gains, of the joints whose gain is known."""
+        """Equations with torques multiplied by gains, of the joints whose gain is known."""
         factors = self.factors * known[:, None, None]
         factors[..., -1] *= gains[:, None]
         return replace(self, factors=factors, rows=self.rows * known)
@@ -113,7 +113,7 @@ class Equations:
         return np.asarray(np.sqrt(self.torques() / np.maximum(self.rows.sum(0), 1)))
 
     def weighted(self, sigma: Array) -> Array:
-        """One triangular factor of the equations that are solved: of all joints, those of joint j over sigma[j]."""
+        """Triangular factor of the equations to be solved: of all joints, those of joint j over sigma[j]."""
         return in_space_of_instruments(self._stacked(sigma), self.instruments)
 
     def _stacked(self, sigma: Array) -> Array:
@@ -131,7 +131,7 @@ class Equations:
 
 
 def triangular(rows: Array) -> Array:
-    """The triangular factor of a matrix or of several, shape (..., P, P): zero rows where there are few."""
+    """Triangular factor of one or several matrices, shape (..., P, P), with zero rows where there are few."""
     *shape, count, width = rows.shape
     if count < width:
         rows = np.concatenate([rows, np.zeros((*shape, width - count, width))], axis=-2)
@@ -139,7 +139,7 @@ def triangular(rows: Array) -> Array:
 
 
 def in_space_of_instruments(factor: Array, instruments: int) -> Array:
-    """The part of triangular equations [Z Y tau] that lies in the space of Z, as a factor of [Y tau]."""
+    """Projection of triangular equations [Z Y tau] on the space of Z, as a factor of [Y tau]."""
     if not instruments:
         return factor
     Q = factor[:, :instruments] @ solve(factor[:, : instruments + 1]).inverse
@@ -147,7 +147,7 @@ def in_space_of_instruments(factor: Array, instruments: int) -> Array:
 
 
 def equations(Y: Array, tau: Array, used: Array, blocks: Sequence[slice], Z: Array | None = None) -> Equations:
-    """The used rows of measured motions, compressed: Y of shape (N, n, P), torques and `used` of shape (N, n).
+    """Compressed equations of the used rows of motions: Y of shape (N, n, P), torques and `used` of (N, n).
 
     Instruments Z have shape (N, n, K).
     """
@@ -166,19 +166,19 @@ def equations(Y: Array, tau: Array, used: Array, blocks: Sequence[slice], Z: Arr
 
 
 def joined(parts: Sequence[Equations]) -> Equations:
-    """The blocks of several measurements as one."""
+    """Blocks of several measurements joined."""
     return Equations(np.concatenate([p.factors for p in parts]), np.concatenate([p.rows for p in parts]))
 
 
 def with_prior(factor: Array, first: int, weights: Array, values: Array | float = 0.0) -> Array:
-    """Triangular equations, and w x = w v of the unknowns from the first one on, of weights w and values v."""
+    """Triangular equations extended by w x = w v for the unknowns from `first` on, with weights w and values v."""
     known = np.zeros((len(weights), factor.shape[1]))
     known[:, first : first + len(weights)], known[:, -1] = np.diag(weights), weights * values
     return triangular(np.concatenate([factor, known]))
 
 
 class Solution(NamedTuple):
-    """Solution x of A x = b with smallest residual; of those, with the smallest length per column."""
+    """Solution x of A x = b with the smallest residual and, among those, the smallest length per column."""
 
     x: Array
     inverse: Array  # G of shape (P, rank): its covariance is G G^T, and A G has orthonormal columns
@@ -191,12 +191,12 @@ class Solution(NamedTuple):
         return np.linalg.svd(self.unit, compute_uv=False)
 
     def spent(self, equations: Equations, sigma: Array) -> Array:
-        """Number of unknowns that each joint determines, of a fit to equations over the noise sigma of their joint."""
+        """Number of unknowns determined by each joint in a weighted fit with noise sigma."""
         return np.asarray(((equations.columns[..., :-1] @ self.inverse) ** 2).sum((0, 2, 3)) / sigma**2)
 
 
 def solve(factor: Array) -> Solution:
-    """The solution of triangular equations [A b]."""
+    """Solution of triangular equations [A b]."""
     A, b = factor[:, :-1], factor[:, -1]
     lengths = np.linalg.norm(A, axis=0)
     nothing = lengths <= thresholds.NOTHING * lengths.max(initial=0)
@@ -288,14 +288,14 @@ class RegressionData:
         return np.asarray(self.tau - self.Y @ x)
 
     def in_torques(self, gains: Array) -> RegressionData:
-        """The equations of measurements times gains, shape (n,); a joint whose gain is NaN has none."""
+        """Equations in torques from measurements and gains, shape (n,); a joint whose gain is NaN has none."""
         g, known = np.nan_to_num(gains), np.isfinite(gains)
         fitted, measured = (e.scaled(g, known) for e in (self.fitted, self.measured))
         tau, used, sure = self.tau * g, self.used & known, self.sure & known
         return replace(self, tau=tau, used=used, sure=sure, fitted=fitted, measured=measured)
 
     def at_lower_cutoff(self, base: BaseParameters, noise: Array) -> tuple[Array, Array]:
-        """Base parameters with half the cut-off, from equations that no joint at rest enters, and standard errors.
+        """Base parameters and standard errors with half the cut-off, from equations of moving joints only.
 
         `noise` is the square root of the residuals' spectral density at low frequencies, which half the cut-off leaves
         as it is, shape (n,). NaN for what the equations do not determine.
@@ -336,7 +336,7 @@ def build_regression(
     loaded: Array | None = None,
     instruments: Sequence[Motion] = (),
 ) -> RegressionData:
-    """The equations of records; arguments as of `rne.identify`, `cutoff` also, `instruments` only of each record.
+    """Equations of records; arguments as of `rne.identify`, `cutoff` too, `instruments` one for each record.
 
     Friction under load is that of the loads with standard parameters `loaded`, by default those of the model.
     """
@@ -368,7 +368,7 @@ def build_regression(
 
 
 def check_enough(count: int, unknowns: int, silent: Sequence[str], n: int) -> None:
-    """Refuse records with too few equations, with what is said of joints without torque."""
+    """Refuse records with too few equations, naming joints without torque."""
     if len(silent) == n:
         raise ValueError(f"`records` give no equations: {silent[0]}{' and so on' * (n > 1)}: record torques in motion")
     if count <= unknowns:
@@ -379,7 +379,7 @@ def check_enough(count: int, unknowns: int, silent: Sequence[str], n: int) -> No
 
 
 def along(record: Prepared, motion: Motion) -> Prepared:
-    """The record with positions, velocities and accelerations of a motion in place of the measured ones."""
+    """Record with its positions, velocities and accelerations replaced by those of a motion."""
     if len(motion(record.t[0])) != 3:
         raise ValueError(f"`instruments` must return q, qd and qdd, got {len(motion(record.t[0]))} results")
     try:
@@ -403,12 +403,12 @@ def along(record: Prepared, motion: Motion) -> Prepared:
 
 
 def blocks_of_time(records: Sequence[Prepared], of_each: int) -> tuple[slice, ...]:
-    """The rows of records in blocks of time, so many of each record."""
+    """Rows of records in blocks of time, given the number of blocks of each record."""
     return consecutive(b.stop - b.start for record in records for b in record.blocks(of_each))
 
 
 def blocks_of_each(records: Sequence[Prepared], folds: int) -> int:
-    """Number of blocks of time of each record, for so many in all."""
+    """Number of blocks of time of each record, for a total number."""
     each, shortest = max(-(-folds // len(records)), 2), min(len(record.times) for record in records)
     if each > shortest:
         most = shortest * len(records)
@@ -419,14 +419,14 @@ def blocks_of_each(records: Sequence[Prepared], folds: int) -> int:
 def rows_of_all(
     robot: Robot, standard: StandardParameters, records: Sequence[Prepared], *given: Array
 ) -> tuple[Array, ...]:
-    """Y, tau and masks of the rows of records one after the other, as of `rows_of`."""
+    """Y, tau and masks of the rows of all records, one after the other; see `rows_of`."""
     return tuple(map(np.concatenate, zip(*(rows_of(robot, standard, r, *given) for r in records), strict=True)))
 
 
 def rows_of(
     robot: Robot, standard: StandardParameters, record: Prepared, minimum_velocity: Array, still: Array, loaded: Array
 ) -> tuple[Array, ...]:
-    """Y and tau at the rows of a record, and where they are valid, used and sure: see RegressionData.
+    """Y and tau at the rows of a record, with masks of valid, used and sure ones; see RegressionData.
 
     Slow joints are not used, those that are `still` do not move at all.
     """
@@ -447,7 +447,7 @@ def rows_of(
 
 
 def resting(record: Prepared, minimum_velocity: Array) -> Array:
-    """True at samples where a joint rests for a while, and its friction takes any value, shape (T, n)."""
+    """True at samples where a joint rests for a while, so that its friction is undetermined, shape (T, n)."""
     slow = np.abs(record.qd) < minimum_velocity
     shortest = thresholds.REST_PERIODS * record.sample_rate / record.cutoff
     for flags in slow.T:
@@ -458,7 +458,7 @@ def resting(record: Prepared, minimum_velocity: Array) -> Array:
 
 
 def beyond_limits(robot: Robot, prepared: Sequence[Prepared]) -> tuple[str, ...]:
-    """A note on joints that go farther or faster than the robot's limits, or none."""
+    """Note on joints that exceed the robot's limits, or none."""
     names, reach = robot.joint_names, thresholds.BEYOND_LIMITS
     low, high = np.min([r.q.min(0) for r in prepared], axis=0), np.max([r.q.max(0) for r in prepared], axis=0)
     speed, limit = np.max([np.abs(r.qd).max(0) for r in prepared], axis=0), robot.velocity_limit
@@ -474,14 +474,14 @@ def beyond_limits(robot: Robot, prepared: Sequence[Prepared]) -> tuple[str, ...]
 
 
 def no_torque_text(records: Sequence[Record], j: int, name: str) -> str:
-    """A note on a joint of which no torque follows the motion, with what the records' findings say of it."""
+    """Note on a joint whose torques are all unusable, with the records' findings on them."""
     found = [f for record in records for f in record.findings if f.joint == record.joint_names[j]]
     why = [f"{f.kind} {f.text.split(':')[0]}" for f in found if f.kind in UNUSABLE]
     return f"{name} {NO_TORQUE}{f': {why[0]}' if why else ''}"
 
 
 def still_text(standard: StandardParameters, names: Sequence[str]) -> tuple[str, ...]:
-    """A note on joints that do not move, and what is not found of them."""
+    """Note on joints that do not move, and their parameters that are not found."""
     if not names:
         return ()
     lost = " and ".join(name for name, term in (("rotor", "Ia"), ("friction", "Fv")) if term in standard.terms)
@@ -490,7 +490,7 @@ def still_text(standard: StandardParameters, names: Sequence[str]) -> tuple[str,
 
 
 def followers_text(standard: StandardParameters) -> tuple[str, ...]:
-    """A note on rotors and friction that the model has at joints that follow by couplings, which are not found."""
+    """Note on rotors and friction of the model at coupled joints, which are not found."""
     model = standard.model
     has_drive = model.armature + model.damping + model.friction > 0
     names = [model.moving_joints[i] for i, *_ in model.coupled_joints if has_drive[i]]
@@ -501,7 +501,7 @@ def followers_text(standard: StandardParameters) -> tuple[str, ...]:
 
 
 def delay_argument(delay: ArrayLike | None, n: int) -> Array:
-    """The argument `delay`, checked, shape (n,) [s]; zero if it is not given."""
+    """Argument `delay`, checked, shape (n,) [s]; zero if not given."""
     delays = np.zeros(n) if delay is None else per_joint_array("delay", delay, n)
     if (far := np.abs(delays).max(initial=0)) > 1:
         raise ValueError(f"`delay` must be at most 1 s, got {far:g}: give seconds, 0.005 for 5 ms")
@@ -509,7 +509,7 @@ def delay_argument(delay: ArrayLike | None, n: int) -> Array:
 
 
 def delayed(record: Prepared, delays: Array) -> Prepared:
-    """The record with torques measured later than positions taken back to where they belong."""
+    """Record with torques shifted back by their delay after the positions."""
     from scipy.interpolate import CubicSpline
 
     if not delays.any():
@@ -525,7 +525,7 @@ def delayed(record: Prepared, delays: Array) -> Prepared:
 def checked_records(
     robot: Robot, records: Record | Sequence[Record], name: str = "records", *, torques: bool = True
 ) -> tuple[Record, ...]:
-    """The records as a tuple, all of the robot's joints, and with torques, or else with commands."""
+    """Records as a tuple, checked to have all joints of the robot, and torques or else commands."""
     given = tuple(records) if isinstance(records, Sequence) and not isinstance(records, str) else (records,)
     if not given:
         raise ValueError(f"`{name}` must have at least one record")
@@ -549,7 +549,7 @@ def checked_records(
 def of_named_joints(
     robot: Robot, records: Record | Sequence[Record]
 ) -> tuple[Robot, tuple[Record, ...], tuple[str, ...]]:
-    """The robot with joints locked that records of named joints lack, records of its joints in order, and notes.
+    """Robot with joints locked that records lack, records of its joints in order, and notes.
 
     `warn_of_locked` tells these joints. Refused are records of different joints, and where the log and the robot may
     name a joint differently: the records lack a joint and have one that the robot does not know, or lack nearly all.
@@ -603,7 +603,7 @@ def of_named_joints(
 
 
 def check_drivers(model: Model, moving: Sequence[str], missing: Collection[str]) -> None:
-    """Refuse records in which joints move that follow others, and which lack these."""
+    """Refuse records with moving coupled joints but without the joints that drive them."""
     places = {i: [k] for i, k in enumerate(model.coordinate)} | {i: own for i, own, _ in model.coupled_joints}
     for joint in moving:
         drivers = [model.joint_names[k] for k in places[model.moving_joints.index(joint)]]
@@ -615,20 +615,20 @@ def check_drivers(model: Model, moving: Sequence[str], missing: Collection[str])
 
 
 def by_number(record: Record, names: Sequence[str]) -> Record:
-    """The record with the robot's names where both have numbers alone: joint_2 or j2 is then the robot's arm_j2."""
+    """Record renamed to the robot's joints where both have numbers only: joint_2 or j2 becomes the robot's arm_j2."""
     own = record.given_names or ()
     called = names_by_number(own, names)
     return record.part(slice(None), own, called) if called else record
 
 
 def warn_of_locked(notes: Sequence[str]) -> None:
-    """Warn, where a public function was called, of joints that the records do not have, or that are locked and move."""
+    """Warn, at the caller of a public function, of joints missing in the records, or locked and moving."""
     for text in locked_text(notes, "; "):
         warnings.warn(text, IdentificationWarning, stacklevel=3)
 
 
 def locked_text(notes: Sequence[str], then: str, why: str = "") -> list[str]:
-    """The notes on locked joints, each with what to do."""
+    """Notes on locked joints, each with a remedy."""
     cures = {LOCKED: f"if they stood elsewhere, {why}lock them there by `robot.locked`"}
     cures[MOVING] = f"{why}fit them too, or take a part in which they rest (`Record.between`)"
     return [f"{note}{then}{cure}" for note in notes for start, cure in cures.items() if note.startswith(start)]
@@ -653,7 +653,7 @@ def check_joints(robot: Robot, record: Record, argument: str) -> None:
 def minimum_velocities(
     standard: StandardParameters, records: Sequence[Record], prepared: Sequence[Prepared], given: ArrayLike | None
 ) -> tuple[Array, Array]:
-    """True for joints that move by at most a few steps of their encoders; velocities below which none is fitted."""
+    """True for joints that move by few encoder steps; velocities below which equations are not fitted."""
     step = np.max([record.encoder_step for record in records], axis=0)
     middle = np.mean([p.q.mean(0) for p in prepared], axis=0)
     reach = np.max([np.abs(p.q - middle).max(0) for p in prepared], axis=0)
@@ -670,7 +670,7 @@ def minimum_velocities(
 
 
 def correlation_time_of_residuals(residuals: Array, used: Array, parts: Sequence[slice]) -> Array:
-    """1 + 2 sum rho_k of each joint, at least 1, over the rows that are `used`; of `parts` none has a gap in it."""
+    """1 + 2 sum rho_k of each joint, at least 1, over the rows that are `used`; `parts` have no gaps."""
     from scipy.signal import correlate
 
     lags = np.arange(max(part.stop - part.start for part in parts))
@@ -689,7 +689,7 @@ def correlation_time_of_residuals(residuals: Array, used: Array, parts: Sequence
 
 
 def correlation_time_of_filtered_noise(cutoff: float, sample_rate: float, decimation: int) -> float:
-    """1 + 2 sum rho_k of noise that was white before the filter, from the filter's response to an impulse."""
+    """1 + 2 sum rho_k of filtered white noise, from the filter's impulse response."""
     reach = decimation * int(np.ceil(thresholds.RESPONSE_PERIODS * sample_rate / (cutoff * decimation)))
     response = impulse_response(cutoff, sample_rate, reach)
     covariances = np.correlate(response, response, "full")[len(response) - 1 :: decimation]

@@ -21,7 +21,7 @@ KINDS_OF_INSTRUMENTS = (
 
 
 def motions_of(given: Any, records: Sequence[Record]) -> tuple[Motion, ...]:
-    """The motions of the instruments, one for each record; none if they are not given."""
+    """Motions of the instruments, one for each record; empty if not given."""
     from scipy.interpolate import CubicSpline
 
     if given is None:
@@ -48,7 +48,7 @@ def motions_of(given: Any, records: Sequence[Record]) -> tuple[Motion, ...]:
 
 
 def evaluated_once(motion: Motion) -> Motion:
-    """The motion, which is not evaluated again at the same times, as each round of a fit asks for."""
+    """Motion with cached values, as each round of a fit evaluates it at the same times."""
     found: dict[bytes, tuple[Array, Array, Array]] = {}
 
     def at(t: Array) -> tuple[Array, Array, Array]:
@@ -61,6 +61,6 @@ def evaluated_once(motion: Motion) -> Motion:
 
 
 def cutoff_of_instruments(records: Sequence[Record], motions: Sequence[Motion]) -> float:
-    """The cut-off for motions without noise, from which the noise of the measured positions cannot be told [Hz]."""
+    """Cut-off for noise-free motions, which do not show the noise of the measured positions [Hz]."""
     moved = [along(record.prepare(), motion) for record, motion in zip(records, motions, strict=True)]
     return max(Record(m.t, m.q, m.tau).prepare().cutoff for m in moved)

@@ -1,4 +1,4 @@
-"""Weighted least squares: each joint's equations count by its own residual.
+"""Weighted least squares: each joint's equations are weighted by its own residual.
 
 Gautier 1997; Siciliano et al. 2009, section 7.3. The noise of a joint is its residual over its degrees of freedom.
 These depend on the fit, and the fit on the noise: it is repeated until neither changes.
@@ -23,7 +23,7 @@ from .equations import Equations, RegressionData, solve, with_prior
 
 @dataclass(frozen=True, eq=False)
 class LeastSquares(ReadOnlyArrays):
-    """Estimates and how far to trust them, such as by `rne.identify`.
+    """Estimates with standard errors, such as by `rne.identify`.
 
     Attributes
     ----------
@@ -48,19 +48,19 @@ class LeastSquares(ReadOnlyArrays):
     scaled_condition: float
 
     def with_covariance(self, covariance: Array) -> LeastSquares:
-        """The estimates with another covariance; errors that are infinite stay so."""
+        """Estimates with another covariance; infinite errors stay infinite."""
         errors = np.where(np.isinf(self.errors), np.inf, np.sqrt(np.diag(covariance)))
         return replace(self, covariance=covariance, errors=errors)
 
 
 def weighted_fit(equations: Equations, sigma: Array) -> tuple[Array, Array]:
-    """The solution of equations over the noise of their joint, and how many unknowns each joint determines."""
+    """Solution of equations weighted by the joints' noise, and the number of unknowns that each joint determines."""
     solution = solve(equations.weighted(sigma))
     return solution.x, solution.spent(equations, sigma)
 
 
 def least_squares(equations: Equations, noise: Array | None = None) -> LeastSquares:
-    """Estimates of all unknowns from the equations of all blocks and joints; of noise not given, each joint's own."""
+    """Estimates of all unknowns from the equations of all blocks and joints; noise by residuals unless given."""
     equations = equations.merged()
     size = equations.rms_torques()
     least = np.maximum(thresholds.EXACT * np.maximum(size, size.max(initial=0) * thresholds.EXACT), thresholds.SILENT)
@@ -87,7 +87,7 @@ def least_squares(equations: Equations, noise: Array | None = None) -> LeastSqua
 
 
 def with_correlation(estimate: LeastSquares, equations: Equations, correlation_time: Array) -> LeastSquares:
-    """The estimates from these equations with the standard errors of residuals of this correlation time in rows."""
+    """Estimates with standard errors for residuals of a correlation time in rows."""
     equations = equations.merged()
     solution = solve(equations.weighted(estimate.sigma))
     covariance = np.zeros_like(estimate.covariance)
@@ -127,7 +127,7 @@ def fit_base_parameters(base: BaseParameters, data: RegressionData) -> LeastSqua
 
 
 class Bias(NamedTuple):
-    """The test of Durbin, Wu and Hausman on a bias of least squares: Hausman 1978; of fits by `rne.identify`.
+    """Test of Durbin, Wu and Hausman on a bias of least squares: Hausman 1978; of fits by `rne.identify`.
 
     Attributes
     ----------
@@ -145,7 +145,7 @@ class Bias(NamedTuple):
 
 
 def bias_of_least_squares(estimate: LeastSquares, equations: Equations, correlation_time: Array) -> Bias:
-    """The test on equations with instruments, of which `estimate` are the estimates by instrumental variables."""
+    """Test on equations with instruments, given the `estimate` by instrumental variables."""
     from scipy.stats import f
 
     equations, sigma = equations.merged(), estimate.sigma
@@ -165,12 +165,12 @@ def bias_of_least_squares(estimate: LeastSquares, equations: Equations, correlat
 
 
 def believed_noise(equations: Equations, sigma: Array) -> Array:
-    """Noise of the joints: measurements are not taken for more exact than a thousandth of the torques."""
+    """Noise of the joints, at least a thousandth of the torques."""
     return np.maximum(sigma, thresholds.LEAST_NOISE * equations.rms_torques())
 
 
 class Estimator(NamedTuple):
-    """Estimates parameters from equations: base parameters by least squares, standard ones by the consistent fit."""
+    """Estimator of parameters from equations: base parameters by least squares, standard ones by the consistent fit."""
 
     base: BaseParameters
     prior: Array | None  # pseudo-inertias, shape (nb, 4, 4); None for least squares alone
@@ -191,7 +191,7 @@ class Estimator(NamedTuple):
         return estimate, others + self.base.back @ estimate.values
 
     def _consistent(self, equations: Equations, sigma: Array, prior: Array) -> Array:
-        """The physically consistent standard parameters; drives that the equations do not contain stay as given."""
+        """Physically consistent standard parameters; drives that the equations do not contain stay as given."""
         standard, factor = self.base.standard, equations.merged().weighted(believed_noise(equations, sigma))
         bodies, lengths = PARAMETERS * standard.model.nb, np.linalg.norm(factor[:, :-1], axis=0)
         free = np.array([name.startswith(("tau0", "c_")) for name in standard.names], bool)
@@ -204,7 +204,7 @@ class Estimator(NamedTuple):
 
 
 class Unexplained(NamedTuple):
-    """|predicted - measured| / |measured| per joint, each fold predicted from the others, as found by `rne.identify`.
+    """Validation errors |predicted - measured| / |measured| per joint, over folds left out in turn by `rne.identify`.
 
     NaN for a joint of which no such torque was measured.
 
@@ -224,19 +224,19 @@ class Unexplained(NamedTuple):
 
 
 def held_out(estimator: Estimator, fitted: Equations, measured: Equations) -> Unexplained:
-    """The unexplained part of all measured torques, of those in motion, which are fitted, and of those at rest."""
+    """Validation errors of all measured torques, of those in motion, which are fitted, and of those at rest."""
     return unexplained(fits_without_block(estimator, fitted), fitted, measured)
 
 
 def fits_without_block(estimator: Estimator, fitted: Equations) -> list[Array]:
-    """Standard parameters fitted to all blocks but one, for each of these."""
+    """Standard parameters fitted to all blocks but one, for each block."""
     of_base, blocks = fitted.mapped(estimator.base.back), np.arange(len(fitted.factors))
     others = [blocks != k for k in blocks]
     return [estimator.fit(fitted.of_blocks(x), of_base.of_blocks(x))[1] for x in others]
 
 
 def unexplained(estimates: Sequence[Array], fitted: Equations, measured: Equations) -> Unexplained:
-    """The unexplained part of torques of blocks, by parameters that were fitted without each."""
+    """Validation error of blocks, each by the parameters fitted without it."""
     squares = np.zeros((2, fitted.joints))
     for k, x in enumerate(estimates):
         squares += [equations.of_blocks(np.array([k])).residuals(x) for equations in (measured, fitted)]

@@ -1,1 +1,1 @@
-"""Logs of motions: read, screened, filtered and made ready for a fit."""
+"""Logs of motions: read, screened, filtered and prepared for a fit."""

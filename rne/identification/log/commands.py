@@ -1,4 +1,4 @@
-"""Commanded positions of a record: what is wrong with them, and their values on the grid of the measurements."""
+"""Commanded positions of a record: their faults, and their values on the grid of the measurements."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ TURN = 2 * np.pi
 
 
 class Commands(NamedTuple):
-    """Commanded positions, and velocities if there are, at the samples of a record, shape (T, n); NaN where missing."""
+    """Commanded positions, and velocities if any, at the samples of a record, shape (T, n); NaN where missing."""
 
     q: Array
     rate: Array | None
@@ -25,7 +25,7 @@ class Commands(NamedTuple):
     filled: Array | None = None  # True where a position was missing
 
     def at(self, times: Array, grid: Array, rounding: float) -> tuple[Array, Array | None]:
-        """Commands of samples at `times`, which ascend, at the times of a grid: (q, rate)."""
+        """Commands of samples at ascending `times`, at the times of a grid: (q, rate)."""
         if self.hold:
             last = np.clip(np.searchsorted(times, grid + rounding, side="right") - 1, 0, None)
             return self.q[last], None if self.rate is None else self.rate[last]
@@ -70,7 +70,7 @@ def known_commands(found: Screened, given: Commands) -> tuple[Commands, Array]:
 
 
 def check_commands(found: Screened, commands: Commands, q: Array) -> None:
-    """Name commands that are constant, in another unit than the positions, a turn away, stale, or late."""
+    """Report commands that are constant, in another unit than the positions, a turn off, stale, or late."""
     assert commands.filled is not None
     for j, (command, position) in enumerate(zip(commands.q[found.rows].T, q.T, strict=True)):
         if np.ptp(command) == 0:  # of a step, after which the position comes to rest, or of another motion
@@ -102,7 +102,7 @@ def check_commands(found: Screened, commands: Commands, q: Array) -> None:
 
 
 def _unit_of(command: Array, q: Array) -> str:
-    """The units of command and position where these have the same ends in another unit than as they are."""
+    """Units of command and position if their ends agree in other units than the given ones."""
     ends = np.percentile(q, thresholds.ENDS)
     asked, size = np.percentile(command, thresholds.ENDS), max(float(np.ptp(ends)), thresholds.TINY)
     if np.abs(asked - ends).max() < thresholds.FAR_COMMAND * size:
@@ -113,7 +113,7 @@ def _unit_of(command: Array, q: Array) -> str:
 
 
 def _wraps(command: Array, q: Array) -> Array:
-    """Samples after which the command jumps by whole turns, between steps without them, and the position does not."""
+    """Samples after which the command jumps by whole turns while the position does not."""
     steps, moved = np.diff(command), np.abs(np.diff(q))
     turns = np.rint(steps / TURN)
     beside = np.maximum(np.abs(np.roll(steps, 1)), np.abs(np.roll(steps, -1)))
@@ -122,7 +122,7 @@ def _wraps(command: Array, q: Array) -> Array:
 
 
 def _stale(command: Array) -> Array:
-    """Samples of a command that changes at most of them, and here repeats itself and then makes up for it."""
+    """Samples at which an otherwise steadily changing command repeats itself and then catches up."""
     steps = np.diff(command)
     still = steps == 0
     if still.mean() > thresholds.CHANGING:
@@ -139,7 +139,7 @@ def _stale(command: Array) -> Array:
 
 
 def _late(command: Array, q: Array, most: int) -> int:
-    """By how many samples, up to `most`, changes of the position are ahead of those of the command, if they are."""
+    """Number of samples, up to `most`, by which the position leads its command; 0 if it does not."""
     most = min(most, len(q) // 4)
     asked, moved = (x - x.mean() for x in (np.diff(command), np.diff(q)))
     lag, (a, m) = np.arange(-most, most + 1), (np.append(0, np.cumsum(x**2)) for x in (asked, moved))

@@ -25,7 +25,7 @@ MARGIN = len(FIRST)  # samples at either end that have no central difference
 
 
 def derivatives(x: Array, sample_rate: float) -> tuple[Array, Array]:
-    """First and second derivatives along the first axis, `MARGIN` samples less at either end."""
+    """First and second derivatives along the first axis, `MARGIN` samples shorter at either end."""
     inner = slice(MARGIN, len(x) - MARGIN)
     first, second = np.zeros((2, *x[inner].shape))
     for k, (a, b) in enumerate(zip(FIRST, SECOND, strict=True), start=1):
@@ -38,7 +38,7 @@ def derivatives(x: Array, sample_rate: float) -> tuple[Array, Array]:
 def motion_spectrum(
     q: Sequence[Array], sample_rate: float, integrals: Sequence[Array] = (), used: Array | None = None
 ) -> tuple[Array, Array, Array, Array]:
-    """Power of the joint velocities over frequency, each from what measures better: positions or measured velocities.
+    """Power spectrum of the joint velocities, from positions or measured velocities, whichever are less noisy.
 
     Frequencies, shape (F,) [Hz], the power of the velocities and of their noise, shape (F, n), and the crossovers below
     which positions measure better, shape (n,) [Hz], infinite where measured velocities are not used. Averaged over the
@@ -74,7 +74,7 @@ def motion_spectrum(
 
 
 def _power(x: Sequence[Array], y: Sequence[Array], sample_rate: float) -> tuple[Array, Array]:
-    """Frequencies, and the cross spectrum of the derivatives of x and y, mean over the segments."""
+    """Frequencies, and the mean cross spectrum of the derivatives of x and y over the segments."""
     from scipy.signal import csd
 
     length = _window(x, sample_rate)
@@ -89,7 +89,7 @@ def _power(x: Sequence[Array], y: Sequence[Array], sample_rate: float) -> tuple[
 
 
 def _window(x: Sequence[Array], sample_rate: float) -> int:
-    """Samples of one spectrum, fewer than of the segments that have most of the samples."""
+    """Number of samples of one spectrum, for which enough segments are long enough."""
     lengths = np.sort([len(part) for part in x] or [0])
     shortest = int(lengths[np.searchsorted(np.cumsum(lengths), (1 - thresholds.LONG_ENOUGH) * lengths.sum())])
     length = min(int(thresholds.SPECTRUM_SECONDS * sample_rate), shortest - 1)
@@ -107,7 +107,7 @@ def integral(velocities: Array, sample_rate: float) -> Array:
 
 
 def complementary_filter(q: Array, integrals: Array, crossover: Array, sample_rate: float) -> Array:
-    """Positions: below the crossover of each joint as measured, above it the integrals of the measured velocities."""
+    """Positions, low frequencies as measured, those above each joint's crossover from integrated velocities."""
     fused = q.copy()
     for j in np.flatnonzero(np.isfinite(crossover)):
         slow = low_pass(q[:, j] - integrals[:, j], crossover[j], sample_rate)
@@ -118,7 +118,7 @@ def complementary_filter(q: Array, integrals: Array, crossover: Array, sample_ra
 def choose_cutoff(
     spectrum: Sequence[Array], sample_rate: float, q: Sequence[Array], tau: Sequence[Array]
 ) -> tuple[float, tuple[str, ...]]:
-    """A cut-off [Hz] for the motion of these segments, shape (T, n) each, by its spectrum, and the reason in words."""
+    """Cut-off [Hz] for the motion of these segments, shape (T, n) each, by its spectrum, and the reason."""
     f, velocities, noise, crossover = spectrum
     highest, warned = thresholds.HIGHEST_CUTOFF * sample_rate, []
     cutoff, reason = _cutoff(f, velocities, noise)
@@ -138,7 +138,7 @@ def choose_cutoff(
 
 
 def _cutoff(f: Array, velocities: Array, noise_power: Array) -> tuple[float, str]:
-    """A cut-off from the bandwidths of the joints that move, and the reason in words."""
+    """Cut-off from the bandwidths of the joints that move, and the reason."""
     speed, motions, noises = _bandwidths(f, velocities, noise_power)
     if not speed.any():
         raise ValueError("the positions show no motion above their noise")
@@ -151,7 +151,7 @@ def _cutoff(f: Array, velocities: Array, noise_power: Array) -> tuple[float, str
 
 
 def _coherence(q: Sequence[Array], tau: Sequence[Array], sample_rate: float) -> Array:
-    """Squared coherence of positions and torques, shape (F, n); zero from where it may be chance."""
+    """Squared coherence of positions and torques, shape (F, n); zero above where it may be chance."""
     f, both = _power(q, tau, sample_rate)
     moved, torque = (_power(x, x, sample_rate)[1].real for x in (q, tau))
     squared: Array = np.abs(both) ** 2 / np.maximum(moved * torque, thresholds.TINY)

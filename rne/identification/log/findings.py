@@ -1,4 +1,4 @@
-"""Measurements while they are screened, once they are, and what was found in them."""
+"""Measurements during and after screening, and the findings on them."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from ...basics.spatial import Array
 from ...basics.text import counted, summary
 
 Severity = Literal["error", "warning"]
-NAMED = 3  # samples that a text names
+NAMED = 3  # number of samples named in a text
 NO_COMMANDS = "the record has torques and no commands: rne.identify fits a model from these"
 NO_TORQUES = "the record has commands and no torques: rne.identify_motion fits a model from these"
 
 
 def seconds(t: float) -> str:
-    """Seconds from a record's first stamp, to a millisecond."""
+    """Seconds since a record's first stamp, to a millisecond."""
     return f"{round(float(t), 3):.12g}"
 
 
 @dataclass(frozen=True)
 class RecordFinding:
-    """One error or warning about measurements.
+    """Error or warning about measurements.
 
     Attributes
     ----------
@@ -67,14 +67,14 @@ class RecordFinding:
 
     @property
     def message(self) -> str:
-        """All but the severity."""
+        """Text of a finding without the severity."""
         joint = f"{self.joint}: " if self.joint else ""
         return f"{self.record}: {joint}{self.kind} {self.text}; {self.cure}"
 
 
 @dataclass
 class Screened:
-    """The measurements of a record on grids of equal steps, without what cannot be used, and what was found in them.
+    """Measurements of a record on equidistant grids, without unusable parts, and the findings.
 
     Findings name samples of the record by `rows`, those of its samples that are left.
     """
@@ -112,7 +112,7 @@ class Screened:
         self.warning(None, kind, text, cure, samples, "error")
 
     def cleaned(self) -> CleanRecord:
-        """The measurements as they are, once all is looked through."""
+        """Clean record of the measurements, after screening."""
         own = {x.name: getattr(self, x.name) for x in fields(CleanRecord)}
         return CleanRecord(**(own | {"findings": tuple(self.findings)}))
 
@@ -122,7 +122,7 @@ class Screened:
         return any(finding.severity == "error" for finding in self.findings)
 
     def at(self, samples: Array) -> str:
-        """Places of samples in words, of the first ones with their times from the first stamp."""
+        """Text of the number of samples and the times of the first ones, since the first stamp."""
         rows = self.rows[samples[:NAMED]]
         named = ", ".join(f"{k} (t = {seconds(self.stamps[k] - self.stamps[0])} s)" for k in rows)
         if len(samples) == 1:
@@ -131,13 +131,13 @@ class Screened:
         return f"at {counted(len(samples), 'sample')}: {named}{more}"
 
     def after(self, samples: Array) -> str:
-        """After which samples, the first ones with their times."""
+        """Text of the samples after which something occurs, the first ones with their times."""
         return "after " + self.at(samples).removeprefix("at ")
 
 
 @dataclass(frozen=True, eq=False)
 class CleanRecord(ReadOnlyArrays):
-    """Measurements on grids of equal steps, without what cannot be used, as `Record.cleaned` has them.
+    """Measurements on equidistant grids, without unusable parts, see `Record.cleaned`.
 
     Attributes
     ----------
@@ -200,7 +200,7 @@ class CleanRecord(ReadOnlyArrays):
 
 
 def torques_of(clean: CleanRecord) -> Array:
-    """The torques, shape (T, n); a ValueError if there are none."""
+    """Torques, shape (T, n); a ValueError if there are none."""
     if clean.tau is None:
         raise ValueError(f"{clean.name}: {NO_TORQUES}")
     return clean.tau

@@ -1,4 +1,4 @@
-"""Measurements on an equally spaced grid, with velocities and accelerations, and the filter that reduces them."""
+"""Measurements on an equidistant grid, with velocities and accelerations, and the filter that reduces them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .screening import consecutive
 
 @dataclass(frozen=True, eq=False)
 class Prepared(ReadOnlyArrays):
-    """Measurements on an equally spaced grid with velocities and accelerations, as `Record.prepare` returns them.
+    """Measurements on an equidistant grid with velocities and accelerations, from `Record.prepare`.
 
     Attributes
     ----------
@@ -76,7 +76,7 @@ class Prepared(ReadOnlyArrays):
     __repr__ = summary
 
     def reduce(self, columns: ArrayLike) -> Array:
-        """Low-pass, drop the ends and decimate: the same for torques and for the columns of a regressor.
+        """Low-pass filter, cut the ends and decimate: the same for torques and for the columns of a regressor.
 
         Parameters
         ----------
@@ -116,7 +116,7 @@ class Prepared(ReadOnlyArrays):
 
     @property
     def row_samples(self) -> Array:
-        """Samples of the grid that the reduced rows are at, shape (R,)."""
+        """Indices of the grid samples of the reduced rows, shape (R,)."""
         return np.concatenate(self._segment_rows)
 
     @cached_array
@@ -125,7 +125,7 @@ class Prepared(ReadOnlyArrays):
         return rows_without(self, ~self.usable)
 
     def blocks(self, k: int) -> tuple[slice, ...]:
-        """Contiguous blocks of the reduced rows, to be held out in turn.
+        """Contiguous blocks of the reduced rows, for cross-validation.
 
         Parameters
         ----------
@@ -165,7 +165,7 @@ class Prepared(ReadOnlyArrays):
 
 
 def undisturbed(flags: Array, rows: Array, reach: int) -> Array:
-    """True at rows that no flagged sample is within reach of; flags have shape (T, n), the result (len(rows), n)."""
+    """True at rows without a flagged sample in reach; flags have shape (T, n), the result (len(rows), n)."""
     count = np.vstack([np.zeros((1, flags.shape[1]), int), np.cumsum(flags, axis=0)])
     return np.asarray(count[rows + reach] == count[rows - reach])
 
@@ -206,7 +206,7 @@ def prepare(name: str, clean: CleanRecord, cutoff: float | None, start: float) -
 def _cutoff(
     name: str, clean: CleanRecord, given: float | None, positions: list[Array], spectrum: tuple[Array, ...] | None
 ) -> tuple[float, tuple[str, ...]]:
-    """The cut-off [Hz], and the reason in words: the given one, or by the spectrum of the positions of each segment."""
+    """Cut-off [Hz], and the reason: given, or by the spectrum of the positions of each segment."""
     rate, torques = 1 / clean.period, [torques_of(clean)[part] for part in clean.segments]
     if given is None:
         try:
@@ -225,7 +225,7 @@ def _cutoff(
 def _fused(
     clean: CleanRecord, positions: list[Array], rate: float
 ) -> tuple[list[Array], tuple[Array, ...] | None, list[str]]:
-    """Positions improved by measured velocities where these are better, the spectrum that tells this, and a note."""
+    """Positions fused with measured velocities where these are better, the spectrum behind it, and a note."""
     if clean.qd is None or not clean.believed.any():
         return positions, None, []
     integrals = [filtering.integral(clean.qd[part], rate) for part in clean.segments]
@@ -250,7 +250,7 @@ def _differentiated(q: Array, cutoff: float, rate: float, drop: int) -> tuple[Ar
 
 
 def rows_without(record: Prepared, flags: Array) -> Array:
-    """True at reduced rows that no flagged sample enters; flags have shape (T, n), the result (R, n)."""
+    """True at reduced rows whose filter uses no flagged sample; flags have shape (T, n), the result (R, n)."""
     reach = settling(record.cutoff, record.sample_rate)
     parts = zip(record.segments, record._segment_rows, strict=True)
     return np.concatenate([undisturbed(flags[part], rows - part.start, reach) for part, rows in parts])

@@ -27,7 +27,7 @@ from .screening import STAMPS, screen
 if TYPE_CHECKING:
     from ...simulation.trajectory import Trajectory
 
-GUESS = "guess"  # kind of the findings on what a log does not say
+GUESS = "guess"  # kind of the findings on assumptions about a log
 TimeUnits = Literal["s", "ms", "us", "ns"]
 UNITS = {"rad": 1.0, "m": 1.0, "deg": np.pi / 180}
 
@@ -172,14 +172,14 @@ class Record(ReadOnlyArrays):
         self.__post_init__()
 
     def _tell(self, source: str, guessed: Iterable[RecordFinding]) -> None:
-        """Add how the record was made, and findings on what was guessed."""
+        """Add how the record was made, and findings on assumptions."""
         self.source = "; ".join(filter(None, (self.source, source)))
         self.findings = (*guessed, *self.findings)
         self.cleaned = replace(self.cleaned, findings=self.findings)
 
     @classmethod
     def from_csv(cls, path: File, joint_names: Sequence[str], *, time_unit: TimeUnits = "s", **options: Any) -> Self:
-        """Measurements in a CSV file.
+        """Record from a CSV file.
 
         Parameters
         ----------
@@ -236,7 +236,7 @@ class Record(ReadOnlyArrays):
         torques: bool = True,
         **options: Any,
     ) -> Self:
-        """Measurements in a log as a robot writes it.
+        """Record from a log file of a robot.
 
         Read are text with or without names of the columns, in columns or in rows of joints; JSON and lines of it; joint
         states of ROS 1 and 2 (bags as .bag, .db3 and .mcap, and folders of them, `rostopic echo -p`,
@@ -317,7 +317,7 @@ class Record(ReadOnlyArrays):
 
     @classmethod
     def _read(cls, path: File | Mapping[str, File], reading: LogOptions, options: dict[str, Any]) -> Self:
-        """The measurements of a log, and what is said of it."""
+        """Measurements of a log, and the remarks on it."""
         samples, said, guessed = measured(path, reading)
         if names := samples.get("joint_names"):
             samples["joint_names"] = tuple(map(plain, names))
@@ -329,7 +329,7 @@ class Record(ReadOnlyArrays):
 
     @classmethod
     def from_trajectory(cls, motion: Trajectory, sample_rate: float, **options: Any) -> Self:
-        """A simulated motion at equal steps, as perfect drives would report it.
+        """Record of a simulated motion at equal steps, as perfect drives would report it.
 
         Parameters
         ----------
@@ -380,7 +380,7 @@ class Record(ReadOnlyArrays):
         unit: str = "rad",
         **options: Any,
     ) -> Self:
-        """Measurements at the motors.
+        """Record of joints from measurements at the motors.
 
         Parameters
         ----------
@@ -464,14 +464,14 @@ class Record(ReadOnlyArrays):
         return self._given_names
 
     def is_of(self, joint_names: Sequence[str]) -> bool:
-        """True if the joints were named; joint_1 and so on are numbers for a robot without joints of these names."""
+        """True if the record has the robot's joint names; joint_1 and so on may only be numbers."""
         given = self._given_names or ()
         plain = tuple(re.sub(r"[ _]*0*(\d+)$", r"_\1", name.lower()) for name in given)  # Joint1, joint 01
         are_numbers = plain in (numbered_joints(self.n), tuple(f"joint_{k}" for k in range(self.n)))
         return bool(given) and not (are_numbers and set(given).isdisjoint(joint_names))
 
     def between(self, start: float, end: float) -> Record:
-        """The part of the record in an interval of time.
+        """Part of the record in an interval of time.
 
         Parameters
         ----------
@@ -497,7 +497,7 @@ class Record(ReadOnlyArrays):
     def part(
         self, rows: Array | slice, joint_names: Sequence[str], called: Sequence[str] = (), *, torques: bool = True
     ) -> Record:
-        """Some samples of some joints, with other names if given (`called`)."""
+        """Part of the record: some samples of some joints, renamed if given (`called`)."""
         joints = [self.joint_names.index(name) for name in joint_names]
         options: dict[str, Any] = {"stamps": self._stamps, "bridge": self._bridge, "command_hold": self.command_hold}
         options["joint_names"] = self._given_names and (called or joint_names)
@@ -508,13 +508,13 @@ class Record(ReadOnlyArrays):
         return part
 
     def _without_torques(self) -> Record:
-        """The commands and positions alone, screened as such."""
+        """Record of the commands and positions alone, screened as such."""
         if self.command is None:
             raise ValueError(f"{self.name}: {NO_COMMANDS}")
         return self if self.tau is None else self.part(slice(None), self.joint_names, torques=False)
 
     def on_grid(self) -> Record:
-        """Commands and positions as cleaned, NaN where none was measured; a ValueError for a finding of an error."""
+        """Clean commands and positions, NaN where not measured; a ValueError for an error."""
         record = self._without_torques()
         record._refuse_errors()
         clean = record.cleaned
@@ -535,7 +535,7 @@ class Record(ReadOnlyArrays):
             raise ValueError(errors[0].message + more)
 
     def in_motion(self) -> Record:
-        """The record without rest at its start and end.
+        """Part of the record without rest at its start and end.
 
         Rest lasts more than 0.2 s, until a joint leaves its position by half a per cent of its range, or by more
         than noise, and without torques until a command does.
@@ -580,7 +580,7 @@ class Record(ReadOnlyArrays):
         return part
 
     def prepare(self, cutoff: float | None = None) -> Prepared:
-        """Positions, velocities, accelerations and torques on an equally spaced grid, and the filter for a fit.
+        """Positions, velocities, accelerations and torques on an equidistant grid, with the filter for a fit.
 
         Parameters
         ----------
@@ -615,7 +615,7 @@ class Record(ReadOnlyArrays):
 
 
 def samples_array(name: str, value: ArrayLike, shape: tuple[int, ...] | None) -> Array:
-    """A float64 copy of shape (T, n), of any finite or other real numbers."""
+    """Float64 copy of shape (T, n), of any real numbers, finite or not."""
     wanted = "(T, n)" if shape is None else str(shape)
     array = convert_numbers(name, value, wanted)
     if array.dtype.kind == "c":

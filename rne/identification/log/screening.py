@@ -1,4 +1,4 @@
-"""Faults of measurements: found, named, and taken out where that is possible.
+"""Screening of measurements: faults are found, named, and removed where possible.
 
 Times that are not in order, samples that their neighbours contradict, torques that do not follow the motion.
 """
@@ -33,16 +33,16 @@ def consecutive(lengths: Iterable[int]) -> tuple[slice, ...]:
 
 # Times
 
-STAMPS = ("auto", "sampled", "regular")  # what the times of a record may be, as `Record` takes them
+STAMPS = ("auto", "sampled", "regular")  # kinds of time stamps, see `Record`
 
 
 def is_gap(t: Array, period: float, bridge: int) -> Array:
-    """True for steps over more missing samples than are bridged."""
+    """True for steps over more missing samples than are interpolated."""
     return np.asarray(np.diff(t) > (bridge + thresholds.LONG_STEP) * period)
 
 
 def check_order(found: Screened, t: Array, rows: Array, stamps: str) -> Array:
-    """True at samples to keep: times must ascend, and `rows` that are there twice are kept once."""
+    """True at samples to keep: times must ascend, and duplicate `rows` are kept once."""
     kept = np.ones(len(t), dtype=bool)
     steps = np.diff(t)
     same, back = np.flatnonzero(steps == 0) + 1, np.flatnonzero(steps < 0) + 1
@@ -66,7 +66,7 @@ def _refuse_same(found: Screened, same: Array) -> None:
 def check_stamps(
     found: Screened, t: Array, q: Array, qd: Array | None, bridge: int, stamps: str
 ) -> tuple[Array, float]:
-    """The times to use, and their period: the stamps, or equal steps where these were made by the reader of the log."""
+    """Times to use, and their period: the stamps, or equal steps where the reader of the log made them."""
     steps = np.diff(t)
     usual = np.abs(steps - np.median(steps)) <= np.median(steps) / 2
     period = float(steps[usual].mean())
@@ -95,7 +95,7 @@ def check_stamps(
 
 
 def _pauses(t: Array, bridge: int) -> tuple[float, Array]:
-    """Period of samples that are counted, and where the log has a gap: a step far above the usual pauses."""
+    """Period of counted samples, and the gaps of the log: steps far above the usual pauses."""
     lag = max(1, min(thresholds.COUNTED_OVER, len(t) // 4))
     period, steps = float(np.median(t[lag:] - t[:-lag])) / lag, np.diff(t)
     pauses = steps[steps > thresholds.LONG_STEP * period]
@@ -104,7 +104,7 @@ def _pauses(t: Array, bridge: int) -> tuple[float, Array]:
 
 
 def equal_steps(t: Array, gap: Array, period: float) -> Array:
-    """Equal steps between gaps, fitted to the stamps by lines of some seconds each."""
+    """Equal steps between gaps, fitted to the stamps by lines over some seconds each."""
     from scipy.interpolate import make_lsq_spline
 
     equal = t.copy()
@@ -120,7 +120,7 @@ def equal_steps(t: Array, gap: Array, period: float) -> Array:
 def _made_by_reader(
     found: Screened, t: Array, q: Array, qd: Array | None, equal: Array, gap: Array, period: float
 ) -> str:
-    """Why samples are counted, or nothing if the stamps are believed.
+    """Reason why samples are counted, or empty if the stamps are believed.
 
     What stamps are late by, times the velocity, is in the positions where samples were taken at the stamps, and is not
     where the reader of the log made them: its share in the changes of the positions is 1 or 0. Measured velocities
@@ -150,7 +150,7 @@ def _made_by_reader(
 
 
 def _share(late: Array, moved: Array, chosen: Array, correlation: float = 1.0) -> tuple[float, float]:
-    """Share of `late` in what moved, and three standard errors of it, the joints weighted by what moved of each."""
+    """Share of `late` in the displacement, and three standard errors, the joints weighted by their displacements."""
     late, moved = late[chosen], moved[chosen]
     scale = np.mean(moved**2, axis=0)
     weight = np.divide(1, scale, out=np.zeros_like(scale), where=scale > 0)
@@ -160,7 +160,7 @@ def _share(late: Array, moved: Array, chosen: Array, correlation: float = 1.0) -
 
 
 def _check_gaps(found: Screened, t: Array, period: float, gap: Array) -> None:
-    """Name gaps and missing samples, steps longer than by jitter."""
+    """Report gaps and missing samples: steps longer than by jitter."""
     steps = np.diff(t)
     after = np.flatnonzero(gap)
     if len(after):
@@ -180,7 +180,7 @@ NO_VELOCITY = "no finite velocity"
 
 
 def encoder_step(x: Array) -> float:
-    """The step of which all differences of neighbours are multiples; zero if there is none."""
+    """Step of which all differences between neighbours are multiples; zero if there is none."""
     steps = np.abs(np.diff(x))
     steps = steps[steps > 0]
     if len(steps) < thresholds.FEWEST_DIFFERENCES:
@@ -199,7 +199,7 @@ def encoder_step(x: Array) -> float:
 
 
 def deviations(x: Array, length: int) -> tuple[Array, Array]:
-    """Deviations of `length` samples from the cubic through two samples before and two after, and their allowance.
+    """Deviations of `length` samples from the cubic through two samples before and two after, and their tolerance.
 
     For every start from 2 to len(x) - length - 2: the smallest magnitude among the samples, or the largest where all
     repeat the one before; and by how much the lines through the two before and the two after disagree in the middle,
@@ -222,7 +222,7 @@ def deviations(x: Array, length: int) -> tuple[Array, Array]:
 
 
 def usual_deviation(x: Array, step: float) -> Array:
-    """Usual deviation of a sample from its neighbours: of the samples about it, or of the record if that is more.
+    """Usual deviation of a sample from its neighbours: local, or of the whole record if that is larger.
 
     About a sample the median, of the record the deviation that one in twenty exceeds; at least half a step.
     """
@@ -248,7 +248,7 @@ def spikes(x: Array, usual: Array) -> Array:
 
 
 def jumps(x: Array, usual: Array) -> Array:
-    """Samples k between which and the next one the position jumps, while the velocities before and after agree."""
+    """Samples k followed by a jump of the position, while velocities before and after agree."""
     steps = np.diff(x)
     before, at, after = steps[:-2], steps[1:-1], steps[2:]
     level = np.maximum(usual[1:-2], usual[2:-1])
@@ -258,7 +258,7 @@ def jumps(x: Array, usual: Array) -> Array:
 
 
 def clipped(x: Array, step: float, moving: Array, spike: Array) -> Array:
-    """True where a torque is at a limit: its histogram ends with a peak, of samples in motion."""
+    """True where a torque is saturated: its histogram ends with a peak, of samples in motion."""
     found = np.zeros(len(x), dtype=bool)
     size, changes = np.ptp(x[~spike]), np.abs(np.diff(x))
     widths = sorted(max(part * size, thresholds.ONE_LEVEL * step) for part in thresholds.CLIP_WIDTHS)
@@ -293,7 +293,7 @@ def screen(
     stamps: str,
     commands: Commands | None = None,
 ) -> CleanRecord:
-    """Find what is wrong, take out or cut what can be, and put the rest on a grid of equal steps."""
+    """Screen measurements: find faults, remove or cut them, and put the rest on equidistant grids."""
     found, n = Screened(name, joint_names, t, q, tau, qd), q.shape[1]
     qd = found.qd = _known_velocities(found, qd)
     columns = {"position": q}
@@ -321,7 +321,7 @@ def screen(
 
 
 def _check_there(found: Screened, tau: Array | None, kept: Array) -> None:
-    """Errors where there are no torques, or too few samples."""
+    """Report errors for missing torques, or too few samples."""
     if tau is not None and not np.nan_to_num(tau).any():
         found.error("no torque", "in any sample, all are zero or missing", "did the driver publish efforts?")
     if not found.has_errors and kept.sum() < thresholds.FEWEST_SAMPLES:
@@ -339,7 +339,7 @@ def _screen_values(
     stamps: str,
     commands: Commands | None,
 ) -> None:
-    """Screen the samples that are kept, of quantities in these columns and with these smallest steps (`named`)."""
+    """Screen the values of the samples kept, of quantities in these columns and with these smallest steps (`named`)."""
     parts, steps = named
     usable = found.usable[found.rows]
     q = measured[:, parts["position"]]  # a view: what is interpolated in `measured` is so in this
@@ -374,7 +374,7 @@ def _screen_values(
 
 
 def _numbers(found: Screened, columns: dict[str, Array]) -> Array:
-    """True at samples of which all values are finite."""
+    """True at samples with all values finite."""
     for name, values in columns.items():
         for j, x in enumerate(values.T):
             bad = np.flatnonzero(~np.isfinite(x))
@@ -384,7 +384,7 @@ def _numbers(found: Screened, columns: dict[str, Array]) -> Array:
 
 
 def _known_velocities(found: Screened, qd: Array | None) -> Array | None:
-    """The velocities without those that are missing in most samples: zero for some joints, None for all."""
+    """Velocities without those missing in most samples: zero for some joints, None for all."""
     if qd is None:
         return None
     missing = np.isfinite(qd).mean(axis=0) < thresholds.KNOWN_VELOCITIES
@@ -395,7 +395,7 @@ def _known_velocities(found: Screened, qd: Array | None) -> Array | None:
 
 
 def _check_unit_of_times(found: Screened, t: Array, q: Array, qd: Array | None) -> None:
-    """Times that are hardly in seconds: a sample rate that is too low is an error, a likelier unit a warning."""
+    """Report times that are unlikely to be in seconds: a too low rate is an error, a likelier unit a warning."""
     rate, unit = 1 / found.period, guessed_unit(t, q, qd)
     is_slow = rate < thresholds.SLOWEST_RATE
     if unit is not None or is_slow:
@@ -405,7 +405,7 @@ def _check_unit_of_times(found: Screened, t: Array, q: Array, qd: Array | None) 
 
 
 def _usable_torques(found: Screened, q: Array, tau: Array, steps: Array, spike: Array) -> Array:
-    """False where a torque does not follow the motion: constant channels and torques at their limit."""
+    """False where a torque is unusable: constant channels and saturated torques."""
     usable = np.ones(tau.shape, dtype=bool)
     moved, over = np.abs(np.gradient(q, axis=0)), np.ones(thresholds.MOVING_OVER) / thresholds.MOVING_OVER
     for j, x in enumerate(tau.T):
@@ -426,7 +426,7 @@ def _usable_torques(found: Screened, q: Array, tau: Array, steps: Array, spike: 
 
 
 def _check_jumps(found: Screened, t: Array, q: Array, usual: list[Array], flags: Array) -> Array:
-    """Samples after which the positions jump, where the record is cut; frequent ones are noise."""
+    """Jumps of positions, after which the record is cut; frequent ones are noise."""
     after_gap = np.flatnonzero(is_gap(t, float(np.median(np.diff(t))), 0))
     found_jumps = []
     for j, x in enumerate(q.T):
@@ -453,7 +453,7 @@ def _check_jumps(found: Screened, t: Array, q: Array, usual: list[Array], flags:
 
 
 def _check_spikes(found: Screened, kind: str, values: Array, flags: Array, bridge: int) -> None:
-    """Name spikes, and positions that repeat the one before in the midst of a motion; common ones are noise."""
+    """Report spikes, and repeated positions during motion; common ones are noise."""
     for j, x in enumerate(values.T):
         samples = np.flatnonzero(flags[:, j])
         if not len(samples):
@@ -472,7 +472,7 @@ def _check_spikes(found: Screened, kind: str, values: Array, flags: Array, bridg
 
 
 def _interpolate(t: Array, values: Array, flags: Array, bridge: int) -> Array:
-    """Replace flagged values by a cubic spline through the others; True at samples of runs longer than `bridge`."""
+    """Replace flagged values by a cubic spline; True at samples of runs longer than `bridge`."""
     from scipy.interpolate import CubicSpline
 
     long_runs = np.zeros(len(t), dtype=bool)
@@ -485,7 +485,7 @@ def _interpolate(t: Array, values: Array, flags: Array, bridge: int) -> Array:
 
 
 def _check_motion(found: Screened, q: Array, steps: Array) -> None:
-    """Joints must move by more than one step of their encoders and than noise, and by less than some turns."""
+    """Report joints that move by less than an encoder step or noise, or by many turns."""
     flickers = [np.isin(x, (x.min(), x.max())).all() for x in q.T]  # between two values
     resting = np.flatnonzero(flickers | (np.ptp(q, axis=0) <= thresholds.ONE_STEP * steps))
     changes, t = np.diff(q, axis=0).std(0) / np.sqrt(2), np.linspace(-1, 1, len(q))
@@ -506,7 +506,7 @@ def _check_motion(found: Screened, q: Array, steps: Array) -> None:
 
 
 def _check_velocities(found: Screened, t: Array, q: Array, qd: Array) -> Array:
-    """True for joints whose measured velocities are those of the positions: their integrals over short spans agree."""
+    """True for joints whose measured velocities agree with the positions: their integrals over short spans do."""
     from scipy.integrate import cumulative_trapezoid
 
     width = max(1, int(thresholds.COMPARED_OVER / found.period))
@@ -535,7 +535,7 @@ def _put_on_grid(
     cuts: Array,
     bridge: int,
 ) -> None:
-    """Put the samples that are kept on grids of equal steps, one between two gaps or cuts."""
+    """Put the samples kept on equidistant grids, one between two gaps or cuts."""
     from scipy.interpolate import CubicSpline
 
     (values, columns), made = named, found.interpolated

@@ -1,4 +1,4 @@
-"""How sure a fit of motions is: standard errors under correlated residuals, and what the log cannot tell apart."""
+"""Uncertainty of a fit of motions: standard errors under correlated residuals, and unidentifiable combinations."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ TORQUE_LIKE = (
 
 @dataclass(frozen=True, eq=False)
 class Certainty(ReadOnlyArrays):
-    """What rows of derivatives say of x, with starts of shots as further unknowns.
+    """Information of residual derivatives on x, with starts of shots as further unknowns.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ class Certainty(ReadOnlyArrays):
 
     @cached_property
     def covariance(self) -> Array:
-        """That of x, (P, P): the sandwich of the correlated score, at least the one of white residuals."""
+        """Covariance of x, (P, P): the sandwich of the correlated score, at least the one of white residuals."""
         return self._covariance(1.0)
 
     def _covariance(self, looser: float) -> Array:
@@ -78,16 +78,16 @@ class Certainty(ReadOnlyArrays):
 
     @cached_property
     def looser(self) -> Array:
-        """The covariance if ten times the spread were allowed for."""
+        """Covariance under ten times the allowed spread."""
         return self._covariance(10.0)
 
     @cached_property
     def determined(self) -> Array:
-        """True for entries that the log determines: whose errors do not grow with the spread that is allowed for."""
+        """True for entries determined by the log: their errors do not grow with the allowed spread."""
         return np.asarray(np.sqrt(np.diag(self.looser)) < thresholds.BY_SPREAD * self.std)
 
     def alike(self) -> list[tuple[list[int], int]]:
-        """Groups of entries that are not determined because they act alike, and in how many directions each is free.
+        """Groups of undetermined entries with the same effect, and the number of free directions of each.
 
         What the log would not determine either if all others were known is a group by itself, free in none.
         """
@@ -108,7 +108,7 @@ class Certainty(ReadOnlyArrays):
         return groups
 
     def scale(self, values: Array, names: Sequence[str], is_log: Array) -> Array | None:
-        """The direction of x in which all torques are scaled together, (P,), if motions do not change along it."""
+        """Direction of x that scales all torques together, (P,), or None if motions change along it."""
         like = np.array([x.rpartition(".")[2] in TORQUE_LIKE or x == "friction.offset" for x in names], bool)
         v = np.where(like, np.where(is_log, 1.0, values), 0.0)
         P, spread = self.count, self.spread[: self.count]
@@ -119,12 +119,12 @@ class Certainty(ReadOnlyArrays):
         return np.asarray(v)
 
     def given_scale(self, v: Array) -> Certainty:
-        """The same if the entry were known by which a scale of all torques, the direction v, is known best."""
+        """Certainty if the entry were known by which the common scale of torques, direction v, is determined best."""
         sizes = np.divide(self._given(v).std, np.abs(v), out=np.full(len(v), np.inf), where=v != 0)
         return self._given(np.eye(len(v))[np.argmin(sizes)])
 
     def _given(self, direction: Array) -> Certainty:
-        """The same if it were known how far x is along a direction, (P,)."""
+        """Certainty if the component of x along a direction, (P,), were known."""
         v = np.zeros(len(self.spread))
         v[: self.count] = direction / self.spread[: self.count] ** 2
         added = np.outer(v, v) * 1e6 / max(float(v @ (self.spread**2 * v)), 1e-300)
@@ -132,7 +132,7 @@ class Certainty(ReadOnlyArrays):
 
 
 def certainty(parts: Sequence[tuple[Array, Array]], spread: Array, count: int, given: Array) -> Certainty:
-    """That of weighted residuals (T, n) of shots, NaN where not measured, and their derivatives (T, n, Z).
+    """Certainty from weighted residuals (T, n) of shots, NaN where not measured, and their derivatives (T, n, Z).
 
     Residuals of a joint are taken as stationary: S = sum of J_t^T c(t - s) J_s, c being their autocovariance, which is
     tapered beyond where it is significant (Newey and West 1987; flat-top window of Politis and Romano 1995).
@@ -156,7 +156,7 @@ def certainty(parts: Sequence[tuple[Array, Array]], spread: Array, count: int, g
 
 
 def autocovariance(series: Sequence[Array]) -> Array:
-    """Of residuals, at lags 0 to where it is no longer significant, tapered, shape (L + 1,)."""
+    """Autocovariance of residuals, tapered, at lags from 0 to where it is no longer significant, shape (L + 1,)."""
     longest, total = max(len(r) for r in series), sum(len(r) for r in series)
     size = 2 * longest
     each = [np.fft.irfft(np.abs(np.fft.rfft(r, size)) ** 2, size)[:longest] for r in series]

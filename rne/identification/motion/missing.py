@@ -1,4 +1,4 @@
-"""Effects that a fit of motions leaves out: which of them would explain its residual (score test, Rao 1948)."""
+"""Effects missing in a fit of motions that would explain its residual (score test, Rao 1948)."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .unknowns import DELAY, OFFSET, OUTSIDE, SCALE, SENSOR_OFFSET, Unknown, Unk
 
 
 class Effect(NamedTuple):
-    """A quantity that may be missing: its name, in words, and whether it can only be positive."""
+    """Quantity that may be missing: its name, text, and True if it can only be positive."""
 
     name: str
     text: str
@@ -41,7 +41,7 @@ EFFECTS = (
 
 
 def missing_effects(problem: OutputError, z: Array, noise: Array) -> tuple[Cause, ...]:
-    """Effects that are not in the model and would take away a part of the squares of the residual.
+    """Effects missing in the model that would reduce the squares of the residual.
 
     Where the residual is that of the sensors, any part that chance does not explain.
     """
@@ -71,7 +71,7 @@ def missing_effects(problem: OutputError, z: Array, noise: Array) -> tuple[Cause
 def _judged(
     effect: Effect, wider: OutputError, J: Array, Q: Array, r: Array, floors: tuple[float, float]
 ) -> Cause | None:
-    """The effect as a cause, if it explains enough, with its likely size of each joint.
+    """Effect as a cause, if it explains enough, with its likely size of each joint.
 
     The gain is compared with what chance gives: the variance of what is then left, at least that of the resolution,
     times its correlation time.
@@ -104,7 +104,7 @@ def _judged(
 
 
 def _extended(unknowns: Unknowns) -> tuple[Scene, list[Unknown]]:
-    """The scene with all effects, of size 0 where they are missing, and these as further unknowns."""
+    """Scene extended by all effects, of size 0 where missing, and these as further unknowns."""
     scene, n = unknowns.scene, unknowns.scene.n
     given = scene.resolved.friction
     if given is None or not given.sticks:
@@ -132,7 +132,7 @@ def _extended(unknowns: Unknowns) -> tuple[Scene, list[Unknown]]:
 
 
 def mistaken_columns(scene: Scene, records: Sequence[Record]) -> tuple[Cause, ...]:
-    """Joints whose positions follow the commands of another joint, or the opposite of their own, or in other units."""
+    """Joints whose positions follow another joint's commands, the negative of their own, or other units."""
     names, found = scene.resolved.robot.joint_names, []
     for record in records:
         places = columns_for(scene, record)
@@ -157,7 +157,7 @@ def mistaken_columns(scene: Scene, records: Sequence[Record]) -> tuple[Cause, ..
 
 
 def _correlations(q: Array, command: Array) -> tuple[Array, Array]:
-    """Largest correlations of positions with commands at any delay, (n, n), and slopes of each on its own."""
+    """Largest correlations of positions with commands at any delay, (n, n), and regression slopes on each one's own."""
     n, T = q.shape[1], len(q)
     a, b = (np.nan_to_num(x - np.nanmean(x, axis=0)) for x in (q, command))
     A, B = np.fft.rfft(a, 2 * T, axis=0), np.fft.rfft(b, 2 * T, axis=0)

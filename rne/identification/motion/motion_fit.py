@@ -1,4 +1,4 @@
-"""A model from commands and positions, without torques: motions are simulated, and their numbers fitted."""
+"""Identification from commands and positions without torques: motions are simulated and the numbers fitted."""
 
 from __future__ import annotations
 
@@ -68,17 +68,17 @@ class MotionFit(InNotebooks):
 
     @property
     def initial(self) -> Scene:
-        """The scene as it was given."""
+        """Scene as given."""
         return self.problem.unknowns.scene
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The P entries that were fitted, such as "controller.kp of joint_1"; of bodies regrouped parameters."""
+        """Names of the P fitted entries, such as "controller.kp of joint_1"; for bodies regrouped parameters."""
         return self.problem.unknowns.labels
 
     @property
     def units(self) -> tuple[str, ...]:
-        """Their units."""
+        """Units of the fitted entries."""
         return self.problem.unknowns.units
 
     @property
@@ -87,22 +87,22 @@ class MotionFit(InNotebooks):
 
     @cached_property
     def numbers(self) -> dict[str, Array]:
-        """What was found, by the names of `wrt`, in the shapes of `scene.numbers`."""
+        """Fitted numbers by the names of `wrt`, in the shapes of `scene.numbers`."""
         return self.problem.unknowns.numbers(self._x)
 
     @cached_property
     def values(self) -> Array:
-        """The entries that were fitted, shape (P,)."""
+        """Values of the fitted entries, shape (P,)."""
         return self.problem.unknowns.entries(self._x)
 
     @cached_property
     def std(self) -> Array:
-        """Standard errors of the values, shape (P,), residuals being correlated in time."""
+        """Standard errors of the values, shape (P,), for residuals correlated in time."""
         return np.asarray(self.certainty.std * self.problem.unknowns.slopes(self._x))
 
     @property
     def determined(self) -> Array:
-        """False for entries that the log does not determine: they rest on the spread that was allowed for."""
+        """False for entries not determined by the log but by the allowed spread."""
         return self.certainty.determined
 
     @cached_property
@@ -112,7 +112,7 @@ class MotionFit(InNotebooks):
 
     @cached_property
     def explained(self) -> Array:
-        """True for joints whose residual is no more than the resolution of their positions explains."""
+        """True for joints whose residual is explained by the resolution of their positions."""
         loud = self.rms > thresholds.ABOVE_RESOLUTION * self.resolution
         far = self.rms > thresholds.FAR_ABOVE_RESOLUTION * self.resolution
         left = self.problem.misfits(self.z)
@@ -121,7 +121,7 @@ class MotionFit(InNotebooks):
 
     @cached_property
     def alike(self) -> tuple[str, ...]:
-        """What the log cannot tell apart, in words, each with its cure."""
+        """Texts on combinations that the log does not determine, each with a remedy."""
         unknowns, names, sure, found = self.problem.unknowns, self.names, self.certainty, []
         of_each = [part.name for part in unknowns.parts for _ in part.labels]
         scaled = sure.scale(self.values, of_each, unknowns.is_log)
@@ -142,7 +142,7 @@ class MotionFit(InNotebooks):
 
     @property
     def verdict(self) -> str:
-        """What the model is good for, in one sentence."""
+        """Verdict on the use of the model, in one sentence."""
         names, units = self.initial.resolved.robot.joint_names, joint_units(self.initial)
         worst = int(np.argmax(self.rms / self.resolution))
         error = f"{self.rms[worst]:.2g} {units[worst]} rms on {short(names[worst])}"
@@ -158,7 +158,7 @@ class MotionFit(InNotebooks):
         return text + f"; {count} of {counted(len(self.names), 'number')} not determined" * bool(count)
 
     def scene(self) -> Scene:
-        """The scene with the numbers that were found.
+        """Scene with the fitted numbers.
 
         Bodies are the possible ones that are most like those given, among those with the regrouped parameters found.
 
@@ -186,7 +186,7 @@ class MotionFit(InNotebooks):
 
     @cached_property
     def _possible_bodies(self) -> Array:
-        """Standard parameters of possible bodies, (10 nb,)."""
+        """Standard parameters of physically consistent bodies, (10 nb,)."""
         robot, unknowns = self.initial.resolved.robot, self.problem.unknowns
         place, (_, matrix) = unknowns.places["parameters"], regrouped(robot)
         C = self.certainty.covariance[place, place]
@@ -202,7 +202,7 @@ class MotionFit(InNotebooks):
         )
 
     def to_urdf(self) -> str:
-        """The robot as a URDF: bodies, and viscous and Coulomb friction as its joints' damping and friction.
+        """URDF of the robot: bodies, and viscous and Coulomb friction as its joints' damping and friction.
 
         Returns
         -------
@@ -229,7 +229,7 @@ class MotionFit(InNotebooks):
         return to_urdf(replace(model, notes=notes, **drives))
 
     def predict(self, record: Record, *, std: bool = False) -> Any:
-        """Positions that a record's commands lead to, from starts that fit the record's positions best.
+        """Predicted positions for a record's commands, from starts fitted to the record's positions.
 
         Parameters
         ----------
@@ -268,7 +268,7 @@ class MotionFit(InNotebooks):
         return (found[0], found[1]) if std else found[0]
 
     def report(self) -> str:
-        """A text on the numbers, their errors, and how far to trust them.
+        """Text on the numbers, their errors, and the quality of the fit.
 
         Returns
         -------
@@ -304,7 +304,7 @@ class MotionFit(InNotebooks):
         return f"MotionFit of {numbers} to {records}: {self.verdict}"
 
     def draws(self, count: int, seed: int = 0) -> dict[str, Array]:
-        """Numbers as likely as those found, for the argument `numbers` of `rne.ensemble`.
+        """Random numbers distributed as the fit's, for the argument `numbers` of `rne.ensemble`.
 
         Parameters
         ----------
@@ -357,7 +357,7 @@ class MotionFit(InNotebooks):
         return prediction_plot(record.t, measured, predicted, qd, std=std, title=title, **how)
 
     def save(self, path: str | PathLike[str]) -> Path:
-        """Write all of it to a NumPy archive, which `load` reads.
+        """Write the fit to a NumPy archive, which `load` reads.
 
         Parameters
         ----------
@@ -382,7 +382,7 @@ class MotionFit(InNotebooks):
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> MotionFit:
-        """Read a fit that was written by `save`.
+        """Read a fit written by `save`.
 
         Parameters
         ----------
@@ -412,7 +412,7 @@ ROUNDING = 1 / np.sqrt(12)  # standard deviation of a uniform error of one step
 
 
 def kinds() -> Kinds:
-    """The classes that a saved fit is made of, with their fields."""
+    """Classes that a saved fit consists of, with their fields."""
     from ... import control
     from ...simulation.elastic_joints import ElasticJoints
     from ...simulation.friction import Friction
@@ -545,7 +545,7 @@ def identify_motion(
 
 
 def at_times(values: Sequence[Array], grid: Array, t: Array) -> Array:
-    """Values on a grid at other times, which are those of the grid unless samples were left out or resampled."""
+    """Values of a grid at other times; interpolated only where samples were left out or resampled."""
     from scipy.interpolate import CubicSpline
 
     return np.array(
@@ -554,7 +554,7 @@ def at_times(values: Sequence[Array], grid: Array, t: Array) -> Array:
 
 
 def how_sure(problem: OutputError, z: Array) -> Certainty:
-    """Standard errors at a solution."""
+    """Certainty at a solution."""
     P, parts = len(problem.unknowns.labels), []
     for s, (shot, (q, J)) in enumerate(zip(problem.shots, problem.derivatives(z), strict=True)):
         parts.append(((q - shot.q) / problem.sigma, problem.placed(s, J / problem.sigma[:, None])))
@@ -563,7 +563,7 @@ def how_sure(problem: OutputError, z: Array) -> Certainty:
 
 
 def check_records(scene: Scene, records: Sequence[Record]) -> None:
-    """Raise an error for a scene without a law that follows, or records without commands."""
+    """Raise an error for a scene without a tracking law, or records without commands."""
     if not isinstance(scene, Scene):
         raise TypeError(f"`scene` must be an rne.Scene, got {type(scene).__name__}")
     law, n = scene.controller, scene.n
@@ -591,7 +591,7 @@ def rounding(scene: Scene, records: Sequence[Record]) -> Array:
 
 
 def resolution(problem: OutputError, z: Array, least: Array) -> Array:
-    """Standard deviations of what is white in the residuals, by their third differences; of rounding at least."""
+    """Standard deviation of the white part of the residuals, by third differences; at least that of rounding."""
     each = [np.diff(q - shot.q, 3, axis=0) for shot, q in zip(problem.shots, problem.positions(z), strict=True)]
     with np.errstate(all="ignore"):
         white = np.sqrt(np.nanmean(np.concatenate(each) ** 2, axis=0) / 20)
@@ -599,6 +599,6 @@ def resolution(problem: OutputError, z: Array, least: Array) -> Array:
 
 
 def ranges(scene: Scene, records: Sequence[Record]) -> Array:
-    """How far joints move."""
+    """Ranges of the joints' positions."""
     each = [record.q[:, columns_for(scene, record)] for record in records]
     return np.asarray(np.max([np.nanmax(q, axis=0) - np.nanmin(q, axis=0) for q in each], axis=0))

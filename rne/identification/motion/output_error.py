@@ -1,4 +1,4 @@
-"""Output error of motions that follow commands: residuals of positions, and their derivatives, over shots of records.
+"""Output error of motions that follow commands: position residuals and their derivatives, over shots of records.
 
 A shot is a part of a record that is simulated from a start of its own, which is fitted along with what is unknown.
 """
@@ -23,13 +23,13 @@ from ..fit.equations import correlation_time_of_residuals
 from ..log.record import Record
 from .unknowns import SENSOR_OFFSET, SENSOR_SCALE, Unknowns
 
-FIRST = 7  # samples through which the start is estimated, by a parabola
+FIRST = 7  # samples of the parabola that estimates the start
 HELD, JOINED = "hold", "linear"
 
 
 @dataclass(frozen=True, eq=False)
 class Shot:
-    """Samples of a record that are simulated at once, at times since the first."""
+    """Part of a record simulated as one motion, at times since its first sample."""
 
     record: int
     t: Array  # (T,), in the record's time [s]
@@ -39,7 +39,7 @@ class Shot:
 
 
 def columns_for(scene: Scene, record: Record) -> list[int]:
-    """The joints of a record that are those of the scene, in its order."""
+    """Column indices of the scene's joints in a record, in its order."""
     names = scene.resolved.robot.joint_names
     if record.is_of(names):
         if lost := [name for name in names if name not in record.joint_names]:
@@ -52,7 +52,7 @@ def columns_for(scene: Scene, record: Record) -> list[int]:
 
 
 def commands(scene: Scene, record: Record) -> Array:
-    """A record's commands of the joints of the scene, (T, n)."""
+    """Commands of a record for the joints of the scene, (T, n)."""
     if record.command is None:
         raise ValueError(f"{record.name}: has no commands: give `command`, or use rne.identify with its torques")
     return np.asarray(record.command[:, columns_for(scene, record)])
@@ -64,7 +64,7 @@ def states_of(scene: Scene) -> int:
 
 
 def shots_of(scene: Scene, records: Sequence[Record], length: float | None, noise: Array) -> list[Shot]:
-    """Shots of records, none longer than a length, cut where samples are missing."""
+    """Shots of records, up to a length, cut where samples are missing."""
     found = []
     for k, record in enumerate(records):
         q, period = record.q[:, columns_for(scene, record)], 1 / record.sample_rate
@@ -87,7 +87,7 @@ def shots_of(scene: Scene, records: Sequence[Record], length: float | None, nois
 
 
 def _shot(record: int, t: Array, q: Array, noise: Array) -> Shot:
-    """A shot with its start, which a parabola through the first samples estimates."""
+    """Shot with its start, estimated by a parabola through the first samples."""
     n, s = q.shape[1], t - t[0]
     start, spread = np.zeros((2, n)), np.zeros((2, n))
     speed = np.nanmax(np.abs(np.diff(q, axis=0) / np.diff(t)[:, None]), axis=0, initial=0.0)
@@ -114,19 +114,19 @@ def joint_units(scene: Scene) -> list[str]:
 
 @dataclass(frozen=True, eq=False)
 class OutputError:
-    """Residuals of shots as a function of z: what is unknown, x, then each shot's start, (P + 2 n S,)."""
+    """Residuals of shots as a function of z: unknowns x, then the start of each shot, (P + 2 n S,)."""
 
     unknowns: Unknowns
     records: Sequence[Record]
     shots: Sequence[Shot]
     sigma: Array  # (n,), standard deviations of what is measured [rad or m]
     step: float  # [s]
-    told: Callable[[float], object] | None = None  # of the rms residual of each iteration, in sigma
+    told: Callable[[float], object] | None = None  # called with the rms residual of each iteration, in sigma
     traced: dict[int, CommandedMotion] = field(default_factory=dict, repr=False)  # one of each record
 
     @cached_property
     def motions(self) -> list[CommandedMotion]:
-        """One for each shot."""
+        """Motions, one for each shot."""
         scene, unknowns, found = self.unknowns.scene, self.unknowns, []
         for shot in self.shots:
             times = shot.t - shot.t[0]
@@ -141,25 +141,25 @@ class OutputError:
 
     @property
     def first(self) -> Array:
-        """z at the start."""
+        """Initial value of z."""
         return np.concatenate([self.unknowns.together("start"), *(shot.start for shot in self.shots)])
 
     @property
     def spread(self) -> Array:
-        """Standard deviations of z that are allowed for."""
+        """Allowed standard deviations of z."""
         return np.concatenate([self.unknowns.together("spread"), *(shot.start_spread for shot in self.shots)])
 
     def parts(self, z: Array) -> tuple[Array, list[Array]]:
-        """x, and the shots' starts, (2, n) each."""
+        """Unknowns x, and the shots' starts, (2, n) each."""
         P, n = len(z) - 2 * self.unknowns.scene.n * len(self.shots), self.unknowns.scene.n
         return z[:P], [row.reshape(2, n) for row in z[P:].reshape(len(self.shots), 2 * n)]
 
     def _sensed(self, numbers: dict[str, Array], q: Array) -> Array:
-        """What sensors show of positions."""
+        """Sensor readings of positions."""
         return np.asarray(q * numbers.get(SENSOR_SCALE, 1.0) + numbers.get(SENSOR_OFFSET, 0.0))
 
     def positions(self, z: Array) -> list[Array | None]:
-        """What sensors show in each shot, (T, n); None where a motion cannot be computed."""
+        """Sensor readings in each shot, (T, n); None where a motion cannot be computed."""
         x, starts = self.parts(z)
         numbers = self.unknowns.numbers(x)
         own, command = self._vectors(numbers), self.unknowns.command(numbers)
@@ -170,7 +170,7 @@ class OutputError:
         return self.motions[0].vectors({name: numbers[name] for name in self.unknowns.of_scene})
 
     def residuals(self, z: Array) -> Array:
-        """Predicted less measured positions over sigma, then z's deviations from its start; infinite where it fails."""
+        """Predicted minus measured positions over sigma, then z's deviations from its start; infinite on failure."""
         rows = []
         for shot, q in zip(self.shots, self.positions(z), strict=True):
             if q is None:
@@ -189,13 +189,13 @@ class OutputError:
         return np.asarray(np.isfinite(np.concatenate([shot.q for shot in self.shots])))
 
     def correlation_times(self, rows: Array) -> Array:
-        """Integrated autocorrelation time in samples, (n,), of what is in the rows of residuals, without those of z."""
+        """Integrated autocorrelation times of residual rows in samples, (n,), without those of z."""
         values, ends = np.zeros(self.measured.shape), np.cumsum([0, *(len(shot.t) for shot in self.shots)]).tolist()
         values[self.measured] = rows
         return correlation_time_of_residuals(values, self.measured, [slice(a, b) for a, b in pairwise(ends)])
 
     def placed(self, s: int, J: Array) -> Array:
-        """Derivatives by x and the start of shot s, (..., P + 2 n), as those by z, (..., Z)."""
+        """Derivatives by z, (..., Z), from those by x and the start of shot s, (..., P + 2 n)."""
         found, width = np.zeros((*J.shape[:-1], len(self.first))), 2 * self.n
         P = J.shape[-1] - width
         found[..., :P], found[..., P + width * s : P + width * (s + 1)] = J[..., :P], J[..., P:]
@@ -220,7 +220,7 @@ class OutputError:
         return found
 
     def derivatives(self, z: Array) -> list[tuple[Array, Array]]:
-        """In each shot what sensors show, (T, n), and its derivatives by x and the shot's start, (T, n, P + 2 n)."""
+        """Sensor readings in each shot, (T, n), and derivatives by x and the shot's start, (T, n, P + 2 n)."""
         x, starts = self.parts(z)
         numbers, unknowns = self.unknowns.numbers(x), self.unknowns
         own, command, factor = self._vectors(numbers), unknowns.command(numbers), unknowns.slopes(x)
@@ -242,12 +242,12 @@ class OutputError:
         return found
 
     def misfits(self, z: Array) -> Array:
-        """Predicted less measured positions, (N, n), NaN where not measured."""
+        """Predicted minus measured positions, (N, n), NaN where not measured."""
         shown = self.positions(z)
         return np.concatenate(
             [np.full_like(s.q, np.nan) if q is None else q - s.q for s, q in zip(self.shots, shown, strict=True)]
         )
 
     def at(self, **changes: Any) -> OutputError:
-        """The same with other shots, sigma or step."""
+        """Output error with other shots, sigma or step."""
         return replace(self, **changes)

@@ -1,4 +1,4 @@
-"""Gauss-Newton steps on the output error, from several starts; starts of motions alone; folds for validation."""
+"""Gauss-Newton method for the output error, from several starts; fits of starts alone; folds for validation."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from .. import thresholds
 from .output_error import OutputError, shots_of
 from .unknowns import DELAY
 
-MEDIAN = 0.6745  # of the absolute value of a standard normal number
+MEDIAN = 0.6745  # median of the absolute value of a standard normal number
 
 
 class MotionSolver:
-    """Gauss-Newton steps within a trust region, from several starts, with weights and steps that follow the fit."""
+    """Gauss-Newton steps within a trust region, from several starts, with adapted weights and step sizes."""
 
     def __init__(
         self,
@@ -39,7 +39,7 @@ class MotionSolver:
             self.progress(self.iterations, rms)
 
     def _stepped(self, problem: OutputError, z: Array) -> OutputError:
-        """With steps that are stable at z."""
+        """Problem with integration steps that are stable at z."""
         if not self.steps_free:
             return problem
         x, _ = problem.parts(z)
@@ -51,7 +51,7 @@ class MotionSolver:
         return problem.at(step=min(period, thresholds.STABLE / max(rate, 1e-9)) / self.finer)
 
     def solved(self, problem: OutputError, z: Array, most: int) -> Any:
-        """By scipy.optimize.least_squares from z, in so many evaluations at most."""
+        """Solution of scipy.optimize.least_squares from z, with a limit of evaluations."""
         from scipy.optimize import least_squares
 
         low, high = np.full(len(z), -np.inf), np.full(len(z), np.inf)
@@ -75,7 +75,7 @@ class MotionSolver:
             )
 
     def from_starts(self, count: int, seed: int) -> None:
-        """The best of some starts after a few steps each."""
+        """Best of some starts after a few steps each."""
         problem, found = self.problem, []
         for z in self._starts(count, seed):
             if np.isfinite(problem.residuals(z)).all():
@@ -91,7 +91,7 @@ class MotionSolver:
         self.z = best.x
 
     def _starts(self, count: int, seed: int) -> list[Array]:
-        """The one that was given, and the best ones of many about it."""
+        """Given start, and the best ones of many near it."""
         problem = self.problem
         first = problem.first
         if count == 1:
@@ -111,7 +111,7 @@ class MotionSolver:
         return [first, *(z for _, z in tried[: count - 1])]
 
     def refine(self) -> None:
-        """To the end, with weights by what is left of each joint, and steps for the modes that were found."""
+        """Solution to convergence, with weights by each joint's residual, and steps for the modes found."""
         z, problem = self.z, self.problem
         for _ in range(thresholds.ROUNDS):
             before = problem.sigma
@@ -127,7 +127,7 @@ class MotionSolver:
         self.problem, self.z = problem, z
 
     def _precise(self, problem: OutputError, z: Array) -> bool:
-        """True if half the steps lead to the same positions, far below sigma; otherwise steps are finer from now on."""
+        """True if half the steps give the same positions, far below sigma; otherwise steps are refined."""
         if not self.steps_free:
             return True
         halved = problem.at(step=problem.step / 2, traced=dict(problem.traced))

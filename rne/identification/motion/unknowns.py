@@ -1,4 +1,4 @@
-"""What a fit of motions finds: numbers of a scene as functions of one vector, with where they start and how widely."""
+"""Unknowns of a fit of motions: numbers of a scene as functions of one vector, with starts and spreads."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ UNITS = {DELAY: "s", SCALE: "1", OFFSET: POSITION, SENSOR_SCALE: "1", SENSOR_OFF
     "stall_torque": "N m or N",
     "no_load_speed": "rad/s or m/s",
 }
-OUTSIDE = OF_COMMANDS + SENSORS  # of the scene
+OUTSIDE = OF_COMMANDS + SENSORS  # numbers outside of the scene
 OF_ANY_SIGN = "offset", "stribeck_rise", "gravity", "pose"
-CONSTANT = "smoothing", "reference", "gravity", "payload", "torque_rate", "static"  # what "auto" leaves out
+CONSTANT = "smoothing", "reference", "gravity", "payload", "torque_rate", "static"  # numbers that "auto" does not fit
 LOG_SPREAD, SCALE_SPREAD, OFFSET_SPREAD = 2.0, 0.1, 0.1  # of logarithms; of scales; of offsets [rad or m]
-BODY_SPREAD = 2.0  # of parameters of bodies, over what the robot's have
-SHORTEST = 0.05  # reach by which first moments of links are taken to be of some size [m]
-PERIODS = 3.0  # of samples, by which a delay may differ from where it starts
+BODY_SPREAD = 2.0  # standard deviation of bodies' parameters relative to the robot's
+SHORTEST = 0.05  # shortest lever arm for the expected size of links' first moments [m]
+PERIODS = 3.0  # standard deviation of a delay [sample times]
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +53,7 @@ class Unknown:
     is_given: bool = False  # True if the spread is what is known
 
     def value(self, x: Array) -> Array:
-        """The quantity at x, (k,)."""
+        """Quantity at x, (k,)."""
         own = np.where(self.is_log, np.exp(np.minimum(x, 700.0)), x)
         at_start = np.where(self.is_log, np.exp(self.start), self.start)
         change = self.directions @ (own - at_start)
@@ -62,34 +62,34 @@ class Unknown:
 
 @dataclass(frozen=True, eq=False)
 class Unknowns:
-    """All of them, one after the other in a vector x, (P,)."""
+    """Unknowns, one after the other in a vector x, (P,)."""
 
     scene: Scene
     parts: tuple[Unknown, ...]
 
     @cached_property
     def places(self) -> dict[str, slice]:
-        """Where in x each one is."""
+        """Slices of x, one per unknown."""
         ends = np.cumsum([0, *(len(part.start) for part in self.parts)]).tolist()
         return {part.name: slice(a, b) for part, a, b in zip(self.parts, ends, ends[1:], strict=False)}
 
     def together(self, field: str) -> Array:
-        """An array of all parts in the order of x."""
+        """Array of all parts in the order of x."""
         return np.concatenate([np.zeros(0), *(getattr(part, field) for part in self.parts)])
 
     @cached_property
     def is_log(self) -> Array:
-        """Which entries of x are logarithms."""
+        """True for entries of x that are logarithms."""
         return self.together("is_log").astype(bool)
 
     @cached_property
     def is_given(self) -> Array:
-        """Of which entries of x the spread is what is known."""
+        """True for entries of x with a known spread."""
         return np.concatenate([np.full(len(part.start), part.is_given) for part in self.parts])
 
     @property
     def left_out(self) -> tuple[str, ...]:
-        """Quantities of which entries that are zero are not fitted, with their number."""
+        """Quantities with zero entries that are not fitted, with their number."""
         found = []
         for part in self.parts:
             fitted = (part.directions != 0).any(axis=1)
@@ -99,38 +99,38 @@ class Unknowns:
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """The entries of x in words."""
+        """Names of the entries of x."""
         return tuple(label for part in self.parts for label in part.labels)
 
     @property
     def units(self) -> tuple[str, ...]:
-        """Their units."""
+        """Units of the entries of x."""
         return tuple(part.unit for part in self.parts for _ in part.labels)
 
     @property
     def of_scene(self) -> tuple[str, ...]:
-        """Those that are numbers of the scene."""
+        """Unknowns that are numbers of the scene."""
         return tuple(part.name for part in self.parts if part.name not in OUTSIDE)
 
     @property
     def directions(self) -> dict[str, Array]:
-        """In which the motion is differentiated, of all but what sensors do."""
+        """Directions of differentiation of the motion, without sensor errors."""
         return {part.name: part.directions for part in self.parts if part.name not in SENSORS}
 
     def numbers(self, x: Array) -> dict[str, Array]:
-        """The quantities at x by name."""
+        """Quantities at x by name."""
         return {part.name: part.value(x[self.places[part.name]]) for part in self.parts}
 
     def entries(self, x: Array) -> Array:
-        """The values that x stands for, (P,): themselves, or of logarithms."""
+        """Values of the entries of x, (P,), exponentials of logarithms."""
         return np.where(self.is_log, np.exp(np.minimum(x, 700.0)), x)
 
     def slopes(self, x: Array) -> Array:
-        """Derivatives of these values by x."""
+        """Derivatives of the values by x."""
         return np.where(self.is_log, np.exp(np.minimum(x, 700.0)), 1.0)
 
     def command(self, numbers: Mapping[str, Array]) -> tuple[float, Array, Array]:
-        """What becomes of commands."""
+        """Scale, offset and delay of commands."""
         n = self.scene.n
         delay, ones, zeros = np.zeros(1), np.ones(n), np.zeros(n)
         found = numbers.get(DELAY, delay), numbers.get(SCALE, ones), numbers.get(OFFSET, zeros)
@@ -144,7 +144,7 @@ def unknowns_of(
     start: Mapping[str, ArrayLike],
     priors: Mapping[str, ArrayLike],
 ) -> Unknowns:
-    """What names stand for, or "auto" all that the scene has; starts and standard deviations by name, if given."""
+    """Unknowns for names, or for "auto" all of the scene; with starts and standard deviations by name, if given."""
     known = scene.numbers
     if isinstance(wrt, str) and wrt == "auto":
         names = _of_itself(scene)
@@ -177,7 +177,7 @@ def unknowns_of(
 
 
 def _of_itself(scene: Scene) -> list[str]:
-    """The numbers that "auto" takes."""
+    """Numbers selected by "auto"."""
     fields = {name: name.rpartition(".")[2] for name in scene.numbers}
     found = [name for name, field in fields.items() if field not in CONSTANT]
     found = [name for name in found if (np.isfinite(x := scene.numbers[name]) & (x != 0)).any()]
@@ -186,13 +186,13 @@ def _of_itself(scene: Scene) -> list[str]:
 
 
 def _outside(scene: Scene) -> dict[str, Array]:
-    """Commands and sensors as they are taken to be."""
+    """Initial values of command and sensor errors."""
     ones, zeros = np.ones(scene.n), np.zeros(scene.n)
     return {DELAY: np.zeros(1), SCALE: ones, OFFSET: zeros, SENSOR_SCALE: ones, SENSOR_OFFSET: zeros}
 
 
 def _shaped(name: str, value: ArrayLike, scene: Scene, argument: str) -> Array:
-    """A quantity that was given by name, one number for all entries or an array of its shape."""
+    """Quantity given by name, one number for all entries or an array of its shape."""
     shape = (dict(scene.numbers) | _outside(scene))[name].shape
     array = np.asarray(convert_numbers(f"{argument}[{name!r}]", value, str(shape)), dtype=float)
     if array.shape not in ((), shape) or np.isnan(array).any():
@@ -201,7 +201,7 @@ def _shaped(name: str, value: ArrayLike, scene: Scene, argument: str) -> Array:
 
 
 def _entries(scene: Scene, name: str, number: Array, period: float, names: Sequence[str]) -> Unknown:
-    """The entries of a number that are neither zero nor infinite: logarithms of those that can only be positive."""
+    """Entries of a number that are neither zero nor infinite: logarithms of those that can only be positive."""
     flat, field = number.reshape(-1), name.rpartition(".")[2]
     may_be_zero = name in OUTSIDE or field in OF_ANY_SIGN
     taken = np.isfinite(flat) & ((flat != 0) | may_be_zero)
@@ -229,14 +229,14 @@ def _entries(scene: Scene, name: str, number: Array, period: float, names: Seque
 
 
 def _rotors_apart(scene: Scene) -> Array:
-    """The rotors whose inertia motions can tell from that of bodies."""
+    """Rotors whose inertia is identifiable apart from that of bodies."""
     robot = scene.resolved.robot
     kept = set(robot.base_parameters(drives=DriveModel(rotor=True)).names)
     return np.array([f"Ia_{i + 1}" in kept for i in range(robot.model.nb)])
 
 
 def _bodies(scene: Scene, parameters: Array) -> Unknown:
-    """Inertial parameters regrouped as motions depend on them, with rotors that act as they do."""
+    """Inertial parameters regrouped as motions depend on them, including rotors of equal effect."""
     robot = scene.resolved.robot
     base, matrix = regrouped(robot)
     E = base.back[: PARAMETERS * robot.model.nb, : len(matrix)]
@@ -248,20 +248,20 @@ def _bodies(scene: Scene, parameters: Array) -> Unknown:
 
 
 def rotors(robot: Robot) -> Array:
-    """Inertias of the rotors that a model of drives has."""
+    """Rotor inertias of a model of drives."""
     model = robot.model
     return np.asarray(model.armature[list(model.independent_joints)])
 
 
 def regrouped(robot: Robot) -> tuple[BaseParameters, Array]:
-    """The base parameters with rotors, and the rows of their matrix for those of bodies, the first ones."""
+    """Base parameters with rotors, and the rows of their matrix for those of bodies, the first ones."""
     base = robot.base_parameters(drives=DriveModel(rotor=True))
     count = sum(k < PARAMETERS * robot.model.nb for k in base.independent)
     return base, base.matrix[:count]
 
 
 def _sizes(robot: Robot) -> Array:
-    """Of standard parameters, (10 nb,): of bodies with the mass and the extent of the robot's."""
+    """Expected sizes of standard parameters, (10 nb,): of bodies with the mass and extent of the robot's."""
     P = pseudo_inertia(robot.parameters)
     mass, second = P[:, 3, 3], np.trace(P[:, :3, :3], axis1=1, axis2=2)
     second = np.maximum(second, mass * SHORTEST**2)
@@ -270,7 +270,7 @@ def _sizes(robot: Robot) -> Array:
 
 
 def _under_prior(part: Unknown, std: ArrayLike) -> Unknown:
-    """The same with a standard deviation that is known, in units of the quantity."""
+    """Unknown with a known standard deviation, in units of the quantity."""
     given = np.asarray(convert_numbers(f"priors[{part.name!r}]", std, "of the quantity"), dtype=float)
     shape = part.start.shape if part.name == "parameters" else part.number.shape
     if given.shape not in ((), shape):
