@@ -76,9 +76,10 @@ def test_page_has_every_experiment(short, tmp_path):
     (tmp_path / "docs").mkdir()
     thesis.run(tmp_path / "page", lines.append, tmp_path / "docs" / "thesis.md")
     html = (tmp_path / "page" / "index.html").read_text(encoding="utf-8")
-    markdown = (tmp_path / "docs" / "thesis.md").read_text(encoding="utf-8")
+    pages = [tmp_path / "docs" / "thesis.md", *(tmp_path / "docs" / "thesis").iterdir()]
+    markdown = "".join(page.read_text(encoding="utf-8") for page in pages)
     for number in FIGURES:
-        assert len(re.findall(rf"^### Figure {re.escape(number)}: ", markdown, re.MULTILINE)) == 1
+        assert len(re.findall(rf"^## Figure {re.escape(number)}: ", markdown, re.MULTILINE)) == 1
         assert f"figure_{number.replace('.', '_')}.png" in html
     for run in (
         "6.3-1",
@@ -101,7 +102,7 @@ def test_page_has_every_experiment(short, tmp_path):
     for picture in pictures:
         assert (tmp_path / "page" / picture).stat().st_size > 10_000
         assert (tmp_path / "page" / picture.replace(".png", "-dark.png")).exists()
-        assert f"](pictures/{picture})" in markdown
+        assert f"pictures/{picture})" in markdown
         assert (tmp_path / "docs" / "pictures" / picture).exists()
     assert 'media="(prefers-color-scheme: dark)"' in html
     assert "width=device-width" in html
@@ -118,9 +119,10 @@ QUANTITY = re.compile(r"(?<![\d.])(-?\d+(?:\.\d+)?(?:e-?\d+)?) (s|min|rad|J|m|1/
 
 def test_every_quantity_of_the_overview_is_on_the_page_of_experiments():
     """Rounded to the overview's digits."""
+    docs = ROOT / "docs"
     overview, page = (
-        QUANTITY.findall(" ".join((ROOT / "docs" / name).read_text(encoding="utf-8").split()))
-        for name in ("thesis-overview.md", "thesis.md")
+        QUANTITY.findall(" ".join(path.read_text(encoding="utf-8") for path in paths).replace("\n", " "))
+        for paths in ([docs / "thesis-overview.md"], [docs / "thesis.md", *(docs / "thesis").glob("*.md")])
     )
     assert len(overview) > 25
     for number, unit in overview:
@@ -133,16 +135,19 @@ def test_every_contents_entry_of_the_markdown_has_its_heading(tmp_path):
     page.text("Before the contents.")
     page.heading("6.5: PD control (thesis)")
     page.heading("Figure 6.12: control inputs of run 6.5-1", 3)
-    page.heading("The same")
-    page.heading("The same")
+    page.heading("Last")
+    page.text("Its text.")
     write_markdown(page, tmp_path / "page.md")
     assert (tmp_path / "page.md").read_text(encoding="utf-8") == (
         "# Title\n\nBefore the contents.\n\n"
-        "- [6.5: PD control (thesis)](#65-pd-control-thesis)\n"
-        "  - [Figure 6.12: control inputs of run 6.5-1](#figure-612-control-inputs-of-run-65-1)\n"
-        "- [The same](#the-same)\n- [The same](#the-same-1)\n\n"
-        "## 6.5: PD control (thesis)\n\n### Figure 6.12: control inputs of run 6.5-1\n\n## The same\n\n## The same\n"
+        "- [6.5: PD control (thesis)](page/65-pd-control-thesis.md)\n"
+        "  - [Figure 6.12: control inputs of run 6.5-1](page/65-pd-control-thesis.md#figure-612-control-inputs-of-run-65-1)\n"
+        "- [Last](page/last.md)\n\n```{toctree}\n:hidden:\n\npage/65-pd-control-thesis\npage/last\n```\n"
     )
+    assert {path.name: path.read_text(encoding="utf-8") for path in (tmp_path / "page").iterdir()} == {
+        "65-pd-control-thesis.md": "# 6.5: PD control (thesis)\n\n## Figure 6.12: control inputs of run 6.5-1\n",
+        "last.md": "# Last\n\nIts text.\n",
+    }
 
 
 def test_contents_of_the_html_are_nested(tmp_path):

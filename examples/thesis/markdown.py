@@ -1,39 +1,61 @@
-"""A page as Markdown, for the repository's documents."""
+"""A page as Markdown, for the repository's documents: a file with the contents, and one for each section."""
 
 import re
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from rne.plotting.html_page import PageBlock, Report, is_heading
 
 
 def write_markdown(page: Report, path: Path) -> None:
-    """Write a page as Markdown, and its pictures into the folder `pictures` beside it."""
-    pieces = [_markdown(block) for block in page.blocks]
-    first = next((k for k, block in enumerate(page.blocks) if is_heading(block)), len(pieces))
-    text = "\n\n".join([f"# {page.title}", *pieces[:first], "\n".join(_contents(page)), *pieces[first:]])
-    path.write_text(text + "\n", encoding="utf-8")
+    """Write a page as Markdown.
+
+    The file has what stands before the first section, and the contents. Sections are files of the folder of its name,
+    pictures go into the folder `pictures` beside it.
+    """
+    head, *sections = _sections(page.blocks)
+    files = {f"{path.stem}/{_slug(blocks[0].content)}.md": blocks for blocks in sections}
+    contents = "\n".join(line for file, blocks in files.items() for line in _contents(file, blocks))
+    tree = "\n".join(["```{toctree}", ":hidden:", "", *(file.removesuffix(".md") for file in files), "```"])
+    pieces = [f"# {page.title}", *(_markdown(block, "pictures") for block in head), contents, tree]
+    path.write_text("\n\n".join(pieces) + "\n", encoding="utf-8")
+    for file, blocks in files.items():
+        (path.parent / file).parent.mkdir(exist_ok=True)
+        text = "\n\n".join(_markdown(block, "../pictures") for block in blocks)
+        (path.parent / file).write_text(text + "\n", encoding="utf-8")
     for name in [block.content[0] for block in page.blocks if block.tag == "picture"]:
         (path.parent / "pictures").mkdir(exist_ok=True)
         shutil.copy(page.folder / f"{name}.png", path.parent / "pictures")
 
 
-def _markdown(block: PageBlock) -> str:
+def _sections(blocks: Sequence[PageBlock]) -> list[list[PageBlock]]:
+    """What stands before the first section, and each section with its heading."""
+    found: list[list[PageBlock]] = [[]]
+    for block in blocks:
+        if block.tag == "h2":
+            found.append([])
+        found[-1].append(block)
+    return found
+
+
+def _markdown(block: PageBlock, pictures: str) -> str:
     tag, content = block
     if tag == "picture":
         name, caption = content
-        return f"![{caption}](pictures/{name}.png)"
+        return f"![{caption}]({pictures}/{name}.png)"
     if tag == "table":
         lines = ["|".join(["", *(f" {cell.replace('|', chr(92) + '|')} " for cell in row), ""]) for row in content]
         return "\n".join([lines[0], "|---" * len(content[0]) + "|", *lines[1:]])
-    return {"h2": f"## {content}", "h3": f"### {content}", "pre": f"```text\n{content}\n```"}.get(tag, content)
+    return {"h2": f"# {content}", "h3": f"## {content}", "pre": f"```text\n{content}\n```"}.get(tag, content)
 
 
-def _contents(page: Report) -> Iterator[str]:
-    taken: dict[str, int] = {}
-    for tag, text in filter(is_heading, page.blocks):
-        slug = re.sub(r"[^\w\- ]", "", text.lower()).replace(" ", "-")  # as GitHub makes them
-        taken[slug] = taken.get(slug, -1) + 1
-        suffix = f"-{taken[slug]}" if taken[slug] else ""
-        yield f"{'  ' * (tag == 'h3')}- [{text}](#{slug}{suffix})"
+def _slug(heading: str) -> str:
+    """As GitHub makes it."""
+    return re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-")
+
+
+def _contents(file: str, blocks: Sequence[PageBlock]) -> Iterator[str]:
+    """Links to a section and to its headings."""
+    for tag, text in filter(is_heading, blocks):
+        yield f"- [{text}]({file})" if tag == "h2" else f"  - [{text}]({file}#{_slug(text)})"
