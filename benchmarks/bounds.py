@@ -2,7 +2,7 @@
 
 Four parts: Robot.bounds of nine arms in machine code, on full turns and within limits; N random states of each (10^8 by
 default, a tenth of them for eigenvalues of M and k_C); local searches (1000 for each entry of each quantity); within
-limits a tenth of both; the table of docs/explanation/bounds.md and docs/stability/bounds.png. No state may be outside
+limits a tenth of both; the table of docs/benchmarks/bounds.md and docs/stability/bounds.png. No state may be outside
 of the bounds. Results are kept for each arm as they come, in benchmarks/results/bounds.json (proofs) and
 bounds_samples.json; samples that were interrupted go on where they stopped.
 """
@@ -46,7 +46,7 @@ LAST = 1e-5  # of the range: the last step of local searches
 NOTHING = 1e-9  # of the largest entry: entries that vanish but for rounding
 BLOCK = 100_000
 CHART = ("irb140", "ur5", "panda")
-PAGE = DOCS / "explanation" / "bounds.md"
+PAGE = DOCS / "benchmarks" / "bounds.md"
 
 
 def arm(name: str) -> rne.Robot:

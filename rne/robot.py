@@ -1371,8 +1371,8 @@ class Robot(InNotebooks):
 
         Notes
         -----
-        docs/explanation/bounds.md derives them. Kelly, Santibanez and Loria 2005, section 4.3, bound the same constants
-        by hand.
+        docs/explanation/bounds-proofs.md proves them. Kelly, Santibanez and Loria 2005, section 4.3, bound the same
+        constants by hand.
 
         Examples
         --------

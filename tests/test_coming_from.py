@@ -1,4 +1,4 @@
-"""docs/coming-from.md: our calls run, and Pinocchio's return the same numbers."""
+"""docs/coming-from: our calls run, and Pinocchio's return the same numbers."""
 
 import importlib.util
 import re
@@ -9,16 +9,16 @@ import pytest
 from .helpers import ROOT
 from .test_documentation import blocks
 
-PAGE = ROOT / "docs" / "coming-from.md"
+PAGES = sorted((ROOT / "docs" / "coming-from").glob("*.md"))
 RTOL, ATOL = 1e-9, 1e-10  # inverses and derivatives of the UR5, whose largest entries are some hundred
 
 
 def tables(text):
-    """Rows of each table by the heading above it: (what, their calls, our calls)."""
+    """Rows of each table by the package of its page: (what, their calls, our calls)."""
     found, heading = {}, ""
     for line in text.splitlines():
-        if line.startswith("## "):
-            heading = line[3:]
+        if line.startswith("# Coming from "):
+            heading = line.removeprefix("# Coming from ")
         elif line.startswith("| ") and not line.startswith("| you want"):
             what, theirs, ours = (cell.strip() for cell in line.strip("| ").split(" | "))
             found.setdefault(heading, []).append((what, calls(theirs), calls(ours)))
@@ -30,16 +30,16 @@ def calls(cell):
     return re.findall(r"`([^`]+)`", re.sub(r"\{\w+(?::\w+)?\}`[^`]+`", "", cell))
 
 
-TABLES = tables(PAGE.read_text(encoding="utf-8"))
+TABLES = tables("\n".join(page.read_text(encoding="utf-8") for page in PAGES))
 WITH_JAX = importlib.util.find_spec("jax") is not None
 THEIR_NAMES = {"jacr", "jacp"}  # of MuJoCo, in our column
 
 
 @pytest.fixture(scope="module")
 def names():
-    """The variables of the page, those that need Pinocchio included where it is installed."""
+    """The variables of the pages, those that need Pinocchio included where it is installed."""
     variables = {}
-    for code, _ in blocks(PAGE):
+    for code, _ in (block for page in PAGES for block in blocks(page)):
         if "pinocchio" in code:
             pytest.importorskip("pinocchio", reason="Pinocchio is not installed, which the page compares with")
         if "casadi" in code and importlib.util.find_spec("casadi") is None:
