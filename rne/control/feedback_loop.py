@@ -2,7 +2,8 @@
 
 The plant is x' = A x + B u(t). Without a sample time u(t) is F (x, z) of `delay` ago, and z' = R (x, z). With a sample
 time T the command u_k = F (x, z)_k acts from k T + delay on, until the next one does, and z_k+1 = z_k + T R (x, z)_k by
-Euler's rule, as in `rne.simulate`. With delay = (m + r) T, 0 <= r < 1, and S(t) = integral_0^t exp(A s) ds, exactly
+Euler's rule, as in `rne.simulate`; the rates of a discrete law are (z_k+1 - z_k) / T. With delay = (m + r) T, 0 <= r <
+1, and S(t) = integral_0^t exp(A s) ds, exactly
 
     x_k+1 - x_k = S(T) A x_k + S((1 - r) T) B u_k-m + (S(T) - S((1 - r) T)) B u_k-m-1
 
@@ -12,7 +13,7 @@ Euler's rule, as in `rne.simulate`. With delay = (m + r) T, 0 <= r < 1, and S(t)
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Any
@@ -220,7 +221,8 @@ class LinearisedLoop(InNotebooks):
         or "undecided" [s].
     sample_time_limit : float
         Smallest sample time found at which the loop with held torques is not stable, a law's states by Euler's rule as
-        in `rne.simulate`; infinite if none was, 0 if it is in continuous time [s].
+        in `rne.simulate`; infinite if none was, 0 if it is in continuous time [s]. The states of a discrete law are
+        taken to change over another sample time than the scene's in proportion to it.
     sample_time : float or None
         The scene's own [s].
     stable : bool or None
@@ -308,6 +310,7 @@ def closed_loop(
     *,
     sample_time: float | None = None,
     delay: float = 0.0,
+    discrete: bool = False,
 ) -> FeedbackLoop:
     """Stability of a linear loop, x' = A x + B u with u = F (x, z) and z' = R (x, z), continuous or sampled.
 
@@ -323,6 +326,9 @@ def closed_loop(
         Commands are held from one sample to the next, and the law's states follow Euler's rule [s].
     delay : float
         Commands act this long after their sample [s].
+    discrete : bool
+        True if R gives the states of the law at the next sample, z_k+1 = R (x, z)_k. In continuous time, and at other
+        sample times, they are taken to change at the rates (z_k+1 - z_k) / `sample_time`, which the result has as R.
 
     Returns
     -------
@@ -332,7 +338,8 @@ def closed_loop(
     Raises
     ------
     ValueError
-        If an array has the wrong shape or is not finite, a sample time is not positive, or a delay is negative.
+        If an array has the wrong shape or is not finite, a sample time is not positive, a delay is negative, or
+        `discrete` is True without a sample time.
 
     Examples
     --------
@@ -341,7 +348,12 @@ def closed_loop(
     >>> loop.is_stable, round(loop.gain_margin, 3), round(loop.delay_margin, 3)
     (True, 1.531, 0.056)
     """
-    return FeedbackLoop(A, B, F, R, sample_time, delay)
+    loop = FeedbackLoop(A, B, F, R, sample_time, delay)
+    if not discrete:
+        return loop
+    if loop.sample_time is None:
+        raise ValueError("`discrete` needs a `sample_time`: R gives the states at the next sample")
+    return replace(loop, R=(loop.R - np.eye(*loop.R.shape, len(loop.A))) / loop.sample_time)
 
 
 def windows(growth: Callable[[float], float], points: Array, reach: float = 0, least: float = 0) -> tuple[Window, ...]:

@@ -29,11 +29,24 @@ from .law_numbers import OnRows, is_number, law_at, law_with, models_of, motion_
 
 
 def check_law(name: str, law: Any) -> None:
-    """Raise a TypeError if a law cannot be called with its arguments, a ValueError if it has no number of states."""
+    """Raise a TypeError if a law cannot be called with its arguments, or a ValueError.
+
+    A ValueError if it has no number of states, or is discrete without any.
+    """
     has_states = hasattr(law, "states") and not isinstance(law, type)
     check_function(name, law, "(t, q, qd, z), as it has `states`" if has_states else "(t, q, qd)")
     if has_states:
         whole_number(f"{name}.states", law.states, least=0)
+    marked = getattr(law, "discrete", False)
+    if not isinstance(marked, bool | np.bool_):
+        raise TypeError(f"`{name}.discrete` must be True or False, got {type(marked).__name__}")
+    if marked and not has_states:
+        raise ValueError(f"`{name}` is discrete, which is how its states change: it needs an attribute `states`")
+
+
+def is_discrete(law: Any) -> bool:
+    """True for a law that returns its states at the next sample in place of their rates."""
+    return bool(getattr(law, "discrete", False))
 
 
 _locks: WeakValueDictionary[int, Any] = WeakValueDictionary()  # by the id of what holds a law's state
@@ -62,7 +75,10 @@ def is_ours(law: Any) -> bool:
 
 
 def call_law(law: Any, t: Any, x: Array, given: LawInputs) -> tuple[Any, Any]:
-    """The torques that a law returns in a state (q, qd, z), and the rates of its states; None without states."""
+    """The torques that a law returns in a state (q, qd, z), and what it returns for z; None without states.
+
+    For z it returns the rates, or if it is discrete the states at the next sample.
+    """
     first, last, n = given
     q, qd = x[..., first:last].copy(), x[..., n + first : n + last].copy()  # a law may modify its arguments
     if not hasattr(law, "states"):
@@ -71,7 +87,8 @@ def call_law(law: Any, t: Any, x: Array, given: LawInputs) -> tuple[Any, Any]:
     if not isinstance(returned, tuple) or len(returned) != 2 or returned[1] is None:
         got = f"a tuple of {len(returned)}" if isinstance(returned, tuple) else type(returned).__name__
         got = "(torques, None)" if got == "a tuple of 2" else got
-        raise ValueError(f"`controller` with states must return (torques, rates of its states), got {got}")
+        kind, wanted = ("discrete", "its next states") if is_discrete(law) else ("with states", "rates of its states")
+        raise ValueError(f"`controller` {kind} must return (torques, {wanted}), got {got}")
     return returned
 
 
@@ -113,7 +130,7 @@ class TracedLaw(WithNumbers):
     piece: Array | None = None  # rows (..., width) that take the place of the motion, traced or not
 
     def __init__(self, law: Any, n: int, given: LawInputs | None = None, named: frozenset[str] = frozenset()) -> None:
-        self.law, self.n, self.states = law, n, int(getattr(law, "states", 0))
+        self.law, self.n, self.states, self.discrete = law, n, int(getattr(law, "states", 0)), is_discrete(law)
         self.given, self.named = given or LawInputs(0, n, n), named
         self.size = 2 * self.given.coordinates + self.states
         self.motion = motion_of(law)
@@ -121,7 +138,8 @@ class TracedLaw(WithNumbers):
         found, formula = self._with_inputs()
         self.numbers = read_only(found)
         self.formula = self.changes, formula
-        self._key = self.n, self.given, self.formula, tuple((k, m.tobytes()) for k, m in self.masks.items())
+        masks = tuple((k, m.tobytes()) for k, m in self.masks.items())
+        self._key = self.n, self.given, self.formula, self.discrete, masks
         self._hash = hash(self._key) if formula is not None else id(law)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -176,7 +194,7 @@ class TracedLaw(WithNumbers):
         numbers = numbers_of(law)
         masks = {name: is_input(x, named=name in named) for name, x in numbers.items()}
         structure = [(name, x.shape, masks[name].tobytes(), x[~masks[name]].tobytes()) for name, x in numbers.items()]
-        key = type(law), n, given, named, cls.changes, *structure, *others.items()
+        key = type(law), n, given, named, cls.changes, is_discrete(law), *structure, *others.items()
         found: TracedLaw = kernels.laws.get(key) or kernels.laws.get_or_make(key, lambda: cls(law, n, given, named))
         constant = numbers.keys() - found.numbers.keys()  # those that it branches on
         theirs = numbers_of(found.law) if constant else {}
@@ -206,8 +224,8 @@ class TracedLaw(WithNumbers):
         x = inputs(graph, (1, last + self.table.shape[1]), 0)
         try:
             with np.errstate(all="ignore"):
-                torques, rates = law.filled(x[0, first:last]).on_piece(x[:, last:])(x[:, :1], x[:, 1:first])
-            found = [references(graph, part) for part in (torques, rates) if part is not None]
+                returned = law.filled(x[0, first:last]).on_piece(x[:, last:])(x[:, :1], x[:, 1:first])
+            found = [references(graph, part) for part in returned if part is not None]
         except Exception:  # whatever the law raises for traced numbers: the trace for a kernel reports it
             return None
         if any(kind == "constant" and args[0] != args[0] for kind, args in graph.nodes):  # of a robot without values
@@ -215,7 +233,7 @@ class TracedLaw(WithNumbers):
         return (*graph.nodes, *found[0], *found[-1])
 
     def __call__(self, t: Any, x: Array) -> tuple[Array, Array | None]:
-        """(torques, dz/dt); times have shape (..., 1).
+        """(torques, dz/dt or the next z); times have shape (..., 1).
 
         The law is called with one state at a time: laws are written so. Numbers of many states are handed over at once
         if the law takes them so.
@@ -231,12 +249,12 @@ class TracedLaw(WithNumbers):
         return u, None if found[0][1] is None else np.array([r for _, r in found]).reshape(*x.shape[:-1], -1)
 
     def _call(self, t: Any, x: Array, piece: Array | None = None) -> tuple[Array, Array | None]:
-        """The law's torques and the rates of its states with one row per state, where a constant is repeated."""
+        """The law's torques and what it returns for z with one row per state, where a constant is repeated."""
         law = self.law
         if piece is not None and self.motion is not None:
             name, motion = self.motion
             law = law_with(law, {name: OnRows(piece, motion.samples.shape[1])})
-        u, rates = call_law(law, t, x, self.given)
+        u, of_states = call_law(law, t, x, self.given)
         try:
             torques = np.asarray(u)
         except ValueError:
@@ -246,12 +264,18 @@ class TracedLaw(WithNumbers):
             raise ValueError(
                 f"`controller` must return shape (..., {self.n}) for states of that shape, got {torques.shape}"
             )
-        rates = None if rates is None else np.asarray(rates)
         if torques.dtype == object and x.dtype != object:  # numbers in an array of objects, as a law may build
             torques = torques.astype(x.dtype)
-        if rates is not None and rates.shape == (self.states,) and x.ndim > 1:
-            rates = rates + 0 * x[..., : self.states]
-        return torques if torques.shape == shape else torques + 0 * x[..., : self.n], rates
+        of_states = None if of_states is None else self._per_state(np.asarray(of_states), x)
+        return torques if torques.shape == shape else torques + 0 * x[..., : self.n], of_states
+
+    def _per_state(self, of_states: Array, x: Array) -> Array:
+        """What the law returned for its own states, with one row per state of the motion."""
+        shape = x.shape[:-1] + (self.states,)
+        if of_states.shape not in (shape, (self.states,)):
+            what = "next states" if self.discrete else "rates of its states"
+            raise ValueError(f"`controller` must return {what} of shape ({self.states},), got {of_states.shape}")
+        return of_states if of_states.shape == shape else of_states + 0 * x[..., : self.states]
 
     @cached_property
     def _takes_batches(self) -> bool:
@@ -274,7 +298,7 @@ class TracedLaw(WithNumbers):
 
     @cached_property
     def outputs(self) -> MethodQuantity:
-        """[torques, dz/dt] as a function of time and state, to be traced."""
+        """[torques, dz/dt or the next z] as a function of time and state, to be traced."""
         widths: dict[str, int | None] = {"t": 1, "x": self.size, **self.piece_width}
         widths["numbers"] = len(self.vector)
         how: dict[str, Any] = {"moments": True, "base_parameters": True, "of_run": "numbers"}
@@ -295,8 +319,8 @@ class TracedLaw(WithNumbers):
 
     @staticmethod
     def row(returned: tuple[Array, Array | None]) -> Array:
-        u, rates = returned
-        return u if rates is None else np.concatenate([u, rates], axis=-1)
+        u, of_states = returned
+        return u if of_states is None else np.concatenate([u, of_states], axis=-1)
 
     def core_of_joints(
         self, model: Model, t: Array, q: Array, qd: Array, z: Array | None = None, piece: Array | None = None
@@ -367,10 +391,11 @@ def compiled(law: Any, robot: Robot | None = None, *, engine: str | None = None)
     -------
     Kernel
         Of t, shape (..., 1), and q and qd, shape (..., n), and of z, shape (..., m), for a law with states. It gives
-        torques, and behind them the m rates of the states: shape (..., n + m). `Kernel.into` writes them without
-        allocation, `Kernel.source` prints them. Without limits: clip the torques to what your drives bear. Where the
-        law holds a motion through samples, the last argument is the `piece` of it that holds at t: a call finds it
-        if it is left out, `kernel.piece(t)` gives it to `into`, and in C a function that is printed as well.
+        torques, and behind them the m rates of the states, or of a discrete law the m states at the next sample: shape
+        (..., n + m). `Kernel.into` writes them without allocation, `Kernel.source` prints them. Without limits: clip
+        the torques to what your drives bear. Where the law holds a motion through samples, the last argument is the
+        `piece` of it that holds at t: a call finds it if it is left out, `kernel.piece(t)` gives it to `into`, and in C
+        a function that is printed as well.
 
     Raises
     ------

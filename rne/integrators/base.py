@@ -15,6 +15,7 @@ import numpy as np
 from ..basics.spatial import Array
 from ..errors import NotFiniteError, SingularMassMatrixError
 from ..kernels.kernel import Kernel
+from .loops import StateUpdate
 from .step_control import EPS, Interval
 
 Interpolant = Callable[[Array | float], Array]  # a time gives (size,), times of shape (m,) give (size, m)
@@ -111,6 +112,7 @@ class Sampler(Protocol):
     """Sampled control law: its commands are held as inputs of the system, each until the next one acts."""
 
     period: float  # time between two samples
+    update: StateUpdate  # of the law's states
     delay: tuple[float, float]  # from a sample until its command acts: a whole number of periods, and a rest of time
     count: int  # samples so far
     arrived: int  # commands so far that act or have acted

@@ -188,7 +188,8 @@ class SampledSolver(CompiledSolver):
         moving = self.law.widths[1] - m
         table = sampler.law_table
         given = _arguments(moving + m, None, self.law.coefficients(sampler.numbers), table)
-        law = self.law.address(), given, np.empty(self.law.traced.entries), table if len(table) else NO_PIECES
+        found, table = np.empty(self.law.traced.entries), table if len(table) else NO_PIECES
+        law = self.law.address(), given, found, table, sampler.update
         number, z = np.array([sampler.count, sampler.arrived, 0, 0]), np.stack([sampler.state, sampler.next_state])
         (begun, came), (U, W) = np.empty((2, max_steps + 1), np.int64), np.empty((2, max_steps + 1, n))
         Z, timing = np.empty((max_steps + 1, m)), (sampler.period, *sampler.delay)

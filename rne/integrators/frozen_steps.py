@@ -22,7 +22,7 @@ import numpy as np
 
 from ..basics.spatial import Array
 from .array_loops import add, add_columns, add_product, combination, fill, move, put
-from .loops import by_loops, evaluate, inline, row_at
+from .loops import StateUpdate, by_loops, evaluate, inline, row_at
 
 
 class Schedule(NamedTuple):
@@ -55,7 +55,7 @@ class Function(NamedTuple):
 class Holding(NamedTuple):
     """State of a sampled law between its samples."""
 
-    period: float
+    update: StateUpdate  # of the law's states
     limits: Array  # (2, n L), of commands and of their change from one to the next
     pending: Array  # (p, n L), commands, that of sample k in row k % p
     states: Array  # (2, m L), of the law, at the last sample and at the next
@@ -130,8 +130,16 @@ def bound(u: Any, before: Any, limits: Any, is_first: Any, command: Any, bounds:
 
 
 @inline
+def update_states(update: Any, returned: Any, z: Any) -> None:
+    """A law's states at a sample become those at the next, as by `next_state`; or derivatives of the states do."""
+    if update.keep == 0.0:
+        fill(0.0, z)
+    move(z, update.gain, returned, z)
+
+
+@inline
 def sample(law: Any, holding: Any, t: Any, x: Any, command: Any, bounds: Any, states: Any) -> bool:
-    """Sample the law: append its command to the pending ones and step its states by Euler's rule; True if valid."""
+    """Sample the law: append its command to the pending ones and update its states; True if valid."""
     call, inputs, out = law.call, law.inputs, law.out
     count, pending, z = holding.counts[0], holding.pending, holding.states
     moving, last = len(inputs[1]) - z.shape[1], count % len(pending)
@@ -145,7 +153,7 @@ def sample(law: Any, holding: Any, t: Any, x: Any, command: Any, bounds: Any, st
     before = pending[(count - 1) % len(pending)]
     bound(out[: len(command)], before, holding.limits, count == 0, command, bounds)
     put(command, pending[last])
-    move(z[0], holding.period, out[len(command) :], z[1])
+    update_states(holding.update, out[len(command) :], z[1])
     holding.counts[0] = count + 1
     return True
 
@@ -211,7 +219,9 @@ def pull_back_sample(law: Any, holding: Any, t: Any, x: Any, states: Any, bounds
     holding.counts[0] -= 1
     pull_back_bounds(holding, bounds, adjoint, weights[:n])
     for e in range(m):
-        weights[n + e] = holding.period * adjoint.states[e]
+        weights[n + e] = holding.update.gain * adjoint.states[e]
+    if holding.update.keep == 0.0:
+        fill(0.0, adjoint.states)
     put(x, inputs[1][:moving])
     put(states, inputs[1][moving:])
     row, end = put_time(law, t), len(inputs[1])
@@ -327,11 +337,11 @@ def carry_sample(law: Any, k: Any, holding: Any, bounds: Any, d: Any) -> None:
     """Derivatives of the command of sample k, and of the law's states."""
     p, pending, count = d.p, d.pending, holding.counts[0]
     n, end = len(d.held) // p, len(d.held)
-    own, before, rates = pending[count % len(pending)], d.room[1, :end], d.room[2, : len(d.states)]
+    own, before, returned = pending[count % len(pending)], d.room[1, :end], d.room[2, : len(d.states)]
     put(pending[(count - 1) % len(pending)], before)
     further = law.further[k]
     carry_law(law.slopes[k], further[:end], law.columns, d, own)
-    carry_law(law.slopes[k, n:], further[end:], law.columns, d, rates)
+    carry_law(law.slopes[k, n:], further[end:], law.columns, d, returned)
     for i in range(n):
         code, mine = bounds[i], own[i * p : (i + 1) * p]
         if code != 0.0:
@@ -342,7 +352,7 @@ def carry_sample(law: Any, k: Any, holding: Any, bounds: Any, d: Any) -> None:
         if code != 0.0 and column >= 0:
             mine[column] += code / abs(code)
     holding.counts[0] = count + 1
-    move(d.states, holding.period, rates, d.states)
+    update_states(holding.update, returned, d.states)
 
 
 def carry(

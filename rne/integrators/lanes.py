@@ -20,7 +20,7 @@ from ..basics.spatial import Array
 from ..dynamics.quantity import OK
 from ..kernels.kernel import Kernel
 from .base import SAME
-from .loops import LANES, NO_PIECES, combine, compiled, evaluate, inline, row_at
+from .loops import LANES, NO_PIECES, StateUpdate, combine, compiled, evaluate, inline, next_state, row_at
 from .rows import EARLY, FAST_DECAY, LOOK, NEEDS_RECURSION, SLOW, STIFF, BatchResult, Progress, run_rows
 from .step_control import MOST_STEPS, NEARLY, Interval, first_lengths, shortest_step, step_factor
 from .tableaus import Tableau
@@ -41,6 +41,7 @@ class Hold(NamedTuple):
     """Torques of n drives in the lanes, the argument of dx/dt behind the state, each held until the next one acts."""
 
     period: float  # between two samples; 0 if no torques are held
+    update: StateUpdate  # of the law's states
     driven: int  # number of the first coordinate that they act on
     most_steps: int  # between two samples: of more a motion is left
     law: Any  # function, arguments, room for those of them that differ from lane to lane, and for the result
@@ -70,12 +71,19 @@ class Room(NamedTuple):
 
 
 def hold_of(
-    period: float, law: Kernel | None, given: tuple[Array, Array], table: Array, rows: Array, driven: int, most: int
+    timing: tuple[float, StateUpdate],
+    law: Kernel | None,
+    given: tuple[Array, Array],
+    table: Array,
+    rows: Array,
+    driven: int,
+    most: int,
 ) -> Hold:
     """Torques for `run_lanes`: of a law of t, x and what is `given`, or from a table.
 
-    Given are pieces of a motion that the law follows, as `Interval.table` of batches, and coefficients, (k,) or (N, k).
-    Rows of delays, work and bounds have shape (N, 3 + 2 n).
+    The timing is the sample time and the update of the law's states. Given are pieces of a motion that the law follows,
+    as `Interval.table` of batches, and coefficients, (k,) or (N, k). Rows of delays, work and bounds have shape
+    (N, 3 + 2 n).
     """
     (pieces, numbers), (count, _, n), entries, widths = given, table.shape, 0, [1, 0]
     common, more = ((numbers,), ()) if numbers.ndim == 1 else ((), (numbers,))
@@ -87,7 +95,8 @@ def hold_of(
     pending = np.zeros((int(rows[:, LATE].max(initial=0)) + 1, n * LANES))
     function = 0 if law is None else law.address(LANES, common=not more)
     of_law = function, own[:-1] + common, saved[:-1], out
-    return Hold(period, driven, most, of_law, sources, own, pending, start, table, pieces if len(pieces) else NO_PIECES)
+    pieces = pieces if len(pieces) else NO_PIECES
+    return Hold(*timing, driven, most, of_law, sources, own, pending, start, table, pieces)
 
 
 def no_pieces(table: Array, count: int) -> tuple[Array, ...]:
@@ -95,7 +104,8 @@ def no_pieces(table: Array, count: int) -> tuple[Array, ...]:
     return (np.full((count, table.shape[2]), np.nan),) if len(table) else ()
 
 
-NONE = hold_of(0.0, None, (NO_TABLES, np.zeros(0)), np.zeros((0, 0, 0)), np.zeros((0, BOUNDS)), 0, 2**62)
+UNTIMED = 0.0, StateUpdate(1.0, 0.0)
+NONE = hold_of(UNTIMED, None, (NO_TABLES, np.zeros(0)), np.zeros((0, 0, 0)), np.zeros((0, BOUNDS)), 0, 2**62)
 
 
 def workspace(widths: tuple[int, ...], tableau: Tableau, hold: Hold, common: tuple[Array, ...]) -> Room:
@@ -224,8 +234,9 @@ def sample_lane(hold: Any, lane: Any, k: Any) -> None:
             held, change = hold.pending[before, e], bounds[n + e]
             u = min(max(u, held - change), held + change)
         hold.pending[last, e] = u
-    for e in range(n + k, len(out), LANES):  # states of the law, the last ones, go on by Euler's rule
-        states[len(states) - len(out) + e] += hold.period * out[e]
+    for e in range(n + k, len(out), LANES):  # states of the law, the last ones
+        own = len(states) - len(out) + e
+        states[own] = next_state(hold.update, states[own], out[e])
     lane[SAMPLES, k] += 1
 
 

@@ -17,7 +17,7 @@ import re
 import threading
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -88,6 +88,24 @@ def copy(values: Any, into: Any) -> None:
     """Copy a vector into another one."""
     for i in range(len(into)):
         into[i] = values[i]
+
+
+class StateUpdate(NamedTuple):
+    """Numbers that give a sampled law's states at the next sample: keep z + gain times what the law returned for z."""
+
+    keep: float  # 1 or 0
+    gain: float
+
+    @classmethod
+    def of(cls, period: float, *, discrete: bool) -> StateUpdate:
+        """Of rates dz/dt by Euler's rule over a sample time, or of a discrete law, which returns the next states."""
+        return cls(0.0, 1.0) if discrete else cls(1.0, period)
+
+
+@inline
+def next_state(update: Any, z: Any, returned: Any) -> Any:
+    """A sampled law's state, or states, at the next sample: a `keep` that is a factor would change how sums round."""
+    return (z if update.keep != 0.0 else 0.0) + update.gain * returned
 
 
 @inline

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from ..basics.spatial import Array
-from .loops import combine, copy, evaluate, inline, put_piece, put_time
+from .loops import combine, copy, evaluate, inline, next_state, put_piece, put_time
 from .step_control import NEARLY, Problem, Storage, error_norm, first_length, shortest_step, step_factor, until_break
 
 CONTINUE, KEEP_LENGTH, RESTART = 0, 1, 2  # start of a run: derivative and length are known; only the length; neither
@@ -134,9 +134,9 @@ class HeldCommands(NamedTuple):
 
 
 @inline
-def sample(law: Any, period: Any, t: Any, x: Any, held: Any) -> bool:
+def sample(law: Any, t: Any, x: Any, held: Any) -> bool:
     """Sample a law: append its command, within the bounds, to the pending ones; True if it is valid."""
-    function, arguments, found, table = law
+    function, arguments, found, table, update = law
     number, bounds, z, pending, _, _, _, W, Z = held
     time, states = arguments[0], arguments[1]
     count, here, n, m = number[0], number[2], bounds.shape[1], z.shape[1]
@@ -155,7 +155,7 @@ def sample(law: Any, period: Any, t: Any, x: Any, held: Any) -> bool:
             u = min(max(u, previous - bounds[1, i]), previous + bounds[1, i])
         pending[last, i] = W[here, i] = u
     for j in range(m):
-        z[1, j] = z[0, j] + period * found[n + j]
+        z[1, j] = next_state(update, z[0, j], found[n + j])
         Z[here, j] = z[0, j]
     number[0] += 1
     number[2] += 1
@@ -178,7 +178,7 @@ def change_command(law: Any, timing: Any, u: Any, steps: Any, step: Any, held: A
         held.begun[number[2]] = step
         if number[0] == 0:
             steps.H[step] = timing[0]  # the first step is tried as far as the next sample
-        if not sample(law, timing[0], t, steps.X[step], held):
+        if not sample(law, t, steps.X[step], held):
             return False
     if t >= arrival:
         for i in range(held.bounds.shape[1]):
@@ -193,8 +193,8 @@ def take_samples(law: Any, problem: Any, timing: Any, how: Any, steps: Any, held
     """Take steps with a sampled law, whose commands, the first of arguments[2], are held between samples.
 
     `law` has its function, its arguments t, (x, z), perhaps the piece of a motion, and numbers, room for its outputs
-    and the rates of its states z, which go on by Euler's rule, and the table of the motion. `timing` has the period and
-    the delay with which a command acts after its sample: a whole number of periods and the rest of it.
+    and what it returns for its states z, the table of the motion, and the `StateUpdate` of z. `timing` has the period
+    and the delay with which a command acts after its sample: a whole number of periods and the rest of it.
     """
     T, X, K, H, count, work = steps
     u, n, step, end = problem.arguments[2], held.bounds.shape[1], 0, problem.interval.end

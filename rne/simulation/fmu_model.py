@@ -19,6 +19,7 @@ from ..control.law_numbers import law_breaks
 from ..control.sampled_loop import in_periods
 from ..control.traced_law import TracedLaw
 from ..dynamics.quantity import MethodQuantity
+from ..integrators.loops import StateUpdate
 from ..integrators.tableaus import tableau
 from ..kernels.exports.fmu import TOLERANCE, MockupUnit, Variable
 from ..kernels.kernel import Kernel, with_table
@@ -99,6 +100,12 @@ class SceneUnit:
     def delay(self) -> tuple[float, float]:
         """Delay of commands after their samples: whole periods, and the remainder."""
         return in_periods(float(self.scene.delay or 0.0), float(self.scene.sample_time or 1.0))
+
+    @property
+    def update(self) -> StateUpdate:
+        """How the states of a law that is sampled go on from sample to sample."""
+        is_discrete = self.law is not None and self.law.discrete
+        return StateUpdate.of(float(self.scene.sample_time or 0.0), discrete=is_discrete)
 
     @cached_property
     def stops(self) -> list[Stop]:
@@ -281,6 +288,7 @@ class SceneUnit:
         sizes |= {"INPUTS": first["P" if law else "U"], "LATE": int(late), "QUEUE": int(late) + 2}
         sizes |= {"BREAKS": len(breaks), "STAGES": len(method.B)}
         macros: dict[str, Any] = {"PERIOD": period, "REST": rest, "SLACK": SLACK * period * bool(law)}
+        macros |= {"KEEP": self.update.keep, "GAIN": self.update.gain}
         given = {"t": "t", "x": "x", "weights": "weights", "q": "q", "piece": "arm_rates_piece(*(t))"}
         given |= {key: f"(m)->v + {k}" for key, k in self.places(first).items() if key not in given}
         for macro, (arguments, name) in CALLS.items():

@@ -26,7 +26,7 @@ from ..control.sampled_loop import in_periods
 from ..control.traced_law import TracedLaw
 from ..errors import NotFiniteError, SingularMassMatrixError
 from ..integrators.frozen_steps import Adjoint, Function, Holding, Kept, Schedule, advance, pull_back
-from ..integrators.loops import compiled
+from ..integrators.loops import StateUpdate, compiled
 from ..integrators.step_control import NEARLY, aligned, equal_steps
 from ..integrators.tableaus import EXPLICIT, Tableau, scipy_class, tableau
 from ..kernels.kernel import Kernel
@@ -128,6 +128,11 @@ class FrozenScene:
     def period(self) -> float:
         """Sample time; 0 without a sampled law."""
         return float(self.given.sample_time or 0.0)
+
+    @property
+    def update(self) -> StateUpdate:
+        """How the states of a sampled law go on from sample to sample."""
+        return StateUpdate.of(self.period, discrete=self.law is not None and self.law.discrete)
 
     @cached_property
     def delay(self) -> tuple[float, float]:
@@ -377,7 +382,7 @@ class SideBySide:
     def _holding(self) -> Holding:
         rows = int(self.frozen.delay[0]) + 1
         return Holding(
-            self.frozen.period,
+            self.frozen.update,
             self.limits,
             np.zeros((rows, self.n * self.count)),
             np.zeros((2, self.m * self.count)),

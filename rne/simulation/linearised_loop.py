@@ -12,7 +12,7 @@ import numpy as np
 
 from ..basics.spatial import Array
 from ..control.feedback_loop import FeedbackLoop, LinearisedLoop, end_of_stability
-from ..control.traced_law import LawInputs, call_law
+from ..control.traced_law import LawInputs, call_law, is_discrete
 from ..kernels.trace import AGREEMENT
 from ..robot import Robot
 from .plant import Plant, with_own_law
@@ -24,9 +24,24 @@ CALLS = 64  # that fill a memory, such as that of a delay
 BESIDE, JUMP = 1e-6, 1e-3  # of the target, rad or m and per s; relative change of the slopes there that is a kink
 
 
+class WithRates:
+    """A discrete law with rates of its states, by which Euler's rule over its sample time gives the same next ones."""
+
+    def __init__(self, law: Any, period: float) -> None:
+        self.law, self.period, self.states = law, period, int(law.states)
+        self.traceable = getattr(law, "traceable", False)
+
+    def __call__(self, t: Any, q: Array, qd: Array, z: Array) -> tuple[Any, Any]:
+        """(torques, dz/dt)."""
+        n = q.shape[-1]
+        torques, following = call_law(self.law, t, np.concatenate([q, qd, z], axis=-1), LawInputs(0, n, n))
+        return torques, (np.asarray(following) - z) / self.period
+
+
 def linearised_loop(scene: Any, q: Array) -> LinearisedLoop:
     """The loop of a scene with a controller, at rest in q with the controller's states zero."""
-    free = with_own_law(replace(scene, sample_time=None, torque_rate=None, delay=None))
+    law = WithRates(scene.controller, scene.sample_time) if is_discrete(scene.controller) else scene.controller
+    free = with_own_law(replace(scene, controller=law, sample_time=None, torque_rate=None, delay=None))
     dynamics, (first, last, n) = free.dynamics, free.dynamics.law_inputs
     seen = _at_rest(dynamics, free.resolved.robot, q)[first:last]
     if dynamics.law is None:

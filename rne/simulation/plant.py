@@ -142,7 +142,7 @@ class Plant:
         u, rates = self.called(self.law, t, x)
         if rates is None:
             return checked_torques(self.law_name, u, self.robot, t)
-        slopes = checked_state_rates(rates, self.dynamics.states, t)
+        slopes = checked_of_states(rates, self.dynamics.states, t)
         return np.concatenate([checked_torques(self.law_name, u, self.robot, t), slopes])
 
     def called(self, law: Callable[..., Any], t: float, x: Array) -> tuple[Any, Any]:
@@ -319,13 +319,14 @@ def checked_torques(name: str, returned: Any, robot: Robot, t: float) -> Array:
     return tau.astype(np.float64)
 
 
-def checked_state_rates(returned: Any, m: int, t: float) -> Array:
-    """Rates of the m states returned by a law, checked."""
-    rates = np.asarray(returned)
-    if rates.shape == (m,) and rates.dtype.kind == "f" and not np.isfinite(rates).all():
-        i = int(np.argmin(np.isfinite(rates)))
-        raise NotFiniteError(f"rate of state {i} of the controller is {rates[i]} at t = {t:.6g} s", t)
-    return real_array("rates of the controller's states", returned, f"({m},)")
+def checked_of_states(returned: Any, m: int, t: float, *, discrete: bool = False) -> Array:
+    """Rates of the m states returned by a law, or their next values by a discrete law, checked."""
+    one, all_of_them = ("next value", "next values") if discrete else ("rate", "rates")
+    numbers = np.asarray(returned)
+    if numbers.shape == (m,) and numbers.dtype.kind == "f" and not np.isfinite(numbers).all():
+        i = int(np.argmin(np.isfinite(numbers)))
+        raise NotFiniteError(f"{one} of state {i} of the controller is {numbers[i]} at t = {t:.6g} s", t)
+    return real_array(f"{all_of_them} of the controller's states", returned, f"({m},)")
 
 
 def _not_finite(tau: Array, robot: Robot, t: float) -> NotFiniteError | None:

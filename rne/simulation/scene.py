@@ -20,7 +20,7 @@ from ..basics.spatial import Array
 from ..basics.text import listed, summary
 from ..control.feedback_loop import LinearisedLoop
 from ..control.law_numbers import models_of, numbers_of, samples_of
-from ..control.traced_law import TracedLaw, check_law, is_ours
+from ..control.traced_law import TracedLaw, check_law, is_discrete, is_ours
 from ..kernels.cache import KernelCache
 from ..kernels.kernel import Kernel, with_table
 from ..model.model import joint_array
@@ -135,10 +135,12 @@ class Scene:
     stops : bool
         True to end a run, with status 1, when a joint reaches a limit of its range.
     controller : callable, optional
-        A control law: f(t, q, qd) -> torques, or, with an attribute `states`, f(t, q, qd, z) -> (torques, dz/dt).
-        Marked by `rne.traceable` it becomes part of the kernel if it can, otherwise it is called.
+        A control law: f(t, q, qd) -> torques, or, with an attribute `states`, f(t, q, qd, z) -> (torques, dz/dt), or,
+        with ``discrete = True`` besides, -> (torques, z at the next sample), which needs a `sample_time`. Marked by
+        `rne.traceable` it becomes part of the kernel if it can, otherwise it is called.
     sample_time : float, optional
-        The controller is evaluated every `sample_time`, and its torque is held in between [s].
+        The controller is evaluated every `sample_time`, and its torque is held in between; its states follow Euler's
+        rule, z + `sample_time` dz/dt, or are those that a discrete law returns [s].
     elastic : ElasticJoints, optional
         Joints that yield between motor and link.
     springs : sequence of Spring, optional
@@ -200,6 +202,7 @@ class Scene:
         """Check the controller and the arguments that only a sampled one has."""
         if self.controller is not None:
             check_law("controller", self.controller)
+        self._check_discrete()
         if self.sample_time is not None:
             if self.controller is None:
                 raise ValueError("`sample_time` needs a `controller`")
@@ -212,6 +215,11 @@ class Scene:
             if self.sample_time is None:
                 raise ValueError("`delay` needs a `sample_time`: it is that of a sampled controller's torques")
             positive_number("delay", self.delay, zero_allowed=True)
+
+    def _check_discrete(self) -> None:
+        """That a controller whose states change from sample to sample is sampled."""
+        if self.sample_time is None and is_discrete(self.controller):
+            raise ValueError("`controller` is discrete: its states change from sample to sample; give a `sample_time`")
 
     def _check_robot_of_controller(self) -> None:
         """Check that a controller made for a robot is used with this one."""
@@ -270,6 +278,8 @@ class Scene:
         """The equations of motion with torques of a controller as inputs ("called", "held") or of a traced law."""
         parts, is_held, kernels = self.resolved, self.sample_time is not None, self.kernels
         limit, states = parts.effort_limit, 0 if is_held else int(getattr(self.controller, "states", 0))
+        if states:
+            self._check_discrete()  # it may have become so
         known: SceneDynamics | None = self.__dict__.get(f"_dynamics_{inputs}")
         if known is not None and known.law is law and known.states == states:
             return known

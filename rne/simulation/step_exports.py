@@ -11,6 +11,7 @@ import numpy as np
 
 from ..basics.spatial import Array
 from ..integrators.frozen_steps import Schedule
+from ..integrators.loops import next_state
 from ..kernels.exports.casadi import to_casadi
 from ..kernels.kernel import Kernel, with_table
 from ..kernels.units import Unit, UnitFunction, unit
@@ -76,7 +77,7 @@ def _composed(stepper: Any, ca: Any, call: Callable[..., Any], symbols: Mapping[
         if plan.sampled[k]:
             found = call(1, t, ca.vertcat(x, z))
             waiting.append(ca.fmin(ca.fmax(found[:n], -limit), limit))
-            z = z + side.frozen.period * found[n:]
+            z = next_state(side.frozen.update, z, found[n:])
         held = waiting.pop(0) if plan.acting[k] else held
         total = _mean_slope(plan, k, x, lambda at, moved: call(0, t + at, moved, held))  # noqa: B023
         if plan.positions:  # which move with the rates at the end
@@ -182,7 +183,7 @@ C_FAILS = """if ({call}) {{
 C_SAMPLE = """
     {call}
     for (int i = 0; i < {m}; i++)
-        x_next[{size} + i] += {period} * command[{n} + i];
+        x_next[{size} + i] {becomes}command[{n} + i];
     for (int i = 0; i < {n}; i++) {{
         for (int k = 0; k < {late}; k++)
             queue[k][i] = x[{first} + {n} * k + i];
@@ -212,7 +213,8 @@ def interval_to_c(stepper: Any, name: str) -> str:
     fill: dict[str, Any] = {"name": name, "steps": len(plan.lengths), "stages": len(plan.tableau.B), "size": side.size}
     fill |= {"n": n, "m": side.m, "row": row, "positions": plan.positions, "first": first}
     fill |= {"late": (row - first) // max(n, 1), "arrival": int(np.argmax(plan.acting))}
-    fill |= {"rates": frozen.dynamics.n, "period": frozen.period}
+    keep, gain = frozen.update
+    fill |= {"rates": frozen.dynamics.n, "becomes": f"+= {gain} * " if keep else "= "}
     sample, act, ends, declared = "", "", "", [f"stage[{side.size}], slope[{fill['stages']}][{side.size}]"]
     if frozen.law is not None:
         arrays["limit"] = side.limits[0]

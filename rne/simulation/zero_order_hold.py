@@ -17,9 +17,10 @@ from ..basics.piecewise import NO_TABLE, NO_TABLES
 from ..basics.spatial import Array
 from ..control.gains import check_gains
 from ..control.sampled_loop import in_periods
-from ..control.traced_law import TracedLaw
+from ..control.traced_law import TracedLaw, is_discrete
 from ..integrators.lanes import Hold, hold_of
-from .plant import Plant, checked_state_rates, checked_torques
+from ..integrators.loops import StateUpdate, next_state
+from .plant import Plant, checked_of_states, checked_torques
 from .scene import Scene
 
 MAX_EVALUATIONS = 20_000  # of the right-hand side between two samples, some hundred times what a stable loop takes
@@ -53,12 +54,13 @@ class ControlSamples(NamedTuple):
 class ZeroOrderHold:
     """A controller that is sampled: the torques held since the last sample, and the controller's states.
 
-    The states are integrated by Euler's rule from sample to sample.
+    The states are integrated by Euler's rule from sample to sample, those of a discrete law are given by it.
     """
 
     def __init__(self, scene: Scene, plant: Plant, duration: float) -> None:
         self.scene, self.plant = scene, plant
-        self.period = float(scene.sample_time or 0.0)
+        self.period, self.is_discrete = float(scene.sample_time or 0.0), is_discrete(scene.controller)
+        self.update = StateUpdate.of(self.period, discrete=self.is_discrete)
         self.delay = in_periods(min(float(scene.delay or 0.0), duration + 2 * self.period), self.period)
         self.pending = np.zeros((int(self.delay[0]) + 1, scene.n))  # the last commands, that of sample k in row k % p
         self.state = self.next_state = np.zeros(int(getattr(scene.controller, "states", 0)))  # at the last sample
@@ -88,9 +90,10 @@ class ZeroOrderHold:
         """The command of the controller, within the limits of torque and torque rate."""
         held = self.pending[(self.count - 1) % len(self.pending)]
         self.state = self.next_state
-        returned, rates = self.plant.called(self.scene.controller, t, np.concatenate([moved, self.state]))
-        if rates is not None:
-            self.next_state = self.state + self.period * checked_state_rates(rates, len(self.state), t)
+        returned, of_states = self.plant.called(self.scene.controller, t, np.concatenate([moved, self.state]))
+        if of_states is not None:
+            checked = checked_of_states(of_states, len(self.state), t, discrete=self.is_discrete)
+            self.next_state = next_state(self.update, self.state, checked)
         u = np.clip(checked_torques(self.plant.law_name, returned, self.plant.robot, t), -self.limit, self.limit)
         if self.count:
             u = np.clip(u, held - self.change, held + self.change)
@@ -213,4 +216,5 @@ def held_side_by_side(
     each = np.array([in_periods(delay, period) for delay in delays.tolist()])[np.broadcast_to(which, count)]
     bounds = (np.broadcast_to(bound, (count, n)) for bound in (limit, rate * period))
     rows = np.concatenate([each, np.zeros((count, 1)), *bounds], axis=1)
-    return hold_of(period, kernel, given, table, rows, driven, MAX_STEPS if law else 2**62)
+    timing = period, StateUpdate.of(period, discrete=law is not None and law.discrete)
+    return hold_of(timing, kernel, given, table, rows, driven, MAX_STEPS if law else 2**62)

@@ -65,7 +65,7 @@ static int renew(Memory *m) /* take the samples, and have the commands act, that
             if (!isfinite(found[i]))
                 return 1;
             *(i < N ? &queued[i] : &m->z[i - N]) = i < N ? fmin(fmax(found[i], -LIMIT(m)[i]), LIMIT(m)[i])
-                                                         : m->z[i - N] + PERIOD * found[i];
+                                                         : KEEP * m->z[i - N] + GAIN * found[i];
         }
     }
     return 0;
