@@ -225,7 +225,7 @@ def test_laws_of_one_formula_differ_where_one_is_discrete():
     by_rates, discrete = (rne.Stepper(scene)(x) for scene in scenes)
     same(by_rates[:, 4:6], x[:, 4:6] + T * (0.5 * x[:, 4:6] + x[:, :2]))
     same(discrete[:, 4:6], 0.5 * x[:, 4:6] + x[:, :2])
-    assert scenes[0].traced_law() != scenes[1]._traced_law()
+    assert scenes[0].traced_law() != scenes[1].traced_law()
 
 
 def sampled_by_hand(M, viscous, delay):
