@@ -1,4 +1,4 @@
-"""The pages of the main job, on the ABB IRB 140, and of `rne report`, on any robot; speed beside accuracy."""
+"""The pages of the main job, on the ABB IRB 140, and of `rne report`, on any robot; speed and accuracy."""
 
 from __future__ import annotations
 
@@ -18,16 +18,17 @@ import rne
 
 from ..basics.arrays import UNBOUNDED
 from ..basics.spatial import Array
+from ..basics.text import listed
 from ..control.gains import workspace
-from ..model.abb_irb140 import CLOSED_LOOPS, KD, KP
+from ..model.abb_irb140 import KD, KP
 from ..plotting.html_page import Report, log_axis
 from ..plotting.notebook import BODIES, body_table, joint_table
-from ..plotting.plots import BELOW, WIDTH, blank_figure, small_plots
+from ..plotting.plots import BELOW, WIDTH, blank_figure
 from ..plotting.robot_picture import small_picture
-from ..simulation.trajectory import Trajectory, between, trajectory_lines
+from ..simulation.trajectory import Trajectory, between
 from .agreement import ROUNDING, Match, has_pinocchio, random_states, relative, validate
 from .oracle import Oracle, each
-from .shared import units_of
+from .shared import units_of, work
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -37,94 +38,114 @@ SWING, MAIN_SWING = 2.0, 10.0  # durations of free swings [s]
 HANGING = np.array([0, 3, 0, 0.3, 0.5, 0])  # [rad], nearly: where every joint swings and none spins
 STRETCHED_OUT = np.array([0, np.pi / 2, -np.pi / 2, 0, 0, 0])  # [rad], horizontally: (6.19)
 SETTLED = 0.01  # [rad], every joint
+TARGET, LOOP = np.array([1, 0.5, -1, 2, 1, -2]), 5.0  # [rad], duration [s]: within all limits of the arm
 PUSH = 1.0  # [rad/s^2 or m/s^2], of a joint that gravity hardly moves
 INVERSE, FORWARD = "inverse dynamics", "forward dynamics"
 STATES, SINGLES, COMPARED, TURNS = 1000, 100, 50, 15
-ONE, BATCH = "one state a call", f"{STATES} states a call"
+ONE, BATCH = "one state per call", f"{STATES} states per call"
 NUMPY, MACHINE_CODE, PINOCCHIO = "rne, NumPy", "rne, machine code", "Pinocchio"
 COLORS = {MACHINE_CODE: "C2", NUMPY: "C0", PINOCCHIO: "C1"}
 MOVED, SHAPES = 3, 5  # joints that move with the least torque, and shapes of the motion of each
 WHAT = (
-    "An industrial arm of six joints turns from its zero position to a target. Each motor pulls towards the target "
-    "like a spring with a damper, and carries the weight of the arm (PD control with gravity compensation). Nothing is "
-    "recorded: at each instant the recursive Newton-Euler algorithm gives the accelerations that follow from masses, "
-    "velocities and motor torques, and a solver adds them up."
+    "An industrial arm of six joints moves from its zero position to a target. Each motor torque is that of a spring "
+    "and a damper towards the target, plus what carries the weight of the arm (PD control with gravity compensation). "
+    "The recursive Newton-Euler algorithm computes at each instant the accelerations that follow from masses, "
+    "velocities and motor torques, and a solver integrates them."
 )
 MODEL = (
     "Lengths, masses and gains are those of H. Høifødt's thesis (NTNU, 2011), where links are solid cylinders; the "
     "housings are drawn to its lengths. Friction, gears and ABB's own masses are not in it."
 )
-FAST = (
-    "Joints 4 and 6 go faster than their velocity limits: their targets are half a turn away, and with these gains a "
-    "joint of little inertia moves at kp/kd times that distance, {:.1f} and {:.1f} rad/s. Limits are compared with the "
-    "motion; they do not act on it."
-)
 SPEED = (
-    "Measured while this page was made: medians of calls that took turns, on one core. The error is that of the worst "
-    "of 50 states against the recursion in long double, relative to its largest entry."
+    "Times are medians of calls in turn, on one core, measured while this page was made. The error is the largest of "
+    "50 states, against the recursion in long double, relative to each state's largest entry."
 )
-BESIDE = " Every time is compared with the shortest of Pinocchio's in the same table."
+RELATIVE = " In brackets: relative to Pinocchio, with 1000 states to the faster of its two calls."
 LEAST = (
-    "Joints 1 to 3 turn to the target above in 1 s, from rest to rest. Along a polynomial of degree 5 in time the mean "
-    "squared torque is {:.0f} (N m)². The best polynomial of degree 10 needs {:.0f} (N m)²; it was found in {:.2g} s, "
-    "in {} steps with exact derivatives. Finite differences would take {} further motions in each step, and a step "
-    "whose size must be guessed: at best they are off by {:.0e} of the largest, with steps of {:.0e} rad."
+    "Joints 1 to 3 turn to the same target in 1 s, from rest to rest. Along a polynomial of degree 5 in time the mean "
+    "squared torque is {:.0f} (N m)². Along the best polynomial of degree 10 it is {:.0f} (N m)². The search took "
+    "{:.2g} s, {} steps with exact derivatives. Finite differences would take {} more evaluations of the motion in "
+    "each step, and are less accurate: at best they are off by {:.0e} of the largest derivative, with steps of "
+    "{:.0e} rad."
 )
 
 
 def write_main_page(folder: Path, say: Callable[[str], None]) -> bool:
     """Run the main job and write its page; True if all differences from the source are within their bounds."""
     started = time.perf_counter()
-    page = Report("An ABB IRB 140 moves, and why to believe it", say, folder)
+    page = Report("An ABB IRB 140, simulated and checked", say, folder, work.begin)
     with page.kept_if_interrupted():
         held = _main_job(rne.load("irb140"), page)
-    page.text(f"Made in {time.perf_counter() - started:.0f} s.")
+    page.text(f"Made in {time.perf_counter() - started:.0f} s by rne {rne.__version__}.")
     say(f"page: {page.write()}")
     return held
 
 
 def _main_job(robot: rne.Robot, page: Report) -> bool:
-    loop, rest = CLOSED_LOOPS[0], np.zeros(robot.n)
-    law = rne.control.pd_gravity(robot, KP, KD, loop.reference)
-    page.say("simulating two motions and comparing random states")
-    motion = rne.simulate(robot, loop.start, rest, loop.duration, torque=law)
+    rest = np.zeros(robot.n)
+    law = rne.control.pd_gravity(robot, KP, KD, TARGET)
+    page.say("simulating a motion to a target and a free swing, and comparing random states")
+    work.begin("simulating")
+    motion = rne.simulate(robot, rest, rest, LOOP, torque=law)
     swing = rne.simulate(robot, HANGING, rest, MAIN_SWING, rtol=1e-9)
+    work.begin("comparing random states")
     source, rows = validate(robot, SAMPLES)
-    page.film("motion", motion, "The arm moves from its zero position to a target")
+    place = listed([f"{x:g}" for x in TARGET])
+    page.film("motion", motion, f"The simulated motion, from zero to ({place}) rad, in real time.")
     page.text(WHAT)
+    settled = settling_time(motion, TARGET, between(motion.t))
+    fastest = (np.abs(motion.qd).max(axis=0) / robot.velocity_limit).max()
+    page.text(
+        f"From {settled:.2f} s on every joint stays within {SETTLED:g} rad of its target. {_run(motion)} The fastest "
+        f"joint reaches {fastest:.0%} of its velocity limit. {MODEL}"
+    )
     worst = {row.quantity: row.worst for row in rows}
     page.text(
-        f"Why to believe it: torques of {SAMPLES} random states agree with {source} within "
-        f"{worst['inverse dynamics']:.0e} of the largest. In a free swing of {MAIN_SWING:g} s, where no motor and no "
-        f"friction changes the energy, it stays within {swing.energy_drift:.0e} J, while {np.ptp(swing.kinetic):.0f} J "
-        f"change from potential to kinetic energy and back. {MODEL}"
+        f"How the results are checked: torques of {SAMPLES} random states agree with {source} within "
+        f"{worst['inverse dynamics']:.0e} of the largest. In a free swing of {MAIN_SWING:g} s, without motors and "
+        f"friction, the energy is constant within {swing.energy_drift:.0e} J, while {np.ptp(swing.kinetic):.0f} J "
+        "change from potential to kinetic energy and back."
     )
-    page.heading("Speed beside accuracy, on this machine")
+    page.heading("The motion to the target")
+    page.motion("motion", motion, "Motion to the target")
+    page.heading("Speed and accuracy on this machine")
+    work.begin("measuring times")
     found = measured_speed(robot)
-    who = dict.fromkeys(measured.way.who for measured in found)
-    page.text(SPEED + BESIDE * (PINOCCHIO in who))
-    page.figure("speed", lambda: plot_speed(found), f"Error against time per state: {', '.join(who)}")
-    for title, (heads, *cells) in speed_tables(found).items():
-        page.text(f"{title[0].upper()}{title[1:]}:")
-        page.table(heads, cells)
+    page.text(SPEED + RELATIVE * any(measured.way.who == PINOCCHIO for measured in found))
+    page.figure("speed", lambda: plot_speed(found), "Largest error over time per state; lower left is better.")
+    heads, *cells = speed_table(found)
+    page.table(heads, cells)
     held = _compared(source, rows, False, page)
-    page.heading("The motion with the least torque, found on this machine")
-    _least_torque(robot, np.array(loop.reference[:MOVED]), page)
-    page.heading("The motion above")
-    settled = settling_time(motion, loop.reference, between(motion.t))
-    page.text(f"From {settled:.2f} s on every joint stays within {SETTLED:g} rad of its target.")
-    page.lines("\n".join(trajectory_lines(motion)))
-    page.text(FAST.format(*np.divide(KP, KD)[[3, 5]] * np.abs(loop.reference)[[3, 5]]))
-    page.motion("motion", motion, "The motion above")
-    page.figure("start", lambda: _start(motion), "The same torques over the logarithm of time, from microseconds on")
-    page.heading(f"A free swing of {MAIN_SWING:g} s: no motors, no friction, no joint limits")
-    page.text(f"The arm starts at rest, hanging from its base, at q = ({', '.join(f'{x:g}' for x in HANGING)}) rad.")
-    page.lines("\n".join(trajectory_lines(swing)))
+    page.heading(f"A free swing of {MAIN_SWING:g} s")
+    page.text(
+        f"Without motors, friction and stops at the limits of joints, the arm swings from rest, hanging from its base, "
+        f"at q = ({', '.join(f'{x:g}' for x in HANGING)}) rad. {_run(swing)}"
+    )
     page.motion("swing", swing, "Free swing")
+    page.heading("The motion with the least torque")
+    work.begin("searching for the motion with the least torque")
+    _least_torque(robot, TARGET[:MOVED], page)
     page.heading("Torques against gravity")
     _gravity(robot, STRETCHED_OUT, "with the arm stretched out horizontally", page)
     _parts(robot, page)
     return held
+
+
+def _run(motion: Trajectory) -> str:
+    """Sentences on a simulation: the solver, its error, and limits of the model that the motion exceeds."""
+    exceeded: dict[str, list[str]] = {}  # joints by quantity
+    for violation in motion.check_limits():
+        exceeded.setdefault(violation.quantity, []).append(violation.joint)
+    beyond = "; ".join(f"{kind} of {listed(list(dict.fromkeys(names)))}" for kind, names in exceeded.items())
+    return (
+        f"{motion.method} took {motion.evaluations} evaluations of the accelerations; the energy balance is met within "
+        f"{motion.energy_drift:.1g} J. "
+        + (
+            f"Limits of the model that the motion exceeds: {beyond}."
+            if beyond
+            else "No limit of the model is exceeded."
+        )
+    )
 
 
 def _least_torque(robot: rne.Robot, target: Array, page: Report) -> None:
@@ -144,21 +165,21 @@ def _least_torque(robot: rne.Robot, target: Array, page: Report) -> None:
     def torques(c: Array) -> Array:
         return arm.inverse_dynamics(*states(c)).ravel()
 
-    def slopes(c: Array) -> Array:
+    def derivatives(c: Array) -> Array:
         tensors = np.einsum("atij,akt->tikj", arm.inverse_dynamics_derivatives(*states(c)), basis)
         return np.reshape(tensors, (-1, c.size))
 
     begun = time.perf_counter()
-    found, taken = least_squares(torques, none, slopes), time.perf_counter() - begun
+    found, taken = least_squares(torques, none, derivatives), time.perf_counter() - begun
     both = np.array([torques(none), found.fun]).reshape(2, len(t), MOVED)
-    steps, exact = np.logspace(0, -12, 25), slopes(none).sum(-1)
+    steps, exact = np.logspace(0, -12, 25), derivatives(none).sum(-1)
     differences = [(torques(none + h) - torques(none - h)) / (2 * h) for h in steps]
     errors = np.abs(differences - exact).max(-1) / np.abs(exact).max()
     best = errors.argmin()
     numbers = *(both**2).sum(-1).mean(-1), taken, found.nfev, 2 * none.size, errors[best], steps[best]
     page.text(LEAST.format(*numbers))
-    page.figure("least", lambda: _plot_torques(t, both, arm.joint_names), "Torques of both motions over time")
-    page.figure("slopes", lambda: _plot_errors(steps, errors), "Relative error of finite differences over their size")
+    page.figure("least", lambda: _plot_torques(t, both, arm.joint_names), "Torques along both motions.")
+    page.figure("differences", lambda: _plot_errors(steps, errors), "Error of finite differences over their step.")
 
 
 def _plot_torques(t: Array, both: Array, names: Sequence[str]) -> Figure:
@@ -183,20 +204,12 @@ def _plot_errors(steps: Array, errors: Array) -> Figure:
     return figure
 
 
-def _start(motion: Trajectory) -> Figure:
-    """The torques from the first step on, so that what takes a millisecond can be seen."""
-    figure = dict(small_plots(motion))["torque [N m]"]()
-    figure.axes[0].set(xscale="log", xlim=(1e-6, None), xticks=[1e-6, 1e-4, 1e-2, 1])
-    figure.axes[0].xaxis.set_major_formatter("{x:g}")
-    return figure
-
-
 def write_robot_page(robot: rne.Robot, findings: str, folder: Path, say: Callable[[str], None]) -> bool:
     """Examine a robot and write the page; `findings` are the lines that `rne.check` prints about its file.
 
     True if all differences from Pinocchio or the energies are within their bounds; False if M is singular.
     """
-    page = Report(f"Robot {robot.model.name}", say, folder)
+    page = Report(f"Robot {robot.model.name}", say, folder, work.begin)
     with page.kept_if_interrupted():
         held = _examination(robot, findings, page)
     say(f"page: {page.write()}")
@@ -217,8 +230,8 @@ def _examination(robot: rne.Robot, findings: str, page: Report) -> bool:
     page.heading("Torques against gravity")
     _gravity(robot, q, "at the start of the swing", page)
     if motion is not None:
-        page.heading("The motion above")
-        page.lines("\n".join(trajectory_lines(motion)))
+        page.heading("The free swing")
+        page.text(_run(motion))
         page.motion("swing", motion, "Free swing")
     _parts(robot, page)
     return within
@@ -238,7 +251,7 @@ def _swing(robot: rne.Robot, q: Array, torque: Array, page: Report) -> Trajector
         page.figure("robot", lambda: small_picture(robot, q), f"The robot at {place}")
         page.text(f"The swing cannot be simulated: {error}")
         return None
-    page.film("swing", motion, f"{robot.model.name} swings freely")
+    page.film("swing", motion, f"The free swing of {robot.model.name}, in real time.")
     chosen = f"Of {SAMPLES} random positions this is where gravity pulls hardest."
     page.text(f"It swings for {SWING:g} s from rest at {place}, without friction and limits. {chosen}")
     pushed = ", ".join(f"{n} by {x:.3g}" for n, x in zip(moving.joint_names, torque[moves], strict=True) if x)
@@ -286,11 +299,11 @@ def _compared(source: str, rows: Sequence[Match], by_terms: bool, page: Report) 
     entry, bound, eps = "term" if by_terms else "entry", rows[0].bound, np.finfo(float).eps
     page.heading(f"Comparison with {source.partition(' (')[0]}")
     page.text(
-        f"Largest difference over {SAMPLES} random states, velocities up to 10 rad/s or m/s, against {source}, "
-        f"relative to the largest {entry} of each state. Both computations round, so they may differ by the bound: "
+        f"Largest difference from {source} over {SAMPLES} random states with velocities up to 10 rad/s or m/s, "
+        f"relative to the largest {entry} of each state. Both computations round: differences are expected within "
         f"{bound:.0e}, which is {float(f'{bound / eps:.2g}'):g} roundings; for accelerations 1e-13, or one rounding "
-        "times the condition number of the mass matrix, where this is more. Forward after inverse: torques from "
-        "accelerations, accelerations from these."
+        "times the condition number of the mass matrix, where this is more. Forward after inverse: accelerations from "
+        "the torques that inverse dynamics gives."
     )
     cells = [[x.quantity, f"{x.worst:.1e}", f"{x.bound:.1e}", "yes" if x.worst <= x.bound else "NO"] for x in rows]
     page.table(["quantity", "largest difference", "bound", "within bound"], cells)
@@ -426,27 +439,30 @@ def _singles(
     return Way(quantity, ONE, who, run, SINGLES, lambda: np.array([turn(call(*x)) for x in states[:COMPARED]]))
 
 
-def speed_tables(found: Sequence[Measured]) -> dict[str, list[list[str]]]:
-    """Tables by quantity and states a call: time per state, beside the shortest of Pinocchio's there, and the error."""
-    tables: dict[str, list[list[str]]] = {}
-    for quantity, form in product(dict.fromkeys(m.way.quantity for m in found), (ONE, BATCH)):
-        ways = {(who, form) for who in COLORS} | {(PINOCCHIO, ONE)}
-        shown = [m for m in found if m.way.quantity == quantity and (m.way.who, m.way.form) in ways]
-        theirs = min((m.seconds for m in shown if m.way.who == PINOCCHIO), default=0.0)
-        rows = [["computed by", "µs a state", *["beside Pinocchio"] * bool(theirs), "largest error"]]
-        for way, seconds, error in shown:
-            ratio, side = (theirs / seconds, "faster") if theirs > seconds else (seconds / (theirs or 1), "slower")
-            beside = f"{ratio:.1f} times {side}" if way.who != PINOCCHIO else "-"
-            who = way.who if way.form == form else f"{way.who}, {ONE}"
-            rows.append([who, f"{1e6 * seconds:.3g}", *[beside] * bool(theirs), f"{error:.1e}"])
-        tables[f"{quantity}, {form}"] = rows
-    return tables
+def speed_table(found: Sequence[Measured]) -> list[list[str]]:
+    """Time per state of each quantity and program, relative to the shortest of Pinocchio's there, and the error."""
+    rows = [["quantity", "computed by", ONE, BATCH, "largest error"]]
+    for quantity, who in product(dict.fromkeys(m.way.quantity for m in found), COLORS):
+        of = {(m.way.who, m.way.form): m for m in found if m.way.quantity == quantity}
+        cells = []
+        for form, theirs in ((ONE, [ONE]), (BATCH, [ONE, BATCH])):
+            if measured := of.get((who, form)):
+                best = min((of[PINOCCHIO, x].seconds for x in theirs if (PINOCCHIO, x) in of), default=0.0)
+                ratio, side = best / measured.seconds, "faster"
+                if ratio < 1:
+                    ratio, side = 1 / (ratio or 1), "slower"
+                compared = f" ({ratio:.1f}× {side})" if best and who != PINOCCHIO else ""
+                cells.append(f"{1e6 * measured.seconds:.3g} µs{compared}")
+        if cells:
+            error = max(m.error for (by, _), m in of.items() if by == who)
+            rows.append([quantity, who, *cells, f"{error:.1e}"])
+    return rows
 
 
 def plot_speed(found: Sequence[Measured]) -> Figure:
     """Error against time per state, a panel for each quantity."""
     figure = blank_figure(WIDTH, 4.6)
-    figure.suptitle(f"× one state, ● {BATCH}; lower left is better")
+    figure.suptitle(f"× {ONE}, ● {BATCH}")
     for ax, quantity in zip(figure.subplots(2, 1, sharex=True), (INVERSE, FORWARD), strict=True):
         shown = [m for m in found if m.way.quantity == quantity]
         for way, seconds, error in shown:

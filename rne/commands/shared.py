@@ -263,7 +263,7 @@ class Work:
     pause = 2.0  # [s]
 
     def __init__(self) -> None:
-        self.begin("computing")
+        self.begin("running")
 
     def begin(self, what: str) -> None:
         """Name the step that begins."""
@@ -275,9 +275,9 @@ class Work:
         self.share = f", {done / total:.0%}"
 
     @contextmanager
-    def reported(self) -> Iterator[None]:
-        """Print the progress while the block runs."""
-        self.begin("computing")
+    def reported(self, what: str = "running") -> Iterator[None]:
+        """Print the progress while the block runs, of `what` until a step has a name."""
+        self.begin(what)
         ended = threading.Event()
 
         def tell() -> None:

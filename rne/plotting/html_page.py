@@ -43,11 +43,14 @@ td { white-space: nowrap; }
 td.long { white-space: normal; }
 pre { white-space: pre-wrap; font-size: .8125rem; }
 pre.scroll { white-space: pre; }
+figure { margin: 1rem 0; }
+figcaption { font-size: .875rem; line-height: 1.4; opacity: .85; margin-top: .25rem; text-align: center; }
 img { display: block; width: 100%; max-width: 35rem; height: auto; border-radius: .25rem; margin: auto; }
 .pictures { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 22rem), 1fr)); gap: 1rem; }
-.pictures picture:last-child:nth-child(odd) { grid-column: 1 / -1; }
+.pictures figure { margin: 0; }
+.pictures figure:last-child:nth-child(odd) { grid-column: 1 / -1; }
 @media (min-width: 50rem) { /* as wide as those above it */
-  .pictures picture:last-child:nth-child(odd):not(:only-child) img { max-width: calc(50% - .5rem); } }
+  .pictures figure:last-child:nth-child(odd):not(:only-child) img { max-width: calc(50% - .5rem); } }
 iframe { display: block; width: 100%; height: min(36rem, 80vh); border: 0; border-radius: .25rem; }
 th { vertical-align: bottom; }
 @media (max-width: 40rem) { /* each row of a wide table becomes a list */
@@ -103,11 +106,16 @@ class PageBlock(NamedTuple):
 
 
 class Report:
-    """Headings, text, tables and pictures, in order: each line is said at once, the page is written into a folder."""
+    """Headings, text, tables and pictures, in order: each line is said at once, the page is written into a folder.
 
-    def __init__(self, title: str, say: Callable[[str], None], folder: Path) -> None:
+    `begin` is told what is drawn next, for a display of the progress.
+    """
+
+    def __init__(
+        self, title: str, say: Callable[[str], None], folder: Path, begin: Callable[[str], None] = lambda what: None
+    ) -> None:
         folder.mkdir(parents=True, exist_ok=True)
-        self.title, self.say, self.folder = title, say, folder
+        self.title, self.say, self.folder, self.begin = title, say, folder, begin
         self.blocks: list[PageBlock] = []
 
     def heading(self, text: str, level: int = 2) -> None:
@@ -143,6 +151,8 @@ class Report:
         import matplotlib.style
         from cycler import cycler
 
+        self.begin(f"drawing {name}.png")
+
         with matplotlib.style.context([STYLE]):
             draw().savefig(self.folder / f"{name}.png", dpi=DPI, metadata=PICTURE)
         dark = DARK | {"axes.prop_cycle": cycler(color=DARK_COLORS)} | STYLE
@@ -153,7 +163,7 @@ class Report:
     def motion(self, name: str, motion: Trajectory, caption: str) -> None:
         """Add small pictures of a motion: positions, velocities, torques, energies."""
         for k, (label, draw) in enumerate(small_plots(motion) if has_matplotlib() else [], 1):
-            self.figure(f"{name}_{k}", draw, f"{caption}: {label}")
+            self.figure(f"{name}_{k}", draw, f"{caption}: {label} over time")
 
     def film(
         self, name: str, motion: Trajectory | tuple[Array, Array], caption: str, robot: Robot | None = None
@@ -165,6 +175,7 @@ class Report:
         in_3d = importlib.util.find_spec("viser") is not None
         if ways := ["in 3-D"] * in_3d + ["as an animation"] * has_matplotlib():
             self.say(f"drawing the motion {' and '.join(ways)}")
+            self.begin("drawing the motion")
         if isinstance(motion, Trajectory):
             assert motion.model is not None
             robot = Robot(motion.model)
@@ -203,7 +214,7 @@ class Report:
             f"<title>{escape(self.title)}</title><style>{CSS}</style>"
         )
         body = "\n".join([f"<h1>{escape(self.title)}</h1>", *pieces, ""])
-        body = re.sub(r"(<picture>.*\n){2,}", r'<div class="pictures">\n\g<0></div>\n', body)  # side by side
+        body = re.sub(r"(<figure><picture>.*\n){2,}", r'<div class="pictures">\n\g<0></div>\n', body)  # side by side
         path = self.folder / "index.html"
         path.write_text(
             f'<!doctype html><html lang="en"><head>{head}</head><body>{body}</body></html>\n', encoding="utf-8"
@@ -226,10 +237,12 @@ def _html(block: PageBlock, number: int) -> str:
     if tag == "picture":
         name, caption = content
         dark = f'<source srcset="{name}-dark.png" media="(prefers-color-scheme: dark)">'
-        return f'<picture>{dark}<img src="{name}.png" alt="{escape(caption)}"></picture>'
+        picture = f'<picture>{dark}<img src="{name}.png" alt="{escape(caption)}"></picture>'
+        return f"<figure>{picture}<figcaption>{escape(caption)}</figcaption></figure>"
     if tag == "film":
         name, caption, in_3d = content
-        return f'<img src="{name}.gif" alt="{escape(caption)}">' + (THREE_D % (name, name) if in_3d else "")
+        film = f'<img src="{name}.gif" alt="{escape(caption)}">' + (THREE_D % (name, name) if in_3d else "")
+        return f"<figure>{film}<figcaption>{escape(caption)}</figcaption></figure>"
     if tag == "table":
         header, *rows = [[escape(cell) for cell in line] for line in content]
         is_wide = _is_wide(content)

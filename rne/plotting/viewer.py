@@ -32,6 +32,7 @@ FPS = 30.0  # frames per second of the page
 MAX_POSES = 10_000  # of links in a page: of a long motion there are fewer frames per second
 FOV = np.radians(38)  # of the camera, vertical
 HEIGHT = 480  # [px] of the view in a notebook
+AMBIENT = 1.2  # intensity of the light that reaches all sides: viser's own lights leave those away from them dark
 PAGE = (".html", ".htm")
 TITLE, ROOT, LIGHT = "<title>Viser</title>", '<div id="root"></div>', "darkMode:false"  # in viser's page
 DARK = "darkMode:matchMedia('(prefers-color-scheme:dark)').matches"
@@ -156,6 +157,7 @@ def view(
         points = np.concatenate([corners(x, some) for x in (main, ghost) if x is not None])
         camera, (target, away) = server.initial_camera, aim(points)
         camera.position, camera.look_at, camera.up, camera.fov = target + away, target, (0.0, 0.0, 1.0), FOV
+        server.scene.add_light_ambient("/light", intensity=AMBIENT)
         cell = add_floor(server.scene, points)
         groups = build(server.scene, main, ghost, lines, frames=frames, inertia=inertia)
         recording = server.get_scene_serializer()
