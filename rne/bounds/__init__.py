@@ -1,4 +1,4 @@
-"""Constants of a robot with proof, by branch and bound on trigonometric polynomials; see `Robot.bounds`."""
+"""Proven constants of a robot, by branch and bound on trigonometric polynomials; see `Robot.bounds`."""
 
 from .bounds import Bound, Bounds
 

@@ -18,18 +18,18 @@ from .criteria import ROUNDING, LargestOfInverse
 from .polynomials import PositionBox
 
 I, J = np.triu_indices(6)
-UNITS = np.zeros((21, 6, 6))  # of symmetric matrices
+UNITS = np.zeros((21, 6, 6))  # basis of symmetric matrices
 UNITS[range(21), I, J] = UNITS[range(21), J, I] = 1
 DIAGONAL = I == J
 NODES = np.linspace(-1, 1, 5)
-WIDEST = 2 * np.pi / 3  # range of an angle
-PARTS = 8  # of the second joint's range
-HALVINGS = 20  # of each part
-LEAVES = 15_000  # that are computed at once
-OF_LEAF = 1200  # operations for each
-NARROWEST = 1e-7  # half width of a box in x: what fails in a narrower one is taken as a value
-FINE = 1000  # steps of the second joint where a box gets too narrow
-SHARE = 0.5  # of P / t that is taken from M where its curvature is judged
+WIDEST = 2 * np.pi / 3  # largest range of an angle [rad]
+PARTS = 8  # parts of the second joint's range
+HALVINGS = 20  # most halvings of each part
+LEAVES = 15_000  # leaves computed at once
+OF_LEAF = 1200  # operations per leaf
+NARROWEST = 1e-7  # half width in x of the narrowest box, where a failure counts as a value
+FINE = 1000  # steps of the second joint in the narrowest box
+SHARE = 0.5  # share of P / t subtracted from M to judge its curvature
 
 
 def bernstein(x: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Constants of a robot that stability theorems assume, computed with proof beside the values attained."""
+"""Proven constants of a robot that stability theorems assume, with the values attained."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ from .polynomials import Polynomial, PositionBox, box_argument, independent, lev
 
 Range = tuple[float, float]
 QUANTITIES = ("gravity_torque", "gravity_stiffness", "mass_matrix", "mass_eigenvalues", "coriolis", "torque")
-NAMES = (*QUANTITIES, "point_speed")  # which needs a link
-SAMPLES = 500  # random positions, over which M is averaged to scale slacks
+NAMES = (*QUANTITIES, "point_speed")  # "point_speed" needs a link
+SAMPLES = 500  # random positions over which M is averaged to scale slacks
 HALF = 180  # steps from 0 to pi / 2
-UNKNOWN = 1e150  # a bound of what is not known, whose square is finite
+UNKNOWN = 1e150  # placeholder for an unknown bound, with a finite square
 
 
 @dataclass(frozen=True)
 class Bound(InNotebooks):
-    """A constant, or an array of constants, of `Robot.bounds`: proven to be from `lower` to `upper`.
+    """Constant, or array of constants, of `Robot.bounds`: proven to be from `lower` to `upper`.
 
     Attributes
     ----------
@@ -74,7 +74,7 @@ class Bound(InNotebooks):
 
 @dataclass(frozen=True)
 class Bounds(InNotebooks):
-    """Constants of a robot with proof, as found by `Robot.bounds`; those not asked for are None.
+    """Proven constants of a robot, as found by `Robot.bounds`; those not asked for are None.
 
     Attributes
     ----------
@@ -256,7 +256,7 @@ def corners_of_masses(model: Model, payload: Range | None, masses: Mapping[str, 
 
 
 def mass_range(name: str, ends: Any) -> Range:
-    """The least and the largest mass of a range, checked."""
+    """Smallest and largest mass of a range, checked."""
     low, high = real_array(name, ends, "(2,)").tolist() if np.shape(ends) == (2,) else (1.0, 0.0)
     if not 0 <= low <= high:
         raise ValueError(f"`{name}` must be the least and the largest mass in kg, got {ends!r}")
@@ -305,7 +305,7 @@ class RobotPolynomials:
 
 
 def without_first_joint(box: PositionBox, link: str) -> PositionBox:
-    """The box with the joint nearest to the root held: it turns velocities of the link's points as a whole."""
+    """Box with the joint nearest to the root held: that joint turns velocities of the link's points as a whole."""
     model = box.model
     body = model.link_body[model.link_index(link)]
     while model.parent[body] >= 0:
@@ -379,7 +379,7 @@ def least_eigenvalue(M: Polynomial, inverse: ProvenMaximum) -> ProvenMaximum:
 
 
 def entry(polynomial: Polynomial, *place: int) -> Polynomial:
-    """One entry of a polynomial array, as a vector of length one."""
+    """Entry of a polynomial array, as a vector of length one."""
     return polynomial.mapped(lambda x: x[(slice(None), *place, None)])
 
 

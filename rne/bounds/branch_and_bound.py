@@ -1,4 +1,4 @@
-"""The largest value of a convex function of a polynomial array over a box, with proof: branch and bound on equal cells.
+"""Proven maximum of a convex function of a polynomial array over a box, by branch and bound on equal cells.
 
 In a cell of half widths r, A(q) differs from the multilinear interpolation of its values at the corners by at most
 sum_k K_k r_k^2 / 2 in the norm of K_k >= |d^2 A / dq_k^2|. The interpolation is a mean of the corners' values, so that
@@ -21,29 +21,29 @@ from .articulated import ArticulatedSearch, applies
 from .criteria import ROUNDING, Criterion
 from .polynomials import Polynomial, PositionBox
 
-BLOCK = 8192  # positions that are tested at once
-DENSE = 2**27  # corners of a whole grid that are held as a table of bytes
-MOST_CORNERS = 10**8  # of all cells, shared ones counted for each
-SMALL = 1e-14  # of the sum of modes: what leaving a coordinate out may cost
-FEW = 512  # random positions that are tested before the corners: if none passes, cells are too large
+BLOCK = 8192  # positions tested at once
+DENSE = 2**27  # most corners of a whole grid stored as a table of bytes
+MOST_CORNERS = 10**8  # most corners of all cells, shared ones counted for each
+SMALL = 1e-14  # cost of leaving a coordinate out, relative to the sum of modes
+FEW = 512  # random positions tested before the corners: if none passes, cells are too large
 CLIMB = 1e-12  # least relative gain of a step
-STARTS, SAMPLES = 6, 1000  # of a search: the best of so many random positions
-WORTH_GRIDS = 1e5  # corners expected, from which grids are used
+STARTS, SAMPLES = 6, 1000  # starts of a local search, the best of so many random positions
+WORTH_GRIDS = 1e5  # expected corners from which grids are used
 LITTLE = 0.1  # share of a curvature below which a group of modes gets no grid
-CLOSE = 1.4  # times the tolerance: smaller fractions are searched at the tolerance itself
+CLOSE = 1.4  # ratio to the tolerance below which fractions are searched at the tolerance itself
 USELESS = 1e3  # largest fraction that is searched
-SHORTEST = 1e-3  # least work that a search is taken to need
-OPERATIONS = 2e9  # in a unit of work: in 0.4 to 1 s on a core of 2 to 3 GHz
-OF_CORNER = 16  # operations for each corner of each cell
-VANISHES = 4  # times what rounding leaves: what is proven of a value that vanishes
-ROUNDS = 20  # of the reduction of a basis of angles
-STEPS = (10, 8, 6)  # of a full turn, per degree
-OF_ENTRY = 16  # operations for each number on a grid
-MOST_POINTS, MOST_NUMBERS = 250_000, 4e6  # of a grid, whichever allows more
+SHORTEST = 1e-3  # least assumed work of a search
+OPERATIONS = 2e9  # operations per unit of work: 0.4 to 1 s on a core of 2 to 3 GHz
+OF_CORNER = 16  # operations per corner of each cell
+VANISHES = 4  # proven bound of a value that vanishes, relative to its rounding
+ROUNDS = 20  # most rounds of the reduction of a basis of angles
+STEPS = (10, 8, 6)  # steps of a full turn, per degree
+OF_ENTRY = 16  # operations per number on a grid
+MOST_POINTS, MOST_NUMBERS = 250_000, 4e6  # limits of a grid, the larger one counts
 
 
 class Clock:
-    """Counts the work of proofs, the same on every machine, unless `seconds` of the machine's own time stop it."""
+    """Clock that counts the work of proofs, equal on every machine, unless `seconds` of wall time stop it."""
 
     def __init__(self, seconds: float = np.inf) -> None:
         self.work, self.stopped, self.stop = 0.0, False, time.monotonic() + seconds
@@ -162,7 +162,7 @@ def local_maximum(
     starts: int = STARTS,
     last: float = 1e-9,
 ) -> tuple[Array, float]:
-    """A local maximum from the best of random positions, by steps along the axes and at random, halved to `last`."""
+    """Local maximum from the best of random positions, by steps along the axes and at random, halved to `last`."""
     rng = np.random.default_rng(1)
     width = upper - lower
     q = rng.uniform(lower, upper, (max(SAMPLES, starts), len(width)))
@@ -224,7 +224,7 @@ def groups(polynomial: Polynomial, frequency: Array, share: Array, entries: int)
 
 
 def values_on_grid(frequency: Array, coefficients: Array, steps: Array) -> Iterator[Array]:
-    """The real part of a sum of modes at equal steps of each coordinate, in blocks of one value of a coordinate."""
+    """Real part of a sum of modes at equal steps of each coordinate, in blocks of one value of a coordinate."""
     degree = abs(frequency).max(axis=0).astype(int)
     sums = np.zeros((*(2 * degree + 1), *coefficients.shape[1:]), dtype=complex)
     np.add.at(sums, tuple((frequency.astype(int) + degree).T), coefficients)
@@ -279,7 +279,7 @@ class CellSearch:
         self.basis = short_basis(np.einsum("m,mi,mj->ij", share, frequency, frequency), box.circle)
         self.share = share
         slope, self.curvatures = polynomial.derivatives(self.basis)
-        # A coordinate on which A hardly depends stays at its middle, at the cost of its slope times the half width.
+        # A coordinate that A hardly depends on stays at its middle, at the cost of its derivative times the half width.
         cost = share @ slope * self.radius
         self.free = cost > SMALL * share.sum()
         self.fixed_weights = ROUNDING + slope @ np.where(self.free, 0.0, self.radius)
@@ -366,7 +366,7 @@ class CellSearch:
         return True
 
     def _is_higher(self, q: Array) -> bool:
-        """True if the value at one of the positions is above the target; that one becomes `higher`."""
+        """True if the value at a position exceeds the target, which becomes `higher`."""
         self.clock.count(len(q) * self.criterion.operations)
         q = q[~self.criterion.holds(q, self.target, 0 * self.slack())] if len(q) else q
         values = self.criterion.counted(q, self.clock) if len(q) else np.zeros(0)
@@ -395,7 +395,7 @@ class Corners:
             self.numbers = numbers[np.append(True, numbers[1:] > numbers[:-1])]
 
     def sides(self) -> Iterator[Array]:
-        """Numbers of one corner of every cell, corner by corner."""
+        """Indices of one corner of every cell, corner by corner."""
         axes = np.flatnonzero(self.free)
         cells, points, strides = self.cells[:, axes].T, self.points[axes, None], self.strides[axes, None]
         cells, points = cells.astype(strides.dtype), points.astype(strides.dtype)

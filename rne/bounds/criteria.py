@@ -15,8 +15,8 @@ from .polynomials import Polynomial
 # Relative to the sum of the terms: errors of recursions (20 eps), coefficients and pivots of matrices up to order 36.
 ROUNDING = 2000 * float(np.finfo(float).eps)
 
-AT_ONCE = 500  # arrays of which the norm is found
-SWEEPS = 2  # over the rates, in search of a largest torque
+AT_ONCE = 500  # arrays whose norm is computed at once
+SWEEPS = 2  # sweeps over the rates in the search for a largest torque
 TINY = 1e-300
 ELSEWHERE = 0.1  # importance of directions other than that of the extreme eigenvalue
 
@@ -40,7 +40,7 @@ def half_of_corners(n: int) -> Array:
 
 @dataclass
 class Criterion:
-    """A convex function phi of a polynomial array A(q), a sum of modes, of which the largest value is wanted.
+    """Convex function phi of a polynomial array A(q), a sum of modes, to be maximised.
 
     Subclasses define it by methods of the same meaning:
 
@@ -58,11 +58,11 @@ class Criterion:
     of_value: ClassVar[int] = 0  # operations of `values` beside those of `holds`, for each position
 
     def values(self, q: Array) -> Array:
-        """phi(A(q)) at positions, shape (N,); by default as of the moduli."""
+        """Values phi(A(q)) at positions, shape (N,); by default from the moduli."""
         return self.moduli(self.polynomial.evaluate(q))
 
     def counted(self, q: Array, clock: Any) -> Array:
-        """The `values`, whose operations a clock counts."""
+        """Values with their operations counted by a clock."""
         clock.count(len(q) * (self.operations + self.of_value))
         return self.values(q)
 
@@ -72,7 +72,7 @@ class Criterion:
         return self.polynomial.operations + self.of_test(self.polynomial.coefficients.shape[-1])
 
     def of_test(self, n: int) -> float:
-        """Number of operations of `holds` beside the evaluation of A, whose last axis has length n."""
+        """Number of operations of `holds` without the evaluation of A, whose last axis has length n."""
         return n
 
     def holds(self, q: Array, target: float, slack: Any) -> Array:
@@ -246,7 +246,7 @@ class Coriolis(Criterion):
         return np.maximum(self._searched(c, directions[:, :, -1]), self._searched(c, every))
 
     def _searched(self, c: Array, v: Array) -> Array:
-        """Alternating search: u = C(q, v) v / |C(q, v) v|, then v the eigenvector of u^T C(q, v) v; it never falls."""
+        """Alternating, monotone search: u = C(q, v) v / |C(q, v) v|, then v the eigenvector of u^T C(q, v) v."""
         for _ in range(5):
             u = self._torque(c, v)
             u /= np.maximum(np.linalg.norm(u, axis=1), np.finfo(float).tiny)[:, None]
@@ -352,7 +352,7 @@ class Torque(Criterion):
         return np.asarray(inertial + np.maximum(high + A[:, 0], low - A[:, 0]))
 
     def _largest_form(self, c: Array) -> Array:
-        """Largest quadratic form found: from the best corner each rate in turn goes to its best value in its range."""
+        """Largest quadratic form found: from the best corner, each rate in turn goes to its best value in its range."""
         i, j = np.triu_indices(len(self.rates))
         v = self._signs[(c @ self._products).argmax(axis=1)]  # rates over their largest values
         c = c * self._products[:, 0]

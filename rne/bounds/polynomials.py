@@ -18,8 +18,8 @@ from ..basics.spatial import Array, Map
 from ..kernels.kernel import Kernel
 from ..model.model import Model
 
-MOST_SAMPLES = 2_000_000  # of a grid for the coefficients
-NARROW = 1e-150  # half width of a sliding joint's range below which its inverse square is not a number
+MOST_SAMPLES = 2_000_000  # most samples of a grid for the coefficients
+NARROW = 1e-150  # half width of a sliding joint's range below which its inverse square overflows
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class PositionBox:
 
 
 def box_argument(model: Model, positions: Any) -> PositionBox:
-    """Box of the argument `positions`: "circle", "limits" or (lower, upper). Angles without a range make full turns."""
+    """Box for the argument `positions`: "circle", "limits" or (lower, upper). Angles without a range turn fully."""
     lower, upper = (model.coordinate_limits()[name] for name in ("lower", "upper"))
     is_word, is_pair = isinstance(positions, str), isinstance(positions, Sequence | np.ndarray) and len(positions) == 2
     if not (positions in ("circle", "limits") if is_word else is_pair):
@@ -61,7 +61,7 @@ def box_argument(model: Model, positions: Any) -> PositionBox:
 
 @dataclass(frozen=True)
 class Polynomial:
-    """An array A(q) as a sum of modes, each the product of one function of modulus at most 1 per joint."""
+    """Array A(q) as a sum of modes, each the product of one function of modulus at most 1 per joint."""
 
     evaluate: Map  # (N, n) -> (N, ...)
     coefficients: Array  # (modes, ...)
@@ -97,13 +97,13 @@ class Polynomial:
 
 
 def independent(model: Model) -> Model:
-    """The model with mimic joints set free: the positions of all moving joints are its coordinates."""
+    """Model with independent mimic joints: the positions of all moving joints are its coordinates."""
     free: dict[str, Any] = {"coordinate": None, "independent_joints": None, "multiplier": None, "offset": None}
     return replace(model, **free) if model.has_mimics else model
 
 
 def levers(model: Model, slides: Array | float = 0.0) -> tuple[Array, Array]:
-    """Bounds of the speeds of bodies' centres by each joint's rate, and which bodies it moves: (nb, nb) each.
+    """Bounds of the speeds of bodies' centres by each joint's rate, and the mask of bodies it moves: (nb, nb) each.
 
     Chains are taken as stretched, with bodies at their ends.
     """

@@ -49,7 +49,7 @@ class Inertia(NamedTuple):
     M: Array
 
     def plus(self, other: Inertia) -> Inertia:
-        """The sum of two inertias in the same frame."""
+        """Sum of two inertias in the same frame."""
         return Inertia(self.I + other.I, self.H + other.H, self.M + other.M)
 
     def times(self, angular: Array, linear: Array) -> Force:
@@ -65,7 +65,7 @@ class Force(NamedTuple):
     f: Array
 
     def plus(self, other: Force) -> Force:
-        """The sum of two forces in the same frame."""
+        """Sum of two forces in the same frame."""
         return Force(self.n + other.n, self.f + other.f)
 
 

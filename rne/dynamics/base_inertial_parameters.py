@@ -1,4 +1,4 @@
-"""Base parameters: the fewest combinations of the standard parameters that joint torques depend on.
+"""Base parameters: a minimal set of combinations of the standard parameters that determine joint torques.
 
 They follow from the axes and places of the joints alone. Kinetic and potential energy of a body are linear in its
 pseudo-inertia P, the integral of x x^T dm with x = (r, 1). They are tr(Phi P), with Phi = xi^T xi / 2 for a velocity
@@ -32,11 +32,11 @@ from ..model.topology import carriers, drivers_of, joint_groups, where_loops_clo
 from .kinematics import BASE, coordinate_map, joint_transforms
 from .regressors import regressor
 
-COARSEST = 0.01  # a larger tolerance takes different robots for the same
-ROUNDING = 1e-12  # coefficients this small, or this close to a whole number, are roundings of 0 and of that number
-PIVOT = 0.05  # of the largest entry, at least
-FLAT = 16  # entries of Phi or xi
-DRAWN = 4  # positions at random for each that is needed, of joints that cannot follow everywhere
+COARSEST = 0.01  # largest tolerance: a larger one takes different robots for the same
+ROUNDING = 1e-12  # rounding of coefficients that are 0 or a whole number
+PIVOT = 0.05  # smallest pivot relative to the largest entry
+FLAT = 16  # number of entries of Phi or xi
+DRAWN = 4  # random positions per needed one, for joints that cannot follow everywhere
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -79,12 +79,12 @@ class BaseParameters(ReadOnlyArrays):
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """The kept parameter of each combination."""
+        """Kept parameter of each combination."""
         return tuple(self.standard.names[k] for k in self.independent)
 
     @cached_property
     def formulas(self) -> tuple[str, ...]:
-        """Each combination written out, such as "Izz_1 + Iyy_2 + 0.0049 m_2", the kept parameter first."""
+        """Formula of each combination, such as "Izz_1 + Iyy_2 + 0.0049 m_2", the kept parameter first."""
         return tuple(self._formula(k, row) for k, row in zip(self.independent, self.matrix, strict=True))
 
     def _formula(self, kept: int, row: Array) -> str:
@@ -97,7 +97,7 @@ class BaseParameters(ReadOnlyArrays):
 
     @cached_array
     def back(self) -> Array:
-        """E with Y = Y E B in every state, and B E = 1; shape (standard.count, count).
+        """Matrix E with Y = Y E B in every state, and B E = 1; shape (standard.count, count).
 
         Its columns are unit vectors: E beta has the base parameters in the places of the kept ones, and zeros else.
         """
@@ -107,11 +107,11 @@ class BaseParameters(ReadOnlyArrays):
 
     @cached_array
     def values(self) -> Array:
-        """The base parameters of the model; offsets and parameters of coupled motors count as zero."""
+        """Base parameters of the model; offsets and parameters of coupled motors count as zero."""
         return np.asarray(self.matrix @ self.standard.values)
 
     def of(self, parameters: ArrayLike) -> Array:
-        """The base parameters beta = B pi of standard parameters.
+        """Base parameters beta = B pi of standard parameters.
 
         Parameters
         ----------
@@ -170,7 +170,7 @@ class BaseParameters(ReadOnlyArrays):
         return np.asarray(values @ self.back.T)
 
     def regressor(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> Array:
-        """The matrix Y E of tau = Y E beta: torques per unit of each base parameter.
+        """Matrix Y E of tau = Y E beta: torques per unit of each base parameter.
 
         Parameters
         ----------
@@ -214,7 +214,7 @@ class BaseParameters(ReadOnlyArrays):
 
 
 def base_parameters(model: Model, *, drives: DriveModel | None = None, tolerance: float = 1e-9) -> BaseParameters:
-    """The fewest combinations of inertial and drive parameters that determine the joint torques, by rules.
+    """Minimal combinations of inertial and drive parameters that determine the joint torques, by rules.
 
     Gautier and Khalil 1990; Wensing, Niemeyer and Slotine 2024. They follow from the axes and places of the joints
     and the direction of gravity, not from its size, the masses or the limits. No states are sampled at random,
@@ -229,7 +229,7 @@ def base_parameters(model: Model, *, drives: DriveModel | None = None, tolerance
 
 
 def regrouped(standard: StandardParameters, tolerance: float) -> tuple[tuple[int, ...], Array]:
-    """Places of the kept parameters, and the matrix B of beta = B pi, with the identity in these places."""
+    """Indices of the kept parameters, and the matrix B of beta = B pi, with the identity at these indices."""
     energies, units = observed_combinations(standard, tolerance)
     friction = [_friction_rows(standard, symbol) for symbol in ("Fv", "Fvb", "Fc", "Fs", "Fl")]
     rows = span(np.concatenate([energies, *friction]), tolerance)
@@ -273,7 +273,7 @@ def _friction_rows(standard: StandardParameters, symbol: str) -> Array:
 
 
 def independent_columns(rows: Array) -> list[int]:
-    """As many columns as there are orthonormal rows, independent: the first ones that leave no large coefficients.
+    """Independent columns, as many as there are orthonormal rows; the first ones that leave no large coefficients.
 
     Threshold pivoting: what is orthogonal to the kept columns is left of the rows, and the next column must not be
     small in it beside the largest. The largest column left always passes, so the loop ends.
@@ -340,7 +340,7 @@ def observed_combinations(standard: StandardParameters, tolerance: float) -> tup
 
 
 def sizes(model: Model) -> tuple[float, float, Array]:
-    """The longest offset between joints, the size of gravity, and each coordinate's unit: 1, or that length."""
+    """Longest offset between joints, magnitude of gravity, and each coordinate's unit: 1, or that length."""
     length = float(np.linalg.norm(model.translation, axis=1).max(initial=0)) or 1.0
     units = np.where(model.is_revolute, 1.0, length)[list(model.independent_joints)]
     return length, float(np.linalg.norm(model.gravity)) or 1.0, units
@@ -467,24 +467,24 @@ def _shafts_between_branches(model: Model, groups: list[Group], shafts: Array) -
 
 
 def span(rows: Array, tolerance: float) -> Array:
-    """An orthonormal basis of the rows' span; rows of the size of roundings count as zero."""
+    """Orthonormal basis of the rows' span; rows of the size of roundings count as zero."""
     _, sizes, basis = np.linalg.svd(rows, full_matrices=False)
     return np.asarray(basis[sizes > tolerance * sizes.max(initial=1.0)])
 
 
 def kinetic(x: Array, y: Array) -> Array:
-    """The matrix of the entry of M that belongs to the velocities x and y."""
+    """Matrix of the entry of M that belongs to the velocities x and y."""
     return symmetric(transpose(x) @ y)
 
 
 def homogeneous(R: Array, p: Array) -> Array:
-    """The pose as a matrix of homogeneous coordinates."""
+    """Pose as a matrix of homogeneous coordinates."""
     T = np.zeros((*R.shape[:-2], 4, 4))
     T[..., :3, :3], T[..., :3, 3], T[..., 3, 3] = R, p, 1
     return T
 
 
 def inverse(T: Array) -> Array:
-    """The inverse of poses."""
+    """Inverse of poses."""
     R = transpose(T[..., :3, :3])
     return homogeneous(R, -rotate(R, T[..., :3, 3]))

@@ -1,4 +1,4 @@
-"""Forces in the pivots that close linkages, which the open tree does not have, from torques that nothing supplies."""
+"""Forces in the pivots that close linkages, absent in the open tree, from torques that nothing supplies."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def closing_forces(
 
 
 def in_order(model: Model) -> list[Loop]:
-    """The loops, each before those on whose joints it puts its force: these follow there and drive here."""
+    """Loops in order, each before those on whose joints it puts its force."""
     pending, order = [*model.loops], list[Loop]()
     joints = {loop: {model.moving_joints[i] for i in set.union(*loop_joints(model, loop))} for loop in pending}
     while pending:
@@ -55,7 +55,7 @@ def in_order(model: Model) -> list[Loop]:
 
 
 def pivot_of(model: Model, loop: Loop, R0: Bodies, p0: Bodies) -> tuple[list[tuple[str, Array, Array]], Bodies]:
-    """Links, points and rotations of a loop's ends, and how each joint moves the first end away from the second."""
+    """Links, points and rotations of a loop's ends, and each joint's motion of the first end relative to the second."""
     sides, c, pivot = list[tuple[str, Array, Array]](), dict[int, Array](), None
     for sign, (link, point), joints in zip((1, -1), loop.ends, loop_joints(model, loop), strict=True):
         k = model.link_index(link)
@@ -71,7 +71,7 @@ def pivot_of(model: Model, loop: Loop, R0: Bodies, p0: Bodies) -> tuple[list[tup
 
 
 def plane_force(model: Model, loop: Loop, c: Bodies, tau: Array, R0: Bodies) -> Any:
-    """The force F in the plane of a loop that does the work of both torques: c_i F = tau_i."""
+    """Force F in the plane of a loop that does the work of both torques: c_i F = tau_i."""
     i, j = (model.moving_joints.index(joint) for joint in loop.followers)
     turning = i if model.is_revolute[i] else j
     normal = rotate(R0[turning], model.axis[turning])

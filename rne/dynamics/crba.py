@@ -1,4 +1,4 @@
-"""The joint-space inertia matrix M(q) by the composite-rigid-body algorithm (CRBA)."""
+"""Joint-space inertia matrix M(q) by the composite-rigid-body algorithm (CRBA)."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def mass_matrix(model: Model, q: Array) -> Array:
 
 
 def mass_diagonal(model: Model, composites: dict[int, Moments], like: Array) -> Array:
-    """The diagonal of M: the inertia that each joint accelerates with all others locked, shape (..., nb)."""
+    """Diagonal of M: the inertia that each joint accelerates with all others locked, shape (..., nb)."""
     diagonal = zeros(like.shape, like=like)
     for j, (s, t) in enumerate(zip(model.angular_axis, model.linear_axis, strict=True)):
         f, n = unit_acceleration(composites[j], s, t)
@@ -96,7 +96,7 @@ def factorise(M: Array, parent: tuple[int, ...]) -> tuple[Array, Array]:
 def solve_with_pivots(
     M: Array, parent: tuple[int, ...], y: Array, product: Callable[[Array], Array] | None = None
 ) -> tuple[Array, Array, Array]:
-    """The solution x of M x = y, the pivots of M = L^T D L and the diagonal of M, shape (..., n) each.
+    """Solution x of M x = y, the pivots of M = L^T D L and the diagonal of M, shape (..., n) each.
 
     `product`, from x to M x, is what derivatives of x are taken of. By a recursion it loses fewer digits than by M.
     """

@@ -14,7 +14,7 @@ from .rnea import External, bias_torque, inertia_torque
 
 @checked_quantity(check_singularity)
 def solve_mass_matrix(model: Model, q: Array, tau: Array) -> tuple[Array, Array, Array]:
-    """M^-1 tau: the accelerations that torques add, or the velocities of the momenta p = M qd, shape (..., n)."""
+    """Solution of M qdd = tau: accelerations by torques, or velocities of the momenta p = M qd, shape (..., n)."""
     M = mass_matrix.core(model, q)
     return solve_with_pivots(M, model.coordinate_parent, tau, partial(inertia_torque, model, q))
 

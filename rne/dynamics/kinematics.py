@@ -188,7 +188,7 @@ def jacobian(model: Model, q: Array, link: str, point: tuple[float, ...] = ORIGI
 
 
 def point_of_body(model: Model, link: str, point: tuple[float, ...]) -> tuple[int, Array]:
-    """The body that a link is part of, and a point of the link in the body's frame."""
+    """Body that a link is part of, and a point of the link in the body's frame."""
     k = model.link_index(link)
     offset: Array = model.link_translation[k]
     return model.link_body[k], offset if point == ORIGIN else offset + model.link_rotation[k] @ np.array(point)

@@ -43,7 +43,7 @@ from .quantity import checked_quantity, quantity
 
 
 class Body(NamedTuple):
-    """The terms of one body: Jacobians of centre of mass and rotation, mass, inertia and gravity, in its own axes."""
+    """Terms of one body: Jacobians of centre of mass and rotation, mass, inertia and gravity, in its own axes."""
 
     Jc: Array
     Jw: Array
@@ -53,7 +53,7 @@ class Body(NamedTuple):
 
 
 def bodies(model: Model, q: Array) -> list[Body]:
-    """The terms of all bodies at q."""
+    """Terms of all bodies at q."""
     R, p = joint_transforms(model, q)
     Jw, Jv = body_jacobians(model, R, p)
     gravity = {BASE: model.gravity}
@@ -181,7 +181,7 @@ def lagrange_forward_dynamics(model: Model, q: Array, qd: Array, tau: Array) -> 
 
 @quantity(moments=True)
 def coriolis_matrix(model: Model, q: Array, qd: Array) -> Array:
-    """The matrix C(q, qd) of the Christoffel symbols: C qd is the Coriolis torque and dM/dt = C + C^T.
+    """Matrix C(q, qd) of the Christoffel symbols: C qd is the Coriolis torque and dM/dt = C + C^T.
 
     A rigid body is a sum of point masses, and for a point mass C = m J^T dJ/dt gives the Christoffel symbols. Summed
     over the body, with derivatives of components in its own axes:

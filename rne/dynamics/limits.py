@@ -42,7 +42,7 @@ def share_texts(shares: Array, limits: Array) -> list[str]:
 
 @dataclass(frozen=True)
 class Violation:
-    """One limit of one joint that a motion exceeds; `str` says it in a line.
+    """Limit of a joint that a motion exceeds; `str` gives it in a line.
 
     Attributes
     ----------
@@ -80,7 +80,7 @@ class Violation:
 
 
 def limit_violations(model: Model, t: Array, q: Array, qd: Array, tau: Array) -> list[Violation]:
-    """The limits of a model that a motion exceeds at its samples, of shapes (T,) and (T, n).
+    """Limits of a model that a motion exceeds at its samples, of shapes (T,) and (T, n).
 
     They are in the order of the joints, for each its position (each side), velocity and torque. A limit counts as
     exceeded by more than 1e-9 of it, so that a motion that ends at a stop, or with saturated torque, does not.

@@ -1,4 +1,4 @@
-"""How many digits forward dynamics keep: M's pivots say whether it is singular, Skeel's amplification the digits.
+"""Precision of forward dynamics: M's pivots decide on singularity, Skeel's amplification on the digits left.
 
 The criteria are `pivot_bound`, `velocity_bound` and `amplifications`, and no other module has numbers of its own.
 Functions and batches apply them by `check_accelerations`; kernels compare pivots and joint velocities with the two
@@ -33,12 +33,12 @@ NEGATIVE = 1e-9  # of M's largest entry, or of M scaled to unit diagonal: more b
 
 
 def pivot_bound(units: float, n: int, dtype: DTypeLike) -> float:
-    """Part of M's diagonal entry up to which a pivot of M is at most `units` rounding errors of n eps."""
+    """Fraction of M's diagonal entry up to which a pivot of M is at most `units` rounding errors of n eps."""
     return units * n * float(np.finfo(dtype).eps)
 
 
 def pivots_below(units: float, pivots: Array, diagonal: Array) -> Array:
-    """Where a pivot of M is at most `units` n eps of M's diagonal entry, or not a number, shape (..., n).
+    """True where a pivot of M is at most `units` n eps of M's diagonal entry, or NaN, shape (..., n).
 
     Of mpmath numbers, whose eps is not that of a dtype, where it is not positive.
     """
@@ -96,7 +96,7 @@ def check_accelerations(
 
 
 def _digits_left(amplification: Array, dtype: np.dtype[Any]) -> Array:
-    """Decimal digits that relative errors of eps leave, at least 0."""
+    """Decimal digits left by relative errors of eps, at least 0."""
     with np.errstate(divide="ignore"):
         return np.asarray(np.maximum(0.0, -np.log10(float(np.finfo(dtype).eps) * amplification)))
 
@@ -149,7 +149,7 @@ def _rounding_noise(model: Model, q: Array, qd: Array, external: External | None
 
 
 def weakest_motion(model: Model, M: Array) -> tuple[tuple[str, ...], float]:
-    """The joints whose combined motion moves the least inertia, and the smallest eigenvalue of M of unit diagonal.
+    """Joints whose combined motion moves the least inertia, and the smallest eigenvalue of M of unit diagonal.
 
     A joint whose diagonal entry is not positive moves none by itself; the eigenvalue is 0 then.
     """
@@ -166,7 +166,7 @@ def weakest_motion(model: Model, M: Array) -> tuple[tuple[str, ...], float]:
 
 
 def singular_error(model: Model, M: Array, state: BatchIndex) -> SingularMassMatrixError:
-    """The error that names the joints whose combined motion moves no inertia, or a negative one."""
+    """Error that names the joints whose combined motion moves no inertia, or a negative one."""
     joints, value = weakest_motion(model, M)
     names = ", ".join(repr(name) for name in joints)
     if value < -NEGATIVE or np.diagonal(M).min() < -NEGATIVE * np.abs(M).max():  # of bodies that are not possible
@@ -185,7 +185,7 @@ def singular_error(model: Model, M: Array, state: BatchIndex) -> SingularMassMat
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis(InNotebooks):
-    """How near M is to singular, for every state of a batch.
+    """Distance of M from singularity, for every state of a batch.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""The declaration of a public quantity: check the arguments, run the core, check the result.
+"""Declaration of a public quantity: check the arguments, run the core, check the result.
 
 A core is the bare recursion. It takes arrays that are finite, of one dtype and of one leading shape, and never
 branches on a value. `function.core` is that recursion, to be read, tested or traced on its own.
@@ -31,7 +31,7 @@ BatchIndex = tuple[int, ...]  # of a state in a batch; empty for a single state
 
 
 class PrecisionLoss(NamedTuple):
-    """The state of a call with the fewest decimal digits left, and why."""
+    """State of a call with the fewest decimal digits left, and the reason."""
 
     digits: float
     state: BatchIndex
@@ -44,7 +44,7 @@ class PrecisionLoss(NamedTuple):
 
 
 class PrecisionStatus(NamedTuple):
-    """The error or the warning that belongs to a result; neither for a result that keeps its digits.
+    """Error or warning that belongs to a result; neither for a result that keeps its digits.
 
     `raise_or_warn` raises or warns. It is called once, by the function that the user called.
     """
@@ -68,7 +68,7 @@ class PrecisionStatus(NamedTuple):
         return PrecisionStatus(error, loss)
 
     def worse(self, other: PrecisionStatus) -> PrecisionStatus:
-        """The worse of two: an error before a loss, fewer digits before more."""
+        """Worse of two statuses: an error before a loss, fewer digits before more."""
 
         def rank(status: PrecisionStatus) -> tuple[bool, float]:
             return status.error is None, float("inf") if status.loss is None else status.loss.digits
@@ -119,7 +119,7 @@ class Quantity:
 
 
 class Declared(Protocol):
-    """A function or object with a Quantity, which can be evaluated with numbers."""
+    """Function or object with a Quantity, which can be evaluated with numbers."""
 
     @property
     def quantity(self) -> Quantity: ...
@@ -129,7 +129,7 @@ class Declared(Protocol):
 
 @dataclass(frozen=True)
 class MethodQuantity:
-    """A method of an object as a Quantity; equal to that of an equal object, so that caches of kernels find it."""
+    """Method of an object as a Quantity; equal to that of an equal object, so that caches of kernels find it."""
 
     owner: Any
     quantity: Quantity = field(compare=False)
@@ -142,7 +142,7 @@ class MethodQuantity:
     def evaluate(
         self, model: Model, *arguments: Any, parameters: Array | None = None, **named: Any
     ) -> tuple[Array, PrecisionStatus]:
-        """The function with numbers, by the recursion, with its PrecisionStatus; NotFiniteError where it overflows."""
+        """Value of the function by the recursion, with its PrecisionStatus; NotFiniteError where it overflows."""
         named |= dict(zip(self.quantity.widths, arguments, strict=False))
         given = {name: np.asarray(named[name]) for name in self.quantity.widths if named.get(name) is not None}
         leading = np.broadcast_shapes(*(a.shape[:-1] for a in given.values()))  # a complex step moves one of them alone
@@ -163,7 +163,7 @@ class MethodQuantity:
 
 
 class QuantityFunction(Declared, Protocol[P, T_co]):
-    """A public function of a model, with its declaration and the bare recursion it wraps."""
+    """Public function of a model, with its declaration and the bare recursion it wraps."""
 
     __name__: str
     core: Callable[..., Any]
@@ -202,7 +202,7 @@ def checked_quantity(
 
 
 def _declare(core: Callable[..., Any], check: Check | None, *, per_mass: bool = False, **properties: Any) -> Any:
-    """The public function of a core, with its Quantity of these properties."""
+    """Public function of a core, with its Quantity of these properties."""
     signature = inspect.signature(core)
     name = core.__name__
     unknown = signature.parameters.keys() - {"model", *JOINT_ARGUMENTS, *OPTIONS}
@@ -289,13 +289,13 @@ def check_external(model: Model, external: Any) -> dict[str, Array]:
 
 
 def common_dtype(arrays: Sequence[Array]) -> np.dtype[Any]:
-    """The dtype in which arrays are computed with, in the machine's byte order."""
+    """Dtype for computations with the arrays, in the machine's byte order."""
     first = arrays[0].dtype
     return first if first.isnative and all(a.dtype is first for a in arrays) else np.result_type(*arrays)
 
 
 def common_leading_shape(*groups: Mapping[str, Array]) -> tuple[int, ...]:
-    """The leading (batch) shape all arrays broadcast to."""
+    """Leading (batch) shape that all arrays broadcast to."""
     named = [item for group in groups for item in group.items()]  # a link may be called q
     leading = [array.shape[:-1] for _, array in named]
     if leading.count(leading[0]) == len(leading):
@@ -308,7 +308,7 @@ def common_leading_shape(*groups: Mapping[str, Array]) -> tuple[int, ...]:
 
 
 def model_for(model: Model, dtype: np.dtype[Any], arrays: Sequence[Array]) -> Model:
-    """The model in the dtype of the arguments, so that the arithmetic stays in it."""
+    """Model in the dtype of the arguments, so that the arithmetic stays in it."""
     if dtype.kind == "O":
         numbers = (x for array in arrays for x in array.flat if hasattr(x, "context"))
         example = next(numbers, None)

@@ -1,4 +1,4 @@
-"""All link quantities of one pass of the recursive Newton-Euler algorithm, as a record that prints as a table."""
+"""Record of all link quantities of one pass of the recursive Newton-Euler algorithm, printed as a table."""
 
 from __future__ import annotations
 
@@ -109,18 +109,18 @@ class Recursion(ReadOnlyArrays):
 
     @property
     def known(self) -> Recursion:
-        """The record of those forces that are known."""
+        """Record restricted to the forces that are known."""
         joints, pivots = ([x not in self.not_known for x in names] for names in (self.joints, self.pivots))
         f, tau, pivot_force = self.f[..., joints, :], self.tau[..., joints, :], self.pivot_force[..., pivots, :]
         return replace(self, f=f, tau=tau, pivot_force=pivot_force)
 
     @property
     def batch(self) -> tuple[int, ...]:
-        """The leading shape: () for a single state."""
+        """Leading shape: () for a single state."""
         return self.u.shape[:-1]
 
     def state(self, index: int | tuple[int, ...]) -> Recursion:
-        """One state of a batch.
+        """State of a batch.
 
         Parameters
         ----------
@@ -261,7 +261,7 @@ def bearing_loads(record: Recursion, model: Model) -> tuple[Array, Array]:
 
 
 def recursion_table(record: Recursion) -> str:
-    """The record, or the first state of its batch, joint by joint in at most 100 columns."""
+    """Table of the record, or the first state of its batch, joint by joint in at most 100 columns."""
     batch = record.batch
     if 0 in batch:
         return f"Recursion of no states: leading shape {batch}"
@@ -284,7 +284,7 @@ def recursion_table(record: Recursion) -> str:
 
 
 def not_known(record: Any) -> list[str]:
-    """Lines that say which forces are not known, and why; none where all are."""
+    """Lines on unknown forces and the reasons; none where all are known."""
     if not record.not_known:
         return []
     text = f"Not known: forces in {listed(record.not_known)}, as what moves {listed(record.follow)} is no part of the "
@@ -293,7 +293,7 @@ def not_known(record: Any) -> list[str]:
 
 
 def _joint(record: Recursion, i: int) -> Iterator[Row]:
-    """The lines of one joint and the body behind it; u only where a drive is, not at a mimic joint."""
+    """Lines of one joint and the body behind it; u only where a drive is, not at a mimic joint."""
     is_driven = i in record.independent_joints
     yield Row(f"{short(record.joints[i])}, {record.joint_types[i]}{'' if is_driven else ', mimic'}")
     vectors = [(*about, getattr(record, about[0])) for about in VECTORS if about[0] != "a_o" or record.a_e is None]
@@ -306,7 +306,7 @@ def _joint(record: Recursion, i: int) -> Iterator[Row]:
 
 
 def _vector(name: str, equation: str, unit: str, values: list[Any]) -> Iterator[Row]:
-    """The line of a vector or of a number, and that of its imaginary part."""
+    """Line of a vector or of a number, and that of its imaginary part."""
     digits = [six_digits(x.real) if x.real == x.real else "not known" for x in values]
     yield Row(f"  {name:<7} {equation:<6} {unit:<7}", digits)
     if any(np.iscomplexobj(x) or x.imag != 0 for x in values):  # of NumPy or mpmath

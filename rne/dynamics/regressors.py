@@ -1,4 +1,4 @@
-"""The regressor: joint torques and energies as linear functions of the bodies' inertial parameters.
+"""Regressors: joint torques and energies as linear functions of the bodies' inertial parameters.
 
 The ten parameters of a body are its mass, first moment and inertia about the origin of its joint's frame in the URDF,
 in Pinocchio's order: m, m cx, m cy, m cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz. Spatial vectors are pairs (angular, linear), or
@@ -25,7 +25,7 @@ from .quantity import quantity
 
 
 class MotionVector(NamedTuple):
-    """A spatial velocity or acceleration."""
+    """Spatial velocity or acceleration."""
 
     angular: Array
     linear: Array
@@ -51,18 +51,18 @@ def momentum_matrix(w: MotionVector) -> Wrenches:
 
 
 def cross_motion(v: MotionVector, w: MotionVector) -> MotionVector:
-    """v x w, Featherstone 2008, (2.31)."""
+    """Product v x w, Featherstone 2008, (2.31)."""
     return MotionVector(cross(v.angular, w.angular), cross(v.angular, w.linear) + cross(v.linear, w.angular))
 
 
 def cross_force(v: MotionVector, f: Wrenches) -> Wrenches:
-    """v x* f, Featherstone 2008, (2.32)."""
+    """Product v x* f, Featherstone 2008, (2.32)."""
     turn = cross_matrix(v.angular)
     return Wrenches(turn @ f.moment + cross_matrix(v.linear) @ f.force, turn @ f.force)
 
 
 def coriolis_force(v: MotionVector, u: MotionVector) -> Wrenches:
-    """B(v, I) u of a body per unit of its parameters, with dI/dt - 2 B skew: C = sum of J^T (I dJ/dt + B J).
+    """Force B(v, I) u of a body per unit of its parameters, with dI/dt - 2 B skew: C = sum of J^T (I dJ/dt + B J).
 
     B u = (v x* I u + u x* I v - I (v x u)) / 2; Echeandia and Wensing 2021, (21). For u = v it is v x* I v.
     """
@@ -93,17 +93,17 @@ def joint_motions(
 
 
 def seen_from_body(w: MotionVector, R: Array, p: Array) -> MotionVector:
-    """A motion of the parent body at the origin of the body's frame, in its axes."""
+    """Motion of the parent body at the origin of the body's frame, in its axes."""
     return MotionVector(rotate_back(R, w.angular), rotate_back(R, w.linear + cross(w.angular, p)))
 
 
 def along_axis(model: Model, i: int, x: Array, w: MotionVector) -> MotionVector:
-    """w + S_i x: a motion and one of joint i."""
+    """Sum of a motion and one of joint i, w + S_i x."""
     return MotionVector(w.angular + model.angular_axis[i] * x, w.linear + model.linear_axis[i] * x)
 
 
 def body_wrenches(a: MotionVector, v: MotionVector, u: MotionVector, o: Array) -> Wrenches:
-    """Wrenches I a + B(v) u that a body takes, its parameters about the point o, at the frame's origin."""
+    """Wrenches I a + B(v) u of a body, its parameters about the point o, at the frame's origin."""
     a, v, u = (MotionVector(w.angular, w.linear + cross(w.angular, o)) for w in (a, v, u))
     inertial, centrifugal = momentum_matrix(a), coriolis_force(v, u)
     force = inertial.force + centrifugal.force
@@ -130,7 +130,7 @@ def _control_regressor(model: Model, q: Array, qd: Array, qdr: Array, qddr: Arra
 
 @quantity()
 def regressor(model: Model, q: Array, qd: Array, qdd: Array) -> Array:
-    """The matrix Y of tau = Y pi: joint torques per unit of each inertial parameter of each body.
+    """Regressor Y of tau = Y pi: joint torques per unit of each inertial parameter of each body.
 
     Høifødt 2011, (3.2); Siciliano et al. 2009, section 7.2.2. Parameters, result and errors are those of
     `rne.Robot.regressor`, with the model first.
@@ -140,7 +140,7 @@ def regressor(model: Model, q: Array, qd: Array, qdd: Array) -> Array:
 
 @quantity()
 def control_regressor(model: Model, q: Array, qd: Array, qdr: Array, qddr: Array) -> Array:
-    """The matrix Y of M qddr + C qdr + g = Y pi, with dM/dt - 2 C skew: what adaptive control needs.
+    """Regressor Y of M qddr + C qdr + g = Y pi, with dM/dt - 2 C skew, for adaptive control.
 
     Slotine and Li 1987; body by body as in Echeandia and Wensing 2021. Parameters, result and errors are those of
     `rne.Robot.control_regressor`, with the model first.
@@ -174,7 +174,7 @@ def gravity_torques(model: Model, q: Array, bodies: Array) -> Array:
 
 @quantity()
 def kinetic_energy_regressor(model: Model, q: Array, qd: Array) -> Array:
-    """The row y of T = y pi: kinetic energy per unit of each inertial parameter, that of `armature` apart.
+    """Row y of T = y pi: kinetic energy per unit of each inertial parameter, without `armature`.
 
     Parameters and errors are those of `rne.Robot.kinetic_energy`, with the model first.
 
@@ -204,7 +204,7 @@ def kinetic_energy_regressor(model: Model, q: Array, qd: Array) -> Array:
 
 @quantity()
 def potential_energy_regressor(model: Model, q: Array) -> Array:
-    """The row y of U = y pi: potential energy per unit of each inertial parameter.
+    """Row y of U = y pi: potential energy per unit of each inertial parameter.
 
     Parameters and errors are those of `rne.Robot.potential_energy`, with the model first.
 

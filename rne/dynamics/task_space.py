@@ -1,4 +1,4 @@
-"""Dynamics of a point of a link: its inertia, the force of its motion, the inverse that moves it with least energy.
+"""Dynamics of a point of a link: its inertia, the force of its motion, the inverse with least kinetic energy.
 
 With v = J qd, some rows of the Jacobian, tau = J^T (Lambda dv/dt + mu) moves the point as if it were a body of inertia
 Lambda (Khatib 1987). Every rotation comes first, and all is in the root link's axes or the link's own.
@@ -53,12 +53,12 @@ def _in_axes(model: Model, q: Array, J: Array, link: str, axes: str) -> Array:
 
 
 def in_link_axes(R: Array, J: Array) -> Array:
-    """A matrix (..., 6, k) of angular and linear rows in the root link's axes, turned to those of a link."""
+    """Matrix (..., 6, k) of angular and linear rows in the root link's axes, turned to those of a link."""
     return np.concatenate([transpose(R) @ J[..., :3, :], transpose(R) @ J[..., 3:, :]], axis=-2)
 
 
 def _solved(A: Array, parent: tuple[int, ...], Y: Array, product: Any = None) -> tuple[Array, Array, Array]:
-    """The solution X of A X^T = Y^T, row by row, the pivots of A and its diagonal."""
+    """Solution X of A X^T = Y^T, row by row, the pivots of A and its diagonal."""
     rows = [solve_with_pivots(A, parent, Y[..., k, :], product) for k in range(Y.shape[-2])]
     return np.stack([x for x, _, _ in rows], axis=-2), *rows[0][1:]
 
@@ -83,7 +83,7 @@ def _inertia(
 def check_task(
     model: Model, arguments: Mapping[str, Any], result: Array, pivots: Array, diagonal: Array
 ) -> PrecisionStatus:
-    """An error if M is singular, or the point cannot be moved in some direction."""
+    """Status: an error if M is singular, or the point cannot be moved in some direction."""
     status, n = check_singularity(model, arguments, result, pivots[..., : model.n], diagonal[..., : model.n]), model.n
     lost = pivots_below(SINGULAR, pivots[..., n:], diagonal[..., n:]).any(axis=-1)
     if status.error is not None or not lost.any():
@@ -96,7 +96,7 @@ def check_task(
 def pose_error(
     model: Model, q: Array, state: BatchIndex, link: str, rows: tuple[int, ...], point: tuple[float, ...], axes: str
 ) -> SingularMassMatrixError:
-    """The error that names the directions of the combined motion that no torque accelerates."""
+    """Error that names the directions of the combined motion that no torque accelerates."""
     J = task_jacobian(model, q, link, point, rows, axes)
     M = mass_matrix.core(model, q)
     mobility = J @ np.linalg.solve(M, J.T)

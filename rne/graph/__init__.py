@@ -1,4 +1,4 @@
-"""Functions as graphs of operations: traced, differentiated, written out as straight-line programs; no robot is known.
+"""Functions as graphs of operations: traced, differentiated, written as straight-line programs; knows no robot.
 
 1. graph has the operations, equal ones once and zeros folded away; scalar is the traced number that builds it.
 2. differentiation adds derivatives as further operations.

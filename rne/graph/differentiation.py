@@ -1,4 +1,4 @@
-"""Derivatives of a graph's outputs, as further operations of it: forwards, backwards, and both for the second order.
+"""Derivatives of a graph's outputs, as further operations: forwards, backwards, and both for the second order.
 
 Each operation has one rule for each operand: a function, linear in a slope, that carries it through the operation.
 Forwards (Jacobians) a slope goes from an operand to the result, and those of all operands are summed; backwards
@@ -22,12 +22,12 @@ from .graph import COMPARISONS, Graph, LinearSystem
 from .program import ON_ARRAYS, Operand, Program, interpret, lower
 from .scalar import Scalar, references
 
-Rule = Callable[[Graph, int, int, int, int], int]  # (graph, value, operands a and b, slope) -> slope
-_Change = tuple[int, int]  # references of a node's slope, and of 1, or 0 where `where` takes what does not change
+Rule = Callable[[Graph, int, int, int, int], int]  # (graph, value, operands a and b, derivative) -> derivative
+_Change = tuple[int, int]  # references of a node's derivative, and of 1, or 0 where `where` takes a constant
 
 
 class Order(NamedTuple):
-    """What a kernel gives of a function: its values, or derivatives of some kind."""
+    """Order of differentiation of a kernel: values, or derivatives of some kind."""
 
     title: str  # "" for the values and the Jacobian, which are named by the function
     inputs: tuple[str, ...] = ()  # behind those of the function
@@ -45,7 +45,7 @@ ORDERS = {
 
 
 def _chain(factor: Callable[[Graph, int, int], int]) -> tuple[Rule]:
-    """The rule of a function of one operand, from its derivative by value and operand."""
+    """Rule of a function of one operand, from its derivative by value and operand."""
     return (lambda g, v, a, b, s: g.multiply(factor(g, v, a), s),)
 
 
@@ -70,8 +70,8 @@ RULES: dict[str, tuple[Rule, ...]] = {
     "tanh": _chain(lambda g, v, a: g.add(g.constant(1.0), g.negate(g.multiply(v, v)))),
     "exp": _chain(lambda g, v, a: v),
 }
-FLAT = {"sign", *COMPARISONS}  # their slope is 0
-SINGULAR = {"divide", "arctan2", "sqrt"}  # their slope may be infinite where their value is not
+FLAT = {"sign", *COMPARISONS}  # derivative is 0
+SINGULAR = {"divide", "arctan2", "sqrt"}  # derivative may be infinite at a finite value
 
 
 def _choice(g: Graph, index: int) -> tuple[int, int, int] | None:
@@ -107,7 +107,7 @@ def differentiate(graph: Graph, order: str, outputs: Sequence[int], by: Sequence
 
 
 class _SystemNodes(NamedTuple):
-    """A linear system that was solved, with x and r(x) as references; r(x) is made of nodes of its own, behind x."""
+    """Solved linear system with references of x and r(x); r(x) consists of its own nodes, behind x."""
 
     solve: Callable[[Any], Any]
     product: Callable[[Any], Any]
@@ -118,7 +118,7 @@ class _SystemNodes(NamedTuple):
 
     @property
     def first(self) -> int:
-        """The node of x that comes first."""
+        """First node of x."""
         return min(ref >> 1 for ref in self.x)
 
 
@@ -137,7 +137,7 @@ class Sweeps:
         self.solved = {ref >> 1: solved for solved in found for ref in solved.x}
 
     def _depends(self, index: int) -> list[int]:
-        """The nodes that the slopes of a node are made of."""
+        """Nodes that the derivatives of a node depend on."""
         solved = self.solved.get(index)
         if solved is None:
             return self.graph.arguments(index)
@@ -147,12 +147,12 @@ class Sweeps:
         return sorted(self.graph.needed(outputs, self._depends))
 
     def forwards(self, outputs: Sequence[int], by: Mapping[int, int]) -> list[int]:
-        """Slopes of the outputs in a direction: of the inputs in `by`, which are given by their numbers, the slopes."""
+        """Derivatives of the outputs in a direction of the inputs in `by`, given by their numbers."""
         changes = self.changes(outputs, {k: (slope, self.one) for k, slope in by.items()})
         return [self._of(ref, changes) for ref in outputs]
 
     def changes(self, outputs: Sequence[int], by: Mapping[int, _Change]) -> dict[int, _Change]:
-        """Slopes of the nodes that depend on the inputs in `by`, and 1 each, or 0 where `where` takes constants."""
+        """Derivatives of the nodes that depend on the inputs in `by`, and 1 each, 0 where `where` takes constants."""
         found = {self.graph.input(k) >> 1: change for k, change in by.items()}
         for index in self._order(outputs):
             if index not in found and any(k in found for k in self._depends(index)):
@@ -163,11 +163,11 @@ class Sweeps:
         return found
 
     def _of(self, ref: int, changes: Mapping[int, _Change]) -> int:
-        """The slope of a reference from that of its node."""
+        """Derivative of a reference from that of its node."""
         return _signed(self.graph, ref, changes[ref >> 1][0]) if ref >> 1 in changes else self.zero
 
     def _moves(self, refs: Sequence[int], changes: Mapping[int, _Change]) -> int:
-        """1 where one of some references changes."""
+        """Reference of 1 where one of some references changes."""
         found = sorted({changes[ref >> 1][1] for ref in refs if ref >> 1 in changes})
         return self.one if self.one in found else reduce(partial(self.graph.binary, "maximum"), found, self.zero)
 
@@ -227,7 +227,7 @@ class Sweeps:
 
 
 class _Slopes:
-    """Slopes of the weighted sum of the outputs by nodes, which their readers add up."""
+    """Derivatives of the weighted sum of the outputs by nodes, accumulated over their readers."""
 
     def __init__(self, graph: Graph) -> None:
         self.graph = graph
@@ -236,7 +236,7 @@ class _Slopes:
         self.taken: dict[int, int] = {}  # of each of these nodes: 1 if some output takes it, 0 if `where` takes others
 
     def give(self, ref: int, slope: int, is_taken: int) -> None:
-        """Add a slope to that of a reference's node."""
+        """Add a derivative to that of a reference's node."""
         g, k = self.graph, ref >> 1
         if g.nodes[k].kind == "constant" or g.value(slope) == 0:
             return
@@ -246,7 +246,7 @@ class _Slopes:
         self.taken[k] = self.one if self.one in (before, is_taken) else g.binary("maximum", before, is_taken)
 
     def backward(self, index: int) -> None:
-        """Give the operands of a node their part of its slope, if it has one."""
+        """Propagate the derivative of a node, if it has one, to its operands."""
         if index not in self.of:
             return
         g, s, is_taken = self.graph, self.of[index], self.taken[index]
@@ -263,7 +263,7 @@ class _Slopes:
 
 
 def _nodes_of(g: Graph, system: LinearSystem) -> _SystemNodes | None:
-    """The references of a linear system; None where entries of x are constant, one expression, or operands of r.
+    """Nodes of a linear system; None where entries of x are constant, one expression, or operands of r.
 
     r is made of inputs in place of x, so that no operation of r is combined with those of x, as 2 (u / 2) to u.
     """
@@ -295,7 +295,7 @@ def _nodes_of(g: Graph, system: LinearSystem) -> _SystemNodes | None:
 
 
 def _signed(g: Graph, ref: int, slope: int) -> int:
-    """The slope of a reference from that of its node, or the other way around."""
+    """Derivative of a reference from that of its node, or the other way around."""
     return g.negate(slope) if ref & 1 else slope
 
 
@@ -305,7 +305,7 @@ def _row(g: Graph, refs: Sequence[int]) -> Any:
 
 
 def _forward(g: Graph, index: int, of: Callable[[int], int]) -> int:
-    """The slope of an operation from those of its operands."""
+    """Derivative of an operation from those of its operands."""
     kind, args = g.nodes[index]
     if kind in FLAT:
         return g.constant(0.0)
@@ -326,13 +326,13 @@ def _forward(g: Graph, index: int, of: Callable[[int], int]) -> int:
 
 
 def _times(g: Graph, a: int, slope: int) -> int:
-    """a times a slope; of what does not depend on the input there is no term, whatever a is."""
+    """Product of a and a derivative; zero for what does not depend on the input, whatever a is."""
     return slope if g.value(slope) == 0 else g.multiply(a, slope)
 
 
 @cache
 def _with_slope(kind: str, slopes: tuple[bool, ...], moves: tuple[bool, ...]) -> Program:
-    """An operation, its slope, and where it moves, as in `Sweeps.changes`.
+    """Operation with its derivative, and its dependence on the inputs as in `Sweeps.changes`.
 
     Its inputs are the operands, then their slopes, if they have one, then where they move, if not everywhere.
     """
@@ -345,7 +345,7 @@ def _with_slope(kind: str, slopes: tuple[bool, ...], moves: tuple[bool, ...]) ->
 
 
 def accumulated(program: Program, entries: int, inputs: Array, by: Sequence[int]) -> Array:
-    """The Jacobian of a program's first outputs, (states, entries, k), of inputs (states, width) of any type of number.
+    """Jacobian of a program's first outputs, (states, entries, k), for inputs (states, width) of any number type.
 
     Forwards along all inputs `by` at once, each operation by itself: for programs too large to be differentiated.
     """

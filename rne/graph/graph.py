@@ -1,4 +1,4 @@
-"""The expression graph: common subexpressions once, zeros and ones folded away, signs in the references.
+"""Expression graph: common subexpressions once, zeros and ones folded away, signs in the references.
 
 A reference is a signed node: 2 * node + 1 denotes its negative. Signs move outwards through products, sums and odd
 functions, so that x - y and y - x are one node and no operation is spent on them. Folding changes a result in its last
@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 LEAVES = {"input", "constant"}
 ODD = {"sin", "tanh", "sign"}
 EVEN = {"cos", "abs"}
-MAY_FAIL = {"sqrt", "exp"}  # to have a finite value
+MAY_FAIL = {"sqrt", "exp"}  # kinds that may have no finite value
 LARGEST_EXPONENT = math.log(sys.float_info.max)
 UNARY: dict[str, Callable[[float], float]] = {
     "sin": math.sin,
@@ -47,14 +47,14 @@ def _ordinary(x: float) -> bool:
 
 
 class Node(NamedTuple):
-    """One operation: its kind and its operands (references, an input's index, or a constant's value)."""
+    """Operation: its kind and its operands (references, an input's index, or a constant's value)."""
 
     kind: str
     args: tuple[Any, ...]
 
 
 class LinearSystem(NamedTuple):
-    """A solution x of r(x) = 0 with the symmetric slope M: functions from y to M^-1 y, from y to M y, and r."""
+    """Solution x of r(x) = 0 with the symmetric derivative M: functions y -> M^-1 y, y -> M y, and r."""
 
     x: Any
     solve: Callable[[Any], Any]
@@ -92,7 +92,7 @@ class Graph:
         self._factors: dict[int, tuple[float, int]] = {}
 
     def node(self, kind: str, *args: Any) -> int:
-        """The reference of an operation; equal operations share one."""
+        """Reference of an operation; equal operations share one."""
         key = (kind, *args)
         index = self._index.get(key)
         if index is None:
@@ -104,17 +104,17 @@ class Graph:
         return 2 * index
 
     def note_solution(self, *system: Any) -> None:
-        """Take note of the parts of a LinearSystem that was solved, for derivatives."""
+        """Record the parts of a LinearSystem that was solved, for derivatives."""
         self.systems.append(LinearSystem(*system))
 
     def note_finite(self, ref: int) -> None:
-        """Take note of a reference that kernels check to be finite, so that it may be taken to be."""
+        """Record a reference that kernels check to be finite, so that it may be assumed to be."""
         self.checked[ref >> 1] = None
         if ref >> 1 < len(self._doubtful):
             self._doubtful[ref >> 1] = False
 
     def arguments(self, index: int) -> list[int]:
-        """The nodes of an operation's operands."""
+        """Nodes of an operation's operands."""
         node = self.nodes[index]
         return [] if node.kind in LEAVES else [ref >> 1 for ref in node.args]
 
@@ -171,11 +171,11 @@ class Graph:
         return True
 
     def input(self, k: int) -> int:
-        """The k-th input."""
+        """Reference of the k-th input."""
         return self.node("input", k)
 
     def constant(self, value: float) -> int:
-        """A number: a node of its size, and the sign in the reference."""
+        """Reference of a number: a node of its size, and the sign in the reference."""
         ref = self._references.get(value)
         if ref is None:
             size = abs(value)
@@ -185,15 +185,15 @@ class Graph:
         return ref
 
     def value(self, ref: int) -> float | None:
-        """The value of a constant reference, or None if it depends on inputs."""
+        """Value of a constant reference, or None if it depends on inputs."""
         return self._values.get(ref)
 
     def negate(self, a: int) -> int:
-        """-a; zero has no sign."""
+        """Reference of -a; zero has no sign."""
         return a if self.value(a) == 0 else a ^ 1
 
     def add(self, a: int, b: int) -> int:
-        """a + b."""
+        """Reference of a + b."""
         x, y = self._values.get(a), self._values.get(b)
         if x is not None and y is not None:
             return self.constant(x + y)
@@ -217,7 +217,7 @@ class Graph:
         return self.node("subtract" if (a ^ b) & 1 else "add", a & ~1, b & ~1) ^ (a & 1)
 
     def repeated(self, index: int, args: Sequence[int]) -> int:
-        """A node's operation on other operands, as it stands, whatever they are made of."""
+        """Operation of a node on other operands, without simplification."""
         kind, a, b = self.nodes[index].kind, args[0], args[-1]
         if kind in ("add", "subtract"):
             return self._sum(a, b ^ int(kind == "subtract"))
@@ -227,7 +227,7 @@ class Graph:
         return self.node(kind, *args)
 
     def _doubled(self, a: int, b: int) -> int | None:
-        """y where a + b = (x + y) - (x - y), or any other order of it."""
+        """Reference y where a + b = (x + y) - (x - y), in any order."""
         first, second = self.nodes[a >> 1], self.nodes[b >> 1]
         if {first.kind, second.kind} != {"add", "subtract"} or set(first.args) != set(second.args):
             return None
@@ -244,12 +244,12 @@ class Graph:
         return (ref & 1) ^ int(node.kind == "subtract" and node.args[1] == x)
 
     def _term(self, ref: int) -> tuple[float, int]:
-        """A reference as constant times node."""
+        """Reference as constant times node."""
         factor, node = self._factors.get(ref & ~1, (1.0, ref & ~1))
         return (-factor if ref & 1 else factor), node
 
     def multiply(self, a: int, b: int) -> int:
-        """a b."""
+        """Reference of a b."""
         x, y = self._values.get(a), self._values.get(b)
         if x is not None and y is not None:
             return self.constant(x * y)
@@ -274,7 +274,7 @@ class Graph:
         return self.node("multiply", *sorted((a, b))) ^ sign
 
     def divide(self, a: int, b: int) -> int:
-        """a / b; by a power of two as a product, which is exact."""
+        """Reference of a / b; by a power of two as a product, which is exact."""
         x, y = self.value(a), self.value(b)
         self._divisors.append(b >> 1)
         if self._by_pivots is not None and next(self._by_pivots, False):
@@ -289,7 +289,7 @@ class Graph:
         return self.node("divide", a & ~1, b & ~1) ^ ((a ^ b) & 1)
 
     def unary(self, kind: str, a: int) -> int:
-        """An elementary function."""
+        """Reference of an elementary function."""
         x = self.value(a)
         if x is not None:
             try:
@@ -301,7 +301,7 @@ class Graph:
         return self.node(kind, a & ~1 if kind in EVEN else self.plain(a))
 
     def binary(self, kind: str, a: int, b: int) -> int:
-        """minimum, maximum or a comparison (1 where it holds, 0 where not)."""
+        """Reference of minimum, maximum or a comparison (1 where it holds, 0 where not)."""
         x, y = self.value(a), self.value(b)
         if x is not None and y is not None:
             return self.constant(float((BINARY | COMPARISONS)[kind](x, y)))
@@ -314,7 +314,7 @@ class Graph:
         return self.node(kind, *sorted((self.plain(a), self.plain(b))))
 
     def _beside_infinity(self, kind: str, a: int, b: int) -> int | None:
-        """The result of `binary` where one operand is infinite: a bound that never acts, or one that always does."""
+        """Result of `binary` for an infinite operand: a bound that never acts, or one that always does."""
         for bound, other in ((a, b), (b, a)):
             if math.isinf(self._values.get(bound, 0.0)):
                 at_zero = (BINARY | COMPARISONS)[kind](self._values.get(a, 0.0), self._values.get(b, 0.0))
@@ -324,14 +324,14 @@ class Graph:
         return None
 
     def arctan2(self, y: int, x: int) -> int:
-        """The angle of the vector (x, y)."""
+        """Angle of the vector (x, y)."""
         a, b = self.value(y), self.value(x)
         if a is not None and b is not None:
             return self.constant(math.atan2(a, b))
         return self.node("arctan2", self.plain(y & ~1), self.plain(x)) ^ (y & 1)
 
     def where(self, condition: int, a: int, b: int) -> int:
-        """a where the condition is not 0, b elsewhere."""
+        """Reference of a where the condition is not 0, b elsewhere."""
         x = self.value(condition)
         if x is not None:
             return a if x else b
@@ -342,7 +342,7 @@ class Graph:
         return self.node("where", condition, self.plain(a), self.plain(b))
 
     def plain(self, a: int) -> int:
-        """The reference without a sign: negatives of other than constants become an operation."""
+        """Reference without a sign: negatives of other than constants become an operation."""
         if not a & 1:
             return a
         x = self.value(a)

@@ -1,4 +1,4 @@
-"""Straight-line programs: from a graph the operations that the outputs need, in order."""
+"""Straight-line programs: the operations of a graph that the outputs need, in order."""
 
 from __future__ import annotations
 
@@ -30,18 +30,18 @@ ON_ARRAYS: dict[str, Callable[..., Any]] = {
     "less_equal": lambda a, b: elementwise.where(elementwise.less(b, a), 0.0, 1.0),
 }
 ON_ARRAYS |= {k: getattr(elementwise, k) for k in (*elementwise.SHARED, "less", "where")}
-BLOCK = 256  # states at once where every result is kept
+BLOCK = 256  # states evaluated at once where every result is kept
 
 
 class Operand(NamedTuple):
-    """An operand: an input, a constant, a number of a table or of a run, or the result of instruction k."""
+    """Operand: an input, a constant, a number of a table or of a run, or the result of instruction k."""
 
     kind: str  # "input", "constant", "table", "number" (of a run), "result"
     value: float | int
 
 
 class Instruction(NamedTuple):
-    """One operation of the program."""
+    """Operation of the program."""
 
     kind: str
     args: tuple[Operand, ...]
@@ -49,7 +49,7 @@ class Instruction(NamedTuple):
 
 @dataclass(frozen=True)
 class Program:
-    """Instructions in order, and the operand that holds each output entry."""
+    """Instructions in order, and the operand of each output entry."""
 
     instructions: tuple[Instruction, ...]
     outputs: tuple[Operand, ...]
@@ -85,7 +85,7 @@ class Program:
 def interpret(
     program: Program, inputs: Any, operations: Mapping[str, Callable[..., Any]], constant: Callable[..., Any]
 ) -> list[Any]:
-    """The outputs on any kind of inputs, by operations on it; `constant` makes one of a number."""
+    """Outputs for inputs of any kind with arithmetic; `constant` makes one of a number."""
     results: list[Any] = []
 
     def value(arg: Operand) -> Any:
@@ -99,7 +99,7 @@ def interpret(
 
 
 def evaluate(program: Program, entries: int, inputs: Array) -> Array:
-    """The first outputs, (states, entries), of inputs (states, width) of any type of number."""
+    """First outputs, (states, entries), for inputs (states, width) of any type of number."""
     found = np.zeros((len(inputs), entries), dtype=inputs.dtype)
     number: Any = np.asarray if inputs.dtype == object else inputs.dtype.type
     with np.errstate(all="ignore"):
@@ -111,7 +111,7 @@ def evaluate(program: Program, entries: int, inputs: Array) -> Array:
 
 
 def with_table(program: Program) -> tuple[Program, list[float]]:
-    """The program with its constants other than 0, 1 and -1 in a table: those that differ in these alone are equal."""
+    """Program with its constants other than 0, 1 and -1 in a table: those that differ only in these are equal."""
     table: list[float] = []
 
     def place(args: tuple[Operand, ...]) -> tuple[Operand, ...]:
@@ -128,7 +128,7 @@ def with_table(program: Program) -> tuple[Program, list[float]]:
 
 
 def divided(program: Program, first: int, count: int) -> tuple[Program, Program]:
-    """What is computed of some inputs alone, as a program of these, and the rest, whose inputs they are in their place.
+    """Program of what depends on some inputs alone, and the rest, which takes its results as inputs.
 
     Those inputs, `count` from the `first` on, are numbers that stay the same while the rest is evaluated many times.
     """
@@ -158,7 +158,7 @@ def divided(program: Program, first: int, count: int) -> tuple[Program, Program]
 
 
 def without_judged(program: Program, entries: int) -> Program:
-    """The program of the first outputs alone, which are the result, with the operations that these need."""
+    """Program of the first outputs alone, which are the result."""
     outputs, place, kept = program.outputs[:entries], dict[Operand, Operand](), list[Instruction]()
     needed = set(outputs)
     for k, instruction in reversed([*enumerate(program.instructions)]):
@@ -171,7 +171,7 @@ def without_judged(program: Program, entries: int) -> Program:
 
 
 def with_scalars(program: Program, first: int, count: int) -> Program:
-    """The program with some inputs as operands of kind "number", which are one for all states."""
+    """Program with some inputs as operands of kind "number", common to all states."""
     numbers = range(first, first + count)
 
     def moved(arg: Operand) -> Operand:
@@ -185,7 +185,7 @@ def with_scalars(program: Program, first: int, count: int) -> Program:
 
 
 def lower(graph: Graph, outputs: list[int], inputs: int) -> Program:
-    """The program of some outputs (references of the graph)."""
+    """Program of some outputs (references of the graph)."""
     return _Lowering(graph, outputs).program(inputs)
 
 
@@ -201,7 +201,7 @@ class _Lowering:
         self.flipped = self._flipped()
 
     def _flipped(self) -> set[int]:
-        """Operations used only with the opposite sign, and those that can be rewritten for it at no cost."""
+        """Operations used only with the opposite sign, and those that can be negated at no cost."""
         signs: dict[int, set[int]] = {}
         for output in self.outputs:
             signs.setdefault(output >> 1, set()).add(output & 1)
@@ -214,7 +214,7 @@ class _Lowering:
         return flipped
 
     def _flips(self, outputs: set[int]) -> dict[int, int]:
-        """Operations that can give their negative at no cost, and the operand that is flipped with each, or NONE."""
+        """Operations that can be negated at no cost, with the operand to negate for each, or NONE."""
         found: dict[int, int] = {}
         for k in self.order:
             node = self.graph.nodes[k]

@@ -16,7 +16,7 @@ MAX_POWER = 64
 
 
 def _operator(operation: Callable[[Graph, int, int], int]) -> Callable[[Scalar, Any], Scalar]:
-    """The operator of a traced number and another number; an array takes it entry by entry."""
+    """Operator of a traced number and another number; an array takes it entry by entry."""
 
     def method(self: Scalar, other: Any) -> Scalar:
         if type(other) is Scalar:
@@ -34,12 +34,12 @@ def _operator(operation: Callable[[Graph, int, int], int]) -> Callable[[Scalar, 
 
 
 def _elementary(kind: str) -> Callable[[Scalar], Scalar]:
-    """An elementary function of a traced number."""
+    """Elementary function of a traced number."""
     return lambda x: Scalar(x.graph, x.graph.unary(kind, x.ref))
 
 
 class Scalar:
-    """A traced number: arithmetic on it adds operations to its graph.
+    """Traced number: arithmetic on it adds operations to its graph.
 
     It has no value. An operation that needs one (a branch, float(), conversion to an array) raises TypeError instead
     of freezing one outcome into the kernel.
@@ -52,7 +52,7 @@ class Scalar:
         self.ref = ref
 
     def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:
-        """NumPy's functions, entry by entry, by the methods below."""
+        """Apply a NumPy function entry by entry, by the methods below."""
         if method != "__call__" or options:
             return NotImplemented
         return ufunc(*[_as_entry(x) if isinstance(x, Scalar) else _in_double(x) for x in inputs])
@@ -92,7 +92,7 @@ class Scalar:
         raise TypeError(f"a traced number can be raised to whole powers up to {MAX_POWER} and to 0.5, not to {power!r}")
 
     def _whole_power(self, k: int) -> Scalar:
-        """Whole powers by repeated squaring."""
+        """Power with a whole exponent by repeated squaring."""
         if k == 0:
             return Scalar(self.graph, self.graph.constant(1.0))
         half = self._whole_power(k // 2) if k > 1 else None
@@ -111,7 +111,7 @@ class Scalar:
         return Scalar(self.graph, self.graph.where(self.ref, self._other(a), self._other(b)))
 
     def single(self) -> Single:
-        """The same, as rne.elementwise gives it."""
+        """Traced number with the type of numbers that rne.elementwise returns."""
         return Single(self.graph, self.ref)
 
     def _no_value(self, *_: Any, **__: Any) -> Any:
@@ -134,7 +134,7 @@ class Scalar:
 
 
 class Single(Scalar):
-    """A traced number with the subscripts () and None of a number of NumPy; NumPy takes others for sequences then."""
+    """Traced number with the subscripts () and None of a NumPy number, as NumPy takes others for sequences then."""
 
     __slots__ = ()
     __iter__ = None
@@ -150,24 +150,24 @@ def _as_entry(x: Scalar) -> Array:
 
 
 def _in_double(x: Any) -> Any:
-    """Long double numbers as doubles: as entries they would ask NumPy's function again, without end."""
+    """Long double numbers as doubles: as entries they would call NumPy's function again, without end."""
     return x.astype(np.float64) if getattr(x, "dtype", None) == np.longdouble else x
 
 
 def inputs(graph: Graph, shape: tuple[int, ...], start: int, *of: Any) -> Array:
-    """An object array of traced inputs, numbered from `start`, perhaps `of` something that they are named by."""
+    """Object array of traced inputs, numbered from `start`, perhaps `of` something that they are named by."""
     numbered = [Scalar(graph, graph.node("input", start + k, *of)) for k in range(math.prod(shape))]
     return np.array(numbered, dtype=object).reshape(shape)
 
 
 def references(graph: Graph, array: Array) -> list[int]:
-    """The references of an array of traced numbers and plain ones."""
+    """References of an array of traced numbers and plain ones."""
     entries = [x[()] if isinstance(x, np.ndarray) else x for x in np.asarray(array).flat]  # np.array nests those of ()
     return [x.ref if isinstance(x, Scalar) else graph.constant(float(x)) for x in entries]
 
 
 def _entries(array: Any) -> Iterable[Any]:
-    """The entries of an array of objects or of a list."""
+    """Entries of an array of objects or of a list."""
     is_array = isinstance(array, np.ndarray) and array.dtype == object
     return array.flat if is_array else array if isinstance(array, list) else ()
 
@@ -184,6 +184,6 @@ def is_present(value: Any) -> bool:
 
 
 def outline_of(arrays: Iterable[Any]) -> Graph | None:
-    """The graph of traced numbers if it is an outline."""
+    """Graph of traced numbers if it is an outline."""
     graph = next(x.graph for array in arrays for x in _entries(array) if isinstance(x, Scalar))
     return graph if graph.is_outline else None

@@ -1,4 +1,4 @@
-"""From a recursion to a kernel: a function traced once on one robot, run as straight-line arithmetic.
+"""Kernels: functions traced once for one robot and run as straight-line arithmetic.
 
 1. trace runs the core of a function on traced numbers, whose operations build a graph (rne.graph), with derivatives
    as further operations, and makes a program of it.

@@ -1,4 +1,4 @@
-"""Where arrays and tuples have their fields in memory, and whether this process has them there.
+"""Memory layout of arrays and tuples, and a check of it in this process.
 
 Machine code reads them behind the head that all of Python's objects have (numpy/ndarraytypes.h,
 PyArrayObject_fields).
@@ -23,7 +23,7 @@ TUPLES = 1 << 26  # Py_TPFLAGS_TUPLE_SUBCLASS
 
 @functools.cache
 def is_known() -> bool:
-    """True if some arrays and a tuple read as they are; False in a Python without the interpreter's lock as well."""
+    """True if test arrays and a tuple are read correctly; False in a Python without the interpreter's lock."""
     if sysconfig.get_config_var("Py_GIL_DISABLED") or np.ndarray.__basicsize__ < FLAGS + 4:
         return False
     a, misaligned = np.arange(24.0).reshape(4, 6), np.zeros(17, np.uint8)[1:].view(np.float64)
@@ -39,7 +39,7 @@ def _at(address: int, kind: Any = ctypes.c_int64) -> int:
 
 
 def _reads_right(a: Any) -> bool:
-    """True if all that is read of an array is so; its addresses are followed only after the rest was right."""
+    """True if all fields of an array are read correctly; addresses are followed only if the others are."""
     shape, strides = _at(id(a) + SHAPE), _at(id(a) + STRIDES)
     found = [_at(id(a) + offset) for offset in (HEAD - 8, DATA, DTYPE)]
     axes, flags = (_at(id(a) + offset, ctypes.c_int32) for offset in (AXES, FLAGS))

@@ -1,4 +1,4 @@
-"""The kernels of one model, traced when they are needed."""
+"""Kernels of one model, traced on demand."""
 
 from __future__ import annotations
 
@@ -29,23 +29,23 @@ from .trace import by_recursion, takes_complex_steps, wrench_links
 # joints, articulated bodies beyond the second.
 FEW_JOINTS, MANY_JOINTS = 9, 20
 NOTHING: Mapping[str, Any] = {}
-SCENES, VARIANTS = 64, 16  # kernels of scenes and robots derived from one that are kept, those used last
-CALLED = 256  # quantities and functions of scenes that are known to have been evaluated
-OF_TRACING, OF_A_CALL = 1500, 150  # states by the recursion that take as long as tracing, and as a call of it does
+SCENES, VARIANTS = 64, 16  # most kernels of scenes, and most derived robots, that are kept
+CALLED = 256  # most quantities and functions of scenes whose first evaluation is remembered
+OF_TRACING, OF_A_CALL = 1500, 150  # time of tracing, and of a recursion's call, in states by the recursion
 MAKERS = {"gradient": gradient, "hessian": hessian, "hessian_product": hessian_product}
 K = TypeVar("K")
 V = TypeVar("V")
 
 
 class Recent(OrderedDict[K, V]):
-    """A dictionary of the entries used last, safe to use from many threads; it starts empty in another process."""
+    """Dictionary of the entries used last, safe for threads; it is empty in another process."""
 
     def __init__(self, most: int) -> None:
         super().__init__()
         self.most, self.lock = most, threading.RLock()
 
     def get_or_make(self, key: K, make: Callable[[], V]) -> V:
-        """The value of a key, which is made where there is none."""
+        """Value of a key, computed where there is none."""
         with self.lock:
             value = self.pop(key, None)
             value = self[key] = make() if value is None else value
@@ -55,7 +55,7 @@ class Recent(OrderedDict[K, V]):
 
 
 class KernelCache:
-    """Evaluates quantities of a model by kernels, which are traced when they are needed and kept.
+    """Cache that evaluates quantities of a model by kernels, traced on demand and kept.
 
     For one state, the first call of a quantity runs the recursion, the second traces it, and from the third on the
     kernel alone runs: for six joints 0.9 ms, 8 ms and 10 us; with LLVM 0.9 ms, 5 to 100 ms and 3 us. So whoever asks
@@ -84,12 +84,12 @@ class KernelCache:
 
     @cached_property
     def typical_inertia(self) -> Array:
-        """The diagonal of M in one configuration, 1 in place of 0, to compare energies and impulses with."""
+        """Diagonal of M in one configuration, with 0 replaced by 1, as a scale of energies and impulses."""
         diagonal = np.diagonal(mass_matrix(self.model, np.zeros(self.model.n)))
         return np.where(diagonal > 0, diagonal, 1.0)
 
     def kernel(self, function: Declared, *wrt: str, order: str | None = None, **fixed: Any) -> Kernel:
-        """The kernel of a function, or of its derivatives by some arguments, traced on first use; see `compile`."""
+        """Kernel of a function, or of its derivatives by some arguments, traced on first use; see `compile`."""
         if "link" in fixed:
             self.model.link_index(fixed["link"])
         if fixed.get("external") is not None:
@@ -108,17 +108,17 @@ class KernelCache:
         return kernel
 
     def scene_kernel(self, function: Declared, *wrt: str, **fixed: Any) -> Kernel:
-        """The kernel of a function of a scene, which is equal by value; the 64 used last are kept."""
+        """Kernel of a function of a scene, which is equal by value; the 64 used last are kept."""
         key = function, wrt, *fixed.items()
         return self._scenes.get_or_make(key, lambda: Kernel(function, self.model, fixed, wrt, self.engine))
 
     def scene_gradient(self, function: Declared, *wrt: str) -> Kernel:
-        """That of its gradient, weights being its last argument."""
+        """Kernel of the gradient of a scene's function, with weights as the last argument."""
         key = function, wrt, "gradient"
         return self._scenes.get_or_make(key, lambda: Kernel(function, self.model, {}, wrt, self.engine, "gradient"))
 
     def evaluate_some(self, function: Declared, *arrays: Array) -> Array:
-        """A quantity of a robot or a scene in states that are evaluated once, such as the energies of a motion.
+        """Quantity of a robot or a scene in states that are evaluated once, such as the energies of a motion.
 
         By the recursion, until that has cost as much as OF_TRACING states.
         """
@@ -136,7 +136,7 @@ class KernelCache:
         self._scenes.get_or_make(key, lambda: kernel)
 
     def variant(self, model: Model) -> KernelCache:
-        """The kernels of another model derived from this one; of equal models the same."""
+        """Kernels of another model derived from this one; equal models share them."""
         if model == self.model:
             return self
         return self._variants.get_or_make(model, lambda: KernelCache(model, self.engine))
@@ -151,7 +151,7 @@ class KernelCache:
         link: str | None = None,
         point: tuple[float, ...] | None = None,
     ) -> Array:
-        """A quantity, or its derivatives by some arguments, for one state or a batch.
+        """Quantity, or its derivatives by some arguments, for one state or a batch.
 
         Any quantity but forward dynamics, whose result comes with a status. `wrt` names the arguments to differentiate
         by, `external` has wrenches by link, `parameters` take the place of the model's, and a Jacobian is of a `point`
@@ -211,7 +211,7 @@ class KernelCache:
     def _with_inputs(
         self, function: Declared, arrays: tuple[ArrayLike, ...], external: External | None, parameters: ArrayLike | None
     ) -> tuple[Mapping[str, Any], tuple[ArrayLike, ...]]:
-        """The inputs behind the joint arrays, as arguments of `compile`, and all arrays in the kernel's order."""
+        """Inputs behind the joint arrays, as arguments of `compile`, and all arrays in the kernel's order."""
         inputs: dict[str, Any] = {}
         if external is not None:
             links = self._links.get(tuple(external)) if isinstance(external, Mapping) else None
@@ -227,7 +227,7 @@ class KernelCache:
         return inputs, arrays
 
     def forward_kernel(self, **fixed: Any) -> Kernel:
-        """The kernel of forward dynamics by the method with fewer operations; `external`, `parameters` as in `compile`.
+        """Kernel of forward dynamics by the method with fewer operations; `external`, `parameters` as in `compile`.
 
         It is M with L^T D L for few joints, articulated bodies for many; in between both are counted. They lose
         about the same digits on few joints, and on long chains articulated bodies lose fewer.
@@ -242,12 +242,12 @@ class KernelCache:
 
     @cached_property
     def forward_method(self) -> Declared:
-        """The function that forward dynamics of this model use; traced only where operations must be counted."""
+        """Function used for forward dynamics of this model; traced only where operations must be counted."""
         methods = self._candidates()
         return methods[0] if len(methods) == 1 else self.forward_kernel().function
 
     def _candidates(self) -> list[Declared]:
-        """The candidates by the number of joints."""
+        """Candidate methods by the number of joints."""
         if self.model.n <= FEW_JOINTS or self.model.has_mimics:
             return [forward_dynamics]
         if self.model.n > MANY_JOINTS:

@@ -1,4 +1,4 @@
-"""The functions that make kernels: of a quantity, its Jacobian, the gradient and Hessian of its weighted sum."""
+"""Compilation of kernels: of a quantity, its Jacobian, the gradient and Hessian of its weighted sum."""
 
 from __future__ import annotations
 
@@ -209,7 +209,7 @@ def hessian_product(function: Declared, model: Model, *wrt: str, engine: str = "
 def _derivative(
     order: str, function: Declared, model: Model, wrt: Sequence[str], engine: str, fixed: Mapping[str, Any]
 ) -> Kernel:
-    """The kernel of a derivative, by known arguments; by all of them if none is named and they may be left out."""
+    """Kernel of a derivative, by known arguments; by all if none is named and they may be left out."""
     names = tuple(inputs_as_arrays(function, model, fixed)[0].widths)
     for name in wrt:
         if name not in names:

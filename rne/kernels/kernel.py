@@ -1,4 +1,4 @@
-"""A traced function: called like the function itself, with its checks, but run as straight-line arithmetic."""
+"""Traced function: called like the function itself, with its checks, but run as straight-line arithmetic."""
 
 from __future__ import annotations
 
@@ -58,13 +58,13 @@ from .trace import (
 LOGGER = logging.getLogger("rne")
 ENGINES = ("numpy", "numba")
 Run = Callable[[Sequence[Array], Array, Recursion], PrecisionStatus]  # (states, results, recursion)
-ALONE = 1  # thread
-NUMBERS = 2**24  # of derivatives that are kept at once, of operations that are too many to be written out
+ALONE = 1  # number of threads
+NUMBERS = 2**24  # most derivatives stored at once, for operations too many to be written out
 FLOAT64, FLOAT32 = np.dtype("float64"), np.dtype("float32")
 
 
 def engine_argument(engine: str) -> str:
-    """The engine to run, checked: that what it needs is installed, and that it can read arrays."""
+    """Engine to run, checked: its packages are installed, and it can read arrays."""
     if engine not in ENGINES:
         raise ValueError(f"`engine` must be one of {list(ENGINES)}, got {engine!r}")
     if engine == "numba" and importlib.util.find_spec("numba") is None:
@@ -76,7 +76,7 @@ def engine_argument(engine: str) -> str:
 
 
 def backends(engine: str) -> tuple[Callable[[Trace], Callable[..., Array]], Callable[[Trace], Any]]:
-    """The makers of an engine: of a trace's function of one state, and of its program on batches.
+    """Functions of an engine that compile a trace for one state, and a program for batches.
 
     LLVM is imported when its first kernel is compiled.
     """
@@ -88,7 +88,7 @@ def backends(engine: str) -> tuple[Callable[[Trace], Callable[..., Array]], Call
 
 
 class _LookedUp:
-    """A method that is machine code from its first look-up on: a loop that keeps it in a name before a call has it."""
+    """Method replaced by machine code at its first look-up, so that loops that store it before a call have it."""
 
     def __init__(self, method: Callable[..., Array]) -> None:
         self.method = method
@@ -105,7 +105,7 @@ class _LookedUp:
 
 
 class Kernel:
-    """A function compiled for one model; see `compile`.
+    """Function compiled for one model; see `compile`.
 
     A kernel may be called from many threads, and pickles. Its results may differ from the function's in the last bits.
 
@@ -164,7 +164,7 @@ class Kernel:
         return (Kernel, made, {"table": self.table}) if len(self.table) else (Kernel, made)
 
     def piece(self, t: ArrayLike) -> Array:
-        """The argument `piece` at times, for `into` and functions in C.
+        """Argument `piece` at times, for `into` and functions in C.
 
         Parameters
         ----------
@@ -205,7 +205,7 @@ class Kernel:
         return f"{ORDERS[self.order].title}{self.quantity.name}{by}"
 
     def _widths(self, widths: Mapping[str, int]) -> tuple[int, ...]:
-        """The widths of the arguments, the weights among them."""
+        """Widths of the arguments, including the weights."""
         if self._trace is not None:
             return *widths.values(), *self._trace.widths[len(widths) :]
         if self.order != "gradient":
@@ -238,14 +238,14 @@ class Kernel:
 
     @property
     def traced(self) -> Trace:
-        """The traced program; raises TypeError if the recursion itself runs."""
+        """Traced program; raises TypeError if the recursion itself runs."""
         if self._trace is None:
             raise TypeError(f"{self!r}: too large to be written out")
         return self._trace
 
     @property
     def whole(self) -> Trace:
-        """The traced program of the arguments as they are called, what is computed of numbers of a run among it."""
+        """Traced program with the arguments of calls, including what is computed of a run's numbers."""
         if self.traced.of_run is None:
             return self.traced
         quantity = replace(self.quantity, of_run=None)
@@ -253,13 +253,13 @@ class Kernel:
 
     @property
     def printable(self) -> Trace:
-        """The whole program, for those that do not check its results: with a TypeError if it has no value anywhere."""
+        """Whole program, for callers that do not check its results: a TypeError if it has no value anywhere."""
         if not self.traced.program.is_finite:
             raise TypeError(f"{self!r}: not written out, since it has a constant that is not finite")
         return self.whole
 
     def coefficients(self, numbers: Array) -> Array:
-        """What the program takes in place of the argument that stays the same over a run, such as a scene's numbers.
+        """Coefficients of the program computed from an argument constant over a run, such as a scene's numbers.
 
         Parameters
         ----------
@@ -292,7 +292,7 @@ class Kernel:
         return found
 
     def _ready(self, arrays: Sequence[Array]) -> list[Array]:
-        """The arguments as the program takes them."""
+        """Arguments in the form that the program takes."""
         given = [*arrays]
         if self._trace is not None and self._trace.of_run is not None:
             given[self._trace.of_run] = self.coefficients(given[self._trace.of_run])
@@ -300,7 +300,7 @@ class Kernel:
 
     @cached_property
     def fast_call(self) -> Callable[..., Array | None]:
-        """The shortest way to a result; gives None for arguments that are not plain float64 arrays.
+        """Fast path to a result; gives None for arguments other than plain float64 arrays.
 
         It raises NeedsRecursion where the recursion must compute the state.
         """
@@ -314,7 +314,7 @@ class Kernel:
 
     @cached_property
     def state_function(self) -> Callable[..., Array]:
-        """The program on one float64 vector per argument; raises NeedsRecursion where the recursion must compute it."""
+        """Program on one float64 vector per argument; raises NeedsRecursion where the recursion must compute it."""
         return backends(self.engine)[0](self.traced)
 
     @cached_property
@@ -328,18 +328,18 @@ class Kernel:
         return backends(self.engine)[0](self.traced.unguarded())
 
     def state_function_at(self, numbers: Array) -> Callable[..., Array]:
-        """`state_function_unguarded` under the numbers of a run, its last argument: as defaults they cost no call."""
+        """Unguarded state function under the numbers of a run, its last argument: as defaults they cost no call."""
         function, coefficients = self.state_function_unguarded, self.coefficients(numbers)
         defaults = tuple(coefficients.tolist()) if self.engine == "numpy" else (coefficients,)
         return FunctionType(function.__code__, function.__globals__, function.__name__, defaults)
 
     @cached_property
     def blocks(self) -> Any:
-        """The program on batches."""
+        """Program on batches."""
         return backends(self.engine)[1](self.traced)
 
     def address(self, lanes: int = 1, *, common: bool = True) -> int:
-        """The program in machine code: address of a function for loops that are compiled.
+        """Address of the program in machine code, for loops that are compiled.
 
         Parameters
         ----------
@@ -451,7 +451,7 @@ class Kernel:
         return self.checked_into(*arrays, out=out)
 
     def checked_into(self, *arrays: Array, out: Array | None = None) -> Array:
-        """`into` in Python, of one state or many; the caller's caller is warned."""
+        """Checked `into` in Python, of one state or many; warns the caller's caller."""
         arrays = arrays if out is None else (*arrays, out)
         if len(arrays) != len(self.names) + 1:
             raise TypeError(f"`into` of this kernel takes {', '.join(self.names)}, out; got {len(arrays)} arrays")
@@ -468,7 +468,7 @@ class Kernel:
     def evaluate(
         self, *arguments: Any, out: Array | None = None, workers: int = ALONE
     ) -> tuple[Array, PrecisionStatus]:
-        """The result and its PrecisionStatus, not yet announced; see `__call__` for the arguments."""
+        """Result and its PrecisionStatus, not yet announced; see `__call__` for the arguments."""
         if len(self.table) and len(arguments) == len(self.names) - 1:
             k = self.names.index("piece")
             arguments = *arguments[:k], self.piece(arguments[0]), *arguments[k:]
@@ -513,7 +513,7 @@ class Kernel:
         return out, status
 
     def _within_a_trace(self, arguments: Sequence[Any]) -> Array:
-        """The result on traced numbers: of the function itself, or by the operations of its derivatives."""
+        """Result on traced numbers: of the function itself, or by the operations of its derivatives."""
         outline = outline_of(arguments)
         if outline is not None and self._trace is not None and hasattr(self.function, "core"):  # not a user's own
             arrays = [np.asarray(a) for a in arguments]
@@ -526,14 +526,14 @@ class Kernel:
         return self._by_program([np.asarray(a, dtype=object) for a in arguments])
 
     def _by_program(self, arrays: Sequence[Array]) -> Array:
-        """The traced operations on arrays of any type of number."""
+        """Traced operations on arrays of any type of number."""
         leading, inputs = _rows(self._ready(arrays))
         found = evaluate(self.traced.program, self.traced.entries, inputs).reshape(leading + self.traced.shape)
         return found[()]
 
     @cached_property
     def _values(self) -> Trace:
-        """The function itself as operations, of which the derivatives are too many to be written out."""
+        """Function itself as operations, whose derivatives are too many to be written out."""
         try:
             with np.errstate(all="ignore"):
                 return trace(self.quantity, self.model, self._rest, is_large=True)
@@ -541,7 +541,7 @@ class Kernel:
             raise TypeError(f"{self.quantity.name} takes {error}: too large to be differentiated") from None
 
     def _accumulated(self, arrays: Sequence[Array]) -> Array:
-        """The Jacobian of all entries, (..., entries, k), operation by operation."""
+        """Jacobian of all entries, (..., entries, k), accumulated operation by operation."""
         (leading, inputs), starts = _rows(arrays), np.cumsum([0, *self.widths])  # never of numbers of a run
         places = [(starts[k], self.widths[k]) for k in map(self.names.index, self.wrt)]
         by = [start + j for start, width in places for j in range(width)]
@@ -560,7 +560,7 @@ class Kernel:
         name: str | None = None,
         namespace: str | None = None,
     ) -> str:
-        """The kernel as source text of a function of one state, which does not check its arguments.
+        """Source text of the kernel as a function of one state, which does not check its arguments.
 
         In C and C++ it says where M is singular, as the comment above the function describes; in other languages it
         does not check M's pivots.
@@ -613,7 +613,7 @@ class Kernel:
         return to_source(printed, language, dtype)
 
     def printed(self, element: str | None = None) -> Printable:
-        """The kernel, or one entry of its result, with the name and the comment that its text has.
+        """Printable form of the kernel, or one entry of its result, with the name and the comment of its text.
 
         Parameters
         ----------
@@ -640,7 +640,7 @@ class Kernel:
         return Printable(traced, title, self.names, lines, self.table)
 
     def to_sympy(self) -> Any:
-        """Return the kernel as expressions of SymPy; needs the extra `sympy`.
+        """Return the kernel as SymPy expressions; needs the extra `sympy`.
 
         Symbols are q_1, qd_1, ...; the inertial parameters of body 1, where they are an argument, are m_1, mx_1, ...,
         Ixx_1, Ixy_1, Iyy_1, Ixz_1, Iyz_1, Izz_1; a wrench external_1 has nx_1, ..., fx_1, .... Constants that are
@@ -722,7 +722,7 @@ class Kernel:
         Parameters
         ----------
         mode : {"reverse", "forward"}
-            "reverse" is the faster one for slopes of a loss, "forward" for Jacobians.
+            "reverse" is the faster one for gradients of a loss, "forward" for Jacobians.
 
         Returns
         -------
@@ -837,12 +837,12 @@ class Kernel:
 
 
 def with_table(kernel: Kernel, table: Array) -> Kernel:
-    """The same kernel, whose calls find `piece`, the row of a table, (N, width), that holds at their times."""
+    """Copy of a kernel whose calls find `piece`, the row of a table, (N, width), that holds at their times."""
     return copy_with(kernel, table=table) if len(table) else kernel
 
 
 def _rows(arrays: Sequence[Array]) -> tuple[tuple[int, ...], Array]:
-    """The leading shape of arrays (..., width), and their states as rows of all widths."""
+    """Leading shape of arrays (..., width), and their states as rows of all widths."""
     leading, dtype = np.broadcast_shapes(*(a.shape[:-1] for a in arrays)), common_dtype(arrays)
     states = [np.broadcast_to(a, (*leading, a.shape[-1])).astype(dtype, copy=False) for a in arrays]
     return leading, np.concatenate(states, axis=-1).reshape(prod(leading), -1)
@@ -872,7 +872,7 @@ def _fast_call(kernel: Kernel) -> Callable[..., Array | None]:
 def _run_in_threads(
     run: Run, states: Sequence[Array], results: Array, recursion: Recursion, workers: int
 ) -> PrecisionStatus:
-    """Fill `results` as `run` does, in threads that take a stretch of the states each."""
+    """Fill `results` as `run` does, in threads that take a range of the states each."""
     count = len(results)
     workers = min(workers, count)
     if workers <= 1:
@@ -887,6 +887,6 @@ def _run_in_threads(
         futures = [pool.submit(run_part, *stretch) for stretch in others]
         status = run_part(*own)
         for future in futures:
-            if status.error is None:  # of several errors that of the first state is told
+            if status.error is None:  # the error of the first state is reported
                 status = status.worse(future.result())
     return status

@@ -28,14 +28,14 @@ from .python_calls import BYTES, FLOAT64, INTEGER, emit_into, emit_rows_call, em
 from .soundness import NeedsRecursion, Recursion, Trace
 
 LOGGER = logging.getLogger("rne")
-LOCK = threading.Lock()  # of the compilation of batches: threads of an ensemble ask for the same one at once
-SLOW = 1.0  # s of a compilation of which the logger tells afterwards
-LONG = 5000  # operations of a program whose compilation it announces
-FEW, MANY = 16, 1024  # states that the recursion examines together
+LOCK = threading.Lock()  # of the compilation of batches: threads of an ensemble may ask for the same one
+SLOW = 1.0  # duration of a compilation that is logged afterwards [s]
+LONG = 5000  # operations of a program whose compilation is announced
+FEW, MANY = 16, 1024  # fewest and most states that the recursion examines together
 
 
 class Inputs:
-    """A program's inputs, loaded where they are first read."""
+    """Inputs of a program, loaded where they are first read."""
 
     def __init__(self, loads: Sequence[Callable[[], ir.Value]]) -> None:
         self.loads = loads
@@ -131,7 +131,7 @@ class Rows:
 
 
 def shuffled(builder: ir.IRBuilder, a: ir.Value, b: ir.Value, places: Sequence[int]) -> ir.Value:
-    """The elements at some places of two vectors, one behind the other."""
+    """Elements at some places of two concatenated vectors."""
     mask = ir.Constant(ir.VectorType(ir.IntType(32), len(places)), list(places))
     return builder.shuffle_vector(a, b, mask)
 
@@ -143,7 +143,7 @@ def rows_of_lanes(
     offsets: Sequence[Sequence[ir.Value]],
     widths: Sequence[int],
 ) -> list[Rows]:
-    """Of each array, `given` with its stride behind it, the rows of a group from the first state on.
+    """Rows of a group of each array, `given` with its stride behind it, from the first state on.
 
     `offsets` has those of the lanes in each array, in bytes.
     """
@@ -155,7 +155,7 @@ def rows_of_lanes(
 
 
 def first_unsound(builder: ir.IRBuilder, sound: ir.Value) -> ir.Value:
-    """The number of the first lane whose bit is not set."""
+    """Number of the first lane whose bit is not set."""
     lane: ir.Value = builder.cttz(builder.not_(builder.zext(sound, INTEGER)), ir.Constant(ir.IntType(1), 1))
     return lane
 
@@ -212,7 +212,7 @@ def emit_rows(module: ir.Module, trace: Trace, dtype: str) -> ir.Function:
 
 
 def lanes_library(trace: Trace, lanes: int, *, common: bool = True) -> Library:
-    """The program on states side by side: "function" by the interface of loops."""
+    """Library of the program on states side by side: "function" by the interface of loops."""
     form = f"{lanes} lanes, {'common' if common else 'own'} numbers"
     return trace_library(trace, form, "float64", ("function",), partial(emit_plain, lanes=lanes, common=common))
 
@@ -220,7 +220,7 @@ def lanes_library(trace: Trace, lanes: int, *, common: bool = True) -> Library:
 def trace_library(
     trace: Trace, form: str, dtype: str, functions: tuple[str, ...], emit: Callable[[ir.Module, Trace], object]
 ) -> Library:
-    """A form of the program. Programs that differ in numbers alone share the object code, with tables of their own."""
+    """Library of a form of the program; programs that differ only in numbers share the object code."""
     began = time.perf_counter()
     program, numbers = with_table(trace.program)
     shared = replace(trace, program=program, of_numbers=None)
@@ -246,7 +246,7 @@ def trace_library(
 
 
 def state_function(trace: Trace) -> Any:
-    """A function of one float64 vector per argument, as `python_backend.state_function`."""
+    """Function of one float64 vector per argument, as `python_backend.state_function`."""
 
     def emit(module: ir.Module, trace: Trace) -> None:
         plain = emit_plain(module, trace, 1)
@@ -260,7 +260,7 @@ def state_function(trace: Trace) -> Any:
 
 
 def into(kernel: Any) -> Callable[..., Array]:
-    """`Kernel.into` in machine code, which leaves all but sound results of right arguments to Python."""
+    """Machine code of `Kernel.into`, which leaves all but sound results of right arguments to Python."""
     kept, recipe = weakref.ref(kernel), kernel.__reduce__()  # a cycle would keep machine code until it is looked for
     again: Any = cache(lambda: recipe[0](*recipe[1]))  # of a kernel that no one else has kept
 
@@ -272,7 +272,7 @@ def into(kernel: Any) -> Callable[..., Array]:
 
 
 def fast_call(kernel: Any) -> Callable[..., Array | None]:
-    """The shortest way to a result: a function of plain float64 arrays, vectors or rows; None of all else.
+    """Fast path to a result: a function of plain float64 arrays, vectors or rows; None for others.
 
     Each form is compiled at its first call.
     """
@@ -293,14 +293,14 @@ def fast_call(kernel: Any) -> Callable[..., Array | None]:
 
 
 def plain_copy(array: Array, dtype: np.dtype[Any] = FLOAT64) -> Array:
-    """A copy in C order whose dtype is this very object, as that of an array that was pickled is not."""
+    """Copy in C order with this very dtype object, which a pickled array does not have."""
     copy = np.empty(np.shape(array), dtype)
     copy[...] = array
     return copy
 
 
 def from_text(text: str, trace: Trace, **names: Any) -> Any:
-    """The `function` of a text, whose arguments are those of a trace."""
+    """Function `function` of a text, whose arguments are those of a trace."""
     arguments = ", ".join(f"a{k}" for k in range(len(trace.widths)))
     namespace = {"empty": np.empty, "plain_copy": plain_copy, "ndarray": np.ndarray, "shape": trace.shape, **names}
     namespace["NeedsRecursion"] = NeedsRecursion
@@ -338,7 +338,7 @@ FAST = """def function({arguments}):
 
 
 class BatchProgram:
-    """A trace that runs on arrays of states, as `numpy_backend.BlockProgram`."""
+    """Trace that runs on arrays of states, as `numpy_backend.BlockProgram`."""
 
     def __init__(self, trace: Trace) -> None:
         self.trace = trace

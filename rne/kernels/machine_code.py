@@ -1,4 +1,4 @@
-"""A program as LLVM instructions, on one number or on a vector of states per operand.
+"""Program as LLVM instructions, on one number or on a vector of states per operand.
 
 LLVM does the rest: registers, order, machine code. Products and sums may be fused and the sign of zero
 ignored; nothing is reassociated and no operand is assumed to be finite, so that NaN shows where it would in NumPy.
@@ -20,8 +20,8 @@ ARITHMETIC = {"add": "fadd", "subtract": "fsub", "multiply": "fmul", "divide": "
 NUMBERS = {"float64": ir.DoubleType(), "float32": ir.FloatType()}
 SUFFIXES = {"double": "f64", "float": "f32"}
 INDEX = ir.IntType(32)
-SIDE_BY_SIDE = 8  # arguments of one state
-LARGEST = 1e5  # rad
+SIDE_BY_SIDE = 8  # arguments of one state computed side by side
+LARGEST = 1e5  # largest angle for the polynomials [rad]
 HALF_PI = (1.57079632673412561417e00, 6.07710050630396597660e-11, 2.02226624879595063154e-21)  # 33 + 33 + 53 bits
 SINE = (
     -1.66666666666666324348e-01,
@@ -39,7 +39,7 @@ COSINE = (
     2.08757232129817482790e-09,
     -1.13596475577881948265e-11,
 )
-ROUNDER = 1.5 * 2.0**52  # a whole number added to it stands in its last bits
+ROUNDER = 1.5 * 2.0**52  # adds a whole number into the last bits
 HALF_LOG_2 = (3.4657359027994517e-01, 2.7489615093541856e-14)  # 42 + 53 bits
 # mpmath.chebyfit((r coth r - 1) / r^2, [0, 0.068], 6) in r^2, to 7e-19 of r coth r
 HYPERBOLIC = (
@@ -112,13 +112,13 @@ class Emitter:
         return self.builder.call(self._declared(full, self.type, len(args)), args, fastmath=["nsz"])
 
     def by_the_c_library(self, name: str, *args: ir.Value) -> ir.Value:
-        """A function that LLVM has no instruction for, state by state."""
+        """Call a function that LLVM has no instruction for, state by state."""
         full = name if str(self.number) == "double" else f"{name}f"
         function = self._declared(full, self.number, len(args))
         return self.pack([self.builder.call(function, lane) for lane in zip(*map(self.unpack, args), strict=True)])
 
     def outputs(self, program: Program, inputs: Any) -> list[ir.Value]:
-        """The program's outputs. Sines and the like of what needs no other of them come first, all at once."""
+        """Outputs of the program; elementary functions that do not depend on others are computed first, together."""
         early, needed = early_arguments(program)
         results: list[ir.Value] = [None] * len(program.instructions)
 
@@ -151,7 +151,7 @@ class Emitter:
         return [value(output) for output in program.outputs]
 
     def elementary(self, function: Function, arguments: Sequence[ir.Value]) -> list[tuple[ir.Value, ...]]:
-        """What a function gives for each argument; those of one state are computed side by side."""
+        """Values of a function for each argument; those of one state are computed side by side."""
         if self.lanes > 1:
             return function(self, arguments)
         found: list[tuple[ir.Value, ...]] = []
@@ -182,33 +182,33 @@ class Emitter:
         return self.intrinsic("fabs" if kind == "abs" else kind, *args)
 
     def total(self, values: Sequence[ir.Value]) -> ir.Value:
-        """The sum of values."""
+        """Sum of values."""
         result = self.constant(0.0)
         for value in values:
             result = self.builder.fadd(result, value)
         return result
 
     def at_most(self, a: ir.Value, b: ir.Value) -> ir.Value:
-        """a <= b, in each lane."""
+        """Condition a <= b, in each lane."""
         return self.builder.fcmp_ordered("<=", a, b)
 
     def finite(self, values: Sequence[ir.Value]) -> ir.Value:
-        """Every value is finite: x - x = 0 for their sum x."""
+        """Condition that every value is finite: x - x = 0 for their sum x."""
         x = self.total(values)
         return self.builder.fcmp_ordered("==", self.builder.fsub(x, x), self.constant(0.0))
 
     def within(self, values: Sequence[ir.Value], bound: float) -> ir.Value:
-        """The sum of squares is at most the bound's."""
+        """Condition that the sum of squares is at most the bound's."""
         return self.at_most(self.total([self.builder.fmul(x, x) for x in values]), self.constant(bound**2))
 
     def above(self, values: Sequence[ir.Value], factor: float, others: Sequence[ir.Value]) -> ir.Value:
-        """Each value exceeds the factor times its partner."""
+        """Condition that each value exceeds the factor times its partner."""
         least = [self.builder.fmul(self.constant(factor), other) for other in others]
         pairs = zip(values, least, strict=True)
         return functools.reduce(self.builder.and_, [self.builder.fcmp_ordered(">", a, b) for a, b in pairs])
 
     def lanes_of(self, conditions: Sequence[ir.Value]) -> ir.Value:
-        """A number with one bit for each lane, set if all conditions hold there."""
+        """Number with one bit for each lane, set if all conditions hold there."""
         return self.builder.bitcast(functools.reduce(self.builder.and_, conditions), ir.IntType(self.lanes))
 
     def all(self, conditions: Sequence[ir.Value]) -> ir.Value:
@@ -222,7 +222,7 @@ OnOne = Callable[[Emitter, ir.Value], tuple[ir.Value, ...]]
 
 
 def early_arguments(program: Program) -> tuple[dict[Function, dict[Operand, None]], set[int]]:
-    """By elementary function, arguments that are known before any of them, and the instructions that give these."""
+    """Arguments by elementary function that are known before any of them, and the instructions for these."""
     late: set[int] = set()  # instructions that need an elementary function
     early: dict[Function, dict[Operand, None]] = {}
     for k, (kind, args) in enumerate(program.instructions):
@@ -262,7 +262,7 @@ def sines_and_cosines(emitter: Emitter, angles: Sequence[ir.Value]) -> list[tupl
 
 
 def _far(emitter: Emitter) -> ir.Value:
-    """A function of angles, their sines and cosines, which replaces those of angles beyond LARGEST."""
+    """Function that replaces sines and cosines of angles beyond LARGEST."""
     module, name = emitter.builder.module, f"far_{emitter.dtype}_{emitter.lanes}"
     if name in module.globals:
         return module.globals[name]
@@ -283,7 +283,7 @@ def _far(emitter: Emitter) -> ir.Value:
 
 
 def in_float64(emitter: Emitter, function: OnOne, argument: ir.Value) -> tuple[ir.Value, ...]:
-    """What a function of float64 gives for a vector of either type."""
+    """Result of a float64 function for a vector of either type."""
     if isinstance(emitter.number, ir.DoubleType):
         return function(emitter, argument)
     wide = type(emitter)(emitter.builder, "float64", emitter.lanes)
@@ -320,7 +320,7 @@ def sine_and_cosine(emitter: Emitter, angle: ir.Value) -> tuple[ir.Value, ir.Val
 
 
 def _remainder(emitter: Emitter, angle: ir.Value, quarter: ir.Value) -> tuple[ir.Value, ir.Value]:
-    """angle - quarter pi/2, as a number and what rounding took from it."""
+    """Remainder angle - quarter pi/2, as a number and its rounding."""
     builder = emitter.builder
     first, second, third = (emitter.constant(-part) for part in HALF_PI)
     r1 = emitter.intrinsic("fmuladd", quarter, first, angle)  # exact
@@ -361,7 +361,7 @@ def hyperbolic_tangent(emitter: Emitter, x: ir.Value) -> tuple[ir.Value]:
 
         tanh |x| = ((1 - S) R + (1 + S) r) / ((1 + S) R + (1 - S) r).
 
-    What rounding takes from both sums is kept and mends the quotient. Errors stay below 1 unit in the last place, on
+    What rounding takes from both sums is kept and corrects the quotient. Errors stay below 1 unit in the last place, on
     processors without fused multiply-add below 2.
     """
     builder, constant = emitter.builder, emitter.constant
@@ -409,7 +409,7 @@ def exponential(emitter: Emitter, x: ir.Value) -> tuple[ir.Value]:
 
 
 def _at_most(emitter: Emitter, x: ir.Value, bound: float) -> ir.Value:
-    """The smaller of a number and a bound; NaN stays."""
+    """Minimum of a number and a bound; NaN stays."""
     most = emitter.constant(bound)
     return emitter.builder.select(emitter.builder.fcmp_ordered("<", most, x), most, x)
 
@@ -431,7 +431,7 @@ def _power_of_two(emitter: Emitter, k: ir.Value) -> ir.Value:
 
 
 def each(function: OnOne) -> Function:
-    """A function of float64 on every one of some arguments."""
+    """Apply a float64 function to each of some arguments."""
     return lambda emitter, arguments: [in_float64(emitter, function, x) for x in arguments]
 
 

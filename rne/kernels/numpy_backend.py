@@ -1,4 +1,4 @@
-"""A program run on blocks of states: one NumPy call per operation, in registers that fit the cache."""
+"""Program run on blocks of states: one NumPy call per operation, in registers that fit the cache."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from ..graph.program import Operand, Program, with_scalars
 from .soundness import Conditions, Recursion, Trace
 
 Call = tuple[Callable[..., Any], tuple[Any, ...]]
-LINE = 64  # bytes of a cache line
-REGISTER_BYTES = 8 * 2**20  # of all registers: more no longer pay for fewer calls
+LINE = 64  # size of a cache line [bytes]
+REGISTER_BYTES = 8 * 2**20  # largest size of all registers [bytes]: more no longer pay for fewer calls
 MAX_BLOCK, MIN_BLOCK = 8192, 256  # states per block
 NONE = np.zeros(0)
 
 
 class Step(NamedTuple):
-    """One instruction with the registers of its operands and results."""
+    """Instruction with the registers of its operands and results."""
 
     kind: str
     args: tuple[Operand | int, ...]
@@ -42,7 +42,7 @@ class Layout(NamedTuple):
 
 
 def allocate(program: Program) -> Layout:
-    """Registers by liveness: each is free again after its last reader, which may put its result there."""
+    """Register allocation by liveness: each is free again after its last reader, which may put its result there."""
     place, copies = _places(program)
     last = {arg: k for k, instruction in enumerate(program.instructions) for arg in instruction.args}
     kept = {*program.outputs, *(arg for arg in last if arg.kind in ("constant", "number"))}
@@ -76,7 +76,7 @@ def allocate(program: Program) -> Layout:
 
 
 def _places(program: Program) -> tuple[dict[Operand, int], tuple[tuple[int, Operand | int], ...]]:
-    """The registers of inputs and outputs, and the outputs that repeat another register or are constant."""
+    """Registers of inputs and outputs, and the outputs that repeat another register or are constant."""
     place = {Operand("input", k): k for k in range(program.inputs)}
     copies: list[tuple[int, Operand | int]] = []
     for row, output in enumerate(program.outputs, program.inputs):
@@ -88,7 +88,7 @@ def _places(program: Program) -> tuple[dict[Operand, int], tuple[tuple[int, Oper
 
 
 def _sine_and_cosine(program: Program) -> dict[int, int]:
-    """Each sine and cosine of the same input, with the other one."""
+    """Sines and cosines of the same input, each with the other."""
     first: dict[tuple[str, Operand], int] = {}
     partners: dict[int, int] = {}
     for k, (kind, args) in enumerate(program.instructions):
@@ -148,7 +148,7 @@ class BlockProgram:
         return status
 
     def sound(self, states: Sequence[Array], results: Array) -> Array:
-        """Fill `results`, no state affecting another's bits; True for each that is sound, others' results are void."""
+        """Fill `results`, each state's bits independent of the others; True for each that is sound, others are void."""
         found, (program, rows, numbers) = np.ones(len(results), dtype=bool), self._of_arrays(states)
         for block, conditions in program._blocks(rows, numbers, results, _OfStates()):
             found[block] = np.logical_and.reduce(conditions)
@@ -157,7 +157,7 @@ class BlockProgram:
     def _blocks(
         self, states: Sequence[Array], numbers: Array, results: Array, write: Conditions
     ) -> Iterator[tuple[slice, list[Any]]]:
-        """Run block by block; the conditions under which each is sound."""
+        """Run block by block; yields the conditions under which each is sound."""
         count, dtype, trace = len(results), results.dtype, self.trace
         length = min(block_length(self.layout.registers, dtype.itemsize), _rounded(max(count, 1)))
         with np.errstate(all="ignore"), self._workspace(length, dtype) as workspace:
@@ -256,7 +256,7 @@ class Workspace:
 
 
 def _rounded(states: int) -> int:
-    """Up to a quarter more states, if they are many: calls made for other numbers serve again, results are unused."""
+    """Number of states rounded up by at most a quarter, so that calls made for other numbers can be reused."""
     step = 2 ** (states.bit_length() - 3)
     return states if states < 256 else -(-states // step) * step
 
@@ -286,12 +286,12 @@ SPECIAL: dict[str, Callable[..., Any]] = {
 
 
 def block_length(registers: int, itemsize: int) -> int:
-    """States per block: as many as keep the registers in the cache, few enough calls to pay for their overhead."""
+    """Number of states per block: registers fit the cache, while the overhead of calls stays small."""
     return max(MIN_BLOCK, min(MAX_BLOCK, REGISTER_BYTES // (max(registers, 1) * itemsize) // 64 * 64))
 
 
 def store(rows: Array, results: Array) -> None:
-    """Registers to states: column by column while these share a cache line, otherwise in one sweep."""
+    """Copy registers to states: column by column while these share a cache line, otherwise in one sweep."""
     if len(rows) > 8:
         results[...] = rows.T
         return
@@ -316,7 +316,7 @@ def check_out(
 
 
 def check_array(name: str, array: Any, shape: tuple[int, ...], dtype: np.dtype[Any], flag: str = "aligned") -> None:
-    """Refuse what is no array of this shape and dtype in C order."""
+    """Refuse anything but an array of this shape and dtype in C order."""
     if not isinstance(array, np.ndarray) or array.shape != shape or array.dtype != dtype:
         got = f"{array.dtype} {array.shape}" if isinstance(array, np.ndarray) else type(array).__name__
         raise ValueError(f"`{name}` must be a {dtype} array of shape {shape}, got {got}")
@@ -325,7 +325,7 @@ def check_array(name: str, array: Any, shape: tuple[int, ...], dtype: np.dtype[A
 
 
 def by_tangent(angle: Array, sin: Array, cos: Array, number: Callable[[float], Array]) -> list[Call]:
-    """Calls for both from t = tan(q / 2): with r = 2 / (1 + t^2), sin = t r and cos = r - 1, to an error of 2 eps.
+    """Calls for sine and cosine from t = tan(q / 2): r = 2 / (1 + t^2), sin = t r, cos = r - 1, to an error of 2 eps.
 
     Near q = +-pi t is large but finite, since no floating-point number is an odd multiple of pi / 2. The three arrays
     are distinct. Where NumPy has a vectorised tangent, as on AVX-512, this is several times faster in float64.
@@ -350,7 +350,7 @@ METHODS: dict[str, Callable[..., list[Call]]] = {
 
 @cache
 def faster(dtype: str) -> str:
-    """The faster of the two methods for this dtype, by the instructions that NumPy uses here for its tangent.
+    """Faster of the two methods for this dtype, by the instructions that NumPy uses here for its tangent.
 
     In float32 sine and cosine are vectorised wherever the tangent is, and two of them cost less than the formulas.
     """

@@ -1,4 +1,4 @@
-"""LLVM instructions to object code for this processor, and object code to functions in memory."""
+"""Compilation of LLVM instructions to object code for this processor, and its loading."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from llvmlite import binding
 from ..basics import disk_cache
 
 LOGGER = logging.getLogger("rne")
-LOCK = threading.RLock()  # one compilation at a time
+LOCK = threading.RLock()  # for one compilation at a time
 RECENT: dict[str, bytes] = {}  # object code by name, the last used at the end
 MOST_RECENT = 64
 NAMES = itertools.count()  # of libraries, which LLVM wants to be unique
@@ -27,7 +27,7 @@ NAMES = itertools.count()  # of libraries, which LLVM wants to be unique
 
 @functools.cache
 def host() -> tuple[str, str]:
-    """The processor's name and features."""
+    """Name and features of the processor."""
     return binding.get_host_cpu_name(), binding.get_host_cpu_features().flatten()
 
 
@@ -94,7 +94,7 @@ class Library:
 
 
 def library(functions: Sequence[str], description: Sequence[str], text: Callable[[], str], *, loops: bool) -> Library:
-    """The library of what a description stands for, from memory, from the disk, or compiled and kept in both."""
+    """Library of a description, from memory, from the disk, or compiled and kept in both."""
     name = disk_cache.key(versions(), *host(), *description)
     mark = f"rne_{name}"  # a symbol by which code is known to be that of the description
     made, code = None, RECENT.pop(name, None) or disk_cache.read(name) or b""

@@ -1,4 +1,4 @@
-"""A program as plain Python on floats, for one state per call."""
+"""Program as plain Python on floats, for one state per call."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ class _Text:
 
 
 def state_source(trace: Trace, *, apart: bool = False) -> str:
-    """A Python function of one float64 vector per argument, which returns the result as an array.
+    """Source of a Python function of one float64 vector per argument, which returns the result as an array.
 
     It raises NeedsRecursion for a state whose inputs or result are not known to be sound. What is the same over a run
     are arguments of their own, one by one, if they are to be `apart`.
@@ -119,7 +119,7 @@ def _unless(conditions: Sequence[str]) -> list[str]:
 
 
 def _total(names: Sequence[str]) -> str:
-    """The sum of numbers, in a form that the compiler takes however many there are."""
+    """Text of a sum, in a form that the compiler takes however many terms there are."""
     if len(names) > LONGEST_SUM:
         return f"sum(({', '.join(names)}))"
     return " + ".join(names) or "0.0"
@@ -133,7 +133,7 @@ def _array(results: Sequence[str], shape: tuple[int, ...]) -> str:
 
 
 def state_function(trace: Trace, *, apart: bool = False) -> Callable[..., Array]:
-    """The function of `state_source`, compiled; its text holds nothing but numbers and generated names."""
+    """Compiled function of `state_source`, whose text holds only numbers and generated names."""
     names = {"isfinite": math.isfinite, "array": np.array, "float64": np.float64, "NeedsRecursion": NeedsRecursion}
     namespace: dict[str, Any] = FUNCTION_NAMES | names
     exec(compile(state_source(trace, apart=apart), "<rne kernel>", "exec"), namespace)

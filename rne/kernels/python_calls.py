@@ -1,4 +1,4 @@
-"""Machine code that Python calls as it calls its own functions in C, and that reads arrays where they are.
+"""Machine code that Python calls like its own functions in C, and that reads arrays in place.
 
 An array is taken as it is, by the addresses of its numbers, shape and strides, which are where array_layout has them.
 Arguments of other types than the code was made for are refused: the result is then None.
@@ -28,7 +28,7 @@ KNOWN = (None, np.ndarray, int, float, np.float64, INT64, FLOAT64)
 
 
 class MethodDefinition(ctypes.Structure):
-    """PyMethodDef."""
+    """Structure PyMethodDef."""
 
     _fields_ = (
         ("name", ctypes.c_char_p),
@@ -41,7 +41,7 @@ class MethodDefinition(ctypes.Structure):
 def python_function(
     library: Library, dtype: np.dtype[Any] = FLOAT64, name: str = "call", otherwise: Any = None
 ) -> Callable[..., Any]:
-    """A function of a library as one of Python's; arrays are of this dtype, and "into" leaves others to `otherwise`."""
+    """Python function of a library; arrays are of this dtype, and "into" leaves others to `otherwise`."""
     flags = FASTCALL | (KEYWORDS if name == "into" else 0)
     method = MethodDefinition(name.encode(), library.address[name], flags, None)
     make = ctypes.pythonapi.PyCFunction_NewEx
@@ -53,7 +53,7 @@ def python_function(
 
 
 class Call:
-    """The body of "call" in a module: it takes its arguments one by one, and refuses those that it was not made for."""
+    """Body of "call" in a module: takes its arguments one by one, and refuses unsuitable ones."""
 
     def __init__(self, module: ir.Module, name: str = "call") -> None:
         self.module = module
@@ -70,23 +70,23 @@ class Call:
                 self.give_object(self.known(None))
 
     def c_function(self, name: str, result: ir.Type, *args: ir.Value) -> ir.Value:
-        """A call of one of Python's functions in C."""
+        """Call one of Python's functions in C."""
         known = self.module.globals
         if name not in known:
             ir.Function(self.module, ir.FunctionType(result, [a.type for a in args]), name)
         return self.builder.call(known[name], args)
 
     def field(self, address: ir.Value, offset: int, kind: ir.Type = BYTES) -> ir.Value:
-        """A field of an object."""
+        """Field of an object."""
         place = self.builder.gep(address, [ir.Constant(INTEGER, offset)])
         return self.builder.load(self.builder.bitcast(place, kind.as_pointer()))
 
     def known(self, what: object) -> ir.Value:
-        """The address of one of the objects of KNOWN."""
+        """Address of one of the objects of KNOWN."""
         return self.field(self.own, ITEMS + 8 * next(k for k, x in enumerate(KNOWN) if x is what))
 
     def argument(self, k: int) -> ir.Value:
-        """The address of an argument."""
+        """Address of an argument."""
         return self.field(self.given, 8 * k)
 
     def require(self, a: ir.Value, *choices: ir.Value | int) -> None:
@@ -116,38 +116,38 @@ class Call:
         builder.position_at_end(following)
 
     def array(self, array: ir.Value, dtype: object, axes: int) -> tuple[ir.Value, ir.Value, ir.Value]:
-        """The addresses of an array's numbers, shape and strides."""
+        """Addresses of an array's numbers, shape and strides."""
         self.require(self.field(array, HEAD - 8), self.known(np.ndarray))
         self.require(self.field(array, DTYPE), self.known(dtype))
         self.require(self.field(array, AXES, ir.IntType(32)), axes)
         return self.field(array, DATA), self.field(array, SHAPE), self.field(array, STRIDES)
 
     def plain_array(self, array: ir.Value, dtype: object, axes: int, needed: int = PLAIN) -> tuple[Any, list[Any]]:
-        """The address of the numbers of an array in C order, and its shape."""
+        """Address of the numbers of an array in C order, and its shape."""
         data, shape, _ = self.array(array, dtype, axes)
         flags = self.builder.and_(self.field(array, FLAGS, ir.IntType(32)), ir.Constant(ir.IntType(32), needed))
         self.require(flags, needed)
         return data, [self.field(shape, 8 * k, INTEGER) for k in range(axes)]
 
     def integer(self, value: ir.Value) -> ir.Value:
-        """The number of an int."""
+        """Number of an int."""
         self.require(self.field(value, HEAD - 8), self.known(int))
         return self.c_function("PyLong_AsSsize_t", INTEGER, value)
 
     def number(self, value: ir.Value) -> ir.Value:
-        """The number of a float."""
+        """Number of a float."""
         self.require(self.field(value, HEAD - 8), self.known(float), self.known(np.float64))
         return self.c_function("PyFloat_AsDouble", NUMBER, value)
 
     def items(self, value: ir.Value, count: int) -> list[ir.Value]:
-        """The addresses of the items of a tuple, named or not."""
+        """Addresses of the items of a tuple, named or not."""
         flags = self.c_function("PyType_GetFlags", INTEGER, self.field(value, HEAD - 8))
         self.require(self.builder.and_(flags, ir.Constant(INTEGER, TUPLES)), TUPLES)
         self.require(self.field(value, HEAD, INTEGER), count)
         return [self.field(value, ITEMS + 8 * k) for k in range(count)]
 
     def unlocked(self, function: ir.Function, args: Sequence[ir.Value]) -> ir.Value:
-        """A call during which other threads may run Python."""
+        """Call a function while other threads may run Python."""
         thread = self.c_function("PyEval_SaveThread", BYTES)
         result = self.builder.call(function, args)
         restore = ir.FunctionType(ir.VoidType(), [BYTES])
@@ -243,7 +243,7 @@ def emit_loop_call(module: ir.Module, name: str, arguments: Sequence[Any], retur
 
 
 def _flattened(call: Call, value: ir.Value, kind: Any) -> list[ir.Value]:
-    """An argument like `kind` in Numba's form."""
+    """Argument of a `kind` in Numba's form."""
     if isinstance(kind, tuple):
         pairs = zip(call.items(value, len(kind)), kind, strict=True)
         return [x for item, like in pairs for x in _flattened(call, item, like)]

@@ -1,4 +1,4 @@
-"""When the results of a program are sound: the conditions under which an engine returns them."""
+"""Soundness of a program's results: conditions under which an engine returns them."""
 
 from __future__ import annotations
 
@@ -29,18 +29,18 @@ class Conditions(Protocol):
     """Conditions of soundness as an engine writes them: on text, on registers of NumPy, in machine code."""
 
     def finite(self, values: Any) -> Any:
-        """Every value is finite."""
+        """Condition that every value is finite."""
 
     def within(self, values: Any, bound: float) -> Any:
-        """No value exceeds the bound in size; an engine may bound the root of their sum of squares instead."""
+        """Condition that no value exceeds the bound in size; an engine may bound the root of their sum of squares."""
 
     def above(self, values: Any, factor: float, others: Any) -> Any:
-        """Each value exceeds the factor times its partner."""
+        """Condition that each value exceeds the factor times its partner."""
 
 
 @dataclass(frozen=True)
 class Trace:
-    """A quantity traced on one model, as the engines run it.
+    """Quantity traced on one model, for the engines to run.
 
     The program's outputs are the entries of the result, then the pivots of M, then M's diagonal, if there are pivots,
     then further values that must be finite: of couplings.
@@ -61,14 +61,14 @@ class Trace:
 
     @cached_property
     def coefficients(self) -> range:
-        """The inputs that are the same over a run."""
+        """Inputs that are constant over a run."""
         if self.of_run is None:
             return range(0)
         first = sum(self.widths[: self.of_run])
         return range(first, first + self.widths[self.of_run])
 
     def divided(self) -> Trace:
-        """The trace with what is computed of the argument `of_run` alone as its inputs, in place of it."""
+        """Trace whose inputs are computed from the argument `of_run`, in place of it."""
         assert self.of_run is not None
         given = self.coefficients
         of_numbers, program = divided(self.program, given.start, len(given))
@@ -77,7 +77,7 @@ class Trace:
         return replace(self, program=program, widths=tuple(widths), of_numbers=of_numbers)
 
     def unguarded(self) -> Trace:
-        """The trace without the condition on joint velocities."""
+        """Trace without the condition on joint velocities."""
         return replace(self, velocities=range(0))
 
     @cached_property
@@ -102,7 +102,7 @@ class Trace:
         return conditions
 
     def sound_results(self, outputs: Any, dtype: Any, write: Conditions, units: float = NEARLY_SINGULAR) -> list[Any]:
-        """Conditions on the outputs. If all hold, the result is used; if not, the recursion computes the state.
+        """Conditions on the outputs; if one fails, the recursion computes the state instead.
 
         The recursion then finds whether that is an error, to be warned of or sound after all. This is the only
         statement of the conditions; each engine writes it in its own form. A NaN fulfils none. Printed C, which has no

@@ -1,4 +1,4 @@
-"""A program as source text in Python, NumPy, MATLAB (and Octave), C, C++ or Rust, below a comment on robot and units.
+"""Source text of a program in Python, NumPy, MATLAB (and Octave), C, C++ or Rust, with a comment on robot and units.
 
 Joints are numbers in the program. Names come from a file, and the file may be anybody's: in the comment they are plain
 ASCII of a few harmless characters, so that no name can end the comment or continue its line, in any of the languages.
@@ -52,7 +52,7 @@ TEN = (
 
 
 class Printable(NamedTuple):
-    """A trace to print: its name, arguments, and lines of its heading."""
+    """Trace to print: its name, arguments, and lines of its heading."""
 
     trace: Trace
     name: str
@@ -67,22 +67,22 @@ class Printable(NamedTuple):
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """The shape of the result."""
+        """Shape of the result."""
         return self.trace.shape
 
     @property
     def names(self) -> str:
-        """The arguments, separated by commas."""
+        """Names of the arguments, separated by commas."""
         return ", ".join(self.arguments)
 
     @property
     def entries(self) -> list[tuple[int, ...]]:
-        """The place of each entry of the result, row by row."""
+        """Index of each entry of the result, row by row."""
         return list(product(*(range(size) for size in self.shape)))
 
 
 class Written(NamedTuple):
-    """A function with texts of its operations and results, and what ends a text of its language."""
+    """Function with texts of its operations and results, and the end of a text of its language."""
 
     printable: Printable  # with its whole heading
     lines: list[str]
@@ -95,13 +95,13 @@ class Written(NamedTuple):
 
 
 def to_source(printable: Printable, language: str, dtype: str = "float64") -> str:
-    """Source text of a function; a ValueError names the languages that there are, and their numbers."""
+    """Source text of a function; a ValueError names the available languages and numbers."""
     found = written(printable, language, dtype)
     return found.finished([*LANGUAGES[language].text(*found[:3]), ""])
 
 
 def written(printable: Printable, language: str, dtype: str = "float64") -> Written:
-    """The parts of a function's text; a ValueError names the languages that there are, and their numbers."""
+    """Parts of a function's text; a ValueError names the available languages and numbers."""
     if language not in LANGUAGES:
         raise ValueError(f"`language` must be one of {list(LANGUAGES)}, got {language!r}")
     entry, functions, _, types, literal = LANGUAGES[language]
@@ -154,7 +154,7 @@ class _OfC:
 
 
 def identifier(name: str, taken: Sequence[str] = ()) -> str:
-    """A function's name in ASCII, as every language takes it: none of its own words, or of `taken`."""
+    """Function name in ASCII, valid in every language and different from `taken`."""
     name = re.sub(r"\W", lambda match: f"u{ord(match.group()):04x}", name, flags=re.ASCII)[:MAX_NAME]
     name = name if name[:1].isalpha() else f"f{name}"
     known = {*RESERVED.split(), *keyword.kwlist, *keyword.softkwlist, *dir(builtins), *dir(math), *taken}
@@ -163,14 +163,14 @@ def identifier(name: str, taken: Sequence[str] = ()) -> str:
 
 
 def checked_name(argument: str, name: str, taken: Sequence[str] = ()) -> str:
-    """A name that a user gives, as it is; a ValueError if it is none in every language."""
+    """Name given by a user, unchanged; a ValueError if it is invalid in a language."""
     if not isinstance(name, str) or not name or identifier(name, taken) != name:
         raise ValueError(f"`{argument}` must be a name of letters, digits and _ that no language has, got {name!r}")
     return name
 
 
 def most_alive(program: Program) -> int:
-    """Results that are kept at once at most, each from its instruction to its last reader."""
+    """Most results that are kept at once, each from its instruction to its last reader."""
     count = len(program.instructions)
     last = {arg: k for k, instruction in enumerate(program.instructions) for arg in instruction.args}
     last |= dict.fromkeys(program.outputs, count)
@@ -194,7 +194,7 @@ def _python(p: Printable, lines: list[str], outputs: list[str]) -> list[str]:
 
 
 def _used(lines: Sequence[str], helpers: Mapping[str, Sequence[str]], *after: str) -> list[str]:
-    """The functions that lines call, by their names."""
+    """Names of the functions that lines call."""
     found = [text for name, text in helpers.items() if any(f"{name}(" in line for line in lines)]
     return [line for text in found for line in (*text, *after)]
 
@@ -228,13 +228,13 @@ def c_helpers(lines: Sequence[str], outputs: Sequence[str]) -> list[str]:
 
 
 def c_signature(p: Printable) -> str:
-    """The head of a function in C."""
+    """Signature of a function in C."""
     arguments = ", ".join([f"const @ *{name}" for name in taken(p)] + ["@ *result"])
     return f"{'int' if may_fail(p) else 'void'} {p.name}({arguments})"
 
 
 def c_function(p: Printable, lines: Sequence[str], outputs: Sequence[str]) -> list[str]:
-    """A function in C; one that may fail returns 0, or 1 where it does, with NaN in its result."""
+    """Function in C; one that may fail returns 0, or 1 where it does, with NaN in its result."""
     fail = ["{", f"    for (int k = 0; k < {len(outputs)}; k++)", "        result[k] = NAN;", "    return 1;", "}"]
     body = [f"const @ *piece = {p.name}_piece(t[0]);", "if (!piece)", *fail] if p.looks_up else []
     body += [f"const @ {line};" for line in lines]
@@ -253,13 +253,13 @@ def _each(checks: Sequence[str]) -> str:
 
 
 def taken(p: Printable) -> dict[str, int]:
-    """The arguments that a function in C or C++ has, with their lengths; without entries, or found by it, are none."""
+    """Arguments of a function in C or C++ with their lengths; without empty ones and those found by it."""
     pairs = zip(p.arguments, p.trace.widths, strict=True)
     return {name: width for name, width in pairs if width and not (p.looks_up and name == "piece")}
 
 
 def may_fail(p: Printable) -> bool:
-    """True if a function in C or C++ says whether it has a result."""
+    """True if a function in C or C++ reports failure."""
     return bool(p.checks) or p.looks_up
 
 
@@ -268,7 +268,7 @@ def _reads(name: str, lines: Sequence[str]) -> bool:
 
 
 def c_look_up(p: Printable) -> list[str]:
-    """The function in C or C++ that finds `piece` at a time."""
+    """Function in C or C++ that finds `piece` at a time."""
     texts = [f"{{{', '.join(row)}}}," for row in p.rows]
     lines = [line for text in texts for line in textwrap.wrap(text, WIDTH, subsequent_indent="    ")]
     count = len(p.rows)
@@ -295,13 +295,13 @@ def _cpp(p: Printable, lines: list[str], outputs: list[str]) -> list[str]:
 
 
 def cpp_header(name: str, functions: Sequence[Sequence[str]], top: Sequence[str]) -> list[str]:
-    """A header of C++17 with functions in a namespace."""
+    """Header of C++17 with functions in a namespace."""
     head = [*(f"// {line}" for line in top), *CPP_HEAD, "", f"namespace {name} {{", ""]
     return [*head, *[line for function in functions for line in (*function, "")], f"}} // namespace {name}"]
 
 
 def cpp_function(p: Printable, lines: Sequence[str], outputs: Sequence[str]) -> list[str]:
-    """A function in C++; one that may fail returns an optional array, which is empty where it does."""
+    """Function in C++; one that may fail returns an optional array, which is empty where it does."""
     found = f"std::array<@, {len(outputs)}>" if p.shape or may_fail(p) else "@"
     body = [f"const auto {name} = {text};" for name, text in CPP.items() if _used([*lines, *outputs], {name: [text]})]
     fail = ["    return std::nullopt;", "}"]
@@ -325,7 +325,7 @@ def cpp_function(p: Printable, lines: Sequence[str], outputs: Sequence[str]) -> 
 
 
 def _member(name: str, k: int, width: int, members: Sequence[str]) -> str:
-    """The text of an argument's entry in C++: of a structure, of the time, which is a number, or of an array."""
+    """Text of an argument's entry in C++: of a structure, of the time, which is a number, or of an array."""
     return f"{name}.{members[k + 1]}" if members else name if name == "t" and width == 1 else f"{name}[{k}]"
 
 
@@ -346,7 +346,7 @@ def _size(p: Printable) -> str:
 
 
 def sized(p: Printable) -> str:
-    """What a function in C or C++ returns, and where it does not."""
+    """Comment on the results of a function in C or C++, and on its failure."""
     where = ["M is singular to rounding, or a number is not finite"] * bool(p.checks)
     where += ["the time is outside the samples"] * p.looks_up
     how = "Empty where" if p.namespace else "Returns 0, or 1 with NaN in the result where"
@@ -393,7 +393,7 @@ RESERVED = """INFINITY NAN abstract arctan2 asm auto become box catch char class
 
 
 def _single(x: float) -> str:
-    """The shortest decimal number of which the nearest in single precision is that of x."""
+    """Shortest decimal number that rounds to x in single precision."""
     if float(np.finfo(np.float32).max) < x < float("inf"):
         raise ValueError(f"`dtype` must be 'float64': the program has the constant {x!r}, which float32 cannot hold")
     return str(np.float32(x))
@@ -474,7 +474,7 @@ LANGUAGES = {
 
 
 def quantity_of_element(element: str) -> str:
-    """The quantity that an entry belongs to, by the letters of its name; ValueError if there is none."""
+    """Quantity of an entry, by the letters of its name; ValueError if there is none."""
     letters = re.sub(r"[0-9_]*$", "", element)
     for quantity, known in LETTERS.items():
         if letters == known:
@@ -483,7 +483,7 @@ def quantity_of_element(element: str) -> str:
 
 
 def entry_of_element(element: str, quantity: str, shape: Sequence[int]) -> tuple[int, ...]:
-    """The place of an entry in a result of some shape, from 0; a ValueError if there is none.
+    """Index of an entry in a result of some shape, from 0; a ValueError if there is none.
 
     An entry is named by the letters of the quantity and the joints' numbers from 1: "m23", "c3" or, beyond nine joints,
     "m2_13".
@@ -512,7 +512,7 @@ def heading(
 ) -> list[str]:
     """Lines of the comment, without the language's comment signs.
 
-    `quantity` has "by" and the arguments of a derivative; of a single `entry` its place is told; `wrenches` are the
+    `quantity` has "by" and the arguments of a derivative; of a single `entry` its place is printed; `wrenches` are the
     arguments that are wrenches, each with its link.
     """
     sliding = [not model.is_revolute[i] for i in model.independent_joints]
@@ -542,7 +542,7 @@ def heading(
 
 
 def harmless(name: str) -> str:
-    """A name in which every character but ASCII letters, digits, spaces and _.+- is written as its number."""
+    """Name in which all but ASCII letters, digits, spaces and _.+- is escaped."""
     return re.sub(r"[^A-Za-z0-9_.+ -]", lambda match: f"<U+{ord(match.group()):04X}>", name[:MAX_NAME])
 
 

@@ -1,4 +1,4 @@
-"""From a function of a model to a program: its core run on traced numbers.
+"""Tracing of a function of a model to a program: its core is run on traced numbers.
 
 A function takes wrenches as a mapping of links, and its model has the inertial parameters. A kernel takes arrays alone
 (`inputs_as_arrays`), so that many loads, or many variants of a robot, are one batch.
@@ -28,14 +28,14 @@ from ..model.parameters import at_parameters, with_fewest_terms
 from ..model.topology import where_loops_close
 from .soundness import Trace
 
-LIMIT = 50_000  # operations that are written out at most
-AGREEMENT = 1e-9  # relative: values that differ by less are the same
-TRIALS = 3  # random states in which a user's function or law must agree with its trace
-STEP = 1e-30  # of complex steps: its square vanishes beside 1, so nothing cancels and nothing is truncated
+LIMIT = 50_000  # most operations that are written out
+AGREEMENT = 1e-9  # relative tolerance of equal values
+TRIALS = 3  # random states in which a user's function or law is compared with its trace
+STEP = 1e-30  # length of complex steps: its square vanishes relative to 1, so nothing cancels or is truncated
 
 
 def declared(function: Any) -> Declared:
-    """A function that can be traced, with its declaration; a TypeError for anything else.
+    """Traceable function with its declaration; a TypeError for anything else.
 
     One of this package's, or a user's own of joint arrays of one state, marked by `rne.traceable`.
     """
@@ -67,7 +67,7 @@ def declared(function: Any) -> Declared:
 
 
 def _one_by_one(function: Callable[..., Any], model: Model, **arrays: Array) -> Array:
-    """A function of one state on a batch."""
+    """Function of one state, applied to a batch."""
     leading = next(iter(arrays.values())).shape[:-1]
     states = [{name: a[k].copy() for name, a in arrays.items()} for k in np.ndindex(leading)]
     found = np.array([function(**state) for state in states])
@@ -108,7 +108,7 @@ def trace(
     starts = dict(zip(widths, np.cumsum([0, *widths.values()]).tolist(), strict=False))
 
     def run(by_pivots: Sequence[bool] | None = None) -> tuple[Graph, Any, Any]:
-        """The graph, the result and what judges it; of a second run where zeros were folded unsoundly."""
+        """Graph, result and checks; of a second run where zeros were folded unsoundly."""
         graph = Graph(8 * LIMIT, by_pivots)
         arrays = [inputs(graph, (1, width), starts[name]) for name, width in widths.items()]
         result, *judged = run_core(quantity, model, arrays, fixed)
@@ -144,7 +144,7 @@ def trace(
 
 
 def run_core(quantity: Quantity, model: Model, arrays: Sequence[Any], fixed: Mapping[str, Any]) -> tuple[Any, ...]:
-    """The core's results at given parameters, or with masses moved inwards, where that changes nothing."""
+    """Results of the core at given parameters, or with masses moved inwards, where that changes nothing."""
     given = by_link(quantity, arrays, fixed)
     model = with_fewest_terms(model) if quantity.base_parameters else model
     if "parameters" in given:
@@ -154,7 +154,7 @@ def run_core(quantity: Quantity, model: Model, arrays: Sequence[Any], fixed: Map
 
 
 def within_a_trace(quantity: Quantity, model: Model, arguments: Sequence[Any], fixed: Mapping[str, Any]) -> Array:
-    """The result on traced numbers, of a quantity that another one calls; the core needs a batch axis."""
+    """Result on traced numbers, of a quantity that another one calls; the core needs a batch axis."""
     arrays = [np.asarray(a) for a in arguments]
     single = all(a.ndim < 2 for a in arrays)
     result = run_core(quantity, model, [np.atleast_2d(a) for a in arrays] if single else arrays, fixed)[0]
@@ -174,7 +174,7 @@ def by_link(quantity: Quantity, arrays: Sequence[Any], named: Mapping[str, Any])
 
 
 def inputs_as_arrays(function: Declared, model: Model, fixed: Mapping[str, Any]) -> tuple[Quantity, dict[str, Any]]:
-    """The function's quantity with further arrays behind its joint arrays: wrenches, then inertial parameters.
+    """Quantity of the function with further arrays behind its joint arrays: wrenches, then inertial parameters.
 
     `fixed` may have `external`, a sequence of link names, whose wrenches are external_1, ... of shape (..., 6), and
     `parameters`, True or False, of shape (..., 10 nb), or values of arrays; the rest of it is returned. A TypeError
@@ -237,12 +237,12 @@ def by_recursion(
 
 
 def takes_complex_steps(function: Declared, model: Model) -> bool:
-    """True if complex steps give the derivatives: those of the functions of couplings they need not."""
+    """True if complex steps give the derivatives, which functions of couplings may not allow."""
     return function.quantity.analytic and not model.couplings
 
 
 def wrench_links(model: Model, external: Any) -> tuple[str, ...]:
-    """The links on which wrenches of a kernel act: known ones, each named once."""
+    """Links on which wrenches of a kernel act: known ones, each named once."""
     if isinstance(external, str) or not isinstance(external, Sequence):
         raise TypeError(
             f"`external` of a kernel must be a sequence of link names, such as ['link_6'], got "
@@ -257,7 +257,7 @@ def wrench_links(model: Model, external: Any) -> tuple[str, ...]:
 
 
 def named_by_function(quantity: Quantity, model: Model, arguments: Sequence[Any], error: ValueError) -> ValueError:
-    """The function's own error for these arguments, which names wrenches by their links, or else the kernel's."""
+    """Error of the function itself for these arguments, which names wrenches by links, or else the kernel's."""
     if not quantity.wrenches:
         return error
     try:

@@ -1,4 +1,4 @@
-"""Several kernels as one text in C or C++.
+"""Text in C or C++ of several kernels.
 
 `unit({"tau": kernel, "qdd": other}, name="ur10")` prints each kernel as a function `ur10_tau`, `ur10_qdd` in C, or as
 `ur10::tau`, `ur10::qdd` in C++. What they share stands once: lines of their comments at the top, and in C the helpers,
@@ -35,7 +35,7 @@ from .source import (
 
 
 class UnitFunction(NamedTuple):
-    """A function of a unit as its callers need it."""
+    """Function of a unit with the data that callers need."""
 
     name: str  # in the text
     arguments: Mapping[str, int]  # in order, with their lengths, before the result
@@ -44,7 +44,7 @@ class UnitFunction(NamedTuple):
 
 
 class Unit(NamedTuple):
-    """One text of several kernels; see `unit`."""
+    """Text of several kernels; see `unit`."""
 
     functions: Mapping[str, UnitFunction]
     header: str
@@ -141,7 +141,7 @@ CLOSED = "#ifdef __cplusplus", "}", "#endif"
 
 
 def _c_definition(p: Printable, lines: Sequence[str], outputs: Sequence[str], prefix: str) -> list[str]:
-    """A function in C behind what finds its piece."""
+    """Function in C, after the look-up of its piece."""
     table = c_look_up(p) if p.looks_up else []
     table = [f"static {line}" if line.startswith("const") else line for line in table]
     comment, signature, *rest = c_function(p, lines, outputs)

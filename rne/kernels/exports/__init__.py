@@ -1,1 +1,1 @@
-"""Ways out: a traced program as a function of another package, one file for each."""
+"""Exports of a traced program as a function of another package, one file for each."""

@@ -1,4 +1,4 @@
-"""A program as a CasADi function: its operations on SX scalars, which CasADi then differentiates and prints itself."""
+"""Export of a program as a CasADi function: operations on SX scalars, which CasADi differentiates and prints."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SPARSE = ("jacobian", "hessian")  # orders whose zeros are structural, as in Cas
 
 
 def to_casadi(kernel: Any, name: str, symbolic: str = "SX") -> Any:
-    """The function of a kernel's arrays; see `Kernel.to_casadi`."""
+    """CasADi function of a kernel; see `Kernel.to_casadi`."""
     ca, trace = _casadi(name, symbolic), kernel.printable
     inputs = _symbols(ca.SX, kernel)
     functions = {kind: getattr(ca, NAMES.get(kind, kind)) for kind in ON_ARRAYS if kind not in ARITHMETIC}
@@ -35,7 +35,7 @@ def to_casadi(kernel: Any, name: str, symbolic: str = "SX") -> Any:
 
 
 def scene_to_casadi(kernel: Any, name: str, symbolic: str, steps: int | None) -> Any:
-    """The function of a kernel of (t, x, ...) that gives rates and torques in one array; see `Scene.to_casadi`."""
+    """CasADi function of a kernel of (t, x, ...) with rates and torques in one array; see `Scene.to_casadi`."""
     ca = _casadi(name, symbolic)
     both, size, kind = to_casadi(kernel, f"{name}_in_one"), kernel.widths[1], getattr(ca, symbolic)
     t, x, *further = inputs = _symbols(kind, kernel)
@@ -58,7 +58,7 @@ def scene_to_casadi(kernel: Any, name: str, symbolic: str, steps: int | None) ->
 
 
 def _casadi(name: str, symbolic: str) -> Any:
-    """The package, where it is installed and allows a function of this name and type."""
+    """Package casadi, if installed; refuses invalid names and types."""
     try:
         import casadi
     except ImportError:

@@ -1,4 +1,4 @@
-"""A Functional Mock-up Unit: its model description, its text in C, binaries of it, and the archive.
+"""Functional Mock-up Unit: its model description, its text in C, its binaries, and the archive.
 
 FMI 2.0.4 and 3.0.2, the standards of the Modelica Association, fmi-standard.org.
 """
@@ -42,13 +42,13 @@ PLATFORMS = {
 }
 OPTIONS = "-std=c99", "-O2", "-ffp-contract=off", "-fvisibility=hidden", "-shared", "-s", "-lm"
 HEADERS = "math.h", "stdbool.h", "stdint.h", "stdlib.h", "string.h"
-TOLERANCE = 1e-9  # of co-simulation where none is given
-DATE = (1980, 1, 1, 0, 0, 0)  # of all files in the archive, the first that it can tell
+TOLERANCE = 1e-9  # tolerance of co-simulation by default
+DATE = (1980, 1, 1, 0, 0, 0)  # date of all files in the archive, the earliest possible
 EXPONENTS = {"kg": (1, 0, 0, 0), "m": (0, 1, 0, 0), "s": (0, 0, 1, 0), "rad": (0, 0, 0, 1), "N": (1, 1, -2, 0)}
 
 
 class Variable(NamedTuple):
-    """A variable of a unit; `of` is the place of the state whose rate it is."""
+    """Variable of a unit; `of` is the index of the state whose rate it is."""
 
     name: str
     unit: str  # such as N.m.s/rad
@@ -63,7 +63,7 @@ class Variable(NamedTuple):
 
 @dataclass(frozen=True)
 class MockupUnit:
-    """A unit but for its version: variables in blocks, functions in C, and what the text around these needs."""
+    """Unit without its version: variables in blocks, functions in C, and the data of the text around these."""
 
     name: str
     description: str
@@ -79,17 +79,17 @@ class MockupUnit:
 
     @cached_property
     def variables(self) -> list[Variable]:
-        """All variables; a value reference is a place in this list."""
+        """List of variables; a value reference is an index of it."""
         return [variable for block in self.blocks.values() for variable in block]
 
     @cached_property
     def stops(self) -> range:
-        """Places of the event indicators."""
+        """Indices of the event indicators."""
         first = self.sizes["STOP"]
         return range(first, first + len(self.blocks["STOP"]))
 
     def source(self, version: str, token: str) -> str:
-        """The whole text in C."""
+        """Text in C."""
         starts = np.array([v.start or 0.0 for v in self.variables])
         lines = [
             f"/* {self.description}: Functional Mock-up Unit, FMI {version} */",
@@ -102,7 +102,7 @@ class MockupUnit:
         return "\n".join([*lines, self.functions, text_around(version)])
 
     def model_description(self, version: str, token: str) -> str:
-        """The text of modelDescription.xml."""
+        """Text of modelDescription.xml."""
         is_2, derives = version == "2.0", str(self.has_derivatives).lower()
         can = {"modelIdentifier": self.name, "canGetAndSetFMUState": "true", "canSerializeFMUState": "true"}
         if is_2:
@@ -133,7 +133,7 @@ class MockupUnit:
         return _document(_element("fmiModelDescription", marks, parts))
 
     def _structure(self, *, is_2: bool) -> list[ElementTree.Element]:
-        """Outputs, rates and what the start computes, each with what it depends on; 2.0 counts variables from 1."""
+        """Outputs, rates and initial unknowns, each with its dependencies; version 2.0 counts variables from 1."""
         outputs = [k for k, v in enumerate(self.variables) if v.causality == "output"]
         rates = [k for k, v in enumerate(self.variables) if v.of is not None]
         states = [v.of for v in self.variables if v.of is not None]
@@ -153,7 +153,7 @@ class MockupUnit:
         return found
 
     def write(self, path: Path, version: str, platforms: Sequence[str] | None) -> tuple[str, ...]:
-        """Write the archive; the platforms whose binaries it has."""
+        """Write the archive; returns the platforms with binaries."""
         is_2, texts = version == "2.0", [self.source(version, ""), self.model_description(version, "")]
         token = f"{{{uuid.UUID(bytes=hashlib.sha256(''.join(texts).encode()).digest()[:16])}}}"
         files = {"sources/fmu.c": self.source(version, token).encode()}
@@ -179,13 +179,13 @@ class MockupUnit:
 
 
 def this_machine() -> str:
-    """The platform of this machine."""
+    """Platform of this machine."""
     machine, system = platform.machine().lower(), {"win32": "windows"}.get(sys.platform, sys.platform)
     return f"{ {'amd64': 'x86_64', 'arm64': 'aarch64'}.get(machine, machine) }-{system}"
 
 
 def binaries(source: bytes, name: str, asked: Sequence[str], *, must: bool) -> dict[str, bytes]:
-    """Shared libraries of a text by platform: by Zig's compiler, else by this machine's for itself alone.
+    """Shared libraries of a text by platform: by Zig's compiler, otherwise by this machine's for itself.
 
     Those that no compiler is there for are an error if they `must` be, else a line on the logger.
     """
@@ -236,7 +236,7 @@ def _variable(k: int, v: Variable, *, is_2: bool) -> ElementTree.Element:
 
 
 def _unit(text: str) -> ElementTree.Element:
-    """A unit of products and powers, such as N.m.s/rad, with the exponents of the SI's."""
+    """Unit of products and powers, such as N.m.s/rad, with the exponents of SI units."""
     above, _, below = text.partition("/")
     parts = [
         (name, sign * int(power or 1))

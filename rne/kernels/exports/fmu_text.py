@@ -1,4 +1,4 @@
-"""The text in C around the equations of a Functional Mock-up Unit: its states, events, integrator and functions.
+"""Text in C around the equations of a Functional Mock-up Unit: its states, events, integrator and functions.
 
 Functions and types have the names and arguments of the FMI standard, 2.0.4 and 3.0.2. A value reference is a place in
 one array of all variables, whose blocks T, X, U, ... begin where an enumeration in front of the text says.
@@ -434,7 +434,7 @@ ABSENT["3.0"] |= {f"{u}Int{k}": f"{u.lower()}int{k}_t" for u in ("", "U") for k 
 
 
 def text_around(version: str) -> str:
-    """All that comes behind the equations of a unit and its numbers."""
+    """Text in C that follows the equations of a unit and its numbers."""
     rows, count = BOTH + FUNCTIONS[version], "" if version == "2.0" else ", size_t m"
     if version == "2.0":
         rows = rows.replace("FMUState", "FMUstate").replace("Deserialize", "DeSerialize")

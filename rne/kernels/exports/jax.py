@@ -1,4 +1,4 @@
-"""A kernel as a function of JAX: its machine code called by XLA, or its program in jax.numpy."""
+"""Export of a kernel as a function of JAX: machine code called by XLA, or the program in jax.numpy."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ MODES = ("reverse", "forward")
 
 
 def to_jax(kernel: Any, mode: str) -> Callable[..., Any]:
-    """See `Kernel.to_jax`."""
+    """JAX function of a kernel; see `Kernel.to_jax`."""
     if mode not in MODES:
         raise ValueError(f"`mode` must be one of {list(MODES)}, got {mode!r}")
     if importlib.util.find_spec("jax") is None:
@@ -40,7 +40,7 @@ def to_jax(kernel: Any, mode: str) -> Callable[..., Any]:
 
 
 def _arrays(kernel: Any, arguments: Sequence[Any]) -> tuple[list[Any], Any]:
-    """Arguments of one leading shape, in the dtype to compute in; the dtype of the result, which may be shorter."""
+    """Arguments with a common leading shape, in the dtype to compute in, and the dtype of the result."""
     import jax.numpy as jnp
 
     if len(arguments) != len(kernel.names):
@@ -59,7 +59,7 @@ def _arrays(kernel: Any, arguments: Sequence[Any]) -> tuple[list[Any], Any]:
 
 
 def _with_rules(mode: str, kernel: Any, rules: Rules) -> Any:
-    """The machine code as a function of arrays, with its derivatives by the rules."""
+    """Machine code as a function of arrays, with its derivatives by the rules."""
     import jax
 
     plain = partial(called, kernel.whole)
@@ -74,7 +74,7 @@ def _with_rules(mode: str, kernel: Any, rules: Rules) -> Any:
 
 
 def called(trace: Trace, *arrays: Any) -> Any:
-    """The results of machine code on arrays (..., width), broadcast against each other."""
+    """Results of machine code on arrays (..., width), broadcast against each other."""
     import jax
     import jax.numpy as jnp
 
@@ -87,7 +87,7 @@ def called(trace: Trace, *arrays: Any) -> Any:
 
 
 def printed(trace: Trace, *arrays: Any) -> Any:
-    """The program in jax.numpy on arrays (..., width) of one leading shape; states to be examined become NaN."""
+    """Program in jax.numpy on arrays (..., width) of one leading shape; NaN for states to be examined."""
     import jax.numpy as jnp
 
     own: dict[str, Callable[..., Any]] = {
@@ -107,5 +107,5 @@ def printed(trace: Trace, *arrays: Any) -> Any:
         above=lambda values, factor, others: (values > factor * others).all(0),
     )
     conditions = trace.sound_inputs(inputs, dtype, sound) + trace.sound_results(outputs, dtype, sound)
-    factor = jnp.where(reduce(operator.and_, conditions), 1.0, jnp.nan).astype(dtype)  # slopes become NaN as well
+    factor = jnp.where(reduce(operator.and_, conditions), 1.0, jnp.nan).astype(dtype)  # derivatives become NaN as well
     return jnp.moveaxis(outputs[: trace.entries] * factor, 0, -1).reshape(leading + trace.shape)

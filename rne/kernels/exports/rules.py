@@ -1,4 +1,4 @@
-"""Derivatives of kernels by other kernels of the same function, as automatic differentiation asks for them.
+"""Derivatives of kernels by other kernels of the same function, for automatic differentiation.
 
 With f(x), its Jacobian J, slopes s and tangents t: backwards, f gives s J by the gradient kernel, and w J gives the
 Hessian of w . f times s, by w J s. Forwards, f gives J t, and J the Hessians of all entries times t.
@@ -12,11 +12,11 @@ from itertools import accumulate, pairwise
 from math import prod
 from typing import Any
 
-BACKWARDS, FORWARDS = ("values", "gradient"), ("values", "jacobian")  # orders that have a rule
+BACKWARDS, FORWARDS = ("values", "gradient"), ("values", "jacobian")  # orders with a rule
 
 
 class Rules:
-    """The rules of a kernel and of those that it leads to, on arrays (..., width) of a package `numbers`.
+    """Rules of a kernel and of the kernels they lead to, on arrays (..., width) of a package `numbers`.
 
     `wrap` makes a function of arrays of a kernel and these rules.
     """
@@ -34,7 +34,7 @@ class Rules:
         return kernel.order in orders and kernel.wrt in ((), self.names)
 
     def backwards(self, kernel: Any, arrays: Sequence[Any], slope: Any) -> tuple[Any, ...]:
-        """Slopes by each array, of a sum of the kernel's results of which `slope` has those by the results."""
+        """Vector-Jacobian product: derivatives by each array of a sum weighted by `slope`."""
         x, by_weights = arrays[: len(self.names)], list[Any]()
         if kernel.order == "values":
             slope = slope.reshape((*x[0].shape[:-1], self.entries))
@@ -44,7 +44,7 @@ class Rules:
         return *(found[..., i:j] for i, j in pairwise(self.ends)), *by_weights
 
     def forwards(self, kernel: Any, x: Sequence[Any], tangents: Sequence[Any]) -> Any:
-        """The slope of the kernel's result along tangents, linear in them."""
+        """Jacobian-vector product: derivative of the kernel's result along tangents, linear in them."""
         along = self.numbers.concatenate(tangents, -1)
         if kernel.order == "values":
             found = self.numbers.einsum("...ek,...k->...e", self._jacobian(x), along)

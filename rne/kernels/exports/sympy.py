@@ -1,4 +1,4 @@
-"""A kernel as SymPy's expressions, with the inertial parameters by name where they are inputs."""
+"""Export of a kernel as SymPy expressions, with inertial parameters by name where they are inputs."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from ...graph.program import ON_ARRAYS, interpret, without_judged
 
 PARAMETERS = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")  # of a body
 WRENCH = ("nx", "ny", "nz", "fx", "fy", "fz")
-DIGITS = 12  # a decimal number of so few, up to rounding, is meant exactly
-ROUNDING = 4 * 2.0**-52  # relative, of a product of a few numbers
+DIGITS = 12  # most digits of a decimal number that is meant exactly
+ROUNDING = 4 * 2.0**-52  # relative rounding of a product of a few numbers
 NAMES = {"abs": "Abs", "arctan2": "atan2", "minimum": "Min", "maximum": "Max"}
 NAMES |= {name: name for name in ("sin", "cos", "sqrt", "tanh", "exp", "sign")}
 
 
 def to_sympy(kernel: Any) -> Any:
-    """`Kernel.to_sympy`."""
+    """SymPy expressions of a kernel; see `Kernel.to_sympy`."""
     try:
         import sympy
     except ImportError:
@@ -44,6 +44,6 @@ def _names(argument: str, width: int) -> Sequence[str]:
 
 
 def _number(sympy: Any, x: float) -> Any:
-    """A rational number if x is a short decimal one, up to rounding; otherwise x."""
+    """Rational number if x is a short decimal one, up to rounding; otherwise x."""
     text = f"{x:.{DIGITS}g}"
     return sympy.Rational(text) if math.isfinite(x) and abs(float(text) - x) <= ROUNDING * abs(x) else sympy.Float(x)

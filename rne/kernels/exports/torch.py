@@ -1,4 +1,4 @@
-"""A kernel as a function of PyTorch, on the memory of its tensors."""
+"""Export of a kernel as a function of PyTorch, on the memory of its tensors."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .rules import BACKWARDS, Rules
 
 
 def to_torch(kernel: Any) -> Callable[..., Any]:
-    """See `Kernel.to_torch`."""
+    """PyTorch function of a kernel; see `Kernel.to_torch`."""
     if importlib.util.find_spec("torch") is None:
         raise ImportError("`to_torch` needs PyTorch, which is not installed: see pytorch.org for its installation")
     import torch
@@ -35,7 +35,7 @@ def to_torch(kernel: Any) -> Callable[..., Any]:
 
 
 def differentiable(kernel: Any, rules: Rules) -> Callable[..., Any]:
-    """The kernel as a function of CPU tensors of one leading shape, with its slopes by the rules."""
+    """Kernel as a function of CPU tensors of one leading shape, with its derivatives by the rules."""
     import torch
 
     class Differentiable(torch.autograd.Function):  # type: ignore[misc]

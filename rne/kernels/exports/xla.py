@@ -1,4 +1,4 @@
-"""Machine code that XLA calls by its typed foreign function interface: a handler in front of the program.
+"""Machine code called by XLA's typed foreign function interface: a handler in front of the program.
 
 The offsets are those of xla/ffi/api/c_api.h, version 0.3, on 64 bits. Minor versions add fields behind those there are.
 """
@@ -26,11 +26,11 @@ TYPE, METADATA, IS_METADATA = 8, 24, 1  # of XLA_FFI_Metadata_Extension; its typ
 VERSION = 24  # major and minor, of XLA_FFI_Metadata
 SHORT = ir.IntType(32)
 LOCK = threading.Lock()
-LIBRARIES: dict[str, Library] = {}  # that XLA may call as long as the process lives, by their targets
+LIBRARIES: dict[str, Library] = {}  # kept for the life of the process, as XLA may call them, by their targets
 
 
 def version() -> tuple[int, int]:
-    """The interface's version: the minor one of this jaxlib's header, as a compiler would take it."""
+    """Version of the interface: the minor one of this jaxlib's header, as a compiler would take it."""
     from jax.ffi import include_dir
 
     header = Path(include_dir(), "xla/ffi/api/c_api.h")
@@ -39,7 +39,7 @@ def version() -> tuple[int, int]:
 
 
 def target(trace: Trace, dtype: str) -> str:
-    """The name by which XLA calls the program: a digest of it, by which JAX's own cache knows it in other processes."""
+    """Name by which XLA calls the program: its digest, by which JAX's cache finds it in other processes."""
     import jax.ffi
 
     name = "rne_" + disk_cache.key(repr(trace), dtype)
@@ -96,7 +96,7 @@ def emit_handler(module: ir.Module, trace: Trace, dtype: str, version: tuple[int
 
 
 def _rows_of(builder: ir.IRBuilder, rank: ir.Value, dims: ir.Value) -> ir.Value:
-    """The product of all dimensions but the last."""
+    """Product of all dimensions but the last."""
     before, loop, after = builder.block, builder.append_basic_block(), builder.append_basic_block()
     builder.branch(loop)
     builder.position_at_end(loop)
