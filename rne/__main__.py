@@ -28,7 +28,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = parser().parse_args(join_numbers(sys.argv[1:] if argv is None else argv))
     run: Callable[[argparse.Namespace], int] = arguments.run
     try:
-        with work.reported(f"running {arguments.parser.prog}"):
+        with work.reported():
             code = run(arguments)
         sys.stdout.flush()
         return code

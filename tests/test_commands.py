@@ -347,7 +347,7 @@ def test_names_with_control_characters_are_printed_as_escapes(tmp_path, monkeypa
         (["torques", FILE, MOTION], "robot a\\x9b31m, joints b error: no, gravity"),
         (["torques", FILE, "no\n\x1b.csv"], "error: no\\n\\x1b.csv: No such file or directory"),
         (["compare", FILE, FILE], "torques of x\\x1b[2J.urdf beside"),
-        (["compare", FILE, "irb140"], "joints of x\\x1b[2J.urdf alone: b error: no\n"),
+        (["compare", FILE, "irb140"], "\nx\\x1b[2J.urdf: 1 joint (b error: no), 2 kg moving\n"),
         (["identify", FILE, MOTION, "--page", "p\x1b"], "error: m\\u202e.csv: "),
         (["x\x9by"], "invalid choice: 'x\\x9by'"),
         (["check", FILE, "--\x1b"], "unrecognized arguments: --\\x1b"),

@@ -1,11 +1,12 @@
 """The command line."""
 
+import itertools
 import os
 import re
 import shutil
 import subprocess
 import sys
-import time
+import threading
 from types import SimpleNamespace
 
 import numpy as np
@@ -164,18 +165,64 @@ def test_ctrl_c_leaves_the_motion_so_far(tmp_path, monkeypatch, capsys):
     assert capsys.readouterr().err == f"interrupted: the motion up to t = {end:.4g} s is in m.csv\n"
 
 
-def test_what_takes_long_is_told(monkeypatch, capsys):
-    """Whenever the thread that reports it has its turn."""
-    monkeypatch.setattr(work, "pause", 0.02)
-    line, told = re.compile(r"^  simulating, 25% \.\.\. \d+ s$", re.MULTILINE), ""
+def test_what_takes_long_is_said_with_its_time(capsys):
+    """After two seconds without output: what is computed, for how long and, if it is known, for how much longer."""
+    now = [0.0]
+    step = type(work)(lambda: now[0])
+    step.begin("fitting 3 models to 12 records")
+    for now[0] in (1.9, 4.0, 5.9, 8.0):
+        step.tell()
+        if now[0] == 5.9:
+            step.progress(1.0, 4.0)
+    now[0] = 9.0
+    step.begin("drawing the page")
+    now[0] = 10.9
+    step.tell()
+    step.end()
+    assert capsys.readouterr().err.splitlines() == [
+        "  fitting 3 models to 12 records ... 4 s",
+        "  fitting 3 models to 12 records, 25% done, about 24 s left ... 8 s",
+        "  fitting 3 models to 12 records: took 9 s",
+    ]
+
+
+def test_progress_is_said_while_a_command_runs(monkeypatch):
+    """By a thread, under a clock on which every look is ten seconds later; the command waits until it had its turn."""
+    said, had_its_turn, clock = [], threading.Event(), itertools.count(0, 10)
+    monkeypatch.setattr(work, "pause", 0.01)
+    monkeypatch.setattr(work, "clock", lambda: next(clock))
+    monkeypatch.setattr("rne.commands.shared.note", lambda line: said.append(line) or had_its_turn.set())
     with work.reported():
         work.begin("simulating")
-        work.progress(1.0, 4.0)
-        for _ in range(1000):
-            time.sleep(0.02)
-            if line.search(told := told + capsys.readouterr().err):
-                break
-    assert line.search(told), told
+        assert had_its_turn.wait(600)
+    assert re.fullmatch(r"  simulating \.\.\. \d+ s", said[0])
+    assert re.fullmatch(r"  simulating: took \d+ s", said[-1])
+    before = len(said)
+    work.end()
+    assert len(said) == before
+
+
+@pytest.mark.parametrize(
+    ("words", "steps"),
+    [
+        (["check", "irb140"], ["checking irb140"]),
+        (["source", "irb140"], ["deriving inverse_dynamics of irb140 and writing it in python"]),
+        (
+            ["simulate", "irb140", "--duration", "0.01", "--out", "m.npz"],
+            ["simulating 0.01 s of motion", "computing torques and energies, and writing the file"],
+        ),
+        (
+            ["compare", "irb140", "irb140"],
+            ["searching the cause by which torques of irb140 differ from those of irb140"],
+        ),
+    ],
+)
+def test_steps_of_commands_say_what_they_compute(words, steps, tmp_path, monkeypatch, capsys):
+    found, begin = [], work.begin
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(work, "begin", lambda what: found.append(what) or begin(what))
+    assert main(words) == 0
+    assert found == ["reading the robot", *steps]
 
 
 @pytest.mark.parametrize(("argv0", "name"), [("/usr/lib/rne/__main__.py", "python -m rne"), ("/usr/bin/rne", "rne")])

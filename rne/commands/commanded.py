@@ -10,7 +10,7 @@ import numpy as np
 
 import rne
 
-from ..basics.text import listed
+from ..basics.text import counted, listed
 from . import shared
 from .shared import CommandError, note, number, numbers, used, work
 
@@ -91,7 +91,7 @@ def run_commanded(
         robot = rne.Robot(robot.model, "numba")
     scene, fitted = scene_of(robot, arguments), records[: len(arguments.logs)]
     given = {name: x for name in ("wrt", "starts", "shot") if (x := getattr(arguments, name)) is not None}
-    work.begin("fitting")
+    work.begin(f"fitting the model's motion to {counted(len(fitted), 'record')}")
     try:
         with shared.warnings_in_one_line(arguments):
             found = rne.identify_motion(scene, fitted, robust=arguments.robust, progress=_tell, **given)
@@ -101,6 +101,7 @@ def run_commanded(
     page.text(f"controller: {arguments.controller or 'pd'}; fitted: {listed(list(found.numbers))}")
     page.lines(found.report())
     for k, record in enumerate(records):
+        work.begin(f"simulating and drawing {record.name}")
         page.heading(f"{record.name}, {'fitted' if k < len(fitted) else 'predicted'}")
         _followed(found, record, page)
         caption = f"{record.name}: measured positions, those of the model, and their difference"

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import rne
 
 from ..basics.marks import URDF
+from ..basics.text import counted
 from ..files.tables import as_number
 from . import shared
 from .commanded import add_commanded, check_options, run_commanded
@@ -62,18 +63,19 @@ def run_identify(arguments: argparse.Namespace) -> int:
     shared.check_folder(arguments.page, arguments, "--page")
     check_options(arguments)
     robot, held_out = shared.robot_of(arguments), [arguments.check] * (arguments.check is not None)
-    work.begin("reading the logs")
+    work.begin(f"reading {counted(len(arguments.logs) + len(held_out), 'log')}")
     records = [_record(file, robot, arguments) for file in (*arguments.logs, *held_out)]
     for record in records:
         say(f"{record.name}: {record.source}")
     for finding in held_out and records[-1].findings:
         note(as_options(f"{finding}", arguments))
-    page = Report(f"{robot.model.name} identified", say, arguments.page)
+    page = Report(f"{robot.model.name} identified", say, arguments.page, work.begin)
     found = (run_commanded if arguments.without_torques else _run_with_torques)(robot, records, page, arguments)
     say(f"page: {page.write()}")
     if arguments.without_torques and not arguments.out:
         return 0
     try:
+        work.begin("fitting bodies that are possible, for the URDF file")
         urdf = found.to_urdf()
     except rne.IdentificationError as error:
         fail(in_one_line(error))
@@ -88,13 +90,15 @@ def _run_with_torques(
     robot: rne.Robot, records: list[rne.identification.Record], page: Report, arguments: argparse.Namespace
 ) -> rne.identification.Identification:
     """Identify, print the report and how well each record is predicted, and return the result."""
-    work.begin("identifying")
+    fitted = counted(len(arguments.logs), "record")
+    work.begin(f"fitting masses, rotors and friction to {fitted}, and searching causes of residuals")
     with shared.warnings_in_one_line(arguments):
         found = rne.identify(robot, records[: len(arguments.logs)], cutoff=arguments.cutoff)
     page.text(used(robot, arguments))
     report = found.report(details=arguments.details).replace("`report(details=True)`", "--details")
     page.lines(as_options(report, arguments))
     for k, record in enumerate(records):
+        work.begin(f"predicting the torques of {record.name}")
         check, how = found.check(record), "fitted" if k < len(arguments.logs) else "predicted"
         page.heading(f"{record.name}, {how}")
         page.lines(check.report())

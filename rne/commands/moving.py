@@ -79,9 +79,9 @@ def run_simulate(arguments: argparse.Namespace) -> int:
         with shared.warnings_in_one_line(arguments):
             options = {"method": arguments.method, "rtol": arguments.rtol, "t_eval": times}
             law = None if arguments.torque is None else torque
-            work.begin("simulating")
+            work.begin(f"simulating {arguments.duration:g} s of motion")
             motion = rne.simulate(robot, q0, qd0, arguments.duration, torque=law, progress=work.progress, **options)
-            work.begin("energies and the file")
+            work.begin("computing torques and energies, and writing the file")
     except rne.SimulationError as error:
         fail(in_one_line(error))
         return 1
@@ -140,6 +140,7 @@ def run_torques(arguments: argparse.Namespace) -> int:
 
     shared.check_file(arguments.out, arguments, suffixes=(".csv",))
     robot = shared.robot_of(arguments)
+    work.begin(f"reading {arguments.motion}")
     given = read_motion(arguments.motion, robot, arguments)
     if given.qd is None:
         refuse_wrapped_angles(given, robot, arguments.motion)
@@ -147,6 +148,7 @@ def run_torques(arguments: argparse.Namespace) -> int:
     if arguments.cutoff is not None:
         motion, change = filtered(given, arguments.cutoff)
     q, qd, qdd, source = differentiated(motion, arguments.motion)
+    work.begin(f"computing torques of {len(q)} samples")
     with shared.warnings_in_one_line(arguments):
         tau = robot.inverse_dynamics(q, qd, qdd)
     tell = note if arguments.out is None else say
@@ -155,6 +157,7 @@ def run_torques(arguments: argparse.Namespace) -> int:
     if change:
         tell(change)
     if given.qd is None or given.qdd is None:
+        work.begin("estimating the noise of the samples")
         warn_of_uneven_steps(given.t)
         warn_of_noise(robot, given, arguments, tau)
     without = "friction" if robot.model.armature.any() else "friction and inertia of the drives"
@@ -223,11 +226,12 @@ def run_view(arguments: argparse.Namespace) -> int:
     out = arguments.out or Path(f"{Path(arguments.robot).stem}.html")
     shared.check_file(out, arguments, suffixes=PAGES)
     robot = shared.robot_of(arguments)
-    work.begin("placing the links in all frames")
+    work.begin("reading the motion")
     labels = [plain(file.stem) for file in (arguments.motion or out, arguments.other or out)]
     files = arguments.motion, arguments.other
     motion, other = (None if file is None else _motion(file, robot, arguments) for file in files)
     shown = {name: getattr(arguments, name) for name in ("speed", "frames", "inertia")}
+    work.begin("drawing the 3-D page")
     with shared.warnings_in_one_line(arguments):
         if isinstance(motion, rne.Trajectory):
             page = rne.view(motion, out, other=other, labels=labels, **shown)
@@ -294,7 +298,7 @@ def run_cycle(arguments: argparse.Namespace) -> int:
             raise CommandError(f"{arguments.via}: a path needs two via points at least, there is one row")
         points = q * np.where(rotating(robot) & arguments.degrees, np.pi / 180, 1.0)
         path = rne.trajectories.through(points, stops=arguments.stops)
-        work.begin("planning the motion")
+        work.begin(f"planning the motion in least time through {len(points)} points, and its drives")
         given = {x: shared.one_or_each(getattr(arguments, x)) for x in ("gear", "rotor", "efficiency")}
         gear, rotor, efficiency = (per_joint_array(name, values, robot.n) for name, values in given.items())
         turned = robot.model.armature.copy()
@@ -305,7 +309,8 @@ def run_cycle(arguments: argparse.Namespace) -> int:
         report = rne.drives(alone, motion, gear=gear, rotor=rotor, efficiency=efficiency)
     except (ValueError, ImportError) as error:
         raise CommandError(in_one_line(error) + _cure(error, robot)) from None
-    page = Report(f"A cycle of {robot.model.name}", say, arguments.out)
+    work.begin("drawing the page of the cycle")
+    page = Report(f"A cycle of {robot.model.name}", say, arguments.out, work.begin)
     page.text(used(robot, arguments))
     t = np.linspace(0, motion.duration, max(int(motion.duration / FILM), 2))
     page.film("motion", (t, motion(t)[0]), "The motion", robot)

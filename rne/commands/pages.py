@@ -85,10 +85,10 @@ def _main_job(robot: rne.Robot, page: Report) -> bool:
     rest = np.zeros(robot.n)
     law = rne.control.pd_gravity(robot, KP, KD, TARGET)
     page.say("simulating a motion to a target and a free swing, and comparing random states")
-    work.begin("simulating")
+    work.begin("simulating two motions")
     motion = rne.simulate(robot, rest, rest, LOOP, torque=law)
     swing = rne.simulate(robot, HANGING, rest, MAIN_SWING, rtol=1e-9)
-    work.begin("comparing random states")
+    work.begin(f"comparing {SAMPLES} random states")
     source, rows = validate(robot, SAMPLES)
     place = listed([f"{x:g}" for x in TARGET])
     page.film("motion", motion, f"The simulated motion, from zero to ({place}) rad, in real time.")
@@ -109,7 +109,7 @@ def _main_job(robot: rne.Robot, page: Report) -> bool:
     page.heading("The motion to the target")
     page.motion("motion", motion, "Motion to the target")
     page.heading("Speed and accuracy on this machine")
-    work.begin("measuring times")
+    work.begin("measuring times of each way to compute")
     found = measured_speed(robot)
     page.text(SPEED + RELATIVE * any(measured.way.who == PINOCCHIO for measured in found))
     page.figure("speed", lambda: plot_speed(found), "Largest error over time per state; lower left is better.")
@@ -218,6 +218,7 @@ def write_robot_page(robot: rne.Robot, findings: str, folder: Path, say: Callabl
 
 def _examination(robot: rne.Robot, findings: str, page: Report) -> bool:
     """A motion, what the robot consists of, whether Pinocchio or the energies agree, and torques against gravity."""
+    work.begin(f"searching where gravity pulls hardest, in {SAMPLES} positions, and simulating a swing from there")
     q, torque = moving_start(robot)
     motion = _swing(robot, q, torque, page)
     for line in repr(robot).splitlines():
@@ -226,6 +227,7 @@ def _examination(robot: rne.Robot, findings: str, page: Report) -> bool:
         page.heading("Findings in the file")
         for line in findings.splitlines():
             page.text(line)
+    work.begin(f"comparing {SAMPLES} random states")
     within = _comparison(robot, page)
     page.heading("Torques against gravity")
     _gravity(robot, q, "at the start of the swing", page)

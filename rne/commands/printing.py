@@ -17,7 +17,7 @@ import rne
 from ..basics.text import counted, listed
 from ..model import Model
 from . import shared
-from .shared import ROBOT, CommandError, fail, in_one_line, number, say
+from .shared import ROBOT, CommandError, fail, in_one_line, number, say, work
 
 FIRST = 4096  # bytes that are looked at
 MARK = 8  # bytes that may precede "<": the mark of an encoding
@@ -62,6 +62,7 @@ def run_check(arguments: argparse.Namespace) -> int:
     code = 0
     for robot in arguments.robots:
         try:
+            work.begin(f"checking {robot}")
             _refuse_other_files(robot)
             findings = rne.check(robot, grouped=not arguments.all, round_angles=arguments.round_angles)
         except (CommandError, OSError) as error:
@@ -80,6 +81,7 @@ def _print_gap(robot: str, points: Sequence[str]) -> int:
 
     try:
         ends = [(link, [float(x) for x in place.split(",")]) for link, _, place in (p.partition(",") for p in points)]
+        work.begin("measuring how far the points of --loops come apart")
         gap, q = loop_gap(rne.load(robot), *ends)
     except ValueError as error:
         return fail(f"--loops: {in_one_line(error)}")
@@ -124,6 +126,7 @@ def run_compare(arguments: argparse.Namespace) -> int:
         different, differs = different_robots(one.model, other.model), True
         lines += [f"torques: not compared, {names[0]} has {counted(one.n, 'joint')}, {names[1]} {other.n}"]
     else:
+        work.begin(f"searching the cause by which torques of {names[1]} differ from those of {names[0]}")
         found = rne.compare_models(one, other, tolerance=tolerance)
         different, differs = found.different, bool(differences) or found.causes != ("none",)
         lines += [f"torques of {names[1]} beside those of {names[0]}, and the likely cause by torques alone"]
@@ -202,7 +205,9 @@ def run_source(arguments: argparse.Namespace) -> int:
         quantity = arguments.quantity or "inverse_dynamics"
         if arguments.element is not None and arguments.quantity is None:
             quantity = quantity_of_element(arguments.element)
-        kernel = rne.load(arguments.robot).kernel(getattr(rne.dynamics, quantity))
+        robot = rne.load(arguments.robot)
+        work.begin(f"deriving {quantity} of {robot.model.name} and writing it in {arguments.language}")
+        kernel = robot.kernel(getattr(rne.dynamics, quantity))
         text = kernel.source(arguments.language, arguments.element, arguments.dtype)
     except (rne.RneError, ValueError, TypeError) as error:  # TypeError: the kernel is too large to be written out
         raise CommandError(str(error)) from error
@@ -242,7 +247,9 @@ def run_export(arguments: argparse.Namespace) -> int:
 
     names = "namespace", "payload", "numbers", "quantities", "dtype"
     try:
-        texts = package(rne.load(arguments.robot), **{name: getattr(arguments, name) for name in names})
+        robot = rne.load(arguments.robot)
+        work.begin(f"deriving the functions of {robot.model.name} and writing them in C++")
+        texts = package(robot, **{name: getattr(arguments, name) for name in names})
     except (ValueError, TypeError) as error:
         raise CommandError(in_one_line(error)) from error
     shared.check_folder(arguments.folder, arguments, "FOLDER", [*texts])
@@ -257,6 +264,7 @@ def _write_unit(arguments: argparse.Namespace) -> int:
     names = "fmi", "payload", "numbers", "platforms"
     try:
         scene = rne.Scene(rne.load(arguments.robot))
+        work.begin(f"deriving the equations of {scene.robot.model.name} and building the unit's binaries")
         built = scene.to_fmu(arguments.folder, **{name: getattr(arguments, name) for name in names})
     except (ValueError, TypeError, ImportError, RuntimeError) as error:
         raise CommandError(in_one_line(error)) from error
@@ -296,6 +304,7 @@ def run_report(arguments: argparse.Namespace) -> int:
     shared.check_folder(arguments.out, arguments)
     printed = io.StringIO()
     if isinstance(resolve(arguments.robot), str):  # the path of a file
+        work.begin(f"checking {arguments.robot}")
         rne.check(arguments.robot, out=printed)
     return 0 if pages.write_robot_page(robot, printed.getvalue().strip(), arguments.out, say) else 1
 

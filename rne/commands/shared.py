@@ -247,43 +247,64 @@ def check_file(
 
 def say(line: str) -> None:
     """Print a line at once, with escapes for control characters."""
-    work.said = time.monotonic()
+    work.said = work.clock()
     print(plain(line), flush=True)
 
 
 def note(line: str) -> None:
     """Print a line on standard error, where it does not mix with output that is piped on."""
-    work.said = time.monotonic()
+    work.said = work.clock()
     print(plain(line), file=sys.stderr, flush=True)
 
 
 class Work:
-    """Progress of a command, printed on standard error after two seconds without other output."""
+    """Progress of a command: its step, printed on standard error after two seconds without other output, and its time.
+
+    The clock is a function that returns seconds.
+    """
 
     pause = 2.0  # [s]
 
-    def __init__(self) -> None:
-        self.begin("running")
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self.clock, self.is_told = clock, False
+        self.begin("reading the robot")
 
     def begin(self, what: str) -> None:
-        """Name the step that begins."""
-        self.what, self.share, self.begun = what, "", time.monotonic()
+        """Name the step that begins, after how long the one before took if its progress was printed."""
+        self.end()
+        self.what, self.share, self.begun = what, 0.0, self.clock()
         self.said = self.begun
+
+    def end(self) -> None:
+        """Print how long the step took if its progress was printed."""
+        if self.is_told:
+            note(f"  {self.what}: took {self.clock() - self.begun:.0f} s")
+        self.is_told = False
 
     def progress(self, done: float, total: float) -> None:
         """Set the share of the step that is done."""
-        self.share = f", {done / total:.0%}"
+        self.share = done / total
+
+    def tell(self) -> None:
+        """Print the step, its time and how much is left, if nothing was printed for a while."""
+        now = self.clock()
+        if now - self.said < self.pause:
+            return
+        passed = now - self.begun
+        left = f"{self.share:.0%} done, about {passed * (1 / self.share - 1):.0f} s left" if self.share else ""
+        self.said, self.is_told = now, True
+        note(f"  {self.what}{', ' if left else ''}{left} ... {passed:.0f} s")
 
     @contextmanager
-    def reported(self, what: str = "running") -> Iterator[None]:
-        """Print the progress while the block runs, of `what` until a step has a name."""
-        self.begin(what)
+    def reported(self) -> Iterator[None]:
+        """Print the progress while the block runs, and the time of its last step if nothing is raised."""
+        self.is_told = False
+        self.begin("reading the robot")
         ended = threading.Event()
 
         def tell() -> None:
             while not ended.wait(self.pause / 8):
-                if time.monotonic() - self.said >= self.pause:
-                    note(f"  {self.what}{self.share} ... {time.monotonic() - self.begun:.0f} s")
+                self.tell()
 
         thread = threading.Thread(target=tell, daemon=True)
         thread.start()
@@ -292,6 +313,7 @@ class Work:
         finally:
             ended.set()
             thread.join()
+        self.end()
 
 
 work = Work()
