@@ -107,7 +107,7 @@ def _plotted(thing: Any, *how: Any, **options: Any) -> Any:
 
 InNotebooks._repr_html_, InNotebooks._plotted = _repr_html_, _plotted
 
-__version__ = "0.3.0"
+__version__ = "0.4.0"
 
 __all__ = [
     "BearingPeaks",
