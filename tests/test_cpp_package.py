@@ -27,6 +27,7 @@ PARTS = {  # scenes with every kind of number, and the names of those that are a
         ),
         friction=rne.Friction(coulomb=2.0, viscous=1.0, viscous_back=1.5, smoothing=0.0),
         springs=[rne.Spring.at_joint("joint_2", 100.0, 0.1, damping=2.0)],
+        payload=rne.Payload(0.0, [0.1, 0.0, 0.2]),
     ),
     "scene": lambda: rne.Scene(
         rne.load("irb140"),
@@ -157,7 +158,7 @@ def test_numbers_of_the_recursion_on_ten_arms(name, tmp_path):
     if name == "scene":
         how = {"payload": "tool0", "numbers": ["friction.viscous", "controller.kp", "controller.reference", "gravity"]}
     elif name == "samples":
-        how = {"numbers": ["springs[0].stiffness", "friction.coulomb"]}
+        how = {"numbers": ["springs[0].stiffness", "friction.coulomb", "payload.mass"]}
     elif name in PARTS:
         how = {"payload": "panda_link8", "numbers": ["gravity", "armature"]}
     for dtype, standard in (("float64", "c++17"), ("float32", "c++20")):

@@ -248,6 +248,18 @@ def check_payload(scene):
     assert np.abs(found - wanted).max() < 1e-12 * np.abs(wanted).max()
 
 
+def test_the_mass_of_a_payload_alone_is_a_parameter(tmp_path):
+    mass, com, I = BODY
+    light, heavy = (rne.Scene(small(), payload=rne.Payload(m, com, I, "link_2")) for m in (0.1, mass))
+    how = {"numbers": ["payload.mass"], "derivatives": False}
+    (own,) = [v for v in described(light, tmp_path / "a.fmu", **how)[0] if v["name"].startswith("payload")]
+    assert [own[key] for key in ("name", "unit", "start", "variability")] == ["payload.mass", "kg", "0.1", "tunable"]
+    x, u = np.random.default_rng(0).uniform(-1, 1, 6), np.ones(3)
+    found = unit_of(light, **how).kernels["rates"](np.zeros(1), x, u, np.array([mass]))
+    wanted, _ = rates_of(heavy, 0.0, x, u)
+    assert np.abs(found - wanted).max() < 1e-12 * np.abs(wanted).max()
+
+
 def test_the_description_fits_the_text_and_the_equations(tmp_path):
     scene = rne.Scene(small(), friction=rne.Friction(viscous=2.0))
     how = {"payload": "link_2", "numbers": ["friction.viscous"], "derivatives": False}

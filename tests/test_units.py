@@ -84,6 +84,18 @@ def test_a_payload_as_argument_takes_at_most_1_8_times_the_operations():
         assert counts[1] <= 1.8 * counts[0], (name, counts)
 
 
+def test_the_mass_of_a_payload_alone_is_that_of_another_scene_with_fewer_operations():
+    """Centre of mass, inertia about it and link stay those of the scene."""
+    robot, q = rne.load("irb140"), states(6, 1, seed=5)[0]
+    one, other = (rne.Scene(robot, payload=rne.Payload(mass, COM, INERTIA, "link_6")) for mass in (1.0, 3.0))
+    kernels = [NamedNumbers(one, (name,)).kernel("mass_matrix") for name in ("payload.mass", "payload")]
+    assert kernels[0].names == ("q", "payload_mass")
+    assert relative(kernels[0](q, np.full((1, 1), 3.0)), other.resolved.robot.mass_matrix(q)) <= ROUNDING
+    assert sum(kernels[0].operations.values()) < sum(kernels[1].operations.values())
+    with pytest.raises(ValueError, match=r"^`numbers` must have 'payload\.mass' or 'payload', which contains it"):
+        NamedNumbers(one, ("payload.mass", "payload"))
+
+
 def test_gains_and_a_reference_are_arguments_of_the_law():
     robot = rne.load("irb140")
     scene = rne.Scene(robot, controller=rne.control.pd_gravity(robot, 50.0, 20.0, 0.1))

@@ -65,7 +65,8 @@ def cmake(
     payload : str, optional
         A link on which a payload is an argument of the functions: mass, centre of mass and inertia in the link's frame.
     numbers : sequence of str
-        Numbers of `Scene.numbers` that are further arguments, such as "gravity", "friction.viscous", "controller.kp".
+        Numbers of `Scene.numbers` that are further arguments, such as "gravity", "friction.viscous", "controller.kp",
+        and "payload.mass", its mass alone: centre and inertia about it are those of the scene's payload.
     quantities : sequence of str, optional
         Functions of ``rne.dynamics`` of joint arrays alone, "friction_torque" and "controller". By default inverse and
         forward dynamics, M, gravity and Coriolis torques, and the last two where a scene has them.
@@ -275,8 +276,8 @@ def _arguments(functions: NamedNumbers, kernel: Kernel, dtype: str) -> dict[str,
             x = np.clip(x, limits["lower"], limits["upper"])
         elif name == "t":
             x = abs(x) if not len(kernel.table) else rng.uniform(kernel.table[0, 0], kernel.table[-1, 1], x.shape)
-        elif name == "payload":
-            x = BODY * (1 + x / 4)
+        elif name in ("payload", "payload_mass"):
+            x = BODY[:width] * (1 + x / 4)
         elif name == "piece":
             x = kernel.piece(found["t"])
         elif name in numbers:

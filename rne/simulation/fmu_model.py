@@ -251,7 +251,7 @@ class SceneUnit:
         """References and numbers that are arguments."""
         rows, found, robot = list[tuple[str, Array, str]](), list[Variable](), self.scene.resolved.robot
         for key in self.named.names:
-            x, own = self.scene.numbers[key], UNITS.get(key, "N m or N" if key.startswith("friction.") else "")
+            x, own = self.named.known[key], UNITS.get(key, "N m or N" if key.startswith("friction.") else "")
             if key == "payload":
                 mass, com, inertia = np.split(self.named.value(key), [1, 4])
                 rows += [
@@ -268,7 +268,7 @@ class SceneUnit:
                 known = units[slides] if len(units) == 2 and each else text
                 name = f"{key}[{','.join(str(k + 1) for k in place)}]" if place else key
                 what = f"{key} of {robot.joint_names[place[0]]}" if each else key
-                what += f" of the body on {self.payload}, in its axes" if key.startswith("payload.") else ""
+                what += f" of the body on {self.named.payload_link}, in its axes" if key.startswith("payload.") else ""
                 what += ", about its centre of mass: xx, xy, yy, xz, yz, zz" if key == "payload.inertia" else ""
                 how = ("input", "continuous") if is_reference else PARAMETER
                 name = name.removeprefix("controller.") if is_reference else name

@@ -34,6 +34,7 @@ PARTS |= dict.fromkeys(
     ("rates", "rates_and_drives"), ("friction.", "springs[", "controller.", "elastic.", "effort_limit")
 )
 LAWS = "controller", "law"
+MASS = "payload.mass"  # the payload's mass alone: its centre of mass and its inertia about it are the scene's
 
 
 def plain_name(name: str) -> str:
@@ -61,6 +62,7 @@ class NamedNumbers:
 
     Numbers have the names of `Scene.numbers` and are as there, but for "payload": mass, the three coordinates of its
     centre of mass, and Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the centre of mass, in the frame of its link.
+    "payload.mass" is its mass alone, with the centre of mass and the inertia about it of the scene: fewer operations.
 
     Parameters
     ----------
@@ -81,12 +83,20 @@ class NamedNumbers:
 
     def __post_init__(self) -> None:
         for name in self.names:
-            if name not in self.scene.numbers:
-                raise ValueError(f"`numbers`: {unknown(name, self.scene.numbers)}")
-            if self.scene.numbers[name].ndim > 1:
+            if name not in self.known:
+                raise ValueError(f"`numbers`: {unknown(name, self.known)}")
+            if self.known[name].ndim > 1:
                 raise ValueError(f"`numbers`: {name!r} are samples of a motion, which are constants of the text")
         if {"parameters", "payload"} <= {*self.names}:
             raise ValueError("`numbers` must have 'parameters', which contain the payload, or 'payload', not both")
+        if MASS in self.names and (both := {"parameters", "payload"} & {*self.names}):
+            raise ValueError(f"`numbers` must have {MASS!r} or {both.pop()!r}, which contains it, not both")
+
+    @cached_property
+    def known(self) -> dict[str, Array]:
+        """Numbers that can be arguments."""
+        has_payload = self.scene.payload is not None
+        return {**self.scene.numbers, **({MASS: np.array(float(self.scene.payload.mass))} if has_payload else {})}
 
     @cached_property
     def named(self) -> Any:
@@ -94,7 +104,8 @@ class NamedNumbers:
         varying, model = None, self.scene.resolved.robot.model
         if "parameters" in self.names:
             varying = Bodies.mask(at_parameters(model, np.sqrt(np.arange(2.0, 2.0 + PARAMETERS * model.nb))))
-        return self.scene.naming({}, self.names, varying)
+        names = ["payload" if name == MASS else name for name in self.names]
+        return self.scene.naming({}, names, varying)
 
     @cached_property
     def equations(self) -> SceneDynamics:
@@ -105,7 +116,7 @@ class NamedNumbers:
 
     def value(self, name: str) -> Array:
         """Value of a number in the scene, flattened."""
-        found: Array = self.scene.numbers[name]
+        found = self.known[name]
         if name != "payload":
             return found.reshape(-1)
         mass, com, inertia, _ = self.scene.payload
@@ -119,7 +130,7 @@ class NamedNumbers:
         bodies = bodies and (quantity in OF_SCENE or self._declared(quantity).moments)
 
         def depends(name: str) -> bool:
-            if name in BODIES:
+            if name in (*BODIES, MASS):
                 return bodies and not (name == "gravity" and quantity in WITHOUT_GRAVITY)
             return name.startswith(parts)
 
@@ -196,8 +207,10 @@ class NamedNumbers:
 
     def _of_one(self, quantity: str, model: Model, given: dict[str, Array]) -> Any:
         """Core of a function for a single state, as a batch of one."""
-        shapes = {name: self.scene.numbers[name].shape for name in self.taken(quantity)}
+        shapes = {name: self.known[name].shape for name in self.taken(quantity)}
         own = {name: given.pop(plain_name(name))[0] for name in shapes}
+        if MASS in own:
+            own["payload"] = np.concatenate([own.pop(MASS), self.value("payload")[1:]])
         other = {name: x.reshape(shapes[name]) for name, x in own.items() if name not in BODIES}
         if quantity in LAWS:
             t, piece = given.pop("t"), given.pop("piece", None)

@@ -530,7 +530,7 @@ class Scene:
             A link that carries a body whose mass, centre of mass and inertia are parameters, `payload.mass`, ...; they
             start at those of the scene's payload, or at 0.
         numbers : sequence of str
-            Names of `numbers` that are parameters.
+            Names of `numbers` that are parameters, and "payload.mass", that of the scene's payload alone.
         derivatives : bool
             False without directional derivatives: a smaller file.
         platforms : sequence of str, optional

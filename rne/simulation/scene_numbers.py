@@ -48,6 +48,7 @@ UNITS = {
     "elastic.rotor": "kg m^2 or kg",
     "parameters": "kg, kg m, kg m^2; ten per body",
     "payload": "kg, kg m, kg m^2; about the link's origin",
+    "payload.mass": "kg",
     "armature": "kg m^2 or kg",
     "gravity": "m/s^2",
     "stiffness": "N/m; N m/rad at joints",
