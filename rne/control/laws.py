@@ -28,9 +28,11 @@ def traceable(law: F) -> F:
     Parameters
     ----------
     law : callable
-        A function f(t, q, qd) -> torques, for one state: t a number, arrays of shape (n,). It may call methods of a
-        Robot. A law with memory, noise, tables or branches on values (use `rne.elementwise.where`) cannot be traced: it
-        is called all the same, and a line on the logger "rne" says why. A law that is not marked is called.
+        A function f(t, q, qd) -> torques, for one state: t a number, arrays of shape (n,). With an attribute `states`,
+        f(t, q, qd, z) -> (torques, dz/dt), or, where `discrete` is True besides, (torques, z at the next sample). It
+        may call methods of a Robot. A law with memory, noise, tables or branches on values (use
+        `rne.elementwise.where`) cannot be traced: it is called all the same, and a line on the logger "rne" says why.
+        A law that is not marked is called.
 
     Returns
     -------

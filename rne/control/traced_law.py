@@ -325,7 +325,7 @@ class TracedLaw(WithNumbers):
     def core_of_joints(
         self, model: Model, t: Array, q: Array, qd: Array, z: Array | None = None, piece: Array | None = None
     ) -> Array:
-        """[torques, dz/dt] as a function of time, q, qd, the law's states and the piece of its motion."""
+        """[torques, dz/dt or the next z] as a function of time, q, qd, z and the piece of its motion."""
         return self._core(model, t, np.concatenate([q, qd] if z is None else [q, qd, z], axis=-1), piece=piece)
 
     def why_not_traced(self, kernels: KernelCache) -> str | None:

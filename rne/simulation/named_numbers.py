@@ -56,8 +56,9 @@ class NamedNumbers:
     quantities are those of `rne.dynamics` that take joint arrays alone, of the robot with its payload; torques of
     "inverse_dynamics" and accelerations of "forward_dynamics" are with friction and springs, as those of the scene;
     "friction_torque" is of qd; "controller" of t, q, qd and the law's states z, if it has some, gives torques, then
-    dz/dt, and "law" the same of t and x; "rates" gives dx/dt of t, x and the torques u, if the scene has no traced law,
-    with limits, "rates_and_drives" torques behind them, "start_of_motors" where motors behind elastic joints start.
+    dz/dt, or z at the next sample of a discrete law, and "law" the same of t and x; "rates" gives dx/dt of t, x and the
+    torques u, if the scene has no traced law, with limits, "rates_and_drives" torques behind them, "start_of_motors"
+    where motors behind elastic joints start.
     Where a law follows samples, `piece` is an argument.
 
     Numbers have the names of `Scene.numbers` and are as there, but for "payload": mass, the three coordinates of its
