@@ -4,7 +4,9 @@ from .adaptive_law import Adaptive, adaptive
 from .feedback_loop import FeedbackLoop, LinearisedLoop, closed_loop
 from .known_servos import ServoFigures, servo_figures
 from .laws import PD, PID, ComputedTorque, Reference, computed_torque, pd, pd_gravity, pid, traceable
-from .momentum_observer import GuardedLaw, MomentumObserver, Residuals
+from .momentum_observer import MomentumObserver, Residuals
+from .observer_law import GuardedLaw, ObserverLaw
+from .payload_observer import PayloadObserver, payload_observer
 from .robust_laws import Robust, RobustPassive, SlidingMode, robust, robust_passive, sliding_mode
 from .servo_law import Servo, servo
 from .task_space import Impedance, OperationalSpace, impedance, operational_space
@@ -22,7 +24,9 @@ __all__ = [
     "Impedance",
     "LinearisedLoop",
     "MomentumObserver",
+    "ObserverLaw",
     "OperationalSpace",
+    "PayloadObserver",
     "Reference",
     "Residuals",
     "Robust",
@@ -37,6 +41,7 @@ __all__ = [
     "computed_torque",
     "impedance",
     "operational_space",
+    "payload_observer",
     "pd",
     "pd_gravity",
     "pid",

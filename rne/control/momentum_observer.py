@@ -12,7 +12,7 @@ residuals of robots that bound the real one bound the error of the model's at ev
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -23,15 +23,15 @@ from ..basics.arrays import check_function, per_joint_array, positive_number, re
 from ..basics.spatial import Array
 from ..basics.text import InNotebooks, short, summary
 from ..robot import Robot, robot_argument
-from .sampled_loop import in_periods
+from .impulses import Between, Bodies, FrictionModel, bilinear, sampled, unexplained, with_thresholds
+from .observer_law import GuardedLaw, ObserverLaw, bodies_of, friction_of, remembered
+from .traced_law import check_law
 from .uncertainty import check_shared
 
 EXPLAINED = 0.98  # share of the residuals' squares that a payload explains, if it is one
 FITTED = 0.2  # [s] after the first contact, over which a payload is fitted
 REACH = 0.3  # [m] from the origin of the last link to where point masses stand for a payload
 SMOOTH = 1 / 6  # of a second difference of torques: twice the error of the trapezoidal rule
-IMPULSE_ERROR = 1e-10  # of momenta and impulses: above what rounding, and steps of a solver, leave of them
-SAME_STEP = 1e-6  # of the sample time: calls of a guarded law that far apart are as far apart as they should be
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,66 +213,36 @@ class MomentumObserver:
         if not step > 0 or np.abs(np.diff(times) - step).max() > 1e-3 * step:
             raise ValueError("`t` must ascend at equal intervals; rne.identification.Record.prepare resamples")
         impulses, bounds = self._impulses(positions, rates, torques, step, held)
-        found, threshold = self._seen(self._filtered(impulses, step), self._filtered(bounds, step, largest=True))
+        largest = self._filtered(bounds, step, absolute=True)
+        found, threshold = with_thresholds(self._filtered(impulses, step), largest, self.floor)
         contact = np.flatnonzero((np.abs(found) > threshold).any(1))
         after = slice(contact[0], contact[0] + int(FITTED / step)) if len(contact) else slice(0)
         mass, share = self._payload(positions, rates, found, after, step)
         return Residuals(self.robot.joint_names, times, found, threshold, mass, share)
 
     def _impulses(self, q: Array, qd: Array, tau: Array, step: float, held: bool) -> tuple[Array, Array]:
-        """Impulses between samples that model and cases do not explain, (1 + cases, T - 1, n), and bounds of errors."""
-        middle = _halfway(q, qd, step)
-        robots = [_unexplained(robot, q, qd, middle, step) for robot in (self.robot, *self.cases)]
-        found, errors = (np.stack(parts) for parts in zip(*robots, strict=True))
-        impulse, bound = self._drives(qd, tau, middle[1], step, held)
-        bound = bound + errors.max(axis=0)
+        """Impulses between samples that model and cases do not explain, (T - 1, 1 + cases, n), and bounds of errors."""
+        found = _between(bodies_of(self), q, qd, step)
+        friction = friction_of(self)
+        drives, bound = friction.held(found.rates, tau[:-1], step) if held else self._smooth(friction, qd, tau, step)
+        bound = bound + found.error
         bound[1:] = np.maximum(bound[1:], bound[:-1])  # a difference of two rules may pass through zero
-        return found - impulse, bound
+        return found.momentum - drives[:, None], bound
 
-    def _drives(self, qd: Array, tau: Array, middle: Array, step: float, held: bool) -> tuple[Array, Array]:
-        """Impulses of the drives and of friction between samples, and bounds of their error, both (T - 1, n)."""
-        f, between = self.friction, tau[:-1] if held else (tau[1:] + tau[:-1]) / 2
-        friction, halfway = (self._resisting(x, by) for x, by in ((qd, tau), (middle, between)))
-        if held:
-            slowed, error = _simpson(friction, halfway, step)
-            size, of_size = _simpson(np.abs(friction), np.abs(halfway), step)
-            impulse, bound = tau[:-1] * step - slowed, error + self.friction_error * (size + of_size)
-        else:
-            impulse, bound = _trapezoidal(tau - friction, step), _curvature(tau - friction) * SMOOTH * step
-            bound = bound + self.friction_error * _trapezoidal(np.abs(friction), step)
-        if getattr(f, "sticks", False):
-            slipping = np.maximum(f.coulomb, f.coulomb_back) + np.maximum(f.stribeck_rise, 0)
-            largest = slipping if f.static is None else f.static
-            rests = qd == 0
-            times = 2.0 * (rests[:-1] | rests[1:]) - (rests[:-1] & rests[1:])
-            bound = bound + step * (1 + self.friction_error) * largest * times
-        return impulse, bound
+    def _smooth(self, friction: FrictionModel, qd: Array, tau: Array, step: float) -> tuple[Array, Array]:
+        """Impulses of smooth torques and of friction between samples, and bounds of their error, both (T - 1, n)."""
+        slowing = friction.torque(qd, tau)
+        bound = _curvature(tau - slowing) * SMOOTH * step + friction.sticking(qd[:-1], qd[1:], step)
+        bound = bound + self.friction_error * _trapezoidal(np.abs(slowing), step)
+        return _trapezoidal(tau - slowing, step), bound
 
-    def _resisting(self, qd: Array, tau: Array) -> Array:
-        """Torques of friction, under load of the drives' torques."""
-        f, model = self.friction, self.robot.model
-        if f is None or "load" not in getattr(f, "losses", ()):
-            return np.zeros_like(qd) if f is None else np.asarray(f.torque(model, qd))
-        return np.asarray(tau - f.transmitted(tau - f.torque(model, qd, np.zeros_like(qd)), qd))
-
-    def _seen(self, filtered: Array, bound: Array) -> tuple[Array, Array]:
-        """Residuals of the model, and their thresholds."""
-        found, *cases = filtered
-        spread = np.max([np.abs(case - found) for case in cases], axis=0, initial=0.0)
-        return found, spread + bound + self.floor
-
-    def _coefficients(self, step: float) -> tuple[float, float]:
-        """Coefficients (a, b) of the filter: r at a sample is a times r at the last one plus b times the impulse."""
-        half = self.gain * step / 2
-        return (1 - half) / (1 + half), self.gain / (1 + half)
-
-    def _filtered(self, impulses: Array, step: float, *, largest: bool = False) -> Array:
-        """r' = gain (tau_ext - r) by the bilinear rule, r = 0 at first; the `largest` |r| of impulses up to these."""
+    def _filtered(self, impulses: Array, step: float, *, absolute: bool = False) -> Array:
+        """r' = gain (tau_ext - r) by the bilinear rule, r = 0 at first; `absolute`: the largest |r| of impulses."""
         from scipy.signal import lfilter
 
-        keeps, takes = self._coefficients(step)
-        low_pass = lfilter([takes], [1, -abs(keeps) if largest else -keeps], impulses, axis=-2)
-        return np.concatenate([np.zeros_like(low_pass[..., :1, :]), low_pass], axis=-2)
+        keeps, takes = bilinear(self.gain, step)
+        low_pass = lfilter([takes], [1, -abs(keeps) if absolute else -keeps], impulses, axis=0)
+        return np.concatenate([np.zeros_like(low_pass[:1]), low_pass])
 
     @cached_property
     def _carrying(self) -> tuple[Robot, ...]:
@@ -289,11 +259,68 @@ class MomentumObserver:
         target = found[after].ravel()
         if not target.any():
             return 0.0, 0.0
-        middle = _halfway(q, qd, step)
-        own, *others = (_unexplained(robot, q, qd, middle, step)[0] for robot in (self.robot, *self._carrying))
-        columns = [self._filtered(own - other, step)[after].ravel() for other in others]
+        lacking = _between([(robot, None) for robot in (self.robot, *self._carrying)], q, qd, step).momentum
+        seen = self._filtered(lacking[:, :1] - lacking[:, 1:], step)[after]
+        columns = [seen[:, k].ravel() for k in range(seen.shape[1])]
         masses, left = nnls(np.stack(columns, axis=1), target)
         return float(masses.sum()), max(1 - left**2 / float(target @ target), 0.0)
+
+    def law(
+        self,
+        law: Callable[..., Any],
+        reaction: Callable[..., Any] | None = None,
+        *,
+        sample_time: float,
+        delay: float = 0.0,
+        effort_limit: ArrayLike | None = None,
+    ) -> ObserverLaw:
+        """A discrete control law with states that observes contacts: in scenes, steppers, and on a controller in C.
+
+        It gives the torques of `law` until the first contact, and those of `reaction` from then on. Without a reaction
+        it only observes. Residuals, thresholds and the first contact are those of `observe` with ``held=True``.
+
+        Parameters
+        ----------
+        law, reaction : callable
+            Functions f(t, q, qd) that return torques, shape (n,), or f(t, q, qd, z) if they have `states`. If both are
+            marked by `rne.traceable`, so is the result. The reaction's states advance from the contact on.
+        sample_time, delay : float
+            From call to call, and from a call until its torques act [s].
+        effort_limit : float or array_like, shape (n,), optional
+            The drives' limits, to which the torques are clipped [N m or N].
+
+        Returns
+        -------
+        ObserverLaw
+            A law f(t, q, qd, z) -> (torques, z of the next sample), with methods that read z.
+
+        Raises
+        ------
+        TypeError
+            If `law` or `reaction` is no function of (t, q, qd).
+        ValueError
+            If `sample_time` or a limit is not positive, or `delay` is negative.
+
+        Notes
+        -----
+        The first call starts the observer; its z is zeros. Torques that act are the commands within `effort_limit`,
+        `delay` later. Where they are measured, or limited otherwise, overwrite the entries ``places["torques"]`` of z
+        before each call by the mean since the last one.
+
+        Examples
+        --------
+        >>> import numpy as np, rne
+        >>> arm, sample_time = rne.load("irb140"), 1e-3
+        >>> hold = rne.control.pd_gravity(arm, 400, 40, 0)
+        >>> law = rne.control.MomentumObserver(arm, floor=2.0).law(hold, sample_time=sample_time)
+        >>> kernel = rne.control.compiled(law)
+        >>> law.states, law.places["torques"]
+        (50, slice(13, 19, None))
+        """
+        for name, given in (("law", law), ("reaction", reaction)):
+            if given is not None or name == "law":
+                check_law(name, given)
+        return ObserverLaw(self, law, *remembered(self.robot, sample_time, delay, effort_limit), reaction)
 
     def watching(
         self, law: Callable[..., Any], reaction: Callable[..., Any], sample_time: float, delay: float = 0.0
@@ -327,112 +354,14 @@ class MomentumObserver:
         return GuardedLaw(self, law, reaction, positive_number("sample_time", sample_time), late)
 
 
-@dataclass(eq=False)
-class GuardedLaw:
-    """A control law guarded by an observer, made by `MomentumObserver.watching`: from a contact on, the reaction acts.
-
-    Attributes
-    ----------
-    observer, law, reaction, sample_time, delay
-        Arguments of `MomentumObserver.watching`.
-    contact : float or None
-        The time of the first contact [s].
-
-    Examples
-    --------
-    >>> import rne
-    >>> arm = rne.load("irb140")
-    >>> law = rne.control.pd_gravity(arm, 400, 40, [0.5] * 6)
-    >>> rne.control.MomentumObserver(arm).watching(law, law, 1e-3).sample_time
-    0.001
-    """
-
-    observer: MomentumObserver
-    law: Callable[..., Any]
-    reaction: Callable[..., Any]
-    sample_time: float
-    delay: float = 0.0
-    contact: float | None = None
-    _samples: list[tuple[Array, Array, Array]] = field(default_factory=list, repr=False)  # the last two q, qd, tau
-    _commands: list[Array] = field(default_factory=list, repr=False)  # the last ones, some of which do not act yet
-    _filters: tuple[Any, Any] = field(default=(0.0, 0.0), repr=False)
-    _time: float = field(default=0.0, repr=False)
-
-    @property
-    def robot(self) -> Robot:
-        """The observer's robot, whose joints are those of the scene."""
-        return self.observer.robot
-
-    def __call__(self, t: float, q: Array, qd: Array) -> Array:
-        """Torques, shape (n,) [N m or N]; a run begins at t = 0."""
-        if t == 0:
-            self.contact, self._samples, self._commands, self._filters = None, [], [], (0.0, 0.0)
-        elif abs(t - self._time - self.sample_time) > SAME_STEP * self.sample_time:
-            raise ValueError(
-                f"a guarded law must be called every {self.sample_time:g} s from t = 0 on, got t = {t:.6g} s after "
-                f"{self._time:.6g} s; give rne.Scene the same `sample_time`"
-            )
-        elif self.contact is None:
-            self._update(t, q, qd)
-        torque = np.asarray((self.law if self.contact is None else self.reaction)(t, q, qd), dtype=float)
-        self._time, self._commands = float(t), [*self._commands, torque]
-        self._samples = [*self._samples[-1:], (q.copy(), qd.copy(), self._acting())]
-        return torque
-
-    def delivered(self, torque: Array) -> None:
-        """Replace the torques of the last sample by those within the limits of the scene; they act `delay` later.
-
-        Parameters
-        ----------
-        torque : ndarray, shape (n,)
-            [N m or N].
-
-        Examples
-        --------
-        >>> import numpy as np, rne
-        >>> arm = rne.load("irb140")
-        >>> watched = rne.control.MomentumObserver(arm).watching(lambda t, q, qd: -9 * q, print, 0.01)
-        >>> watched.delivered(np.clip(watched(0.0, np.ones(6), np.zeros(6)), -5, 5))
-        """
-        self._commands[-1] = torque
-        self._samples[-1] = (*self._samples[-1][:2], self._acting())
-
-    def _acting(self) -> Array:
-        """Mean of the torques from the last sample to the next."""
-        late, rest = in_periods(self.delay, self.sample_time)
-        count, share = int(late), rest / self.sample_time
-        self._commands = given = self._commands[-count - 2 :]
-        before, then = (given[-k] if k <= len(given) else np.zeros_like(given[-1]) for k in (count + 2, count + 1))
-        return np.asarray(share * before + (1 - share) * then)
-
-    def _update(self, t: float, q: Array, qd: Array) -> None:
-        """One step of the filters of `MomentumObserver.observe`."""
-        samples = [*self._samples, (q, qd, self._samples[-1][2])]
-        positions, rates, torques = (np.stack(x) for x in zip(*samples, strict=True))
-        keeps, takes = self.observer._coefficients(self.sample_time)
-        impulses, bounds = self.observer._impulses(positions, rates, torques, self.sample_time, True)
-        old, bound = self._filters
-        self._filters = keeps * old + takes * impulses[:, -1], abs(keeps) * bound + takes * bounds[-1]
-        found, threshold = self.observer._seen(*self._filters)
-        if (np.abs(found) > threshold).any():
-            self.contact = float(t)
-
-
-def _halfway(q: Array, qd: Array, step: float) -> tuple[Array, Array]:
-    """Positions and velocities halfway between samples, of the cubic polynomials through both."""
-    moved, change = np.diff(q, axis=0), np.diff(qd, axis=0)
-    return q[:-1] + moved / 2 - change * (step / 8), 1.5 * moved / step - (qd[:-1] + qd[1:]) / 4
+def _between(bodies: Bodies, q: Array, qd: Array, step: float) -> Between:
+    at = sampled(bodies, q, qd)
+    return unexplained(bodies, at.rows(slice(None, -1)), at.rows(slice(1, None)), step)
 
 
 def _trapezoidal(values: Array, step: float) -> Array:
     """Integrals from each sample to the next by the trapezoidal rule."""
     return np.asarray((values[:-1] + values[1:]) * (step / 2))
-
-
-def _simpson(values: Array, middle: Array, step: float) -> tuple[Array, Array]:
-    """Integrals by Simpson's rule, and how far they are from those of the trapezoidal one."""
-    correction = (2 * middle - values[:-1] - values[1:]) * (step / 3)
-    return _trapezoidal(values, step) + correction, np.abs(correction)
 
 
 def _curvature(values: Array) -> Array:
@@ -441,14 +370,3 @@ def _curvature(values: Array) -> Array:
         return np.asarray(3 * np.abs(np.diff(values, axis=0)))  # a jump is within half of it
     bends = np.abs(np.diff(values, 2, axis=0))
     return np.asarray(np.maximum(np.concatenate([bends[:1], bends]), np.concatenate([bends, bends[-1:]])))
-
-
-def _unexplained(robot: Robot, q: Array, qd: Array, middle: tuple[Array, Array], step: float) -> tuple[Array, Array]:
-    """Changes of the momentum between samples that the model's forces do not explain, and a bound of their error."""
-    momentum = (robot.mass_matrix(q) @ qd[..., None])[..., 0]
-    positions, rates = (np.concatenate(parts) for parts in zip((q, qd), middle, strict=True))
-    turning = (robot.coriolis_matrix(positions, rates).swapaxes(-1, -2) @ rates[..., None])[..., 0]
-    forces = turning - robot.gravity_torque(positions)
-    impulse, error = _simpson(forces[: len(q)], forces[len(q) :], step)
-    sizes = np.abs(momentum).max(-1, keepdims=True) + step * np.abs(forces[: len(q)]).max(-1, keepdims=True)
-    return np.diff(momentum, axis=0) - impulse, error + IMPULSE_ERROR * (sizes[:-1] + sizes[1:])

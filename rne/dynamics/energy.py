@@ -2,10 +2,21 @@
 
 from __future__ import annotations
 
-from ..basics.spatial import Array, cross, dot, rotate, zeros
+import numpy as np
+
+from ..basics.spatial import Array, cross, dot, rotate, rotate_back, zeros
 from ..model.model import Model
-from .kinematics import body_poses, joint_transforms, joint_velocities, velocities
+from .kinematics import (
+    BASE,
+    body_poses,
+    coordinate_map_rate,
+    joint_transforms,
+    joint_velocities,
+    on_coordinates,
+    velocities,
+)
 from .quantity import quantity
+from .rnea import gravity_torque
 
 
 @quantity(moments=True)
@@ -85,6 +96,32 @@ def momentum(model: Model, q: Array, qd: Array) -> Array:
         total[..., 3:] = total[..., 3:] + linear
         total[..., :3] = total[..., :3] + angular + cross(p0[i], linear)
     return total
+
+
+@quantity(base_parameters=True)
+def lagrangian_derivatives(model: Model, q: Array, qd: Array) -> Array:
+    """Derivatives of L = T - U by the joint velocities, M qd, and by the positions, C^T qd - g; shape (..., 2 n).
+
+    The momentum P of what joint i carries is summed inwards from body to body. Its component along the axis is M qd,
+    and as V' = -S_i x V_i of all these bodies per unit of joint i, dT/dq_i = -P . (S_i x V_i): spatial vectors of
+    Featherstone 2008, section 2.9.
+    """
+    R, p = joint_transforms(model, q)
+    s, t, rates = model.angular_axis, model.linear_axis, joint_velocities(model, q, qd)
+    omega, v = velocities(model, R, p, rates)
+    carried = {i: body_momentum(model, i, omega[i], v[i]) for i in range(model.nb)}
+    momenta, forces = (zeros(rates.shape, like=rates) for _ in range(2))
+    for i in reversed(range(model.nb)):
+        f, n = carried[i]
+        momenta[..., i] = dot(n, s[i]) + dot(f, t[i]) + model.armature[i] * rates[..., i]
+        forces[..., i] = dot(n, cross(omega[i], s[i])) + dot(f, cross(v[i], s[i]) + cross(omega[i], t[i]))
+        if (parent := model.parent[i]) != BASE:
+            f = rotate(R[i], f)
+            carried[parent] = carried[parent][0] + f, carried[parent][1] + rotate(R[i], n) + cross(p[i], f)
+    by_positions = on_coordinates(model, q, forces) - gravity_torque.core(model, q)
+    if model.couplings:  # G of the joints' velocities G qd changes with q
+        by_positions = by_positions + rotate_back(coordinate_map_rate(model, q, qd), momenta)
+    return np.concatenate([on_coordinates(model, q, momenta), by_positions], axis=-1)
 
 
 def body_momentum(model: Model, i: int, omega: Array, v: Array) -> tuple[Array, Array]:
