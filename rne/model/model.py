@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property, wraps
 from types import MappingProxyType
-from typing import Any, Concatenate, NamedTuple, ParamSpec, Protocol, Self, TypeVar, overload
+from typing import Any, Concatenate, NamedTuple, ParamSpec, Protocol, Self, TypeVar, cast, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
@@ -456,7 +456,7 @@ def of_either(change: Callable[Concatenate[Model, P], Model]) -> OfEither[P]:
             raise TypeError(f"`model` must be an rne.Model or rne.Robot, got {type(model).__name__}")
         return model.with_model(change(model.model, *args, **kwargs))
 
-    return changed
+    return cast("OfEither[P]", changed)  # whose overloads no wrapper shows
 
 
 def joint_array(
