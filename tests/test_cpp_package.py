@@ -37,6 +37,7 @@ PARTS = {  # scenes with every kind of number, and the names of those that are a
 }
 # Relative to the largest entry: of the arms' torques and M. Twice as much where M is solved with or springs cancel.
 TORQUES = {"float64": 1e-13, "float32": 1e-6}
+ZIG, HAS_ZIG = (sys.executable, "-m", "ziglang"), importlib.util.find_spec("ziglang") is not None
 WITH_CPP = pytest.mark.skipif(shutil.which("g++") is None, reason="there is no g++ here")
 WITH_CMAKE = pytest.mark.skipif(None in map(shutil.which, ("cmake", "g++")), reason="there is no CMake or no g++ here")
 
@@ -173,12 +174,80 @@ def test_numbers_of_the_recursion_on_ten_arms(name, tmp_path):
 
 
 @pytest.mark.long
-@pytest.mark.skipif(importlib.util.find_spec("ziglang") is None, reason="ziglang is not installed, which is a clang")
+@pytest.mark.skipif(not HAS_ZIG, reason="ziglang is not installed, which is a clang")
 def test_clang_takes_it_without_a_warning(lever):
     """Compiled, not linked: ziglang would first compile the standard library, which takes minutes."""
-    words = sys.executable, "-m", "ziglang", "c++", *WARNINGS, "-Iinclude", "-c", "test/numbers.cpp"
+    words = *ZIG, "c++", *WARNINGS, "-Iinclude", "-c", "test/numbers.cpp"
     for standard in ("c++17", "c++20"):
         run(*words, f"-std={standard}", "-o", "numbers.o", cwd=lever[0])
+
+
+@pytest.mark.long
+@pytest.mark.skipif(not HAS_ZIG, reason="ziglang is not installed, which compiles for other processors")
+@pytest.mark.skipif(shutil.which("qemu-aarch64") is None, reason="qemu-user is not installed, which emulates aarch64")
+@pytest.mark.parametrize("name", ["irb140", "panda", "scene"])
+def test_numbers_of_the_recursion_on_aarch64(name, tmp_path):
+    """On an emulated processor, whose compilers fuse multiplications and additions by default, as others do not."""
+    given, how = (PARTS[name](), {"payload": "tool0"}) if name in PARTS else (rne.load(name), {})
+    for dtype, tolerance in TORQUES.items():
+        folder, target = tmp_path / dtype, ("-target", "aarch64-linux-musl")
+        rne.export.cmake(given, folder, namespace="arm", dtype=dtype, **how)
+        words = *ZIG, "c++", *target, "-std=c++17", *WARNINGS, "-O2", "-fno-exceptions", "-Iinclude"
+        run(*words, "-c", "test/numbers.cpp", "-o", "numbers.o", cwd=folder)
+        run(*ZIG, "cc", *target, "-static", "numbers.o", "-o", "numbers", cwd=folder)  # of the C library alone
+        found = errors(run("qemu-aarch64", "./numbers", cwd=folder))
+        assert len(found) >= 5
+        assert max(found.values()) <= 2 * tolerance, (dtype, found)
+
+
+COLCON = """import sys
+from colcon_core.command import main
+sys.exit(main(argv=sys.argv[1:]))
+"""
+OF_USER = {
+    "package.xml": """<package format="3">
+  <name>user</name>
+  <version>1.0.0</version>
+  <description>Program that calls the functions of an arm</description>
+  <maintainer email="nobody@example.com">nobody</maintainer>
+  <license>unspecified</license>
+  <depend>two_links</depend>
+  <export><build_type>cmake</build_type></export>
+</package>
+""",
+    "CMakeLists.txt": """cmake_minimum_required(VERSION 3.15)
+project(user LANGUAGES CXX)
+find_package(Two_links 1 REQUIRED)
+add_executable(user main.cpp)
+target_link_libraries(user PRIVATE Two_links::Two_links)
+install(TARGETS user DESTINATION bin)
+""",
+    "main.cpp": """#include <Two_links/Two_links.hpp>
+int main() { return static_cast<int>(Two_links::joints); }
+""",
+}
+
+
+@WITH_CMAKE
+@pytest.mark.long
+@pytest.mark.skipif(
+    None in map(importlib.util.find_spec, ("colcon_core", "colcon_cmake", "colcon_ros")),
+    reason="colcon is not installed",
+)
+def test_colcon_builds_and_tests_it_before_a_package_that_depends_on_it(tmp_path):
+    """Its package.xml has a name in lower case, as ROS wants it; CMake has the namespace's."""
+    source = tmp_path / "src"
+    rne.export.cmake(rne.load("double_pendulum"), source / "arm", namespace="Two_links")
+    (source / "user").mkdir()
+    for name, text in OF_USER.items():
+        (source / "user" / name).write_text(text)
+    colcon = sys.executable, "-c", COLCON
+    assert run(*colcon, "list", "--names-only", cwd=tmp_path).split() == ["two_links", "user"]
+    run(*colcon, "build", cwd=tmp_path)
+    run(*colcon, "test", cwd=tmp_path)
+    assert "1 test, 0 errors, 0 failures" in run(*colcon, "test-result", "--all", cwd=tmp_path)
+    program = tmp_path / "install" / "user" / "bin" / "user"
+    assert subprocess.run([program], check=False).returncode == 2  # joints
 
 
 CONSUMER = """cmake_minimum_required(VERSION 3.15)

@@ -8,9 +8,12 @@ import importlib.util
 import itertools
 import re
 import shutil
+import subprocess
+import sys
 import threading
 import zipfile
 from dataclasses import replace
+from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
@@ -665,6 +668,55 @@ def test_all_platforms_are_small_and_come_out_the_same_twice(tmp_path):
         sizes = [x.file_size for x in archive.infolist() if x.filename.startswith("binaries")]
     assert len(sizes) == 6
     assert max(sizes) < 150_000
+
+
+LOADER = Path("/usr/aarch64-linux-gnu")  # of Debian's libc6-arm64-cross
+IMPORTER = """#include <dlfcn.h>
+#include <stdbool.h>
+#include <stdint.h>
+#include <stdio.h>
+typedef void* (*Make)(const char*, const char*, const char*, bool, bool, bool, bool, void*, size_t, void*, void*, void*);
+typedef int (*Enter)(void*, bool, double, double, bool, double);
+typedef int (*Exit)(void*);
+typedef int (*Step)(void*, double, double, bool, bool*, bool*, bool*, double*);
+typedef int (*Get)(void*, const uint32_t*, size_t, double*, size_t);
+
+int main(int count, char** words) // FILE TOKEN
+{
+    bool flags[3];
+    double q[3], t;
+    const uint32_t places[] = {1, 2, 3};
+    void* unit = dlopen(words[1], RTLD_NOW);
+    void* arm = unit ? ((Make)dlsym(unit, "fmi3InstantiateCoSimulation"))("", words[2], 0, 0, 0, 0, 0, 0, 0, 0, 0, 0) : 0;
+    int failed = !arm || ((Enter)dlsym(unit, "fmi3EnterInitializationMode"))(arm, 1, 1e-12, 0, 0, 0);
+    failed = failed || ((Exit)dlsym(unit, "fmi3ExitInitializationMode"))(arm);
+    for (int k = 0; k < 64 && !failed; k++)
+        failed = ((Step)dlsym(unit, "fmi3DoStep"))(arm, k / 64.0, 1 / 64.0, 0, flags, flags + 1, flags + 2, &t);
+    failed = failed || ((Get)dlsym(unit, "fmi3GetFloat64"))(arm, places, 3, q, 3);
+    printf("%.17g %.17g %.17g", q[0], q[1], q[2]);
+    return failed;
+}
+"""
+
+
+@long
+@pytest.mark.skipif(importlib.util.find_spec("ziglang") is None, reason="ziglang is not installed")
+@pytest.mark.skipif(shutil.which("qemu-aarch64") is None or not LOADER.exists(), reason="there is no emulated aarch64")
+def test_the_binary_for_aarch64_moves_as_simulate_does(tmp_path):
+    scene = rne.Scene(small(), controller=pid(small()), friction=rne.Friction(viscous=2.0))
+    scene.to_fmu(tmp_path / "a.fmu", fmi="3.0", platforms=["aarch64-linux"], derivatives=False)
+    with zipfile.ZipFile(tmp_path / "a.fmu") as archive:
+        archive.extractall(tmp_path)
+    token = ElementTree.parse(tmp_path / "modelDescription.xml").getroot().get("instantiationToken")
+    (tmp_path / "importer.c").write_text(IMPORTER)
+    words = sys.executable, "-m", "ziglang", "cc", "-target", "aarch64-linux-gnu.2.17", "importer.c", "-ldl"
+    subprocess.run([*words, "-o", "importer"], cwd=tmp_path, check=True)
+    (binary,) = (tmp_path / "binaries" / "aarch64-linux").iterdir()
+    words = "qemu-aarch64", "-L", str(LOADER), "./importer", str(binary), token
+    said = subprocess.run(words, cwd=tmp_path, check=True, capture_output=True, text=True).stdout
+    motion = rne.simulate(scene, [0] * 3, [0] * 3, 1.0, rtol=MINUTE, atol=MINUTE, method="DOP853")
+    assert np.abs(motion.q[-1]).max() > 0.01
+    assert np.abs(np.array(said.split(), float) - motion.q[-1]).max() < SAME
 
 
 @needs_fmpy
