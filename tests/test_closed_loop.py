@@ -223,7 +223,7 @@ def test_possible_bodies_essential_parameters_and_files(loops, tmp_path):
     lines = found.report().splitlines()
     assert lines[1].startswith("least squares is biased by noise that is fed back (Durbin-Wu-Hausman p = ")
     assert lines[1].endswith("): use these estimates, by instrumental variables")
-    assert "causes of what is left, other than delays, are not looked for with instruments" in lines
+    assert "causes of the residuals, other than delays, are not searched for with instruments" in lines
     assert "the cut-off is that of the motion of the instruments, in which there is no noise" in found.notes
     record = found.records[0]
     slow = record.reduce(np.abs(reference(record.t)[1])) < 0.9 * found.minimum_velocity  # splines differ a little
@@ -271,7 +271,7 @@ def test_a_record_is_no_instrument(loops):
 
 def test_held_out_errors_do_not_judge_estimates_by_instruments(found):
     for each in found:
-        assert "by instrumental variables; held-out errors contain the noise of the positions" in each.verdict
+        assert "by instrumental variables; validation errors contain the noise of the positions" in each.verdict
         poor = dataclasses.replace(each, unexplained=each.unexplained._replace(in_motion=np.full(3, 0.9)))
         assert "does not explain" not in poor.doubt
         plain = dataclasses.replace(poor, data=dataclasses.replace(each.data, Z=None))

@@ -172,7 +172,7 @@ def test_other_explanations_and_the_share_that_each_leaves_are_told():
     found = rne.compare_models(SCARA, OF_SCARA["gravity sign"])
     assert found.causes == ("gravity sign",)
     assert found.equivalent == ("axis flipped",)
-    assert "\ncannot be told apart from: axis flipped\n" in found.report()
+    assert "\nindistinguishable from: axis flipped\n" in found.report()
     alike = [causes[0].kind for share, causes in zip(found.shares, found.candidates, strict=True) if share < 1e-9]
     assert alike[:2] == ["gravity sign", "axis flipped"]
 

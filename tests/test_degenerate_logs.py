@@ -40,7 +40,7 @@ def test_of_torques_without_the_motion_no_parameter_is_essential():
     assert few.base.count == 0
     np.testing.assert_allclose(few.unexplained.in_motion, 1)  # nothing is predicted
     assert (
-        f"none of {found.base.count} base parameters is essential: the torques say nothing of the motion"
+        f"none of {found.base.count} base parameters is essential: the torques carry no information on the motion"
         in found.report()
     )
 

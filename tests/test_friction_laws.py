@@ -312,10 +312,10 @@ def test_essential_parameters_predict_as_well(found):
     ):
         _ = replace(few, parameters=few.parameters - (np.array(found.standard.names) == "Fl_1")).robot
     with pytest.raises(
-        rne.IdentificationError, match="no possible friction: mend what `causes` name first; `load` must"
+        rne.IdentificationError, match="no possible friction: correct what `causes` name first; `load` must"
     ):
         _ = replace(found, parameters=too_much).friction
-    line = f"{found.essential().base.count} of {found.base.count} base parameters are essential: with these alone"
+    line = f"{found.essential().base.count} of {found.base.count} base parameters suffice, the others change the validation error by "
     assert line in found.report()
 
 
@@ -323,7 +323,7 @@ def test_a_report_begins_with_a_verdict_and_is_short(found):
     lines = found.report().splitlines()
     assert lines[0] == found.verdict
     assert lines[0].startswith(
-        "good for simulation and feed-forward of all joints below 10 Hz: held-out errors in motion of "
+        "good for simulation and feed-forward of all joints below 10 Hz: validation errors while moving of "
     )
     assert len(lines) <= 40
     long = replace(found, notes=tuple(f"note {k}" for k in range(99))).report().splitlines()
@@ -340,11 +340,11 @@ def test_a_report_begins_with_a_verdict_and_is_short(found):
     poor = replace(found, unexplained=errors, consistent=False)
     assert poor.verdict == (
         "not known: joint_2 (22 %), joint_3 (does not move); good for feed-forward, not simulation (least squares alone) "
-        "of joint_1 below 10 Hz: held-out errors in motion of 5 % or less"
+        "of joint_1 below 10 Hz: validation errors while moving of 5 % or less"
     )
     most = replace(found, unexplained=errors._replace(in_motion=np.array([0.05, 0.08, 0.22])))
     assert most.verdict == (
-        "good for simulation and feed-forward of joint_1, joint_2 below 10 Hz: held-out errors in motion of 8 % or less; "
+        "good for simulation and feed-forward of joint_1, joint_2 below 10 Hz: validation errors while moving of 8 % or less; "
         "not known: joint_3 (22 %)"
     )
     far = replace(poor, unexplained=errors._replace(in_motion=np.array([0.3, 0.4, 0.5])), notes=(f"{BEYOND} joint_1",))

@@ -73,12 +73,12 @@ def test_causes_are_not_looked_for_on_request(caplog):
     with caplog.at_level(logging.INFO, "rne"), pytest.warns(rne.IdentificationWarning, match="has the wrong sign"):
         rne.identify(known, record, consistent=False)
     said = [line for line in caplog.messages if "changes tried" in line]
-    assert re.fullmatch(r"\d+ changes tried, \d+ evident, \d+ improve what is held out", said[-1])
+    assert re.fullmatch(r"\d+ changes tried, \d+ evident, \d+ reduce the validation error", said[-1])
     with pytest.warns(rne.IdentificationWarning) as warned:
         found = rne.identify(known, record, consistent=False, causes=False)
     assert found.causes == ()
     assert "single change" not in str(warned[0].message) + found.report()
-    assert "causes of what is left were not looked for, as `causes` says" in found.report()
+    assert "causes of the residuals were not searched for, as `causes` says" in found.report()
     with pytest.raises(ValueError, match=r"^`hypotheses` are tried as causes: leave them out, or set `causes=True`$"):
         rne.identify(known, record, hypotheses=[rne.identification.Hypothesis("x", c.tau, "x")], causes=False)
 
@@ -114,7 +114,7 @@ def test_a_cause_is_dropped_if_it_improves_no_joint_or_costs_another_more_than_a
     kept, matters = found
     assert matters
     error = 100 * np.sqrt(rest.held_out(rest.Q, rest.weighted(rest.tau), rest.blocks)[:, 3].sum())
-    assert kept.effect == f"{error:.3g} to {error / 2:.3g} % on w"
+    assert kept.effect == f"{error:.3g} -> {error / 2:.3g} % on w"
     np.testing.assert_allclose(kept.removed, [0, 0, 1 - 1.05**2, 0.75])
 
 
@@ -171,10 +171,10 @@ def test_each_joint_of_a_cause_is_told_with_its_own_number():
     others = [f"{text} (drive_gains of Record.from_motors)" for text in others]
     assert merged_text(others) == "; ".join(others)
     causes = [
-        Cause("joint zero", (x,), f"the zero of {x} is off by 1 rad", 9.0, effect=f"5 to 3 % on {x}") for x in "ab"
+        Cause("joint zero", (x,), f"the zero of {x} is off by 1 rad", 9.0, effect=f"5 -> 3 % on {x}") for x in "ab"
     ]
     (both,) = merged_by_kind(causes)
-    assert (both.joints, both.effect) == (("a", "b"), "5 to 3 % on a, 5 to 3 % on b")
+    assert (both.joints, both.effect) == (("a", "b"), "5 -> 3 % on a, 5 -> 3 % on b")
     assert both.text == "the zero of a, b is off by 1 rad"
     assert merged_by_kind([causes[0], causes[0]._replace(text="of another record")]) == (causes[0],)
 
@@ -187,7 +187,7 @@ def test_a_log_without_an_evident_cause_says_so():
     tau = c.tau + 0.1 * c.size * odd / odd.std(0)
     found = rne.identify(c.arm.robot, Record(t, c.states[0], tau), consistent=False)
     assert not found.doubt
-    assert "no single change of the log, the robot or the drives that was looked for improves" in found.report()
+    assert "no single change of the log, the robot or the drives that was tried reduces" in found.report()
     assert (
         "likely causes" in dataclasses.replace(found, causes=(Cause("x", (), "x", 9.0, removed=np.zeros(4)),)).report()
     )

@@ -391,7 +391,7 @@ def test_torques_of_the_other_sign_are_told_though_no_bodies_have_them(monkeypat
     assert any(
         note.startswith("parameters are those of least squares, as with `consistent=False`") for note in found.notes
     )
-    with pytest.raises(rne.IdentificationError, match="mend what `causes` name first"):
+    with pytest.raises(rne.IdentificationError, match="correct what `causes` name first"):
         _ = found.robot
 
 

@@ -421,12 +421,14 @@ def test_what_motions_do_not_tell_is_infinite_and_like_a_ball(robot):
     assert found.consistent
     assert abs(found.mass - load.mass) < 4 * found.mass_error
     assert found.unknown == ("its centre along (0.00, 1.00, 0.00)", "its inertia")
-    assert any(note.startswith("not told by the motions, in the axes of tool0: its centre") for note in found.notes)
+    assert any(
+        note.startswith("not identifiable from the motions, in the axes of tool0: its centre") for note in found.notes
+    )
 
 
 @pytest.mark.parametrize("moving", kept([[5], [3, 4, 5], [0]], [[3, 4, 5], [0]]), ids=str)
 def test_motions_that_do_not_tell_the_mass_are_refused(robot, moving):
-    with pytest.raises(rne.IdentificationError, match=r"^`with_load`: the motions do not tell the mass of the load"):
+    with pytest.raises(rne.IdentificationError, match=r"^`with_load`: the motions do not separate the load's mass"):
         rne.identify_payload(robot, *wrist_still(robot, LOAD, moving))
 
 
@@ -520,7 +522,7 @@ def test_a_mass_beyond_four_standard_errors_is_no_doubt(arm):
     with pytest.warns(rne.IdentificationWarning, match="the mass is known to 2[01] % only"):
         found = rne.identify_payload(arm, *logs(arm, light, noise=0.004, rate=100.0), link="tool0", consistent=False)
     assert 4 < found.mass / found.mass_error < 5
-    assert not any("hardly told from none" in note for note in found.notes)
+    assert not any("hardly significant" in note for note in found.notes)
 
 
 def test_report_and_repr_of_a_load(found):
@@ -617,8 +619,8 @@ def test_a_joint_that_the_load_does_not_act_on_has_no_gain(robot, no_causes):
     found = rne.identify_drive_gains(arm, *logs(arm, load, units=3.0, friction=(2.0, 1.5)), load)
     assert np.isnan(found.gains).tolist() == np.isnan(found.errors).tolist() == [False, False, True]
     assert found.notes[-1] == (
-        "the load does not tell the gain of joint_6: it does not act there in these motions, or acts as the joint's own "
-        "body or offset does; move the joint against the load, or mount the load further from its axis"
+        "the gain of joint_6 cannot be identified: the load produces no torque there in these motions, or acts as the "
+        "joint's own body or offset does; move the joint against the load, or mount the load further from its axis"
     )
     assert found.report().splitlines()[5].split() == ["joint_6", "-", "-"]
     assert (np.abs(found.gains - 3.0)[:2] < 3 * found.errors[:2]).all()
@@ -840,7 +842,9 @@ def test_gains_of_a_load_that_is_not_weighed_are_refused(arm, currents, gains, o
         ValueError, match=r"^`payload` must be a load that was weighed, got None: .*twice the gains fit"
     ):
         rne.identify_drive_gains(arm, *currents, None)
-    with pytest.raises(ValueError, match=r"from records with it alone its mass is not told .*, nor gains from masses$"):
+    with pytest.raises(
+        ValueError, match=r"from records with it alone its mass cannot be separated .*, nor gains from masses$"
+    ):
         rne.identify_drive_gains(arm, None, currents[1], LOAD)
     with pytest.raises(ValueError, match=r"^DriveGains have their records and drives: `without` and `drives` must be"):
         rne.identify_payload(gains, currents[0], other_currents)

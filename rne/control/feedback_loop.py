@@ -287,7 +287,7 @@ class LinearisedLoop(InNotebooks):
         limit = limit if np.isfinite(self.sample_time_limit) else "no unstable sample time found"
         return (
             f"linearised at the target, which holds near it only: {'' if self.stable else 'NOT '}stable"
-            f"{held}\npoles without sampling from {poles.real.max():.6g} to {poles.real.min():.6g} 1/s; "
+            f"{held}\ncontinuous-time poles from {poles.real.max():.6g} to {poles.real.min():.6g} 1/s; "
             f"{limit}{rest}"
         )
 

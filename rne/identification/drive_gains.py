@@ -38,8 +38,8 @@ if TYPE_CHECKING:
     from ..simulation.scene import Payload
 
 UNTOLD = (
-    "the load does not tell the gain of {}: it does not act there in these motions, or acts as the joint's own body or "
-    "offset does; move the joint against the load, or mount the load further from its axis"
+    "the gain of {} cannot be identified: the load produces no torque there in these motions, or acts as the joint's "
+    "own body or offset does; move the joint against the load, or mount the load further from its axis"
 )
 NOT_SEPARABLE = (
     "`payload` must be a load that was weighed, got None: twice the gains fit twice the masses of the arm and of a "

@@ -271,7 +271,7 @@ def identify_payload(
     phi, errors = estimate.values[own], estimate.errors[own]
     if not errors[0] < np.inf:
         raise IdentificationError(
-            "`with_load`: the motions do not tell the mass of the load from its centre: move the joints that lift it"
+            "`with_load`: the motions do not separate the load's mass from its centre: move the joints that lift it"
         )
     if consistent and phi[0] < -thresholds.BEYOND_DOUBT * errors[0]:
         raise IdentificationError(
@@ -282,7 +282,8 @@ def identify_payload(
     notes = [*fit.notes]
     if unknown:
         value = f"as of a ball of {thresholds.DENSITY:g} kg/m^3" if consistent else "zero, or what noise makes of it"
-        notes.insert(0, f"not told by the motions, in the axes of {short(name)}: {', '.join(unknown)}; taken {value}")
+        where = f"in the axes of {short(name)}: {', '.join(unknown)}"
+        notes.insert(0, f"not identifiable from the motions, {where}; taken {value}")
     if abs(scaled - 1) > thresholds.SCALED_TORQUES:
         right = f"if its masses are right, the load has {phi[0] / scaled:.3g} kg, not {phi[0]:.3g}"
         notes.append(f"{SCALED} {scaled:.3g} times those of the robot given: {right}")
@@ -314,7 +315,7 @@ def doubts(phi: Array, errors: Array) -> list[str]:
     if phi[0] < -thresholds.BEYOND_DOUBT * errors[0]:
         notes.append(f"least squares give {mass}: are the records exchanged?")
     elif phi[0] < thresholds.BEYOND_DOUBT * errors[0]:
-        notes.append(f"the mass is hardly told from none, +- {errors[0]:.2g} kg: is it on another `link`?")
+        notes.append(f"the mass is hardly significant, +- {errors[0]:.2g} kg: is it on another `link`?")
     if phi[0] > 0 and np.linalg.eigvalsh(pseudo_inertia(phi)[0])[0] <= 0:
         notes.append("least squares give an inertia that no distribution of mass has")
     return notes

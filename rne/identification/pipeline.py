@@ -66,8 +66,8 @@ if TYPE_CHECKING:
 Instruments = Motion | ArrayLike | Sequence[Motion | ArrayLike]
 FROM_INSTRUMENTS = "the cut-off is that of the motion of the instruments, in which there is no noise"
 NO_ROTORS = (
-    "rotors are not fitted: none is told from zero, or reaches 10 % of its joint's inertia, as where torques are "
-    "measured behind the gears"
+    "rotors are not fitted: none is significantly different from zero, or reaches 10 % of its joint's inertia, as "
+    "where torques are measured behind the gears"
 )
 
 
@@ -177,7 +177,7 @@ def assemble(
         Delays and Stribeck effects that were found from the residuals and are part of the model: standard errors
         contain theirs.
     unexplained : Unexplained, optional
-        The validation error, `bodies.held_out(data)` by default.
+        The validation error, `bodies.validation_error(data)` by default.
     notes : sequence of str, optional
         What the report says besides, by default the notes of `data` and `bodies`.
 
@@ -191,7 +191,7 @@ def assemble(
     >>> print(rne.identification.assemble(robot, data, bodies).report())  # doctest: +SKIP
     """
     base = bodies.estimator.base
-    errors = bodies.held_out(data) if unexplained is None else unexplained
+    errors = bodies.validation_error(data) if unexplained is None else unexplained
     estimate = fit_base_parameters(base, data)
     correlation_time = data.correlation_time(data.residuals(base.back @ estimate.values))
     if modelled:
@@ -321,7 +321,7 @@ def identify(
     >>> found = rne.identify(robot, record, consistent=False)
     >>> print(found.report()[:21])
     good for feed-forward
-    >>> found.estimate.values.shape, found.predict(q, qd, qdd).shape, found.held_out.shape
+    >>> found.estimate.values.shape, found.predict(q, qd, qdd).shape, found.validation_error.shape
     ((54,), (5000, 6), (6,))
     >>> found.check(record).measured.shape[1], len(found.plot().axes)
     (6, 12)
@@ -368,11 +368,11 @@ def validated_bodies(fit: Fit, prior: Robot | str | None, prior_std: float | Non
         given = prior_of_bodies(prior, prior_std, fit.base, fit.data)
         try:
             bodies = possible_bodies(fit.base, fit.data, given)
-            return bodies, bodies.held_out(fit.data)
+            return bodies, bodies.validation_error(fit.data)
         except IdentificationError as error:
             notes = (f"{NOT_CONSISTENT}: {error}",)
     plain = fit_bodies(fit.base, fit.data, prior=None)._replace(notes=notes)
-    return plain, plain.held_out(fit.data)
+    return plain, plain.validation_error(fit.data)
 
 
 def tried_hypotheses(
@@ -418,7 +418,7 @@ def taken_text(cause: Cause) -> str:
 def small_text(causes: Sequence[Cause]) -> tuple[str, ...]:
     """Note on causes of small effect, without the usual friction of gears."""
     told = merged_by_kind([cause for cause in causes if cause.kind not in GEARS])[:NAMED]
-    texts = [f"{cause.text} (held out: {cause.effect})" for cause in told]
+    texts = [f"{cause.text} (validation error {cause.effect})" for cause in told]
     return (f"evident, but of little effect, no likely causes: {'; '.join(texts)}",) * bool(texts)
 
 

@@ -72,13 +72,13 @@ class Bands(ReadOnlyArrays):
         each = zip(names, units, self.largest, strict=True)
         told = [f"+- {x:.2g} {unit} ({short(name)})" for name, unit, x in each if np.isfinite(x)]
         if not told:
-            return "how far torques of another motion are from those predicted is not known: none was held out"
+            return "the error of predictions for another motion is unknown: no block of the log was left out of a fit"
         lines = [f"95 % of torques of another motion like these are within {listed(told)} of those predicted"]
         share = zip(names, self.covered, strict=True)
         poor = [f"{short(name)} {100 * x:.0f} %" for name, x in share if x < thresholds.COVERED]
         if poor:
             lines.append(
-                "The model, not the noise, is at fault where less than 90 % of the torques held out are within the "
+                "The model, not the noise, is at fault where less than 90 % of the validation torques are within the "
                 f"95 % band of parameters and noise, as with friction beyond the model: {listed(poor)}"
             )
         return ". ".join(lines)

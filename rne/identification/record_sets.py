@@ -76,7 +76,7 @@ GAINS_CONTAINED = (
     "standard errors contain those of the gains, noise, the scatter between blocks of time, and what errors of the "
     "drives make of the load; not an error of the load weighed: the mass is as wrong as it is, relatively"
 )
-QUIET = "no change of the log, the robot or the drives that was looked for explains what is left"
+QUIET = "no change of the log, the robot or the drives that was tried explains the residuals"
 FEWEST_FOLDS = 2  # fewest folds of the equations, where no validation is needed
 CONTAINED = (
     "standard errors contain noise, the scatter between blocks of time, and what errors of the drives make of the "
@@ -307,10 +307,12 @@ class SetsResult(InNotebooks):
     sets: RecordSets
 
     @property
-    def held_out(self) -> Array:
+    def validation_error(self) -> Array:
         """Validation error |predicted - measured| / |measured| of each joint in motion with the load, (n,)."""
         errors, torques = self.held_out_rms[-1]
         return np.asarray(errors / np.maximum(torques, thresholds.TINY))
+
+    held_out = validation_error
 
     @property
     def causes(self) -> tuple[Cause, ...]:
@@ -320,14 +322,15 @@ class SetsResult(InNotebooks):
     @cached_property
     def doubt(self) -> str:
         """Reasons to doubt the result, with the likely causes; empty if there are none."""
-        lines = self._reasons() + unexplained_text(self.sets.robot.joint_names, self.held_out)
+        lines = self._reasons() + unexplained_text(self.sets.robot.joint_names, self.validation_error)
         return ". ".join([*lines, *likely_text(self.causes)]) if lines else ""
 
     def _reasons(self) -> list[str]:
         raise NotImplementedError
 
     def _report(self, first: str, rows: Sequence[Row], contained: str = CONTAINED) -> str:
-        first += f"; torques in motion are predicted to {percent(self.held_out)} on blocks of time that were not fitted"
+        error = percent(self.validation_error)
+        first += f"; validation error while moving {error}, on blocks of time that were not fitted"
         causes = [*likely_text(self.causes), *(cause.text for cause in self.causes if cause.kind in GEARS)]
         notes = [*self.notes, contained, *(causes or [QUIET])]
         return "\n".join([wrapped(first), *aligned(rows), *self._errors(), *map(wrapped, notes)])
@@ -337,10 +340,10 @@ class SetsResult(InNotebooks):
         of_sets = ("no load", *("load weighed",) * (len(self.held_out_rms) - 2), "load")
         columns = (*(f"{name} [%]" for name in of_sets), "load [N m or N]", "noise [N m or N]")
         errors, torques = np.moveaxis(self.held_out_rms, 1, 0)
-        shares, told = 100 * errors / np.maximum(torques, thresholds.TINY), np.where(np.isnan(errors[-1]), np.nan, 1.0)
-        cells = *(column(x * told, ".2f", "-") for x in shares), column(errors[-1], ".4g", "-")
-        noise = column(self.estimate.sigma * told, ".4g", "-")
-        return table("errors held out", columns, self.sets.robot.joint_names, *cells, noise, indent="  ")
+        shares, known = 100 * errors / np.maximum(torques, thresholds.TINY), np.where(np.isnan(errors[-1]), np.nan, 1.0)
+        cells = *(column(x * known, ".2f", "-") for x in shares), column(errors[-1], ".4g", "-")
+        noise = column(self.estimate.sigma * known, ".4g", "-")
+        return table("validation errors", columns, self.sets.robot.joint_names, *cells, noise, indent="  ")
 
 
 def is_that_of(record: Record, prepared: Prepared, delays: Array) -> bool:
@@ -439,7 +442,7 @@ def record_sets(
     if without is None:
         raise ValueError(
             "`without` must have a record without the load, unless an Identification is given: from records with it "
-            "alone its mass is not told from the last body's, nor gains from masses"
+            "alone its mass cannot be separated from the last body's, nor gains from masses"
         )
     without, with_load = (x if isinstance(x, Sequence) else (x,) for x in (without, with_load))
     robot, named, matched = of_named_joints(robot_argument(robot), [*without, *with_load])

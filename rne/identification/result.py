@@ -67,7 +67,7 @@ if TYPE_CHECKING:
     from ..simulation.springs import JointSpring, Spring, Springs
 
 NOT_CONSISTENT = "parameters are those of least squares, as with `consistent=False`"  # start of a note
-NOT_SOUGHT = "causes of what is left were not looked for, as `causes` says"  # a note
+NOT_SOUGHT = "causes of the residuals were not searched for, as `causes` says"  # a note
 NAMED = 3  # number of causes named in a warning
 ESSENTIAL = "of the essential parameters alone, by least squares, which need not be those of possible bodies"  # a note
 WRONG_SIGN = "is the sign of the joint's torque right?"  # end of a note on negative friction
@@ -143,15 +143,18 @@ class Identification(InNotebooks):
     def __repr__(self) -> str:
         worst = f"{100 * np.nanmax(self.unexplained.in_motion, initial=0):.3g} %"
         found = "physically consistent" if self.consistent else "least squares"
+        error = f"validation error while moving at most {worst}"
         return wrapped(
             f"Identification({counted(self.base.count, 'base parameter')} of {self.initial.model.name!r} from "
-            f"{counted(int(self.equations.rows.sum()), 'equation')}, {found}, held-out error in motion at most {worst})"
+            f"{counted(int(self.equations.rows.sum()), 'equation')}, {found}, {error})"
         )
 
     @property
-    def held_out(self) -> Array:
-        """`unexplained.everywhere`: |predicted - measured| / |measured| of each joint on held-out blocks, (n,)."""
+    def validation_error(self) -> Array:
+        """|predicted - measured| / |measured| of each joint on blocks not fitted, `unexplained.everywhere`, (n,)."""
         return self.unexplained.everywhere
+
+    held_out = validation_error
 
     @property
     def delay(self) -> Array:
@@ -193,7 +196,7 @@ class Identification(InNotebooks):
         names = listed([name for name, is_far in zip(self.initial.joint_names, far, strict=True) if is_far])
         return (
             f"the motion excites too little: {int((~self.excited).sum())} of {self.base.count} base parameters are not "
-            f"told from zero, and what is found in parts of the log predicts nothing of the others ({names}). "
+            f"significantly different from zero, and fits to parts of the log do not predict the others ({names}). "
             f"{MOVE_ALL}"
         )
 
@@ -428,7 +431,7 @@ class Identification(InNotebooks):
     @property
     def _cure(self) -> str:
         if self.consistent or any(note.startswith(NOT_CONSISTENT) for note in self.notes):
-            return "mend what `causes` name first"
+            return "correct what `causes` name first"
         return "use those of the fit of all parameters" if ESSENTIAL in self.notes else "fit with `consistent=True`"
 
     def _check_consistent(self) -> None:
@@ -456,7 +459,8 @@ class Identification(InNotebooks):
         rows = zip(self.base.names, self.values, self.estimate.errors, strict=True)
         for name, value, error in list(rows)[place.start - place.stop :]:
             if np.isinf(error):
-                raise IdentificationError(f"the motion does not tell {name} from gravity, drives and other springs")
+                others = "gravity, drives or other springs have the same effect"
+                raise IdentificationError(f"{name} cannot be identified: in this motion {others}")
             if value < 0 and name.startswith("k"):
                 raise IdentificationError(f"the stiffness {name} comes out negative, {value:.4g}: {self._cure}")
         springs: Springs = self.standard.springs
@@ -780,16 +784,16 @@ class Identification(InNotebooks):
         other = ", ".join(f"{short(names[j])} ({self._why_not(j)})" for j in np.flatnonzero(~good).tolist())
         first = [note for note in self.notes if note.startswith((BEYOND, EARLY))] + self._far_from_given
         if self.data.Z is not None and not self.unexcited:
-            text = "by instrumental variables; held-out errors contain the noise of the positions"
+            text = "by instrumental variables; validation errors contain the noise of the positions"
             return "; ".join([*first, f"{text}{f': {other}' if other else ''}"])
         if self.unexcited or not good.any():
-            why = self.unexcited or f"held-out errors in motion {below}: {other}"
+            why = self.unexcited or f"validation errors while moving {below}: {other}"
             return "; ".join([*first, f"not good for simulation or feed-forward: {why}"])
         remarks = [note for note in self.notes if note.startswith((LOCKED, MOVING))]
         which = listed([names[j] for j in np.flatnonzero(good)])
         if not other:
             which = "all joints" + " of the records" * any(note.startswith(LOCKED) for note in remarks)
-        known = f"held-out errors in motion of {100 * left[good].max():.2g} % or less"
+        known = f"validation errors while moving of {100 * left[good].max():.2g} % or less"
         parts = [f"good for {use} of {which} {below}: {known}", *[f"not known: {other}"] * bool(other)]
         text = "; ".join(parts if 2 * good.sum() > len(good) else parts[::-1])
         if unknown := int(np.isinf(self.estimate.errors).sum()):
@@ -797,7 +801,7 @@ class Identification(InNotebooks):
                 f"{unknown} of {self.base.count} base parameters are not determined: other motions may differ"
             )
         if any(cause.kind not in GEARS for cause in self.causes):
-            remarks.append("a likely cause of what is left is named below: if it is true, the model is wrong there")
+            remarks.append("a likely cause of the residuals is named below: if it applies, the model is wrong there")
         return "; ".join([*first, text, *remarks])
 
     def _why_not(self, j: int) -> str:
@@ -825,9 +829,10 @@ class Identification(InNotebooks):
         """Text on the number of essential base parameters, and the effect of the others on the validation error."""
         few, count = self.essential(), counted(self.base.count, "base parameter")
         if not few.base.count:
-            return f"none of {count} is essential: the torques say nothing of the motion"
-        lost = 100 * np.nanmax(few.unexplained.in_motion - self.unexplained.in_motion, initial=0)
-        return f"{few.base.count} of {count} are essential: with these alone held-out errors rise by up to {lost:.1f} %"
+            return f"none of {count} is essential: the torques carry no information on the motion"
+        lost = f"{100 * np.nanmax(few.unexplained.in_motion - self.unexplained.in_motion, initial=0):.1f} %"
+        change = "< 0.05 %" if lost == "0.0 %" else f"up to {lost}"
+        return f"{few.base.count} of {count} suffice, the others change the validation error by {change}"
 
     def report(self, *, details: bool = False) -> str:
         """Text on the measurements, the parameters, and the quality of the fit.
@@ -840,8 +845,8 @@ class Identification(InNotebooks):
         Returns
         -------
         str
-            First what the model is good for, then the errors of each joint, likely causes of what is left and how many
-            parameters are essential, in at most 40 lines without details.
+            First what the model is good for, then the errors of each joint, likely causes of the residuals and how many
+            parameters suffice, in at most 40 lines without details.
         """
         if details:
             further = [springs_text] * (self.standard.springs is not None) + [bodies_text] * self.consistent
@@ -885,12 +890,12 @@ def bias_text(found: Identification) -> list[str]:
     """Text on the bias of least squares, if instruments are given."""
     if found.bias is None:
         return []
-    told = f"Durbin-Wu-Hausman p = {found.bias.probability:.2g}"
+    test = f"Durbin-Wu-Hausman p = {found.bias.probability:.2g}"
     if found.bias.probability > thresholds.BIASED:
-        return [f"noise that is fed back does not bias least squares by more than chance ({told})"]
+        return [f"noise that is fed back does not bias least squares by more than chance ({test})"]
     far = np.abs(found.bias.shift) / np.maximum(found.bias.errors, thresholds.TINY)
     k = int(np.nanargmax(far))
-    text = f"least squares is biased by noise that is fed back ({told}), by up to {far[k]:.2g} of its standard errors"
+    text = f"least squares is biased by noise that is fed back ({test}), by up to {far[k]:.2g} of its standard errors"
     return [f"{text} ({found.base.names[k]})" + ": use these estimates, by instrumental variables" * bool(far[k] > 1)]
 
 
@@ -904,7 +909,7 @@ def unexplained_text(names: Sequence[str], in_motion: Array) -> list[str]:
 def likely_text(causes: Sequence[Cause]) -> list[str]:
     """Text on the likeliest causes, other than the usual friction of gears, if any."""
     told = [cause for cause in causes if cause.kind not in GEARS][:NAMED]
-    texts = [f"{cause.text} (held out: {cause.effect})" if cause.effect else cause.text for cause in told]
+    texts = [f"{cause.text} (validation error {cause.effect})" if cause.effect else cause.text for cause in told]
     first = "likely causes" if len(texts) > 1 else "the likely cause"
     return [f"{first}: {'; '.join(texts)}"] * bool(texts)
 
@@ -925,7 +930,7 @@ def fitted_text(found: Identification) -> str:
 
 def joints_text(found: Identification) -> str:
     """Table of the errors of each joint."""
-    columns = ["held out: in motion", "[N m or N]", "R^2", "at rest", "fitted"]
+    columns = ["validation: moving", "[N m or N]", "R^2", "at rest", "fitted"]
     columns += ["noise [N m or N]", "equations", "independent"]
     left, counts = found.unexplained, found.equations.rows.sum(0)
     fitted = np.where(np.isnan(left.everywhere), np.nan, found.equations.shares(found.parameters))
@@ -939,7 +944,7 @@ def joints_text(found: Identification) -> str:
     numbers = column(found.estimate.sigma, ".4g"), column(counts, "d"), column(counts / found.correlation_time, ".0f")
     rows = table("errors [%]", columns, found.initial.joint_names, *cells, *numbers, indent="  ")
     close = (
-        f"Held out: each of {len(found.equations.factors)} blocks of the measurements, predicted by a fit to the rest. "
+        f"Validation: each of {len(found.equations.factors)} blocks of the log, predicted by a fit to the others. "
         "At rest: torques of slow joints, which are not fitted because Coulomb friction then has no known direction."
     )
     return "\n".join([*rows, close, *motions_text(found)])
@@ -951,23 +956,23 @@ def causes_text(found: Identification) -> str:
     if found.unexcited:
         return found.unexcited
     if found.data.Z is not None:
-        return "causes of what is left, other than delays, are not looked for with instruments"
+        return "causes of the residuals, other than delays, are not searched for with instruments"
     for j, (name, left) in enumerate(zip(found.initial.joint_names, found.unexplained.in_motion, strict=True)):
         if left > thresholds.EXPLAINED:
             own = [cause.text for cause in found.causes if cause.removed[j] > thresholds.EXPLAINS]
             if not own and NOT_SOUGHT not in found.notes:
                 own = ["no single change of the log, the robot or the drives explains it"]
             why = "".join(f": {text}" for text in own[:1])
-            lines.append(f"  {short(name)} {100 * left:.0f} % in motion{why}")
+            lines.append(f"  {short(name)} {100 * left:.0f} % while moving{why}")
     lines = ["not explained", *lines] if lines else []
     if found.causes:
-        lines.append("likely causes of what is left, and what the errors held out would become with each")
+        lines.append("likely causes of the residuals, validation error before -> after")
         lines += [f"  {cause.text}{f': {cause.effect}' * bool(cause.effect)}" for cause in found.causes]
     if NOT_SOUGHT in found.notes:
         lines.append(NOT_SOUGHT)
     elif not lines and np.nanmax(found.unexplained.in_motion, initial=0) > thresholds.LITTLE:
-        lines = ["no single change of the log, the robot or the drives that was looked for improves what was held out"]
-    return "\n".join(lines or ["little is left: no change of the log, the robot or the drives is needed"])
+        lines = ["no single change of the log, the robot or the drives that was tried reduces the validation error"]
+    return "\n".join(lines or ["residuals are small: no change of the log, the robot or the drives is needed"])
 
 
 def motions_text(found: Identification) -> list[str]:
@@ -993,8 +998,9 @@ def parameters_text(found: Identification) -> str:
     cells = column(e.values, ".5f"), column(e.errors, ".5f"), shares, *(column(x, ".5f", "-") for x in numbers)
     lines = [
         *table("base parameters", title, found.base.names, *cells, indent="  "),
-        f"Numbers are those of the joints: {joints}. {BASE_UNITS} A dash for a share: not told from "
-        "zero. Drift is the change with half the cut-off, to be compared with its own standard error beside it.",
+        f"Numbers are those of the joints: {joints}. {BASE_UNITS} A dash for a share: not "
+        "significantly different from zero. Drift is the change with half the cut-off, to be compared with its own "
+        "standard error.",
     ]
     combined = [text for name, text in zip(found.base.names, found.base.formulas, strict=True) if text != name]
     if combined:

@@ -580,7 +580,7 @@ class ModelComparison(InNotebooks):
         lines = [*[self.different] * bool(self.different), f"cause: {self.cause}"]
         lines += [*wrapped(f"  {self.text}").splitlines(), *rows]
         if self.equivalent:
-            lines.append("cannot be told apart from: " + "; ".join(self.equivalent))
+            lines.append("indistinguishable from: " + "; ".join(self.equivalent))
         if self.candidates and not self.different:
             lines.append("hypotheses (share of the difference that is left [%]; free numbers)")
             for causes, share in zip(self.candidates[:SHOWN], self.shares, strict=False):

@@ -105,8 +105,8 @@ class Cause(NamedTuple):
     score : float
         Gain of log likelihood, less log(N) / 2 per free number and the logarithm of how many were tried.
     effect : str
-        What becomes of errors on blocks of time that were not fitted, such as "10.2 to 3.1 % on joint_2"; empty for a
-        unit or sign of all torques, which no fit tells.
+        Validation error before and after the change, such as "10.2 -> 3.1 % on joint_2"; empty for a unit or sign of
+        all torques, which does not change it.
     removed : ndarray, shape (n,)
         Part of the squares of each joint's errors there that it takes away.
     value, error : float
@@ -315,7 +315,7 @@ def likely_causes(
             best.setdefault((cause.kind, cause.joints), (cause, trial))
     tried = [with_effect(rest, cause, trial) for cause, trial in best.values()]
     named, small = (tuple(x[0] for x in tried if x is not None and x[1] is named) for named in (True, False))
-    LOGGER.info("%d changes tried, %d evident, %d improve what is held out", tried_linear, len(tried), len(named))
+    LOGGER.info("%d changes tried, %d evident, %d reduce the validation error", tried_linear, len(tried), len(named))
     return named, small
 
 
@@ -339,10 +339,10 @@ def with_effect(rest: FitResiduals, cause: Cause, trial: Trial | None) -> tuple[
     gains, least = -left.counts * np.log(ratio), 1 - thresholds.BETTER
     if ratio.min() > least or gains.sum() < thresholds.EVIDENT or gains.min() < -thresholds.WORSE * gains.sum():
         return None
-    shown, factor, words = (rest, told, "") if told.min() < least else (left, ratio, " beside friction of gears")
+    shown, factor, words = (rest, told, "") if told.min() < least else (left, ratio, " with gear friction modelled")
     errors = 100 * np.sqrt(shown.errors[0].sum(0))
     largest = [j for j in np.argsort(errors**2 * (factor**2 - 1)) if factor[j] < least][: thresholds.EFFECTS]
-    effects = [f"{errors[j]:.3g} to {errors[j] * factor[j]:.3g} % on {rest.names[j]}{words}" for j in largest]
+    effects = [f"{errors[j]:.3g} -> {errors[j] * factor[j]:.3g} % on {rest.names[j]}{words}" for j in largest]
     has_cure = cause.kind not in MENDED_BY or cause.text.endswith(")")
     text = cause.text if has_cure else f"{cause.text} ({MENDED_BY[cause.kind]})"
     return cause._replace(text=text, effect=", ".join(effects), removed=1 - told**2), matters(ratio, scatter)

@@ -28,9 +28,9 @@ from ..fit.least_squares import weighted_fit
 from ..log.prepared import Prepared
 
 COLUMNS = (
-    "noise: of the filtered torques, by their spectrum; single joint, all joints: left by a fit of each joint alone "
-    "and of all joints; held out: left where a block of the log was not fitted; F: all joints against the single one, "
-    "near 1 where one model fits, and how likely chance makes it so large; power left: that of the torques a fit "
+    "noise: of the filtered torques, by their spectrum; single joint, all joints: residual of a fit of each joint "
+    "alone and of all joints; validation: residual on blocks that were not fitted; F: all joints against the single "
+    "one, near 1 where one model fits, and how likely chance makes it so large; power left: that of the torques a fit "
     "leaves, and its mean. All but F and its chance are in % of the measured torque or power."
 )
 
@@ -73,6 +73,11 @@ class Consistency(InNotebooks):
     energy: EnergyBalance
 
     @property
+    def validation_error(self) -> Array:
+        """Validation error of torques in motion, as `held_out`, shape (n,)."""
+        return self.held_out
+
+    @property
     def one_model(self) -> bool:
         """True if no joint is in conflict with the others, and all validation errors are at most 15 %."""
         return not (self.conflict | (self.held_out > thresholds.EXPLAINED)).any()
@@ -87,16 +92,17 @@ class Consistency(InNotebooks):
         above = self._named(self.single_joint > thresholds.ABOVE_NOISE * np.maximum(self.noise, thresholds.PRECISION))
         if self.conflict.any():
             text = (
-                f"no single set of inertial parameters fits: {self._named(self.conflict)}. Together the torques "
-                f"are off by {percent(self.all_joints)}, each joint's alone by {single}; noise explains {noise}"
+                f"no single set of inertial parameters fits {self._named(self.conflict)}: residual "
+                f"{percent(self.all_joints)} of all joints together, {single} of each alone, of which noise {noise}"
             )
-            cause = f"alone, {above} are above the noise too: friction of another kind may set the joints at variance"
+            cause = f"alone, {above} exceed the noise too: friction of another kind may cause the conflict"
         elif (poor := self.held_out > thresholds.EXPLAINED).any():
             left = percent(self.held_out[poor])
-            return f"no rigid-body model with these drives predicts {self._named(poor)}: {left} of the torques is left"
+            return f"no rigid-body model with these drives predicts {self._named(poor)}: validation error {left}"
         else:
-            text = f"one rigid-body model explains the torques to {percent(self.held_out)}, noise explains {noise}"
-            cause = f"what is above the noise in {above} no inertial parameters explain, not those of each joint alone"
+            left = percent(self.held_out)
+            text = f"one rigid-body model explains the torques: residual {left}, of which noise {noise}"
+            cause = f"above the noise in {above}, and not due to inertial parameters: each joint alone leaves it too"
         return f"{text}; {cause}" if above else text
 
     def _named(self, chosen: Array) -> str:
@@ -111,7 +117,7 @@ class Consistency(InNotebooks):
         str
             Lines of at most 100 characters.
         """
-        title = ("noise", "single joint", "all joints", "held out", "F", "chance of F", "power left", "its mean")
+        title = ("noise", "single joint", "all joints", "validation", "F", "chance of F", "power left", "its mean")
         shares = [column(100 * x, ".3g") for x in (self.noise, self.single_joint, self.all_joints, self.held_out)]
         shares += [column(self.F, ".3g"), column(self.probability, ".1g")]
         shares += [column(100 * x, ".2g") for x in (self.energy.power, self.energy.lost)]

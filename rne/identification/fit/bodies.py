@@ -44,7 +44,8 @@ class BodiesFit(NamedTuple):
 
     Examples
     --------
-    >>> rne.identification.fit_bodies(base, data, prior=robot).held_out(data).in_motion  # doctest: +SKIP
+    >>> bodies = rne.identification.fit_bodies(base, data, prior=robot)  # doctest: +SKIP
+    >>> bodies.validation_error(data).in_motion, bodies.held_out(data).at_rest  # doctest: +SKIP
     """
 
     parameters: Array
@@ -52,7 +53,7 @@ class BodiesFit(NamedTuple):
     consistent: bool
     notes: tuple[str, ...] = ()
 
-    def held_out(self, data: RegressionData) -> Unexplained:
+    def validation_error(self, data: RegressionData) -> Unexplained:
         """Validation error of each joint: each block of time predicted by a fit to the others.
 
         Parameters
@@ -66,6 +67,8 @@ class BodiesFit(NamedTuple):
             |predicted - measured| / |measured| by joint: everywhere, in motion, at rest.
         """
         return held_out(self.estimator, data.fitted, data.measured)
+
+    held_out = validation_error
 
 
 def fit_bodies(
