@@ -9,6 +9,7 @@ import importlib
 import inspect
 import subprocess
 import tokenize
+import tomllib
 
 import rne
 
@@ -55,9 +56,11 @@ def lines_by_kind(path, tree):
 
 
 def public_values():
-    """Identities of all that a user has by name: functions and classes of `rne` and of its public modules."""
+    """Identities of what users have by name: the command, functions and classes of `rne` and of its public modules."""
+    commands = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["scripts"].values()
     modules = [thing for name in rne.__all__ if inspect.ismodule(thing := getattr(rne, name))]
     listed = [(module, name) for module in (rne, *modules) for name in getattr(module, "__all__", dir(module))]
+    listed += [(importlib.import_module(module), name) for module, _, name in (x.partition(":") for x in commands)]
     things = (getattr(module, name) for module, name in listed)
     return {id(thing) for thing in things if hasattr(thing, "__name__")}  # equal numbers may be one object
 

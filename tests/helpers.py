@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import json
 from pathlib import Path
 
 import numpy as np
@@ -23,13 +24,16 @@ __all__ = [
     "Mimic",
     "Oracle",
     "Part",
+    "archived",
     "assemble",
+    "cross_matrix",
     "data_robots",
     "each",
     "first_joints",
     "gimbal",
     "kept",
     "loaded",
+    "point_mass_inertia",
     "pose",
     "relative",
     "states",
@@ -59,6 +63,23 @@ FIGURES = [
     "7.4",
     "7.5",
 ]  # of the thesis, drawn here
+
+
+def archived(file):
+    """Arrays by name and texts of an archive that the package wrote: a motion, an identification or a fit."""
+    with np.load(file) as archive:
+        arrays = dict(archive)
+    return arrays, json.loads(str(arrays.pop("texts")))
+
+
+def cross_matrix(v):
+    """The matrix [v]x with [v]x u = v x u, shape (..., 3, 3)."""
+    return np.cross(np.eye(3), np.asarray(v)[..., None, :])
+
+
+def point_mass_inertia(mass, r):
+    """Inertia about the origin of point masses at r, shape (..., 3, 3): m (r.r 1 - r r^T)."""
+    return mass * ((r**2).sum(-1)[..., None, None] * np.eye(3) - r[..., :, None] * r[..., None, :])
 
 
 def kept(values, short):

@@ -20,9 +20,8 @@ import numpy as np
 from lxml import etree
 
 import rne
-from rne.basics.marks import TEXTS
 
-from .helpers import loaded
+from .helpers import archived, loaded
 
 VALUES = ["", "nan", "-inf", "1e999", "-1", "0", "1e300 0 0", "0 0 0", "9" * 1200, "x" * 300, "a\x9bb", "\u202ea", "../../a.stl", "0x10", "1_0", "true"]  # fmt: skip
 LEAVES = [None, True, "text", "", -1, 10**400, 1.5, float("nan"), [], {}, [[]] * 3, {"array": "array_0"}, {"mapping": 3}, {"type": "Box"}, {"slice": 1}]  # fmt: skip
@@ -164,9 +163,7 @@ def xml_damaged(data, rng):
 
 def texts_damaged(data, rng):
     """One or two values of an archive's texts, or an array, exchanged."""
-    with np.load(io.BytesIO(data)) as archive:
-        arrays = dict(archive)
-    texts = json.loads(str(arrays.pop(TEXTS)))
+    arrays, texts = archived(io.BytesIO(data))
     for _ in range(changes := rng.integers(3)):
         part, above, key = texts, None, None
         while part and isinstance(part, dict | list) and (above is None or rng.random() < 0.85):
@@ -191,7 +188,7 @@ def texts_damaged(data, rng):
     if not changes or rng.random() < 0.3:
         arrays[name] = odd[rng.integers(len(odd))]
     file = io.BytesIO()
-    np.savez(file, **arrays, **{TEXTS: np.array(json.dumps(texts))})
+    np.savez(file, **arrays, **{"texts": np.array(json.dumps(texts))})
     return file.getvalue()
 
 

@@ -12,14 +12,15 @@ from itertools import pairwise
 import numpy as np
 
 import rne
-from rne.basics.numbers import part_of
-from rne.basics.spatial import cross_matrix, rotation_from_rpy
+from rne.basics.spatial import rotation_from_rpy
 from rne.control.law_numbers import law_at
 from rne.dynamics.kinematics import coordinate_map, joint_accelerations, joint_positions
 from rne.dynamics.rnea import newton_euler
 from rne.integrators.tableaus import tableau
 from rne.model.parameters import at_parameters, parameters_of
 from rne.model.topology import end_link
+
+from .helpers import cross_matrix
 
 STEP = 1e-30
 BROADCAST = rne.control.laws.PD, rne.control.laws.PID, rne.control.laws.ComputedTorque  # over leading axes of numbers
@@ -113,7 +114,7 @@ class PlainScene:
 
     def law_with(self, law, numbers):
         """The controller with numbers of this scene: for all states at once, or with parts of its own one by one."""
-        own, kept = part_of(numbers, "controller."), {}
+        own, kept = {k.removeprefix("controller."): x for k, x in numbers.items() if k.startswith("controller.")}, {}
         parameters = own.pop("robot.parameters", None)
         for name in [name for name in own if hasattr(getattr(law, name, None), "with_samples")]:
             kept[name] = Samples(getattr(law, name), own.pop(name))

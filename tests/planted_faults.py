@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 import rne
-from rne.basics.spatial import point_mass_inertia
+
+from .helpers import point_mass_inertia
 
 
 def planted(robot, seed=0):

@@ -8,8 +8,10 @@ import numpy as np
 
 import rne
 from rne import Model
-from rne.basics.spatial import Array, point_mass_inertia, rotation_about
-from rne.model.builder import Mimic, Part, Pose, assemble, pose
+from rne.basics.spatial import Array, rotation_about
+from rne.model.builder import Mimic, Part, assemble, pose
+
+from .helpers import point_mass_inertia
 
 
 def random_tree(
@@ -83,7 +85,7 @@ def _direction(rng: np.random.Generator) -> Array:
     return unit
 
 
-def _placement(rng: np.random.Generator) -> Pose:
+def _placement(rng):
     angle = np.asarray(rng.uniform(-np.pi, np.pi), dtype=np.longdouble)
     return pose(rotation_about(_direction(rng), angle), rng.uniform(-0.5, 0.5, 3))
 

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 import rne
-from rne.basics.archive import TEXTS, contents
 from rne.identification import Record
-from rne.identification.fit.equations import BEYOND
 
-from .helpers import EPS, first_joints, states
+from .helpers import EPS, archived, first_joints, states
 from .measurements import truth
+
+BEYOND_LIMITS = "the motion leaves the robot's limits: in other units, or from another zero?"
 
 n = 3
 ALL = rne.Friction(
@@ -280,9 +280,9 @@ def test_what_is_saved_is_loaded(found, tmp_path):
 )  # fmt: skip
 def test_other_files_are_refused(found, tmp_path, change, text):
     file = found.save(tmp_path / "found.npz")
-    arrays, texts = contents(file, "a file")
+    arrays, texts = archived(file)
     change(texts)
-    np.savez(file, **arrays, **{TEXTS: np.array(json.dumps(texts))})
+    np.savez(file, **arrays, **{"texts": np.array(json.dumps(texts))})
     with pytest.raises(ValueError, match=f"^{re.escape(f'{str(file)!r}: {text}')}$"):
         rne.Identification.load(file)
 
@@ -329,7 +329,8 @@ def test_a_report_begins_with_a_verdict_and_is_short(found):
     long = replace(found, notes=tuple(f"note {k}" for k in range(99))).report().splitlines()
     assert len(lines) < len(long) <= 40
     assert any(line.startswith("  ... ") and line.endswith(" more lines") for line in long)
-    assert replace(found, notes=(f"{BEYOND} joint_1 to 4 of 3",)).verdict == f"{BEYOND} joint_1 to 4 of 3; {lines[0]}"
+    far = f"{BEYOND_LIMITS} joint_1 to 4 of 3"
+    assert replace(found, notes=(far,)).verdict == f"{far}; {lines[0]}"
     light = replace(found, parameters=np.where(np.arange(len(found.parameters)) < 30, 0.2, 1.0) * found.parameters)
     masses = light.parameters[:30:10] / found.initial.model.mass
     doubt = (
@@ -347,8 +348,10 @@ def test_a_report_begins_with_a_verdict_and_is_short(found):
         "good for simulation and feed-forward of joint_1, joint_2 below 10 Hz: validation errors while moving of 8 % or less; "
         "not known: joint_3 (22 %)"
     )
-    far = replace(poor, unexplained=errors._replace(in_motion=np.array([0.3, 0.4, 0.5])), notes=(f"{BEYOND} joint_1",))
-    assert far.verdict.startswith(f"{BEYOND} joint_1; not good for simulation or feed-forward: ")
+    far = replace(
+        poor, unexplained=errors._replace(in_motion=np.array([0.3, 0.4, 0.5])), notes=(f"{BEYOND_LIMITS} joint_1",)
+    )
+    assert far.verdict.startswith(f"{BEYOND_LIMITS} joint_1; not good for simulation or feed-forward: ")
     none = replace(found, unexplained=errors._replace(in_motion=np.array([0.3, 0.4, 0.5])))
     assert none.verdict.startswith("not good for simulation or feed-forward: ")
 

@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 
 import rne
 from rne.basics.filters import low_pass
-from rne.basics.inertia import COLUMNS, ROWS, dual_of_gradient, parameters_of_pseudo_inertia, pseudo_inertia
+from rne.basics.inertia import dual_of_gradient, parameters_of_pseudo_inertia, pseudo_inertia
 from rne.identification import Record
 from rne.identification.fit.consistent import consistent_fit, expected_sizes, geometric_prior, model_prior
 from rne.identification.fit.equations import (
@@ -198,7 +198,7 @@ def test_bodies_that_are_too_thin_are_made_thicker(inertia):
     """Point masses on massless rods, as textbooks have them; and a moment of inertia above the sum of the others."""
     model = loaded("ur5").model
     rows = np.array(loaded("ur5").parameters).reshape(6, 10)
-    rows[2] = [5, 0, 0, 0, *np.diag(inertia)[ROWS, COLUMNS]]
+    rows[2] = [5, 0, 0, 0, inertia[0], 0, inertia[1], 0, 0, inertia[2]]
     prior, changed = model_prior(rne.Robot(rne.model.with_parameters(model, rows.ravel())))
     assert changed == (model.moving_joints[2],)
     rod = geometric_prior(model)[2]

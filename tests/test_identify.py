@@ -9,7 +9,7 @@ import pytest
 import rne
 from rne.basics.inertia import pseudo_inertia
 from rne.identification import Record
-from rne.identification.fit.equations import BEYOND, beyond_limits, locked_text, of_named_joints
+from rne.identification.fit.equations import beyond_limits, locked_text, of_named_joints
 from rne.identification.fit.least_squares import least_squares
 
 from . import faulty_logs as faults
@@ -760,7 +760,10 @@ def test_a_motion_beyond_the_limits_is_told_before_the_verdict():
     )
     prepared = Record(t, q, np.ones_like(q)).prepare(cutoff=5.0)
     (note,) = beyond_limits(robot, [prepared])
-    assert note == f"{BEYOND} {ends}; joint_2 reaches 2.51/s, its limit is 2/s"
+    assert (
+        note
+        == f"the motion leaves the robot's limits: in other units, or from another zero? {ends}; joint_2 reaches 2.51/s, its limit is 2/s"
+    )
     small = dataclasses.replace(prepared, q=0.3 * prepared.q, qd=0.3 * prepared.qd)
     assert beyond_limits(robot, [small]) == ()
     unlimited = rne.Robot(dataclasses.replace(robot.model, lower=0 * robot.lower, upper=0 * robot.upper))

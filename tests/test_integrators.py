@@ -14,9 +14,11 @@ from rne.integrators.compiled_methods import CompiledSolver, RosenbrockSolver, S
 from rne.integrators.rows import run_rows
 from rne.integrators.scipy_methods import SciPySolver
 from rne.integrators.step_control import Interval
-from rne.integrators.tableaus import EXPLICIT, tableau
+from rne.integrators.tableaus import tableau
 
 from .helpers import EPS
+
+EXPLICIT_METHODS = ("RK45", "RK23", "DOP853", "Tsit5")
 
 DAMPING = 0.3
 START = np.array([1.0, 0.5])
@@ -129,7 +131,7 @@ def test_energies_behind_the_state_change_no_step(interpreted, way, method):
         np.testing.assert_array_equal(t, T)
         np.testing.assert_array_equal(x[:, :2], X)
         assert with_energy.evaluations == plain.evaluations
-    elif method in EXPLICIT:
+    elif method in EXPLICIT_METHODS:
         np.testing.assert_allclose(t, T, rtol=1e-9)  # tolerances are scaled, and round
         assert with_energy.evaluations == plain.evaluations
     else:  # without energies the Jacobian is the solver's
@@ -373,8 +375,7 @@ def test_a_method_is_its_tableau(interpreted, monkeypatch):
 
 
 def test_methods_in_machine_code_are_the_explicit_ones():
-    assert set(EXPLICIT) >= {"RK45", "RK23", "DOP853"}
-    for method in EXPLICIT:
+    for method in EXPLICIT_METHODS:
         table = tableau(method)
         np.testing.assert_allclose(table.A.sum(axis=1), table.C, atol=1e-13)
         assert table.B.sum() == pytest.approx(1.0, abs=4 * EPS)

@@ -9,7 +9,7 @@ import pytest
 import rne
 from rne.commands.agreement import validate
 from rne.elementwise import arctan2, clip, exp, less, maximum, minimum, sign, tanh, where
-from rne.graph.graph import COMPARISONS, Graph
+from rne.graph.graph import Graph
 from rne.kernels import kernel as kernels
 from rne.kernels import trace as module
 from rne.simulation.plant import Plant
@@ -214,7 +214,7 @@ class TestInfiniteBounds:
                 bound, other = (above, below) if f == "minimum" else (below, above)
                 assert graph.binary(f, a, bound) == graph.binary(f, bound, a) == a
                 assert graph.binary(f, a, other) == graph.binary(f, other, a) == other
-            for f in COMPARISONS:
+            for f in ("less", "less_equal"):
                 assert graph.binary(f, a, above) == graph.binary(f, below, a) == one
                 assert graph.binary(f, a, below) == graph.binary(f, above, a) == zero
         assert len(graph.nodes) == 4

@@ -1,14 +1,14 @@
 """Which limits of its robot a motion exceeds, when first and when worst."""
 
 import pickle
-from dataclasses import replace
+from dataclasses import astuple, replace
 
 import numpy as np
 import pytest
 
 import rne
 from rne.control import pd_gravity
-from rne.dynamics.limits import Violation, limit_violations
+from rne.dynamics.limits import limit_violations
 from rne.model.abb_irb140 import CLOSED_LOOPS, DATA_SHEET
 
 from .helpers import KD, KP, Mimic, Part, assemble, loaded
@@ -46,7 +46,8 @@ def test_each_side_of_a_range_has_its_own_first_and_worst_time():
 )
 def test_rates_and_torques_have_one_limit_for_both_directions(name, quantity, limit, unit):
     values = np.where(T < 2, 0.0, np.where(T < 5, limit + 1.0, -limit - 2.0))
-    assert violations(**{name: values}) == [Violation("j1", quantity, -limit - 2.0, -limit, unit, T[200], T[500])]
+    (found,) = violations(**{name: values})
+    assert astuple(found) == ("j1", quantity, -limit - 2.0, -limit, unit, T[200], T[500])
 
 
 def test_a_side_keeps_its_limit_just_after_a_worse_one_on_the_other():
@@ -88,7 +89,7 @@ def test_a_violation_is_a_line_of_text():
     assert str(rate) == "j1: velocity 3.5 rad/s (200.5 deg/s) above 3 rad/s (171.9 deg/s), worst at 1 s, first at 1 s"
     _, slider, _ = violations(PAIR, q=np.ones_like(T), qd=2 * np.ones_like(T), tau=5 * np.ones_like(T))
     assert str(slider) == "j2: position -1.5 m below -1 m, worst at 0 s, first at 0 s"
-    close = Violation("j2", "velocity", -5.00026, -5.0, "m/s", 0.0, 0.0)  # not "-5 m/s below -5 m/s"
+    close = replace(slider, quantity="velocity", value=-5.00026, limit=-5.0, unit="m/s")  # not "-5 m/s below -5 m/s"
     assert str(close) == "j2: velocity -5.00026 m/s below -5 m/s, worst at 0 s, first at 0 s"
 
 

@@ -17,11 +17,9 @@ import rne
 from rne.__main__ import main, parser
 from rne.commands import pages
 from rne.commands.agreement import against_energies, against_pinocchio, random_states, validate
-from rne.commands.pages import BATCH, FORWARD, INVERSE, NUMPY, ONE, PINOCCHIO, Measured, Way, plot_speed, speed_table
-from rne.commands.printing import quantities
+from rne.commands.pages import Measured, Way, plot_speed, speed_table
 from rne.commands.shared import work
 from rne.plotting.html_page import Report
-from rne.plotting.notebook import BODIES
 
 from .helpers import ROOT
 
@@ -89,9 +87,13 @@ def test_source_of_no_robot(capsys):
     assert capsys.readouterr().err == "error: 'irb' is neither a file nor one of rne.robots(); did you mean 'irb140'?\n"
 
 
-def test_every_quantity_of_joint_arrays_alone_can_be_printed():
-    assert {"inverse_dynamics", "mass_matrix", "forward_dynamics", "link_poses", "momentum"} <= set(quantities())
-    assert not {"recursion", "jacobian", "load"} & set(quantities())  # a record, needs a link, no quantity
+def test_every_quantity_of_joint_arrays_alone_can_be_printed(capsys):
+    with pytest.raises(SystemExit):
+        main(["source", "--help"])
+    choices = capsys.readouterr().out.partition("--quantity QUANTITY")[2].partition("(default")[0]
+    listed = set(re.findall(r"\w+", choices))
+    assert {"inverse_dynamics", "mass_matrix", "forward_dynamics", "link_poses", "momentum"} <= listed
+    assert not {"recursion", "jacobian", "load"} & listed  # a record, needs a link, no quantity
 
 
 def test_version(capsys):
@@ -371,7 +373,10 @@ def test_main_job_without_matplotlib_and_pinocchio_says_what_is_there(tmp_path, 
     for untrue in ("Pinocchio", "independent", "Both programs", "picture shows", "drawing"):
         assert untrue not in said
     assert [p.name for p in tmp_path.iterdir()] == ["index.html"]
-    assert f"<p>{BODIES}</p>" in (tmp_path / "index.html").read_text()
+    assert (
+        "<p>Masses with the links on fixed joints included, in the axes of the link:</p>"
+        in (tmp_path / "index.html").read_text()
+    )
 
 
 def test_ctrl_c_leaves_the_page_so_far(tmp_path, short, monkeypatch, capsys):
@@ -409,23 +414,28 @@ def test_the_largest_torque_is_none_below_the_one_beside_it(two):
 
 def test_speed_is_relative_to_the_faster_of_pinocchios_calls():
     def measured(form, who, seconds):
-        return Measured(Way(INVERSE, form, who, lambda: None, 1, lambda: None), seconds, 1e-15)
+        return Measured(Way("inverse dynamics", form, who, lambda: None, 1, lambda: None), seconds, 1e-15)
 
-    found = [measured(ONE, NUMPY, 6e-6), measured(BATCH, NUMPY, 1e-6)]
+    found = [measured("one state a call", "rne, NumPy", 6e-6), measured("1000 states a call", "rne, NumPy", 1e-6)]
     head, *rows = speed_table(found)
-    assert head == ["quantity", "computed by", ONE, BATCH, "largest error"]
-    assert rows == [[INVERSE, NUMPY, "6 µs", "1 µs", "1.0e-15"]]  # nothing to compare with
-    found += [measured(ONE, PINOCCHIO, 2e-6), measured(BATCH, PINOCCHIO, 3e-6)]
+    assert head == ["quantity", "computed by", "one state a call", "1000 states a call", "largest error"]
+    assert rows == [["inverse dynamics", "rne, NumPy", "6 µs", "1 µs", "1.0e-15"]]  # nothing to compare with
+    found += [measured("one state a call", "Pinocchio", 2e-6), measured("1000 states a call", "Pinocchio", 3e-6)]
     assert speed_table(found)[1:] == [
-        [INVERSE, NUMPY, "6 µs (3.0× slower)", "1 µs (2.0× faster)", "1.0e-15"],
-        [INVERSE, PINOCCHIO, "2 µs", "3 µs", "1.0e-15"],
+        ["inverse dynamics", "rne, NumPy", "6 µs (3.0× slower)", "1 µs (2.0× faster)", "1.0e-15"],
+        ["inverse dynamics", "Pinocchio", "2 µs", "3 µs", "1.0e-15"],
     ]
 
 
 def test_errors_over_times_are_drawn_on_logarithmic_axes():
-    found = [Measured(Way(q, BATCH, NUMPY, lambda: None, 1, lambda: None), 1e-6, 1e-15) for q in (INVERSE, FORWARD)]
+    found = [
+        Measured(Way(q, "1000 states a call", "rne, NumPy", lambda: None, 1, lambda: None), 1e-6, 1e-15)
+        for q in ("inverse dynamics", "forward dynamics")
+    ]
     panels = plot_speed(found).axes
-    assert [ax.get_title() for ax in panels] == [f"{q}: largest error, relative" for q in (INVERSE, FORWARD)]
+    assert [ax.get_title() for ax in panels] == [
+        f"{q}: largest error, relative" for q in ("inverse dynamics", "forward dynamics")
+    ]
     assert {(ax.get_xscale(), ax.get_yscale()) for ax in panels} == {("log", "log")}
 
 

@@ -14,7 +14,6 @@ from PIL import Image
 import rne
 from rne.model import Box
 from rne.plotting.motions import motion_argument
-from rne.plotting.robot_picture import DPI, SMALL
 from rne.plotting.shapes import link_shapes, surface
 
 from .helpers import EPS, ROOT
@@ -201,7 +200,7 @@ def test_animation_of_a_single_sample_is_one_frame(rod, tmp_path):
     still = first(rne.simulate(rod, [1], [0], 0.1), 1)
     with Image.open(rne.plotting.animate(rod, still, tmp_path / "still.gif")) as film:
         assert film.n_frames == 1
-        assert film.width == round(DPI * SMALL[0][0])
+        assert film.width == round(90 * 4.9)  # dots per inch, inches
 
 
 def test_positions_of_frames_follow_the_motion_between_its_samples(rod):

@@ -9,7 +9,6 @@ import pytest
 
 import rne
 from rne import identification
-from rne.identification.fit.equations import MEASURED
 from rne.identification.fit_model import (
     FitModel,
     fitted,
@@ -23,6 +22,7 @@ from .helpers import first_joints
 from .measurements import truth
 
 DRIVES = rne.DriveModel(friction="viscous+coulomb")
+USUAL = rne.DriveModel(rotor=True, friction="viscous+coulomb", offset=True)
 LATE = 0.004  # [s], a sample
 STRIBECK = 0.08  # [rad/s]
 NOISE = 0.2  # [N m]
@@ -49,7 +49,7 @@ def record(scene):
 
 
 def model(scene, record, **options):
-    return FitModel(scene.robot, (record,), MEASURED, np.zeros((1, scene.n)), 5.0, folds=2, **options)
+    return FitModel(scene.robot, (record,), USUAL, np.zeros((1, scene.n)), 5.0, folds=2, **options)
 
 
 def test_stages_by_hand_give_what_identify_gives(scene, record):
@@ -99,7 +99,7 @@ def test_the_step_of_stribeck_effects_finds_the_velocity(scene):
     found = with_stribeck(fit).drives.stribeck
     assert found[0] == pytest.approx(STRIBECK, rel=0.2)  # three times its scatter over six seeds, 6 %
     assert not found[1:].any()
-    assert with_stribeck(fitted(replace(fit.model, drives=replace(MEASURED, stribeck=found)))) is None
+    assert with_stribeck(fitted(replace(fit.model, drives=replace(USUAL, stribeck=found)))) is None
 
 
 def test_the_step_of_rotors_drops_them_where_none_is_felt(scene, record):

@@ -7,11 +7,11 @@ import pytest
 
 import rne
 from examples.thesis import experiments, formulations
-from rne.basics.spatial import cross_matrix, point_mass_inertia, rotation_about
+from rne.basics.spatial import rotation_about
 from rne.control import pd_gravity
 from rne.model.abb_irb140 import CLOSED_LOOPS, LINKS, frame_rotation
 
-from .helpers import KD, KP, relative, states
+from .helpers import KD, KP, cross_matrix, point_mass_inertia, relative, states
 from .test_closed_forms import G, planar_arm
 
 LAW = 1e-12  # of the largest entry: some hundred roundings

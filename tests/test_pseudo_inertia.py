@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 import rne
-from rne.basics.inertia import DUALS, UNITS, dual_of_gradient, parameters_of_pseudo_inertia, pseudo_inertia
-from rne.basics.spatial import point_mass_inertia
+from rne.basics.inertia import dual_of_gradient, parameters_of_pseudo_inertia, pseudo_inertia
 from rne.graph.graph import Graph
-from rne.graph.scalar import inputs, is_traced
+from rne.graph.scalar import inputs
 
 from .conftest import TREES
+from .helpers import point_mass_inertia
 
 PARAMETERS = 10  # of a body
 
@@ -59,7 +59,6 @@ def test_dual_gives_the_same_slope():
     slope, change = np.random.default_rng(0).normal(size=(2, 5, 30))
     S, dP = dual_of_gradient(slope), pseudo_inertia(change)
     np.testing.assert_allclose((S * dP).sum((-1, -2, -3)), (slope * change).sum(-1), atol=1e-13)
-    np.testing.assert_allclose(np.einsum("kij,lij->kl", DUALS, UNITS), np.eye(PARAMETERS), atol=1e-15)
 
 
 def test_traced_numbers_pass():
@@ -67,4 +66,4 @@ def test_traced_numbers_pass():
     P = pseudo_inertia(pi)
     assert P.shape == (2, 4, 4)
     for array in (P, parameters_of_pseudo_inertia(P), dual_of_gradient(pi)):
-        assert is_traced(array)
+        assert array.dtype == object

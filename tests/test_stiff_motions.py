@@ -12,12 +12,14 @@ from rne.integrators import compiled_methods
 from rne.integrators.base import Implicit, IntegrationOptions, Steps
 from rne.model.abb_irb140 import CLOSED_LOOPS
 from rne.simulation import run
-from rne.simulation.method_choice import CHECKED, MethodMonitor, stiffness, work_per_step
+from rne.simulation.method_choice import MethodMonitor, stiffness, work_per_step
 from rne.simulation.plant import Plant
 
 from .helpers import KD, KP, kept
 from .random_robots import straight_chain
 from .test_compiled_motions import interpreted
+
+LOOK = 100  # steps between two checks of the method
 
 pytest.importorskip("numba", reason="Numba is not installed")
 EXACT = {"method": "Radau", "rtol": 1e-9, "atol": 1e-11}
@@ -198,12 +200,12 @@ def test_joints_that_stick_are_left_to_machine_code_for_longer():
 def test_after_a_change_the_next_look_is_soon():
     """Else, where steps cost little, after twice as many steps."""
     plant, watch, walk = watched()
-    assert watch.steps_to_look == 2 * CHECKED
+    assert watch.steps_to_look == 2 * LOOK
     plant.fastest = 1e4
     assert walk(5e-4, 1000) == "Rodas5P"
-    assert watch.steps_to_look == CHECKED
-    walk(5e-4, CHECKED)
-    assert watch.steps_to_look == 2 * CHECKED
+    assert watch.steps_to_look == LOOK
+    walk(5e-4, LOOK)
+    assert watch.steps_to_look == 2 * LOOK
 
 
 def test_longer_steps_of_an_explicit_method_must_be_worth_a_change():
@@ -216,9 +218,9 @@ def test_longer_steps_of_an_explicit_method_must_be_worth_a_change():
 
 def test_torques_that_jumped_earlier_do_not_chatter(monkeypatch):
     watch = MethodMonitor(Linear(), None, "DOP853", 100.0)
-    watch.recent.extend((float(k), np.zeros(4)) for k in range(CHECKED))
+    watch.recent.extend((float(k), np.zeros(4)) for k in range(LOOK))
     monkeypatch.setattr(watch, "_check_repeats", lambda *_: None)
-    monkeypatch.setattr(watch, "_jump", lambda t, *_: np.ones(2) if t < CHECKED - 20 else None)
+    monkeypatch.setattr(watch, "_jump", lambda t, *_: np.ones(2) if t < LOOK - 20 else None)
     watch.check_chatter()
     monkeypatch.setattr(watch, "_jump", lambda *_: np.ones(2))
     with pytest.raises(rne.NotFiniteError, match="the law chatters"):
@@ -241,7 +243,7 @@ def test_joints_that_stick_and_slip_without_end_are_refused():
 def test_steps_that_cost_little_are_looked_at_less_often(compiled, conservative, looks):
     plant = Linear()
     plant.is_compiled, plant.is_conservative = compiled, conservative
-    assert MethodMonitor(plant, None, "DOP853", 100.0).steps_to_look == looks * CHECKED
+    assert MethodMonitor(plant, None, "DOP853", 100.0).steps_to_look == looks * LOOK
 
 
 @pytest.mark.parametrize(("traced", "fast_enough", "too_fast"), [(None, 2e4, 4e4), (True, 1e5, 2e5)])

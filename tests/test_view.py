@@ -24,7 +24,7 @@ from rne.model.abb_irb140 import LINKS
 from rne.plotting import viewer, viewer_scene
 from rne.plotting.motions import motion_argument
 from rne.plotting.shapes import link_shapes, surface
-from rne.plotting.viewer import FOV, aim, frame_times, placed
+from rne.plotting.viewer import aim, frame_times, placed
 from rne.plotting.viewer_scene import cylinder_of, ellipsoids, link_lines, simplified
 
 from .helpers import EPS
@@ -405,8 +405,8 @@ class TestRecording:
         seen = points - position
         depth = -seen @ side
         assert depth.min() > 0
-        assert (np.abs(seen @ right) / depth).max() <= 0.9 * aspect * np.tan(FOV / 2)
-        assert (np.abs(seen @ np.cross(side, right)) / depth).max() <= 0.9 * np.tan(FOV / 2)
+        assert (np.abs(seen @ right) / depth).max() <= 0.9 * aspect * np.tan(np.radians(38) / 2)
+        assert (np.abs(seen @ np.cross(side, right)) / depth).max() <= 0.9 * np.tan(np.radians(38) / 2)
 
     def test_long_motions_have_fewer_frames(self, irb140):
         for duration, frames in ((1.0, 31), (10.0, 301), (1e4, 10_000 // 8 + 1)):

@@ -10,11 +10,12 @@ import numpy as np
 
 import rne
 from rne.basics.arrays import convert_array
-from rne.basics.spatial import combine_bodies, rotate
+from rne.basics.spatial import combine_bodies
 from rne.model.builder import disassemble
-from rne.model.model import ARRAY_FIELDS, unchecked_model
+from rne.model.model import unchecked_model
 
 from ..helpers import assemble
+from .structured import ARRAYS
 
 
 def far_text(model, distance, seed=0):
@@ -27,7 +28,7 @@ def far_text(model, distance, seed=0):
         shifts.append(shift)
         if k:
             R, p = part.placement
-            place = part.placement._replace(p=p + rotate(R, shift) - shifts[part.parent])
+            place = part.placement._replace(p=p + R @ shift - shifts[part.parent])
             parts[k] = replace(part, placement=place, com=part.com - shift)
     return rne.to_urdf(assemble(model.name, parts, gravity=model.gravity))
 
@@ -57,7 +58,7 @@ def exact_model(text, like):
     joints = {j.get("name"): j for j in root.findall("joint")}
     links = {link.get("name"): link for link in root.findall("link")}
     values = {f.name: getattr(like, f.name) for f in fields(like)}
-    for name in ARRAY_FIELDS & values.keys():
+    for name in ARRAYS & values.keys():
         if values[name] is not None and np.isfinite(values[name]).all():
             values[name] = convert_array(values[name], mpmath.mpf)
     frames, bodies = {}, [[] for _ in range(like.nb)]

@@ -18,8 +18,9 @@ import numpy as np
 
 import rne
 from rne.basics.arrays import convert_array
-from rne.model.model import ARRAY_FIELDS, unchecked_model
+from rne.model.model import unchecked_model
 
+ARRAYS = frozenset(f.name for f in fields(rne.Model) if f.type == "Array")
 DIGITS = 50
 CHANGE = mpmath.mpf(10) ** -25  # relative, of every number
 PERTURBATIONS = 3
@@ -57,7 +58,7 @@ def changed(array, signs):
 def exactly(core, model, arguments, signs=None):
     """The recursion on 50 digits, of the doubles themselves or of perturbed ones."""
     values = {f.name: getattr(model, f.name) for f in fields(model)}
-    for name in sorted(ARRAY_FIELDS & values.keys()):
+    for name in sorted(ARRAYS & values.keys()):
         if values[name] is not None and np.isfinite(values[name]).all():
             values[name] = changed(values[name], signs)
     q, *others = arguments
