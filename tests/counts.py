@@ -73,9 +73,12 @@ def internal_names(folder):
             if isinstance(node, ast.ImportFrom) and not node.level and node.module.split(".")[0] == "rne":
                 module = importlib.import_module(node.module)
                 for alias in node.names:
-                    thing = getattr(module, alias.name, None)  # None for a module that was not imported yet
+                    whole = f"{node.module}.{alias.name}"
+                    thing = (
+                        getattr(module, alias.name) if hasattr(module, alias.name) else importlib.import_module(whole)
+                    )
                     if id(thing) not in public and getattr(rne, alias.name, None) is not thing:
-                        users[f"{node.module}.{alias.name}"].add(path)
+                        users[whole].add(path)
     return users
 
 

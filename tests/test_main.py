@@ -416,11 +416,11 @@ def test_speed_is_relative_to_the_faster_of_pinocchios_calls():
     def measured(form, who, seconds):
         return Measured(Way("inverse dynamics", form, who, lambda: None, 1, lambda: None), seconds, 1e-15)
 
-    found = [measured("one state a call", "rne, NumPy", 6e-6), measured("1000 states a call", "rne, NumPy", 1e-6)]
+    found = [measured("one state per call", "rne, NumPy", 6e-6), measured("1000 states per call", "rne, NumPy", 1e-6)]
     head, *rows = speed_table(found)
-    assert head == ["quantity", "computed by", "one state a call", "1000 states a call", "largest error"]
+    assert head == ["quantity", "computed by", "one state per call", "1000 states per call", "largest error"]
     assert rows == [["inverse dynamics", "rne, NumPy", "6 µs", "1 µs", "1.0e-15"]]  # nothing to compare with
-    found += [measured("one state a call", "Pinocchio", 2e-6), measured("1000 states a call", "Pinocchio", 3e-6)]
+    found += [measured("one state per call", "Pinocchio", 2e-6), measured("1000 states per call", "Pinocchio", 3e-6)]
     assert speed_table(found)[1:] == [
         ["inverse dynamics", "rne, NumPy", "6 µs (3.0× slower)", "1 µs (2.0× faster)", "1.0e-15"],
         ["inverse dynamics", "Pinocchio", "2 µs", "3 µs", "1.0e-15"],
@@ -429,7 +429,7 @@ def test_speed_is_relative_to_the_faster_of_pinocchios_calls():
 
 def test_errors_over_times_are_drawn_on_logarithmic_axes():
     found = [
-        Measured(Way(q, "1000 states a call", "rne, NumPy", lambda: None, 1, lambda: None), 1e-6, 1e-15)
+        Measured(Way(q, "1000 states per call", "rne, NumPy", lambda: None, 1, lambda: None), 1e-6, 1e-15)
         for q in ("inverse dynamics", "forward dynamics")
     ]
     panels = plot_speed(found).axes
