@@ -2,6 +2,7 @@
 
 import re
 import runpy
+import shutil
 import sys
 
 import numpy as np
@@ -74,14 +75,17 @@ def test_named_robots_and_extras_exist():
 def test_moving_picture_is_what_its_script_makes(tmp_path, monkeypatch):
     from PIL import Image
 
+    pytest.importorskip("playwright")
+    if shutil.which("chromium") is None:
+        pytest.skip("Chromium is not installed: apt-get install chromium")
     script = ROOT / "docs" / "pictures" / "closed_loop.py"
     monkeypatch.setattr(sys, "argv", [str(script), str(tmp_path / "made.gif")])
     runpy.run_path(str(script), run_name="__main__")
     with Image.open(tmp_path / "made.gif") as made, Image.open(script.with_suffix(".gif")) as committed:
         assert made.size == committed.size
-        assert made.n_frames == committed.n_frames > 40
-        for frame in (0, made.n_frames // 2, made.n_frames - 1):
-            made.seek(frame)
-            committed.seek(frame)
+        assert min(made.n_frames, committed.n_frames) > 40  # frames that are alike are stored as one
+        for ends in ((0, 0), (made.n_frames - 1, committed.n_frames - 1)):
+            made.seek(ends[0])
+            committed.seek(ends[1])
             difference = np.abs(np.asarray(made.convert("RGB"), int) - np.asarray(committed.convert("RGB"), int))
-            assert difference.mean() < 2  # of 255: other versions of matplotlib draw text a little differently
+            assert difference.mean() < 2  # of 255: other versions of Chromium draw edges a little differently
