@@ -3,6 +3,7 @@
 import ctypes
 import re
 import zipfile
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -226,6 +227,18 @@ def test_laws_of_one_formula_differ_where_one_is_discrete():
     same(by_rates[:, 4:6], x[:, 4:6] + T * (0.5 * x[:, 4:6] + x[:, :2]))
     same(discrete[:, 4:6], 0.5 * x[:, 4:6] + x[:, :2])
     assert scenes[0].traced_law() != scenes[1].traced_law()
+    scenes[1].controller.discrete = False
+    same(rne.Stepper(scenes[1])(x), by_rates)
+
+
+def test_this_packages_laws_differ_where_one_is_discrete():
+    """Of those that differ in numbers alone one is traced, unless a number makes one discrete."""
+    own = {"traceable": True, "states": 2, "discrete": property(lambda law: law.period > 0)}
+    own |= {"__call__": lambda law, t, q, qd, z: (-5 * q, 0.5 * z + law.period * q), "__module__": "rne.control.own"}
+    kind, robot = type("Own", (), own), rne.Robot(straight_chain(2), "numpy")
+    laws = [kind(), kind()]
+    for law, law.period in zip(laws, (T, -T), strict=True):
+        assert scene_of(law, robot).traced_law().discrete == law.discrete
 
 
 def sampled_by_hand(M, viscous, delay):
@@ -308,6 +321,10 @@ def test_the_mark_is_checked():
     stateless.discrete = True
     with pytest.raises(ValueError, match=r"^`controller` is discrete, .* it needs an attribute `states`$"):
         scene_of(stateless)
+    one = dataclass(type("Plain", (), {"states": 2, "__call__": lambda self, t, q, qd, z: (-q, z)}))()
+    one.discrete = True
+    with pytest.raises(ValueError, match=r"^`controller\.discrete` must be in the class or a field"):
+        scene_of(one)
     scene = scene_of(law := law_with(lambda t, z: 0 * z, discrete=False), sample_time=None, delay=None)
     law.discrete = True
     with pytest.raises(ValueError, match=r"give a `sample_time`$"):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import nullcontext
-from dataclasses import replace
+from dataclasses import fields, is_dataclass, replace
 from functools import cache, cached_property
 from threading import RLock
 from typing import Any, NamedTuple, Self
@@ -42,6 +42,8 @@ def check_law(name: str, law: Any) -> None:
         raise TypeError(f"`{name}.discrete` must be True or False, got {type(marked).__name__}")
     if marked and not has_states:
         raise ValueError(f"`{name}` is discrete, which is how its states change: it needs an attribute `states`")
+    if is_dataclass(law) and "discrete" in getattr(law, "__dict__", {}).keys() - {part.name for part in fields(law)}:
+        raise ValueError(f"`{name}.discrete` must be in the class or a field: a copy of a dataclass has nothing else")
 
 
 def is_discrete(law: Any) -> bool:
