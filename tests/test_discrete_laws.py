@@ -331,10 +331,15 @@ def test_the_mark_is_checked():
         simulated(scene)
 
 
-def test_next_states_that_are_not_finite_are_named_with_their_time():
-    law = law_with(lambda t, z: np.where(t > 0.025, np.nan, z))
-    with pytest.raises(rne.SimulationError, match=r"next value of state 0 of the controller is nan at t = 0\.03 s"):
-        simulated(scene_of(law))
+@pytest.mark.parametrize("way", ["called", *WAYS])
+def test_next_states_that_are_not_finite_are_named_with_their_time(traced_robot, way):
+    law = law_with(lambda t, z: z + 1 + 0 * np.sqrt(2.5 - z))  # NaN from the fourth sample on
+    law.traceable = way != "called"
+    scene = scene_of(law, None if way == "called" else traced_robot(way))
+    assert (scene.traced_samples is None) == (way == "called")
+    text = r"next value of state 0 of the controller is nan at t = 0\.03 s"
+    with np.errstate(invalid="ignore"), pytest.raises(rne.SimulationError, match=text):
+        simulated(scene)
 
 
 @pytest.mark.parametrize("discrete", [False, True])
