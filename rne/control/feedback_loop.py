@@ -353,7 +353,8 @@ def closed_loop(
         return loop
     if loop.sample_time is None:
         raise ValueError("`discrete` needs a `sample_time`: R gives the states at the next sample")
-    return replace(loop, R=(loop.R - np.eye(*loop.R.shape, len(loop.A))) / loop.sample_time)
+    rows, columns = loop.R.shape
+    return replace(loop, R=(loop.R - np.eye(rows, columns, len(loop.A))) / loop.sample_time)
 
 
 def windows(growth: Callable[[float], float], points: Array, reach: float = 0, least: float = 0) -> tuple[Window, ...]:
