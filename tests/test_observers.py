@@ -11,6 +11,7 @@ import pytest
 
 import rne
 from rne.control import MomentumObserver
+from rne.elementwise import less, where
 
 from .compiled_sources import c_library, call
 from .helpers import kept, relative
@@ -89,22 +90,56 @@ def test_the_law_sees_what_the_observer_sees_along_samples(arm, hold, brake, pat
     np.testing.assert_allclose(torques, called, rtol=SAME, atol=SAME)
 
 
-def test_a_push_in_a_motion_is_seen_at_the_same_sample(arm, hold, brake, path):
-    """What the guarded law did in a scene, the law with states does along that motion."""
-    observer, push = MomentumObserver(arm, floor=0.5), np.array([0.0, -4.0, 0.0])
-    watched = observer.watching(hold, brake, STEP)
+class Pushed:
+    """The torques of an observing law, and from 20 ms on a push that it does not know of."""
 
-    def pushed(t, q, qd):
-        return watched(t, q, qd) + push * (t >= 0.02)
+    traceable = discrete = True
+    push = np.array([0.0, -4.0, 0.0])
 
-    pushed.delivered = lambda torque: None
-    motion = rne.simulate(rne.Scene(arm, controller=pushed, sample_time=STEP), path(0.0)[0], [0] * 3, 0.04)
-    k = np.arange(0, 40)
-    at = [np.abs(motion.t - STEP * i).argmin() for i in k]
-    law = observer.law(hold, brake, sample_time=STEP)
-    _, z = along(law, k * STEP, motion.q[at], motion.qd[at])
-    assert watched.contact == pytest.approx(STEP * np.flatnonzero(law.contact(z))[0], abs=1e-12)
+    def __init__(self, law):
+        self.law, self.states = law, law.states
+
+    def __call__(self, t, q, qd, z):
+        u, new = self.law(t, q, qd, z)
+        return u + where(less(t, 0.0195), 0.0, self.push), new
+
+
+@pytest.mark.parametrize("engine", kept(["numpy", "numba"], ["numpy"]))
+def test_a_push_in_a_scene_is_seen_at_the_sample_at_which_the_guarded_law_sees_it(path, engine):
+    """And the motions are the same; states of a sample are what was known before it."""
+    arm = rne.Robot(TURNING, engine)
+    hold, brake = rne.control.computed_torque(arm, 400, 40, path), rne.control.pd_gravity(arm, 0, 5, 0)
+    observer, t = MomentumObserver(arm, floor=0.5), np.linspace(0, 0.04, 41)
+    law, watched = observer.law(hold, brake, sample_time=STEP), observer.watching(hold, brake, STEP)
+    laws = {"with states": Pushed(law), "guarded": lambda t, q, qd: watched(t, q, qd) + Pushed.push * (t > 0.0195)}
+    scenes = {name: rne.Scene(arm, controller=given, sample_time=STEP) for name, given in laws.items()}
+    motion, guarded = (rne.simulate(scene, path(0.0)[0], [0] * 3, 0.04, t_eval=t) for scene in scenes.values())
+    assert scenes["with states"].cost()["law"] == {"numpy": "called", "numba": "traced"}[engine]
+    np.testing.assert_allclose(motion.q, guarded.q, rtol=0, atol=SAME)
+    z = motion.controller_state
+    seen = observer.observe(t, motion.q, motion.qd, motion.tau - (t > 0.0195)[:, None] * Pushed.push, held=True)
+    assert np.abs(law.residuals(z[1:]) - seen.torque[:-1]).max() <= SAME * np.abs(seen.torque).max()
     assert 0.02 < watched.contact < 0.025
+    for found in (t[law.contact(z).argmax() - 1], seen.first_contact):
+        assert found == pytest.approx(watched.contact, abs=1e-12)
+
+
+@pytest.mark.parametrize("name", kept(["contacts", "payload"], ["contacts"]))
+def test_intervals_of_a_stepper_have_the_states_of_calls(arm, hold, brake, states, name):
+    law = laws(arm, hold, brake)[name]
+    scene = rne.Scene(arm, controller=law, sample_time=STEP, delay=1.4 * STEP, effort_limit=30.0)
+    stepper, z = rne.Stepper(scene), np.zeros(law.states)
+    x = stepper.start(states[1][0], states[2][0])
+    for k in range(3):
+        _, z = law(k * STEP, x[:3], x[3:6], z)
+        x = stepper(x, t=k * STEP)
+        assert relative(x[6 : 6 + law.states], z) <= SAME
+
+
+def test_a_scene_has_the_sample_time_of_its_law(arm, hold):
+    law = MomentumObserver(arm).law(hold, sample_time=STEP)
+    with pytest.raises(ValueError, match=r"^`sample_time` must be that of the controller, 0.001 s, got 0.002 s$"):
+        rne.Scene(arm, controller=law, sample_time=2 * STEP)
 
 
 def test_measured_torques_may_be_written_into_the_states(arm, hold, path):
@@ -194,13 +229,13 @@ def test_printed_text_gives_what_calls_give(arm, hold, brake, states, name, lang
         function = c_library([text], tmp_path).control_law
     else:
         (tmp_path / "law.hpp").write_text(text)
-        sizes = dict(zip("tqvz", (1, 3, 3, law.states), strict=True))
-        arrays = ", ".join(f"const double* {k}" for k in sizes)
+        sizes = dict(zip("qvz", (3, 3, law.states), strict=True))
+        arrays = ", ".join(f"const double* {k}" for k in "tqvz")
         copies = " ".join(
             f"std::array<double, {n}> a{k}; std::copy_n({k}, {n}, a{k}.begin());" for k, n in sizes.items()
         )
         space = re.search(r"namespace (\w+)", text)[1]
-        body = f"{copies} auto y = {space}::control_law(at, aq, av, az);"
+        body = f"{copies} auto y = {space}::control_law(*t, aq, av, az);"
         whole = f'#include <algorithm>\n#include "law.hpp"\nextern "C" void control_law({arrays}, double* out) '
         (tmp_path / "law.cpp").write_text(f"{whole}{{ {body} std::copy(y.begin(), y.end(), out); }}\n")
         command = ["g++", "-std=c++17", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC", "-o", "law.so", "law.cpp"]

@@ -220,6 +220,10 @@ class Scene:
         """That a controller whose states change from sample to sample is sampled."""
         if self.sample_time is None and is_discrete(self.controller):
             raise ValueError("`controller` is discrete: its states change from sample to sample; give a `sample_time`")
+        own = getattr(self.controller, "sample_time", self.sample_time) if is_discrete(self.controller) else None
+        if isinstance(own, float) and own != self.sample_time:
+            text = "`sample_time` must be that of the controller, {:g} s, got {:g} s"
+            raise ValueError(text.format(own, self.sample_time))
 
     def _check_robot_of_controller(self) -> None:
         """Check that a controller made for a robot is used with this one."""
