@@ -85,6 +85,12 @@ def test_the_law_sees_what_the_observer_sees_along_samples(arm, hold, brake, pat
     seen = observer.observe(t, q, qd, z[:, law.places["torques"]], held=True)
     assert np.abs(law.residuals(z) - seen.torque).max() <= SAME * np.abs(seen.torque).max()
     assert np.abs(law.thresholds(z) - seen.threshold).max() <= SAME * seen.threshold.max()
+    late, earlier = delay / STEP, np.vstack([np.zeros((3, 3)), torques])  # commands, and none before the first
+    share = late - int(late)
+    acting = (
+        share * earlier[3 - int(late) - 1 : 43 - int(late) - 1] + (1 - share) * earlier[3 - int(late) : 43 - int(late)]
+    )
+    np.testing.assert_allclose(z[:, law.places["torques"]], acting, rtol=SAME, atol=SAME)
     called = [watched(*state) for state in zip(t, q, qd, strict=True)]
     assert watched.contact == t[np.flatnonzero(law.contact(z))[0]] == seen.first_contact
     np.testing.assert_allclose(torques, called, rtol=SAME, atol=SAME)
@@ -151,6 +157,16 @@ def test_measured_torques_may_be_written_into_the_states(arm, hold, path):
     seen = MomentumObserver(arm).observe(t, q, qd, measured, held=True)
     np.testing.assert_allclose(law.residuals(z), seen.torque, rtol=0, atol=SAME * np.abs(seen.torque).max())
     np.testing.assert_allclose(torques, [hold(*state) for state in zip(t, q, qd, strict=True)], rtol=SAME)
+
+
+def test_a_contact_is_remembered(arm, hold, path):
+    t = np.arange(40) * STEP
+    q, qd, qdd = path(t)
+    given = arm.inverse_dynamics(q, qd, qdd) + np.where(np.arange(40) == 5, 1e3, 0.0)[:, None]
+    law = MomentumObserver(arm, floor=20.0).law(hold, sample_time=STEP)
+    _, z = along(law, t, q, qd, given)
+    assert (np.abs(law.residuals(z[-1])) < law.thresholds(z[-1])).all()
+    assert law.contact(z).tolist() == [False] * 6 + [True] * 34
 
 
 def test_torques_are_within_the_limits_and_known_to_be(arm, hold, path):
