@@ -29,19 +29,19 @@ except ImportError:
     raise ImportError("`rne.environments` needs gymnasium 1.1 or newer: pip install 'rne[gymnasium]'") from None
 
 __all__ = ["ArmEnv", "ArmVectorEnv"]
-TASKS = {"reach": "distance", "swing-up": "height"}  # and what `info` tells
-NEAR = 0.1  # distance that is paid half [rad or m]
-EFFORT = 0.01  # price of full torques at all joints
+TASKS = {"reach": "distance", "swing-up": "height"}  # tasks, and the quantity in `info`
+NEAR = 0.1  # distance with half the reward [rad or m]
+EFFORT = 0.01  # cost of full torques at all joints
 
 
 @dataclass(frozen=True, eq=False)
 class Sight:
-    """What is observed, told and paid in one state, traced as one function."""
+    """Observation, information and reward in one state, traced as one function."""
 
     robot: Robot
     link: int | None  # whose position counts; None for those of the joints
     up: Array | None  # of a swing-up: against gravity, over the height that counts as 1 [1/m]
-    turns: Array  # which joints have no range
+    turns: Array  # True for joints without a range
     middle: Array
     half: Array  # of the ranges; 0 and 1 without one [rad or m]
     speed_limit: Array
@@ -87,7 +87,7 @@ class Sight:
 
 
 class ArmEnv(gymnasium.Env[Array, Array]):
-    """An arm that learns to reach a goal, or to swing up, by the torques of its drives.
+    """Arm that learns to reach a goal, or to swing up, by the torques of its drives.
 
     An action is the torques over their limits, -1 to 1, held for `sample_time`. Observed are in this order, as float32:
 
@@ -192,12 +192,12 @@ class ArmEnv(gymnasium.Env[Array, Array]):
         self._place(1)
 
     def _place(self, count: int) -> None:
-        """So many arms side by side, each in the middle of its starts."""
+        """Place a number of arms side by side, each in the middle of its starts."""
         q, self._goal = (np.tile(half, (count, 1)) for half in np.split((self._low + self._high) / 2, 2))
         self._x, self._steps = self._stepper.start(q, np.zeros_like(q)), np.zeros(count, dtype=int)
 
     def _begin(self, rows: Array, generators: Sequence[np.random.Generator]) -> None:
-        """New episodes of some arms, each drawn by its own generator."""
+        """Begin new episodes of some arms, each drawn by its own generator."""
         if not len(rows):
             return
         drawn = np.array([g.random(len(self._low)) for g in generators])
@@ -205,14 +205,14 @@ class ArmEnv(gymnasium.Env[Array, Array]):
         self._x[rows], self._steps[rows] = self._stepper.start(q, np.zeros_like(q)), 0
 
     def _look(self, action: Array) -> tuple[Array, Array, Array, Array]:
-        """Observations, distances or heights, rewards, and which joints are too fast."""
+        """Observations, distances or heights, rewards, and the mask of joints that are too fast."""
         n = self._robot.n
         q, qd = self._x[:, :n], self._x[:, self._moving : self._moving + n]
         seen = self._sight(q, qd, self._goal, action)
         return seen[:, :-3].astype(np.float32), seen[:, -3].copy(), seen[:, -2].copy(), seen[:, -1] > 1
 
     def _advance(self, action: Array, new: Array) -> tuple[Array, Array, Array, Array, Array]:
-        """One interval of all but `new`: what `_look` gives, and whose time is over."""
+        """Advance all but `new` by one interval: results of `_look`, and the mask of arms whose time is over."""
         action, started = np.clip(action.astype(np.float64), -1, 1), self._x[new]
         x, torques = self._x, action * self._effort
         if len(x) > 1 or self._robot.engine == "numba":
@@ -224,14 +224,14 @@ class ArmEnv(gymnasium.Env[Array, Array]):
         return *self._look(action), self._steps >= self._last
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
-        """Begin an episode; a seed is that of the random numbers from here on."""
+        """Begin an episode; a seed starts the random numbers anew."""
         super().reset(seed=seed)
         self._begin(np.arange(1), [self.np_random])
         observations, measures, *_ = self._look(np.zeros((1, self._robot.n)))
         return observations[0], {self._told: float(measures[0])}
 
     def step(self, action: ArrayLike) -> tuple[Array, float, bool, bool, dict[str, Any]]:
-        """Hold torques for one interval: observation, reward, terminated, truncated, info."""
+        """Hold torques for one interval; returns observation, reward, terminated, truncated, info."""
         given = real_array("action", action, f"({self._robot.n},)")[None]
         observation, measure, reward, fast, over = (x[0] for x in self._advance(given, np.arange(0)))
         return observation, float(reward), bool(fast), bool(over), {self._told: float(measure)}
@@ -294,7 +294,7 @@ class ArmVectorEnv(VectorEnv[Array, Array, Array]):
         self._arms._begin(rows, [self._generators[k] for k in rows])
 
     def _info(self, measures: Array, of: Array) -> dict[str, Any]:
-        """What is told of some arms, as gymnasium's vectors have it."""
+        """Information on some arms, in the form of gymnasium's vectors."""
         return {self._arms._told: np.where(of, measures, 0.0), f"_{self._arms._told}": of.copy()}
 
     def reset(
@@ -338,12 +338,12 @@ class ArmVectorEnv(VectorEnv[Array, Array, Array]):
         return observations, rewards, fast, over, infos | self._info(measures, everyone)
 
     def close(self, **kwargs: Any) -> None:
-        """End the use of the arms, which hold nothing that must be given back."""
+        """Close the environment; no resources are held."""
         self.closed = True
 
 
 def _limits(robot: Robot, kind: str, limit: Array) -> Array:
-    """Largest torques or speeds, which each joint must have."""
+    """Largest torques or speeds; an error for joints without."""
     cures = {"effort": "rne.Scene(..., effort_limit=...)", "speed": "`speed_limit`"}
     for name, value in zip(robot.joint_names, limit.tolist(), strict=True):
         if not 0 < value < UNBOUNDED:
@@ -354,7 +354,7 @@ def _limits(robot: Robot, kind: str, limit: Array) -> Array:
 
 
 def _ends(robot: Robot, name: str, given: ArrayLike) -> Array:
-    """Lowest and highest positions of a draw, within the joints' ranges, shape (2, n)."""
+    """Smallest and largest positions of a draw, within the joints' ranges, shape (2, n)."""
     array = real_array(name, given, f"(2, {robot.n})" if np.ndim(given) == 2 else f"({robot.n},)")
     low, high = ends = np.broadcast_to(array, (2, robot.n))
     wrong = (low > high) | (low < robot.lower) | (high > robot.upper)
@@ -366,7 +366,7 @@ def _ends(robot: Robot, name: str, given: ArrayLike) -> Array:
 
 
 def _up(robot: Robot, link: int | None, goal: Array) -> Array:
-    """Against gravity, over the height of a link at the goal."""
+    """Vector against gravity, over the height of a link at the goal."""
     if link is None:
         raise ValueError("`link` must be given for 'swing-up': the one whose height counts")
     height = -robot.link_poses(goal)[link, :3, 3] @ robot.model.gravity

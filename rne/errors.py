@@ -1,4 +1,4 @@
-"""The package's own exceptions. A plain mistake in an array argument stays a ValueError."""
+"""Exceptions of the package. A plain mistake in an array argument stays a ValueError."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class RneError(Exception):
 
 
 class ModelError(RneError, ValueError):
-    """A robot model that contradicts itself or that an algorithm does not cover.
+    """Raised for a robot model that contradicts itself or that an algorithm does not cover.
 
     Examples
     --------
@@ -36,7 +36,7 @@ class ModelError(RneError, ValueError):
 
 
 class UrdfError(ModelError):
-    """An error in a URDF file; the message names the file, the element and the attribute.
+    """Raised for an error in a URDF file; the message names the file, the element and the attribute.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class UrdfError(ModelError):
 
 
 class NotFiniteError(RneError, ValueError):
-    """A result, state or torque that overflowed or is NaN.
+    """Raised for a result, state or torque that overflowed or is NaN.
 
     Attributes
     ----------
@@ -87,7 +87,7 @@ class NotFiniteError(RneError, ValueError):
 
 
 class SingularMassMatrixError(RneError, LinAlgError):
-    """M is singular in a state: some combination of joint motions moves no inertia, or a negative one.
+    """Raised for a singular M: some combination of joint motions moves no inertia, or a negative one.
 
     Attributes
     ----------
@@ -116,7 +116,7 @@ class SingularMassMatrixError(RneError, LinAlgError):
 
 
 class PrecisionWarning(UserWarning):
-    """A result in which rounding has left few digits or none; `rne.dynamics.diagnose` says why.
+    """Warning of a result in which rounding has left few digits or none; `rne.dynamics.diagnose` gives the reason.
 
     Examples
     --------
@@ -128,7 +128,7 @@ class PrecisionWarning(UserWarning):
 
 
 class IdentificationWarning(UserWarning):
-    """The model does not explain the measured torques, or a fault of the measurements spoils the fit.
+    """Warning that the model does not explain the measured torques, or that a fault of the log spoils the fit.
 
     Examples
     --------
@@ -150,7 +150,7 @@ class _WithMotion(BaseException):
 
 
 class SimulationError(_WithMotion, RneError, RuntimeError):
-    """A simulation that did not reach its end time.
+    """Raised for a simulation that did not reach its end time.
 
     Attributes
     ----------
@@ -173,7 +173,7 @@ class SimulationError(_WithMotion, RneError, RuntimeError):
 
 
 class SimulationInterrupted(_WithMotion, KeyboardInterrupt):
-    """A simulation that Ctrl-C ended; as a KeyboardInterrupt it passes `except Exception`.
+    """Raised for a simulation that Ctrl-C ended; as a KeyboardInterrupt it passes `except Exception`.
 
     Attributes
     ----------
@@ -197,7 +197,7 @@ class SimulationInterrupted(_WithMotion, KeyboardInterrupt):
 
 
 class IdentificationError(RneError, RuntimeError):
-    """A fit to measured motions that did not succeed.
+    """Raised for a fit to measured motions that did not succeed.
 
     Examples
     --------

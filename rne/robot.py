@@ -1,4 +1,4 @@
-"""The Robot: a model with each quantity as a method."""
+"""Robot: a model with each quantity as a method."""
 
 from __future__ import annotations
 
@@ -147,7 +147,7 @@ class Robot(InNotebooks):
         return self
 
     def with_model(self, model: Model) -> Robot:
-        """The robot of a model derived from this one's; of equal models it has the same kernels."""
+        """Robot with a model derived from this one's; of equal models it has the same kernels."""
         if model is self._model:
             return self
         variant = object.__new__(Robot)
@@ -184,7 +184,7 @@ class Robot(InNotebooks):
         -------
         ndarray of int, shape (n,)
             `q[..., order]` is in that library's order, and `q_other[..., np.argsort(order)]` is in this one's.
-            Joints that mimic others are not coordinates here, but they are in Pinocchio unless it is told otherwise.
+            Joints that mimic others are not coordinates here, but they are in Pinocchio by default.
 
         Raises
         ------
@@ -226,7 +226,7 @@ class Robot(InNotebooks):
             self.kernels.forward_kernel()
 
     def kernel(self, function: Declared, *wrt: str, order: str | None = None, **fixed: Any) -> Kernel:
-        """The function traced on this robot, on first use, and kept.
+        """Kernel of a function traced on this robot, on first use, and kept.
 
         Parameters
         ----------
@@ -551,7 +551,7 @@ class Robot(InNotebooks):
         return self.kernels.evaluate_quantity(dynamics.coriolis_torque, q, qd, parameters=parameters)
 
     def coriolis_matrix(self, q: ArrayLike, qd: ArrayLike, *, parameters: ArrayLike | None = None) -> Array:
-        """The matrix C(q, qd) of the Christoffel symbols: C qd is the Coriolis torque and dM/dt = C + C^T.
+        """Matrix C(q, qd) of the Christoffel symbols: C qd is the Coriolis torque and dM/dt = C + C^T.
 
         dM/dt - 2 C is skew: Siciliano et al. 2009, (7.49).
 
@@ -763,7 +763,7 @@ class Robot(InNotebooks):
         return result
 
     def linearize(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> tuple[Array, Array]:
-        """The linearisation at a state: the derivative of (q, qd) changes by A d(q, qd) + B dtau.
+        """Linearisation at a state: the derivative of (q, qd) changes by A d(q, qd) + B dtau.
 
         Parameters
         ----------
@@ -1061,7 +1061,7 @@ class Robot(InNotebooks):
     def _task(
         self, function: Declared, link: str, point: ArrayLike, rows: Any, damping: float, axes: str
     ) -> Callable[..., Array]:
-        """The kernel of a quantity of the task space, for these options."""
+        """Kernel of a quantity of the task space, for these options."""
         fixed: dict[str, Any] = {"link": link, "point": point_argument(point) or ORIGIN, "rows": rows_argument(rows)}
         fixed |= {"damping": positive_number("damping", damping, zero_allowed=True), "axes": axes_argument(axes)}
         return self.kernel(function, **fixed)
@@ -1211,7 +1211,7 @@ class Robot(InNotebooks):
         return parameters_of(self._model)
 
     def regressor(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> Array:
-        """The matrix Y of tau = Y pi: joint torques per unit of each inertial parameter of each body.
+        """Regressor Y of tau = Y pi: joint torques per unit of each inertial parameter of each body.
 
         Høifødt 2011, (3.2); Siciliano et al. 2009, section 7.2.2.
 
@@ -1237,7 +1237,7 @@ class Robot(InNotebooks):
         return self.kernels.evaluate_quantity(dynamics.regressor, q, qd, qdd)
 
     def control_regressor(self, q: ArrayLike, qd: ArrayLike, qdr: ArrayLike, qddr: ArrayLike) -> Array:
-        """The matrix Y of M qddr + C qdr + g = Y pi, with dM/dt - 2 C skew: what adaptive control needs.
+        """Regressor Y of M qddr + C qdr + g = Y pi, with dM/dt - 2 C skew, for adaptive control.
 
         Slotine and Li 1987; body by body as in Echeandia and Wensing 2021.
 
@@ -1266,7 +1266,7 @@ class Robot(InNotebooks):
         return self.kernels.evaluate_quantity(dynamics.control_regressor, q, qd, qdr, qddr)
 
     def base_parameters(self, *, drives: DriveModel | None = None, tolerance: float = 1e-9) -> BaseParameters:
-        """The fewest combinations of inertial and drive parameters that determine the joint torques, by rules.
+        """Minimal combinations of inertial and drive parameters that determine the joint torques, by rules.
 
         They follow from the axes and places of the joints and the direction of gravity: Gautier and Khalil 1990.
 
@@ -1325,7 +1325,7 @@ class Robot(InNotebooks):
         link: str | None = None,
         point: ArrayLike = ORIGIN,
     ) -> Bounds:
-        """Constants that stability theorems take as known, with proof: gravity, inertia and Coriolis at every position.
+        """Proven constants that stability theorems assume: of gravity, inertia and Coriolis at every position.
 
         Values that no position exceeds, by branch and bound on the trigonometric polynomials that M, C and g are,
         beside the values attained. Rounding is included.
@@ -1392,7 +1392,7 @@ class Robot(InNotebooks):
     def with_payload(
         self, mass: float, com: ArrayLike = (0.0, 0.0, 0.0), inertia: ArrayLike | None = None, link: str | None = None
     ) -> Robot:
-        """The robot with a further rigid body fixed to one of its links.
+        """Robot with a further rigid body fixed to one of its links.
 
         Parameters
         ----------
@@ -1431,7 +1431,7 @@ class Robot(InNotebooks):
         return self.with_model(models.with_payload(self._model, mass, com, inertia, link))
 
     def with_parameters(self, parameters: ArrayLike) -> Robot:
-        """The robot with other masses, centres of mass and inertias.
+        """Robot with other masses, centres of mass and inertias.
 
         Parameters
         ----------
@@ -1468,7 +1468,7 @@ class Robot(InNotebooks):
         deceleration: LimitValues = None,
         jerk: LimitValues = None,
     ) -> Robot:
-        """The robot with other limits of its joints and drives, such as those of a data sheet.
+        """Robot with other limits of its joints and drives, such as those of a data sheet.
 
         Parameters
         ----------
@@ -1500,7 +1500,7 @@ class Robot(InNotebooks):
         return self.with_model(model)
 
     def with_armature(self, armature: LimitValues) -> Robot:
-        """The robot with other rotors: a rotor of inertia J behind a gear of ratio r adds r^2 J at its joint to M.
+        """Robot with other rotors: a rotor of inertia J behind a gear of ratio r adds r^2 J at its joint to M.
 
         Parameters
         ----------
@@ -1528,7 +1528,7 @@ class Robot(InNotebooks):
         return self.with_model(models.with_armature(self._model, armature))
 
     def locked(self, positions: Mapping[str, float]) -> Robot:
-        """The robot with some joints fixed at a position: a smaller robot with fewer coordinates.
+        """Robot with some joints fixed at a position: a smaller robot with fewer coordinates.
 
         Parameters
         ----------
@@ -1556,7 +1556,7 @@ class Robot(InNotebooks):
         return self.with_model(models.locked(self._model, positions))
 
     def mounted(self, rpy: ArrayLike) -> Robot:
-        """The robot with its root link rotated in the world: on a wall, under a ceiling, on a slope.
+        """Robot with its root link rotated in the world: on a wall, under a ceiling, on a slope.
 
         Parameters
         ----------
@@ -1583,7 +1583,7 @@ class Robot(InNotebooks):
 
 
 def point_argument(point: ArrayLike) -> tuple[float, ...] | None:
-    """A point of a link; None for its origin."""
+    """Point of a link; None for its origin."""
     values = tuple(real_array("point", point, "(3,)").astype(float).tolist())
     return None if values == ORIGIN else values
 
@@ -1617,7 +1617,7 @@ def wrench(
     point: ArrayLike = ORIGIN,
     axes: str = "base",
 ) -> dict[str, Array]:
-    """A force at a point of a link, and a moment, as `external=` takes them: acting on the robot, in the axes given.
+    """Wrench of a force at a point of a link, and a moment, for `external=`: acting on the robot, in the axes given.
 
     What the tool exerts on its surroundings is the negative of what acts on the robot: to press down with 50 N, give a
     force of 50 N upwards.
@@ -1674,7 +1674,7 @@ def wrench(
 
 
 def robot_argument(robot: Any) -> Robot:
-    """The robot, or a TypeError for anything but a Robot."""
+    """Argument that must be a Robot; a TypeError for anything else."""
     if not isinstance(robot, Robot):
         raise TypeError(f"`robot` must be an rne.Robot, got {type(robot).__name__}")
     return robot

@@ -928,7 +928,7 @@ def test_messages_that_an_index_counts_and_does_not_find_are_missed(tmp_path, mo
     storage = pytest.importorskip("rosbags.rosbag2.storage_sqlite3").Sqlite3Reader
     read = storage.messages
     monkeypatch.setattr(storage, "messages", lambda reader, own: itertools.islice(read(reader, own), len(T) - 1))
-    with exactly(f"{path}: is damaged or cut off (1 of 200 messages cannot be found; mend its index)"):
+    with exactly(f"{path}: is damaged or cut off (1 of 200 messages cannot be found; repair its index)"):
         Record.from_log(path)
 
 
@@ -946,7 +946,7 @@ def test_chunks_of_mcap_that_the_index_does_not_name_are_missed(tmp_path):
     struct.pack_into("<Q", data, index + 25, start + 1)
     path.write_bytes(data)
     with exactly(
-        f"{path}: is damaged or cut off (its index names chunks that are not there; mend it: mcap recover FILE)"
+        f"{path}: is damaged or cut off (its index names chunks that are not there; repair it: mcap recover FILE)"
     ):
         Record.from_log(path)
 
@@ -1101,7 +1101,7 @@ def test_rows_of_joints(is_json, tmp_path):
     with exactly(f"{path}: has rows of joints, which column 'motor_id' names; a column for each joint is needed, or one file of all quantities"):  # fmt: skip
         Record.from_log({"q": path, "tau": path})
     path.write_text("\n".join([",".join(heading[1:]), *(",".join(map(str, row[1:])) for row in rows)]))
-    with exactly(f"{path}: joints that column 'motor_id' names have 199 to 200 rows, and no times that tell which are missing; give columns={{\"t\": ...}}"):  # fmt: skip
+    with exactly(f"{path}: joints that column 'motor_id' names have 199 to 200 rows, and no times that show which are missing; give columns={{\"t\": ...}}"):  # fmt: skip
         Record.from_log(path, sample_rate=100)
     path.write_text("\n".join([",".join(["t [ms]", "id", *heading[2:]]), *(",".join(map(str, row)) for row in rows)]))
     said = "column 'id' numbers joints, each of which has rows of its own; else remove it"

@@ -1,4 +1,4 @@
-"""Archives of objects: their arrays in a NumPy archive, with all the rest as JSON; nothing in it is executed."""
+"""Archives of objects: arrays in a NumPy archive, all the rest as JSON; nothing in it is executed."""
 
 from __future__ import annotations
 
@@ -21,25 +21,25 @@ from .arrays import output_file
 from .marks import TEXTS
 from .text import cut
 
-LARGEST = 2**29  # bytes that the arrays of a file may take together, numbers in double precision
-BIGGEST = 5 * 2**27  # bytes of a file that is read whole
-FREE, RATIO = 2**26, 100  # bytes that every file may unpack to, and each of its own bytes
-LONGEST, LINE = 2**24, 400  # bytes of the texts of an archive, characters of an error
+LARGEST = 2**29  # most bytes of a file's arrays together, numbers in double precision
+BIGGEST = 5 * 2**27  # most bytes of a file that is read whole
+FREE, RATIO = 2**26, 100  # bytes that every file may unpack to, and per byte of its own
+LONGEST, LINE = 2**24, 400  # bytes of the texts of an archive; characters of an error
 NOT_KEPT = "source"  # field of a Model: the path of a file, which a page of the robot would read
 
 File = str | PathLike[str]
-Kinds = dict[Any, tuple[tuple[str, ...], Callable[..., Any]]]  # of each type in files its fields, and what makes it
+Kinds = dict[Any, tuple[tuple[str, ...], Callable[..., Any]]]  # of each type in files its fields and its constructor
 
 
 class TooLargeError(ValueError):
-    """A file whose arrays take more memory than a file of its size may."""
+    """Raised for a file whose arrays take more memory than a file of its size may."""
 
     def __init__(self, most: int) -> None:
         super().__init__(f"its arrays take more than {most} bytes in double precision, the most for a file of its size")
 
 
 def most_unpacked(file: Path) -> int:
-    """Bytes that a file's arrays may take in double precision."""
+    """Largest memory of a file's arrays in double precision [bytes]."""
     return min(LARGEST, FREE + RATIO * file.stat().st_size)
 
 
@@ -51,7 +51,7 @@ def check_regular(file: Path) -> None:
 
 
 def bytes_of(file: Path) -> bytes:
-    """All bytes of a regular file; a ValueError if there are too many."""
+    """Bytes of a regular file; a ValueError if there are too many."""
     check_regular(file)
     if (size := file.stat().st_size) > BIGGEST:
         raise ValueError(f"{file}: has {size} bytes, more than {BIGGEST}; split it, or leave out what is not needed")
@@ -59,7 +59,7 @@ def bytes_of(file: Path) -> bytes:
 
 
 class Arrays(Mapping[str, Any]):
-    """The arrays of a NumPy archive, each read when it is asked for; TooLargeError if those read are."""
+    """Arrays of a NumPy archive, each read on access; TooLargeError if those read are too large."""
 
     def __init__(self, file: Path, most: int = LARGEST) -> None:
         self._archive = zipfile.ZipFile(io.BytesIO(bytes_of(file)))
@@ -96,7 +96,7 @@ class Arrays(Mapping[str, Any]):
 
 
 def contents(file: Path, what: str) -> tuple[Mapping[str, Any], dict[str, Any]]:
-    """Arrays and the rest of an archive; a ValueError for any other file, which is not `what` it should be."""
+    """Arrays and the rest of an archive; a ValueError for any file other than `what` it should be."""
     file.stat()  # OSError if it is not there
     try:
         arrays = Arrays(file)
@@ -120,7 +120,7 @@ def write(path: File, kinds: Kinds, value: Any, version: int) -> Path:
 
 
 def read(path: File, kinds: Kinds, wanted: type, version: int, check: Callable[[Any], Any] = lambda _: None) -> Any:
-    """The object in an archive; a ValueError names what is not as expected, in parts or by the check of the whole."""
+    """Object in an archive; a ValueError names unexpected parts, or the failure of the final check."""
     arrays, texts = contents(file := Path(path), f"written by {wanted.__name__}.save")
     try:
         if texts.get("version") != version:
@@ -137,7 +137,7 @@ def read(path: File, kinds: Kinds, wanted: type, version: int, check: Callable[[
 
 
 def _encoded(value: Any, kinds: Kinds, arrays: dict[str, Any]) -> Any:
-    """A value as JSON can hold it; arrays by their number."""
+    """Value in a form for JSON; arrays by their number."""
     if isinstance(value, np.ndarray):
         arrays[name := f"array_{len(arrays)}"] = value
         return {"array": name}
@@ -158,7 +158,7 @@ def _encoded(value: Any, kinds: Kinds, arrays: dict[str, Any]) -> Any:
 
 
 def _decoded(value: Any, types: Mapping[str, type], kinds: Kinds, arrays: Mapping[str, Any], place: str) -> Any:
-    """A value that was encoded; a ValueError names the place of what is not known."""
+    """Value decoded from JSON; a ValueError names the place of unknown contents."""
 
     def inner(x: Any, name: str) -> Any:
         return _decoded(x, types, kinds, arrays, f"{place}{name}")

@@ -1,4 +1,4 @@
-"""Checks of numbers, arrays and paths given by a user: errors name the argument, what was expected and what came."""
+"""Checks of numbers, arrays and paths given by a user: errors name the argument, the expectation and the value."""
 
 from __future__ import annotations
 
@@ -18,16 +18,18 @@ from .spatial import Array
 if TYPE_CHECKING:
     from pathlib import Path
 
-FULL_TURN = 6.3  # rad
+FULL_TURN = 6.3  # full turn with a margin [rad]
 T = TypeVar("T")
 Sign = Literal["any", "not negative", "positive"]
-UNBOUNDED = 1e300  # in place of infinity, which a kernel does not hold
+UNBOUNDED = 1e300  # number in place of infinity, which a kernel cannot hold
 lengths = cache(lambda shape: re.findall(r"[\w.]+", shape[: shape.index(")")]))  # in a shape such as "(n, 3)"
-TIME_ROUNDING = 1e-12  # of the last time: by rounding, a solver's last step and its stages lie so far beyond it
+TIME_ROUNDING = (
+    1e-12  # rounding of times relative to the last one: a solver's last step and its stages may be so far beyond it
+)
 
 
 def real_array(name: str, value: ArrayLike, shape: str) -> Array:
-    """An array of finite real numbers of a shape such as "(3,)", "(n, 3)" or "(..., 6)".
+    """Array of finite real numbers of a shape such as "(3,)", "(n, 3)" or "(..., 6)".
 
     Letters stand for any length, "..." for any leading axes; words behind the parenthesis are for the error's text.
     """
@@ -42,7 +44,7 @@ def real_array(name: str, value: ArrayLike, shape: str) -> Array:
 
 
 def real_numbers(name: str, value: ArrayLike, shape: str) -> Array:
-    """An array of finite real numbers of any shape; the usual one is for the errors' text alone."""
+    """Array of finite real numbers of any shape; `usual` is a shape for the text of errors."""
     array = number_array(name, value, shape)
     if array.dtype.kind == "c":
         raise ValueError(f"`{name}` must be real, got dtype {array.dtype}")
@@ -50,7 +52,7 @@ def real_numbers(name: str, value: ArrayLike, shape: str) -> Array:
 
 
 def positive_number(name: str, value: float, *, zero_allowed: bool = False) -> float:
-    """One finite real number above zero, or not below."""
+    """Finite real number above zero, or nonnegative."""
     if type(value) in (float, int) and 0 < value < UNBOUNDED:  # most are, and need no array
         return float(value)
     if np.ndim(value):
@@ -64,7 +66,7 @@ def positive_number(name: str, value: float, *, zero_allowed: bool = False) -> f
 
 
 def whole_number(name: str, value: Any, *, least: int = 1) -> int:
-    """One whole number above zero, or of at least `least`, of Python or NumPy."""
+    """Whole number above zero, or of at least `least`, of Python or NumPy."""
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
         wanted = "above zero" if least == 1 else f"of at least {least}"
         raise ValueError(f"`{name}` must be a whole number {wanted}, got {value!r}")
@@ -72,7 +74,7 @@ def whole_number(name: str, value: Any, *, least: int = 1) -> int:
 
 
 def check_function(name: str, function: Any, arguments: str) -> None:
-    """Raise a TypeError unless it can be called with arguments such as "(t, q, qd)"; the text may go on behind them."""
+    """Raise a TypeError unless it can be called with arguments such as "(t, q, qd)"; text may follow them."""
     if not callable(function) or isinstance(function, type):
         got = f"the class {function.__name__}" if isinstance(function, type) else type(function).__name__
         raise TypeError(f"`{name}` must be a function of {arguments}, got {got}")
@@ -87,7 +89,7 @@ def check_function(name: str, function: Any, arguments: str) -> None:
 
 
 def output_file(path: str | os.PathLike[str], *suffixes: str) -> Path:
-    """The path of a file in an existing folder, with one of the endings if any are given.
+    """Path of a file in an existing folder, with one of the suffixes if any are given.
 
     The first ending is the one that an error names.
     """
@@ -104,7 +106,7 @@ def output_file(path: str | os.PathLike[str], *suffixes: str) -> Path:
 
 
 def number_array(name: str, value: ArrayLike, shape: str) -> Array:
-    """An array of finite numbers; integers become float64."""
+    """Array of finite numbers; integers become float64."""
     array = convert_numbers(name, value, shape)
     finite = is_finite(array)
     if not finite.all():
@@ -130,7 +132,7 @@ def per_joint_array(name: str, value: ArrayLike, n: int, *, sign: Sign = "any") 
 
 
 def refuse_degrees(name: str, angles: Array) -> None:
-    """Raise ValueError if an angle of a placement is more than a full turn, which none needs to be."""
+    """Raise ValueError if an angle of a placement exceeds a full turn, as in degrees."""
     large = np.abs(angles) > FULL_TURN
     if large.any():
         index = tuple(int(k) for k in np.argwhere(large)[0])
@@ -147,13 +149,13 @@ def refuse_masked(name: str, value: ArrayLike) -> None:
 
 
 def plain_array(name: str, value: ArrayLike) -> Array:
-    """The value as an array of any type, without masked entries."""
+    """Value as an array of any type, without masked entries."""
     refuse_masked(name, value)
     return np.asarray(value)
 
 
 def convert_numbers(name: str, value: ArrayLike, shape: str) -> Array:
-    """An array of numbers of a type that the dynamics take, finite or not; integers become float64."""
+    """Array of numbers of a type that the dynamics take, finite or not; integers become float64."""
     refuse_masked(name, value)
     try:
         array = np.asarray(value)
@@ -195,7 +197,7 @@ def is_finite(array: Array) -> Array:
 
 
 def convert_array(array: Array, number: Callable[[float], Any]) -> Array:
-    """An object array of the numbers that `number` makes of the array's."""
+    """Object array of the results of `number` for the array's entries."""
     converted = np.empty(array.size, dtype=object)
     converted[:] = [number(float(x)) for x in array.flat]
     return converted.reshape(array.shape)
@@ -216,7 +218,7 @@ def is_read_only(array: Any) -> bool:
 
 
 def read_only(value: Any) -> Any:
-    """A read-only copy of an array, or of the arrays in a tuple, list or dictionary; one that is read-only as it is."""
+    """Read-only copy of an array, or of the arrays in a tuple, list or dictionary; read-only ones are not copied."""
     if isinstance(value, np.ndarray) and not is_read_only(value):
         value = value.copy()
         value.flags.writeable = False
@@ -230,12 +232,12 @@ def read_only(value: Any) -> Any:
 
 
 def cached_array(make: Callable[[Any], T]) -> cached_property[T]:
-    """A property that is computed once, whose arrays are read-only."""
+    """Property that is computed once, whose arrays are read-only."""
     return cached_property(wraps(make)(lambda owner: read_only(make(owner))))
 
 
 def copy_with(thing: T, **parts: Any) -> T:
-    """A copy with other attributes, none of which is checked; what was computed of the former ones is forgotten."""
+    """Copy with other attributes, which are not checked; cached properties are dropped."""
     kind: Any = type(thing)
     own: T = object.__new__(kind)
     kept = {k: v for k, v in vars(thing).items() if not isinstance(getattr(kind, k, None), cached_property)}
@@ -244,7 +246,7 @@ def copy_with(thing: T, **parts: Any) -> T:
 
 
 class ReadOnlyArrays:
-    """Base of dataclasses with arrays that other numbers are computed of later: NumPy refuses to change them."""
+    """Base of dataclasses with arrays that cached numbers depend on: NumPy refuses to change them."""
 
     def __post_init__(self) -> None:
         self.__setstate__(self.__dict__)

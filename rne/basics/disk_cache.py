@@ -21,8 +21,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 LOGGER = logging.getLogger("rne")
-LIMIT = 64_000_000  # bytes
-KEPT = 0.8  # of the limit, once it is exceeded
+LIMIT = 64_000_000  # largest size of the cache [bytes]
+KEPT = 0.8  # share of the limit that is kept once it is exceeded
 ENDING, UNFINISHED = ".rne", "unfinished-"
 NAME = re.compile(rf"[0-9a-f]{{64}}\{ENDING}|{UNFINISHED}[0-9a-f]{{32}}")  # of files: no user's own are called so
 PLAIN = sum(getattr(os, name, 0) for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_BINARY"))  # no link, no waiting for a pipe
@@ -51,7 +51,7 @@ def key(*parts: str) -> str:
 
 
 def read(name: str) -> bytes | None:
-    """Object code kept under a name; None if there is none, or none to be trusted."""
+    """Object code kept under a name; None if there is none, or an untrusted one."""
     place = folder()
     if place is None:
         return None
@@ -73,7 +73,7 @@ def read(name: str) -> bytes | None:
 
 @contextmanager
 def _entered(place: Path) -> Iterator[tuple[str, int | None]]:
-    """A folder to prefix names with and the descriptor they are relative to; an OSError if it is another user's."""
+    """Prefix for names and the folder's descriptor they are relative to; an OSError if it is another user's."""
     if not hasattr(os, "getuid"):  # Windows has no such descriptors, and guards the profile's folder
         yield os.fspath(place), None
         return
@@ -110,7 +110,7 @@ def write(name: str, code: bytes) -> None:
 
 
 def entries(place: Path) -> Iterator[tuple[Path, os.stat_result]]:
-    """Files of the cache, and what others left unfinished."""
+    """Files of the cache, including unfinished ones of others."""
     for path in place.iterdir() if place.is_dir() else ():
         try:
             found = path.lstat()

@@ -1,4 +1,4 @@
-"""The low-pass filter of measurements: Butterworth, of fourth order, forwards and backwards, without shift in time."""
+"""Low-pass filter of measurements: Butterworth, of fourth order, forwards and backwards, without shift in time."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import numpy as np
 
 from .spatial import Array
 
-ORDER = 4  # of the Butterworth filter, which runs forwards and backwards
-SETTLING = 1.25  # periods of the cut-off from a step to where less than 1 % of it is left
-BLOCK = 4_000_000  # numbers that are filtered at a time
+ORDER = 4  # order of the Butterworth filter, which runs forwards and backwards
+SETTLING = 1.25  # periods of the cut-off from a step until less than 1 % of it remains
+BLOCK = 4_000_000  # most numbers filtered at a time
 
 
 def low_pass(x: Array, cutoff: float, sample_rate: float, kept: Array | None = None, *, ends: bool = False) -> Array:
@@ -35,7 +35,7 @@ def low_pass(x: Array, cutoff: float, sample_rate: float, kept: Array | None = N
 
 
 def impulse_response(cutoff: float, sample_rate: float, reach: int) -> Array:
-    """What the filter makes of an impulse of 1, from `reach` samples before it to as many after it."""
+    """Response of the filter to a unit impulse, from `reach` samples before it to as many after it."""
     impulse = np.zeros(4 * reach + 1)  # ends are far enough away not to be felt
     impulse[2 * reach] = 1
     return low_pass(impulse, cutoff, sample_rate, np.arange(reach, 3 * reach + 1))

@@ -1,4 +1,4 @@
-"""The inertial parameters of a rigid body: ten numbers about a point, and the pseudo-inertia that they are entries of.
+"""Inertial parameters of a rigid body: ten numbers about a point, and the pseudo-inertia with these entries.
 
 The pseudo-inertia of a body is the symmetric 4 x 4 matrix of its second moments of mass, P = [[Sigma, h], [h^T, m]]
 with Sigma = tr(I) / 2 1 - I, the integral of r r^T dm, and h = m c. A body that some distribution of mass has is one
@@ -13,8 +13,8 @@ import numpy as np
 
 from .spatial import IDENTITY, Array, dot, outer, point_mass_inertia, symmetric, zeros
 
-PARAMETERS = 10  # of a body
-PRODUCTS = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))  # entries of the inertia, in their order
+PARAMETERS = 10  # number of inertial parameters of a body
+PRODUCTS = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))  # indices of the inertia's entries, in their order
 ROWS, COLUMNS = (np.array(indices) for indices in zip(*PRODUCTS, strict=True))
 ENTRIES = np.zeros((3, 3), np.intp)  # of a symmetric matrix: the place of each among the PRODUCTS
 ENTRIES[ROWS, COLUMNS] = ENTRIES[COLUMNS, ROWS] = range(len(PRODUCTS))
@@ -23,14 +23,14 @@ BASIS = np.array([[[int({r, c} == {i, j}) for c in range(3)] for r in range(3)] 
 
 
 def parameters_of_bodies(mass: Array, centre: Array, inertia: Array) -> Array:
-    """The ten parameters about a point, (..., 10), of bodies with centres of mass seen from there."""
+    """Ten parameters about a point, (..., 10), of bodies with centres of mass seen from there."""
     inertia = inertia + point_mass_inertia(mass[..., None, None], centre)
     moments = mass[..., None] * centre
     return np.concatenate([mass[..., None], moments, inertia[..., ROWS, COLUMNS]], axis=-1)
 
 
 def parameters_seen_from(m: Array, h: Array, inertia: Array, p: Array) -> Array:
-    """The ten parameters (..., 10) of bodies about another point, from where the former one is at p."""
+    """Ten parameters (..., 10) of bodies about another point, from where the former one is at p."""
     shift = 2 * dot(h, p)[..., None, None] * IDENTITY - outer(h, p) - outer(p, h)
     inertia = inertia + shift + point_mass_inertia(m[..., None, None], p)
     return np.concatenate([m[..., None], h + m[..., None] * p, inertia[..., ROWS, COLUMNS]], axis=-1)
@@ -50,7 +50,7 @@ UNITS[4:, :3, :3] = np.trace(BASIS, axis1=1, axis2=2)[:, None, None] / 2 * np.ey
 
 
 def pseudo_inertia(pi: Array) -> Array:
-    """The pseudo-inertias (..., nb, 4, 4) of bodies with inertial parameters (..., 10 nb), numbers or traced numbers.
+    """Pseudo-inertias (..., nb, 4, 4) of bodies with inertial parameters (..., 10 nb), numbers or traced numbers.
 
     Second moments [kg m^2], first moments [kg m] and mass [kg], about the point and in the axes of the parameters.
     """
@@ -58,7 +58,7 @@ def pseudo_inertia(pi: Array) -> Array:
 
 
 def parameters_of_pseudo_inertia(P: Array) -> Array:
-    """The inertial parameters (..., 10 nb) of bodies with pseudo-inertias (..., nb, 4, 4), numbers or traced."""
+    """Inertial parameters (..., 10 nb) of bodies with pseudo-inertias (..., nb, 4, 4), numbers or traced."""
     pi = zeros((*P.shape[:-2], PARAMETERS), like=P)
     pi[..., 0] = P[..., 3, 3]
     pi[..., 1:4] = P[..., :3, 3]
@@ -69,7 +69,7 @@ def parameters_of_pseudo_inertia(P: Array) -> Array:
 
 
 def dual_of_gradient(slope: Array) -> Array:
-    """The symmetric matrices S (..., nb, 4, 4) with tr(S dP) = slope . dpi for every change dpi of the parameters.
+    """Symmetric matrices S (..., nb, 4, 4) with tr(S dP) = slope . dpi for every change dpi of the parameters.
 
     `slope` (..., 10 nb) holds derivatives by each parameter, numbers or traced numbers.
     """

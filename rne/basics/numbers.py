@@ -1,4 +1,4 @@
-"""Numbers by name as inputs of kernels: which of their entries are, and the flat vector in which they travel."""
+"""Named numbers as inputs of kernels: selection of their entries, and the flat vector of inputs."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .spatial import Array
 
 
 class WithNumbers(ABC):
-    """What holds numbers, arrays by name, that are inputs of its kernels as one flat vector.
+    """Base of objects with numbers, arrays by name, that are inputs of kernels as one flat vector.
 
     Zeros, but for those of the names in `named`, and infinities are structure: they take no operations.
     """
@@ -23,21 +23,21 @@ class WithNumbers(ABC):
 
     @abstractmethod
     def at(self, numbers: Mapping[str, Any]) -> Self:
-        """The same with other numbers of some names, which are not checked and may be traced."""
+        """Copy with other numbers of some names, which are not checked and may be traced."""
 
     @cached_array
     def masks(self) -> dict[str, Array]:
-        """Which entries of the numbers are inputs, by name, for names that have some."""
+        """Masks of the entries that are inputs, by name, for names that have some."""
         found = {name: is_input(x, named=name in self.named) for name, x in self.numbers.items()}
         return {name: mask for name, mask in found.items() if mask.any()}
 
     @cached_array
     def vector(self) -> Array:
-        """The inputs, shape (p,)."""
+        """Inputs as a vector, shape (p,)."""
         return np.concatenate([np.zeros(0), *(self.numbers[name][mask] for name, mask in self.masks.items())])
 
     def vectors(self, own: Mapping[str, Array]) -> Array:
-        """The vector of each of N motions, (N, p), which have numbers (N, ...) of their own."""
+        """Vectors of N motions, (N, p), which have numbers (N, ...) of their own."""
         count = len(next(iter(own.values())))
         parts = [
             own[name].reshape(count, -1)[:, mask.reshape(-1)]
@@ -48,7 +48,7 @@ class WithNumbers(ABC):
         return np.concatenate([np.zeros((count, 0)), *parts], axis=1)
 
     def filled(self, vector: Array) -> Self:
-        """The same with the entries of a vector, traced or not, in the places of its own.
+        """Copy with the entries of a vector, traced or not, as inputs.
 
         Numbers of which each state of (..., p) has its own get the leading shape.
         """
@@ -65,10 +65,10 @@ class WithNumbers(ABC):
 
 
 def part_of(numbers: Mapping[str, Any], part: str) -> dict[str, Any]:
-    """The numbers whose names begin with that of a part, without it."""
+    """Numbers whose names begin with that of a part, without it."""
     return {name.removeprefix(part): x for name, x in numbers.items() if name.startswith(part)}
 
 
 def is_input(number: Array, *, named: bool = False) -> Array:
-    """Which entries of a number are inputs of kernels."""
+    """Mask of the entries of a number that are inputs of kernels."""
     return np.asarray((np.abs(number) < UNBOUNDED) & ((number != 0) | named))

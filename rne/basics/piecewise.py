@@ -46,19 +46,19 @@ class Piecewise(NamedTuple):
         return times, self._at(np.repeat(np.arange(pieces), len(s)), np.tile(s, pieces))
 
     def derivative(self) -> Piecewise:
-        """The derivative by time."""
+        """Derivative by time."""
         powers = np.arange(1, len(self.c))[:, None, None]
         return Piecewise(self.t, self.c[1:] * powers / np.diff(self.t)[:, None])
 
     @property
     def table(self) -> Array:
-        """Each piece as a row: begin, end, coefficients of n values, ascending, shape (N, 2 + (degree + 1) n)."""
+        """Table with a row per piece: begin, end, ascending coefficients of n values, shape (N, 2 + (degree + 1) n)."""
         rows = self.c.transpose(1, 0, 2).reshape(len(self.t) - 1, -1)
         return np.column_stack([self.t[:-1], self.t[1:], rows])
 
 
 def numbers_at(table: Array, t: Array) -> Array:
-    """Numbers of the rows of a table (N, width) that hold at times; a ValueError outside of all, but for rounding.
+    """Indices of the rows of a table (N, width) that hold at times; a ValueError outside of all, except rounding.
 
     Where one piece ends and the next begins it is the next.
     """
@@ -70,17 +70,17 @@ def numbers_at(table: Array, t: Array) -> Array:
 
 
 def rows_at(table: Array, t: Array) -> Array:
-    """The rows of a table that hold at times t, (..., width)."""
+    """Rows of a table that hold at times t, (..., width)."""
     return np.asarray(table[numbers_at(table, t)])
 
 
 def pieces_at(table: Array, t: Array) -> tuple[Array, ...]:
-    """The rows that hold at times t of shape (..., 1), as the argument of a kernel; nothing without a table."""
+    """Rows that hold at times t of shape (..., 1), as the argument of a kernel; nothing without a table."""
     return (rows_at(table, t[..., 0]),) if len(table) else ()
 
 
 def rows_of_tables(tables: Array, t: Array, which: Any = slice(None)) -> tuple[Array, ...]:
-    """The rows at times (T,) of the tables (M, N, width) of some motions, or of one for all; nothing without any.
+    """Rows at times (T,) of the tables (M, N, width) of some motions, or of one for all; nothing without any.
 
     All tables have the same ends of pieces.
     """
@@ -91,7 +91,7 @@ def rows_of_tables(tables: Array, t: Array, which: Any = slice(None)) -> tuple[A
 
 
 def tables_of(motion: Any, samples: Array) -> Array:
-    """The tables of a motion through the samples of each of some motions, (M, K, n), shape (M, N, width)."""
+    """Tables of a motion through the samples of each of some motions, (M, K, n), shape (M, N, width)."""
     count, K, n = samples.shape
     together = motion.with_samples(samples.transpose(1, 0, 2).reshape(K, count * n)).table
     parts = together[:, 2:].reshape(len(together), -1, count, n).transpose(2, 0, 1, 3)
@@ -100,7 +100,7 @@ def tables_of(motion: Any, samples: Array) -> Array:
 
 
 def on_rows(t: Any, rows: Array, n: int) -> tuple[Array, Array, Array]:
-    """n values, their rates and second derivatives at times t by rows of a table, (..., width); both may be traced."""
+    """Values, rates and second derivatives of n values at times t by rows of a table, (..., width); may be traced."""
     begin, end = rows[..., :1], rows[..., 1:2]
     *lower, value = (rows[..., k : k + n] for k in range(2, rows.shape[-1], n))
     zero = 0 * value
@@ -125,14 +125,14 @@ def quintic(t: Array, q: Array, qd: Array, begin: Array, end: Array) -> Piecewis
 
 
 def cubic(t: Array, begin: Array, end: Array, slopes: Array, end_slopes: Array) -> Piecewise:
-    """Polynomials of third degree through values and slopes at both ends of each step, shapes (N, n)."""
+    """Polynomials of third degree through values and derivatives at both ends of each step, shapes (N, n)."""
     h, change = np.diff(t)[:, None], end - begin
     m0, m1 = h * slopes, h * end_slopes
     return Piecewise(t, np.stack([begin, m0, 3 * change - 2 * m0 - m1, m0 + m1 - 2 * change]))
 
 
 def monotone(t: Array, begin: Array, end: Array, jumps: Array) -> Piecewise:
-    """Monotone cubics between jumps, the numbers of steps that begin with one; they show no peak of their own.
+    """Monotone cubics between jumps, the numbers of steps that begin with one; without overshoot.
 
     Slopes are those of Fritsch and Butland 1984, as in SciPy's PchipInterpolator; a step between two jumps is straight.
     """
@@ -153,7 +153,7 @@ def monotone(t: Array, begin: Array, end: Array, jumps: Array) -> Piecewise:
 
 
 def _end_slopes(h: Array, secants: Array, k: Array) -> Array:
-    """Slopes at the end of each step that has no neighbour, by three points, those of step k as well, limited."""
+    """Derivatives at the ends of steps without a neighbour, by three points, limited; also those of step k."""
     h1, other = h[k], secants[k]
     slopes = ((2 * h + h1) * secants - h * other) / (h + h1)
     most = np.where(secants * other < 0, 3 * np.abs(secants), np.inf)

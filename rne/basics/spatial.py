@@ -44,13 +44,13 @@ def dot(a: Array, b: Array) -> Array:
 
 
 def cross_matrix(v: Array) -> Array:
-    """The matrix [v]x with [v]x u = v x u, shape (..., 3, 3)."""
+    """Matrix [v]x with [v]x u = v x u, shape (..., 3, 3)."""
     product: Array = v.take(CROSS_ENTRIES, -1) * CROSS_SIGNS
     return product
 
 
 def outer(a: Array, b: Array) -> Array:
-    """The matrix a b^T of two vectors, shape (..., 3, 3)."""
+    """Matrix a b^T of two vectors, shape (..., 3, 3)."""
     product: Array = a[..., :, None] * b[..., None, :]
     return product
 
@@ -61,13 +61,13 @@ def transpose(A: Array) -> Array:
 
 
 def rotate(R: Array, v: Array) -> Array:
-    """R v: from the axes of the rotated frame to those of the frame it is seen from."""
+    """Vector R v: from the axes of the rotated frame to those of the frame it is seen from."""
     product: Array = (R @ v[..., None])[..., 0]
     return product
 
 
 def rotate_back(R: Array, v: Array) -> Array:
-    """R^T v: from the axes of the frame the rotation is seen from to those of the rotated frame."""
+    """Vector R^T v: from the axes of the frame the rotation is seen from to those of the rotated frame."""
     return rotate(transpose(R), v)
 
 
@@ -120,7 +120,7 @@ def snap(x: Array) -> Array:
 
 
 def rotation_from_rpy(rpy: Array, *, snapped: bool = True) -> Array:
-    """URDF's fixed-axis roll, pitch, yaw: Rz(yaw) Ry(pitch) Rx(roll), entries snapped unless that is refused."""
+    """Rotation by URDF's fixed-axis roll, pitch, yaw: Rz(yaw) Ry(pitch) Rx(roll), entries snapped by default."""
     x, y, z = np.eye(3, dtype=np.asarray(rpy).dtype)
     roll, pitch, yaw = (rotation_about(b, angle) for b, angle in zip((x, y, z), rpy, strict=True))
     R: Array = yaw @ pitch @ roll
@@ -128,7 +128,7 @@ def rotation_from_rpy(rpy: Array, *, snapped: bool = True) -> Array:
 
 
 def rpy_from_rotation(R: Array) -> Array:
-    """The roll, pitch and yaw of one rotation matrix; at pitch = +-pi/2, where they are not unique, roll is 0.
+    """Roll, pitch and yaw of one rotation matrix; at pitch = +-pi/2, where they are not unique, roll is 0.
 
     Roll is that of Rz(yaw)^T R: near pitch = +-pi/2 yaw has few digits, but the sum or difference of both has all.
     """
@@ -142,7 +142,7 @@ def rpy_from_rotation(R: Array) -> Array:
 
 
 def unit_vector(v: Array) -> Array:
-    """The unit vector along v, whose entries may be too large or too small to be squared."""
+    """Unit vector along v, whose entries may be too large or too small to be squared."""
     scaled = v / np.abs(v).max()
     unit: Array = scaled / np.sqrt((scaled * scaled).sum())
     return unit
@@ -155,12 +155,12 @@ def point_mass_inertia(mass: Array, c: Array) -> Array:
 
 
 def symmetric(A: Array) -> Array:
-    """The symmetric part of square matrices."""
+    """Symmetric part of square matrices."""
     return np.asarray((A + transpose(A)) / 2)
 
 
 def mirrored(A: Array) -> Array:
-    """A symmetric matrix from its upper triangle, so that both halves are the same numbers."""
+    """Symmetric matrix from its upper triangle, so that both halves are the same numbers."""
     rows, columns = np.tril_indices(A.shape[-1], -1)
     whole = A.copy()
     whole[..., rows, columns] = A[..., columns, rows]
@@ -168,14 +168,14 @@ def mirrored(A: Array) -> Array:
 
 
 def spin_matrix(omega: Array, alpha: Array) -> Array:
-    """The matrix U with U r = alpha x r + omega x (omega x r)."""
+    """Matrix U with U r = alpha x r + omega x (omega x r)."""
     W = cross_matrix(omega)
     product: Array = cross_matrix(alpha) + W @ W
     return product
 
 
 def combine_bodies(bodies: list[tuple[Any, Array, Array]]) -> tuple[Any, Array, Array]:
-    """One rigid body from several: (mass, centre of mass, inertia about it), all in the same frame.
+    """Rigid body composed of several: (mass, centre of mass, inertia about it), all in the same frame.
 
     Massless bodies may still carry a moment of inertia; a sum without mass has its centre at the origin.
     """
@@ -187,7 +187,7 @@ def combine_bodies(bodies: list[tuple[Any, Array, Array]]) -> tuple[Any, Array, 
 
 
 def note_solution(x: Array, solve: Map, product: Map, residual: Map) -> None:
-    """Let derivatives of traced numbers x be those of residual(x) = 0, whose slope by x is M.
+    """Declare traced numbers x as the solution of residual(x) = 0 with derivative M, for their derivatives.
 
     Derivatives of what x was computed by, such as the factors of M, would lose twice as many digits.
     """
@@ -197,14 +197,14 @@ def note_solution(x: Array, solve: Map, product: Map, residual: Map) -> None:
 
 
 def note_finite(x: Array) -> None:
-    """Let kernels take traced numbers x to be finite; where they are not, the recursion computes the state."""
+    """Declare traced numbers x as finite for kernels; where they are not, the recursion computes the state."""
     for entry in x.flat if x.dtype == object else ():
         if hasattr(entry, "graph"):
             entry.graph.note_finite(entry.ref)
 
 
 def christoffel(dM: Array) -> Array:
-    """c_ijk = (dM_kj/dq_i + dM_ki/dq_j - dM_ij/dq_k) / 2 of the derivatives dM_ij/dq_k of a symmetric matrix."""
+    """Christoffel symbols (dM_kj/dq_i + dM_ki/dq_j - dM_ij/dq_k) / 2 of the derivatives dM_ij/dq_k of a matrix M."""
     dM_kj_dq_i: Array = np.swapaxes(dM, -3, -1)  # [i, j, k]
     dM_ki_dq_j = np.swapaxes(dM_kj_dq_i, -3, -2)
     return np.asarray((dM_kj_dq_i + dM_ki_dq_j - dM) / 2)

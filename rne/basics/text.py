@@ -12,11 +12,11 @@ import numpy as np
 
 from .arrays import ReadOnlyArrays
 
-MAX_NAME = 40  # characters of a joint's name
+MAX_NAME = 40  # most characters of a joint's name
 DIGITS = 6
-WIDTH = 100  # of a line
-LONGEST = 120  # characters of one value
-FEW = 7  # numbers that are written out
+WIDTH = 100  # characters of a line
+LONGEST = 120  # most characters of one value
+FEW = 7  # most numbers that are written out
 FEW_NAMES = 6
 UNBROKEN = "\xa0"  # a space at which no line ends
 
@@ -51,7 +51,7 @@ def wrapped(text: str) -> str:
 
 
 def brief(value: Any) -> str:
-    """A value of any type in at most 120 characters."""
+    """Text of a value of any type in at most 120 characters."""
     text = _brief(value)
     whole, space, _ = text[: LONGEST - 3].rpartition(" ")
     return text if len(text) <= LONGEST else f"{whole} ..." if space else cut(text, LONGEST)
@@ -80,7 +80,7 @@ def _brief(value: Any) -> str:
 
 
 def brief_array(x: Any) -> str:
-    """An array of numbers: all of a few, otherwise the shape, the smallest and the largest."""
+    """Text of an array of numbers: all of a few, otherwise the shape, the smallest and the largest."""
     if x.ndim == 0:
         return f"{x[()]:.6g}"
     if x.ndim == 1 and len(x) <= FEW:
@@ -93,12 +93,12 @@ def brief_array(x: Any) -> str:
 
 
 def listed(names: Sequence[str]) -> str:
-    """The first names, and how many more there are."""
+    """First names, and the number of others."""
     return _cut([short(name) for name in names])
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """The end of an error that suggests known names, or nothing; capitals and signs between letters do not count."""
+    """End of an error that suggests known names, or nothing; capitals and signs between letters do not count."""
     import difflib  # for errors alone
 
     plain = {re.sub(r"[\W_]", "", x).lower(): x for x in known}
@@ -108,7 +108,7 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
 
 
 def counted(number: int, noun: str) -> str:
-    """A number of things, such as "1 joint" or "6 joints"."""
+    """Text of a number of things, such as "1 joint" or "6 joints"."""
     return f"{number} {noun}{'s' * (number != 1)}"
 
 
@@ -118,7 +118,7 @@ def _cut(texts: list[str]) -> str:
 
 
 def _numbers(value: Any) -> Any:
-    """The value as an array of real numbers, or None."""
+    """Value as an array of real numbers, or None."""
     if not isinstance(value, np.ndarray | list | tuple | int | np.number) or hasattr(value, "_fields"):
         return None
     try:
@@ -132,7 +132,7 @@ SMALLEST, LARGEST = -5, 5  # decimal exponents written without one
 
 
 class Row(NamedTuple):
-    """A line of a table: its head, and the cells to be aligned."""
+    """Line of a table: its head, and the cells to be aligned."""
 
     head: str
     cells: Sequence[str] = ()
@@ -140,12 +140,12 @@ class Row(NamedTuple):
 
 
 def short(name: str) -> str:
-    """A name from a file, fit for one line of a table."""
+    """Name from a file, fit for one line of a table."""
     return cut(plain(name), MAX_NAME)
 
 
 def plain(text: str) -> str:
-    """The text with escapes for characters that move a terminal's cursor or hide what stands there, line ends too."""
+    """Text with escapes for characters that move a terminal's cursor or hide what stands there, line ends too."""
     if text.isprintable():
         return text
     from unicodedata import category
@@ -154,12 +154,12 @@ def plain(text: str) -> str:
 
 
 def cut(text: str, most: int) -> str:
-    """The text, or its beginning and dots if it has more than `most` characters."""
+    """Text, cut to at most `most` characters with dots."""
     return text if len(text) <= most else f"{text[: most - 3]}..."
 
 
 def six_digits(x: Any) -> str:
-    """A real number of any type to six significant digits: no zeros at the end, and no sign on a zero."""
+    """Text of a real number of any type to six significant digits: no zeros at the end, no sign on a zero."""
     from decimal import Decimal  # only this function needs it
 
     if hasattr(x, "context"):  # mpmath
@@ -174,7 +174,7 @@ def six_digits(x: Any) -> str:
 
 
 def aligned(rows: Sequence[Row]) -> list[str]:
-    """The rows as lines, every column's decimal points below each other."""
+    """Rows as lines, every column's decimal points below each other."""
     columns = range(max(len(row.cells) for row in rows))
     ends = [[""] * len(row.cells) if row.words else [_from_the_point(cell) for cell in row.cells] for row in rows]
     longest = [max((len(row[k]) for row in ends if k < len(row)), default=0) for k in columns]

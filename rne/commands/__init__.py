@@ -1,4 +1,4 @@
-"""The subcommands of the command line: each `add_...` registers a parser, whose `run` does the work.
+"""Subcommands of the command line: each `add_...` registers a parser, whose `run` does the work.
 
 A new subcommand is a function in `COMMANDS`, which is the order of `rne --help`.
 """

@@ -1,4 +1,4 @@
-"""Comparison of the dynamics with an independent source: Pinocchio or, where it is not installed, the energies."""
+"""Comparison of the dynamics with an independent source: Pinocchio or, without it, the energies."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from ..robot import Robot, robot_argument
 from ..urdf import to_urdf
 from .oracle import Oracle, each
 
-ROUNDING = 1e-13  # of the largest entry: some hundred rounding errors, and what they leave of zero
-STEP = 1e-30  # of the complex-step derivative
+ROUNDING = 1e-13  # rounding relative to the largest entry: some hundred rounding errors, and their effect on zero
+STEP = 1e-30  # length of complex steps
 
 
 class Match(NamedTuple):
-    """One compared quantity: its largest difference over all states, relative to the largest entry of each state."""
+    """Compared quantity: its largest difference over all states, relative to the largest entry of each state."""
 
     quantity: str
     worst: float
@@ -37,7 +37,7 @@ def has_pinocchio() -> bool:
 
 
 def loop_gap(robot: Robot, *ends: tuple[str, ArrayLike]) -> tuple[float, Array]:
-    """The largest distance between points of two links, seen from each, over the ranges, and where it is: (m, q).
+    """Largest distance between points of two links, seen from each, over the ranges, with its position: (m, q).
 
     It tells whether mimics or couplings keep a loop closed, in 2000 random configurations and that of zeros.
     """

@@ -1,4 +1,4 @@
-"""rne identify --without-torques: numbers of a robot and of its controller from commands and positions."""
+"""Command rne identify --without-torques: numbers of a robot and its controller from commands and positions."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def check_options(arguments: argparse.Namespace) -> None:
 
 
 def scene_of(robot: rne.Robot, arguments: argparse.Namespace) -> rne.Scene:
-    """The robot under its controller, with friction and rotors, at the numbers from which the fit starts."""
+    """Robot under its controller, with friction and rotors, at the numbers from which the fit starts."""
     every = {name: shared.one_or_each(getattr(arguments, name)) for name in NUMBERS}
     given: dict[str, Any] = {name: x for name, x in every.items() if x is not None}
     figures = rne.control.servo_figures(arguments.servo) if arguments.servo else None
@@ -86,7 +86,7 @@ def scene_of(robot: rne.Robot, arguments: argparse.Namespace) -> rne.Scene:
 def run_commanded(
     robot: rne.Robot, records: list[rne.identification.Record], page: Any, arguments: argparse.Namespace
 ) -> Any:
-    """Fit, print the report and how well each record is followed, and return the rne.identification.MotionFit."""
+    """Fit, print the report and the errors of each record, and return the rne.identification.MotionFit."""
     if importlib.util.find_spec("llvmlite") is not None:
         robot = rne.Robot(robot.model, "numba")
     scene, fitted = scene_of(robot, arguments), records[: len(arguments.logs)]
@@ -114,7 +114,7 @@ def _tell(iteration: int, residual: float) -> None:
 
 
 def _followed(found: Any, record: rne.identification.Record, page: Any) -> None:
-    """Add how far a record's positions are from those of the model."""
+    """Add the deviations of a record's positions from those of the model."""
     record = record.on_grid()
     names, predicted = found.initial.robot.joint_names, found.predict(record)
     own = [record.joint_names.index(name) if name in record.joint_names else j for j, name in enumerate(names)]

@@ -1,4 +1,4 @@
-"""rne identify: a robot's masses, rotors and friction from its logs."""
+"""Command rne identify: a robot's masses, rotors and friction from its logs."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def run_identify(arguments: argparse.Namespace) -> int:
 def _run_with_torques(
     robot: rne.Robot, records: list[rne.identification.Record], page: Report, arguments: argparse.Namespace
 ) -> rne.identification.Identification:
-    """Identify, print the report and how well each record is predicted, and return the result."""
+    """Identify, print the report and the validation of each record, and return the result."""
     fitted = counted(len(arguments.logs), "record")
     work.begin(f"fitting masses, rotors and friction to {fitted}, and searching causes of residuals")
     with shared.warnings_in_one_line(arguments):
@@ -107,7 +107,7 @@ def _run_with_torques(
 
 
 def _record(file: Path, robot: rne.Robot, arguments: argparse.Namespace) -> rne.identification.Record:
-    """The record of a log, in the units of `add_units`; of torques without rest at its ends."""
+    """Record of a log, in the units of `add_units`; with torques, without rest at its ends."""
     given = {name: getattr(arguments, name) for name in ("time_unit", "sample_rate", "joints", "topic", "episode")}
     given |= {name: shared.one_or_each(getattr(arguments, name)) for name in ("gains", "offsets")}
     units, columns = _merged("--units", arguments.units), _merged("--columns", arguments.columns)
@@ -123,7 +123,7 @@ def _record(file: Path, robot: rne.Robot, arguments: argparse.Namespace) -> rne.
 
 
 def _named(text: str) -> dict[str, Any]:
-    """Names of a quantity, or numbers, or names of none: `q=A,2` is {"q": ["A", 2]}, `A,2` is {"": ["A", "2"]}."""
+    """Names or numbers of a quantity, or of none: `q=A,2` is {"q": ["A", 2]}, `A,2` is {"": ["A", "2"]}."""
     kind, _, names = text.rpartition("=")
     read = [(x, as_number(x)) for x in names.split(",")]
     values = [x if not kind or math.isnan(y) else int(x) if x.isdigit() else y for x, y in read]

@@ -1,4 +1,4 @@
-"""rne simulate, torques, view and cycle: motions simulated, of a file, as 3-D pages, and planned for least time.
+"""Commands rne simulate, torques, view and cycle: simulation, torques of a file, 3-D pages, and least-time plans.
 
 A CSV file can be read without an error and still be wrong: times in milliseconds, angles in degrees or wrapped, noise
 that differentiation amplifies. Warnings tell of each; the numbers change only if an option asks for it.
@@ -32,17 +32,17 @@ TORQUES = "rne torques irb140 motion.csv --out torques.csv"
 VIEW = "rne view irb140 --motion motion.csv --out irb140.html"
 COLUMNS = ".npz of rne.Trajectory.save, or .csv with columns t and q.<joint> [s, rad or m]"
 CYCLE = "rne cycle irb140 via.csv --effort 250 250 150 50 50 20 --gear 100 --rotor 1e-4 --efficiency 0.85"
-FILM = 0.02  # [s] between the positions of the film of a cycle
+FILM = 0.02  # interval between the positions of the film of a cycle [s]
 PAGES = (".html", ".htm")
-NOISY = 0.05  # torque made by noise, relative to the torque of the joint (rms), above which a warning is given
+NOISY = 0.05  # rms torque made by noise, relative to the joint's torque, above which a warning is given
 TURN = 2 * np.pi
-UNEVEN = 100  # ratio of the longest to the shortest step, above which a warning is given
+UNEVEN = 100  # ratio of the longest to the shortest step above which a warning is given
 EVEN = 1e-2  # largest difference of steps that a filter takes as even, relative to their mean
-FEW = 30  # samples that an estimate of noise needs
-WINDOWS = 20_000  # of a long file, from which noise is estimated
-ORDERS = (6, 9)  # of the differences that show noise
+FEW = 30  # fewest samples for an estimate of noise
+WINDOWS = 20_000  # windows of a long file from which noise is estimated
+ORDERS = (6, 9)  # orders of the differences that show noise
 STEADY = 0.7  # smallest ratio of the two estimates for noise: those of a smooth motion fall with the order
-MEDIAN = 0.6745  # of the size of a standard normal number
+MEDIAN = 0.6745  # median magnitude of a standard normal number
 RESIDUAL = 1.2  # ratio of what a filter removes to the noise
 
 
@@ -65,7 +65,7 @@ def add_simulate(commands: Any) -> None:
 
 
 def run_simulate(arguments: argparse.Namespace) -> int:
-    """Simulate, write the file, and say from what and with which result; 1 if the simulation failed."""
+    """Simulate, write the file, and print the options and the result; returns 1 if the simulation failed."""
     shared.check_file(arguments.out, arguments, suffixes=MOTIONS)
     robot = shared.robot_of(arguments)
     times = _times(arguments.duration, arguments.every)
@@ -134,7 +134,7 @@ def add_torques(commands: Any) -> None:
 
 
 def run_torques(arguments: argparse.Namespace) -> int:
-    """Write the torques, and say how they were computed: on standard error if the torques go to standard output."""
+    """Write the torques, and print their source, on standard error if the torques go to standard output."""
     from ..dynamics.limits import limit_violations
     from ..files.motion_files import csv_text, write_columns
 
@@ -222,7 +222,7 @@ def add_view(commands: Any) -> None:
 
 
 def run_view(arguments: argparse.Namespace) -> int:
-    """Write the page, and say where and how large it is."""
+    """Write the page, and print its place and size."""
     out = arguments.out or Path(f"{Path(arguments.robot).stem}.html")
     shared.check_file(out, arguments, suffixes=PAGES)
     robot = shared.robot_of(arguments)
@@ -243,7 +243,7 @@ def run_view(arguments: argparse.Namespace) -> int:
 
 
 def _motion(file: Path, robot: rne.Robot, arguments: argparse.Namespace) -> rne.Trajectory | tuple[Array, Array]:
-    """The motion in a file: with this robot's model, or times and positions."""
+    """Motion in a file: with this robot's model, or times and positions."""
     if file.suffix.lower() == ".npz":
         motion = rne.Trajectory.load(file)
         if motion.q.shape[1] != robot.n:
@@ -326,7 +326,7 @@ def run_cycle(arguments: argparse.Namespace) -> int:
 
 
 def _cure(error: Exception, robot: Any) -> str:
-    """The cure of an error on the command line, in words."""
+    """Remedy for an error, in terms of the command line."""
     from ..trajectories.time_optimal import MissingLimit, OutOfRange
 
     if isinstance(error, MissingLimit):
@@ -353,7 +353,7 @@ def add_units(parser: argparse.ArgumentParser) -> None:
 
 
 def read_motion(file: Path, robot: rne.Robot, arguments: argparse.Namespace) -> SampledMotion:
-    """Read the motion in a CSV file, whose columns the robot's joints name, in the units of `add_units`.
+    """Motion in a CSV file, whose columns are named by the robot's joints, in the units of `add_units`.
 
     Times that look like another unit are refused; if the angles do so, a warning is given.
     """
@@ -460,7 +460,7 @@ def _scatter(t: Array, x: Array, order: int) -> Array:
 
 
 def filtered(motion: SampledMotion, cutoff: float) -> tuple[SampledMotion, str]:
-    """The motion after the filter of `rne.basics.filters` and a line on the change of q."""
+    """Motion after the filter of `rne.basics.filters`, and a line on the change of q."""
     t, q, qd, qdd = motion
     step = _even_step(t)
     if step is None:
@@ -475,13 +475,13 @@ def filtered(motion: SampledMotion, cutoff: float) -> tuple[SampledMotion, str]:
 
 
 def _even_step(t: Array) -> float | None:
-    """The time between samples, None if it varies."""
+    """Time between samples, None if it varies."""
     steps = np.diff(t)
     return float(steps.mean()) if len(steps) and np.ptp(steps) <= EVEN * steps.mean() else None
 
 
 def suggested_cutoff(t: Array, x: Array, sigma: Array) -> float | None:
-    """The lowest cut-off at which a filter removes no more than the noise [Hz]; None if steps vary.
+    """Lowest cut-off at which a filter removes no more than the noise [Hz]; None if steps vary.
 
     Spectra, by which `rne.identify` chooses one, scatter too much in files no longer than a few of their windows.
     Residual analysis: D. A. Winter, Biomechanics and Motor Control of Human Movement, 4th ed., 2009, chapter 3.

@@ -1,4 +1,4 @@
-"""Pinocchio's results in this package's joint order and conventions.
+"""Results of Pinocchio in this package's joint order and conventions.
 
 Pinocchio orders siblings alphabetically, represents a `continuous` joint by (cos, sin), writes spatial vectors as
 [linear; angular], and treats mimic joints as independent. Everything is mapped by joint name.
@@ -16,7 +16,7 @@ from ..model.model import Model
 
 
 class Oracle:
-    """Pinocchio's results for a model, whose URDF text it reads by itself."""
+    """Results of Pinocchio for a model, whose URDF text it reads by itself."""
 
     def __init__(self, model: Model, xml: str) -> None:
         import pinocchio
@@ -50,7 +50,7 @@ class Oracle:
         return np.asarray(self.model.coordinate_map.T @ np.asarray(tau)[self.v])
 
     def matrix(self, M: Array) -> Array:
-        """A joint-space matrix of Pinocchio in this package's order, shape (n, n)."""
+        """Joint-space matrix of Pinocchio in this package's order, shape (n, n)."""
         G = self.model.coordinate_map
         return np.asarray(G.T @ np.asarray(M)[np.ix_(self.v, self.v)] @ G)
 

@@ -33,13 +33,13 @@ from .shared import units_of, work
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-SAMPLES = 1000  # random states
+SAMPLES = 1000  # number of random states
 SWING, MAIN_SWING = 2.0, 10.0  # durations of free swings [s]
-HANGING = np.array([0, 3, 0, 0.3, 0.5, 0])  # [rad], nearly: where every joint swings and none spins
-STRETCHED_OUT = np.array([0, np.pi / 2, -np.pi / 2, 0, 0, 0])  # [rad], horizontally: (6.19)
-SETTLED = 0.01  # [rad], every joint
+HANGING = np.array([0, 3, 0, 0.3, 0.5, 0])  # positions near which every joint swings and none spins [rad]
+STRETCHED_OUT = np.array([0, np.pi / 2, -np.pi / 2, 0, 0, 0])  # stretched out horizontally: (6.19) [rad]
+SETTLED = 0.01  # error of a settled joint [rad]
 TARGET, LOOP = np.array([1, 0.5, -1, 2, 1, -2]), 5.0  # [rad], duration [s]: within all limits of the arm
-PUSH = 1.0  # [rad/s^2 or m/s^2], of a joint that gravity hardly moves
+PUSH = 1.0  # acceleration by torques of a joint that gravity hardly moves [rad/s^2 or m/s^2]
 INVERSE, FORWARD = "inverse dynamics", "forward dynamics"
 STATES, SINGLES, COMPARED, TURNS = 1000, 100, 50, 15
 ONE, BATCH = "one state per call", f"{STATES} states per call"
@@ -217,7 +217,7 @@ def write_robot_page(robot: rne.Robot, findings: str, folder: Path, say: Callabl
 
 
 def _examination(robot: rne.Robot, findings: str, page: Report) -> bool:
-    """A motion, what the robot consists of, whether Pinocchio or the energies agree, and torques against gravity."""
+    """Examine a motion, the robot's components, agreement with Pinocchio or the energies, and torques by gravity."""
     work.begin(f"searching where gravity pulls hardest, in {SAMPLES} positions, and simulating a swing from there")
     q, torque = moving_start(robot)
     motion = _swing(robot, q, torque, page)
@@ -265,7 +265,7 @@ def _swing(robot: rne.Robot, q: Array, torque: Array, page: Report) -> Trajector
 
 
 def moving_start(robot: rne.Robot) -> tuple[Array, Array]:
-    """A position where gravity pulls hard, and constant torques that push the joints that it hardly pulls there.
+    """Position with large gravity torques, and constant torques for joints that gravity hardly moves there.
 
     Hard is relative to the largest torque of each joint; hardly is less than would give it `PUSH` alone.
     """
@@ -297,7 +297,7 @@ def _comparison(robot: rne.Robot, page: Report) -> bool:
 
 
 def _compared(source: str, rows: Sequence[Match], by_terms: bool, page: Report) -> bool:
-    """Say how far the results are apart; True if all are within their bounds."""
+    """Print the differences of the results; True if all are within their bounds."""
     entry, bound, eps = "term" if by_terms else "entry", rows[0].bound, np.finfo(float).eps
     page.heading(f"Comparison with {source.partition(' (')[0]}")
     page.text(
@@ -313,7 +313,7 @@ def _compared(source: str, rows: Sequence[Match], by_terms: bool, page: Report) 
 
 
 def carried_masses(model: rne.Model) -> Array:
-    """The mass behind each joint: the body that it moves and all bodies beyond, shape (nb,) [kg]."""
+    """Mass carried by each joint: the body that it moves and all bodies beyond, shape (nb,) [kg]."""
     carried = model.mass.copy()
     for i in reversed(range(model.nb)):
         if model.parent[i] >= 0:
@@ -361,7 +361,7 @@ def settling_time(motion: Trajectory, reference: ArrayLike, times: Array | None 
 
 
 class Way(NamedTuple):
-    """A way to compute a quantity: the call that is timed, of how many states, and its results for the first ones."""
+    """Implementation of a quantity: the timed call, its number of states, and its results for the first ones."""
 
     quantity: str
     form: str
@@ -372,7 +372,7 @@ class Way(NamedTuple):
 
 
 class Measured(NamedTuple):
-    """A way, its time per state [s], and its largest error relative to each state's largest entry."""
+    """Implementation, its time per state [s], and its largest error relative to each state's largest entry."""
 
     way: Way
     seconds: float
@@ -380,7 +380,7 @@ class Measured(NamedTuple):
 
 
 def measured_speed(robot: rne.Robot) -> list[Measured]:
-    """Time all ways in turn and take medians, so that changes of the machine's speed affect all alike."""
+    """Time all implementations in turn and take medians, so that changes of the machine's speed affect all alike."""
     found: list[Measured] = []
     for quantity in (INVERSE, FORWARD):
         q, qd, x = random_states(robot.n, STATES)
@@ -401,7 +401,7 @@ def measured_speed(robot: rne.Robot) -> list[Measured]:
 
 
 def _own(robot: rne.Robot, quantity: str, arrays: list[Array]) -> Iterator[Way]:
-    """Ways by both engines, machine code where it can be made."""
+    """Implementations by both engines, machine code where it can be made."""
     function = rne.dynamics.inverse_dynamics if quantity == INVERSE else rne.dynamics.forward_dynamics
     compiles = importlib.util.find_spec("llvmlite") is not None
     for who, engine in ((NUMPY, "numpy"), (MACHINE_CODE, "numba")) if compiles else ((NUMPY, "numpy"),):
@@ -413,7 +413,7 @@ def _own(robot: rne.Robot, quantity: str, arrays: list[Array]) -> Iterator[Way]:
 
 
 def _of_pinocchio(robot: rne.Robot, quantity: str, arrays: list[Array]) -> Iterator[Way]:
-    """Ways by Pinocchio's `rnea` and `aba`, one state or many, on one thread; arrays are in its order and layout."""
+    """Implementations by Pinocchio's `rnea` and `aba`, one state or many, on one thread; in its order and layout."""
     if robot.model.couplings or not has_pinocchio():
         return
     oracle = Oracle(robot.model, rne.to_urdf(robot.model))
@@ -431,7 +431,7 @@ def _of_pinocchio(robot: rne.Robot, quantity: str, arrays: list[Array]) -> Itera
 def _singles(
     quantity: str, who: str, call: Callable[..., Any], arrays: Sequence[Array], turn: Callable[..., Array] = np.array
 ) -> Way:
-    """A loop over states, each an array of its own; `turn` brings a result into our order."""
+    """Loop over states, each an array of its own; `turn` brings a result into our order."""
     states = [[x[k].copy() for x in arrays] for k in range(SINGLES)]
 
     def run() -> None:

@@ -1,4 +1,4 @@
-"""rne check, compare, urdf, source and report: findings in a file, two robots, one as URDF, as code, and as a page."""
+"""Commands rne check, compare, urdf, source and report: findings in a file, two robots, URDF, code, and a page."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from ..model import Model
 from . import shared
 from .shared import ROBOT, CommandError, fail, in_one_line, number, say, work
 
-FIRST = 4096  # bytes that are looked at
-MARK = 8  # bytes that may precede "<": the mark of an encoding
+FIRST = 4096  # bytes examined at the start of a file
+MARK = 8  # most bytes before "<", for the mark of an encoding
 FOLDER = Path("rne-report")
 REPORT = "write a page on a robot: a motion, comparison with Pinocchio or energies, gravity torques, joints and links"
 COMPARED = (
@@ -76,7 +76,7 @@ def run_check(arguments: argparse.Namespace) -> int:
 
 
 def _print_gap(robot: str, points: Sequence[str]) -> int:
-    """Print how far apart two points of a robot come."""
+    """Print the distance of two points of a robot over its motions."""
     from .agreement import loop_gap
 
     try:
@@ -90,7 +90,7 @@ def _print_gap(robot: str, points: Sequence[str]) -> int:
 
 
 def _refuse_other_files(robot: str) -> None:
-    """Refuse folders, and files that are not XML, of which the parser would say less."""
+    """Refuse folders, and files that are not XML, with clearer errors than the parser's."""
     if os.path.isdir(robot):
         raise CommandError(f"{robot}: is a folder; a URDF file is needed")
     if os.path.isfile(robot):
@@ -145,7 +145,7 @@ def _in_short(robot: rne.Robot) -> str:
 
 
 def _differences(one: Model, other: Model, names: Sequence[str], tolerance: float) -> Iterator[str]:
-    """Joints of which only one robot has the name; joints of the same name with other numbers."""
+    """Differences: joints that only one robot has; joints of the same name with other numbers."""
     of = [{joint: i for i, joint in enumerate(model.moving_joints)} for model in (one, other)]
     for k, name in enumerate(names):
         if alone := [joint for joint in of[k] if joint not in of[1 - k]]:
@@ -274,7 +274,7 @@ def _write_unit(arguments: argparse.Namespace) -> int:
 
 
 def add_out(parser: argparse.ArgumentParser, default: Any) -> None:
-    """The option for the folder of a page."""
+    """Add the option for the folder of a page."""
     text = "folder of the page, made if it does not exist (default: rne-report)"
     parser.add_argument("--out", metavar="FOLDER", type=Path, default=default, help=text)
 

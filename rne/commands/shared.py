@@ -1,4 +1,4 @@
-"""Shared by the subcommands: robots, numbers, checks of output files before anything long is computed, messages."""
+"""Common parts of the subcommands: robots, numbers, early checks of output files, messages."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ ROBOT = "path of a URDF, MJCF or xacro file, or a name of rne.robots() such as i
 ARGUMENT = re.compile(r"`(?P<name>\w+)(?P<rest>[^`]*)`|\b(?P<key>\w+)=(?P<value>\[.*?\]|\{.*?\}|\"[^\"]*\"|[\w.]+)")
 QUOTES = str.maketrans({"'": "", '"': "", "[": "", "]": "", "{": "", "}": ""})
 INPUTS = {"robot": "robot", "logs": "log", "check": "log", "via": "path"} | dict.fromkeys(("motion", "other"), "motion")
-PAGE = ".html", ".png", ".gif"  # files of a page
+PAGE = ".html", ".png", ".gif"  # suffixes of the files of a page
 NUMBER = re.compile(r"[+-]?\.?[0-9][0-9.eE+,-]*")
 
 
 class CommandError(Exception):
-    """A wrong call: the command ends with this message and exit code 2."""
+    """Raised for a wrong call: the command ends with this message and exit code 2."""
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser whose errors are one line."""
+    """Parser whose errors are one line."""
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         """Refuse a value that is none of the choices, with those that are near, or all of them."""
@@ -54,7 +54,7 @@ class Parser(argparse.ArgumentParser):
 def add_parser(
     commands: Any, name: str, title: str, example: str, run: Callable[[argparse.Namespace], int]
 ) -> argparse.ArgumentParser:
-    """The parser of a subcommand that `run` does, whose help ends with an example."""
+    """Parser of a subcommand done by `run`, whose help ends with an example."""
     texts = {"help": title, "description": f"{title[0].upper()}{title[1:]}.", "epilog": f"example:\n  {example}"}
     form = argparse.RawDescriptionHelpFormatter
     parser: argparse.ArgumentParser = commands.add_parser(name, formatter_class=form, allow_abbrev=False, **texts)
@@ -81,7 +81,7 @@ def add_robot(parser: argparse.ArgumentParser) -> None:
 
 
 def robot_of(arguments: argparse.Namespace) -> rne.Robot:
-    """The robot that the arguments of `add_robot` describe."""
+    """Robot described by the arguments of `add_robot`."""
     names = "com", "inertia", "link"
     given = {name: x for name in names if (x := getattr(arguments, f"payload_{name}")) is not None}
     if arguments.payload is None and given:
@@ -103,7 +103,7 @@ def robot_of(arguments: argparse.Namespace) -> rne.Robot:
 
 
 def used(robot: rne.Robot, arguments: argparse.Namespace) -> str:
-    """A line that says which robot is computed with."""
+    """Line that names the robot used."""
     model, com, inertia = robot.model, arguments.payload_com, arguments.payload_inertia
     line = f"robot {model.name}, joints {' '.join(robot.joint_names)}, gravity {written(model.gravity.tolist())} m/s^2"
     if arguments.payload is None:
@@ -127,7 +127,7 @@ def numbers(text: str) -> list[float]:
 
 
 def number(text: str) -> float:
-    """One finite number."""
+    """Finite number."""
     try:
         (value,) = numbers(text)
     except (ValueError, argparse.ArgumentTypeError):
@@ -147,7 +147,7 @@ def positions(text: str) -> dict[str, float]:
 
 
 def one_or_each(values: list[float] | None) -> Any:
-    """One number for all joints, or one for each."""
+    """Number for all joints, or one for each."""
     return values[0] if values and len(values) == 1 else values
 
 
@@ -187,7 +187,7 @@ def add_force(parser: argparse.ArgumentParser, default: Any = argparse.SUPPRESS)
 
 
 def check_folder(folder: Path, arguments: argparse.Namespace, option: str = "--out", names: Sequence[str] = ()) -> None:
-    """Make the folder, try to write into it, and refuse to replace pages, pictures and `names` of others."""
+    """Make the folder, test that it is writable, and refuse to replace pages, pictures and `names` of others."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=folder).close()
@@ -201,7 +201,7 @@ def check_folder(folder: Path, arguments: argparse.Namespace, option: str = "--o
 
 
 def _check_replaced(file: Path, arguments: argparse.Namespace, option: str, kind: str = "file") -> None:
-    """Refuse to replace an input of the command; without --force all that rne did not write too."""
+    """Refuse to replace an input of the command, or without --force any file not written by rne."""
     if not (file.exists() or file.is_symlink()):
         return
     from ..basics.marks import is_marked
@@ -320,14 +320,14 @@ work = Work()
 
 
 def in_one_line(error: BaseException) -> str:
-    """The message of an error without line breaks; of an error of the system, file and reason."""
+    """Message of an error without line breaks; for an error of the system, file and reason."""
     if isinstance(error, OSError) and error.filename and error.strerror:
         return f"{error.filename}: {error.strerror}"
     return " ".join(str(error).split())
 
 
 def as_options(text: str, arguments: argparse.Namespace) -> str:
-    """A text on arguments in Python with the options of the command, `units={"q": "deg"}` as `--units q=deg`."""
+    """Text on Python arguments rewritten for the command's options, `units={"q": "deg"}` as `--units q=deg`."""
     text = re.sub(r"`robot\.locked(?:\((.*?)\))?`", lambda m: f"locked={m[1]}" if m[1] else "`locked`", text)
     text = text.replace("`joint_names` of the Record", "`joints`")
     known = set(re.findall(r"--[\w-]+", arguments.parser.format_usage()))
@@ -343,7 +343,7 @@ def as_options(text: str, arguments: argparse.Namespace) -> str:
 
 
 def fail(message: str) -> int:
-    """Print an error; the exit code of a wrong call."""
+    """Print an error; returns the exit code of a wrong call."""
     note(f"error: {message}")
     return 2
 
@@ -354,7 +354,7 @@ def written(values: Sequence[float]) -> str:
 
 
 def units_of(robot: rne.Robot, rotating: str, sliding: str) -> str:
-    """The unit of a joint array: `N m`, or where joints slide too `N m (N of joints x, y)`."""
+    """Unit of a joint array: `N m`, or where joints slide too `N m (N of joints x, y)`."""
     model = robot.model
     slides = [n for n, i in zip(robot.joint_names, model.independent_joints, strict=True) if not model.is_revolute[i]]
     if not slides:
@@ -365,7 +365,7 @@ def units_of(robot: rne.Robot, rotating: str, sliding: str) -> str:
 
 
 def bodies(robot: rne.Robot) -> str:
-    """What torques of the robot consist of: its bodies, and the rotors that its file gives."""
+    """Components of the robot's torques: its bodies, and the rotors that its file gives."""
     model = robot.model
     units = np.where(model.is_revolute, "kg m^2", "kg")
     of = [f"{model.moving_joints[i]} {model.armature[i]:.6g} {units[i]}" for i in np.flatnonzero(model.armature)]
@@ -373,7 +373,7 @@ def bodies(robot: rne.Robot) -> str:
 
 
 def say_limits(tell: Callable[[str], None], robot: rne.Robot, exceeded: Sequence[object]) -> None:
-    """Say which limits a motion exceeds, and which limits the model does not have."""
+    """Print the limits that a motion exceeds, and those that the model does not have."""
     model, line = robot.model, f"limits exceeded: {len(exceeded) or 'none'}"
     drives = np.isin(np.arange(model.nb), model.independent_joints)  # a joint that mimics another has none
     ends = np.array(model.joint_types) != "continuous"
@@ -392,5 +392,5 @@ def say_limits(tell: Callable[[str], None], robot: rne.Robot, exceeded: Sequence
 
 
 def say_samples(file: Path, t: Array) -> None:
-    """Say how many samples a file holds, and from when to when."""
+    """Print the number of samples in a file, and their time span."""
     say(f"{file}: {len(t)} samples from {t[0]:.13g} to {t[-1]:.13g} s")

@@ -1,4 +1,4 @@
-"""A robot, a scene or an identified model as a CMake package: header-only C++17, with a test of its numbers."""
+"""Export of a robot, a scene or an identified model as a CMake package: header-only C++17 with a test."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ from . import cpp_templates as texts
 
 QUANTITIES = ("inverse_dynamics", "gravity_torque", "coriolis_torque", "mass_matrix", "forward_dynamics")
 MARKED = r"%([A-Z_]+)%"
-STATES, SEED = 4, 0  # of the test
-SPREAD = {"q": 3.0, "qd": 2.0, "qdd": 5.0, "tau": 20.0}  # of its arguments; others are of size 1
+STATES, SEED = 4, 0  # number of states and seed of the test
+SPREAD = {"q": 3.0, "qd": 2.0, "qdd": 5.0, "tau": 20.0}  # ranges of the test's arguments; others are of size 1
 NOTES = (
     "Joints, units and limits are said below, sizes and operations above each function.",
     "Functions allocate nothing, throw nothing and have no memory: any number of threads may call them.",
 )
-BODY = np.array([1.5, 0.03, -0.02, 0.08, 0.012, 0.001, 0.015, -0.002, 0.001, 0.01])  # a payload, as arguments have it
-TOLERANCE = 8.0  # errors of a sum of n terms in units of n eps, where M is inverted times its condition number
+BODY = np.array([1.5, 0.03, -0.02, 0.08, 0.012, 0.001, 0.015, -0.002, 0.001, 0.01])  # a payload, as an argument
+TOLERANCE = 8.0  # errors of a sum of n terms in units of n eps, times the condition number where M is inverted
 
 
 def cmake(
@@ -123,7 +123,7 @@ def package(
     dtype: str,
     std: bool = False,
 ) -> dict[str, str]:
-    """The texts of a package by their paths in its folder; see `cmake`."""
+    """Texts of a package by their paths in its folder; see `cmake`."""
     if std and not isinstance(given, Identification):
         raise ValueError(f"`std` is for an Identification, got {type(given).__name__}")
     functions = _named(given, payload, numbers)
@@ -135,7 +135,7 @@ def package(
 
 
 def _named(given: Any, payload: str | None, numbers: Sequence[str]) -> NamedNumbers:
-    """The scene with its numbers that are arguments."""
+    """Scene with its numbers that are arguments."""
     if isinstance(given, Identification):
         given = given.scene()
     elif not isinstance(given, Robot | Scene):
@@ -155,7 +155,7 @@ def _named(given: Any, payload: str | None, numbers: Sequence[str]) -> NamedNumb
 
 
 def _default(functions: NamedNumbers) -> list[str]:
-    """The quantities of a scene that it has."""
+    """Quantities of a scene that are available."""
     scene = functions.scene
     friction, found = scene.resolved.friction, [*QUANTITIES]
     if scene.elastic is not None:
@@ -165,7 +165,7 @@ def _default(functions: NamedNumbers) -> list[str]:
 
 
 def _texts(functions: NamedNumbers, kernels: Mapping[str, Kernel], name: str, dtype: str) -> dict[str, str]:
-    """The texts of a package by their paths in its folder."""
+    """Texts of a package by their paths in its folder."""
     model = functions.scene.resolved.robot.model
     notes = [f"{COMMENT} - dynamics of robot {harmless(model.name)}, header-only C++17", *NOTES]
     notes += [f"{plain_name(key)}{unit_of(key)} is an argument" for key in functions.names if key != "payload"]
@@ -190,14 +190,14 @@ def _texts(functions: NamedNumbers, kernels: Mapping[str, Kernel], name: str, dt
 
 
 def filled(text: str, fill: Mapping[str, str]) -> str:
-    """A template with words in place of those between signs of per cent, which may have such words themselves."""
+    """Template with words in place of those between signs of per cent, which may have such words themselves."""
     while re.search(MARKED, text):
         text = re.sub(MARKED, lambda found: fill[found[1]], text)
     return text
 
 
 def _number(x: float) -> str:
-    """A number in C++ of the type %REAL%."""
+    """Number in C++ of the type %REAL%."""
     size = "std::numeric_limits<%REAL%>::infinity()" if np.isinf(x) else f"{abs(x)!r}%ENDING%"
     return f"-{size}" if x < 0 else size
 
@@ -221,12 +221,12 @@ def _constants(functions: NamedNumbers) -> dict[str, str]:
 
 
 def _character(byte: int) -> str:
-    """A byte in a literal of C++; all but letters, digits and a few signs by its number."""
+    """Byte in a literal of C++; all but letters, digits and a few signs by its number."""
     return chr(byte) if re.match(r"[A-Za-z0-9_.+ -]", chr(byte), re.ASCII) else f"\\{byte:03o}"
 
 
 def _with_eigen(key: str, function: UnitFunction) -> str:
-    """A function of Eigen's types."""
+    """Function of Eigen's types."""
     kinds = {"payload": "const Payload& ", "t": "%REAL% "}
     taken = ", ".join(f"{kinds.get(name, f'const Given<{w}>& ')}{name}" for name, w in function.arguments.items())
     given = [name if name in kinds else f"to_array<{w}>({name})" for name, w in function.arguments.items()]
@@ -287,7 +287,7 @@ def _arguments(functions: NamedNumbers, kernel: Kernel, dtype: str) -> dict[str,
 
 
 def _tolerance(functions: NamedNumbers, arrays: Mapping[str, Array], dtype: str) -> float:
-    """Relative to the largest entry: rounding of a sum, times what solving with M and a difference of torques adds."""
+    """Tolerance relative to the largest entry: rounding of a sum, times errors of solutions with M and differences."""
     robot, growth = functions.scene.resolved.robot, 1.0
     if "tau" in arrays:
         M, h, tau = robot.mass_matrix(arrays["q"]), robot.bias_torque(arrays["q"], arrays["qd"]), arrays["tau"]
@@ -297,7 +297,7 @@ def _tolerance(functions: NamedNumbers, arrays: Mapping[str, Array], dtype: str)
 
 
 def _example(functions: NamedNumbers, named: Mapping[str, UnitFunction]) -> dict[str, str]:
-    """What the example of gravity compensation calls, with the numbers of the scene."""
+    """Call in the example of gravity compensation, with the numbers of the scene."""
     numbers = {plain_name(name): functions.value(name) for name in functions.names}
     used = {name for key in ("gravity_torque", "forward_dynamics") for name in named[key].arguments}
     arrays = {name: x for name, x in numbers.items() if name in used and name != "payload"}

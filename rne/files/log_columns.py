@@ -1,4 +1,4 @@
-"""Which columns of a log are times, positions, velocities and torques of which joint, and in which units."""
+"""Columns of a log: times, positions, velocities and torques, their joints and units."""
 
 from __future__ import annotations
 
@@ -61,19 +61,19 @@ SI = {
 }
 SI |= {"command": SI["q"], "command_rate": SI["qd"]}
 RATES = {"qd": "q", "command_rate": "command"}  # and what they are the rates of
-CAUSES = {"tau": "torques", "command": "commands"}  # without which a motion tells nothing
+CAUSES = {"tau": "torques", "command": "commands"}  # quantities needed with a motion
 TURN = 2 * np.pi  # [rad]
-QUANTITIES = '"t", "q", "qd", "tau", "command" and "command_rate"'  # of a log, in errors
+QUANTITIES = '"t", "q", "qd", "tau", "command" and "command_rate"'  # quantities of a log, in errors
 SO_ARM, PER_CENT = re.compile("so-?10[01]"), 100.0  # arms whose positions LeRobot has in degrees, or up to 100
-SINCE = 1e6  # [s], times beyond which count from the first one
-AMBIGUOUS = ("m", "mm", "N")  # units that do not say the quantity
+SINCE = 1e6  # times beyond this count from the first one [s]
+AMBIGUOUS = ("m", "mm", "N")  # units that do not determine the quantity
 ORDER = "else name the columns alike"
-Guesses = list[tuple[str, str]]  # what is guessed, and what to do where it is wrong
+Guesses = list[tuple[str, str]]  # guesses, each with the remedy if it is wrong
 Columns = dict[str, dict[str, str]]  # names of columns by quantity and joint
 
 
 def measured(path: Any, options: LogOptions) -> tuple[dict[str, Any], list[str], Guesses]:
-    """The samples of a log, or of a file for each quantity, in units that are given, named in the log, or guessed.
+    """Samples of a log, or of a file for each quantity, in units that are given, named in the log, or guessed.
 
     Returns t, q, tau or command, and their rates in SI units and the names of the joints, how the log was read, and
     guesses with their cures.
@@ -102,7 +102,7 @@ def measured(path: Any, options: LogOptions) -> tuple[dict[str, Any], list[str],
 
 
 def _wide(place: str, log: Log, options: LogOptions, guesses: Guesses) -> tuple[Log, LogOptions]:
-    """A log with rows for each joint as one with columns for each, NaN where a joint has no row at a time.
+    """Log with columns for each joint, from one with rows for each; NaN where a joint has no row at a time.
 
     Columns that are given are those of the log, and returned as those made of them.
     """
@@ -136,25 +136,25 @@ def _wide(place: str, log: Log, options: LogOptions, guesses: Guesses) -> tuple[
 
 
 def _counted(place: str, log: Log, j: Array) -> Array:
-    """The number of each row among those of its joint, which are as many as of the others."""
+    """Number of each row among those of its joint, which are as many as of the others."""
     counts = np.bincount(j)
     if np.ptp(counts):
         what = f"joints that column {log.long!r} names have {counts.min()} to {counts.max()} rows"
-        raise ValueError(f'{place}: {what}, and no times that tell which are missing; give columns={{"t": ...}}')
+        raise ValueError(f'{place}: {what}, and no times that show which are missing; give columns={{"t": ...}}')
     k = np.empty(len(j))
     k[np.argsort(j, kind="stable")] = np.tile(np.arange(counts[0]), len(counts))
     return k
 
 
 def _numbered(values: Array) -> tuple[Array, Array]:
-    """Different values in the order in which they come, and the place of each among them."""
+    """Distinct values in order of appearance, and the index of each entry among them."""
     different, first, k = np.unique(values, return_index=True, return_inverse=True)
     order = np.argsort(first)
     return different[order], np.argsort(order)[k]
 
 
 def _times(place: str, log: Log, found: Mapping[str, str], options: LogOptions, count: int) -> tuple[Array, str]:
-    """Times in the unit of the log, and their column; from the sample rate in seconds, and no column."""
+    """Times in the unit of the log, and their column; in seconds and without a column from the sample rate."""
     if options.sample_rate is not None:
         return np.arange(count) / positive_number("sample_rate", options.sample_rate), ""
     if not found:
@@ -177,7 +177,7 @@ def _columns_of(place: str, log: Log, kind: str, names: Sequence[str], count: in
 def _in_units(
     place: str, log: Log, x: Mapping[str, Array], named: tuple[Any, Any], options: LogOptions, guesses: Guesses
 ) -> dict[str, Any]:
-    """The samples in SI units, by columns of each quantity and what these mean (`named`)."""
+    """Samples in SI units, by columns of each quantity and their meanings (`named`)."""
     (kinds, meanings), n = named, x["q"].shape[1]
     units = _units(place, kinds, options.units, meanings)
     if log.is_lerobot and "q" not in options.units:
@@ -210,7 +210,7 @@ def _gains(
     options: LogOptions,
     n: int,
 ) -> Array:
-    """Torques per unit of what the log has as such, which are to be given of currents, shape (n,)."""
+    """Torques per unit of the log's torque columns, shape (n,); must be given for currents."""
     are_currents = np.isin(np.asarray(units["tau"], dtype=object), ["A", "mA"]).any()
     if options.gains is None and (are_currents or any(meanings[x].kind == "current" for x in names)):
         cure = "give `gains` [N m/A]; gains=1 keeps currents, for `rne.identify_drive_gains`"
@@ -223,7 +223,7 @@ def _gains(
 
 
 def _unit_of_data_set(place: str, log: Log, x: Mapping[str, Array], names: Sequence[str], guesses: Guesses) -> str:
-    """Degrees, where an SO-100 or SO-101 has passed what normalised positions end at."""
+    """Unit degrees, where an SO-100 or SO-101 exceeds the range of normalised positions."""
     cure = 'give units={"q": "deg"}, or rad per unit of each joint and `offsets`'
     if "command" not in x or not SO_ARM.match(log.robot) or np.nanmax(np.abs(x["q"]), initial=0) <= PER_CENT:
         raise ValueError(f"{place}: positions of LeRobot data sets are in degrees or normalised; {cure}")
@@ -237,7 +237,7 @@ def _unit_of_data_set(place: str, log: Log, x: Mapping[str, Array], names: Seque
 
 
 def _refuse_counts(place: str, q: Array, names: Sequence[str]) -> None:
-    """A ValueError for whole numbers, which may be degrees or steps of encoders."""
+    """Raise a ValueError for whole numbers, which may be degrees or steps of encoders."""
     known = q[np.isfinite(q)]
     if known.size and np.ptp(known) > 2 * TURN and (known == np.rint(known)).all():
         cure = 'give units={"q": "deg"}, or rad per step, such as 2 * pi / 4096, and `offsets`'
@@ -250,7 +250,7 @@ def _refuse_counts(place: str, q: Array, names: Sequence[str]) -> None:
 def _seconds(
     place: str, t: Array, samples: Mapping[str, Any], named: tuple[str, str], options: LogOptions, guesses: Guesses
 ) -> tuple[Array, list[str]]:
-    """Times in seconds, by their column and the unit that the log names, and what is said of dates."""
+    """Times in seconds, by their column and the unit named in the log, and remarks on dates."""
     stamp, unit = named
     unit = options.time_unit or unit if stamp else "s"
     if not unit and (seems := guessed_unit(t, samples["q"], samples["qd"])) is not None:
@@ -264,7 +264,7 @@ def _seconds(
 
 
 class Meaning(NamedTuple):
-    """What a column's name says: quantity, joint and unit; of one that looks like a command also whose it may be."""
+    """Meaning of a column's name: quantity, joint and unit; for likely commands also the joint of the command."""
 
     kind: str = ""  # empty if it is none that is read
     joint: str = ""
@@ -317,7 +317,7 @@ def _meaning(name: str, joints: Sequence[str] = ()) -> Meaning:
 
 
 def _unit(name: str) -> tuple[str, str]:
-    """A unit at the end of a name, and the name before it; what stands in brackets may be a joint."""
+    """Unit at the end of a name, and the name before it; brackets may also hold a joint."""
     if bracket := BRACKETS.search(name):
         unit, bare = symbol(bracket[1]), name[: bracket.start()]
         what = _meaning(bare)
@@ -328,7 +328,7 @@ def _unit(name: str) -> tuple[str, str]:
 
 
 def _kind(words: Sequence[str], unit: str) -> str:
-    """The quantity in the last word that names one, since those before it are adjectives: "torque current"."""
+    """Quantity of the last word that names one, as those before it are adjectives: "torque current"."""
     kinds = [WORD[word] for word in words if word in WORD]
     kind = next((kind for kind in reversed(kinds) if kind != "t"), None)
     if kind is None and (not {*SYMBOLS}.isdisjoint(words) or {"observation", "state"} <= {*words}):
@@ -339,7 +339,7 @@ def _kind(words: Sequence[str], unit: str) -> str:
 
 
 def _joint(parts: Sequence[str], others: Container[str]) -> str:
-    """The last part of a name that has words of a joint: before it stand topics, namespaces and structures."""
+    """Last part of a name with words of a joint; topics, namespaces and structures precede it."""
     texts = []
     for part in parts:
         kept = [token for token in TOKEN.finditer(part) if token[0].lower() not in others]
@@ -352,7 +352,7 @@ def _joint(parts: Sequence[str], others: Container[str]) -> str:
 
 
 def _joined(files: Mapping[str, Any], options: LogOptions) -> Log:
-    """The columns of a log of a file for each quantity, of which one has the times, or all the same."""
+    """Columns of a log with a file for each quantity, of which one has the times, or all the same."""
     columns, log = dict[str, Array](), Log({})
     times: dict[str, Array] = {}
     for kind, path in files.items():
@@ -376,7 +376,7 @@ def _joined(files: Mapping[str, Any], options: LogOptions) -> Log:
 
 
 def _by_joint(place: str, log: Log, meanings: Mapping[str, Meaning], options: LogOptions) -> tuple[Columns, Guesses]:
-    """The columns of each quantity by joint: those given, of the others what their names say; and guesses."""
+    """Columns of each quantity by joint, as given or else by the meaning of their names; and guesses."""
     guesses = Guesses()
     found, asked, both = _by_meaning(place, log, meanings, options)
     left = _not_commands(found, asked, list(log.columns), guesses)
@@ -407,7 +407,7 @@ def _by_joint(place: str, log: Log, meanings: Mapping[str, Meaning], options: Lo
 def _by_meaning(
     place: str, log: Log, meanings: Mapping[str, Meaning], options: LogOptions
 ) -> tuple[Columns, dict[str, Meaning], dict[str, str]]:
-    """The columns by quantity and joint; those that look like commands; of each quantity two columns of one joint."""
+    """Columns by quantity and joint; those that look like commands; pairs of columns for one joint and quantity."""
     found: Columns = {kind: {} for kind in (*WORDS, *SI)}
     asked, both, columns = dict[str, Meaning](), dict[str, str](), dict[str, list[str]]()
     for kind, wanted in options.given.items():
@@ -433,7 +433,7 @@ def _by_meaning(
 
 
 def _add_commands(place: str, log: Log, meanings: Mapping[str, Meaning], found: Columns, options: LogOptions) -> None:
-    """Add the columns of commands, those that no word for the quantity names where there are no others.
+    """Add the columns of commands, also those without a word for the quantity if there are no others.
 
     Two of one joint that differ are an error.
     """
@@ -456,7 +456,7 @@ def _add_commands(place: str, log: Log, meanings: Mapping[str, Meaning], found: 
 def _torques(
     place: str, found: Columns, meanings: Mapping[str, Meaning], options: LogOptions, guesses: Guesses
 ) -> list[str]:
-    """Take currents and forces for torques where no joint has two of these, and return which of them there are.
+    """Take currents and forces as torques where no joint has two of these, and return the kinds present.
 
     Beside each other torques and currents need units.
     """
@@ -479,7 +479,7 @@ def _forces(
     options: LogOptions,
     guesses: Guesses,
 ) -> dict[str, str]:
-    """Forces by joint, which are the torques of joints that slide."""
+    """Forces by joint, which are the torques of sliding joints."""
     unit = options.units.get("q") if isinstance(options.units, Mapping) else None
     units = {x: unit if isinstance(unit, str) else meanings[q[x]].unit for x in forces}
     if turning := [name for x, name in forces.items() if units[x] in ("rad", "deg")]:
@@ -491,7 +491,7 @@ def _forces(
 
 
 def _not_commands(found: Columns, asked: Mapping[str, Meaning], order: Sequence[str], guesses: Guesses) -> list[str]:
-    """Add the columns of joints that are called like commands, and return those of commands without a measured one.
+    """Add the columns of joints named like commands, and return those of commands without a measured one.
 
     Such a joint has a position and a torque, beside other joints that have, and no column without the word is its own.
     """
@@ -512,7 +512,7 @@ def _not_commands(found: Columns, asked: Mapping[str, Meaning], order: Sequence[
 
 
 def _named(place: str, names: list[str], wanted: Any) -> list[str]:
-    """The columns of a name or number, or of several; of a matrix all."""
+    """Columns of a name or number, or of several; of a matrix all."""
     if not isinstance(wanted, str | int):
         return [name for part in wanted for name in _named(place, names, part)]
     own = [x for k, x in enumerate(names) if wanted in (x, k)] or [x for x in names if x.startswith(f"{wanted}.")]
@@ -525,7 +525,7 @@ def _named(place: str, names: list[str], wanted: Any) -> list[str]:
 def _same_joints(
     place: str, found: Columns, options: LogOptions, guesses: Guesses
 ) -> tuple[dict[str, list[str]], Sequence[str] | None, list[str]]:
-    """Columns of each quantity for the same joints, the names of these, None for numbers, and what is left out.
+    """Columns of each quantity for the same joints, their names, None for numbers, and the omitted ones.
 
     Names come before numbers, and numbers before the order in the file, unless the columns are given.
     """
@@ -553,7 +553,7 @@ def _same_joints(
 
 
 def _by_names(there: Columns, are_given: bool, guesses: Guesses) -> tuple[Columns, Callable[[str], str]]:
-    """Columns of each quantity by the names of joints of that which has names, and what makes names alike."""
+    """Columns of each quantity by the names of joints of that which has names, and the rule that matches names."""
     numbers = {kind: numbers_at_ends(x) for kind, x in there.items()}
     for kind, k in numbers.items():
         if k and not are_given:
@@ -576,7 +576,7 @@ def _by_names(there: Columns, are_given: bool, guesses: Guesses) -> tuple[Column
 def _chosen(
     place: str, there: Columns, of: Columns, key: Callable[[str], str], options: LogOptions, guesses: Guesses
 ) -> list[str]:
-    """The joints with positions and torques in the order of those asked for, or all."""
+    """Joints with positions and torques in the order of those asked for, or all."""
     joints, causes = options.joints, [kind for kind in CAUSES if kind in there]
     are_given, said = {"q", *causes} <= options.given.keys(), " and ".join(CAUSES[kind] for kind in causes)
     which = "columns={" + ", ".join(f'"{kind}": ...' for kind in ("q", *causes)) + "}"
@@ -603,12 +603,12 @@ def _chosen(
 
 
 def plain_name(joint: str) -> str:
-    """A joint's name without what two columns may write differently."""
+    """Joint's name without the parts that two columns may write differently."""
     return re.sub(r"[\W_]", "", joint).casefold()
 
 
 def numbers_at_ends(joints: Iterable[str]) -> list[int]:
-    """Numbers at the ends of names that are alike but for these, 1 for a joint without a name; empty for others."""
+    """Numbers at the ends of names that are otherwise equal, 1 for a joint without a name; empty for others."""
     ends = [re.fullmatch(r"(.*?)(\d*)", joint) for joint in joints]
     parts = [end.groups() for end in ends if end]
     alike = len({name for name, _ in parts}) == 1 and all(number or not name for name, number in parts)
@@ -616,7 +616,7 @@ def numbers_at_ends(joints: Iterable[str]) -> list[int]:
 
 
 def names_by_number(own: Sequence[str], others: Sequence[str]) -> list[str]:
-    """Of other joints the names with the numbers of these: arm_j2 for joint_2 or j2; none where they do not tell."""
+    """Names of `others` with the numbers of one's own: arm_j2 for joint_2 or j2; empty if they do not match."""
     k, theirs = numbers_at_ends(own), numbers_at_ends(others)
     if not k or not set(own).isdisjoint(others) or not set(k) <= set(theirs) or (0 in k) != (0 in theirs):
         return []
@@ -649,7 +649,7 @@ def _units(
 
 
 def _in_si(kind: str, unit: Any, n: int) -> Array:
-    """A unit of all joints, or one of each, by name or as a number, in SI units; ones for None."""
+    """Factors to SI units of one unit for all joints, or one of each, by name or as a number; ones for None."""
     if unit is None:
         return np.ones(n)
     known = SI["q"] | SI["qd"] if kind in RATES else SI[kind]
@@ -663,7 +663,7 @@ def _in_si(kind: str, unit: Any, n: int) -> Array:
 
 
 def _span(names: Sequence[str] | dict[str, str]) -> str:
-    """The first and the last name, of columns by joint those of the columns."""
+    """First and last name, of columns by joint those of the columns."""
     names = [*names.values()] if isinstance(names, dict) else names
     first, last = (repr(cut(names[k], MAX_NAME)) for k in (0, -1))
     return first if len(names) == 1 else f"{first} to {last}"

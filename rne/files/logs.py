@@ -53,8 +53,8 @@ Rows = list[tuple[int, list[str]]]  # rows of a text with their numbers
 
 BAGS = ", ".join(KINDS.values())
 JSON = (".json", ".jsonl", ".ndjson")
-LISTED = 12  # columns that an error lists
-LONGEST = 200  # characters of a name
+LISTED = 12  # columns listed in an error
+LONGEST = 200  # most characters of a name
 UNIT = re.compile(r"s|ms|us|ns|(rad|deg|mm?)(/s)?|rpm|m?Nm|N|m?A")
 SPELT = {  # of units as they are written
     r"[\s.·⋅*^⁻¹-]": "", r"(?<=deg|rad)(_s|ps|s1|_?per_?s(ec(ond)?)?)$": "/s",
@@ -63,7 +63,7 @@ SPELT = {  # of units as they are written
     r"^(m?)amp(ere)?s?$": r"\1A", r"^(1|rev|r|u)[/p]min$": "rpm",
 }  # fmt: skip
 DATE = re.compile(r"(\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d(?:\.\d+)?)(?:Z|[+-]\d\d:?\d\d)?")
-JOINTS = 64  # joints at most, of which rows of their own are looked for
+JOINTS = 64  # most joints with rows of their own
 WHOLE = re.compile(r"\s*\d+(\.0)?\s*")
 OTHERS = {  # first bytes of files that are not read, what they are, and the cure
     b"MATLAB 7": "a MATLAB file of version 7.3; save it by save(file, ..., '-v7')",
@@ -85,7 +85,7 @@ NUMBERS = re.compile(r"((fixed_size_|large_)?list<.*)?\b(halffloat|float|double|
 
 @dataclass(frozen=True)
 class LogOptions:
-    """Options of reading a log, as `rne.identification.Record.from_log` describes them; None where not given."""
+    """Options for reading a log, as described by `rne.identification.Record.from_log`; None where not given."""
 
     joints: Sequence[str] | None = None
     columns: Sequence[str] | Mapping[str, Any] | None = None
@@ -109,7 +109,7 @@ class LogOptions:
 
 
 class Log(NamedTuple):
-    """The columns of a log by name, as numbers or texts, and what was chosen to read it, in words."""
+    """Columns of a log by name, as numbers or texts, and remarks on how it was read."""
 
     columns: dict[str, Array]
     said: tuple[str, ...] = ()
@@ -126,7 +126,7 @@ class Log(NamedTuple):
     called: Mapping[str, str] = {}  # names in the file, where columns have others
 
     def numbers(self, place: str, name: str) -> Array:
-        """A column as numbers, NaN where entries are left out."""
+        """Column as numbers, NaN for empty entries."""
         x = self.columns[name]
         if name in self.twice:
             raise ValueError(f"{place}: column {name!r} is there twice; give names of all columns as `columns`")
@@ -137,21 +137,21 @@ class Log(NamedTuple):
         return self.decimals(place, name)
 
     def decimals(self, place: str, name: str, gaps: bool = True) -> Array:
-        """A column of decimal numbers; with `gaps`, NaN where entries are left out."""
+        """Column of decimal numbers; with `gaps`, NaN for empty entries."""
         x = self.columns[name]
         are_texts = x.dtype.kind == "U"
         return finite_numbers(place, name, self.rows, x.tolist(), self.decimal, gaps) if are_texts else x
 
 
 def symbol(unit: str) -> str:
-    """The symbol of a unit, such as Nm of `N.m`, `N·m`, `N m`, or the text if it is none."""
+    """Symbol of a unit, such as Nm of `N.m`, `N·m`, `N m`, or the text if it is none."""
     for spelt, short in SPELT.items():
         unit = re.sub(spelt, short, unit, flags=re.IGNORECASE)
     return unit
 
 
 def read_log(path: Path, options: LogOptions) -> Log:
-    """The columns of a file, whose format its first bytes say, or of a data set or bag in a folder."""
+    """Columns of a file, whose format is recognised by its first bytes, or of a data set or bag in a folder."""
     if path.is_dir():
         if (path / "meta" / "info.json").is_file():
             return _parquet(sorted(path.glob("data/*/*.parquet")), path / "meta" / "info.json", options)
@@ -178,7 +178,7 @@ def read_log(path: Path, options: LogOptions) -> Log:
 
 
 def _whole(path: Path, read: Callable[[], Any]) -> Any:
-    """Return what a library reads from a file; raise one kind of error if the file is damaged."""
+    """Result of a library's reader; one kind of error if the file is damaged."""
     try:
         return read()
     except Exception as error:  # each library has its own
@@ -196,7 +196,7 @@ def _whole(path: Path, read: Callable[[], Any]) -> Any:
 
 
 def _text(path: Path, options: LogOptions) -> Log:
-    """The columns of a text, which may be JSON or a table."""
+    """Columns of a text, which may be JSON or a table."""
     text = text_of(path)
     if path.suffix.lower() in JSON or re.match(r"\s*[\[{]\s*[\[{\"]", text):
         return _arrays(path, _whole(path, lambda: _json(text, most_unpacked(path))))
@@ -207,7 +207,7 @@ def _text(path: Path, options: LogOptions) -> Log:
 
 
 def read_table(name: str, text: str, options: LogOptions) -> Log:
-    """The columns of a table in a text, or of the messages in its rows."""
+    """Columns of a table in a text, or of the messages in its rows."""
     text, separator, decimal = formatted(text, options.separator, options.decimal)
     rows, body = _rows(name, text, (separator, decimal), options.exact)
     are_named, first = rows or isinstance(options.columns, Sequence), next(iter(body.texts), ())
@@ -318,7 +318,7 @@ def _joints_of(place: str, columns: Mapping[str, Array]) -> dict[str, Any]:
 
 
 def with_stamps(place: str, log: Log) -> Log:
-    """A log whose times in seconds have the nanoseconds that stand in a column of their own."""
+    """Log whose times in seconds include the nanoseconds of a column of their own."""
     columns = dict(log.columns)
     for name in log.columns:
         found = re.fullmatch(r"(.*?)(?:nano|n)(sec(?:ond)?s?)", name, re.IGNORECASE)
@@ -329,7 +329,7 @@ def with_stamps(place: str, log: Log) -> Log:
 
 
 def _is_numeric(row: Sequence[str], decimal: str) -> bool:
-    """True if half of the entries that are not left out are numbers."""
+    """True if half of the entries that are not empty are numbers."""
     filled = [x for x in row if x.strip()]
     return 2 * sum(math.isfinite(as_number(x, decimal)) for x in filled) >= len(filled) > 0
 
@@ -410,7 +410,7 @@ def _bags(paths: Sequence[Path], options: LogOptions) -> Log:
 
 
 def _arrays(path: Path, arrays: Mapping[str, Any]) -> Log:
-    """The columns of arrays by name, of the joints that an array of texts names."""
+    """Columns of arrays by name, of the joints that an array of texts names."""
     columns = _columns(arrays)
     return Log(columns, **_joints_of(os.fspath(path), columns))
 
@@ -479,7 +479,7 @@ def _array_of(value: Any, left: list[int]) -> Any:
 
 
 def _texts_of(value: Any, left: list[int]) -> Array | None:
-    """An array of texts, and numbers as such, in lists of one size; of which each takes as much as the longest."""
+    """Array of texts, numbers included, in lists of one size; each takes as much memory as the longest."""
     entries = _flat(value)
     if not all(isinstance(x, str | int | float) for x in entries):
         return None
@@ -500,13 +500,13 @@ def _take(size: int, left: list[int]) -> None:
 
 
 def _numpy(arrays: Arrays) -> dict[str, Any]:
-    """The vectors and matrices of numbers, and texts, of a NumPy archive."""
+    """Vectors and matrices of numbers, and texts, of a NumPy archive."""
     stated = {name: arrays.stated(name)[1:] for name in arrays}
     return {x: arrays[x] for x, (shape, _, kind) in stated.items() if len(shape) <= 2 and kind.kind in "fiuUSO"}
 
 
 def _parquet(paths: Sequence[Path], info: Path | None, options: LogOptions) -> Log:
-    """One episode of a LeRobot data set."""
+    """Columns of one episode of a LeRobot data set."""
     try:
         import pyarrow.parquet as parquet
     except ImportError:

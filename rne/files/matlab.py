@@ -1,4 +1,4 @@
-"""Files of MATLAB, versions 5 to 7: SciPy crashes on damaged ones, and unpacks what they say without a limit."""
+"""Files of MATLAB, versions 5 to 7, read with limits; SciPy crashes on damaged ones and unpacks without limit."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from ..basics.archive import TooLargeError
 
-MOST_PARTS = 100_000  # parts of an array
+MOST_PARTS = 100_000  # most parts of an array
 NUMERIC = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}  # kinds of parts
 COMPRESSED, CELLS, STRUCTURE, TEXT = 15, 1, 2, 4  # kinds of elements and of arrays
 
@@ -37,7 +37,7 @@ def matlab_arrays(data: memoryview, most: int) -> dict[str, Any]:
 
 
 def _count(value: Any) -> int:
-    """Return the number of values in an array, or in a structure of arrays."""
+    """Number of values in an array, or in a structure of arrays."""
     return sum(map(_count, value.values())) if isinstance(value, Mapping) else np.size(value)
 
 

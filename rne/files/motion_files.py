@@ -1,4 +1,4 @@
-"""Files of a motion: an archive that holds all of it, a table for other programs."""
+"""Files of a motion: a complete archive, and a table for other programs."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def write_archive(path: str | PathLike[str], motion: Any) -> Path:
 
 
 def read_archive(path: str | PathLike[str], kind: type) -> Any:
-    """The Trajectory in an archive, checked."""
+    """Trajectory in an archive, checked."""
     return read(path, _kinds(kind), kind, VERSION, _check)
 
 
@@ -65,7 +65,7 @@ def csv_text(t: Array, columns: Mapping[str, Array]) -> str:
 
 
 def _check(motion: Any) -> None:
-    """A ValueError that names the first array with a wrong shape or a number that is not finite, or late time."""
+    """Raise a ValueError for the first array with a wrong shape or a non-finite number, or for late times."""
     sizes: dict[str, int] = {}
     for name, shape in SHAPES.items():
         _check_array(name, getattr(motion, name), shape, sizes)

@@ -40,7 +40,7 @@ FOOTER, CHUNK, TAIL = 2, 6, 37  # kinds of records of MCAP, and bytes from the f
 
 
 class NotReadError(ValueError):
-    """A file that is whole, and of a kind that is not read."""
+    """Raised for an intact file of a kind that is not read."""
 
 
 def echoed(name: str, body: TableBody) -> Iterator[Message]:
@@ -79,7 +79,7 @@ def is_bag(path: Path, first: bytes) -> bool:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[tuple[Any, str]]:
-    """An open reader of a bag, whose chunks unpack to no more than they may, and the kind of the bag."""
+    """Open reader of a bag, with checked sizes of its chunks, and the kind of the bag."""
     try:
         from rosbags import rosbag1, rosbag2
     except ImportError:
@@ -102,7 +102,7 @@ def _opened(path: Path) -> Iterator[tuple[Any, str]]:
     try:
         indexed = [(x.chunk_start_offset, _stated(x)) for x in reader.chunks] if kind == ".mcap" else []
         if not Counter(indexed) <= Counter(chunks.items()):
-            raise ValueError("its index names chunks that are not there; mend it: mcap recover FILE")
+            raise ValueError("its index names chunks that are not there; repair it: mcap recover FILE")
         if kind == ".bag":
             own = {"decompressor": partial(_unpacked, compression="", stated=LARGEST, left=[most])}
             reader.chunks = {at: chunk._replace(**own) for at, chunk in reader.chunks.items()}
@@ -151,12 +151,12 @@ def bag_states(path: Path, topic: str, kind: str = JOINT_STATE) -> list[tuple[in
             ns = state.header.stamp.sec * 10**9 + state.header.stamp.nanosec or logged
             messages.append((int(logged), (ns, tuple(map(sys.intern, state.name)), values)))
         if (count := sum(x.msgcount for x in own)) > len(messages):
-            raise ValueError(f"{count - len(messages)} of {count} messages cannot be found; mend its index")
+            raise ValueError(f"{count - len(messages)} of {count} messages cannot be found; repair its index")
     return messages
 
 
 def _decoded(store: Any, kind: str, raw: bytes, *, is_old: bool) -> Any:
-    """A message; of one of a controller the fields that all versions begin with."""
+    """Decoded message; of a controller's the fields that all versions begin with."""
     if kind == JOINT_STATE:
         return store.deserialize_ros1(raw, kind) if is_old else store.deserialize_cdr(raw, kind)
     definition = store.get_msgdef(kind)
@@ -195,7 +195,7 @@ def _stated(index: Any) -> tuple[str, int, int]:
 
 
 def _unpacked(data: bytes, compression: str, stated: int, left: list[int]) -> bytes:
-    """The bytes of a chunk; an error if they are more than stated or left. Of ROS 1 its first bytes tell how."""
+    """Bytes of a chunk; an error if they are more than stated. For ROS 1 its first bytes give the compression."""
     unpacking: Any = None
     if compression == "zstd":
         if sys.version_info >= (3, 14):

@@ -52,7 +52,7 @@ class Samples(NamedTuple):
 
 
 class MissingColumn(ValueError):
-    """A file without a column that is needed."""
+    """Raised for a file without a column that is needed."""
 
 
 def read_csv(path: File, joint_names: Sequence[str], *, time_unit: TimeSymbol | None = None) -> Samples:
@@ -113,7 +113,7 @@ def in_seconds(path: File, samples: Samples, unit: str | None, cure: str = "", l
 
 
 def read_samples(path: File, joint_names: Sequence[str], *, needed: Sequence[str] = (), timed: bool = True) -> Samples:
-    """The samples of a file of comma-separated values that must have the quantities `needed`.
+    """Samples of a file of comma-separated values that must have the quantities `needed`.
 
     Points that are not `timed` have their numbers for times, and a column of times is ignored.
     """
@@ -125,7 +125,7 @@ def read_samples(path: File, joint_names: Sequence[str], *, needed: Sequence[str
 
 
 def logged(name: str, log: Log, options: LogOptions) -> dict[str, Any]:
-    """The samples of a log in columns that are named exactly, NaN for entries left out; without torques commands."""
+    """Samples of a log in columns with exact names, NaN for empty entries; commands if there are no torques."""
     there = {x.partition(".")[0] for x in log.columns}
     needed = ("q", "command" if "command" in there and "tau" not in there else "tau")
     x = _arrays_of(name, log, options.joints, needed, gaps=True)
@@ -162,7 +162,7 @@ def _wanted(
     needed: Sequence[str],
     read: tuple[bool, Sequence[str]],
 ) -> list[str]:
-    """The columns to read: t if there are times, and every quantity that is there for all joints (`read`)."""
+    """Names of the columns to read: t if there are times, and every quantity present for all joints (`read`)."""
     timed, quantities = read
     if all(math.isfinite(as_number(column)) for column in columns):
         example = ",".join([*["t"] * timed, *(f"q.{joint}" for joint in joint_names)])

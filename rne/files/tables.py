@@ -19,7 +19,7 @@ from ..basics.archive import bytes_of
 from ..basics.spatial import Array
 from ..basics.text import MAX_NAME, cut
 
-MAX_NAMES = 4  # columns that a message names
+MAX_NAMES = 4  # columns named in a message
 SNIFFED, MIDDLE = 20, 2**16  # rows by which the format is found, and characters from the middle on that have them
 FORMATS = [(";", "."), (";", ","), ("\t", "."), ("\t", ","), (",", "."), (" ", "."), (" ", ",")]
 HEAD = 2**16  # characters, in which a table of numbers alone begins
@@ -37,7 +37,7 @@ class TableBody(NamedTuple):
 
     @property
     def width(self) -> int:
-        """Return the number of entries that most rows have."""
+        """Number of entries that most rows have."""
         return mode(map(len, self.texts or [()])) if self.numbers is None else int(self.numbers.shape[1])
 
     def columns(self, name: str, width: int, of: str = "", cure: str = "") -> list[Any]:
@@ -49,7 +49,7 @@ class TableBody(NamedTuple):
 
 
 def text_of(path: Path) -> str:
-    """The text of a file in UTF-8, or in UTF-16 that begins with its mark, as Windows writes it."""
+    """Text of a file in UTF-8, or in UTF-16 that begins with its mark, as Windows writes it."""
     data = bytes_of(path)
     try:
         text = data.decode("utf-16" if data[:2] in (BOM_UTF16_LE, BOM_UTF16_BE) else "utf-8-sig")
@@ -61,7 +61,7 @@ def text_of(path: Path) -> str:
 
 
 def formatted(text: str, separator: str | None = None, decimal: str | None = None) -> tuple[str, str, str]:
-    """A text, its separator and decimal sign, by which most entries are numbers; blanks that separate become one.
+    """Text with its separator and decimal sign, with which most entries are numbers; separating blanks become one.
 
     Commas separate where one of the names between them is `t`, whatever is in other columns.
     """
@@ -86,7 +86,7 @@ def formatted(text: str, separator: str | None = None, decimal: str | None = Non
 
 
 def csv_rows(name: str, text: str, separator: str = ",") -> list[tuple[int, list[str]]]:
-    """Every row that is not blank, with its number."""
+    """Rows that are not blank, with their numbers."""
     reader = csv.reader(io.StringIO(text, newline=""), strict=True, delimiter=separator)
     try:
         return [(reader.line_num, row) for row in reader if any(field.strip() for field in row)]
@@ -102,7 +102,7 @@ def below_comments(rows: list[tuple[int, list[str]]]) -> list[tuple[int, list[st
 
 
 def numeric_block(text: str, separator: str = ",", decimal: str = ".") -> tuple[str, TableBody] | None:
-    """The text above a table of finite decimal numbers, and this table; None if there is anything else in it.
+    """Text above a table of finite decimal numbers, and this table; None if there is anything else in it.
 
     SciPy's reader of Matrix Market files takes a quarter of the time of `numpy.loadtxt`, and stops at the end of each
     number without looking at what is left of the entry. Hence the entries are checked before, by what may follow what.
@@ -147,7 +147,7 @@ def numeric_block(text: str, separator: str = ",", decimal: str = ".") -> tuple[
 def finite_numbers(
     place: str, column: str, rows: Sequence[int], texts: Sequence[str], decimal: str = ".", gaps: bool = True
 ) -> Array:
-    """The numbers of a column; with `gaps`, NaN for entries left out."""
+    """Numbers of a column; with `gaps`, NaN for empty entries."""
     numbers = np.array([as_number(text, decimal) for text in texts])
     for k in np.flatnonzero(~np.isfinite(numbers)).tolist():
         if not gaps or texts[k].strip().lower() not in ("", "nan"):
@@ -157,7 +157,7 @@ def finite_numbers(
 
 
 def as_number(text: str, decimal: str = ".") -> float:
-    """The number that a text is, NaN if it is none."""
+    """Number of a text, NaN if it is none."""
     if decimal != ".":
         text = text.replace(".", "?").replace(decimal, ".")
     try:
@@ -167,6 +167,6 @@ def as_number(text: str, decimal: str = ".") -> float:
 
 
 def listed_names(names: Sequence[str], most: int = MAX_NAMES) -> str:
-    """The first names in quotes, and how many more there are."""
+    """First names in quotes, and the number of others."""
     shown = ", ".join(repr(cut(name, MAX_NAME)) for name in names[:most])
     return shown if len(names) <= most else f"{shown} and {len(names) - most} more"

@@ -1,4 +1,4 @@
-"""Units of times: which one the times of a log are in, where nothing says it."""
+"""Units of times: the likely unit of a log's times, where it is not stated."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ from numpy.lib.stride_tricks import sliding_window_view
 from ..basics.spatial import Array
 
 TimeSymbol = Literal["s", "ms", "us", "ns"]
-UNITS = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}  # of each in a second
+UNITS = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}  # units per second
 NAMES = {"ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds"}
-NO_SECONDS = 1e11  # [s], the year 5138: later times are in another unit
-SINCE_1970 = 1.2e9, 5e9  # [s], the years 2008 to 2128
-LONG, ENDLESS = 0.1, 1e3  # [s], steps below which they are hardly in milliseconds, and above which hardly in seconds
-STEPS = 2e-5, 10.0  # [s], between which the steps of logs are
-TRAVEL = 1e-3  # rad or m, less than which is no motion but in such steps
-SLOW, FAST = 2e-3, 2.0  # speeds as parts of the joints' limits, below and above which no motion is expected
-CREEPING = 1e-3  # such a part, slower than which a date in a unit is doubted
-SPEED = 5.0  # rad/s or m/s, instead of a limit that is not known
+NO_SECONDS = 1e11  # times beyond which the unit is not seconds [s]: the year 5138
+SINCE_1970 = 1.2e9, 5e9  # the years 2008 to 2128 [s]
+LONG, ENDLESS = 0.1, 1e3  # step below which milliseconds are unlikely, and above which seconds are [s]
+STEPS = 2e-5, 10.0  # range of the steps of logs [s]
+TRAVEL = 1e-3  # smallest motion [rad or m], except in such steps
+SLOW, FAST = 2e-3, 2.0  # plausible range of speeds relative to the joints' limits
+CREEPING = 1e-3  # relative speed below which a date in a unit is doubted
+SPEED = 5.0  # speed in place of an unknown limit [rad/s or m/s]
 AGREE, FACTOR = 0.8, 3.0  # correlation of measured velocities with differences of positions, and error of their ratio
-SPIKED = 10  # samples from which single jumps and spikes do not count as motion, and ratios of velocities are told
+SPIKED = 10  # samples from which single jumps do not count as motion, and ratios of velocities are estimated
 
 
 class TimeUnit(NamedTuple):
-    """A unit that times seem to have: its symbol, and why they are not taken as seconds."""
+    """Likely unit of times: its symbol, and the reason why they are not taken as seconds."""
 
     symbol: str
     reason: str
@@ -37,12 +37,12 @@ class TimeUnit(NamedTuple):
 
     @property
     def said(self) -> str:
-        """The unit and what to divide by, in words."""
+        """Text of the unit and the divisor."""
         return f"looks like {NAMES[self.symbol]}, not seconds: {self.reason}"
 
 
 def guessed_unit(t: Array, q: Array, qd: Array | None = None, limits: Array | None = None) -> TimeUnit | None:
-    """The unit of times (K,) that are hardly in seconds; None where seconds are plausible.
+    """Unit of times (K,) that are hardly in seconds; None where seconds are plausible.
 
     They are not where measured velocities are those of another unit; where times are later than any date; and where
     steps are long and no joint reaches a five-hundredth of its velocity limit, although a joint moves. Named is the
@@ -71,7 +71,7 @@ def guessed_unit(t: Array, q: Array, qd: Array | None = None, limits: Array | No
 
 
 def _speeds(t: Array, q: Array, limits: Array | None) -> tuple[float, float]:
-    """The largest speed as a part of its limit, and the largest of all; zero where no joint moves."""
+    """Largest speed relative to its limit, and the largest of all; zero where no joint moves."""
     known = np.full(q.shape[1], SPEED) if limits is None else np.where((limits > 0) & (limits < np.inf), limits, SPEED)
     steps = np.diff(t)
     speed = np.abs(np.diff(q, axis=0)[steps > 0] / steps[steps > 0, None])
@@ -82,7 +82,7 @@ def _speeds(t: Array, q: Array, limits: Array | None) -> tuple[float, float]:
 
 
 def velocity_ratio(t: Array, q: Array, qd: Array) -> float:
-    """Velocities over the differences of positions, zero where they have little in common."""
+    """Ratio of velocities to differences of positions, zero where they are uncorrelated."""
     moved, area = np.diff(q, axis=0), np.diff(t)[:, None] * (qd[1:] + qd[:-1]) / 2
     common, a, b = float((moved * area).sum()), float((moved**2).sum()), float((area**2).sum())
     return common / a if abs(common) > AGREE * np.sqrt(a * b) > 0 else 0.0

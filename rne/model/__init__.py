@@ -1,4 +1,4 @@
-"""The Model of a robot, its validation, its construction and modification, built-in robots."""
+"""Model of a robot: its validation, construction and modification; built-in robots."""
 
 from typing import TYPE_CHECKING
 

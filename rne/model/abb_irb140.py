@@ -1,4 +1,4 @@
-"""The ABB IRB 140 with the parameters of Høifødt 2011; the only place that holds its numbers.
+"""ABB IRB 140 with the parameters of Høifødt 2011; the only place that holds its numbers.
 
 H. Høifødt, Dynamic Modeling and Simulation of Robot Manipulators: The Newton-Euler Formulation, MSc thesis,
 NTNU, June 2011.
@@ -19,7 +19,7 @@ from .solids import Box, Cylinder, cylinder_inertia
 
 
 class Datum(NamedTuple):
-    """One entry: a number or one number per axis, its unit as printed, and its source."""
+    """Entry: a number or one number per axis, its unit as printed, and its source."""
 
     value: float | tuple[float, ...]
     unit: str
@@ -31,7 +31,7 @@ ORIGIN: Vector = (0.0, 0.0, 0.0)
 
 
 class Link(NamedTuple):
-    """One row of the thesis's tables: Denavit-Hartenberg angles, lengths in frame i, and the cylinder of table 4.1."""
+    """Row of the thesis's tables: Denavit-Hartenberg angles, lengths in frame i, and the cylinder of table 4.1."""
 
     theta: float  # [rad]
     a: float  # twist about x [rad]
@@ -80,7 +80,7 @@ KD = (20.0, 20.0, 20.0, 20.0, 20.0, 22.0)
 
 
 class ClosedLoop(NamedTuple):
-    """A run of section 6.5: PD with gravity compensation, from rest at `start` to `reference` [rad], `duration` [s]."""
+    """Run of section 6.5: PD with gravity compensation, from rest at `start` to `reference` [rad], `duration` [s]."""
 
     start: tuple[float, ...]
     reference: tuple[float, ...]

@@ -1,4 +1,4 @@
-"""From links and joints to a Model: fixed joints are merged here, and nowhere else.
+"""Construction of a Model from links and joints; the only place where fixed joints are merged.
 
 Placements are composed in long double and rounded once, so that a thousand fixed joints in a row, or none, give
 the same digits where long double is wider than double.
@@ -30,12 +30,12 @@ class Pose(NamedTuple):
     p: Array
 
     def then(self, inner: Pose) -> Pose:
-        """The pose of a frame that is placed at `inner` in this frame."""
+        """Pose of a frame that is placed at `inner` in this frame."""
         return Pose(snap(self.R @ inner.R), self.p + rotate(self.R, inner.p))
 
 
 def pose(R: Any, p: Any) -> Pose:
-    """A Pose of any real arrays."""
+    """Pose of any real arrays."""
     return Pose(np.array(R, dtype=Extended), np.array(p, dtype=Extended))
 
 
@@ -43,7 +43,7 @@ NO_MOTION = pose(np.eye(3), np.zeros(3))
 
 
 class Mimic(NamedTuple):
-    """The joint's position is `multiplier` times that of part `independent`'s joint, plus `offset`."""
+    """Mimic joint: its position is `multiplier` times that of part `independent`'s joint, plus `offset`."""
 
     independent: int
     multiplier: Any
@@ -51,7 +51,7 @@ class Mimic(NamedTuple):
 
 
 def composed(written: Mapping[int, Mimic]) -> dict[int, Mimic]:
-    """Mimics of independent parts in place of mimics of mimics; those in a circle, or of one, follow a part of it."""
+    """Mimics of independent parts in place of mimics of mimics; those in a cycle follow a part of it."""
     found: dict[int, Mimic] = {}
     for k in written:
         chain = dict[int, None]()
@@ -66,7 +66,7 @@ def composed(written: Mapping[int, Mimic]) -> dict[int, Mimic]:
 
 @dataclass(frozen=True, kw_only=True)
 class Part:
-    """One link with the joint that carries it; the root has no joint. Quantities as in Model.
+    """Link with the joint that carries it; the root has no joint. Quantities as in Model.
 
     `link_origin` is where the link's frame has its origin, seen from the joint's frame. It differs from zero only where
     the joint's origin was moved along its axis: all other quantities, placements of other parts included, are seen from
@@ -105,7 +105,7 @@ def assemble(
     notes: Mapping[str, str] | None = None,
     source: str | None = None,
 ) -> Model:
-    """The Model of a tree of parts, the root first and every parent before its children."""
+    """Model of a tree of parts, the root first and every parent before its children."""
     moving = [k for k, part in enumerate(parts) if part.kind != "fixed"]
     body_of, parents = list[int](), list[int]()
     frames, placements = list[Pose](), list[Pose]()  # of each link in its body's frame, of each body in its parent's
@@ -176,7 +176,7 @@ def at_links(parts: Sequence[Part]) -> list[Part]:
 
 
 def disassemble(model: Model) -> list[Part]:
-    """The parts of a Model: each body's inertia on the link that its joint carries, all other links massless.
+    """Parts of a Model: each body's inertia on the link that its joint carries, all other links massless.
 
     Joints that follow by couplings are independent here; `assemble` makes a tree without couplings of them.
     """

@@ -30,7 +30,7 @@ def chain(
     axes: ArrayLike | None = None,
     **options: Any,
 ) -> Model:
-    """An unbranched robot from the rotations and vectors between its frames, as in the thesis's appendix B.
+    """Unbranched robot from the rotations and vectors between its frames, as in the thesis's appendix B.
 
     Frame 0 is the base's, frame i is fixed to link i at its far end, and joint i between link i-1 and link i moves at
     the origin of frame i-1. Every vector of link i is seen from frame i. For a Denavit-Hartenberg table see `dh_chain`.
@@ -117,7 +117,7 @@ def dh_chain(
     tool: ArrayLike | None = None,
     tip: str = "tool0",
 ) -> Model:
-    """An unbranched robot from its Denavit-Hartenberg table; centres and inertias are seen from the DH frames.
+    """Unbranched robot from its Denavit-Hartenberg table; centres and inertias are seen from the DH frames.
 
     Parameters
     ----------
@@ -225,7 +225,7 @@ class Links(NamedTuple):
 
 
 def _chain_model(given: Links, R: Array, origins: Array, axes: Array, shifts: Array) -> Model:
-    """The Model of an unbranched chain; raises ValueError for what `load` would refuse in a file.
+    """Model of an unbranched chain; raises ValueError for what `load` would refuse in a file.
 
     Joint i has orientation R[i] and origin origins[i] in the frame before it, and the last frame is at origins[n];
     centres of mass count from shifts[i] in the joint's frame.
@@ -250,7 +250,7 @@ def _chain_model(given: Links, R: Array, origins: Array, axes: Array, shifts: Ar
 
 
 def _placement(name: str, value: Any) -> tuple[Array, Array]:
-    """Rotation and origin of a pose; none of a name."""
+    """Rotation and origin of a pose; the identity for the name of a frame or None."""
     if value is None or isinstance(value, str):
         return np.eye(3, dtype=Extended), np.zeros(3, dtype=Extended)
     T = extended(name, value, "(4, 4)")
@@ -273,7 +273,7 @@ def _inertias(value: Any, n: int) -> Array:
 
 
 def extended(name: str, value: ArrayLike, shape: str) -> Array:
-    """An array of finite real numbers of a certain shape, in long double."""
+    """Array of finite real numbers of a certain shape, in long double."""
     return real_array(name, value, shape).astype(Extended)
 
 
@@ -304,7 +304,7 @@ def _names(argument: str, given: Sequence[str] | None, default: list[str]) -> tu
 
 
 def _types(given: Links, joints: tuple[str, ...]) -> list[str]:
-    """The type of every joint; one string is the type of all."""
+    """Type of every joint; one string is the type of all."""
     types = [given.types] * len(joints) if isinstance(given.types, str) else list(given.types)
     if len(types) != len(joints):
         raise ValueError(f"`types` must be one type or {len(joints)} of them, got {len(types)}")

@@ -13,15 +13,15 @@ from ..basics.spatial import Array, symmetric
 from ..errors import ModelError
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic")
-DRIVES = ("effort", "velocity", "acceleration", "deceleration", "jerk")  # what they have limits of
+DRIVES = ("effort", "velocity", "acceleration", "deceleration", "jerk")  # names of limits of drives
 LIMITS = tuple(f"{name}_limit" for name in DRIVES)
 # The least values of a joint's numbers, for files, arguments and scenes alike; ranges have none.
 LEAST = dict.fromkeys((*DRIVES, *LIMITS, "torque_rate", "damping", "friction", "armature"), 0.0)
 LEAST |= {"lower": -np.inf, "upper": -np.inf}
-UNIT_TOLERANCE = 1e-12  # an axis or rotation off by more was never normalised
-RANGE_IN_DEGREES = (12.6, 720.0)  # joints that turn 1e3 rad or more are wheels; real ranges end at two turns
-SYMMETRY = 1e-12  # of the largest entry: asymmetry of an inertia that is rounding error
-INERTIA_TOLERANCE = 1e-12  # of trace + m |c|^2: rounding of a file's decimals, not a negative inertia
+UNIT_TOLERANCE = 1e-12  # largest deviation of an axis or rotation from unit length or orthogonality
+RANGE_IN_DEGREES = (12.6, 720.0)  # ends of a range in degrees: wheels turn 1e3 rad or more, ranges two turns
+SYMMETRY = 1e-12  # asymmetry of an inertia due to rounding, relative to the largest entry
+INERTIA_TOLERANCE = 1e-12  # negative inertia due to rounding of a file's decimals, relative to trace + m |c|^2
 
 
 def check_model(values: Mapping[str, Any]) -> None:
@@ -48,14 +48,14 @@ def check_model(values: Mapping[str, Any]) -> None:
 
 
 def domain_error(name: str, value: float) -> str | None:
-    """Say what keeps a number from being a joint's limit, range, damping or friction; infinity is no limit."""
+    """Reason why a number cannot be a joint's limit, range, damping or friction; infinity is no limit."""
     if np.isnan(value):
         return "must be a number"
     return "must not be negative" if value < LEAST[name] else None
 
 
 def inertia_error(mass: float, com: Array, inertia: Array, *, is_moved: bool = True) -> str | None:
-    """Say what makes a rigid body impossible, or None if it is possible.
+    """Reason why a rigid body is impossible, or None if it is possible.
 
     The mass in kg, the centre of mass (3,) in the body's frame in m, the inertia (3, 3) about it in kg m^2; the
     eigenvalues of one that is not moved are not examined, as they have no effect.
@@ -78,7 +78,7 @@ def looks_like_degrees(*bounds: float) -> bool:
 
 
 def symmetric_up_to_rounding(inertia: Array) -> Array:
-    """The symmetric part of an inertia that differs from it by rounding only, such as R I R^T; others unchanged."""
+    """Symmetric part of an inertia that differs from it by rounding only, such as R I R^T; others unchanged."""
     half = symmetric(inertia)
     return half if 2 * np.abs(inertia - half).max() <= SYMMETRY * np.abs(inertia).max() else inertia
 

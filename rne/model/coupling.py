@@ -1,4 +1,4 @@
-"""Joints that follow others: traced functions of their drivers' positions, and the ranges in which these exist."""
+"""Coupled joints: traced functions of their drivers' positions, and the ranges in which these exist."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from ..graph.scalar import Scalar, inputs, references
 from .model import Loop, Model, of_either, with_unchecked
 
 LOGGER = logging.getLogger("rne")
-SAMPLES = 1000  # of a driver's range on either side of its zero, twice, between which it is cut
-NEAREST, FARTHEST = 1e-7, 1e3  # [m] from its zero that an unlimited slide is looked at
+SAMPLES = 1000  # samples of a driver's range on either side of its zero, in two spacings
+NEAREST, FARTHEST = 1e-7, 1e3  # nearest and farthest samples of an unlimited slide from its zero [m]
 HALVINGS = 60
-JUMP = 0.1  # [rad] from a full turn, between neighbours: what functions like arctan2 leave out
+JUMP = 0.1  # tolerance of a jump by a full turn between samples [rad], as of functions like arctan2
 Followed = tuple[Sequence[str], Callable[..., Any]]  # drivers and function
 
 
 class Linked(NamedTuple):
-    """A joint of a linkage that follows: besides drivers and function the first driver's range, and the loop."""
+    """Coupled joint of a linkage: drivers, function, the first driver's range, and the loop."""
 
     drivers: Sequence[str]
     position: Callable[..., Any]
@@ -38,7 +38,7 @@ class Linked(NamedTuple):
 
 @dataclass(frozen=True)
 class Coupling:
-    """The position of a joint as a function of the positions of `drivers`, all of them coordinates, in their order.
+    """Position of a joint as a function of the positions of `drivers`, all of them coordinates, in their order.
 
     `program` is the function, traced: data, so that models that have it are equal, pickled and traced again.
     """
@@ -48,7 +48,7 @@ class Coupling:
     program: Program
 
     def position(self, drivers: Array) -> Array:
-        """The joint's position, shape (...), from those of the drivers, (..., d), of any type of number."""
+        """Position of the joint, shape (...), from those of the drivers, (..., d), of any type of number."""
         return _run(self.program, drivers)[..., 0]
 
     def derivatives(self, drivers: Array) -> tuple[Array, Array]:
@@ -58,14 +58,14 @@ class Coupling:
 
     @cached_property
     def slopes(self) -> Program:
-        """The program of the first and second derivatives."""
+        """Program of the first and second derivatives."""
         d, graph = len(self.drivers), Graph()
         position = references(graph, self.position(inputs(graph, (1, d), 0)))
         first = differentiate(graph, "jacobian", position, range(d), d)
         return lower(graph, first + differentiate(graph, "jacobian", first, range(d), d), d)
 
     def at(self, values: Mapping[str, float]) -> Followed:
-        """The drivers that have no value here, and the position as a function of theirs."""
+        """Remaining drivers, without values here, and the position as a function of theirs."""
         free = tuple(name for name in self.drivers if name not in values)
 
         def position(*given: Any) -> Any:
@@ -75,11 +75,11 @@ class Coupling:
         return free, position
 
 
-IN_FILES = (Loop, Coupling, Program, Instruction, Operand)  # types of which couplings and linkages are made
+IN_FILES = (Loop, Coupling, Program, Instruction, Operand)  # types that couplings and linkages consist of
 
 
 def _run(program: Program, given: Array) -> Array:
-    """The outputs, shape (..., outputs), of inputs (..., width); kernels check those that are traced to be finite."""
+    """Outputs of a program, shape (..., outputs), for inputs (..., width); kernels check their finiteness."""
     number: Any = np.asarray if given.dtype == object else given.dtype.type
     found = zeros((*given.shape[:-1], len(program.outputs)), like=given)
     with np.errstate(all="ignore"):  # arrays, of single numbers too
@@ -91,7 +91,7 @@ def _run(program: Program, given: Array) -> Array:
 
 @of_either
 def coupled(model: Model, couplings: Mapping[str, Followed | Linked | Callable[..., Linked]]) -> Model:
-    """The robot with some joints following others, by functions of their positions.
+    """Robot with some joints coupled to others, by functions of their positions.
 
     Parameters
     ----------
@@ -158,7 +158,7 @@ def coupled(model: Model, couplings: Mapping[str, Followed | Linked | Callable[.
 
 
 def with_ratio(model: Model, joint: str, factor: float) -> Model:
-    """The robot with a joint that follows others `factor` times as far from its rest, for dynamics alone."""
+    """Robot with a coupled joint's displacement from rest multiplied by `factor`, for dynamics only."""
     i, found = model.moving_joints.index(joint), list(model.couplings)
     for k, (own, drivers, coupling) in enumerate(model.coupled_joints):
         if own == i:
@@ -170,7 +170,7 @@ def with_ratio(model: Model, joint: str, factor: float) -> Model:
 
 
 def _checked(model: Model, couplings: Any) -> dict[str, Followed | Linked]:
-    """The drivers and function of each joint that is to follow, with the names checked."""
+    """Drivers and function of each coupled joint, with the names checked."""
     if not isinstance(couplings, Mapping):
         raise TypeError(f"`couplings` must map joints to (drivers, function), got {type(couplings).__name__}")
     found, joints = {}, list(model.moving_joints)
@@ -190,7 +190,7 @@ def _checked(model: Model, couplings: Any) -> dict[str, Followed | Linked]:
 
 
 def _traced(model: Model, followers: Mapping[str, Any], coordinates: Sequence[str], joint: str) -> Coupling:
-    """The position of a joint as a function of those coordinates that it depends on."""
+    """Position of a joint as a traced function of the coordinates that it depends on."""
     graph, own = Graph(), {c.joint: c.at({}) for c in model.couplings} | {**followers}
 
     def position(name: str, *asked: str) -> Any:
@@ -221,7 +221,7 @@ def _traced(model: Model, followers: Mapping[str, Any], coordinates: Sequence[st
 
 
 def _with_range_cut(model: Model, driver: str, linked: Mapping[str, Linked]) -> Model:
-    """The robot with a driver's range cut to where all joints that follow it have a position within their ranges."""
+    """Robot with a driver's range reduced to where all coupled joints have positions within their ranges."""
     k = model.moving_joints.index(driver)
     was, own = (float(model.lower[k]), float(model.upper[k])), [x for x in linked.items() if x[1].drivers[0] == driver]
     ends = [max([was[0], *(x.ends[0] for _, x in own)]), min([was[1], *(x.ends[1] for _, x in own)])]
@@ -241,7 +241,7 @@ def _with_range_cut(model: Model, driver: str, linked: Mapping[str, Linked]) -> 
 
 
 class _Followers:
-    """The joints that follow one driver, over its positions; their other drivers are as near to 0 as can be."""
+    """Joints coupled to one driver, over its positions; their other drivers are as near to 0 as possible."""
 
     def __init__(self, model: Model, k: int) -> None:
         self.model, self.k, self.driver = model, k, model.moving_joints[k]
@@ -249,7 +249,7 @@ class _Followers:
         self.couplings = [(i, coupling) for i, _, coupling in model.coupled_joints if self.driver in coupling.drivers]
 
     def found(self, coupling: Coupling, x: Array) -> tuple[Array, Array, Array]:
-        """Position, its slope by the driver, and whether both are numbers."""
+        """Position, its derivative by the driver, and True where both are finite."""
         others = {d: self.zero[self.model.moving_joints.index(d)] for d in coupling.drivers if d != self.driver}
         q = np.stack([np.full(x.shape, others[d]) if d in others else x for d in coupling.drivers], -1)
         position, (slopes, _) = coupling.position(q), coupling.derivatives(q)
@@ -257,7 +257,7 @@ class _Followers:
         return position, slopes[..., coupling.drivers.index(self.driver)], np.asarray(fine)
 
     def fails(self, x: Array) -> Array:
-        """Which of the joints that follow fail, shape (joints, ...)."""
+        """Mask of the coupled joints that fail, shape (joints, ...)."""
         failing, model = [np.zeros(x.shape, dtype=bool)], self.model
         for i, coupling in self.couplings:
             position, _, fine = self.found(coupling, x)
@@ -292,7 +292,7 @@ class _Followers:
 
 
 def _where_followed(model: Model, k: int, ends: list[float]) -> set[str]:
-    """Move the ends of the driver's range to where the joints that follow have positions; those that have none there.
+    """Driver's range reduced to where the coupled joints have positions; those that have none there.
 
     Their failures are looked for at samples that are dense around its zero, and at extremes of positions between them.
     """
@@ -315,7 +315,7 @@ def _where_followed(model: Model, k: int, ends: list[float]) -> set[str]:
 
 
 def _jumps(low: Array, high: Array, found: Callable[[Array], tuple[Array, ...]]) -> Array:
-    """Places between neighbours, as near as numbers are, at which a position jumps by a turn."""
+    """Neighbouring positions, as near as floats allow, between which a position jumps by a turn."""
 
     def changes(x: Array, y: Array) -> Array:
         return np.asarray(np.abs(found(y)[0] - found(x)[0]))
@@ -325,7 +325,7 @@ def _jumps(low: Array, high: Array, found: Callable[[Array], tuple[Array, ...]])
 
 
 def _extremes(x: Array, found: Callable[[Array], tuple[Array, ...]]) -> Array:
-    """Places between neighbours of different slopes, the second of what is found, at which it changes its sign."""
+    """Positions at which the sign of a derivative changes, between neighbouring samples."""
     rising = found(x)[1] > 0
     turns = np.flatnonzero(rising[1:] != rising[:-1])
     ends = _halved(x[turns], x[turns + 1], lambda _, middle, __: (found(middle)[1] > 0) == rising[turns])
@@ -333,7 +333,7 @@ def _extremes(x: Array, found: Callable[[Array], tuple[Array, ...]]) -> Array:
 
 
 def _halved(low: Array, high: Array, is_above: Callable[[Array, Array, Array], Array]) -> tuple[Array, Array]:
-    """Intervals halved until they end, with what is above their middles or below."""
+    """Intervals bisected to rounding, with the values above or below their middles."""
     for _ in range(HALVINGS):
         middle = (low + high) / 2
         above = is_above(low, middle, high)

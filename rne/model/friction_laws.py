@@ -1,4 +1,4 @@
-"""Laws of joint friction, each per unit of its coefficient: the same in fits to measurements and in simulations.
+"""Laws of joint friction, each per unit of its coefficient: common to fits to measurements and simulations.
 
 Stribeck effect: Armstrong-Hélouvry, Dupont and Canudas de Wit 1994, section 2.1. Friction under load: Hamon, Gautier
 and Garrec 2010.
@@ -15,11 +15,11 @@ from ..basics.spatial import Array
 from ..elementwise import exp, less, sign, tanh, where
 from ..graph.scalar import is_present
 
-SMOOTHING = 0.01  # [rad/s or m/s]: velocity at which smoothed Coulomb friction reaches tanh(1) = 76 % of its value
+SMOOTHING = 0.01  # velocity at which smoothed Coulomb friction reaches tanh(1) = 76 % of its value [rad/s or m/s]
 
 
 def direction(qd: Array, smoothing: float) -> Array:
-    """The direction of motion: tanh(qd / smoothing), or with 0 the sign of qd, which is 0 at rest."""
+    """Direction of motion: tanh(qd / smoothing), or with 0 the sign of qd, which is 0 at rest."""
     return tanh(qd * (1 / smoothing)) if is_present(smoothing) else sign(qd)
 
 
@@ -33,14 +33,14 @@ def saturating(qd: Array, velocity: ArrayLike | None) -> Array:
 
 
 def saturating_slope(qd: Array, velocity: ArrayLike) -> Array:
-    """The derivative of `saturating` by qd."""
+    """Derivative of `saturating` by qd."""
     given, acts = _positive(velocity)
     slope: Array = where(acts, 1 - tanh(qd / given) ** 2, 1.0)
     return slope
 
 
 def stribeck_effect(qd: Array, velocity: ArrayLike, smoothing: float) -> Array:
-    """The direction of motion times exp(-|qd| / velocity), 0 where the velocity is 0."""
+    """Direction of motion times exp(-|qd| / velocity), 0 where the velocity is 0."""
     given, acts = _positive(velocity)
     effect: Array = acts * (direction(qd, smoothing) * exp(-magnitude(qd) / given))
     return effect
@@ -54,5 +54,5 @@ def _positive(velocity: ArrayLike) -> tuple[Array, Array]:
 
 
 def magnitude(x: Any) -> Array:
-    """|x|."""
+    """Absolute value |x|."""
     return where(less(x, 0), -x, x)

@@ -1,4 +1,4 @@
-"""Closed forms of plane linkages: four-bars and parallelograms, cylinders, slider-cranks.
+"""Closed forms of planar linkages: four-bars and parallelograms, cylinders, slider-cranks.
 
 A loop of joints is walked around from the driver on, through the pivot that closes it. Angles are those by which links
 turned since the zero pose, about the driver's axis; a joint turns by that of the next link less that of the link before
@@ -23,14 +23,14 @@ from .model import Loop, Model, of_either
 from .parameters import perpendicular
 from .topology import carriers
 
-CLOSED = 1e-9  # of a loop's size: how well it must close at the zero pose, and be plane
+CLOSED = 1e-9  # largest gap of a loop at the zero pose, and deviation from a plane, relative to its size
 Closing = tuple[tuple[str, ArrayLike], tuple[str, ArrayLike]]
 Motions = Callable[..., Sequence[Any]]  # of the joints of a loop, from those of its drivers
 Ends = tuple[float, float]  # of a range
 
 
 class Pivot(NamedTuple):
-    """A joint of a loop, or the pivot that closes it, which has no name: place and axis in the plane, and sense.
+    """Joint of a loop, or the pivot that closes it, which has no name: place and axis in the plane, and sense.
 
     The sense is 1 if a positive motion of the joint moves the next link of the loop in the positive sense, else -1.
     """
@@ -43,7 +43,7 @@ class Pivot(NamedTuple):
 
 @of_either
 def four_bar(model: Model, driver: str, closing: Closing) -> Model:
-    """The robot with a four-bar linkage closed: two joints follow the driver, on the branch of the zero pose.
+    """Robot with a closed four-bar linkage: two joints follow the driver, on the branch of the zero pose.
 
     In a parallelogram, flat at the zero pose or not, they mimic it, by 1 or -1. There the loop may have one joint more,
     before the driver and on its axis, as with the shoulder and the elbow drive of a palletiser: both drive.
@@ -116,7 +116,7 @@ def four_bar(model: Model, driver: str, closing: Closing) -> Model:
 
 @of_either
 def cylinder(model: Model, driver: str, closing: Closing) -> Model:
-    """The robot with a hydraulic cylinder or ball screw closed, between a pivot on each side of a joint that it turns.
+    """Robot with a closed hydraulic cylinder or ball screw, between pivots on both sides of the joint it turns.
 
     Parameters
     ----------
@@ -179,7 +179,7 @@ def cylinder(model: Model, driver: str, closing: Closing) -> Model:
 
 
 def slider_crank(driver: str, *, crank: float, rod: float, angle: float = 0.0) -> SliderCrank:
-    """A slider-crank for `rne.model.coupled`: the slider, the crank or the rod as a joint that follows another.
+    """Slider-crank for `rne.model.coupled`: the slider, the crank or the rod as a coupled joint.
 
     The slider's line passes through the crank's axis, and its joint's axis points away from there. Where the crank
     drives, a sliding joint that follows is the slider, a rotating one the rod, mounted on the crank or on the slider;
@@ -229,7 +229,7 @@ class SliderCrank:
     angle: float
 
     def __call__(self, model: Model, joint: str, joints: Sequence[str]) -> Linked:
-        """How a joint follows, one of `joints` that do."""
+        """Drivers and function of one of the coupled `joints`, for `rne.model.coupled`."""
         if self.driver not in model.moving_joints:
             raise ValueError(f"`driver` must be one of {list(model.moving_joints)}, got {self.driver!r}")
         (i, k), (R, _) = (model.moving_joints.index(name) for name in (joint, self.driver)), _zero_pose(model)
@@ -265,7 +265,7 @@ class SliderCrank:
         return Linked((self.driver,), position, ends, self._loop(model, joints, x0))
 
     def _loop(self, model: Model, joints: Sequence[str], x0: float) -> Loop | None:
-        """The pivot at the rod's far end, in the plane of its other one; None unless crank, rod and slider all move."""
+        """Pivot at the rod's far end, in the plane of its other one; None unless crank, rod and slider all move."""
         R, p = _zero_pose(model)
         bodies = [model.moving_joints.index(name) for name in (self.driver, *joints)]
         turns = model.is_revolute
@@ -294,7 +294,7 @@ class SliderCrank:
 
 
 def _loop(model: Model, driver: str, closing: Closing, *forms: str) -> list[Pivot]:
-    """The pivots of a loop in its plane, in order from the driver or from the one opposite, so that it has such a form.
+    """Pivots of a loop in its plane, in order from the driver or from the one opposite, for the closed form.
 
     A form has an R for each that rotates and a P for each that slides.
     """
@@ -330,7 +330,7 @@ def _loop(model: Model, driver: str, closing: Closing, *forms: str) -> list[Pivo
 
 
 def _size(*pivots: Pivot) -> float:
-    """What counts as no length beside the links between pivots, each of which has one."""
+    """Length below which two pivots coincide, relative to the links of the loop."""
     lengths = [float(_length(p.place - q.place)) for p, q in zip(pivots, (*pivots[1:], pivots[0]), strict=True)]
     if min(lengths) <= CLOSED * max(lengths):
         raise ModelError(f"two pivots of the loop of joint {pivots[0].joint!r} are at one place: a link has no length")
@@ -338,7 +338,7 @@ def _size(*pivots: Pivot) -> float:
 
 
 def _in_plane(model: Model, loop: Sequence[tuple[int, float]], R: Any, p: Any, ends: Sequence[Array]) -> list[Pivot]:
-    """The pivots of a loop, which is checked to close and to be plane."""
+    """Pivots of a loop, which is checked to close and to be planar."""
     turning = next(i for i, _ in loop if i >= 0 and model.is_revolute[i])
     normal, first = R[turning] @ model.axis[turning], R[turning] @ perpendicular(model.axis[turning])
     plane, places = np.array([first, cross(normal, first)]), [p[i] if i >= 0 else ends[0] for i, _ in loop]
@@ -369,7 +369,7 @@ def _zero_pose(model: Model) -> tuple[dict[int, Array], dict[int, Array]]:
 
 
 def _closed(model: Model, loop: list[Pivot], closing: Closing, motions: Motions, ends: Ends, *drivers: str) -> Model:
-    """The robot with a loop's joints following the drivers, by motions since the zero pose, up to its ends."""
+    """Robot with a loop's joints coupled to the drivers, by motions since the zero pose, up to its ends."""
     rest = [float(model.rest[model.moving_joints.index(name)]) for name in drivers]
     names = {pivot.joint: k for k, pivot in enumerate(loop) if pivot.joint not in ("", *drivers)}
     points = tuple((link, tuple(np.asarray(point, dtype=float).tolist())) for link, point in closing)
@@ -385,7 +385,7 @@ def _closed(model: Model, loop: list[Pivot], closing: Closing, motions: Motions,
 
 
 def _half(psi: Any, side: float, inner: float, outer: float, near: float) -> tuple[Any, Any]:
-    """Sine and cosine of half an angle; no numbers behind a change point, where what is missing of a full turn is 0."""
+    """Sine and cosine of half an angle; NaN behind a change point."""
     S, C = np.sin(psi / 2), np.cos(psi / 2)
     if abs(inner) <= near:
         S = side * np.sqrt(side * S) * np.sqrt(side * S)
@@ -393,7 +393,7 @@ def _half(psi: Any, side: float, inner: float, outer: float, near: float) -> tup
 
 
 def _across(a: float, g: float, psi: Any, S: Any, C: Any) -> tuple[Any, Any]:
-    """From the end of an arm g to that of an arm a on the same pivot, turned by psi from it; S and C are of psi / 2.
+    """Vector from the end of an arm g to that of an arm a on the same pivot, at angle psi; S and C are of psi / 2.
 
     The direction from g's, continuous over all turns, and the square of the distance. The arm that is not shorter
     carries the direction around; the other swings it by less than a right angle.
@@ -406,7 +406,7 @@ def _across(a: float, g: float, psi: Any, S: Any, C: Any) -> tuple[Any, Any]:
 
 
 def _span(a: float, g: float, psi: float, low: float, high: float) -> Ends:
-    """How far arm a turns from its angle psi to arm g while their ends are between `low` and `high` apart."""
+    """Range of the angle from arm g to arm a, relative to psi, with their ends between `low` and `high` apart."""
 
     def root(x: float, y: float) -> float:
         return float(np.sqrt(max((x - y) * (x + y), 0.0)))
@@ -424,12 +424,12 @@ def _span(a: float, g: float, psi: float, low: float, high: float) -> Ends:
 
 
 def _ends(sense: float, low: float, high: float) -> Ends:
-    """A range as that of a motion in the other sense, where that is -1."""
+    """Range in the other sense of motion, where that is -1."""
     return (low, high) if sense > 0 else (-high, -low)
 
 
 def _branch(driver: str, u: Array, v: Array) -> float:
-    """On which side of u the vector v is at the zero pose: 1 or -1; on neither, where branches meet, is an error."""
+    """Side of u on which the vector v is at the zero pose: 1 or -1; an error on neither, where branches meet."""
     area, (short, long) = _cross(u, v), sorted((_length(u), _length(v)))
     if abs(area) <= CLOSED * short * long or short <= CLOSED * long:
         raise ModelError(f"the zero pose is a dead point of the linkage that {driver!r} drives; move a joint's zero")
@@ -441,7 +441,7 @@ def _cross(u: Array, v: Array) -> Any:
 
 
 def _turn(u: Array, v: Array) -> Any:
-    """The angle from a vector u to v."""
+    """Angle from a vector u to v."""
     return arctan2(_cross(u, v), u @ v)
 
 

@@ -1,4 +1,4 @@
-"""The robot as a frozen set of read-only arrays that checks itself on construction."""
+"""Model of a robot: a frozen set of read-only arrays that checks itself on construction."""
 
 from __future__ import annotations
 
@@ -26,20 +26,20 @@ NOT_COMPARED = ("notes", "link_parent", "source", "given_moments")
 
 
 class Loop(NamedTuple):
-    """A closed linkage: its two joints that follow, and the pivot that closes it, a point of two links [m]."""
+    """Closed linkage: its two coupled joints, and the pivot that closes it, a point of two links [m]."""
 
     followers: tuple[str, ...]
     ends: tuple[tuple[str, tuple[float, ...]], ...]
 
     @property
     def name(self) -> str:
-        """The pivot, by its links."""
+        """Name of the pivot, from its links."""
         return " to ".join(link for link, _ in self.ends)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Model:
-    """A fixed-base tree of rigid bodies, one per moving joint.
+    """Fixed-base tree of rigid bodies, one per moving joint.
 
     Body i moves with joint i, and its frame has its origin on that joint's axis; `nb` is the number of moving
     joints, which is the number n of coordinates unless some joints mimic others. Units are SI.
@@ -219,7 +219,7 @@ class Model:
 
     @cached_property
     def n(self) -> int:
-        """Number of coordinates: moving joints that follow no other."""
+        """Number of coordinates: moving joints that are neither mimic nor coupled joints."""
         return len(self.independent_joints)
 
     @cached_property
@@ -229,26 +229,26 @@ class Model:
 
     @cached_property
     def has_mimics(self) -> bool:
-        """True if some joint mimics or follows others, so that q is not the list of the joints' positions."""
+        """True if some joints are mimic or coupled ones, so that q is not the list of the joints' positions."""
         return self.n != self.nb
 
     @cached_array
     def coordinate_map(self) -> Array:
-        """The matrix G of q_joints = G q + offset, shape (nb, n); a ModelError where couplings make it depend on q."""
+        """Matrix G of q_joints = G q + offset, shape (nb, n); a ModelError where couplings make it depend on q."""
         if self.couplings:
             raise ModelError(f"joint {self.couplings[0].joint!r} of robot {self.name!r} follows others by no constant")
         return self.mimic_map
 
     @cached_array
     def mimic_map(self) -> Array:
-        """The matrix of `coordinate_map`, with rows of zeros for the joints that follow by couplings."""
+        """Matrix of `coordinate_map`, with rows of zeros for coupled joints."""
         G = np.zeros((self.nb, self.n), dtype=self.multiplier.dtype)
         G[range(self.nb), self.coordinate] = self.multiplier
         return G
 
     @cached_property
     def coupled_joints(self) -> tuple[tuple[int, list[int], Any], ...]:
-        """Each coupling's joint, its drivers' places among the coordinates, and the coupling itself."""
+        """Coupled joints: each one's index, its drivers' indices among the coordinates, and the coupling."""
         place, joints = self.moving_joints.index, self.joint_names
         return tuple((place(c.joint), [joints.index(name) for name in c.drivers], c) for c in self.couplings)
 
@@ -292,12 +292,12 @@ class Model:
 
     @cached_array
     def braking_limit(self) -> Array:
-        """Largest decelerations of the moving joints: those of accelerations where none are known, shape (nb,)."""
+        """Largest decelerations of the moving joints; those of accelerations where unknown, shape (nb,)."""
         return np.where(np.isinf(self.deceleration_limit), self.acceleration_limit, self.deceleration_limit)
 
     @cached_property
     def coordinate_parent(self) -> tuple[int, ...]:
-        """The parent of each coordinate in the sparsity pattern of M; the previous one if mimics fill it."""
+        """Parent of each coordinate in the sparsity pattern of M; the previous one if mimics fill it."""
         return tuple(range(-1, self.n - 1)) if self.has_mimics else self.parent
 
     @cached_array
@@ -363,7 +363,7 @@ class Model:
         return self.link_names.index(link)
 
     def astype(self, dtype: DTypeLike, number: Callable[[float], Any] | None = None) -> Model:
-        """The robot with every array in another dtype, for arithmetic in that dtype.
+        """Model with every array in another dtype, for arithmetic in that dtype.
 
         Rotations and axes keep the values they have in float64: in a finer dtype they are orthogonal and of unit length
         to about 1e-16 only, so that identities between different formulas hold to that accuracy.
@@ -399,14 +399,14 @@ class Model:
 
 
 def unchecked_model(values: dict[str, Any]) -> Model:
-    """The Model of values, by the names of all fields, that are not checked again."""
+    """Model of values, by the names of all fields, without checks."""
     model = object.__new__(Model)
     model._freeze(values)
     return model
 
 
 def with_unchecked(model: Model, **values: Any) -> Model:
-    """The model with other values of some fields, which are not checked and may be traced, for dynamics alone."""
+    """Model with other values of some fields, which are not checked and may be traced, for dynamics only."""
     return unchecked_model({f.name: getattr(model, f.name) for f in fields(model)} | values)
 
 
@@ -414,7 +414,7 @@ ARRAY_FIELDS = frozenset(f.name for f in fields(Model) if f.type == "Array")
 
 
 def model_argument(model: object) -> Model:
-    """The model itself, or a TypeError for anything else."""
+    """Argument that must be a Model; a TypeError for anything else."""
     if not isinstance(model, Model):
         raise TypeError(f"`model` must be an rne.Model, got {type(model).__name__}; a Robot has it as .model")
     return model

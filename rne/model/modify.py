@@ -1,4 +1,4 @@
-"""Robots made from others: with a payload, with joints locked, mounted. The original is not changed."""
+"""Robots derived from others: with a payload, with joints locked, mounted. The original is not changed."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from .model import Model, of_either
 from .topology import check_closure, end_links
 
 LimitValues = ArrayLike | Mapping[str, float] | None
-TRIANGLE = 1e-12  # of the trace: rounding error of principal moments
-FAR = 5  # times the size of a robot: a centre of mass farther out is outside any plausible place
+TRIANGLE = 1e-12  # rounding of principal moments relative to the trace
+FAR = 5  # farthest plausible centre of mass, relative to the robot's size
 LOGGER = logging.getLogger("rne")
 
 
@@ -31,7 +31,7 @@ def with_payload(
     inertia: ArrayLike | None = None,
     link: str | None = None,
 ) -> Model:
-    """The robot with a further rigid body fixed to one of its links.
+    """Robot with a further rigid body fixed to one of its links.
 
     It is a Model, or a Robot if `model` is one. Parameters and errors are those of `rne.Robot.with_payload`, with the
     model first.
@@ -71,7 +71,7 @@ def with_payload(
 
 @of_either
 def locked(model: Model, positions: Mapping[str, float]) -> Model:
-    """The robot with some joints fixed at a position: a smaller robot with fewer coordinates.
+    """Robot with some joints fixed at a position: a smaller robot with fewer coordinates.
 
     It is a Model, or a Robot if `model` is one. Parameters and errors are those of `rne.Robot.locked`, with the model
     first.
@@ -106,7 +106,7 @@ def locked(model: Model, positions: Mapping[str, float]) -> Model:
 
 
 def _moved(part: Part, position: float) -> Pose:
-    """The placement of the part with its joint locked at a position."""
+    """Placement of the part with its joint locked at a position."""
     axis = np.asarray(part.axis, dtype=np.longdouble)
     if part.kind == "prismatic":
         return part.placement.then(pose(np.eye(3), axis * position))
@@ -115,7 +115,7 @@ def _moved(part: Part, position: float) -> Pose:
 
 @of_either
 def mounted(model: Model, rpy: ArrayLike) -> Model:
-    """The robot with its root link rotated in the world: on a wall, under a ceiling, on a slope.
+    """Robot with its root link rotated in the world: on a wall, under a ceiling, on a slope.
 
     It is a Model, or a Robot if `model` is one. Parameters and errors are those of `rne.Robot.mounted`, with the model
     first.
@@ -135,7 +135,7 @@ def with_limits(
     deceleration: LimitValues = None,
     jerk: LimitValues = None,
 ) -> Model:
-    """The robot with other limits of its joints and drives, such as those of a data sheet.
+    """Robot with other limits of its joints and drives, such as those of a data sheet.
 
     It is a Model, or a Robot if `model` is one. Parameters and errors are those of `rne.Robot.with_limits`, with the
     model first.
@@ -153,7 +153,7 @@ def with_limits(
 
 @of_either
 def with_armature(model: Model, armature: LimitValues) -> Model:
-    """The robot with other inertias of its rotors, reflected through the gears to the joints.
+    """Robot with other inertias of its rotors, reflected through the gears to the joints.
 
     It is a Model, or a Robot if `model` is one. Parameters and errors are those of `rne.Robot.with_armature`, with the
     model first.

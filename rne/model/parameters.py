@@ -1,4 +1,4 @@
-"""The inertial parameters of a model as a vector, ten per body; a model with others."""
+"""Inertial parameters of a model as a vector, ten per body, and models with other parameters."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .solids import Moments
 
 
 def of_states(model: Model, states: Any) -> Model:
-    """The robot of some states of a batch: with their moments, where every state has its own."""
+    """Model of some states of a batch: with their moments, where every state has its own."""
     moments = model.given_moments
     if moments is None or moments.mass.ndim == 1:
         return model
@@ -24,7 +24,7 @@ def of_states(model: Model, states: Any) -> Model:
 
 
 def with_moments(model: Model, moments: Moments) -> Model:
-    """The robot for dynamics alone, with other moments of mass: (..., nb), (..., nb, 3) and (..., nb, 3, 3)."""
+    """Model for dynamics only, with other moments of mass: (..., nb), (..., nb, 3) and (..., nb, 3, 3)."""
     return with_unchecked(model, given_moments=moments)
 
 
@@ -36,7 +36,7 @@ def parameters_of(model: Model) -> Array:
 
 
 def at_parameters(model: Model, parameters: Array) -> Model:
-    """The robot for dynamics alone, at parameters that are not checked and may differ from state to state.
+    """Model for dynamics only, at parameters that are not checked and may differ between states.
 
     They have shape (..., 10 nb), as of `with_parameters`, and any dtype, traced numbers too.
     """
@@ -51,7 +51,7 @@ def at_parameters(model: Model, parameters: Array) -> Model:
 
 @of_either
 def with_parameters(model: Model, parameters: ArrayLike) -> Model:
-    """The robot with other masses, centres of mass and inertias.
+    """Robot with other masses, centres of mass and inertias.
 
     It is a Model, or a Robot if `model` is one. Parameters and errors are those of `rne.Robot.with_parameters`, with
     the model first.
@@ -67,7 +67,7 @@ def with_parameters(model: Model, parameters: ArrayLike) -> Model:
 
 
 def with_fewest_terms(model: Model) -> Model:
-    """The robot for dynamics alone, with every inertial parameter that may be moved towards the base moved there.
+    """Model for dynamics only, with every inertial parameter moved towards the base where that is possible.
 
     Its moments may differ from state to state.
 
@@ -102,14 +102,14 @@ def with_fewest_terms(model: Model) -> Model:
 
 
 def moments_as_vector(model: Model) -> Array:
-    """The moments of the bodies one after another, shape (..., 10 nb): masses, first moments, inertias."""
+    """Moments of the bodies one after another, shape (..., 10 nb): masses, first moments, inertias."""
     m, h, inertia = model.moments
     leading = m.shape[:-1]
     return np.concatenate([m, h.reshape(*leading, -1), inertia[..., ROWS, COLUMNS].reshape(*leading, -1)], axis=-1)
 
 
 def moments_of_vector(vector: Array) -> Moments:
-    """The moments of bodies from the vector of `moments_as_vector`, which may be traced."""
+    """Moments of bodies from the vector of `moments_as_vector`, which may be traced."""
     leading, nb = vector.shape[:-1], vector.shape[-1] // PARAMETERS
     m, h, products = vector[..., :nb], vector[..., nb : 4 * nb], vector[..., 4 * nb :]
     inertia = products.reshape(*leading, nb, 6).take(ENTRIES, -1)
@@ -117,7 +117,7 @@ def moments_of_vector(vector: Array) -> Moments:
 
 
 def perpendicular(b: Array) -> Array:
-    """A unit vector perpendicular to b: along a frame axis if b is."""
+    """Unit vector perpendicular to b: along a frame axis if b is."""
     k = int(np.argmin(np.abs(b)))
     e = np.eye(3)[k] - b[k] * b
     return np.asarray(e / np.sqrt(e @ e))

@@ -11,7 +11,7 @@ from ..basics.spatial import Array
 
 
 class Cylinder(NamedTuple):
-    """A cylinder fixed to a link, for drawing only; its axis is the z axis of its own pose.
+    """Cylinder fixed to a link, for drawing only; its axis is the z axis of its own pose.
 
     Attributes
     ----------
@@ -39,7 +39,7 @@ class Cylinder(NamedTuple):
 
 
 class Box(NamedTuple):
-    """A box fixed to a link, for drawing only; its edges are along the axes of its own pose.
+    """Box fixed to a link, for drawing only; its edges are along the axes of its own pose.
 
     Attributes
     ----------
@@ -74,7 +74,7 @@ class Moments(NamedTuple):
     inertia: Array
 
     def plus(self, other: Moments) -> Moments:
-        """Moments of two bodies in the same frame together."""
+        """Sum of the moments of two bodies in the same frame."""
         return Moments(*(a + b for a, b in zip(self, other, strict=True)))
 
 

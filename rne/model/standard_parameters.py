@@ -1,4 +1,4 @@
-"""The standard parameters: everything that joint torques are linear in, bodies, rotors, friction and offsets."""
+"""Standard parameters: all that joint torques are linear in, bodies, rotors, friction and offsets."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from .model import Model, model_argument
 from .parameters import parameters_of
 
 BODY_SYMBOLS = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
-FRICTION = {"viscous": "Fv", "asymmetric": "Fvb", "coulomb": "Fc", "load": "Fl"}  # words for friction, and symbols
-SYMBOLS = ("Ia", "Fv", "Fvb", "Fc", "Fs", "Fl", "tau0")  # of a drive, in the order of its parameters
-OF_MOTORS = ("Ia", "Fv", "Fc")  # symbols of coupled motors too
+FRICTION = {"viscous": "Fv", "asymmetric": "Fvb", "coulomb": "Fc", "load": "Fl"}  # friction terms and symbols
+SYMBOLS = ("Ia", "Fv", "Fvb", "Fc", "Fs", "Fl", "tau0")  # symbols of a drive, in the order of its parameters
+OF_MOTORS = ("Ia", "Fv", "Fc")  # symbols of coupled motors
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +93,7 @@ class DriveModel:
 
 
 def drive_argument(drives: Any) -> DriveModel:
-    """The argument `drives`: an rne.DriveModel, or None for bodies alone."""
+    """Argument `drives`: an rne.DriveModel, or None for bodies alone."""
     if drives is None:
         return DriveModel()
     if not isinstance(drives, DriveModel):
@@ -103,7 +103,7 @@ def drive_argument(drives: Any) -> DriveModel:
 
 @dataclass(frozen=True, eq=False)
 class StandardParameters(ReadOnlyArrays):
-    """The parameters that the torques of the drives are a linear function of, and their order.
+    """Parameters that the torques of the drives are a linear function of, and their order.
 
     tau = L + Fv qd + Fc sign(qd) + Fs sign(qd) exp(-|qd| / vs) + Fl |L| sign(qd) + tau0, with L = Y pi + Ia qdd, and
     for each coupled motor, which turns at a^T qd, the terms of rotor, viscous and Coulomb friction in a^T qd, times a.
@@ -150,12 +150,12 @@ class StandardParameters(ReadOnlyArrays):
 
     @property
     def smoothing(self) -> float:
-        """The velocity at which Coulomb friction is smoothed, 0 for a step."""
+        """Velocity at which Coulomb friction is smoothed, 0 for a step."""
         return self.drives.smoothing or 0.0
 
     @cached_array
     def asked(self) -> dict[str, Array]:
-        """Joints of whose drives each kind of friction is modelled, shape (n,), by its symbol."""
+        """Mask of the joints with each kind of friction in the model, shape (n,), by its symbol."""
         given, names = self.drives.friction, self.model.joint_names
         if isinstance(given, Mapping) and (unknown := [name for name in given if name not in names]):
             raise ValueError(f"`friction` is for {listed(unknown)}, the robot's joints are {listed(names)}")
@@ -165,14 +165,14 @@ class StandardParameters(ReadOnlyArrays):
 
     @cached_property
     def terms(self) -> tuple[str, ...]:
-        """Symbols of the parameters of a drive: Ia, Fv, Fvb, Fc, Fs, Fl and tau0, those that are modelled."""
+        """Symbols of the modelled parameters of a drive, from Ia, Fv, Fvb, Fc, Fs, Fl and tau0."""
         present = {"Ia": self.drives.rotor, "tau0": self.drives.offset, "Fs": self.drives.stribeck is not None}
         present |= {symbol: bool(self.asked[symbol].any()) for symbol in FRICTION.values()}
         return tuple(symbol for symbol in SYMBOLS if present[symbol])
 
     @cached_property
     def groups(self) -> dict[str, slice]:
-        """Places of the parameters: "bodies", then each of `terms`, of the joints' drives, then of coupled motors."""
+        """Slices of the parameters: "bodies", then each of `terms`, of the joints' drives, then of coupled motors."""
         groups = {"bodies": slice(0, PARAMETERS * self.model.nb)}
         widths = {symbol: self.model.n for symbol in self.terms}
         widths |= {f"{symbol} of coupled motors": len(self.motors) for symbol in self.terms if symbol in OF_MOTORS}
@@ -204,7 +204,7 @@ class StandardParameters(ReadOnlyArrays):
 
     @cached_array
     def values(self) -> Array:
-        """The parameters that the model has; of offsets, coupled motors and other friction they are zero.
+        """Parameters of the model; zero for offsets, coupled motors and other friction.
 
         Drives of joints that mimic others count with these; those of joints that follow by couplings are left out.
         """
@@ -218,7 +218,7 @@ class StandardParameters(ReadOnlyArrays):
         return found
 
     def load(self, Y: Array, q: Array, qdd: Array, x: Array) -> Array | None:
-        """The loads L of friction under load, (..., n), of bodies with the regressor Y, rotors and springs; else None.
+        """Loads L of friction under load, (..., n), of bodies with the regressor Y, rotors and springs; else None.
 
         Their parameters are x.
         """
@@ -256,7 +256,7 @@ class StandardParameters(ReadOnlyArrays):
         return total
 
     def drive_columns_of(self, j: int, qd: Array, qdd: Array, load: Array | None = None) -> tuple[Array, Array]:
-        """Places and values, shape (..., k), of the entries of row j of `drive_columns` that are not always zero."""
+        """Indices and values, shape (..., k), of the entries of row j of `drive_columns` that are not always zero."""
         found = [
             (k, shafts[row, j] * factor[..., row])
             for places, shafts, factor in self._shafts(qd, qdd, load)
@@ -267,7 +267,7 @@ class StandardParameters(ReadOnlyArrays):
         return np.array([k for k, _ in found], int), np.stack(values, -1) if found else np.zeros((*qd.shape[:-1], 0))
 
     def _shafts(self, qd: Array, qdd: Array, load: Array | None) -> Iterator[tuple[slice, Array, Array]]:
-        """Places of each symbol's parameters behind the bodies', the rows of their shafts, torques per unit there."""
+        """Slices of each symbol's parameters behind the bodies', the rows of their shafts, torques per unit there."""
         first, joints = self.groups["bodies"].stop, np.eye(self.model.n)
         for symbol in self.terms:
             place, saturation = self.groups[symbol], self.drives.saturation

@@ -88,7 +88,7 @@ DARK_COLORS = (  # matplotlib's ten, of the same hues
     *("#4fa3e0", "#ff9d47", "#5fcf5f", "#ff6b6b", "#b794e8"),
     *("#c08a7a", "#f09ad8", "#a8a8a8", "#d6d84a", "#42d6e6"),
 )
-NARROW, SHORT, LONGEST = 46, 12, 30  # characters of a row on a phone, of a cell that is never broken, of the longest
+NARROW, SHORT, LONGEST = 46, 12, 30  # characters of: a row on a phone; a cell never broken; the longest
 SKY = "#e4e9f0"  # behind the robot on light and dark pages, as in the viewer
 FILM_FPS = 8.0  # frames per second of the picture in place of a 3-D view
 THREE_D = (  # where a browser can draw it, over the picture until it does; the picture stays otherwise
@@ -99,7 +99,7 @@ THREE_D = (  # where a browser can draw it, over the picture until it does; the 
 
 
 class PageBlock(NamedTuple):
-    """A piece of a page: its HTML tag, and its text, the rows of a table, or the name and caption of a picture."""
+    """Piece of a page: its HTML tag, and its text, the rows of a table, or the name and caption of a picture."""
 
     tag: str
     content: Any
@@ -161,14 +161,14 @@ class Report:
         self.blocks.append(PageBlock("picture", (name, caption)))
 
     def motion(self, name: str, motion: Trajectory, caption: str) -> None:
-        """Add small pictures of a motion: positions, velocities, torques, energies."""
+        """Add small plots of a motion: positions, velocities, torques, energies."""
         for k, (label, draw) in enumerate(small_plots(motion) if has_matplotlib() else [], 1):
             self.figure(f"{name}_{k}", draw, f"{caption}: {label} over time")
 
     def film(
         self, name: str, motion: Trajectory | tuple[Array, Array], caption: str, robot: Robot | None = None
     ) -> None:
-        """Add a motion that plays: in 3-D, or as a plain animation where viewer or WebGL is missing.
+        """Add an animated motion: in 3-D, or as a plain animation where viewer or WebGL is missing.
 
         A motion that is no Trajectory is (t, q) of the robot.
         """
@@ -193,7 +193,7 @@ class Report:
 
     @contextmanager
     def kept_if_interrupted(self) -> Iterator[None]:
-        """Write what there is when Ctrl-C ends the block, and say so."""
+        """Write the incomplete page when Ctrl-C ends the block, and say so."""
         try:
             yield
         except KeyboardInterrupt:
@@ -223,12 +223,12 @@ class Report:
 
 
 def escape(text: str) -> str:
-    """The HTML of a text, with escapes for control characters."""
+    """HTML of a text, with escapes for control characters."""
     return html.escape("\n".join(map(plain, text.split("\n"))))
 
 
 def is_heading(block: PageBlock) -> bool:
-    """True if the contents of a page list the block."""
+    """True if the table of contents lists the block."""
     return block.tag in ("h2", "h3")
 
 

@@ -18,12 +18,12 @@ from ..robot import Robot
 from ..simulation.trajectory import Trajectory, motors_at, samples_of
 
 JOINT_ARRAYS = ("q", "qd", "qdd", "tau")
-POINTS = 600  # of a curve between samples, more where the solver's steps are shorter
+POINTS = 600  # points of a curve between samples, more where the solver's steps are shorter
 EXPECTED = "an rne.Trajectory or a tuple of arrays (t, q)"
 
 
 class Motion:
-    """A motion to be drawn: a trajectory, evaluated between the solver's steps, or samples with straight lines between.
+    """Motion to be drawn: a trajectory, evaluated between the solver's steps, or samples with straight lines between.
 
     Samples are those of "q", "qd", "qdd" and "tau" that there are, shape (T, n), at times that never fall, shape (T,).
     """
@@ -69,7 +69,7 @@ class Motion:
 
 
 def motion_argument(name: str, given: Any) -> Motion:
-    """The Motion of a Trajectory or of arrays (t, q), (t, q, qd), (t, q, qd, qdd) or (t, q, qd, qdd, tau).
+    """Motion of a Trajectory or of arrays (t, q), (t, q, qd), (t, q, qd, qdd) or (t, q, qd, qdd, tau).
 
     A TypeError refuses anything else, a ValueError names the array that is empty, falling in time, of the wrong shape
     or not finite.
@@ -89,7 +89,7 @@ def motion_argument(name: str, given: Any) -> Motion:
 
 
 def arrays_argument(names: Sequence[str], times: ArrayLike, arrays: Sequence[ArrayLike | None]) -> Motion:
-    """The Motion of times and joint arrays, each an argument of its own name."""
+    """Motion of times and joint arrays, each an argument of its own name."""
     t = real_numbers(names[0], times, "(T,)").astype(float)
     if t.ndim != 1:
         raise ValueError(f"`{names[0]}` must be times of shape (T,), got {t.shape}")
@@ -110,7 +110,7 @@ def arrays_argument(names: Sequence[str], times: ArrayLike, arrays: Sequence[Arr
 
 
 def check_positions(name: str, motion: Motion, robot: Robot) -> Motion:
-    """The motion, if it has samples with positions of all joints of a robot."""
+    """Motion, checked to have samples with positions of all joints of a robot."""
     if not len(motion.t):
         raise ValueError(f"`{name}` must have at least one sample, got none")
     if "q" not in motion.samples:

@@ -32,7 +32,7 @@ BOX = "overflow-x:auto;max-width:100%;max-height:32em;margin:.4em 0"
 TABLE = "border-collapse:collapse;font-size:.9em;table-layout:auto;margin:0"
 CELL = "border:0;border-bottom:1px solid rgba(128,128,128,.4);padding:.15em .6em;text-align:left;white-space:nowrap"
 PICTURE = "max-width:100%;height:auto;border-radius:4px"
-DPI = 200  # about two pixels for each of the page, for sharp text on dense screens
+DPI = 200  # pixels per inch, about two for each of the page, for sharp text on dense screens
 COLORS_OF_A_PICTURE = 256
 NOT_GIVEN = "not given"
 BODIES = "Masses with the links on fixed joints included, in the axes of the link:"
@@ -40,7 +40,7 @@ BODIES = "Masses with the links on fixed joints included, in the axes of the lin
 
 @singledispatch
 def html(thing: Any) -> str:
-    """The page of an object of one of the classes below, as a fragment of HTML; of others what `print` shows."""
+    """HTML fragment of an object of one of the classes below; of others the printed text."""
     return _page(f'<div style="{BOX}"><pre style="font-size:.85em;margin:0">{escape(str(thing))}</pre></div>')
 
 

@@ -40,20 +40,20 @@ ENERGIES = {"energy": ("kinetic", "potential", "total"), "energy error": (HIDDEN
 DEFAULT = ("q", "qd", "tau", "energy", "energy error")
 ENDINGS = {1: ", stopped by an event", -1: ", failed"}
 DASHED = (0, (4, 2))
-SEPARATE = 120  # samples whose points can still be told apart
+SEPARATE = 120  # most samples that are shown as separate points
 PALE, DARK = 0.18, 0.5  # opacity of the outermost and of the innermost band between quantiles
-LEGEND_ROWS = 12  # that fit beside one panel
-COLORS = 10  # in matplotlib's cycle
-WIDTH = 4.9  # of a figure for pages that are read on phones too [inch]
+LEGEND_ROWS = 12  # rows of a legend that fit beside one panel
+COLORS = 10  # number of colours in matplotlib's cycle
+WIDTH = 4.9  # width of a figure for pages that are read on phones too [inch]
 BELOW: dict[str, Any] = {"loc": "outside lower center", "ncols": 3, "frameon": False}  # a legend for all panels
 MANY = ("turbo", 0.02, 0.96)  # colour map of more curves, from the first to the last
 LOOK = {"measured": ("0.7", 3.0), "predicted": ("C0", 1.2), "residual": ("C3", 1.0)}  # colours and widths of torques
-BAND = 1.96  # standard deviations of a band for 95 %
-GAP = 1.5  # times the usual step, over which no line is drawn
+BAND = 1.96  # half width of a band for 95 % [standard deviations]
+GAP = 1.5  # longest step over which a line is drawn, relative to the usual one
 
 
 class Panel(NamedTuple):
-    """One quantity in one unit: columns of its array, with their names and colours."""
+    """Quantity in one unit: columns of its array, with their names and colours."""
 
     quantity: str
     columns: list[int]
@@ -215,7 +215,7 @@ def quantile_plot(
 
 
 def _bands(ax: Axes, t: Array, values: Array, levels: Array) -> None:
-    """The bands of one joint, the outermost first; values of shape (P, S)."""
+    """Plot the bands of one joint, the outermost first; values of shape (P, S)."""
     pairs = len(levels) // 2
     for k, shade in enumerate(np.linspace(PALE, DARK, pairs)):
         label = f"{100 * levels[k]:.4g} to {100 * levels[-1 - k]:.4g} %"
@@ -373,7 +373,7 @@ def prediction_plot(
 
 
 def _over_time(ax: Axes, t: Array, measured: Array, predicted: Array, band: Array, *, named: bool) -> None:
-    """Torques of a joint over time, with an undefined sample in each gap, so that no line crosses it."""
+    """Plot torques of a joint over time, with an undefined sample in each gap, so that no line crosses it."""
     steps = np.diff(t)
     gaps = np.flatnonzero(steps > GAP * np.median(steps)) + 1 if len(steps) else np.zeros(0, int)
     measured, predicted, band = (np.insert(x, gaps, np.nan) for x in (measured, predicted, band))
@@ -387,7 +387,7 @@ def _over_time(ax: Axes, t: Array, measured: Array, predicted: Array, band: Arra
 
 
 def _over_velocity(ax: Axes, qd: Array, residual: Array, band: Array) -> None:
-    """Residuals of a joint over its velocity, with the ends of their band."""
+    """Plot residuals of a joint over its velocity, with the ends of their band."""
     known = np.isfinite(band)
     for side in (-band, band):
         ax.plot(qd[known], side[known], ".", color=LOOK["predicted"][0], markersize=1, alpha=0.4)
@@ -402,7 +402,7 @@ def _over_velocity(ax: Axes, qd: Array, residual: Array, band: Array) -> None:
 def panels_of(
     motion: Motion, labels: Sequence[str], rotating: Array | None, quantities: Sequence[str] | None
 ) -> list[Panel]:
-    """The panels that show the quantities, each with one unit where the types of the joints are known."""
+    """Panels of the quantities, each with one unit where the types of the joints are known."""
     usual = [name for name in DEFAULT if name in motion.quantities and (name != "tau" or motion.is_driven)]
     colors, found = joint_colors(motion.n), []
     for quantity in _some_of(motion.quantities, usual if quantities is None else quantities, "quantities", "quantity"):
@@ -418,7 +418,7 @@ def panels_of(
 
 
 def _some_of(known: Sequence[str], given: Sequence[str], argument: str, noun: str) -> Sequence[str]:
-    """The names given, at least one and all of them known."""
+    """Names given, at least one and all of them known."""
     if isinstance(given, str):
         raise TypeError(f"`{argument}` must be a sequence of str, got str")
     if not len(given):
@@ -440,7 +440,7 @@ def _by_unit(quantity: str, n: int, rotating: Array | None) -> list[tuple[list[i
 
 
 def draw_panel(ax: Axes, panel: Panel, motion: Motion, other: Motion | None = None) -> None:
-    """The curves of one panel, those of a second motion dashed."""
+    """Draw the curves of one panel, those of a second motion dashed."""
     for drawn, style in ((motion, "-"), (other, DASHED)):
         if drawn is None or panel.quantity not in drawn.quantities:
             continue
@@ -514,7 +514,7 @@ def torque_speed(report: DriveReport) -> Figure:
 
 
 def small_plots(motion: Any, names: Robot | None = None) -> list[tuple[str, Callable[[], Figure]]]:
-    """The panels of a Trajectory, or of arrays (t, q, qd, qdd, tau) of a robot, as pictures for narrow pages.
+    """Panels of a Trajectory, or of arrays (t, q, qd, qdd, tau) of a robot, as pictures for narrow pages.
 
     Each is its label and a function that draws it.
     """
@@ -552,7 +552,7 @@ def has_matplotlib() -> bool:
 
 
 def blank_figure(width: float, height: float) -> Figure:
-    """An empty figure of the given size [inch]; without matplotlib an ImportError says how to install it."""
+    """Empty figure of the given size [inch]; without matplotlib an ImportError with the way to install it."""
     try:
         from matplotlib.figure import Figure
     except ModuleNotFoundError as error:
@@ -571,7 +571,7 @@ def _png(figure: Figure) -> bytes:
 
 
 def panels(count: int, title: str, columns: int = 1, height: float = 2.1) -> list[Axes]:
-    """The panels of a new figure over time, row by row; those of one column share the time axis."""
+    """Panels of a new figure over time, row by row; those of one column share the time axis."""
     rows = -(-count // columns)
     figure = blank_figure(8 if columns == 1 else 3.2 * columns, height * rows)
     grid = list(figure.subplots(rows, columns, sharex=columns == 1, squeeze=False).flat)
@@ -584,12 +584,12 @@ def panels(count: int, title: str, columns: int = 1, height: float = 2.1) -> lis
 
 
 def figure_of(axes: Sequence[Axes]) -> Figure:
-    """The figure that axes are on, that of the first if they are on several."""
+    """Figure of some axes, that of the first if they are on several."""
     return axes[0].figure.canvas.figure  # also of axes on a part of a figure
 
 
 def check_axes(axes: Any, labels: Sequence[str]) -> list[Axes]:
-    """The given axes as a list, one for each label."""
+    """Given axes as a list, one for each label."""
     given = [axes] if hasattr(axes, "plot") else list(np.ravel(np.asarray(axes, dtype=object)))
     for ax in given:
         if not hasattr(ax, "plot"):
@@ -621,7 +621,7 @@ def plot_columns(
 
 
 def literal(name: str) -> str:
-    """A name as matplotlib shows it: "$" begins no formula, and a leading "_" does not hide it from legends."""
+    """Name without matplotlib's special meanings of "$" and of a leading "_"."""
     text = name.replace("$", r"\$")
     return f"\u200b{text}" if text.startswith("_") and text != HIDDEN else text
 
@@ -634,7 +634,7 @@ def style_axes(ax: Axes, label: str) -> None:
 
 
 def legend_beside(ax: Axes) -> None:
-    """A legend to the right of a panel, in as many columns as needed; none if no curve is named."""
+    """Add a legend to the right of a panel, in as many columns as needed; none if no curve is named."""
     _, labels = ax.get_legend_handles_labels()
     if labels:
         columns = -(-len(labels) // LEGEND_ROWS)

@@ -1,4 +1,4 @@
-"""A robot drawn on 3-D axes, at one position or along a motion: its shapes, link origins, joints and their axes."""
+"""Drawing of a robot on 3-D axes, at one position or along a motion: shapes, link origins, joints and their axes."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ ABOVE = 100  # zorder above the surfaces, for which matplotlib uses small number
 MIN_FPS = 0.01  # [1/s]; GIF stores at most 655 s per frame
 MAX_FPS = 50.0  # [1/s]; viewers slow down files that ask for more
 MAX_FRAMES = 2000  # all of them are kept in memory until the file is written
-DPI = 90  # of an animation
+DPI = 90  # dots per inch of an animation
 NO_FACES = np.zeros((0, 4, 3))
 
 
@@ -174,7 +174,7 @@ def _frame_times(samples: Array, delay: int, speed: float) -> Array:
 
 
 def _images(robot: Robot, t: Array, poses: Array) -> list[Image]:
-    """The frames, all with the 256 colours of some: with own colours each, parts at rest would flicker."""
+    """Images of the frames, with a common palette of 256 colours, as parts at rest would flicker otherwise."""
     ax = _blank_axes("", *SMALL)
     picture, figure = Picture(ax, robot.model, poses), figure_of([ax])
     _put_legend_below(ax, title=0.3)
@@ -199,7 +199,7 @@ def _images(robot: Robot, t: Array, poses: Array) -> list[Image]:
 
 
 def _blank_axes(title: str, size: Sequence[float] = (7.4, 5.4), place: Any = (0.0, 0.05, 0.72, 0.88)) -> Axes3D:
-    """3-D axes on a new figure, with room for a legend beside or below them."""
+    """Empty 3-D axes on a new figure, with room for a legend beside or below them."""
     figure = blank_figure(*size)
     figure.set_layout_engine("none")
     ax: Any = figure.add_axes(place, projection="3d")
@@ -208,7 +208,7 @@ def _blank_axes(title: str, size: Sequence[float] = (7.4, 5.4), place: Any = (0.
 
 
 def small_picture(robot: Robot, q: ArrayLike) -> Figure:
-    """The robot at q for narrow pages, with its legend below."""
+    """Picture of the robot at q for narrow pages, with its legend below."""
     ax = _blank_axes("", *SMALL)
     figure = draw(robot, q, axes=ax)
     _put_legend_below(ax)
@@ -216,7 +216,7 @@ def small_picture(robot: Robot, q: ArrayLike) -> Figure:
 
 
 def _put_legend_below(ax: Axes3D, title: float = 0.0) -> None:
-    """The legend under the axes of a figure for narrow pages, with a title of this height over them [inch]."""
+    """Put the legend under the axes of a figure for narrow pages, with a title of this height over them [inch]."""
     figure, beside = figure_of([ax]), ax.get_legend()
     if beside is not None:
         beside.remove()
@@ -229,7 +229,7 @@ def _put_legend_below(ax: Axes3D, title: float = 0.0) -> None:
 
 
 class Picture:
-    """The lines and surfaces of a robot on 3-D axes, whose limits hold every frame of a motion.
+    """Lines and surfaces of a robot on 3-D axes, whose limits hold every frame of a motion.
 
     `poses` are those of every link in every frame, shape (frames, n_links, 4, 4) [1, m].
     """
@@ -282,7 +282,7 @@ class Picture:
         self._line(centres, "centre of mass", marker="+", **dots | {"markeredgecolor": "0.5"})
 
     def _line(self, points: Array, label: str = "", **style: Any) -> None:
-        """A line through points of shape (frames, P, 3), in the legend if there are any."""
+        """Add a line through points of shape (frames, P, 3), in the legend if there are any."""
         (line,) = self.ax.plot([], [], [], label=label if label and points.shape[1] else HIDDEN, **style)
         self.lines.append((line, points))
 
@@ -315,7 +315,7 @@ def _broken(paths: Array) -> Array:
 
 
 def _make_room(ax: Axes3D, points: Array, before: Array | None) -> None:
-    """Set limits of equal length that hold the points, and what the axes showed before."""
+    """Set limits of equal length that hold the points, and the former contents of the axes."""
     from matplotlib.ticker import MaxNLocator
 
     low, high = points.min(axis=0), points.max(axis=0)

@@ -25,19 +25,19 @@ if TYPE_CHECKING:
     from trimesh import Trimesh
 
 INSTALL = "pip install 'rne[view]'"
-NAMED = 4  # shapes named in a warning; the others are counted
-SIDES = 32  # of the prism that approximates a cylinder, a multiple of 4
-SHOWN = 3  # groups of geoms, from 0, that MuJoCo's viewer shows
+NAMED = 4  # most shapes named in a warning
+SIDES = 32  # sides of the prism that approximates a cylinder, a multiple of 4
+SHOWN = 3  # number of geom groups, from 0, that MuJoCo's viewer shows
 NO_COLOR = (0.5, 0.5, 0.5, 1.0)  # MuJoCo's, of geoms whose material may have one
 GEOMS = {2: "sphere", 3: "capsule", 4: "ellipsoid", 5: "cylinder", 6: "box", 7: "mesh"}  # numbers of mujoco.mjtGeom
 Color = tuple[float, ...]
 MESHES = (".stl", ".obj", ".dae", ".ply", ".glb", ".gltf", ".off")  # suffixes of files that are opened: no archives
-LARGEST, OF_TRIANGLE = 2**27, 50  # bytes of the meshes of a robot, and of a triangle in STL
+LARGEST, OF_TRIANGLE = 2**27, 50  # size of the meshes of a robot, and of a triangle in STL [bytes]
 
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """A visual shape of a link; its frame is in the middle of a cylinder, box or sphere."""
+    """Visual shape of a link; its frame is in the middle of a cylinder, box or sphere."""
 
     link: str
     kind: str  # "cylinder", "box", "sphere" or "mesh"
@@ -58,7 +58,7 @@ class Shape:
 
 
 class PosedRobot:
-    """A robot, its shapes, and where its links are: poses of shape (frames, n_links, 4, 4) [1, m].
+    """Robot, its shapes, and the poses of its links, shape (frames, n_links, 4, 4) [1, m].
 
     Without shapes, those of the model are read.
     """
@@ -76,7 +76,7 @@ class PosedRobot:
 
 
 def link_shapes(model: Model) -> list[Shape]:
-    """The visual shapes of a robot's links: those of its URDF or MJCF file, or those of a model without a file.
+    """Visual shapes of a robot's links: those of its URDF or MJCF file, or those of a model without a file.
 
     They are in the links' frames, so that a robot with a payload, with joints locked or mounted otherwise keeps them.
     One UserWarning names the links whose shapes are lost and why: a mesh is not found or not readable, or yourdfpy is
@@ -110,7 +110,7 @@ def _from_model(shape: Cylinder | Box) -> Shape:
 
 
 def _root(source: str) -> Any:
-    """The root element of a file, or of the URDF text that xacro made."""
+    """Root element of a file, or of the URDF text that xacro made."""
     report = FindingsReport(source)
     root = parse(source.encode() if source.startswith("<") else read_bytes(source, report) or b"", report)
     report.raise_first_error()
@@ -118,7 +118,7 @@ def _root(source: str) -> Any:
 
 
 def _beyond_the_model(source: str, package: str | None) -> tuple[str, ...]:
-    """The shapes of a file that need a package, in words."""
+    """Text on the shapes of a file that need a package."""
     root = _root(source)
     kinds = {geometry.tag for geometry in root.iterfind("link/visual/geometry/*")} - {"cylinder", "box"}
     found = some(f"<{cut(kind, ECHO)}>" for kind in sorted(kinds | {x.tag for x in root.iter("geom")}))
@@ -128,7 +128,7 @@ def _beyond_the_model(source: str, package: str | None) -> tuple[str, ...]:
 
 @lru_cache(maxsize=8)
 def _from_file(source: str, changed: int) -> tuple[tuple[Shape, ...], tuple[str, ...]]:
-    """The shapes of a URDF or MJCF file as of its last change, and what is lost of it."""
+    """Shapes of a URDF or MJCF file as of its last change, and remarks on missing ones."""
     root = _root(source)
     if root.tag == "mujoco":
         return _from_mjcf(source)
@@ -154,7 +154,7 @@ def _from_file(source: str, changed: int) -> tuple[tuple[Shape, ...], tuple[str,
 
 
 def _from_mjcf(file: str) -> tuple[tuple[Shape, ...], tuple[str, ...]]:
-    """The geoms of an MJCF file that MuJoCo's viewer shows; of a link with some that nothing touches, those alone."""
+    """Geoms of an MJCF file that MuJoCo's viewer shows; of a link with visual-only geoms, those alone."""
     from trimesh import Trimesh
     from trimesh.creation import icosphere
 
@@ -190,7 +190,7 @@ def _from_mjcf(file: str) -> tuple[tuple[Shape, ...], tuple[str, ...]]:
 
 
 def _shapes_of(link: str, visual: Any, colors: dict[str, Any], file: Path | None) -> Iterator[Shape]:
-    """The shapes of a <visual> element as yourdfpy reads it, and of the file of its mesh."""
+    """Shapes of a <visual> element as yourdfpy reads it, and of the file of its mesh."""
     from trimesh.creation import icosphere
 
     pose = np.eye(4) if visual.origin is None else np.array(visual.origin, dtype=float)
@@ -225,7 +225,7 @@ def _check(what: str, pose: Array, size: Array) -> None:
 
 
 def _folders(file: Path) -> list[Path]:
-    """The folders that a URDF file, or the one that it is a link to, may read meshes of: its own and its package's."""
+    """Folders from which a URDF file, or the one that it links to, may read meshes: its own and its package's."""
     found: list[Path] = []
     for path in dict.fromkeys((file, file.resolve())):
         near = next((k for k, folder in enumerate(path.parents) if (folder / "package.xml").is_file()), 0)
@@ -234,7 +234,7 @@ def _folders(file: Path) -> list[Path]:
 
 
 def _find(name: str, folders: Sequence[Path], left: int) -> tuple[Path, int]:
-    """The file of a mesh below one of the folders, with the name of its package as a folder and without; its size.
+    """File of a mesh below one of the folders, with the name of its package as a folder or without; its size.
 
     A package without package.xml is the folder of its name above the URDF file's folder `urdf`.
     """
@@ -258,7 +258,7 @@ def _find(name: str, folders: Sequence[Path], left: int) -> tuple[Path, int]:
 
 
 def _meshes(file: Path, name: str) -> list[Trimesh]:
-    """The meshes of a file, in its own frame."""
+    """Meshes of a file, in its own frame."""
     import trimesh
 
     try:

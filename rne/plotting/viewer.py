@@ -27,11 +27,11 @@ from .viewer_scene import GHOST, MASSES, NIGHT, SKY, TONES, add_floor, build, co
 if TYPE_CHECKING:
     from viser import ViserServer
 
-HOLD = 0.5  # [s] that the last frame stands before the page starts again
+HOLD = 0.5  # pause of the last frame before the page starts again [s]
 FPS = 30.0  # frames per second of the page
-MAX_POSES = 10_000  # of links in a page: of a long motion there are fewer frames per second
-FOV = np.radians(38)  # of the camera, vertical
-HEIGHT = 480  # [px] of the view in a notebook
+MAX_POSES = 10_000  # most poses of links in a page; long motions have fewer frames per second
+FOV = np.radians(38)  # vertical field of view of the camera [rad]
+HEIGHT = 480  # height of the view in a notebook [px]
 AMBIENT = 1.2  # intensity of the light that reaches all sides: viser's own lights leave those away from them dark
 PAGE = (".html", ".htm")
 TITLE, ROOT, LIGHT = "<title>Viser</title>", '<div id="root"></div>', "darkMode:false"  # in viser's page
@@ -175,7 +175,7 @@ def view(
 
 
 class Page:
-    """A viewer page; in a notebook the object shows itself.
+    """Viewer page; in a notebook the object shows itself.
 
     Attributes
     ----------
@@ -223,7 +223,7 @@ class Page:
 
 
 def _first(robot: Robot | Trajectory, q: ArrayLike | None, t: ArrayLike | None) -> tuple[Robot, Motion]:
-    """The robot and motion that `view` is given first."""
+    """Robot and motion that `view` is given first."""
     if isinstance(robot, Trajectory):
         for name, value in (("q", q), ("t", t)):
             if value is not None:
@@ -239,7 +239,7 @@ def _first(robot: Robot | Trajectory, q: ArrayLike | None, t: ArrayLike | None) 
 
 
 def _second(other: Any, robot: Robot) -> tuple[Robot, Motion]:
-    """The robot and motion that `view` is given as `other`, the first robot where it does not bring its own."""
+    """Robot and motion that `view` is given as `other`; by default the first robot."""
     if isinstance(other, str | Robot):
         raise TypeError(f"`other` must be an rne.Trajectory, positions or a tuple (t, q), got {type(other).__name__}")
     if isinstance(other, Trajectory) or (isinstance(other, tuple) and len(other) == 2 and np.ndim(other[1]) == 2):
@@ -250,7 +250,7 @@ def _second(other: Any, robot: Robot) -> tuple[Robot, Motion]:
 
 
 def _still(name: str, q: ArrayLike, robot: Robot) -> Motion:
-    """One position as a motion."""
+    """Position as a motion."""
     positions = real_numbers(name, q, f"({robot.n},)")
     if positions.shape != (robot.n,):
         cure = "; motions need times `t`" if positions.ndim == 2 else ""
@@ -270,9 +270,9 @@ def frame_times(shown: Sequence[tuple[Robot, Motion]], speed: float) -> Array:
 
 
 def placed(robot: Robot, motion: Motion, times: Array, first: PosedRobot | None = None) -> PosedRobot:
-    """The links in all frames, in a world whose z axis is up; before and after its own time a motion stands still.
+    """Poses of the links in all frames, in a world with the z axis up; constant before and after the motion's time.
 
-    Shapes of the same file are those of the first motion: what is lost of them is told once.
+    Shapes of the same file are those of the first motion: losses are reported once.
     """
     from scipy.spatial.transform import Rotation
 
@@ -287,7 +287,7 @@ def placed(robot: Robot, motion: Motion, times: Array, first: PosedRobot | None 
 
 @contextmanager
 def _scene_server() -> Iterator[ViserServer]:
-    """A server of viser on 127.0.0.1, which is stopped in the end and prints nothing."""
+    """Server of viser on 127.0.0.1, which is stopped in the end and prints nothing."""
     try:
         import fast_simplification  # noqa: F401
         import rich
@@ -324,7 +324,7 @@ def aim(points: Array) -> tuple[Array, Array]:
 
 
 def _legend(robot: PosedRobot, labels: Sequence[str], cell: float, times: Array, speed: float) -> str:
-    """A text beside the scene: names, colours, duration and pace, the size of the grid, and a switch for the masses."""
+    """Text beside the scene: names, colours, duration and pace, the size of the grid, and a switch for the masses."""
     lines = [f"<b>{html.escape(robot.model.name)}</b>"]
     if len(labels) > 1:
         own = [shape.color[:3] for shape in robot.shapes if shape.color is not None]
@@ -341,7 +341,7 @@ def _legend(robot: PosedRobot, labels: Sequence[str], cell: float, times: Array,
 
 
 def _finished(text: str, name: str, key: str, camera: tuple[Array, Array]) -> str:
-    """viser's page with a title, a legend, a camera for narrow windows, and dark where the browser's pages are."""
+    """Page of viser with a title, a legend, a camera for narrow windows, and the browser's dark mode."""
     place = json.dumps([x.tolist() for x in camera])
     head = f"{HTML}<title>{html.escape(name)}</title>{CAMERA % place}<style>{STYLE}</style>"
     for mark, ours in ((TITLE, head), (ROOT, f'{ROOT}<div id="rne">{key}</div>'), (LIGHT, DARK)):

@@ -1,4 +1,4 @@
-"""The scene of a viewer page by viser: links with their shapes or lines, joint axes, frames and masses.
+"""Scene of a viewer page by viser: links with their shapes or lines, joint axes, frames and masses.
 
 Everything hangs on nodes with the poses of links, so that a frame of the recording is a list of poses.
 """
@@ -28,14 +28,14 @@ GLASS = 0.35  # opacity of the links where what is inside them is to be seen
 MASSES = ("centres of mass", "solids of the same inertia")  # the groups that show what the model weighs
 AXIS, CENTRE, SOLID, LINE, SPRING = (176, 48, 176), (30, 30, 30), (20, 140, 140), (90, 100, 115), (200, 30, 30)
 FLOOR: dict[str, Any] = {"cell_color": (172, 180, 190), "section_color": (140, 150, 163), "fade_strength": 0.0}
-MAX_FACES = 20_000  # of a robot's meshes; with more, all are simplified alike
-SMALL = 60  # faces of a mesh that is never simplified
-ALIKE = 1e-9  # principal moments that differ by less, relative to the largest
-CREASE = np.radians(35)  # of a mesh: edges that are sharper are shown as edges
+MAX_FACES = 20_000  # most faces of a robot's meshes; with more, all are simplified alike
+SMALL = 60  # most faces of a mesh that is never simplified
+ALIKE = 1e-9  # relative difference of equal principal moments
+CREASE = np.radians(35)  # angle of a mesh's edge from which it is shown as an edge [rad]
 
 
 class SceneGroup:
-    """A named part of viser's scene, with one node per link that moves as the link does."""
+    """Named part of viser's scene, with one node per link that moves as the link does."""
 
     def __init__(self, scene: SceneApi, name: str, robot: PosedRobot, visible: bool = True) -> None:
         self.scene, self.name, self.robot = scene, name, robot
@@ -45,7 +45,7 @@ class SceneGroup:
         scene.add_frame(f"/{name}", show_axes=False, visible=visible)
 
     def on(self, link: int, what: str) -> str:
-        """The name of a new node on a link."""
+        """Name of a new node on a link."""
         node = f"/{self.name}/{_node(self.robot.model.link_names[link])}"
         if link not in self.links:
             place = {"wxyz": self.wxyz[0, link], "position": self.position[0, link]}
@@ -103,7 +103,7 @@ def build(
 
 
 def add_floor(scene: SceneApi, points: Array) -> float:
-    """A grid under the points, at the root's height if they are above it; returns the edge of a cell [m]."""
+    """Add a grid under the points, at the root's height if they are above it; returns the edge of a cell [m]."""
     low, high = points.min(axis=0), points.max(axis=0)
     across = float((high - low).max()) or 1.0
     cell = float(10.0 ** np.floor(np.log10(across / 4)))
@@ -138,19 +138,19 @@ def quaternions(R: Array) -> Array:
 
 
 def _at(R: Array, p: Array) -> dict[str, Any]:
-    """The pose of a node as viser takes it."""
+    """Pose of a node in viser's form."""
     return {"wxyz": quaternions(R), "position": p}
 
 
 def _node(name: str) -> str:
-    """A name without the sign that separates viser's nodes."""
+    """Name without the separator of viser's nodes."""
     return name.replace("/", " ")
 
 
 def _add_robot(
     group: SceneGroup, size: float, color: Rgb | None = None, opacity: float | None = None, scale: float = 1.0
 ) -> None:
-    """Shapes and, of links that have none, lines; colour and opacity are those of the file where none are given."""
+    """Add shapes and, for links that have none, lines; colour and opacity are those of the file by default."""
     robot, scene = group.robot, group.scene
     faces = sum(len(shape.mesh.faces) for shape in robot.shapes if shape.mesh is not None)
     keep = min(1.0, MAX_FACES / max(faces, 1))
@@ -178,7 +178,7 @@ def _add_robot(
 
 
 def simplified(mesh: Trimesh, keep: float) -> Trimesh:
-    """A share of a mesh's faces, by quadric decimation, with vertices doubled along sharp edges for smooth shading."""
+    """Mesh reduced to a share of its faces by quadric decimation, with vertices doubled along sharp edges."""
     from trimesh.graph import smooth_shade
 
     if keep < 1 and len(mesh.faces) > SMALL:
@@ -215,7 +215,7 @@ def _add_axes(group: SceneGroup, size: float) -> None:
 
 
 def _add_masses(centres: SceneGroup, inertias: SceneGroup, size: float) -> None:
-    """Centres of mass, and solid cylinders or ellipsoids of the same mass and inertia, of the moving bodies."""
+    """Add centres of mass, and solid cylinders or ellipsoids of the same mass and inertia, of the moving bodies."""
     robot = centres.robot
     axes, half = ellipsoids(robot.model)
     for i, k in enumerate(robot.carried):
@@ -245,7 +245,7 @@ def ellipsoids(model: Model) -> tuple[Array, Array]:
 
 
 def cylinder_of(mass: float, inertia: Array) -> tuple[Array, float, float] | None:
-    """The solid cylinder of even density with this mass and inertia: its axes, with z along it, radius and length.
+    """Solid cylinder of even density with this mass and inertia: its axes, with z along it, radius and length.
 
     None if no two principal moments are alike, or no cylinder has them [m].
     """

@@ -20,12 +20,12 @@ from .springs import Springs
 from .trajectory import MOST_LOADS, Trajectory, between, samples_of
 
 LOGGER = logging.getLogger("rne")
-EVERY = 1e-3  # [s] between the instants of a motion that is a function of time
+EVERY = 1e-3  # interval between the instants of a motion that is a function of time [s]
 
 
 @dataclass(frozen=True, eq=False)
 class BearingPeaks(InNotebooks):
-    """The largest loads on every joint's bearing over the samples of a motion; `print` shows them as a table.
+    """Largest loads on every joint's bearing over the samples of a motion; `print` shows them as a table.
 
     Attributes
     ----------
@@ -133,13 +133,13 @@ def peaks_of(robot: Robot, springs: Springs | None, t: Array, q: Array, qd: Arra
 
 
 def _peaks(t: Array, loads: Array) -> tuple[Array, Array]:
-    """Largest loads over the samples, and when; NaN both where they are not known."""
+    """Largest loads over the samples and their times; NaN for both where unknown."""
     peaks = loads.max(axis=0)
     return peaks, np.where(np.isnan(peaks), np.nan, t[np.argmax(loads, axis=0)])
 
 
 def scene_of(robot: Robot | Scene, motion: Any) -> Scene:
-    """The scene that is given, otherwise the one that the motion was planned for with the robot, or the robot alone."""
+    """Scene given, otherwise the one that the motion was planned for with the robot, or the robot alone."""
     if isinstance(robot, Scene):
         return robot
     robot, planned = robot_argument(robot), getattr(motion, "scene", None)
@@ -155,7 +155,7 @@ def scene_of(robot: Robot | Scene, motion: Any) -> Scene:
 
 
 def _times(motion: Any) -> Array:
-    """Times at which to sample a function of time, those on both sides of its jumps among them."""
+    """Times at which to sample a function of time, on both sides of its jumps."""
     own = np.concatenate([np.ravel(getattr(motion, name, ())) for name in ("t", "instants")])
     start, end = (own.min(), own.max()) if hasattr(motion, "t") else (0.0, getattr(motion, "duration", None))
     if end is None:
@@ -166,7 +166,7 @@ def _times(motion: Any) -> Array:
 
 
 def cycle_samples(scene: Scene, motion: Any, *, instant: bool = False) -> tuple[Array, Array, Array, Array, Array]:
-    """Samples t, q, qd, qdd and tau of a motion; with `instant` a single sample will do."""
+    """Samples t, q, qd, qdd and tau of a motion; a single one is allowed for an `instant`."""
     found: Sequence[Any]
     if isinstance(motion, Trajectory):
         found = samples_of(motion, between(motion.t, samples=MOST_LOADS))

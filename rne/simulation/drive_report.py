@@ -21,9 +21,9 @@ from .springs import Springs
 from .trajectory import Trajectory, motors_at
 
 LOGGER = logging.getLogger("rne")
-MOVING = 0.01  # of a joint's largest speed, above which its drive is on duty
-OVER = 1.005  # share of a limit that is above it: plans keep to 1 by some 1e-3
-COARSE = 2e-3  # of all energy exchanged: twice what a run with the default tolerances leaves at its own steps
+MOVING = 0.01  # speed of a drive on duty relative to the joint's largest
+OVER = 1.005  # share of a limit that counts as exceeding it: plans keep to 1 by some 1e-3
+COARSE = 2e-3  # error of work relative to all energy exchanged: twice that of a run with default tolerances
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,7 +152,7 @@ class DriveReport(InNotebooks):
 
     @property
     def peak_torque_time(self) -> Array:
-        """When it is first reached, shape (n,) [s]."""
+        """Time at which the peak torque is first reached, shape (n,) [s]."""
         return np.asarray(self.t[np.abs(self.tau).argmax(0)])
 
     @property

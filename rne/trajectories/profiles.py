@@ -18,9 +18,9 @@ from ..basics.spatial import Array
 from ..basics.text import summary
 from ..elementwise import clip, less, where
 
-DEGREE = 5  # of a spline: continuous third derivatives of q, so that accelerations have no corners
-MISMATCH = 1e-6  # of the largest |q|: by so much the spline may miss a sample before it is refused
-KINDS = ("hold", "linear", "cubic")  # of motions through samples
+DEGREE = 5  # degree of a spline: continuous third derivatives of q, so that accelerations have no corners
+MISMATCH = 1e-6  # largest error of the spline at a sample relative to the largest |q|
+KINDS = ("hold", "linear", "cubic")  # kinds of motions through samples
 T = TypeVar("T")
 I = TypeVar("I", bound="Interpolated")
 
@@ -91,7 +91,7 @@ class ReferenceMotion(ReadOnlyArrays):
 @made_by("quintic")
 @dataclass(frozen=True, eq=False)
 class Quintic(ReferenceMotion):
-    """A motion along a polynomial of fifth degree, made by `quintic`; attributes are its arguments."""
+    """Motion along a polynomial of fifth degree, made by `quintic`; attributes are its arguments."""
 
     start: Array
     end: Array
@@ -108,7 +108,7 @@ class Quintic(ReferenceMotion):
 
 
 def quintic(start: ArrayLike, end: ArrayLike, duration: float) -> Quintic:
-    """A motion from rest to rest along a polynomial of fifth degree, with continuous acceleration.
+    """Motion from rest to rest along a polynomial of fifth degree, with continuous acceleration.
 
     Parameters
     ----------
@@ -176,7 +176,7 @@ class Trapezoidal(ReferenceMotion):
 
 
 def trapezoidal(start: ArrayLike, end: ArrayLike, duration: float, ramp: float) -> Trapezoidal:
-    """A motion from rest to rest with a trapezoidal profile of the velocity.
+    """Motion from rest to rest with a trapezoidal profile of the velocity.
 
     Parameters
     ----------
@@ -253,7 +253,7 @@ class Interpolated(ReferenceMotion):
 
     @cached_property
     def table(self) -> Array:
-        """A row for each piece, as of `Piecewise.table`."""
+        """Table with a row for each piece; see `Piecewise.table`."""
         found: Array = read_only(self._curve.table)
         return found
 
@@ -263,7 +263,7 @@ class Interpolated(ReferenceMotion):
         raise NotImplementedError
 
     def with_samples(self, samples: ArrayLike) -> Interpolated:
-        """The motion through other samples at the same times.
+        """Motion through other samples at the same times.
 
         Parameters
         ----------
@@ -302,7 +302,7 @@ class Interpolated(ReferenceMotion):
 @made_by("spline")
 @dataclass(frozen=True, eq=False)
 class Spline(Interpolated):
-    """A motion through samples, made by `spline`.
+    """Motion through samples, made by `spline`.
 
     Its attributes are the arguments, and `degree`, of the polynomials: 5, or K - 1 if there are fewer than six samples.
     """
@@ -322,7 +322,7 @@ class Spline(Interpolated):
 
 
 def spline(t: ArrayLike, q: ArrayLike) -> Spline:
-    """A smooth motion through samples of joint positions.
+    """Smooth motion through samples of joint positions.
 
     Parameters
     ----------
@@ -381,7 +381,7 @@ def spline(t: ArrayLike, q: ArrayLike) -> Spline:
 
 
 def _pieces(t: Array, inner: Sequence[int], s: Array, curve: Any) -> Piecewise:
-    """The polynomials of one of SciPy's splines over s, which end at the first, some inner and the last time."""
+    """Polynomials of one of SciPy's splines over s, which end at the first, some inner and the last time."""
     ends = [0, *inner, len(t) - 1]
     h, begins = np.diff(s[ends])[:, None], s[ends[:-1]]
     degree = curve.k if hasattr(curve, "k") else len(curve.c) - 1
@@ -391,7 +391,7 @@ def _pieces(t: Array, inner: Sequence[int], s: Array, curve: Any) -> Piecewise:
 @made_by("sampled")
 @dataclass(frozen=True, eq=False)
 class Sampled(Interpolated):
-    """A motion through samples, made by `sampled`; attributes are its arguments."""
+    """Motion through samples, made by `sampled`; attributes are its arguments."""
 
     t: Array
     values: Array
@@ -413,7 +413,7 @@ class Sampled(Interpolated):
 
 
 def sampled(t: ArrayLike, values: ArrayLike, kind: str = "hold") -> Sampled:
-    """A motion through samples of joint positions, held or joined by straight lines or cubic polynomials.
+    """Motion through samples of joint positions, held or joined by straight lines or cubic polynomials.
 
     Parameters
     ----------
@@ -499,7 +499,7 @@ def is_traced(times: Array) -> bool:
 @made_by("through")
 @dataclass(frozen=True, eq=False)
 class Path:
-    """A curve through via points, made by `through`.
+    """Curve through via points, made by `through`.
 
     Attributes
     ----------
@@ -526,7 +526,7 @@ class Path:
         return f"Path({len(self.points)} points, stops={self.stops})"
 
     def via(self, piece: int, s: float) -> str:
-        """A place on the path in words: s is the parameter of a piece."""
+        """Text of a place on the path: s is the parameter of a piece."""
         knots = self.pieces[piece].x
         k = int(np.clip(np.searchsorted(knots, s, side="right") - 1, 0, len(knots) - 2))
         share, first = (s - knots[k]) / (knots[k + 1] - knots[k]), self.stops[piece] + k
@@ -535,7 +535,7 @@ class Path:
 
 
 def through(points: ArrayLike, *, stops: bool | Sequence[int] = False) -> Path:
-    """A path through via points: a cubic spline, with continuous curvature.
+    """Path through via points: a cubic spline, with continuous curvature.
 
     Parameters
     ----------

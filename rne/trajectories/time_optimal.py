@@ -1,4 +1,4 @@
-"""The fastest motion along a path, under limits of torques, velocities and accelerations.
+"""Fastest motion along a path, under limits of torques, velocities and accelerations.
 
 Along a path q(s), with u = s'' and x = s'^2 of the motion s(t), velocities and accelerations are
 
@@ -34,34 +34,34 @@ from ..simulation.scene import Payload, Scene
 from ..simulation.springs import JointSpring, Spring
 from .profiles import Path, ReferenceMotion, is_traced, made_by, through
 
-GRID = 100  # intervals of a piece at first
-ACCURACY = 5e-4  # of a limit: by so much it may be exceeded between grid points before they are set closer
-UNUSED = 0.007  # of a limit: a gap to every limit above which grid points are set closer
-CLOSER, ROUNDS = 16, 8  # parts of an interval at most, times that the grid is refined
-NEAR = 0.02  # of an interval, on either side of where arcs are expected to meet
+GRID = 100  # initial intervals of a piece
+ACCURACY = 5e-4  # largest excess over a limit between grid points before the grid is refined, relative
+UNUSED = 0.007  # gap to every limit above which the grid is refined, relative
+CLOSER, ROUNDS = 16, 8  # most parts of an interval; most refinements of the grid
+NEAR = 0.02  # distance of grid points from the expected meeting of arcs, relative to an interval
 WAY = 0.1  # length of each piece in the linear programs whose intervals have units of their own
-BELOW = 1e-9  # relative: x is kept so far below the largest, so that the next program has a solution
-SHORTEST = 1e-5  # of the duration: intervals that are divided are longer
-AGREE = 3e-4  # of a limit: between viscous friction and its tangent
-TANGENT = 1e-4  # of a limit: viscous friction below which its tangent stays the same
-SLOWEST = 1e-4  # of x, at which tangents are tried
-PASSES = 30  # of viscous friction, and of the smoothing
-NEWTON = 4  # steps for the time at which an averaged motion passes a grid point
-BESIDE = 1e-9  # of the duration, on either side of such a time: there a joint may turn, and its friction jump
-AVERAGED = 0.01  # [s], over which accelerations are averaged: what the current controllers of drives follow
+BELOW = 1e-9  # relative distance of x below the largest, so that the next program has a solution
+SHORTEST = 1e-5  # shortest interval that is divided, relative to the duration
+AGREE = 3e-4  # agreement of viscous friction and its tangent, relative to a limit
+TANGENT = 1e-4  # viscous friction below which its tangent is kept, relative to a limit
+SLOWEST = 1e-4  # smallest x at which tangents are tried, relative
+PASSES = 30  # most iterations of viscous friction, and of the smoothing
+NEWTON = 4  # Newton steps for the time at which an averaged motion passes a grid point
+BESIDE = 1e-9  # distance of times on both sides of it, relative to the duration: there a joint may turn
+AVERAGED = 0.01  # interval over which accelerations are averaged [s]: current controllers of drives can follow
 AT_LIMIT = 0.99  # share of a limit from which it counts as used
-SLOW, STEP = 1e-30, 1e-40  # [rad/s or m/s]: friction is that of rest, in the direction of motion; `smoothing` of none
-CREEP = 1e-12  # [1/s], s' at a stop: Coulomb friction has the sign of the motion that begins or ends there
-OUT_OF_RANGE = 1e-9  # [rad or m] beyond the range of a joint: splines of points at its end round so
-MILLISECOND = 1e-3  # over which steps of torques and accelerations are told
+SLOW, STEP = 1e-30, 1e-40  # speed of friction at rest in the direction of motion; no `smoothing` [rad/s or m/s]
+CREEP = 1e-12  # rate s' at a stop [1/s]: Coulomb friction has the sign of the motion that begins or ends there
+OUT_OF_RANGE = 1e-9  # tolerance of a joint's range [rad or m]: rounding of splines with points at its end
+MILLISECOND = 1e-3  # interval over which steps of torques and accelerations are measured [s]
 
 
 class MissingLimit(ValueError):
-    """A joint without any limit that would bound its motion."""
+    """Raised for a joint without any limit that would bound its motion."""
 
 
 class OutOfRange(ValueError):
-    """A path that leaves the range of a joint."""
+    """Raised for a path that leaves the range of a joint."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +84,7 @@ class _Limits:
 
     @property
     def changes(self) -> bool:
-        """True for friction that is not proportional to the speed where it changes with it."""
+        """True for friction that is not proportional to speed, where it varies with it."""
         return self.friction.saturation is not None or bool(np.any(self.friction.stribeck_rise))
 
     def springs(self, q: Array, qd: Array) -> Array:
@@ -99,18 +99,18 @@ class _Limits:
 
     @cached_property
     def following(self) -> list[int]:
-        """The joints that follow by couplings, whose velocities and accelerations are limited too."""
+        """Coupled joints, whose velocities and accelerations are limited too."""
         return [i for i, *_ in self.robot.model.coupled_joints]
 
     @cached_property
     def of_all(self) -> dict[str, Array]:
-        """Limits of the coordinates, and behind them of the joints that follow, which have no torques."""
+        """Limits of the coordinates, followed by those of the coupled joints, which have no torques."""
         model, own = self.robot.model, self.following
         other = {"deceleration_limit": model.braking_limit, "effort_limit": np.full(model.nb, np.inf)}
         return {name: np.append(x, other.get(name, getattr(model, name))[own]) for name, x in self.known.items()}
 
     def rates(self, q: Array, qd: Array, qdd: Array) -> tuple[Array, Array]:
-        """Velocities and accelerations of the coordinates, and behind them of the joints that follow."""
+        """Velocities and accelerations of the coordinates, followed by those of the coupled joints."""
         if not self.following:
             return qd, qdd
         pair = joint_velocities(self.robot.model, q, qd), joint_accelerations(self.robot.model, q, qd, qdd)
@@ -118,7 +118,7 @@ class _Limits:
         return rate, change
 
     def padded(self, values: Array, by: float = 0.0) -> Array:
-        """Values of the coordinates, and behind them a constant for the joints that follow."""
+        """Values of the coordinates, followed by a constant for the coupled joints."""
         missing = len(self.of_all["lower"]) - values.shape[-1]
         return np.concatenate([values, np.full((*values.shape[:-1], missing), by)], -1) if missing else values
 
@@ -141,7 +141,7 @@ class _Limits:
         return limit_shares(self.known, qd, qdd, self.scene.inverse_dynamics(q, qd, qdd))
 
     def largest_shares(self, q: Array, qd: Array, qdd: Array) -> Array:
-        """Largest share of torques and accelerations, and of velocities, shape (2, ...); joints that follow count."""
+        """Largest share of torques and accelerations, and of velocities, shape (2, ...), coupled joints included."""
         tau = self.padded(self.scene.inverse_dynamics(q, qd, qdd))
         shares = limit_shares(self.of_all, *self.rates(q, qd, qdd), tau)
         torque, acceleration, velocity = (x.max(-1, initial=0) for x in shares.values())
@@ -150,7 +150,7 @@ class _Limits:
 
 @dataclass(frozen=True, eq=False)
 class _Piece:
-    """A path between two stops, with the limits."""
+    """Path between two stops, with the limits."""
 
     limits: _Limits
     path: Path
@@ -164,7 +164,7 @@ class _Piece:
 
     @cached_property
     def first_grid(self) -> Array:
-        """Intervals of about equal time, the via points, and where a joint turns and its friction changes its sign."""
+        """Initial grid: equal times, via points, and points where a joint turns and its friction changes its sign."""
         curve = self.path.pieces[self.index]
         turns = [r[(r > 0) & (r < 1)] for r in curve.derivative().roots(extrapolate=False)]
         grid = np.unique(np.concatenate([(1 - np.cos(np.linspace(0, np.pi, GRID + 1))) / 2, curve.x, *turns]))
@@ -195,7 +195,7 @@ class _Piece:
         return a, b, c, v, self._largest(rates, every)
 
     def _largest(self, rates: Array, every: Array) -> Array:
-        """The largest x by limits of velocities at grid points; `every` has the rates between them."""
+        """Largest x by limits of velocities at grid points; `every` has the rates between them."""
         with np.errstate(divide="ignore"):
             fastest = self.limits.of_all["velocity_limit"]
             largest, within = (1 / np.max((slope / fastest) ** 2, axis=1) for slope in (rates, every))
@@ -204,7 +204,7 @@ class _Piece:
         return np.asarray(np.where(largest > 2 * beside, beside / 2, largest))
 
     def slowing(self, grid: Array, x: Array) -> Array:
-        """Viscous friction and damping over sqrt(x), and what Coulomb friction is more than at rest, (2, 2, N, rows).
+        """Viscous friction and damping over sqrt(x), and Coulomb friction beyond that at rest, (2, 2, N, rows).
 
         For x at both ends of each interval.
         """
@@ -288,7 +288,7 @@ def _two_passes(
 
 @dataclass(frozen=True, eq=False)
 class _Profile:
-    """s(t) of a piece: constant u between grid points, averaged over the last `window` seconds."""
+    """Motion s(t) on a piece: constant u between grid points, averaged over the last `window` seconds."""
 
     grid: Array
     x: Array
@@ -312,7 +312,7 @@ class _Profile:
 
     @cached_property
     def _curves(self) -> tuple[Any, ...]:
-        """The integral of s, and s, s', s''."""
+        """Integral of s, and s, s', s''."""
         from scipy.interpolate import PPoly
 
         s = PPoly(np.stack([self.u / 2, np.sqrt(self.x[:-1]), self.grid[:-1]]), self.times)
@@ -397,7 +397,7 @@ def _solve(piece: _Piece, grid: Array, guess: Array | None, allowed: Array | Non
 
 
 def _slowest_and_steady(c: Array, v: Array, *, changes: bool) -> tuple[Array, Array]:
-    """The least x at which tangents are taken, and that at which friction takes what torque there is, (2, N) each."""
+    """Least x at which tangents are taken, and that at which friction uses up the torque, (2, N) each."""
     strongest, sign = np.abs(v).max(-1), np.sign(v)
     floor = np.where(
         strongest > 0, (TANGENT / np.where(strongest > 0, strongest, 1)) ** 2, SLOWEST**2 if changes else 1
@@ -408,7 +408,7 @@ def _slowest_and_steady(c: Array, v: Array, *, changes: bool) -> tuple[Array, Ar
 
 
 def _infeasible(piece: _Piece, grid: Array) -> str:
-    """The place where a joint needs most of its torque to stand still, in words."""
+    """Text of the place where a joint needs most of its torque to stand still."""
     at_rest = np.abs(piece.coefficients(grid)[2]).max(0)
     k, row = np.unravel_index(int(at_rest.argmax()), at_rest.shape)  # a torque's: nothing accelerates
     j = int(row) % piece.limits.robot.n
@@ -449,7 +449,7 @@ def _finer(piece: _Piece, grid: Array, x: Array) -> Array:
 
 
 def _fastest_profile(piece: _Piece) -> _Profile:
-    """The time-optimal profile of a piece on a grid that is set closer where it is needed."""
+    """Time-optimal profile of a piece on a grid that is refined where needed."""
     grid, finer, x = piece.first_grid, piece.first_grid, None
     for _ in range(ROUNDS):
         x, grid = _solve(piece, finer, None if x is None else np.interp(finer, grid, x)), finer
@@ -467,7 +467,7 @@ def _excess(piece: _Piece, profile: _Profile) -> Array:
 
 
 def _slowed(piece: _Piece, profile: _Profile, message: str) -> _Profile:
-    """Profile driven slower until it keeps all limits."""
+    """Profile slowed down until it keeps all limits."""
     for _ in range(PASSES):
         excess = float(_excess(piece, profile).max())
         if excess <= 1 + 2 * ACCURACY:
@@ -488,7 +488,7 @@ def _largest_within(x: Array, start: Array, end: Array) -> Array:
 
 
 def _averaged(piece: _Piece, fastest: _Profile, window: float) -> _Profile:
-    """Profile averaged over a window, if there is one, and driven slower where it would exceed a limit."""
+    """Profile averaged over a window, if there is one, and slowed down where it would exceed a limit."""
     allowed = np.ones((2, len(fastest.grid)))
     x, points = fastest.x, np.arange(len(fastest.grid))
     for _ in range(PASSES):
@@ -513,7 +513,7 @@ def _averaged(piece: _Piece, fastest: _Profile, window: float) -> _Profile:
 @made_by("fastest")
 @dataclass(frozen=True, eq=False)
 class FastestMotion(ReferenceMotion, InNotebooks):
-    """The fastest motion along a path, made by `fastest`; `print` shows which limits it uses and how smooth it is.
+    """Fastest motion along a path, made by `fastest`; `print` shows which limits it uses and how smooth it is.
 
     Attributes
     ----------
@@ -545,7 +545,7 @@ class FastestMotion(ReferenceMotion, InNotebooks):
 
     @property
     def scene(self) -> Scene:
-        """The robot with payload, friction and springs that it was planned for."""
+        """Scene of the plan: the robot with payload, friction and springs."""
         return self._limits.scene
 
     @cached_property
@@ -660,7 +660,7 @@ def fastest(
     smoothing: float | None = None,
     springs: Sequence[Spring | JointSpring] | None = None,
 ) -> FastestMotion:
-    """The fastest motion along a path under the robot's limits of torques, velocities and accelerations.
+    """Fastest motion along a path under the robot's limits of torques, velocities and accelerations.
 
     Parameters
     ----------

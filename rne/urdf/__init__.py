@@ -1,4 +1,4 @@
-"""URDF text <-> Model. A file is untrusted input: every element is validated before it is used."""
+"""Conversion between URDF text and Model. A file is untrusted input: every element is validated before use."""
 
 from .findings import Finding
 from .loading import check

@@ -1,4 +1,4 @@
-"""Angles of a file that are multiples of 15 degrees as far as they are written: found, rounded, and what that saves."""
+"""Angles in a file that are rounded multiples of 15 degrees: detection, rounding, and the operations saved."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from .findings import FindingsReport, some
 
 STEP = Fraction("3.14159265358979323846264338327950288419716939937510") / 12  # rad: 15 degrees
 FEWEST_DECIMALS = 3  # 1.57 may be any angle, 1.571 hardly
-STATES = 64  # in which torques are compared
-LARGEST = 48  # bodies: M of a longer chain has more operations than kernels write out, and the recursion saves none
+STATES = 64  # number of states in which torques are compared
+LARGEST = 48  # most bodies: kernels of M of longer chains are not written out
 
 
 @lru_cache(1024)
 def multiple_of_step(number: str) -> tuple[int, int]:
-    """The k of the multiple k pi/12 that a decimal number is rounded or truncated from, and its number of decimals.
+    """Integer k of the multiple k pi/12 that a decimal number is rounded or truncated from, and its decimals.
 
     k is 0 for all others, for those of fewer than three decimals, and beyond a full turn.
     """
@@ -39,7 +39,7 @@ def multiple_of_step(number: str) -> tuple[int, int]:
 
 
 def name_of(k: int) -> str:
-    """The multiple k of 15 degrees in terms of pi, such as "-3 pi/4"."""
+    """Text of the multiple k of 15 degrees in terms of pi, such as "-3 pi/4"."""
     part = Fraction(abs(k), 12)
     factor, divisor = ("" if x == 1 else str(x) for x in (part.numerator, part.denominator))
     return f"{'-' * (k < 0)}{factor}{' ' * bool(factor)}pi{'/' * bool(divisor)}{divisor}"
@@ -48,7 +48,7 @@ def name_of(k: int) -> str:
 def read_angles(
     elements: Iterable[tuple[str, Element]], attribute: str, report: FindingsReport, *, rounded: bool
 ) -> None:
-    """Note angles [rad] of elements, each behind its owner, that are multiples of 15 degrees as far as written.
+    """Report angles [rad] of elements, with their owners, that are multiples of 15 degrees as far as written.
 
     If they are to be rounded, the elements get the multiples, and the report a finding for each. Those that are the
     multiple in double precision are none.
@@ -69,7 +69,7 @@ def read_angles(
 
 
 def origins(root: Element) -> Iterator[tuple[str, Element]]:
-    """The <origin> of each joint and <inertial> of a <robot>, behind its joint or link in words."""
+    """Elements <origin> of each joint and <inertial> of a <robot>, with the joint or link as text."""
     for kind, path in (("link", "inertial/origin"), ("joint", "origin")):
         for element in root.iterfind(kind):
             origin = element.find(path)
@@ -78,7 +78,7 @@ def origins(root: Element) -> Iterator[tuple[str, Element]]:
 
 
 def report_savings(written: Model, rounded: Model, report: FindingsReport) -> None:
-    """Warn that kernels of M or inverse dynamics have another number of operations, if they have, with angles rounded.
+    """Warn if kernels of M or inverse dynamics have another number of operations with angles rounded.
 
     A kernel with too many operations to be written out, which is the recursion, says none.
     """

@@ -19,20 +19,20 @@ from ..basics.text import cut, plain
 from .findings import ECHO, FindingsReport, echo, listed, near_path
 
 Element = Any  # an element of lxml, which has no types
-MAX_BYTES = 16 * 2**20  # of a file
-MAX_TAGS, MAX_ATTRIBUTES = 300_000, 1000  # of a file and of an element, whose values lxml gives in quadratic time
-MAX_DEPTH = 256  # libxml2's own limit, which `huge_tree` would lift
+MAX_BYTES = 16 * 2**20  # largest file [bytes]
+MAX_TAGS, MAX_ATTRIBUTES = 300_000, 1000  # of a file and of an element; lxml takes quadratic time for attributes
+MAX_DEPTH = 256  # largest depth, libxml2's own limit, which `huge_tree` would lift
 XACRO = re.compile(r"(?:\{.*xacro\}|xacro:)(.*)", re.DOTALL)  # elements of all its versions, declared or not
 DEFINITIONS, BUILT_IN = ("property", "arg", "macro", "include"), ("if", "unless", "insert_block", "element", "call")
-SUGGESTED = 1000  # findings, after which no cure suggests a name
+SUGGESTED = 1000  # number of findings after which no name is suggested
 # Elements and names of other programs, for which there is no finding; names with an undeclared prefix have their own.
 EXTENSIONS = frozenset(["gazebo", "transmission", "ros2_control", "mujoco", "sensor", "contact", "frame"])
 FOREIGN = re.compile(r"\{[^}]*(?:drake|xacro|w3\.org/(?!2001/XInclude))|[^{:]+:")
 DRAKE, ROTOR, GEAR = (f"{{http://drake.mit.edu}}{name}" for name in ("", "rotor_inertia", "gear_ratio"))
 SIMPLE = "SimpleTransmission"  # the type of a gear between one motor and one joint
-READ, DRAWN = "read", "drawn"  # uses of an element: for dynamics, and for pictures alone
-LARGEST = sys.float_info.max  # written for a limit that does not exist
-NO_LIMIT = -1.0  # what makers write for it
+READ, DRAWN = "read", "drawn"  # uses of an element: for dynamics, for pictures
+LARGEST = sys.float_info.max  # number written for a limit that does not exist
+NO_LIMIT = -1.0  # number that manufacturers write for it
 UNDECLARED = 201  # libxml2's number of the error about a prefix without a namespace
 TRUNCATED = (3, 5, 6, 20)  # expat's numbers of errors that are not there before the end
 KINDS = {"Blank needed here": 32, "error parsing attribute name": 65}  # texts that say more than their numbers
@@ -56,7 +56,7 @@ STRICT = dict.fromkeys(("no_network", "remove_comments", "remove_pis"), True) | 
 
 
 class _DocumentType(Exception):
-    """The file has a document type declaration."""
+    """Raised where the file has a document type declaration."""
 
 
 class _Prolog:
@@ -73,7 +73,7 @@ class _Prolog:
 
 
 def read_bytes(path: str | os.PathLike[str], report: FindingsReport) -> bytes | None:
-    """The file's bytes, or None with a finding if it is not a regular file."""
+    """Bytes of the file, or None with a finding if it is not a regular file."""
     file = Path(path)
     if not file.exists():
         raise FileNotFoundError(f"no such file: {str(path)!r}")
@@ -85,7 +85,7 @@ def read_bytes(path: str | os.PathLike[str], report: FindingsReport) -> bytes | 
 
 
 def below(file: Path, *folders: Path) -> Path | None:
-    """The file, links followed, if it is there and below one of the folders."""
+    """File, links followed, if it exists below one of the folders."""
     try:
         found = file.resolve()
         return found if found.is_file() and any(map(found.is_relative_to, folders)) else None
@@ -94,7 +94,7 @@ def below(file: Path, *folders: Path) -> Path | None:
 
 
 def parse(data: bytes, report: FindingsReport) -> Element | None:
-    """The root element without comments and processing instructions, or None with a finding."""
+    """Root element without comments and processing instructions, or None with a finding."""
     if len(data) > MAX_BYTES:
         report.error(None, "file", f"is larger than {MAX_BYTES} bytes", "split the robot or remove what is not URDF")
         return None
@@ -120,7 +120,7 @@ def _parsed(data: bytes, report: FindingsReport) -> Element | None:
         return etree.fromstring(data, parser)
     except _DocumentType:
         message = "document type declarations and entities are not allowed"
-        # A parser target is not told lines: they are counted, in UTF-16 without the zero bytes.
+        # A parser target is not given lines: they are counted, in UTF-16 without the zero bytes.
         before, found, _ = data.replace(b"\0", b"").partition(b"<!DOCTYPE")
         report.error(before.count(b"\n") + 1 if found else None, "file", message, "remove the <!DOCTYPE ...>")
     except etree.XMLSyntaxError:
@@ -132,7 +132,7 @@ def _parsed(data: bytes, report: FindingsReport) -> Element | None:
 
 
 def _without_controls(root: Element, report: FindingsReport) -> Element:
-    """The element with escapes for control characters in attributes, and blanks for line ends, as XML has them."""
+    """Element with escapes for control characters in attributes, and blanks for line ends, as XML has them."""
     told = False
     for element in root.iter():
         for name, text in element.attrib.items():
@@ -158,7 +158,7 @@ def _error_by_expat(data: bytes) -> Any | None:
 
 
 def _report_syntax_error(data: bytes, log: Any, other: Any, report: FindingsReport) -> None:
-    """Report the first error of the XML, with what mends it; the other is expat's."""
+    """Report the first error of the XML, with a remedy; `other` is the error of expat."""
     code = getattr(other, "code", 0)
     by_expat = 42 if code == 8 else 5 if code else 32, getattr(other, "lineno", None), str(other)
     found = [(entry.type, entry.line, entry.message) for entry in log if entry.type != UNDECLARED]
@@ -176,7 +176,7 @@ def _report_syntax_error(data: bytes, log: Any, other: Any, report: FindingsRepo
 
 
 def check_expanded(root: Element, report: FindingsReport) -> bool:
-    """Report what xacro has left and undeclared prefixes, as errors in what is read; False if that is not expanded."""
+    """Report remains of xacro and undeclared prefixes, as errors in what is read; False if xacro is not expanded."""
     names = {element: found.group(1) for element in root.iter() if (found := XACRO.fullmatch(element.tag))}
     moves = any(joint.get("type") != "fixed" for joint in root.findall("joint"))
     known, told = {*RULES, *(x for rule in RULES.values() for x in rule.attributes.split())}, {"xacro"}
@@ -229,7 +229,7 @@ words = cache(str.split)  # of the texts below
 
 
 class Rule(NamedTuple):
-    """The attributes of an element, the children it may have once, and those it may have many times."""
+    """Attributes of an element, the children it may have once, and those it may have many times."""
 
     attributes: str = ""
     once: str = ""
@@ -237,7 +237,7 @@ class Rule(NamedTuple):
 
     @property
     def children(self) -> list[str]:
-        """All children it may have."""
+        """Names of all allowed children."""
         return words(f"{self.once} {self.many}")
 
 
@@ -280,7 +280,7 @@ UNREAD |= {"sphere", "mesh", "capsule"}
 
 
 def describe(element: Element) -> str:
-    """An element as messages name it: link 'arm', joint 'elbow', or just its tag."""
+    """Name of an element in messages: link 'arm', joint 'elbow', or just its tag."""
     name = element.get("name")
     tag = cut(element.tag, ECHO)
     return f"{tag} {echo(name)}" if name is not None else f"<{tag}>"
@@ -360,7 +360,7 @@ def checked_numbers(parent: Element, tag: str, owner: str, report: FindingsRepor
 
 
 def attribute_numbers(element: Element | None, attribute: str, default: str = "") -> list[float]:
-    """The numbers of an attribute, or of the default if it or the element is missing; none if it is something else."""
+    """Numbers of an attribute, or of the default if it or the element is missing; none if it is something else."""
     tokens = (default if element is None else element.get(attribute, default)).split()
     are_numbers = all(len(token) <= LONGEST and NUMBER.fullmatch(token) for token in tokens)
     return [float(token) for token in tokens] if are_numbers else []

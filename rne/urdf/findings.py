@@ -12,14 +12,14 @@ from typing import Any, Literal
 from ..basics.text import counted, cut, plain, summary
 from ..errors import UrdfError
 
-MAX_NAMES = 10  # in one line
+MAX_NAMES = 10  # most names in one line
 OWNER = re.compile(r"(link|joint) ('.*')", re.DOTALL)
-ECHO = 83  # characters of a file's own text that a message may quote, dots included
+ECHO = 83  # most characters of a file's text in a message, dots included
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One error or warning about a URDF file.
+    """Error or warning about a URDF file.
 
     Attributes
     ----------
@@ -66,12 +66,12 @@ class Finding:
 
     @property
     def kind(self) -> str:
-        """The message without its detail."""
+        """Message without its detail."""
         return self.message.removesuffix(f": {self.detail}") if self.detail else self.message
 
 
 class FindingsReport:
-    """Collects the findings on one file; without lines if what is examined was made from the file."""
+    """Collector of the findings on one file; without lines if the examined text was made from the file."""
 
     def __init__(self, file: str) -> None:
         self.file, self.has_lines = file, True
@@ -93,7 +93,7 @@ class FindingsReport:
 
     @property
     def errors(self) -> list[Finding]:
-        """The errors among the findings."""
+        """Errors among the findings."""
         return [finding for finding in self.findings if finding.severity == "error"]
 
     def raise_first_error(self) -> None:
@@ -105,7 +105,7 @@ class FindingsReport:
 
 
 def near_path(file: str) -> str:
-    """A path below the current folder relative to it, others as they are."""
+    """Path relative to the current folder if it is below it, others unchanged."""
     try:
         relative = os.path.relpath(file)
     except ValueError:  # on another drive
@@ -114,24 +114,24 @@ def near_path(file: str) -> str:
 
 
 def echo(value: object) -> str:
-    """A value of the file in quotes, cut to `ECHO` characters."""
+    """Value of the file in quotes, cut to `ECHO` characters."""
     return repr(cut(str(value), ECHO))
 
 
 def listed(names: Iterable[str]) -> str:
-    """The first names in quotes, and how many more there are."""
+    """First names in quotes, and the number of others."""
     return some(map(echo, names))
 
 
 def some(texts: Iterable[str]) -> str:
-    """The first texts, and how many more there are."""
+    """First texts, and the number of others."""
     shown = [*texts]
     more = f" and {len(shown) - MAX_NAMES} more" if len(shown) > MAX_NAMES else ""
     return ", ".join(shown[:MAX_NAMES]) + more
 
 
 def written(findings: Sequence[Finding], file: str, *, grouped: bool, how: str = "as written") -> list[str]:
-    """The lines that `rne.check` prints about a file that loads, if it does, in a way that is said."""
+    """Lines printed by `rne.check` about a file, with the way in which it loads, if it does."""
     near = near_path(file)
     if not findings:
         return [f"{plain(near)}: no findings"]
@@ -148,7 +148,7 @@ def written(findings: Sequence[Finding], file: str, *, grouped: bool, how: str =
 
 
 def _owners(group: Sequence[Finding]) -> str:
-    """Owners of findings in words, such as `joints 'a' (0 90 0), 'b' (90 0 0)`, or `robot (3 times)`."""
+    """Text of the owners of findings, such as `joints 'a' (0 90 0), 'b' (90 0 0)`, or `robot (3 times)`."""
     owners = [OWNER.fullmatch(finding.element) for finding in group]
     if not all(owners):
         return f"{group[0].element} ({len(group)} times)"

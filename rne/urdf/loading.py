@@ -1,4 +1,4 @@
-"""Robots by name or from a file: which there are, loaded, checked."""
+"""Loading and checking of robots by name or from a file."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def robots() -> tuple[str, ...]:
 
 
 def resolve(source: str | os.PathLike[str], *given: Options) -> Model | str:
-    """The built-in robot of a name, or the path of a URDF file, which goes before a name of example-robot-data.
+    """Built-in robot of a name, or the path of a URDF file, which has priority over a name of example-robot-data.
 
     Raises FileNotFoundError if it is neither a file nor a robot's name, ValueError if what is given is not for it.
     """
@@ -101,7 +101,7 @@ def resolve(source: str | os.PathLike[str], *given: Options) -> Model | str:
 
 
 def unknown(name: str) -> str:
-    """The error about a name that is neither a file nor a robot."""
+    """Error about a name that is neither a file nor a robot."""
     hint = did_you_mean(name, robots())
     if not library():
         built_in = f"{name!r} is neither a file nor a built-in robot"
@@ -202,7 +202,7 @@ def _check_flag(round_angles: object) -> None:
 def described(
     path: str, report: FindingsReport, *options: Options, round_angles: bool = False
 ) -> tuple[Element | Model | None, str]:
-    """The <robot> of a URDF or xacro file, or the Model of an MJCF file, or None with an error; and its source."""
+    """Element <robot> of a URDF or xacro file, or the Model of an MJCF file, or None with an error; and its source."""
     text = None
     if path.endswith(".xacro"):
         text = expanded(report, *options)
@@ -320,7 +320,7 @@ def check(
 
 
 def _report_rounding(read: Element | Model, model: Model, report: FindingsReport, *options: Options) -> None:
-    """Report what it would save to round angles of a <robot> and its Model, or of a file that is compiled anew."""
+    """Report the operations saved by rounding angles of a <robot> and its Model, or of a file compiled anew."""
     if isinstance(read, Model):
         rounded = _model_of_file(report.file, *options, round_angles=True)
     else:

@@ -1,4 +1,4 @@
-"""Reading a robot from an MJCF file: MuJoCo compiles what bears on dynamics, and its tree becomes a Model."""
+"""Reading of MJCF files: MuJoCo compiles the parts relevant to dynamics, and its tree becomes a Model."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ from .angles import read_angles
 from .document import MAX_BYTES, Element, attribute_numbers, below, describe, parse, read_bytes
 from .findings import ECHO, FindingsReport, echo, some
 
-MAX_INCLUDES = 100  # files
-MAX_ELEMENTS = 20_000  # that are compiled: the time of some grows with the square of their number
-MAX_MESHES = 2**27  # bytes of all mesh files
-MAX_MADE, LEAST_MADE = 300_000, 2_500  # vertices of all meshes that MuJoCo makes, and of a sphere
-SECTIONS = ("compiler", "option", "default", "asset", "worldbody", "equality", "actuator")  # that are compiled
+MAX_INCLUDES = 100  # most included files
+MAX_ELEMENTS = 20_000  # most compiled elements: the time of some grows quadratically
+MAX_MESHES = 2**27  # largest size of all mesh files [bytes]
+MAX_MADE, LEAST_MADE = 300_000, 2_500  # most vertices of all meshes made by MuJoCo; vertices of a sphere
+SECTIONS = ("compiler", "option", "default", "asset", "worldbody", "equality", "actuator")  # sections that are compiled
 OTHERS = ("contact", "custom", "deformable", "extension", "keyframe", "sensor", "size", "statistic", "tendon", "visual")
 EQUALITIES = ("connect", "weld", "joint", "tendon", "flex", "flexvert", "flexstrain")
 UNUSED = ("visual", "statistic", "size", "custom", "texture", "hfield", "skin", "model", "layer", "lengthrange")
-MAKERS = ("attach", "composite", "flexcomp", "replicate")  # elements that make bodies when they are compiled
+MAKERS = ("attach", "composite", "flexcomp", "replicate")  # elements that create bodies when compiled
 NOT_COMPILED = ["meshdir", "texturedir", "assetdir", "strippath", "fusestatic", "discardvisual"]  # attributes
 NOT_COMPILED += ["texture", "user", "actdim", "nsample", "interp", "delay"]  # and sizes of what nothing reads
 NAN = re.compile(r"(?:.*\s)?[+-]?nan(?:\s.*)?", re.IGNORECASE | re.DOTALL)
@@ -52,7 +52,7 @@ LEFT = {  # numbers of compiled joints and bodies that are not read
 
 
 def mjcf_model(root: Element, report: FindingsReport, *, round_angles: bool = False) -> Model | None:
-    """The Model of a <mujoco>, with the file's gravity, or None with an error in the report."""
+    """Model of a <mujoco>, with the file's gravity, or None with an error in the report."""
     name = root.get("model") or Path(report.file).stem
     root = _for_dynamics(included(root, report), report)
     if _settings(root).get("angle") == "radian":  # decimal degrees have their multiples of 15 exactly
@@ -76,7 +76,7 @@ def mjcf_model(root: Element, report: FindingsReport, *, round_angles: bool = Fa
 
 
 def drawn(file: str) -> tuple[Any, list[str]]:
-    """MuJoCo's compiled model of a file with its geoms, and the meshes that are not there."""
+    """Compiled model of a file with its geoms, and the missing meshes."""
     report = FindingsReport(file)
     root: Any = parse(read_bytes(file, report) or b"", report)
     report.raise_first_error()
@@ -90,12 +90,12 @@ def drawn(file: str) -> tuple[Any, list[str]]:
 
 
 def _settings(root: Element) -> dict[str, str]:
-    """The attributes of all <compiler> elements, of which the last counts."""
+    """Attributes of all <compiler> elements, of which the last counts."""
     return {name: text for x in root.findall("compiler") for name, text in x.attrib.items()}
 
 
 def _turned(root: Element) -> Iterator[tuple[str, Element]]:
-    """Elements that Euler angles turn, each behind the body that it is or belongs to, in words."""
+    """Elements turned by Euler angles, each with the body that it is or belongs to as text."""
     for element in root.iterfind(".//*[@euler]"):
         name = element.xpath("string(ancestor-or-self::body[1]/@name)")
         yield f"link {echo(name)}" if name else describe(element), element
@@ -111,7 +111,7 @@ def _mujoco() -> Any:
 
 
 def included(root: Element, report: FindingsReport) -> Element:
-    """The <mujoco> with the elements of all files that it includes; they are below its folder, each included once."""
+    """Element <mujoco> with the elements of all included files, which are below its folder, each included once."""
     file = Path(report.file).resolve()
     folders, seen, size = {root: file.parent}, {file}, 0
     while (include := root.find(".//include")) is not None:
@@ -162,7 +162,7 @@ def _check_elements(root: Element, report: FindingsReport) -> None:
 
 
 def _for_dynamics(root: Element, report: FindingsReport) -> Element:
-    """The <mujoco> without what has no bearing on the tree's dynamics; no file is needed of which it is independent."""
+    """Element <mujoco> without what does not affect the tree's dynamics, so that unneeded files may be missing."""
     _report_missing(root, report)
     by_geoms = any(x.get("inertiafromgeom") == "true" for x in root.findall("compiler"))
     weighed = set() if by_geoms else {x.getparent() for x in root.iter("inertial")}
@@ -200,7 +200,7 @@ def _report_missing(root: Element, report: FindingsReport) -> None:
 
 
 def _without_files(root: Element, report: FindingsReport) -> list[Element]:
-    """Remove what is not compiled, and give meshes of geoms the paths of their files; those that are not there."""
+    """Remove what is not compiled, and give meshes of geoms the paths of their files; returns the missing ones."""
     others = [x for x in root if x.tag not in SECTIONS]
     acting = [*root.iterfind("equality/*"), *root.iterfind("actuator/*")]
     others += [x for x in acting if x.tag != "joint" and not {"joint", "jointinparent"} & {*x.attrib}]
@@ -239,7 +239,7 @@ def _without_files(root: Element, report: FindingsReport) -> list[Element]:
 
 
 def _compiled(root: Element, report: FindingsReport) -> Any | None:
-    """MuJoCo's compiled model, or None with an error."""
+    """Compiled model, or None with an error."""
     from lxml import etree
 
     etree.SubElement(etree.SubElement(root, "compiler"), "lengthrange", mode="none")  # else found by simulation
@@ -268,21 +268,21 @@ def names_of(m: Any, kind: str) -> list[str]:
 
 
 def unused(name: str, names: Sequence[str]) -> str:
-    """A name that is made, with as many "_" behind it as it takes to be none of the names of a file."""
+    """Made-up name with enough "_" behind it to differ from all names of a file."""
     while name in names:
         name += "_"
     return name
 
 
 def rotation_of(quaternion: Array) -> Array:
-    """The rotation matrix of a quaternion w, x, y, z of any length, in long double."""
+    """Rotation matrix of a quaternion w, x, y, z of any length, in long double."""
     w, v = np.split(unit_vector(quaternion.astype(Extended)), [1])
     V = cross_matrix(v)
     return np.asarray(np.eye(3) + 2 * (w * V + V @ V))
 
 
 def _parts(m: Any, report: FindingsReport) -> list[Part]:
-    """The bodies in MuJoCo's order, each with a part for every joint of it, all but the last massless.
+    """Bodies in MuJoCo's order, each with a part for every joint of it, all but the last massless.
 
     A joint's frame has its origin on the joint's axis, nearest to the body's. If that is another point than the
     body's origin, the body is a part of its own that is fixed to the joint's.
@@ -314,7 +314,7 @@ def _parts(m: Any, report: FindingsReport) -> list[Part]:
 
 
 def _joint(m: Any, j: int, name: str, report: FindingsReport) -> tuple[Array, Pose, dict[str, Any]]:
-    """Of a hinge or slide: the foot of its axis, its pose at q = 0 seen from that at q = `ref`, fields of its Part."""
+    """Axis origin, pose at q = 0 relative to q = `ref`, and Part fields of a hinge or slide joint."""
     axis, ref = unit_vector(m.jnt_axis[j].astype(Extended)), m.qpos0[j].astype(Extended)
     lower, upper = m.jnt_range[j].tolist() if m.jnt_limited[j] else (-np.inf, np.inf)
     drives = np.flatnonzero(m.actuator_trnid[:, 0] == j).tolist()
@@ -330,7 +330,7 @@ def _joint(m: Any, j: int, name: str, report: FindingsReport) -> tuple[Array, Po
 
 
 def _effort(m: Any, j: int, drives: list[int], name: str, report: FindingsReport) -> float:
-    """The largest torque or force of a joint's drive where the file says one, otherwise infinite."""
+    """Largest torque or force of a joint's drive where the file gives one, otherwise infinite."""
     ranges = [m.jnt_actfrcrange[j]] if m.jnt_actfrclimited[j] else []
     for a in drives if len(drives) == 1 else ():
         gear, is_motor = m.actuator_gear[a, 0], not (m.actuator_gaintype[a] or m.actuator_biastype[a])  # fixed, none
@@ -366,7 +366,7 @@ def _mimics(m: Any, joints: list[str], report: FindingsReport) -> dict[int, Mimi
 
 
 def _report_left(m: Any, report: FindingsReport) -> None:
-    """Report what the compiled model has and a robot cannot have, or has not."""
+    """Report properties of the compiled model that a robot cannot have, or that are ignored."""
     own = {"joint": names_of(m, "joint"), "body": names_of(m, "body")}
     kinds = _mujoco().mjtJoint
     for joint, kind in zip(own["joint"], m.jnt_type, strict=True):

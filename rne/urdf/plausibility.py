@@ -1,4 +1,4 @@
-"""Warnings of what loads but is likely a mistake: degrees for radians, drives without torque, impossible bodies.
+"""Warnings of likely mistakes in files that load: degrees for radians, drives without torque, impossible bodies.
 
 All of it loads as written; `rne.check` warns. The bounds are wide: what they report is a mistake, or a placeholder.
 """
@@ -23,18 +23,18 @@ from .findings import FindingsReport, echo
 from .read import parts_of
 from .strict import MOVING, fixed_links
 
-POINT = 1e-6  # m: smaller bodies are point masses, whose inertia is rounding error
-FLATTEST = 0.1  # axes of the ellipsoid, relative to its longest: rods and plates are often idealised as having no width
-LARGE = 2  # times the robot's size: no body of the robot has a larger radius of gyration
-DENSEST = 23e3  # kg/m^3, a little above osmium
-AIR = 1.2  # kg/m^3
-SOLIDS = {"box": ("size",), "sphere": ("radius",), "cylinder": ("radius", "length")}  # and the attributes with sizes
-THINNEST = 1.0  # kg/m^3: less than air
-SLENDEREST = 0.01  # axes of that ellipsoid, relative to its longest: rods and frames are thin
-LONGEST = 20.0  # m: longer links are those of cranes, or in millimetres
+POINT = 1e-6  # size below which a body is a point mass, whose inertia is rounding error [m]
+FLATTEST = 0.1  # shortest axis of the ellipsoid over its longest: rods and plates may be given without width
+LARGE = 2  # largest radius of gyration of a body relative to the robot's size
+DENSEST = 23e3  # largest density, a little above osmium [kg/m^3]
+AIR = 1.2  # density of air [kg/m^3]
+SOLIDS = {"box": ("size",), "sphere": ("radius",), "cylinder": ("radius", "length")}  # with attributes of size
+THINNEST = 1.0  # smallest density, less than air [kg/m^3]
+SLENDEREST = 0.01  # axes of a slender ellipsoid relative to its longest: rods and frames are thin
+LONGEST = 20.0  # longest link [m]: longer ones are those of cranes, or in millimetres
 OVERLOAD, POSES = 10, 64  # times an effort limit: no drive carries a weight that takes more at some random position
 UNITS, RADIANS = "is the file in millimetres? give metres", "give radians: degrees times pi/180"
-PLACEHOLDER = 1e-3  # kg: lighter links are often there for their frame alone, with any shape and inertia
+PLACEHOLDER = 1e-3  # mass of a link that may only carry a frame, with any shape and inertia [kg]
 
 
 def check_elements(root: Element, report: FindingsReport) -> None:
@@ -116,7 +116,7 @@ def _check_lengths_and_weight(root: Element, parts: list[Part], model: Model, re
 
 
 def _faults(body: LinkBody, size: float, with_coms: float) -> Iterator[tuple[str, str, str]]:
-    """Texts, cures and numbers of what no body of a robot of this size is, the second with centres of mass."""
+    """Faults of bodies impossible in a robot of this size: texts, remedies and numbers; the second with centres."""
     measure = max(size, body.radius_of_gyration)
     radius, largest = body.radius_of_gyration, max(size, with_coms)
     if math.isfinite(body.com) and body.com > FAR * measure > 0:
@@ -145,7 +145,7 @@ def _faults(body: LinkBody, size: float, with_coms: float) -> Iterator[tuple[str
 
 
 class Shapes(NamedTuple):
-    """The boxes, cylinders and spheres of a link."""
+    """Boxes, cylinders and spheres of a link."""
 
     largest_volume: float  # of one of them; of visuals or collisions, where it is smaller [m^3]
     surrounding_volume: float  # of the box around all; of visuals or collisions, where it is larger [m^3]
@@ -153,7 +153,7 @@ class Shapes(NamedTuple):
 
 
 class LinkBody(NamedTuple):
-    """The inertial numbers of a link."""
+    """Inertial numbers of a link."""
 
     element: Element
     owner: str
@@ -168,7 +168,7 @@ class LinkBody(NamedTuple):
 
 
 def bodies(root: Element, parts: list[Part]) -> list[LinkBody]:
-    """The bodies of all links with <inertial>."""
+    """Bodies of all links with <inertial>."""
     links = {link.get("name"): link for link in root.findall("link")}
     found = []
     for k, part in enumerate(parts):

@@ -1,4 +1,4 @@
-"""Reading a robot from a URDF file: strictly validated, then every number from the file's own decimals."""
+"""Reading of URDF files: strictly validated, then every number from the file's own decimals."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def read_urdf(path: str | os.PathLike[str], *, gravity: ArrayLike = STANDARD_GRA
 
 
 def loaded(root: Element | None, report: FindingsReport, gravity: ArrayLike, source: str) -> Model:
-    """The Model of a <robot>, or the UrdfError of the report's first error or of numbers that no robot has."""
+    """Model of a <robot>, or the UrdfError of the report's first error or of impossible numbers."""
     report.raise_first_error()
     try:
         return model_of(root, gravity, source)
@@ -78,13 +78,13 @@ def loaded(root: Element | None, report: FindingsReport, gravity: ArrayLike, sou
 
 
 def validated(data: bytes | None, report: FindingsReport) -> Element | None:
-    """The <robot> of a file's bytes, or None with a finding."""
+    """Element <robot> of a file's bytes, or None with a finding."""
     root = None if data is None else parse(data, report)
     return root if root is not None and validate(root, report) else None
 
 
 def model_of(root: Element, gravity: ArrayLike, source: str | None = None) -> Model:
-    """The Model of a validated <robot>."""
+    """Model of a validated <robot>."""
     links, joints = _in_tree_order(root)
     unrounded = [(_origin(element, "rpy"), _axis(element)) for element in (root, *joints)]
     shapes = [shape for link in links.values() for shape in _shapes(link)]
@@ -93,7 +93,7 @@ def model_of(root: Element, gravity: ArrayLike, source: str | None = None) -> Mo
 
 
 def parts_of(root: Element) -> list[Part]:
-    """The links of a validated <robot> in tree order, each with its joint, as the file places them."""
+    """Links of a validated <robot> in tree order, each with its joint, as the file places them."""
     links, joints = _in_tree_order(root)
     root_link = next(iter(links))
     part_of_link = {root_link: 0} | {link_of(joint, "child"): k for k, joint in enumerate(joints, 1)}
@@ -124,7 +124,7 @@ def parts_of(root: Element) -> list[Part]:
 
 
 def _in_tree_order(root: Element) -> tuple[dict[str, Element], list[Element]]:
-    """Links by name, and joints: repeatedly the first joint in the file whose parent link is already placed."""
+    """Links by name and joints in tree order: repeatedly the first joint whose parent link is already placed."""
     links, joints = {link.get("name"): link for link in root.findall("link")}, root.findall("joint")
     children = {link_of(joint, "child") for joint in joints}
     root_link = next(link for link in links if link not in children)
@@ -150,7 +150,7 @@ def _number(element: Element | None, attribute: str, default: float) -> float:
 
 
 def _origin(element: Element, attribute: str) -> Array:
-    """xyz or rpy of the element's <origin>."""
+    """Vector xyz or rpy of the element's <origin>."""
     origin = element.find("origin")
     return _vector("0 0 0" if origin is None else origin.get(attribute, "0 0 0"))
 
@@ -160,7 +160,7 @@ def _pose(element: Element) -> Pose:
 
 
 def _axis(joint: Element) -> Array:
-    """The unit vector of a joint's axis in long double."""
+    """Unit vector of a joint's axis in long double."""
     axis = None if joint.get("type") == "fixed" else joint.find("axis")
     return unit_vector(_vector("1 0 0" if axis is None else axis.get("xyz")))
 
@@ -178,7 +178,7 @@ def _inertial(link: Element) -> dict[str, Any]:
 
 
 def _limits_and_friction(joint: Element) -> dict[str, Any]:
-    """Without <limit> there are none; <limit> without lower or upper means 0, as URDF defines."""
+    """Limits, damping and friction of a joint: infinite without <limit>; missing lower or upper is 0, as in URDF."""
     limit, friction = joint.find("limit"), {x: _number(joint.find("dynamics"), x, 0.0) for x in ("damping", "friction")}
     if limit is None:
         return friction
@@ -190,7 +190,7 @@ def _limits_and_friction(joint: Element) -> dict[str, Any]:
 
 
 def _shapes(link: Element) -> list[Cylinder | Box]:
-    """The cylinders and boxes of a link's visuals."""
+    """Cylinders and boxes of a link's visuals."""
     shapes: list[Cylinder | Box] = []
     for visual in link.findall("visual"):
         cylinder, box = visual.find("geometry/cylinder"), visual.find("geometry/box")
@@ -206,7 +206,7 @@ def _shapes(link: Element) -> list[Cylinder | Box]:
 
 
 def slide_far_origins(parts: list[Part], unrounded: Sequence[tuple[Array, Array]]) -> list[Part]:
-    """Parts with joint origins that are far out along the joint's own axis slid back to the robot.
+    """Parts with joint origins that are far out along the joint's axis moved back to the robot.
 
     A revolute joint's frame may have its origin anywhere on the joint's axis: the robot is the same. But a lever of
     1e6 m costs six digits in M and twelve in articulated-body dynamics. Such origins are slid in long double and from
@@ -224,7 +224,7 @@ def slide_far_origins(parts: list[Part], unrounded: Sequence[tuple[Array, Array]
 
 
 def far_origins(parts: Sequence[Part]) -> list[float]:
-    """The distance to slide each joint's origin along its axis; 0 for those that stay, in ordinary robots all [m]."""
+    """Distance to move each joint's origin along its axis; 0 for those that stay, in ordinary robots all [m]."""
     poses: list[Pose] = []  # in the root's frame, all joints at zero
     for part in parts:
         poses.append(poses[part.parent].then(part.placement) if part.parent >= 0 else part.placement)

@@ -10,7 +10,7 @@ from .findings import FindingsReport, echo, listed
 
 
 def name_rotors(root: Element) -> Element:
-    """The robot with Drake's namespace on elements of actuators that have its prefix, declared or not."""
+    """Robot with Drake's namespace on elements of actuators that have its prefix, declared or not."""
     for child in root.iterfind("transmission/actuator/*"):
         if child.prefix == "drake" or child.tag.startswith("drake:"):
             child.tag = DRAKE + re.split("[}:]", child.tag)[-1]

@@ -16,11 +16,11 @@ from .rotors import name_rotors, rotors_of
 MOVING = ("revolute", "continuous", "prismatic")
 TYPES = (*MOVING, "fixed")
 NO_LOOPS = "loops are not supported; remove one of the joints"
-TRIANGLE_TOLERANCE = 1e-6  # of the trace: files give about six decimals
+TRIANGLE_TOLERANCE = 1e-6  # tolerance of the triangle inequality relative to the trace: files give about six decimals
 
 
 def validate(root: Element, report: FindingsReport) -> bool:
-    """Report everything wrong with the robot; False if it is none, or one that xacro has still to make.
+    """Report everything wrong with the robot; False if it is none, or if xacro must expand it first.
 
     Elements that are neither an error nor said to be ignored are safe to read.
     """
@@ -194,14 +194,14 @@ def _check_limit(joint: Element, kind: str | None, owner: str, report: FindingsR
 
 
 def link_of(joint: Element, end: str) -> str | None:
-    """The name of a joint's parent or child link."""
+    """Name of a joint's parent or child link."""
     element = joint.find(end)
     name: str | None = None if element is None else element.get("link")
     return name
 
 
 def mimics_of(joints: list[Element]) -> dict[str, Element]:
-    """The <mimic> of each joint that has one, by the joint's name; those of fixed joints are ignored."""
+    """Element <mimic> of each joint that has one, by the joint's name; those of fixed joints are ignored."""
     found = {joint.get("name"): joint.find("mimic") for joint in joints if joint.get("type") != "fixed"}
     return {name: mimic for name, mimic in found.items() if mimic is not None}
 
@@ -274,7 +274,7 @@ def _check_mimics(joints: list[Element], report: FindingsReport) -> None:
 
 
 def _cycles(following: Mapping[Any, Any]) -> list[list[Any]]:
-    """The cycles that one gets into by going from each name to the one that it is mapped to, each in that order."""
+    """Cycles in a mapping of names, each in its order."""
     done: set[Any] = set()
     cycles = []
     for name in following:

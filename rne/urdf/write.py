@@ -91,7 +91,7 @@ def to_urdf(model: Model, *, couplings: Literal["raise", "drop"] = "raise") -> s
 
 
 def _add(parent: Element, tag: str, **attributes: Any) -> Element:
-    """A new child of an element; numbers and vectors are written with all their digits."""
+    """Add a child to an element; numbers and vectors are written with all their digits."""
     child = parent.makeelement(tag, {name: x if isinstance(x, str) else _text(x) for name, x in attributes.items()})
     parent.append(child)
     return child

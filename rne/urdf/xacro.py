@@ -1,4 +1,4 @@
-"""Expanding a xacro file, a program that makes URDF, by xacrodoc."""
+"""Expansion of a xacro file, a program that makes URDF, by xacrodoc."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from ..basics.text import cut, plain
 from .findings import ECHO, FindingsReport, listed, near_path
 
 Options = Mapping[str, Any] | None  # arguments or packages of a xacro file
-LONG = 3 * ECHO  # characters of an error of xacro
+LONG = 3 * ECHO  # most characters of an error of xacro
 
 
 class _Arguments(dict[str, str]):
-    """Arguments of a xacro file that keep in mind which of them it has."""
+    """Arguments of a xacro file that record which of them it has."""
 
     def __init__(self, values: Mapping[str, Any]) -> None:
         super().__init__({name: str(value) for name, value in values.items()})
@@ -31,7 +31,7 @@ class _Arguments(dict[str, str]):
 
 
 def expanded(report: FindingsReport, arguments: Options, packages: Options) -> str | None:
-    """The URDF text that the report's xacro file makes, with absolute paths of meshes.
+    """URDF text made by the report's xacro file, with absolute paths of meshes.
 
     None with an error, or without one if xacrodoc is not installed. Running a xacro file reads what it names: other
     files, environment variables, packages of ROS.
