@@ -13,7 +13,7 @@ import rne
 from rne.commands.oracle import Oracle, each
 from rne.kernels.numpy_backend import BlockProgram
 from rne.model.builder import Mimic, Part, assemble, pose
-from rne.urdf.loading import library, urdf_files
+from rne.urdf.loading import urdf_files
 
 __all__ = [
     "EPS",
@@ -121,7 +121,7 @@ def data_robots():
 
 def loaded(name):
     """A robot by name or "folder/file" of example-robot-data, one for all tests: it keeps the kernels that they trace."""
-    return _load({**library(), **data_robots()}.get(name, name))
+    return _load(data_robots().get(name, name))
 
 
 @functools.cache

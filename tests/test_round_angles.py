@@ -10,7 +10,7 @@ import pytest
 
 import rne
 from rne.__main__ import main
-from rne.urdf.angles import multiple_of_step, name_of
+from rne.urdf.angles import multiple_of_step
 
 from .helpers import Oracle, data_robots, kept, loaded, relative, states
 
@@ -62,11 +62,6 @@ FORMS = {
 
 def test_the_decimals_that_count_are_those_of_the_number():
     assert {number: multiple_of_step(number) for number in FORMS} == FORMS
-
-
-def test_multiples_have_names_in_terms_of_pi():
-    names = {1: "pi/12", -6: "-pi/2", 12: "pi", -9: "-3 pi/4", 24: "2 pi", 5: "5 pi/12"}
-    assert {k: name_of(k) for k in names} == names
 
 
 LINK = (
@@ -191,6 +186,14 @@ def test_the_command_names_each_angle_that_it_rounds(file, capsys):
         "warning: r.urdf:6: joint 'j2': angles of 'rpy' are rounded to multiples of 15 degrees: 1.5708 to pi/2; write 17 digits",
         "r.urdf: 3 warnings: loads with angles rounded",
     ]
+
+
+def test_multiples_have_names_in_terms_of_pi(file, capsys):
+    text = file.read_text()
+    for k, name in {1: "pi/12", -6: "-pi/2", 12: "pi", -9: "-3 pi/4", 24: "2 pi", 5: "5 pi/12"}.items():
+        file.write_text(text.replace("1.5708", f"{k * np.pi / 12:.5f}"))
+        assert main(["check", "--round-angles", str(file)]) == 0
+        assert f" to {name}; write 17 digits" in capsys.readouterr().out
 
 
 def test_one_angle_is_said_as_one_and_the_file_stays(file, capsys):
