@@ -54,7 +54,7 @@ CEILINGS = {
     "lines": 60_700,
     "entries at the top": 23,  # more are not taken in at a glance
     "public names": 54,
-    "internal names imported by tests": 327,
+    "internal names imported by tests": 325,
     "type: ignore": 16,
     "private accesses": 4,
     "functions over 40 lines": 32,
