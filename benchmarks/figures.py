@@ -1,6 +1,7 @@
 """The page of figures, from the results that the other benchmarks keep: python -m benchmarks.figures
 
-Writes the tables of docs/figures.md, whose text is written by hand, and the two pictures that no other benchmark draws.
+Writes the tables of docs/figures.md and figures-limits.md, whose text is written by hand, and the two pictures that no
+other benchmark draws.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from benchmarks.pictures import NUMBA, OURS, PINOCCHIO
 from benchmarks.readme_picture import CALLS, COLORS, HESSIANS, METHODS
 from rne.plotting.plots import blank_figure
 
-PAGE = DOCS / "figures.md"
+PAGES = (DOCS / "figures.md", DOCS / "figures-limits.md")
 RUNS = {  # places of the page: the file of results, and the command that measures and draws them
     "chart-run": ("charts.json", "python -m benchmarks"),
     "engines-run": ("kernels.json", "python -m benchmarks.kernels"),
@@ -184,7 +185,7 @@ def of_chaos(chaos: Results) -> str:
 
 
 def main() -> None:
-    rewrite(tables(), PAGE)
+    rewrite(tables(), *PAGES)
     pictures = {
         "engines": engines_picture(read("kernels.json")),
         "differences": differences_picture(read("validation.json")),

@@ -1,4 +1,4 @@
-"""docs/figures.md: its numbers are those of the kept results, and its own two pictures show them."""
+"""docs/figures.md and figures-limits.md: their numbers are those of the kept results, and their own two pictures show them."""
 
 import re
 import runpy
@@ -13,7 +13,7 @@ from benchmarks.pages import BLOCK, filled
 
 from .helpers import ROOT
 
-TEXT = figures.PAGE.read_text(encoding="utf-8")
+TEXT = "".join(page.read_text(encoding="utf-8") for page in figures.PAGES)
 NUMBER = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?:e-?\d+)?(?!\w)")
 
 

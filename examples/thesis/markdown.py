@@ -7,6 +7,8 @@ from pathlib import Path
 
 from rne.plotting.html_page import PageBlock, Report, is_heading
 
+PICTURES = 3  # of a file: about four screens
+
 
 def write_markdown(page: Report, path: Path) -> None:
     """Write a page as Markdown.
@@ -30,11 +32,16 @@ def write_markdown(page: Report, path: Path) -> None:
 
 
 def _sections(blocks: Sequence[PageBlock]) -> list[list[PageBlock]]:
-    """What stands before the first section, and each section with its heading."""
+    """What stands before the first section, and the parts of each section with their headings."""
     found: list[list[PageBlock]] = [[]]
+    heading, part = "", 1
     for block in blocks:
         if block.tag == "h2":
+            heading, part = block.content, 1
             found.append([])
+        elif block.tag == "h3" and sum(b.tag == "picture" for b in found[-1]) >= PICTURES:
+            part += 1
+            found.append([PageBlock("h2", f"{heading}, part {part}")])
         found[-1].append(block)
     return found
 
