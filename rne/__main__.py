@@ -25,7 +25,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         if isinstance(stream, io.TextIOWrapper):
             # Files and pipes are UTF-8 on every platform; a console may not have all characters of names.
             stream.reconfigure(encoding=None if stream.isatty() else "utf-8", errors="backslashreplace")
-    arguments = parser().parse_args(join_numbers(sys.argv[1:] if argv is None else argv))
+    arguments, unknown = parser().parse_known_args(join_numbers(sys.argv[1:] if argv is None else argv))
+    if unknown:
+        arguments.parser.error(f"unrecognized arguments: {' '.join(unknown)}")
     run: Callable[[argparse.Namespace], int] = arguments.run
     try:
         with work.reported():

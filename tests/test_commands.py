@@ -595,6 +595,12 @@ def test_a_command_that_there_is_not_is_answered_in_one_line(capsys):
     with pytest.raises(SystemExit, match=r"^2$"):
         main(["source", "irb140", "--quantity", "massmatrix"])
     assert "'massmatrix'; did you mean 'mass_matrix'?" in capsys.readouterr().err
+    with pytest.raises(SystemExit, match=r"^2$"):
+        main(["source", "irb140", "--dtyp", "float32"])
+    assert re.fullmatch(
+        r"error: unrecognized arguments: --dtyp float32; .*rne source --help shows what there is\n",
+        capsys.readouterr().err,
+    )
 
 
 @pytest.mark.parametrize("command", ["source", "simulate"])

@@ -82,6 +82,25 @@ def test_source_prints_a_quantity(capsys):
     assert "void gravity_torque(const double *q, double *result)" in capsys.readouterr().out
 
 
+def test_source_of_a_robot_with_a_payload_is_that_of_the_loaded_robot(capsys):
+    """As `rne torques` takes it; the comment at the head names it, for whoever reads the file alone."""
+    payload = ["--payload", "2", "--payload-com", "0.05", "0", "0.1"]
+    options = ["--quantity", "gravity_torque", "--language", "python"]
+    assert main(["source", "irb140", *payload, *options]) == 0
+    text, names = capsys.readouterr().out, {}
+    assert "robot irb140 + 2 kg at 0.05 0 0.1 m of tool0" in text.splitlines()[0]
+    exec(text, names)
+    q, robot = [0.1, 0.5, -0.3, 0.2, 0.4, 0.1], rne.load("irb140")
+    found, rounding = np.ravel(names["gravity_torque"](q)), 1e-12
+    loaded, empty = robot.with_payload(2.0, [0.05, 0.0, 0.1]).gravity_torque(q), robot.gravity_torque(q)
+    np.testing.assert_allclose(found, loaded, atol=rounding)
+    assert abs(loaded - empty).max() > 1
+    assert main(["source", "ur5", *payload]) == 2
+    assert "choose one by --payload-link" in capsys.readouterr().err
+    assert main(["source", "irb140", "--payload-com", "0", "0", "0.1"]) == 2
+    assert capsys.readouterr().err == "error: --payload-com: needs --payload\n"
+
+
 def test_source_of_no_robot(capsys):
     assert main(["source", "irb"]) == 2
     assert capsys.readouterr().err == "error: 'irb' is neither a file nor one of rne.robots(); did you mean 'irb140'?\n"
@@ -90,7 +109,7 @@ def test_source_of_no_robot(capsys):
 def test_every_quantity_of_joint_arrays_alone_can_be_printed(capsys):
     with pytest.raises(SystemExit):
         main(["source", "--help"])
-    choices = capsys.readouterr().out.partition("--quantity QUANTITY")[2].partition("(default")[0]
+    choices = capsys.readouterr().out.rpartition("--quantity QUANTITY")[2].partition("(default")[0]
     listed = set(re.findall(r"\w+", choices))
     assert {"inverse_dynamics", "mass_matrix", "forward_dynamics", "link_poses", "momentum"} <= listed
     assert not {"recursion", "jacobian", "load"} & listed  # a record, needs a link, no quantity

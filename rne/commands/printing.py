@@ -7,6 +7,7 @@ import inspect
 import io
 import os
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ import rne
 from ..basics.text import counted, listed
 from ..model import Model
 from . import shared
-from .shared import ROBOT, CommandError, fail, in_one_line, number, say, work
+from .shared import ROBOT, CommandError, fail, in_one_line, number, say, work, written
 
 FIRST = 4096  # bytes examined at the start of a file
 MARK = 8  # most bytes before "<", for the mark of an encoding
@@ -185,7 +186,7 @@ def add_source(commands: Any) -> None:
         "rne source irb140 --language c > tau.c",
     )
     parser = shared.add_parser(commands, "source", title, example, run_source)
-    parser.add_argument("robot", metavar="ROBOT", help=ROBOT)
+    shared.add_loaded_robot(parser)
     choices = quantities()
     default = f"{', '.join(choices)} (default: inverse_dynamics, or that of the element)"
     parser.add_argument("--quantity", metavar="QUANTITY", choices=choices, help=default)
@@ -205,7 +206,10 @@ def run_source(arguments: argparse.Namespace) -> int:
         quantity = arguments.quantity or "inverse_dynamics"
         if arguments.element is not None and arguments.quantity is None:
             quantity = quantity_of_element(arguments.element)
-        robot = rne.load(arguments.robot)
+        robot = shared.robot_of(arguments)
+        if (mass := arguments.payload) is not None:  # the comment at the head names it
+            place = f"{written(arguments.payload_com or [0, 0, 0])} m of {shared.carriers(robot, arguments)[0]}"
+            robot = robot.with_model(replace(robot.model, name=f"{robot.model.name} + {mass:g} kg at {place}"))
         work.begin(f"deriving {quantity} of {robot.model.name} and writing it in {arguments.language}")
         kernel = robot.kernel(getattr(rne.dynamics, quantity))
         text = kernel.source(arguments.language, arguments.element, arguments.dtype)

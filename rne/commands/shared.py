@@ -64,14 +64,7 @@ def add_parser(
 
 def add_robot(parser: argparse.ArgumentParser) -> None:
     """Add the arguments for the robot, its payload, gravity and effort limits."""
-    parser.add_argument("robot", metavar="ROBOT", help=ROBOT)
-    parser.add_argument("--payload", metavar="KG", type=number, help="mass of a further body on the last link [kg]")
-    com = "its centre of mass in the link's frame (default: 0 0 0) [m]"
-    parser.add_argument("--payload-com", metavar="X Y Z", type=numbers, help=com)
-    inertia = "about its centre of mass, in the link's axes (default: a point mass) [kg m^2]"
-    parser.add_argument("--payload-inertia", metavar="XX YY ZZ XY XZ YZ", type=numbers, help=inertia)
-    carrier = "link that carries it (default: the last one; needed where joints branch or last links have other frames)"
-    parser.add_argument("--payload-link", metavar="LINK", help=carrier)
+    add_loaded_robot(parser)
     gravity = "in the axes of the root link [m/s^2] (default: of an MJCF file its own, else 0 0 -9.81)"
     parser.add_argument("--gravity", metavar="X Y Z", type=numbers, help=gravity)
     locked = "joints that stay where they are, such as finger=0.02,wrist=1 [rad or m]"
@@ -80,8 +73,21 @@ def add_robot(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--effort", metavar="TAU", type=numbers, help=effort)
 
 
+def add_loaded_robot(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments for the robot and its payload alone."""
+    parser.add_argument("robot", metavar="ROBOT", help=ROBOT)
+    parser.set_defaults(gravity=None, locked=None, effort=None)
+    parser.add_argument("--payload", metavar="KG", type=number, help="mass of a further body on the last link [kg]")
+    com = "its centre of mass in the link's frame (default: 0 0 0) [m]"
+    parser.add_argument("--payload-com", metavar="X Y Z", type=numbers, help=com)
+    inertia = "about its centre of mass, in the link's axes (default: a point mass) [kg m^2]"
+    parser.add_argument("--payload-inertia", metavar="XX YY ZZ XY XZ YZ", type=numbers, help=inertia)
+    carrier = "link that carries it (default: the last one; needed where joints branch or last links have other frames)"
+    parser.add_argument("--payload-link", metavar="LINK", help=carrier)
+
+
 def robot_of(arguments: argparse.Namespace) -> rne.Robot:
-    """Robot described by the arguments of `add_robot`."""
+    """Robot described by the arguments of `add_robot` or `add_loaded_robot`."""
     names = "com", "inertia", "link"
     given = {name: x for name in names if (x := getattr(arguments, f"payload_{name}")) is not None}
     if arguments.payload is None and given:
@@ -108,11 +114,17 @@ def used(robot: rne.Robot, arguments: argparse.Namespace) -> str:
     line = f"robot {model.name}, joints {' '.join(robot.joint_names)}, gravity {written(model.gravity.tolist())} m/s^2"
     if arguments.payload is None:
         return line
-    given = [arguments.payload_link] if arguments.payload_link else None
-    where, *others = given or end_links(model, axes_count=any((*(com or ()), *(inertia or ()))))
+    where, *others = carriers(robot, arguments)
     line += f", payload {arguments.payload:g} kg at {f'{written(com)} m' if com else 'the origin'} of link {where}"
     line += f" (the same as of {listed(others)})" if others else ""
     return line + (f" with inertia {written(inertia)} kg m^2" if inertia else "")
+
+
+def carriers(robot: rne.Robot, arguments: argparse.Namespace) -> Sequence[str]:
+    """Link that carries the payload, and others of the same frame."""
+    if arguments.payload_link:
+        return [arguments.payload_link]
+    return end_links(robot.model, axes_count=any((*(arguments.payload_com or ()), *(arguments.payload_inertia or ()))))
 
 
 def numbers(text: str) -> list[float]:
