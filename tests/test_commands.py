@@ -526,7 +526,8 @@ WRONG = {
     ),
     "another robot's motion": (
         ["torques", "irb140", "{motion}"],
-        "{motion}: there are no positions; the first row must be t,q.joint_1,q.joint_2,q.joint_3,q.joint_4,q.joint_5,"
+        "{motion}, row 1: there are 'q.up', but no column of a joint here, such as 'q.joint_1'; the first row must be "
+        "t,q.joint_1,q.joint_2,q.joint_3,q.joint_4,q.joint_5,"
         "q.joint_6, with qd. and qdd. of the joints if they are known",
     ),
     "another heading": (

@@ -166,7 +166,11 @@ CSV_ERRORS = {
     "archive": (b"PK\x03\x04\x14\x00", ": is not a text file in UTF-8; a CSV file is needed"),
     "heading alone": ("t,q.lift,q.turn\n", ": there are no rows below the names of the columns"),
     "no time": ("q.lift,q.turn\n1,2\n", ", row 1: there is no column 't'; there are 'q.lift', 'q.turn'"),
-    "semicolons": ("t;q.lift;q.turn\n1;2;3\n", ", row 1: there is no column 't'; there are 't;q.lift;q.turn'; separate columns by commas, or read the file by rne.identification.Record.from_log"),
+    "semicolons": ("t;q.lift;q.turn\n1;2;3\n", ", row 1: there is no column 't'; there are 't;q.lift;q.turn'; separate columns by commas; rne.identification.Record.from_log reads others too, of logs that have torques or commands"),
+    "other joints": (
+        "t,q.1,q.2,x\n0,1,2,3\n",
+        ", row 1: there are 'q.1', 'q.2', but no column of a joint here, such as 'q.lift'",
+    ),
     "joint missing": ("t,q.lift\n0,1\n", ", row 1: no column 'q.turn'; the q of all joints or of none are needed"),
     "rate missing": (
         "t,q.lift,q.turn,qd.turn\n0,1,2,3\n",

@@ -80,6 +80,7 @@ def read_csv(path: File, joint_names: Sequence[str], *, time_unit: TimeSymbol | 
         If `joint_names` is no sequence of str.
     ValueError
         If the file is empty or no text; the heading or a column is missing, or there for some joints only, or twice;
+        all columns of q, qd, qdd and tau are those of other joints;
         an entry is not a finite decimal number; or the times do not ascend. Names the file, the row (counted from 1)
         and the column. If the times look like milliseconds, microseconds or nanoseconds: they are later than the year
         5138, `qd` is that of another unit, or in steps of 0.1 s and more no joint that moves is faster than 0.01 rad/s
@@ -170,7 +171,7 @@ def _wanted(
         raise ValueError(f"{place}: the names of the columns are missing; {above}")
     hint = "; separate columns by commas" if len(columns) == 1 and len(joint_names) + timed > 1 else ""
     if hint and timed:
-        hint += ", or read the file by rne.identification.Record.from_log"
+        hint += "; rne.identification.Record.from_log reads others too, of logs that have torques or commands"
     if timed and "t" not in columns:
         raise MissingColumn(f"{place}: there is no column 't'; there are {listed_names(columns)}{hint}")
     wanted = ["t"] * timed
@@ -185,6 +186,12 @@ def _wanted(
             what = f"no column {listed_names(missing)}; the {quantity} of all joints or of none are needed"
             raise MissingColumn(f"{place}: {what}")
         wanted += own if not missing else []
+    others = [column for column in columns if column.partition(".")[0] in quantities and "." in column]
+    if joint_names and others and len(wanted) == timed:
+        example = f"{others[0].partition('.')[0]}.{joint_names[0]}"
+        raise MissingColumn(
+            f"{place}: there are {listed_names(others)}, but no column of a joint here, such as {example!r}"
+        )
     if twice := [column for column in wanted if columns.count(column) > 1]:
         raise ValueError(f"{place}: column {twice[0]!r} is there twice")
     return wanted
