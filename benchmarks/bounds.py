@@ -70,7 +70,7 @@ def proven(robot: rne.Robot, positions: str, budget: float, quantities: list[str
 
 
 def functions(robot: rne.Robot) -> dict[str, Callable[..., Array]]:
-    """What is bounded, by the methods of the robot: (N, entries) of positions, rates and accelerations."""
+    """Bounded quantities, by the methods of the robot: (N, entries) of positions, rates and accelerations."""
     stiffness = robot.kernel(dynamics.gravity_torque, "q")
 
     def coriolis(q: Array, qd: Array, qdd: Array) -> Array:
@@ -217,7 +217,7 @@ def rows(results: dict[str, Any]) -> list[list[str]]:
 
 
 def picture(proofs: dict[str, Any], samples: dict[str, Any]) -> Any:
-    """What samples reach of the proven bounds, over their number."""
+    """Picture of the share of proven bounds attained by samples, over their number."""
     figure = blank_figure(9.0, 4.0)
     labels = ("gravity torque", "k_g", "largest eigenvalue of M", "k_C", "torque")
     names = dict(zip((q for q in QUANTITIES if q != "mass_matrix"), labels, strict=True))
@@ -241,13 +241,13 @@ def picture(proofs: dict[str, Any], samples: dict[str, Any]) -> Any:
 
 
 def signed_attained(bounds: dict[str, Any], name: str) -> list[float]:
-    """What the proof's own search attained, as the functions above count it."""
+    """Values attained by the proof's own search, as the functions above count them."""
     values = np.ravel(bounds[name]["attained"])
     return (values * [-1, 1] if name == "mass_eigenvalues" else values).tolist()
 
 
 def fewer(quantity: str, power: str, curve: dict[str, Any]) -> bool:
-    """Whether a quantity was evaluated at a part of these states alone."""
+    """True if a quantity was evaluated at a part of these states only."""
     return quantity in ("mass_eigenvalues", "coriolis") and int(power) == max(map(int, curve)) > 6
 
 

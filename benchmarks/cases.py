@@ -1,4 +1,4 @@
-"""What the benchmarks share: quantities, robots and states."""
+"""Common parts of the benchmarks: quantities, robots and states."""
 
 from __future__ import annotations
 
@@ -63,5 +63,5 @@ def states(n: int, count: int, seed: int = 0) -> list[np.ndarray]:
 
 
 def title(quantity: str) -> str:
-    """As tables and pictures show it."""
+    """Title in tables and pictures."""
     return quantity.replace("_", " ")

@@ -67,7 +67,7 @@ def setting(name: str = "ur5", cases: int = 6) -> Setting:
 
 
 def run(this: Setting, seed: int, begin: float = np.inf, push: np.ndarray | float = 0.0, payload: float = 0.0):
-    """What the observer sees of a motion of the real robot; with a payload it is carried from the start."""
+    """Residuals of the observer in a motion of the real robot; a payload is carried from the start."""
     rng = np.random.default_rng(seed)
     middle = (np.maximum(this.robot.lower, -2) + np.minimum(this.robot.upper, 2)) / 2
     start, end = middle + rng.uniform(-1, 1, (2, this.robot.n))

@@ -53,7 +53,7 @@ def run(quick: bool) -> Results:
 
 
 def seconds_of(script: str, repeats: int) -> tuple[float, float]:
-    """What a script prints in a process whose folder of compiled code is empty, and in those after it, the median."""
+    """Output of a script in a process with an empty folder of compiled code, and the median of later ones."""
     with tempfile.TemporaryDirectory() as folder:
         environment = os.environ | {"RNE_CACHE": folder}
         command = [sys.executable, "-c", script]
@@ -65,7 +65,7 @@ def seconds_of(script: str, repeats: int) -> tuple[float, float]:
 
 
 def operations(robot: rne.Robot, function: Any) -> dict[str, int]:
-    """Of the function and its derivatives."""
+    """Operations of the function and its derivatives."""
     kernels = {name: make(function, robot.model) for name, make in derivative_calls.MAKERS.items()}
     return {name: sum(kernel.operations.values()) for name, kernel in kernels.items()}
 

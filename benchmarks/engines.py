@@ -82,7 +82,7 @@ def quantities(robot: Results) -> list[Results]:
 
 
 def words(times_faster: Iterable[float]) -> str:
-    """How ratios compare: "5.1 to 9.7 times faster", "1.2 times slower to 1.3 times faster", "equally fast"."""
+    """Comparison of ratios: "5.1 to 9.7 times faster", "1.2 times slower to 1.3 times faster", "equally fast"."""
     values = sorted(times_faster)
     numbers = [f"{max(value, 1 / value):.1f}" for value in values]
     ways = ["faster" if value > 1 else "slower" for value in values]

@@ -34,7 +34,7 @@ def exact(function: Any, model: rne.Model, arrays: list[np.ndarray]) -> np.ndarr
 
 
 def errors(got: np.ndarray, reference: np.ndarray) -> list[float]:
-    """Of each state, relative to its largest entry."""
+    """Errors of each state, relative to its largest entry."""
     with mpmath.workdps(50):
         found = []
         for a, b in zip(got.reshape(len(got), -1), reference.reshape(len(reference), -1), strict=True):
@@ -100,7 +100,7 @@ def row(point: Point, error: list[float], each: dict[str, list[float]]) -> dict[
 
 
 def numba_faster(name: str, each: dict[str, list[float]]) -> dict[str, Any]:
-    """How many times faster Numba's kernel is than another call."""
+    """Ratio of another call's time to that of Numba's kernel."""
     return {
         "numba_faster": ratio(each, name, NUMBA if is_batch(name) else NUMBA_SINGLE),
         "numba_batch_faster": ratio(each, name, NUMBA),
@@ -149,7 +149,7 @@ def tables(results: dict[str, Any]) -> dict[str, str]:
 
 
 def numba_beside_peers(columns: dict[str, Any]) -> str:
-    """The same for machine code, with NumPy's kernel among the others; or why there is none."""
+    """Speed of machine code relative to the others, NumPy's kernel included; or the reason why there is none."""
     compiled = {title: rows for title, rows in columns.items() if NUMBA in rows}
     if not compiled:
         return "\n".join(f"{name} is left out: {reason}." for name, reason in engines_left_out().items())
@@ -157,7 +157,7 @@ def numba_beside_peers(columns: dict[str, Any]) -> str:
 
 
 def beside_peers(columns: dict[str, Any], who: str, own: tuple[str, str], further: tuple[str, ...] = ()) -> str:
-    """How many times faster the kernel of one engine is, and the errors of both where both run.
+    """Speed of the kernel of one engine relative to the others, and the errors of both where both run.
 
     `who` begins the names of its ratios, `own` are its calls of a batch and of one state, and `further` calls of this
     package stand beside them.

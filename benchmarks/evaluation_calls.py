@@ -51,7 +51,7 @@ def ours(case: Case, few: int) -> list[Point]:
 
 
 def by_numba(case: Case) -> list[Point]:
-    """The same kernel by Numba, on a batch and on one state."""
+    """Kernel by Numba, on a batch and on one state."""
     arrays, begun = case.arrays, time.perf_counter()
     kernel = rne.compile(case.kernel.function, case.robot.model, engine="numba")
     kernel(*(a[:2] for a in arrays))

@@ -59,7 +59,7 @@ class Wrenches(NamedTuple):
 
 
 class Twin(Oracle):
-    """The same robot in Pinocchio, where payload, mounting and armature can be added to it."""
+    """Twin of a robot in Pinocchio, where payload, mounting and armature can be added to it."""
 
     def __init__(self, arm: Arm, *, payload: bool = False, mounted: bool = False, armature: Any = None) -> None:
         super().__init__(arm.robot.model, arm.xml)
@@ -118,13 +118,13 @@ class Twin(Oracle):
 
 
 def lengths(vectors: np.ndarray) -> np.ndarray:
-    """Of each vector, along the last axis."""
+    """Length of each vector, along the last axis."""
     length: np.ndarray = np.linalg.norm(vectors, axis=-1)
     return length
 
 
 def across(vectors: np.ndarray, axes: np.ndarray) -> np.ndarray:
-    """Length of what is left without the components along the axes; a zero axis leaves all."""
+    """Length of the rest without the components along the axes; of all for a zero axis."""
     return lengths(vectors - (vectors * axes).sum(-1, keepdims=True) * axes)
 
 

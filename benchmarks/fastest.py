@@ -114,7 +114,7 @@ def largest_shares(motion: FastestMotion, oracle: Oracle, points: int = POINTS) 
 
 
 def largest_deviation(motion: FastestMotion, step: float = 1e-3) -> float:
-    """How far the arm is off its path at most, under PD control at 1 kHz with the planned torques as feed-forward.
+    """Largest deviation from the path, under PD control at 1 kHz with the planned torques as feed-forward.
 
     Each sample holds the mean of the planned torques over it, which gives the arm their impulse even where they jump
     within a sample; gains are for a bandwidth of 60 rad/s of each joint alone.

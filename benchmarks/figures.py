@@ -179,7 +179,7 @@ def of_growth(chains: Results) -> str:
 
 
 def of_chaos(chaos: Results) -> str:
-    """How long the positions of a free swing can be trusted."""
+    """Duration for which the positions of a free swing can be trusted."""
     lines = [[tolerance, f"{one['horizon']:.1f}"] for tolerance, one in chaos.items()]
     return table(["rtol of DOP853", "error below 1e-3 rad until [s]"], lines)
 

@@ -1,4 +1,4 @@
-"""What a call costs whatever it computes: rne.simulate before anything moves, and a method on few and many states."""
+"""Fixed costs of a call: rne.simulate before anything moves, and a method on few and many states."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def _moment(scene: rne.Scene | rne.Robot, x0: np.ndarray, t_eval: np.ndarray | N
 
 
 def methods(engines: tuple[str, ...], repeats: int, times: int) -> list[dict[str, Any]]:
-    """The method robot.inverse_dynamics beside Pinocchio's batch of a thousand."""
+    """Times of robot.inverse_dynamics relative to Pinocchio's batch of a thousand."""
     arms = {engine: load("irb140", engine) for engine in engines}
     arrays = states(6, SIZES[-1])
     call, _ = Pinocchio(arms["numpy"].model, arrays).fastest("inverse_dynamics")

@@ -1,4 +1,4 @@
-"""How many of the fuzz's scenes machine code runs wholly: without a step of SciPy's solvers.
+"""Share of the fuzz's scenes that run entirely in machine code: without a step of SciPy's solvers.
 
 Counted are scenes without a law or with one that is traced, and with a method that has a loop in machine code.
 """
@@ -18,7 +18,7 @@ METHODS = ("auto", "RK45", "DOP853")
 
 
 def run(count: int, engine: str = "numba") -> dict[str, Any]:
-    """Of the scenes of the first seeds; for each that took steps of SciPy's, their number and what the run said."""
+    """Runs of the scenes of the first seeds; for each with steps of SciPy's, their number and the run's message."""
     cases = [case for case in map(draw, range(count)) if case.method in METHODS and _is_traced(case.law)]
     found = {case.seed: of_case(case, engine) for case in cases}
     others = {seed: f"{steps} steps: {words}" for seed, (steps, words) in found.items() if steps}

@@ -1,4 +1,4 @@
-"""Chart C: growth with the number of joints, beside Pinocchio's.
+"""Chart C: growth with the number of joints, compared with Pinocchio's.
 
 Two families of arms. In a straight chain all axes are parallel, and much of the arithmetic is zero; in a crooked chain
 axes, placements and inertias are random, and nothing can be dropped.

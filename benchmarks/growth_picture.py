@@ -63,7 +63,7 @@ def growth(ax: Any, chains: dict[str, Any], key: str, label: str) -> None:
 
 
 def errors(ax: Any, chains: dict[str, Any]) -> None:
-    """Of crooked chains, ours and Pinocchio's."""
+    """Errors of crooked chains, ours and Pinocchio's."""
     for quantity, color in COLORS.items():
         rows = {n: row[quantity] for n, row in chains["crooked"].items() if quantity in row}
         for who, key, style in (("rne", "error", ".-"), ("Pinocchio", "pinocchio_error", ".:")):

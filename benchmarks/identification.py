@@ -1,4 +1,4 @@
-"""How far an identification can be trusted: python -m benchmarks.identification [--quick]
+"""Accuracy of identifications: python -m benchmarks.identification [--quick]
 
 The IRB 140 with friction, measured by sensors of which everything is known: 200 runs with noise on the torques alone,
 and runs with coarse encoders and clocks. Writes benchmarks/results/identification.json and the tables of

@@ -147,7 +147,7 @@ def loads(name: str, runs: int) -> dict[str, Any]:
 
 
 def gains(name: str, runs: int) -> dict[str, Any]:
-    """Errors of drive gains, of some runs; NaN where the load does not tell them."""
+    """Errors of drive gains, of some runs; NaN where not identifiable."""
     robot, found = ROBOTS[name](), []
     for seed in range(runs):
         true = np.random.default_rng(seed).uniform(2, 20, robot.n)

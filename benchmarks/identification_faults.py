@@ -23,7 +23,7 @@ from tests.faulty_logs import FAULTS, LOGGED, Outcome, robots, run
 
 
 def row_of(fault: str, outcomes: list[Outcome]) -> dict[str, Any]:
-    """What became of the runs with one fault."""
+    """Results of the runs with one fault."""
     seen = [o for o in outcomes if not o.hidden]
     return {
         "fault": fault,

@@ -1,4 +1,4 @@
-"""Chart B: wall time against the error of simulations, beside Pinocchio's ABA and MuJoCo's integrators.
+"""Chart B: wall time against the error of simulations, with Pinocchio's ABA and MuJoCo's integrators.
 
 A free swing of 1 s (error of the joint positions at the end), free swings of 10 s and of 100 s (energy drift), the
 stiff closed loop of the thesis and control sampled at 1 kHz (errors of the positions), and an ensemble of swings.

@@ -36,7 +36,7 @@ def error_of_states(got: np.ndarray, exact: np.ndarray) -> float:
 
 
 def single_results(method: Any, arrays: list[np.ndarray]) -> np.ndarray:
-    """What calls of one state give for the first states."""
+    """Results of calls of one state for the first states."""
     return np.array([method(*(a[k].copy() for a in arrays)) for k in range(min(EXACT, len(arrays[0])))])
 
 

@@ -1,4 +1,4 @@
-"""What compilations cost, time per state by the size of the batch, the memory of the largest, and two processes."""
+"""Costs of compilations, time per state by the size of the batch, the memory of the largest, and two processes."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def by_size(engine: str, sizes: tuple[int, ...]) -> dict[str, Any]:
 
 
 def processes(count: int, repeats: int) -> Spread:
-    """How many times faster two processes compute a batch than one, without the transfer of the data."""
+    """Speed of two processes relative to one, without the transfer of the data."""
     kernel = rne.load("irb140").kernel(rne.dynamics.inverse_dynamics)
     with ProcessPoolExecutor(2) as pool:
         list(pool.map(_work, [(kernel, 1000)] * 2))

@@ -1,4 +1,4 @@
-"""Kernels of one robot timed by both engines beside Pinocchio's calls, all in one interleaved run per quantity.
+"""Kernels of one robot timed by both engines and by Pinocchio, all in one interleaved run per quantity.
 
 Inverse and forward dynamics return fresh arrays, as they do where a user calls them; M, whose fresh arrays would be
 most of its time, is written into `out=`. Pinocchio's batch calls write into an array that is given.
@@ -29,7 +29,7 @@ Calls = dict[str, tuple[Call, int]]  # a call and how many states it computes
 
 @dataclass(frozen=True)
 class Sizes:
-    """How much is run: states of a large batch, repeats, and which quantities an engine takes part in."""
+    """Sizes of runs: states of a large batch, repeats, and the quantities that an engine takes part in."""
 
     count: int
     repeats: int
@@ -142,7 +142,7 @@ def their_figures(each: dict[str, list[float]]) -> dict[str, Any]:
 
 
 def our_figures(each: dict[str, list[float]], engine: str) -> dict[str, Any]:
-    """An engine's times per state, and beside Pinocchio's."""
+    """Times of an engine per state, and relative to Pinocchio's."""
     batch, small, single = (f"{engine} {what}" for what in ("batch", "small", "single"))
     return {
         "ns_per_state": nanoseconds(each[batch]),

@@ -1,4 +1,4 @@
-"""Kernels of both engines beside Pinocchio: python -m benchmarks.kernels [--quick]
+"""Kernels of both engines compared with Pinocchio: python -m benchmarks.kernels [--quick]
 
 Operations, time per state in batches and in single calls, and the error of the very same calls against long double;
 Pinocchio in the same interleaved run, one thread each. Writes benchmarks/results/kernels.json.
@@ -59,7 +59,7 @@ def angles_of(robots: Robots, sizes: Sizes) -> Results:
 def tables(results: Results) -> dict[str, str]:
     """Every table, by its title."""
     found = {
-        f"Beside Pinocchio, batches of {results['states']} and {results['small']}": evaluations(results),
+        f"Relative to Pinocchio, batches of {results['states']} and {results['small']}": evaluations(results),
         "Derivatives of inverse dynamics, Pinocchio's in a loop": of_derivatives(results),
         "Worst error of angles up to a size, relative to each state's largest entry [eps]": of_angles(results),
         "Compiling, the size of batches (inverse dynamics of the irb140), memory": of_growth(results),

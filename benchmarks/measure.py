@@ -64,7 +64,7 @@ def per_state(
 
 
 def repeats_within(calls: Sequence[Callable[[], Any]], seconds: float, least: int = 5, most: int = 41) -> int:
-    """How often all calls can take turns within a time, judged by one run of each."""
+    """Number of turns of all calls within a time, judged by one run of each."""
     start = time.perf_counter()
     for call in calls:
         call()
@@ -72,7 +72,7 @@ def repeats_within(calls: Sequence[Callable[[], Any]], seconds: float, least: in
 
 
 def within(call: Callable[[], Any], seconds: float, most: int = 50) -> int:
-    """How often a call fits into a time, at least once; the first call may compile."""
+    """Number of calls within a time, at least one; the first call may compile."""
     for _ in range(2):
         start = time.perf_counter()
         call()

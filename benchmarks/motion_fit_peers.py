@@ -68,7 +68,7 @@ def planted(scene: rne.Scene, end: float) -> Record:
 
 
 class ByMuJoCo:
-    """The same residuals as rne's problem at a step, by rollouts in MuJoCo."""
+    """Residuals of rne's problem at a step, by rollouts in MuJoCo."""
 
     def __init__(self, problem: Any, integrator: str, step: float) -> None:
         import mujoco
@@ -92,7 +92,7 @@ class ByMuJoCo:
         self.data, self.each = mujoco.MjData(self.model), round(1 / RATE / step)
 
     def positions(self, rows: np.ndarray) -> np.ndarray:
-        """Of several z, (N, T, 3)."""
+        """Positions for several z, (N, T, 3)."""
         P, models, starts, controls = len(self.problem.unknowns.labels), [], [], []
         for z in rows:
             numbers = self.problem.unknowns.numbers(z[:P])
@@ -108,7 +108,7 @@ class ByMuJoCo:
         return np.concatenate([rows[:, None, P : P + 3], found[:, self.each - 1 :: self.each, 1:4]], axis=1)
 
     def residuals(self, rows: np.ndarray) -> np.ndarray:
-        """Of several z, (N, rows), as rne weighs them."""
+        """Residuals for several z, (N, rows), weighted as by rne."""
         left = (self.positions(rows) - self.shot.q) / self.problem.sigma
         return np.concatenate([left.reshape(len(rows), -1), (rows - self.problem.first) / self.problem.spread], axis=1)
 
@@ -204,7 +204,7 @@ def fresh() -> Results:
 
 
 def tables(found: Results) -> dict[str, str]:
-    """Of the page."""
+    """Tables of the page."""
     own, rows = found["beside"], []
     for name in ("rne", "RK4", "implicitfast"):
         title = "rne.identify_motion" if name == "rne" else f"MuJoCo, {name}"

@@ -86,7 +86,7 @@ def _lists(found: Any) -> dict[str, Any]:
 
 
 def tables(found: dict[str, Any]) -> dict[str, str]:
-    """Of docs/stability, by name."""
+    """Tables of docs/stability, by name."""
     return {
         "largest-steps": of_steps(found["steps"]),
         "single-precision": of_precisions(found["float"]),

@@ -26,7 +26,7 @@ Results = dict[str, Any]
 
 
 def laws() -> dict[str, Any]:
-    """What is timed, by its name in the table."""
+    """Laws to be timed, by their names in the table."""
     arm = rne.load("irb140", engine="numba")
     hold, friction = rne.control.pd_gravity(arm, 400, 40, 0), rne.Friction(viscous=5.0, coulomb=4.0)
     factors = 1 + 0.05 * np.random.default_rng(1).choice([-1, 1], (6, 6))

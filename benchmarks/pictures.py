@@ -1,4 +1,4 @@
-"""What the pictures share: colours, and labels beside points that keep clear of each other."""
+"""Common parts of the pictures: colours, and labels beside points that keep clear of each other."""
 
 from __future__ import annotations
 

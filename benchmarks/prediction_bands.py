@@ -3,7 +3,7 @@
 Four arms of tests/faulty_logs.py move along random Fourier series of 20 s with 1 % of noise; each is identified from
 one log and predicts another motion. Friction is that of the fit, or that of harmonic drives, which no parameters give:
 it rises with the load and saturates with speed. `--logs` is their number, `--quick` means eight and writes no file, and
-`--public FOLDER` adds the published logs of benchmarks.public_logs: motions that were not fitted, or blocks held out.
+`--public FOLDER` adds the published logs of benchmarks.public_logs: motions that were not fitted, or validation blocks.
 Writes benchmarks/results/prediction_bands.json and the tables of docs/benchmarks/prediction_bands.md.
 """
 
@@ -43,19 +43,19 @@ def planted(name: str, seed: int, linear: bool, consistent: bool = False) -> tup
 
 
 def row_of(found: Identification, covered: np.ndarray, **names: Any) -> dict[str, Any]:
-    """What the bands of an identification cover."""
+    """Coverage of the bands of an identification."""
     said = "The model, not the noise" in found.bands.text(found.initial.joint_names, ["N m"] * found.initial.n)
     return names | {"covered": [float(x) for x in covered], "said": said}
 
 
 def published(folder: Path) -> list[dict[str, Any]]:
-    """Coverage of published logs, of motions that were not fitted or of blocks that were held out."""
+    """Coverage of published logs, of motions that were not fitted or of validation blocks."""
     logs = {"TX40": tx40, "UR10": ur10, "KR300": kr300}
     rows = []
     for name in (*logs, "pendulum dp00", "pendulum dp12", "pendulum sp"):
         measured = logs[name](folder, None) if name in logs else pendulum(name.split()[1], folder, None)
         found, left = measured
-        kind = "another motion" if isinstance(left, Check) else "blocks held out"
+        kind = "another motion" if isinstance(left, Check) else "validation blocks"
         covered = left.covered if isinstance(left, Check) else found.bands.covered
         rows.append(row_of(found, covered, robot=name, of=kind))
         print(rows[-1], flush=True)

@@ -1,4 +1,4 @@
-"""The regressor beside Pinocchio's, and variants of a robot as one batch: python -m benchmarks.regressor [--quick]
+"""The regressor and Pinocchio's, and variants of a robot as one batch: python -m benchmarks.regressor [--quick]
 
 Time of Y for one state and per state of a batch, with the error of the same calls against long double, beside
 computeJointTorqueRegressor in a loop; and inverse dynamics of one state for thousands of robots with other inertial

@@ -67,7 +67,7 @@ def laws(cases: list[rne.Robot]) -> dict[str, RobustLaw]:
 
 
 def level(law: Any) -> float:
-    """Of s^T M s at the edge of the set that the proof holds invariant; of |z|^2 for the law with rho."""
+    """Level of s^T M s at the edge of the proven invariant set; of |z|^2 for the law with rho."""
     if isinstance(law, Robust):
         return 1.0
     if isinstance(law, RobustPassive):

@@ -55,14 +55,14 @@ class SampledArm:
         return x
 
     def solver_steps(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """The same span by DOP853 with tight tolerances, for the reference."""
+        """Steps over the same span by DOP853 with tight tolerances, for the reference."""
         side: Any = (lambda _t, x: self.rates(x, u), None)
         q, qd = in_solve_ivp(side, x, SAMPLE_TIME, tolerance("DOP853", 1e-12))
         return np.concatenate([q[-1], qd[-1]])
 
 
 def sampled_scene(robot: rne.Robot) -> rne.Scene:
-    """The same by rne."""
+    """Loop as a scene of rne."""
     law = rne.control.pd_gravity(robot, KP, KD, TARGET)
     return rne.Scene(robot, controller=law, sample_time=SAMPLE_TIME, friction=rne.Friction(viscous=1.0))
 

@@ -1,4 +1,4 @@
-"""What other numbers of a scene cost: python -m benchmarks.scene_costs [--quick] [--before FOLDER] [--only WORD]
+"""Costs of other numbers of a scene: python -m benchmarks.scene_costs [--quick] [--before FOLDER] [--only WORD]
 
 Time of the processor from the change to the end of the first step, each in a process of its own in which the scene ran
 once before: medians of 11 processes, with the smallest and largest. Processes share a folder for compiled code; what is
@@ -67,7 +67,7 @@ def named(*names: str) -> Callable[[rne.Robot, float], Callable[[], object]]:
 
 
 def kept(arm: rne.Robot, x: float) -> Callable[[], object]:
-    """The same scene again."""
+    """Unchanged scene again."""
     base = scene(arm)
     step(base)
     return lambda: step(base)

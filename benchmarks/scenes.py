@@ -47,7 +47,7 @@ def ladder(robot: rne.Robot) -> dict[str, rne.Scene]:
 
 
 def compare(robot: rne.Robot, count: int, repeats: int) -> dict[str, Any]:
-    """Every scene of the ladder in one interleaved run, the bare arms beside Pinocchio."""
+    """Run of every scene of the ladder, interleaved, the bare arms with Pinocchio."""
     scenes = ladder(robot)
     calls: dict[str, Any] = {}
     rows: dict[str, dict[str, Any]] = {}

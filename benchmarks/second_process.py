@@ -1,4 +1,4 @@
-"""What a new process waits for: import, load, the first batch, swing and closed loop, and the same with other numbers.
+"""Delays in a new process: import, load, the first batch, swing and closed loop, and the same with other numbers.
 
 Processes of both engines take turns; they share a folder for compiled code, which one process of each has filled. Other
 numbers are new in every process, so that no folder holds them.

@@ -1,6 +1,6 @@
-"""Simulations by both engines beside Pinocchio: python -m benchmarks.simulation [--quick] [--only PART] [--before TREE]
+"""Simulations by both engines and Pinocchio: python -m benchmarks.simulation [--quick] [--only PART] [--before TREE]
 
-Swings, sampled control and the thesis's stiff loop beside Pinocchio's functions in SciPy's solvers; an ensemble of a
+Swings, sampled control and the thesis's stiff loop, with Pinocchio's functions in SciPy's solvers; an ensemble of a
 thousand swings; what a new process waits for; what a call costs whatever it computes; a dozen scenes with dry friction,
 stops and limits, beside another tree's if `--before` names its folder; how many of the fuzz's scenes run in machine
 code. Interleaved, one thread each; ratios are ratios
@@ -25,7 +25,7 @@ Parts = dict[str, tuple[Callable[[], Any], Callable[[Any], str]]]
 
 
 def parts(quick: bool, before: Path | None = None) -> Parts:
-    """How each part is measured and shown; a quick run compiles one arm's swing, and no more."""
+    """Parts with their measurement and presentation; a quick run compiles one arm's swing, and no more."""
     there = engines()
     few = there[:1] if quick else there
     return {
@@ -54,7 +54,7 @@ def run(quick: bool, only: Sequence[str] = (), before: Path | None = None) -> Re
 
 
 def who(name: str) -> str:
-    """As tables show it."""
+    """Name in tables."""
     for engine, title in ENGINES.items():
         name = name.replace(engine, title)
     return name.replace("pinocchio", "Pinocchio")

@@ -1,4 +1,4 @@
-"""Single motions by both engines beside Pinocchio: swings, control sampled at 1 kHz, and the thesis's stiff loop.
+"""Single motions by both engines and Pinocchio: swings, control sampled at 1 kHz, and the thesis's stiff loop.
 
 Of every engine `rne.simulate` alone, and with all read that a trajectory offers. Pinocchio's functions are driven by
 SciPy's solvers, in the sampled loop by one step of RK4 per sample. Errors are the largest of the joint positions, at

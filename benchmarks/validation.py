@@ -55,7 +55,7 @@ def joint_by_joint(found: dict[str, list[Difference]]) -> str:
 
 
 def by_quantity(found: dict[str, list[Difference]]) -> dict[str, dict[str, list[float]]]:
-    """As JSON keeps it."""
+    """Results in the form kept in JSON."""
     return {name: {one.quantity: one.worst.tolist() for one in rows} for name, rows in found.items()}
 
 

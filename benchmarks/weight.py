@@ -1,4 +1,4 @@
-"""What an installation takes: python -m benchmarks.weight [--quick]
+"""Size of an installation: python -m benchmarks.weight [--quick]
 
 Builds the wheel, and installs the package into environments of their own: alone, as the README's two commands do, and
 with each extra. Files are counted as they are on disk, byte code included, without what a new environment holds. Fills
@@ -30,7 +30,7 @@ def choices() -> list[str]:
 
 
 def megabytes(folder: Path) -> float:
-    """What the files below a folder take."""
+    """Size of the files below a folder [MB]."""
     return sum(path.lstat().st_size for path in folder.rglob("*")) / 1e6
 
 

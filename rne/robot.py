@@ -258,8 +258,8 @@ class Robot(InNotebooks):
         --------
         >>> import rne
         >>> robot = rne.load("irb140")
-        >>> slope = robot.kernel(rne.dynamics.gravity_torque, "q")([0] * 6)  # the derivative by q
-        >>> slope[1, 1].round(2).item()  # [N m/rad]
+        >>> derivative = robot.kernel(rne.dynamics.gravity_torque, "q")([0] * 6)
+        >>> derivative[1, 1].round(2).item()  # [N m/rad]
         -135.2
         """
         if "engine" in fixed:

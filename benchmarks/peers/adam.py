@@ -56,7 +56,7 @@ def numpy_call(model: rne.Model, quantity: str, states: list[np.ndarray]) -> Any
 
 
 def casadi_function(model: rne.Model, quantity: str) -> Any:
-    """The same as an expression; M is solved by CasADi's LDL."""
+    """Function of CasADi as an expression; M is solved by CasADi's LDL."""
     import adam.casadi
     import casadi as ca
 

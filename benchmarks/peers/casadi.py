@@ -61,7 +61,7 @@ class Batch:
         self.buffer.set_res(0, memoryview(self.out))
 
     def results(self, few: int) -> np.ndarray:
-        """Of the first states."""
+        """Results of the first states."""
         self.call()
         return self.out[:few].copy()
 

@@ -78,14 +78,14 @@ class Pinocchio:
         return lambda: call(threads, pool, *self.arrays, self.out), self.count
 
     def results(self, quantity: str, few: int) -> np.ndarray:
-        """What `fastest` gives for the first states."""
+        """Results of `fastest` for the first states."""
         if quantity not in BATCH:
             return self.single_results(quantity, few)
         self.fastest(quantity)[0]()
         return np.array([self.oracle.torque(column) for column in self.out[:, :few].T])
 
     def single_results(self, quantity: str, few: int) -> np.ndarray:
-        """What single calls give for the first states."""
+        """Results of single calls for the first states."""
         call, arity = SINGLE[quantity]
         turn = self.oracle.matrix if quantity == "mass_matrix" else self.oracle.torque
         return np.array([turn(call(self.model, self.data, *c[:arity]).copy()) for c in self.columns[:few]])

@@ -50,7 +50,7 @@ def dh_robot(model: rne.Model) -> Any:
 
 
 def _poses(model: rne.Model) -> list[np.ndarray]:
-    """Of the bodies at q = 0, from the base."""
+    """Poses of the bodies at q = 0, from the base."""
     poses, pose = [], np.eye(4)
     for R, p in zip(model.rotation, model.translation, strict=True):
         step = np.eye(4)

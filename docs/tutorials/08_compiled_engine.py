@@ -32,7 +32,7 @@ print("engines:", plain.engine, "and", compiled.engine)
 #
 # The first simulation on a machine takes longest. Numba then translates the loops of the
 # solvers, 4 s for a swing and some 10 s for all kinds of scenes. Later processes find
-# them on the disk. If you want to be told, set ``logging.basicConfig(level="INFO")``.
+# them on the disk. For a message, set ``logging.basicConfig(level="INFO")``.
 
 rng = np.random.default_rng(0)
 q, qd, qdd = rng.uniform(-1, 1, (3, 100_000, 6)) * [[[np.pi]], [[2.0]], [[10.0]]]

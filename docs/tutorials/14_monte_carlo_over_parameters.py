@@ -99,7 +99,7 @@ print("left of the swing after 0.4 s at rest [mrad], rms:", (1e3 * spread).round
 figure = rne.plotting.quantile_plot(runs, of="tau")
 
 # %%
-# What is left after the swing is the weight that the controller does not know of,
+# The error after the swing is the weight that the controller does not know of,
 # divided by its stiffness: computed torque has no integral part. By linearity again,
 # :math:`M^{-1} \Delta g = K_p e` at rest:
 

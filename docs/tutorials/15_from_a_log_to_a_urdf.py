@@ -102,7 +102,7 @@ assert abs(z).max() < 5
 # Another motion
 # --------------
 # A model that predicts what it was fitted to proves little. Here is a motion that it
-# has not seen: measured and predicted torques, and what is left.
+# has not seen: measured and predicted torques, and residuals.
 
 w = 2 * np.pi * np.array([0.2, 0.25, 0.3, 0.35, 0.4, 0.45])  # [rad/s]
 

@@ -66,7 +66,7 @@ for k, pose in ((0, start), (N, end)):
 
 # %%
 # IPOPT begins with the straight line at constant velocity. It takes exact Hessians from
-# CasADi unless it is told otherwise. Bounds of variables are told to it as such, and T
+# CasADi by default. Bounds of variables are passed to it as such, and T
 # has one: otherwise it may wander off to negative durations.
 
 share = np.linspace(0, 1, N + 1)

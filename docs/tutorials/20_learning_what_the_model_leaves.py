@@ -122,7 +122,7 @@ np.testing.assert_allclose(found["load"], [3.0, 0.05, 0.0, 0.12], atol=0.05)
 # %%
 # On a motion that was not learned
 # --------------------------------
-# The root mean squares of what is left [N m], joint by joint.
+# The root mean squares of the residuals [N m], joint by joint.
 
 q, qd, qdd, tau = test
 plain = tau - robot.inverse_dynamics(q, qd, qdd)

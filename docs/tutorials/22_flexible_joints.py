@@ -125,7 +125,7 @@ assert speeds[-1] > 100
 # %%
 # Smooth references
 # -----------------
-# What is left is excited by the step of the target. A motion of its own time, here a
+# The remaining vibration is excited by the step of the target. A motion of its own time, here a
 # polynomial that lasts about three periods of the slowest vibration, twists the joints
 # by a fraction of that.
 

@@ -33,7 +33,7 @@ model = rne.dh_chain(
     gravity=[-9.81, 0, 0],
 )
 arm = rne.Robot(model, engine="numba")
-print("held out sideways:", arm.gravity_torque([np.pi / 2, 0]).round(2), "N m")
+print("stretched out sideways:", arm.gravity_torque([np.pi / 2, 0]).round(2), "N m")
 
 # %%
 # The environment

@@ -195,7 +195,7 @@ grid[1, 1].legend(frameon=False)
 figure
 
 # %%
-# What a log does not tell
+# What a log does not show
 # ------------------------
 # Demonstrations have no large steps. Of the swings alone, where no servo reaches its
 # limit, the torque at this limit acts like viscous friction: by the back EMF, which is

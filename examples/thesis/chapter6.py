@@ -149,7 +149,7 @@ def loops(page: Report, found: dict[str, Any]) -> None:
     page.heading("Figure 6.10: blocks of the closed loop", 3)
     page.text(BLOCKS, "pre")
     page.text(
-        "A block diagram in Simulink, told here in words. The block irb140 is the model without gravity, to save "
+        "A block diagram in Simulink, described here in words. The block irb140 is the model without gravity, to save "
         "time: (6.57). The arm with gravity moves alike under u + g(q), (6.48), which is simulated here: "
         "rne.control.pd_gravity(robot, KP, KD, reference) as the controller of an rne.Scene. Figure 6.1, the open "
         "loop, is the same block irb140 with gravity and a constant torque in place of the controller."

@@ -99,7 +99,7 @@ class Tipping(NamedTuple):
 
 
 def tipping(dynamics: Any = rne.dynamics.forward_dynamics) -> Tipping:
-    """How fast a small deviation from the unstable equilibrium 7.1-2 grows, by one formulation's forward dynamics."""
+    """Growth of a small deviation from the unstable equilibrium 7.1-2, by one formulation's forward dynamics."""
     robot = rne.load("irb140")
     start = np.array(STARTS["7.1-2"])
     A, _ = robot.linearize(start, REST, REST)

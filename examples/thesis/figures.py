@@ -94,7 +94,7 @@ def plot_sampled(runs: Sequence[Sequence[Timed]], limit: float) -> Any:
 
 
 def plot_formulations(pairs: Mapping[str, Pair]) -> Any:
-    """How far apart the formulations are in one motion, for each closed loop."""
+    """Differences between the formulations in one motion, for each closed loop."""
     figure, (ax,) = column("One motion by both formulations", [2.4])
     for k, (run, pair) in enumerate(pairs.items()):
         log_lines(ax, pair.newton.t, np.abs(pair.difference).max(axis=1)[:, None], [run], first=k)

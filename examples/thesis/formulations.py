@@ -70,13 +70,13 @@ class Pair(NamedTuple):
 
 
 def slower(run: str) -> float:
-    """How many times longer Euler-Lagrange takes per simulated second by Table 7.1."""
+    """Ratio of the times of Euler-Lagrange to those of Newton-Euler per simulated second by Table 7.1."""
     (newton, simulated), (lagrange, shorter) = TABLE[run]
     return (lagrange / shorter) / (newton / simulated)
 
 
 def closed_by_open() -> float:
-    """How many times longer the closed loop 6.5-1 takes than the open one by Newton-Euler in Table 7.1."""
+    """Ratio of the time of the closed loop 6.5-1 to that of the open one by Newton-Euler in Table 7.1."""
     return TABLE["6.5-1"][0][0] / TABLE["7.1-2"][0][0]
 
 

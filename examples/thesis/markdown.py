@@ -32,7 +32,7 @@ def write_markdown(page: Report, path: Path) -> None:
 
 
 def _sections(blocks: Sequence[PageBlock]) -> list[list[PageBlock]]:
-    """What stands before the first section, and the parts of each section with their headings."""
+    """Text before the first section, and the parts of each section with their headings."""
     found: list[list[PageBlock]] = [[]]
     heading, part = "", 1
     for block in blocks:
@@ -58,7 +58,7 @@ def _markdown(block: PageBlock, pictures: str) -> str:
 
 
 def _slug(heading: str) -> str:
-    """As GitHub makes it."""
+    """Slug of a heading as GitHub makes it."""
     return re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-")
 
 

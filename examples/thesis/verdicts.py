@@ -35,7 +35,7 @@ PRINTED = 1e-9  # [kg m^2], far below the last printed digit
 
 
 class Verdict(NamedTuple):
-    """Whether a claim holds by a criterion, and the figures found."""
+    """Verdict on a claim by a criterion, and the figures found."""
 
     holds: bool
     criterion: str

@@ -23,9 +23,7 @@ T = TypeVar("T")
 Sign = Literal["any", "not negative", "positive"]
 UNBOUNDED = 1e300  # number in place of infinity, which a kernel cannot hold
 lengths = cache(lambda shape: re.findall(r"[\w.]+", shape[: shape.index(")")]))  # in a shape such as "(n, 3)"
-TIME_ROUNDING = (
-    1e-12  # rounding of times relative to the last one: a solver's last step and its stages may be so far beyond it
-)
+TIME_ROUNDING = 1e-12  # rounding of times relative to the last one, of a solver's last step and its stages
 
 
 def real_array(name: str, value: ArrayLike, shape: str) -> Array:

@@ -48,7 +48,7 @@ class Criterion:
     - `modes`: for each mode a bound of phi of its real part times any phase: a number, or of `Norm` a matrix.
     - `slack`: a bound of phi of a weighted sum of modes, by which A may change within a cell.
     - `holds`: True where phi(A + E) is at most a target for every E that a slack bounds, rounding included.
-    - `importance`: share of each mode in the slack near a maximum, which tells the coordinate to halve next.
+    - `importance`: share of each mode in the slack near a maximum, which selects the coordinate to halve next.
     """
 
     polynomial: Polynomial

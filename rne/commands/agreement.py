@@ -39,7 +39,7 @@ def has_pinocchio() -> bool:
 def loop_gap(robot: Robot, *ends: tuple[str, ArrayLike]) -> tuple[float, Array]:
     """Largest distance between points of two links, seen from each, over the ranges, with its position: (m, q).
 
-    It tells whether mimics or couplings keep a loop closed, in 2000 random configurations and that of zeros.
+    It shows if mimics or couplings keep a loop closed, in 2000 random configurations and that of zeros.
     """
     points = [real_array(f"ends[{k}][1]", point, "(3,)") for k, (_, point) in enumerate(ends)]
     low, high = (np.clip(x, -np.pi, np.pi) for x in (robot.lower, robot.upper))

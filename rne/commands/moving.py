@@ -1,7 +1,7 @@
 """Commands rne simulate, torques, view and cycle: simulation, torques of a file, 3-D pages, and least-time plans.
 
 A CSV file can be read without an error and still be wrong: times in milliseconds, angles in degrees or wrapped, noise
-that differentiation amplifies. Warnings tell of each; the numbers change only if an option asks for it.
+that differentiation amplifies. Warnings report each; the numbers change only if an option asks for it.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Impulses of the joints' momentum between samples, and bounds of the errors of the rules that integrate them.
+"""Impulses of the joints' momentum between samples, and error bounds of the rules that integrate them.
 
 They take numbers and traced numbers, of one interval or of many: observers along samples and observers in control laws
 are the same equations.
@@ -19,7 +19,7 @@ from ..elementwise import less, maximum, where
 from ..model.friction_laws import magnitude
 from ..robot import Robot
 
-IMPULSE_ERROR = 1e-10  # of momenta and impulses: above what rounding, and steps of a solver, leave of them
+IMPULSE_ERROR = 1e-10  # error of momenta and impulses relative to them, above rounding and a solver's errors
 
 Bodies = Sequence[tuple[Robot, Array | None]]  # robots, and inertial parameters in place of their own
 
@@ -38,7 +38,7 @@ class Sample(NamedTuple):
 
 
 class Between(NamedTuple):
-    """What happened between two samples: changes of momenta that forces of the models do not explain."""
+    """Change between two samples: changes of momenta that forces of the models do not explain."""
 
     momentum: Array  # (..., robots, n)
     error: Array  # bounds of the momenta's errors, (..., n): the largest of all robots
@@ -91,7 +91,7 @@ def sampled(bodies: Bodies, q: Array, qd: Array) -> Sample:
 
 
 def unexplained(bodies: Bodies, first: Sample, last: Sample, step: float) -> Between:
-    """What happened between samples, by the cubic polynomials through positions and velocities of both."""
+    """Unexplained changes between samples, by the cubic polynomials through positions and velocities of both."""
     moved, change = last.q - first.q, last.qd - first.qd
     rate = 1.5 * moved / step - (first.qd + last.qd) / 4
     middle = sampled(bodies, first.q + moved / 2 - change * (step / 8), rate)
@@ -102,7 +102,7 @@ def unexplained(bodies: Bodies, first: Sample, last: Sample, step: float) -> Bet
 
 
 def simpson(first: Array, middle: Array, last: Array, step: float) -> tuple[Array, Array]:
-    """Integrals by Simpson's rule, and how far they are from those of the trapezoidal one."""
+    """Integrals by Simpson's rule, and their differences from those of the trapezoidal rule."""
     correction = (2 * middle - first - last) * (step / 3)
     return (first + last) * (step / 2) + correction, np.abs(correction)
 

@@ -28,15 +28,15 @@ from .observer_law import GuardedLaw, ObserverLaw, bodies_of, friction_of, remem
 from .traced_law import check_law
 from .uncertainty import check_shared
 
-EXPLAINED = 0.98  # share of the residuals' squares that a payload explains, if it is one
-FITTED = 0.2  # [s] after the first contact, over which a payload is fitted
-REACH = 0.3  # [m] from the origin of the last link to where point masses stand for a payload
-SMOOTH = 1 / 6  # of a second difference of torques: twice the error of the trapezoidal rule
+EXPLAINED = 0.98  # share of the residuals' squares explained by a payload, if it is one
+FITTED = 0.2  # duration after the first contact over which a payload is fitted [s]
+REACH = 0.3  # distance of the point masses that stand for a payload from the last link's origin [m]
+SMOOTH = 1 / 6  # weight of a second difference of torques: twice the error of the trapezoidal rule
 
 
 @dataclass(frozen=True, eq=False)
 class Residuals(InNotebooks):
-    """External torques as a `MomentumObserver` sees them, found by its `observe`.
+    """External torques estimated by a `MomentumObserver`, found by its `observe`.
 
     Attributes
     ----------
@@ -79,7 +79,7 @@ class Residuals(InNotebooks):
 
     @property
     def first_contact(self) -> float | None:
-        """The first time at which a residual is beyond its threshold [s]; None if there is none."""
+        """Time at which a residual first exceeds its threshold [s]; None if none does."""
         found = np.flatnonzero(self.exceeds.any(1))
         return float(self.t[found[0]]) if len(found) else None
 
@@ -237,7 +237,7 @@ class MomentumObserver:
         return _trapezoidal(tau - slowing, step), bound
 
     def _filtered(self, impulses: Array, step: float, *, absolute: bool = False) -> Array:
-        """r' = gain (tau_ext - r) by the bilinear rule, r = 0 at first; `absolute`: the largest |r| of impulses."""
+        """Filter r' = gain (tau_ext - r), bilinear, r = 0 at first; `absolute`: the largest |r| of impulses."""
         from scipy.signal import lfilter
 
         keeps, takes = bilinear(self.gain, step)
@@ -253,7 +253,7 @@ class MomentumObserver:
         return tuple(self.robot.with_payload(1.0, com=place, link=link) for place in places)
 
     def _payload(self, q: Array, qd: Array, found: Array, after: slice, step: float) -> tuple[float, float]:
-        """Mass of the point masses about the last link's origin that fit residuals best, and the share they explain."""
+        """Mass of the point masses about the last link's origin that fit residuals best, and their explained share."""
         from scipy.optimize import nnls
 
         target = found[after].ravel()
@@ -325,7 +325,7 @@ class MomentumObserver:
     def watching(
         self, law: Callable[..., Any], reaction: Callable[..., Any], sample_time: float, delay: float = 0.0
     ) -> GuardedLaw:
-        """A control law for a sampled scene that is replaced by another from the first contact on.
+        """Control law for a sampled scene that is replaced by another from the first contact on.
 
         Parameters
         ----------

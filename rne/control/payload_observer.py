@@ -93,7 +93,7 @@ class PayloadObserver(Observing):
 
     @property
     def formulas(self) -> tuple[str, ...]:
-        """Each estimate written out: the kept parameter plus multiples of those that torques cannot tell from it."""
+        """Formula of each estimate: the kept parameter plus multiples of those with the same effect on torques."""
         rows = [[(factor, k) for k, factor in enumerate(row) if factor] for row in self._combinations[1]]
         kept = self._combinations[0]
         return tuple(
@@ -104,7 +104,7 @@ class PayloadObserver(Observing):
 
     @property
     def unknown(self) -> tuple[str, ...]:
-        """Parameters of the payload that torques do not tell alone, in any motion."""
+        """Parameters of the payload that no motion determines alone."""
         return tuple(name for name in NAMES if name not in self.formulas)
 
     @cached_property
@@ -142,7 +142,7 @@ class PayloadObserver(Observing):
         return {"information": information, "moments": moments, "estimates": estimates, "variances": variances}
 
     def parameters(self, z: ArrayLike) -> Array:
-        """Estimates of the combinations of inertial parameters that torques tell.
+        """Estimates of the identifiable combinations of inertial parameters.
 
         Parameters
         ----------
@@ -173,7 +173,7 @@ class PayloadObserver(Observing):
         return np.where(started, np.sqrt(self._read(z, "variances")), self._scales[self._combinations[0]])
 
     def payload(self, z: ArrayLike) -> tuple[Array, Array]:
-        """Mass and centre of mass of the payload; nan where torques do not tell them in any motion.
+        """Mass and centre of mass of the payload; nan where no motion determines them.
 
         Parameters
         ----------
@@ -270,7 +270,7 @@ def payload_observer(
     --------
     >>> import rne
     >>> law = rne.control.payload_observer(rne.load("irb140"), sample_time=1e-3)
-    >>> law.names[:4], law.formulas[0], law.unknown  # all ten parameters are told by some motions
+    >>> law.names[:4], law.formulas[0], law.unknown  # some motions determine all ten parameters
     (('m', 'mcx', 'mcy', 'mcz'), 'm', ())
     """
     name = end_link(robot_argument(robot).model, axes_count=True) if link is None else link

@@ -272,7 +272,7 @@ class TracedLaw(WithNumbers):
         return torques if torques.shape == shape else torques + 0 * x[..., : self.n], of_states
 
     def _per_state(self, of_states: Array, x: Array) -> Array:
-        """What the law returned for its own states, with one row per state of the motion."""
+        """Results of the law for its own states, with one row per state of the motion."""
         shape = x.shape[:-1] + (self.states,)
         if of_states.shape not in (shape, (self.states,)):
             what = "next states" if self.discrete else "rates of its states"

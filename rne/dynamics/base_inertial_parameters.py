@@ -43,7 +43,7 @@ DRAWN = 4  # random positions per needed one, for joints that cannot follow ever
 class BaseParameters(ReadOnlyArrays):
     """Combinations of the standard parameters that determine torques, each named after the parameter it keeps.
 
-    Each is a kept parameter plus multiples of others that torques cannot tell from it. Those of each body are kept
+    Each is a kept parameter plus multiples of others with the same effect on torques. Those of each body are kept
     before those of the bodies that it carries, and the bodies' before those of drives. Y pi = (Y E) (B pi) in every
     state, with Y E the columns of Y that belong to the kept parameters.
 

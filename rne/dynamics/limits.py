@@ -74,7 +74,7 @@ class Violation:
         )
 
     def _written(self, value: float) -> str:
-        digits = 4 if f"{self.value:.4g}" != f"{self.limit:.4g}" else 11  # as many as tell them apart
+        digits = 4 if f"{self.value:.4g}" != f"{self.limit:.4g}" else 11  # as many as distinguish them
         degrees = f" ({math.degrees(value):.{digits}g} {self.unit.replace('rad', 'deg')})" if "rad" in self.unit else ""
         return f"{value:.{digits}g} {self.unit}{degrees}"
 

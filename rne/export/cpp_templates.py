@@ -88,7 +88,7 @@ In your CMakeLists.txt:
 
 `colcon build` takes the folder as it is, a plain CMake package. Enter licence and maintainer in package.xml before you
 pass it on. `test/numbers.cpp` compares the functions with numbers of the recursion in Python. Do not compile with
--ffast-math: a singular mass matrix could not be told.
+-ffast-math: a singular mass matrix could not be detected.
 """
 
 EIGEN = """// written by rne

@@ -105,7 +105,7 @@ def numeric_block(text: str, separator: str = ",", decimal: str = ".") -> tuple[
     """Text above a table of finite decimal numbers, and this table; None if there is anything else in it.
 
     SciPy's reader of Matrix Market files takes a quarter of the time of `numpy.loadtxt`, and stops at the end of each
-    number without looking at what is left of the entry. Hence the entries are checked before, by what may follow what.
+    number without looking at the rest of the entry. Hence the entries are checked before, by what may follow what.
     """
     from scipy.io import mmread
 

@@ -1,12 +1,12 @@
 """Derivatives of a graph's outputs, as further operations: forwards, backwards, and both for the second order.
 
-Each operation has one rule for each operand: a function, linear in a slope, that carries it through the operation.
-Forwards (Jacobians) a slope goes from an operand to the result, and those of all operands are summed; backwards
+Each operation has one rule for each operand: a function, linear in a derivative, that carries it through the operation.
+Forwards (Jacobians) a derivative goes from an operand to the result, and those of all operands are summed; backwards
 (gradients of a weighted sum of the outputs) from the result to an operand. See Griewank and Walther 2008, chapter 3.
 
-Where a slope jumps it is that of one side: minimum and maximum of equal operands have that of the constant if one is
+At a jump the derivative is that of one side: minimum and maximum of equal operands have that of the constant if one is
 constant, of the one traced later otherwise; abs and sign have 0 at 0. What `where` does not take contributes nothing,
-even if its own slope is infinite.
+even if its own derivative is infinite.
 """
 
 from __future__ import annotations
@@ -125,9 +125,9 @@ class _SystemNodes(NamedTuple):
 class Sweeps:
     """Sweeps through a graph, forwards and backwards.
 
-    No slope goes through what a linear system was solved by. A solution x of r(x) = 0 changes by -M^-1 dr at constant
-    x, and r has the slopes -M^-1 (slopes of x). With r = M qdd + h - tau by a recursion few digits are lost: through
-    the factors of M, or its entries, twice as many would be, as large terms cancel where M is nearly singular.
+    No derivative goes through the solution of a linear system. A solution x of r(x) = 0 changes by -M^-1 dr at constant
+    x, and the derivatives by r are -M^-1 (those by x). With r = M qdd + h - tau by a recursion few digits are lost:
+    through the factors of M, or its entries, twice as many would be, as large terms cancel where M is nearly singular.
     """
 
     def __init__(self, graph: Graph) -> None:
@@ -334,7 +334,7 @@ def _times(g: Graph, a: int, slope: int) -> int:
 def _with_slope(kind: str, slopes: tuple[bool, ...], moves: tuple[bool, ...]) -> Program:
     """Operation with its derivative, and its dependence on the inputs as in `Sweeps.changes`.
 
-    Its inputs are the operands, then their slopes, if they have one, then where they move, if not everywhere.
+    Its inputs are the operands, then their derivatives, if they have one, then where they move, if not everywhere.
     """
     graph, count = Graph(), len(slopes)
     result, one, zero = graph.node(kind, *map(graph.input, range(count))), graph.constant(1.0), graph.constant(0.0)

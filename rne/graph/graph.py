@@ -69,8 +69,8 @@ class TooLarge(Exception):
 class Graph:
     """Operations in the order in which they were first needed; TooLarge is raised for more than `limit`.
 
-    `by_pivots`, from `divisions_by_pivots` of a first graph of the same operations, tells of each division whether it
-    is by a pivot of M. In an outline the quantities of robots are inputs: it is made to be compared with another one.
+    `by_pivots`, from `divisions_by_pivots` of a first graph of the same operations, is True for each division
+    by a pivot of M. In an outline the quantities of robots are inputs: it is made to be compared with another one.
     """
 
     def __init__(self, limit: int = 10**9, by_pivots: Iterable[bool] | None = None, *, outline: bool = False) -> None:

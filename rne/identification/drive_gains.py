@@ -60,7 +60,7 @@ class DriveGains(SetsResult):
     joint_names : tuple of str
         The joints of the gains, in the robot's order.
     gains : ndarray, shape (n,)
-        Joint torque per unit of what was measured; NaN where the load does not tell it, which `notes` and the report
+        Joint torque per unit of what was measured; NaN where it cannot be identified, as `notes` and the report
         say [N m/A or N/A for currents].
     errors : ndarray, shape (n,)
         Standard errors of the gains; NaN likewise.
@@ -106,7 +106,7 @@ class DriveGains(SetsResult):
         Returns
         -------
         ndarray, shape (count, n)
-            Of a normal distribution; NaN for joints whose gain is not told.
+            Of a normal distribution; NaN for joints without a gain.
 
         Raises
         ------
@@ -124,12 +124,12 @@ class DriveGains(SetsResult):
         Returns
         -------
         str
-            A sentence, a table, then the notes and likely causes of what is left.
+            A sentence, a table, then the notes and likely causes of the residuals.
         """
         rows = gain_rows(self.joint_names, self.gains, self.errors)
-        told = np.isfinite(self.gains).sum()
+        count = np.isfinite(self.gains).sum()
         known = percent(self.errors / np.abs(self.gains))
-        return self._report(f"gains of {told} of {len(self.gains)} joints, known to {known}", rows)
+        return self._report(f"gains of {count} of {len(self.gains)} joints, known to {known}", rows)
 
 
 def identify_drive_gains(
@@ -181,7 +181,7 @@ def identify_drive_gains(
         load; the Identification has instruments; the mass is not positive; the load is on no joint; or numbers are so
         large that the equations overflow (NotFiniteError).
     IdentificationError
-        If the load tells the gain of no joint, a gain is negative, the fit does not settle, or the currents contradict
+        If no gain can be identified, a gain is negative, the fit does not settle, or the currents contradict
         the load as given: an estimate of its centre and inertia changes a gain by more than 10 % and four standard
         errors.
 

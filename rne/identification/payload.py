@@ -52,21 +52,21 @@ class PayloadEstimate(SetsResult):
     mass_error : float
         Standard error of the mass [kg].
     com_error : ndarray, shape (3,)
-        Standard errors of the centre of mass; infinite where the motions do not tell it [m].
+        Standard errors of the centre of mass; infinite where not identifiable [m].
     inertia_error : ndarray, shape (3, 3)
-        Standard errors of the inertia about the centre of mass; infinite where the motions do not tell it [kg m^2].
+        Standard errors of the inertia about the centre of mass; infinite where not identifiable [kg m^2].
     estimate : LeastSquares
         The robot's base parameters, then the load's ten parameters m, m cx, m cy, m cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz
         about the link's origin and in its axes; with gains, the relative changes of the gains behind them.
     consistent : bool
         True if the load is the physically consistent one, where least squares give none that is possible, or the
-        motions do not tell all of it.
+        motions do not determine all of it.
     unknown : tuple of str
-        What the motions do not tell, such as "its centre along (0.00, 0.00, 1.00)" or "Ixx", in the link's axes; there
-        the load is like a ball of 3000 kg/m^3.
+        Numbers that the motions do not determine, such as "its centre along (0.00, 0.00, 1.00)" or "Ixx", in the
+        link's axes; there the load is like a ball of 3000 kg/m^3.
     gains, gain_errors : ndarray, shape (n,), or None
         Gains of the drives, found together with the load from what `rne.identify_drive_gains` found, with standard
-        errors; NaN for joints of which no load tells it.
+        errors; NaN for joints without an identifiable gain.
     held_out_rms : ndarray, shape (sets, 2, n)
         Root mean squares of errors and of torques in motion, of the records without the load first and those with it
         last, on blocks of time of which each was predicted by a fit to the others [N m or N].
@@ -143,7 +143,7 @@ class PayloadEstimate(SetsResult):
         Returns
         -------
         str
-            A sentence, a table, then the notes and the likely causes of what is left.
+            A sentence, a table, then the notes and the likely causes of the residuals.
         """
         values = [self.mass, *self.com, *self.inertia[ROWS, COLUMNS]]
         errors = [self.mass_error, *self.com_error, *self.inertia_error[ROWS, COLUMNS]]
@@ -211,7 +211,7 @@ def identify_payload(
         load; the Identification has instruments; `link` is not one of the robot's, or does not move; or numbers are so
         large that the equations overflow (NotFiniteError).
     IdentificationError
-        If the motions do not tell the mass, it is negative beyond doubt, or no possible load fits.
+        If the mass is not identifiable, it is negative beyond doubt, or no possible load fits.
     ImportError
         If the physically consistent load is needed and Clarabel is not installed.
 
@@ -228,10 +228,9 @@ def identify_payload(
     joints or change between the records, friction that rises with the load, saturates, differs between the directions
     or changes, offsets that change or drift. Each is a random coefficient of each joint, whose variance is estimated;
     where fits without one of the blocks of time scatter more, their scatter is the error. A factor common to all
-    torques makes the mass as wrong as it is; it is seen beside the masses of the robot given alone, and a note tells
-    it. A load that least squares make
-    impossible, or the motions do not tell all of, is replaced by the physically consistent one that fits best; where
-    they say nothing, it is like a ball of 3000 kg/m^3.
+    torques makes the mass as wrong as it is; it is only visible relative to the masses of the robot given, and a note
+    reports it. A load that is impossible by least squares, or not determined completely, is replaced by the physically
+    consistent one that fits best; where the motions are not informative, it is like a ball of 3000 kg/m^3.
 
     Examples
     --------

@@ -240,8 +240,8 @@ def identify(
         Measured motions.
     drives : DriveModel, optional
         Torques of the drives to find, by default rotors, viscous and Coulomb friction and offsets, as drives of real
-        robots have, with the Stribeck effect where the log asks for it; `DriveModel()` for none. What is left out is
-        found in other parameters and residuals.
+        robots have, with the Stribeck effect where the log needs it; `DriveModel()` for none. Omitted torques
+        appear in other parameters and residuals.
     consistent : bool
         False to skip the physically consistent fit, which needs the extra `identify`.
     prior : Robot or "geometry", optional
@@ -259,15 +259,15 @@ def identify(
         it differs [s].
     cutoff : float, optional
         Cut-off of the low-pass filter [Hz]. By default that of the spectrum, as `Record.prepare` chooses it; where more
-        than 5 % of a torque is then left, it is halved as long as the fit predicts blocks of time better that it has
-        not seen: noise that a controller feeds back is in torques and positions alike, and no spectrum tells it.
+        than 5 % of a torque is then unexplained, it is halved as long as the validation error decreases: noise that a
+        controller feeds back is in torques and positions alike, and no spectrum shows it.
     folds : int
         Blocks of time of the cross-validation: each record is cut into `folds` / number of records, rounded up and
         at least 2, each to be predicted from the others.
     hypotheses : sequence of Hypothesis
         Causes of residuals that are tried beside those that are known.
     causes : bool
-        False to look for no causes of what is left, which takes most of the time where much is left. Delays, the
+        False to search for no causes of the residuals, which takes most of the time where these are large. Delays, the
         Stribeck effect and missing rotors are found in any case.
     springs : sequence of Spring
         Springs whose places are known and whose stiffness and length are found, whatever numbers they are given, at

@@ -41,7 +41,7 @@ class Bands(ReadOnlyArrays):
     friction: Array  # with which slow joints break away, of any sign; zero where at_rest contains it, (n,) [N m or N]
     of_load: Array  # likewise, per size of the load of friction that is proportional to it, shape (n,)
     minimum_velocity: Array  # of joints in motion, shape (n,) [rad/s or m/s]
-    covered: Array  # share of residuals held out in motion within the band of parameters and noise alone, or NaN, (n,)
+    covered: Array  # coverage of validation residuals in motion: the band of parameters and noise alone, or NaN, (n,)
     largest: Array  # that 95 % of these are within, in motion and at rest, likewise [N m or N]
 
     def std(self, Y: Array, speed: Array, load: Array | None = None) -> Array:

@@ -4,7 +4,7 @@ Torques of real drives differ from Y pi by more than noise: gains are a little w
 changes between the records, offsets drift. Each kind of such errors has a column for each joint. Its coefficients are
 random, with a variance that is estimated with the parameters by expectation and maximisation (Dempster, Laird and Rubin
 1977; variance components, Searle, Casella and McCulloch 1992), so that the parameters' covariance contains them. Fits
-to all blocks of time but one (the jackknife of Tukey 1958) tell of what varies otherwise.
+to all blocks of time but one (the jackknife of Tukey 1958) show other variations.
 """
 
 from __future__ import annotations

@@ -393,7 +393,7 @@ class Identification(InNotebooks):
         Returns
         -------
         Identification
-            Of fewer base parameters; its `unexplained` says what they lose on held-out blocks.
+            Of fewer base parameters; its `unexplained` has their validation errors.
 
         Raises
         ------
@@ -451,7 +451,7 @@ class Identification(InNotebooks):
         Raises
         ------
         IdentificationError
-            If a number is negative or the motion does not tell it.
+            If a number is negative or not identifiable.
         """
         if self.standard.springs is None:
             return ()
@@ -527,7 +527,7 @@ class Identification(InNotebooks):
         parameters and C = `estimate.covariance`, and of what they do not explain. C is that of least squares, for a
         physically consistent fit too, so that no band is narrow because of the prior; it contains the correlation of
         the residuals, and errors of delays and Stribeck velocities that were estimated, not of the smoothing, and of
-        friction under load only that of its coefficient. s is of residuals of blocks that were held out, with other
+        friction under load only that of its coefficient. s is of residuals of validation blocks, with other
         periods of the same motion, less the parameters' part, for each joint in motion, and at rest, below
         `minimum_velocity`, where friction has any value up to that of Coulomb, the Stribeck effect and the load: if the
         joint hardly rests in the log, its square is added to s^2. Neighbouring torques err alike, over

@@ -98,7 +98,7 @@ class StateUpdate(NamedTuple):
 
     @classmethod
     def of(cls, period: float, *, discrete: bool) -> StateUpdate:
-        """Of rates dz/dt by Euler's rule over a sample time, or of a discrete law, which returns the next states."""
+        """Update by Euler's rule from rates dz/dt over a sample time, or by the next states of a discrete law."""
         return cls(0.0, 1.0) if discrete else cls(1.0, period)
 
 

@@ -1,7 +1,7 @@
 """Explicit Runge-Kutta methods as loops in machine code, which take many steps per call.
 
 What a loop cannot decide, an evaluation that needs the recursion or a step that becomes too small, is left to the
-caller. Slopes K[k] are those of the stages of step k, K[0, 0] that at T[0].
+caller. Stage derivatives K[k] are those of step k, K[0, 0] that at T[0].
 """
 
 from __future__ import annotations

@@ -89,8 +89,8 @@ def derivative(function: Declared, model: Model, *wrt: str, engine: str = "numpy
     >>> import rne
     >>> rne.kernels.derivative(rne.dynamics.gravity_torque, rne.irb140(), "q")([0.0] * 6).shape
     (6, 6)
-    >>> slopes = rne.kernels.derivative(rne.dynamics.gravity_torque, rne.irb140(), "parameters", parameters=True)
-    >>> slopes.names
+    >>> derivatives = rne.kernels.derivative(rne.dynamics.gravity_torque, rne.irb140(), "parameters", parameters=True)
+    >>> derivatives.names
     ('q', 'parameters')
     """
     return _derivative("jacobian", function, model, wrt, engine, fixed)

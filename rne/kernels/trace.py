@@ -178,7 +178,7 @@ def inputs_as_arrays(function: Declared, model: Model, fixed: Mapping[str, Any])
 
     `fixed` may have `external`, a sequence of link names, whose wrenches are external_1, ... of shape (..., 6), and
     `parameters`, True or False, of shape (..., 10 nb), or values of arrays; the rest of it is returned. A TypeError
-    tells that the function takes no such input, or an argument is of another type, a ValueError that a link is unknown
+    says that the function takes no such input, or an argument is of another type, a ValueError that a link is unknown
     or named twice.
     """
     quantity, rest = declared(function).quantity, dict(fixed)

@@ -421,14 +421,14 @@ def model_argument(model: object) -> Model:
 
 
 class HasModel(Protocol):
-    """An object with a model that can be made of another model: an rne.Robot, which is not known here."""
+    """Object with a model that can be replaced: an rne.Robot, which is not known here."""
 
     @property
     def model(self) -> Model:
         """The model."""
 
     def with_model(self, model: Model) -> Self:
-        """The same of another model."""
+        """Copy with another model."""
 
 
 P = ParamSpec("P")
@@ -436,7 +436,7 @@ R = TypeVar("R", bound=HasModel)
 
 
 class OfEither(Protocol[P]):
-    """A function that returns a Model for a Model and a Robot for a Robot."""
+    """Function that returns a Model for a Model and a Robot for a Robot."""
 
     @overload
     def __call__(self, model: Model, /, *args: P.args, **kwargs: P.kwargs) -> Model: ...

@@ -1,4 +1,4 @@
-"""Properties of the tree of joints: where a chain ends, joints that move together or follow, other libraries' order."""
+"""Properties of the tree of joints: ends of chains, groups of joints, couplings, orders of other libraries."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from ..basics.text import listed
 from ..errors import ModelError, NotFiniteError
 from .model import Loop, Model
 
-SAME = 1e-9  # [m] and entries of rotations: rounding of numbers in files, of frames that are one
-TOOL = "tool0"  # the tool frame of an arm by the convention of ROS-Industrial
+SAME = 1e-9  # tolerance of equal frames, for rounding in files [m, and entries of rotations]
+TOOL = "tool0"  # name of an arm's tool frame by the convention of ROS-Industrial
 
 
 def end_link(model: Model, *, axes_count: bool = False) -> str:
-    """The link at the end of an unbranched chain, a fixed frame behind the last joint included; see `end_links`."""
+    """Link at the end of an unbranched chain, a fixed frame behind the last joint included; see `end_links`."""
     return end_links(model, axes_count=axes_count)[0]
 
 
 def end_links(model: Model, *, axes_count: bool = False) -> list[str]:
-    """The link at the end of an unbranched chain, and behind it those that have the same frame.
+    """Link at the end of an unbranched chain, followed by those with the same frame.
 
     Of the links that no other is attached to, it is the one that moves with the last joint. If several do, they must
     have the same origin, and the same axes if `axes_count`; then tool0 is the first, or else the last of them in
@@ -45,7 +45,7 @@ def end_links(model: Model, *, axes_count: bool = False) -> list[str]:
 
 
 def _of_one_frame(model: Model, ends: list[int], *, axes_count: bool) -> list[str]:
-    """The names of links, tool0 or the last one first; a ValueError if they do not have one frame."""
+    """Names of links with one frame, tool0 or the last one first; a ValueError for different frames."""
     names = [model.link_names[k] for k in ends]
     if not _all_same(model.link_translation[ends]):
         reason = "at several points"
@@ -80,13 +80,13 @@ def _is_chain(model: Model) -> bool:
 
 
 def _leaves(model: Model) -> list[int]:
-    """Links that no other link is attached to, by their places in `link_names`."""
+    """Links without children, by their indices in `link_names`."""
     carrying = set(model.link_parent)
     return [k for k in range(len(model.link_names)) if k not in carrying]
 
 
 def _ends(model: Model) -> list[int]:
-    """The leaves that belong to the last body."""
+    """Leaves that belong to the last body."""
     return [k for k in _leaves(model) if model.link_body[k] == model.nb - 1]
 
 
@@ -111,7 +111,7 @@ def pinocchio_order(model: Model) -> Array:
 
 
 def joint_groups(model: Model) -> list[tuple[int, ...]]:
-    """Bodies by groups, in tree order; each group is carried by one body outside of it, or by the base.
+    """Groups of bodies, in tree order; each group is carried by one body outside of it, or by the base.
 
     A joint that follows no other and is followed by none is a group by itself. Others are joined with those that follow
     them, and with the bodies on the paths between them.
@@ -127,7 +127,7 @@ def joint_groups(model: Model) -> list[tuple[int, ...]]:
 
 
 def carriers(parent: Sequence[int], body: int) -> list[int]:
-    """A body and all that carry it, towards the base, by the parent of each."""
+    """Body and all that carry it, towards the base, by the parent of each."""
     found = []
     while body >= 0:
         found.append(body)
@@ -142,18 +142,18 @@ def _with_paths(model: Model, bodies: Collection[int]) -> set[int]:
 
 
 def loop_joints(model: Model, loop: Loop) -> tuple[set[int], set[int]]:
-    """The joints of a closed linkage on the way to each link of its pivot."""
+    """Joints of a closed linkage on the way to each link of its pivot."""
     first, second = ({*carriers(model.parent, model.link_body[model.link_index(link)])} for link, _ in loop.ends)
     return first - second, second - first
 
 
 def drivers_of(model: Model) -> dict[int, list[int]]:
-    """The coordinates that each moving joint's position depends on."""
+    """Coordinates that each moving joint's position depends on."""
     return {i: [k] for i, k in enumerate(model.coordinate)} | {i: own for i, own, _ in model.coupled_joints}
 
 
 def loads_not_known(model: Model) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Joints and pivots whose loads are not known, and the joints that cause it: they follow by parts not there.
+    """Joints and pivots whose loads are unknown, and the cause: joints coupled by parts not in the model.
 
     Such parts may load all joints between those that move together, and with them the linkages that have one of these.
     A joint that carries all of it, or is carried by it, feels the same forces with any parts.
@@ -173,14 +173,14 @@ def loads_not_known(model: Model) -> tuple[tuple[str, ...], tuple[str, ...]]:
 
 
 def refuse_couplings(model: Model, what: str) -> None:
-    """Raise a ModelError that names the first coupling, if there is one; `what` is that which takes none."""
+    """Raise a ModelError that names the first coupling, if there is one; `what` does not support couplings."""
     if model.couplings:
         joint, drivers = model.couplings[0].joint, listed(model.couplings[0].drivers)
         raise ModelError(f"{what} no couplings, but joint {joint!r} of robot {model.name!r} follows {drivers}")
 
 
 def check_closure(model: Model, q: Array) -> None:
-    """Raise a NotFiniteError where a joint cannot follow its drivers, which names them and their ranges."""
+    """Raise a NotFiniteError where a coupled joint has no position; names its drivers and their ranges."""
     for i, drivers, coupling in model.coupled_joints:
         given = q[..., drivers].real.astype(np.float64)
         bad = ~np.isfinite(coupling.derivatives(given)[0]).all(-1)

@@ -108,7 +108,7 @@ class PageBlock(NamedTuple):
 class Report:
     """Headings, text, tables and pictures, in order: each line is said at once, the page is written into a folder.
 
-    `begin` is told what is drawn next, for a display of the progress.
+    `begin` is called with the name of the next picture, for a display of the progress.
     """
 
     def __init__(

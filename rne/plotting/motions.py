@@ -123,7 +123,7 @@ def check_positions(name: str, motion: Motion, robot: Robot) -> Motion:
 def joint_labels(motion: Motion, names: Robot | Sequence[str] | None) -> tuple[tuple[str, ...], Array | None]:
     """Names of the joints, by default those of the motion's model or numbers, and for each whether it rotates.
 
-    Whether joints rotate is None if there is no model to tell.
+    The types of joints are None without a model.
     """
     model = motion.model
     if isinstance(names, Robot):

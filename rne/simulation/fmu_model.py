@@ -103,7 +103,7 @@ class SceneUnit:
 
     @property
     def update(self) -> StateUpdate:
-        """How the states of a law that is sampled go on from sample to sample."""
+        """Update rule of a sampled law's states from sample to sample."""
         is_discrete = self.law is not None and self.law.discrete
         return StateUpdate.of(float(self.scene.sample_time or 0.0), discrete=is_discrete)
 

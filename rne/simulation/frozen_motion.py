@@ -131,7 +131,7 @@ class FrozenScene:
 
     @property
     def update(self) -> StateUpdate:
-        """How the states of a sampled law go on from sample to sample."""
+        """Update rule of a sampled law's states from sample to sample."""
         return StateUpdate.of(self.period, discrete=self.law is not None and self.law.discrete)
 
     @cached_property

@@ -1,4 +1,4 @@
-"""Stability of a scene's closed loop near a target: linearised there, in continuous time or with torques held."""
+"""Stability of a scene's closed loop near a target by linearisation, in continuous time or with held torques."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from ..robot import Robot
 from .plant import Plant, with_own_law
 from .scene_dynamics import SceneDynamics
 
-AT_REST = 1e-6  # accelerations at the target that are no motion, of those that the torques alone give
-NEAR, LATER = 1e-2, 1e-3  # of the target, rad or m and per s, and s: where and when a law is called for its memory
-CALLS = 64  # that fill a memory, such as that of a delay
-BESIDE, JUMP = 1e-6, 1e-3  # of the target, rad or m and per s; relative change of the slopes there that is a kink
+AT_REST = 1e-6  # negligible accelerations at the target, relative to those by the torques alone
+NEAR, LATER = 1e-2, 1e-3  # distances from the target and time [s] for tests of a law's memory
+CALLS = 64  # calls that fill a memory, such as that of a delay
+BESIDE, JUMP = 1e-6, 1e-3  # distance from the target; relative change of derivatives that is a kink
 
 
 class WithRates:
@@ -39,7 +39,7 @@ class WithRates:
 
 
 def linearised_loop(scene: Any, q: Array) -> LinearisedLoop:
-    """The loop of a scene with a controller, at rest in q with the controller's states zero."""
+    """Loop of a scene with a controller, at rest in q with the controller's states zero."""
     law = WithRates(scene.controller, scene.sample_time) if is_discrete(scene.controller) else scene.controller
     free = with_own_law(replace(scene, controller=law, sample_time=None, torque_rate=None, delay=None))
     dynamics, (first, last, n) = free.dynamics, free.dynamics.law_inputs
@@ -67,7 +67,7 @@ def linearised_loop(scene: Any, q: Array) -> LinearisedLoop:
 
 
 def _stability_matrix(scene: Any, q: Array) -> tuple[Array, Array]:
-    """The slopes of the state's rates at rest in q, of the least stable side where there is a kink, and the rates."""
+    """Derivatives of the state's rates at rest in q, of the least stable side of a kink, and the rates."""
     closed, rates = _slopes(scene, q)
     sides = [closed, *(_slopes(scene, q, beside=by)[0] for by in (BESIDE, -BESIDE))]
     jumps = [np.abs(side - closed).max(initial=0.0) > JUMP * np.abs(closed).max(initial=0.0) for side in sides]
@@ -77,13 +77,13 @@ def _stability_matrix(scene: Any, q: Array) -> tuple[Array, Array]:
 
 
 def _torques(law: Any, t: float, q: Array, qd: Array) -> Array:
-    """The torques of a law, with its states zero."""
+    """Torques of a law with its states zero."""
     x = np.concatenate([q, qd, np.zeros(int(getattr(law, "states", 0)))])
     return np.asarray(call_law(law, t, x, LawInputs(0, len(q), len(q)))[0], dtype=float)
 
 
 def without_memory(law: Any, q: Array, period: float) -> Any:
-    """The law; if its torques in one state depend on the calls before, with a warning, those of steady motion.
+    """Law without memory: unchanged, or with a warning one with its torques in steady motion.
 
     They are what it returns after samples at constant velocity that lead to the state. A ValueError if it has noise.
     """
@@ -118,14 +118,14 @@ def without_memory(law: Any, q: Array, period: float) -> Any:
 
 
 def _own(law: Any) -> Any:
-    """A copy of a law, whose memory is that of one motion; the law where none is had."""
+    """Copy of a law, whose memory is that of one motion; the law itself if it cannot be copied."""
     with suppress(Exception):  # of a law that holds a file, a generator, a lock
         return deepcopy(law)
     return law
 
 
 def _difference(found: list[Array]) -> float:
-    """The largest difference between the first and the last torques, 0 if it is rounding."""
+    """Largest difference between the first and the last torques, 0 if it is rounding."""
     difference = np.abs(found[-1] - found[0]).max(initial=0.0) if found else 0.0
     return float(difference * (difference > AGREEMENT * max(1.0, np.abs(found).max(initial=0.0))))
 
@@ -146,27 +146,27 @@ def refuse_jump(law: Any, q: Array) -> None:
 
 
 def _beside(step: float, states: int) -> Array:
-    """A step in each of some states, by another distance."""
+    """States moved by a step in each of some directions, of another length."""
     return step * np.linspace(1.0, 2.0, states)
 
 
 def _read(closed: Array, moving: int) -> Array:
-    """Numbers of the states that others depend on, behind those of the motion; of an integral without gain none do."""
+    """Indices of the states, behind those of the motion, that others depend on; none for an integral without gain."""
     read, before = np.arange(len(closed)), -1
-    while len(read) != before:  # the slopes of what is not read are 0, not nearly 0
+    while len(read) != before:  # derivatives of what is not read are exactly 0
         before, read = len(read), read[(read < moving) | closed[np.ix_(read, read)].any(axis=0)]
     return read
 
 
 def _at_rest(dynamics: SceneDynamics, robot: Robot, q: Array) -> Array:
-    """The state at rest with the links in q, and zero behind the coordinates."""
+    """State at rest with the links in q, and zero behind the coordinates."""
     x = np.zeros(dynamics.size)
     x[: dynamics.n], _ = dynamics.start(robot, q, 0 * q)
     return x
 
 
 def _slopes(scene: Any, q: Array, beside: float = 0.0) -> tuple[Array, Array]:
-    """The slopes of the state's rates without energies and impulses, at rest in q, and its rates.
+    """Derivatives of the state's rates without energies and impulses, at rest in q, and its rates.
 
     Or `beside` that state, in each of its entries by another distance.
     """

@@ -365,10 +365,10 @@ def motion_gradient(
     --------
     >>> import rne
     >>> scene = rne.Scene(rne.load("irb140"), friction=rne.Friction(viscous=5.0), armature=0.5)
-    >>> value, slopes = rne.motion_gradient(
+    >>> value, gradient = rne.motion_gradient(
     ...     scene, [0] * 6, [0] * 6, 0.1, final=lambda q, qd: q[1] ** 2, wrt="friction.viscous", step=0.01
     ... )
-    >>> slopes["friction.viscous"].shape, bool(slopes["friction.viscous"][1] < 0)  # more friction, smaller angle
+    >>> gradient["friction.viscous"].shape, bool(gradient["friction.viscous"][1] < 0)  # more friction, smaller angle
     ((6,), True)
     """
     scene, names = scene_argument(scene_or_robot), names_of(wrt)

@@ -142,7 +142,7 @@ class Scene:
         The controller is evaluated every `sample_time`, and its torque is held in between; its states follow Euler's
         rule, z + `sample_time` dz/dt, or are those that a discrete law returns [s].
     elastic : ElasticJoints, optional
-        Joints that yield between motor and link.
+        Flexible transmissions between motors and links.
     springs : sequence of Spring, optional
         Springs between links or at joints. Their energy counts as potential energy; those at or between what locked
         joints hold do nothing.

@@ -13,7 +13,7 @@ the drives and what friction and damping dissipate, as far as the scene has them
 motion; their errors are controlled loosely, so that they hold back no step that the motion does not. The work of
 torques that are held follows from the positions.
 
-While a drive is at its limit, the motion tells a solver nothing of the law, and steps grow until they jump over the
+While a drive is at its limit, the motion does not depend on the law, and steps grow until they jump over the
 time at which the torque leaves the limit. The error control therefore follows the law as well: the impulses of the
 torques without limits, divided by a constant inertia, are further states of such a scene, before the energies.
 """

@@ -480,7 +480,7 @@ class Sensitivities(InNotebooks):
     >>> import rne
     >>> scene = rne.Scene(rne.load("irb140"), friction=rne.Friction(viscous=5.0), armature=0.5)
     >>> found = rne.sensitivities(scene, [0] * 6, [0] * 6, 0.1, wrt=["q0", "friction.viscous"], t_eval=[0, 0.1])
-    >>> {name: slopes.shape for name, slopes in found.dq.items()}
+    >>> {name: derivatives.shape for name, derivatives in found.dq.items()}
     {'q0': (2, 6, 6), 'friction.viscous': (2, 6, 6)}
     """
 

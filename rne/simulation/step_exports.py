@@ -1,4 +1,4 @@
-"""One control interval for others: as functions of CasADi and JAX, and as a function in C."""
+"""Export of one control interval: as functions of CasADi and JAX, and as a function in C."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .scene_numbers import unknown
 
 
 def interval_to_casadi(stepper: Any, name: str, symbolic: str, names: Sequence[str]) -> Any:
-    """See `Stepper.to_casadi`."""
+    """CasADi function of an interval; see `Stepper.to_casadi`."""
     for number in names:
         if number not in stepper.scene.numbers:
             raise ValueError(f"`numbers`: {unknown(number, stepper.scene.numbers)}")
@@ -42,7 +42,7 @@ def interval_to_casadi(stepper: Any, name: str, symbolic: str, names: Sequence[s
     given = {key: kind.sym(plain[key], known[key].size) for key in names}
 
     def vector(owner: Any, part: str) -> Any:
-        """The numbers that a kernel takes."""
+        """Numbers that a kernel takes."""
         found = [ca.DM(0, 1)]
         for key, mask in owner.masks.items():
             number = ca.DM(owner.numbers[key].reshape(-1))
@@ -67,7 +67,7 @@ def interval_to_casadi(stepper: Any, name: str, symbolic: str, names: Sequence[s
 
 
 def _composed(stepper: Any, ca: Any, call: Callable[..., Any], symbols: Mapping[str, Any], limit: Any) -> Any:
-    """The steps of `advance` on CasADi's symbols: call(0, t, x, u) is dx/dt, call(1, t, x) the law that is sampled."""
+    """Steps of `advance` on CasADi's symbols: call(0, t, x, u) is dx/dt, call(1, t, x) the sampled law."""
     side, plan, n, t = stepper.own_numbers.side, stepper.schedule, stepper.scene.n, symbols.get("t", 0.0)
     row, size, m = symbols["x"], side.size, side.m
     x, z, held = row[:size], row[size : size + m], symbols.get("u")
@@ -90,7 +90,7 @@ def _composed(stepper: Any, ca: Any, call: Callable[..., Any], symbols: Mapping[
 
 
 def _mean_slope(plan: Schedule, k: int, x: Any, rates: Callable[[float, Any], Any]) -> Any:
-    """The weighted sum of the slopes of the stages of step k: rates(time, state) of each."""
+    """Weighted sum of the stage derivatives of step k: rates(time, state) of each."""
     slopes, h = list[Any](), float(plan.lengths[k])
     for a, at in zip(plan.tableau.A.tolist(), plan.times[k].tolist(), strict=False):
         slopes.append(rates(at, x + h * sum((w * slope for w, slope in zip(a, slopes, strict=False) if w), 0.0)))
@@ -98,7 +98,7 @@ def _mean_slope(plan: Schedule, k: int, x: Any, rates: Callable[[float, Any], An
 
 
 def _within_stops(stepper: Any, ca: Any, x: Any) -> Any:
-    """The state with positions within their ranges, and without velocities that lead out of them."""
+    """State with positions within their ranges, and without velocities that lead out of them."""
     n, moving, (lower, upper) = stepper.scene.n, stepper.own_numbers.side.frozen.dynamics.n, map(ca.DM, stepper._ranges)
     q, rest, qd = x[:n], x[n:moving], x[moving:]
     ends = ca.fmin(ca.fmax(q, lower), upper)
@@ -106,7 +106,7 @@ def _within_stops(stepper: Any, ca: Any, x: Any) -> Any:
 
 
 def interval_to_jax(stepper: Any) -> Callable[..., Any]:
-    """See `Stepper.to_jax`."""
+    """JAX function of an interval; see `Stepper.to_jax`."""
     try:
         import jax
         import jax.numpy as jnp
@@ -205,7 +205,7 @@ C_ENDS = """
 
 
 def interval_to_c(stepper: Any, name: str) -> str:
-    """See `Stepper.source`."""
+    """C function of an interval; see `Stepper.source`."""
     frozen, side, plan, row = stepper.own_numbers.frozen, stepper.own_numbers.side, stepper.schedule, stepper.size
     functions = _functions_in_c(frozen, name)
     arrays = {"a": plan.tableau.A, "b": plan.tableau.B, "h": plan.lengths, "at": plan.times}
@@ -236,7 +236,7 @@ def interval_to_c(stepper: Any, name: str) -> str:
 
 
 def _functions_in_c(frozen: FrozenScene, name: str) -> Unit:
-    """The functions of the rates and of the law, if there is one."""
+    """Functions of the rates and of the law, if there is one."""
     kernels = dict[str, Kernel]()
     for part, owner, function in (("rates", frozen.dynamics, "right_hand_side"), ("law", frozen.law, "outputs")):
         if owner is not None:
@@ -254,7 +254,7 @@ def _sample_in_c(fill: dict[str, Any], *, holds: bool, function: UnitFunction) -
 
 
 def _call(function: UnitFunction, given: Sequence[str], row: int, indent: int) -> str:
-    """A call in C, after which all that follows is NaN where it fails."""
+    """Call in C, after which all that follows is NaN where it fails."""
     call = f"{function.name}({', '.join(given)})"
     return C_FAILS.format(call=call, row=row, indent=" " * indent) if function.may_fail else f"{call};"
 

@@ -1,4 +1,4 @@
-"""One control interval as a function of the state, of torques or a law, and of the numbers of a scene."""
+"""Control interval as a function of the state, of torques or a law, and of the numbers of a scene."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ OTHERS = ("numbers", "of_law", "limits", "table", "law_table")  # of `Adjoint`
 
 
 class _Rows(NamedTuple):
-    """What a call is given and where its results go; one row of u or t is that of all."""
+    """Arguments of a call and its results; a single row of u or t is common to all."""
 
     x: Array
     u: Array
@@ -43,12 +43,12 @@ class _Rows(NamedTuple):
     others: Array = np.zeros((1, 0))  # derivatives by all but x, if they are asked for
 
     def part(self, rows: Array) -> _Rows:
-        """Copies of some."""
+        """Copies of some rows."""
         return _Rows(*(array[np.minimum(rows, len(array) - 1)] for array in self))
 
 
 class _Numbers:
-    """A scene under numbers in place of its own, of which states have some of their own, (N, ...)."""
+    """Scene under other numbers, some of them per state, (N, ...)."""
 
     def __init__(self, frozen: FrozenScene, own: Own, given: Own) -> None:
         self.frozen, self.own, self.given = frozen, own, given
@@ -58,16 +58,16 @@ class _Numbers:
         self._columns: dict[bool, list[Array]] = {}
 
     def part(self, rows: Array) -> dict[str, Array]:
-        """Those of some rows."""
+        """Numbers of some rows."""
         return {name: array[np.minimum(rows, self.count - 1)] for name, array in self.own.items()}
 
     def is_of(self, numbers: Mapping[str, ArrayLike], count: int) -> bool:
-        """True if these were given, for so many states."""
+        """True if made for these numbers and this number of states."""
         equal = all(np.array_equal(self.given[name], value) for name, value in numbers.items())
         return equal and (not self.own or self.count == count)
 
     def columns(self, *, derive: bool) -> list[Array]:
-        """Bounds of commands and what kernels take, (N, k) each; (1, 0) where all have the scene's."""
+        """Bounds of commands and coefficients of kernels, (N, k) each; (1, 0) where all have the scene's."""
         if derive not in self._columns:
             frozen, side, none = self.frozen, self.side, np.zeros((1, 0))
             kernels = [frozen.kernel, frozen.law_kernel, *([frozen.gradient, frozen.law_gradient] if derive else [])]
@@ -79,7 +79,7 @@ class _Numbers:
 
 
 class _Lanes:
-    """Rows side by side, as the texts of `row_steps` take them, in machine code or by NumPy."""
+    """Rows side by side for the functions of `row_steps`, in machine code or by NumPy."""
 
     def __init__(self, stepper: Stepper, numbers: _Numbers, L: int, *, by_machine: bool, derive: bool) -> None:
         frozen, schedule, holds = numbers.frozen, stepper.schedule, stepper.holds
@@ -116,7 +116,7 @@ class _Lanes:
             self.slopes = self._row_slopes(side, gradients, stages, np.zeros(stepper.size * L))
 
     def _row_slopes(self, side: SideBySide, gradients: Sequence[Function], stages: int, state: Array) -> RowSlopes:
-        """Room for derivatives: those by the `state` at the begin, and of one vector with all others."""
+        """Storage of derivatives: by the `state` at the start, and by all others in one vector."""
         adjoint = side.adjoint(state[: side.size * self.count], stages)
         is_driven = self.numbers.frozen.is_driven
         of = {name: getattr(adjoint, name) for name in ("held", *OTHERS) if name != "held" or is_driven}
@@ -126,7 +126,7 @@ class _Lanes:
         return RowSlopes(gradients[0], gradients[1], adjoint, state, adjoint.pending.reshape(-1), others)
 
     def run(self, rows: _Rows, first: int, last: int, left: Array) -> None:
-        """Rows from the first to before the last; those that need the recursion are marked as left."""
+        """Integrate a range of rows; those that need the recursion are marked as left."""
         own, count = rows.t, self.numbers.count
         if self.numbers.own and self.by_machine:
             columns = [rows.t, *self.numbers.columns(derive=self.derive)]
@@ -139,7 +139,7 @@ class _Lanes:
 
 
 class Stepper:
-    """One control interval of a scene in discrete time, x_next = F(x, u, numbers), of a batch of states.
+    """Control interval of a scene in discrete time, x_next = F(x, u, numbers), for a batch of states.
 
     The model of rollouts, sampling-based control, learning and shooting: equal steps, no step control, no events.
 
@@ -153,7 +153,7 @@ class Stepper:
         Equal steps of the interval. A command that begins to act within one divides it.
     method : {"rk4", "tsit5", "semi-implicit-euler"}
         The classical Runge-Kutta method of order 4, that of Tsitouras (2011) of order 5 with equal steps, or
-        semi-implicit Euler with viscous friction implicit: (M + h D) qdd = net torques, D being the slope of friction,
+        semi-implicit Euler with viscous friction implicit: (M + h D) qdd = net torques, D = d friction / d qd,
         then qd_next = qd + h qdd and q_next = q + h qd_next.
     position_stops : bool
         True to end each interval inelastically within the joints' ranges: positions are clipped, and velocities that
@@ -191,8 +191,8 @@ class Stepper:
     >>> u = scene.robot.gravity_torque(x[:, :6])
     >>> np.allclose(stepper(x, u), x, atol=1e-9), stepper.into(x, u, x) is x
     (True, True)
-    >>> slopes = stepper.gradient(x, u, np.eye(12)[6])  # of the velocities of joint 1
-    >>> bool((slopes["u"][:, 0] > 0).all()), stepper.jacobian(x, u).shape
+    >>> gradient = stepper.gradient(x, u, np.eye(12)[6])  # of the velocities of joint 1
+    >>> bool((gradient["u"][:, 0] > 0).all()), stepper.jacobian(x, u).shape
     (True, (100, 12, 18))
     >>> (stepper.reset(x, np.arange(100) < 50, np.ones(12))[49:51, 0] > 0.5).tolist()
     [True, False]
@@ -242,7 +242,7 @@ class Stepper:
         )
 
     def _frozen(self, scene: Scene, names: tuple[str, ...]) -> FrozenScene:
-        """The scene with its equations; a ValueError names what has no interval."""
+        """Scene with its equations; a ValueError names what has no interval."""
         damped_over = self.sample_time / self.substeps if self.method == "semi-implicit-euler" else 0.0
         found = FrozenScene(scene, names, None, scene.controller is None, damped_over)
         refused = found.refused
@@ -313,7 +313,7 @@ class Stepper:
         *,
         t: ArrayLike = 0.0,
     ) -> Array:
-        """The states at the end of the interval.
+        """States at the end of the interval.
 
         Parameters
         ----------
@@ -494,7 +494,7 @@ class Stepper:
         return rows.reshape(*np.shape(x)[:-1], size, rows.shape[1])
 
     def to_casadi(self, name: str = "step", *, symbolic: str = "SX", numbers: Sequence[str] = ()) -> Any:
-        """The interval as a CasADi function.
+        """CasADi function of the interval.
 
         Parameters
         ----------
@@ -521,7 +521,7 @@ class Stepper:
         return interval_to_casadi(self, name, symbolic, numbers)
 
     def to_jax(self) -> Callable[..., Any]:
-        """The interval as a function of JAX, with its reverse-mode derivatives, for jit, grad, vjp and vmap.
+        """JAX function of the interval, with its reverse-mode derivatives, for jit, grad, vjp and vmap.
 
         Returns
         -------
@@ -539,7 +539,7 @@ class Stepper:
         return interval_to_jax(self)
 
     def source(self, language: str = "c", name: str = "step") -> str:
-        """The interval as source text: of functions for dx/dt and for a law that is sampled, and the loop around them.
+        """Source text of the interval: functions for dx/dt and for a sampled law, and the loop around them.
 
         Parameters
         ----------
@@ -577,7 +577,7 @@ class Stepper:
         return np.ascontiguousarray(array.reshape(-1, self.size), dtype=np.float64)
 
     def _as_states(self, name: str, given: ArrayLike, shape: tuple[int, ...]) -> Array:
-        """What is given for states of a shape: one number, of one state or of all."""
+        """Values for states of a shape: one number, of one state or of all."""
         array = real_numbers(name, given, f"(N, {self.size})")
         if array.shape not in ((), (self.size,), shape):
             raise ValueError(f"`{name}` must have shape ({self.size},) or {shape}, got {array.shape}")
@@ -611,7 +611,7 @@ class Stepper:
         return np.ascontiguousarray(array.reshape(-1, 1), dtype=np.float64)
 
     def _numbers(self, numbers: Mapping[str, ArrayLike] | None, count: int) -> _Numbers:
-        """Numbers in place of the scene's, checked; those given last are known."""
+        """Numbers in place of the scene's, checked; the last ones are cached."""
         numbers = _named(numbers)
         if not numbers:
             return self.own_numbers
@@ -638,7 +638,7 @@ class Stepper:
             return _Lanes(self, numbers, LANES if self._by_machine else 1, by_machine=self._by_machine, derive=derive)
 
     def _run(self, numbers: _Numbers, rows: _Rows, workers: int) -> None:
-        """Fill what rows give, in machine code in threads that take a stretch of them each, else by NumPy."""
+        """Compute rows, in machine code in threads that take a range each, otherwise by NumPy."""
         count, derive = len(rows.x), rows.weights.size > 0
         left = np.zeros(count, np.int64) if self._by_machine else np.ones(count, np.int64)
 
@@ -659,7 +659,7 @@ class Stepper:
             self._by_numpy(numbers, rows, np.flatnonzero(left))
 
     def _by_numpy(self, numbers: _Numbers, rows: _Rows, some: Array) -> None:
-        """Some rows by NumPy, whose errors name the first one at fault."""
+        """Compute some rows by NumPy, whose errors name the first one at fault."""
         part, derive = rows.part(some), rows.weights.size > 0
         own = _Numbers(numbers.frozen, numbers.part(some), {})
         try:
@@ -690,7 +690,7 @@ def _named(numbers: Mapping[str, ArrayLike] | None) -> dict[str, ArrayLike]:
 
 
 def _period(scene: Scene, sample_time: float | None) -> float:
-    """The length of the interval."""
+    """Length of the interval."""
     own = scene.sample_time
     if sample_time is None and own is None:
         raise ValueError("`sample_time` must be given: the scene has none")

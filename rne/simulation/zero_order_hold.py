@@ -1,4 +1,4 @@
-"""A controller that is sampled, with its torques held from one sample to the next, perhaps some time later.
+"""Sampled controller, with its torques held from one sample to the next, perhaps with a delay.
 
 The command of a sample acts a delay after it, until the next one does; before the first one no torque acts. If the
 delay is a whole number of sample times, up to rounding, commands act exactly at the instants of samples.
@@ -23,8 +23,8 @@ from ..integrators.loops import StateUpdate, next_state
 from .plant import Plant, checked_of_states, checked_torques
 from .scene import Scene
 
-MAX_EVALUATIONS = 20_000  # of the right-hand side between two samples, some hundred times what a stable loop takes
-MAX_STEPS = MAX_EVALUATIONS // 10  # of a motion side by side with others, which is then run alone
+MAX_EVALUATIONS = 20_000  # most evaluations between two samples, some hundred times those of a stable loop
+MAX_STEPS = MAX_EVALUATIONS // 10  # most steps of a motion side by side with others, which is then run alone
 
 
 class ControlSamples(NamedTuple):
@@ -36,7 +36,7 @@ class ControlSamples(NamedTuple):
     z: Array
 
     def held(self, t: Array, same: float = 0.0) -> Array:
-        """Numbers of the samples whose torques are held at times, or a relative rounding of them later."""
+        """Indices of the samples whose torques are held at times, or a relative rounding of them later."""
         return np.searchsorted(self.t, t * (1 + same), side="right") - 1
 
     def work(self, q: Array, k: Array, driven: slice) -> Array:
@@ -47,12 +47,12 @@ class ControlSamples(NamedTuple):
         return work
 
     def first(self, count: int) -> ControlSamples:
-        """The first of them."""
+        """First samples."""
         return ControlSamples(*(part[:count] for part in self))
 
 
 class ZeroOrderHold:
-    """A controller that is sampled: the torques held since the last sample, and the controller's states.
+    """Hold of a sampled controller: the torques held since the last sample, and the controller's states.
 
     The states are integrated by Euler's rule from sample to sample, those of a discrete law are given by it.
     """
@@ -87,7 +87,7 @@ class ZeroOrderHold:
         self.evaluations_before = self.plant.evaluations
 
     def _sample(self, t: float, moved: Array) -> None:
-        """The command of the controller, within the limits of torque and torque rate."""
+        """Command of the controller, within the limits of torque and torque rate."""
         held = self.pending[(self.count - 1) % len(self.pending)]
         self.state = self.next_state
         returned, of_states = self.plant.called(self.scene.controller, t, np.concatenate([moved, self.state]))
@@ -109,13 +109,13 @@ class ZeroOrderHold:
         return np.array([np.broadcast_to(bound, self.scene.n) for bound in (limit, rate * self.period)])
 
     def note(self, samples: tuple[Array, ...], acting: tuple[Array, ...], states: Array, evaluations: int) -> None:
-        """In machine code samples were taken and commands began to act: with the controller's states behind them."""
+        """Record samples taken and commands begun in machine code, with the controller's states behind them."""
         self._append(*samples)
         self._act(*acting)
         (self.state, self.next_state), self.evaluations_before = states, evaluations
 
     def _append(self, t: Array, x: Array, u: Array, z: Array) -> None:
-        """Keep samples; before the first command acts none does."""
+        """Store samples; none acts before the first command."""
         if self.acting is not self.table and not self.count:
             self.acting.append(ControlSamples(t[:1], x[:1, : self.moving], np.zeros_like(u[:1]), z[:1]))
         if len(t):
@@ -123,7 +123,7 @@ class ZeroOrderHold:
         self.count += len(t)
 
     def _act(self, t: Array, x: Array, u: Array) -> None:
-        """From these times on commands act."""
+        """Store commands that act from these times on."""
         if not len(t):
             return
         self.plant.sampled, self.arrived = u[-1], self.arrived + len(t)
@@ -155,7 +155,7 @@ class ZeroOrderHold:
         self.arrived -= self.acting is not self.table
 
     def finish(self, t: float, x: Array) -> None:
-        """The run ends at t: what was sampled behind it is void, and what follows a sample there counts."""
+        """End the run at t: later samples are dropped, and the first value after a sample there counts."""
         self.rewind(t)
         if t >= self.count * self.period:
             u = self.pending[(self.count - 1) % len(self.pending)]
@@ -170,7 +170,7 @@ class ZeroOrderHold:
         return _joined(self.acting)
 
     def stability(self) -> str:
-        """What check_gains says of the loop, in the workspace or where it began, for the error of one that diverges."""
+        """Text of check_gains on the loop, in the workspace or at its start, for the error of a diverging one."""
         scene, gains = self.scene, [getattr(self.scene.controller, name, None) for name in ("kp", "kd")]
         is_rigid = scene.elastic is None and scene.resolved.springs is None and not scene.delay
         try:
@@ -200,7 +200,7 @@ def _joined(parts: list[ControlSamples]) -> ControlSamples:
 def held_side_by_side(
     scene: Scene, law: TracedLaw | None, driven: int, period: float, end: float, own: Mapping[str, Array], table: Array
 ) -> Hold:
-    """Torques of many motions, of a law that is sampled or of a table (N, K, n), up to an end.
+    """Hold of torques of many motions, of a sampled law or of a table (N, K, n), up to an end.
 
     Numbers of the scene that motions have of their `own` have shapes (N, ...).
     """

@@ -1,8 +1,8 @@
 """Hypotheses on torques that a model leaves unexplained, among them the causes of an identification's residuals.
 
 A hypothesis adds columns X to the torques of a model: derivatives by a delay, a gear ratio or a zero, the torques of a
-payload from some time on, those of a force at the last link for a while. Least squares with these columns say how much
-it takes away of what is left; its score is the gain of log likelihood, each joint with its own noise, less log(N) / 2
+payload from some time on, those of a force at the last link for a while. Least squares with these columns give the
+reduction of the residuals; its score is the gain of log likelihood, each joint with its own noise, less log(N) / 2
 per free number (Schwarz 1978) and the logarithm of how many alternatives were tried. Causes that are no small change,
 such as torques of the wrong sign or joints in another order, are tried by fitting again.
 """
@@ -942,7 +942,7 @@ def scale_of_all(rest: FitResiduals, factor: float) -> Cause:
     """Cause of torques that are a multiple of the given robot's in all joints."""
     kind, text = "torque unit", f"torques are {factor:.3g} times those of the robot given: N mm, mA, or at the motors?"
     certain = float(rest.counts.sum())
-    score = certain if rest.share < thresholds.POOR else 2 * thresholds.EVIDENT  # a fit that fails tells of no factor
+    score = certain if rest.share < thresholds.POOR else 2 * thresholds.EVIDENT  # a failed fit determines no factor
     if factor < 0:
         kind, text = "torque sign", "the torques of all joints have the wrong sign"
         if friction_power(rest)[0].sum() < 0:  # evidence too, and faster than the residuals

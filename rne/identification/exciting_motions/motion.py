@@ -508,7 +508,7 @@ def excitation(
     From positions alone the result is the best of the random motions: each is simulated with `rne.sensitivities` for
     two periods, of which the second counts, and no optimiser follows. Columns of W are divided by their norms over all
     motions. What no motion determines, such as a velocity gain beside viscous friction, is left out, and named in
-    `notes`. Smooth motions tell little of a dead band, and of a stall torque only where they reach it: for these add
+    `notes`. Smooth motions hardly depend on a dead band, and on a stall torque only where they reach it: for these add
     steps.
 
     Examples

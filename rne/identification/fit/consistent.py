@@ -79,7 +79,7 @@ def at_minimum(
 ) -> Array | None:
     """Minimum near a start to within a gap, with nonnegative `bounded` entries; None if not reached.
 
-    An entry at its bound is held there while its slope is at least `least`.
+    An entry at its bound is held there while its derivative is at least `least`.
     """
     y, held = start.copy(), set(bounded[start[bounded] < thresholds.AT_BOUND].tolist())
     for _ in range(thresholds.BOUND_ROUNDS):

@@ -551,7 +551,7 @@ def of_named_joints(
 ) -> tuple[Robot, tuple[Record, ...], tuple[str, ...]]:
     """Robot with joints locked that records lack, records of its joints in order, and notes.
 
-    `warn_of_locked` tells these joints. Refused are records of different joints, and where the log and the robot may
+    `warn_of_locked` names these joints. Refused are records of different joints, and where the log and the robot may
     name a joint differently: the records lack a joint and have one that the robot does not know, or lack nearly all.
     """
     given = tuple(records) if isinstance(records, Sequence) else (records,)

@@ -176,7 +176,7 @@ class Estimator(NamedTuple):
     prior: Array | None  # pseudo-inertias, shape (nb, 4, 4); None for least squares alone
     weight: float  # of the divergence from the prior
     others: Array | None = None  # standard parameters beside E beta, by default those of the model
-    noise: Array | None = None  # of each joint, by default what is left of it
+    noise: Array | None = None  # of each joint, by default from its residual
 
     def fit(self, equations: Equations, of_base: Equations | None = None) -> tuple[LeastSquares, Array]:
         """Base parameters, and standard parameters: consistent ones, or the nearest to the model's.

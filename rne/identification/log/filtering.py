@@ -3,7 +3,7 @@
 Measured torques and the columns of a regressor pass the same filter, after which the linear relation between them holds
 as before: the parallel filter of Gautier, Janot and Vandanjon 2013, IEEE Trans. Control Systems Technology 21(2). Its
 cut-off lies well above the bandwidth of the motion, so that the filter does not change it. The bandwidth is that of the
-velocities, whose spectrum tells motion from the noise of encoders where that of accelerations, in which noise grows
+velocities, whose spectrum separates motion from the noise of encoders where that of accelerations, in which noise grows
 with the fourth power of the frequency, does not.
 """
 

@@ -256,7 +256,7 @@ class Record(ReadOnlyArrays):
             torques, or commands.
         columns : sequence of str, or mapping, optional
             Names of all columns of a text, "" for one to ignore; or a column, its number from 0, or several of them,
-            for "t", "q", "qd", "tau", "command" and "command_rate". By default their names tell, such as `q.<joint>`,
+            for "t", "q", "qd", "tau", "command" and "command_rate". By default by their names, such as `q.<joint>`,
             `actual_q_0` or `joint1_pos [deg]`; those of "target", "command" and the like are not read beside torques.
         units : mapping, optional
             Units of "q" ("rad", "deg", "m", "mm"), "qd" ("rad/s", "deg/s", "rpm", "m/s", "mm/s"), "tau" ("Nm", "mNm",

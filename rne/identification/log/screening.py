@@ -124,7 +124,7 @@ def _made_by_reader(
 
     What stamps are late by, times the velocity, is in the positions where samples were taken at the stamps, and is not
     where the reader of the log made them: its share in the changes of the positions is 1 or 0. Measured velocities
-    tell what else the positions change by; without them, fourth differences leave little of it.
+    give all other changes of the positions; without them, fourth differences remove most of these.
     """
     from scipy.integrate import cumulative_trapezoid
     from scipy.ndimage import uniform_filter1d

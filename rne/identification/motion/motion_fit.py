@@ -273,7 +273,7 @@ class MotionFit(InNotebooks):
         Returns
         -------
         str
-            The verdict, what the log cannot tell apart, likely causes of the residual, and two tables.
+            The verdict, combinations that are not determined, likely causes of the residual, and two tables.
         """
         rows = [Row("number", ("value", "standard error", "unit"), words=True)]
         for name, value, std, unit, is_known in zip(
@@ -495,7 +495,7 @@ def identify_motion(
     Returns
     -------
     MotionFit
-        Numbers with standard errors, what the log cannot tell apart, and causes of what the model does not explain.
+        Numbers with standard errors, combinations that are not determined, and causes of unexplained residuals.
 
     Raises
     ------

@@ -1,6 +1,6 @@
 """Derivatives of kernels by other kernels of the same function, for automatic differentiation.
 
-With f(x), its Jacobian J, slopes s and tangents t: backwards, f gives s J by the gradient kernel, and w J gives the
+With f(x), its Jacobian J, weights s and tangents t: backwards, f gives s J by the gradient kernel, and w J gives the
 Hessian of w . f times s, by w J s. Forwards, f gives J t, and J the Hessians of all entries times t.
 """
 
