@@ -14,7 +14,7 @@ INSTEAD = {  # phrases that a fluent reader has to decode: the field's words
     r"(does|do|did) not tell\b": "cannot be identified, is not significant",
     r"\b(cannot|can't) (be )?(told|tell) (apart|from)": "cannot be distinguished, has the same effect",
     r"\bbeside Pinocchio": "relative to Pinocchio, compared with Pinocchio",
-    r"(?<![\"*(])\bheld[- ]out\b": 'validation error, validation block; "held out" in quotes where it is defined',
+    r"(?<!also )\bheld[- ]out\b": "validation error, validation block; the glossary's definition says 'also held-out'",
     r"\bthe end was reached\b": "completed",
     r"\bin no other package\b": "No other package combines",
     r"\bmends?\b": "corrects, repairs",
