@@ -159,6 +159,24 @@ def test_measured_torques_may_be_written_into_the_states(arm, hold, path):
     np.testing.assert_allclose(torques, [hold(*state) for state in zip(t, q, qd, strict=True)], rtol=SAME)
 
 
+@pytest.mark.long  # test_the_law_sees_what_the_observer_sees_along_samples has the same law
+def test_the_push_of_the_tutorial_is_found_no_later(irb140):
+    """Six robots that are 5 % lighter or heavier, friction that is off by 20 %, and 40 N m against joint 2 from 0.6 s."""
+    t, rng = np.arange(621) * STEP, np.random.default_rng(1)
+    q, qd, qdd = rne.trajectories.quintic([0, 0.3, -0.3, 0, 0.5, 0], [1, -0.2, 0.4, 1, -0.5, 1], 1.0)(t)
+    factors, start = 1 + 0.05 * rng.choice([-1, 1], (6, 6)), irb140.parameters
+    cases = [irb140.with_parameters(np.repeat(factor, 10) * start) for factor in factors]
+    friction, actual = rne.Friction(viscous=5.0, coulomb=4.0), rne.Friction(viscous=5.8, coulomb=3.4)
+    observer = MomentumObserver(irb140, friction=friction, cases=cases, friction_error=0.2, floor=0.5)
+    real = irb140.with_parameters(np.mean([case.parameters for case in cases], axis=0))
+    tau = real.inverse_dynamics(q, qd, qdd) + actual.torque(irb140.model, qd)
+    tau[t > 0.6, 1] += 40.0
+    seen, law = observer.observe(t, q, qd, tau), observer.law(rne.control.pd(irb140, 1, 1, 0), sample_time=STEP)
+    means = np.vstack([(tau[1:] + tau[:-1]) / 2, tau[-1:]])
+    _, z = along(law, t, q, qd, means)  # as measured between ticks
+    assert 0.6 < t[law.contact(z).argmax()] <= seen.first_contact < 0.61
+
+
 def test_a_contact_is_remembered(arm, hold, path):
     t = np.arange(40) * STEP
     q, qd, qdd = path(t)
