@@ -39,7 +39,7 @@ CHARTS: dict[str, tuple[Any, Any]] = {
 PAGES = tuple(
     DOCS / "benchmarks" / f"{name}.md"
     for name in (
-        *("evaluation", "evaluation-calls", "batch-sizes"),
+        *("evaluation", "evaluation-machine-code", "evaluation-calls", "batch-sizes"),
         *("simulation", "energy-drift", "closed-loops", "joints", "scenes"),
     )
 )

@@ -3,7 +3,7 @@
 Operations of inverse and forward dynamics, of their gradients and Hessians; time per state in batches and error
 against 50 digits, of Pinocchio's first derivatives, CasADi's of a hand-written recursion, complex steps and differences
 in the same interleaved runs, one thread each; what a new process waits for. Writes benchmarks/results/derivatives.json,
-the tables of docs/derivatives.md and docs/benchmarks/derivatives.md, and their picture.
+the tables of docs/derivatives.md and of derivatives.md and derivatives-forward.md in docs/benchmarks, and the picture.
 """
 
 from __future__ import annotations
@@ -26,6 +26,11 @@ from benchmarks.measure import QUICK_NOTE, is_quick, many, nanoseconds, per_stat
 from benchmarks.pages import DOCS, rewrite, table, three
 from rne.graph.program import evaluate
 
+PAGES = (
+    DOCS / "derivatives.md",
+    DOCS / "benchmarks" / "derivatives.md",
+    DOCS / "benchmarks" / "derivatives-forward.md",
+)
 ROBOTS = ("irb140", "ur5")
 COUNT, REPEATS, EXACT = 1024, 15, 8
 QUICK_COUNT, QUICK_REPEATS = 64, 1
@@ -149,7 +154,7 @@ def main() -> None:
         return
     write("derivatives.json", results)
     figure.savefig(DOCS / "benchmarks" / "derivatives.png", facecolor="white")
-    rewrite(tables(results), DOCS / "derivatives.md", DOCS / "benchmarks" / "derivatives.md")
+    rewrite(tables(results), *PAGES)
     readme_picture.main()
 
 

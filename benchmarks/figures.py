@@ -1,6 +1,6 @@
 """The page of figures, from the results that the other benchmarks keep: python -m benchmarks.figures
 
-Writes the tables of docs/figures.md and figures-limits.md, whose text is written by hand, and the two pictures that no
+Writes the tables of docs/figures.md and of the two pages that continue it, whose text is written by hand, and the two pictures that no
 other benchmark draws.
 """
 
@@ -16,7 +16,7 @@ from benchmarks.pictures import NUMBA, OURS, PINOCCHIO
 from benchmarks.readme_picture import CALLS, COLORS, HESSIANS, METHODS
 from rne.plotting.plots import blank_figure
 
-PAGES = (DOCS / "figures.md", DOCS / "figures-limits.md")
+PAGES = (DOCS / "figures.md", DOCS / "figures-accuracy.md", DOCS / "figures-growth.md")
 RUNS = {  # places of the page: the file of results, and the command that measures and draws them
     "chart-run": ("charts.json", "python -m benchmarks"),
     "engines-run": ("kernels.json", "python -m benchmarks.kernels"),

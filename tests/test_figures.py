@@ -1,4 +1,4 @@
-"""docs/figures.md and figures-limits.md: their numbers are those of the kept results, and their own two pictures show them."""
+"""docs/figures.md and the two that continue it: their numbers are those of the kept results, and their own two pictures show them."""
 
 import re
 import runpy
