@@ -28,7 +28,7 @@ INSTEAD = {  # phrases that a fluent reader has to decode: the field's words
     r"\bpoles without sampling\b": "continuous-time poles",
 }
 BAD = re.compile("|".join(f"(?:{pattern})" for pattern in INSTEAD), re.IGNORECASE)
-RIDDLE = re.compile(r"(What|Whether|How|As|Of|The same)\b")  # a docstring begins with the noun or the verb
+RIDDLE = re.compile(r"(What|Whether|How|As|Of|That|Those|The same)\b")  # a docstring begins with the noun or the verb
 
 
 def sources(*folders):

@@ -16,7 +16,7 @@ from .spatial import IDENTITY, Array, dot, outer, point_mass_inertia, symmetric,
 PARAMETERS = 10  # number of inertial parameters of a body
 PRODUCTS = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))  # indices of the inertia's entries, in their order
 ROWS, COLUMNS = (np.array(indices) for indices in zip(*PRODUCTS, strict=True))
-ENTRIES = np.zeros((3, 3), np.intp)  # of a symmetric matrix: the place of each among the PRODUCTS
+ENTRIES = np.zeros((3, 3), np.intp)  # index among the PRODUCTS of each entry of a symmetric matrix
 ENTRIES[ROWS, COLUMNS] = ENTRIES[COLUMNS, ROWS] = range(len(PRODUCTS))
 # The inertia per unit of each of its entries; small integers are promoted to the dtype of the other operand.
 BASIS = np.array([[[int({r, c} == {i, j}) for c in range(3)] for r in range(3)] for i, j in PRODUCTS], np.int8)

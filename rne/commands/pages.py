@@ -1,4 +1,4 @@
-"""The pages of the main job, on the ABB IRB 140, and of `rne report`, on any robot; speed and accuracy."""
+"""Pages of the main job, on the ABB IRB 140, and of `rne report`, on any robot; speed and accuracy."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ class Sample(NamedTuple):
     force: Array
 
     def rows(self, which: slice) -> Sample:
-        """Some of many samples."""
+        """Slice of the samples."""
         return Sample(*(x[which] for x in self))
 
 

@@ -24,25 +24,25 @@ from .laws import traceable
 from .sampled_loop import in_periods
 from .traced_law import is_discrete
 
-YES = 0.5  # flags among the states are 0 or 1
-SAME_STEP = 1e-6  # of the sample time: calls of a guarded law that far apart are as far apart as they should be
+YES = 0.5  # threshold of flags, which are 0 or 1 among the states
+SAME_STEP = 1e-6  # largest deviation of the time between calls of a guarded law, relative to the sample time
 States = dict[str, Array]
 
 
 def bodies_of(observer: Any) -> Bodies:
-    """The model and the cases of a MomentumObserver."""
+    """Model and cases of a MomentumObserver."""
     return tuple((robot, None) for robot in (observer.robot, *observer.cases))
 
 
 def friction_of(observer: Any) -> FrictionModel:
-    """The friction of a MomentumObserver's model."""
+    """Friction of a MomentumObserver's model."""
     return FrictionModel(observer.friction, observer.robot, observer.friction_error)
 
 
 def remembered(
     robot: Robot, sample_time: float, delay: float, effort_limit: ArrayLike | None
 ) -> tuple[float, int, float, Array | None]:
-    """The sample time, how many earlier commands act because of a delay, the share of the older one, and limits."""
+    """Sample time, number of earlier commands that act because of a delay, share of the older one, and limits."""
     step = positive_number("sample_time", sample_time)
     whole, rest = in_periods(positive_number("delay", delay, zero_allowed=True), step)
     limit = None if effort_limit is None else per_joint_array("effort_limit", effort_limit, robot.n, sign="positive")
@@ -51,7 +51,7 @@ def remembered(
 
 @traceable
 def no_torques(t: float, q: Array, qd: Array) -> Array:
-    """The law of drives that are commanded by others."""
+    """Law of drives that are commanded by others."""
     return 0.0 * q
 
 
@@ -150,7 +150,7 @@ class Observing:
         raise NotImplementedError
 
     def _acting(self, old: States, torques: Array) -> States:
-        """The torques that act until the next sample, by commands and earlier ones."""
+        """Torques that act until the next sample, by commands and earlier ones."""
         given, n = np.concatenate([old["commands"], torques], axis=-1), self.robot.n
         acting = self.share * given[..., :n] + (1 - self.share) * given[..., n : 2 * n] if self.earlier else torques
         return {"torques": acting, "commands": given[..., n : n * (self.earlier + 1)]}

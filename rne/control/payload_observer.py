@@ -27,7 +27,7 @@ from .observer_law import Observing, States, no_torques, remembered
 from .traced_law import check_law
 
 NAMES = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
-SAME = 1e-9  # angles, and distances relative to the robot's size, that differ by less are the same
+SAME = 1e-9  # tolerance of equal angles, and of distances relative to the robot's size
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +88,7 @@ class PayloadObserver(Observing):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The kept parameter of each estimate, in the link's frame and about its origin."""
+        """Kept parameter of each estimate, in the link's frame and about its origin."""
         return tuple(NAMES[k] for k in self._combinations[0])
 
     @property
@@ -109,7 +109,7 @@ class PayloadObserver(Observing):
 
     @cached_property
     def _bodies(self) -> Bodies:
-        """The model, and payloads of one standard deviation of each estimate, without the rotors."""
+        """Model, and payloads of one standard deviation of each estimate, without the rotors."""
         bare = self.robot.with_model(replace(self.robot.model, armature=np.zeros(self.robot.model.nb)))
         kept = self._combinations[0]
         units = self._scales[kept, None] * self._parameters[kept]
@@ -195,7 +195,7 @@ class PayloadObserver(Observing):
 
 
 def _inverse(A: Array) -> Array:
-    """The inverse of positive definite matrices, which may be traced, by sweeps (Goodnight 1979)."""
+    """Inverse of positive definite matrices, which may be traced, by sweeps (Goodnight 1979)."""
     for k in range(A.shape[-1]):
         inverse = 1.0 / A[..., k, k, None]
         scaled = A[..., k, :] * inverse

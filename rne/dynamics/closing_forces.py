@@ -14,7 +14,7 @@ from ..model.topology import loop_joints
 from .kinematics import Bodies, body_poses
 from .rnea import External
 
-DEAD = 1e-9  # sine of the angle between the ways in which the joints that follow move the pivot: a dead point
+DEAD = 1e-9  # sine of the angle between the pivot's motions by the coupled joints at a dead point
 
 
 def closing_forces(

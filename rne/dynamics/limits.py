@@ -18,7 +18,7 @@ from ..basics.text import UNITS, short, summary
 from ..model.model import Model
 from .kinematics import joint_positions, joint_velocities
 
-MET = 1e-9  # of a joint's larger limit: a stop or a saturated drive that is exceeded by less is met
+MET = 1e-9  # tolerance of a limit relative to a joint's larger one, at a stop or a saturated drive
 SYMBOL = {"position": "q", "velocity": "qd", "torque": "tau"}
 
 

@@ -24,12 +24,12 @@ from .crba import factorise, mass_matrix, solve_factored
 from .quantity import OK, BatchIndex, PrecisionLoss, PrecisionStatus, check_arguments
 from .rnea import External, bias_torque, gravity_torque
 
-MIN_DIGITS = 3.0  # decimal digits below which a result is warned of
+MIN_DIGITS = 3.0  # decimal digits below which a warning is given
 # Rounding changes a pivot of M by up to some n eps M_kk (Higham 2002, Accuracy and Stability, theorem 10.3). A pivot of
 # up to 8 of these, which include the errors of M's own entries, may be rounding alone: M is singular, an error. A pivot
 # above 10^MIN_DIGITS of them keeps MIN_DIGITS digits; below, the digits left are estimated.
 SINGULAR, NEARLY_SINGULAR = 8.0, 10**MIN_DIGITS
-NEGATIVE = 1e-9  # of M's largest entry, or of M scaled to unit diagonal: more below zero is no rounding error
+NEGATIVE = 1e-9  # largest negative rounding error relative to M's largest entry, or of M scaled to unit diagonal
 
 
 def pivot_bound(units: float, n: int, dtype: DTypeLike) -> float:

@@ -30,7 +30,7 @@ VECTORS = (
     ("f", "(3.24)", "N"),
     ("tau", "(3.27)", "N m"),
 )
-DRIVE = "§5.3"  # where u stands: a section, without an equation
+DRIVE = "§5.3"  # section where u is introduced, without an equation
 LEGEND = (
     "Each vector in the axes of its own link; in brackets equations, after § a section of Høifødt 2011.",
     "omega, alpha: angular velocity, acceleration. a_c, a_e: true accelerations of mass centre and end.",

@@ -36,7 +36,7 @@ ROWS = (0, 1, 2, 3, 4, 5)
 DIRECTIONS = tuple(f"{motion} {axis}" for motion in ("rotation about", "translation along") for axis in "xyz")
 BASE_AXES, LINK_AXES = "base", "link"
 TASK: dict[str, Any] = {"link": "", "point": ORIGIN, "rows": ROWS, "axes": BASE_AXES}
-SHARE = 0.1  # of the largest component of a direction: smaller ones are not named
+SHARE = 0.1  # smallest named component of a direction relative to the largest
 
 
 def task_jacobian(

@@ -18,7 +18,7 @@ from ..basics.spatial import Array
 from ..model.model import Model
 from ..model.solids import Box, Cylinder
 
-VERSION = 2  # of the archives
+VERSION = 2  # version of the archives
 NOT_KEPT = ("error_estimate", "run")  # fields that may hold laws
 MOTORS = ("motor_q", "motor_qd")
 SHAPES: dict[str, tuple[str, ...]] = {

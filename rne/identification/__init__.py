@@ -1,4 +1,4 @@
-"""From measurements to a model: exciting motions, records of motions, their fit, and its uncertainty."""
+"""Identification of models from measurements: exciting motions, records, their fit, and its uncertainty."""
 
 from typing import TYPE_CHECKING
 

@@ -110,7 +110,7 @@ class Rows:
         return builder.bitcast(builder.gep(self.addresses[lane], [offset]), kind.as_pointer())
 
     def load(self, column: int) -> ir.Value:
-        """One column."""
+        """Load one column."""
         emitter, lanes = self.emitter, range(self.emitter.lanes)
         return emitter.pack([emitter.builder.load(self._pointer(k, column, emitter.number), align=1) for k in lanes])
 

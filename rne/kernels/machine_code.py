@@ -84,7 +84,7 @@ class Emitter:
         )
 
     def pack(self, numbers: Sequence[ir.Value]) -> ir.Value:
-        """One operand of the numbers of all lanes."""
+        """Operand of the numbers of all lanes."""
         if self.lanes == 1:
             return numbers[0]
         vector: ir.Value = ir.Constant(self.type, ir.Undefined)

@@ -20,10 +20,10 @@ if TYPE_CHECKING:
 
 Rgb = tuple[int, int, int]
 SKY, NIGHT = "#e4e9f0", "#434d5b"  # behind the scene, on which white and dark robots can be seen
-TONES = ((126, 148, 182), (86, 104, 132))  # of links whose shapes have no colour of their own, in turn
+TONES = ((126, 148, 182), (86, 104, 132))  # colours in turn of links whose shapes have none
 GHOST = (240, 120, 20)
 GHOST_OPACITY = 0.4
-GHOST_SCALE = 1.004  # where both motions agree, the surfaces of the other one are just outside
+GHOST_SCALE = 1.004  # scale of the other motion's surfaces, so that they are just outside where both agree
 GLASS = 0.35  # opacity of the links where what is inside them is to be seen
 MASSES = ("centres of mass", "solids of the same inertia")  # the groups that show what the model weighs
 AXIS, CENTRE, SOLID, LINE, SPRING = (176, 48, 176), (30, 30, 30), (20, 140, 140), (90, 100, 115), (200, 30, 30)

@@ -140,7 +140,7 @@ class FrozenScene:
         return self.late(float(self.given.delay or 0.0))
 
     def late(self, delay: float) -> tuple[float, float]:
-        """Other delay in whole periods and a remainder."""
+        """Delay other than the scene's, in whole periods and a remainder."""
         return in_periods(delay, self.period) if self.period else (0.0, 0.0)
 
     def instants(self, end: float, delay: float | None = None) -> tuple[Array, Array, Array]:

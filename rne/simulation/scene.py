@@ -217,7 +217,7 @@ class Scene:
             positive_number("delay", self.delay, zero_allowed=True)
 
     def _check_discrete(self) -> None:
-        """That a controller whose states change from sample to sample is sampled."""
+        """Check that a controller whose states change from sample to sample is sampled."""
         if self.sample_time is None and is_discrete(self.controller):
             raise ValueError("`controller` is discrete: its states change from sample to sample; give a `sample_time`")
         own = getattr(self.controller, "sample_time", self.sample_time) if is_discrete(self.controller) else None

@@ -36,7 +36,7 @@ LIMITS = ("effort_limit", "torque_rate", "windup", "stall_torque", "no_load_spee
 ROUNDING = 16 * float(np.finfo(np.float64).eps)
 # Numbers of laws of rne.control that may be negative
 OF_ANY_SIGN = "reference", "pose", "stiffness", "damping", "offset", "stribeck_rise", "parameters"
-BODIES = ("parameters", "payload", "armature", "gravity")  # whose names take the second program of a scene
+BODIES = ("parameters", "payload", "armature", "gravity")  # names of numbers with the second program of a scene
 UNITS = {
     "friction.viscous": "N m s/rad or N s/m",
     "friction.load": "1",

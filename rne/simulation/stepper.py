@@ -29,7 +29,7 @@ from .scene_numbers import common_and_own
 from .simulator import scene_argument
 
 METHODS = {"rk4": "rk4", "tsit5": "Tsit5", "semi-implicit-euler": "semi-implicit-euler"}
-OTHERS = ("numbers", "of_law", "limits", "table", "law_table")  # of `Adjoint`
+OTHERS = ("numbers", "of_law", "limits", "table", "law_table")  # fields of `Adjoint`
 
 
 class _Rows(NamedTuple):

@@ -166,7 +166,7 @@ class ZeroOrderHold:
         return _joined(self.table)
 
     def commands(self) -> ControlSamples:
-        """All torques that have acted so far: times from which on, states then, and the torques."""
+        """Torques that have acted so far: start times, states then, and the torques."""
         return _joined(self.acting)
 
     def stability(self) -> str:

@@ -32,7 +32,10 @@ SOLIDS = {"box": ("size",), "sphere": ("radius",), "cylinder": ("radius", "lengt
 THINNEST = 1.0  # smallest density, less than air [kg/m^3]
 SLENDEREST = 0.01  # axes of a slender ellipsoid relative to its longest: rods and frames are thin
 LONGEST = 20.0  # longest link [m]: longer ones are those of cranes, or in millimetres
-OVERLOAD, POSES = 10, 64  # times an effort limit: no drive carries a weight that takes more at some random position
+OVERLOAD, POSES = (
+    10,
+    64,
+)  # torque by weight over an effort limit that is implausible, at one of so many random positions
 UNITS, RADIANS = "is the file in millimetres? give metres", "give radians: degrees times pi/180"
 PLACEHOLDER = 1e-3  # mass of a link that may only carry a frame, with any shape and inertia [kg]
 

@@ -74,7 +74,7 @@ class Consistency(InNotebooks):
 
     @property
     def validation_error(self) -> Array:
-        """Validation error of torques in motion, as `held_out`, shape (n,)."""
+        """Validation error of torques while moving, ``held_out``, shape (n,)."""
         return self.held_out
 
     @property

@@ -407,7 +407,7 @@ class MotionFit(InNotebooks):
         return found
 
 
-VERSION = 1  # of files: another one when a field changes its meaning
+VERSION = 1  # version of files, increased when a field changes its meaning
 ROUNDING = 1 / np.sqrt(12)  # standard deviation of a uniform error of one step
 
 
