@@ -150,6 +150,21 @@ def test_what_cannot_be_written_is_refused(text, tmp_path):
     assert not [*tmp_path.iterdir()]
 
 
+def test_forward_dynamics_of_a_singular_mass_matrix_is_refused_and_other_quantities_are_not(tmp_path):
+    """A point mass on the last axis: with a rotor, or without forward dynamics, the package is written."""
+    arm = {"a": [0.5, 0.0], "alpha": [np.pi / 2, 0.0], "d": [0.0, 0.2], "theta": [0.0, 0.0], "masses": [1.0, 0.2]}
+    robot = rne.Robot(rne.dh_chain(**arm, centres=[[0.0] * 3] * 2, inertias=[[0.1] * 3, [0.0] * 3]))
+    text = "^`quantities`: no forward dynamics, since M is singular: nothing with inertia moves with 'joint_2'; give rotors"
+    for payload in (None, "link_2"):
+        with pytest.raises(ValueError, match=text):
+            rne.export.cmake(robot, tmp_path, payload=payload)
+    assert not [*tmp_path.iterdir()]
+    rne.export.cmake(robot, tmp_path / "a", payload="link_2", quantities=["inverse_dynamics", "gravity_torque"])
+    rne.export.cmake(robot.with_armature([0.0, 1e-4]), tmp_path / "b", payload="link_2")
+    for folder in ("a", "b"):
+        assert "inf)" not in next((tmp_path / folder).rglob("numbers.cpp")).read_text()
+
+
 @WITH_CPP
 @pytest.mark.long
 @pytest.mark.parametrize("name", [*ARMS, *PARTS])

@@ -13,6 +13,10 @@ import rne
 from .helpers import Oracle
 
 INERTIAL = '<inertial><mass value="1"/><inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/></inertial>'
+POINT_MASS = (
+    '<inertial><origin xyz="0 0 0.1"/><mass value="1"/>'
+    '<inertia ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"/></inertial>'
+)
 LIMIT = '<limit lower="-1" upper="1" effort="1" velocity="1"/>'
 
 
@@ -301,7 +305,17 @@ WARNINGS = {
     "massless": (
         [link("base"), link("arm", ""), joint("elbow", "base", "arm")],
         ":5: joint 'elbow': moves no inertia: forward dynamics will raise SingularMassMatrixError; "
-        "give its links mass, or make the joint fixed",
+        "give its links inertia about its axis, its rotor in Python (`with_armature`), or make it fixed",
+    ),
+    "a point mass on the axis": (
+        [
+            *(link(name, INERTIAL.replace('"0.1"', '"0.001"')) for name in ("base", "arm")),
+            joint("elbow", "base", "arm"),
+            link("tip", POINT_MASS),
+            joint("wrist", "arm", "tip"),
+        ],
+        ":7: joint 'wrist': moves no inertia: forward dynamics will raise SingularMassMatrixError; "
+        "give its links inertia about its axis, its rotor in Python (`with_armature`), or make it fixed",
     ),
     "axis of a fixed joint": (
         [*ARM[:2], joint("elbow", "base", "arm", "fixed", '<axis xyz="0 0 0"/>')],

@@ -237,7 +237,10 @@ def add_export(commands: Any) -> None:
     numbers = "further arguments, such as gravity or armature"
     parser.add_argument("--numbers", metavar="NAME", nargs="+", default=[], help=numbers)
     parser.add_argument(
-        "--quantities", metavar="QUANTITY", nargs="+", help="functions (default: those of a controller)"
+        "--quantities",
+        metavar="QUANTITY",
+        nargs="+",
+        help="functions (default: those of a controller and its example)",
     )
     parser.add_argument("--dtype", default="float64", choices=TYPES, help="type of all numbers (default: float64)")
     shared.add_force(parser)

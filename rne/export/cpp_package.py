@@ -69,7 +69,8 @@ def cmake(
         and "payload.mass", its mass alone: centre and inertia about it are those of the scene's payload.
     quantities : sequence of str, optional
         Functions of ``rne.dynamics`` of joint arrays alone, "friction_torque" and "controller". By default inverse and
-        forward dynamics, M, gravity and Coriolis torques, and the last two where a scene has them.
+        forward dynamics, M, gravity and Coriolis torques, and the last two where a scene has them. The example is
+        written if gravity torques and forward dynamics are among them.
     std : bool
         True for `prediction` of an Identification: torques, then their standard deviations.
     dtype : {"float64", "float32"}
@@ -85,7 +86,8 @@ def cmake(
     Raises
     ------
     ValueError
-        If a link, number, quantity, name or dtype is none, or `std` is given without an Identification.
+        If a link, number, quantity, name or dtype is none, M is singular and forward dynamics is asked for, or `std`
+        is given without an Identification.
     FileExistsError
         If a file of such a name was not written by rne; nothing is written then.
 
@@ -128,6 +130,8 @@ def package(
         raise ValueError(f"`std` is for an Identification, got {type(given).__name__}")
     functions = _named(given, payload, numbers)
     name = checked_name("namespace", namespace or identifier(functions.scene.robot.model.name))
+    if "forward_dynamics" in (_default(functions) if quantities is None else quantities):
+        _check_mass_matrix(functions.scene.resolved.robot)
     kernels = {key: functions.kernel(key) for key in (_default(functions) if quantities is None else quantities)}
     if std:
         kernels["prediction"] = given.kernel(std=True)
@@ -152,6 +156,17 @@ def _named(given: Any, payload: str | None, numbers: Sequence[str]) -> NamedNumb
     if not scene.n:
         raise ValueError(f"robot {scene.robot.model.name!r} has no joint that moves")
     return NamedNumbers(scene, tuple(numbers))
+
+
+def _check_mass_matrix(robot: Robot) -> None:
+    """Refuse forward dynamics if M, without the payload that is an argument, is singular at random positions."""
+    found = robot.diagnose(np.random.default_rng(SEED).uniform(-1, 1, (STATES, robot.n)))
+    if not np.isfinite(found.condition).all():
+        raise ValueError(
+            f"`quantities`: no forward dynamics, since M is singular: nothing with inertia moves with "
+            f"{', '.join(map(repr, found.worst_joint))}; give rotors by `with_armature`, or other `quantities`, "
+            "such as inverse_dynamics and gravity_torque"
+        )
 
 
 def _default(functions: NamedNumbers) -> list[str]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..basics.arrays import FULL_TURN
 from ..basics.spatial import Array, rotation_from_rpy
-from ..dynamics import gravity_torque
+from ..dynamics import gravity_torque, mass_matrix
 from ..model.builder import Part
 from ..model.checks import DRIVES, looks_like_degrees
 from ..model.model import Model
@@ -32,10 +32,9 @@ SOLIDS = {"box": ("size",), "sphere": ("radius",), "cylinder": ("radius", "lengt
 THINNEST = 1.0  # smallest density, less than air [kg/m^3]
 SLENDEREST = 0.01  # axes of a slender ellipsoid relative to its longest: rods and frames are thin
 LONGEST = 20.0  # longest link [m]: longer ones are those of cranes, or in millimetres
-OVERLOAD, POSES = (
-    10,
-    64,
-)  # torque by weight over an effort limit that is implausible, at one of so many random positions
+OVERLOAD = 10  # torque by weight over an effort limit that is implausible
+POSES = 64  # random positions at which weight and inertia are computed
+NO_INERTIA = 1e-15  # inertia about a joint's axis over the largest of the robot that is rounding error
 UNITS, RADIANS = "is the file in millimetres? give metres", "give radians: degrees times pi/180"
 PLACEHOLDER = 1e-3  # mass of a link that may only carry a frame, with any shape and inertia [kg]
 
@@ -73,8 +72,8 @@ def _check_limit(joint: Element, limit: Element, report: FindingsReport) -> None
 def check_bodies(root: Element, model: Model, report: FindingsReport) -> None:
     """Warn of masses, centres, inertias and lengths that no body of this robot has; the file has no errors."""
     parts = parts_of(root)
-    _check_subtrees(root, parts, report)
     with np.errstate(all="ignore"):  # numbers near the largest double overflow; comparisons with NaN are false
+        _check_inertia(root, model, report)
         _check_lengths_and_weight(root, parts, model, report)
         found = bodies(root, parts)
         size, with_coms = robot_size(parts, found), robot_size(parts, found, with_coms=True)
@@ -83,18 +82,26 @@ def check_bodies(root: Element, model: Model, report: FindingsReport) -> None:
                 report.warning(body.element, body.owner, message, cure, detail=detail)
 
 
-def _check_subtrees(root: Element, parts: list[Part], report: FindingsReport) -> None:
-    """Warn of joints that move no inertia: inverse dynamics and M exist, but forward dynamics does not."""
-    massless = {part.joint for part in parts}
-    heavy: set[int] = set()
-    for k, part in reversed(list(enumerate(parts))):
-        if part.mass or np.any(part.inertia) or k in heavy:
-            massless.remove(part.joint)
-            heavy.add(part.parent)
+def _check_inertia(root: Element, model: Model, report: FindingsReport) -> None:
+    """Warn of joints that move no inertia, point masses on their axes too: M exists, forward dynamics does not."""
+    M = mass_matrix.core(model, _poses(model))
+    largest = np.diagonal(M, axis1=1, axis2=2).max(axis=0, initial=0.0)
+    still = {
+        name for name, m in zip(model.joint_names, largest, strict=True) if m <= NO_INERTIA * largest.max(initial=0.0)
+    }
     for joint in root.findall("joint"):
-        if joint.get("name") in massless and joint.get("type") in MOVING and joint.find("mimic") is None:
+        if joint.get("name") in still:
             message = "moves no inertia: forward dynamics will raise SingularMassMatrixError"
-            report.warning(joint, describe(joint), message, "give its links mass, or make the joint fixed")
+            cure = "give its links inertia about its axis, its rotor in Python (`with_armature`), or make it fixed"
+            report.warning(joint, describe(joint), message, cure)
+
+
+def _poses(model: Model) -> Array:
+    """Random positions within the ranges of the joints, (POSES, n)."""
+    limits = model.coordinate_limits()
+    turn = np.pi * model.is_revolute[list(model.independent_joints)]
+    low, high = (np.where(np.isfinite(limits[x]), limits[x], y) for x, y in (("lower", -turn), ("upper", turn)))
+    return np.asarray(low + (high - low) * np.random.default_rng(0).random((POSES, model.n)))
 
 
 def _check_lengths_and_weight(root: Element, parts: list[Part], model: Model, report: FindingsReport) -> None:
@@ -106,12 +113,11 @@ def _check_lengths_and_weight(root: Element, parts: list[Part], model: Model, re
         if length > LONGEST and parts[part.parent].link not in fixed:  # the first joint may be anywhere in the world
             message = f"the <origin> makes a link longer than {LONGEST:g} m"
             report.warning(joints[part.joint], describe(joints[part.joint]), message, UNITS, detail=f"{length:.3g} m")
-    limits = model.coordinate_limits()
-    turn = np.pi * model.is_revolute[list(model.independent_joints)]
-    low, high = (np.where(np.isfinite(limits[x]), limits[x], y) for x, y in (("lower", -turn), ("upper", turn)))
-    q = low + (high - low) * np.random.default_rng(0).random((POSES, model.n))
-    loads = np.abs(gravity_torque.core(model, q)).max(axis=0)
-    for name, load, effort in zip(model.joint_names, loads, limits["effort_limit"], strict=True):
+    loads, efforts = (
+        np.abs(gravity_torque.core(model, _poses(model))).max(axis=0),
+        model.coordinate_limits()["effort_limit"],
+    )
+    for name, load, effort in zip(model.joint_names, loads, efforts, strict=True):
         if load > OVERLOAD * effort > 0:
             message, cure = "the drive cannot carry the robot's weight", "check masses, lengths and 'effort' of <limit>"
             detail = f"{load:.4g} N m or N of {effort:.4g}"
