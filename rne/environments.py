@@ -258,6 +258,11 @@ class ArmVectorEnv(VectorEnv[Array, Array, Array]):
     ValueError, TypeError
         As `ArmEnv` does; if `num_envs` is no whole number above zero, or there is no such mode.
 
+    Notes
+    -----
+    All arms have the numbers of the scene, and one thread steps them. `rne.Stepper` takes other masses, friction or
+    payloads for each arm, by `numbers`, and several threads, by `workers`.
+
     Examples
     --------
     >>> import numpy as np, rne

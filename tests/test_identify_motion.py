@@ -84,6 +84,18 @@ def short_fit(rod):
     return rne.identify_motion(scene_of(rod, 1.5, coulomb=0.0), record, WRT[:2], starts=1, step=0.02)
 
 
+def test_masses_that_are_given_and_count_for_nothing_are_named():
+    """Where all torques may be scaled though masses are not fitted, a fit has left them behind."""
+    bodies = rne.Robot(straight_chain(1))
+    light = bodies.with_parameters(1e-9 * bodies.parameters).with_armature(0.05)
+    scene, wrt = scene_of(light, coulomb=0.0), ["controller.kp", "controller.kd", "friction.viscous", "armature"]
+    fit = rne.identify_motion(scene, stepped(scene), wrt, starts=1, step=0.02)
+    assert fit.alike[0] == (
+        "all torques may be scaled together: weight and inertia of the bodies, which are not fitted, are negligible "
+        "beside the torques found; check masses, gravity and the directions of the axes, or give a gain or a rotor"
+    )
+
+
 def test_numbers_are_found(short_fit, rod, tmp_path):
     """With what is said of them; saved and loaded they are the same."""
     assert short_fit.names == ("controller.kp", "friction.viscous")

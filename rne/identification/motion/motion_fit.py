@@ -126,9 +126,13 @@ class MotionFit(InNotebooks):
         of_each = [part.name for part in unknowns.parts for _ in part.labels]
         scaled = sure.scale(self.values, of_each, unknowns.is_log)
         if scaled is not None:
-            found.append(
-                "all torques may be scaled together: give a mass or a gain, by leaving it out of `wrt` or by `priors`"
-            )
+            remedy = "give a mass or a gain, by leaving it out of `wrt` or by `priors`"
+            if "parameters" not in unknowns.places:
+                remedy = (
+                    "weight and inertia of the bodies, which are not fitted, are negligible beside the torques found; "
+                    "check masses, gravity and the directions of the axes, or give a gain or a rotor"
+                )
+            found.append(f"all torques may be scaled together: {remedy}")
             sure = sure.given_scale(scaled)
         for group, free in sure.alike():
             which = [names[i] for i in group]
@@ -467,9 +471,9 @@ def identify_motion(
         With `command`. Joints are those of the scene by name, if they have names.
     wrt : "auto", str, or sequence of str
         What is fitted: names of `scene.numbers`, "parameters" regrouped as the motion depends on them; "command.delay"
-        [s], "command.scale" and "command.offset" of what the controller follows; "sensor.scale" and "sensor.offset"
-        of the positions that are recorded and that the controller does not know. By default all that the scene has and
-        that is not zero, and those of commands.
+        [s], the first command acting before the first sample too, "command.scale" and "command.offset" of what the
+        controller follows; "sensor.scale" and "sensor.offset" of the positions that are recorded and that the
+        controller does not know. By default all that the scene has and that is not zero, and those of commands.
     start : mapping of str to array_like, optional
         Values to start from in place of the scene's, of commands and of sensors.
     priors : mapping of str to array_like, optional
