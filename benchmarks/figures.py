@@ -1,7 +1,7 @@
 """The page of figures, from the results that the other benchmarks keep: python -m benchmarks.figures
 
-Writes the tables of docs/figures.md and of the two pages that continue it, whose text is written by hand, and the two pictures that no
-other benchmark draws.
+Writes the tables of docs/figures.md and of the two pages that continue it, whose text is written by hand, and the two
+pictures that no other benchmark draws.
 """
 
 from __future__ import annotations
