@@ -55,7 +55,7 @@ CEILINGS = {
     "entries at the top": 23,  # more are not taken in at a glance
     "public names": 54,
     "internal names imported by tests": 325,
-    "type: ignore": 16,
+    "type: ignore": 17,
     "private accesses": 4,
     "functions over 40 lines": 32,
     "functions over 15 branches": 82,

@@ -68,7 +68,8 @@ class BodiesFit(NamedTuple):
         """
         return held_out(self.estimator, data.fitted, data.measured)
 
-    held_out = validation_error
+
+BodiesFit.held_out = BodiesFit.validation_error  # type: ignore[attr-defined]  # no statement for a NamedTuple's class
 
 
 def fit_bodies(
