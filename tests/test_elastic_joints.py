@@ -403,7 +403,8 @@ REFUSED = [
     ),
     (
         lambda arm: rne.Scene(arm, elastic=rne.ElasticJoints({"joint1": 2.0}, rotor=1.0)),
-        "`stiffness` of joint 'joint0' must be positive and finite, got 0",
+        "`stiffness` must name all joints, as all are flexible, got none for joint0; where one is rigid, give it a stiffness "
+        "far above the others' and critical damping, 2 sqrt(stiffness rotor)",
     ),
     (
         lambda arm: rne.Scene(arm, elastic=rne.ElasticJoints([1.0, np.nan], rotor=1.0)),
@@ -423,7 +424,8 @@ REFUSED = [
     ),
     (
         lambda arm: rne.Scene(arm, elastic=rne.ElasticJoints([np.inf, 1.0], rotor=1.0)),
-        "`stiffness` of joint 'joint0' must be positive and finite, got inf",
+        "`stiffness` of joint 'joint0' must be positive and finite, got inf; where one is rigid, give it a stiffness far above "
+        "the others' and critical damping, 2 sqrt(stiffness rotor)",
     ),
     (lambda arm: rne.Scene(arm, elastic=rne.ElasticJoints([1.0] * 3, rotor=1.0)), "`stiffness` must have shape (2,), got (3,)"),
     (lambda arm: rne.Scene(MIMIC, elastic=rne.ElasticJoints(1.0, rotor=1.0)), "`elastic` is not for joints that follow others, got joint2"),

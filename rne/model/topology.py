@@ -172,11 +172,11 @@ def loads_not_known(model: Model) -> tuple[tuple[str, ...], tuple[str, ...]]:
     return (*(model.moving_joints[i] for i in sorted(unknown)), *pivots), tuple(causes)
 
 
-def refuse_couplings(model: Model, what: str) -> None:
+def refuse_couplings(model: Model, what: str, cure: str = "") -> None:
     """Raise a ModelError that names the first coupling, if there is one; `what` does not support couplings."""
     if model.couplings:
         joint, drivers = model.couplings[0].joint, listed(model.couplings[0].drivers)
-        raise ModelError(f"{what} no couplings, but joint {joint!r} of robot {model.name!r} follows {drivers}")
+        raise ModelError(f"{what} no couplings, but joint {joint!r} of robot {model.name!r} follows {drivers}{cure}")
 
 
 def check_closure(model: Model, q: Array) -> None:

@@ -30,11 +30,12 @@ from ..robot import Robot
 from .scene_dynamics import MotorSide, SceneDynamics
 
 READS = ("motor", "link", "both")
+RIGID = "; where one is rigid, give it a stiffness far above the others' and critical damping, 2 sqrt(stiffness rotor)"
 
 
 @dataclass(frozen=True, eq=False)
 class ElasticJoints:
-    """Joints with a flexible transmission between motor and link, for a Scene (Spong's model); all or none have motors.
+    """Joints with a flexible transmission between motor and link, for a Scene (Spong's model); all joints are flexible.
 
     Parameters
     ----------
@@ -51,7 +52,8 @@ class ElasticJoints:
     Notes
     -----
     Friction and limits of torque are the motors', ranges the links'. Rotors turn about the axes of their joints alone,
-    and their masses belong to the links. The scene checks the numbers.
+    and their masses belong to the links. The scene checks the numbers. A rigid joint among flexible ones has a
+    stiffness far above theirs and critical damping, 2 sqrt(stiffness rotor), which a stiff method integrates.
 
     Examples
     --------
@@ -98,10 +100,14 @@ def part_at_joints(robot: Robot, elastic: ElasticJoints) -> tuple[Robot, MotorSi
 def _numbers(name: str, value: LimitValues, joints: tuple[str, ...]) -> tuple[float, ...]:
     """Array of one number per joint, positive, or nonnegative for damping; a ValueError names the joint at fault."""
     found = limit_array("armature", value, joints, np.zeros(len(joints)), name).tolist()
+    cure = RIGID if name == "stiffness" else ""
+    missing = [joint for joint in joints if joint not in value] if isinstance(value, Mapping) else []
+    if missing and name != "damping":
+        raise ValueError(f"`{name}` must name all joints, as all are flexible, got none for {listed(missing)}{cure}")
     for joint, number in zip(joints, found, strict=True):
         if number == np.inf or (number == 0 and name != "damping"):
             need = "finite" if name == "damping" else "positive and finite"
-            raise ValueError(f"`{name}` of joint {joint!r} must be {need}, got {number:g}")
+            raise ValueError(f"`{name}` of joint {joint!r} must be {need}, got {number:g}{cure * (number > 0)}")
     return tuple(found)
 
 
