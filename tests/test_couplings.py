@@ -415,7 +415,7 @@ def test_urdf(tmp_path):
         rne.to_urdf(model)
     assert str(error.value) == (
         "a URDF can only say that a joint follows one other in a constant ratio and takes no couplings, but joint "
-        "'coupler' of robot 'linkage' follows crank; couplings=\"drop\" writes it as a joint that moves freely"
+        "'coupler' of robot 'linkage' follows crank; rne.to_urdf(model, couplings=\"drop\") writes it as a joint that moves freely"
     )
     text = rne.to_urdf(model, couplings="drop")
     assert text.count("follows crank by a coupling") == 2

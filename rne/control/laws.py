@@ -23,7 +23,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 def traceable(law: F) -> F:
-    """Mark a control law as a plain formula of (t, q, qd), to be traced into the kernel of its scene.
+    """Mark a function as a plain formula, to be traced: a control law of a scene, or a function of joint arrays.
 
     Parameters
     ----------
@@ -32,19 +32,26 @@ def traceable(law: F) -> F:
         f(t, q, qd, z) -> (torques, dz/dt), or, where `discrete` is True besides, (torques, z at the next sample). It
         may call methods of a Robot. A law with memory, noise, tables or branches on values (use
         `rne.elementwise.where`) cannot be traced: it is called all the same, and a line on the logger "rne" says why.
-        A law that is not marked is called.
+        A law that is not marked is called. Or a function of some of q, qd, qdd, qdr, qddr and tau, for
+        `rne.Robot.kernel`, `rne.kernels.gradient` and others: a cost, or the torques of a scene.
 
     Returns
     -------
     callable
-        The law itself.
+        The function itself.
 
     Examples
     --------
+    >>> import numpy as np
     >>> import rne
     >>> damper = rne.traceable(lambda t, q, qd: -5.0 * qd)
     >>> rne.Scene(rne.load("irb140"), controller=damper).cost()["law"]
     'traced'
+    >>> robot = rne.load("irb140")
+    >>> scene = rne.Scene(robot, friction=rne.Friction(viscous=2.0))
+    >>> torques = rne.traceable(lambda q, qd, qdd: scene.inverse_dynamics(q, qd, qdd))
+    >>> robot.kernel(torques)(np.zeros(6), np.ones(6), np.zeros(6)).shape
+    (6,)
     """
     if not callable(law):
         raise TypeError(f"`law` must be a function, got {type(law).__name__}")

@@ -60,7 +60,9 @@ def to_urdf(model: Model, *, couplings: Literal["raise", "drop"] = "raise") -> s
         raise ValueError(f'`couplings` must be "raise" or "drop", got {couplings!r}')
     if couplings == "raise":
         what = "a URDF can only say that a joint follows one other in a constant ratio and takes"
-        refuse_couplings(model_argument(model), what, '; couplings="drop" writes it as a joint that moves freely')
+        refuse_couplings(
+            model_argument(model), what, '; rne.to_urdf(model, couplings="drop") writes it as a joint that moves freely'
+        )
     dropped = {c.joint: f"joint {c.joint} follows {', '.join(c.drivers)} by a coupling" for c in model.couplings}
     for name in (model_argument(model).name, *model.link_names, *model.joint_names):
         if not all(c in "\t\n\r" or c >= " " for c in name) or any("\ud800" <= c <= "\udfff" for c in name):
