@@ -111,7 +111,14 @@ def cpu_seconds(calls: Mapping[str, Callable[[], Any]], repeats: int) -> dict[st
 
 def tables(results: Results) -> dict[str, str]:
     """The table of the page."""
-    head = ["inside JAX", "value [ns a state]", "gradient [ns a state]", "times ours", "its gradient", "worst error"]
+    head = [
+        "inside JAX",
+        "value [ns per state]",
+        "gradient [ns per state]",
+        "times rne's",
+        "its gradient",
+        "worst error",
+    ]
     head.append("first gradient [CPU s]")
     lines = [
         [
