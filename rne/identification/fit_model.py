@@ -101,7 +101,8 @@ class Fit:
         return linear_causes(self.residuals, self.model.hypotheses)
 
     @cached_property
-    def _likely(self) -> tuple[tuple[Cause, ...], tuple[Cause, ...]]:
+    def likely(self) -> tuple[tuple[Cause, ...], tuple[Cause, ...]]:
+        """Likely causes of the residuals, and those that are evident but of small effect."""
         if self.model.motions:  # the noise of the positions is in the residuals
             return (), ()
         return likely_causes(self.residuals, self.model.hypotheses, self.linear)
@@ -109,12 +110,7 @@ class Fit:
     @property
     def causes(self) -> tuple[Cause, ...]:
         """Likely causes of the residuals; only gear friction if the model has no hypotheses."""
-        return self._likely[0]
-
-    @property
-    def small_causes(self) -> tuple[Cause, ...]:
-        """Causes that are evident but of small effect."""
-        return self._likely[1]
+        return self.likely[0]
 
 
 def settled(model: FitModel) -> Fit:

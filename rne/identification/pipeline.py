@@ -404,7 +404,7 @@ def notes_of_fit(fit: Fit) -> tuple[str, ...]:
     is_early = any(cause.kind == "delay" and cause.value < -period for cause in fit.modelled)
     early = (EARLY,) * (is_early and not fit.model.motions)
     declined = (NO_ROTORS,) * (fit.model.finds_drives and not fit.model.drives.rotor)
-    return (*early, *fit.data.notes, *map(taken_text, fit.modelled), *declined, *small_text(fit.small_causes))
+    return (*early, *fit.data.notes, *map(taken_text, fit.modelled), *declined, *small_text(fit.likely[1]))
 
 
 def taken_text(cause: Cause) -> str:
