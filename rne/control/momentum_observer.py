@@ -305,7 +305,7 @@ class MomentumObserver:
         -----
         The first call starts the observer; its z is zeros. Torques that act are the commands within `effort_limit`,
         `delay` later. Where they are measured, or limited otherwise, overwrite the entries ``places["torques"]`` of z
-        before each call by the mean since the last one. Only `watching` takes the `torque_rate` of a scene into account.
+        before each call by the mean since the last. Only `watching` takes the `torque_rate` of a scene into account.
 
         Examples
         --------
