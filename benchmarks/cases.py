@@ -40,7 +40,7 @@ def without_mimics(path: Path, engine: str) -> rne.Robot:
 
 
 def engines() -> tuple[str, ...]:
-    """Those that can run here, NumPy's first."""
+    """Engines that can run here, NumPy's first."""
     return tuple(name for name in ENGINES if import_failure(name) is None)
 
 

@@ -82,7 +82,7 @@ def run(quick: bool) -> Results:
 
 
 def starts(count: int) -> tuple[Any, Any]:
-    """Those of one motion, or of several that differ."""
+    """Start of one motion, or of several that differ."""
     if count == 1:
         return START
     moved = START[0] + np.linspace(-0.2, 0.2, count)[:, None]

@@ -49,7 +49,7 @@ class TheirRegressor:
             pin.computeJointTorqueRegressor(model, data, *state)
 
     def results(self, few: int) -> np.ndarray:
-        """Those of the first states; rows of joints that mimic others are added to these."""
+        """Values of the first states; rows of joints that mimic others are added to these."""
         oracle, G = self.peer.oracle, self.model.coordinate_map
         model, data = self.peer.model, self.peer.data
         found = (pin.computeJointTorqueRegressor(model, data, *state) for state in self.peer.columns[:few])
