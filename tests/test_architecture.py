@@ -22,7 +22,7 @@ import pytest
 
 import rne
 
-from .counts import counts, public_values
+from .counts import branches, code_lines, counts, docstring_lines, private_accesses, public_values
 from .helpers import ROOT, kept
 
 PACKAGE = ROOT / "rne"
@@ -162,6 +162,31 @@ def test_every_entry_has_a_floor():
 def test_counts_do_not_rise():
     found = counts()
     assert {name: (found[name], most) for name, most in CEILINGS.items() if found[name] > most} == {}
+
+
+def test_what_is_counted_in_a_file():
+    text = '''
+class A:
+    """Two lines
+    of text."""
+
+    def f(self, other, pair):
+        """One line."""
+        own = [self._a, other._a, pair._replace(x=1), other._kept, A._f()]  # _a is set here
+        self._a = other._elsewhere if other and pair or own else None
+        return [x for x in own if x]
+
+    def _f(self):
+        def g():
+            return 1 if self else 2
+        return g
+'''
+    tree = ast.parse(text)
+    assert len(docstring_lines(tree)) == 3
+    found = [access.rpartition(" ")[2] for access in private_accesses(PACKAGE / "a.py", tree)]
+    assert found == ["other._kept", "other._elsewhere"]
+    f, hidden = (n for n in tree.body[0].body if isinstance(n, ast.FunctionDef))
+    assert (code_lines(f), branches(f), branches(hidden)) == (4, 5, 1)
 
 
 def test_class_names_occur_once():
