@@ -553,6 +553,11 @@ NO_RATES = "rates of the controller's states"
             {},
             "`payload` must be a mass or rne.Payload(mass, com, inertia, link), got 6 values",
         ),
+        (
+            {"payload": {"mass": 2.0}},
+            {},
+            "`payload` must be a mass or rne.Payload(mass, com, inertia, link), got dict",
+        ),
     ],
 )
 def test_odd_arguments_are_named(double, parts, options, text):

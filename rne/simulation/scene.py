@@ -78,8 +78,9 @@ class HasPayload(Protocol):
 def payload_argument(given: Payload | HasPayload | float) -> Payload:
     """Payload from a Payload, an estimate, or a mass."""
     given = given.payload if isinstance(given, HasPayload) else given
-    if isinstance(given, tuple) and not 1 <= len(given) <= len(Payload._fields):
-        raise ValueError(f"`payload` must be a mass or rne.Payload(mass, com, inertia, link), got {len(given)} values")
+    if isinstance(given, Mapping) or (isinstance(given, tuple) and not 1 <= len(given) <= len(Payload._fields)):
+        got = f"{len(given)} values" if isinstance(given, tuple) else type(given).__name__
+        raise ValueError(f"`payload` must be a mass or rne.Payload(mass, com, inertia, link), got {got}")
     return Payload(*given) if isinstance(given, tuple) else Payload(given)
 
 
