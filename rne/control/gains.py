@@ -84,8 +84,7 @@ class Gains(LinearisedLoop):
     def __str__(self) -> str:
         verdict = "" if self.stable is None else f" {self.sample_time:g} s is {'' if self.stable else 'NOT '}stable."
         found = ["proven" if name in self.proven else "searched" for name in BOTH]
-        exceed = "exceed it, so PD without compensation is stable"
-        exceed = exceed if self.beats_gravity else "do NOT exceed it, as PD without compensation needs"
+        exceed = "exceed it, so PD without compensation is stable" if self.beats_gravity else "do NOT exceed it"
         return (
             f"fastest mode M^-1 Kd {self.largest_mode:.6g} 1/s, fastest pole {self.fastest_pole:.6g} 1/s\n"
             f"largest stable sample time {self.sample_time_limit:.4g} s ({found[1]}).{verdict}\n"

@@ -459,8 +459,7 @@ class Identification(InNotebooks):
         rows = zip(self.base.names, self.values, self.estimate.errors, strict=True)
         for name, value, error in list(rows)[place.start - place.stop :]:
             if np.isinf(error):
-                others = "gravity, drives or other springs have the same effect"
-                raise IdentificationError(f"{name} cannot be identified: in this motion {others}")
+                raise IdentificationError(f"{name} cannot be identified: other parameters have the same effect")
             if value < 0 and name.startswith("k"):
                 raise IdentificationError(f"the stiffness {name} comes out negative, {value:.4g}: {self._cure}")
         springs: Springs = self.standard.springs
@@ -830,8 +829,8 @@ class Identification(InNotebooks):
         few, count = self.essential(), counted(self.base.count, "base parameter")
         if not few.base.count:
             return f"none of {count} is essential: the torques carry no information on the motion"
-        lost = f"{100 * np.nanmax(few.unexplained.in_motion - self.unexplained.in_motion, initial=0):.1f} %"
-        change = "< 0.05 %" if lost == "0.0 %" else f"up to {lost}"
+        lost = f"{100 * np.nanmax(few.unexplained.in_motion - self.unexplained.in_motion, initial=0):.1f}"
+        change = f"up to {lost} %" if float(lost) else "< 0.05 %"
         return f"{few.base.count} of {count} suffice, the others change the validation error by {change}"
 
     def report(self, *, details: bool = False) -> str:
@@ -999,8 +998,7 @@ def parameters_text(found: Identification) -> str:
     lines = [
         *table("base parameters", title, found.base.names, *cells, indent="  "),
         f"Numbers are those of the joints: {joints}. {BASE_UNITS} A dash for a share: not "
-        "significantly different from zero. Drift is the change with half the cut-off, to be compared with its own "
-        "standard error.",
+        "significant. Drift is the change with half the cut-off, to be compared with its own standard error.",
     ]
     combined = [text for name, text in zip(found.base.names, found.base.formulas, strict=True) if text != name]
     if combined:
