@@ -2,7 +2,7 @@
 
 CPU time of a call of compiled laws by `into`, in machine code, calls in turn: PD with gravity compensation of the IRB
 140 alone, and with observers of contacts and of a payload in it. Writes benchmarks/results/observers.json and the table
-of docs/on-the-robot.md.
+of docs/observers.md.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ def main() -> None:
         print(QUICK_NOTE)
         return
     write("observers.json", results)
-    rewrite(tables(results), DOCS / "on-the-robot.md")
+    rewrite(tables(results), DOCS / "observers.md")
 
 
 if __name__ == "__main__":
