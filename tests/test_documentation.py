@@ -106,6 +106,18 @@ def test_every_page_of_the_reference_and_every_tutorial_is_in_the_sidebar():
         assert f"    {tutorial.stem}\n" in index
 
 
+GENERATED_TABLE = re.compile(r"<!-- table: .*?<!-- end of table -->", re.DOTALL)
+LONG = {"concordance.md", "errata.md"}  # lists to look things up in
+WORDS = 1500  # some five screens of a page 1280 pixels wide, examples included
+
+
+def test_no_page_is_longer_than_five_screens():
+    """Tables that benchmarks write are not counted: those of many rows scroll in a frame."""
+    words = {page.name: len(GENERATED_TABLE.sub("", page.read_text(encoding="utf-8")).split()) for page in PAGES}
+    assert len(words) > 80
+    assert {name: count for name, count in words.items() if count > WORDS and name not in LONG} == {}
+
+
 def test_every_cause_of_residuals_is_on_the_page_that_says_what_to_do():
     page = (DOCS / "when-it-does-not-fit.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| ([^|]+) \|", page.partition("## Causes by name")[2].partition("\n## ")[0], re.MULTILINE)
