@@ -700,6 +700,20 @@ def test_torques_of_drives_whose_friction_gives_power_have_the_wrong_sign():
     assert (found.unexplained.in_motion < 0.05).all()
 
 
+@pytest.mark.filterwarnings("ignore::rne.IdentificationWarning")
+def test_a_wrong_sign_that_friction_tells_has_the_effect_of_turning_it():
+    """Negative friction names it; a fifth of the torque is left all the same, which the other sign explains."""
+    c = case("UR5", 3)
+    data = faults.log(c, c.tau * [1, -1, 1, 1, 1, 1])
+    found = rne.identify(known_robot("UR5", 3), Record(*data), consistent=False)
+    (cause, *_), left = found.causes, found.unexplained.in_motion[1]
+    assert cause.joints == ("shoulder_lift_joint",)
+    assert "its friction gives power" in cause.text
+    assert cause.effect.endswith(" % on shoulder_lift_joint")
+    assert left > 0.1 and cause.removed[1] > thresholds.EXPLAINS  # else the report says that no change explains it
+    assert "no single change" not in found.report()
+
+
 TURNED = [("mimic", 0.35, False, 0.01), ("mimic", -0.6, True, 0.01), ("IRB 140", -0.6, False, 1e-3)]
 
 

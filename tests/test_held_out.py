@@ -177,6 +177,8 @@ def test_each_joint_of_a_cause_is_told_with_its_own_number():
     assert (both.joints, both.effect) == (("a", "b"), "5 -> 3 % on a, 5 -> 3 % on b")
     assert both.text == "the zero of a, b is off by 1 rad"
     assert merged_by_kind([causes[0], causes[0]._replace(text="of another record")]) == (causes[0],)
+    causes[0] = causes[0]._replace(effect="5 -> 3 % on a, 4 -> 2 % on b")  # each was judged alone
+    assert merged_by_kind(causes)[0].effect == "5 -> 3 % on a, 4 -> 2 % on b"
 
 
 def test_a_log_without_an_evident_cause_says_so():

@@ -309,11 +309,15 @@ def likely_causes(
     if hypotheses is not None:
         conventions = other_conventions(rest, rest.beyond_friction)
         found += [*torque_scale(rest), *powered(rest), *gravity_directions(rest), *conventions]
-    best: dict[tuple[str, tuple[str, ...]], tuple[Cause, Trial | None]] = {}
+    best: dict[tuple[str, tuple[str, ...]], tuple[Cause, list[Trial | None]]] = {}
     for cause, trial in sorted(found, key=lambda pair: (pair[0].kind in GEARS, -pair[0].score)):
         if cause.score > thresholds.EVIDENT:
-            best.setdefault((cause.kind, cause.joints), (cause, trial))
-    tried = [with_effect(rest, cause, trial) for cause, trial in best.values()]
+            _, trials = best.setdefault((cause.kind, cause.joints), (cause, []))
+            if trials in ([], [None]):  # a cause that is certain without a trial has its effect by that of its like
+                trials.insert(0, trial)
+    tried = [
+        next((x for trial in trials if (x := with_effect(rest, cause, trial))), None) for cause, trials in best.values()
+    ]
     named, small = (tuple(x[0] for x in tried if x is not None and x[1] is named) for named in (True, False))
     LOGGER.info("%d changes tried, %d evident, %d reduce the validation error", tried_linear, len(tried), len(named))
     return named, small
@@ -418,9 +422,10 @@ def merged_by_kind(causes: Sequence[Cause]) -> tuple[Cause, ...]:
                 others.remove(cause)
             known.append(cause.joints)
         names = dict.fromkeys(name for cause in (first, *others) for name in cause.joints)
-        effects = dict.fromkeys(part for cause in (first, *others) for part in cause.effect.split(", ") if part)
+        parts = [part for cause in (first, *others) for part in cause.effect.split(", ") if part]
+        effects = {part.rpartition(" on ")[2]: part for part in reversed(parts)}  # of each joint that of the likeliest
         texts = [cause.text for cause in (first, *others)]
-        found.append(first._replace(joints=tuple(names), text=merged_text(texts), effect=", ".join(effects)))
+        found.append(first._replace(joints=tuple(names), text=merged_text(texts), effect=", ".join(reversed(effects.values()))))
     return tuple(found)
 
 
