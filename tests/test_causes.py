@@ -710,7 +710,8 @@ def test_a_wrong_sign_that_friction_tells_has_the_effect_of_turning_it():
     assert cause.joints == ("shoulder_lift_joint",)
     assert "its friction gives power" in cause.text
     assert cause.effect.endswith(" % on shoulder_lift_joint")
-    assert left > 0.1 and cause.removed[1] > thresholds.EXPLAINS  # else the report says that no change explains it
+    assert left > 0.1
+    assert cause.removed[1] > thresholds.EXPLAINS  # else the report says that no change explains it
     assert "no single change" not in found.report()
 
 

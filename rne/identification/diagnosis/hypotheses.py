@@ -425,7 +425,9 @@ def merged_by_kind(causes: Sequence[Cause]) -> tuple[Cause, ...]:
         parts = [part for cause in (first, *others) for part in cause.effect.split(", ") if part]
         effects = {part.rpartition(" on ")[2]: part for part in reversed(parts)}  # of each joint that of the likeliest
         texts = [cause.text for cause in (first, *others)]
-        found.append(first._replace(joints=tuple(names), text=merged_text(texts), effect=", ".join(reversed(effects.values()))))
+        found.append(
+            first._replace(joints=tuple(names), text=merged_text(texts), effect=", ".join(reversed(effects.values())))
+        )
     return tuple(found)
 
 
