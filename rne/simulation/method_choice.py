@@ -218,7 +218,7 @@ class MethodMonitor:
 
 
 def fastest_joint(plant: Plant, x: Array) -> str:
-    """Joint or state with the fastest mode, for messages."""
+    """Text on the joint with the largest velocity in a state, for messages."""
     n, names = plant.dynamics.n, plant.robot.joint_names
     rates = np.abs(x[n : n + len(names)])
     k = int(np.argmax(rates))

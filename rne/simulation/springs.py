@@ -222,7 +222,7 @@ class JointSpring:
         return self._at(1.0)._elastic(model, q)[..., None]
 
     def _at(self, k: float) -> JointSpring:
-        """The spring of this stiffness."""
+        """Spring of this stiffness."""
         return replace(self, stiffness=k)
 
     def _bodies(self, model: Model) -> list[str]:
