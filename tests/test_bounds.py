@@ -225,7 +225,7 @@ def test_entries_that_vanish_are_proven_0(arm, of_arm):
     assert (of_arm.gravity_torque.upper[zero] < ROUNDING * of_arm.gravity_torque.upper.max()).all()
     first = str(of_arm).splitlines()[1].split()
     left = f"{of_arm.gravity_torque.upper[0]:.4g}"  # not 0: of extreme mass ratios it is not small
-    assert first == ["rounding", "<=", left, "0", "gravity", "torque", "of", "joint_1"]
+    assert first == ["rounding", "<=", left, "0", "gravity", "torque", "of", "joint_1", "[N", "m]"]
 
 
 @pytest.mark.parametrize(("n", "seed"), kept([(2, 3), (3, 3), (4, 22), *((6, seed) for seed in range(4))], [(2, 3)]))
@@ -500,6 +500,11 @@ def test_a_sliding_joint_that_is_held_leaves_a_pendulum():
         assert np.linalg.norm(held, 2, axis=(1, 2)).max() <= found.upper
 
 
+def test_the_table_has_the_units_of_joint_torques():
+    lines = str(polar_arm().bounds(quantities=["gravity_torque"])).splitlines()
+    assert [line[line.index(" [") :] for line in lines[1:]] == [" [N m]", " [N]"]
+
+
 def test_a_point_is_fastest_where_a_two_link_arm_is_stretched():
     rates, beyond = np.array([1.5, 4.0]), 0.25  # of the end of the second link, which is 0.5 m long
     robot = two_link()
@@ -508,7 +513,7 @@ def test_a_point_is_fastest_where_a_two_link_arm_is_stretched():
     np.testing.assert_allclose(found.point_speed.attained, speed, rtol=1e-9)
     assert found.point_speed.lower <= speed * (1 + ROUNDING)
     assert speed * (1 - ROUNDING) <= found.point_speed.upper <= speed * 1.05
-    assert str(found).splitlines()[-1].endswith(f"{speed:.4g}  speed of the point")
+    assert str(found).splitlines()[-1].endswith(f"{speed:.4g}  speed of the point [m/s]")
 
 
 @pytest.mark.parametrize("make", ["arm", "sliding", "mimic"])

@@ -187,6 +187,17 @@ def test_of_two_different_robots_the_report_says_so_first_and_lists_no_hypothese
     assert not any(line.startswith("hypotheses") for line in lines)
 
 
+def test_of_a_joint_in_another_place_the_text_names_the_joint():
+    arm = first_joints(3).model
+    found = rne.compare_models(
+        rne.Robot(arm), rne.Robot(replace(arm, translation=arm.translation + np.eye(3)[0] * [[0], [0], [0.01]]))
+    )
+    assert found.causes == ("unknown",)
+    assert found.text.startswith(
+        "no hypothesis explains the difference, as none moves joints: joint_3 has another axis or place"
+    )
+
+
 def test_a_zero_that_no_torque_feels_is_not_told():
     """The last body of an IRB 140 turns alike about its own axis, but for rounding."""
     arm = loaded("irb140").locked({f"joint_{k}": 0.3 for k in (1, 2, 3)})

@@ -1,5 +1,7 @@
 """Sampled laws whose torques act a delay after their samples, in every engine and way of taking steps."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.linalg import expm
@@ -281,7 +283,11 @@ def test_a_loop_that_diverges_is_told_with_its_delay():
     scene = rne.Scene(robot, controller=rne.control.pd_gravity(robot, 5, 2, [0]), sample_time=T, delay=2 * T)
     hold = ZeroOrderHold(scene, Plant(scene.dynamics, robot), 1.0)
     hold.renew(0.0, np.zeros(scene.dynamics.size))
-    limit = scene.check_gains([0]).sample_time_limit
+    loop = scene.check_gains([0])
+    assert str(loop).endswith(f"smallest unstable sample time {loop.sample_time_limit:.4g} s")
+    later = replace(scene, delay=9 * T).check_gains([0])
+    assert str(later).endswith("unstable at the shortest sample times, with this delay")
+    limit = loop.sample_time_limit
     assert hold.stability() == (
         f"by scene.check_gains it is stable up to {limit:.4g} s with its delay of 0.02 s, and sampled every 0.01 s"
     )

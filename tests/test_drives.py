@@ -259,7 +259,13 @@ def test_tables_name_every_joint_twice(report):
     [
         (Cycle(), {"efficiency": 1.2}, ValueError, "`efficiency` must be at most 1, got 1.2"),
         (Cycle(), {"gear": 0}, ValueError, "`gear` must be positive, got 0.0"),
-        (len, {}, TypeError, "`motion` must have a `duration`, or arrays t, q and qd; got a function of time alone"),
+        (
+            len,
+            {},
+            TypeError,
+            "`motion` must have a `duration`, or arrays t, q and qd; got a function of time alone: "
+            'rne.trajectories.sampled(t, q, "cubic") makes one of its positions',
+        ),
         (3, {}, TypeError, "`motion` must be a function of time or have arrays t, q and qd, got int"),
         (
             quintic([0], [1], 1),

@@ -1,6 +1,6 @@
 """Sections of the page on chapter 6: constant torque, free swings, closed loops, and what 6.5.3 mentions."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
@@ -44,6 +44,10 @@ def figure_of_the_thesis(page: Report, number: str, draw: Callable[[], Any]) -> 
         page.text(figure.note)
 
 
+def _row(numbers: Sequence[float]) -> str:
+    return f"({', '.join(f'{x:g}' for x in numbers)})"
+
+
 def first_time(motion: rne.Trajectory, centre: np.ndarray, distance: float) -> float:
     """The first sample at which some joint is farther than `distance` from `centre` [s]; infinity if there is none."""
     far = np.flatnonzero(np.abs(motion.q - centre).max(axis=1) > distance)
@@ -63,13 +67,14 @@ def holding(page: Report, found: dict[str, Any]) -> None:
     times = [[first_time(m, c, d) for d in (0.1, 1.0)] for m, c in zip(runs, centres, strict=True)]
     farthest = [float(np.abs(m.q - c).max()) for m, c in zip(runs, centres, strict=True)]
     page.table(
-        ["run", "start", "deviation 0.1 rad", "deviation 1 rad", "largest deviation"],
+        ["run", "start", "deviation 0.1 rad after", "deviation 1 rad after", "largest deviation"],
         [
             [f"6.3-{k + 1}", start, *(f"{t:.4g} s" if np.isfinite(t) else "never" for t in times[k])]
             + [f"{farthest[k]:.2g} rad in {runs[k].t[-1]:g} s"]
             for k, start in enumerate(starts)
         ],
     )
+    page.text("Deviations are those of the joint farthest from the start; for 6.3-4, from the start of 6.3-3.")
     page.text(f"6.3-1 and 6.3-2: {verdicts.not_held([times[0][1], times[1][1]])}")
     page.text(f"6.3-3: {verdicts.held(farthest[2], runs[2].t[-1])}")
     page.text(f"6.3-4: {verdicts.collapses(*times[3])}")
@@ -152,7 +157,8 @@ def loops(page: Report, found: dict[str, Any]) -> None:
         "A block diagram in Simulink, described here in words. The block irb140 is the model without gravity, to save "
         "time: (6.57). The arm with gravity moves alike under u + g(q), (6.48), which is simulated here: "
         "rne.control.pd_gravity(robot, KP, KD, reference) as the controller of an rne.Scene. Figure 6.1, the open "
-        "loop, is the same block irb140 with gravity and a constant torque in place of the controller."
+        "loop, is the same block irb140 with gravity and a constant torque in place of the controller. "
+        f"KP is {_row(KP)} N m/rad and KD {_row(KD)} N m s/rad; rne/model/abb_irb140.py has starts and references."
     )
     for k, m in enumerate(motions):
         number = f"6.{11 + 2 * k}"

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from .. import dynamics
 from ..basics.arrays import per_joint_array, positive_number, real_array
 from ..basics.spatial import Array, christoffel
-from ..basics.text import InNotebooks, short
+from ..basics.text import UNITS, InNotebooks, short
 from ..kernels.cache import KernelCache
 from ..model.model import Model
 from ..model.modify import with_payload
@@ -145,15 +145,19 @@ class Bounds(InNotebooks):
     def _entries(self) -> Iterator[tuple[Bound, str, Any, bool]]:
         """Each bound with its name, its index in the arrays, and True if it bounds from below."""
         names = [short(name) for name in self.joint_names]
+        turns = {
+            joint: x for m in self.models for joint, x in zip(m.moving_joints, m.is_revolute.tolist(), strict=True)
+        }
+        units = [UNITS["tau"][not turns.get(name, True)] for name in self.joint_names]
         pairs = [(i, j) for i in range(len(names)) for j in range(i, len(names))]
         places: dict[str, dict[Any, str]] = {
-            "gravity_torque": {i: f"gravity torque of {name}" for i, name in enumerate(names)},
+            "gravity_torque": {i: f"gravity torque of {name} [{units[i]}]" for i, name in enumerate(names)},
             "gravity_stiffness": {(): "norm of dg/dq"},
             "mass_matrix": {(i, j): f"|M| of {names[i]}" + (f" and {names[j]}" if i != j else "") for i, j in pairs},
             "mass_eigenvalues": {0: "least eigenvalue of M", 1: "largest eigenvalue of M"},
             "coriolis": {(): "|C(q, v) w| of unit v and w"},
-            "torque": {i: f"torque of {name}" for i, name in enumerate(names)},
-            "point_speed": {(): "speed of the point"},
+            "torque": {i: f"torque of {name} [{units[i]}]" for i, name in enumerate(names)},
+            "point_speed": {(): "speed of the point [m/s]"},
         }
         for quantity, rows in places.items():
             bound = getattr(self, quantity)

@@ -285,6 +285,8 @@ class LinearisedLoop(InNotebooks):
             )
         limit = f"smallest unstable sample time {self.sample_time_limit:.4g} s"
         limit = limit if np.isfinite(self.sample_time_limit) else "no unstable sample time found"
+        if not self.sample_time_limit:
+            limit = f"unstable at the shortest sample times{', with this delay' * bool(loop.delay)}"
         return (
             f"linearised at the target, which holds near it only: {'' if self.stable else 'NOT '}stable"
             f"{held}\ncontinuous-time poles from {poles.real.max():.6g} to {poles.real.min():.6g} 1/s; "

@@ -159,7 +159,8 @@ def _times(motion: Any) -> Array:
     own = np.concatenate([np.ravel(getattr(motion, name, ())) for name in ("t", "instants")])
     start, end = (own.min(), own.max()) if hasattr(motion, "t") else (0.0, getattr(motion, "duration", None))
     if end is None:
-        raise TypeError("`motion` must have a `duration`, or arrays t, q and qd; got a function of time alone")
+        cure = 'rne.trajectories.sampled(t, q, "cubic") makes one of its positions'
+        raise TypeError(f"`motion` must have a `duration`, or arrays t, q and qd; got a function of time alone: {cure}")
     grid = np.linspace(start, end, max(int(np.ceil(round((end - start) / EVERY, 6))), 1) + 1)
     sides = np.nextafter(np.ravel(getattr(motion, "breaks", ())), [[-np.inf], [np.inf]]).ravel()
     return np.unique(np.concatenate([grid, own, sides[(sides >= start) & (sides <= end)]]))

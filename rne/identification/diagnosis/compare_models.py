@@ -490,10 +490,24 @@ def different_robots(one: Model, other: Model) -> str:
     for i, name in enumerate(one.moving_joints):
         if name in other.moving_joints:
             k = other.moving_joints.index(name)
-            placed = all(np.allclose(getattr(one, what)[i], getattr(other, what)[k]) for what in PLACES)
-            same += placed and one.joint_types[i] == other.joint_types[k]
+            same += placed_alike(one, i, other, k) and one.joint_types[i] == other.joint_types[k]
     n = len(one.moving_joints)
     return f"different robots: {same} of {n} joints have the same name, axis and place" if 2 * same < n else ""
+
+
+def moved_joints(one: Model, other: Model) -> list[str]:
+    """Joints of the same name in both models with another axis or place."""
+    at = {
+        name: (i, other.moving_joints.index(name))
+        for i, name in enumerate(one.moving_joints)
+        if name in other.moving_joints
+    }
+    return [name for name, (i, k) in at.items() if not placed_alike(one, i, other, k)]
+
+
+def placed_alike(one: Model, i: int, other: Model, k: int) -> bool:
+    """True if joint i of one model has the axis and the place of joint k of the other."""
+    return all(np.allclose(getattr(one, what)[i], getattr(other, what)[k]) for what in PLACES)
 
 
 def numbers_of(causes: Sequence[Cause]) -> int:
@@ -633,11 +647,11 @@ def compare_models(
 
     Notes
     -----
-    Hypotheses: gravity of another sign, magnitude or direction, or a turned base; joints in another order, with flipped
-    axes, or with another zero; degrees for radians; torques in another unit or of another sign; inertia about another
-    point or in other axes, products of inertia of the other sign; rotors, viscous or Coulomb friction, offsets; a
-    payload, other parameters of one body or of several. The measure is the Bayesian information criterion (Schwarz
-    1978), with log of the number of alternatives added.
+    None of the hypotheses moves a joint. They are gravity of another sign, magnitude or direction, or a turned base;
+    joints in another order, with flipped axes, or with another zero; degrees for radians; torques in another unit or of
+    another sign; inertia about another point or in other axes, products of inertia of the other sign; rotors, viscous
+    or Coulomb friction, offsets; a payload, other parameters of one body or of several. The measure is the Bayesian
+    information criterion (Schwarz 1978), with log of the number of alternatives added.
 
     Examples
     --------
@@ -659,8 +673,13 @@ def compare_models(
         names, text = tuple(cause.kind for cause in causes), text_of_all(causes)
     elif found:
         different = different_robots(robot.model, other.model) if isinstance(other, Robot) else ""
+        moved = moved_joints(robot.model, other.model) if isinstance(other, Robot) and not different else []
+        places = (
+            f", as none moves joints: {listed(moved)} {'have' if moved[1:] else 'has'} another axis or place"
+            * bool(moved)
+        )
         nearest = "" if different else "; the nearest are below"
-        names, text = ("unknown",), f"no hypothesis explains the difference{nearest}"
+        names, text = ("unknown",), f"no hypothesis explains the difference{places}{nearest}"
     fitting = [causes for causes in explaining if numbers_of(causes) <= numbers_of(explaining[0])]
     # friction is viscous friction too
     are_named = ([a.kind in b or b in a.kind for a in causes for b in names] for causes in fitting)
