@@ -559,6 +559,7 @@ class Scene:
         -----
         A constant reference of the controller is an input. Sampled controllers sample and hold by themselves, with
         their delay; `stops` end the simulation. Binaries for Windows and macOS are built, but have never been run.
+        For the first unit on a machine Zig compiles its C libraries, for all platforms 90 s of one core, for one 5 s.
 
         Examples
         --------
