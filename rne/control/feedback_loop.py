@@ -85,6 +85,12 @@ class FeedbackLoop(ReadOnlyArrays):
         return end_of_stability(windows(lambda k: self._growth(self.sample_time, self.delay, k), factors))
 
     @cached_property
+    def _stable_factor(self) -> float:
+        """The largest of the factors 0.9, 0.8, ... 0.1 of the feedback with which the loop is stable; 0 if none is."""
+        growth = ((k, self._growth(self.sample_time, self.delay, k)) for k in np.linspace(0.9, 0.1, 9).tolist())
+        return next((k for k, rate in growth if rate < -MARGIN), 0.0)
+
+    @cached_property
     def delay_margin(self) -> float:
         """The additional delay that makes the loop unstable [s]; infinite if none is found, 0 if it is not stable."""
         slowest, fastest = self._extremes
@@ -274,6 +280,8 @@ class LinearisedLoop(InNotebooks):
         held = "" if self.sample_time is None else f" with torques held for {self.sample_time:g} s"
         held += f" and {loop.delay:g} s late" if loop.delay else ""
         rest = f"\ngain margin {loop.gain_margin:.4g}, delay margin {loop.delay_margin:.4g} s" if self.stable else ""
+        if not self.stable and loop._stable_factor:
+            rest = f"\nstable with {loop._stable_factor:.1g} times the law's torques"
         rest += "" if self.is_rest else "\nthe target is no equilibrium: the motion leaves it"
         free = int((abs(poles) <= FREE_POLE * abs(poles).max(initial=0)).sum())
         if free and not self.sample_time_limit:  # not stable in continuous time: slow integrals are
