@@ -102,6 +102,19 @@ class TestTooLargeToBeWrittenOut:
         slopes = rne.kernels.derivative(steps, random_tree(2, 1), "q")
         np.testing.assert_array_equal(slopes([0.25, -0.75]), [2.0, 0.0])
 
+    def test_numbers_of_a_run_are_numbers_of_what_is_too_large(self, monkeypatch):
+        """Six numbers, of which the program takes three products."""
+        robot, found = rne.Robot(random_tree(3, 2)), []
+        a, b = np.array([1.0, 2.0, 3.0]), np.array([3.0, 1.0, 2.0])
+        law = rne.traceable(lambda t, q, qd: where(less(q, 0.35), a * b * q**2, -a * b * abs(qd)))
+        for limit in (module.LIMIT, 300):
+            monkeypatch.setattr(module, "LIMIT", limit)
+            scene = rne.Scene(rne.Robot(robot.model), controller=law)
+            assert scene.numbers["controller.a"].size + scene.numbers["controller.b"].size == 6
+            x = np.array([0.3, -0.2, 0.4, 0.7, -0.4, 0.5, *np.zeros(scene.dynamics.size - 6)])
+            found.append(Plant(scene.dynamics, scene.resolved.robot).jacobian(0.0, x))
+        np.testing.assert_allclose(found[1], found[0], rtol=1e-12, atol=1e-12)  # sums in another order
+
     def test_a_derivative_that_is_infinite_is_an_error(self, monkeypatch):
         monkeypatch.setattr(module, "LIMIT", 2)
         root = rne.kernels.gradient(rne.traceable(lambda q: np.sqrt(q @ q)), random_tree(2, 1))

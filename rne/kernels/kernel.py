@@ -536,7 +536,7 @@ class Kernel:
         """Function itself as operations, whose derivatives are too many to be written out."""
         try:
             with np.errstate(all="ignore"):
-                return trace(self.quantity, self.model, self._rest, is_large=True)
+                return trace(replace(self.quantity, of_run=None), self.model, self._rest, is_large=True)
         except TooLarge as error:
             raise TypeError(f"{self.quantity.name} takes {error}: too large to be differentiated") from None
 
