@@ -148,6 +148,44 @@ def test_a_scene_has_the_sample_time_of_its_law(arm, hold):
         rne.Scene(arm, controller=law, sample_time=2 * STEP)
 
 
+def test_a_law_within_has_the_sample_time_too(arm, hold):
+    inner = MomentumObserver(arm).law(hold, sample_time=2 * STEP)
+    with pytest.raises(ValueError, match=r"^`sample_time` must be that of the law, 0.002 s, got 0.001 s$"):
+        rne.control.payload_observer(arm, law=inner, sample_time=STEP)
+
+
+@pytest.mark.parametrize("name", ["contacts", "payload", "guarded"])
+def test_numbers_are_those_of_the_laws_within(arm, name):
+    """Neither sample time and delay, which are those of the scene, nor a memory."""
+    hold, observer = rne.control.pd_gravity(arm, 40, 4, 0), MomentumObserver(arm)
+    guarded, states = observer.watching(hold, hold, STEP, 1.4 * STEP), np.zeros((2, 3))
+    guarded(0.0, *states)
+    law = laws(arm, hold, hold)[name] if name != "guarded" else guarded
+    numbers = rne.Scene(arm, controller=law, sample_time=STEP, delay=1.4 * STEP).numbers
+    own = {key.removeprefix("controller.").partition(".")[0] for key in numbers if key.startswith("controller.")}
+    assert own - {"law", "reaction"} == {
+        "payload": {"effort_limit", "forgetting", "noise"},
+        "contacts": {"effort_limit"},
+    }.get(name, set())
+
+
+@pytest.mark.parametrize("name", ["contacts", "payload"])
+def test_observers_do_not_act_on_the_stability_of_a_loop(name):
+    """Their states, which no torque depends on, may grow: those of all samples, and filters at other sample times."""
+    robot = rne.Robot(straight_chain(2), "numpy")
+    hold = rne.control.pd_gravity(robot, 40, 4, [0.1, 0.2])
+    law = (
+        MomentumObserver(robot, floor=1.0).law(hold, hold, sample_time=STEP)
+        if name == "contacts"
+        else rne.control.payload_observer(robot, law=hold, sample_time=STEP, forgetting=1)
+    )
+    alone, seen = (rne.Scene(robot, controller=c, sample_time=STEP).check_gains([0.1, 0.2]) for c in (hold, law))
+    assert seen.stable
+    for key in ("sample_time_limit", "delay_margin"):
+        assert getattr(seen, key) == pytest.approx(getattr(alone, key), rel=1e-4)  # called: by differences
+    np.testing.assert_allclose(seen.poles, alone.poles, rtol=1e-4)
+
+
 def test_measured_torques_may_be_written_into_the_states(arm, hold, path):
     t = np.arange(20) * STEP
     q, qd, qdd = path(t)
@@ -221,6 +259,18 @@ def test_states_of_the_laws_advance_as_those_of_a_sampled_scene(arm, path):
     for k in range(12):
         expected = expected + STEP * inner(t[k], q[k], qd[k], expected)[1]
     np.testing.assert_allclose(z[-1, law.places["law"]], expected, rtol=SAME)
+
+
+def test_a_law_within_may_return_lists(arm):
+    class Listed:
+        states = 1
+
+        def __call__(self, t, q, qd, z):
+            return [0.0, 0.0, z[0]], [2.0]
+
+    law = MomentumObserver(arm).law(Listed(), sample_time=STEP)
+    _, z = law(0.0, np.zeros(3), np.zeros(3), np.zeros(law.states))
+    assert law(STEP, np.zeros(3), np.zeros(3), z)[0].tolist() == [0.0, 0.0, 2.0 * STEP]
 
 
 def laws(arm, hold, brake):
@@ -402,6 +452,15 @@ def test_laws_that_are_refused(arm, hold, change, error, text):
 def test_payload_observers_that_are_refused(arm, change, error, text):
     with pytest.raises(error, match=f"^{re.escape(text)}"):
         rne.control.payload_observer(**{"robot": arm, "sample_time": STEP} | change)
+
+
+def test_a_robot_without_joints_has_no_contact():
+    robot = rne.Robot(straight_chain(1)).locked({"joint0": 0.0})
+    law, none = MomentumObserver(robot).law(lambda t, q, qd: 0 * q, sample_time=STEP), np.zeros(0)
+    torques, z = law(0.0, none, none, np.zeros(law.states))
+    assert torques.shape == (0,)
+    assert not law.contact(z)
+    assert MomentumObserver(robot).observe([0.0, 0.1], *np.zeros((3, 2, 0))).first_contact is None
 
 
 def test_states_of_another_length_are_refused(arm, hold):

@@ -109,6 +109,8 @@ def simpson(first: Array, middle: Array, last: Array, step: float) -> tuple[Arra
 
 def largest(x: Array, axis: int) -> Array:
     """The largest |x| along an axis, which is kept."""
+    if not x.shape[axis]:  # of a robot without joints
+        return np.asarray(x.sum(axis, keepdims=True))
     parts = np.split(np.abs(x), x.shape[axis], axis=axis)
     return reduce(maximum, parts)
 

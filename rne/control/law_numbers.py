@@ -26,6 +26,7 @@ from ..graph.scalar import is_traced
 from ..model.model import unchecked_model
 from ..robot import Robot
 
+CONSTANT = {"constant": True}  # metadata of a dataclass's field that is no such number: a sample time, a memory
 MOST = 400  # largest size of an array that is a parameter of a law; larger ones are tables
 Numbers = dict[str, Array]
 
@@ -52,8 +53,9 @@ def parts_of(law: Any) -> dict[str, Any]:
 def numbers_of(law: Any) -> Numbers:
     """Numerical parameters of a law by name, "kp", and those of its parts, "feedforward.viscous"."""
     found: Numbers = {}
+    constants = {f.name for f in fields(law) if f.metadata == CONSTANT} if is_dataclass(law) else ()
     for name, part in parts_of(law).items():
-        if is_number(part):
+        if is_number(part) and name not in constants:
             found[name] = np.array(part, dtype=np.float64)  # a copy: the law may be changed
         elif hasattr(type(part), "numbers") and hasattr(type(part), "at"):  # as of frictions
             found |= {f"{name}.{k}": np.array(number) for k, number in part.numbers.items()}

@@ -306,6 +306,7 @@ class MomentumObserver:
         The first call starts the observer; its z is zeros. Torques that act are the commands within `effort_limit`,
         `delay` later. Where they are measured, or limited otherwise, overwrite the entries ``places["torques"]`` of z
         before each call by the mean since the last. Only `watching` takes the `torque_rate` of a scene into account.
+        Give a scene the same `delay`, and no lower `effort_limit`: what is not delivered as commanded is a contact.
 
         Examples
         --------

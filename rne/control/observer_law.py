@@ -20,9 +20,10 @@ from ..basics.text import summary
 from ..elementwise import clip, less, maximum, where
 from ..robot import Robot
 from .impulses import Bodies, FrictionModel, Sample, bilinear, largest, sampled, unexplained, with_thresholds
+from .law_numbers import CONSTANT
 from .laws import traceable
 from .sampled_loop import in_periods
-from .traced_law import is_discrete
+from .traced_law import check_sample_time, is_discrete
 
 YES = 0.5  # threshold of flags, which are 0 or 1 among the states
 SAME_STEP = 1e-6  # largest deviation of the time between calls of a guarded law, relative to the sample time
@@ -61,13 +62,17 @@ class Observing:
 
     observer: Any
     law: Callable[..., Any]
-    sample_time: float
+    sample_time: float = field(metadata=CONSTANT)
     earlier: int
-    share: float
+    share: float = field(metadata=CONSTANT)
     effort_limit: Array | None
     discrete = True
 
     __repr__ = summary
+
+    def __post_init__(self) -> None:
+        for name, law in self._laws.items():
+            check_sample_time(law, self.sample_time, name)
 
     @property
     def robot(self) -> Robot:
@@ -165,6 +170,7 @@ class Observing:
         if not hasattr(law, "states"):
             return np.asarray(law(t, q, qd)), z
         torques, change = law(t, q, qd, z)
+        change = np.asarray(change)  # which may be a list
         return np.asarray(torques), change if is_discrete(law) else z + self.sample_time * change
 
 
@@ -290,12 +296,12 @@ class GuardedLaw:
     observer: Any
     law: Callable[..., Any]
     reaction: Callable[..., Any]
-    sample_time: float
-    delay: float = 0.0
-    contact: float | None = None
-    _z: Array = field(default_factory=lambda: np.zeros(0), repr=False)  # of the observing law, for the next sample
-    _commands: Array = field(default_factory=lambda: np.zeros(0), repr=False)  # those before the last one
-    _time: float = field(default=0.0, repr=False)
+    sample_time: float = field(metadata=CONSTANT)
+    delay: float = field(default=0.0, metadata=CONSTANT)
+    contact: float | None = field(default=None, init=False)
+    _z: Array = field(default_factory=lambda: np.zeros(0), init=False, repr=False)  # of the observing law, for the next
+    _commands: Array = field(default_factory=lambda: np.zeros(0), init=False, repr=False)  # those before the last one
+    _time: float = field(default=0.0, init=False, repr=False)
 
     @property
     def robot(self) -> Robot:

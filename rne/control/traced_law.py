@@ -25,7 +25,7 @@ from ..kernels.trace import AGREEMENT, LIMIT, TRIALS
 from ..model.model import Model
 from ..model.topology import where_loops_close
 from ..robot import Robot, robot_argument
-from .law_numbers import OnRows, is_number, law_at, law_with, models_of, motion_of, numbers_of, parts_of
+from .law_numbers import OnRows, law_at, law_with, models_of, motion_of, numbers_of, parts_of
 
 
 def check_law(name: str, law: Any) -> None:
@@ -49,6 +49,13 @@ def check_law(name: str, law: Any) -> None:
 def is_discrete(law: Any) -> bool:
     """True for a law that returns its states at the next sample in place of their rates."""
     return bool(getattr(law, "discrete", False))
+
+
+def check_sample_time(law: Any, sample_time: float | None, name: str = "controller") -> None:
+    """Raise a ValueError if a discrete law has another sample time than what calls it."""
+    own = getattr(law, "sample_time", sample_time) if is_discrete(law) else sample_time
+    if isinstance(own, float | int) and own != sample_time:
+        raise ValueError(f"`sample_time` must be that of the {name}, {own:g} s, got {sample_time:g} s")
 
 
 _locks: WeakValueDictionary[int, Any] = WeakValueDictionary()  # by the id of what holds a law's state
@@ -189,11 +196,11 @@ class TracedLaw(WithNumbers):
         if motion is not None:
             own = {"motion": motion, "table": motion[1].table}
             held[motion[0]] = f"{motion[1].table.shape[1]} {motion[1].samples.shape[1]}"
-        others = {name: part for name, part in held.items() if not is_number(part)}
+        numbers = numbers_of(law)
+        others = {name: part for name, part in held.items() if name not in numbers}
         is_known = all(part is None or isinstance(part, bool | int | str | Robot) for part in others.values())
         if not is_known or models_of(law, named):
             return cls(law, n, given, named)
-        numbers = numbers_of(law)
         masks = {name: is_input(x, named=name in named) for name, x in numbers.items()}
         structure = [(name, x.shape, masks[name].tobytes(), x[~masks[name]].tobytes()) for name, x in numbers.items()]
         key = type(law), n, given, named, cls.changes, is_discrete(law), *structure, *others.items()

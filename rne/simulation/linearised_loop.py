@@ -151,11 +151,11 @@ def _beside(step: float, states: int) -> Array:
 
 
 def _read(closed: Array, moving: int) -> Array:
-    """Indices of the states, behind those of the motion, that others depend on; none for an integral without gain."""
-    read, before = np.arange(len(closed)), -1
-    while len(read) != before:  # derivatives of what is not read are exactly 0
-        before, read = len(read), read[(read < moving) | closed[np.ix_(read, read)].any(axis=0)]
-    return read
+    """Indices of the motion's states and of those that it depends on; no integral without gain, no observer's."""
+    read, before = np.arange(len(closed)) < moving, -1
+    while read.sum() != before:  # derivatives by what is not read are exactly 0
+        before, read = read.sum(), read | closed[read].any(axis=0)
+    return np.flatnonzero(read)
 
 
 def _at_rest(dynamics: SceneDynamics, robot: Robot, q: Array) -> Array:

@@ -20,7 +20,7 @@ from ..basics.spatial import Array
 from ..basics.text import listed, summary
 from ..control.feedback_loop import LinearisedLoop
 from ..control.law_numbers import models_of, numbers_of, samples_of
-from ..control.traced_law import TracedLaw, check_law, is_discrete, is_ours
+from ..control.traced_law import TracedLaw, check_law, check_sample_time, is_discrete, is_ours
 from ..kernels.cache import KernelCache
 from ..kernels.kernel import Kernel, with_table
 from ..model.model import joint_array
@@ -221,10 +221,7 @@ class Scene:
         """Check that a controller whose states change from sample to sample is sampled."""
         if self.sample_time is None and is_discrete(self.controller):
             raise ValueError("`controller` is discrete: its states change from sample to sample; give a `sample_time`")
-        own = getattr(self.controller, "sample_time", self.sample_time) if is_discrete(self.controller) else None
-        if isinstance(own, float) and own != self.sample_time:
-            text = "`sample_time` must be that of the controller, {:g} s, got {:g} s"
-            raise ValueError(text.format(own, self.sample_time))
+        check_sample_time(self.controller, self.sample_time)
 
     def _check_robot_of_controller(self) -> None:
         """Check that a controller made for a robot is used with this one."""
