@@ -5,6 +5,7 @@ A name is public if users have its value by name: a function or class of `rne` o
 
 import ast
 import collections
+import functools
 import importlib
 import inspect
 import subprocess
@@ -29,10 +30,16 @@ def trees(folder):
     return {path: ast.parse(path.read_text(encoding="utf-8")) for path in sorted(folder.rglob("*.py"))}
 
 
+@functools.cache
+def nodes(tree):
+    """All nodes of a syntax tree."""
+    return list(ast.walk(tree))
+
+
 def docstring_lines(tree):
     """Line numbers of all docstrings of a file."""
     found = set()
-    for node in ast.walk(tree):
+    for node in nodes(tree):
         if isinstance(node, ast.Module | ast.ClassDef | FUNCTIONS) and ast.get_docstring(node, clean=False) is not None:
             found.update(range(node.body[0].lineno, node.body[0].end_lineno + 1))
     return found
@@ -42,10 +49,7 @@ def lines_by_kind(path, tree):
     """Numbers of a file's lines by kind: docstrings, imports, blank, comments of their own, code."""
     documented = docstring_lines(tree)
     imports = {
-        k
-        for n in ast.walk(tree)
-        if isinstance(n, ast.Import | ast.ImportFrom)
-        for k in range(n.lineno, n.end_lineno + 1)
+        k for n in nodes(tree) if isinstance(n, ast.Import | ast.ImportFrom) for k in range(n.lineno, n.end_lineno + 1)
     }
     kinds = collections.Counter()
     for k, text in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
@@ -69,7 +73,7 @@ def internal_names(folder):
     """Names that files of a folder import from modules of rne and that are not public, with the files that do."""
     public, users = public_values(), collections.defaultdict(set)
     for path, tree in trees(folder).items():
-        for node in ast.walk(tree):
+        for node in nodes(tree):
             if isinstance(node, ast.ImportFrom) and not node.level and node.module.split(".")[0] == "rne":
                 module = importlib.import_module(node.module)
                 for alias in node.names:
@@ -84,10 +88,10 @@ def internal_names(folder):
 
 def private_accesses(path, tree):
     """Accesses `x._name` to what is neither self's, cls's, a named tuple's, nor a member that the same file defines."""
-    own = {n.name for n in ast.walk(tree) if isinstance(n, ast.ClassDef | FUNCTIONS)} | TUPLES
-    own |= {n.attr for n in ast.walk(tree) if isinstance(n, ast.Attribute) and isinstance(n.ctx, ast.Store)}
-    own |= {n.target.id for n in ast.walk(tree) if isinstance(n, ast.AnnAssign) and isinstance(n.target, ast.Name)}
-    for node in ast.walk(tree):
+    own = {n.name for n in nodes(tree) if isinstance(n, ast.ClassDef | FUNCTIONS)} | TUPLES
+    own |= {n.attr for n in nodes(tree) if isinstance(n, ast.Attribute) and isinstance(n.ctx, ast.Store)}
+    own |= {n.target.id for n in nodes(tree) if isinstance(n, ast.AnnAssign) and isinstance(n.target, ast.Name)}
+    for node in nodes(tree):
         if isinstance(node, ast.Attribute) and node.attr.startswith("_") and not node.attr.startswith("__"):
             of = node.value.id if isinstance(node.value, ast.Name) else ""
             if of not in ("self", "cls") and node.attr not in own:
@@ -126,7 +130,7 @@ def branches(function):
 def counts():
     """Number of each kind, by its name."""
     sources = trees(PACKAGE)
-    functions = [n for tree in sources.values() for n in ast.walk(tree) if isinstance(n, FUNCTIONS)]
+    functions = [n for tree in sources.values() for n in nodes(tree) if isinstance(n, FUNCTIONS)]
     listed = subprocess.run(["git", "ls-files", "rne"], capture_output=True, text=True, cwd=ROOT, check=True).stdout
     lines = sum((lines_by_kind(path, tree) for path, tree in sources.items()), collections.Counter())
     return {

@@ -159,6 +159,7 @@ def test_every_entry_has_a_floor():
     assert {entry(path) for path in SOURCES} == set(FLOOR)
 
 
+@pytest.mark.long
 def test_counts_do_not_rise():
     found = counts()
     assert {name: (found[name], most) for name, most in CEILINGS.items() if found[name] > most} == {}

@@ -253,7 +253,7 @@ class Sampler:
 
     period, delay, count, arrived, next = 0.1, (0.0, 0.0), 0, 0, 0.0
     state = next_state = np.zeros(0)
-    law_table = NO_TABLE
+    law_table, update = NO_TABLE, SimpleNamespace(keep=1.0, gain=period)  # by Euler's rule
 
     def __init__(self, system):
         self.system, self.entries, self.traced = system, 1, self
