@@ -259,7 +259,8 @@ def test_standard_errors_count_the_correlation_time_of_filtered_noise(robot, mon
     # Without random errors and the scatter between blocks only the equations that count as one are left.
     monkeypatch.setattr("rne.identification.record_sets.spreads", lambda factor, K, m, n: np.full(m, 1e-12))
     monkeypatch.setattr(
-        "rne.identification.record_sets.jackknife", lambda both, noise, K, spread: (np.zeros(10**4), np.zeros((10, 6)))
+        "rne.identification.record_sets.jackknife",
+        lambda both, noise, K, spread: np.zeros((len(both.factors), both.factors.shape[-1] - 1)),
     )
     ratio = (sets.fitted().estimate.errors / alone.errors) ** 2
     assert (ratio >= 0.999 * correlation_time.min()).all()
@@ -939,8 +940,18 @@ def test_errors_held_out_are_those_of_the_load_and_the_parameters_alone(arm, no_
     )
     np.testing.assert_allclose(found.held_out, errors / torques, rtol=1e-12)
     assert (errors > 3 * found.estimate.sigma).all()
+    assert (found.held_out_rms[0, 0] < errors / 5).all()  # by 20 % of the friction, not of the noise alone
     row = next(line for line in found.report().splitlines() if line.startswith("  joint_4"))
     assert [float(x) for x in row.split()[2:4]] == pytest.approx([100 * found.held_out[1], errors[1]], rel=0.01)
+
+
+def test_errors_held_out_of_drives_that_do_not_change_are_those_of_an_identification(arm, no_causes):
+    """Also where terms for errors of the drives fit better than Coulomb friction, whose steps are smooth here."""
+    records = faulty(arm, LOAD, lambda tau, qd, k: tau + COULOMB[THREE] * np.tanh(10 * qd) + VISCOUS[THREE] * qd)
+    found = rne.identify_payload(arm, *records, link="tool0")
+    drives = rne.DriveModel(friction="viscous+coulomb")
+    alone = rne.identify(arm, records[1], drives=drives, consistent=False, causes=False)
+    assert (found.validation_error < 1.5 * alone.validation_error).all()  # other blocks, other noise
 
 
 def test_torques_are_compared_with_those_of_the_robot_given(arm, three, no_causes):

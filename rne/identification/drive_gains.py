@@ -66,7 +66,8 @@ class DriveGains(SetsResult):
         Standard errors of the gains; NaN likewise.
     held_out_rms : ndarray, shape (2, 2, n)
         Root mean squares of errors and of torques in motion, without the load and with it, on blocks of time of which
-        each was predicted by a fit to the others; NaN for joints without a gain [N m or N].
+        each was predicted by a fit to the others without terms for errors of the drives, as by `rne.identify`; with the
+        load they contain what changed between the records; NaN for joints without a gain [N m or N].
     estimate : LeastSquares
         The base parameters, in N m, with the gains found; then, of a load of which only the mass is known, m cx, m cy,
         m cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the link's origin; last, the relative changes of the gains.

@@ -69,7 +69,8 @@ class PayloadEstimate(SetsResult):
         errors; NaN for joints without an identifiable gain.
     held_out_rms : ndarray, shape (sets, 2, n)
         Root mean squares of errors and of torques in motion, of the records without the load first and those with it
-        last, on blocks of time of which each was predicted by a fit to the others [N m or N].
+        last, on blocks of time of which each was predicted by a fit to the others without terms for errors of the
+        drives, as by `rne.identify`; with the load they contain what changed between the records [N m or N].
     notes : tuple of str
         Assumptions, errors of the drives that the standard errors contain, and signs of mistakes.
     sets : RecordSets

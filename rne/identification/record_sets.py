@@ -228,13 +228,15 @@ class RecordSets:
         both = of_blocks.merged()
         solution, noise, spread, sigma = self._with_spreads(both, plain, X)
         kept = np.r_[:K, K + m : len(solution.x)]
-        scatter, squares = jackknife(of_blocks, noise, K, spread)
+        left_out = jackknife(of_blocks, noise, K, spread)
+        scatter = (len(left_out) - 1) * left_out.var(0)
         estimate = replace(plain, values=solution.x[kept], errors=np.where(solution.free[kept], np.inf, 0), sigma=sigma)
         covariance = solution.inverse[kept] @ solution.inverse[kept].T
         wider = np.sqrt(np.maximum(scatter[kept] / np.maximum(np.diag(covariance), thresholds.TINY), 1))
         estimate = estimate.with_covariance(covariance * np.outer(wider, wider))
         factor = with_prior(both.weighted(believed_noise(both, noise)), K, 1 / spread)
         load = eliminated(factor, np.s_[K + m : K + m + self.S.shape[-1]])
+        squares = validation_squares(of_blocks, plain.sigma, K, spread)
         of_sets = np.split(squares, np.cumsum([len(x.rows) for x in blocks])[:-1])
         left = np.array([errors_of(x, part) for x, part in zip(blocks, of_sets, strict=True)])
         notes = (*(note for data in self.data for note in data.notes), *self._shown_text(spread[::n]))
@@ -405,16 +407,25 @@ def spreads(factor: Array, K: int, m: int, n: int) -> Array:
     return np.repeat(np.sqrt(squares * few / (few - 2)), n)
 
 
-def jackknife(both: Equations, noise: Array, K: int, spread: Array) -> tuple[Array, Array]:
-    """Variances from fits to all blocks but one, and squared validation errors without random errors."""
-    blocks, found, squares = np.arange(len(both.factors)), [], []
+def jackknife(both: Equations, noise: Array, K: int, spread: Array) -> Array:
+    """Parameters fitted to all blocks but one, with random errors of this spread, shape (blocks, unknowns)."""
+    blocks = np.arange(len(both.factors))
     factors = np.array([both.of_blocks(blocks == k).weighted(noise) for k in blocks])
-    for k in blocks:
-        others = factors[blocks != k].reshape(-1, factors.shape[-1])
-        found.append(solve(with_prior(others, K, 1 / spread)).x)
-        x = np.concatenate([found[-1][:K], 0 * spread, found[-1][K + len(spread) :]])
-        squares.append(both.of_blocks(blocks == k).residuals(x))
-    return (len(blocks) - 1) * np.var(found, axis=0), np.array(squares)
+    others = (factors[blocks != k].reshape(-1, factors.shape[-1]) for k in blocks)
+    return np.array([solve(with_prior(x, K, 1 / spread)).x for x in others])
+
+
+def validation_squares(both: Equations, noise: Array, K: int, spread: Array) -> Array:
+    """Squared validation errors of blocks, by fits to the others without errors of `KINDS`, shape (blocks, n).
+
+    Beside these errors, base parameters would not contain all of viscous and Coulomb friction. Changes between the
+    records are fitted, and left out of the prediction: they are errors of the records after the change.
+    """
+    own, m = len(KINDS) * both.joints, len(spread)
+    both = replace(both, factors=np.delete(both.factors, np.s_[K : K + own], axis=-1))
+    fits = jackknife(both, noise, K, spread[own:])
+    fits[:, K : K + m - own] = 0
+    return np.array([both.of_blocks(np.array([k])).residuals(x) for k, x in enumerate(fits)])
 
 
 def errors_of(equations: Equations, squares: Array) -> Array:
