@@ -469,6 +469,21 @@ def test_states_of_another_length_are_refused(arm, hold):
         law.residuals(np.zeros(3))
 
 
+def test_a_law_within_that_has_memory_is_called(arm):
+    """After another one of the same formula too."""
+
+    class Tiring:
+        traceable, calls = True, 0
+
+        def __call__(self, t, q, qd):
+            self.calls += 1
+            return -5.0 * qd if self.calls < 4 else -6.0 * qd
+
+    for inner, is_called in ((rne.traceable(lambda t, q, qd: -5.0 * qd), False), (Tiring(), True)):
+        law = MomentumObserver(arm).law(inner, sample_time=STEP)
+        assert (rne.Scene(arm, controller=law, sample_time=STEP).traced_law() is None) == is_called
+
+
 def test_a_law_that_is_not_traceable_is_called(arm, path):
     plain = lambda t, q, qd: -5.0 * qd  # noqa: E731
     observer = MomentumObserver(arm)

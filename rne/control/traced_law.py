@@ -344,7 +344,9 @@ class TracedLaw(WithNumbers):
         """
         if self.formula[1] is None:
             return self._why_not_traced(kernels)
-        key = self, None if is_ours(self.law) else id(self.law)  # which is alive as long as it is part of a key
+        held = [part for part in parts_of(self.law).values() if getattr(part, "traceable", False)]
+        ours = is_ours(self.law) and all(type(part).__module__.startswith("rne.") for part in held)
+        key = self, None if ours else id(self.law)  # which is alive as long as it is part of a key
         found = kernels.reasons.get(key)
         if found is None:
             found = kernels.reasons.get_or_make(key, lambda: self._why_not_traced(kernels) or "")
