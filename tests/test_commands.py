@@ -299,6 +299,11 @@ def test_robots_are_compared_joint_by_joint_and_by_their_torques(lift, tmp_path,
     said = capsys.readouterr().out.splitlines()
     assert said[0] == "joints of irb140 alone: joint_5, joint_6"
     assert said[-1] == f"torques: not compared, irb140 has 6 joints, {tmp_path / 'four.urdf'} 4"
+    locked = {f"joint_{k}": 0.0 for k in (3, 4, 5, 6)}
+    (tmp_path / "two.urdf").write_text(rne.to_urdf(rne.load("irb140").locked(locked).model))
+    for names in (("irb140", str(tmp_path / "two.urdf")), (str(tmp_path / "two.urdf"), "irb140")):
+        assert main(["compare", *names]) == 1  # all joints of the smaller one are the same
+        assert "joints of irb140 alone: joint_3, joint_4, joint_5, joint_6" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("searched", [False, pytest.param(True, marks=pytest.mark.long)])

@@ -139,7 +139,7 @@ def test_report_of_an_identification_ends_with_the_certificate(scene, motion):
         scene.robot, record, drives=rne.DriveModel(friction="viscous+coulomb"), consistent=False, causes=False
     ).report(details=True)
     last = text.split("\n\n")[-1]
-    assert last.startswith("one rigid-body model explains the torques: residual "), last
+    assert last.startswith("one rigid-body model explains the torques: validation error "), last
     assert last.splitlines()[-1].startswith("energy: "), last
 
 

@@ -154,7 +154,9 @@ def test_forward_dynamics_of_a_singular_mass_matrix_is_refused_and_other_quantit
     """A point mass on the last axis: with a rotor, or without forward dynamics, the package is written."""
     arm = {"a": [0.5, 0.0], "alpha": [np.pi / 2, 0.0], "d": [0.0, 0.2], "theta": [0.0, 0.0], "masses": [1.0, 0.2]}
     robot = rne.Robot(rne.dh_chain(**arm, centres=[[0.0] * 3] * 2, inertias=[[0.1] * 3, [0.0] * 3]))
-    text = "^`quantities`: no forward dynamics, since M is singular: nothing with inertia moves with 'joint_2'; give rotors"
+    text = (
+        "^`quantities`: no forward dynamics, since M is singular: a motion of 'joint_2' moves no inertia; give rotors"
+    )
     for payload in (None, "link_2"):
         with pytest.raises(ValueError, match=text):
             rne.export.cmake(robot, tmp_path, payload=payload)
@@ -163,6 +165,18 @@ def test_forward_dynamics_of_a_singular_mass_matrix_is_refused_and_other_quantit
     rne.export.cmake(robot.with_armature([0.0, 1e-4]), tmp_path / "b", payload="link_2")
     for folder in ("a", "b"):
         assert "inf)" not in next((tmp_path / folder).rglob("numbers.cpp")).read_text()
+
+
+def test_a_closed_linkage_that_moves_little_to_one_side_is_written(tmp_path):
+    """The states at which M is examined are within the range outside of which its joints cannot follow."""
+    right, lengths = np.pi / 2, {"a": [0.8, 0.3, 0.3], "alpha": [0.0] * 3, "d": [0.0] * 3}
+    bodies = {"masses": [1.0] * 3, "centres": [[0.05] * 3] * 3, "inertias": [[0.01] * 3] * 3}
+    for turn in (right, -right):
+        arm = rne.Robot(rne.dh_chain(**lengths, theta=[turn, -turn, -turn], **bodies))
+        pivot = arm.link_poses([0.0] * 3)[arm.model.link_index("tool0"), :3, 3]
+        bar = rne.model.four_bar(arm, "joint_1", (("tool0", [0, 0, 0]), ("base_link", pivot.tolist())))
+        assert max(-bar.model.lower[0], bar.model.upper[0]) > 1 > 0.4 > min(-bar.model.lower[0], bar.model.upper[0])
+        rne.export.cmake(bar, tmp_path / f"{turn:.0f}", quantities=["forward_dynamics"])
 
 
 @WITH_CPP

@@ -289,6 +289,9 @@ def test_a_loop_that_diverges_is_told_with_its_delay():
     later = replace(scene, delay=9 * T).check_gains([0])
     words = "unstable at the shortest sample times, with this delay\nstable with ([0-9.]+) times the law's torques"
     factor = float(re.search(f"{words}$", str(later))[1])
+    free = replace(scene, controller=rne.control.pd(robot, 0, 2, [0]), gravity=[0, 0, 0], delay=None).check_gains([0])
+    assert free.windows[0].verdict == "undecided"
+    assert "; undecided at the shortest sample times\nzero poles: 1 of 2" in str(free)
     weaker = [replace(later.loop, F=k * later.loop.F).is_stable for k in (factor, factor + 0.1)]
     assert weaker == [True, False]
     limit = loop.sample_time_limit

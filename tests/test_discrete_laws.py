@@ -275,6 +275,8 @@ def test_eigenvalues_of_the_sampled_loop_are_those_by_hand(traceable):
     assert max(np.abs(roots - root).min() for root in wanted) < tolerance**0.5  # of roots at 0 that nearly meet
     same(np.poly(roots), np.poly(wanted), tolerance)
     assert found.stable == (np.abs(wanted).max() < 1)
+    at_other_times = f"{found.sample_time_limit:.4g} s, if the law's states then change in proportion to it\n"
+    assert f"smallest unstable sample time {at_other_times}" in str(found)
     A, B = np.array([[0, 1], [0, -viscous / M]]), [[0], [1 / M]]
     R = [velocity, [1, 0, 0, 0]]
     loop = rne.control.closed_loop(A, B, u[None], R, sample_time=T, delay=delay, discrete=True)

@@ -315,7 +315,7 @@ def test_essential_parameters_predict_as_well(found):
         rne.IdentificationError, match="no possible friction: correct what `causes` name first; `load` must"
     ):
         _ = replace(found, parameters=too_much).friction
-    line = f"{found.essential().base.count} of {found.base.count} base parameters suffice, the others change the validation error by "
+    line = f"{found.essential().base.count} of {found.base.count} base parameters suffice, the others "
     assert line in found.report()
 
 

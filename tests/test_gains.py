@@ -89,7 +89,7 @@ def test_gains_are_printed_with_a_verdict_only_if_asked_for():
     robot = slider()
     lines = (
         "fastest mode M^-1 Kd 4 1/s, fastest pole 3.73205 1/s\nlargest stable sample time 0.5 s (searched).{}\n"
-        "largest gravity gradient 0 N m/rad (searched): the gains exceed it, so PD without compensation is stable"
+        "largest gravity gradient 0 N m/rad (searched): the gains exceed it, so there is one equilibrium without compensation"
     )
     assert str(rne.check_gains(robot, 2.0, 8.0)) == lines.format("")
     assert str(rne.check_gains(robot, 2.0, 8.0, 0.25)) == lines.format(" 0.25 s is stable.")

@@ -193,3 +193,10 @@ def test_a_log_without_an_evident_cause_says_so():
     assert (
         "likely causes" in dataclasses.replace(found, causes=(Cause("x", (), "x", 9.0, removed=np.zeros(4)),)).report()
     )
+
+
+def test_merged_causes_have_one_effect_of_each_joint():
+    likely = Cause("viscous", ("j1",), "friction of j1", 9.0, effect="5 -> 3 % on j1 with gear friction modelled")
+    other = Cause("viscous", ("j2",), "friction of j2", 8.0, effect="4 -> 2 % on j1, 6 -> 3 % on j2")
+    (merged,) = merged_by_kind([likely, other])
+    assert set(merged.effect.split(", ")) == {likely.effect, "6 -> 3 % on j2"}

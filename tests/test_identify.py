@@ -537,8 +537,14 @@ def test_a_motion_that_excites_nothing_is_told_in_one_sentence():
     tau += 0.01 * np.abs(tau).max(0) * np.random.default_rng(0).normal(size=q.shape)
     with pytest.warns(rne.IdentificationWarning, match=r"^the motion excites too little: \d+ of \d+ base parameters"):
         found = rne.identify(SCARA, Record(t, q, tau), consistent=False, causes=False)
+    count, estimate = int((~found.excited).sum()), found.estimate
+    assert count < (np.abs(estimate.values) < 2 * estimate.errors).sum()  # the text counts others: of larger errors
+    assert f"{count} of 22 base parameters have standard errors above their expected sizes" in found.unexcited
     assert "the model does not explain" not in found.doubt
     assert re.search(r"%.*\n.*  a .*> 1000", found.report(details=True))
+    worse = 100 * (found.unexplained.in_motion - found.essential().unexplained.in_motion).max()
+    assert worse > 100  # parameters that these data do not determine spoil the prediction of the other blocks
+    assert f"suffice, the others raise the validation error by up to {worse:.1f} %" in found.report()
 
 
 def test_the_report_says_how_far_the_prior_moves_what_is_known(found):

@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 import threading
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -82,19 +83,26 @@ def test_source_prints_a_quantity(capsys):
     assert "void gravity_torque(const double *q, double *result)" in capsys.readouterr().out
 
 
-def test_source_of_a_robot_with_a_payload_is_that_of_the_loaded_robot(capsys):
+def test_source_of_a_robot_with_a_payload_is_that_of_the_loaded_robot(tmp_path, capsys):
     """As `rne torques` takes it; the comment at the head names it, for whoever reads the file alone."""
     payload = ["--payload", "2", "--payload-com", "0.05", "0", "0.1"]
     options = ["--quantity", "gravity_torque", "--language", "python"]
     assert main(["source", "irb140", *payload, *options]) == 0
     text, names = capsys.readouterr().out, {}
-    assert "robot irb140 + 2 kg at 0.05 0 0.1 m of tool0" in text.splitlines()[0]
+    assert text.splitlines()[1] == "# Payload - 2 kg at 0.05 0 0.1 m of tool0"
     exec(text, names)
     q, robot = [0.1, 0.5, -0.3, 0.2, 0.4, 0.1], rne.load("irb140")
     found, rounding = np.ravel(names["gravity_torque"](q)), 1e-12
     loaded, empty = robot.with_payload(2.0, [0.05, 0.0, 0.1]).gravity_torque(q), robot.gravity_torque(q)
     np.testing.assert_allclose(found, loaded, atol=rounding)
     assert abs(loaded - empty).max() > 1
+    named, inertia = tmp_path / "arm.urdf", "0.01 0.02 0.015 0 0 -0.001"
+    named.write_text(rne.to_urdf(replace(robot.model, name="a" * 100)))
+    for language, end in (("c", " */"), ("matlab", "")):
+        options = ["--quantity", "gravity_torque", "--language", language, "--payload-inertia", inertia]
+        assert main(["source", str(named), *payload, *options]) == 0
+        line = f" Payload - 2 kg at 0.05 0 0.1 m of tool0 with inertia {inertia} kg m^2{end}"
+        assert sum(x.endswith(line) for x in capsys.readouterr().out.splitlines()) == 1
     assert main(["source", "ur5", *payload]) == 2
     assert "choose one by --payload-link" in capsys.readouterr().err
     assert main(["source", "irb140", "--payload-com", "0", "0", "0.1"]) == 2

@@ -897,3 +897,18 @@ def test_a_kernel_that_is_written_out_takes_the_numbers_as_its_calls_do(arm):
     t, x = np.zeros(1), np.linspace(0.1, 1.0, 2 * arm.n)
     printed = names["right_hand_side"](t, x, dynamics.vector)
     np.testing.assert_allclose(printed, kernel(t, x, dynamics.vector), rtol=1e-13)
+
+
+def test_payloads_of_motions_are_not_put_into_the_axes_of_one_of_several_links(irb140):
+    """As of one motion: a centre in axes that no link names is refused, a further mass at the common origin is not."""
+    parts = dict(link_names=(*irb140.model.link_names, "sensor"), link_body=(*irb140.model.link_body, 5))
+    tip, last = irb140.model.link_index("tool0"), irb140.model.link_index("link_6")
+    parts |= {"link_parent": (*irb140.model.link_parent, last), "link_joints": (*irb140.model.link_joints, "turned")}
+    parts["link_translation"] = np.r_[irb140.model.link_translation, irb140.model.link_translation[[tip]]]
+    parts["link_rotation"] = np.r_[irb140.model.link_rotation, [np.diag([1.0, -1.0, -1.0])]]
+    scene = rne.Scene(rne.Robot(replace(irb140.model, **parts)), payload=1.0)
+    starts, (mass, centre) = np.zeros((2, 6)), np.zeros((2, 2, 10))
+    mass[:, 0], centre[:, :2], centre[:, [6, 9]] = [1, 2], [1, 0.1], 0.01
+    assert np.isfinite(rne.ensemble(scene, starts, starts, 0.01, numbers={"payload": mass}).q).all()
+    with pytest.raises(ValueError, match="ambiguous: tool0 and sensor have different frames"):
+        rne.ensemble(scene, starts, starts, 0.01, numbers={"payload": centre})

@@ -378,10 +378,6 @@ class TestArguments:
             ({"point": [0, 0]}, "`point` must have shape (3,), got (2,)"),
             ({"other_point": [0, 0, np.nan]}, "`other_point` must be finite, got nan at index (2,)"),
             ({"stiffness": "5"}, "`stiffness` must be one number, got str"),
-            (
-                {"stiffness": 0},
-                "one of `stiffness`, `force` and `damping` of the spring between 'a' and 'b' must not be zero",
-            ),
         ],
     )
     def test_numbers(self, change, text):
@@ -394,6 +390,18 @@ class TestArguments:
             with pytest.raises(ValueError, match=r"^one of `stiffness`, `force` and `damping` of the spring"):
                 rne.Spring("a", [0, 0, 0], "b", [0, 0, 0], **length)
         assert rne.Spring("a", [0, 0, 0], "b", [0, 0, 0], force=-5) == rne.Spring("a", [0] * 3, "b", [0] * 3, 0, 0, -5)
+
+    def test_a_stiffness_that_is_varied_may_be_zero(self, irb140):
+        """At zero a spring does nothing: as of a sweep, of motions side by side, and where the scene is made."""
+        ends, still = ("link_1", [0.3, -0.2, 0], "link_2", [0.2, 0.05, 0]), [0.0] * 6
+        scene = rne.Scene(irb140, springs=[rne.Spring(*ends, 1000, 0.3)])
+        absent = scene.with_numbers({"springs[0].stiffness": 0.0})
+        assert absent.springs[0] == rne.Spring(*ends, 0, 0.3)
+        np.testing.assert_allclose(
+            absent.inverse_dynamics(still, still, still), irb140.gravity_torque(still), atol=1e-12
+        )
+        numbers = {"springs[0].stiffness": [0.0, 1000.0]}
+        assert len(rne.ensemble(scene, [still] * 2, [still] * 2, 0.01, numbers=numbers).q) == 2
 
     def test_names(self, irb140):
         with pytest.raises(TypeError, match=r"^`link` must be a name, got int$"):
@@ -539,7 +547,7 @@ class TestIdentification:
         scene = rne.Scene(pendulum(), springs=[spring])
         record = rne.identification.Record(t, q, scene.inverse_dynamics(q, qd, qdd))
         found = rne.identify(pendulum(), record, springs=[spring], consistent=False, drives=rne.DriveModel())
-        text = "k_spring1 cannot be identified: other parameters have the same effect"
+        text = "k_spring1 cannot be identified: it has no effect, or that of other parameters"
         with pytest.raises(rne.IdentificationError, match=f"^{text}$"):
             _ = found.springs
         assert f"springs: {text}" in found.report(details=True)

@@ -304,7 +304,7 @@ WARNINGS = {
     ),
     "massless": (
         [link("base"), link("arm", ""), joint("elbow", "base", "arm")],
-        ":5: joint 'elbow': moves no inertia: forward dynamics will raise SingularMassMatrixError; "
+        ":5: joint 'elbow': moves no inertia: forward dynamics raises SingularMassMatrixError, or its digits are rounding; "
         "give its links inertia about its axis, its rotor in Python (`with_armature`), or make it fixed",
     ),
     "a point mass on the axis": (
@@ -314,7 +314,7 @@ WARNINGS = {
             link("tip", POINT_MASS),
             joint("wrist", "arm", "tip"),
         ],
-        ":7: joint 'wrist': moves no inertia: forward dynamics will raise SingularMassMatrixError; "
+        ":7: joint 'wrist': moves no inertia: forward dynamics raises SingularMassMatrixError, or its digits are rounding; "
         "give its links inertia about its axis, its rotor in Python (`with_armature`), or make it fixed",
     ),
     "axis of a fixed joint": (

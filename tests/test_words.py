@@ -23,7 +23,7 @@ INSTEAD = {  # phrases that a fluent reader has to decode: the field's words
     r"\bunless you decline\b": "unless you disable",
     r"\btaken up by the hand\b": "picked up",
     r"\bjoints that yield\b": "flexible joints",
-    r"\bnoise explains \d": "of which noise",
+    r"\bnoise explains \d": ", noise ... %",
     r"\bare essential: with these\b": "suffice, the others change the validation error by",
     r"\bpoles without sampling\b": "continuous-time poles",
 }

@@ -7,7 +7,6 @@ import inspect
 import io
 import os
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -200,19 +199,22 @@ def add_source(commands: Any) -> None:
 
 def run_source(arguments: argparse.Namespace) -> int:
     """Print the source."""
-    from ..kernels.source import quantity_of_element
+    from ..kernels.source import harmless, quantity_of_element
 
     try:
         quantity = arguments.quantity or "inverse_dynamics"
         if arguments.element is not None and arguments.quantity is None:
             quantity = quantity_of_element(arguments.element)
         robot = shared.robot_of(arguments)
-        if (mass := arguments.payload) is not None:  # the comment at the head names it
-            place = f"{written(arguments.payload_com or [0, 0, 0])} m of {shared.carriers(robot, arguments)[0]}"
-            robot = robot.with_model(replace(robot.model, name=f"{robot.model.name} + {mass:g} kg at {place}"))
         work.begin(f"deriving {quantity} of {robot.model.name} and writing it in {arguments.language}")
         kernel = robot.kernel(getattr(rne.dynamics, quantity))
         text = kernel.source(arguments.language, arguments.element, arguments.dtype)
+        if arguments.payload is not None:  # the comment at the head says so, in a line that no long name cuts
+            link, inertia = harmless(shared.carriers(robot, arguments)[0]), arguments.payload_inertia
+            what = f"{arguments.payload:g} kg at {written(arguments.payload_com or [0, 0, 0])} m of {link}"
+            what += f" with inertia {written(inertia)} kg m^2" if inertia else ""
+            head = next(line for line in text.split("\n") if " of robot " in line)
+            text = text.replace(head, f"{head}\n{head.split()[0]} Payload - {what}{' */' * head.endswith('*/')}", 1)
     except (rne.RneError, ValueError, TypeError) as error:  # TypeError: the kernel is too large to be written out
         raise CommandError(str(error)) from error
     print(text, end="")

@@ -239,6 +239,8 @@ class LinearisedLoop(InNotebooks):
         True if Coulomb friction counts as damping, by `coulomb` / `smoothing` at rest and less in larger motions.
     is_of_link : bool
         True if the law holds a link alone, as `rne.control.impedance` does without `posture`.
+    is_discrete : bool
+        True if the loop has states of a discrete law.
 
     Examples
     --------
@@ -257,6 +259,7 @@ class LinearisedLoop(InNotebooks):
     is_rest: bool = True
     has_smoothed_friction: bool = False
     is_of_link: bool = False
+    is_discrete: bool = False
 
     __repr__ = summary
 
@@ -294,7 +297,9 @@ class LinearisedLoop(InNotebooks):
         limit = f"smallest unstable sample time {self.sample_time_limit:.4g} s"
         limit = limit if np.isfinite(self.sample_time_limit) else "no unstable sample time found"
         if not self.sample_time_limit:
-            limit = f"unstable at the shortest sample times{', with this delay' * bool(loop.delay)}"
+            limit = f"{self.windows[0].verdict} at the shortest sample times{', with this delay' * bool(loop.delay)}"
+        elif self.is_discrete:
+            limit += ", if the law's states then change in proportion to it"
         return (
             f"linearised at the target, which holds near it only: {'' if self.stable else 'NOT '}stable"
             f"{held}\ncontinuous-time poles from {poles.real.max():.6g} to {poles.real.min():.6g} 1/s; "

@@ -60,8 +60,8 @@ class Gains(LinearisedLoop):
     loop : FeedbackLoop
         The loop in the configuration `sample_time_q`, of which poles and margins are, with gravity compensated; the
         margins multiply and delay this compensation as well.
-    is_rest, has_smoothed_friction, is_of_link : bool
-        As of other linearised loops: True, False, False.
+    is_rest, has_smoothed_friction, is_of_link, is_discrete : bool
+        As of other linearised loops: True, False, False, False.
 
     Examples
     --------
@@ -84,7 +84,9 @@ class Gains(LinearisedLoop):
     def __str__(self) -> str:
         verdict = "" if self.stable is None else f" {self.sample_time:g} s is {'' if self.stable else 'NOT '}stable."
         found = ["proven" if name in self.proven else "searched" for name in BOTH]
-        exceed = "exceed it, so PD without compensation is stable" if self.beats_gravity else "do NOT exceed it"
+        exceed = (
+            "exceed it, so there is one equilibrium without compensation" if self.beats_gravity else "do NOT exceed it"
+        )
         return (
             f"fastest mode M^-1 Kd {self.largest_mode:.6g} 1/s, fastest pole {self.fastest_pole:.6g} 1/s\n"
             f"largest stable sample time {self.sample_time_limit:.4g} s ({found[1]}).{verdict}\n"

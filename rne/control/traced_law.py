@@ -344,8 +344,10 @@ class TracedLaw(WithNumbers):
         """
         if self.formula[1] is None:
             return self._why_not_traced(kernels)
-        held = [part for part in parts_of(self.law).values() if getattr(part, "traceable", False)]
-        ours = is_ours(self.law) and all(type(part).__module__.startswith("rne.") for part in held)
+        ours = is_ours(self.law) and not any(
+            getattr(part, "traceable", False) and not type(part).__module__.startswith("rne.")
+            for part in parts_of(self.law).values()
+        )
         key = self, None if ours else id(self.law)  # which is alive as long as it is part of a key
         found = kernels.reasons.get(key)
         if found is None:

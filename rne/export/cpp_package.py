@@ -160,12 +160,13 @@ def _named(given: Any, payload: str | None, numbers: Sequence[str]) -> NamedNumb
 
 def _check_mass_matrix(robot: Robot) -> None:
     """Refuse forward dynamics if M, without the payload that is an argument, is singular at random positions."""
-    found = robot.diagnose(np.random.default_rng(SEED).uniform(-1, 1, (STATES, robot.n)))
+    q, limits = np.random.default_rng(SEED).uniform(-1, 1, (STATES, robot.n)), robot.model.coordinate_limits()
+    found = robot.diagnose(np.clip(q, limits["lower"], limits["upper"]))  # beyond, closed linkages have no positions
     if not np.isfinite(found.condition).all():
         raise ValueError(
-            f"`quantities`: no forward dynamics, since M is singular: nothing with inertia moves with "
-            f"{', '.join(map(repr, found.worst_joint))}; give rotors by `with_armature`, or other `quantities`, "
-            "such as inverse_dynamics and gravity_torque"
+            f"`quantities`: no forward dynamics, since M is singular: a motion of "
+            f"{', '.join(map(repr, found.worst_joint))} moves no inertia; give rotors by `with_armature`, or other "
+            "`quantities`, such as inverse_dynamics and gravity_torque"
         )
 
 

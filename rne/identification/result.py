@@ -195,8 +195,9 @@ class Identification(InNotebooks):
             return ""
         names = listed([name for name, is_far in zip(self.initial.joint_names, far, strict=True) if is_far])
         return (
-            f"the motion excites too little: {int((~self.excited).sum())} of {self.base.count} base parameters are not "
-            f"significantly different from zero, and fits to parts of the log do not predict the others ({names}). "
+            f"the motion excites too little: {int((~self.excited).sum())} of {self.base.count} base parameters have "
+            "standard errors above their expected sizes, and fits to parts of the log do not predict the others "
+            f"({names}). "
             f"{MOVE_ALL}"
         )
 
@@ -459,7 +460,7 @@ class Identification(InNotebooks):
         rows = zip(self.base.names, self.values, self.estimate.errors, strict=True)
         for name, value, error in list(rows)[place.start - place.stop :]:
             if np.isinf(error):
-                raise IdentificationError(f"{name} cannot be identified: other parameters have the same effect")
+                raise IdentificationError(f"{name} cannot be identified: it has no effect, or that of other parameters")
             if value < 0 and name.startswith("k"):
                 raise IdentificationError(f"the stiffness {name} comes out negative, {value:.4g}: {self._cure}")
         springs: Springs = self.standard.springs
@@ -829,9 +830,14 @@ class Identification(InNotebooks):
         few, count = self.essential(), counted(self.base.count, "base parameter")
         if not few.base.count:
             return f"none of {count} is essential: the torques carry no information on the motion"
-        lost = f"{100 * np.nanmax(few.unexplained.in_motion - self.unexplained.in_motion, initial=0):.1f}"
-        change = f"up to {lost} %" if float(lost) else "< 0.05 %"
-        return f"{few.base.count} of {count} suffice, the others change the validation error by {change}"
+        if few.base.count == self.base.count:
+            return f"all of {count} are essential"
+        by_others = 100 * (self.unexplained.in_motion - few.unexplained.in_motion)
+        less, more = (f"{np.nanmax(x, initial=0):.1f}" for x in (-by_others, by_others))
+        changes = [f"reduce the validation error by up to {less} %"] * bool(float(less))
+        changes += [f"raise {'it' if changes else 'the validation error'} by up to {more} %"] * bool(float(more))
+        effect = " and ".join(changes) or "change the validation error by < 0.05 %"
+        return f"{few.base.count} of {count} suffice, the others {effect}"
 
     def report(self, *, details: bool = False) -> str:
         """Text on the measurements, the parameters, and the quality of the fit.

@@ -63,7 +63,10 @@ def linearised_loop(scene: Any, q: Array) -> LinearisedLoop:
     is_smoothed = friction is not None and bool(np.any(friction.coulomb) or np.any(friction.load))
     is_of_link = getattr(scene.controller, "posture", True) is None
     limit, stable = end_of_stability(windows), loop.is_stable
-    return LinearisedLoop(loop, windows, limit, scene.sample_time, stable, is_rest, is_smoothed, is_of_link)
+    return LinearisedLoop(
+        loop, windows, limit, scene.sample_time, stable, is_rest, is_smoothed, is_of_link,
+        is_discrete=len(loop.R) > 0 and is_discrete(scene.controller),
+    )  # fmt: skip
 
 
 def _stability_matrix(scene: Any, q: Array) -> tuple[Array, Array]:

@@ -238,7 +238,9 @@ def scene_of_all(scene: Any, own: Mapping[str, Array]) -> Any:
         least = np.zeros((len(array), 1))
         if name == "armature" and (array < 0).any():
             raise ValueError(f"`numbers[{name!r}]` must not be negative, got {array.min()}")
-        if name == "payload":  # of possible bodies, up to rounding
+        if name == "payload":  # in axes that are those of one link; of possible bodies, up to rounding
+            if scene.payload.link is None:
+                end_link(scene.robot.model, axes_count=bool(array[:, 1:].any()))
             P = pseudo_inertia(array)[:, 0]
             least = np.linalg.eigvalsh(P) / np.maximum(np.abs(P).max(axis=(-2, -1)), 1e-300)[:, None]
         if len(array) and least.min(initial=0.0) < -ROUNDING:

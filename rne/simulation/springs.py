@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,8 +30,8 @@ class Spring:
     """Spring between points of two links, for a Scene; equal by value.
 
     Its tension is stiffness (l - length) - force + damping dl/dt, where l is the distance of the points: it pulls
-    where this is positive. So a gas spring, which pushes, has force > 0. One of stiffness, force and damping must not
-    be zero: with `force` alone it is a constant force between the points, with `damping` alone a damper.
+    where this is positive. So a gas spring, which pushes, has force > 0. With `force` alone, without stiffness, it is a
+    constant force between the points, with `damping` alone a damper.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ class Spring:
     other, other_point : str, and array_like of shape (3,)
         Link and point of its other end [m].
     stiffness : float, optional
-        Tension per length [N/m].
+        Tension per length; 0 by default if force or damping is not zero [N/m].
     length : float, optional
         Length at which the stiffness makes no tension. With 0, and without force and damping, the tension is
         proportional to the distance, and its ends may meet, as those of ideal counterbalances do [m].
@@ -54,8 +54,8 @@ class Spring:
     Raises
     ------
     ValueError
-        If a number is not finite, stiffness, length or damping is negative, stiffness, force and damping are all
-        zero, or a point has another shape.
+        If a number is not finite, stiffness, length or damping is negative, no stiffness, force or damping is given, or
+        a point has another shape.
     TypeError
         If a link is not named by a text.
 
@@ -76,15 +76,17 @@ class Spring:
     point: Any  # a tuple
     other: str
     other_point: Any
-    stiffness: float = 0.0
+    stiffness: float = cast(float, None)  # 0.0 if force or damping is given
     length: float = 0.0
     force: float = 0.0
     damping: float = 0.0
 
     def __post_init__(self) -> None:
+        if not_given := self.stiffness is None:  # a stiffness of 0 is one that is varied, or to be found
+            object.__setattr__(self, "stiffness", 0.0)
         _check(self, ("link", "other"), "force", "stiffness", "length", "damping")
-        if not (self.stiffness or self.force or self.damping):
-            raise ValueError(f"one of `stiffness`, `force` and `damping` of the {self} must not be zero")
+        if not_given and not (self.force or self.damping):
+            raise ValueError(f"one of `stiffness`, `force` and `damping` of the {self} must be given")
         for name in ("point", "other_point"):
             object.__setattr__(self, name, tuple(vector(name, getattr(self, name), 3).tolist()))
 

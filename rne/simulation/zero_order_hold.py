@@ -172,7 +172,7 @@ class ZeroOrderHold:
     def stability(self) -> str:
         """Text of check_gains on the loop, in the workspace or at its start, for the error of a diverging one."""
         scene, gains = self.scene, [getattr(self.scene.controller, name, None) for name in ("kp", "kd")]
-        is_rigid = scene.elastic is None and scene.resolved.springs is None and not scene.delay
+        is_rigid = scene.elastic is None and scene.resolved.springs is None and not (scene.delay or self.is_discrete)
         try:
             if is_rigid and all(gain is not None for gain in gains):
                 name, robot = "rne.check_gains", scene.resolved.robot
@@ -184,8 +184,11 @@ class ZeroOrderHold:
                 name, limit = "scene.check_gains", found.sample_time_limit
         except Exception:  # whatever a law raises
             return "see scene.check_gains for the sample time that it needs"
-        until = f"stable up to {limit:.4g} s" if limit else "stable at no sample time"
+        until = f"stable up to {limit:.4g} s" if limit else "not stable at the shortest sample times"
         until = until if np.isfinite(limit) else "stable at all sample times examined"
+        until += ", if its states then change in proportion to the sample time" * (
+            self.is_discrete and 0 < limit < np.inf
+        )
         late = f" with its delay of {scene.delay:g} s" if scene.delay else ""
         return f"by {name} it is {until}{late}, and sampled every {self.period:g} s"
 

@@ -91,7 +91,7 @@ def _check_inertia(root: Element, model: Model, report: FindingsReport) -> None:
     }
     for joint in root.findall("joint"):
         if joint.get("name") in still:
-            message = "moves no inertia: forward dynamics will raise SingularMassMatrixError"
+            message = "moves no inertia: forward dynamics raises SingularMassMatrixError, or its digits are rounding"
             cure = "give its links inertia about its axis, its rotor in Python (`with_armature`), or make it fixed"
             report.warning(joint, describe(joint), message, cure)
 

@@ -485,13 +485,13 @@ def states_in_range(robot: Robot, seed: int) -> tuple[Array, Array, Array]:
 
 
 def different_robots(one: Model, other: Model) -> str:
-    """Sentence on the joints that agree, if fewer than half of them do; otherwise empty."""
+    """Sentence on the joints that agree, if fewer than half of those of the smaller robot do; otherwise empty."""
     same = 0
     for i, name in enumerate(one.moving_joints):
         if name in other.moving_joints:
             k = other.moving_joints.index(name)
             same += placed_alike(one, i, other, k) and one.joint_types[i] == other.joint_types[k]
-    n = len(one.moving_joints)
+    n = min(len(one.moving_joints), len(other.moving_joints))  # an arm is the same with a hand of many joints
     return f"different robots: {same} of {n} joints have the same name, axis and place" if 2 * same < n else ""
 
 
@@ -674,10 +674,7 @@ def compare_models(
     elif found:
         different = different_robots(robot.model, other.model) if isinstance(other, Robot) else ""
         moved = moved_joints(robot.model, other.model) if isinstance(other, Robot) and not different else []
-        places = (
-            f", as none moves joints: {listed(moved)} {'have' if moved[1:] else 'has'} another axis or place"
-            * bool(moved)
-        )
+        places = f"; {listed(moved)} {'have' if moved[1:] else 'has'} another axis or place" * bool(moved)
         nearest = "" if different else "; the nearest are below"
         names, text = ("unknown",), f"no hypothesis explains the difference{places}{nearest}"
     fitting = [causes for causes in explaining if numbers_of(causes) <= numbers_of(explaining[0])]

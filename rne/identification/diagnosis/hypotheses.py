@@ -130,6 +130,7 @@ class Cause(NamedTuple):
     numbers: int = 0
 
 
+WITH_GEARS = " with gear friction modelled"  # of an effect: where it is that beside friction of gears
 Trial = Callable[[FitResiduals], tuple[Array, ...]]  # validation errors without and with a change
 LinearCauses = tuple[int, list[tuple[Cause, Array, Trial]]]  # number tried; evident causes with their columns
 
@@ -343,7 +344,7 @@ def with_effect(rest: FitResiduals, cause: Cause, trial: Trial | None) -> tuple[
     gains, least = -left.counts * np.log(ratio), 1 - thresholds.BETTER
     if ratio.min() > least or gains.sum() < thresholds.EVIDENT or gains.min() < -thresholds.WORSE * gains.sum():
         return None
-    shown, factor, words = (rest, told, "") if told.min() < least else (left, ratio, " with gear friction modelled")
+    shown, factor, words = (rest, told, "") if told.min() < least else (left, ratio, WITH_GEARS)
     errors = 100 * np.sqrt(shown.errors[0].sum(0))
     largest = [j for j in np.argsort(errors**2 * (factor**2 - 1)) if factor[j] < least][: thresholds.EFFECTS]
     effects = [f"{errors[j]:.3g} -> {errors[j] * factor[j]:.3g} % on {rest.names[j]}{words}" for j in largest]
@@ -423,7 +424,8 @@ def merged_by_kind(causes: Sequence[Cause]) -> tuple[Cause, ...]:
             known.append(cause.joints)
         names = dict.fromkeys(name for cause in (first, *others) for name in cause.joints)
         parts = [part for cause in (first, *others) for part in cause.effect.split(", ") if part]
-        effects = {part.rpartition(" on ")[2]: part for part in reversed(parts)}  # of each joint that of the likeliest
+        joints = (part.rpartition(" on ")[2].partition(WITH_GEARS)[0] for part in reversed(parts))
+        effects = dict(zip(joints, reversed(parts), strict=True))  # of each joint that of the likeliest
         texts = [cause.text for cause in (first, *others)]
         found.append(
             first._replace(joints=tuple(names), text=merged_text(texts), effect=", ".join(reversed(effects.values())))
@@ -922,7 +924,6 @@ def torque_scale(rest: FitResiduals) -> Iterator[tuple[Cause, None]]:
 
 def torque_factors(rest: FitResiduals) -> tuple[tuple[Array, Array], tuple[float, float]]:
     """Factors of torques relative to the given robot, with squared cosines: of each joint, signed, and of all.
-    where the signs differ, and of all.
 
     What drives may explain is left out of both; of a single joint with offsets, where it resembles the robot's then.
     """

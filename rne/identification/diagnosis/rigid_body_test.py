@@ -93,7 +93,7 @@ class Consistency(InNotebooks):
         if self.conflict.any():
             text = (
                 f"no single set of inertial parameters fits {self._named(self.conflict)}: residual "
-                f"{percent(self.all_joints)} of all joints together, {single} of each alone, of which noise {noise}"
+                f"{percent(self.all_joints)} of all joints together, {single} of each alone, noise {noise}"
             )
             cause = f"alone, {above} exceed the noise too: friction of another kind may cause the conflict"
         elif (poor := self.held_out > thresholds.EXPLAINED).any():
@@ -101,7 +101,7 @@ class Consistency(InNotebooks):
             return f"no rigid-body model with these drives predicts {self._named(poor)}: validation error {left}"
         else:
             left = percent(self.held_out)
-            text = f"one rigid-body model explains the torques: residual {left}, of which noise {noise}"
+            text = f"one rigid-body model explains the torques: validation error {left}, noise {noise}"
             cause = f"above the noise in {above}, and not due to inertial parameters: each joint alone leaves it too"
         return f"{text}; {cause}" if above else text
 
