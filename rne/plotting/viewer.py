@@ -43,6 +43,7 @@ STYLE = (
     "#rne label{pointer-events:auto;cursor:pointer}#rne input{margin:0 .5em 0 0;vertical-align:-.15em}"
     ":root{color-scheme:light dark}.mantine-Notifications-root{display:none}"  # about slow graphics, over the scene
     "body,div:has(>.mantine-Progress-root){background:none!important}"  # while it loads a page shows its picture
+    "body:not(:has(canvas[data-engine])) #rne{display:none}"  # which the legend would overlap
     ".mantine-Select-wrapper{width:4.4em!important}"  # viser's is too narrow for the speeds
     f"canvas[data-engine]{{background:{SKY};opacity:1!important}}@media(prefers-color-scheme:dark)"  # viser fades it in
     f"{{#rne{{color:#dde}}canvas[data-engine]{{background:{NIGHT}}}}}"
