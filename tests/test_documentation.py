@@ -37,7 +37,7 @@ def test_examples_of_a_page_run_and_print_what_it_says(page, tmp_path):
     """One process per page, with warnings as errors: the blocks follow each other as a reader runs them."""
     if any("import pinocchio" in code for code, _ in blocks(page)):
         pytest.importorskip("pinocchio", reason="Pinocchio is not installed, which an example compares with")
-    if any("import casadi" in code for code, _ in blocks(page)):
+    if any("import casadi" in code or ".to_casadi(" in code for code, _ in blocks(page)):
         pytest.importorskip("casadi", reason="CasADi is not installed, which an example uses")
     if any("import jax" in code for code, _ in blocks(page)):
         pytest.importorskip("jax", reason="JAX is not installed, in which an example runs")
