@@ -46,10 +46,10 @@ torques = {
 
 # %%
 # One call of ``inverse_dynamics`` takes all 601 states. The picture shows the torques
-# divided by the limits: a curve that leaves the grey band asks for more than its drive
-# has. Before and after the motion the torques are those of gravity. What is added in
-# between accelerates and brakes the arm and its load. Where the trapezoidal
-# acceleration jumps, the torques jump.
+# divided by the limits: a curve outside the grey band exceeds the limit of its drive.
+# Before and after the motion the torques compensate gravity only. In between, they also
+# accelerate and brake the arm and its load. Where the trapezoidal acceleration jumps,
+# the torques jump.
 
 figure = Figure(figsize=(9, 4), layout="constrained")
 axes = figure.subplots(1, 2, sharey=True)

@@ -32,8 +32,8 @@ for link in ("wrist_3_link", "ee_link", "tool0"):
 
 # %%
 # The flange is ``tool0``. Its z axis points away from the arm. In the axes of the other
-# links, the same numbers would put the load beside it. If a robot has only one end, you
-# may leave out the link. Otherwise you get an error:
+# links, the same numbers would place the load to the side of the flange. If a robot has
+# only one end, you may leave out the link. Otherwise you get an error:
 
 try:
     rne.load("panda").with_payload(3.0)
@@ -81,16 +81,15 @@ figure
 
 # %%
 # The boxes hold the middle half of the states, the whiskers all of them. The shoulder
-# carries the arm even without a load. The smaller drives of the wrist have almost
-# nothing to do then, and their share grows faster with the mass.
+# carries the arm even without a load. The smaller drives of the wrist need almost no
+# torque then, and their share of the limit grows faster with the mass.
 #
 # The load diagram
 # ----------------
-# If the centre of mass stays where it is, the torques are linear in the mass of the
-# payload: :math:`\tau(m) = \tau(0) + m\,y`, with
-# :math:`y = \tau(1\,\mathrm{kg}) - \tau(0)`. So a division gives the largest mass that
-# a joint can carry in one state. The study needs one batch per position of the load,
-# and none per mass.
+# If the centre of mass does not change, the torques are linear in the mass of the
+# payload: :math:`\tau(m) = \tau(0) + m\,y`, with :math:`y = \tau(1\,\mathrm{kg}) -
+# \tau(0)`. So a division gives the largest mass that a joint can carry in one state.
+# The study needs one batch per position of the load, but no further batch per mass.
 
 offsets = np.linspace(0, 0.4, 21)  # of the load from the flange, along its axis [m]
 carried = []
@@ -124,7 +123,7 @@ for k in (0, 5, 10, 20):
 assert len(set(carried.argmin(axis=1))) > 1
 
 # %%
-# Check it with the full computation: with the largest mass at one offset, the worst
+# Check this with the full computation: with the largest mass at one offset, the worst
 # joint of the worst state is at its limit.
 
 mass, offset = carried[10].min(), offsets[10]

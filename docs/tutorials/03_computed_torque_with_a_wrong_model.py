@@ -27,8 +27,8 @@ plant = with_part(5.0)  # the robot that moves
 # %%
 # Controller and plant
 # --------------------
-# Computed torque control uses a model of its own to calculate the torques of the
-# commanded acceleration,
+# Computed torque control uses a model to calculate the torques of the commanded
+# acceleration,
 #
 # .. math:: u = \hat M(q)\,(\ddot q_r - K_d\,\dot e - K_p\,e) + \hat C(q, \dot q)\,\dot q + \hat g(q),
 #           \qquad e = q - q_r.
@@ -95,10 +95,10 @@ figure
 
 # %%
 # PD control lags while the arm accelerates, because nothing supplies the torques of the
-# motion. It arrives exactly, because its gravity is right. Computed torque that knows
-# most of the mass lags less, but ends beside the target: only the error holds up the
-# weight that the model does not know. If the model knows none of the mass, PD control
-# is better all along.
+# motion. It arrives exactly, because its gravity compensation is right. Computed torque
+# with most of the mass in its model lags less, but does not reach the target: only a
+# position error produces the torque for the weight that the model lacks. If the model
+# has none of the mass, PD control is better throughout.
 #
 # Error against mass
 # ------------------
@@ -120,8 +120,8 @@ for mass in known[1:]:
 
 # %%
 # The missing gravity is proportional to the missing mass. The error grows faster than
-# that. The reason is :math:`\hat M`, which turns the gains into torques: it shrinks
-# with the mass that the model knows. Higher gains reduce the error in inverse
+# that. The reason is :math:`\hat M`, which converts the gains into torques: it
+# decreases with the mass in the model. Higher gains reduce the error in inverse
 # proportion. An integral part (``rne.control.pid``) or a better mass removes it.
 
 unknown = 5 - np.array(known)

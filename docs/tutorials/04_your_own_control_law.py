@@ -4,8 +4,8 @@ Your own control law
 
 A control law is a Python function of time and state that returns torques. This tutorial
 writes one for a UR5 in four forms: as a plain function, traced into the equations of
-motion, with states of its own, and sampled as on a real controller. For each form you
-see whether it is called or traced, and what it costs in arithmetic operations.
+motion, with states, and sampled as on a real controller. For each form you see whether
+it is called or traced, and what it costs in arithmetic operations.
 
 Needs: ``pip install '.[plot,robots]'``
 """
@@ -56,7 +56,7 @@ print(f"{motion.method}: {motion.evaluations} evaluations, {calls} calls of the 
 # and in the compiled engine, traced laws are much faster than called ones.
 #
 # A symbol has no value, so an ``if`` on a position or ``np.clip`` cannot be recorded.
-# The law is then called as before, and a line on the logger "rne" says so:
+# The law is then called as before, and the logger "rne" reports it:
 
 handler = logging.StreamHandler(sys.stdout)
 logging.getLogger("rne").addHandler(handler)
@@ -93,11 +93,11 @@ assert cost["controller"] < gravity + 7 * 6
 # A law with states
 # -----------------
 # An integral of the error, a filter or an observer is a differential equation. Set the
-# attribute ``states`` to the number of its states z. The law is then called as
-# ``law(t, q, qd, z)``, and returns the torques and dz/dt. The solver integrates z
-# together with the motion, from zero. In this example the arm rests in its target
-# position and gets a load of 2 kg that the law does not know. The integral of the error
-# learns the weight, up to half of each drive's torque.
+# attribute ``states`` to the number of its states z. The law is then called as ``law(t,
+# q, qd, z)``, and returns the torques and dz/dt. The solver integrates z together with
+# the motion, from zero. In this example the arm rests in its target position and gets a
+# load of 2 kg that is not in the law. The integral of the error compensates the weight,
+# up to half of each drive's torque.
 
 
 class WithIntegral:
@@ -136,8 +136,8 @@ assert np.allclose(learned, weight, atol=0.05)
 # A real controller runs every few milliseconds on measured positions, and holds its
 # torques in between. With ``sample_time`` the law is called once per sample, so it may
 # keep values from one sample to the next. (A law that is not sampled must not: a solver
-# tries steps and repeats them.) This one cannot measure velocities. It takes them from
-# the differences of encoder counts.
+# tries steps and repeats them.) The law below has no measured velocities. It computes
+# them from differences of encoder counts.
 
 
 class OnEncoders:

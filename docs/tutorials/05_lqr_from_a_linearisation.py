@@ -128,7 +128,7 @@ for size in (0.1, 0.01):
 # How large a push?
 # -----------------
 # ``ensemble`` simulates all initial states at once. The robot has recovered from a push
-# if everything is at rest at the end.
+# if all joints are at rest at the end.
 
 sizes = np.linspace(0.1, 6, 60)
 starts = np.zeros((60, 3))

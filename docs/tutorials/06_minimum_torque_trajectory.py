@@ -115,8 +115,8 @@ def curvatures(c):
 
 
 # %%
-# Before you trust derivatives that you put together, compare them with differences
-# along some direction.
+# Before you trust derivatives that you have assembled, compare them with finite
+# differences along one direction.
 
 rng = np.random.default_rng(0)
 c, direction = rng.normal(size=(2, arm.n * shapes))
@@ -133,7 +133,7 @@ np.testing.assert_allclose(curvatures(c) @ direction, bend, atol=1e-6 * abs(bend
 # The optimisation
 # ----------------
 # With the exact Hessian a trust-region method converges quadratically near the optimum.
-# A quasi-Newton method, which knows the gradient alone, still creeps after 190
+# A quasi-Newton method, which uses only the gradient, has still not converged after 190
 # evaluations.
 
 found = minimize(

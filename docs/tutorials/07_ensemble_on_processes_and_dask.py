@@ -42,14 +42,14 @@ def fall(executor=None):
 # %%
 # One process
 # -----------
-# ``ensemble`` moves all initial states together. Each has steps of its own, so that the
-# error of each step stays within ``rtol`` and ``atol``. A run at a hundredth of the
-# tolerance shows what these errors add up to. ``keep`` is the number of times that are
+# ``ensemble`` moves all initial states together. Each motion has its own steps, so that
+# the error of each step stays within ``rtol`` and ``atol``. A run at a hundredth of the
+# tolerance shows the accumulated error. ``keep`` is the number of times that are
 # stored.
 #
-# Everything from here on stands under ``if __name__ == "__main__":``. The processes of
-# a pool import this file, and must not start pools of their own. The lines above are
-# all that they need.
+# Everything from here on is under ``if __name__ == "__main__":``. The processes of a
+# pool import this file, and must not start pools themselves. They need only the lines
+# above.
 
 if __name__ == "__main__":
     falls = fall()

@@ -23,16 +23,16 @@ print("engines:", plain.engine, "and", compiled.engine)
 # %%
 # What is compiled when
 # ---------------------
-# Nothing so far. Each quantity is compiled at its first call, once for single states
-# and once for batches, for this robot. (The very first call of a robot for one state
-# runs the recursion as it is written, and the second one runs the kernel. Here we call
-# the kernel itself.) The code lives as long as the kernel. A copy stays on disk for
-# later processes; ``rne cache`` shows where. The first call takes longer than the later
-# ones by the time of compiling or loading.
+# Nothing is compiled so far. Each quantity is compiled at its first call, once for
+# single states and once for batches, for this robot. (The very first call of a robot
+# for one state runs the recursion as it is written, and the second one runs the kernel.
+# Here we call the kernel itself.) The code lives as long as the kernel. A copy stays on
+# disk for later processes; ``rne cache`` shows where. The first call takes longer than
+# later ones, because it includes compiling or loading.
 #
-# The first simulation on a machine takes longest. Numba then translates the loops of the
-# solvers, 4 s for a swing and some 10 s for all kinds of scenes. Later processes find
-# them on the disk. For a message, set ``logging.basicConfig(level="INFO")``.
+# The first simulation on a machine takes longest. Numba then translates the loops of
+# the solvers, 4 s for a swing and about 10 s for all kinds of scenes. Later processes
+# find them on the disk. For a message, set ``logging.basicConfig(level="INFO")``.
 
 rng = np.random.default_rng(0)
 q, qd, qdd = rng.uniform(-1, 1, (3, 100_000, 6)) * [[[np.pi]], [[2.0]], [[10.0]]]
@@ -66,7 +66,7 @@ for name, states in calls.items():
 # The same numbers
 # ----------------
 # Both engines run the same list of operations. They may differ in the last digits,
-# because their instructions round sines, and products with a sum, in different ways. We
+# because their instructions round sines, and products with a sum, differently. We
 # measure the difference in spacings of floating-point numbers at each state's largest
 # torque. States whose torques nearly cancel show larger numbers.
 
@@ -113,8 +113,8 @@ ax.legend(frameon=False)
 figure
 
 # %%
-# You pay for compiling once. You win it back after compile time / (time per state with
-# NumPy - time per state with Numba) states:
+# Compiling happens once. It pays off after compile time / (time per state with NumPy -
+# time per state with Numba) states:
 
 gain = per_state["numpy"][-1] - per_state["numba"][-1]
 if gain > 0:

@@ -38,14 +38,14 @@ print(*lines[:20], "...", *lines[-8:], sep="\n")
 
 # %%
 # The comment at the head names the robot, the order of its joints and the units. The
-# function takes pointers to six numbers each, allocates nothing and has no branches. It
-# does not check its arguments.
+# function takes pointers to arrays of six numbers, allocates nothing and has no
+# branches. It does not check its arguments.
 #
 # Compiled and compared
 # ---------------------
 # ``-ffp-contract=off`` keeps the compiler from merging a product and a sum into one
 # instruction, which rounds once instead of twice. Without it the last digits may differ
-# on some processors. They are then no worse, only different.
+# on some processors. They are then different, but no less accurate.
 
 rng = np.random.default_rng(0)
 states = rng.uniform(-1, 1, (1000, 3, 6)) * [[np.pi], [2.0], [10.0]]
@@ -89,10 +89,10 @@ print(mass_matrix.source("matlab", element="m23"))
 
 # %%
 # The same entries as Python source need nothing but ``math``. Here they are drawn over
-# the angle of the elbow. m22 and m33 are the inertias that shoulder and elbow feel on
-# their own. m23 is the torque at the shoulder per unit acceleration of the elbow. With
-# the arm stretched out, the elbow's motion shakes the shoulder most; with the forearm
-# folded back it hardly does.
+# the angle of the elbow. m22 and m33 are the inertias at shoulder and elbow when only
+# that joint moves. m23 is the torque at the shoulder per unit acceleration of the
+# elbow. With the arm stretched out, the elbow's motion shakes the shoulder most; with
+# the forearm folded back it hardly does.
 
 entries = {}
 for element in ("m22", "m23", "m33"):

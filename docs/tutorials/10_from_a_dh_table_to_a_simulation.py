@@ -32,8 +32,8 @@ import rne
 # 4      0      0            0.05   q4
 # =====  =====  ===========  =====  =======
 #
-# Leave the joint variables out of the arrays: in their places stands the value at q =
-# 0. The turn by pi in the second row lets the z axis of the quill point down, so the
+# Leave the joint variables out of the arrays: their entries are the values at q = 0.
+# The rotation by pi in the second row makes the z axis of the quill point down, so the
 # quill moves down with growing q3.
 
 masses = np.array([8.0, 5.0, 1.5, 0.8])  # [kg]
@@ -86,8 +86,8 @@ picture = rne.plotting.draw(robot, pick)
 # %%
 # Two checks by hand
 # ------------------
-# You can find the place of the gripper from the table with a pencil. And gravity acts
-# along the axes of the rotating joints, so only the quill feels it: its drive holds the
+# You can compute the position of the gripper from the table by hand. Gravity acts along
+# the axes of the rotating joints, so it loads only the quill: its drive holds the
 # weight of quill and gripper, against the downward direction of the joint.
 
 q1, q2, q3, _ = pick

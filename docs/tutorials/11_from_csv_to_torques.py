@@ -5,7 +5,7 @@ From CSV to torques
 You recorded the positions of an arm while it moved. Which torques did the motion take?
 Inverse dynamics needs accelerations, and differentiating twice amplifies the noise of
 the recording. This tutorial reads a CSV file, shows what noise and quantisation do to
-the torques, and smooths them away. The true torques stand beside the result.
+the torques, and smooths them away. The result is compared with the true torques.
 
 Needs: ``pip install '.[plot]'``
 """
@@ -25,10 +25,11 @@ robot = rne.load("irb140")
 # %%
 # A recording
 # -----------
-# In place of a real recording, an IRB 140 moves with a trapezoidal profile of its
-# velocities. Its positions are read every 4 ms, with noise and with the steps of an
-# encoder. So we know the true torques, which you do not in a laboratory. A file of this
-# form has a column ``t`` and one column ``q.<joint>`` per joint, in any order.
+# Instead of a real recording we use a simulated one: an IRB 140 moves with a
+# trapezoidal profile of its velocities. Its positions are read every 4 ms, with noise
+# and with the steps of an encoder. So the true torques are known, unlike in a
+# laboratory. A file of this form has a column ``t`` and one column ``q.<joint>`` per
+# joint, in any order.
 
 dt, noise, count = 0.004, 1e-4, 2 * np.pi / 2**16  # [s], [rad], [rad]
 t = np.arange(0, 1.6 + dt / 2, dt)
@@ -59,9 +60,9 @@ print(*file.read_text().splitlines()[:3], sep="\n")
 # %%
 # Reading
 # -------
-# ``read_csv`` sorts the columns by the names of the joints. It refuses gaps, times that
-# do not ascend, and entries that are not numbers. What the file does not have, such as
-# velocities here, is None.
+# ``read_csv`` sorts the columns by the names of the joints. It raises an error for
+# gaps, times that do not increase, and entries that are not numbers. Quantities that
+# the file does not contain, such as velocities here, are None.
 
 samples = rne.trajectories.read_csv(file, robot.joint_names)
 folder.cleanup()
@@ -101,11 +102,11 @@ print(f"largest true acceleration: {abs(truth[2]).max():.2f} rad/s^2")
 #
 # Smoothing
 # ---------
-# Most of an arm's motion lies below some ten hertz, and the noise lies at all
-# frequencies. Two tools of SciPy use that. ``filtfilt`` runs a low-pass filter forwards
-# and backwards, which cancels its delay. A spline through the filtered samples then
-# gives the derivatives. ``make_smoothing_spline`` fits a spline that balances closeness
-# to the samples against curvature, and chooses the balance by cross-validation.
+# Most of an arm's motion lies below about 10 Hz, while the noise has all frequencies.
+# Two tools of SciPy use this. ``filtfilt`` runs a low-pass filter forwards and
+# backwards, which cancels its delay. A spline through the filtered samples then gives
+# the derivatives. ``make_smoothing_spline`` fits a spline that balances closeness to
+# the samples against curvature, and chooses the balance by cross-validation.
 
 
 def low_passed(frequency):
@@ -153,9 +154,9 @@ figure
 # Where to cut off
 # ----------------
 # A low cut-off frequency removes the noise and part of the motion, a high one keeps
-# both. The best one lies in between and depends on the motion. If you do not know the
-# truth, compare two recordings, one at rest and one in motion. Cut off where they begin
-# to have equal power.
+# both. The best one lies in between and depends on the motion. If the true torques are
+# unknown, compare two recordings, one at rest and one in motion. Choose the frequency
+# above which both have the same power.
 
 frequencies = np.geomspace(2, 60, 25)
 errors = [rms(low_passed(frequency)) for frequency in frequencies]

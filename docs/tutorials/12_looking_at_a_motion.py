@@ -2,8 +2,8 @@ r"""
 Looking at a motion
 ===================
 
-A box of 8 kg is mounted on the forearm of an IRB 140, and its controller does not know
-it. Numbers say how far the arm sags. A view of both motions, the expected and the
+A box of 8 kg is mounted on the forearm of an IRB 140, and it is not in the controller's
+model. Numbers show how far the arm sags. A view of both motions, the expected and the
 actual one, shows where. The page works in any browser, without network.
 
 Needs: ``pip install '.[plot,view]'``
@@ -61,7 +61,7 @@ assert off[-1] > 10
 # -----------------
 # ``rne.view`` writes the motion as one HTML file. The other motion is half transparent,
 # in orange, with the same clock. The page has a slider for the time and a choice of
-# speeds. A switch shows what the model weighs in place of the links, and the list of
+# speeds. A switch shows the inertias of the model instead of the links, and the list of
 # parts shows their frames. Drag to turn the view.
 
 with tempfile.TemporaryDirectory() as folder:

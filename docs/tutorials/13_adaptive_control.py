@@ -3,7 +3,7 @@ Adaptive control with an unknown payload
 ========================================
 
 A robot picks up a part, and nobody knows its mass. An adaptive law tracks the motion
-all the same, and learns the mass on the way. How large are the errors? What does it
+nevertheless, and estimates the mass meanwhile. How large are the errors? What does it
 learn, and when does it learn nothing?
 
 Needs: ``pip install '.[plot]'``
@@ -22,8 +22,8 @@ t = np.linspace(0, 10, 1001)
 # The motion
 # ----------
 # Neighbouring joints run on circles at 0.5 Hz. Any function of time that returns
-# positions, velocities and accelerations is a reference. If you make it of NumPy's sine
-# and cosine, it can be traced into the equations of motion.
+# positions, velocities and accelerations is a reference. If it uses NumPy's sine and
+# cosine, it can be traced into the equations of motion.
 
 centre = np.array([0, 0.2, -0.3, 0.2, 0.8, 0.1])  # [rad]
 radius = np.array([0.4, 0.3, 0.3, 0.4, 0.4, 0.5])  # [rad]
@@ -52,8 +52,8 @@ def error(motion, reference=circle):
 # %%
 # Two laws that know the arm alone
 # --------------------------------
-# The adaptive law gives the torques of its estimated parameters. It corrects them by
-# what the composite error :math:`s = \dot e + \lambda e` says:
+# The adaptive law gives the torques of its estimated parameters. It corrects them in
+# proportion to the composite error :math:`s = \dot e + \lambda e`:
 #
 # .. math:: u = Y \hat\pi - K_d s, \qquad \dot{\hat\pi} = -\Gamma\, Y^T s.
 #
@@ -83,8 +83,8 @@ ax.legend(frameon=False)
 figure
 
 # %%
-# Computed torque turns its gains into torques by the model's inertia. Without the part,
-# the inertia of the wrist is so small that joint 5 sinks under 3 kg.
+# Computed torque multiplies its gains by the model's inertia. Without the part, the
+# inertia of the wrist is so small that joint 5 sinks under 3 kg.
 #
 # What it learnt
 # --------------
@@ -109,8 +109,8 @@ figure
 # -----------------------------
 # The proof promises that the error goes to zero. It does not promise that the
 # parameters become right. At rest, only the torques of gravity in one configuration
-# have to be right. Here they show the mass, but not where it is: many places and
-# inertias fit.
+# have to be right. Here they determine the mass, but not its position: many centres of
+# mass and inertias fit.
 
 
 def rest(t):

@@ -4,8 +4,8 @@ Monte Carlo over parameters
 
 You know the masses, centres of mass and inertias of an arm to some percent. How
 uncertain are then the torques of a motion? And the motion itself, under a controller
-that believes in the nominal values? Inertial parameters are an input of every quantity,
-so thousands of variants of a robot are one batch.
+that uses the nominal values? Inertial parameters are an input of every quantity, so
+thousands of variants of a robot are one batch.
 
 Needs: ``pip install '.[plot]'``
 """
@@ -76,9 +76,9 @@ assert abs(spread / predicted - 1) < 0.05
 # %%
 # Motions under a controller
 # --------------------------
-# A computed-torque controller believes in the nominal robot and drives 200 of the
-# variants. The controller keeps the parameters that it was made with, and only the arm
-# varies. All 200 motions are one ensemble.
+# A computed-torque controller with the nominal model moves 200 of the variants. The
+# controller keeps the parameters that it was created with, and only the arm varies. All
+# 200 motions are one ensemble.
 
 law = rne.control.computed_torque(robot, [100] * 6, [20] * 6, path)
 scene = rne.Scene(robot, controller=law)
@@ -99,8 +99,8 @@ print("left of the swing after 0.4 s at rest [mrad], rms:", (1e3 * spread).round
 figure = rne.plotting.quantile_plot(runs, of="tau")
 
 # %%
-# The error after the swing is the weight that the controller does not know of,
-# divided by its stiffness: computed torque has no integral part. By linearity again,
+# The error after the motion is the difference of the weights divided by the
+# controller's stiffness, as computed torque has no integral part. By linearity again,
 # :math:`M^{-1} \Delta g = K_p e` at rest:
 
 end = path(1.2)[0]

@@ -4,8 +4,8 @@ From a log to a URDF
 
 The URDF of an arm has wrong masses and no friction, as many have. Its controller can
 record positions and torques. This tutorial finds a motion that is worth recording,
-takes the recording, and fits bodies and friction. Then it checks the model on another
-motion and writes a URDF. The log is simulated, so we know the truth.
+simulates the recording, and fits bodies and friction. Then it checks the model on
+another motion and writes a URDF. The log is simulated, so we know the truth.
 
 Needs: ``pip install '.[plot,identify]'``
 """
@@ -20,8 +20,8 @@ import rne
 # %%
 # What is known
 # -------------
-# The places of the joints are right. The masses are not: in the file every body is a
-# third lighter than it is. The file says nothing about friction.
+# The positions of the joints are right. The masses are not: in the file every body has
+# two thirds of its true mass. The file says nothing about friction.
 
 true = rne.load("irb140")
 known = rne.Robot(rne.model.with_parameters(true.model, true.parameters / 1.5))
@@ -34,8 +34,8 @@ print(known.base_parameters())
 # A motion that is worth recording
 # --------------------------------
 # ``rne.excitation`` looks for a periodic motion inside the robot's limits. Its
-# regressor should have a small condition number, so that noise does little harm. Random
-# motions within the same limits are many times worse.
+# regressor should have a small condition number, so that noise has little effect.
+# Random motions within the same limits have condition numbers many times larger.
 
 drives = rne.DriveModel(friction="viscous+coulomb")
 motion = rne.excitation(
@@ -46,7 +46,7 @@ print(motion)
 # %%
 # The recording
 # -------------
-# In place of the arm we simulate one: friction on each drive, noise on the torques,
+# Instead of a real arm we simulate one: friction on each drive, noise on the torques,
 # encoders of 17 bits, 500 samples per second, and a file as a controller may write it.
 
 viscous, coulomb = [8, 6, 2, 1.2, 1.4, 0.6], [6, 8, 6, 2, 2.4, 0.5]
@@ -72,23 +72,22 @@ record = rne.identification.Record.from_csv(file, known.joint_names)
 print(record, *record.findings, sep="\n")
 
 # %%
-# The log holds two periods of the motion. Findings name what is wrong with a log: gaps,
-# spikes, times made by the reader of the log, torques at their limit. This one has
-# none.
+# The log holds two periods of the motion. Findings are faults of a log: gaps, spikes,
+# time stamps of the recording program, torques at their limit. This log has none.
 #
 # The fit
 # -------
-# Without ``drives``, rotors and offsets would be fitted too, because arms in a
-# laboratory have them. This simulated one has none.
+# Without ``drives``, rotors and offsets would be fitted too, because real arms have
+# them. This simulated one has none.
 
 found = rne.identify(known, record, drives=drives)
 print(found.report(details=True))
 
 # %%
-# Least squares give the base parameters and say how well each is determined. The bodies
-# below them are physically consistent: some distribution of mass has each of these
-# inertias. Of all bodies that fit the torques they are the nearest to those of the
-# wrong file.
+# Least squares gives the base parameters and their standard errors. The bodies listed
+# below them are physically consistent: for each there is a distribution of mass with
+# these parameters. Of all bodies that fit the torques they are the closest to those of
+# the wrong file.
 
 values = found.base.matrix[:, :60] @ true.parameters
 values[-12:] = [*viscous, *coulomb]
@@ -101,8 +100,8 @@ assert abs(z).max() < 5
 # %%
 # Another motion
 # --------------
-# A model that predicts what it was fitted to proves little. Here is a motion that it
-# has not seen: measured and predicted torques, and residuals.
+# A good fit alone proves little. Here are measured and predicted torques, and
+# residuals, of a motion that was not fitted.
 
 w = 2 * np.pi * np.array([0.2, 0.25, 0.3, 0.35, 0.4, 0.45])  # [rad/s]
 
@@ -122,8 +121,8 @@ figure = check.plot()
 # The URDF
 # --------
 # ``found.to_urdf()`` has the bodies, friction as ``<dynamics>``, and rotors, where they
-# were fitted, as Drake reads them. Every other program can read the URDF; most pass
-# over rotors. ``found.scene()`` simulates the same arm here, friction included.
+# were fitted, in Drake's format. Every other program can read the URDF; most ignore the
+# rotors. ``found.scene()`` simulates the same arm here, friction included.
 
 urdf = Path(folder.name) / "irb140_identified.urdf"
 urdf.write_text(found.to_urdf(), encoding="utf-8")

@@ -2,9 +2,9 @@
 From via points to the drives
 =============================
 
-A UR5 picks a part and places it elsewhere. How fast can it go with its motors, and what
-do motors, gears and bearings bear? We plan the fastest motion along a path, look at what
-its drives do, and compare with a payload.
+A UR5 picks a part and places it elsewhere. How fast can it move, and what are the loads
+on motors, gears and bearings? We plan the fastest motion along a path, compute the
+loads of its drives, and compare with a payload.
 
 Needs: ``pip install '.[plot,robots,fastest]'``
 """
@@ -20,8 +20,8 @@ print(robot.effort_limit, robot.velocity_limit)  # of its URDF [N m, rad/s]
 # %%
 # The path
 # --------
-# Via points are joint positions: taught ones, or a Cartesian path that an inverse
-# kinematics has brought into joint space. At points 2 and 4 the gripper needs rest.
+# Via points are joint positions: taught ones, or points of a Cartesian path converted
+# by inverse kinematics. At points 2 and 4 the arm stops for the gripper.
 
 home, above, pick = (
     [0, -1.6, 1.6, -1.6, -1.6, 0],
@@ -35,9 +35,9 @@ print(path)
 # %%
 # The fastest motion
 # ------------------
-# Friction and payload count. Of the optimal motion some limit is used at every instant,
-# so that torques jump; by default it is averaged over 10 ms, which drives can follow and
-# which costs that time between two stops.
+# Friction and payload are included. In the time-optimal motion some limit is active at
+# every instant, so that torques jump. By default the motion is averaged over 10 ms,
+# which drives can follow and which adds that time between two stops.
 
 friction = rne.Friction(viscous=3.0, coulomb=4.0)
 motion = rne.trajectories.fastest(robot, path, friction=friction, payload=2.0)
@@ -51,20 +51,20 @@ sharp = rne.trajectories.fastest(
 assert motion.steps()[0].max() < 0.2 * sharp.steps()[0].max()
 
 # %%
-# How good is it? On 100 random paths each of a UR5, the IRB 140 and a Panda's arm, half of
-# them with friction, no limit was exceeded by more than 0.09 % at 10,000 instants, here
-# and by Pinocchio; some limit was used to 99 % at all but at most 2 of them; durations
-# were those of toppra with Pinocchio's dynamics to 0.001 %. PD control at 1 kHz with the
-# planned torques as feed-forward kept simulated arms within 0.1 mrad of their paths, and
-# within 0.3 mrad without smoothing, if each sample holds the mean of the planned torques
-# over it: a torque that jumps within a sample then gives the arm the same impulse.
-# ``python -m benchmarks.fastest`` repeats this.
+# How good is it? On 100 random paths each of a UR5, the IRB 140 and a Panda's arm, half
+# of them with friction, no limit was exceeded by more than 0.09 % at 10,000 instants,
+# with torques of rne and of Pinocchio; some limit was used to 99 % at all but at most 2
+# of them; durations agreed with those of toppra with Pinocchio's dynamics to 0.001 %.
+# PD control at 1 kHz with the planned torques as feed-forward kept simulated arms
+# within 0.1 mrad of their paths, and within 0.3 mrad without smoothing, if each sample
+# holds the mean of the planned torques over it: a torque that jumps within a sample
+# then gives the arm the same impulse. ``python -m benchmarks.fastest`` repeats this.
 #
-# What the drives bear
-# --------------------
-# Gear ratios, rotors and efficiencies are of your own data sheets; these are examples.
-# Energy that motors take and do not return is work on the arm (here its friction, as it
-# ends where it began), and what the gears lose.
+# Loads of the drives
+# -------------------
+# Take gear ratios, rotors and efficiencies from your data sheets; these are examples.
+# The energy that motors take and do not return is work on the arm (here only friction,
+# as the arm ends where it began) and losses in the gears.
 
 report = rne.drives(robot, motion, gear=101, rotor=5e-5, efficiency=0.8)
 print(report)
@@ -77,7 +77,7 @@ rne.plotting.torque_speed(report)
 # The command does the same with a file of via points, and writes a page with a 3-D view:
 # ``rne cycle ur5 via.csv --acceleration 40 --gear 101``.
 #
-# Torques over time show where the limits bind.
+# Torques over time show where the limits are active.
 
 figure = Figure(figsize=(6.5, 3), layout="constrained")
 ax = figure.subplots()

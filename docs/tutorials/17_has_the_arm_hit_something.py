@@ -2,10 +2,10 @@
 Has the arm hit something?
 ==========================
 
-Without force sensors, a contact shows in the drives' torques: they are not what the
-model says. We simulate an arm that is heavier than its model and has other friction,
+Without force sensors, a contact shows in the drives' torques: they differ from those of
+the model. We simulate an arm that is heavier than its model and has other friction,
 push it in the middle of a motion, and find the push with a momentum observer whose
-thresholds follow from what we do not know.
+thresholds follow from the uncertainty of the model.
 
 Needs: ``pip install '.[plot]'``
 """
@@ -23,10 +23,10 @@ t = np.linspace(0, 1, 1001)
 q, qd, qdd = reference(t)
 
 # %%
-# What we do not know
-# -------------------
-# Each body may be 5 % heavier or lighter than in the model: a handful of robots between
-# which the real one lies. Friction may be off by 20 %.
+# Uncertainty of the model
+# ------------------------
+# Each body may be 5 % heavier or lighter than in the model: a few robots between which
+# the real one lies. Friction may be wrong by 20 %.
 
 factors = 1 + 0.05 * np.random.default_rng(1).choice([-1, 1], (6, 6))
 cases = [model.with_parameters(np.repeat(f, 10) * model.parameters) for f in factors]
@@ -52,7 +52,7 @@ assert quiet.kind is None
 # %%
 # A push
 # ------
-# From 0.6 s on something pushes joint 2 back with 40 N m, and the drives make up for it.
+# From 0.6 s on a torque of 40 N m pushes joint 2 back, and the drives compensate it.
 
 push = np.zeros((len(t), 6))
 push[t > 0.6, 1] = -40.0
@@ -64,8 +64,8 @@ assert 0.6 < pushed.first_contact < 0.61
 # %%
 # A payload
 # ---------
-# A part that the model does not carry differs from a contact by its inertia and weight,
-# as long as the arm moves: at rest a weight and a push are the same.
+# While the arm moves, a payload that is not in the model can be distinguished from a
+# contact by its inertia and weight. At rest it cannot.
 
 loaded = real.with_payload(3.0).inverse_dynamics(q, qd, qdd) + actual.torque(model, qd)
 carrying = observer.observe(t, q, qd, loaded)

@@ -2,9 +2,9 @@ r"""
 Fastest motion with IPOPT
 =========================
 
-Which is the fastest motion of an IRB 140 from one rest to another, if it may leave the
-straight line between the two? We give its inverse dynamics to CasADi, whose IPOPT solves
-the problem with exact first and second derivatives.
+Which is the fastest motion of an IRB 140 from one rest to another, if it need not
+follow the straight line between the two? We give its inverse dynamics to CasADi, whose
+IPOPT solves the problem with exact first and second derivatives.
 
 Needs: ``pip install '.[plot,casadi]'``
 """
@@ -24,7 +24,7 @@ n, N = robot.n, 40  # joints, intervals
 # %%
 # The dynamics in CasADi
 # ----------------------
-# ``to_casadi`` writes a kernel of the robot as a ``casadi.Function``, whose arguments
+# ``to_casadi`` converts a kernel of the robot to a ``casadi.Function``, whose arguments
 # have the kernel's names. CasADi differentiates it; a Jacobian has 1944 operations, a
 # Hessian of all torques 4734.
 
@@ -40,10 +40,11 @@ np.testing.assert_allclose(
 # The problem
 # -----------
 # Unknown are the duration T, and positions, velocities and accelerations at 41 nodes.
-# Between nodes accelerations are linear in time, which gives the equations from each
-# node to the next. Torques and velocities have limits at the nodes. ``map`` evaluates
-# the torques of all nodes, so that the problem stays small however large the robot is.
-# A small weight on changes of acceleration keeps joints that have time from shaking.
+# Between nodes accelerations are linear in time, from which the equations between
+# consecutive nodes follow. Torques and velocities have limits at the nodes. ``map``
+# evaluates the torques of all nodes, so that the size of the problem does not depend on
+# that of the robot. A small weight on changes of acceleration keeps joints that are not
+# at their limits from oscillating.
 
 opti = ca.Opti()
 T = opti.variable()
@@ -66,8 +67,8 @@ for k, pose in ((0, start), (N, end)):
 
 # %%
 # IPOPT begins with the straight line at constant velocity. It takes exact Hessians from
-# CasADi by default. Bounds of variables are passed to it as such, and T
-# has one: otherwise it may wander off to negative durations.
+# CasADi by default. Bounds of variables are passed to it as such, and T has one:
+# otherwise IPOPT may try negative durations.
 
 share = np.linspace(0, 1, N + 1)
 opti.set_initial(T, 1.5)
@@ -84,8 +85,8 @@ q, qd, qdd, use = (found.value(x).T for x in (q, qd, qdd, use))
 # %%
 # How much does it gain?
 # ----------------------
-# A quintic polynomial along the straight line needs the torques of the same limits. Its
-# duration is found by bisection.
+# For comparison, a quintic polynomial along the straight line within the same limits.
+# Its duration is found by bisection.
 
 
 def allowed(T):
@@ -103,8 +104,8 @@ print(f"{slow:.3f} s by a quintic, {1 - duration / slow:.0%} less by IPOPT")
 assert duration < 0.8 * slow
 
 # %%
-# Between the nodes nothing limits the torques. We look: positions and velocities follow
-# from the accelerations.
+# Between the nodes the torques are not constrained. We compute them there: positions
+# and velocities follow from the accelerations.
 
 fine = np.linspace(0, duration, 20 * N + 1)
 k = np.minimum((fine / duration * N).astype(int), N - 1)
@@ -118,9 +119,9 @@ print(f"{abs(between).max():.3f} between them")
 assert abs(between).max() < 1.05
 
 # %%
-# Joint 1 has the longest way: its drive is at its limit until the joint has its largest
-# velocity, and again to brake. Meanwhile joints 2 and 3 draw the wrist in and stretch
-# the arm again, so that there is less inertia to turn.
+# Joint 1 has the longest distance: its drive is at its limit until the joint has its
+# largest velocity, and again to brake. Meanwhile joints 2 and 3 draw the wrist in and
+# stretch the arm again, so that the inertia about joint 1 is smaller.
 
 wrist = robot.link_poses(p)[:, robot.link_names.index("link_5"), :2, 3]
 reach = np.hypot(*wrist.T)

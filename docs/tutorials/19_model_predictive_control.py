@@ -3,8 +3,8 @@ Model-predictive control
 ========================
 
 An IRB 140 carries 3 kg past a wall. Every 20 ms its controller plans the next 0.8 s
-anew, within the limits of drives and joints, and gives the first torque of the plan to
-the drives. The plan is made by fatrop, a solver of CasADi for optimal control.
+again, within the limits of drives and joints, and applies the first torque of the plan.
+The plan is computed by fatrop, a solver of CasADi for optimal control.
 
 Needs: ``pip install '.[plot,casadi]'``
 """
@@ -28,8 +28,8 @@ period, h, N = 0.02, 0.04, 20  # of samples, of stages [s], number of stages
 # %%
 # The model in CasADi
 # -------------------
-# Kernels become functions of the kernel's arguments. The poses of the links stand below
-# each other in one matrix; of the tool's we take x.
+# Kernels become functions of the kernel's arguments. The poses of the links are stacked
+# in one matrix, from which we take x of the tool.
 
 torques = robot.kernel(rne.dynamics.inverse_dynamics).to_casadi()
 poses = robot.kernel(rne.dynamics.link_poses).to_casadi()
@@ -38,10 +38,11 @@ row = 4 * robot.link_names.index("tool0")
 # %%
 # The plan
 # --------
-# Inputs of the plan are accelerations. Then the equations from stage to stage are linear,
-# and the torques of a stage are a constraint. With torques as inputs and Runge-Kutta
-# steps, IPOPT took ten times as long for a plan, and fatrop found none. fatrop wants the
-# variables stage by stage, and of every stage first the equation that leads to the next.
+# Inputs of the plan are accelerations. Then the equations from stage to stage are
+# linear, and the torques of a stage are a constraint. With torques as inputs and
+# Runge-Kutta steps, IPOPT took ten times as long for a plan, and fatrop found none.
+# fatrop expects the variables stage by stage, and in every stage first the equation
+# that leads to the next one.
 
 opti = ca.Opti()
 now = opti.parameter(2 * n)
@@ -68,9 +69,9 @@ plan = opti.to_function("plan", [now, opti.x], [stages[0][1], opti.x])
 # %%
 # The controller
 # --------------
-# A plan takes time to make: what is computed from one sample on acts from the next one
-# on. So the state there is predicted, by the equations of motion of the whole scene in
-# discrete time, with the torque that is held until then.
+# Computing a plan takes time: a plan computed from one sample acts from the next one
+# on. So the state at the next sample is predicted by the discrete-time equations of
+# motion of the whole scene, with the torque that is held until then.
 
 model = rne.Scene(robot, friction=rne.Friction(viscous=viscous), effort_limit=effort)
 predict = model.to_casadi(steps=2)
@@ -98,9 +99,9 @@ class Predictive:
 # %%
 # The closed loop
 # ---------------
-# The simulated arm has dry friction in its joints, of which the controller knows
-# nothing. So some joints stop a little before their targets: who needs them there adds
-# an integral part.
+# The simulated arm has dry friction in its joints, which is not in the controller's
+# model. So some joints stop slightly before their targets; an integral part would
+# remove this error.
 
 dry = [5, 5, 3, 0.3, 0.3, 0.1]  # [N m]
 friction = rne.Friction(viscous=viscous, coulomb=dry, smoothing=0)

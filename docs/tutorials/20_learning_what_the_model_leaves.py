@@ -1,11 +1,12 @@
 """
-Learning what the model leaves
-==============================
+Learning the residuals of a model
+=================================
 
-An IRB 140 carries a load that nobody weighed, and its gears rub. How much of the measured
-torques does the model leave unexplained, and can a network learn it? In JAX the model's
-torques are a layer of the loss. The load's mass and centre, which physics knows, and small
-networks for the friction, which it does not, are learned together.
+An IRB 140 carries an unknown load, and its gears have friction. How large are the
+residuals of the model's torques, and can a network learn them? In JAX the model's
+torques are a layer of the loss. The load's mass and centre, which enter the rigid-body
+equations, and small networks for the friction, which has no known equation, are learned
+together.
 
 Needs: ``pip install '.[plot,numba,jax]'``
 """
@@ -23,8 +24,8 @@ rng = np.random.default_rng(0)
 # %%
 # Measurements
 # ------------
-# The robot that we measure is simulated: with a load, with friction that falls as the
-# motion sets in (Stribeck's effect), and with noise.
+# The measured robot is simulated, with a load, with friction that decreases as the
+# velocity rises from zero (Stribeck effect), and with noise.
 
 real = robot.with_payload(3.0, [0.05, 0.0, 0.12], link="link_6")
 strength = np.array([8.0, 10.0, 7.0, 2.0, 2.0, 1.0])  # [N m]
@@ -54,9 +55,10 @@ test = measured()
 # The model as a function of JAX
 # ------------------------------
 # With ``parameters=True`` the ten inertial parameters of each body are an argument. XLA
-# calls the kernel's machine code; ``jax.grad`` gets slopes by states and parameters from
-# the gradient kernel. The load is a point mass m at c, added to the last body's mass,
-# moments m c and moments of inertia, in the order of ``Robot.parameters``.
+# calls the kernel's machine code; ``jax.grad`` gets derivatives with respect to states
+# and parameters from the gradient kernel. The load is a point mass m at c, added to the
+# last body's mass, moments m c and moments of inertia, in the order of
+# ``Robot.parameters``.
 
 function, options = rne.dynamics.inverse_dynamics, {"parameters": True}
 torques = rne.compile(function, robot.model, engine="numba", **options).to_jax()
@@ -72,8 +74,9 @@ def with_load(load):
 # %%
 # The networks
 # ------------
-# Friction of a joint depends on its own speed: one network for each joint, of one hidden
-# layer, all six side by side. They know no more, so as not to take what is the load's.
+# The friction of a joint depends on its own speed: one network per joint, with one
+# hidden layer. Speed is the only input, so that the networks cannot fit torques of the
+# load.
 
 start = {
     "load": jnp.array([0.5, 0.0, 0.0, 0.05]),  # [kg], [m]
@@ -135,7 +138,8 @@ print(f"{'noise':14}", 0.02 * strength)
 assert ((learned**2).mean(0) < (0.05 * strength) ** 2).all()
 
 # %%
-# Beyond the speeds of the data networks know nothing; the load holds for every motion.
+# Beyond the speeds of the data the networks are not valid; the load is valid for every
+# motion.
 
 figure = Figure(figsize=(9, 3.4), layout="constrained")
 curves, rests = figure.subplots(1, 2)

@@ -2,9 +2,9 @@ r"""
 Gravity on a microcontroller
 ============================
 
-A low-cost arm holds itself up if its controller adds the torques that gravity asks for.
-We print them as C in single precision for the SO-101, count what a microcontroller has
-to do and to keep, compile the text here, and see which errors are left.
+A low-cost arm holds itself up if its controller adds the gravity torques. We print them
+as C in single precision for the SO-101, count the operations and the memory of a
+microcontroller, compile the text here, and compute the errors.
 
 Needs: ``pip install '.[plot,robots]'``, and a C compiler called ``cc``
 """
@@ -31,15 +31,16 @@ print(*source.splitlines()[:20], "...", sep="\n")
 # ------------------------
 # The file includes ``math.h`` and nothing else. Constants carry an ``f``, functions are
 # ``sinf`` and ``cosf``: nothing falls back to double precision, which a small processor
-# would have to emulate. (Factors of 1 and 3.7e-6 come from this URDF, which writes right
-# angles with six digits.) The heading says what a call does: these operations, always all
-# of them, since there is no loop and no branch; and how many numbers are alive at once.
+# would have to emulate. (Factors of 1 and 3.7e-6 come from this URDF, which writes
+# right angles with six digits.) The heading lists the operations of a call, which are
+# always the same, since there is no loop and no branch, and the number of values that
+# are stored at once.
 #
 # The time
 # --------
-# Suppose a Cortex-M4 at 100 MHz. Its unit for single precision adds or multiplies in a
-# cycle; we give each operation as much again for loads and stores. For a sine we assume
-# 150 cycles: measure that of your own library.
+# Suppose a Cortex-M4 at 100 MHz. Its floating-point unit adds or multiplies in one
+# cycle; we add one cycle per operation for loads and stores. For a sine we assume 150
+# cycles: measure that of your library.
 
 counted = kernel.operations
 transcendental = counted["sin"] + counted["cos"]
@@ -51,8 +52,8 @@ print(f"{cycles} cycles, {microseconds:.0f} us: {microseconds / 10:.1f} % of 1 k
 assert microseconds < 50
 
 # %%
-# The sines dominate. Nothing else depends on the posture, and there is no branch: a
-# sine of known time makes the longest call as long as the shortest.
+# The sines dominate. There is no branch, so if a sine always takes the same time, so
+# does every call.
 #
 # The memory
 # ----------
@@ -61,16 +62,16 @@ assert microseconds < 50
 print(f"{numbers} numbers of single precision, {size} bytes of stack, and no heap")
 
 # %%
-# The compiler adds what it saves of registers: some 64 bytes here, which its option
-# ``-fstack-usage`` tells for your processor. A library's ``sinf`` needs a few more.
+# The compiler adds saved registers: about 64 bytes here; its option ``-fstack-usage``
+# prints the size for your processor. A library's ``sinf`` needs a few more.
 
 
 # %%
 # The error
 # ---------
 # The servos of this arm have 4096 steps a turn. We take postures on these steps, and
-# compare the compiled function with double precision. Beside it stands what the last
-# half step of the encoders may do: the largest sum of slopes times half a step, from
+# compare the compiled function with double precision. For comparison we compute the
+# effect of half an encoder step: the largest sum of derivatives times half a step, from
 # the exact derivative.
 
 
@@ -126,19 +127,19 @@ ax.legend(frameon=False)
 figure
 
 # %%
-# What is left to do on the arm
-# -----------------------------
+# Remaining work on the arm
+# -------------------------
 # Add the torques to those of your controller, in the servo's own unit: for a servo that
-# takes a duty or a current, by its gain from a data sheet or from
-# :py:obj:`rne.identify_drive_gains`. Zero of ``q`` and its sign are the URDF's. Begin
-# with half of the torque and a hand at the arm.
+# takes a duty cycle or a current, use its gain from a data sheet or from
+# :py:obj:`rne.identify_drive_gains`. The zero of ``q`` and its sign are those of the
+# URDF. Begin with half of the torque and a hand on the arm.
 #
-# The same text for one joint alone has only the operations that this joint needs:
+# A function for one joint has only the operations that this joint needs:
 
 print(kernel.source("c", element="g4", dtype="float32"))
 
 # %%
 # ``rne source so101 --quantity gravity_torque --language c --dtype float32`` prints the
-# file from the command line, and ``--language rust`` a function that needs ``core``
-# alone. Inverse dynamics and their derivatives print in the same way:
+# file from the command line, and ``--language rust`` a function that needs only
+# ``core``. Inverse dynamics and their derivatives print in the same way:
 # :doc:`/in-a-control-loop`.

@@ -3,9 +3,9 @@ Gains for an arm with soft joints
 =================================
 
 Gears with harmonic drives, belts and torque sensors twist under load, so that the link
-swings behind a motor that stands still. A rigid model knows nothing of this and calls
-gains stable that make the arm shake. Here is an IRB 140 with soft joints: what its rigid
-model says of PD gains, what its links do, and how to choose better.
+oscillates even if the motor stands still. A rigid model does not contain this and
+predicts stability for gains that make the arm vibrate. This tutorial compares the rigid
+model of an IRB 140 with one that has flexible joints, and chooses better PD gains.
 
 Needs: ``pip install '.[plot]'``
 """
@@ -34,10 +34,11 @@ soft = replace(rigid, elastic=rne.ElasticJoints(stiffness, damping))
 print(soft)
 
 # %%
-# What the rigid model says
-# -------------------------
+# Prediction of the rigid model
+# -----------------------------
 # PD gains that make each joint of the rigid arm return at a rate w, critically damped.
-# By the rigid model all of them are stable, if they are sampled every few milliseconds.
+# According to the rigid model all of them are stable if they are sampled every few
+# milliseconds.
 
 
 def gains(w):
@@ -50,11 +51,11 @@ for w in (80, 20):
     assert limit > 4e-3
 
 # %%
-# What the links do
-# -----------------
-# The same gains on the motors' encoders, with the weight at the target as feed-forward.
-# The scene takes the arm's rotors to the motors' side of the joints, and starts at rest,
-# its joints twisted by gravity.
+# Motion of the links
+# -------------------
+# The same gains act on the motors' encoders, with the gravity torque at the target as
+# feed-forward. The scene moves the arm's rotors to the motor side of the joints, and
+# starts at rest, with joints deflected by gravity.
 
 
 def simulated(w, duration=1.5):
@@ -85,10 +86,10 @@ figure
 # %%
 # Why lower gains are better
 # --------------------------
-# High gains hold the motor as if its shaft were clamped: then nothing but the joint's own
-# damping takes energy from the link. A motor that yields takes some with it. The poles that
-# ``Scene.check_gains`` finds at the target show it, and that an encoder on the link's side, with
-# the same gains, is worse than none: its loop is unstable.
+# High gains hold the motor as if its shaft were clamped: then nothing but the joint's
+# own damping takes energy from the link. A motor with lower gains moves and dissipates
+# energy too. The poles that ``Scene.check_gains`` finds at the target show this. They
+# also show that with encoders on the link side the same gains are unstable.
 
 
 def modes(w, reads="motor"):
@@ -113,8 +114,8 @@ axes.set(xlabel="w of the gains [1/s]", ylabel="slowest decay [1/s]")
 bars
 
 # %%
-# The simulation agrees: gains on the links' positions diverge within half a second, while
-# ``rne.check_gains``, which knows the rigid arm alone, called them stable.
+# The simulation agrees: gains on the links' positions diverge within half a second,
+# while ``rne.check_gains``, which considers only the rigid arm, found them stable.
 
 law = rne.control.pd(arm, *gains(40), target)
 on_links = replace(soft, elastic=replace(soft.elastic, reads="link"), controller=law)
@@ -125,9 +126,9 @@ assert speeds[-1] > 100
 # %%
 # Smooth references
 # -----------------
-# The remaining vibration is excited by the step of the target. A motion of its own time, here a
-# polynomial that lasts about three periods of the slowest vibration, twists the joints
-# by a fraction of that.
+# The remaining vibration is excited by the step of the target. A smooth reference, here
+# a polynomial that lasts about three periods of the slowest vibration, deflects the
+# joints by a fraction of that.
 
 period = 2 * np.pi / np.sqrt((stiffness / np.diag(M - np.diag(rotor))).min())
 path = rne.trajectories.quintic(start, target, 3 * period)

@@ -2,10 +2,10 @@ r"""
 From a ROS log to gravity compensation
 ======================================
 
-A low-cost arm, the SO-101, carries a camera that its URDF does not know. ROS 2 recorded
-its joint states in an MCAP file, with the currents of the servos where torques belong.
-This tutorial reads the file, without ROS, finds what the arm weighs, and holds it up.
-The log is simulated, so we know the truth.
+A low-cost arm, the SO-101, carries a camera that is not in its URDF. ROS 2 recorded its
+joint states in an MCAP file, with the currents of the servos as efforts. This tutorial
+reads the file without ROS, identifies the masses, and compensates gravity. The log is
+simulated, so we know the truth.
 
 Needs: ``pip install '.[plot,robots,identify,ros]'``
 """
@@ -23,8 +23,8 @@ import rne
 # %%
 # The recording
 # -------------
-# The arm waits, moves for 20 s, and waits again. A servo gives 1.1 N m per ampere, loses
-# some of it to friction, and reports milliamperes that scatter by 15 mA.
+# The arm waits, moves for 20 s, and waits again. A servo gives 1.1 N m per ampere,
+# loses some of it to friction, and reports milliamperes with a noise of 15 mA.
 
 robot = rne.load("so101")
 arm = robot.with_payload(0.12, link="gripper_link").locked({"gripper": 0.0})
@@ -67,9 +67,10 @@ with Writer(log, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
 # %%
 # Reading it
 # ----------
-# What the file does not say we have to: efforts are milliamperes, and what an ampere is
-# worth. ``joints`` leaves the gripper out, which did not move. ``in_motion`` cuts off the
-# waiting. ``source`` says what was read, and findings would name what is wrong.
+# The file does not contain the unit of the efforts, milliamperes, nor the torque per
+# ampere: we give both. ``joints`` excludes the gripper, which did not move.
+# ``in_motion`` removes the waiting times. ``source`` describes what was read, and
+# findings would list faults of the log.
 
 record = rne.identification.Record.from_log(
     log, joints=arm.joint_names, units={"tau": "mA"}, gains=gain
@@ -78,10 +79,10 @@ print(record.source, *record.findings, sep="\n")
 assert "rest cut off" in record.source
 
 # %%
-# What the arm weighs
+# Identify the masses
 # -------------------
-# The robot is the one of the URDF, without the camera. Its gripper is not in the record:
-# we lock it where it stood. Servos have friction, and we leave out their rotors.
+# The robot is the one of the URDF, without the camera. Its gripper is not in the
+# record: we lock it at its position. Servos have friction; we do not fit their rotors.
 
 drives = rne.DriveModel(friction="viscous+coulomb")
 known = robot.locked({"gripper": 0.0})
@@ -90,10 +91,11 @@ print(*found.report().split("\n\n")[:3], sep="\n\n")
 figure = found.plot()
 
 # %%
-# Holding it up
-# -------------
-# Gravity compensation is ``gravity_torque`` of the robot found. Beside it: that of the
-# URDF, and the truth, from the middle of the arm's range to either side.
+# Gravity compensation
+# --------------------
+# Gravity compensation is ``gravity_torque`` of the identified robot. The table compares
+# it with that of the URDF and with the true one, from the middle of the arm's range to
+# either side.
 
 pose = np.linspace(-1, 1, 100)[:, None] * [0.0, 0.9, 0.9, 0.9, 0.0]
 true = arm.gravity_torque(pose)
@@ -120,8 +122,8 @@ assert abs(after - true).max() < 0.1 * abs(before - true).max()
 #
 #    rne identify so101 so101.mcap --locked gripper=0 --units tau=mA --gains 1.1 --out camera.urdf
 #
-# The same call reads LeRobot data sets (extra ``lerobot``). Most of them hold positions
-# and commands alone, which it reads as such: record the currents of the servos as well.
+# The same call reads LeRobot data sets (extra ``lerobot``). Most of them contain only
+# positions and commands; record the currents of the servos as well.
 
 folder.cleanup()
 holding

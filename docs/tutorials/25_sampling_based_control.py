@@ -4,8 +4,8 @@ Sampling-based control at 50 Hz
 
 A UR5 moves its tool past a ball, and its target jumps on the way. Every 20 ms it tries
 1000 random variations of its torques over the next second, 50,000 steps of Runge-Kutta,
-and keeps their mean, weighted by what each of them costs. A cost may have edges: nothing
-is differentiated.
+and keeps their mean, weighted by their costs. The cost need not be smooth: nothing is
+differentiated.
 
 Needs: ``pip install '.[plot,numba,robots]'``
 """
@@ -29,9 +29,10 @@ period, N, samples, knots = 0.02, 50, 1000, 8
 # The model
 # ---------
 # It has rotors, friction and the drives' limits; friction and rotors are assumed. A
-# `Stepper` takes all samples over one period side by side, each under its own torques.
-# A step of RK4 must not be longer than 2.7 times the time in which friction slows a
-# joint down: with Coulomb friction smoothed over 0.1 rad/s one step a period is enough.
+# `Stepper` advances all samples by one period at once, each with its own torques. A
+# step of RK4 must not be longer than 2.7 times the time constant with which friction
+# slows a joint down: with Coulomb friction smoothed over 0.1 rad/s one step a period is
+# enough.
 
 viscous = np.array([10, 10, 5, 1, 1, 1])  # [N m s/rad]
 coulomb = np.array([5, 5, 3, 0.5, 0.5, 0.5])  # [N m]
@@ -48,10 +49,11 @@ assert decay.real.max() * period < 2.7
 # %%
 # The cost
 # --------
-# Of one state: the tool's distance from its target, a fine if the wrist or the tool is
-# nearer to the ball than the margin, a barrier below the speed limits. It is traced
-# like a control law, and becomes machine code. A traced function of a robot takes joint
-# arrays by their names: the target is in the first three entries of ``qdr``.
+# The cost of one state is the tool's distance from its target, a penalty if the wrist
+# or the tool is closer to the ball than the margin, and a barrier below the speed
+# limits. It is traced like a control law, and becomes machine code. A traced function
+# of a robot takes joint arrays by their names: the target is in the first three entries
+# of ``qdr``.
 
 watched = [robot.link_names.index(f"wrist_{k}_link") for k in (1, 2, 3)]
 tool = robot.link_names.index("tool0")
@@ -76,9 +78,9 @@ cost = robot.kernel(cost_of)
 # The controller
 # --------------
 # Model-predictive path integral control (Williams et al. 2017): samples are the plan
-# plus noise, which is drawn at 8 times and straight in between. A sample's weight is
-# exp(-cost / 0.01). As a plan takes time to make, what is computed from one measured
-# state acts one period later; so the state there is predicted first.
+# plus noise, which is drawn at 8 times and linear in between. A sample's weight is
+# exp(-cost / 0.01). As a plan takes time to compute, a plan from one measured state
+# acts one period later; so the state at that time is predicted first.
 
 grid = np.arange(N)[:, None] / (N - 1) * (knots - 1)
 straight = np.maximum(0, 1 - abs(grid - np.arange(knots)))  # (N, knots)
@@ -125,8 +127,8 @@ class Sampling:
 # %%
 # The closed loop
 # ---------------
-# The simulated arm has dry friction, which holds joints at rest. The controller's model
-# has it smoothed.
+# The simulated arm has dry friction, which holds joints at rest. In the controller's
+# model it is smoothed.
 
 law = Sampling()
 dry = rne.Friction(viscous=viscous, coulomb=coulomb, smoothing=0)
@@ -140,8 +142,9 @@ print(f"a plan takes {np.median(law.seconds) * 1e3:.0f} ms of one core")
 print(f"from the targets at 1.5 and 3 s: {before * 1e3:.0f} and {way[-1] * 1e3:.0f} mm")
 
 # %%
-# How near did the arm come to the ball? Along straight lines from the shoulder over the
-# origins of the links to the tool, of which the cost watched only four points:
+# How close did the arm come to the ball? The distance is measured along straight lines
+# from the shoulder through the origins of the links to the tool; the cost contains only
+# four points of them:
 
 chain = ["upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3"]
 at = [robot.link_names.index(f"{name}_link") for name in chain] + [tool]
@@ -156,9 +159,9 @@ assert gap > 0
 assert (abs(motion.qd) < fastest).all()
 
 # %%
-# On the left the tool, seen from above and from the front. It passes below the ball, and
-# on the way back above it. In blue what 60 of the samples would do in the second that
-# follows 1.7 s.
+# On the left the tool, seen from above and from the front. It passes below the ball,
+# and on the way back above it. Blue lines are predictions of 60 samples for the second
+# after 1.7 s.
 
 figure = Figure(figsize=(9, 5), layout="constrained")
 axes = figure.subplots(2, 2, sharex="col", width_ratios=[1, 1.1])

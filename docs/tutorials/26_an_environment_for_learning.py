@@ -2,10 +2,11 @@ r"""
 An environment for learning
 ===========================
 
-Two links of 1 m and 1 kg hang from a shoulder whose drive cannot lift them: it has 10 N m,
-and 19.6 N m are needed. A small network learns to swing them up and to balance them, in
-NumPy alone, from hundreds of arms that move side by side. Their environment is one of
-gymnasium's, so that a library for learning can take the place of the last part.
+Two links of 1 m and 1 kg hang from a shoulder whose drive cannot lift them: it has 10 N
+m, and 19.6 N m are needed. A small network learns to swing them up and to balance them,
+with NumPy only, from hundreds of arms that are simulated at once. Their environment is
+a gymnasium environment, so that a library for reinforcement learning can replace the
+last part.
 
 Needs: ``pip install '.[plot,numba,gymnasium]'``
 """
@@ -39,7 +40,8 @@ print("stretched out sideways:", arm.gravity_torque([np.pi / 2, 0]).round(2), "N
 # The environment
 # ---------------
 # An episode begins at rest, near hanging, and lasts 6 s. The tool's height is 1 where
-# the arm stands. Who is faster than the limit has lost the rest of the episode.
+# the arm stands upright. An arm that exceeds the speed limit gets the lowest reward for
+# the rest of the episode.
 
 task = {
     "task": "swing-up",
@@ -59,8 +61,8 @@ print(f"after 50 ms: {observation.round(2)}, reward {reward:.3f}")
 # %%
 # A policy
 # --------
-# One hidden layer of 16, from the six numbers observed to the two torques. It is written
-# for many networks at once, each of which moves the same number of arms.
+# One hidden layer of 16, from the six numbers observed to the two torques. It is
+# written for many networks at once, each of which controls the same number of arms.
 
 shapes = [(6, 16), (1, 16), (16, 2), (1, 2)]
 size = sum(rows * columns for rows, columns in shapes)
@@ -125,7 +127,7 @@ def trial(w, count=200):
 # %%
 # Learning
 # --------
-# A trial counts if the height stays above 0.85 for all of the last second.
+# A trial is a success if the height stays above 0.85 for all of the last second.
 
 untrained = np.random.default_rng(0).normal(0, 0.3, size)
 began = process_time()

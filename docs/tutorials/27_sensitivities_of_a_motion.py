@@ -2,10 +2,10 @@ r"""
 Sensitivities of a motion to masses and friction
 ================================================
 
-An arm moves under PD control, and its masses and friction are known to some percent. By
-how much does its motion change with each of them, and when? ``rne.sensitivities`` gives
-the derivatives of a motion along with it. The last part shows which of them grow, and
-when a derivative says nothing any more.
+An arm moves under PD control, and its masses and friction are known to a few percent.
+How much does its motion change with each of them, and when? ``rne.sensitivities``
+computes the derivatives of a motion together with it. The last part shows which of them
+grow, and when a derivative is no longer useful.
 
 Needs: ``pip install '.[plot]'``
 """
@@ -44,9 +44,9 @@ figure
 # Which body matters
 # ------------------
 # The ten parameters of a body grow with its density. So the products of derivatives and
-# parameters, summed over a body, are the change of the motion when this body gets denser
-# by 100 %. The gravity of other masses is not what the controller compensates: joint 2
-# is pulled down where the arm is stretched out.
+# parameters, summed over a body, are the change of the motion when this body gets
+# denser by 100 %. The controller compensates the gravity of the nominal masses only:
+# joint 2 is pulled down where the arm is stretched out.
 
 bodies = robot.parameters.reshape(-1, 10)
 by_density = (found.dq["parameters"].reshape(len(t), 6, -1, 10) * bodies).sum(-1)
@@ -74,8 +74,8 @@ figure
 # A band without sampling
 # -----------------------
 # Each body may be 5 % denser or lighter, one standard deviation. To first order the
-# spread of the motion is a sum of squares. 300 runs of the same scene say the same; for
-# each of them the prediction is right up to the second order.
+# variance of the motion is a sum of squares. 300 runs of the same scene confirm it; for
+# each of them the error of the prediction is of second order.
 
 rng = np.random.default_rng(0)
 share = 0.05 * rng.standard_normal((300, len(bodies)))
@@ -95,12 +95,13 @@ assert missed.max() < 0.05 * moved.max()
 assert abs(runs.q[-1, :, 1].std() / spread[-1, 1] - 1) < 0.15
 
 # %%
-# What grows
-# ----------
-# Derivatives of the motion by where joint 2 starts, beside motions that do start 1 mrad
-# beside. Under control they die out: whatever the start was, the arm ends where it
-# shall. With friction alone the arm falls, swings and comes to rest. The free arm is
-# chaotic: its derivatives grow without end, by a factor of e each 1 to 2 s.
+# Derivatives that grow
+# ---------------------
+# Derivatives of the motion with respect to the initial position of joint 2 are compared
+# with motions that start 1 mrad apart. Under control they decay: whatever the start
+# was, the arm reaches its reference. With friction alone the arm falls, swings and
+# comes to rest. The free arm is chaotic: its derivatives grow without end, by a factor
+# of e each 1 to 2 s.
 
 scenes = {
     "free": rne.Scene(robot),
@@ -133,10 +134,10 @@ ax.grid(alpha=0.3)
 figure
 
 # %%
-# Above the grey line the prediction ends: the two motions have little to do with each
-# other any more. The derivative is exact, and useless. For the same reason a gradient
-# over a long free motion leads an optimiser nowhere, whoever computed it. Take shorter
-# motions, several of them, or a scene that forgets its start.
+# Above the grey line the prediction fails: the two motions are no longer close to each
+# other. The derivative is exact, but useless. For the same reason a gradient over a
+# long free motion is of no use to an optimiser, whichever method computed it. Use
+# several shorter motions, or a scene with a controller or friction.
 
 rate = np.polyfit(T[40:], np.log(size["free"][40:]), 1)[0]
 print(f"the free arm's derivatives grow by a factor of e each {1 / rate:.2f} s")

@@ -2,11 +2,10 @@ r"""
 From a log to a C++ package
 ===========================
 
-A controller at 1 kHz wants the torques of the arm that stands in the hall, with its
-friction, not those of the data sheet, and it is written in C++. This tutorial identifies
-the arm from a log, writes what was found as a package in C++17, builds and tests it with
-CMake, and calls it from a program of one's own. The log is simulated, so we know the
-truth.
+A controller in C++ that runs at 1 kHz needs the torques of the real arm, with its
+friction, not those of the data sheet. This tutorial identifies the arm from a log,
+writes the identified model as a C++17 package, builds and tests it with CMake, and
+calls it from another program. The log is simulated, so we know the truth.
 
 Needs: ``pip install '.[plot,robots,identify]'``; CMake and a C++ compiler, without which
 the last steps are left out.
@@ -25,8 +24,8 @@ import rne
 # %%
 # The log
 # -------
-# A UR5 carries a camera that its URDF does not know. It follows sines for 20 s; torques
-# scatter by 0.3 N m.
+# A UR5 carries a camera that is not in its URDF. It follows sines for 20 s; torques
+# have a noise of 0.3 N m.
 
 robot = rne.load("ur5")
 arm = robot.with_payload(0.9, com=[0.0, 0.05, 0.06], link="tool0")
@@ -52,8 +51,8 @@ print(found.report().split("\n\n")[0])
 # %%
 # The package
 # -----------
-# Of what was identified, inverse and forward dynamics are with friction. ``std=True`` adds
-# a function that tells how sure a torque is, ``payload`` makes a tool an argument.
+# Inverse and forward dynamics include the identified friction. ``std=True`` adds a
+# function for the standard deviation of a torque, ``payload`` makes a tool an argument.
 
 folder = tempfile.TemporaryDirectory()
 package = Path(folder.name, "arm")
@@ -84,8 +83,8 @@ if has_compiler:
     run("cmake", "--install", build, "--prefix", prefix)
 
 # %%
-# In a program of one's own
-# -------------------------
+# In another program
+# ------------------
 # The program reads positions, velocities and accelerations, and writes torques and their
 # standard deviations.
 
@@ -116,8 +115,9 @@ int main()
 """)
 
 # %%
-# Another motion, which the fit has not seen: torques by Python, by C++, and the true ones.
-# Bands are of torques that have passed the filter of the fit, so that there is no noise.
+# For a motion that was not fitted, the torques of Python and of C++ are compared with
+# the true ones. Bands are those of torques that have passed the filter of the fit, so
+# that they contain no noise.
 
 t, q, qd, qdd, tau = measured([0.31, 0.22, 0.41, 0.27, 0.36, 0.29], 5.0, 0.0)
 torque, deviation = found.predict(q, qd, qdd, std=True)
@@ -151,7 +151,7 @@ ax.set(xlabel="time [s]", ylabel="torque of the elbow [N m]")
 ax.legend()
 
 # %%
-# :doc:`/ros2-control` says how the package becomes part of a controller.
+# :doc:`/ros2-control` describes how to use the package in a controller.
 
 folder.cleanup()
 figure

@@ -5,7 +5,7 @@ The closed loop as an FMU
 Other simulators, of a line, a vehicle or a plant, take models as Functional Mock-up
 Units: a file with a description and a library in C that need no Python. This tutorial
 exports an arm with its sampled controller, simulates the unit with fmpy and compares it
-with ``rne.simulate``, and puts a payload on after the export.
+with ``rne.simulate``, and adds a payload after the export.
 
 Needs: ``pip install '.[plot,fmu]'``; without fmpy, or without a compiler, the unit is
 written, but not simulated.
@@ -37,13 +37,14 @@ scene = rne.Scene(
 # %%
 # The unit
 # --------
-# ``payload`` names a link on which a body can be put in the other simulator. FMI 2.0 is
-# what most of them take; ``fmi="3.0"`` writes the newer standard. Each file serves
+# ``payload`` is the link to which a body can be attached in the other simulator. Most
+# simulators read FMI 2.0; ``fmi="3.0"`` writes the newer standard. Each file serves
 # co-simulation, where the unit brings its own integrator, and model exchange, where the
-# simulator integrates. Without ``platforms`` there is a library for each platform that
-# can be built here: all of them by Zig, which the extra brings, else this machine's.
-# For the first unit on a machine Zig compiles its own libraries for each platform, which
-# takes a minute or more; ``platforms=["x86_64-linux"]`` alone takes seconds.
+# simulator integrates. Without ``platforms`` the file contains a library for each
+# platform that can be built here: all platforms with Zig, which the extra installs,
+# otherwise only this machine's. For the first unit on a machine Zig compiles its own
+# libraries for each platform, which takes a minute or more; with
+# ``platforms=["x86_64-linux"]`` it takes seconds.
 
 folder = tempfile.TemporaryDirectory()
 path = Path(folder.name, "arm.fmu")
@@ -53,8 +54,8 @@ print("binaries for", ", ".join(built) or "no platform")
 # %%
 # In another simulator
 # --------------------
-# Two set-points are given as a table, as an operator would type them. The first run is
-# without payload, the second with 4 kg at the tool, 0.1 m in front of it.
+# Two set-points are given as a table. The first run is without payload, the second with
+# 4 kg at the tool, 0.1 m in front of it.
 
 first, second = np.array([0.6, 0.4, -0.3, 0.5, -0.4, 0.8]), np.zeros(6)
 t = np.linspace(0, 2, 201)
@@ -106,7 +107,7 @@ if built and importlib.util.find_spec("fmpy"):
     assert worst < 1e-7
 
 # %%
-# Under the payload joint 2 sags: the controller compensates the weight of the arm alone.
+# With the payload joint 2 sags: the controller compensates only the weight of the arm.
 
 figure = Figure(figsize=(6.4, 3.4), layout="constrained")
 ax = figure.subplots()

@@ -5,7 +5,7 @@ From a LeRobot log to a model
 A data set of LeRobot has commands and positions of a hobby-servo arm, and no torques.
 That is enough to find the servos' gains, their torque limits, friction and rotors, and
 the delay of the commands: ``rne.identify_motion`` simulates the arm with its servos,
-and chooses the numbers with which the simulated positions are the recorded ones.
+and finds the numbers for which the simulated positions fit the recorded ones.
 
 Needs: ``pip install '.[plot,robots,numba,lerobot]'``
 """
@@ -23,11 +23,11 @@ from matplotlib.figure import Figure
 import rne
 
 # %%
-# The arm as far as it is known
-# -----------------------------
-# Bodies are those of the CAD model. The wrist and the gripper stay where they are.
-# The servos start from published figures: nominal torques and speeds of the data sheet,
-# rotors and friction of pendulums that others swung.
+# The initial model
+# -----------------
+# Bodies are those of the CAD model. The wrist and the gripper are locked. The servos
+# start from published figures: nominal torques and speeds of the data sheet, rotors and
+# friction from published pendulum experiments.
 
 still = {"wrist_flex": 0.0, "wrist_roll": 0.0, "gripper": 0.5}  # [rad]
 arm = rne.load("so101", engine="numba").locked(still)
@@ -44,10 +44,10 @@ known = rne.Scene(
 # %%
 # The recording
 # -------------
-# In place of the arm we simulate one, whose servos differ from the figures and from each
-# other, and whose commands act 8 ms after their time stamps. Two episodes of 12 s, 30
-# commands per second: steps all over the range, then swings. The steps are large, so
-# that servos reach their torque limits; the swings are slow, so that they hold weight.
+# Instead of a real arm we simulate one. Its servos differ from the figures and from
+# each other, and its commands act 8 ms after their time stamps. Two episodes of 12 s,
+# 30 commands per second: steps all over the range, then swings. The steps are large, so
+# that servos reach their torque limits; the swings are slow, so that gravity dominates.
 
 rng = np.random.default_rng(1)
 n, delay, rate = arm.n, 0.008, 30
@@ -94,8 +94,8 @@ def episode():
 episodes = [episode() for _ in range(2)]
 
 # %%
-# As LeRobot writes it: a table with a list of positions and one of commands per row, in
-# degrees but for the gripper, which is in per cent of its range.
+# The data set has LeRobot's format: a table with a list of positions and one of
+# commands per row, in degrees except for the gripper, which is in percent of its range.
 
 folder = Path(tempfile.mkdtemp())
 names = [f"{name}.pos" for name in (*arm.joint_names, *still)]
@@ -120,8 +120,8 @@ pyarrow.parquet.write_table(pyarrow.table(columns), data / "file-000.parquet")
 # Read it
 # -------
 # ``action`` is the command, ``observation.state`` the position. Joints are found by
-# name; those that do not move are left out. A reader of your own gives arrays:
-# ``Record(t, q, command=command)``.
+# name; those that do not move are left out. For other formats, pass arrays: ``Record(t,
+# q, command=command)``.
 
 records = [
     rne.identification.Record.from_log(
@@ -135,9 +135,9 @@ print("one encoder step:", (1e3 * records[0].encoder_step).round(2), "mrad")
 # %%
 # Fit
 # ---
-# The first episode is fitted. Masses are not: they fix the scale, as all torques,
-# gains, friction and rotors together may be doubled without a change of the motion.
-# Neither is the no-load speed, which acts as viscous friction does.
+# The first episode is fitted. The masses are not fitted: they fix the scale, since the
+# motion does not change if masses, gains, friction and rotors are all doubled. The
+# no-load speed is not fitted either, because it acts like viscous friction.
 
 wrt = ["controller.kp", "controller.stall_torque", "friction.viscous"]
 wrt += ["friction.coulomb", "armature", "command.delay"]
@@ -145,8 +145,8 @@ found = rne.identify_motion(known, records[0], wrt)
 print(found.report())
 
 # %%
-# The residual is the rounding of the encoders. Here the truth is known: every number is
-# within some standard errors of it.
+# The residual is the rounding of the encoders. Here the true numbers are known: every
+# estimate is within four standard errors of them.
 
 truth = np.concatenate([true.numbers[name] for name in wrt[:-1]] + [np.array([delay])])
 errors = (found.values - truth) / found.std
@@ -157,9 +157,9 @@ assert (found.rms < found.resolution * 1.1).all()
 # %%
 # The other episode
 # -----------------
-# Judge a model by a motion that it was not fitted to. From the commands alone it
-# predicts each position to less than an encoder step. The published figures, which are
-# as good as such figures are, miss by some degrees while the arm moves.
+# Validate a model with a motion that was not fitted. From the commands the fitted model
+# predicts each position to less than an encoder step. With the published figures the
+# errors are a few degrees while the arm moves.
 
 other = records[1]
 at = np.concatenate([[0.0], other.t[1:] + delay])
@@ -197,10 +197,10 @@ figure
 # %%
 # What a log does not show
 # ------------------------
-# Demonstrations have no large steps. Of the swings alone, where no servo reaches its
-# limit, the torque at this limit acts like viscous friction: by the back EMF, which is
-# the stall torque over the no-load speed. The report says which numbers act alike, and
-# what to do. The others are found as before, with larger errors.
+# Demonstrations have no large steps. In the swings no servo reaches its limit. There
+# the stall torque acts only through the back EMF, the stall torque divided by the
+# no-load speed, which is the same as viscous friction. The report lists numbers with
+# the same effect, and what to do. The others are found as before, with larger errors.
 
 swings = rne.identify_motion(known, records[0].between(6, 12), wrt, starts=1)
 print(swings.verdict)
@@ -217,11 +217,12 @@ assert known_errors.max() < 4
 # %%
 # Use it
 # ------
-# ``found.scene()`` is the arm with its servos, to simulate, to tune, or to learn in;
-# ``found.to_urdf()`` the robot with its friction; ``found.save("so101.npz")`` keeps
-# all of it. On your own arm, read the report from its top: a residual well above the
-# encoder's step means that the model misses something, and no standard error covers
-# that. The guide "Identify without torques" says which motions determine which number.
+# ``found.scene()`` is the arm with its servos, for simulation, tuning or learning;
+# ``found.to_urdf()`` the robot with its friction; ``found.save("so101.npz")`` keeps all
+# of it. On your own arm, read the report from its top: a residual well above the
+# encoder's step means that the model lacks an effect, which the standard errors do not
+# cover. The guide "Identify without torques" lists which motions determine which
+# number.
 
 scene = found.scene()
 law = replace(scene.controller, robot=plain, reference=middle + 0.3 * half)

@@ -2,9 +2,9 @@ r"""
 Velocities by an extended Kalman filter
 =======================================
 
-Differences of encoder positions are noisy, and late once they are filtered. With a
-model the known torques say how velocities change. This extended Kalman filter predicts
-the state by ``rne.Stepper`` and the covariance by its ``jacobian``.
+Differences of encoder positions are noisy, and filtering delays them. With a model,
+velocities also follow from the known torques. This extended Kalman filter predicts the
+state with ``rne.Stepper`` and the covariance with its ``jacobian``.
 
 Needs: ``pip install '.[plot]'``
 """
@@ -23,9 +23,10 @@ step, t, w = rne.Stepper(scene, h), np.arange(0, 2, h), np.array([3.0, 4.0, 5.0]
 q, qd = 0.5 * np.sin(np.outer(t, w)), 0.5 * w * np.cos(np.outer(t, w))  # reference
 known = scene.inverse_dynamics(q, qd, -(w**2) * q)  # [N m]
 # %%
-# Twenty simulated arms, each with a filter and a controller that knows its estimate z:
-# three positions, three velocities, and three torques that the model lacks, which are
-# random walks of 5 N m in one second. Encoder rounding is noise of variance count² / 12.
+# Twenty arms are simulated, each with a filter and a controller that uses its estimate
+# z: three positions, three velocities, and three disturbance torques, modelled as
+# random walks of 5 N m in one second. Encoder rounding is treated as noise of variance
+# count² / 12.
 begin, walk = np.repeat([1e-3, 0.1, 5.0], 3), np.repeat([0, 0, 5 * h**0.5], 3)
 z, P = np.tile([*q[0], *qd[0], 0, 0, 0], (20, 1)), np.array([np.diag(begin**2)] * 20)
 rng, F, rows, nees = np.random.default_rng(0), np.tile(np.eye(9), (20, 1, 1)), [], []
@@ -42,9 +43,10 @@ for k in range(len(t)):
     z, true = (np.hstack([step(x[:, :6], u + x[:, 6:]), x[:, 6:]]) for x in (z, true))
     true += walk * rng.normal(size=z.shape)
 # %%
-# Errors are as large as the filter's covariance says. In velocities they are an eighth
-# of those of differences behind the best of many low-passes, which only the truth tells.
-# On your arm look at y - z: it shows whether the model and its noise are right.
+# Errors are as large as the filter's covariance says. Velocity errors are an eighth of
+# those of filtered differences, even with the best of many low-pass filters, which
+# could be chosen only because the true velocities are known. On your arm check y - z:
+# it shows whether the model and its noise are right.
 y, true, z, std = np.split(np.array(rows), [3, 12, 21], axis=2)
 share = (abs(z - true) < 2 * std)[100:].mean((0, 1))
 rate, poles = np.diff(y, axis=0, prepend=y[:1]) / h, np.arange(0.3, 0.95, 0.05)
