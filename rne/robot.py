@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, DTypeLike
 from . import dynamics
 from . import model as models
 from .basics.arrays import number_array, positive_number, real_array, whole_number
+from .basics.docstrings import describe_parameters
 from .basics.spatial import Array, cross, rotate_back
 from .basics.text import InNotebooks, brief_array, counted, short
 from .dynamics.kinematics import ORIGIN
@@ -33,14 +34,46 @@ if TYPE_CHECKING:
 # compiled by Robot.compile without arguments, beside forward dynamics
 COMPILED = (dynamics.inverse_dynamics, dynamics.mass_matrix, dynamics.bias_torque, dynamics.gravity_torque)
 
+# Arguments that several methods of Robot have; they are added to the methods' docstrings, which describe others only.
+ARGUMENTS = """
+q : array_like, shape (..., n)
+    Joint positions [rad or m].
+qd : array_like, shape (..., n)
+    Joint velocities [rad/s or m/s].
+qdd : array_like, shape (..., n)
+    Joint accelerations [rad/s^2 or m/s^2].
+tau : array_like, shape (..., n)
+    Joint torques [N m or N].
+link : str
+    One of `link_names`.
+point : array_like, shape (3,)
+    In the link's frame; by default its origin [m].
+rows : {"xyz", "rotation"} or sequence of int, optional
+    Rows of the Jacobian: the three translations, the three rotations, or by numbers 0 to 5, rotations first. All six by
+    default, which arms of fewer joints do not have.
+damping : float
+    Added to J M^-1 J^T, in units of its diagonal: near singular poses, where no torque accelerates the point in some
+    direction, Lambda then stays below 1/damping times the inertia of each row alone.
+axes : {"base", "link"}
+    Axes of the rows: the root link's or the link's own.
+external : mapping of str to array_like, shape (..., 6), optional
+    Wrenches [moment; force] that act on links, by the link's name [N m, N]: at its origin, in its own axes, not those
+    of the root link. `rne.wrench` makes them from forces at other points and in the root link's axes.
+parameters : array_like, shape (..., 10 nb), optional
+    Inertial parameters instead of the robot's own, in the order of `Robot.parameters`. They broadcast against the
+    states: many variants of the robot are one batch.
+"""
 
+
+@describe_parameters(ARGUMENTS)
 class Robot(InNotebooks):
     """A robot: its torques, accelerations, mass matrix, energies and their derivatives are methods.
 
     Arrays of joint values have shape (..., n): leading axes are independent states. All quantities are in SI units,
     angles in radians. The first call of a method for a single state runs the recursion; later calls and batches run its
     kernel, traced for this robot (see `compile`). A ValueError names an array that has the wrong shape or is not
-    finite, a NotFiniteError a result that overflows; methods list what else they raise.
+    finite, or a link or option that does not exist, a NotFiniteError a result that overflows; methods list what else
+    they raise.
 
     Parameters
     ----------
@@ -277,30 +310,19 @@ class Robot(InNotebooks):
     ) -> Array:
         """Joint torques for given accelerations: tau = M qdd + C qd + g.
 
-        Recursive Newton-Euler algorithm: Høifødt 2011, (3.24)-(3.38).
-
-        Parameters
-        ----------
-        q, qd, qdd : array_like, shape (..., n)
-            Joint positions, velocities and accelerations [rad or m; rad/s or m/s; rad/s^2 or m/s^2].
-        external : mapping of str to array_like, shape (..., 6), optional
-            In the named link's axes, not the root's, at its origin: wrenches [moment; force] on the robot [N m, N]. The
-            torques are less by what the wrenches supply. Turn what is known in the root's axes by `link_poses`.
-        parameters : array_like, shape (..., 10 nb), optional
-            Inertial parameters in place of the robot's own, in the order of `Robot.parameters`. They broadcast against
-            the states: many variants of the robot are one batch. Torques are linear in them, so that any finite numbers
-            will do: base parameters that were identified give the torques of the arm, with masses that may be negative.
-            Of random ones `with_parameters` refuses those that no bodies have.
+        Recursive Newton-Euler algorithm: Høifødt 2011, (3.24)-(3.38). External wrenches reduce the torques by what they
+        supply.
 
         Returns
         -------
         ndarray, shape (..., n)
             Torques of revolute joints, forces of prismatic ones [N m or N].
 
-        Raises
-        ------
-        ValueError
-            If an array has the wrong shape or is not finite, there is no such link, or the torque overflows.
+        Notes
+        -----
+        Torques are linear in `parameters`, so that any finite numbers will do: base parameters that were identified
+        give the torques of the arm, with masses that may be negative. `with_parameters` refuses numbers that no bodies
+        have.
 
         Examples
         --------
@@ -333,16 +355,6 @@ class Robot(InNotebooks):
 
         By M = L^T D L, Featherstone 2008, section 6.5, or for many joints by articulated bodies, table 7.1.
 
-        Parameters
-        ----------
-        q, qd, tau : array_like, shape (..., n)
-            Joint positions, velocities and torques [rad or m; rad/s or m/s; N m or N].
-        external : mapping of str to array_like, shape (..., 6), optional
-            In the named link's axes, not the root's, at its origin: wrenches [moment; force] on the robot [N m, N].
-        parameters : array_like, shape (..., 10 nb), optional
-            Inertial parameters in place of the robot's own; see `inverse_dynamics`. Of bodies that are not possible,
-            those are refused that make M singular or not positive definite.
-
         Returns
         -------
         ndarray, shape (..., n)
@@ -350,10 +362,9 @@ class Robot(InNotebooks):
 
         Raises
         ------
-        ValueError
-            If an array has the wrong shape or is not finite, there is no such link, or the acceleration overflows.
         SingularMassMatrixError
-            If M is singular to working precision; names the joints whose combination moves no inertia.
+            If M is singular to working precision, or not positive definite for these `parameters`; its `joints` are
+            those whose combined motion moves no inertia.
 
         Warns
         -----
@@ -377,13 +388,6 @@ class Robot(InNotebooks):
 
         Composite-rigid-body algorithm: Featherstone 2008, table 6.2.
 
-        Parameters
-        ----------
-        q : array_like, shape (..., n)
-            Joint positions [rad or m].
-        parameters : array_like, shape (..., 10 nb), optional
-            Inertial parameters in place of the robot's own; see `inverse_dynamics`.
-
         Returns
         -------
         ndarray, shape (..., n, n)
@@ -402,23 +406,11 @@ class Robot(InNotebooks):
 
         Høifødt 2011, (3.24)-(3.38) and (5.33).
 
-        Parameters
-        ----------
-        q, qd, qdd : array_like, shape (..., n)
-            Joint positions, velocities and accelerations [rad or m; rad/s or m/s; rad/s^2 or m/s^2].
-        external : mapping of str to array_like, shape (..., 6), optional
-            In the named link's axes, not the root's, at its origin: wrenches [moment; force] on the robot [N m, N].
-
         Returns
         -------
         Recursion
             Angular velocities and accelerations, accelerations, forces and moments of every link, in its own axes;
             for one state, `print` shows them as a table with units and the thesis's equation numbers.
-
-        Raises
-        ------
-        ValueError
-            If an array has the wrong shape or is not finite, there is no such link, or a result overflows.
 
         Examples
         --------
@@ -438,8 +430,6 @@ class Robot(InNotebooks):
 
         Parameters
         ----------
-        q : array_like, shape (..., n)
-            Joint positions [rad or m].
         qd, tau : array_like, shape (..., n), optional
             Joint velocities and torques, both or neither [rad/s or m/s; N m or N].
         dtype : real floating data type, optional
@@ -453,8 +443,7 @@ class Robot(InNotebooks):
         Raises
         ------
         ValueError
-            If an array has the wrong shape or is not finite and real, `dtype` is not real floating point, or only one
-            of `qd` and `tau` is given.
+            If an array is not real, `dtype` is not real floating point, or only one of `qd` and `tau` is given.
 
         Examples
         --------
@@ -471,24 +460,10 @@ class Robot(InNotebooks):
 
         Inverse dynamics at qdd = 0: Høifødt 2011, appendix B.
 
-        Parameters
-        ----------
-        q, qd : array_like, shape (..., n)
-            Joint positions and velocities [rad or m; rad/s or m/s].
-        external : mapping of str to array_like, shape (..., 6), optional
-            In the named link's axes, not the root's, at its origin: wrenches [moment; force] on the robot [N m, N].
-        parameters : array_like, shape (..., 10 nb), optional
-            Inertial parameters in place of the robot's own; see `inverse_dynamics`.
-
         Returns
         -------
         ndarray, shape (..., n)
             Torques [N m or N].
-
-        Raises
-        ------
-        ValueError
-            If an array has the wrong shape or is not finite, there is no such link, or the torque overflows.
 
         Examples
         --------
@@ -503,13 +478,6 @@ class Robot(InNotebooks):
         """Joint torques g(q) that balance gravity at rest.
 
         Inverse dynamics at qd = qdd = 0: Høifødt 2011, (3.1).
-
-        Parameters
-        ----------
-        q : array_like, shape (..., n)
-            Joint positions [rad or m].
-        parameters : array_like, shape (..., 10 nb), optional
-            Inertial parameters in place of the robot's own; see `inverse_dynamics`.
 
         Returns
         -------
@@ -528,13 +496,6 @@ class Robot(InNotebooks):
         """Centrifugal and Coriolis joint torques C(q, qd) qd.
 
         Inverse dynamics at qdd = 0 without gravity: Høifødt 2011, (3.1).
-
-        Parameters
-        ----------
-        q, qd : array_like, shape (..., n)
-            Joint positions and velocities [rad or m; rad/s or m/s].
-        parameters : array_like, shape (..., 10 nb), optional
-            Inertial parameters in place of the robot's own; see `inverse_dynamics`.
 
         Returns
         -------
@@ -555,13 +516,6 @@ class Robot(InNotebooks):
 
         dM/dt - 2 C is skew: Siciliano et al. 2009, (7.49).
 
-        Parameters
-        ----------
-        q, qd : array_like, shape (..., n)
-            Joint positions and velocities [rad or m; rad/s or m/s].
-        parameters : array_like, shape (..., 10 nb), optional
-            Inertial parameters in place of the robot's own; see `inverse_dynamics`.
-
         Returns
         -------
         ndarray, shape (..., n, n)
@@ -580,26 +534,21 @@ class Robot(InNotebooks):
     def inverse_dynamics_derivatives(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> tuple[Array, Array, Array]:
         """Exact derivatives of the inverse dynamics, from the traced program.
 
-        Parameters
-        ----------
-        q, qd, qdd : array_like, shape (..., n)
-            Joint positions, velocities and accelerations [rad or m; rad/s or m/s; rad/s^2 or m/s^2].
-
         Returns
         -------
         dtau_dq : ndarray, shape (..., n, n)
             Row i is of torque i, column j by position j.
         dtau_dqd : ndarray, shape (..., n, n)
-            By the velocities.
+            With respect to the velocities.
         M : ndarray, shape (..., n, n)
-            By the accelerations: the mass matrix.
+            With respect to the accelerations: the mass matrix.
 
         Examples
         --------
         >>> import numpy as np, rne
         >>> robot, q, zero = rne.load("irb140"), np.full(6, 0.3), np.zeros(6)
         >>> dtau_dq, dtau_dqd, M = robot.inverse_dynamics_derivatives(q, zero, zero)
-        >>> dtau_dq[1].round(1)[1:3].tolist()  # of joint 2 by q2 and q3 [N m/rad]
+        >>> dtau_dq[1].round(1)[1:3].tolist()  # of joint 2 with respect to q2 and q3 [N m/rad]
         [-115.8, 13.4]
         >>> bool(dtau_dqd.any()), np.allclose(M, robot.mass_matrix(q))  # at rest
         (False, True)
@@ -609,33 +558,17 @@ class Robot(InNotebooks):
     def forward_dynamics_derivatives(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> tuple[Array, Array, Array]:
         """Exact derivatives of the forward dynamics.
 
-        From M qdd + h = tau: M dqdd = -d(M qdd + h) at constant qdd. Carpentier and Mansard 2018.
-
-        Parameters
-        ----------
-        q, qd, tau : array_like, shape (..., n)
-            Joint positions, velocities and torques [rad or m; rad/s or m/s; N m or N].
+        From M qdd + h = tau: M dqdd = -d(M qdd + h) at constant qdd. Carpentier and Mansard 2018. Errors and warnings
+        are those of `forward_dynamics`.
 
         Returns
         -------
         dqdd_dq : ndarray, shape (..., n, n)
             Row i is of acceleration i, column j by position j.
         dqdd_dqd : ndarray, shape (..., n, n)
-            By the velocities.
+            With respect to the velocities.
         dqdd_dtau : ndarray, shape (..., n, n)
-            By the torques: the inverse of M.
-
-        Raises
-        ------
-        ValueError
-            If an array has the wrong shape or is not finite, or a derivative overflows.
-        SingularMassMatrixError
-            If M is singular to working precision.
-
-        Warns
-        -----
-        PrecisionWarning
-            If fewer than 3 digits are left.
+            With respect to the torques: the inverse of M.
 
         Examples
         --------
@@ -658,15 +591,13 @@ class Robot(InNotebooks):
 
         Parameters
         ----------
-        q, qd, qdd : array_like, shape (..., n)
-            Joint positions, velocities and accelerations [rad or m; rad/s or m/s; rad/s^2 or m/s^2].
         weights : array_like, shape (..., n)
-            Of each torque.
+            Weight of each torque.
 
         Returns
         -------
         ndarray, shape (..., 3 n)
-            By positions, velocities and accelerations: weights^T (dtau/dq, dtau/dqd, M).
+            With respect to positions, velocities and accelerations: weights^T (dtau/dq, dtau/dqd, M).
 
         Examples
         --------
@@ -682,13 +613,13 @@ class Robot(InNotebooks):
 
         Parameters
         ----------
-        q, qd, qdd, weights : array_like, shape (..., n)
-            As of `inverse_dynamics_gradient`.
+        weights : array_like, shape (..., n)
+            Weight of each torque.
 
         Returns
         -------
         ndarray, shape (..., 3 n, 3 n)
-            By positions, velocities and accelerations, exactly symmetric.
+            With respect to positions, velocities and accelerations, exactly symmetric.
 
         Examples
         --------
@@ -703,27 +634,17 @@ class Robot(InNotebooks):
     def forward_dynamics_gradient(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike, weights: ArrayLike) -> Array:
         """Gradient of the weighted sum of the accelerations of forward dynamics.
 
+        Errors and warnings are those of `forward_dynamics`.
+
         Parameters
         ----------
-        q, qd, tau : array_like, shape (..., n)
-            Joint positions, velocities and torques [rad or m; rad/s or m/s; N m or N].
         weights : array_like, shape (..., n)
-            Of each acceleration.
+            Weight of each acceleration.
 
         Returns
         -------
         ndarray, shape (..., 3 n)
-            By positions, velocities and torques; the last are M^-1 weights.
-
-        Raises
-        ------
-        SingularMassMatrixError
-            If M is singular to working precision.
-
-        Warns
-        -----
-        PrecisionWarning
-            If fewer than 3 digits are left.
+            With respect to positions, velocities and torques; the last are M^-1 weights.
 
         Examples
         --------
@@ -737,15 +658,17 @@ class Robot(InNotebooks):
     def forward_dynamics_hessian(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike, weights: ArrayLike) -> Array:
         """Second derivatives of the weighted sum of the accelerations of forward dynamics.
 
+        Errors and warnings are those of `forward_dynamics`.
+
         Parameters
         ----------
-        q, qd, tau, weights : array_like, shape (..., n)
-            As of `forward_dynamics_gradient`, as are errors and warnings.
+        weights : array_like, shape (..., n)
+            Weight of each acceleration.
 
         Returns
         -------
         ndarray, shape (..., 3 n, 3 n)
-            By positions, velocities and torques, exactly symmetric.
+            With respect to positions, velocities and torques, exactly symmetric.
 
         Examples
         --------
@@ -765,29 +688,14 @@ class Robot(InNotebooks):
     def linearize(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> tuple[Array, Array]:
         """Linearisation at a state: the derivative of (q, qd) changes by A d(q, qd) + B dtau.
 
-        Parameters
-        ----------
-        q, qd, tau : array_like, shape (..., n)
-            Joint positions, velocities and torques [rad or m; rad/s or m/s; N m or N].
+        Errors and warnings are those of `forward_dynamics`.
 
         Returns
         -------
         A : ndarray, shape (..., 2 n, 2 n)
-            Rows: derivatives of velocities and accelerations; columns: by positions and velocities.
+            Rows: derivatives of velocities and accelerations; columns: with respect to positions and velocities.
         B : ndarray, shape (..., 2 n, n)
-            By the torques: zero, and the inverse of M.
-
-        Raises
-        ------
-        ValueError
-            If an array has the wrong shape or is not finite, or a derivative overflows.
-        SingularMassMatrixError
-            If M is singular to working precision.
-
-        Warns
-        -----
-        PrecisionWarning
-            If fewer than 3 digits are left.
+            With respect to the torques: zero, and the inverse of M.
 
         Examples
         --------
@@ -811,11 +719,6 @@ class Robot(InNotebooks):
 
         Products of the joints' transforms: Siciliano et al. 2009, (2.50).
 
-        Parameters
-        ----------
-        q : array_like, shape (..., n)
-            Joint positions [rad or m].
-
         Returns
         -------
         ndarray, shape (..., n_links, 4, 4)
@@ -836,26 +739,10 @@ class Robot(InNotebooks):
         Wrenches that `external` takes are in the link's axes instead: `rne.wrench` makes them. Siciliano et al. 2009,
         (3.29), with the angular rows first as in Featherstone 2008.
 
-        Parameters
-        ----------
-        q : array_like, shape (..., n)
-            Joint positions [rad or m].
-        link : str
-            One of `link_names`.
-        point : array_like, shape (3,)
-            In the link's frame; by default its origin [m].
-        axes : {"base", "link"}
-            Axes of the rows: the root link's or the link's own.
-
         Returns
         -------
         ndarray, shape (..., 6, n)
             [omega; v] = J qd [1, m]. Pinocchio and Corke's toolbox have v first.
-
-        Raises
-        ------
-        ValueError
-            If `q` or `point` has the wrong shape or is not finite, or there is no such link or axes.
 
         Examples
         --------
@@ -874,24 +761,10 @@ class Robot(InNotebooks):
 
         Featherstone 2008, section 2.10.
 
-        Parameters
-        ----------
-        q, qd : array_like, shape (..., n)
-            Joint positions and velocities [rad or m; rad/s or m/s].
-        link : str
-            One of `link_names`.
-        point : array_like, shape (3,)
-            In the link's frame; by default its origin [m].
-
         Returns
         -------
         ndarray, shape (..., 6, n)
             The matrix dJ/dt in the axes of the root link [1/s, m/s]: the point's acceleration is J qdd + (dJ/dt) qd.
-
-        Raises
-        ------
-        ValueError
-            If an array has the wrong shape or is not finite, or there is no such link.
 
         Examples
         --------
@@ -916,23 +789,6 @@ class Robot(InNotebooks):
 
         Khatib 1987: with the torques J^T (Lambda a + `task_bias`) the point has the acceleration a.
 
-        Parameters
-        ----------
-        q : array_like, shape (..., n)
-            Joint positions [rad or m].
-        link : str
-            One of `link_names`.
-        point : array_like, shape (3,)
-            In the link's frame; by default its origin [m].
-        rows : {"xyz", "rotation"} or sequence of int, optional
-            Rows of the Jacobian: the three translations, the three rotations, or by numbers 0 to 5, rotations first.
-            All six by default, which arms of fewer joints do not have.
-        damping : float
-            Added to J M^-1 J^T, in units of its diagonal: near singular poses, where no torque accelerates the point in
-            some direction, Lambda then stays below 1/damping times the inertia of each row alone.
-        axes : {"base", "link"}
-            Axes of the rows: the root link's or the link's own.
-
         Returns
         -------
         ndarray, shape (..., m, m)
@@ -941,10 +797,8 @@ class Robot(InNotebooks):
         Raises
         ------
         SingularMassMatrixError
-            If M is singular, or the pose is and there is no damping; names the directions that are lost. A pose is
+            If M is singular, or the pose is and there is no damping; the message lists the lost directions. A pose is
             singular where a pivot of J M^-1 J^T is at most 8 m eps of its diagonal entry.
-        ValueError
-            If an argument has the wrong shape or is not finite, or there is no such link, row or axes.
 
         Examples
         --------
@@ -966,14 +820,7 @@ class Robot(InNotebooks):
     ) -> Array:
         """Force at a point of a link that does not accelerate: gravity, Coriolis and centrifugal forces of the task.
 
-        Lambda (J M^-1 (C qd + g) - dJ/dt qd), Khatib 1987.
-
-        Parameters
-        ----------
-        q, qd : array_like, shape (..., n)
-            Joint positions and velocities [rad or m; rad/s or m/s].
-        link, point, rows, damping, axes : arguments of `task_inertia`
-            Its errors are raised as well.
+        Lambda (J M^-1 (C qd + g) - dJ/dt qd), Khatib 1987. Errors are those of `task_inertia`.
 
         Returns
         -------
@@ -1000,14 +847,8 @@ class Robot(InNotebooks):
     ) -> Array:
         """Dynamically consistent inverse of a point's Jacobian, M^-1 J^T Lambda.
 
-        Khatib 1987. Torques (1 - J^T inverse^T) tau, those of the null space, do not accelerate the point.
-
-        Parameters
-        ----------
-        q : array_like, shape (..., n)
-            Joint positions [rad or m].
-        link, point, rows, damping, axes : arguments of `task_inertia`
-            Its errors are raised as well.
+        Khatib 1987. Torques (1 - J^T inverse^T) tau, those of the null space, do not accelerate the point. Errors are
+        those of `task_inertia`.
 
         Returns
         -------
@@ -1034,12 +875,7 @@ class Robot(InNotebooks):
     ) -> Array:
         """Projector of torques on those that do not accelerate a point: 1 - J^T inverse^T of `task_inverse`.
 
-        Parameters
-        ----------
-        q : array_like, shape (..., n)
-            Joint positions [rad or m].
-        link, point, rows, damping, axes : arguments of `task_inertia`
-            Its errors are raised as well.
+        Errors are those of `task_inertia`.
 
         Returns
         -------
@@ -1071,13 +907,6 @@ class Robot(InNotebooks):
 
         Siciliano et al. 2009, section 7.1. Bodies fixed to the root link do not count.
 
-        Parameters
-        ----------
-        q : array_like, shape (..., n)
-            Joint positions [rad or m].
-        parameters : array_like, shape (..., 10 nb), optional
-            Inertial parameters of the bodies, by default the model's; see `parameters`.
-
         Returns
         -------
         ndarray, shape (..., 3)
@@ -1086,7 +915,7 @@ class Robot(InNotebooks):
         Raises
         ------
         ValueError
-            If an array has the wrong shape or is not finite, or nothing that moves has a mass.
+            If nothing that moves has a mass.
 
         Examples
         --------
@@ -1101,13 +930,6 @@ class Robot(InNotebooks):
 
         Siciliano et al. 2009, (7.16), summed over the bodies.
 
-        Parameters
-        ----------
-        q : array_like, shape (..., n)
-            Joint positions [rad or m].
-        parameters : array_like, shape (..., 10 nb), optional
-            Inertial parameters of the bodies, by default the model's; see `parameters`.
-
         Returns
         -------
         ndarray, shape (..., 3, n)
@@ -1116,7 +938,7 @@ class Robot(InNotebooks):
         Raises
         ------
         ValueError
-            If an array has the wrong shape or is not finite, or nothing that moves has a mass.
+            If nothing that moves has a mass.
 
         Examples
         --------
@@ -1130,13 +952,6 @@ class Robot(InNotebooks):
         """Kinetic energy of the robot, drives (`armature`) included; equal to qd^T M qd / 2.
 
         Høifødt 2011, (6.31), by (6.30) summed over the bodies.
-
-        Parameters
-        ----------
-        q, qd : array_like, shape (..., n)
-            Joint positions and velocities [rad or m; rad/s or m/s].
-        parameters : array_like, shape (..., 10 nb), optional
-            Inertial parameters in place of the robot's own; see `inverse_dynamics`.
 
         Returns
         -------
@@ -1156,13 +971,6 @@ class Robot(InNotebooks):
 
         Høifødt 2011, (6.32).
 
-        Parameters
-        ----------
-        q : array_like, shape (..., n)
-            Joint positions [rad or m].
-        parameters : array_like, shape (..., 10 nb), optional
-            Inertial parameters in place of the robot's own; see `inverse_dynamics`.
-
         Returns
         -------
         ndarray, shape (...)
@@ -1180,13 +988,6 @@ class Robot(InNotebooks):
         """Momentum of the moving bodies about the root link's origin.
 
         Its derivative is the sum of the wrenches of base, gravity and environment. Featherstone 2008, (2.61).
-
-        Parameters
-        ----------
-        q, qd : array_like, shape (..., n)
-            Joint positions and velocities [rad or m; rad/s or m/s].
-        parameters : array_like, shape (..., 10 nb), optional
-            Inertial parameters in place of the robot's own; see `inverse_dynamics`.
 
         Returns
         -------
@@ -1215,11 +1016,6 @@ class Robot(InNotebooks):
 
         Høifødt 2011, (3.2); Siciliano et al. 2009, section 7.2.2.
 
-        Parameters
-        ----------
-        q, qd, qdd : array_like, shape (..., n)
-            Joint positions, velocities and accelerations [rad or m; rad/s or m/s; rad/s^2 or m/s^2].
-
         Returns
         -------
         ndarray, shape (..., n, 10 nb)
@@ -1243,8 +1039,6 @@ class Robot(InNotebooks):
 
         Parameters
         ----------
-        q, qd : array_like, shape (..., n)
-            Joint positions and velocities [rad or m; rad/s or m/s].
         qdr, qddr : array_like, shape (..., n)
             Velocities and accelerations of the reference [rad/s or m/s; rad/s^2 or m/s^2].
 

@@ -10,19 +10,21 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import positive_number
+from ..basics.docstrings import describe_parameters
 from ..basics.inertia import PARAMETERS, dual_of_gradient, parameters_of_pseudo_inertia, pseudo_inertia
 from ..basics.spatial import Array, transpose, zeros
 from ..basics.text import summary
 from ..elementwise import maximum, minimum, tanh
 from ..model.friction_laws import SMOOTHING
 from ..robot import Robot
-from .laws import Reference, check_reference, checked_vectors, composite_error, model_torques, of_robot
+from .laws import STATES, Reference, check_reference, checked_vectors, composite_error, model_torques, of_robot
 
 FADING = 0.1  # width of the margin below a torque limit in which adaptation slows down, relative to the limit
 SMALLEST = 1e-12  # smallest eigenvalue of a positive definite pseudo-inertia, relative to the largest
 ROWS, COLUMNS = np.triu_indices(4)
 
 
+@describe_parameters(STATES)
 @dataclass(frozen=True, eq=False)
 class Adaptive:
     """Adaptive tracking control after Slotine and Li, made by `adaptive`; attributes are its arguments.
@@ -111,11 +113,6 @@ class Adaptive:
     def parameters(self, z: Array) -> Array:
         """Estimated inertial parameters of all bodies.
 
-        Parameters
-        ----------
-        z : array_like, shape (..., states)
-            States of the law, such as `Trajectory.controller_state`.
-
         Returns
         -------
         ndarray, shape (..., 10 nb)
@@ -137,11 +134,6 @@ class Adaptive:
 
     def friction(self, z: Array) -> list[Array]:
         """Estimated friction coefficients: viscous, then Coulomb, as far as they are adapted.
-
-        Parameters
-        ----------
-        z : array_like, shape (..., states)
-            States of the law.
 
         Returns
         -------
@@ -168,8 +160,6 @@ class Adaptive:
 
         Parameters
         ----------
-        z : array_like, shape (..., states)
-            States of the law.
         robot : Robot
             The robot that moves, with the joints of the law's model.
 

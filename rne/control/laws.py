@@ -20,6 +20,11 @@ from ..model.topology import refuse_couplings
 from ..robot import Robot, robot_argument
 
 F = TypeVar("F", bound=Callable[..., Any])
+# Argument of methods that read the states of a law, for their docstrings.
+STATES = """
+z : array_like, shape (..., states)
+    States of the law, such as `Trajectory.controller_state`.
+"""
 
 
 def traceable(law: F) -> F:

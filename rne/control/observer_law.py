@@ -15,13 +15,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import per_joint_array, positive_number
+from ..basics.docstrings import describe_parameters
 from ..basics.spatial import Array
 from ..basics.text import summary
 from ..elementwise import clip, less, maximum, where
 from ..robot import Robot
 from .impulses import Bodies, FrictionModel, Sample, bilinear, largest, sampled, unexplained, with_thresholds
 from .law_numbers import CONSTANT
-from .laws import traceable
+from .laws import STATES, traceable
 from .sampled_loop import in_periods
 from .traced_law import check_sample_time, is_discrete
 
@@ -174,6 +175,7 @@ class Observing:
         return np.asarray(torques), change if is_discrete(law) else z + self.sample_time * change
 
 
+@describe_parameters(STATES)
 @dataclass(frozen=True, eq=False)
 class ObserverLaw(Observing):
     """A control law that observes contacts, made by `MomentumObserver.law`: from a contact on, the reaction acts.
@@ -228,11 +230,6 @@ class ObserverLaw(Observing):
     def residuals(self, z: ArrayLike) -> Array:
         """External torques behind the filter, and errors of the model.
 
-        Parameters
-        ----------
-        z : array_like, shape (..., states)
-            States of the law, such as `Trajectory.controller_state`.
-
         Returns
         -------
         ndarray, shape (..., n)
@@ -243,11 +240,6 @@ class ObserverLaw(Observing):
     def thresholds(self, z: ArrayLike) -> Array:
         """Largest residuals that the stated errors of model and friction can cause.
 
-        Parameters
-        ----------
-        z : array_like, shape (..., states)
-            States of the law, such as `Trajectory.controller_state`.
-
         Returns
         -------
         ndarray, shape (..., n)
@@ -257,11 +249,6 @@ class ObserverLaw(Observing):
 
     def contact(self, z: ArrayLike) -> Array:
         """True from the first contact on.
-
-        Parameters
-        ----------
-        z : array_like, shape (..., states)
-            States of the law, such as `Trajectory.controller_state`.
 
         Returns
         -------

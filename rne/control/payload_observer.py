@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import per_joint_array, positive_number, real_array
+from ..basics.docstrings import describe_parameters
 from ..basics.inertia import PARAMETERS, UNITS, parameters_of_pseudo_inertia
 from ..basics.spatial import Array, mirrored, transpose
 from ..basics.text import six_digits
@@ -22,6 +23,7 @@ from ..elementwise import minimum
 from ..model.topology import end_link
 from ..robot import Robot, robot_argument
 from .impulses import Bodies
+from .laws import STATES
 from .momentum_observer import MomentumObserver
 from .observer_law import Observing, States, no_torques, remembered
 from .traced_law import check_law
@@ -30,6 +32,7 @@ NAMES = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 SAME = 1e-9  # tolerance of equal angles, and of distances relative to the robot's size
 
 
+@describe_parameters(STATES)
 @dataclass(frozen=True, eq=False)
 class PayloadObserver(Observing):
     """A control law that estimates a payload, made by `payload_observer`; attributes are its arguments.
@@ -144,11 +147,6 @@ class PayloadObserver(Observing):
     def parameters(self, z: ArrayLike) -> Array:
         """Estimates of the identifiable combinations of inertial parameters.
 
-        Parameters
-        ----------
-        z : array_like, shape (..., states)
-            States of the law, such as `Trajectory.controller_state`.
-
         Returns
         -------
         ndarray, shape (..., count)
@@ -158,11 +156,6 @@ class PayloadObserver(Observing):
 
     def standard_deviations(self, z: ArrayLike) -> Array:
         """Standard deviations of the estimates, by `noise` and the motion up to now.
-
-        Parameters
-        ----------
-        z : array_like, shape (..., states)
-            States of the law, such as `Trajectory.controller_state`.
 
         Returns
         -------
@@ -174,11 +167,6 @@ class PayloadObserver(Observing):
 
     def payload(self, z: ArrayLike) -> tuple[Array, Array]:
         """Mass and centre of mass of the payload; nan where no motion determines them.
-
-        Parameters
-        ----------
-        z : array_like, shape (..., states)
-            States of the law, such as `Trajectory.controller_state`.
 
         Returns
         -------
