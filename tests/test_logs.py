@@ -718,7 +718,7 @@ def test_units_stand_beside_or_below_names(lines, tmp_path):
         ("t,q1,tau1\n0,1,2\n1,1\n", f", row 3: must have 3 entries, got 2; {CUT}"),
         ("t,q1,tau1\n0,1,2\n1,one,3\n", ", row 3, column 'q1': must be a finite number, got 'one'"),
         ("t,q1,tau1\n0,1,2\n1,inf,3\n", ", row 3, column 'q1': must be a finite number, got 'inf'"),
-        ("t (min),q1,tau1\n0,1,2\n1,2,3\n", ": the unit 'min' of column 't (min)' is not known; give `time_unit`, or `sample_rate` in place of the times"),
+        ("t (min),q1,tau1\n0,1,2\n1,2,3\n", ": the unit 'min' of column 't (min)' is not known; give `time_unit`, or `sample_rate` instead of the times"),
         ("t,q1,tau1\n0,1,2\n,2,3\n", ": the time of sample 1 is missing"),
         ("t,q1,q1,tau1\n0,1,2,3\n1,2,3,4\n", ": column 'q1' is there twice; give names of all columns as `columns`"),
         ("t,q1,pos1,tau1\n0,1,2,3\n", ": columns 'q1' and 'pos1' are both q of 1; say which in columns={\"q\": ...}"),

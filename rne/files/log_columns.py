@@ -68,6 +68,7 @@ SO_ARM, PER_CENT = re.compile("so-?10[01]"), 100.0  # arms whose positions LeRob
 SINCE = 1e6  # times beyond this count from the first one [s]
 AMBIGUOUS = ("m", "mm", "N")  # units that do not determine the quantity
 ORDER = "else name the columns alike"
+LIKE = RATES | {"command": "q"}  # quantities whose unit is also that of these
 Guesses = list[tuple[str, str]]  # guesses, each with the remedy if it is wrong
 Columns = dict[str, dict[str, str]]  # names of columns by quantity and joint
 
@@ -78,30 +79,30 @@ def measured(path: Any, options: LogOptions) -> tuple[dict[str, Any], list[str],
     Returns t, q, tau or command, and their rates in SI units and the names of the joints, how the log was read, and
     guesses with their cures.
     """
-    place = os.fspath(next(iter(path.values()), "`path`") if isinstance(path, Mapping) else path)
-    log = _joined(path, options) if isinstance(path, Mapping) else read_log(Path(place), options)
+    if isinstance(path, Mapping):
+        place, log = os.fspath(next(iter(path.values()), "`path`")), _joined(path, options)
+    else:
+        place, log = os.fspath(path), read_log(Path(path), options)
+    log = log._replace(place=place)
     if options.exact:
-        return logged(place, log, options), [], []
-    log = with_stamps(place, log)
-    rows = Guesses()
+        return logged(log, options), [], []
+    log, rows = with_stamps(log), Guesses()
     if log.long:
-        log, options = _wide(place, log, options, rows)
-    meanings = {name: _meaning(log.called.get(name, name), options.joints or ()) for name in log.columns}
-    found, guesses = _by_joint(place, log, meanings, options)
-    guesses += rows
-    kinds, names, said = _same_joints(place, found, options, guesses)
-    t, stamp = _times(place, log, found["t"], options, len(log.columns[kinds["q"][0]]))
-    x = {kind: np.column_stack(_columns_of(place, log, kind, own, len(t))) for kind, own in kinds.items()}
-    samples = _in_units(place, log, x, (kinds, meanings), options, guesses)
-    t, since = _seconds(
-        place, t, samples, (stamp, log.time_unit or meanings.get(stamp, Meaning()).unit), options, guesses
-    )
+        log, options = _wide(log, options, rows)
+    reading = Reading(log, options)
+    found = reading.by_joint()
+    reading.guesses += rows
+    kinds, names, said = reading.same_joints(found)
+    t, stamp = reading.times(found["t"], len(log.columns[kinds["q"][0]]))
+    x = {kind: np.column_stack(reading.numbers(kind, own, len(t))) for kind, own in kinds.items()}
+    samples = reading.in_units(x, kinds)
+    t, since = reading.seconds(t, stamp, samples)
     said = [*log.said, *said, *since]
     said += [f"{kind}: {_span(own)}" for kind, own in {"t": [stamp] * bool(stamp), **kinds}.items() if own]
-    return {"t": t, **samples, "joint_names": names}, said, guesses
+    return {"t": t, **samples, "joint_names": names}, said, reading.guesses
 
 
-def _wide(place: str, log: Log, options: LogOptions, guesses: Guesses) -> tuple[Log, LogOptions]:
+def _wide(log: Log, options: LogOptions, guesses: Guesses) -> tuple[Log, LogOptions]:
     """Log with columns for each joint, from one with rows for each; NaN where a joint has no row at a time.
 
     Columns that are given are those of the log, and returned as those made of them.
@@ -110,21 +111,21 @@ def _wide(place: str, log: Log, options: LogOptions, guesses: Guesses) -> tuple[
     joints = [re.sub(r"\.0$", "", joint) for joint in texts.tolist()]
     meanings = {name: _meaning(name) for name in log.columns if name != log.long}
     kinds = {name: what.kind or what.command for name, what in meanings.items()}
-    given = {kind: _named(place, list(log.columns), wanted) for kind, wanted in options.given.items()}
+    given = {kind: _named(log, wanted) for kind, wanted in options.given.items()}
     asked = [name for own in given.values() for name in own]
     stamp = next(iter(given.get("t", [name for name, kind in kinds.items() if kind == "t"])), None)
     if all(joint.isdigit() for joint in joints) and not re.search("joint|axis|motor|servo", log.long, re.IGNORECASE):
         guesses.append((f"column {log.long!r} numbers joints, each of which has rows of its own", "else remove it"))
-    times, k = _numbered(_counted(place, log, j) if stamp is None else log.numbers(place, stamp))
+    times, k = _numbered(_counted(log, j) if stamp is None else log.numbers(stamp))
     if len(np.unique(k * len(joints) + j)) < len(k):
-        raise ValueError(f"{place}: a joint that column {log.long!r} names has two rows at one time; keep one of them")
+        raise log.error(f"a joint that column {log.long!r} names has two rows at one time; keep one of them")
     if 2 * np.bincount(j).min() <= len(times):
-        what = f"joints that column {log.long!r} names have times of their own"
-        raise ValueError(f"{place}: {what}; interpolate to common ones by numpy.interp, a column for each joint")
+        cure = "interpolate to common ones by numpy.interp, a column for each joint"
+        raise log.error(f"joints that column {log.long!r} names have times of their own; {cure}")
     columns, called, of = dict[str, Array](), dict[str, str](), dict[str, str]()
     for name in (name for name, kind in kinds.items() if (kind not in ("", "t") or name in asked) and name != stamp):
         table = np.full((len(times), len(joints)), np.nan)
-        table[k, j] = log.numbers(place, name)
+        table[k, j] = log.numbers(name)
         own = [f"{name}.{joint}" for joint in joints]
         columns |= dict(zip(own, table.T, strict=True))
         called, of = called | dict.fromkeys(own, name), of | dict(zip(own, joints, strict=True))
@@ -135,12 +136,12 @@ def _wide(place: str, log: Log, options: LogOptions, guesses: Guesses) -> tuple[
     return log._replace(columns=columns, called=called, joints=of, said=said), replace(options, columns=given or None)
 
 
-def _counted(place: str, log: Log, j: Array) -> Array:
+def _counted(log: Log, j: Array) -> Array:
     """Number of each row among those of its joint, which are as many as of the others."""
     counts = np.bincount(j)
     if np.ptp(counts):
         what = f"joints that column {log.long!r} names have {counts.min()} to {counts.max()} rows"
-        raise ValueError(f'{place}: {what}, and no times that show which are missing; give columns={{"t": ...}}')
+        raise log.error(f'{what}, and no times that show which are missing; give columns={{"t": ...}}')
     k = np.empty(len(j))
     k[np.argsort(j, kind="stable")] = np.tile(np.arange(counts[0]), len(counts))
     return k
@@ -151,116 +152,6 @@ def _numbered(values: Array) -> tuple[Array, Array]:
     different, first, k = np.unique(values, return_index=True, return_inverse=True)
     order = np.argsort(first)
     return different[order], np.argsort(order)[k]
-
-
-def _times(place: str, log: Log, found: Mapping[str, str], options: LogOptions, count: int) -> tuple[Array, str]:
-    """Times in the unit of the log, and their column; in seconds and without a column from the sample rate."""
-    if options.sample_rate is not None:
-        return np.arange(count) / positive_number("sample_rate", options.sample_rate), ""
-    if not found:
-        there = listed_names(list(log.columns), LISTED)
-        raise ValueError(f'{place}: there are no times; there are {there}; give columns={{"t": ...}} or `sample_rate`')
-    t = log.numbers(place, stamp := found[min(found)])
-    if missing := np.flatnonzero(~np.isfinite(t)).tolist():
-        raise ValueError(f"{place}: the time of sample {missing[0]} is missing")
-    return t, stamp
-
-
-def _columns_of(place: str, log: Log, kind: str, names: Sequence[str], count: int) -> list[Array]:
-    """Columns as numbers, one for each time."""
-    columns = [log.numbers(place, name) for name in names]
-    if sizes := {len(column) for column in columns} - {count}:
-        raise ValueError(f"{place}: there are {count} times and {min(sizes)} samples of {kind}")
-    return columns
-
-
-def _in_units(
-    place: str, log: Log, x: Mapping[str, Array], named: tuple[Any, Any], options: LogOptions, guesses: Guesses
-) -> dict[str, Any]:
-    """Samples in SI units, by columns of each quantity and their meanings (`named`)."""
-    (kinds, meanings), n = named, x["q"].shape[1]
-    units = _units(place, kinds, options.units, meanings)
-    if log.is_lerobot and "q" not in options.units:
-        units["q"] = _unit_of_data_set(place, log, x, kinds["q"], guesses)
-    if "command" in x and units["q"] is None:
-        _refuse_counts(place, x["q"], kinds["q"])
-    if units["q"] is None and np.mean(np.nanmax(np.abs(x["q"]), axis=0, initial=0) > 2 * TURN) > 0.5:
-        guesses.append(("positions are in degrees, as most pass two turns", 'else give units={"q": "rad"}'))
-        units["q"] = "deg"
-    zero = per_joint_array("offsets", options.offsets, n)
-    samples: dict[str, Any] = {"q": x["q"] * _in_si("q", units["q"], n) + zero, "tau": None, "qd": None}
-    if "tau" in x:
-        samples["tau"] = (
-            x["tau"] * _in_si("tau", units["tau"], n) * _gains(place, kinds["tau"], units, meanings, options, n)
-        )
-    if "command" in x:
-        units["command"] = units["q"] if units["command"] is None else units["command"]
-        samples["command"] = x["command"] * _in_si("command", units["command"], n) + zero
-    for kind in x.keys() & RATES.keys():
-        unit = units[RATES[kind]] if units[kind] is None else units[kind]
-        samples[kind] = x[kind] * _in_si(kind, unit, n)
-    return samples
-
-
-def _gains(
-    place: str,
-    names: Sequence[str],
-    units: Mapping[str, Any],
-    meanings: Mapping[str, Meaning],
-    options: LogOptions,
-    n: int,
-) -> Array:
-    """Torques per unit of the log's torque columns, shape (n,); must be given for currents."""
-    are_currents = np.isin(np.asarray(units["tau"], dtype=object), ["A", "mA"]).any()
-    if options.gains is None and (are_currents or any(meanings[x].kind == "current" for x in names)):
-        cure = "give `gains` [N m/A]; gains=1 keeps currents, for `rne.identify_drive_gains`"
-        motors = "at motors behind gears, Record.from_motors takes `drive_gains`"
-        raise ValueError(f"{place}: {_span(names)} are currents, not torques; {cure}; {motors}")
-    gains = per_joint_array("gains", 1 if options.gains is None else options.gains, n)
-    if not gains.all():
-        raise ValueError(f"`gains` must not be zero, got {options.gains!r}")
-    return gains
-
-
-def _unit_of_data_set(place: str, log: Log, x: Mapping[str, Array], names: Sequence[str], guesses: Guesses) -> str:
-    """Unit degrees, where an SO-100 or SO-101 exceeds the range of normalised positions."""
-    cure = 'give units={"q": "deg"}, or rad per unit of each joint and `offsets`'
-    if "command" not in x or not SO_ARM.match(log.robot) or np.nanmax(np.abs(x["q"]), initial=0) <= PER_CENT:
-        raise ValueError(f"{place}: positions of LeRobot data sets are in degrees or normalised; {cure}")
-    if gripper := [name for name in names if "gripper" in name]:
-        cure = "give `joints` without it, or units={{'q': ...}} with one of each joint"
-        raise ValueError(f"{place}: {gripper[0]!r} is in per cent of its range, and the others in degrees; {cure}")
-    guesses.append(
-        (f"positions of {log.robot} are in degrees, as some pass {PER_CENT:g}", 'else give units={"q": ...}')
-    )
-    return "deg"
-
-
-def _refuse_counts(place: str, q: Array, names: Sequence[str]) -> None:
-    """Raise a ValueError for whole numbers, which may be degrees or steps of encoders."""
-    known = q[np.isfinite(q)]
-    if known.size and np.ptp(known) > 2 * TURN and (known == np.rint(known)).all():
-        cure = 'give units={"q": "deg"}, or rad per step, such as 2 * pi / 4096, and `offsets`'
-        low, high = known.min(), known.max()
-        raise ValueError(
-            f"{place}: {_span(names)} are whole numbers from {low:g} to {high:g}, degrees or steps; {cure}"
-        )
-
-
-def _seconds(
-    place: str, t: Array, samples: Mapping[str, Any], named: tuple[str, str], options: LogOptions, guesses: Guesses
-) -> tuple[Array, list[str]]:
-    """Times in seconds, by their column and the unit named in the log, and remarks on dates."""
-    stamp, unit = named
-    unit = options.time_unit or unit if stamp else "s"
-    if not unit and (seems := guessed_unit(t, samples["q"], samples["qd"])) is not None:
-        guesses.append((f"column {stamp!r} {seems.said}", 'else give time_unit="s"'))
-        unit = seems.symbol
-    if stamp and options.time_unit is None and unit not in (None, "", "s", "ms", "us", "ns"):
-        cure = "give `time_unit`, or `sample_rate` in place of the times"
-        raise ValueError(f"{place}: the unit {unit!r} of column {stamp!r} is not known; {cure}")
-    t = in_seconds(place, Samples(t), unit or "s").t
-    return (t - t[0], [f"times from the first sample on, at {t[0]:.3f} s"]) if t[0] > SINCE else (t, [])
 
 
 class Meaning(NamedTuple):
@@ -353,253 +244,355 @@ def _joint(parts: Sequence[str], others: Container[str]) -> str:
 
 def _joined(files: Mapping[str, Any], options: LogOptions) -> Log:
     """Columns of a log with a file for each quantity, of which one has the times, or all the same."""
-    columns, log = dict[str, Array](), Log({})
+    columns, log = dict[str, Array](), Log("", {})
     times: dict[str, Array] = {}
     for kind, path in files.items():
         if kind not in ("t", *SI):
             raise ValueError(f"`path` must be a file, or files by {QUANTITIES}, got {kind!r}")
-        place, log = os.fspath(path), read_log(Path(path), replace(options, quantity=kind))
+        log = read_log(Path(path), replace(options, quantity=kind))._replace(place=os.fspath(path))
         if log.long:
             cure = "a column for each joint is needed, or one file of all quantities"
-            raise ValueError(f"{place}: has rows of joints, which column {log.long!r} names; {cure}")
+            raise log.error(f"has rows of joints, which column {log.long!r} names; {cure}")
         for name in log.columns:
             what, joint, unit, own, command = _meaning(name)
+            ending = f" [{unit}]" * bool(unit)
             if "t" in (what, kind):
-                columns.setdefault("t" + f" [{unit}]" * bool(unit), log.numbers(place, name))
-                times[place] = log.numbers(place, name)
+                times[log.place] = log.numbers(name)
+                columns.setdefault("t" + ending, times[log.place])
             elif (what in ("", RATES.get(kind, kind), "q" * (kind == "command")) and own != "") or command == kind:
-                columns[f"{kind}.{own or joint or name}" + f" [{unit}]" * bool(unit)] = log.numbers(place, name)
+                columns[f"{kind}.{own or joint or name}{ending}"] = log.numbers(name)
     for place, t in times.items():
         if not np.array_equal(t, next(iter(times.values()))):
             raise ValueError(f"{place}: its times are not those of {next(iter(times))}; interpolate by numpy.interp")
     return log._replace(columns=columns)
 
 
-def _by_joint(place: str, log: Log, meanings: Mapping[str, Meaning], options: LogOptions) -> tuple[Columns, Guesses]:
-    """Columns of each quantity by joint, as given or else by the meaning of their names; and guesses."""
-    guesses = Guesses()
-    found, asked, both = _by_meaning(place, log, meanings, options)
-    left = _not_commands(found, asked, list(log.columns), guesses)
-    for x in () if options.torques else TORQUES:
-        found[x] = {}
-    for kind in ("t", "q", "qd", *_torques(place, found, meanings, options, guesses)):
-        if kind in both and kind not in options.given:
-            raise ValueError(f"{place}: columns {both[kind]}")
-    if not (options.torques and found["tau"]) or "command" in options.given:
-        _add_commands(place, log, meanings, found, options)
-        left = [name for name in left if not found["q"] or name not in found["command"].values()]
-    cause = ("tau", "torques or currents") if options.torques and not found["command"] else ("command", "commands")
-    for kind, what in (("q", "positions"), cause):
-        if not found[kind]:
-            alike = [name for name in left if TORQUES.get(asked[name].kind, "q") == kind]
-            looks = f"; {_span(alike)} look like commands or errors" if alike else ""
-            there = listed_names(list(log.columns), LISTED)
-            cure = f'if some are, give columns={{"{kind}": ...}}'
-            raise ValueError(f"{place}: there are no {what}; there are {there}{looks}; {cure}")
-    if len(log.unused) > 1 and "q" not in options.given and numbers_at_ends(found["q"]):
-        there = f"{len(log.unused)} names of joints, {_span(log.unused)}, and {len(found['q'])} numbered positions"
-        raise ValueError(f'{place}: there are {there}; give columns={{"q": ..., "tau": ...}} and `joints`')
-    if left:
-        guesses.append((f"{_span(left)} are commands or errors and not read", "else give `columns`"))
-    return found, guesses
+class Reading:
+    """Log that is read by its options: meanings of its columns, and guesses, each with the remedy if it is wrong."""
 
+    def __init__(self, log: Log, options: LogOptions) -> None:
+        self.log, self.options, self.given = log, options, options.given
+        self.meanings = {name: _meaning(log.called.get(name, name), options.joints or ()) for name in log.columns}
+        self.guesses = Guesses()
 
-def _by_meaning(
-    place: str, log: Log, meanings: Mapping[str, Meaning], options: LogOptions
-) -> tuple[Columns, dict[str, Meaning], dict[str, str]]:
-    """Columns by quantity and joint; those that look like commands; pairs of columns for one joint and quantity."""
-    found: Columns = {kind: {} for kind in (*WORDS, *SI)}
-    asked, both, columns = dict[str, Meaning](), dict[str, str](), dict[str, list[str]]()
-    for kind, wanted in options.given.items():
-        if kind not in ("t", *SI):
-            raise ValueError(f"`columns` must be of {QUANTITIES}, got {kind!r}")
-        columns[kind] = own = _named(place, list(log.columns), wanted)
-        names = [log.joints.get(name, meanings[name].joint) for name in own]
-        found[kind] = dict(zip(names if len(set(names)) == len(own) else map(str, range(len(own))), own, strict=True))
-    for name, meaning in meanings.items():
-        kind, joint = meaning.kind, log.joints.get(name, meaning.joint)
-        if not kind or kind in options.given or any(name in own for own in columns.values()):
-            continue
-        if meaning.own is not None:
-            asked[name] = meaning._replace(joint=joint)
-        elif f"{kind}.{joint}" == name or f"{kind}.{joint}" not in log.columns:
-            if joint in found[kind] and not (kind == "t" and joint):
-                what = f"are both {kind}{f' of {joint}' if joint else ''}; say which in columns="
-                whole = ", or give the joints with more of these names as `joints`" * bool(joint and TOPIC.search(name))
-                which = f'{what}{{"{TORQUES.get(kind, kind)}": ...}}{whole}'
-                both.setdefault(kind, f"{found[kind][joint]!r} and {name!r} {which}")
-            found[kind].setdefault(joint, name)
-    return found, asked, both
+    def by_joint(self) -> Columns:
+        """Columns of each quantity by joint, as given or else by the meaning of their names."""
+        log, options = self.log, self.options
+        found, asked, both = self._by_meaning()
+        left = self._not_commands(found, asked)
+        for x in () if options.torques else TORQUES:
+            found[x] = {}
+        for kind in ("t", "q", "qd", *self._torques(found)):
+            if kind in both and kind not in self.given:
+                raise log.error(f"columns {both[kind]}")
+        if not (options.torques and found["tau"]) or "command" in self.given:
+            self._add_commands(found)
+            left = [name for name in left if not found["q"] or name not in found["command"].values()]
+        cause = ("tau", "torques or currents") if options.torques and not found["command"] else ("command", "commands")
+        for kind, what in (("q", "positions"), cause):
+            if not found[kind]:
+                alike = [name for name in left if TORQUES.get(asked[name].kind, "q") == kind]
+                looks = f"; {_span(alike)} look like commands or errors" if alike else ""
+                cure = f'if some are, give columns={{"{kind}": ...}}'
+                raise log.error(f"there are no {what}; there are {log.names}{looks}; {cure}")
+        if len(log.unused) > 1 and "q" not in self.given and numbers_at_ends(found["q"]):
+            there = f"{len(log.unused)} names of joints, {_span(log.unused)}, and {len(found['q'])} numbered positions"
+            raise log.error(f'there are {there}; give columns={{"q": ..., "tau": ...}} and `joints`')
+        if left:
+            self.guesses.append((f"{_span(left)} are commands or errors and not read", "else give `columns`"))
+        return found
 
-
-def _add_commands(place: str, log: Log, meanings: Mapping[str, Meaning], found: Columns, options: LogOptions) -> None:
-    """Add the columns of commands, also those without a word for the quantity if there are no others.
-
-    Two of one joint that differ are an error.
-    """
-    used = {name for own in found.values() for name in own.values()}
-    joints = {*map(plain_name, found["q"]), ""}
-    for kind in ("command", "command_rate"):
-        own = {name: what for name, what in meanings.items() if what.command == kind and name not in used}
-        own = {name: what for name, what in own.items() if what.kind} or own
-        for name, what in own.items() if kind not in options.given else ():
-            joint = log.joints.get(name, what.joint)
-            if not (what.kind or joint.isdigit() or plain_name(joint) in joints):
+    def _by_meaning(self) -> tuple[Columns, dict[str, Meaning], dict[str, str]]:
+        """Columns by quantity and joint; those that look like commands; pairs of columns for one joint and quantity."""
+        log, found = self.log, Columns({kind: {} for kind in (*WORDS, *SI)})
+        asked, both, columns = dict[str, Meaning](), dict[str, str](), dict[str, list[str]]()
+        for kind, wanted in self.given.items():
+            if kind not in ("t", *SI):
+                raise ValueError(f"`columns` must be of {QUANTITIES}, got {kind!r}")
+            columns[kind] = own = _named(log, wanted)
+            names = [log.joints.get(name, self.meanings[name].joint) for name in own]
+            names = names if len(set(names)) == len(own) else [*map(str, range(len(own)))]
+            found[kind] = dict(zip(names, own, strict=True))
+        for name, meaning in self.meanings.items():
+            kind, joint = meaning.kind, log.joints.get(name, meaning.joint)
+            if not kind or kind in self.given or any(name in own for own in columns.values()):
                 continue
-            first = found[kind].setdefault(joint, name)
-            one, other = (log.numbers(place, x) for x in (first, name))
-            if not np.array_equal(one, other, equal_nan=True):
-                what_for = f"may both be commands{f' of {joint}' if joint else ''}"
-                raise ValueError(f'{place}: columns {first!r} and {name!r} {what_for}; give columns={{"{kind}": ...}}')
+            if meaning.own is not None:
+                asked[name] = meaning._replace(joint=joint)
+            elif f"{kind}.{joint}" == name or f"{kind}.{joint}" not in log.columns:
+                if joint in found[kind] and not (kind == "t" and joint):
+                    what = f"are both {kind}{f' of {joint}' if joint else ''}"
+                    which = f'{what}; say which in columns={{"{TORQUES.get(kind, kind)}": ...}}'
+                    if joint and TOPIC.search(name):
+                        which += ", or give the joints with more of these names as `joints`"
+                    both.setdefault(kind, f"{found[kind][joint]!r} and {name!r} {which}")
+                found[kind].setdefault(joint, name)
+        return found, asked, both
+
+    def _add_commands(self, found: Columns) -> None:
+        """Add the columns of commands, also those without a word for the quantity if there are no others.
+
+        Two of one joint that differ are an error.
+        """
+        used = {name for own in found.values() for name in own.values()}
+        joints = {*map(plain_name, found["q"]), ""}
+        for kind in ("command", "command_rate"):
+            own = {name: what for name, what in self.meanings.items() if what.command == kind and name not in used}
+            own = {name: what for name, what in own.items() if what.kind} or own
+            for name, what in own.items() if kind not in self.given else ():
+                joint = self.log.joints.get(name, what.joint)
+                if not (what.kind or joint.isdigit() or plain_name(joint) in joints):
+                    continue
+                first = found[kind].setdefault(joint, name)
+                if not np.array_equal(self.log.numbers(first), self.log.numbers(name), equal_nan=True):
+                    what_for = f"may both be commands{f' of {joint}' if joint else ''}"
+                    cure = f'give columns={{"{kind}": ...}}'
+                    raise self.log.error(f"columns {first!r} and {name!r} {what_for}; {cure}")
+
+    def _torques(self, found: Columns) -> list[str]:
+        """Take currents and forces as torques where no joint has two of these, and return the kinds present.
+
+        If a log has both torques and currents, their units must be known.
+        """
+        kinds = [kind for kind in ("tau", "current") if found[kind]][:1]
+        found["tau"] = tau = dict(found[kinds[0]] if kinds else {})
+        for kind in ("current", "force") if "tau" not in self.given else ():
+            own = {x: name for x, name in found[kind].items() if x in found["q"]}
+            names = [*tau.values(), *own.values()]
+            is_clear = "current" not in (kind, *kinds) or all(self.meanings[x].unit for x in names)
+            if own and is_clear and own.keys().isdisjoint(tau):
+                if kind == "force":
+                    self._check_forces(own, found["q"])
+                tau |= own
+                kinds.append(kind)
+        return kinds
+
+    def _check_forces(self, forces: dict[str, str], q: Mapping[str, str]) -> None:
+        """Raise a ValueError for forces by joint, which are the torques of sliding joints, of joints that rotate."""
+        given = self.options.units
+        unit = given.get("q") if isinstance(given, Mapping) else None
+        units = {x: unit if isinstance(unit, str) else self.meanings[q[x]].unit for x in forces}
+        if turning := [name for x, name in forces.items() if units[x] in ("rad", "deg")]:
+            cure = 'if they are torques, give columns={"tau": ...}'
+            raise self.log.error(f"{_span(turning)} are forces, and the positions of their joints angles; {cure}")
+        if unsaid := [name for x, name in forces.items() if units[x] not in ("m", "mm")]:
+            self.guesses.append((f"{_span(unsaid)} are forces of joints that slide", 'else give units={"q": ...}'))
+
+    def _not_commands(self, found: Columns, asked: Mapping[str, Meaning]) -> list[str]:
+        """Add the columns of joints named like commands, and return those of commands without a measured one.
+
+        Such a joint has a position and a torque, as other joints do, and no column without the word belongs to it.
+        """
+        torques, order = found["tau"] | found["current"], list(self.log.columns)
+        alone = {x: m for x, m in asked.items() if m.joint not in (torques if m.kind == "tau" else found[m.kind])}
+        own = {(m.kind, plain_name(m.own)): name for name, m in alone.items() if m.own}
+        for (kind, key), name in own.items():
+            torque = next((x for x in TORQUES if (x, key) in own), None)
+            if kind == "q" and torque and found["q"] and torques:
+                joint = str(alone[name].own)
+                self.guesses.append((f"{name!r} is of a joint {joint!r}, not a command", "else give `columns`"))
+                for x in ("q", "qd", torque):
+                    if column := own.get((x, key)):
+                        found[x][joint] = column
+                        del alone[column]
+        found["q"] = dict(sorted(found["q"].items(), key=lambda x: order.index(x[1]))) if asked else found["q"]
+        return [name for name, m in alone.items() if m.kind not in ("t", "qd")]
+
+    def same_joints(self, found: Columns) -> tuple[dict[str, list[str]], Sequence[str] | None, list[str]]:
+        """Columns of each quantity for the same joints, their names, None for numbers, and the omitted ones.
+
+        Names come before numbers, and numbers before the order in the file, unless the columns are given.
+        """
+        joints, causes = self.options.joints, [kind for kind in CAUSES if found[kind]]
+        there = {kind: found[kind] for kind in ("q", *causes, "qd", *["command_rate"] * ("command" in causes))}
+        are_given = {"q", *causes} <= self.given.keys()
+        of, key = self._by_names(there, are_given)
+        common = self._chosen(there, of, key, are_given)
+        alone = [joint for joint in of["q"] if not all(joint in of[kind] for kind in causes)]
+        for kind in there.keys() & RATES.keys():
+            if set(common) - of[kind].keys():
+                del of[kind]
+        for kind in [*there][1:]:
+            kept = {x for joint, x in of.get(kind, {}).items() if joint in of["q"]}
+            if lost := [x for x in there[kind].values() if x not in kept]:
+                self.guesses.append((f"{_span(lost)} are not of the joints of the positions and not read", ORDER))
+        if joints is None and all(joint.isdigit() or not joint for joint in common):
+            k = [int(joint or 1) for joint in common]
+            joints = [] if k == list(range(k[0], k[0] + len(k))) and k[0] < 2 else [f"joint_{i + (0 in k)}" for i in k]
+            if len(common) > 1:
+                guess = "numbered columns are taken in the robot's order"
+                self.guesses.append((guess, "else give their names as `joints`"))
+        named = common if joints is None else joints
+        said = [f"without {' or '.join(CAUSES[x] for x in causes)}, left out: {listed_names(alone)}"] * bool(alone)
+        return {kind: [x[joint] for joint in common] for kind, x in of.items()}, named or None, said
+
+    def _by_names(self, there: Columns, are_given: bool) -> tuple[Columns, Callable[[str], str]]:
+        """Columns of each quantity by the names of joints of that which has names, and the rule that matches names."""
+        numbers = {kind: numbers_at_ends(x) for kind, x in there.items()}
+        for kind, k in numbers.items():
+            if k and not are_given:
+                there[kind] = dict(x for _, x in sorted(zip(k, there[kind].items(), strict=True)))
+        other = [kind for kind, x in there.items() if x and not numbers[kind]]
+        # Velocities may be of more than the joints.
+        first = next((kind for kind in other if kind not in RATES or len(there[kind]) == len(there["q"])), "q")
+        names, of = there[first], Columns()
+        are_different = all(len({*map(plain_name, x)}) == len(x) for x in there.values())
+        key: Callable[[str], str] = plain_name if are_different else str
+        for kind, x in there.items():
+            own, k, base = {key(joint): column for joint, column in x.items()}, numbers[kind], numbers[first]
+            is_shifted = k and base and (0 in k) != (0 in base)
+            of[kind] = {joint: own[key(joint)] for joint in names if key(joint) in own and not is_shifted}
+            if not of[kind] and len(x) == len(names) and (k or are_given):
+                of[kind] = dict(zip(names, x.values(), strict=True))
+                if kind not in RATES and not are_given:
+                    guess = f"{_span(x)} are of the joints of {_span(names)} in this order"
+                    self.guesses.append((guess, ORDER))
+        return of, key
+
+    def _chosen(self, there: Columns, of: Columns, key: Callable[[str], str], are_given: bool) -> list[str]:
+        """Joints with positions and torques in the order of those asked for, or all."""
+        joints, causes = self.options.joints, [kind for kind in CAUSES if kind in there]
+        said = " and ".join(CAUSES[kind] for kind in causes)
+        which = "columns={" + ", ".join(f'"{kind}": ...' for kind in ("q", *causes)) + "}"
+        common = [joint for joint in of["q"] if all(joint in of[kind] for kind in causes)]
+        own = {key(joint): joint for joint in common}
+        shared = own.keys() & set(map(key, joints or ()))
+        are_others = len(joints or ()) == len(common) and len(shared) < len(common)
+        if not common:
+            both = ", ".join(f"{CAUSES[kind]} {_span(there[kind])}" for kind in causes)
+            cure = f"if these are of the same joints, give {which} in the same order"
+            raise self.log.error(
+                f"no joint has positions and {said}; positions are {_span(there['q'])}, {both}; {cure}"
+            )
+        if joints is None or (are_others and are_given):
+            return common
+        if are_others and numbers_at_ends(common) and not shared:
+            self.guesses.append((f"{_span(of['q'])} are of {_span(joints)} in this order", ORDER))
+            return common
+        if missing := [joint for joint in joints if key(joint) not in own]:
+            hint = did_you_mean(missing[0], common) or f"; there are {listed_names(common, LISTED)}"
+            cure = f"; to name them so, give {which} in the order of `joints`" * are_others
+            raise self.log.error(f"there are no positions and {said} of joint {missing[0]!r}{hint}{cure}")
+        return [own[key(joint)] for joint in joints]
+
+    def times(self, found: Mapping[str, str], count: int) -> tuple[Array, str]:
+        """Times in the unit of the log, and their column; in seconds and without a column from the sample rate."""
+        if self.options.sample_rate is not None:
+            return np.arange(count) / positive_number("sample_rate", self.options.sample_rate), ""
+        if not found:
+            cure = 'give columns={"t": ...} or `sample_rate`'
+            raise self.log.error(f"there are no times; there are {self.log.names}; {cure}")
+        t = self.log.numbers(stamp := found[min(found)])
+        if missing := np.flatnonzero(~np.isfinite(t)).tolist():
+            raise self.log.error(f"the time of sample {missing[0]} is missing")
+        return t, stamp
+
+    def numbers(self, kind: str, names: Sequence[str], count: int) -> list[Array]:
+        """Columns as numbers, one for each time."""
+        columns = [self.log.numbers(name) for name in names]
+        if sizes := {len(column) for column in columns} - {count}:
+            raise self.log.error(f"there are {count} times and {min(sizes)} samples of {kind}")
+        return columns
+
+    def in_units(self, x: Mapping[str, Array], kinds: Mapping[str, Sequence[str]]) -> dict[str, Any]:
+        """Samples in SI units, by quantity; `kinds` are the names of their columns."""
+        units, n = self._units(kinds), x["q"].shape[1]
+        if self.log.is_lerobot and "q" not in self.options.units:
+            units["q"] = self._unit_of_data_set(x, kinds["q"])
+        if "command" in x and units["q"] is None:
+            self._refuse_counts(x["q"], kinds["q"])
+        if units["q"] is None and np.mean(np.nanmax(np.abs(x["q"]), axis=0, initial=0) > 2 * TURN) > 0.5:
+            self.guesses.append(("positions are in degrees, as most pass two turns", 'else give units={"q": "rad"}'))
+            units["q"] = "deg"
+        zero = per_joint_array("offsets", self.options.offsets, n)
+        samples: dict[str, Any] = {"tau": None, "qd": None}
+        for kind in (kind for kind in SI if kind in x):
+            if units[kind] is None and kind in LIKE:
+                units[kind] = units[LIKE[kind]]
+            samples[kind] = x[kind] * _in_si(kind, units[kind], n)
+        if "tau" in x:
+            samples["tau"] *= self._gains(kinds["tau"], units["tau"], n)
+        for kind in {"q", "command"} & x.keys():
+            samples[kind] += zero
+        return samples
+
+    def _units(self, kinds: Mapping[str, Sequence[str]]) -> dict[str, Any]:
+        """Units that are given or stated in the names of all columns of a quantity, else None; of currents A or mA."""
+        given = self.options.units
+        if not isinstance(given, Mapping) or set(given) - set(SI):
+            raise ValueError(f"`units` must be a mapping of {QUANTITIES[5:]}, got {given!r}")
+        units: dict[str, Any] = dict.fromkeys(SI) | dict(given)
+        unit_of = {name: x.unit or ("A" if x.kind == "current" else None) for name, x in self.meanings.items()}
+        for kind in (kind for kind in kinds if kind not in given):
+            named = {unit_of[name]: name for name in kinds[kind]}
+            if kind == "command" and "q" in given and not named.keys() & SI["q"].keys():
+                continue  # in the unit that is given for the positions
+            cure = f"give units={{{kind!r}: ...}}"
+            if unknown := [unit for unit in named if unit not in (None, *_known(kind))]:
+                cure += ", by name or as SI units per unit of the log"
+                raise self.log.error(f"the unit {unknown[0]!r} of column {named[unknown[0]]!r} is not known; {cure}")
+            if len(named) > 1 and None in named:
+                raise self.log.error(f"some of the columns {_span(kinds[kind])} name no unit; {cure}")
+            units[kind] = [unit_of[name] for name in kinds[kind]] if len(named) > 1 else next(iter(named))
+        return units
+
+    def _gains(self, names: Sequence[str], units: Any, n: int) -> Array:
+        """Torques per unit of the log's torque columns, shape (n,); must be given for currents."""
+        gains = self.options.gains
+        are_currents = np.isin(np.asarray(units, dtype=object), ["A", "mA"]).any()
+        if gains is None and (are_currents or any(self.meanings[x].kind == "current" for x in names)):
+            cure = "give `gains` [N m/A]; gains=1 keeps currents, for `rne.identify_drive_gains`"
+            motors = "at motors behind gears, Record.from_motors takes `drive_gains`"
+            raise self.log.error(f"{_span(names)} are currents, not torques; {cure}; {motors}")
+        factors = per_joint_array("gains", 1 if gains is None else gains, n)
+        if not factors.all():
+            raise ValueError(f"`gains` must not be zero, got {gains!r}")
+        return factors
+
+    def _unit_of_data_set(self, x: Mapping[str, Array], names: Sequence[str]) -> str:
+        """Unit degrees, where an SO-100 or SO-101 exceeds the range of normalised positions."""
+        cure, arm = 'give units={"q": "deg"}, or rad per unit of each joint and `offsets`', self.log.robot
+        if "command" not in x or not SO_ARM.match(arm) or np.nanmax(np.abs(x["q"]), initial=0) <= PER_CENT:
+            raise self.log.error(f"positions of LeRobot data sets are in degrees or normalised; {cure}")
+        if gripper := [name for name in names if "gripper" in name]:
+            cure = "give `joints` without it, or units={{'q': ...}} with one of each joint"
+            raise self.log.error(f"{gripper[0]!r} is in per cent of its range, and the others in degrees; {cure}")
+        guess = f"positions of {arm} are in degrees, as some pass {PER_CENT:g}"
+        self.guesses.append((guess, 'else give units={"q": ...}'))
+        return "deg"
+
+    def _refuse_counts(self, q: Array, names: Sequence[str]) -> None:
+        """Raise a ValueError for whole numbers, which may be degrees or steps of encoders."""
+        known = q[np.isfinite(q)]
+        if known.size and np.ptp(known) > 2 * TURN and (known == np.rint(known)).all():
+            cure = 'give units={"q": "deg"}, or rad per step, such as 2 * pi / 4096, and `offsets`'
+            numbers = f"whole numbers from {known.min():g} to {known.max():g}"
+            raise self.log.error(f"{_span(names)} are {numbers}, degrees or steps; {cure}")
+
+    def seconds(self, t: Array, stamp: str, samples: Mapping[str, Any]) -> tuple[Array, list[str]]:
+        """Times in seconds, by their column and the unit named in the log, and remarks on dates."""
+        said = self.log.time_unit or self.meanings.get(stamp, Meaning()).unit
+        unit = self.options.time_unit or said if stamp else "s"
+        if not unit and (seems := guessed_unit(t, samples["q"], samples["qd"])) is not None:
+            self.guesses.append((f"column {stamp!r} {seems.said}", 'else give time_unit="s"'))
+            unit = seems.symbol
+        if stamp and self.options.time_unit is None and unit not in (None, "", "s", "ms", "us", "ns"):
+            cure = "give `time_unit`, or `sample_rate` instead of the times"
+            raise self.log.error(f"the unit {unit!r} of column {stamp!r} is not known; {cure}")
+        t = in_seconds(self.log.place, Samples(t), unit or "s").t
+        return (t - t[0], [f"times from the first sample on, at {t[0]:.3f} s"]) if t[0] > SINCE else (t, [])
 
 
-def _torques(
-    place: str, found: Columns, meanings: Mapping[str, Meaning], options: LogOptions, guesses: Guesses
-) -> list[str]:
-    """Take currents and forces as torques where no joint has two of these, and return the kinds present.
-
-    Beside each other torques and currents need units.
-    """
-    kinds = [kind for kind in ("tau", "current") if found[kind]][:1]
-    found["tau"] = tau = dict(found[kinds[0]] if kinds else {})
-    for kind in ("current", "force") if "tau" not in options.given else ():
-        own = {x: name for x, name in found[kind].items() if x in found["q"]}
-        is_clear = "current" not in (kind, *kinds) or all(meanings[x].unit for x in [*tau.values(), *own.values()])
-        if own and is_clear and own.keys().isdisjoint(tau):
-            tau |= own if kind == "current" else _forces(place, own, found["q"], meanings, options, guesses)
-            kinds.append(kind)
-    return kinds
-
-
-def _forces(
-    place: str,
-    forces: dict[str, str],
-    q: Mapping[str, str],
-    meanings: Mapping[str, Meaning],
-    options: LogOptions,
-    guesses: Guesses,
-) -> dict[str, str]:
-    """Forces by joint, which are the torques of sliding joints."""
-    unit = options.units.get("q") if isinstance(options.units, Mapping) else None
-    units = {x: unit if isinstance(unit, str) else meanings[q[x]].unit for x in forces}
-    if turning := [name for x, name in forces.items() if units[x] in ("rad", "deg")]:
-        cure = 'if they are torques, give columns={"tau": ...}'
-        raise ValueError(f"{place}: {_span(turning)} are forces, and the positions of their joints angles; {cure}")
-    if unsaid := [name for x, name in forces.items() if units[x] not in ("m", "mm")]:
-        guesses.append((f"{_span(unsaid)} are forces of joints that slide", 'else give units={"q": ...}'))
-    return forces
-
-
-def _not_commands(found: Columns, asked: Mapping[str, Meaning], order: Sequence[str], guesses: Guesses) -> list[str]:
-    """Add the columns of joints named like commands, and return those of commands without a measured one.
-
-    Such a joint has a position and a torque, beside other joints that have, and no column without the word is its own.
-    """
-    torques = found["tau"] | found["current"]
-    alone = {x: m for x, m in asked.items() if m.joint not in (torques if m.kind == "tau" else found[m.kind])}
-    own = {(m.kind, plain_name(m.own)): name for name, m in alone.items() if m.own}
-    for (kind, key), name in own.items():
-        torque = next((x for x in TORQUES if (x, key) in own), None)
-        if kind == "q" and torque and found["q"] and torques:
-            joint = str(alone[name].own)
-            guesses.append((f"{name!r} is of a joint {joint!r}, not a command", "else give `columns`"))
-            for x in ("q", "qd", torque):
-                if column := own.get((x, key)):
-                    found[x][joint] = column
-                    del alone[column]
-    found["q"] = dict(sorted(found["q"].items(), key=lambda x: order.index(x[1]))) if asked else found["q"]
-    return [name for name, m in alone.items() if m.kind not in ("t", "qd")]
-
-
-def _named(place: str, names: list[str], wanted: Any) -> list[str]:
+def _named(log: Log, wanted: Any) -> list[str]:
     """Columns of a name or number, or of several; of a matrix all."""
     if not isinstance(wanted, str | int):
-        return [name for part in wanted for name in _named(place, names, part)]
+        return [name for part in wanted for name in _named(log, part)]
+    names = list(log.columns)
     own = [x for k, x in enumerate(names) if wanted in (x, k)] or [x for x in names if x.startswith(f"{wanted}.")]
     if not own:
-        hint = did_you_mean(str(wanted), names) or f"; there are {listed_names(names, LISTED)}"
-        raise ValueError(f"{place}: there is no column {wanted!r}, which `columns` asks for{hint}")
+        hint = did_you_mean(str(wanted), names) or f"; there are {log.names}"
+        raise log.error(f"there is no column {wanted!r}, which `columns` asks for{hint}")
     return own
-
-
-def _same_joints(
-    place: str, found: Columns, options: LogOptions, guesses: Guesses
-) -> tuple[dict[str, list[str]], Sequence[str] | None, list[str]]:
-    """Columns of each quantity for the same joints, their names, None for numbers, and the omitted ones.
-
-    Names come before numbers, and numbers before the order in the file, unless the columns are given.
-    """
-    joints, causes = options.joints, [kind for kind in CAUSES if found[kind]]
-    are_given = {"q", *causes} <= options.given.keys()
-    there = {kind: found[kind] for kind in ("q", *causes, "qd", *["command_rate"] * ("command" in causes))}
-    of, key = _by_names(there, are_given, guesses)
-    common = _chosen(place, there, of, key, options, guesses)
-    alone = [joint for joint in of["q"] if not all(joint in of[kind] for kind in causes)]
-    for kind in there.keys() & RATES.keys():
-        if set(common) - of[kind].keys():
-            del of[kind]
-    for kind in [*there][1:]:
-        kept = {x for joint, x in of.get(kind, {}).items() if joint in of["q"]}
-        if lost := [x for x in there[kind].values() if x not in kept]:
-            guesses.append((f"{_span(lost)} are not of the joints of the positions and not read", ORDER))
-    if joints is None and all(joint.isdigit() or not joint for joint in common):
-        k = [int(joint or 1) for joint in common]
-        joints = [] if k == list(range(k[0], k[0] + len(k))) and k[0] < 2 else [f"joint_{i + (0 in k)}" for i in k]
-        if len(common) > 1:
-            guesses.append(("numbered columns are taken in the robot's order", "else give their names as `joints`"))
-    named = common if joints is None else joints
-    said = [f"without {' or '.join(CAUSES[x] for x in causes)}, left out: {listed_names(alone)}"] * bool(alone)
-    return {kind: [x[joint] for joint in common] for kind, x in of.items()}, named or None, said
-
-
-def _by_names(there: Columns, are_given: bool, guesses: Guesses) -> tuple[Columns, Callable[[str], str]]:
-    """Columns of each quantity by the names of joints of that which has names, and the rule that matches names."""
-    numbers = {kind: numbers_at_ends(x) for kind, x in there.items()}
-    for kind, k in numbers.items():
-        if k and not are_given:
-            there[kind] = dict(x for _, x in sorted(zip(k, there[kind].items(), strict=True)))
-    other = [kind for kind, x in there.items() if x and not numbers[kind]]  # velocities may be of more than the joints
-    first = next((kind for kind in other if kind not in RATES or len(there[kind]) == len(there["q"])), "q")
-    names, of = there[first], Columns()
-    key: Callable[[str], str] = plain_name if all(len({*map(plain_name, x)}) == len(x) for x in there.values()) else str
-    for kind, x in there.items():
-        own, k, base = {key(joint): column for joint, column in x.items()}, numbers[kind], numbers[first]
-        is_shifted = k and base and (0 in k) != (0 in base)
-        of[kind] = {joint: own[key(joint)] for joint in names if key(joint) in own and not is_shifted}
-        if not of[kind] and len(x) == len(names) and (k or are_given):
-            of[kind] = dict(zip(names, x.values(), strict=True))
-            if kind not in RATES and not are_given:
-                guesses.append((f"{_span(x)} are of the joints of {_span(names)} in this order", ORDER))
-    return of, key
-
-
-def _chosen(
-    place: str, there: Columns, of: Columns, key: Callable[[str], str], options: LogOptions, guesses: Guesses
-) -> list[str]:
-    """Joints with positions and torques in the order of those asked for, or all."""
-    joints, causes = options.joints, [kind for kind in CAUSES if kind in there]
-    are_given, said = {"q", *causes} <= options.given.keys(), " and ".join(CAUSES[kind] for kind in causes)
-    which = "columns={" + ", ".join(f'"{kind}": ...' for kind in ("q", *causes)) + "}"
-    common = [joint for joint in of["q"] if all(joint in of[kind] for kind in causes)]
-    own = {key(joint): joint for joint in common}
-    shared = own.keys() & set(map(key, joints or ()))
-    are_others = len(joints or ()) == len(common) and len(shared) < len(common)
-    if not common:
-        both = ", ".join(f"{CAUSES[kind]} {_span(there[kind])}" for kind in causes)
-        cure = f"if these are of the same joints, give {which} in the same order"
-        raise ValueError(
-            f"{place}: no joint has positions and {said}; positions are {_span(there['q'])}, {both}; {cure}"
-        )
-    if joints is None or (are_others and are_given):
-        return common
-    if are_others and numbers_at_ends(common) and not shared:
-        guesses.append((f"{_span(of['q'])} are of {_span(joints)} in this order", ORDER))
-        return common
-    if missing := [joint for joint in joints if key(joint) not in own]:
-        hint = did_you_mean(missing[0], common) or f"; there are {listed_names(common, LISTED)}"
-        cure = f"; to name them so, give {which} in the order of `joints`" * are_others
-        raise ValueError(f"{place}: there are no positions and {said} of joint {missing[0]!r}{hint}{cure}")
-    return [own[key(joint)] for joint in joints]
 
 
 def plain_name(joint: str) -> str:
@@ -625,38 +618,19 @@ def names_by_number(own: Sequence[str], others: Sequence[str]) -> list[str]:
     return [called[i] for i in k] if stem == "joint" or whole.endswith(stem) else []  # else another arm's
 
 
-def _units(
-    place: str, kinds: Mapping[str, Sequence[str]], given: Mapping[str, Any], meanings: Mapping[str, Meaning]
-) -> dict[str, Any]:
-    """Units that are given, or that the names of all columns of a quantity have, or None; currents are in A or mA."""
-    if not isinstance(given, Mapping) or set(given) - set(SI):
-        raise ValueError(f"`units` must be a mapping of {QUANTITIES[5:]}, got {given!r}")
-    units: dict[str, Any] = dict.fromkeys(SI) | dict(given)
-    unit_of = {name: x.unit or ("A" if x.kind == "current" else None) for name, x in meanings.items()}
-    for kind in (kind for kind in kinds if kind not in given):
-        known = SI["q"] | SI["qd"] if kind in RATES else SI[kind]
-        named = {unit_of[name]: name for name in kinds[kind]}
-        if kind == "command" and "q" in given and not named.keys() & SI["q"].keys():
-            continue  # in the unit that is given for the positions
-        cure = f"give units={{{kind!r}: ...}}"
-        if unknown := [unit for unit in named if unit not in (None, *known)]:
-            cure += ", by name or as SI units per unit of the log"
-            raise ValueError(f"{place}: the unit {unknown[0]!r} of column {named[unknown[0]]!r} is not known; {cure}")
-        if len(named) > 1 and None in named:
-            raise ValueError(f"{place}: some of the columns {_span(kinds[kind])} name no unit; {cure}")
-        units[kind] = [unit_of[name] for name in kinds[kind]] if len(named) > 1 else next(iter(named))
-    return units
+def _known(kind: str) -> dict[str, float]:
+    """Units of a quantity and their factors; a rate may be in those of its positions, per second."""
+    return SI["q"] | SI["qd"] if kind in RATES else SI[kind]
 
 
 def _in_si(kind: str, unit: Any, n: int) -> Array:
     """Factors to SI units of one unit for all joints, or one of each, by name or as a number; ones for None."""
     if unit is None:
         return np.ones(n)
-    known = SI["q"] | SI["qd"] if kind in RATES else SI[kind]
+    known = _known(kind)
     units = [unit] * n if isinstance(unit, str | int | float) else list(unit)
-    names = ", ".join(map(repr, SI[kind]))
     if len(units) != n or any(symbol(x) not in known if isinstance(x, str) else not x for x in units):
-        wanted = f"{names}, or a number of SI units, for all or {n} joints"
+        wanted = f"{', '.join(map(repr, SI[kind]))}, or a number of SI units, for all or {n} joints"
         raise ValueError(f"`units` of {kind} must be {wanted}, got {unit!r}")
     factors = [known[symbol(x)] if isinstance(x, str) else x for x in units]
     return per_joint_array(f"units of {kind}", factors, n)

@@ -23,35 +23,13 @@ from numpy.typing import ArrayLike
 from ..basics.archive import Arrays, TooLargeError, bytes_of, check_regular, most_unpacked
 from ..basics.spatial import Array
 from ..basics.text import MAX_NAME, cut, plain
+from . import ros_bags, tables
 from .matlab import matlab_arrays
-from .ros_bags import (
-    CONTROLLER_STATE,
-    JOINT_STATE,
-    KINDS,
-    STATES,
-    Message,
-    NotReadError,
-    bag_states,
-    bag_topics,
-    echoed,
-    is_bag,
-    rostopic,
-)
-from .tables import (
-    TableBody,
-    as_number,
-    below_comments,
-    csv_rows,
-    finite_numbers,
-    formatted,
-    listed_names,
-    numeric_block,
-    text_of,
-)
+from .ros_bags import CONTROLLER_STATE, JOINT_STATE, STATES, Message, is_bag
+from .tables import TableBody, as_number, listed_names
 
 Rows = list[tuple[int, list[str]]]  # rows of a text with their numbers
 
-BAGS = ", ".join(KINDS.values())
 JSON = (".json", ".jsonl", ".ndjson")
 LISTED = 12  # columns listed in an error
 LONGEST = 200  # most characters of a name
@@ -111,6 +89,7 @@ class LogOptions:
 class Log(NamedTuple):
     """Columns of a log by name, as numbers or texts, and remarks on how it was read."""
 
+    place: str  # its file, in errors
     columns: dict[str, Array]
     said: tuple[str, ...] = ()
     time_unit: str | None = None  # where the format says it
@@ -125,22 +104,31 @@ class Log(NamedTuple):
     long: str = ""  # name of the column of joints, of each of which there are rows
     called: Mapping[str, str] = {}  # names in the file, where columns have others
 
-    def numbers(self, place: str, name: str) -> Array:
+    @property
+    def names(self) -> str:
+        """First names of columns, for errors."""
+        return listed_names(list(self.columns), LISTED)
+
+    def error(self, text: str) -> ValueError:
+        """Error of this log."""
+        return ValueError(f"{self.place}: {text}")
+
+    def numbers(self, name: str) -> Array:
         """Column as numbers, NaN for empty entries."""
         x = self.columns[name]
         if name in self.twice:
-            raise ValueError(f"{place}: column {name!r} is there twice; give names of all columns as `columns`")
+            raise self.error(f"column {name!r} is there twice; give names of all columns as `columns`")
         if x.dtype.kind == "U" and DATE.fullmatch(str(x[0])):
             with suppress(ValueError):
                 dates = np.array([DATE.sub(r"\1", text) for text in x.tolist()], dtype="datetime64[ns]")
                 return np.asarray((dates - dates[0]) / np.timedelta64(1, "s"))
-        return self.decimals(place, name)
+        return self.decimals(name)
 
-    def decimals(self, place: str, name: str, gaps: bool = True) -> Array:
+    def decimals(self, name: str, gaps: bool = True) -> Array:
         """Column of decimal numbers; with `gaps`, NaN for empty entries."""
         x = self.columns[name]
         are_texts = x.dtype.kind == "U"
-        return finite_numbers(place, name, self.rows, x.tolist(), self.decimal, gaps) if are_texts else x
+        return tables.finite_numbers(self.place, name, self.rows, x.tolist(), self.decimal, gaps) if are_texts else x
 
 
 def symbol(unit: str) -> str:
@@ -157,7 +145,8 @@ def read_log(path: Path, options: LogOptions) -> Log:
             return _parquet(sorted(path.glob("data/*/*.parquet")), path / "meta" / "info.json", options)
         if bags := sorted(file for file in path.iterdir() if is_bag(file, b"")):
             return _bags(bags, options)
-        raise ValueError(f"{path}: is a folder without meta/info.json, as LeRobot data sets have, or bags ({BAGS})")
+        kinds = ", ".join(ros_bags.KINDS.values())
+        raise ValueError(f"{path}: is a folder without meta/info.json, as LeRobot data sets have, or bags ({kinds})")
     check_regular(path)
     with open(path, "rb") as stream:
         first, suffix = stream.read(16), path.suffix.lower()
@@ -184,7 +173,7 @@ def _whole(path: Path, read: Callable[[], Any]) -> Any:
     except Exception as error:  # each library has its own
         if isinstance(error, ImportError | FileNotFoundError | PermissionError):
             raise
-        if isinstance(error, NotReadError):
+        if isinstance(error, ros_bags.NotReadError):
             raise ValueError(f"{path}: {error}") from None
         if isinstance(error, TooLargeError):
             raise ValueError(f"{path}: {error}; write fewer samples, or less beside them, to a file") from None
@@ -197,7 +186,7 @@ def _whole(path: Path, read: Callable[[], Any]) -> Any:
 
 def _text(path: Path, options: LogOptions) -> Log:
     """Columns of a text, which may be JSON or a table."""
-    text = text_of(path)
+    text = tables.text_of(path)
     if path.suffix.lower() in JSON or re.match(r"\s*[\[{]\s*[\[{\"]", text):
         return _arrays(path, _whole(path, lambda: _json(text, most_unpacked(path))))
     for beginning, what in FORMS.items():
@@ -208,35 +197,35 @@ def _text(path: Path, options: LogOptions) -> Log:
 
 def read_table(name: str, text: str, options: LogOptions) -> Log:
     """Columns of a table in a text, or of the messages in its rows."""
-    text, separator, decimal = formatted(text, options.separator, options.decimal)
+    text, separator, decimal = tables.formatted(text, options.separator, options.decimal)
     rows, body = _rows(name, text, (separator, decimal), options.exact)
     are_named, first = rows or isinstance(options.columns, Sequence), next(iter(body.texts), ())
     if not are_named and len(first) > 4 and first[1].isdigit() and math.isnan(as_number(first[3])):
-        return _states(name, echoed(name, body), options.joints, "as of ros2 topic echo --csv")
+        return _states(name, ros_bags.echoed(name, body), options.joints, "as of ros2 topic echo --csv")
     if not (heading := _heading(rows, body.width, options)):
         cure = 'columns=["t", "q.shoulder", "tau.shoulder"], with "" for one to ignore'
         raise ValueError(f"{name}: the names of its {body.width} columns are missing; give them, such as {cure}")
     of, cure = (" as the heading has", "") if options.exact else ("", "; remove the row if the log was cut off there")
     data = map(np.asarray, body.columns(name, len(heading), of, cure))
     if "field.position0" in heading:
-        return _states(name, rostopic(name, heading, body), options.joints, "as of rostopic echo -p")
+        return _states(name, ros_bags.rostopic(name, heading, body), options.joints, "as of rostopic echo -p")
     cells = [(x, column) for x, column in zip(heading, data, strict=True) if x]
     columns, at = dict(cells), rows[-1][0] if rows else 0
     said = (f"separator {separator!r}, decimal sign {decimal!r}",) * ((separator, decimal) != (",", "."))
     more = [(x, column) for x, column in cells if column is not columns[x]]
     twice = {x for x, column in more if options.exact or not np.array_equal(column, columns[x])}
     joints = {} if options.exact else _joints_of(name, columns)
-    return Log(columns, said, None, decimal, body.places, at, twice=twice, **joints)
+    return Log(name, columns, said, None, decimal, body.places, at, twice=twice, **joints)
 
 
 def _rows(name: str, text: str, form: tuple[str, str], exact: bool) -> tuple[Rows, TableBody]:
     """Rows above the first one of numbers, and the others; the heading and all below it where names are exact."""
     is_rostopic = "field.position0" in text.partition("\n")[0]  # names of joints may be numbers
-    above, body = (not is_rostopic and numeric_block(text, *form)) or (text, None)
-    rows = csv_rows(name, above, form[0])
-    if exact and body is not None and len(below_comments(rows)) != 1:
-        rows, body = csv_rows(name, text, form[0]), None
-    rows = below_comments(rows) if exact else rows
+    above, body = (not is_rostopic and tables.numeric_block(text, *form)) or (text, None)
+    rows = tables.csv_rows(name, above, form[0])
+    if exact and body is not None and len(tables.below_comments(rows)) != 1:
+        rows, body = tables.csv_rows(name, text, form[0]), None
+    rows = tables.below_comments(rows) if exact else rows
     if body is not None:
         return rows, body
     if not rows:
@@ -317,14 +306,14 @@ def _joints_of(place: str, columns: Mapping[str, Array]) -> dict[str, Any]:
     return {"joints": joints, "unused": () if whole else own}
 
 
-def with_stamps(place: str, log: Log) -> Log:
+def with_stamps(log: Log) -> Log:
     """Log whose times in seconds include the nanoseconds of a column of their own."""
     columns = dict(log.columns)
     for name in log.columns:
         found = re.fullmatch(r"(.*?)(?:nano|n)(sec(?:ond)?s?)", name, re.IGNORECASE)
         if found and (whole := found[1] + found[2]) in columns:
-            t = log.numbers(place, whole)
-            columns[whole] = t - t[0] + 1e-9 * log.numbers(place, name)
+            t = log.numbers(whole)
+            columns[whole] = t - t[0] + 1e-9 * log.numbers(name)
     return log._replace(columns=columns)
 
 
@@ -368,7 +357,7 @@ def _states(place: str, messages: Iterable[Message], joints: Sequence[str] | Non
             if k > 2:  # whatever words are in the joint's name
                 of[f"{quantity}.{joint}"], called[f"{quantity}.{joint}"] = joint, quantity
     when = f"{said}, times from the first message on, at {start / 1e9:.3f} s"
-    return Log(columns, (when,), "s", joints=of, called=called)
+    return Log(place, columns, (when,), "s", joints=of, called=called)
 
 
 def _checked(place: str, messages: Iterable[Message]) -> Iterator[Message]:
@@ -387,7 +376,7 @@ def _bags(paths: Sequence[Path], options: LogOptions) -> Log:
     """States of joints, or of their controller, of one topic of a bag, or of the files of one."""
     topics: dict[str, str] = {}
     for path in paths:
-        topics |= _whole(path, partial(bag_topics, path))
+        topics |= _whole(path, partial(ros_bags.bag_topics, path))
     topic, of = options.topic, {kind: [x for x, own in topics.items() if own == kind] for kind in STATES}
     controllers = of[CONTROLLER_STATE]
     has_commands = bool(controllers) and (not (options.torques and of[JOINT_STATE]) or topic in controllers)
@@ -399,7 +388,7 @@ def _bags(paths: Sequence[Path], options: LogOptions) -> Log:
         there = ", ".join(f"{name} ({kind})" for name, kind in sorted(topics.items())[:LISTED]) or "nothing"
         raise ValueError(f"{paths[0]}: there is no topic {topic or ''} of {kind}; there is {plain(there)}")
     topic = topic or states[0]
-    parts = [_whole(path, partial(bag_states, path, topic, kind)) for path in paths]
+    parts = [_whole(path, partial(ros_bags.bag_states, path, topic, kind)) for path in paths]
     messages = [message for _, message in sorted((x for part in parts for x in part), key=itemgetter(0))]
     log = _states(os.fspath(paths[0]), messages, options.joints, f"topic {plain(topic)}")
     lacks_torques = kind == JOINT_STATE and not any(x.startswith("tau.") for x in log.columns)
@@ -411,8 +400,8 @@ def _bags(paths: Sequence[Path], options: LogOptions) -> Log:
 
 def _arrays(path: Path, arrays: Mapping[str, Any]) -> Log:
     """Columns of arrays by name, of the joints that an array of texts names."""
-    columns = _columns(arrays)
-    return Log(columns, **_joints_of(os.fspath(path), columns))
+    place, columns = os.fspath(path), _columns(arrays)
+    return Log(place, columns, **_joints_of(place, columns))
 
 
 def _columns(arrays: Mapping[str, Any], names: Mapping[str, Sequence[str]] | None = None) -> dict[str, Array]:
@@ -534,7 +523,7 @@ def _parquet(paths: Sequence[Path], info: Path | None, options: LogOptions) -> L
     if wanted is not None:
         arrays = {name: x[episodes == wanted] for name, x in arrays.items()}
     is_lerobot, said = "episode_index" in arrays, (f"episode {wanted or 0}",)
-    return Log(_columns(arrays, names), said, "s", is_lerobot=is_lerobot, robot=robot)
+    return Log(os.fspath(paths[0]), _columns(arrays, names), said, "s", is_lerobot=is_lerobot, robot=robot)
 
 
 def _names_of_features(info: Path) -> tuple[dict[str, list[str]], str]:

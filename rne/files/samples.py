@@ -120,22 +120,21 @@ def read_samples(path: File, joint_names: Sequence[str], *, needed: Sequence[str
     """
     from .logs import LogOptions, read_table
 
-    name = os.fspath(path)
-    log = read_table(name, text_of(Path(path)), LogOptions(separator=",", decimal=".", exact=True))
-    return Samples(**_arrays_of(name, log, joint_names, needed, timed=timed))
+    log = read_table(os.fspath(path), text_of(Path(path)), LogOptions(separator=",", decimal=".", exact=True))
+    return Samples(**_arrays_of(log, joint_names, needed, timed=timed))
 
 
-def logged(name: str, log: Log, options: LogOptions) -> dict[str, Any]:
+def logged(log: Log, options: LogOptions) -> dict[str, Any]:
     """Samples of a log in columns with exact names, NaN for empty entries; commands if there are no torques."""
     there = {x.partition(".")[0] for x in log.columns}
     needed = ("q", "command" if "command" in there and "tau" not in there else "tau")
-    x = _arrays_of(name, log, options.joints, needed, gaps=True)
-    x["t"] = in_seconds(name, Samples(x["t"]), options.time_unit).t
+    x = _arrays_of(log, options.joints, needed, gaps=True)
+    x["t"] = in_seconds(log.place, Samples(x["t"]), options.time_unit).t
     return {kind: x[kind] for kind in ("t", "q", "tau", "qd", *COMMANDS) if kind in x}
 
 
 def _arrays_of(
-    name: str, log: Log, joint_names: Any, needed: Sequence[str], *, gaps: bool = False, timed: bool = True
+    log: Log, joint_names: Any, needed: Sequence[str], *, gaps: bool = False, timed: bool = True
 ) -> dict[str, Array]:
     """Arrays in columns that are named exactly, with `gaps` of a log: NaN for entries left out, and commands."""
     if isinstance(joint_names, str) or not isinstance(joint_names, Iterable):
@@ -144,27 +143,23 @@ def _arrays_of(
     joint_names = tuple(plain(str(joint)) for joint in joint_names)  # as robots from files have them
     commands = [x for x in COMMANDS if gaps and (x in needed or all(f"{x}.{j}" in log.columns for j in joint_names))]
     kinds = (*QUANTITIES, *commands)
-    wanted = _wanted(f"{name}, row {log.heading}", [*log.columns, *log.twice], joint_names, needed, (timed, kinds))
+    wanted = _wanted(log, joint_names, needed, kinds, timed)
     if not log.rows:
-        raise ValueError(f"{name}: there are no rows below the names of the columns")
-    read = {x: log.decimals(name, x, gaps and x != "t") for x in wanted}
+        raise log.error("there are no rows below the names of the columns")
+    read = {x: log.decimals(x, gaps and x != "t") for x in wanted}
     t = read["t"] if timed else np.arange(float(len(log.rows)))
     for k in np.flatnonzero(np.diff(t) <= 0).tolist():
         late = f"got {t[k + 1]:.10g} after {t[k]:.10g}"
-        raise ValueError(f"{name}, row {log.rows[k + 1]}, column 't': times must ascend, {late}")
+        raise ValueError(f"{log.place}, row {log.rows[k + 1]}, column 't': times must ascend, {late}")
     own = {x: [read[f"{x}.{joint}"] for joint in joint_names if f"{x}.{joint}" in read] for x in kinds}
     return {"t": t} | {x: np.column_stack(columns) for x, columns in own.items() if columns}
 
 
 def _wanted(
-    place: str,
-    columns: Sequence[str],
-    joint_names: Sequence[str],
-    needed: Sequence[str],
-    read: tuple[bool, Sequence[str]],
+    log: Log, joint_names: Sequence[str], needed: Sequence[str], quantities: Sequence[str], timed: bool
 ) -> list[str]:
-    """Names of the columns to read: t if there are times, and every quantity present for all joints (`read`)."""
-    timed, quantities = read
+    """Names of the columns to read: t if there are times, and every quantity that is present for all joints."""
+    place, columns = f"{log.place}, row {log.heading}", [*log.columns, *log.twice]
     if all(math.isfinite(as_number(column)) for column in columns):
         example = ",".join([*["t"] * timed, *(f"q.{joint}" for joint in joint_names)])
         above = f"above the numbers is needed, for example, {example!r}"
