@@ -13,11 +13,11 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import mutually_broadcastable_shapes
 
 import rne
-from rne.basics.arrays import convert_numbers, per_joint_array, real_array, vector
 
 from .random_robots import random_tree
 
 TREE = random_tree(3, seed=9)
+BASE = rne.load("irb140").base_parameters()
 
 
 @settings(max_examples=20, deadline=None, derandomize=True)
@@ -217,16 +217,8 @@ def test_gravity_is_a_keyword_of_load():
 
 class TestSingularMassMatrix:
     def test_massless_joint_is_named(self):
-        from rne.model.builder import Part, assemble
-
-        arm = assemble(
-            "ghost",
-            [
-                Part(link="base"),
-                Part(link="a", joint="j1", kind="revolute", parent=0, mass=1.0, com=np.array([0, 1.0, 0])),
-                Part(link="b", joint="j2", kind="revolute", parent=1),
-            ],
-        )
+        bodies = {"masses": [1.0, 0.0], "centres": [[0, 1.0, 0], [0, 0, 0]], "inertias": np.zeros((2, 3))}
+        arm = rne.dh_chain(a=[0, 0], alpha=[0, 0], d=[0, 0], theta=[0, 0], joint_names=["j1", "j2"], **bodies)
         with pytest.raises(rne.SingularMassMatrixError) as caught:
             rne.dynamics.forward_dynamics(arm, [0, 0], [0, 0], [0, 0])
         assert str(caught.value) == "M is singular: nothing with inertia moves with 'j2'"
@@ -235,18 +227,10 @@ class TestSingularMassMatrix:
 
     @pytest.mark.parametrize("forward", [rne.dynamics.forward_dynamics, rne.dynamics.articulated_forward_dynamics])
     def test_two_parallel_sliders_are_named(self, forward):
-        from rne.model.builder import Part, assemble
-
-        third = Part(link="c", joint="swing", kind="revolute", parent=2, mass=0.7, com=np.array([0.1, 0.3, 0.2]))
-        arm = assemble(
-            "sliders",
-            [
-                Part(link="base"),
-                Part(link="a", joint="left", kind="prismatic", parent=0),
-                Part(link="b", joint="right", kind="prismatic", parent=1, mass=1.3),
-                third,
-            ],
-        )
+        table = {column: [0, 0, 0] for column in ("a", "alpha", "d", "theta")}
+        bodies = {"masses": [0, 1.3, 0.7], "centres": [[0, 0, 0], [0, 0, 0], [0.1, 0.3, 0.2]]}
+        types, names = ["prismatic", "prismatic", "revolute"], ["left", "right", "swing"]
+        arm = rne.dh_chain(**table, **bodies, inertias=np.zeros((3, 3)), types=types, joint_names=names)
         q = np.array([[0.1, 0.2, 0.3], [0.5, -0.7, 1.1]])
         with pytest.raises(rne.SingularMassMatrixError) as caught:
             forward(arm, q, q, q)
@@ -256,9 +240,9 @@ class TestSingularMassMatrix:
         )
 
 
-def test_one_number_stands_for_every_joint():
+def test_one_number_stands_for_every_joint(small):
     for value, expected in ((2, [2.0, 2.0, 2.0]), ([1.0, 2.0, 3.0], [1.0, 2.0, 3.0])):
-        array = per_joint_array("kp", value, 3)
+        array = rne.control.pd(small, value, 1.0, 0.0).kp
         assert array.tolist() == expected
         assert array.dtype == np.float64
         assert not array.flags.writeable
@@ -274,9 +258,8 @@ def test_one_number_stands_for_every_joint():
         ("1", "`kp` must be an array of numbers of shape (3,), got dtype <U1"),
     ],
 )
-def test_what_is_no_number_per_joint_is_refused(value, message):
-    with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
-        per_joint_array("kp", value, 3)
+def test_what_is_no_number_per_joint_is_refused(small, value, message):
+    refused(lambda: rne.control.pd(small, value, 1.0, 0.0), message)
 
 
 HIDDEN = np.ma.masked_array([0.1, 0.2, 0.3], mask=[False, True, False])
@@ -327,35 +310,41 @@ def test_a_mask_that_hides_nothing_is_no_mistake(small):
     np.testing.assert_allclose(small.gravity_torque(shown), small.gravity_torque(shown.data), rtol=1e-12)
 
 
-def test_signs_that_are_asked_for():
-    assert vector("k", [0.5, 1.0], 2, sign="positive").tolist() == [0.5, 1.0]
-    assert vector("k", [0.0, 1.0], 2, sign="not negative").tolist() == [0.0, 1.0]
-    assert vector("k", [-1.0, 0.0], 2).tolist() == [-1.0, 0.0]
-    refused(lambda: vector("k", [0.0, 1.0], 2, sign="positive"), "`k` must be positive, got 0.0")
-    refused(lambda: vector("k", [-1.0, 1.0], 2, sign="not negative"), "`k` must not be negative, got -1.0")
+def test_signs_that_are_asked_for(small):
+    law = rne.control.pd(small, [0.0, 1.0, 0.5], 1.0, [-1.0, 0.0, 1.0])
+    assert (law.kp.tolist(), law.reference.tolist()) == ([0.0, 1.0, 0.5], [-1.0, 0.0, 1.0])
+    refused(lambda: rne.control.pd(small, [-1.0, 1.0, 0.0], 1.0, 0.0), "`kp` must not be negative, got -1.0")
+    refused(lambda: rne.check_gains(small, [0.0, 1.0, 0.5], 1.0), "`kp` must be positive, got 0.0")
 
 
 @pytest.mark.parametrize(
-    ("shape", "right", "wrong"),
+    ("shape", "name", "right", "wrong", "call"),
     [
-        ("()", [()], [(1,), (0,)]),
-        ("(3,), one point", [(3,)], [(), (2,), (3, 1), (0,)]),
-        ("(n, 3)", [(0, 3), (5, 3)], [(3,), (3, 5), (2, 2, 3)]),
-        ("(..., 6)", [(6,), (2, 6), (3, 2, 6)], [(), (5,), (6, 2)]),
+        ("()", "angle", [()], [(1,), (0,)], lambda x: rne.model.slider_crank("j", crank=1, rod=2, angle=x)),
+        ("(3,)", "gravity", [(3,)], [(), (2,), (3, 1), (0,)], lambda x: rne.load("irb140", gravity=x)),
+        ("(30,), ten per body", "parameters", [(30,)], [(), (3, 10)], lambda x: rne.model.with_parameters(TREE, x)),
+        (
+            "(n, 3, 3)",
+            "rotations",
+            [(0, 3, 3)],
+            [(3,), (3, 3), (2, 3, 5)],
+            lambda x: rne.model.chain(x, np.zeros((0, 3))),
+        ),
+        ("(..., 36)", "beta", [(36,), (2, 36), (3, 2, 36)], [(), (5,), (36, 2)], BASE.standard_parameters),
     ],
 )
-def test_arrays_of_another_shape_are_refused(shape, right, wrong):
+def test_arrays_of_another_shape_are_refused(shape, name, right, wrong, call):
     for size in right:
-        assert real_array("x", np.zeros(size), shape).shape == size
+        call(np.zeros(size))
     for size in wrong:
-        with pytest.raises(ValueError, match=f"^{re.escape(f'`x` must have shape {shape}, got {size}')}$"):
-            real_array("x", np.zeros(size), shape)
+        refused(lambda size=size: call(np.zeros(size)), f"`{name}` must have shape {shape}, got {size}")
 
 
 def test_mpmath_numbers_beside_pythons_keep_their_digits():
+    slides = rne.dh_chain(a=[0, 0], alpha=[0, 0], d=[0, 0], theta=[0, 0], types="prismatic")
     with mpmath.workdps(40):
         third = mpmath.mpf(1) / 3
-        assert convert_numbers("q", [third, 2.0], "(..., 2)")[0] == third
+        assert rne.dynamics.link_poses(slides, [third, 2.0])[1, 2, 3] == third
 
 
 DEFAULTS = """bounds: tolerance 0.05, budget 90 | base_parameters: tolerance 1e-09 | trusted_horizon: accuracy 0.001

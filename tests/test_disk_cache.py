@@ -13,11 +13,12 @@ import pytest
 import rne
 from rne.__main__ import main
 from rne.basics import disk_cache
-from rne.basics.disk_cache import key
 from rne.kernels import object_code
 
 from .helpers import ROOT
 from .random_robots import straight_chain
+
+key = disk_cache.key
 
 pytest.importorskip("llvmlite", reason="Numba is not installed")
 OWN = hasattr(os, "getuid")
@@ -165,16 +166,16 @@ class TestWhatIsExaminedIsRead:
         (tmp_path / "false").chmod(0o777)
         monkeypatch.setenv("RNE_CACHE", str(place))
         place.symlink_to(tmp_path / "true")
-        own = disk_cache._is_own
+        own = disk_cache.is_own
 
         def examined(*arguments):
             found = own(*arguments)
             place.unlink()
             place.symlink_to(tmp_path / "false")
-            monkeypatch.setattr(disk_cache, "_is_own", own)
+            monkeypatch.setattr(disk_cache, "is_own", own)
             return found
 
-        monkeypatch.setattr(disk_cache, "_is_own", examined)
+        monkeypatch.setattr(disk_cache, "is_own", examined)
         return tmp_path
 
     def test_reading(self, exchanged):

@@ -12,7 +12,6 @@ from lxml import etree
 from PIL import Image
 
 import rne
-from rne.basics.text import brief, summary
 from rne.plotting import notebook
 
 from .helpers import kept, loaded
@@ -140,22 +139,6 @@ def test_the_repr_of_a_law_shows_few_numbers_and_counts_many():
     )
     assert repr(rne.trajectories.quintic([0.0], [1.5], 2.0)) == "Quintic(start=[0], end=[1.5], duration=2)"
     assert repr(rne.Friction(viscous=2.0, coulomb=[1.0, 2.0])) == "Friction(viscous=2, coulomb=[1, 2])"
-
-
-def test_summaries_of_other_values():
-    @dataclasses.dataclass
-    class Things:
-        names: tuple
-        table: object
-        of: dict
-        flag: bool
-        nothing: object = None
-        usual: int = 3
-
-    things = Things(tuple("abcdefgh"), np.zeros((3, 0)), {"a": 1.5}, True)
-    assert brief(type("Long", (), {"__repr__": lambda self: "z" * 1000})()) == "z" * 117 + "..."
-    text = "Things(names=['a', 'b', 'c', 'd', 'e', ... 3 more], table=<3 x 0 numbers>, of={'a': 1.5}, flag=True)"
-    assert " ".join(summary(things).split()) == text
 
 
 def test_printing_a_recursion_keeps_the_whole_table(irb140):

@@ -1,13 +1,13 @@
 """The student's view in print: units, equation numbers, digits and columns."""
 
 import re
+from dataclasses import replace
 
 import mpmath
 import numpy as np
 import pytest
 
 import rne
-from rne.basics.text import Row, aligned, short, six_digits
 
 from .helpers import states
 from .random_robots import straight_chain
@@ -76,6 +76,9 @@ def test_decimal_points_stand_below_each_other(irb140):
         (1234567.0, "1.23457e6"),
         (0.000123456789, "0.000123457"),
         (1.23456e-6, "1.23456e-6"),
+        (2.5e-5, "0.000025"),
+        (2.5e-6, "2.5e-6"),
+        (mpmath.mpf("2.5e-6"), "2.5e-6"),
         (100, "100"),
         (np.float32(0.1), "0.1"),
         (np.longdouble("1.5e-4000"), "1.5e-4000"),
@@ -84,13 +87,23 @@ def test_decimal_points_stand_below_each_other(irb140):
         (mpmath.mpf("-1e-5000"), "-1e-5000"),
     ],
 )
-def test_numbers_have_six_digits(number, text):
-    assert six_digits(number) == text
+def test_numbers_have_six_digits(irb140, number, text):
+    kind = object if isinstance(number, mpmath.mpf) else np.asarray(number).dtype
+    assert [row.split()[3:] for row in printed(irb140, np.full((6, 3), number, kind))] == [[text] * 3] * 6
 
 
-def test_columns_align_at_the_point_and_exponents_need_none():
-    rows = [Row("a", ("1.5", "-10")), Row("title"), Row("bc", ("-20.25", "1e-7"))]
-    assert aligned(rows) == ["a     1.5   -10", "title", "bc  -20.25    1e-7"]
+def printed(irb140, omega):
+    """Rows of omega in the table of a record with these numbers."""
+    record = replace(irb140.recursion(*states(6)), omega=omega)
+    return [line for line in str(record).splitlines() if line.startswith("  omega")]
+
+
+def test_columns_align_at_the_point_and_exponents_need_none(irb140):
+    omega = np.zeros((6, 3))
+    omega[0], omega[1] = [1.5, -10, 0], [-20.25, 1e-7, 0]
+    first, second, third, *_ = printed(irb140, omega)
+    assert first.index("1.5") == second.index("-20.25") + 2
+    assert first.index("-10") + 2 == second.index("1e-7") == third.rindex("0", 0, second.index("1e-7") + 1)
 
 
 @pytest.mark.parametrize("scale", [1e-300, 1e-9, 1.0, 1e9])
@@ -146,11 +159,9 @@ def test_batch_of_two_axes_is_picked_by_a_tuple(irb140):
 
 
 def test_empty_batch_and_no_joints_say_so(irb140):
-    from rne.model.builder import Part, assemble
-
     q = np.zeros((0, 6))
     assert str(irb140.recursion(q, q, q)) == "Recursion of no states: leading shape (0,)"
-    none = rne.dynamics.recursion(assemble("block", [Part(link="base", mass=1.0)]), [], [], [])
+    none = rne.dynamics.recursion(rne.dh_chain(a=[], alpha=[], d=[], theta=[]), [], [], [])
     assert str(none) == "Recursion of a robot without moving joints"
 
 
@@ -215,5 +226,6 @@ def test_complex_numbers_have_a_line_for_their_imaginary_part(irb140, number):
 
 
 def test_names_are_cut_and_stay_on_one_line():
-    assert short("a\nb") == "a\\nb"
-    assert short("x" * 50) == "x" * 37 + "..."
+    arm = rne.dh_chain(a=[0, 0], alpha=[0, 0], d=[0, 0], theta=[0, 0], joint_names=["a\nb", "x" * 50])
+    heads = [line for line in str(rne.dynamics.recursion(arm, *states(2))).splitlines() if ", revolute" in line]
+    assert heads == ["a\\nb, revolute", f"{'x' * 37}..., revolute"]

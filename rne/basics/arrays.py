@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 FULL_TURN = 6.3  # full turn with a margin [rad]
 T = TypeVar("T")
 Sign = Literal["any", "not negative", "positive"]
-UNBOUNDED = 1e300  # number in place of infinity, which a kernel cannot hold
+UNBOUNDED = 1e300  # number instead of infinity, which a kernel cannot hold
 lengths = cache(lambda shape: re.findall(r"[\w.]+", shape[: shape.index(")")]))  # in a shape such as "(n, 3)"
 TIME_ROUNDING = 1e-12  # rounding of times relative to the last one, of a solver's last step and its stages
 
@@ -29,7 +29,7 @@ TIME_ROUNDING = 1e-12  # rounding of times relative to the last one, of a solver
 def real_array(name: str, value: ArrayLike, shape: str) -> Array:
     """Array of finite real numbers of a shape such as "(3,)", "(n, 3)" or "(..., 6)".
 
-    Letters stand for any length, "..." for any leading axes; words behind the parenthesis are for the error's text.
+    Letters stand for any length, "..." for any leading axes; text after the parenthesis appears in errors only.
     """
     array = real_numbers(name, value, shape)
     wanted = lengths(shape)
@@ -42,7 +42,7 @@ def real_array(name: str, value: ArrayLike, shape: str) -> Array:
 
 
 def real_numbers(name: str, value: ArrayLike, shape: str) -> Array:
-    """Array of finite real numbers of any shape; `usual` is a shape for the text of errors."""
+    """Array of finite real numbers of any shape; `shape` is only for the text of errors."""
     array = number_array(name, value, shape)
     if array.dtype.kind == "c":
         raise ValueError(f"`{name}` must be real, got dtype {array.dtype}")
@@ -72,13 +72,13 @@ def whole_number(name: str, value: Any, *, least: int = 1) -> int:
 
 
 def check_function(name: str, function: Any, arguments: str) -> None:
-    """Raise a TypeError unless it can be called with arguments such as "(t, q, qd)"; text may follow them."""
+    """Raise a TypeError unless `function` takes arguments such as "(t, q, qd)"; text may follow them."""
     if not callable(function) or isinstance(function, type):
         got = f"the class {function.__name__}" if isinstance(function, type) else type(function).__name__
         raise TypeError(f"`{name}` must be a function of {arguments}, got {got}")
     try:
         signature = inspect.signature(function)
-    except (TypeError, ValueError):  # of compiled functions, which show none
+    except (TypeError, ValueError):  # compiled functions may have none
         return
     try:
         signature.bind(*arguments[: arguments.index(")")].split(","))
@@ -87,11 +87,8 @@ def check_function(name: str, function: Any, arguments: str) -> None:
 
 
 def output_file(path: str | os.PathLike[str], *suffixes: str) -> Path:
-    """Path of a file in an existing folder, with one of the suffixes if any are given.
-
-    The first ending is the one that an error names.
-    """
-    from pathlib import Path  # which takes a twentieth of `import rne`
+    """Path of a file in an existing folder, with one of the suffixes if any are given; errors name the first one."""
+    from pathlib import Path  # takes a twentieth of `import rne`
 
     if not isinstance(path, str | os.PathLike):
         raise TypeError(f"`path` must be a str or path-like, got {type(path).__name__}")
@@ -139,7 +136,7 @@ def refuse_degrees(name: str, angles: Array) -> None:
 
 
 def refuse_masked(name: str, value: ArrayLike) -> None:
-    """Raise ValueError if entries are masked: np.asarray would take the numbers behind the mask."""
+    """Raise ValueError if entries are masked: np.asarray would take the numbers under the mask."""
     for part in value if isinstance(value, list | tuple) else (value,):
         if isinstance(part, np.ndarray) and (mask := getattr(part, "mask", False)) is not False and np.any(mask):
             hidden = f"got {np.sum(mask)} of {part.size}; fill them or leave their rows out"
@@ -153,7 +150,7 @@ def plain_array(name: str, value: ArrayLike) -> Array:
 
 
 def convert_numbers(name: str, value: ArrayLike, shape: str) -> Array:
-    """Array of numbers of a type that the dynamics take, finite or not; integers become float64."""
+    """Array of numbers of a type that the dynamics support, finite or not; integers become float64."""
     refuse_masked(name, value)
     try:
         array = np.asarray(value)
@@ -196,9 +193,7 @@ def is_finite(array: Array) -> Array:
 
 def convert_array(array: Array, number: Callable[[float], Any]) -> Array:
     """Object array of the results of `number` for the array's entries."""
-    converted = np.empty(array.size, dtype=object)
-    converted[:] = [number(float(x)) for x in array.flat]
-    return converted.reshape(array.shape)
+    return np.asarray(np.frompyfunc(lambda x: number(float(x)), 1, 1)(array), dtype=object)
 
 
 def is_equal(a: Any, b: Any) -> bool:

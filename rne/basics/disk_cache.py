@@ -1,10 +1,10 @@
 """Files kept on disk for other processes: object code, which need not be compiled again.
 
-The folder is the platform's for caches, or what RNE_CACHE names; none if that is empty. Code that is read from it is
-run: a folder or a file that another user owns or may write to is refused. A file holds a digest of its name and of what
-follows; one that is damaged or another's is passed over. What is examined is what is read: the folder and the file are
-opened once, and no link of a file is followed. Files are written under another name and renamed, so that
-several processes may use the folder; the least recently used go when all together exceed LIMIT.
+The folder is the platform's cache folder, or that in RNE_CACHE; none if RNE_CACHE is empty. Code that is read is run:
+a folder or a file that another user owns or may write to is not used. A file begins with a digest of its name and its
+code; damaged files are ignored. The folder and the file are opened once, so that what is checked is what is read, and
+symbolic links to files are not followed. Files are written under a temporary name and renamed, so that several
+processes may use the folder. When the files together exceed LIMIT, the least recently used are removed.
 """
 
 from __future__ import annotations
@@ -24,8 +24,10 @@ LOGGER = logging.getLogger("rne")
 LIMIT = 64_000_000  # largest size of the cache [bytes]
 KEPT = 0.8  # share of the limit that is kept once it is exceeded
 ENDING, UNFINISHED = ".rne", "unfinished-"
-NAME = re.compile(rf"[0-9a-f]{{64}}\{ENDING}|{UNFINISHED}[0-9a-f]{{32}}")  # of files: no user's own are called so
-PLAIN = sum(getattr(os, name, 0) for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_BINARY"))  # no link, no waiting for a pipe
+NAME = re.compile(rf"[0-9a-f]{{64}}\{ENDING}|{UNFINISHED}[0-9a-f]{{32}}")  # of the cache's files: no others are removed
+PLAIN = sum(
+    getattr(os, name, 0) for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_BINARY")
+)  # no symbolic links, no waiting for a pipe
 DIGEST = hashlib.sha256
 FOREIGN = "is not used: another user owns it or may write to it"
 
@@ -60,7 +62,7 @@ def read(name: str) -> bytes | None:
             file = os.open(path := os.path.join(prefix, f"{name}{ENDING}"), os.O_RDONLY | PLAIN, dir_fd=number)
             with os.fdopen(file, "rb") as stream:
                 state = os.fstat(file)
-                is_code = _is_own(state, place) and stat.S_ISREG(state.st_mode) and state.st_size <= LIMIT
+                is_code = is_own(place, state) and stat.S_ISREG(state.st_mode) and state.st_size <= LIMIT
                 content = stream.read() if is_code else b""
             size = DIGEST().digest_size
             if DIGEST(name.encode() + content[size:]).digest() != content[:size]:
@@ -79,7 +81,7 @@ def _entered(place: Path) -> Iterator[tuple[str, int | None]]:
         return
     number = os.open(place, os.O_RDONLY | os.O_DIRECTORY)
     try:
-        if not _is_own(os.fstat(number), place):
+        if not is_own(place, os.fstat(number)):
             raise PermissionError(FOREIGN)
         yield "", number
     finally:
@@ -129,17 +131,15 @@ def clear() -> int:
     return count
 
 
-def is_own(place: Path) -> bool:
-    """True for a folder that only this user may write to."""
-    return not hasattr(os, "getuid") or _is_own(place.stat(), place)
-
-
-def _is_own(found: os.stat_result, place: Path) -> bool:
-    """True for the state of a file or folder that only this user may write to; Windows guards the profile's folder."""
-    if hasattr(os, "getuid") and (found.st_uid != os.getuid() or found.st_mode & (stat.S_IWGRP | stat.S_IWOTH)):
-        _warn(place)
-        return False
-    return True
+def is_own(place: Path, found: os.stat_result | None = None) -> bool:
+    """True if only this user may write to a folder, or to a file in it of the state `found`; always on Windows."""
+    if not hasattr(os, "getuid"):
+        return True  # Windows guards the profile's folder
+    state = found or place.stat()
+    if state.st_uid == os.getuid() and not state.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+        return True
+    _warn(place)
+    return False
 
 
 @functools.cache

@@ -12,15 +12,15 @@ import numpy as np
 
 from .arrays import ReadOnlyArrays
 
-MAX_NAME = 40  # most characters of a joint's name
-DIGITS = 6
+MAX_NAME = 40  # largest number of characters of a joint's name
+DIGITS = 6  # significant digits
 WIDTH = 100  # characters of a line
-LONGEST = 120  # most characters of one value
-FEW = 7  # most numbers that are written out
-FEW_NAMES = 6
+LONGEST = 120  # largest number of characters of one value
+FEW = 7  # largest number of numbers that are written out
+FEW_NAMES = 6  # largest number of names that are written out
 UNBROKEN = "\xa0"  # a space at which no line ends
 
-# Of joint arrays, and of results with an entry for each joint: for a rotating and for a sliding joint.
+# Units of joint arrays, and of results with an entry for each joint: of a rotating and of a sliding joint.
 UNITS = {
     "q": ("rad", "m"),
     "qd": ("rad/s", "m/s"),
@@ -98,8 +98,8 @@ def listed(names: Sequence[str]) -> str:
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """End of an error that suggests known names, or nothing; capitals and signs between letters do not count."""
-    import difflib  # for errors alone
+    """End of an error that suggests similar known names, or ""; case and punctuation are ignored."""
+    import difflib  # only for errors
 
     plain = {re.sub(r"[\W_]", "", x).lower(): x for x in known}
     wanted = re.sub(r"[\W_]", "", name).lower()
@@ -136,7 +136,7 @@ class Row(NamedTuple):
 
     head: str
     cells: Sequence[str] = ()
-    words: bool = False  # cells are titles, which end where their column does
+    words: bool = False  # True for titles, which are right-aligned
 
 
 def short(name: str) -> str:
@@ -145,7 +145,7 @@ def short(name: str) -> str:
 
 
 def plain(text: str) -> str:
-    """Text with escapes for characters that move a terminal's cursor or hide what stands there, line ends too."""
+    """Text with escapes for line ends and other characters that move a terminal's cursor or overwrite text."""
     if text.isprintable():
         return text
     from unicodedata import category
@@ -175,20 +175,18 @@ def six_digits(x: Any) -> str:
 
 def aligned(rows: Sequence[Row]) -> list[str]:
     """Rows as lines, every column's decimal points below each other."""
-    columns = range(max(len(row.cells) for row in rows))
-    ends = [[""] * len(row.cells) if row.words else [_from_the_point(cell) for cell in row.cells] for row in rows]
-    longest = [max((len(row[k]) for row in ends if k < len(row)), default=0) for k in columns]
-    padded = [
-        [cell if row.words else cell + " " * (longest[k] - len(end[k])) for k, cell in enumerate(row.cells)]
-        for row, end in zip(rows, ends, strict=True)
-    ]
-    widths = [max(len(cells[k]) for cells in padded if k < len(cells)) for k in columns]
+    texts = [list(row.cells) for row in rows]
+    for k in range(max(map(len, texts))):
+        column = [(cells, row.words) for cells, row in zip(texts, rows, strict=True) if k < len(cells)]
+        decimals = max((len(_from_the_point(cells[k])) for cells, is_title in column if not is_title), default=0)
+        for cells, is_title in column:
+            cells[k] += "" if is_title else " " * (decimals - len(_from_the_point(cells[k])))
+        width = max(len(cells[k]) for cells, _ in column)
+        for cells, _ in column:
+            cells[k] = cells[k].rjust(width)
     head = max((len(row.head) for row in rows if row.cells), default=0)
-    lines = []
-    for row, cells in zip(rows, padded, strict=True):
-        texts = [cell.rjust(width) for cell, width in zip(cells, widths, strict=False)]
-        lines.append("  ".join([f"{row.head:<{head}}" if texts else row.head, *texts]).rstrip())
-    return lines
+    heads = [f"{row.head:<{head}}" if row.cells else row.head for row in rows]
+    return ["  ".join([first, *cells]).rstrip() for first, cells in zip(heads, texts, strict=True)]
 
 
 def table(
@@ -210,7 +208,7 @@ def _from_the_point(text: str) -> str:
 
 
 class InNotebooks(ReadOnlyArrays):
-    """Base of results, which notebooks show as HTML, most as the text of `print`: their report, if they have one."""
+    """Base of results: `print` shows the report of those that have one; notebooks show HTML, mostly of that text."""
 
     _repr_html_: ClassVar[Callable[[Any], str]]  # set by `rne/__init__.py`, above all of them
     _plotted: ClassVar[Callable[..., Any]]  # likewise, of Sensitivities

@@ -1,4 +1,4 @@
-"""Forces in the pivots that close linkages, absent in the open tree, from torques that nothing supplies."""
+"""Forces in the pivots that close linkages, from the torques of the open tree's joints that have no drives."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from ..model.topology import loop_joints
 from .kinematics import Bodies, body_poses
 from .rnea import External
 
-DEAD = 1e-9  # sine of the angle between the pivot's motions by the coupled joints at a dead point
+DEAD = 1e-9  # largest sine of the angle between the pivot's motions by the two coupled joints at a dead point
 
 
 def closing_forces(
     model: Model, q: Array, tau: Array, not_known: Collection[str], external: External | None
 ) -> tuple[list[Array], dict[str, Array]]:
-    """Force of each loop's pivot on its first link, in the link's axes; all, and those given, as wrenches on links.
+    """Force of each loop's pivot on its first link, in the link's axes; these and `external` as wrenches on links.
 
-    `tau` (..., nb) are the torques that the joints of the open tree would need. Those of the two joints that follow
-    are supplied by the pivot: c_i F = tau_i, where c_i is its velocity per unit velocity of joint i, first link less
-    second. F is in the plane of the linkage. Forces of loops that are `not_known` are NaN.
+    `tau` (..., nb) are the torques that the joints of the open tree would need. The pivot supplies those of the two
+    joints that follow: c_i F = tau_i, where c_i is the velocity of its first link relative to the second per unit
+    velocity of joint i. F is in the plane of the linkage. Forces of loops that are `not_known` are NaN.
     """
     found, wrenches = dict[Loop, Array](), dict(external or {})
     poses, tau = body_poses(model, q), tau.copy()
@@ -44,7 +44,7 @@ def closing_forces(
 
 
 def in_order(model: Model) -> list[Loop]:
-    """Loops in order, each before those on whose joints it puts its force."""
+    """Loops in order of computation: each before those whose joints its force loads."""
     pending, order = [*model.loops], list[Loop]()
     joints = {loop: {model.moving_joints[i] for i in set.union(*loop_joints(model, loop))} for loop in pending}
     while pending:

@@ -1,4 +1,4 @@
-"""Energies and momentum from velocities and positions alone: independent of the recursions they test."""
+"""Energies and momentum from velocities and positions only: independent of the recursions that they test."""
 
 from __future__ import annotations
 

@@ -1,7 +1,6 @@
 """Limits of a robot that a motion uses or exceeds: ranges, speeds, accelerations and efforts of the joints.
 
-A simulation applies no limits but those its scene models (stops, torque limits); this says afterwards what a real robot
-could not have done.
+A simulation applies only the limits of its scene (stops, torque limits); here the others are checked afterwards.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from ..basics.text import UNITS, short, summary
 from ..model.model import Model
 from .kinematics import joint_positions, joint_velocities
 
-MET = 1e-9  # tolerance of a limit relative to a joint's larger one, at a stop or a saturated drive
+MET = 1e-9  # tolerance relative to the larger limit: at a stop or with saturated torque, none is exceeded
 SYMBOL = {"position": "q", "velocity": "qd", "torque": "tau"}
 
 
@@ -82,8 +81,8 @@ class Violation:
 def limit_violations(model: Model, t: Array, q: Array, qd: Array, tau: Array) -> list[Violation]:
     """Limits of a model that a motion exceeds at its samples, of shapes (T,) and (T, n).
 
-    They are in the order of the joints, for each its position (each side), velocity and torque. A limit counts as
-    exceeded by more than 1e-9 of it, so that a motion that ends at a stop, or with saturated torque, does not.
+    In the order of the joints, for each its position (each side), velocity and torque. A limit counts as exceeded by
+    more than 1e-9 of it, so that motions that end at a stop, or with saturated torque, violate none.
 
     Examples
     --------

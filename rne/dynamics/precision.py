@@ -1,8 +1,8 @@
 """Precision of forward dynamics: M's pivots decide on singularity, Skeel's amplification on the digits left.
 
-The criteria are `pivot_bound`, `velocity_bound` and `amplifications`, and no other module has numbers of its own.
-Functions and batches apply them by `check_accelerations`; kernels compare pivots and joint velocities with the two
-bounds and leave the states beyond them to it; `diagnose` and simulations with stiction use `pivots_below`.
+The criteria are `pivot_bound`, `velocity_bound` and `amplifications`; no other module defines such bounds. Functions
+and batches apply them by `check_accelerations`; kernels compare pivots and joint velocities with the two bounds and
+leave states beyond them to it; `diagnose` and simulations with stiction use `pivots_below`.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from .quantity import OK, BatchIndex, PrecisionLoss, PrecisionStatus, check_argu
 from .rnea import External, bias_torque, gravity_torque
 
 MIN_DIGITS = 3.0  # decimal digits below which a warning is given
-# Rounding changes a pivot of M by up to some n eps M_kk (Higham 2002, Accuracy and Stability, theorem 10.3). A pivot of
-# up to 8 of these, which include the errors of M's own entries, may be rounding alone: M is singular, an error. A pivot
-# above 10^MIN_DIGITS of them keeps MIN_DIGITS digits; below, the digits left are estimated.
+# Rounding changes a pivot of M by up to about n eps M_kk (Higham 2002, Accuracy and Stability, theorem 10.3). A pivot
+# below 8 of these, which include the errors of M's own entries, may be only rounding: M is singular, an error. A pivot
+# above 10^MIN_DIGITS of them keeps MIN_DIGITS digits; between, the digits left are estimated.
 SINGULAR, NEARLY_SINGULAR = 8.0, 10**MIN_DIGITS
 NEGATIVE = 1e-9  # largest negative rounding error relative to M's largest entry, or of M scaled to unit diagonal
 
@@ -40,7 +40,7 @@ def pivot_bound(units: float, n: int, dtype: DTypeLike) -> float:
 def pivots_below(units: float, pivots: Array, diagonal: Array) -> Array:
     """True where a pivot of M is at most `units` n eps of M's diagonal entry, or NaN, shape (..., n).
 
-    Of mpmath numbers, whose eps is not that of a dtype, where it is not positive.
+    For mpmath numbers, whose eps is not that of a dtype, the bound is 0.
     """
     pivots, diagonal = pivots.real, diagonal.real
     bound = pivot_bound(units, pivots.shape[-1], pivots.dtype) if pivots.dtype != object else 0.0
@@ -58,7 +58,7 @@ def velocity_bound(dtype: np.dtype[Any]) -> float:
 def check_singularity(
     model: Model, arguments: Mapping[str, Any], result: Array, pivots: Array, diagonal: Array
 ) -> PrecisionStatus:
-    """Status of a solution with M alone: an error if M is singular; digits are not estimated."""
+    """Status of a solution with M: an error if M is singular; digits are not estimated."""
     singular = pivots_below(SINGULAR, pivots, diagonal).any(axis=-1)
     if not singular.any():
         return OK
@@ -112,8 +112,8 @@ def amplifications(
     """Factor by which relative errors in M, C qd + g and tau grow in qdd = M^-1 (tau - C qd - g), shape (...).
 
     Skeel 1979, componentwise: max |M^-1| (|M| |qdd| + |tau| + |C qd + g|) / max |qdd|. Infinite where it overflows or
-    M cannot be inverted. Where terms of C qd + g cancel that are much larger than it, their rounding errors in `dtype`
-    count, beside the accelerations that torques and gravity give.
+    M cannot be inverted. Where much larger terms cancel in C qd + g, it is at least their rounding errors in `dtype`
+    relative to the accelerations that torques and gravity give.
     """
     double = model.astype(np.float64)
     with np.errstate(all="ignore"):
@@ -136,7 +136,7 @@ def amplifications(
 
 
 def _rounding_noise(model: Model, q: Array, qd: Array, external: External | None, dtype: np.dtype[Any]) -> Array:
-    """Rounding errors of C qd + g in a dtype, found by a wider one, in units of its eps, shape (..., n)."""
+    """Rounding errors of C qd + g in a dtype, from a wider dtype, in units of eps, shape (..., n)."""
     wide = np.dtype(np.float64 if dtype == np.float32 else np.longdouble)
 
     def bias(precision: np.dtype[Any]) -> Array:  # of positions and velocities rounded to `dtype`
@@ -149,9 +149,9 @@ def _rounding_noise(model: Model, q: Array, qd: Array, external: External | None
 
 
 def weakest_motion(model: Model, M: Array) -> tuple[tuple[str, ...], float]:
-    """Joints whose combined motion moves the least inertia, and the smallest eigenvalue of M of unit diagonal.
+    """Joints whose combined motion moves the least inertia, and the smallest eigenvalue of M scaled to unit diagonal.
 
-    A joint whose diagonal entry is not positive moves none by itself; the eigenvalue is 0 then.
+    If diagonal entries are not positive, these are the joints, and the eigenvalue is 0.
     """
     M = M.astype(np.float64)
     diagonal = np.diagonal(M)
@@ -169,7 +169,7 @@ def singular_error(model: Model, M: Array, state: BatchIndex) -> SingularMassMat
     """Error that names the joints whose combined motion moves no inertia, or a negative one."""
     joints, value = weakest_motion(model, M)
     names = ", ".join(repr(name) for name in joints)
-    if value < -NEGATIVE or np.diagonal(M).min() < -NEGATIVE * np.abs(M).max():  # of bodies that are not possible
+    if value < -NEGATIVE or np.diagonal(M).min() < -NEGATIVE * np.abs(M).max():  # bodies are not physical
         cause = f": a motion of {names} moves negative inertia"
         return SingularMassMatrixError("M is not positive definite", cause, joints, state)
     if not (np.diagonal(M) > 0).all():

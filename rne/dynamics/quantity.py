@@ -1,11 +1,11 @@
 """Declaration of a public quantity: check the arguments, run the core, check the result.
 
-A core is the bare recursion. It takes arrays that are finite, of one dtype and of one leading shape, and never
-branches on a value. `function.core` is that recursion, to be read, tested or traced on its own.
+A core is the recursion itself. It takes finite arrays of one dtype and one leading shape, and never branches on a
+value. `function.core` is that recursion, which can be read, tested and traced separately.
 
-Arguments named q, qd, qdd, qdr, qddr and tau are joint arrays, checked and traced; `external` (wrenches by link) and
-`link` are the other arguments that a quantity may have. For a kernel the wrenches become arrays too, see
-`rne.kernels.trace`. `evaluate` also takes `parameters`, the inertial parameters in place of the model's.
+Arguments named q, qd, qdd, qdr, qddr and tau are joint arrays, checked and traced; a quantity may also have those in
+OPTIONS, such as `external` (wrenches by link) and `link`. For a kernel the wrenches become arrays too, see
+`rne.kernels.trace`. `evaluate` also takes `parameters`, inertial parameters instead of the model's.
 """
 
 from __future__ import annotations
@@ -94,9 +94,9 @@ class Quantity:
     """Declaration of a function of a model: its arguments, what its core returns, what tracing may assume.
 
     core(model, *arrays, **options) gives the result, or (result, pivots of M, diagonal of M) if there is a `check`,
-    which turns the pivots into a PrecisionStatus. `moments`: the result depends on the inertial parameters, and through
-    `model.moments` alone, so that they may be inputs of a kernel (`rne.kernels.trace`). `base_parameters`: only through
-    the base parameters, so that masses may be redistributed between bodies (``rne/model/parameters.py``). `analytic`:
+    which turns the pivots into a PrecisionStatus. `moments`: the result depends on the inertial parameters only through
+    `model.moments`, so that they may be inputs of a kernel (`rne.kernels.trace`). `base_parameters`: only through the
+    base parameters, so that masses may be redistributed between bodies (``rne/model/parameters.py``). `analytic`:
     complex steps give its derivatives, on robots without couplings.
     """
 
@@ -106,14 +106,14 @@ class Quantity:
     moments: bool
     base_parameters: bool
     check: Check | None = None
-    velocities: tuple[str, slice] | None = None  # entries that are joint velocities, whose squares may cost digits
+    velocities: tuple[str, slice] | None = None  # entries that are joint velocities, whose squares may cancel
     returns_array: bool = True  # False for a record, which is not traced
     wrenches: Mapping[str, str] = field(default_factory=dict)  # arrays of a kernel that are wrenches, with their links
     analytic: bool = False
-    of_run: str | None = None  # argument that is the same over a run: what is computed of it alone is computed once
+    of_run: str | None = None  # argument that is constant over a run: what depends only on it is computed once
 
     def require_moments(self) -> None:
-        """Refuse inertial parameters as an input, with a TypeError, if they cannot be one."""
+        """Raise a TypeError if inertial parameters cannot be an input."""
         if not self.moments:
             raise TypeError(f"rne.dynamics.{self.name} takes no inertial parameters as an input")
 
@@ -145,7 +145,9 @@ class MethodQuantity:
         """Value of the function by the recursion, with its PrecisionStatus; NotFiniteError where it overflows."""
         named |= dict(zip(self.quantity.widths, arguments, strict=False))
         given = {name: np.asarray(named[name]) for name in self.quantity.widths if named.get(name) is not None}
-        leading = np.broadcast_shapes(*(a.shape[:-1] for a in given.values()))  # a complex step moves one of them alone
+        leading = np.broadcast_shapes(
+            *(a.shape[:-1] for a in given.values())
+        )  # a complex step changes only one of them
         dtype, status = np.result_type(*given.values()), OK
         given = {k: np.broadcast_to(a.astype(dtype, copy=False), leading + a.shape[-1:]) for k, a in given.items()}
         model = model_for(model, dtype, list(given.values()))
@@ -176,8 +178,7 @@ def quantity(
 ) -> Callable[[Callable[Concatenate[Model, P], R]], QuantityFunction[P, R]]:
     """Declare a core as a public function whose result is checked for overflow only.
 
-    A result that depends on base parameters only depends on the moments only. One `per_mass` is divided by the mass of
-    all that moves.
+    `base_parameters` includes `moments`. A result `per_mass` is divided by the mass of all moving bodies.
     """
 
     def decorate(core: Callable[Concatenate[Model, P], R]) -> QuantityFunction[P, R]:
@@ -218,7 +219,7 @@ def _declare(core: Callable[..., Any], check: Check | None, *, per_mass: bool = 
         checked_model, given = check_arguments(model, given)
         if parameters is not None:
             checked_model = at_parameters(checked_model, given.pop("parameters"))
-        with np.errstate(all="ignore"):  # what goes wrong is named below
+        with np.errstate(all="ignore"):  # the checks below report errors
             result, status = core(checked_model, **given), OK
             if check is not None:
                 result, pivots, diagonal = result
@@ -318,7 +319,7 @@ def model_for(model: Model, dtype: np.dtype[Any], arrays: Sequence[Array]) -> Mo
 
 
 def check_mass(name: str, model: Model, leading: tuple[int, ...]) -> None:
-    """Refuse states in which nothing that moves has a mass."""
+    """Raise a NotFiniteError for states in which all moving bodies are massless."""
     total = sum((model.body_moments(i)[0] for i in range(model.nb)), np.zeros(1))
     massless = np.broadcast_to((total == 0).all(-1), leading)
     if massless.any():
@@ -327,7 +328,7 @@ def check_mass(name: str, model: Model, leading: tuple[int, ...]) -> None:
 
 
 def check_result(name: str, result: Any, leading: tuple[int, ...]) -> None:
-    """Refuse a result that overflowed: finite arguments must not become a silent infinity or NaN."""
+    """Raise a NotFiniteError for a result with infinity or NaN, which finite arguments give only by overflow."""
     for part in vars(result.known).values() if hasattr(result, "known") else [result]:
         if isinstance(part, np.ndarray) and not is_finite(part).all():
             state = tuple(np.argwhere(~is_finite(part))[0, : len(leading)].tolist())

@@ -1,7 +1,7 @@
 """Dynamics of a point of a link: its inertia, the force of its motion, the inverse with least kinetic energy.
 
-With v = J qd, some rows of the Jacobian, tau = J^T (Lambda dv/dt + mu) moves the point as if it were a body of inertia
-Lambda (Khatib 1987). Every rotation comes first, and all is in the root link's axes or the link's own.
+With v = J qd, where J has the chosen rows of the Jacobian, tau = J^T (Lambda dv/dt + mu) moves the point as if it were
+a body of inertia Lambda (Khatib 1987). Rotations come before translations; axes are the root link's or the link's own.
 
 | quantity                            | code         | Khatib 1987 | Siciliano, Khatib 2016, chapter 8 |
 |-------------------------------------|--------------|-------------|-----------------------------------|
@@ -9,9 +9,9 @@ Lambda (Khatib 1987). Every rotation comes first, and all is in the root link's 
 | force at dv/dt = 0                  | task_bias    | mu + p      | mu + p                            |
 | M^-1 J^T Lambda                     | task_inverse | J-bar       | J-bar                             |
 
-Near a singular pose J M^-1 J^T is singular, as no torque accelerates the point in some direction. It is judged by its
-pivots as M is. `damping` d adds d times its diagonal to it: then Lambda stays below 1/d of what each direction has
-alone, and the point no longer follows exactly.
+At a singular pose J M^-1 J^T is singular, as no torque accelerates the point in some direction; like M it is judged by
+its pivots. `damping` d adds d times the diagonal: then Lambda stays below 1/d of each direction's own inertia, and the
+point no longer follows exactly.
 """
 
 from __future__ import annotations

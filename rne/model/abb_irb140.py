@@ -117,13 +117,13 @@ def frame_rotation(link: Link, q: float = 0.0) -> Array:
     return snap(rotation_about(z, np.asarray(q + link.theta)) @ rotation_about(x, np.asarray(link.a)))
 
 
-ALONG_X, ALONG_Y = (0.0, PI / 2, 0.0), (-PI / 2, 0.0, 0.0)  # of a cylinder, in place of z
+ALONG_Y = (-PI / 2, 0.0, 0.0)  # roll, pitch and yaw that turn a cylinder from z to y
 
 
 def _shapes() -> tuple[Box | Cylinder, ...]:
     """Housings, for drawing only: between the joints the lengths of the table above, all widths ours."""
     (out, down, _), (upper, _, _), (_, fore, _), (_, _, flange) = (LINKS[k].r_end for k in (0, 1, 3, 5))
-    side = -0.1  # middle of the upper arm along axis 2, beside the forearm
+    side = -0.1  # middle of the upper arm along axis 2, next to the forearm
     return (
         Box("base_link", (0.40, 0.34, 0.05), (-0.03, 0.0, 0.025), ORIGIN),
         Cylinder("base_link", 0.125, 0.17, (0.0, 0.0, 0.135), ORIGIN),
@@ -145,7 +145,7 @@ def _shapes() -> tuple[Box | Cylinder, ...]:
 
 
 def _notes() -> dict[str, str]:
-    notes = {"robot": NOTES["robot"], "base_link": NOTES["base_link"], "flange": NOTES["flange"]}
+    notes = {name: NOTES[name] for name in ("robot", "base_link", "flange")}
     for i, link in enumerate(LINKS, 1):
         limits = NOTES["limits"] + (NOTES["unlimited"] if i in (4, 6) else "")
         origin = f"R_i^{{i-1}} and r_{{i-2,i-1}} of the thesis for i = {i}"

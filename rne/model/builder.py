@@ -51,7 +51,7 @@ class Mimic(NamedTuple):
 
 
 def composed(written: Mapping[int, Mimic]) -> dict[int, Mimic]:
-    """Mimics of independent parts in place of mimics of mimics; those in a cycle follow a part of it."""
+    """Mimics with mimics of mimics replaced by mimics of independent parts; those in a cycle follow a part of it."""
     found: dict[int, Mimic] = {}
     for k in written:
         chain = dict[int, None]()

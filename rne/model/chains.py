@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import warnings
+from collections import namedtuple
 from collections.abc import Sequence
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,7 +17,12 @@ from .checks import JOINT_TYPES, inertia_error, is_rotation, looks_like_degrees,
 from .model import STANDARD_GRAVITY, Model
 from .modify import limit_array
 
-FLANGE = "flange"  # the fixed joint in front of the last frame
+FLANGE = "flange"  # the fixed joint of the last frame
+BODIES = ("masses", "centres", "inertias")
+Links = namedtuple(  # arguments that `chain` and `dh_chain` have in common, as given
+    "Links",
+    "masses centres inertias types lower upper velocity effort gravity name joint_names link_names base tool tip",
+)
 X, _, Z = np.eye(3, dtype=Extended)
 
 
@@ -80,9 +86,10 @@ def chain(
     R = extended("rotations", rotations, "(n, 3, 3)")
     n = len(R)
     ends = extended("positions", positions, f"({n}, 3)")
-    if unknown := sorted(options.keys() - Links._fields):
+    defaults = {name: x for name, x in (dh_chain.__kwdefaults__ or {}).items() if name in Links._fields[3:]}
+    if unknown := sorted(options.keys() - defaults):
         raise TypeError(f"chain() got an unexpected keyword argument {unknown[0]!r}")
-    given = Links(masses, centres, inertias, **options)
+    given = Links(masses, centres, inertias, **(defaults | options))
     joints, _ = names_of(given, n)
     for i, joint in enumerate(joints):
         if not is_rotation(R[i].astype(np.float64)):
@@ -125,7 +132,7 @@ def dh_chain(
         The columns of the table. The joint's position is added to theta (revolute) or to d (prismatic): what is given
         here for it is its value at q = 0 [m, rad, m, rad].
     offset : float or array_like, shape (n,)
-        Added to the position of each joint, beside what theta or d has [rad or m].
+        Added to the position of each joint, in addition to theta or d [rad or m].
     convention : {"standard", "modified"}
         Standard (Siciliano, Corke's `SerialLink`, the thesis): T_i = Rot(z, theta) Trans(z, d) Trans(x, a)
         Rot(x, alpha); frame i lies at the far end of link i. Modified (Craig): T_i = Rot(x, alpha) Trans(x, a)
@@ -153,7 +160,7 @@ def dh_chain(
     tool : array_like, shape (4, 4), optional
         Pose of the last link in DH frame n.
     tip : str
-        Name of the last link, fixed behind link n: with DH frame n, or the tool's.
+        Name of the last link, fixed to link n: its frame is DH frame n, or the tool's.
 
     Returns
     -------
@@ -204,26 +211,6 @@ def dh_chain(
     return _chain_model(given, Rz @ Rx, np.concatenate([np.zeros((1, 3)), ends]), Rx[:, 2, :], ends)
 
 
-class Links(NamedTuple):
-    """Arguments of `chain` and `dh_chain` that describe links and joints, as the user gave them."""
-
-    masses: ArrayLike | None
-    centres: ArrayLike | None
-    inertias: ArrayLike | None
-    types: str | Sequence[str] = "revolute"
-    lower: ArrayLike | None = None
-    upper: ArrayLike | None = None
-    velocity: ArrayLike | None = None
-    effort: ArrayLike | None = None
-    gravity: ArrayLike = STANDARD_GRAVITY
-    name: str = "chain"
-    joint_names: Sequence[str] | None = None
-    link_names: Sequence[str] | None = None
-    base: str | ArrayLike = "base_link"
-    tool: ArrayLike | None = None
-    tip: str = "tool0"
-
-
 def _chain_model(given: Links, R: Array, origins: Array, axes: Array, shifts: Array) -> Model:
     """Model of an unbranched chain; raises ValueError for what `load` would refuse in a file.
 
@@ -260,7 +247,7 @@ def _placement(name: str, value: Any) -> tuple[Array, Array]:
 
 
 def _inertias(value: Any, n: int) -> Array:
-    """Matrices, from those or from three or six of their entries."""
+    """Inertia matrices, given whole or by three or six of their entries."""
     I = real_numbers("inertias", value, f"({n}, 3, 3)").astype(Extended)
     if I.shape == (n, 3):
         return np.asarray(I[:, None] * np.eye(3, dtype=Extended))
@@ -273,7 +260,7 @@ def _inertias(value: Any, n: int) -> Array:
 
 
 def extended(name: str, value: ArrayLike, shape: str) -> Array:
-    """Array of finite real numbers of a certain shape, in long double."""
+    """Array of finite real numbers of a given shape, in long double."""
     return real_array(name, value, shape).astype(Extended)
 
 
@@ -327,10 +314,10 @@ def _directions(axes: ArrayLike, joints: tuple[str, ...]) -> Array:
 def _bodies(given: Links, links: Sequence[str]) -> list[tuple[Any, Array, Array]]:
     """Mass, centre and inertia of each link; all zero if none is given."""
     n = len(links)
-    missing = [name for name in ("masses", "centres", "inertias") if getattr(given, name) is None]
+    missing = [name for name in BODIES if getattr(given, name) is None]
     if len(missing) == 3:
         return [(0.0, np.zeros(3), np.zeros((3, 3)))] * n
-    if missing or given.masses is None or given.centres is None:
+    if missing:
         raise ValueError(f"`{missing[0]}` must be given too: masses, centres and inertias belong together")
     masses, centres = extended("masses", given.masses, f"({n},)"), extended("centres", given.centres, f"({n}, 3)")
     inertias = _inertias(given.inertias, n)

@@ -15,7 +15,7 @@ from ..errors import ModelError
 JOINT_TYPES = ("revolute", "continuous", "prismatic")
 DRIVES = ("effort", "velocity", "acceleration", "deceleration", "jerk")  # names of limits of drives
 LIMITS = tuple(f"{name}_limit" for name in DRIVES)
-# The least values of a joint's numbers, for files, arguments and scenes alike; ranges have none.
+# The smallest values of a joint's numbers, in files, arguments and scenes; ranges have none.
 LEAST = dict.fromkeys((*DRIVES, *LIMITS, "torque_rate", "damping", "friction", "armature"), 0.0)
 LEAST |= {"lower": -np.inf, "upper": -np.inf}
 UNIT_TOLERANCE = 1e-12  # largest deviation of an axis or rotation from unit length or orthogonality
@@ -48,7 +48,7 @@ def check_model(values: Mapping[str, Any]) -> None:
 
 
 def domain_error(name: str, value: float) -> str | None:
-    """Reason why a number cannot be a joint's limit, range, damping or friction; infinity is no limit."""
+    """Reason why a number cannot be a joint's limit, range, damping or friction; infinity means no limit."""
     if np.isnan(value):
         return "must be a number"
     return "must not be negative" if value < LEAST[name] else None

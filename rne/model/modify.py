@@ -33,8 +33,7 @@ def with_payload(
 ) -> Model:
     """Robot with a further rigid body fixed to one of its links.
 
-    It is a Model, or a Robot if `model` is one. Parameters and errors are those of `rne.Robot.with_payload`, with the
-    model first.
+    Returns a Robot for a Robot. Parameters and errors are those of `rne.Robot.with_payload`, with the model first.
     """
     if np.ndim(mass):
         cure = "for many masses in one call, parameters=np.stack([robot.with_payload(m).parameters for m in masses])"
@@ -73,8 +72,7 @@ def with_payload(
 def locked(model: Model, positions: Mapping[str, float]) -> Model:
     """Robot with some joints fixed at a position: a smaller robot with fewer coordinates.
 
-    It is a Model, or a Robot if `model` is one. Parameters and errors are those of `rne.Robot.locked`, with the model
-    first.
+    Returns a Robot for a Robot. Parameters and errors are those of `rne.Robot.locked`, with the model first.
     """
     if not isinstance(positions, Mapping):
         example = f"such as {{{model.joint_names[-1] if model.n else 'joint'!r}: 0.0}}"
@@ -117,8 +115,7 @@ def _moved(part: Part, position: float) -> Pose:
 def mounted(model: Model, rpy: ArrayLike) -> Model:
     """Robot with its root link rotated in the world: on a wall, under a ceiling, on a slope.
 
-    It is a Model, or a Robot if `model` is one. Parameters and errors are those of `rne.Robot.mounted`, with the model
-    first.
+    Returns a Robot for a Robot. Parameters and errors are those of `rne.Robot.mounted`, with the model first.
     """
     angles = real_array("rpy", rpy, "(3,)")
     refuse_degrees("rpy", angles)
@@ -137,8 +134,7 @@ def with_limits(
 ) -> Model:
     """Robot with other limits of its joints and drives, such as those of a data sheet.
 
-    It is a Model, or a Robot if `model` is one. Parameters and errors are those of `rne.Robot.with_limits`, with the
-    model first.
+    Returns a Robot for a Robot. Parameters and errors are those of `rne.Robot.with_limits`, with the model first.
     """
     coordinates = list(model.independent_joints)
     changed = {}
@@ -155,8 +151,7 @@ def with_limits(
 def with_armature(model: Model, armature: LimitValues) -> Model:
     """Robot with other inertias of its rotors, reflected through the gears to the joints.
 
-    It is a Model, or a Robot if `model` is one. Parameters and errors are those of `rne.Robot.with_armature`, with the
-    model first.
+    Returns a Robot for a Robot. Parameters and errors are those of `rne.Robot.with_armature`, with the model first.
     """
     rotors = limit_array("armature", armature, model.moving_joints, model.armature)
     return model if armature is None else replace(model, armature=rotors)

@@ -53,8 +53,7 @@ def at_parameters(model: Model, parameters: Array) -> Model:
 def with_parameters(model: Model, parameters: ArrayLike) -> Model:
     """Robot with other masses, centres of mass and inertias.
 
-    It is a Model, or a Robot if `model` is one. Parameters and errors are those of `rne.Robot.with_parameters`, with
-    the model first.
+    Returns a Robot for a Robot. Parameters and errors are those of `rne.Robot.with_parameters`, with the model first.
     """
     pi = real_array("parameters", parameters, f"({PARAMETERS * model.nb},), ten per body").astype(np.float64)
     rows = pi.reshape(model.nb, PARAMETERS)
@@ -69,16 +68,11 @@ def with_parameters(model: Model, parameters: ArrayLike) -> Model:
 def with_fewest_terms(model: Model) -> Model:
     """Model for dynamics only, with every inertial parameter moved towards the base where that is possible.
 
-    Its moments may differ from state to state.
-
     Torques, M and accelerations are the same in every state, with fewer terms; energies and joint wrenches are not.
-
-    A mass on the axis of a rotating joint moves alike with the bodies on both sides of it, so it may be counted with
-    either; and a body's inertia about its origin depends only on its rotation, which is the same on both sides of a
-    sliding joint. Of its ten inertial parameters a body keeps seven behind a rotating joint and four behind a sliding
-    one; what reaches the base is dropped: the regrouping of Gautier and Khalil 1990, joint by joint.
-    `rne.dynamics.base_parameters` says which combinations torques depend on, with what a first axis along gravity hides
-    besides.
+    The regrouping of Gautier and Khalil 1990, joint by joint: a mass on the axis of a rotating joint moves with the
+    bodies on both sides of it, and a sliding joint does not change how an inertia rotates, so each can be counted with
+    the parent. Of ten parameters a body keeps seven after a rotating joint and four after a sliding one; what reaches
+    the base is dropped. Moments may differ from state to state.
     """
     mass, first_moment, inertia = (array.copy() for array in model.moments)
     for i in reversed(range(model.nb)):

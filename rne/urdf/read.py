@@ -17,13 +17,13 @@ from ..model.builder import Extended, Mimic, Part, Pose, assemble, composed
 from ..model.checks import DRIVES
 from ..model.model import REVOLUTE_TYPES, STANDARD_GRAVITY, Model
 from ..model.solids import Box, Cylinder
-from .document import LARGEST, NO_LIMIT, Element, parse, read_bytes
+from .document import LARGEST, NO_LIMIT, Element, checked_numbers, parse, read_bytes
 from .findings import FindingsReport
 from .rotors import rotors_of
 from .strict import link_of, mimics_of, shape_errors, validate
 
-# Origins stay where they are unless one is farther out along its axis than this many times the robot's size; then all
-# are slid that are farther out than the robot is large. In example-robot-data the farthest is 1.04 sizes out.
+# Joint origins are moved only if one is farther out along its axis than this many times the robot's size; then all that
+# are farther out than the size. In example-robot-data the farthest is 1.04 sizes out.
 FAR = 10
 
 
@@ -86,7 +86,7 @@ def validated(data: bytes | None, report: FindingsReport) -> Element | None:
 def model_of(root: Element, gravity: ArrayLike, source: str | None = None) -> Model:
     """Model of a validated <robot>."""
     links, joints = _in_tree_order(root)
-    unrounded = [(_origin(element, "rpy"), _axis(element)) for element in (root, *joints)]
+    unrounded = [(_vector(_numbers(joint, "origin")["rpy"]), _axis(joint)) for joint in joints]
     shapes = [shape for link in links.values() for shape in _shapes(link)]
     parts = slide_far_origins(parts_of(root), unrounded)
     return assemble(root.get("name", ""), parts, gravity=gravity, shapes=shapes, source=source)
@@ -99,7 +99,7 @@ def parts_of(root: Element) -> list[Part]:
     part_of_link = {root_link: 0} | {link_of(joint, "child"): k for k, joint in enumerate(joints, 1)}
     part_of_joint = {joint.get("name"): k for k, joint in enumerate(joints, 1)}
     written = {
-        part_of_joint[name]: Mimic(part_of_joint[x.get("joint")], _number(x, "multiplier", 1), _number(x, "offset", 0))
+        part_of_joint[name]: Mimic(part_of_joint[x.get("joint")], **_numbers(x.getparent(), "mimic"))
         for name, x in mimics_of(joints).items()
     }
     mimics = composed(written)
@@ -141,28 +141,24 @@ def _in_tree_order(root: Element) -> tuple[dict[str, Element], list[Element]]:
     return {name: links[name] for name in (root_link, *(str(link_of(j, "child")) for j in order))}, order
 
 
-def _vector(text: str) -> Array:
-    return np.array([float(token) for token in text.split()], dtype=Extended)
+def _numbers(parent: Element, tag: str) -> dict[str, Any]:
+    """Numbers of a validated child by attribute, with defaults where it or an attribute is missing."""
+    return checked_numbers(parent, tag, "", FindingsReport(""))
 
 
-def _number(element: Element | None, attribute: str, default: float) -> float:
-    return default if element is None else float(element.get(attribute, default))
-
-
-def _origin(element: Element, attribute: str) -> Array:
-    """Vector xyz or rpy of the element's <origin>."""
-    origin = element.find("origin")
-    return _vector("0 0 0" if origin is None else origin.get(attribute, "0 0 0"))
+def _vector(numbers: Any) -> Array:
+    return np.array(numbers, dtype=Extended)
 
 
 def _pose(element: Element) -> Pose:
-    return Pose(rotation_from_rpy(_origin(element, "rpy")), _origin(element, "xyz"))
+    origin = _numbers(element, "origin")
+    return Pose(rotation_from_rpy(_vector(origin["rpy"])), _vector(origin["xyz"]))
 
 
 def _axis(joint: Element) -> Array:
     """Unit vector of a joint's axis in long double."""
-    axis = None if joint.get("type") == "fixed" else joint.find("axis")
-    return unit_vector(_vector("1 0 0" if axis is None else axis.get("xyz")))
+    axis = {} if joint.get("type") == "fixed" else _numbers(joint, "axis")
+    return unit_vector(_vector(axis.get("xyz", [1, 0, 0])))
 
 
 def _inertial(link: Element) -> dict[str, Any]:
@@ -170,23 +166,23 @@ def _inertial(link: Element) -> dict[str, Any]:
     inertial = link.find("inertial")
     if inertial is None:
         return {}
-    centre, entries = _pose(inertial), inertial.find("inertia")
-    written = _vector(" ".join(entries.get(f"i{min(a, b)}{max(a, b)}") for a in "xyz" for b in "xyz")).reshape(3, 3)
+    centre, entries = _pose(inertial), _numbers(inertial, "inertia")
+    written = _vector([[entries[f"i{min(a, b)}{max(a, b)}"] for b in "xyz"] for a in "xyz"])
     inertia = centre.R @ written @ transpose(centre.R)
-    mass = float(inertial.find("mass").get("value"))
+    mass = _numbers(inertial, "mass")["value"]
     return {"mass": mass, "com": centre.p, "inertia": (inertia + inertia.T) / 2}
 
 
 def _limits_and_friction(joint: Element) -> dict[str, Any]:
     """Limits, damping and friction of a joint: infinite without <limit>; missing lower or upper is 0, as in URDF."""
-    limit, friction = joint.find("limit"), {x: _number(joint.find("dynamics"), x, 0.0) for x in ("damping", "friction")}
+    limit, values = joint.find("limit"), _numbers(joint, "dynamics")
     if limit is None:
-        return friction
-    drives = {x: _number(limit, x, np.inf) for x in DRIVES}
-    values = {name: np.inf if x == NO_LIMIT else x for name, x in drives.items()}
-    if joint.get("type") in ("revolute", "prismatic"):
-        values |= {name: _number(limit, name, 0.0) for name in ("lower", "upper")}
-    return friction | {name: float(np.copysign(np.inf, x)) if abs(x) == LARGEST else x for name, x in values.items()}
+        return values
+    ends = ("lower", "upper") if joint.get("type") in ("revolute", "prismatic") else ()
+    for name, x in _numbers(joint, "limit").items():
+        if name in ends or (name in DRIVES and name in limit.attrib and x != NO_LIMIT):
+            values[name] = float(np.copysign(np.inf, x)) if abs(x) == LARGEST else x
+    return values
 
 
 def _shapes(link: Element) -> list[Cylinder | Box]:
@@ -196,27 +192,24 @@ def _shapes(link: Element) -> list[Cylinder | Box]:
         cylinder, box = visual.find("geometry/cylinder"), visual.find("geometry/box")
         if (cylinder is None and box is None) or shape_errors(visual):
             continue
-        xyz, rpy = (tuple(_origin(visual, name).astype(float).tolist()) for name in ("xyz", "rpy"))
+        xyz, rpy = (tuple(numbers) for numbers in _numbers(visual, "origin").values())
+        geometry = visual.find("geometry")
         if cylinder is not None:
-            radius, length = (float(cylinder.get(name)) for name in ("radius", "length"))
-            shapes.append(Cylinder(link.get("name"), radius, length, xyz, rpy))
+            shapes.append(Cylinder(link.get("name"), **_numbers(geometry, "cylinder"), position=xyz, rpy=rpy))
         else:
-            shapes.append(Box(link.get("name"), tuple(_vector(box.get("size")).astype(float).tolist()), xyz, rpy))
+            shapes.append(Box(link.get("name"), tuple(_numbers(geometry, "box")["size"]), xyz, rpy))
     return shapes
 
 
 def slide_far_origins(parts: list[Part], unrounded: Sequence[tuple[Array, Array]]) -> list[Part]:
     """Parts with joint origins that are far out along the joint's axis moved back to the robot.
 
-    A revolute joint's frame may have its origin anywhere on the joint's axis: the robot is the same. But a lever of
-    1e6 m costs six digits in M and twelve in articulated-body dynamics. Such origins are slid in long double and from
-    the file's own numbers: `unrounded` has each part's roll, pitch and yaw [rad] and unit axis, nothing snapped. Links
-    keep the frames they have in the file (`Part.link_origin`). If no origin is far, `parts` is returned itself.
-
-    A joint is moved off its axis by about one rounding of long double, 1e-19 of the distance slid. Measured on robots
-    of about a metre against 50 digits, errors stay at a few roundings of double for distances up to 1e4 m; at 1e6 m
-    inverse dynamics and M are accurate to 1.5e-13, and forward dynamics to 4e-12, the same error times the condition of
-    M. Where long double is no wider than double, an origin slid by 1e6 m is accurate to about 1e-10 m, as the file is.
+    A revolute joint's frame may have its origin anywhere on the joint's axis, but a lever of 1e6 m costs six digits in
+    M and twelve in articulated-body dynamics. Origins are moved in long double, with roll, pitch and yaw [rad] and unit
+    axis of each joint in `unrounded` as the file has them, not snapped: the error is 1e-19 of the distance, or 1e-16
+    where long double is no wider than double. Links keep the frames of the file (`Part.link_origin`). `read_urdf` tells
+    the accuracy; at 1e6 m forward dynamics are accurate to 4e-12, that of M times its condition. If no origin is far,
+    `parts` is returned itself.
     """
     with np.errstate(all="ignore"):  # numbers near the largest double overflow here; the Model reports them
         distances = far_origins(parts)
@@ -257,8 +250,7 @@ def far_origins(parts: Sequence[Part]) -> list[float]:
 def _slid(parts: list[Part], unrounded: Sequence[tuple[Array, Array]], distances: Sequence[float]) -> list[Part]:
     shifts: list[Array] = [np.zeros(3, dtype=Extended) for _ in parts]  # of each part's frame, in its own axes
     moved = [parts[0]]
-    for k, part in enumerate(parts[1:], 1):
-        rpy, axis = unrounded[k]
+    for k, (part, (rpy, axis)) in enumerate(zip(parts[1:], unrounded, strict=True), 1):
         R = rotation_from_rpy(rpy, snapped=False)  # 4 eps of a double are 1e-9 m at a million metres
         p, above = part.placement.p, shifts[part.parent]
         if distances[k]:
