@@ -31,7 +31,7 @@ FREE = np.pi  # half range of a coordinate without limits [rad or m]
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Gains(LinearisedLoop):
-    """Stability of PD gains, as found by `check_gains`: a `rne.control.LinearisedLoop` in the worst configuration.
+    """Stability of PD gains, found by `rne.check_gains`: a `rne.control.LinearisedLoop` in the worst configuration.
 
     Attributes
     ----------
@@ -62,13 +62,6 @@ class Gains(LinearisedLoop):
         margins multiply and delay this compensation as well.
     is_rest, has_smoothed_friction, is_of_link, is_discrete : bool
         As of other linearised loops: True, False, False, False.
-
-    Examples
-    --------
-    >>> import rne
-    >>> gains = rne.check_gains(rne.load("irb140"), 50, 20)
-    >>> gains.beats_gravity, gains.stable is None
-    (False, True)
     """
 
     largest_mode: float
@@ -171,10 +164,7 @@ def check_gains(
     space = workspace(robot) if q is None else (per_joint_array("q", q, n),) * 2
     loop, half = SampledLoop(robot, p, d), np.sqrt(d)
 
-    def fastest(q: Array) -> Array:
-        return np.linalg.eigvalsh(half[:, None] * inverse_mass_matrix(robot, q) * half)[..., -1]
-
-    largest, worst = largest_over(fastest, *space)
+    largest, worst = largest_over(lambda q: np.linalg.eigvalsh(half[:, None] * loop.inverse(q) * half)[..., -1], *space)
     stiffness, _ = largest_over(lambda q: np.linalg.norm(loop.slope(q), 2, axis=(-2, -1)), *space)
     limit, limit_q = loop.limit(worst, *space)
     proven = BOTH[: 0 if q is None else 2]
@@ -213,13 +203,6 @@ def bounded(robot: Robot, kp: Array, kd: Array, bounds: Bounds, limit: float) ->
     return float(gravity.upper), float(np.minimum(limit, np.nan_to_num(first).min())), BOTH
 
 
-def inverse_mass_matrix(robot: Robot, q: Array) -> Array:
-    """M^-1 in configurations q, shape (..., n, n); raises SingularMassMatrixError, which names joints."""
-    check, M = robot.kernel(solve_mass_matrix), robot.mass_matrix(q)
-    check(q, np.zeros(robot.n))
-    return np.asarray(np.linalg.inv(M))
-
-
 def workspace(robot: Robot) -> tuple[Array, Array]:
     """Bounds of every coordinate: its limits, or -pi to pi where it has none."""
     lower, upper = robot.lower, robot.upper
@@ -254,14 +237,22 @@ class SampledLoop:
         self.robot, self.kp, self.kd = robot, kp, kd
         self.slope, self.check = robot.kernel(gravity_torque, "q"), robot.kernel(solve_mass_matrix)
 
-    def modes(self, q: Array) -> tuple[Array, Array, Array]:
-        """Modes of gravity and gains in configurations q, shape (..., n); raises SingularMassMatrixError."""
+    def mass_matrix(self, q: Array) -> Array:
+        """M in configurations q, shape (..., n, n); raises SingularMassMatrixError, which names joints."""
         self.check(q, np.zeros(self.robot.n))
-        return gravity_modes(self.robot.mass_matrix(q), self.slope(q), self.kp, self.kd)
+        return self.robot.mass_matrix(q)
+
+    def inverse(self, q: Array) -> Array:
+        """M^-1 in configurations q, shape (..., n, n)."""
+        return np.asarray(np.linalg.inv(self.mass_matrix(q)))
+
+    def modes(self, q: Array) -> tuple[Array, Array, Array]:
+        """Modes of gravity and gains in configurations q, shape (..., n)."""
+        return gravity_modes(self.mass_matrix(q), self.slope(q), self.kp, self.kd)
 
     def feedback(self, q: Array, sample_time: float | None = None) -> FeedbackLoop:
         """The loop of (e, qd) in one configuration."""
-        inverse, G = inverse_mass_matrix(self.robot, q), self.slope(q)
+        inverse, G = self.inverse(q), self.slope(q)
         none = np.zeros_like(G)
         A = np.block([[none, np.eye(len(q))], [-inverse @ G, none]])
         F = np.hstack([G - np.diag(self.kp), -np.diag(self.kd)])

@@ -90,11 +90,6 @@ class DryPlant(Plant):
             self.mode = before
 
     @property
-    def held(self) -> Array:
-        """Inputs of the equations: held torques, and the modes."""
-        return np.asarray(with_modes(self.sampled, self.modes))
-
-    @property
     def modes(self) -> Array:  # type: ignore[override]
         """Inputs of the equations: 1 for each joint that slips, and its dry friction torque."""
         modes = self.known_modes.get(key := self.mode.tobytes())
@@ -136,15 +131,6 @@ class DryPlant(Plant):
         x = np.array(x)
         x[..., self.n : 2 * self.n][..., self.mode == 0] = 0.0
         return x
-
-    def inputs(self, t: float, x: Array) -> Array:
-        """The torques, held or those that a law returns, and the modes."""
-        u = self.sampled if self.law is None else self.torque(t, self.reported(x))
-        return np.asarray(with_modes(u, self.modes))
-
-    def rates(self, t: float, x: Array, u: Array | None) -> Array:
-        """dx/dt under given torques and modes."""
-        return self.outputs(t, x, u)[: self.dynamics.size]
 
     def loads(self, t: float, x: Array) -> tuple[Array, Array, Array]:
         """Accelerations, dry friction or the loads of sticking joints, and net torques without dry friction, (n,) each.
@@ -214,7 +200,7 @@ class DryPlant(Plant):
         if X is not self.asked:
             t = np.clip(t, *self.span)
             if u is None:
-                u = self.torques_at(t, self.reported(X)) if self.law is not None else self.sampled
+                u = self.torques_at(t, X) if self.law is not None else self.sampled
             u = None if u is None else np.broadcast_to(u, (len(t), u.shape[-1]))
             inputs = with_modes(u, np.repeat(self.modes[None], len(t), axis=0))
             _, loads, net = np.split(self.all_outputs(t, X, inputs), self._parts, axis=-1)
@@ -227,9 +213,3 @@ class DryPlant(Plant):
         statics = np.where(loads > 0, *self.statics)
         margin: Array = statics * (1 + ROUNDING) + ROUNDING * largest - np.abs(loads)
         return margin
-
-    def __call__(self, t: float, x: Array) -> Array:
-        """dx/dt, with the rates of sticking joints at zero."""
-        self.evaluations += 1
-        t = self.within(t)
-        return self.rates(t, x, self.inputs(t, x))

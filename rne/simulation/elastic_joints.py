@@ -149,7 +149,7 @@ class ElasticDynamics(SceneDynamics):
         kinetic = kinetic + (np.array(self.motor_side.rotor) * motor_qd**2).sum(-1) / 2
         return kinetic, potential + (np.array(self.motor_side.stiffness) * (motor_q - q) ** 2).sum(-1) / 2
 
-    def _torsion(self, model: Model, x: Array) -> tuple[Array, Array, list[Array]]:
+    def _reaction(self, model: Model, x: Array) -> tuple[Array, Any, list[Array]]:
         """Torsion of the joints, the links' net torques, and the powers that are lost, where energies are states."""
         q, motor_q, qd, motor_qd = self._parts(x)
         torsion, lost = np.array(self.motor_side.stiffness) * (motor_q - q), list[Array]()
@@ -164,7 +164,7 @@ class ElasticDynamics(SceneDynamics):
     def _acting(self, model: Model, t: Any, x: Array, u: Array | None) -> tuple[Array, list[Array]]:
         """Net torques on links and motors, and the rates of the states behind (q, theta, q', theta')."""
         net, further = self._driving(t, x, u)
-        torsion, links, lost = self._torsion(model, x)
+        torsion, links, lost = self._reaction(model, x)
         return np.concatenate([links, net - torsion], axis=-1), [*further, *lost]
 
     def right_hand_side_core(self, model: Model, t: Array, x: Array, u: Array | None = None) -> Any:
@@ -184,22 +184,10 @@ class ElasticDynamics(SceneDynamics):
         motors = np.array(self.motor_side.rotor) * a[..., m:]
         return np.concatenate([np.concatenate([links, motors], axis=-1) - net, *further], axis=-1)
 
-    def _balance(self, model: Model, t: Array, x: Array, u: Array) -> tuple[Any, ...]:
+    def _balance(self, model: Model, x: Array, slips: Array, dry: Array, net: Array, links: Any) -> tuple[Any, ...]:
         """Balance of forces: links always move; drives less friction and torsion accelerate the motors."""
-        assert self.friction is not None
-        n, m, rotor = self.n, self.joints, np.array(self.motor_side.rotor)
-        slips, dry = u[..., -2 * n + m : -n], u[..., -m:]
-        motor_qd = slips * x[..., n + m : 2 * n]
-        moving = np.concatenate([x[..., : n + m], motor_qd, x[..., 2 * n :]], axis=-1)
-        drives, further = self.drives(t, moving, u[..., : -2 * n] if self.torque_given else None)
-        viscous, (torsion, links, lost) = self.friction.viscous_torque(motor_qd), self._torsion(model, moving)
-        offset = np.asarray(self.friction.offset)
-        resisting = torsion + viscous + offset
-        net = -resisting if drives is None else drives - resisting
-        qdd, pivots, diagonal = self.forward.quantity.core(model, x[..., :m], x[..., n : n + m], links)
+        (q, _, qd, _), rotor = self._parts(x), np.array(self.motor_side.rotor)
+        qdd, pivots, diagonal = self.forward.quantity.core(model, q, qd, links)
         loads = slips * dry + (1 - slips) * net
-        torques = {"drives": drives, "viscous": viscous, "coulomb": dry, "offset": offset}
-        further += [*self._powers(motor_qd, torques), *lost]
         found = [qdd, slips * (net - dry) / rotor], [0 * qdd, loads], [links, net], [0 * qdd + 1, 0 * qdd + rotor]
-        accelerations, loads, net, inertia = (np.concatenate(part, axis=-1) for part in found)
-        return accelerations, loads, net, further, inertia, pivots, diagonal
+        return *(np.concatenate(part, axis=-1) for part in found), pivots, diagonal

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warnings
 from contextlib import suppress
-from copy import deepcopy
 from dataclasses import replace
 from typing import Any
 
@@ -15,7 +14,7 @@ from ..control.feedback_loop import FeedbackLoop, LinearisedLoop, end_of_stabili
 from ..control.traced_law import LawInputs, call_law, is_discrete
 from ..kernels.trace import AGREEMENT
 from ..robot import Robot
-from .plant import Plant, with_own_law
+from .plant import Plant, own_copy, with_own_law
 from .scene_dynamics import SceneDynamics
 
 AT_REST = 1e-6  # negligible accelerations at the target, relative to those by the torques alone
@@ -92,10 +91,10 @@ def without_memory(law: Any, q: Array, period: float) -> Any:
     """
 
     def settled(t: float, q: Array, qd: Array, *z: Array) -> Any:
-        own = _own(law)
+        own = own_copy(law)
         return [own(k * period, q - (CALLS - k) * period * qd, qd, *z) for k in range(CALLS + 1)][-1]
 
-    found, own = list[Array](), _own(law)
+    found, own = list[Array](), own_copy(law)
     for near in (NEAR, -NEAR):
         with suppress(Exception):  # of a law that knows the target or a span of time alone, such as its reference's
             _torques(own, 0.0, q, 0 * q)  # where a law with memory begins anew
@@ -118,13 +117,6 @@ def without_memory(law: Any, q: Array, period: float) -> Any:
         stacklevel=4,
     )
     return settled
-
-
-def _own(law: Any) -> Any:
-    """Copy of a law, whose memory is that of one motion; the law itself if it cannot be copied."""
-    with suppress(Exception):  # of a law that holds a file, a generator, a lock
-        return deepcopy(law)
-    return law
 
 
 def _difference(found: list[Array]) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections import deque
+from contextlib import suppress
 
 import numpy as np
 
@@ -233,15 +234,13 @@ def choose_method(plant: Plant, x0: Array, duration: float, hold: ZeroOrderHold 
     if not np.isfinite(decay):
         return method, f"{method}: the motion cannot be linearised at the start"
     times, bound, over = stiffness(plant, hold, decay, duration)
+    verdict, sign = ("stiff", ">") if times > bound else ("not stiff", "<=")
     if times > bound:
         method = stiff_method(plant)
         if method == "LSODA" and hold is not None and times > STIFF:
             method = "Radau"  # LSODA, which begins anew at each sample with short steps, needs more
-        why = f"stiff, the largest decay rate at the start, {decay:.4g} 1/s, times {over} is {times:.3g} (> {bound:g})"
-    else:
-        rate = f"the largest decay rate at the start, {decay:.4g} 1/s"
-        why = f"not stiff, {rate}, times {over} is {times:.3g} (<= {bound:g})"
-    return method, f"{method}: {why}"
+    rate = f"the largest decay rate at the start, {decay:.4g} 1/s"
+    return method, f"{method}: {verdict}, {rate}, times {over} is {times:.3g} ({sign} {bound:g})"
 
 
 def stiffness(plant: Plant, hold: ZeroOrderHold | None, decay: float, left: float) -> tuple[float, float, str]:
@@ -286,13 +285,11 @@ def modes(plant: Plant, t: float, x: Array) -> Array:
     Those of (q, qd, z): impulses and energies are integrals, whose eigenvalues are zero.
     """
     moving = 2 * plant.dynamics.n + plant.dynamics.states
-    try:
+    with suppress(RneError):
         A = plant.linearised(t, x)[:moving, :moving]
-    except RneError:
-        return np.full(1, np.nan)
-    if not np.isfinite(A).all():
-        return np.full(1, np.nan)
-    return np.linalg.eigvals(A)
+        if np.isfinite(A).all():
+            return np.linalg.eigvals(A)
+    return np.full(1, np.nan)
 
 
 def fastest_decay(plant: Plant, t: float, x: Array) -> float:

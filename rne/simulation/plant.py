@@ -77,8 +77,8 @@ class Plant:
 
     @property
     def held(self) -> Array | None:
-        """Inputs of the equations held over the segment."""
-        return self.sampled
+        """Inputs of the equations held over the segment: torques, and the modes of friction that sticks."""
+        return with_modes(self.sampled, self.modes)
 
     @property
     def is_compiled(self) -> bool:
@@ -139,11 +139,9 @@ class Plant:
         """Torques of the law, and the rates of its states; errors name the time of a NaN or a wrong shape."""
         if self.law is None:
             return self.sampled
-        u, rates = self.called(self.law, t, x)
-        if rates is None:
-            return checked_torques(self.law_name, u, self.robot, t)
-        slopes = checked_of_states(rates, self.dynamics.states, t)
-        return np.concatenate([checked_torques(self.law_name, u, self.robot, t), slopes])
+        u, rates = self.called(self.law, t, self.reported(x))
+        torques = checked_torques(self.law_name, u, self.robot, t)
+        return torques if rates is None else np.append(torques, checked_of_states(rates, self.dynamics.states, t))
 
     def called(self, law: Callable[..., Any], t: float, x: Array) -> tuple[Any, Any]:
         """Result of a law; an exception in it becomes the cause of the error that ends the run."""
@@ -160,14 +158,18 @@ class Plant:
         t = self.within(t)
         if self.law is not None:
             self._check_state(t, x)
-        return self.rates(t, x, self.torque(t, x))
+        return self.rates(t, x, self.inputs(t, x))
+
+    def inputs(self, t: float, x: Array) -> Array | None:
+        """Inputs of the equations: the torques, held or those that a law returns, and the modes."""
+        return with_modes(self.torque(t, x), self.modes)
 
     def rates(self, t: float, x: Array, u: Array | None) -> Array:
-        """Function dx/dt under given inputs, by the kernel or else by the recursion, whose errors name the cause."""
-        return self.outputs(t, x, u)
+        """dx/dt under given inputs."""
+        return self.outputs(t, x, u)[: self.dynamics.size]
 
     def outputs(self, t: float, x: Array, u: Array | None) -> Array:
-        """Results of the equations' kernel in one state, dx/dt first."""
+        """Results in one state, dx/dt first, of the equations' kernel or else of the recursion, for its errors."""
         if self._state_function is not None:
             try:
                 self._time[0] = t
@@ -281,13 +283,19 @@ def differences(f: Callable[[Array], Array], x: Array, count: int) -> Array:
     return slopes
 
 
+def own_copy(law: Any) -> Any:
+    """Copy of a law, whose memory is that of one motion; the law itself if it cannot be copied."""
+    with suppress(Exception):  # of a law that holds a file, a generator, a lock
+        return deepcopy(law)
+    return law
+
+
 def with_own_law(scene: Any) -> Any:
-    """Scene with a copy of its called law, whose memory is that of one motion; unchanged if it cannot be copied."""
+    """Scene with a copy of its called law; unchanged with another one or none."""
     if scene.controller is None or scene.dynamics.law is not None or scene.traced_samples is not None:
         return scene
     own = copy(scene)
-    with suppress(Exception):  # of a law that holds a file, a generator, a lock
-        object.__setattr__(own, "controller", deepcopy(scene.controller))
+    object.__setattr__(own, "controller", own_copy(scene.controller))
     return own
 
 

@@ -224,7 +224,9 @@ class RunResult:
     def _quantities(self) -> tuple[dict[str, Any], Failure | None]:
         """Torques, accelerations, energies and jumps of the motion as far as they are finite; the failure."""
         plant, dynamics, N = self.plant, self.plant.dynamics, self.plant.dynamics.n
-        tau, rates, failure = _torques_and_accelerations(plant, self._after_breaks(), self._held(self.reported.t))
+        t = self.reported.t
+        after = self.reported._replace(t=np.where(np.isin(t, self.task.breaks), np.nextafter(t, np.inf), t))
+        tau, rates, failure = _torques_and_accelerations(plant, after, self._held(t))  # those of breaks just after them
         t, x, _ = self.reported.first(len(tau))
         qdd, driven = rates[:, : plant.robot.n], dynamics.driven
         moved = x[:, :N][:, driven], x[:, N : 2 * N][:, driven], rates[:, driven]  # by the drives
@@ -259,11 +261,6 @@ class RunResult:
         how = rest, dynamics.springs, side.rotor if side else None
         crept = creep(dynamics.friction, self.plant.robot, moved, *how)
         return f"{crept}; {self.ending}" if crept else self.ending
-
-    def _after_breaks(self) -> Instants:
-        """Instants to report, those of breaks just after them."""
-        t = self.reported.t
-        return self.reported._replace(t=np.where(np.isin(t, self.task.breaks), np.nextafter(t, np.inf), t))
 
     def _held(self, t: Array, same: float = SAME) -> Array | None:
         """Held torques, (T, n), if any; at a change those that begin there, up to rounding."""

@@ -441,32 +441,6 @@ class SceneDynamics(WithNumbers):
         needed = inverse_dynamics.core(model, x[..., : self.n], x[..., self.n : 2 * self.n], a)
         return np.concatenate([needed - net, *further], axis=-1)
 
-    def _balance(self, model: Model, t: Array, x: Array, u: Array) -> tuple[Any, ...]:
-        """Accelerations, loads, net torques without dry friction, rates of further states, M's diagonal, pivots.
-
-        The rows and columns of sticking joints in M are those of the unit matrix: M_ss qdd_s = (net - dry)_s.
-        """
-        assert self.friction is not None
-        n = self.n
-        given, slips, dry = u[..., : -2 * n], u[..., -2 * n : -n], u[..., -n:]
-        q, qd = x[..., :n], slips * x[..., n : 2 * n]
-        moving = np.concatenate([q, qd, x[..., 2 * n :]], axis=-1)
-        drives, further = self.drives(t, moving, given if self.torque_given else None)
-        viscous = self.friction.viscous_torque(qd)
-        offset = np.asarray(self.friction.offset)
-        resisting = bias_torque.core(model, q, qd) + viscous + offset
-        torques = {"drives": drives, "viscous": viscous, "coulomb": dry, "offset": offset}
-        if self.springs is not None:
-            torque, torques["springs"] = self.springs.torques(model, q, qd)
-            resisting = resisting + torque
-        net = -resisting if drives is None else drives - resisting
-        M = mass_matrix.core(model, q)
-        among = M * slips[..., :, None] * slips[..., None, :] + np.eye(n) * (1 - slips)[..., None]
-        qdd, pivots, diagonal = solve_with_pivots(among, model.coordinate_parent, slips * (net - dry))
-        loads = slips * dry + (1 - slips) * (net - rotate(M, qdd))
-        further += self._powers(qd, torques)
-        return qdd, loads, net, further, np.diagonal(M, axis1=-2, axis2=-1), pivots, diagonal
-
     def right_hand_side_under_modes_core(self, model: Model, t: Array, x: Array, u: Array) -> Any:
         """([dx/dt, loads, net torques without dry friction], pivots, their diagonal) while some joints stick, traced.
 
@@ -474,32 +448,61 @@ class SceneDynamics(WithNumbers):
         those that slip; loads are these, and what holds the joints that stick. The place of a sticking joint's rate has
         the acceleration that its load would give it if nothing held it, for the error control to follow.
         """
-        n = self.n
-        slips = u[..., -2 * n : -n]
-        qdd, loads, net, further, inertia, pivots, diagonal = self._balance(model, t, x, u)
-        held = (1 - slips) * loads / (slips + (1 - slips) * inertia)
-        rates = slips * x[..., n : 2 * n], qdd + held, *further
-        return np.concatenate([*rates, loads, net], axis=-1), pivots, diagonal
+        assert self.friction is not None
+        n, given, modes, dry = self.n, u[..., : -2 * self.n], u[..., -2 * self.n : -self.n], u[..., -self.joints :]
+        slips = modes[..., self.driven]
+        qd = slips * x[..., n : 2 * n][..., self.driven]
+        x = np.concatenate([x[..., : 2 * n - self.joints], qd, x[..., 2 * n :]], axis=-1)
+        drives, further = self.drives(t, x, given if self.torque_given else None)
+        viscous, offset = self.friction.viscous_torque(qd), np.asarray(self.friction.offset)
+        bodies, links, lost = self._reaction(model, x)
+        resisting = bodies + viscous + offset
+        net = -resisting if drives is None else drives - resisting
+        qdd, loads, net, inertia, pivots, diagonal = self._balance(model, x, slips, dry, net, links)
+        held = (1 - modes) * loads / (modes + (1 - modes) * inertia)
+        torques = {"drives": drives, "viscous": viscous, "coulomb": dry, "offset": offset}
+        further = [*further, *self._powers(qd, torques), *lost]
+        return np.concatenate([x[..., n : 2 * n], qdd + held, *further, loads, net], axis=-1), pivots, diagonal
+
+    def _reaction(self, model: Model, x: Array) -> tuple[Array, Any, list[Array]]:
+        """Torques of bodies and springs on the drives, those on links of elastic joints, and powers that are lost."""
+        bias = bias_torque.core(model, x[..., : self.n], x[..., self.n : 2 * self.n])
+        if self.springs is None:
+            return bias, None, []
+        held, lost = self._held(model, x)
+        return bias + held, None, lost
+
+    def _balance(self, model: Model, x: Array, slips: Array, dry: Array, net: Array, links: Any) -> tuple[Any, ...]:
+        """Accelerations, loads, net torques without dry friction, M's diagonal, pivots.
+
+        The rows and columns of sticking joints in M are those of the unit matrix: M_ss qdd_s = (net - dry)_s.
+        """
+        M = mass_matrix.core(model, x[..., : self.n])
+        among = M * slips[..., :, None] * slips[..., None, :] + np.eye(self.n) * (1 - slips)[..., None]
+        qdd, pivots, diagonal = solve_with_pivots(among, model.coordinate_parent, slips * (net - dry))
+        loads = slips * dry + (1 - slips) * (net - rotate(M, qdd))
+        return qdd, loads, net, np.diagonal(M, axis1=-2, axis2=-1), pivots, diagonal
 
     def _judged(self, check: str, model: Model, arguments: Any, rates: Array, pivots: Array, diagonal: Array) -> Any:
-        """Check of the mass matrix; one by one where other numbers than bodies' differ between states."""
-        numbers, judge, status = arguments["numbers"], getattr(self, check), OK
+        """Check of the mass matrix; one by one where numbers other than those of bodies differ between states."""
+        numbers, status = arguments["numbers"], OK
         rows = numbers.reshape(-1, numbers.shape[-1]) if numbers.size else numbers[None]
         if numbers.ndim < 2 or not (rows != rows[:1])[:, ~self._side_by_side].any():
-            return judge(model, arguments, rates, pivots, diagonal)
+            model = self._model_at(model, numbers)
+            if self.springs is not None:
+                self.springs.check_ends(model, arguments["x"][..., : self.joints])
+            return getattr(self, check)(model, arguments, rates, pivots, diagonal)
         for k in np.ndindex(numbers.shape[:-1]):
-            found = judge(model, {name: a[k] for name, a in arguments.items()}, rates[k], pivots[k], diagonal[k])
+            own = {name: a[k] for name, a in arguments.items()}
+            found = self._judged(check, model, own, rates[k], pivots[k], diagonal[k])
             status = status.worse(found.with_state(lambda _, k=k: k))
         return status
 
     def _check_rates(
         self, model: Model, arguments: Any, rates: Array, pivots: Array, diagonal: Array
     ) -> PrecisionStatus:
-        given = {k: a for k, a in arguments.items() if k != "numbers"}
-        model = self._model_at(model, arguments["numbers"])
-        x, joints = given["x"], slice(self.n, self.n + self.joints)
-        self._check_springs(model, x)
-        net = self.core_at("net_core", model, numbers=arguments["numbers"], **given)
+        x, joints = arguments["x"], slice(self.n, self.n + self.joints)
+        net = self.core_at("net_core", model, **arguments)
         q, qd = x[..., : self.joints], x[..., joints]
         state = {"q": q, "qd": qd, "tau": np.broadcast_to(net[..., : self.joints], q.shape)}
         return check_accelerations(model, state, np.asarray(rates[..., joints]), pivots, diagonal)
@@ -507,13 +510,7 @@ class SceneDynamics(WithNumbers):
     def _check_balance(
         self, model: Model, arguments: Any, rates: Array, pivots: Array, diagonal: Array
     ) -> PrecisionStatus:
-        model = self._model_at(model, arguments["numbers"])
-        self._check_springs(model, arguments["x"])
         return check_singularity(model, {"q": arguments["x"][..., : self.joints]}, rates, pivots, diagonal)
-
-    def _check_springs(self, model: Model, x: Array) -> None:
-        if self.springs is not None:
-            self.springs.check_ends(model, x[..., : self.joints])
 
     def _declared(self, name: str, title: str, *, a: bool = False, modes: bool = False, **how: Any) -> MethodQuantity:
         """Declared function with the lengths of its arguments: t, x, perhaps a, u where there are inputs, piece."""
@@ -568,9 +565,4 @@ class SceneDynamics(WithNumbers):
     @cached_property
     def right_hand_side_under_modes(self) -> MethodQuantity:
         """dx/dt while some joints stick, the loads of dry friction and net torques without it."""
-        return self._declared(
-            "right_hand_side_under_modes",
-            "the right-hand side",
-            modes=True,
-            check="_check_balance",
-        )
+        return self._declared("right_hand_side_under_modes", "the right-hand side", modes=True, check="_check_balance")

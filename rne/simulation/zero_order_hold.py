@@ -186,9 +186,8 @@ class ZeroOrderHold:
             return "see scene.check_gains for the sample time that it needs"
         until = f"stable up to {limit:.4g} s" if limit else "not stable at the shortest sample times"
         until = until if np.isfinite(limit) else "stable at all sample times examined"
-        until += ", if its states then change in proportion to the sample time" * (
-            self.is_discrete and 0 < limit < np.inf
-        )
+        if self.is_discrete and 0 < limit < np.inf:
+            until += ", if its states then change in proportion to the sample time"
         late = f" with its delay of {scene.delay:g} s" if scene.delay else ""
         return f"by {name} it is {until}{late}, and sampled every {self.period:g} s"
 
