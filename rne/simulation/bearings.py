@@ -25,7 +25,7 @@ EVERY = 1e-3  # interval between the instants of a motion that is a function of 
 
 @dataclass(frozen=True, eq=False)
 class BearingPeaks(InNotebooks):
-    """Largest loads on every joint's bearing over the samples of a motion; `print` shows them as a table.
+    """Largest loads on every joint's bearing in a motion, found by `rne.bearing_peaks`; `print` shows them as a table.
 
     Attributes
     ----------
@@ -45,14 +45,6 @@ class BearingPeaks(InNotebooks):
         Joints whose loads are not known, as they move together with others by parts that the robot does not have.
     follow : tuple of str
         Joints that follow by such parts: mimics, and those of `rne.model.coupled`.
-
-    Examples
-    --------
-    >>> import rne
-    >>> robot = rne.load("irb140")
-    >>> print(rne.bearing_peaks(robot, rne.simulate(robot, [0] * 6, [0] * 6, 0.1)))  # doctest: +ELLIPSIS
-    Peak loads on the bearings, 0 ... 0.1 s, ... samples
-    ...
     """
 
     joints: tuple[str, ...]

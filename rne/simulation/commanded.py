@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, NamedTuple, Self
+from typing import Any, ClassVar, NamedTuple, Self, cast
 
 import numpy as np
 
@@ -76,19 +76,13 @@ class CommandedMotion:
     @cached_property
     def _table(self) -> Array:
         """Pieces of the reference since the start, with constant ones before the first and after the last."""
-        rows, n = self._law.table, self.frozen.given.n
+        rows, n = cast(TracedLaw, self.frozen.law or self.frozen.dynamics.law).table, self.frozen.given.n
         ends = np.zeros((2, rows.shape[1]))
         ends[:, :2] = (rows[0, 0] - FOREVER, rows[0, 0]), (rows[-1, 1], rows[-1, 1] + FOREVER)
         ends[:, 2 : 2 + n] = self.frozen.given.controller.reference.samples[[0, -1]]
         found = np.concatenate([ends[:1], rows[rows[:, 1] > rows[:, 0]], ends[1:]])
         found[:, :2] -= self.begin
         return found
-
-    @property
-    def _law(self) -> TracedLaw:
-        law = self.frozen.law or self.frozen.dynamics.law
-        assert law is not None
-        return law
 
     def vectors(self, own: Mapping[str, Array]) -> Vectors:
         """Vectors of the kernels for numbers by name."""
@@ -147,11 +141,7 @@ class CommandedMotion:
         return columns, W
 
     def _task(
-        self,
-        vectors: Vectors,
-        command: Command,
-        start: Array,
-        columns: Columns | None = None,
+        self, vectors: Vectors, command: Command, start: Array, columns: Columns | None = None
     ) -> tuple[SensitivityTask, Schedule]:
         """Motion and its steps."""
         group, end = self._group(vectors, command), float(self.times[-1])

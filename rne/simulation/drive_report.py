@@ -50,18 +50,6 @@ class DriveReport(InNotebooks):
         steps from one of its samples to the next [J].
     springs : Springs or None
         Those of the scene, which load the bearings.
-
-    Examples
-    --------
-    >>> import rne
-    >>> robot = rne.load("irb140")
-    >>> motion = rne.trajectories.quintic([0] * 6, [1, 0.5, 0, 0, 0, 0], 1.0)
-    >>> report = rne.drives(robot, motion, gear=100, rotor=1e-4, efficiency=0.8)
-    >>> report.peak_speed.round(3)[0].item(), report.motor_speed[500, 0].round(1).item()
-    (1.875, 187.5)
-    >>> balance = report.energy_taken - report.energy_returned - report.work - report.gear_losses - report.rotor_energy
-    >>> bool(abs(balance).max() < 1e-12 * report.energy_taken.max())
-    True
     """
 
     robot: Robot

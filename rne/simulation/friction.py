@@ -81,9 +81,13 @@ class Friction(ReadOnlyArrays):
 
     Examples
     --------
-    >>> import rne
-    >>> rne.Friction(viscous=2.0, coulomb=1.0).torque(rne.load("irb140").model, [0.5] * 6)[0].round(9).item()
-    2.0
+    >>> import numpy as np, rne
+    >>> arm, friction, qd = rne.irb140(), rne.Friction(viscous=2.0, coulomb=1.0), np.array([0.5, -0.5])
+    >>> friction.viscous_torque(qd).tolist(), friction.coulomb_torque(qd).round(9).tolist()
+    ([1.0, -1.0], [1.0, -1.0])
+    >>> friction.check(arm)  # an error if it were for another number of joints
+    >>> friction.at({"viscous": 3.0}).torque(arm, [0.5] * 6).round(9)[0].item()
+    2.5
     """
 
     viscous: ArrayLike = 0.0
@@ -99,16 +103,15 @@ class Friction(ReadOnlyArrays):
     offset: ArrayLike = 0.0
 
     def __repr__(self) -> str:
-        hidden = [f"{name}_back" for name in ("viscous", "coulomb") if self._same_back(name)]
+        hidden = [f"{name}_back" for name in BACK if self._same_back(name)]
         hidden += [name for name in ("load", *SIGNED) if not np.any(getattr(self, name))]
         return summary(self, **dict.fromkeys(hidden))
 
     @cached_property
     def _values(self) -> tuple[object, ...]:
-        """Coefficients for equality of frictions, and those that follow others."""
-        return (*map(self._same_back, BACK),) + tuple(
-            (name, size.shape, size.tobytes()) for name, size in self._given().items()
-        )
+        """Which coefficients follow others, and all of them, for equality."""
+        sizes = ((name, size.shape, size.tobytes()) for name, size in self._given().items())
+        return *map(self._same_back, BACK), *sizes
 
     def __eq__(self, other: object) -> bool:
         if type(self) is not Friction or type(other) is not Friction:  # a subclass may have more than the numbers
@@ -139,12 +142,6 @@ class Friction(ReadOnlyArrays):
         -------
         Friction
             What follows a size of the positive direction follows the new one.
-
-        Examples
-        --------
-        >>> import rne
-        >>> rne.Friction(viscous=2.0).at({"viscous": 3.0}).viscous_back.item()
-        3.0
         """
         found = {name: np.array(number) for name, number in numbers.items()}
         for name in BACK:
@@ -215,13 +212,6 @@ class Friction(ReadOnlyArrays):
         ------
         ValueError
             If a coefficient is neither a number nor of shape (n,).
-
-        Examples
-        --------
-        >>> import rne
-        >>> rne.Friction(viscous=[1.0, 2.0]).check(rne.irb140())
-        Traceback (most recent call last):
-        ValueError: `viscous` of the friction must be a number or of shape (6,), got (2,)
         """
         n = model.n
         for name, size in self._given().items():
@@ -240,12 +230,6 @@ class Friction(ReadOnlyArrays):
         -------
         ndarray, shape (..., n)
             Torque that the drive must supply, with the sign of the velocity [N m or N].
-
-        Examples
-        --------
-        >>> import numpy as np, rne
-        >>> rne.Friction(viscous=2.0, viscous_back=3.0).viscous_torque(np.array([0.5, -0.5])).tolist()
-        [1.0, -1.5]
         """
         qd = saturating(qd, self.saturation)
         if self._same_back("viscous"):
@@ -266,12 +250,6 @@ class Friction(ReadOnlyArrays):
         -------
         ndarray, shape (..., n)
             Torque that the drive must supply, with the sign of the velocity [N m or N].
-
-        Examples
-        --------
-        >>> import numpy as np, rne
-        >>> rne.Friction(coulomb=2.0, smoothing=0).coulomb_torque(np.array([0.5, -0.5, 0.0])).tolist()
-        [2.0, -2.0, 0.0]
         """
         forward, back = np.asarray(self.coulomb), np.asarray(self.coulomb_back)
         if self.stribeck is not None and is_present(self.stribeck_rise):
@@ -317,12 +295,6 @@ class Friction(ReadOnlyArrays):
         ValueError
             If `qd` or a coefficient has the wrong shape, `qd` is not finite, or friction depends on a `load` that is
             not given.
-
-        Examples
-        --------
-        >>> import rne
-        >>> rne.Friction(viscous=2.0).torque(rne.irb140(), [0.5] * 6).tolist()
-        [1.0, 1.0, 1.0, 1.0, 1.0, 1.0]
         """
         self.check(model)
         given = ("qd", qd), ("load", load)  # of numbers, or traced, in a law
@@ -426,6 +398,5 @@ def _not_negative(name: str, value: ArrayLike) -> Array:
 
 
 def _read_only(name: str, value: ArrayLike) -> Array:
-    array = real_numbers(name, value, "(n,)").astype(np.float64)
-    array.flags.writeable = False
+    array: Array = read_only(real_numbers(name, value, "(n,)").astype(np.float64))
     return array

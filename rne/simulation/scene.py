@@ -10,7 +10,7 @@ from contextlib import suppress
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -164,6 +164,15 @@ class Scene:
     >>> scene = rne.Scene(rne.load("irb140"), gravity=[0, 0, 0], locked={"joint_4": 0, "joint_5": 0, "joint_6": 0})
     >>> scene.n, sum(scene.kernel.operations.values()) < 160
     (3, True)
+    >>> payload, friction = rne.Payload(5.0, [0.1, 0, 0.1]), rne.Friction(viscous=2.0)
+    >>> scene = rne.Scene(rne.load("irb140"), payload=payload, friction=friction)
+    >>> tau = scene.inverse_dynamics([0] * 6, [1] * 6, [3] * 6)
+    >>> scene.forward_dynamics([0] * 6, [1] * 6, tau).round(9).tolist()
+    [3.0, 3.0, 3.0, 3.0, 3.0, 3.0]
+    >>> scene.cost()["payload"] > 0
+    True
+    >>> scene.to_fmu("irb140.fmu")  # doctest: +SKIP
+    ('x86_64-linux', 'x86_64-windows', 'x86_64-darwin')
     """
 
     robot: Robot
@@ -181,6 +190,9 @@ class Scene:
     elastic: ElasticJoints | None = None
     springs: Sequence[Spring | JointSpring] | None = None
     delay: float | None = None
+
+    _named: ClassVar[frozenset[str]] = frozenset()  # numbers that are inputs of kernels as wholes, set by `naming`
+    varying: ClassVar[Array | None] = None  # mask of the bodies' moments that are inputs, unless the nonzero ones are
 
     __repr__ = summary
 
@@ -303,19 +315,8 @@ class Scene:
         )
         return known
 
-    @property
-    def _named(self) -> frozenset[str]:
-        """Names of numbers that are inputs of kernels as wholes."""
-        names: frozenset[str] = self.__dict__.get("_names", frozenset())
-        return names
-
     def _named_of(self, part: str) -> frozenset[str]:
         return frozenset(name.removeprefix(part) for name in self._named if name.startswith(part))
-
-    @property
-    def varying(self) -> Array | None:
-        """Mask of the bodies' moments that are kernel inputs, unless these are the nonzero ones."""
-        return self.__dict__.get("_varying_moments")
 
     @property
     def kernels(self) -> KernelCache:
@@ -396,13 +397,13 @@ class Scene:
         for name in [key for key in vars(found) if key.startswith("_dynamics_") or key == "_law_before"]:
             del vars(found)[name]
         named = self._named | set(names)
-        vars(found)["_names"] = frozenset(named)
+        vars(found)["_named"] = named
         if named & {*BODIES}:
             vars(found)["_kernels"], before = self.kernels, self.varying
             of_payloads = moments_of_payloads(found) if "payload" in named and found.payload is not None else None
             mask = [m for m in (varying, before, of_payloads) if m is not None]
             if mask:
-                vars(found)["_varying_moments"] = np.logical_or.reduce([*mask, Bodies.mask(found.resolved.robot.model)])
+                vars(found)["varying"] = np.logical_or.reduce([*mask, Bodies.mask(found.resolved.robot.model)])
         return found
 
     @property
@@ -557,12 +558,6 @@ class Scene:
         A constant reference of the controller is an input. Sampled controllers sample and hold by themselves, with
         their delay; `stops` end the simulation. Binaries for Windows and macOS are built, but have never been run.
         For the first unit on a machine Zig compiles its C libraries, for all platforms 90 s of one core, for one 5 s.
-
-        Examples
-        --------
-        >>> import rne
-        >>> rne.Scene(rne.load("irb140")).to_fmu("irb140.fmu")  # doctest: +SKIP
-        ('x86_64-linux', 'x86_64-windows', 'x86_64-darwin')
         """
         from .fmu_model import SceneUnit
 
@@ -602,13 +597,6 @@ class Scene:
         ------
         ValueError
             If an array has the wrong shape or is not finite, or the torque overflows.
-
-        Examples
-        --------
-        >>> import rne
-        >>> scene = rne.Scene(rne.load("irb140"), gravity=[0, 0, 0], friction=rne.Friction(viscous=2.0))
-        >>> scene.inverse_dynamics([0] * 6, [0, 0, 0, 0, 0, 1], [0] * 6).round(9)[5].item()
-        2.0
         """
         self.refuse_elastic("inverse_dynamics", "torques of drives also depend on how accelerations change")
         robot, friction = self.resolved.robot, self.resolved.friction
@@ -637,14 +625,6 @@ class Scene:
             If an array has the wrong shape or is not finite, or the acceleration overflows.
         SingularMassMatrixError
             If M is singular to working precision.
-
-        Examples
-        --------
-        >>> import rne
-        >>> scene = rne.Scene(rne.load("irb140"), friction=rne.Friction(viscous=2.0))
-        >>> tau = scene.inverse_dynamics([0] * 6, [1] * 6, [3] * 6)
-        >>> scene.forward_dynamics([0] * 6, [1] * 6, tau).round(9).tolist()
-        [3.0, 3.0, 3.0, 3.0, 3.0, 3.0]
         """
         self.refuse_elastic("forward_dynamics", "accelerations follow from the torsion, not from the drives' torques")
         robot, friction = self.resolved.robot, self.resolved.friction
@@ -714,12 +694,6 @@ class Scene:
             operations saved without it; "law", whether the controller is "traced", "called" or "none", and "why" it is
             called. The cost of a called controller is not known, nor that of a robot too large to be written out: then
             "total" is None.
-
-        Examples
-        --------
-        >>> import rne
-        >>> rne.Scene(rne.load("irb140"), payload=rne.Payload(5.0, [0.1, 0.0, 0.1])).cost()["payload"] > 0
-        True
         """
         law: dict[str, int | str | None] = {"law": "none"}
         if self.controller is not None:
@@ -744,20 +718,21 @@ class Scene:
 
 
 def resolved_friction(friction: Friction | str | None, robot: Robot) -> Friction | None:
-    """Friction of a scene, from the file if it says so."""
+    """Checked friction of a scene, that of the robot's file for "urdf"."""
+    if friction is None:
+        return None
     if isinstance(friction, str):
         if friction != "urdf":
             raise ValueError(f"`friction` must be an rne.Friction or 'urdf', got {friction!r}")
         return urdf_friction(robot.model)
-    if isinstance(friction, Friction):
-        friction.check(robot.model)
-        if friction.sticks and friction.varying:
-            raise ValueError(
-                f"`friction` with {friction.varying} needs a `smoothing` above 0: of dry friction that sticks and "
-                "slips by events, Coulomb friction is constant"
-            )
-    elif friction is not None:
+    if not isinstance(friction, Friction):
         raise TypeError(f"`friction` must be an rne.Friction or 'urdf', got {type(friction).__name__}")
+    friction.check(robot.model)
+    if friction.sticks and friction.varying:
+        raise ValueError(
+            f"`friction` with {friction.varying} needs a `smoothing` above 0: of dry friction that sticks and "
+            "slips by events, Coulomb friction is constant"
+        )
     return friction
 
 

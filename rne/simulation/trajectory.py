@@ -132,6 +132,11 @@ class Trajectory(InNotebooks):
     (0.2, True)
     >>> motion([0.1, 0.2])[0][:, 2].round(3).tolist()  # joint 3 at two times [rad]
     [0.103, 0.398]
+    >>> motion.torques(0.1).tolist(), motion.trusted_horizon()
+    ([0.0, 0.0, 0.0, 0.0, 0.0, 0.0], 0.2)
+    >>> motion.to_csv("swing.csv"), motion.to_dataframe()["q.joint_2"].max()  # doctest: +SKIP
+    >>> file = motion.save("swing.npz")  # doctest: +SKIP
+    >>> rne.Trajectory.load(file).message  # doctest: +SKIP
     """
 
     t: Array
@@ -207,14 +212,6 @@ class Trajectory(InNotebooks):
         In each step the polynomial of fifth degree through the positions, velocities and accelerations of both samples.
         Between the solver's own steps its error is some times the tolerance; between distant times of `t_eval` it may
         be any.
-
-        Examples
-        --------
-        >>> import rne
-        >>> swing = rne.simulate(rne.load("irb140"), [0] * 6, [0] * 6, 0.5)
-        >>> q, qd, qdd = swing([0.1, 0.2, 0.3])
-        >>> q[:, 1].round(3).tolist()  # joint 2 [rad]
-        [0.001, 0.017, 0.084]
         """
         q, qd, qdd = self._at(t, "q", "qd", "qdd")
         return q, qd, qdd
@@ -241,13 +238,6 @@ class Trajectory(InNotebooks):
         -----
         Monotone cubic interpolation, which shows no peak that the samples do not have; torques that are held between
         the samples of a controller stay constant where the motion has these samples, without `t_eval`.
-
-        Examples
-        --------
-        >>> import rne
-        >>> robot = rne.load("irb140")
-        >>> rne.simulate(robot, [0] * 6, [0] * 6, 0.5, torque=[1, 2, 3, 4, 5, 6]).torques(0.25).tolist()
-        [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]
         """
         return self._at(t, "tau")[0]
 
@@ -317,12 +307,6 @@ class Trajectory(InNotebooks):
         -----
         A pulse that the solver stepped over, because `breaks` does not name it, may not be seen here either. A law with
         memory must begin anew when it is called with t = 0.
-
-        Examples
-        --------
-        >>> import rne
-        >>> rne.simulate(rne.load("irb140"), [0] * 6, [0] * 6, 0.1).trusted_horizon()
-        0.1
         """
         bound = positive_number("accuracy", accuracy)
         if self.error_estimate is None:
@@ -389,12 +373,6 @@ class Trajectory(InNotebooks):
             If `path` does not end in .npz, or the arrays take more than 512 MiB, the most that is read.
         FileNotFoundError
             If its folder does not exist.
-
-        Examples
-        --------
-        >>> import rne
-        >>> swing = rne.simulate(rne.load("irb140"), [0] * 6, [0] * 6, 0.5)
-        >>> file = swing.save("swing.npz")  # doctest: +SKIP
         """
         return write_archive(path, self)
 
@@ -419,11 +397,6 @@ class Trajectory(InNotebooks):
             or type or not finite, or the times do not ascend.
         FileNotFoundError
             If there is no such file.
-
-        Examples
-        --------
-        >>> import rne
-        >>> rne.Trajectory.load("swing.npz").message  # doctest: +SKIP
         """
         if not isinstance(path, str | PathLike):
             raise TypeError(f"`path` must be a str or path-like, got {type(path).__name__}")
@@ -449,12 +422,6 @@ class Trajectory(InNotebooks):
         ------
         FileNotFoundError
             If its folder does not exist.
-
-        Examples
-        --------
-        >>> import rne
-        >>> swing = rne.simulate(rne.load("irb140"), [0] * 6, [0] * 6, 0.5)
-        >>> file = swing.to_csv("swing.csv")  # doctest: +SKIP
         """
         return write_columns(path, self.t, self._columns())
 
@@ -470,12 +437,6 @@ class Trajectory(InNotebooks):
         ------
         ImportError
             If pandas is not installed.
-
-        Examples
-        --------
-        >>> import rne
-        >>> swing = rne.simulate(rne.load("irb140"), [0] * 6, [0] * 6, 0.5)
-        >>> swing.to_dataframe()["q.joint_2"].max()  # doctest: +SKIP
         """
         try:
             import pandas
