@@ -27,7 +27,6 @@ from rne.identification.diagnosis.residuals import FitResiduals
 from rne.identification.fit.equations import build_regression
 from rne.identification.fit.least_squares import least_squares
 from rne.identification.fit_model import with_springs
-from rne.simulation.springs import resolved_springs
 
 from . import faulty_logs as faults
 from .conftest import TREES
@@ -393,7 +392,7 @@ def test_friction_under_load_has_the_load_of_the_law_of_the_drives():
     """That of bodies, rotors and springs: the cause has the column that a fit has for Fl."""
     c = case("gantry", 3)
     data, robot = faults.clean(c), c.arm.robot
-    springs = resolved_springs([rne.Spring.at_joint("y", 1.0, 0.1)], robot, robot)
+    springs = rne.Scene(robot, springs=[rne.Spring.at_joint("y", 1.0, 0.1)]).resolved.springs
     base = with_springs(robot.base_parameters(drives=rne.DriveModel(rotor=True, friction="coulomb")), springs)
     rows = build_regression(robot, Record(data.t, data.q, data.tau), base, None, 5.0, 2)
     rest = FitResiduals(robot, base, rows, np.arange(1.0, base.count + 1), np.ones(4), np.ones(4))

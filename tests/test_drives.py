@@ -177,8 +177,8 @@ def test_times_of_t_eval_are_reported_alone(irb140):
     found = rne.drives(irb140, coarse)
     doubt = str(found).splitlines()[-len(str(found.bearings).splitlines()) - 1]
     assert doubt == (
-        f"The samples are too far apart to be trusted: from one to the next, work by them differs from the simulation's "
-        f"by {found.work_error:.3g} J in all; simulate without t_eval, with a finer one or smaller tolerances"
+        f"The samples are too far apart: the work computed from them differs from the simulation's by a total of "
+        f"{found.work_error:.3g} J; simulate without t_eval, with a finer one or smaller tolerances"
     )
     assert "too far apart" not in str(rne.drives(irb140, fine))
 
@@ -241,7 +241,7 @@ def test_rotors_that_a_motion_was_not_planned_for_are_told(arm):
     found = rne.drives(arm, motion, gear=100, rotor=1e-4)
     needed = abs(found.tau + found.qdd).max(0) / arm.effort_limit
     told = ", ".join(f"{j} {x:.0%}" for j, x in zip(arm.joint_names, needed, strict=True) if x > 1.005)
-    assert f"With their rotors drives exceed their torque limits: {told}; a motion" in str(found)
+    assert f"With their rotors included, drives exceed their torque limits: {told}; to take" in str(found)
     counted = rne.trajectories.fastest(arm.with_armature(1.0), [HOME, PICK])
     assert "With their rotors" not in str(rne.drives(rne.Scene(arm), counted, gear=100, rotor=1e-4))
     assert "With their rotors" not in str(rne.drives(arm, motion, gear=100))
@@ -263,8 +263,8 @@ def test_tables_name_every_joint_twice(report):
             len,
             {},
             TypeError,
-            "`motion` must have a `duration`, or arrays t, q and qd; got a function of time alone: "
-            'rne.trajectories.sampled(t, q, "cubic") makes one of its positions',
+            "`motion` must have a `duration`, or arrays t, q and qd; got only a function of time: "
+            'rne.trajectories.sampled(t, q, "cubic") makes a motion of its positions',
         ),
         (3, {}, TypeError, "`motion` must be a function of time or have arrays t, q and qd, got int"),
         (

@@ -4,15 +4,12 @@ import copy
 import itertools
 import pickle
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import rne
 from benchmarks.swing import extrapolated
-from rne.simulation.run import Instants, RunResult, Task
-from rne.simulation.trajectory import _horizon
 
 from .helpers import kept
 from .random_robots import straight_chain
@@ -35,12 +32,12 @@ def exact(arm):
     return rne.simulate(arm, q0, 0 * q0, END, method="DOP853", rtol=1e-13, atol=1e-15, t_eval=GRID)
 
 
-def test_an_error_that_grows_at_once_is_trusted_until_the_instant_before():
+@pytest.mark.parametrize(("last", "expected"), [(2.9e-3, np.log(10 / 3) / np.log(29 / 3)), (4.5e-3, 0.0)])
+def test_an_error_that_grows_at_once_is_trusted_until_the_instant_before(irb140, last, expected):
     """Tenfold, as an exponential would; fifteenfold, it may have grown anywhere between."""
-    assert _horizon(1e-3, np.array([0.0, 1.0]), np.array([3e-4, 2.9e-3])) == pytest.approx(
-        np.log(10 / 3) / np.log(29 / 3)
-    )
-    assert _horizon(1e-3, np.array([0.0, 1.0]), np.array([3e-4, 4.5e-3])) == 0.0
+    errors = np.array([0.0, 1.0]), np.array([3e-4, last])
+    motion = replace(rne.simulate(irb140, Q0, 0 * Q0, 0.01), error_estimate=lambda: errors)
+    assert motion.trusted_horizon(1e-3) == pytest.approx(expected)
 
 
 def measured_horizon(motion, exact, accuracy):
@@ -88,16 +85,14 @@ def test_a_tighter_tolerance_reaches_farther(arm, tolerances):
 
 @pytest.mark.parametrize(("rtol", "factor"), [(1e-6, 0.01), (1e-12, 100.0)])
 def test_the_other_run_has_other_tolerances(rtol, factor):
-    """Tighter by 100, or looser where tighter ones are below rounding."""
-    asked, t = [], np.linspace(0, 1, 11)
-    task = Task(np.ones(2), 1.0, "LSODA", rtol, 1e-9, is_auto=True)
-    plant = SimpleNamespace(robot=SimpleNamespace(n=1), keep_kernels=lambda: None)
-    again = {"method": "DOP853", "repeat": lambda other: asked.append(other) or run}
-    run = RunResult(plant, task, parts=[Instants(t, np.zeros((11, 2)))], **again)
-    run.position_errors()
+    """Tighter by 100, or looser where tighter ones are below rounding; by the method that the run ended with."""
+    motion = rne.simulate(rne.Robot(straight_chain(1)), [0.1], [0.0], 0.1, rtol=rtol, atol=1e-9)
+    asked, run = [], motion.run
+    run.method, run.repeat = "Radau", lambda task: asked.append(task) or run
+    assert motion.trusted_horizon() == 0.1
     again = asked[-1]
     assert (again.rtol, again.atol) == pytest.approx((rtol * factor, 1e-9 * factor), rel=1e-12)
-    assert (again.method, again.is_auto) == ("DOP853", False)
+    assert (again.method, again.is_auto) == ("Radau", False)
 
 
 def test_a_chain_that_stands_upside_down_is_trusted_for_the_logarithm_of_rounding():

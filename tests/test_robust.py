@@ -10,7 +10,6 @@ import rne
 from benchmarks import robust_laws
 from rne.bounds.bounds import inertia_extremes
 from rne.bounds.polynomials import box_argument
-from rne.control.gains import workspace
 from rne.control.uncertainty import checked_cases
 
 from .helpers import first_joints, kept
@@ -252,7 +251,7 @@ def test_bounds_of_inertias_do_not_depend_on_the_speed_of_the_machine(monkeypatc
     arm = first_joints(2)
 
     def uppers():
-        box = box_argument(arm.model, workspace(arm))
+        box = box_argument(arm.model, (arm.lower, arm.upper))
         return [x.upper for x in inertia_extremes([arm.model], box, "numpy", np.ones(arm.n), 0.1, 100_000)]
 
     before, seconds = uppers(), itertools.count(0, 100)
@@ -264,7 +263,7 @@ def test_bounds_of_inertias_do_not_depend_on_the_speed_of_the_machine(monkeypatc
 def test_what_is_not_proven_of_one_case_leaves_the_values_of_the_others():
     """A payload has smaller entries of M^-1, and no proof without a budget; those of the empty arm count."""
     arm = first_joints(2)
-    box, heavy = box_argument(arm.model, workspace(arm)), arm.with_payload(3.0).model
+    box, heavy = box_argument(arm.model, (arm.lower, arm.upper)), arm.with_payload(3.0).model
     alone, both = (
         inertia_extremes(models, box, "numpy", np.ones(arm.n), 0.1, 1) for models in ([arm.model], [arm.model, heavy])
     )

@@ -16,7 +16,7 @@ from rne.integrators.compiled_methods import CompiledSolver, RosenbrockSolver
 from rne.kernels import Kernel
 from rne.kernels.numpy_backend import BlockProgram
 from rne.kernels.python_backend import state_function
-from rne.simulation.run import Run
+from rne.simulation import run
 from rne.trajectories import sampled, spline
 
 from .compiled_sources import c_library, call
@@ -209,7 +209,7 @@ def test_steps_in_loops_are_those_from_break_to_break(in_loops, monkeypatch, kin
     held = sampled(t, np.sin(9 * t)[:, None] * [0.3, 0.1])
     reference = held if kind == "held" else rne.trajectories.trapezoidal([0, 0], [0.3, 0.1], 0.08, 0.02)
     scene, motions = scene_of(reference, in_loops), []
-    monkeypatch.setattr(Run, "_steps_at_once", lambda run: at_once)
+    monkeypatch.setattr(run.Run, "_steps_at_once", lambda run: at_once)
     for takes_breaks in (True, False):
         monkeypatch.setattr(CompiledSolver, "takes_breaks", takes_breaks)
         motions.append(rne.simulate(scene, [0, 0], [0, 0], 0.1, method="RK45"))

@@ -12,7 +12,6 @@ from scipy.interpolate import CubicSpline
 import rne
 from rne.simulation.dry_friction import DryPlant
 from rne.simulation.plant import Plant
-from rne.simulation.zero_order_hold import ControlSamples
 
 from .helpers import first_joints, kept, relative, states
 from .random_robots import random_tree, straight_chain
@@ -784,13 +783,14 @@ class TestCornerCases:
         assert motion.tau.shape == motion.q.shape
 
     def test_held_torques_are_given_at_the_times_asked_for(self, two):
-        scene = rne.Scene(two, controller=lambda t, q, qd: np.array([1 + 10 * t, -1.0]), sample_time=0.1)
-        assert rne.simulate(scene, [0, 0], [0, 0], 1.0, t_eval=[0, 0.55]).tau[:, 0] == pytest.approx([1.0, 6.0])
+        """Those of a sample from its time on."""
+        scene, times = (
+            rne.Scene(two, controller=lambda t, q, qd: [1 + 10 * t, -1.0], sample_time=0.1),
+            [0, 0.05, 0.1, 0.55],
+        )
+        tau = rne.simulate(scene, [0, 0], [0, 0], 1.0, t_eval=times).tau
+        assert tau[:, 0] == pytest.approx([1.0, 1.0, 2.0, 6.0])
         assert rne.simulate(scene, [0, 0], [0, 0], 0.0).tau[0] == pytest.approx([1.0, -1.0])
-
-    def test_a_sample_is_held_from_its_time_on(self):
-        samples = ControlSamples(np.array([0.0, 0.1, 0.2]), np.zeros((3, 4)), np.zeros((3, 2)), np.zeros((3, 0)))
-        assert samples.held(np.array([0.0, 0.05, np.nextafter(0.1, 0), 0.1, 0.3])).tolist() == [0, 0, 0, 1, 2]
 
     def test_the_last_time_is_reached_whatever_the_sample_time(self, two):
         scene = rne.Scene(two, controller=lambda t, q, qd: -qd, sample_time=0.078)

@@ -426,8 +426,8 @@ class TestArguments:
         """Named, in the state where they meet; a spring without length passes."""
         scene = rne.Scene(pendulum(), springs=[rne.Spring("wall", [0, 0, -0.4], "rod", [0, 0, -0.4], 100, 0.1)])
         text = (
-            "the ends of the spring between 'wall' and 'rod' meet, where its tension has no direction: only one without "
-            "length, force and damping may pass there"
+            "the ends of the spring between 'wall' and 'rod' coincide, where its tension has no direction: only those of a "
+            "spring without length, force and damping may"
         )
         with pytest.raises(rne.NotFiniteError, match=f"^{re.escape(text)} at state \\(1,\\)$"):
             scene.inverse_dynamics([[1.0], [0.0]], [[0.0]] * 2, [[0.0]] * 2)

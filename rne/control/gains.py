@@ -113,8 +113,8 @@ def check_gains(
     max_sample_time : float, optional
         End of the `windows` [s]; by default somewhat beyond the limit.
     bounds : Bounds, optional
-        Of `Robot.bounds` of this very robot, payload and gravity included: its `gravity_stiffness` and, for one joint,
-        its `mass_eigenvalues`.
+        Result of `Robot.bounds` for this robot, payload and gravity included, with its `gravity_stiffness` and, for one
+        joint, its `mass_eigenvalues`.
 
     Returns
     -------
@@ -133,7 +133,7 @@ def check_gains(
     With gravity compensated, M qdd = -Kp e - Kd qd near a reference, e = q - q_ref. Evaluated continuously this loop is
     stable for all positive gains; for Kd = 0 its energy is conserved, which is marginal, not stable. Evaluated every T
     and held, gravity's compensation too, it is a linear map of (e, qd), exact but for terms of second order. For Kd = 0
-    it is unstable where Kp - dg/dq is positive definite, and stable but for single T where dg/dq - Kp is.
+    it is unstable where Kp - dg/dq is positive definite, and stable except at isolated T where dg/dq - Kp is.
 
     For one configuration verdicts are certain, to rounding: in closed form for one joint and where gains do not couple
     modes; otherwise intervals of T are proven stable or unstable, and what is neither, mostly 1e-10 of T at a boundary,

@@ -30,11 +30,11 @@ class BearingPeaks(InNotebooks):
     Attributes
     ----------
     joints : tuple of str
-        The moving joints, nb of them, and behind them the L pivots that close linkages, by their links.
+        Names of the nb moving joints, followed by the L pivots that close linkages, named by their links.
     force, torque : ndarray, shape (nb + L,)
         Largest force and torque on the bearing, without the component along the axis that the drive provides. The
-        pivots of closed linkages (`rne.model.four_bar`, `rne.model.cylinder`) share the forces in their plane; all else
-        is carried by the joints of the tree. NaN of those in `not_known` [N, N m].
+        pivots of closed linkages (`rne.model.four_bar`, `rne.model.cylinder`) share the forces in their plane; the
+        joints of the tree carry all other loads. NaN for the joints in `not_known` [N, N m].
     force_time, torque_time : ndarray, shape (nb + L,)
         When each was first reached [s].
     start, end : float
@@ -77,10 +77,10 @@ def bearing_peaks(robot: Robot | Scene, motion: Any) -> BearingPeaks:
     Parameters
     ----------
     robot : Robot or Scene
-        Robot that moved; of a Scene, its robot with mounting, payload and locked joints, and its springs but for their
+        Robot that moved; for a Scene, its robot with mounting, payload and locked joints, and its springs without their
         damping.
     motion : Trajectory, FastestMotion, Record or function of time
-        Any motion that `rne.drives` takes, and of one sample at least.
+        Any motion that `rne.drives` takes; one sample is enough.
 
     Returns
     -------
@@ -97,7 +97,7 @@ def bearing_peaks(robot: Robot | Scene, motion: Any) -> BearingPeaks:
     Notes
     -----
     Høifødt 2011, (3.24), (3.27) and section 5.3: the drive provides b_i^T tau_i, the bearing the rest of f_i and tau_i.
-    Accelerations are those recorded in the motion, and between the solver's steps between those recorded.
+    Accelerations are those recorded in the motion; between the solver's steps they are interpolated.
 
     Examples
     --------
@@ -131,7 +131,7 @@ def _peaks(t: Array, loads: Array) -> tuple[Array, Array]:
 
 
 def scene_of(robot: Robot | Scene, motion: Any) -> Scene:
-    """Scene given, otherwise the one that the motion was planned for with the robot, or the robot alone."""
+    """Scene given, otherwise the one that the motion was planned for with the robot, or a scene of only the robot."""
     if isinstance(robot, Scene):
         return robot
     robot, planned = robot_argument(robot), getattr(motion, "scene", None)
@@ -151,8 +151,8 @@ def _times(motion: Any) -> Array:
     own = np.concatenate([np.ravel(getattr(motion, name, ())) for name in ("t", "instants")])
     start, end = (own.min(), own.max()) if hasattr(motion, "t") else (0.0, getattr(motion, "duration", None))
     if end is None:
-        cure = 'rne.trajectories.sampled(t, q, "cubic") makes one of its positions'
-        raise TypeError(f"`motion` must have a `duration`, or arrays t, q and qd; got a function of time alone: {cure}")
+        cure = 'rne.trajectories.sampled(t, q, "cubic") makes a motion of its positions'
+        raise TypeError(f"`motion` must have a `duration`, or arrays t, q and qd; got only a function of time: {cure}")
     grid = np.linspace(start, end, max(int(np.ceil(round((end - start) / EVERY, 6))), 1) + 1)
     sides = np.nextafter(np.ravel(getattr(motion, "breaks", ())), [[-np.inf], [np.inf]]).ravel()
     return np.unique(np.concatenate([grid, own, sides[(sides >= start) & (sides <= end)]]))

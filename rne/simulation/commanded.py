@@ -1,8 +1,8 @@
 """Motions of a scene whose law follows recorded commands: positions at the times of samples, and their derivatives.
 
-For least squares: the scene is traced once, and each motion is evaluated at many numbers. Steps are equal ones of the
-Runge-Kutta method of order 4 that end at samples and where a command begins to act, so that derivatives are exact for
-what was computed, and those by the delay of commands are jumps of dx/dt.
+For least squares: the scene is traced once, and each motion is evaluated for many values of its numbers. Steps of the
+Runge-Kutta method of order 4 have equal lengths and end at samples and where a command begins to act. So the
+derivatives of the computed motion are exact; those with respect to the delay of commands are jumps of dx/dt.
 """
 
 from __future__ import annotations
@@ -46,15 +46,15 @@ class Vectors(NamedTuple):
 class CommandedMotion:
     """One motion from a start at time 0, with times (T,) of samples, under the commands of a scene's reference.
 
-    `wrt` names numbers of the scene, those of commands, and the start; `taken` has for each of the first two a matrix
-    (entries, k) of the k directions in which it is differentiated.
+    `taken` has, for each number of the scene or its commands with respect to which the motion is differentiated, a
+    matrix (entries, k) of k directions.
     """
 
     NAMES: ClassVar = OF_COMMANDS
 
     frozen: FrozenScene
-    begin: float  # in the time of the commands [s]
-    times: Array  # since then
+    begin: float  # on the time axis of the commands [s]
+    times: Array  # of the samples, from the start on [s]
     taken: Mapping[str, Array]
     step: float
 
@@ -112,7 +112,7 @@ class CommandedMotion:
         return group
 
     def _directions(self) -> dict[str, Array]:
-        """Derivatives of the pieces by the numbers of commands to be differentiated by."""
+        """Derivatives of the pieces with respect to the numbers of commands in `taken`."""
         rows, n = self._table, self.frozen.given.n
         found = {}
         if SHIFT in self.taken:
@@ -170,7 +170,7 @@ class CommandedMotion:
         return found
 
     def derivatives(self, vectors: Vectors, command: Command, start: Array) -> tuple[Array, Array]:
-        """Positions (T, n), and their derivatives (T, n, k) by the names `taken` and by the start."""
+        """Positions (T, n), and their derivatives (T, n, k) with respect to the numbers in `taken` and the start."""
         columns, W = self.columns
         if self.frozen.given.elastic is not None:  # motors start where they hold their links
             columns = copy(columns)

@@ -22,7 +22,7 @@ from .trajectory import Trajectory, motors_at
 
 LOGGER = logging.getLogger("rne")
 MOVING = 0.01  # speed of a drive on duty relative to the joint's largest
-OVER = 1.005  # share of a limit that counts as exceeding it: plans keep to 1 by some 1e-3
+OVER = 1.005  # share of a limit above which it counts as exceeded: plans keep to 1 within about 1e-3
 COARSE = 2e-3  # error of work relative to all energy exchanged: twice that of a run with default tolerances
 
 
@@ -37,19 +37,20 @@ class DriveReport(InNotebooks):
     robot : Robot
         Robot that moves, with the payload of its scene.
     t : ndarray, shape (T,)
-        Times of the samples; that of a jump stands twice, first with the values before it [s].
+        Times of the samples; the time of a jump occurs twice, first with the values before it [s].
     q, qd, qdd, tau : ndarray, shape (T, n)
-        Positions, velocities, accelerations and torques of the joints, behind the gears
+        Positions, velocities, accelerations and torques of the joints, on the output side of the gears
         [rad or m; rad/s or m/s; rad/s^2 or m/s^2; N m or N].
     gear, rotor, efficiency : ndarray, shape (n,)
         Arguments of `drives`, for each drive.
     speed : ndarray, shape (T, n)
-        Velocities of the drives behind their gears: `qd`, or behind elastic joints the motors' [rad/s or m/s].
+        Velocities of the drives on the output side of their gears: `qd`, or with elastic joints the motors' [rad/s or
+        m/s].
     work_error : float or None
-        Differences of the work of all drives by these samples from the `work` of a simulated motion, summed over the
-        steps from one of its samples to the next [J].
+        Differences between the work of all drives computed from these samples and the `work` of a simulated motion,
+        summed over the steps from one of its samples to the next [J].
     springs : Springs or None
-        Those of the scene, which load the bearings.
+        Springs of the scene, which load the bearings.
     """
 
     robot: Robot
@@ -99,12 +100,12 @@ class DriveReport(InNotebooks):
 
     @property
     def power(self) -> Array:
-        """Mechanical power of each drive, behind its gear, shape (T, n) [W]."""
+        """Mechanical power of each drive on the output side of its gear, shape (T, n) [W]."""
         return np.asarray(self.tau * self.speed)
 
     @property
     def drive_torque(self) -> Array:
-        """Torque of each drive behind its gear, its rotor's share included, which limits count, (T, n) [N m or N]."""
+        """Torque of each drive at its gear's output, its rotor's share included as in limits, (T, n) [N m or N]."""
         return np.asarray(self.tau + self.rotor * self.gear**2 * self.qdd)
 
     @property
@@ -114,7 +115,7 @@ class DriveReport(InNotebooks):
 
     @cached_array
     def motor_torque(self) -> Array:
-        """Torque of each motor, shape (T, n): rotor, and load with the gear's losses, which change sides [N m]."""
+        """Torque of each motor, shape (T, n): for its rotor, and for the load with the losses of the gear [N m]."""
         return self.rotor * self.gear * self.qdd + self._gear_input / self.gear
 
     @property
@@ -175,7 +176,7 @@ class DriveReport(InNotebooks):
 
     @property
     def work(self) -> Array:
-        """Work that each drive does on the arm, behind its gear, friction of the joint included, shape (n,) [J]."""
+        """Work that each drive does on the arm, after its gear, friction of the joint included, shape (n,) [J]."""
         return self._integral(self.power)
 
     @property
@@ -185,7 +186,7 @@ class DriveReport(InNotebooks):
 
     @property
     def rotor_energy(self) -> Array:
-        """Work that accelerates each rotor, zero from rest to rest but for the rule of integration, shape (n,) [J]."""
+        """Work that accelerates each rotor, zero from rest to rest except for integration errors, shape (n,) [J]."""
         return self._integral(self.rotor * self.gear * self.qdd * self.motor_speed)
 
     @property
@@ -221,14 +222,12 @@ class DriveReport(InNotebooks):
         total = "All motors: {:.4g} J taken, {:.4g} J returned, {:.3g} J of work on the arm, {:.4g} J lost in gears"
         units = "SI units: N m, rad/s, W; N and m/s for joints that slide"
         lines = [title, *load, *motor, total.format(*sums), units]
-        doubt = "The samples are too far apart to be trusted: from one to the next, work by them differs from the "
-        doubt += "simulation's by {:.3g} J in all; simulate without t_eval, with a finer one or smaller tolerances"
+        doubt = "The samples are too far apart: the work computed from them differs from the simulation's by a total "
+        doubt += "of {:.3g} J; simulate without t_eval, with a finer one or smaller tolerances"
         over = [f"{j} {x:.0%}" for j, x in zip(self.joints, self.torque_share, strict=True) if x > OVER]
         if over and self.rotor.any():
-            lines.append(
-                f"With their rotors drives exceed their torque limits: {', '.join(over)}; a motion that counts"
-            )
-            lines.append("them is planned for robot.with_armature(rotor * gear**2)")
+            lines.append(f"With their rotors included, drives exceed their torque limits: {', '.join(over)}; to take")
+            lines.append("rotors into account, plan the motion for robot.with_armature(rotor * gear**2)")
         if (error := self.work_error or 0.0) > COARSE * self._integral(np.abs(self.power)).sum():
             lines.append(doubt.format(error))
         return "\n".join([*lines, str(self.bearings)])
@@ -242,21 +241,22 @@ def drives(
     Parameters
     ----------
     robot : Robot or Scene
-        Robot that moves; a Scene with its payload, friction and springs, which count for planned motions, in place of
-        those that were planned for, and where a motion brings no torques of its own.
+        Robot that moves; for a Scene with its payload, friction and springs, which replace those that a motion was
+        planned for, and give the torques of a motion that has none.
     motion : FastestMotion, Trajectory, Record or function of time
-        Planned, simulated or measured: a function of time with a `duration`, such as a `Quintic`, taken every
+        Planned, simulated or measured: a function of time with a `duration`, such as a `Quintic`, evaluated every
         millisecond, at its `t` and `instants` and on both sides of its `breaks`, where it has them; or anything with
         arrays t, q and qd, and tau and qdd if they are known. A `rne.identification.Record` is prepared first, which
-        filters its torques. Of a Trajectory its samples, what lies between the solver's own steps and both sides of
-        jumps; if it has times of `t_eval`, these alone, and `print` says where they are too far apart.
+        filters its torques. A Trajectory is evaluated at its samples, between the solver's own steps and on both sides
+        of jumps; with `t_eval` only at its times, and `print` says if they are too far apart.
     gear : float or array_like, shape (n,), optional
         Revolutions of the motor per revolution of the joint; rad/m for joints that slide.
     rotor : float or array_like, shape (n,), optional
         Inertia of motor and gear on the motor's side, in addition to the robot's `armature`; 0 for measured torques
         that contain it, and for motions with elastic joints, whose rotors are the scene's [kg m^2].
     efficiency : float or array_like, shape (n,), optional
-        Efficiency of the gear, from above 0 to 1: load torque over motor torque in driving, the inverse in braking.
+        Efficiency of the gear, above 0 and at most 1: load torque over motor torque while driving, the inverse while
+        braking.
 
     Returns
     -------
@@ -274,7 +274,7 @@ def drives(
     -----
     Motor torque = rotor gear qdd + tau / (gear efficiency) while the joint takes power, tau efficiency / gear while it
     returns power. Energy taken less returned is the work on the arm, the losses of the gear and the rotors' energy.
-    Between the steps of a simulation torques are monotone cubics, without peaks of their own: peaks were up to 4 % low
+    Between the steps of a simulation torques are monotone cubics without further peaks: peaks were up to 4 % low
     with the default tolerances, 1 % with `rtol=1e-8`.
 
     Examples
@@ -304,6 +304,6 @@ def drives(
 
 
 def _work_error(motion: Trajectory, t: Array, power: Array) -> float:
-    """Differences of the work by samples from that of a simulation, summed over the motion's samples."""
+    """Differences between the work by samples and by the simulation, summed over the motion's samples."""
     work = np.append(0.0, np.cumsum((power[1:] + power[:-1]) / 2 * np.diff(t)))
     return float(np.abs(np.diff(work[np.searchsorted(t, motion.t, side="right") - 1] - motion.work)).sum())

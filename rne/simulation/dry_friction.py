@@ -44,8 +44,8 @@ class ModeChange:
 class DryPlant(Plant):
     """The equations of motion for given modes of the joints: +1 and -1 slip, 0 sticks.
 
-    A sticking joint stays at rest; see `SceneDynamics.right_hand_side_under_modes` for what stands in its place in the
-    state. The modes follow the torques in the inputs of the equations.
+    A sticking joint stays at rest; `SceneDynamics.right_hand_side_under_modes_core` says what its entry of the state
+    holds instead. The modes follow the torques in the inputs of the equations.
     """
 
     def __init__(
@@ -68,7 +68,7 @@ class DryPlant(Plant):
         self.asked, self.last_margins = np.zeros((0, n)), np.zeros((0, n))
 
     def _of_drives(self, values: Any) -> Array:
-        """Values of the drives' coordinates, zero for others."""
+        """Values of the drives as an array over all coordinates, zero for the others."""
         found = np.zeros(self.n)
         found[self.dynamics.driven] = values
         return found
@@ -78,7 +78,7 @@ class DryPlant(Plant):
         return self.dynamics.right_hand_side_under_modes
 
     def jacobian(self, t: float, x: Array) -> Array:
-        """df/dx in the modes as they are, by differences."""
+        """df/dx in the present modes, by finite differences."""
         return super().linearised(t, x)
 
     def linearised(self, t: float, x: Array) -> Array:

@@ -1,7 +1,7 @@
-"""Elastic joints: a spring and a damper between each motor, seen through its gear, and its link.
+"""Elastic joints: a spring and a damper between each motor, reflected through its gear, and its link.
 
 Spong 1987, Modeling and control of elastic joint robots, J. Dyn. Sys., Meas., Control 109, (15) and (16): rotors turn
-about their own axes fast enough for the rest of their motion to be left out, their masses belong to the links. With
+about their own axes so fast that the rest of their motion is neglected; their masses belong to the links. With
 torsion K (theta - q) + D (theta' - q') of the joints,
 
     M(q) q'' + C q' + g = K (theta - q) + D (theta' - q')
@@ -40,19 +40,19 @@ class ElasticJoints:
     Parameters
     ----------
     stiffness : float, array_like of shape (n,), or mapping
-        Of the spring in each joint, gear included: one number for all joints, one each, or by name [N m/rad or N/m].
+        Stiffness of each joint, gear included: one number for all joints, one each, or by name [N m/rad or N/m].
     damping : float, array_like of shape (n,), or mapping
-        Of the damper beside each spring; 0 where a mapping does not name the joint [N m s/rad or N s/m].
+        Damping parallel to each spring; 0 for joints that a mapping leaves out [N m s/rad or N s/m].
     rotor : float, array_like of shape (n,), or mapping, optional
         Inertias of rotors reflected through their gears; the armature of robot or scene if not given [kg m^2 or kg].
     reads : {"motor", "link", "both"}
-        What positions and velocities control laws are given: those of the motors, reflected through the gears, those of
-        the links, or both in arrays of length 2 n, the links first.
+        Positions and velocities that control laws are given: of the motors, reflected through the gears, of the links,
+        or of both in arrays of length 2 n, the links first.
 
     Notes
     -----
-    Friction and limits of torque are the motors', ranges the links'. Rotors turn about the axes of their joints alone,
-    and their masses belong to the links. The scene checks the numbers. A rigid joint among flexible ones has a
+    Friction and torque limits belong to the motors, ranges to the links. Rotors turn only about the axes of their
+    joints, and their masses belong to the links. The scene checks the numbers. A rigid joint among flexible ones has a
     stiffness far above theirs and critical damping, 2 sqrt(stiffness rotor), which a stiff method integrates.
 
     Examples
@@ -124,7 +124,7 @@ class ElasticDynamics(SceneDynamics):
         self, robot: Robot, q0: ArrayLike, qd0: ArrayLike, parameters: Array | None = None
     ) -> tuple[Array, Array]:
         """Coordinates and velocities of links and motors: as given, or where torsion holds the links at rest."""
-        width, given = f"(..., {robot.n}), or (..., {self.n}) with the motors' behind them", []
+        width, given = f"(..., {robot.n}), or (..., {self.n}) with the motors' after them", []
         for name, value in (("q0", q0), ("qd0", qd0)):
             array = real_numbers(name, value, width)
             given.append(joint_array(name, array, robot.model, self.n if array.shape[-1:] == (self.n,) else None))
@@ -162,7 +162,7 @@ class ElasticDynamics(SceneDynamics):
         return torsion, torsion - held, [*by_springs, *lost]
 
     def _acting(self, model: Model, t: Any, x: Array, u: Array | None) -> tuple[Array, list[Array]]:
-        """Net torques on links and motors, and the rates of the states behind (q, theta, q', theta')."""
+        """Net torques on links and motors, and the rates of the states after (q, theta, q', theta')."""
         net, further = self._driving(t, x, u)
         torsion, links, lost = self._reaction(model, x)
         return np.concatenate([links, net - torsion], axis=-1), [*further, *lost]
@@ -177,7 +177,7 @@ class ElasticDynamics(SceneDynamics):
         return np.concatenate([qd, motor_qd, qdd, motor_qdd, *further], axis=-1), pivots, diagonal
 
     def residual_core(self, model: Model, t: Array, x: Array, a: Array, u: Array | None = None) -> Any:
-        """[M a + C q' + g, B a of the motors] - net torques, rates of the states behind, at accelerations a, traced."""
+        """[M a + C q' + g, B a of the motors] - net torques, rates of further states, at accelerations a, traced."""
         (q, _, qd, _), m = self._parts(x), self.joints
         net, further = self._acting(model, t, x, u)
         links = inverse_dynamics.core(model, q, qd, a[..., :m])

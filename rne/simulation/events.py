@@ -20,7 +20,7 @@ from ..model.model import Model
 NODES = 10  # intervals per step at whose ends events are evaluated
 NEXT = 1e-3  # distance of two more points from the ends of a step, relative to an interval
 HIGHEST = 4  # largest height of a peak over the highest point, relative to the rise to it; a parabola's is 1/4
-CLOSE = 1e-14  # tolerance of an event's time beside rounding [s]
+CLOSE = 1e-14  # tolerance of an event's time in addition to rounding [s]
 EPS = float(np.finfo(np.float64).eps)
 PLACES = np.array([0, NEXT, *range(1, NODES), NODES - NEXT, NODES]) / NODES  # of points in a step, relative
 
@@ -31,7 +31,7 @@ Event = Callable[[Array, Array, Array | None], Array]
 class Crossing(NamedTuple):
     """The first event of some steps: its step, its place in the list of events, its time, and the state there.
 
-    Without an event some value is positive after a sample at the end of the step.
+    `event` is None where a sample at the end of the step makes a value positive.
     """
 
     step: int
@@ -117,9 +117,9 @@ def _first_passage(value: Callable[[float], float], times: Sequence[float], rise
 
 
 class Stop:
-    """One end of a joint's range, for a joint at `multiplier * q[coordinate] + offset`: mimic joints have stops too.
+    """One end of a joint's range, for a joint at `multiplier * q[coordinate] + offset`, or at that of its coupling.
 
-    So have joints that follow by a coupling. As an event it is the distance beyond the stop.
+    So mimic joints and those that follow by couplings have stops too. As an event it is the distance beyond the stop.
     """
 
     def __init__(self, model: Model, i: int, bound: float, sign: float) -> None:
@@ -155,7 +155,7 @@ def stops(model: Model) -> list[Stop]:
 
 
 def check_within_stops(found: Sequence[Stop], x0: Array) -> None:
-    """Refuse an initial state beyond a stop."""
+    """Raise a ValueError for an initial state beyond a stop."""
     for stop in found:
         if stop(np.zeros(()), x0) > 0:
             raise ValueError(

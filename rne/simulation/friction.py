@@ -27,7 +27,7 @@ SIZES = ("viscous", "coulomb", "viscous_back", "coulomb_back", "static", "load",
 SIGNED = ("stribeck_rise", "offset")  # coefficients that may be negative
 OPTIONAL = ("static", "saturation", "stribeck")
 BACK = ("viscous", "coulomb")  # coefficients that may differ between directions
-TOLD = {"rad": 0.01, "m": 0.001}  # smallest creep named in a run's message, by unit
+REPORTED = {"rad": 0.01, "m": 0.001}  # creep above which a run's message reports it, by unit
 
 
 class Following(np.ndarray[Any, Any]):
@@ -61,7 +61,7 @@ class Friction(ReadOnlyArrays):
         Part of the transmitted torque that friction takes, below 1: of a torque L of inverse dynamics, rotors and
         springs included, it is load |L| s, s being the direction of motion, tanh(qd / smoothing).
     offset : ndarray, shape (n,), or a number
-        Constant torque that the drive must supply beside, as of a torque sensor whose zero is wrong. While a joint
+        Constant torque that the drive must supply in addition, such as the zero error of a torque sensor. While a joint
         moves, Coulomb friction that differs by direction is the same as the mean of both and an offset [N m or N].
 
     Raises
@@ -74,10 +74,10 @@ class Friction(ReadOnlyArrays):
     -----
     Smoothed friction does not hold a joint. Under a torque below `coulomb` it creeps, without viscous friction at the
     rate smoothing artanh(torque / coulomb): 2 mrad/s under a fifth of it. Dry friction, `smoothing=0`, holds, and often
-    takes a fraction of the evaluations, as smoothed friction is stiff. The message of a run states by how much joints
-    crept in all, from 0.01 rad or 0.001 m on: how far they moved from where their speed was within `smoothing` until
-    the load on them exceeded `coulomb`, the load being the friction that would keep the joint from accelerating; of a
-    robot without drives that starts at rest and would stay there, how far they moved at all.
+    takes a fraction of the evaluations, as smoothed friction is stiff. The message of a run reports a joint's creep
+    above 0.01 rad or 0.001 m: how far it moved while its speed had fallen below `smoothing` and the load on it had not
+    exceeded `coulomb` since. The load is the friction that would keep the joint from accelerating. For a robot without
+    drives that starts at rest and would stay there, all its motion is creep.
 
     Examples
     --------
@@ -141,7 +141,7 @@ class Friction(ReadOnlyArrays):
         Returns
         -------
         Friction
-            What follows a size of the positive direction follows the new one.
+            Coefficients of the negative direction that were not given equal the new ones of the positive direction.
         """
         found = {name: np.array(number) for name, number in numbers.items()}
         for name in BACK:
@@ -201,7 +201,7 @@ class Friction(ReadOnlyArrays):
         return tuple(name for name, of in sizes.items() if any(is_present(getattr(self, size)) for size in of))
 
     def check(self, model: Model) -> None:
-        """Refuse arrays that do not have one entry per joint.
+        """Raise an error for arrays that do not have one entry per joint.
 
         Parameters
         ----------
@@ -239,7 +239,7 @@ class Friction(ReadOnlyArrays):
     def coulomb_torque(self, qd: Array) -> Array:
         """Coulomb friction at joint velocities with its Stribeck effect, smoothed around zero.
 
-        Dry friction is as when slipping, and zero at rest.
+        Dry friction has its value while slipping, and is zero at rest.
 
         Parameters
         ----------
@@ -288,7 +288,7 @@ class Friction(ReadOnlyArrays):
         Returns
         -------
         ndarray, shape (..., n)
-            Torque that the drives must supply, that of friction with the sign of the velocity [N m or N].
+            Torque that the drives must supply; friction has the sign of the velocity [N m or N].
 
         Raises
         ------
@@ -314,7 +314,7 @@ class Friction(ReadOnlyArrays):
 
 
 def viscous_slope(friction: Friction, qd: Array) -> Array:
-    """Derivative of viscous friction by the velocity, by direction, shape (..., n)."""
+    """Derivative of viscous friction with respect to the velocity, shape (..., n)."""
     forward, back = np.asarray(friction.viscous), np.asarray(friction.viscous_back)
     size: Array = 0 * qd + (forward if friction._same_back("viscous") else where(less(qd, 0), back, forward))
     return size if friction.saturation is None else size * saturating_slope(qd, friction.saturation)
@@ -333,10 +333,10 @@ def one_per_joint(friction: Friction, n: int, named: Collection[str]) -> Frictio
 def creep(
     friction: Friction, robot: Robot, motion: Sequence[Array], rest: Array | None, springs: Any, rotor: Any
 ) -> str:
-    """Creep of joints along samples (T, n) that dry friction would have held; empty where it is small.
+    """Text on the creep of joints that dry friction would have held, over samples (T, n); empty where it is small.
 
-    A robot without drives that starts at rest does so in the positions `rest`; otherwise these are None. `motion` is
-    (q, qd, qdd), behind elastic joints of the motors, with their `rotor`.
+    `rest` has the initial positions of a robot without drives that starts at rest, and is None for others. `motion` is
+    (q, qd, qdd), with elastic joints of the motors, with their `rotor`.
     """
     q, qd, _ = motion
     forward, back = np.asarray(friction.coulomb, dtype=float), np.asarray(friction.coulomb_back, dtype=float)
@@ -373,8 +373,8 @@ def creep(
     if weight is not None and (np.abs(weight) < np.where(weight > 0, back, forward)).all():
         moved = np.abs(q - rest).max(axis=0)
     units = ["rad" if robot.model.is_revolute[k] else "m" for k in robot.model.independent_joints]
-    told = np.array([TOLD[unit] for unit in units])
-    names = [f"{short(robot.joint_names[k])} by {moved[k]:.2g} {units[k]}" for k in np.flatnonzero(moved > told)]
+    reported = np.array([REPORTED[unit] for unit in units])
+    names = [f"{short(robot.joint_names[k])} by {moved[k]:.2g} {units[k]}" for k in np.flatnonzero(moved > reported)]
     return f"crept where dry friction (smoothing=0) would hold: {listed(names)}" if names else ""
 
 

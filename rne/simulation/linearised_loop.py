@@ -19,12 +19,12 @@ from .scene_dynamics import SceneDynamics
 
 AT_REST = 1e-6  # negligible accelerations at the target, relative to those by the torques alone
 NEAR, LATER = 1e-2, 1e-3  # distances from the target and time [s] for tests of a law's memory
-CALLS = 64  # calls that fill a memory, such as that of a delay
+CALLS = 64  # calls after which the memory of a law, such as a delay, is filled
 BESIDE, JUMP = 1e-6, 1e-3  # distance from the target; relative change of derivatives that is a kink
 
 
 class WithRates:
-    """A discrete law with rates of its states, by which Euler's rule over its sample time gives the same next ones."""
+    """Discrete law that returns rates of its states, from which Euler's rule over a sample gives its next states."""
 
     def __init__(self, law: Any, period: float) -> None:
         self.law, self.period, self.states = law, period, int(law.states)
@@ -85,9 +85,9 @@ def _torques(law: Any, t: float, q: Array, qd: Array) -> Array:
 
 
 def without_memory(law: Any, q: Array, period: float) -> Any:
-    """Law without memory: unchanged, or with a warning one with its torques in steady motion.
+    """Law itself if it has no memory; otherwise, with a warning, a law with its torques in steady motion.
 
-    They are what it returns after samples at constant velocity that lead to the state. A ValueError if it has noise.
+    These are what it returns after samples at constant velocity that lead to the state. A ValueError if it has noise.
     """
 
     def settled(t: float, q: Array, qd: Array, *z: Array) -> Any:
@@ -96,7 +96,7 @@ def without_memory(law: Any, q: Array, period: float) -> Any:
 
     found, own = list[Array](), own_copy(law)
     for near in (NEAR, -NEAR):
-        with suppress(Exception):  # of a law that knows the target or a span of time alone, such as its reference's
+        with suppress(Exception):  # of a law that is defined only at the target or over the time of its reference
             _torques(own, 0.0, q, 0 * q)  # where a law with memory begins anew
             for k in range(1, CALLS):
                 _torques(own, k * period, q + near, near + 0 * q)
@@ -141,7 +141,7 @@ def refuse_jump(law: Any, q: Array) -> None:
 
 
 def _beside(step: float, states: int) -> Array:
-    """States moved by a step in each of some directions, of another length."""
+    """Displacement of states by a step, times another factor in each entry."""
     return step * np.linspace(1.0, 2.0, states)
 
 
@@ -154,16 +154,16 @@ def _read(closed: Array, moving: int) -> Array:
 
 
 def _at_rest(dynamics: SceneDynamics, robot: Robot, q: Array) -> Array:
-    """State at rest with the links in q, and zero behind the coordinates."""
+    """State at rest with the links in q; zero after the coordinates."""
     x = np.zeros(dynamics.size)
     x[: dynamics.n], _ = dynamics.start(robot, q, 0 * q)
     return x
 
 
 def _slopes(scene: Any, q: Array, beside: float = 0.0) -> tuple[Array, Array]:
-    """Derivatives of the state's rates without energies and impulses, at rest in q, and its rates.
+    """Derivatives of the state's rates without energies and impulses, and its rates, at rest in q.
 
-    Or `beside` that state, in each of its entries by another distance.
+    With `beside`, at a state displaced by about this much in each entry.
     """
     dynamics, robot = scene.dynamics, scene.resolved.robot
     plant, moving = Plant(dynamics, robot, scene.controller if dynamics.law is None else None), 2 * dynamics.n

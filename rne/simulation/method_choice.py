@@ -18,7 +18,7 @@ from .plant import Plant
 from .zero_order_hold import ZeroOrderHold
 
 # Fastest decay times remaining duration above which an explicit method is held to tiny steps by stability alone:
-# DOP853 reaches about 6 time constants a step, so this is some 200 steps that accuracy does not ask for.
+# DOP853 reaches about 6 time constants a step, so this is about 200 steps that accuracy does not need.
 STIFF = 1000.0
 STIFF_STICKING = 1e5  # the same with sticking joints and compiled steps, which are 100 times as fast as LSODA's
 # The same for the time between two samples: Tsit5 reaches 3.5 time constants a step, and an implicit method that begins
@@ -26,15 +26,15 @@ STIFF_STICKING = 1e5  # the same with sticking joints and compiled steps, which 
 STIFF_SAMPLE = 30.0
 STIFF_MACHINE_CODE = 150.0  # the same with a law sampled in machine code: Rodas5P is not
 HELD_BACK = 1.5  # time constants of the fastest mode per step above which stability, not accuracy, limits steps
-REACHED = {"DOP853": 4.0, "Tsit5": 2.5}  # least time constants per step limited by stability
-# Times as much time per work, which makes a change from Rodas5P worth trying. Without the way back, 100 s of free
-# motion after a brake that fades within 0.3 s take three to five times as long; without undoing changes, some twice.
+REACHED = {"DOP853": 4.0, "Tsit5": 2.5}  # smallest number of time constants per step where stability limits it
+# Factor of time per work above which a change from Rodas5P is tried. Without changes back, 100 s of free motion after a
+# brake that fades within 0.3 s take three to five times as long; without undoing changes, some runs twice as long.
 WORTH = 2.0
 CHECKED = 100  # steps between two checks, and after a change of the method
 IN_MACHINE_CODE, UNDAMPED = 2, 10  # factors of CHECKED: for compiled loops, whose steps are cheap; for free motion
 SLOPES = 3  # time of an operation of the Jacobian relative to one of the right-hand side: registers do not hold it
 PATIENCE = 4  # factor of CHECKED after a change that did not pay
-SLOW = 2000  # number of checks in the whole run at a pace that is suspicious
+SLOW = 2000  # number of checks that the whole run would need at a pace that is suspicious
 TRIED = 1000  # steps after which a run that would take MOST_STEPS is given up
 EXAMINED = 10  # number of last steps examined for a jump of the torques nearby
 REACH = 4  # range of the search for a jump [lengths of steps]
@@ -45,9 +45,9 @@ SAME_SPAN = 1e-4
 
 
 class MethodMonitor:
-    """Monitor of a run: decides, every 100 steps or more, on a change of method, and refuses chattering laws.
+    """Monitor of a run: decides, every 100 steps or more, on a change of method; raises errors for chattering laws.
 
-    It is made with the method to begin with; its `method` is the one to go on with, another one if it `may_change`.
+    It is made with the first method; its `method` is the one to continue with, another one if it `may_change`.
     """
 
     def __init__(
@@ -163,7 +163,7 @@ class MethodMonitor:
             )
 
     def check_chatter(self) -> None:
-        """Refuse torques that jump close to most of the last states: the motion is held at the jump."""
+        """Raise an error if torques jump close to most of the last states: the motion is held at the jump."""
         self._check_repeats(*self.recent[-1])
         chosen = list(self.recent)[-EXAMINED - 1 :]
         found = [self._jump(t, x, end - t) for (t, x), (end, _) in itertools.pairwise(chosen)]
@@ -178,7 +178,7 @@ class MethodMonitor:
         )
 
     def _check_repeats(self, t: float, x: Array) -> None:
-        """Refuse a law that does not repeat its torques: an integrator cannot follow noise."""
+        """Raise an error if a law does not repeat its torques: an integrator cannot follow noise."""
         if self.plant.law is None:
             return
         first, again = (np.asarray(self.plant.torque(t, x)) for _ in range(2))

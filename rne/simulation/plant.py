@@ -37,8 +37,8 @@ class Plant:
     "called", has the name of the argument that the user gave it as, "controller" or "torque".
     """
 
-    events: Sequence[Event] = ()  # what ends a segment, beside samples, breaks and stops
-    modes: Array | None = None  # of friction that sticks, (2 n,): inputs of the equations behind the torques
+    events: Sequence[Event] = ()  # what ends a segment in addition to samples, breaks and stops
+    modes: Array | None = None  # of friction that sticks, (2 n,): inputs of the equations after the torques
     has_changed = False  # at the beginning of the segment, so that the solver starts anew
     note = ""  # for the message of a run
 
@@ -53,7 +53,7 @@ class Plant:
         self.dynamics, self.robot, self.law, self.law_name = dynamics, robot, law, law_name
         self.numbers = dynamics.vector  # of the scene, the last argument of its kernels
         self.table = dynamics.table  # of the motion that a traced law holds
-        self.kernels = kernels or robot.kernels  # of another robot, where bodies are numbers of the scene
+        self.kernels = kernels or robot.kernels  # of another robot if bodies are numbers of the scene
         self.counted = dynamics.counted  # entries of the state that are held to the tolerances
         self.width = dynamics.size  # of what the kernel gives
         self.kernel = kernel = self.kernels.scene_kernel(self._function)

@@ -29,7 +29,7 @@ from .plant import Plant, with_modes
 from .trajectory import Trajectory, between
 from .zero_order_hold import MAX_EVALUATIONS, ControlSamples, ZeroOrderHold
 
-# Steps per call of the solver: at first, where an event may throw them away or progress is reported, and at most
+# Steps per call of the solver: first ones, where an event may discard them or progress is reported; most
 FIRST_STEPS, MAX_STEPS = 8, 1000
 MIN_TOLERANCES = 2.3e-14, 1e-20  # smallest tolerances: 100 roundings of float64 as in SciPy; far below any state
 # Reference run for the error estimate: tolerance divisor, safety factor for its own error, comparison points per step
@@ -79,9 +79,9 @@ class Instants(NamedTuple):
 class RunResult:
     """Record of a run, which the loop extends and the Trajectory reads.
 
-    Laws of its arrays, and of what `derived` computes of them:
+    Laws of its arrays, and of what `derived` computes from them:
 
-    1. Times ascend, and none stands twice: 0 and the ends of the solver's steps, samples, breaks and events among
+    1. Times ascend, and none occurs twice: 0 and the ends of the solver's steps, samples, breaks and events among
        them; or, with `t_eval`, its times as far as the run came, and the time of a stop.
     2. Values at a time are those from it on: after a sample, a break or an event at this time. Where `tau` or `qdd`
        jump there, by more than 1e-9 of a joint's largest value, the time is one of `jumps`, and `tau_before` and
@@ -93,7 +93,7 @@ class RunResult:
     5. `work` and each of `dissipated` count from t = 0, whatever `t_eval` leaves out; `energy_drift` is the largest
        magnitude of energy - energy_start - work + dissipated at these times.
     6. Of a run that fails all arrays end before the first time at which a torque or an acceleration is not finite;
-       where energies alone overflow, which ends a run too, these are NaN.
+       where only energies overflow, which also ends a run, these are NaN.
     """
 
     plant: Plant
@@ -192,8 +192,8 @@ class RunResult:
     def position_errors(self) -> tuple[Array, Array]:
         """Largest position difference from a finer run, with its times, eight per step of the solver.
 
-        The other run starts one rounding beside, so that what rounding grows to is seen. Where the tolerances are at
-        rounding already, they are coarser, and the difference is an upper bound.
+        The other run starts from a state changed by one rounding, so that the growth of rounding is seen. Where the
+        tolerances are already at rounding, its tolerances are larger, and the difference is an upper bound.
         """
         assert self.repeat is not None
         self.plant.keep_kernels()
@@ -427,7 +427,7 @@ class Run:
 
     @property
     def _passes_breaks(self) -> bool:
-        """True if the solver's steps continue behind a break; where joints stick, they may slip from there on."""
+        """True if the solver's steps continue after a break; where joints stick, they may slip from there on."""
         return self.solver.takes_breaks and len(self.breaks) > 0 and not self.plant.sticks
 
     def _begin_segment(self) -> tuple[float, bool]:

@@ -50,8 +50,8 @@ class Payload(NamedTuple):
     inertia : array_like, shape (3, 3), or None
         About its centre of mass, in the link's axes; None for a point mass [kg m^2].
     link : str, optional
-        One of the robot's links. If not given, the last link of the chain, a fixed frame such as a flange behind the
-        last joint included.
+        One of the robot's links. If not given, the last link of the chain, a fixed frame such as a flange distal to
+        the last joint included.
 
     Examples
     --------
@@ -117,7 +117,7 @@ class Scene:
     mounting : array_like, shape (3,), optional
         Roll, pitch and yaw of the root link in the world; see `rne.model.mounted` [rad].
     gravity : array_like, shape (3,), optional
-        Another gravity than the robot's, in the axes of the root link before it is turned [m/s^2].
+        Gravity instead of the robot's, in the axes of the root link before it is turned [m/s^2].
     payload : Payload, PayloadEstimate or float, optional
         A body on a link, given or found by `rne.identify_payload`, or the mass of a point mass at the origin of the
         last link [kg].
@@ -127,7 +127,7 @@ class Scene:
         "urdf" takes the damping and friction of the file's `<dynamics>`. Under Coulomb friction that is smoothed, as
         by default, joints at rest creep: `Friction(..., smoothing=0)` holds them.
     armature : float, array_like of shape (nb,), or mapping, optional
-        Inertias of rotors at the joints that move, in place of the robot's: see `Robot.with_armature` [kg m^2 or kg].
+        Inertias of rotors at the joints that move, instead of the robot's: see `Robot.with_armature` [kg m^2 or kg].
     effort_limit : float or array_like, shape (n,), or "urdf", optional
         Largest torque of each drive; "urdf" takes the file's `effort`, as far as it limits any [N m or N].
     torque_rate : float or array_like, shape (n,), optional
@@ -137,16 +137,16 @@ class Scene:
         True to end a run, with status 1, when a joint reaches a limit of its range.
     controller : callable, optional
         A control law: f(t, q, qd) -> torques, or, with an attribute `states`, f(t, q, qd, z) -> (torques, dz/dt), or,
-        with ``discrete = True`` besides, -> (torques, z at the next sample), which needs a `sample_time`. Marked by
-        `rne.traceable` it becomes part of the kernel if it can, otherwise it is called.
+        if it also has ``discrete = True``, -> (torques, z at the next sample), which needs a `sample_time`. Marked by
+        `rne.traceable` it becomes part of the kernel if possible, otherwise it is called.
     sample_time : float, optional
         The controller is evaluated every `sample_time`, and its torque is held in between; its states follow Euler's
         rule, z + `sample_time` dz/dt, or are those that a discrete law returns [s].
     elastic : ElasticJoints, optional
         Flexible transmissions between motors and links.
     springs : sequence of Spring, optional
-        Springs between links or at joints. Their energy counts as potential energy; those at or between what locked
-        joints hold do nothing.
+        Springs between links or at joints. Their energy counts as potential energy. Springs at locked joints, or
+        between links that these hold together, do nothing.
     delay : float, optional
         A sampled controller's torque acts this long after its sample, until the next one's does; none acts before the
         first has arrived [s].
@@ -156,7 +156,7 @@ class Scene:
     ValueError
         If a part has the wrong shape, is negative or not finite, or needs another part that is not there.
     TypeError
-        If a part is of another type, or the controller takes other arguments.
+        If a part has the wrong type, or the controller takes other arguments.
 
     Examples
     --------
@@ -468,7 +468,7 @@ class Scene:
         name : str
             Name of the function.
         symbolic : {"SX", "MX"}
-            Scalar operations, or calls of a function of such.
+            Scalar operations, or calls of a function made of scalar operations.
         steps : int, optional
             Runge-Kutta steps of order 4 from t to t + h, for a function in discrete time. They diverge, which a solver
             may not notice, where something decays faster than 2.7 steps / h: friction at a joint of inertia m decays at
@@ -483,7 +483,7 @@ class Scene:
             Of t and x = (q, qd, the law's states), with elastic joints (q, motor_q, qd, motor_qd, ...), of torques u
             where there is no controller, of `parameters`, and of the `piece` of samples that the controller follows,
             `scene.kernel.piece([t])`, the same for all `steps`. It gives dx, the rate of x, and tau, the drives'
-            torques within their limits. With `steps` it has h as last argument and gives x_next in place of dx, u being
+            torques within their limits. With `steps` it has h as last argument and gives x_next instead of dx, with u
             held. It checks nothing.
 
         Raises
@@ -527,18 +527,18 @@ class Scene:
         fmi : {"2.0", "3.0"}
             The standard; each has model exchange and co-simulation.
         q0, qd0 : array_like, shape (n,), optional
-            Positions and velocities that the parameters `q0[1]`, ... start at, 0 if not given; behind elastic joints
-            motors follow, or are given with them, (2 n,) [rad or m; rad/s or m/s].
+            Initial values of the parameters `q0[1]`, ..., 0 if not given; motors of elastic joints follow from them, or
+            are given after the links, (2 n,) [rad or m; rad/s or m/s].
         payload : str, optional
             A link that carries a body whose mass, centre of mass and inertia are parameters, `payload.mass`, ...; they
             start at those of the scene's payload, or at 0.
         numbers : sequence of str
-            Names of `numbers` that are parameters, and "payload.mass", that of the scene's payload alone.
+            Names of `numbers` that are parameters, and "payload.mass", only the mass of the scene's payload.
         derivatives : bool
             False without directional derivatives: a smaller file.
         platforms : sequence of str, optional
-            Those of the binaries, such as "x86_64-linux". By default all, by the extra `fmu`, or this machine's, by its
-            compiler; without either the unit has sources alone, which a line on the logger says.
+            Platforms of the binaries, such as "x86_64-linux". By default all, with the extra `fmu`, or this machine's,
+            with its compiler; without either the unit has only sources, and the logger says so.
 
         Returns
         -------
@@ -564,7 +564,7 @@ class Scene:
         return SceneUnit(self, q0, qd0, payload, tuple(numbers), derivatives).write(path, fmi, platforms)
 
     def exported(self) -> SceneDynamics:
-        """Equations as a function of time, state and perhaps torques; a ValueError names what has no such form."""
+        """Equations as a function of time, state and perhaps torques; a ValueError for parts without such a form."""
         friction, controller, refused = self.resolved.friction, self.controller, ""
         if self.stops:
             refused = "`stops` end a run: set `stops` to False, and bound the positions"
@@ -659,13 +659,13 @@ class Scene:
         Raises
         ------
         ValueError
-            If there is no controller, or one with noise or whose torques jump at the target, friction sticks, or `q`
-            has the wrong shape or is not finite.
+            If there is no controller, or one that has noise or torques that jump at the target; if friction sticks, or
+            `q` has the wrong shape or is not finite.
 
         Notes
         -----
-        The scene's delay, springs and elastic joints belong to the loop; the motors are where they hold the links at
-        rest. A warning names a controller with memory that is not in its `states`.
+        The loop includes the scene's delay, springs and elastic joints; the motors are where they hold the links at
+        rest. A controller with memory that is not in its `states` gives a warning.
 
         Examples
         --------
@@ -737,7 +737,7 @@ def resolved_friction(friction: Friction | str | None, robot: Robot) -> Friction
 
 
 def resolved_limits(name: str, limit: ArrayLike | str | None, robot: Robot) -> Array | None:
-    """Largest absolute values, one per joint, from the file if it says so; None without any limit."""
+    """Largest absolute values, one per joint, those of the robot's file for "urdf"; None without any limit."""
     if limit is None:
         return None
     if isinstance(limit, str | bool) and name == "effort_limit":

@@ -61,8 +61,8 @@ class MotorSide(NamedTuple):
 class UserFunction:
     """User's function of one state, such as a running cost, that returns a number; equal if the operations are.
 
-    So a kernel of it is found again, and not when something changed that the function reads. `widths` are the lengths
-    of its arguments, 0 for a number.
+    So its kernel is found again unless something has changed that the function reads. `widths` are the lengths of its
+    arguments, 0 for a number.
     """
 
     def __init__(self, name: str, function: Callable[..., Any], widths: tuple[int, ...]) -> None:
@@ -102,9 +102,9 @@ class UserFunction:
 
 
 class Bodies(NamedTuple):
-    """Bodies, rotors and gravity as numbers of a scene: regrouped moments, as of `moments_as_vector`, and `varying`.
+    """Bodies, rotors and gravity as numbers of a scene: regrouped moments, in the order of `moments_as_vector`.
 
-    `varying` says which of the moments are inputs of kernels.
+    `varying` is the mask of the moments that are inputs of kernels.
     """
 
     moments: Any
@@ -154,9 +154,9 @@ class SceneDynamics(WithNumbers):
     states: int = 0  # of the controller; if it is called, their rates follow the torques in u
     inertia: tuple[float, ...] | None = None  # constant, makes rates of impulses, if the state has some [kg m^2 or kg]
     has_energies: bool = True  # False without the energies as states
-    motor_side: MotorSide | None = None  # what is behind elastic joints
+    motor_side: MotorSide | None = None  # of elastic joints
     springs: Springs | None = None
-    bodies: Bodies | None = None  # where these are numbers of the scene, in place of the model's
+    bodies: Bodies | None = None  # if they are numbers of the scene, instead of the model's
     cost: UserFunction | None = None  # integrated along with the motion, the last state
     damped_over: float = 0.0  # step over which viscous friction is implicit, as further inertia of the joints [s]
     named: frozenset[str] = field(default=frozenset(), compare=False)  # numbers that are inputs even where they are 0
@@ -324,7 +324,7 @@ class SceneDynamics(WithNumbers):
         return getattr(dynamics, name)(model if self.bodies is None else self.bodies.in_model(model), **given)
 
     def drives(self, t: Any, x: Array, u: Array | None) -> tuple[Array | None, list[Array]]:
-        """Torques of the drives within their limits, and the rates of the states behind (q, qd), without energies."""
+        """Torques of the drives within their limits, and the rates of the states after (q, qd), without energies."""
         n, rates = self.joints, None
         if self.law is not None:
             u, rates = self.law(t, x)
@@ -357,7 +357,7 @@ class SceneDynamics(WithNumbers):
         return [(torque * qd).sum(-1, keepdims=True) for torque in given.values()]
 
     def _acting(self, model: Model, t: Any, x: Array, u: Array | None) -> tuple[Array, list[Array]]:
-        """Net torques, and the rates of the states behind (q, qd)."""
+        """Net torques, and the rates of the states after (q, qd)."""
         net, further = self._driving(t, x, u)
         if self.springs is None:
             return net, further
@@ -436,7 +436,7 @@ class SceneDynamics(WithNumbers):
         return self._acting(model, t, x, u)[0]
 
     def residual_core(self, model: Model, t: Array, x: Array, a: Array, u: Array | None = None) -> Any:
-        """[M a + C qd + g - net torques, rates of the states behind (q, qd)] at accelerations a, traced."""
+        """[M a + C qd + g - net torques, rates of the states after (q, qd)] at accelerations a, traced."""
         net, further = self._acting(model, t, x, u)
         needed = inverse_dynamics.core(model, x[..., : self.n], x[..., self.n : 2 * self.n], a)
         return np.concatenate([needed - net, *further], axis=-1)

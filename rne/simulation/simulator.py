@@ -53,24 +53,24 @@ def simulate(
     Parameters
     ----------
     scene_or_robot : Scene or Robot
-        What moves.
+        What to simulate.
     q0, qd0 : array_like, shape (n,)
-        Initial joint positions and velocities [rad or m; rad/s or m/s]. Behind elastic joints motors start with the
-        links' velocities, where torsion holds the links at rest; or as given behind the links', shape (2 n,).
+        Initial joint positions and velocities [rad or m; rad/s or m/s]. Motors of elastic joints start with the links'
+        velocities, where torsion holds the links at rest, or as given after the links, shape (2 n,).
     duration : float
         Time to simulate [s].
     torque : array_like, shape (n,), or callable f(t, q, qd) -> (n,), optional
         Drive torques, for a robot or a scene without a controller; zero if not given [N m or N].
     numbers : mapping of str to array_like, optional
-        Numbers of the scene in place of its own, as `Scene.with_numbers` takes them: gains, friction, limits, bodies.
+        Numbers of the scene instead of its own, as `Scene.with_numbers` takes them: gains, friction, limits, bodies.
     method : str
-        "auto", one of SciPy's (RK45, RK23, DOP853, Radau, BDF, LSODA), "Tsit5", which errs less than RK45 for as many
-        evaluations, or "Rodas5P" for stiff motions in machine code (engine "numba", a law that is traced or sampled).
+        "auto", one of SciPy's (RK45, RK23, DOP853, Radau, BDF, LSODA), "Tsit5", more accurate than RK45 for the same
+        number of evaluations, or "Rodas5P" for stiff motions in machine code (engine "numba", a law that is traced or
+        sampled).
         "auto" begins with an implicit method, Rodas5P or else LSODA, if the fastest decay of the loop, linearised at
         the start, times the duration exceeds 1000 (a stiff loop; 100 000 where joints stick in machine code), and with
-        DOP853 otherwise; with a sampled controller the sample time counts, up to 30, or 150 where a traced law is
-        sampled in machine code, and Tsit5 replaces DOP853. For this a called law is evaluated some times before the
-        run.
+        DOP853 otherwise. With a sampled controller the sample time counts, up to 30, or 150 where a traced law is
+        sampled in machine code, and Tsit5 replaces DOP853. A called law is evaluated a few times for this.
     rtol, atol : float
         Relative and absolute tolerance of the state, per step, for SciPy's methods; at least 2.3e-14 and 1e-20.
     t_eval : array_like, shape (T,), optional
@@ -79,7 +79,7 @@ def simulate(
         Instants at which the torques jump, which the solver steps onto exactly; the `breaks` attribute of the
         controller or its reference adds to them [s].
     progress : callable, optional
-        A function progress(t, duration), called after steps, a thousand at most, with the time that they reached [s].
+        A function progress(t, duration), called after every thousand steps or fewer, with the time reached [s].
 
     Returns
     -------
@@ -95,17 +95,17 @@ def simulate(
     SimulationError
         If a state or torque is not finite, M becomes singular, the solver fails, a law chatters or raises an
         ArithmeticError, or a sampled loop diverges before the end; has the time and the trajectory so far, and the
-        error of a law as its cause. Other errors of your own functions leave as they are.
+        error of a law as its cause. Other errors of your own functions are not changed.
     SimulationInterrupted
-        On Ctrl-C, a KeyboardInterrupt that has them too.
+        On Ctrl-C, a KeyboardInterrupt with the time and the trajectory so far.
 
     Notes
     -----
     A Robot is simulated without friction, stops or limits: those are parts of a Scene. The work of the drives and the
     losses by friction are states of the motion, whose errors hardly hold back a step. Runs of "auto" that begin with
-    DOP853 or Tsit5 go on with LSODA from where stability, not accuracy, limits the steps; in machine code they go on
-    with Rodas5P, back where that ends, and with the method before where that covered more time per operation. The
-    message says so.
+    DOP853 or Tsit5 continue with LSODA where stability, not accuracy, limits the steps. In machine code they continue
+    with Rodas5P, and return where stiffness ends or the earlier method covered more time per operation. The message
+    lists the changes.
 
     Examples
     --------
@@ -162,7 +162,7 @@ def _run(scene: Scene, dynamics: SceneDynamics, law_name: str, task: Task) -> Ru
 
 
 def tolerances(rtol: float, atol: float) -> tuple[float, float]:
-    """Both tolerances; a ValueError for one below rounding, with which steps would shrink without end."""
+    """Both tolerances; a ValueError for one below rounding, for which steps would shrink without end."""
     checked = positive_number("rtol", rtol), positive_number("atol", atol)
     for name, value, least in zip(("rtol", "atol"), checked, MIN_TOLERANCES, strict=True):
         if value < least:
@@ -171,7 +171,7 @@ def tolerances(rtol: float, atol: float) -> tuple[float, float]:
 
 
 def scene_argument(scene_or_robot: Scene | Robot, name: str = "scene_or_robot") -> Scene:
-    """Scene given, or the scene of a robot alone."""
+    """Scene given, or a scene of only a robot."""
     if not isinstance(scene_or_robot, Scene | Robot):
         raise TypeError(f"`{name}` must be an rne.Scene or rne.Robot, got {type(scene_or_robot).__name__}")
     return Scene(scene_or_robot) if isinstance(scene_or_robot, Robot) else scene_or_robot

@@ -57,7 +57,7 @@ class Spring:
         If a number is not finite, stiffness, length or damping is negative, no stiffness, force or damping is given, or
         a point has another shape.
     TypeError
-        If a link is not named by a text.
+        If the name of a link is not a str.
 
     Examples
     --------
@@ -351,16 +351,15 @@ class Springs:
         return found
 
     def check_ends(self, model: Model, q: Array) -> None:
-        """Raise an error that names a spring whose end points coincide: its tension has no direction there."""
+        """Raise an error for a spring whose end points coincide: its tension has no direction there."""
         for spring in self.each:
             if not isinstance(spring, Spring) or not spring.has_length:
                 continue
             meet = ~spring._offset(model, q)[0].any(-1)
             if meet.any():
-                text = f"the ends of the {spring} meet, where its tension has no direction: only one without length, "
-                raise NotFiniteError(
-                    f"{text}force and damping may pass there", state=tuple(np.argwhere(meet)[0].tolist())
-                )
+                text = f"the ends of the {spring} coincide, where its tension has no direction: only those of a spring "
+                text += "without length, force and damping may"
+                raise NotFiniteError(text, state=tuple(np.argwhere(meet)[0].tolist()))
 
 
 def _check(spring: Any, texts: Sequence[str], signed: str, *not_negative: str) -> None:
@@ -379,7 +378,7 @@ def by_coordinates(model: Model, q: Array, rows: Array) -> Array:
 
 
 def resolved_springs(springs: Any, robot: Robot, scene: Robot) -> Springs | None:
-    """Springs for a robot, checked, without those that do not act as joints are locked."""
+    """Springs for a robot, checked, without those that do not act because joints are locked."""
     if not isinstance(springs, Sequence) or isinstance(springs, str):
         raise TypeError(f"`springs` must be a sequence of rne.Spring, got {type(springs).__name__}")
     for k, spring in enumerate(springs):

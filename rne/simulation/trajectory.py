@@ -29,7 +29,7 @@ MOST_LOADS = 20_000  # most samples at which a recursion is evaluated
 class Derived:
     """Field of a motion that its run computes on access, unless it is given.
 
-    `empty` makes the value of a motion without a run that does not give it; without this it must be given.
+    `empty` makes the default for a motion without a run; without `empty` such a motion must be given the field.
     """
 
     def __init__(self, empty: Callable[[], Any] | None = None) -> None:
@@ -112,15 +112,15 @@ class Trajectory(InNotebooks):
     qdd_before, tau_before : ndarray, shape (K, n)
         Accelerations and torques just before each of these times [rad/s^2 or m/s^2; N m or N].
     motor_q, motor_qd : ndarray, shape (T, n)
-        Positions and velocities of the motors behind elastic joints, reflected through the gears; of shape (0, 0) where
-        joints do not yield, so that the motors move with them [rad or m; rad/s or m/s].
+        Positions and velocities of the motors of elastic joints, reflected through the gears; of shape (0, 0) for rigid
+        joints, whose motors move with them [rad or m; rad/s or m/s].
     scene : str
         What was simulated, in words.
     at_steps : bool
-        True if the samples are the solver's steps, or a controller's. Between times that `t_eval` asked for the motion
-        is known only as far as their distance allows.
+        True if the samples are the solver's steps or a controller's samples. Between times of `t_eval` the motion is
+        interpolated, the less accurately the farther they are apart.
     run : object or None
-        The run that the other attributes are computed of when one of them is first asked for.
+        The run from which the other attributes are computed on first access.
     error_estimate : callable or None
         Times and the estimated error of the positions until then, both of shape (K,); see `trusted_horizon`.
 
@@ -210,8 +210,8 @@ class Trajectory(InNotebooks):
         Notes
         -----
         In each step the polynomial of fifth degree through the positions, velocities and accelerations of both samples.
-        Between the solver's own steps its error is some times the tolerance; between distant times of `t_eval` it may
-        be any.
+        Between the solver's own steps its error is a few times the tolerance; between distant times of `t_eval` it is
+        not bounded.
         """
         q, qd, qdd = self._at(t, "q", "qd", "qdd")
         return q, qd, qdd
@@ -284,9 +284,9 @@ class Trajectory(InNotebooks):
     def trusted_horizon(self, accuracy: float = 1e-3) -> float:
         """Time up to which the solver's tolerances keep every joint within `accuracy` [s].
 
-        The run is repeated with a hundredth of the tolerances, from a state that is one rounding beside. Chaos,
-        unstable equilibria and instants of switching make errors grow; beyond this time the trajectory is
-        no longer that of the given initial state.
+        The run is repeated with a hundredth of the tolerances, from a state changed by one rounding. Chaos, unstable
+        equilibria and instants of switching make errors grow; after this time the trajectory is no longer that of the
+        given initial state.
 
         Parameters
         ----------
@@ -296,7 +296,7 @@ class Trajectory(InNotebooks):
         Returns
         -------
         float
-            An estimate, accurate to some percent where errors grow; the end of the motion if the error stays below.
+            An estimate, accurate to a few percent where errors grow; the end of the motion if the error stays smaller.
 
         Raises
         ------
@@ -388,7 +388,7 @@ class Trajectory(InNotebooks):
         Returns
         -------
         Trajectory
-            It has forgotten its scene's controller, so that `trusted_horizon` is not to be had.
+            Without its scene's controller, which `trusted_horizon` needs.
 
         Raises
         ------
@@ -467,7 +467,7 @@ def _horizon(bound: float, t: Array, error: Array) -> float:
 def samples_of(motion: Trajectory, times: Array) -> tuple[Array, ...]:
     """t, q, qd, qdd and tau of a motion for reports: samples, values before jumps and those at further times.
 
-    The time of a jump stands twice, first with the values before it. Between times of `t_eval` nothing is known and
+    The time of a jump occurs twice, first with the values before it. Between times of `t_eval` nothing is known and
     nothing added. Accelerations are monotone between the solver's steps as torques are: the second derivative of an
     interpolant shows the solver's errors over the square of its step.
     """

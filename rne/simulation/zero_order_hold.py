@@ -23,7 +23,7 @@ from ..integrators.loops import StateUpdate, next_state
 from .plant import Plant, checked_of_states, checked_torques
 from .scene import Scene
 
-MAX_EVALUATIONS = 20_000  # most evaluations between two samples, some hundred times those of a stable loop
+MAX_EVALUATIONS = 20_000  # most evaluations between two samples, about a hundred times those of a stable loop
 MAX_STEPS = MAX_EVALUATIONS // 10  # most steps of a motion side by side with others, which is then run alone
 
 
@@ -109,7 +109,7 @@ class ZeroOrderHold:
         return np.array([np.broadcast_to(bound, self.scene.n) for bound in (limit, rate * self.period)])
 
     def note(self, samples: tuple[Array, ...], acting: tuple[Array, ...], states: Array, evaluations: int) -> None:
-        """Record samples taken and commands begun in machine code, with the controller's states behind them."""
+        """Record samples taken and commands begun in machine code, with the controller's states after them."""
         self._append(*samples)
         self._act(*acting)
         (self.state, self.next_state), self.evaluations_before = states, evaluations
