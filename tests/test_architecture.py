@@ -363,7 +363,6 @@ LONG_EXAMPLES = (
     "rne.control.uncertainty",
     "rne.plotting.plots",
     "rne.plotting.robot_picture",
-    "rne.commands.agreement",
 )
 
 

@@ -18,7 +18,7 @@ import rne
 from rne.__main__ import main, parser
 from rne.commands import pages
 from rne.commands.agreement import against_energies, against_pinocchio, random_states, validate
-from rne.commands.pages import Measured, Way, plot_speed, speed_table
+from rne.commands.pages import Measured, plot_speed, speed_table
 from rne.commands.shared import work
 from rne.plotting.html_page import Report
 
@@ -402,7 +402,7 @@ def test_main_job_without_matplotlib_and_pinocchio_says_what_is_there(tmp_path, 
     assert "matplotlib is not installed: no pictures" in said
     assert "\nComparison with energy and Lagrange identities\n" in said
     assert "differences are expected within 1e-12, which is 4500 roundings; for accelerations 1e-13" in said
-    assert re.search(r"at best they are off by \de-\d\d of the largest derivative, with steps of \de-\d\d rad", said)
+    assert re.search(r"at best they are wrong by \de-\d\d of the largest derivative, with steps of \de-\d\d rad", said)
     for untrue in ("Pinocchio", "independent", "Both programs", "picture shows", "drawing"):
         assert untrue not in said
     assert [p.name for p in tmp_path.iterdir()] == ["index.html"]
@@ -447,7 +447,7 @@ def test_the_largest_torque_is_none_below_the_one_beside_it(two):
 
 def test_speed_is_relative_to_the_faster_of_pinocchios_calls():
     def measured(form, who, seconds):
-        return Measured(Way("inverse dynamics", form, who, lambda: None, 1, lambda: None), seconds, 1e-15)
+        return Measured("inverse dynamics", form, who, seconds, 1e-15)
 
     found = [measured("one state per call", "rne, NumPy", 6e-6), measured("1000 states per call", "rne, NumPy", 1e-6)]
     head, *rows = speed_table(found)
@@ -462,8 +462,7 @@ def test_speed_is_relative_to_the_faster_of_pinocchios_calls():
 
 def test_errors_over_times_are_drawn_on_logarithmic_axes():
     found = [
-        Measured(Way(q, "1000 states per call", "rne, NumPy", lambda: None, 1, lambda: None), 1e-6, 1e-15)
-        for q in ("inverse dynamics", "forward dynamics")
+        Measured(q, "1000 states per call", "rne, NumPy", 1e-6, 1e-15) for q in ("inverse dynamics", "forward dynamics")
     ]
     panels = plot_speed(found).axes
     assert [ax.get_title() for ax in panels] == [

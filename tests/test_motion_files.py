@@ -8,7 +8,8 @@ import pytest
 
 import rne
 from rne.__main__ import main
-from rne.commands.moving import SampledMotion, filtered, noise, suggested_cutoff
+from rne.commands.moving import filtered, noise, suggested_cutoff
+from rne.trajectories import Samples
 
 from .helpers import kept, loaded
 
@@ -133,8 +134,8 @@ class TestNoise:
 def test_a_filter_leaves_what_is_slow_also_at_the_ends(cutoff):
     """A ramp is continued beyond its ends as the ramp it is: what is left there decays with the filter."""
     t = times(1e-3)
-    ramp = SampledMotion(t, t[:, None], 2 * t[:, None], None)
-    (_, q, qd, qdd), said = filtered(ramp, cutoff)
+    ramp = Samples(t, t[:, None], 2 * t[:, None])
+    (_, q, qd, qdd, _), said = filtered(ramp, cutoff)
     assert np.abs(q - ramp.q).max() < 2e-3 / cutoff
     np.testing.assert_allclose(qd, 2 * q, rtol=0, atol=1e-12)
     assert qdd is None
@@ -145,7 +146,7 @@ def test_a_filter_halves_the_power_twice_at_its_cutoff_and_delays_nothing():
     """Forwards and backwards: 1/sqrt(2) twice, and opposite phases."""
     t = np.arange(0, 20, 1e-3)
     wave = np.sin(2 * np.pi * 5 * t)
-    (_, q, _, _), _ = filtered(SampledMotion(t, wave[:, None], None, None), 5.0)
+    (_, q, *_), _ = filtered(Samples(t, wave[:, None]), 5.0)
     np.testing.assert_allclose(q[5000:-5000, 0], wave[5000:-5000] / 2, rtol=0, atol=1e-3)
 
 
@@ -188,7 +189,7 @@ class TestNoiseOfSamples:
             for size in (1e-6, 1e-4):
                 x = shaken(q, size, seed)
                 found.append(suggested_cutoff(t, x, noise(t, x)))
-                removed = x - filtered(SampledMotion(t, x, None, None), found[-1])[0].q
+                removed = x - filtered(Samples(t, x), found[-1])[0].q
                 assert np.sqrt((removed**2).mean()) < 1.3 * size  # little but the noise
             assert 40 > found[0] > 2 * found[1] > 2 * 2
 

@@ -10,7 +10,7 @@ import argparse
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -101,6 +101,7 @@ def _write(motion: rne.Trajectory, file: Path) -> None:
 
 
 def _per_joint(robot: rne.Robot, option: str, given: list[float] | None) -> list[float]:
+    """Numbers of an option, one per joint, zeros by default."""
     if given is None:
         return [0.0] * robot.n
     if len(given) != robot.n:
@@ -175,7 +176,7 @@ def run_torques(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def warn_of_noise(robot: rne.Robot, given: SampledMotion, arguments: argparse.Namespace, tau: Array) -> None:
+def warn_of_noise(robot: rne.Robot, given: Samples, arguments: argparse.Namespace, tau: Array) -> None:
     """Warn if noise makes more than 5 % of a joint's torque; computed by adding noise of the same size once more."""
     name = "q" if given.qd is None else "qd"  # the column that is differentiated
     x: Array = getattr(given, name)
@@ -236,13 +237,13 @@ def run_view(arguments: argparse.Namespace) -> int:
         if isinstance(motion, rne.Trajectory):
             page = rne.view(motion, out, other=other, labels=labels, **shown)
         else:
-            t, q = (None, None) if motion is None else motion
+            t, q = motion or (None, None)
             page = rne.view(robot, out, q=q, t=t, other=other, labels=labels, **shown)
     say(f"{page.path}: {len(page.html.encode()) / 1e6:.2f} MB")
     return 0
 
 
-def _motion(file: Path, robot: rne.Robot, arguments: argparse.Namespace) -> rne.Trajectory | tuple[Array, Array]:
+def _motion(file: Path, robot: rne.Robot, arguments: argparse.Namespace) -> rne.Trajectory | tuple[Array, Any]:
     """Motion in a file: with this robot's model, or times and positions."""
     if file.suffix.lower() == ".npz":
         motion = rne.Trajectory.load(file)
@@ -336,15 +337,6 @@ def _cure(error: Exception, robot: Any) -> str:
     return "; if the positions are in degrees, give --degrees" if isinstance(error, OutOfRange) else ""
 
 
-class SampledMotion(NamedTuple):
-    """Samples at times t (K,) of positions and, if they are known, velocities and accelerations (K, n), in SI units."""
-
-    t: Array
-    q: Array
-    qd: Array | None
-    qdd: Array | None
-
-
 def add_units(parser: argparse.ArgumentParser) -> None:
     """Add the options for the units of a CSV file."""
     parser.add_argument("--degrees", action="store_true", help="q, qd and qdd of rotating joints are in degrees")
@@ -352,11 +344,8 @@ def add_units(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--time-unit", choices=("s", "ms", "us", "ns"), help=unit)
 
 
-def read_motion(file: Path, robot: rne.Robot, arguments: argparse.Namespace) -> SampledMotion:
-    """Motion in a CSV file, whose columns are named by the robot's joints, in the units of `add_units`.
-
-    Times that look like another unit are refused; if the angles do so, a warning is given.
-    """
+def read_motion(file: Path, robot: rne.Robot, arguments: argparse.Namespace) -> Samples:
+    """Positions, and rates if known, in a CSV file in the units of `add_units`; doubtful units are refused or noted."""
     heading = ",".join(["t", *(f"q.{joint}" for joint in robot.joint_names)])
     needed = f"; the first row must be {heading}, with qd. and qdd. of the joints if they are known"
     try:
@@ -378,7 +367,7 @@ def read_motion(file: Path, robot: rne.Robot, arguments: argparse.Namespace) -> 
             unused = np.asarray(read_samples(file, [joint], needed=("q",)).q)
             between = f"from {unused.min():.6g} to {unused.max():.6g}"
             note(f"warning: column 'q.{short(joint)}', {between}, is not used: --locked holds the joint at {held:g}")
-    return SampledMotion(t, q, qd, qdd)
+    return Samples(t, q, qd, qdd)
 
 
 def rotating(robot: rne.Robot) -> Array:
@@ -399,9 +388,9 @@ def _warn_of_degrees(q: Array, robot: rne.Robot) -> None:
         )
 
 
-def refuse_wrapped_angles(motion: SampledMotion, robot: rne.Robot, file: Path) -> None:
+def refuse_wrapped_angles(motion: Samples, robot: rne.Robot, file: Path) -> None:
     """Refuse a jump by about a turn between small steps: its derivative would be a huge velocity."""
-    if len(motion.t) < 3:
+    if motion.q is None or len(motion.t) < 3:
         return
     for k in np.flatnonzero(rotating(robot)):
         step = np.diff(motion.q[:, k])
@@ -416,9 +405,10 @@ def refuse_wrapped_angles(motion: SampledMotion, robot: rne.Robot, file: Path) -
             )
 
 
-def differentiated(motion: SampledMotion, file: Path) -> tuple[Array, Array, Array, str]:
+def differentiated(motion: Samples, file: Path) -> tuple[Array, Array, Array, str]:
     """Positions, velocities and accelerations, by splines where the file has none, and a line on their source."""
-    t, q, qd, qdd = motion
+    t, q, qd, qdd, _ = motion
+    assert q is not None
     if qd is not None and qdd is not None:
         return q, qd, qdd, f"q, qd and qdd from {file}"
     try:
@@ -436,11 +426,7 @@ def differentiated(motion: SampledMotion, file: Path) -> tuple[Array, Array, Arr
 
 
 def noise(t: Array, x: Array) -> Array:
-    """Standard deviation of white noise in samples of smooth motions; zero where there is none, or too few samples.
-
-    A divided difference of high order, normalised by the norm of its weights, has the standard deviation of the noise,
-    while a smooth motion nearly vanishes in it. The median ignores the corners of a motion.
-    """
+    """Standard deviation of white noise in samples of smooth motions; zero where there is none, or too few samples."""
     if len(t) < FEW:
         return np.zeros(x.shape[1])
     low, high = (_scatter(t, x, order) for order in ORDERS)
@@ -448,7 +434,11 @@ def noise(t: Array, x: Array) -> Array:
 
 
 def _scatter(t: Array, x: Array, order: int) -> Array:
-    """Standard deviation of normalised divided differences by the median of those that are not zero, as at rest."""
+    """Standard deviation of the noise by the median of divided differences, without zeros, as at rest.
+
+    In differences of high order a smooth motion nearly vanishes; divided by the norm of their weights they have the
+    standard deviation of the noise. The median ignores the corners of a motion.
+    """
     every = slice(None, None, 1 + len(t) // WINDOWS)
     times = np.lib.stride_tricks.sliding_window_view(t, order + 1)[every]
     times = (times - times[:, :1]) / (times[:, -1:] - times[:, :1])
@@ -459,19 +449,17 @@ def _scatter(t: Array, x: Array, order: int) -> Array:
     return np.array([np.median(column[column > 0]) if column.any() else 0.0 for column in size.T]) / MEDIAN
 
 
-def filtered(motion: SampledMotion, cutoff: float) -> tuple[SampledMotion, str]:
+def filtered(motion: Samples, cutoff: float) -> tuple[Samples, str]:
     """Motion after the filter of `rne.basics.filters`, and a line on the change of q."""
-    t, q, qd, qdd = motion
-    step = _even_step(t)
+    step = _even_step(motion.t)
     if step is None:
         raise CommandError("--cutoff: needs times at even steps")
     if not 0 < cutoff < 0.5 / step:
         raise CommandError(f"--cutoff: must be between 0 and {0.5 / step:g} Hz, half the sampling rate; got {cutoff:g}")
-    smooth = low_pass(q, cutoff, 1 / step, ends=True)
-    change = np.abs(smooth - q).max(initial=0.0)
-    text = f"zero-phase Butterworth filter of {cutoff:g} Hz; it changes q by at most {change:.2g} rad or m"
-    qd, qdd = (None if x is None else low_pass(x, cutoff, 1 / step, ends=True) for x in (qd, qdd))
-    return SampledMotion(t, smooth, qd, qdd), text
+    smooth = Samples(motion.t, *(x if x is None else low_pass(x, cutoff, 1 / step, ends=True) for x in motion[1:]))
+    assert smooth.q is not None
+    change = np.abs(smooth.q - motion.q).max(initial=0.0)
+    return smooth, f"zero-phase Butterworth filter of {cutoff:g} Hz; it changes q by at most {change:.2g} rad or m"
 
 
 def _even_step(t: Array) -> float | None:

@@ -44,8 +44,11 @@ INVERSE, FORWARD = "inverse dynamics", "forward dynamics"
 STATES, SINGLES, COMPARED, TURNS = 1000, 100, 50, 15
 ONE, BATCH = "one state per call", f"{STATES} states per call"
 NUMPY, MACHINE_CODE, PINOCCHIO = "rne, NumPy", "rne, machine code", "Pinocchio"
+COUNTS = {ONE: SINGLES, BATCH: STATES}  # states of a timed call
+FUNCTIONS: dict[str, Any] = {INVERSE: rne.dynamics.inverse_dynamics, FORWARD: rne.dynamics.forward_dynamics}
 COLORS = {MACHINE_CODE: "C2", NUMPY: "C0", PINOCCHIO: "C1"}
 MOVED, SHAPES = 3, 5  # joints that move with the least torque, and shapes of the motion of each
+Way = tuple[str, str, Callable[[], object], Callable[[], Array]]  # form, program, timed call, results of first states
 WHAT = (
     "An industrial arm of six joints moves from its zero position to a target. Each motor torque is that of a spring "
     "and a damper towards the target, plus what carries the weight of the arm (PD control with gravity compensation). "
@@ -65,7 +68,7 @@ LEAST = (
     "Joints 1 to 3 turn to the same target in 1 s, from rest to rest. Along a polynomial of degree 5 in time the mean "
     "squared torque is {:.0f} (N m)². Along the best polynomial of degree 10 it is {:.0f} (N m)². The search took "
     "{:.2g} s, {} steps with exact derivatives. Finite differences would take {} more evaluations of the motion in "
-    "each step, and are less accurate: at best they are off by {:.0e} of the largest derivative, with steps of "
+    "each step, and are less accurate: at best they are wrong by {:.0e} of the largest derivative, with steps of "
     "{:.0e} rad."
 )
 
@@ -111,7 +114,7 @@ def _main_job(robot: rne.Robot, page: Report) -> bool:
     page.heading("Speed and accuracy on this machine")
     work.begin("measuring times of each way to compute")
     found = measured_speed(robot)
-    page.text(SPEED + RELATIVE * any(measured.way.who == PINOCCHIO for measured in found))
+    page.text(SPEED + RELATIVE * any(m.who == PINOCCHIO for m in found))
     page.figure("speed", lambda: plot_speed(found), "Largest error over time per state; lower left is better.")
     heads, *cells = speed_table(found)
     page.table(heads, cells)
@@ -137,14 +140,12 @@ def _run(motion: Trajectory) -> str:
     for violation in motion.check_limits():
         exceeded.setdefault(violation.quantity, []).append(violation.joint)
     beyond = "; ".join(f"{kind} of {listed(list(dict.fromkeys(names)))}" for kind, names in exceeded.items())
+    limits = (
+        f"Limits of the model that the motion exceeds: {beyond}." if beyond else "No limit of the model is exceeded."
+    )
     return (
         f"{motion.method} took {motion.evaluations} evaluations of the accelerations; the energy balance is met within "
-        f"{motion.energy_drift:.1g} J. "
-        + (
-            f"Limits of the model that the motion exceeds: {beyond}."
-            if beyond
-            else "No limit of the model is exceeded."
-        )
+        f"{motion.energy_drift:.1g} J. {limits}"
     )
 
 
@@ -176,8 +177,8 @@ def _least_torque(robot: rne.Robot, target: Array, page: Report) -> None:
     differences = [(torques(none + h) - torques(none - h)) / (2 * h) for h in steps]
     errors = np.abs(differences - exact).max(-1) / np.abs(exact).max()
     best = errors.argmin()
-    numbers = *(both**2).sum(-1).mean(-1), taken, found.nfev, 2 * none.size, errors[best], steps[best]
-    page.text(LEAST.format(*numbers))
+    squares = (both**2).sum(-1).mean(-1)
+    page.text(LEAST.format(*squares, taken, found.nfev, 2 * none.size, errors[best], steps[best]))
     page.figure("least", lambda: _plot_torques(t, both, arm.joint_names), "Torques along both motions.")
     page.figure("differences", lambda: _plot_errors(steps, errors), "Error of finite differences over their step.")
 
@@ -205,10 +206,7 @@ def _plot_errors(steps: Array, errors: Array) -> Figure:
 
 
 def write_robot_page(robot: rne.Robot, findings: str, folder: Path, say: Callable[[str], None]) -> bool:
-    """Examine a robot and write the page; `findings` are the lines that `rne.check` prints about its file.
-
-    True if all differences from Pinocchio or the energies are within their bounds; False if M is singular.
-    """
+    """Write a robot's page with the findings in its file; False if a difference exceeds its bound or M is singular."""
     page = Report(f"Robot {robot.model.name}", say, folder, work.begin)
     with page.kept_if_interrupted():
         held = _examination(robot, findings, page)
@@ -265,10 +263,7 @@ def _swing(robot: rne.Robot, q: Array, torque: Array, page: Report) -> Trajector
 
 
 def moving_start(robot: rne.Robot) -> tuple[Array, Array]:
-    """Position with large gravity torques, and constant torques for joints that gravity hardly moves there.
-
-    Hard is relative to the largest torque of each joint; hardly is less than would give it `PUSH` alone.
-    """
+    """Position of large gravity torques relative to each joint's largest; torques that push joints of small ones."""
     q = _positions(robot)
     g, inertia = robot.gravity_torque(q), np.diagonal(robot.mass_matrix(q), axis1=1, axis2=2)
     largest = np.abs(g).max(axis=0, initial=0.0)
@@ -351,30 +346,18 @@ def _share(most: float, effort: float) -> str:
 
 
 def settling_time(motion: Trajectory, reference: ArrayLike, times: Array | None = None) -> float:
-    """First sample, or one of some times, from which on every joint stays within 0.01 rad of its reference [s].
-
-    Infinity if there is none.
-    """
+    """First sample or given time after which all joints stay within 0.01 rad of the reference [s], infinity if none."""
     t, q = (motion.t, motion.q) if times is None else (times, motion(times)[0])
     outside = np.flatnonzero((np.abs(q - np.asarray(reference)) > SETTLED).any(axis=1))
     return float(np.append(t, np.inf)[outside[-1] + 1 if len(outside) else 0])
 
 
-class Way(NamedTuple):
-    """Implementation of a quantity: the timed call, its number of states, and its results for the first ones."""
+class Measured(NamedTuple):
+    """Time per state of an implementation [s], and its largest error relative to each state's largest entry."""
 
     quantity: str
     form: str
     who: str
-    call: Callable[[], object]
-    states: int
-    results: Callable[[], Array]
-
-
-class Measured(NamedTuple):
-    """Implementation, its time per state [s], and its largest error relative to each state's largest entry."""
-
-    way: Way
     seconds: float
     error: float
 
@@ -382,34 +365,31 @@ class Measured(NamedTuple):
 def measured_speed(robot: rne.Robot) -> list[Measured]:
     """Time all implementations in turn and take medians, so that changes of the machine's speed affect all alike."""
     found: list[Measured] = []
-    for quantity in (INVERSE, FORWARD):
+    for quantity, function in FUNCTIONS.items():
         q, qd, x = random_states(robot.n, STATES)
         arrays = [q, qd, x if quantity == INVERSE else robot.inverse_dynamics(q, qd, x)]
-        ways = [*_own(robot, quantity, arrays), *_of_pinocchio(robot, quantity, arrays)]
+        ways = [*_own(robot, function, arrays), *_of_pinocchio(robot, quantity, arrays)]
         seconds: list[list[float]] = [[] for _ in ways]
         for _ in range(1 + TURNS):
-            for way, times in zip(ways, seconds, strict=True):
+            for (form, _, call, _), times in zip(ways, seconds, strict=True):
                 begun = time.perf_counter()
-                way.call()
-                times.append((time.perf_counter() - begun) / way.states)
-        function = rne.dynamics.inverse_dynamics if quantity == INVERSE else rne.dynamics.forward_dynamics
+                call()
+                times.append((time.perf_counter() - begun) / COUNTS[form])
         # Long double has three decimal digits more on most machines.
         exact = function(robot.model.astype(np.longdouble), *[x[:COMPARED].astype(np.longdouble) for x in arrays])
-        for way, times in zip(ways, seconds, strict=True):
-            found.append(Measured(way, median(times[1:]), relative(way.results(), exact)))  # the first one warms up
+        for (form, who, _, results), times in zip(ways, seconds, strict=True):  # the first turn warms up
+            found.append(Measured(quantity, form, who, median(times[1:]), relative(results(), exact)))
     return found
 
 
-def _own(robot: rne.Robot, quantity: str, arrays: list[Array]) -> Iterator[Way]:
+def _own(robot: rne.Robot, function: Any, arrays: list[Array]) -> Iterator[Way]:
     """Implementations by both engines, machine code where it can be made."""
-    function = rne.dynamics.inverse_dynamics if quantity == INVERSE else rne.dynamics.forward_dynamics
     compiles = importlib.util.find_spec("llvmlite") is not None
-    for who, engine in ((NUMPY, "numpy"), (MACHINE_CODE, "numba")) if compiles else ((NUMPY, "numpy"),):
+    for who, engine in ((NUMPY, "numpy"), (MACHINE_CODE, "numba"))[: 1 + compiles]:
         kernel: Any = rne.Robot(robot.model, engine).kernel(function)
         out = kernel(*arrays)
-        yield _singles(quantity, who, kernel, arrays)
-        in_place = partial(kernel, *arrays, out=out)
-        yield Way(quantity, BATCH, who, in_place, STATES, partial(out.__getitem__, slice(COMPARED)))
+        yield _singles(who, kernel, arrays)
+        yield BATCH, who, partial(kernel, *arrays, out=out), partial(out.__getitem__, slice(COMPARED))
 
 
 def _of_pinocchio(robot: rne.Robot, quantity: str, arrays: list[Array]) -> Iterator[Way]:
@@ -423,29 +403,26 @@ def _of_pinocchio(robot: rne.Robot, quantity: str, arrays: list[Array]) -> Itera
     theirs = [each(oracle.q, q), *(each(oracle.velocities, x) for x in others)]
     columns, out = [np.asfortranarray(x.T) for x in theirs], np.zeros((model.nv, len(q)), order="F")
     pool = pin.ModelPool(model, 1)
-    yield _singles(quantity, PINOCCHIO, lambda *state: one(model, data, *state), theirs, oracle.torque)
-    in_parallel = lambda: many(1, pool, *columns, out)  # noqa: E731
-    yield Way(quantity, BATCH, PINOCCHIO, in_parallel, STATES, lambda: each(oracle.torque, out.T[:COMPARED]))
+    yield _singles(PINOCCHIO, partial(one, model, data), theirs, oracle.torque)
+    yield BATCH, PINOCCHIO, partial(many, 1, pool, *columns, out), lambda: each(oracle.torque, out.T[:COMPARED])
 
 
-def _singles(
-    quantity: str, who: str, call: Callable[..., Any], arrays: Sequence[Array], turn: Callable[..., Array] = np.array
-) -> Way:
-    """Loop over states, each an array of its own; `turn` brings a result into our order."""
+def _singles(who: str, call: Callable[..., Any], arrays: Sequence[Array], turn: Callable[..., Array] = np.array) -> Way:
+    """Loop over states in separate arrays; `turn` brings a result into our order."""
     states = [[x[k].copy() for x in arrays] for k in range(SINGLES)]
 
     def run() -> None:
         for state in states:
             call(*state)
 
-    return Way(quantity, ONE, who, run, SINGLES, lambda: np.array([turn(call(*x)) for x in states[:COMPARED]]))
+    return ONE, who, run, lambda: np.array([turn(call(*x)) for x in states[:COMPARED]])
 
 
 def speed_table(found: Sequence[Measured]) -> list[list[str]]:
     """Time per state of each quantity and program, relative to the shortest of Pinocchio's there, and the error."""
     rows = [["quantity", "computed by", ONE, BATCH, "largest error"]]
-    for quantity, who in product(dict.fromkeys(m.way.quantity for m in found), COLORS):
-        of = {(m.way.who, m.way.form): m for m in found if m.way.quantity == quantity}
+    for quantity, who in product(dict.fromkeys(m.quantity for m in found), COLORS):
+        of = {(m.who, m.form): m for m in found if m.quantity == quantity}
         cells = []
         for form, theirs in ((ONE, [ONE]), (BATCH, [ONE, BATCH])):
             if measured := of.get((who, form)):
@@ -466,11 +443,11 @@ def plot_speed(found: Sequence[Measured]) -> Figure:
     figure = blank_figure(WIDTH, 4.6)
     figure.suptitle(f"× {ONE}, ● {BATCH}")
     for ax, quantity in zip(figure.subplots(2, 1, sharex=True), (INVERSE, FORWARD), strict=True):
-        shown = [m for m in found if m.way.quantity == quantity]
-        for way, seconds, error in shown:
-            is_batch = way.form == BATCH
-            look = {"color": COLORS[way.who], "marker": "o" if is_batch else "x", "markersize": 8, "linestyle": ""}
-            ax.plot(1e6 * seconds, error, label=way.who if is_batch else "_", **look)
+        shown = [m for m in found if m.quantity == quantity]
+        for m in shown:
+            marker, label = ("o", m.who) if m.form == BATCH else ("x", "_")
+            look = {"color": COLORS[m.who], "marker": marker, "markersize": 8, "linestyle": ""}
+            ax.plot(1e6 * m.seconds, m.error, label=label, **look)
         ax.set(xscale="log", title=f"{quantity}: largest error, relative")
         log_axis(ax)
         ax.margins(x=0.15)
