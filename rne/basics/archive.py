@@ -12,7 +12,7 @@ from os import PathLike
 from pathlib import Path
 from stat import S_ISDIR, S_ISREG
 from types import UnionType
-from typing import Any, Union, get_args, get_origin, get_type_hints
+from typing import Any, ClassVar, Self, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 from numpy.lib.format import read_array_header_1_0, read_array_header_2_0, read_magic
@@ -134,6 +134,67 @@ def read(path: File, kinds: Kinds, wanted: type, version: int, check: Callable[[
         text = str(error) if is_told else f"is damaged ({type(error).__name__}: {error})"
         raise ValueError(f"{str(file)!r}: {cut(text, LINE)}") from None
     return found
+
+
+class Archived:
+    """Base of results that are saved in NumPy archives."""
+
+    _version: ClassVar[int] = 1  # of files, increased when a field changes its meaning
+
+    @staticmethod
+    def _kinds() -> Kinds:
+        """Classes that the result consists of, with their fields."""
+        raise NotImplementedError
+
+    def _whole(self) -> Any:
+        """Text that depends on all fields, without which a file is damaged."""
+        raise NotImplementedError
+
+    def save(self, path: File) -> Path:
+        """Write the result to a NumPy archive, which `load` reads in this version and later ones.
+
+        Parameters
+        ----------
+        path : str or path-like
+            Of a file ``.npz``, which is overwritten.
+
+        Returns
+        -------
+        Path
+            The file.
+
+        Raises
+        ------
+        ValueError, FileNotFoundError
+            If the path has another ending, or its folder does not exist.
+        TypeError
+            If a part, such as the controller of a scene, is of a class that is not of this package.
+        """
+        return write(path, self._kinds(), self, self._version)
+
+    @classmethod
+    def load(cls, path: File) -> Self:
+        """Read a result written by `save`.
+
+        Parameters
+        ----------
+        path : str or path-like
+            A NumPy archive, ``.npz``.
+
+        Returns
+        -------
+        Identification or MotionFit
+            As it was saved, with all that was measured and fitted.
+
+        Raises
+        ------
+        ValueError
+            If the file is another one or damaged, of another version, or has a field that this version does not know.
+        OSError
+            If the file cannot be read.
+        """
+        found: Self = read(path, cls._kinds(), cls, cls._version, cls._whole)
+        return found
 
 
 def _encoded(value: Any, kinds: Kinds, arrays: dict[str, Any]) -> Any:

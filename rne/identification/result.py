@@ -6,15 +6,13 @@ import re
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
-from os import PathLike
-from pathlib import Path
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.archive import Kinds, names_of, read, write
+from ..basics.archive import Archived, Kinds, names_of
 from ..basics.arrays import cached_array, positive_number
 from ..basics.inertia import PARAMETERS, pseudo_inertia
 from ..basics.spatial import Array
@@ -84,8 +82,25 @@ UNKNOWN = (
 )
 
 
+def kinds() -> Kinds:
+    """Classes that a saved identification consists of, with their fields."""
+    from ..model.coupling import IN_FILES
+    from ..model.solids import Box, Cylinder
+    from ..simulation.springs import JointSpring, Spring, Springs
+
+    of_models = *IN_FILES, Model, Box, Cylinder, StandardParameters, DriveModel, Springs, Spring, JointSpring
+    of_fits = Identification, RegressionData, Equations, Prepared, LeastSquares, Unexplained, Cause
+
+    def with_kernels(standard: StandardParameters, **others: Any) -> BaseParameters:
+        return BaseParameters(standard, body_regressor=Robot(standard.model).regressor, **others)
+
+    found: Kinds = {kind: (names_of(kind), kind) for kind in (*of_models, *of_fits)}
+    of_base = (("standard", "independent", "matrix"), with_kernels)
+    return found | {Robot: (("model", "engine"), Robot), BaseParameters: of_base}
+
+
 @dataclass(frozen=True, eq=False)
-class Identification(InNotebooks):
+class Identification(Archived, InNotebooks):
     """Parameters identified from measured motions, by `rne.identify`.
 
     Attributes
@@ -139,6 +154,8 @@ class Identification(InNotebooks):
     causes: tuple[Cause, ...]
     notes: tuple[str, ...]
     prior_std: float | None = None
+
+    _kinds = staticmethod(kinds)
 
     def __repr__(self) -> str:
         worst = f"{100 * np.nanmax(self.unexplained.in_motion, initial=0):.3g} %"
@@ -333,52 +350,7 @@ class Identification(InNotebooks):
         parts = re.compile("(Fvb|Fs|Fl|tau0)_|.*_s")  # of drives, coupled motors and springs
         others = ", ".join(f"{name} {x:.6g}" for name, x in values if x and parts.match(name))
         note = f"identified, of the joints {listed(model.joint_names)}, not in this file: {others}" if others else ""
-        notes = dict(model.notes) | {"robot": "; ".join(filter(None, (model.notes.get("robot"), note)))}
-        return to_urdf(replace(model, notes=notes))
-
-    def save(self, path: str | PathLike[str]) -> Path:
-        """Write the identification to a NumPy archive, which `load` reads in this version and later ones.
-
-        Parameters
-        ----------
-        path : str or path-like
-            Of a file ``.npz``, which is overwritten.
-
-        Returns
-        -------
-        Path
-            The file.
-
-        Raises
-        ------
-        ValueError, FileNotFoundError
-            If the path has another ending, or its folder does not exist.
-        """
-        return write(path, kinds(), self, VERSION)
-
-    @classmethod
-    def load(cls, path: str | PathLike[str]) -> Identification:
-        """Read an identification written by `save`.
-
-        Parameters
-        ----------
-        path : str or path-like
-            A NumPy archive, ``.npz``.
-
-        Returns
-        -------
-        Identification
-            As it was saved, with all that was measured and fitted.
-
-        Raises
-        ------
-        ValueError
-            If the file is another one or damaged, of another version, or has a field that this version does not know.
-        OSError
-            If the file cannot be read.
-        """
-        found: Identification = read(path, kinds(), cls, VERSION, partial(cls.report, details=True))
-        return found
+        return to_urdf(with_note(model, note))
 
     def essential(self, limit: float = thresholds.ESSENTIAL) -> Identification:
         """Model of the essential parameters alone, the base parameters that the log determines well.
@@ -863,32 +835,21 @@ class Identification(InNotebooks):
         parts = [self.verdict, *bias_text(self), *parts, first_of(self.consistency().report(), 1)]
         return "\n".join([*parts, MORE])
 
+    def _whole(self) -> str:
+        return self.report(details=True)
+
+
+def with_note(model: Model, note: str) -> Model:
+    """Model with a further note on the robot, for a comment in its file."""
+    notes = filter(None, (model.notes.get("robot"), note))
+    return replace(model, notes=dict(model.notes) | {"robot": "; ".join(notes)})
+
 
 def first_of(text: str, most: int) -> str:
     """First lines of a text, followed by the number of omitted ones."""
     lines = text.split("\n")
     more = [f"  ... {len(lines) - most + 1} more lines"] if len(lines) > most > 1 else []
     return "\n".join([*lines[: most - len(more)], *more])
-
-
-VERSION = 1  # version of files, increased when a field changes its meaning
-
-
-def kinds() -> Kinds:
-    """Classes that a saved identification consists of, with their fields."""
-    from ..model.coupling import IN_FILES
-    from ..model.solids import Box, Cylinder
-    from ..simulation.springs import JointSpring, Spring, Springs
-
-    of_models = *IN_FILES, Model, Box, Cylinder, StandardParameters, DriveModel, Springs, Spring, JointSpring
-    of_fits = Identification, RegressionData, Equations, Prepared, LeastSquares, Unexplained, Cause
-
-    def with_kernels(standard: StandardParameters, **others: Any) -> BaseParameters:
-        return BaseParameters(standard, body_regressor=Robot(standard.model).regressor, **others)
-
-    found: Kinds = {kind: (names_of(kind), kind) for kind in (*of_models, *of_fits)}
-    of_base = (("standard", "independent", "matrix"), with_kernels)
-    return found | {Robot: (("model", "engine"), Robot), BaseParameters: of_base}
 
 
 def bias_text(found: Identification) -> list[str]:

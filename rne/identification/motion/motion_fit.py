@@ -5,18 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, is_dataclass, replace
 from functools import cached_property, partial
-from os import PathLike
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...basics.archive import Kinds, names_of, read, write
+from ...basics.archive import Archived, Kinds, names_of
 from ...basics.arrays import positive_number, whole_number
 from ...basics.inertia import PARAMETERS
 from ...basics.spatial import Array
-from ...basics.text import InNotebooks, Row, aligned, counted, listed, short
+from ...basics.text import InNotebooks, column, counted, listed, short, table
 from ...control import PID
 from ...simulation.scene import Scene
 from ...trajectories import sampled
@@ -24,6 +22,8 @@ from .. import thresholds
 from ..diagnosis.hypotheses import Cause
 from ..fit.consistent import consistent_fit, model_prior
 from ..log.record import Record
+from ..result import kinds as kinds_of_identifications
+from ..result import with_note
 from .certainty import Certainty, certainty
 from .missing import missing_effects, mistaken_columns
 from .output_error import FIRST, OutputError, Shot, columns_for, commands, joint_units, shots_of, states_of
@@ -34,8 +34,33 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+def kinds() -> Kinds:
+    """Classes that a saved fit consists of, with their fields."""
+    from ... import control
+    from ...simulation.elastic_joints import ElasticJoints
+    from ...simulation.friction import Friction
+    from ...simulation.scene import Payload
+
+    def record(**fields: Any) -> Record:
+        names = fields.pop("_given_names", None)
+        return Record(fields.pop("t"), fields.pop("q"), joint_names=names, stamps="sampled", **fields)
+
+    def friction(numbers: dict[str, Any]) -> Friction:
+        return Friction(**numbers | {"smoothing": float(numbers["smoothing"])})
+
+    def problem(unknowns: Unknowns, records: Any, shots: Any, sigma: Array, step: float) -> OutputError:
+        return OutputError(unknowns, records, shots, sigma, step)
+
+    plain = MotionFit, Certainty, Unknowns, Unknown, Shot, Scene, Payload, ElasticJoints, Friction
+    laws = [x for x in map(partial(getattr, control), control.__all__) if isinstance(x, type) and is_dataclass(x)]
+    found: Kinds = kinds_of_identifications() | {kind: (names_of(kind), kind) for kind in (*plain, *laws)}
+    found[Friction] = (("numbers",), friction)  # directions that follow the other have none
+    found[Record] = (("t", "q", "qd", "command", "command_rate", "command_hold", "name", "_given_names"), record)
+    return found | {OutputError: (("unknowns", "records", "shots", "sigma", "step"), problem)}
+
+
 @dataclass(frozen=True, eq=False)
-class MotionFit(InNotebooks):
+class MotionFit(Archived, InNotebooks):
     """Numbers of a scene found from commands and positions, by `rne.identify_motion`.
 
     Attributes
@@ -65,6 +90,8 @@ class MotionFit(InNotebooks):
     validation_error: Array
     causes: tuple[Cause, ...]
     message: str
+
+    _kinds = staticmethod(kinds)
 
     @property
     def initial(self) -> Scene:
@@ -178,10 +205,6 @@ class MotionFit(InNotebooks):
             If no possible bodies have such parameters.
         ImportError
             If bodies were fitted and Clarabel is not installed.
-
-        Examples
-        --------
-        >>> found.scene()  # doctest: +SKIP
         """
         numbers = {name: self.numbers[name] for name in self.problem.unknowns.of_scene}
         if "parameters" in numbers:
@@ -212,10 +235,6 @@ class MotionFit(InNotebooks):
         -------
         str
             The file's text; gains, delays and others are in comments.
-
-        Examples
-        --------
-        >>> text = found.to_urdf()  # doctest: +SKIP
         """
         from ...urdf import to_urdf
 
@@ -223,14 +242,12 @@ class MotionFit(InNotebooks):
         model, friction = scene.resolved.robot.model, scene.resolved.friction
         rest = {name: x for name, x in self.numbers.items() if name not in ("parameters", "armature")}
         text = ", ".join(f"{name} {np.array2string(x, precision=6, separator=', ')}" for name, x in rest.items())
-        notes = dict(model.notes) | {
-            "robot": "; ".join(filter(None, (model.notes.get("robot"), f"fitted: {text}" * bool(rest))))
-        }
-        drives: dict[str, Any] = {"damping": np.zeros(model.nb), "friction": np.zeros(model.nb)}
+        damping, coulomb = np.zeros((2, model.nb))
         if friction is not None:
-            for field, name in (("damping", "viscous"), ("friction", "coulomb")):
-                drives[field][list(model.independent_joints)] = getattr(friction, name)
-        return to_urdf(replace(model, notes=notes, **drives))
+            own = list(model.independent_joints)
+            damping[own], coulomb[own] = np.asarray(friction.viscous), np.asarray(friction.coulomb)
+        model = replace(model, damping=damping, friction=coulomb)
+        return to_urdf(with_note(model, f"fitted: {text}" * bool(rest)))
 
     def predict(self, record: Record, *, std: bool = False) -> Any:
         """Predicted positions for a record's commands, from starts fitted to the record's positions.
@@ -253,10 +270,6 @@ class MotionFit(InNotebooks):
         ------
         ValueError
             If the record has no commands, not the scene's joints, or errors among its findings.
-
-        Examples
-        --------
-        >>> q, std = found.predict(record, std=True)  # doctest: +SKIP
         """
         check_records(self.initial, (record,))
         clean, apart = record.on_grid(), 0.5 / record.sample_rate
@@ -279,29 +292,23 @@ class MotionFit(InNotebooks):
         str
             The verdict, combinations that are not determined, likely causes of the residual, and two tables.
         """
-        rows = [Row("number", ("value", "standard error", "unit"), words=True)]
-        for name, value, std, unit, is_known in zip(
-            self.names, self.values, self.std, self.units, self.determined, strict=True
-        ):
-            rows.append(Row(f"  {short(name)}", (f"{value:.6g}", f"{std:.2g}" if is_known else "not determined", unit)))
-        joints = [Row("joint", ("rms residual", "resolution", "validation error", "unit"), words=True)]
-        of_joints = (
+        errors = column(np.where(self.determined, self.std, np.nan), ".2g", "not determined")
+        cells = column(self.values, ".6g"), errors, self.units
+        numbers = table("number", ("value", "standard error", "unit"), self.names, *cells, indent="  ")
+        titles, names = (
+            ("rms residual", "resolution", "validation error", "unit"),
             self.initial.resolved.robot.joint_names,
-            self.rms,
-            self.resolution,
-            self.validation_error,
-            joint_units(self.initial),
         )
-        for name, rms, least, held, unit in zip(*of_joints, strict=True):
-            joints.append(
-                Row(f"  {short(name)}", (f"{rms:.3g}", f"{least:.3g}", "-" if np.isnan(held) else f"{held:.3g}", unit))
-            )
+        sizes = (column(x, ".3g", "-") for x in (self.rms, self.resolution, self.validation_error))
+        joints = table("joint", titles, names, *sizes, joint_units(self.initial), indent="  ")
         likely = [f"likely cause: {cause.text}" for cause in self.causes[: thresholds.NAMED]]
         out = self.problem.unknowns.left_out
         unused = [f"not fitted, as they are zero: {listed(out)}"] * bool(out)
         rates = any(record.command_rate is not None for record in self.problem.records)
         unused += ["`command_rate` is not used: the controller follows positions"] * rates
-        return "\n".join([self.verdict, *self.alike, *likely, *unused, *aligned(rows), *aligned(joints), self.message])
+        return "\n".join([self.verdict, *self.alike, *likely, *unused, *numbers, *joints, self.message])
+
+    _whole = report
 
     def __repr__(self) -> str:
         numbers, records = counted(len(self.names), "number"), counted(len(self.problem.records), "record")
@@ -321,11 +328,6 @@ class MotionFit(InNotebooks):
         -------
         dict of str to ndarray, shape (N, ...)
             By the names of the scene's numbers.
-
-        Examples
-        --------
-        >>> found.draws(100)["friction.viscous"].shape  # doctest: +SKIP
-        (100, 3)
         """
         unknowns, w, V = self.problem.unknowns, *np.linalg.eigh(self.certainty.covariance)
         normal = np.random.default_rng(seed).normal(size=(whole_number("count", count, least=1), len(w)))
@@ -344,10 +346,6 @@ class MotionFit(InNotebooks):
         -------
         matplotlib.figure.Figure
             With the 95 % band of measured positions about the predicted ones, and the residual over velocity.
-
-        Examples
-        --------
-        >>> found.plot().savefig("positions.png")  # doctest: +SKIP
         """
         from ...plotting import prediction_plot
 
@@ -360,85 +358,8 @@ class MotionFit(InNotebooks):
         how["valid"] = np.isfinite(measured - predicted) & np.isfinite(qd)
         return prediction_plot(record.t, measured, predicted, qd, std=std, title=title, **how)
 
-    def save(self, path: str | PathLike[str]) -> Path:
-        """Write the fit to a NumPy archive, which `load` reads.
 
-        Parameters
-        ----------
-        path : str or path-like
-            Of a file ``.npz``, which is overwritten.
-
-        Returns
-        -------
-        Path
-            The file.
-
-        Raises
-        ------
-        TypeError
-            If the controller or another part of the scene is of a class that is not of this package.
-
-        Examples
-        --------
-        >>> found.save("fit.npz")  # doctest: +SKIP
-        """
-        return write(path, kinds(), self, VERSION)
-
-    @classmethod
-    def load(cls, path: str | PathLike[str]) -> MotionFit:
-        """Read a fit written by `save`.
-
-        Parameters
-        ----------
-        path : str or path-like
-            A NumPy archive, ``.npz``.
-
-        Returns
-        -------
-        MotionFit
-            As it was saved.
-
-        Raises
-        ------
-        ValueError
-            If the file is another one or damaged.
-
-        Examples
-        --------
-        >>> found = rne.identification.MotionFit.load("fit.npz")  # doctest: +SKIP
-        """
-        found: MotionFit = read(path, kinds(), cls, VERSION, cls.report)
-        return found
-
-
-VERSION = 1  # version of files, increased when a field changes its meaning
 ROUNDING = 1 / np.sqrt(12)  # standard deviation of a uniform error of one step
-
-
-def kinds() -> Kinds:
-    """Classes that a saved fit consists of, with their fields."""
-    from ... import control
-    from ...simulation.elastic_joints import ElasticJoints
-    from ...simulation.friction import Friction
-    from ...simulation.scene import Payload
-    from ..result import kinds as of_identifications
-
-    def record(**fields: Any) -> Record:
-        names = fields.pop("_given_names", None)
-        return Record(fields.pop("t"), fields.pop("q"), joint_names=names, stamps="sampled", **fields)
-
-    def friction(numbers: dict[str, Any]) -> Friction:
-        return Friction(**numbers | {"smoothing": float(numbers["smoothing"])})
-
-    def problem(unknowns: Unknowns, records: Any, shots: Any, sigma: Array, step: float) -> OutputError:
-        return OutputError(unknowns, records, shots, sigma, step)
-
-    plain = MotionFit, Certainty, Unknowns, Unknown, Shot, Scene, Payload, ElasticJoints, Friction
-    laws = [x for x in map(partial(getattr, control), control.__all__) if isinstance(x, type) and is_dataclass(x)]
-    found: Kinds = of_identifications() | {kind: (names_of(kind), kind) for kind in (*plain, *laws)}
-    found[Friction] = (("numbers",), friction)  # directions that follow the other have none
-    found[Record] = (("t", "q", "qd", "command", "command_rate", "command_hold", "name", "_given_names"), record)
-    return found | {OutputError: (("unknowns", "records", "shots", "sigma", "step"), problem)}
 
 
 def identify_motion(
@@ -519,7 +440,13 @@ def identify_motion(
     Examples
     --------
     >>> record = rne.identification.Record(t, q, command=command)  # doctest: +SKIP
-    >>> print(rne.identify_motion(scene, record).report())  # doctest: +SKIP
+    >>> found = rne.identify_motion(scene, record)  # doctest: +SKIP
+    >>> print(found.report(), found.to_urdf(), found.scene())  # doctest: +SKIP
+    >>> q, std = found.predict(record, std=True)  # doctest: +SKIP
+    >>> found.plot().savefig("positions.png")  # doctest: +SKIP
+    >>> found.draws(100)["friction.viscous"].shape  # doctest: +SKIP
+    (100, 3)
+    >>> found.save("fit.npz"), rne.identification.MotionFit.load("fit.npz")  # doctest: +SKIP
     """
     given = (records,) if isinstance(records, Record) else tuple(records)
     check_records(scene, given)
