@@ -221,14 +221,20 @@ def model_prior(robot: Robot) -> tuple[Array, tuple[str, ...]]:
     return prior, tuple(changed)
 
 
+def sizes_of_parameters(P: Array, shortest: float = 0.0) -> Array:
+    """Sizes of the ten parameters of bodies with the mass and extent of pseudo-inertias P, at least `shortest` [m]."""
+    mass, second = P[:, 3, 3], np.trace(P[:, :3, :3], axis1=1, axis2=2)
+    second = np.maximum(second, mass * shortest**2) if shortest else second
+    first = np.sqrt(mass * second)
+    return np.column_stack([mass, *[first] * 3, *[second] * 6])
+
+
 def expected_sizes(P: Array, base: BaseParameters, equations: Equations) -> Array:
     """Expected sizes of base parameters: of bodies like these, and of drives that need a tenth of the torque.
 
     The pseudo-inertias P are infinite if nothing is known of the bodies; equations are those of standard parameters.
     """
-    mass, second = P[:, 3, 3], np.trace(P[:, :3, :3], axis1=1, axis2=2)
-    first = np.sqrt(mass * second)
-    bodies = np.concatenate([mass[:, None], np.repeat(first[:, None], 3, 1), np.repeat(second[:, None], 6, 1)], axis=1)
+    bodies = sizes_of_parameters(P)
     columns = np.sqrt((equations.columns[..., bodies.size : -1] ** 2).sum((0, 2)))  # joints, drives
     shares = (columns / np.maximum(np.sqrt(equations.torques()), thresholds.TINY)[:, None]).max(0, initial=0)
     drives = np.divide(thresholds.SHARE_OF_DRIVES, shares, out=np.zeros(len(shares)), where=shares > 0)

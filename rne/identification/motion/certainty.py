@@ -12,28 +12,14 @@ from ...basics.arrays import ReadOnlyArrays
 from ...basics.spatial import Array
 from .. import thresholds
 
-TORQUE_LIKE = (
-    "kp",
-    "kd",
-    "ki",
-    "stall_torque",
-    "effort_limit",
-    "viscous",
-    "coulomb",
-    "viscous_back",
-    "coulomb_back",
-    "stribeck_rise",
-    "armature",
-    "parameters",
-    "stiffness",
-    "damping",
-    "rotor",
-)  # which all grow alike where torques do
+DRIVE = "kp", "kd", "ki", "stall_torque", "effort_limit", "rotor"
+FRICTION = "viscous", "coulomb", "viscous_back", "coulomb_back", "stribeck_rise"
+TORQUE_LIKE = *DRIVE, *FRICTION, "armature", "parameters", "stiffness", "damping"  # all grow as torques do
 
 
 @dataclass(frozen=True, eq=False)
 class Certainty(ReadOnlyArrays):
-    """Information of residual derivatives on x, with starts of shots as further unknowns.
+    """Information of the derivatives of residuals on x, with starts of shots as further unknowns.
 
     Attributes
     ----------
@@ -42,11 +28,11 @@ class Certainty(ReadOnlyArrays):
     score : ndarray, shape (Z, Z)
         Covariance of J^T r, residuals being correlated in time.
     spread : ndarray, shape (Z,)
-        Standard deviations that were allowed for.
+        Standard deviations that the fit allows for.
     count : int
-        The first P of Z are what is asked for.
+        P, of the Z unknowns those of x, which come first.
     given : ndarray of bool, shape (Z,)
-        True where the spread is what is known, and not what the fit allows for.
+        True where the spread is known beforehand.
     """
 
     information: Array
@@ -89,7 +75,7 @@ class Certainty(ReadOnlyArrays):
     def alike(self) -> list[tuple[list[int], int]]:
         """Groups of undetermined entries with the same effect, and the number of free directions of each.
 
-        What the log would not determine either if all others were known is a group by itself, free in none.
+        An entry that the log would not determine even if all others were known is a group by itself, with none.
         """
         C, undetermined = self.looser, np.flatnonzero(~self.determined)
         size, seen = np.sqrt(np.diag(C)), np.diag(self.information) * self.spread**2 > thresholds.SEEN_OF_MOTIONS
@@ -119,7 +105,7 @@ class Certainty(ReadOnlyArrays):
         return np.asarray(v)
 
     def given_scale(self, v: Array) -> Certainty:
-        """Certainty if the entry were known by which the common scale of torques, direction v, is determined best."""
+        """Certainty if the entry were known that determines the common scale of torques, direction v, best."""
         sizes = np.divide(self._given(v).std, np.abs(v), out=np.full(len(v), np.inf), where=v != 0)
         return self._given(np.eye(len(v))[np.argmin(sizes)])
 

@@ -16,7 +16,7 @@ from .. import thresholds
 from ..diagnosis.hypotheses import Cause
 from ..log.record import Record
 from .output_error import OutputError, columns_for, commands
-from .unknowns import DELAY, OFFSET, OUTSIDE, SCALE, SENSOR_OFFSET, Unknown, Unknowns
+from .unknowns import DELAY, OFFSET, OUTSIDE, SCALE, SENSOR_OFFSET, Unknown, Unknowns, outside
 
 
 class Effect(NamedTuple):
@@ -43,7 +43,7 @@ EFFECTS = (
 def missing_effects(problem: OutputError, z: Array, noise: Array) -> tuple[Cause, ...]:
     """Effects missing in the model that would reduce the squares of the residual.
 
-    Where the residual is that of the sensors, any part that chance does not explain.
+    Where the sensors explain the residual, reductions of any size count that chance does not explain.
     """
     rms = np.sqrt(np.nanmean(problem.misfits(z) ** 2, axis=0))
     is_fine = bool((rms < thresholds.ABOVE_RESOLUTION * noise).all())  # where small effects shift numbers unseen
@@ -63,18 +63,17 @@ def missing_effects(problem: OutputError, z: Array, noise: Array) -> tuple[Cause
     for effect in EFFECTS:
         if effect.name not in unknowns.places or effect.name in problem.unknowns.places:
             continue
-        cause = _judged(effect, wider, J[:, unknowns.places[effect.name]], Q, r, (floor, part))
-        found += [] if cause is None else [cause]
-    return tuple(sorted(found, key=lambda cause: -cause.score))
+        found.append(_judged(effect, wider, J[:, unknowns.places[effect.name]], Q, r, (floor, part)))
+    return tuple(sorted(filter(None, found), key=lambda cause: -cause.score))
 
 
 def _judged(
     effect: Effect, wider: OutputError, J: Array, Q: Array, r: Array, floors: tuple[float, float]
 ) -> Cause | None:
-    """Effect as a cause, if it explains enough, with its likely size of each joint.
+    """Effect as a cause, if it explains enough, with its likely size for each joint.
 
-    The gain is compared with what chance gives: the variance of what is then left, at least that of the resolution,
-    times its correlation time.
+    The gain is compared with that by chance: the variance of the remaining residual, at least the variance of the
+    resolution, times its correlation time.
     """
     unknowns, (floor, part) = wider.unknowns, floors
     apart = J - Q @ (Q.T @ J)
@@ -112,22 +111,16 @@ def _extended(unknowns: Unknowns) -> tuple[Scene, list[Unknown]]:
         if "stribeck" not in own:
             own["stribeck"] = np.full(n, thresholds.STRIBECK_VELOCITY)
         scene = replace(scene, friction=Friction(**own))
-    sizes = dict(scene.numbers) | {
-        DELAY: np.zeros(1),
-        SCALE: np.ones(n),
-        OFFSET: np.zeros(n),
-        SENSOR_OFFSET: np.zeros(n),
-    }
-    found = []
+    sizes, found = dict(scene.numbers) | outside(scene), []
     for effect in EFFECTS:
         is_there = effect.name in sizes and not (effect.name == DELAY and scene.sample_time is not None)
         is_zero = effect.name in OUTSIDE or (is_there and not sizes[effect.name].any())
         if effect.name in unknowns.places or not is_there or not is_zero:
             continue
         number = sizes[effect.name]
-        k, labels = number.size, tuple(effect.name for _ in range(number.size))
-        none, wide = np.zeros(k, bool), np.full(k, 1e6)
-        found.append(Unknown(effect.name, labels, "", number, np.eye(k), number.copy(), wide, none))
+        k = number.size
+        of_each = np.eye(k), number.copy(), np.full(k, 1e6), np.zeros(k, bool)
+        found.append(Unknown(effect.name, (effect.name,) * k, "", number, *of_each))
     return scene, found
 
 
@@ -139,21 +132,17 @@ def mistaken_columns(scene: Scene, records: Sequence[Record]) -> tuple[Cause, ..
         q, command = record.q[:, places], commands(scene, record)
         R, slopes = _correlations(q, command)
         for j, name in enumerate(names):
-            k = int(np.argmax(np.abs(R[j])))
+            k, start = int(np.argmax(np.abs(R[j]))), f"{record.name}: positions of {short(name)}"
             if k != j and abs(R[j, k]) > thresholds.FOLLOWS and abs(R[j, j]) < thresholds.OTHER_JOINT:
-                other = f"the commands of {short(names[k])}: are columns swapped?"
-                text = f"{record.name}: positions of {short(name)} follow {other}"
+                text = f"{start} follow the commands of {short(names[k])}: are columns swapped?"
                 found.append(Cause("swapped joints", (name, names[k]), text, float(abs(R[j, k]))))
             elif R[j, j] < -thresholds.FOLLOWS:
-                text = (
-                    f"{record.name}: positions of {short(name)} follow the opposite of its commands: is a sign wrong?"
-                )
+                text = f"{start} follow the opposite of its commands: is a sign wrong?"
                 found.append(Cause("sign", (name,), text, float(-R[j, j])))
             elif R[j, j] > thresholds.FOLLOWS and not 1 / thresholds.OTHER_UNIT < slopes[j] < thresholds.OTHER_UNIT:
-                size = f"{slopes[j]:.3g} times its commands"
-                text = f"{record.name}: positions of {short(name)} are {size}: are units alike?"
+                text = f"{start} are {slopes[j]:.3g} times its commands: are units alike?"
                 found.append(Cause("unit", (name,), text, float(R[j, j]), value=float(slopes[j])))
-    return tuple(dict((cause.text, cause) for cause in found).values())
+    return tuple({cause.text: cause for cause in found}.values())
 
 
 def _correlations(q: Array, command: Array) -> tuple[Array, Array]:

@@ -1,6 +1,6 @@
 """Output error of motions that follow commands: position residuals and their derivatives, over shots of records.
 
-A shot is a part of a record that is simulated from a start of its own, which is fitted along with what is unknown.
+A shot is a part of a record that is simulated from its own start, which is fitted together with the unknowns.
 """
 
 from __future__ import annotations
@@ -19,9 +19,10 @@ from ...simulation.commanded import CommandedMotion
 from ...simulation.scene import Scene
 from ...trajectories import sampled
 from .. import thresholds
+from ..diagnosis.hypotheses import units
 from ..fit.equations import correlation_time_of_residuals
 from ..log.record import Record
-from .unknowns import SENSOR_OFFSET, SENSOR_SCALE, Unknowns
+from .unknowns import SENSOR_OFFSET, SENSOR_SCALE, SENSORS, Unknowns
 
 FIRST = 7  # samples of the parabola that estimates the start
 HELD, JOINED = "hold", "linear"
@@ -78,9 +79,8 @@ def shots_of(scene: Scene, records: Sequence[Record], length: float | None, nois
     memory = "elastic joints" if scene.elastic else "the states of the controller" if states_of(scene) else ""
     memory = "a sampled controller" if scene.sample_time is not None else memory
     if memory and len({shot.record for shot in found}) < len(found):
-        raise ValueError(
-            f"with {memory} a motion cannot start in its midst: leave `shot` out, give records without gaps"
-        )
+        cure = "leave `shot` out, give records without gaps"
+        raise ValueError(f"with {memory} a motion cannot start in its midst: {cure}")
     if not found:
         raise IdentificationError(f"no part of the records has {FIRST} samples in a row")
     return found
@@ -94,22 +94,18 @@ def _shot(record: int, t: Array, q: Array, noise: Array) -> Shot:
     for j in range(n):
         rows = np.flatnonzero(np.isfinite(q[:, j]))[:FIRST]
         if len(rows) < 3:
-            raise IdentificationError(
-                f"joint {j + 1} has {len(rows)} measured positions in a part of {t[-1] - t[0]:.3g} s"
-            )
+            few = f"joint {j + 1} has {len(rows)} measured positions"
+            raise IdentificationError(f"{few} in a part of {t[-1] - t[0]:.3g} s")
         fit = np.polynomial.polynomial.polyfit(s[rows], q[rows, j], 2)
         start[:, j] = fit[0], np.clip(fit[1], -speed[j], speed[j])
-        spread[:, j] = (
-            thresholds.STARTS_OF_SHOTS * noise[j] + 0.1 * np.abs(q[rows, j] - fit[0]).max(),
-            max(speed[j], 1e-3),
-        )
+        spread[0, j] = thresholds.STARTS_OF_SHOTS * noise[j] + 0.1 * np.abs(q[rows, j] - fit[0]).max()
+        spread[1, j] = max(speed[j], 1e-3)
     return Shot(record, t, q, start.reshape(-1), spread.reshape(-1))
 
 
 def joint_units(scene: Scene) -> list[str]:
     """Units of the positions of its joints."""
-    model = scene.resolved.robot.model
-    return ["m" if model.joint_types[i] == "prismatic" else "rad" for i in model.independent_joints]
+    return [units(scene.resolved.robot, j)[0] for j in range(scene.n)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,8 +147,8 @@ class OutputError:
 
     def parts(self, z: Array) -> tuple[Array, list[Array]]:
         """Unknowns x, and the shots' starts, (2, n) each."""
-        P, n = len(z) - 2 * self.unknowns.scene.n * len(self.shots), self.unknowns.scene.n
-        return z[:P], [row.reshape(2, n) for row in z[P:].reshape(len(self.shots), 2 * n)]
+        P = len(self.unknowns.labels)
+        return z[:P], list(z[P:].reshape(len(self.shots), 2, self.n))
 
     def _sensed(self, numbers: dict[str, Array], q: Array) -> Array:
         """Sensor readings of positions."""
@@ -162,11 +158,12 @@ class OutputError:
         """Sensor readings in each shot, (T, n); None where a motion cannot be computed."""
         x, starts = self.parts(z)
         numbers = self.unknowns.numbers(x)
-        own, command = self._vectors(numbers), self.unknowns.command(numbers)
+        own, command = self.vectors(numbers), self.unknowns.command(numbers)
         found = (motion.positions(own, command, start) for motion, start in zip(self.motions, starts, strict=True))
         return [None if q is None else self._sensed(numbers, q) for q in found]
 
-    def _vectors(self, numbers: dict[str, Array]) -> Any:
+    def vectors(self, numbers: dict[str, Array]) -> Any:
+        """Vectors of the scene's numbers, for the motions."""
         return self.motions[0].vectors({name: numbers[name] for name in self.unknowns.of_scene})
 
     def residuals(self, z: Array) -> Array:
@@ -223,30 +220,26 @@ class OutputError:
         """Sensor readings in each shot, (T, n), and derivatives by x and the shot's start, (T, n, P + 2 n)."""
         x, starts = self.parts(z)
         numbers, unknowns = self.unknowns.numbers(x), self.unknowns
-        own, command, factor = self._vectors(numbers), unknowns.command(numbers), unknowns.slopes(x)
-        inner = np.concatenate(
-            [np.zeros(0, int), *(np.arange(len(x))[unknowns.places[k]] for k in unknowns.directions)]
-        )
-        n, found = unknowns.scene.n, []
+        own, command, factor = self.vectors(numbers), unknowns.command(numbers), unknowns.slopes(x)
+        inner = np.r_[np.zeros(0, int), *(unknowns.places[k] for k in unknowns.directions)]
+        n, found = self.n, []
         for motion, start in zip(self.motions, starts, strict=True):
             q, along = motion.derivatives(own, command, start)
             J = np.zeros((*q.shape, len(x) + 2 * n))
             J[..., inner], J[..., len(x) :] = along[..., : -2 * n], along[..., -2 * n :]
             J *= np.asarray(numbers.get(SENSOR_SCALE, np.ones(n)))[:, None]
             for part in unknowns.parts:
-                if part.name in (SENSOR_SCALE, SENSOR_OFFSET):
-                    of = q if part.name == SENSOR_SCALE else np.ones_like(q)
-                    J[..., unknowns.places[part.name]] = of[..., None] * part.directions
+                if part.name in SENSORS:
+                    by_sensor = q if part.name == SENSOR_SCALE else np.ones_like(q)
+                    J[..., unknowns.places[part.name]] = by_sensor[..., None] * part.directions
             J[..., : len(x)] *= factor
             found.append((self._sensed(numbers, q), J))
         return found
 
     def misfits(self, z: Array) -> Array:
         """Predicted minus measured positions, (N, n), NaN where not measured."""
-        shown = self.positions(z)
-        return np.concatenate(
-            [np.full_like(s.q, np.nan) if q is None else q - s.q for s, q in zip(self.shots, shown, strict=True)]
-        )
+        each = zip(self.shots, self.positions(z), strict=True)
+        return np.concatenate([np.full_like(shot.q, np.nan) if q is None else q - shot.q for shot, q in each])
 
     def at(self, **changes: Any) -> OutputError:
         """Output error with other shots, sigma or step."""

@@ -1,9 +1,10 @@
-"""Gauss-Newton method for the output error, from several starts; fits of starts alone; folds for validation."""
+"""Gauss-Newton method for the output error, from several starts; fits of starts only; folds for validation."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import compress
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,8 @@ from .output_error import OutputError, shots_of
 from .unknowns import DELAY
 
 MEDIAN = 0.6745  # median of the absolute value of a standard normal number
+OPTIONS: dict[str, Any] = {"method": "trf", "ftol": 1e-11, "xtol": 1e-10, "gtol": 1e-12}
+ROBUST: dict[str, Any] = {"loss": "soft_l1", "f_scale": 2.0}
 
 
 class MotionSolver:
@@ -42,11 +45,9 @@ class MotionSolver:
         """Problem with integration steps that are stable at z."""
         if not self.steps_free:
             return problem
-        x, _ = problem.parts(z)
-        numbers, motion, shot = problem.unknowns.numbers(x), problem.motions[0], problem.shots[0]
+        numbers, shot = problem.unknowns.numbers(problem.parts(z)[0]), problem.shots[0]
         q = shot.q[np.isfinite(shot.q).all(axis=1)][:: max(1, len(shot.q) // 4)][:4]
-        vectors = motion.vectors({name: numbers[name] for name in problem.unknowns.of_scene})
-        rate = motion.fastest_rate(vectors, q)
+        rate = problem.motions[0].fastest_rate(problem.vectors(numbers), q)
         period = min(1 / record.sample_rate for record in problem.records)
         return problem.at(step=min(period, thresholds.STABLE / max(rate, 1e-9)) / self.finer)
 
@@ -54,25 +55,12 @@ class MotionSolver:
         """Solution of scipy.optimize.least_squares from z, with a limit of evaluations."""
         from scipy.optimize import least_squares
 
-        low, high = np.full(len(z), -np.inf), np.full(len(z), np.inf)
+        low = np.full(len(z), -np.inf)
         if DELAY in problem.unknowns.places:
             low[problem.unknowns.places[DELAY]] = 0.0
-        z = np.maximum(z, low)
-        how: dict[str, Any] = {"loss": "soft_l1", "f_scale": 2.0} if self.robust else {}
+        how = OPTIONS | {"bounds": (low, np.inf), "x_scale": problem.spread} | (ROBUST if self.robust else {})
         with np.errstate(all="ignore"):
-            return least_squares(
-                problem.residuals,
-                z,
-                problem.slopes,
-                bounds=(low, high),
-                x_scale=problem.spread,
-                method="trf",
-                ftol=1e-11,
-                xtol=1e-10,
-                gtol=1e-12,
-                max_nfev=most,
-                **how,
-            )
+            return least_squares(problem.residuals, np.maximum(z, low), problem.slopes, max_nfev=most, **how)
 
     def from_starts(self, count: int, seed: int) -> None:
         """Best of some starts after a few steps each."""
@@ -87,23 +75,18 @@ class MotionSolver:
             raise IdentificationError(
                 "the motion cannot be simulated from any start: give `shot`, or other numbers to start from"
             )
-        best = min(found, key=lambda s: float(s.cost))
-        self.z = best.x
+        self.z = min(found, key=lambda solution: float(solution.cost)).x
 
     def _starts(self, count: int, seed: int) -> list[Array]:
         """Given start, and the best ones of many near it."""
-        problem = self.problem
-        first = problem.first
-        if count == 1:
-            return [first]
-        rng, P = np.random.default_rng(seed), len(problem.unknowns.labels)
-        tried = []
+        problem, first, tried = self.problem, self.problem.first, []
+        rng, unknowns, P = np.random.default_rng(seed), problem.unknowns, len(problem.unknowns.labels)
         for _ in range(thresholds.TRIED * (count - 1)):
             z = first.copy()
-            z[:P] += rng.normal(size=P) * np.where(problem.unknowns.is_log, thresholds.STRAY, 0.0)
-            if DELAY in problem.unknowns.places:
-                place = problem.unknowns.places[DELAY]
-                z[place] += np.abs(rng.normal()) * problem.spread[:P][place]
+            z[:P] += rng.normal(size=P) * np.where(unknowns.is_log, thresholds.STRAY, 0.0)
+            if DELAY in unknowns.places:
+                place = unknowns.places[DELAY]
+                z[place] += np.abs(rng.normal()) * problem.spread[place]
             r = problem.residuals(z)
             if np.isfinite(r).all():
                 tried.append((float(r @ r), z))
@@ -114,8 +97,7 @@ class MotionSolver:
         """Solution to convergence, with weights by each joint's residual, and steps for the modes found."""
         z, problem = self.z, self.problem
         for _ in range(thresholds.ROUNDS):
-            before = problem.sigma
-            left = problem.misfits(z)
+            before, left = problem.sigma, problem.misfits(z)
             rms = np.sqrt(np.nanmean(left**2, axis=0))
             rms = np.nanmedian(np.abs(left), axis=0) / MEDIAN if self.robust else rms
             problem = replace(self._stepped(problem, z), sigma=np.maximum(rms, self.noise), told=self._tell)
@@ -158,7 +140,7 @@ def fitted_starts(problem: OutputError, x: Array) -> Array:
 
 def validation_errors(solver: MotionSolver, folds: int) -> Array:
     """Root mean square of the residual of each joint on parts of records left out of a fit, fold by fold."""
-    problem, P, n = solver.problem.at(told=None), len(solver.problem.unknowns.labels), solver.problem.unknowns.scene.n
+    problem, P, n = solver.problem.at(told=None), len(solver.problem.unknowns.labels), solver.problem.n
     shots = problem.shots
     if len(shots) < folds:
         total = sum(float(shot.t[-1] - shot.t[0]) for shot in shots)
@@ -170,8 +152,7 @@ def validation_errors(solver: MotionSolver, folds: int) -> Array:
     starts = z[P:].reshape(len(shots), 2 * n)
     for fold in range(folds):
         out = np.arange(len(shots)) % folds == fold
-        fitted = problem.at(shots=[shot for shot, is_out in zip(shots, out, strict=True) if not is_out])
-        left = problem.at(shots=[shot for shot, is_out in zip(shots, out, strict=True) if is_out])
+        fitted, left = (problem.at(shots=list(compress(shots, chosen))) for chosen in (~out, out))
         x = solver.solved(fitted, np.append(z[:P], starts[~out]), thresholds.MANY_STEPS).x[:P]
         misfits = left.misfits(fitted_starts(left, x))
         total_square, count = total_square + np.nansum(misfits**2, axis=0), count + np.isfinite(misfits).sum(axis=0)

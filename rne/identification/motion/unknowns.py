@@ -18,6 +18,7 @@ from ...model.standard_parameters import DriveModel
 from ...robot import Robot
 from ...simulation.commanded import CommandedMotion
 from ...simulation.scene import Scene
+from ..fit.consistent import sizes_of_parameters
 
 DELAY, SCALE, OFFSET = OF_COMMANDS = CommandedMotion.NAMES
 SENSORS = SENSOR_SCALE, SENSOR_OFFSET = "sensor.scale", "sensor.offset"
@@ -38,6 +39,11 @@ SHORTEST = 0.05  # shortest lever arm for the expected size of links' first mome
 PERIODS = 3.0  # standard deviation of a delay [sample times]
 
 
+def exponentials(x: Array, is_log: Array) -> Array:
+    """Exponentials of the entries that are logarithms, and the other entries."""
+    return np.where(is_log, np.exp(np.minimum(x, 700.0)), x)
+
+
 @dataclass(frozen=True, eq=False)
 class Unknown:
     """Entries of one quantity: value = start + directions (x - x_start), or exp(x) where `is_log`."""
@@ -54,9 +60,7 @@ class Unknown:
 
     def value(self, x: Array) -> Array:
         """Quantity at x, (k,)."""
-        own = np.where(self.is_log, np.exp(np.minimum(x, 700.0)), x)
-        at_start = np.where(self.is_log, np.exp(self.start), self.start)
-        change = self.directions @ (own - at_start)
+        change = self.directions @ (exponentials(x, self.is_log) - exponentials(self.start, self.is_log))
         return np.asarray(self.number + change.reshape(self.number.shape))
 
 
@@ -123,18 +127,16 @@ class Unknowns:
 
     def entries(self, x: Array) -> Array:
         """Values of the entries of x, (P,), exponentials of logarithms."""
-        return np.where(self.is_log, np.exp(np.minimum(x, 700.0)), x)
+        return exponentials(x, self.is_log)
 
     def slopes(self, x: Array) -> Array:
-        """Derivatives of the values by x."""
-        return np.where(self.is_log, np.exp(np.minimum(x, 700.0)), 1.0)
+        """Derivatives of the values with respect to x."""
+        return np.where(self.is_log, self.entries(x), 1.0)
 
     def command(self, numbers: Mapping[str, Array]) -> tuple[float, Array, Array]:
         """Scale, offset and delay of commands."""
-        n = self.scene.n
-        delay, ones, zeros = np.zeros(1), np.ones(n), np.zeros(n)
-        found = numbers.get(DELAY, delay), numbers.get(SCALE, ones), numbers.get(OFFSET, zeros)
-        return float(found[0][0]), found[1], found[2]
+        found = outside(self.scene) | dict(numbers)
+        return float(found[DELAY][0]), found[SCALE], found[OFFSET]
 
 
 def unknowns_of(
@@ -144,17 +146,14 @@ def unknowns_of(
     start: Mapping[str, ArrayLike],
     priors: Mapping[str, ArrayLike],
 ) -> Unknowns:
-    """Unknowns for names, or for "auto" all of the scene; with starts and standard deviations by name, if given."""
-    known = scene.numbers
+    """Unknowns of these names, "auto" for all of the scene, with given starts and standard deviations by name."""
+    every = dict(scene.numbers) | outside(scene)
     if isinstance(wrt, str) and wrt == "auto":
         names = _of_itself(scene)
-        if not _rotors_apart(scene).any():
-            names = [name for name in names if name != "armature"]
     else:
         names = list(dict.fromkeys([wrt] if isinstance(wrt, str) else wrt))
         if not names:
             raise ValueError("`wrt` must name one number at least")
-    every = dict(known) | _outside(scene)
     for argument, given in (("wrt", names), ("start", start), ("priors", priors)):
         for name in given:
             if name not in every:
@@ -166,37 +165,36 @@ def unknowns_of(
         raise ValueError(f"`start` and `priors` must be of what is fitted, which {lost[0]!r} is not: name it in `wrt`")
     if refused := [name for name in names if name.endswith((".reference", ".breaks"))]:
         raise ValueError(f"`wrt`: {refused[0]!r} is replaced by the commands of records")
-    numbers = dict(known) | _outside(scene) | {k: _shaped(k, x, scene, "start") for k, x in start.items()}
-    parts = [
-        _bodies(scene, numbers[name]) if name == "parameters" else _entries(scene, name, numbers[name], period, names)
-        for name in names
-    ]
-    return Unknowns(
-        scene, tuple(_under_prior(part, priors[part.name]) if part.name in priors else part for part in parts)
-    )
+    numbers = every | {name: _shaped(name, x, every[name].shape) for name, x in start.items()}
+    parts = []
+    for name in names:
+        is_of_bodies, number = name == "parameters", numbers[name]
+        part = _bodies(scene, number) if is_of_bodies else _entries(scene, name, number, period, names)
+        parts.append(_under_prior(part, priors[name]) if name in priors else part)
+    return Unknowns(scene, tuple(parts))
 
 
 def _of_itself(scene: Scene) -> list[str]:
     """Numbers selected by "auto"."""
-    fields = {name: name.rpartition(".")[2] for name in scene.numbers}
-    found = [name for name, field in fields.items() if field not in CONSTANT]
+    found = [name for name in scene.numbers if name.rpartition(".")[2] not in CONSTANT]
     found = [name for name in found if (np.isfinite(x := scene.numbers[name]) & (x != 0)).any()]
+    if not _rotors_apart(scene).any():
+        found = [name for name in found if name != "armature"]
     followed = OF_COMMANDS if scene.sample_time is None else OF_COMMANDS[1:]
     return [*found, *followed]
 
 
-def _outside(scene: Scene) -> dict[str, Array]:
-    """Initial values of command and sensor errors."""
+def outside(scene: Scene) -> dict[str, Array]:
+    """Values of the numbers of commands and sensors without errors."""
     ones, zeros = np.ones(scene.n), np.zeros(scene.n)
     return {DELAY: np.zeros(1), SCALE: ones, OFFSET: zeros, SENSOR_SCALE: ones, SENSOR_OFFSET: zeros}
 
 
-def _shaped(name: str, value: ArrayLike, scene: Scene, argument: str) -> Array:
-    """Quantity given by name, one number for all entries or an array of its shape."""
-    shape = (dict(scene.numbers) | _outside(scene))[name].shape
-    array = np.asarray(convert_numbers(f"{argument}[{name!r}]", value, str(shape)), dtype=float)
+def _shaped(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
+    """Value to start from, one number for all entries or an array of its shape."""
+    array = np.asarray(convert_numbers(f"start[{name!r}]", value, str(shape)), dtype=float)
     if array.shape not in ((), shape) or np.isnan(array).any():
-        raise ValueError(f"`{argument}[{name!r}]` must be of shape {shape} without NaN, got {array.shape}")
+        raise ValueError(f"`start[{name!r}]` must be of shape {shape} without NaN, got {array.shape}")
     return np.broadcast_to(array, shape).copy()
 
 
@@ -262,11 +260,7 @@ def regrouped(robot: Robot) -> tuple[BaseParameters, Array]:
 
 def _sizes(robot: Robot) -> Array:
     """Expected sizes of standard parameters, (10 nb,): of bodies with the mass and extent of the robot's."""
-    P = pseudo_inertia(robot.parameters)
-    mass, second = P[:, 3, 3], np.trace(P[:, :3, :3], axis1=1, axis2=2)
-    second = np.maximum(second, mass * SHORTEST**2)
-    first = np.sqrt(mass * second)
-    return np.column_stack([mass, *[first] * 3, *[second] * 6]).reshape(-1)
+    return sizes_of_parameters(pseudo_inertia(robot.parameters), SHORTEST).ravel()
 
 
 def _under_prior(part: Unknown, std: ArrayLike) -> Unknown:
