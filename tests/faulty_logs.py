@@ -19,10 +19,9 @@ from scipy.signal import lfilter, lsim
 from scipy.stats import chi2
 
 import rne
-from rne.identification import Record
+from rne.identification import Record, regression
 from rne.identification.diagnosis.hypotheses import GEARS
-from rne.identification.fit.equations import build_regression
-from rne.identification.fit.least_squares import weighted_fit
+from rne.identification.fit.least_squares import least_squares
 from rne.model import with_parameters
 from rne.model.parameters import parameters_of
 
@@ -516,7 +515,6 @@ def values_without(c: Case, found: Any, stribeck: bool) -> np.ndarray:
     bare = c._replace(size=0 * c.size, late=0.0, noise=0 * c.noise)
     data = FAULTS["Stribeck"][0](bare) if stribeck else clean(bare)
     of_fit = found.records[0]
-    options = {"cutoff": of_fit.cutoff, "folds": 2, "minimum_velocity": None}
     record = Record(data.t, data.q, data.tau)
-    equations = build_regression(found.initial, record, found.base, **options).fitted
-    return weighted_fit(equations.mapped(found.base.back), found.estimate.sigma)[0]
+    equations = regression(found.initial, record, found.base, cutoff=of_fit.cutoff, folds=2).fitted
+    return least_squares(equations.mapped(found.base.back), found.estimate.sigma).values

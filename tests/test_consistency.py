@@ -9,9 +9,8 @@ from scipy.stats import f
 
 import rne
 from rne.basics.filters import low_pass
-from rne.identification import Record
+from rne.identification import Record, regression
 from rne.identification.diagnosis.rigid_body_test import certified, torque_noise
-from rne.identification.fit.equations import build_regression
 
 from .helpers import first_joints, kept
 from .measurements import truth
@@ -91,7 +90,7 @@ def test_f_is_that_of_nested_models_by_independent_equations(scene, motion):
     """Draper and Smith 1998, (6.1.8), of all rows: residuals of a joint's own fit and of one fit to all joints."""
     base = scene.robot.base_parameters(drives=rne.DriveModel(friction="viscous+coulomb"))
     tau = motion.tau + NOISE[: scene.n] * np.random.default_rng(0).normal(size=motion.tau.shape)
-    data = build_regression(scene.robot, Record(motion.t, motion.q, tau), base, None, 5.0, 2)
+    data = regression(scene.robot, Record(motion.t, motion.q, tau), base, cutoff=5.0, folds=2)
     joint, A, b = np.nonzero(data.used)[1], (data.Y @ base.back)[data.used], data.tau[data.used]
     own, N = [A[joint == j] for j in range(scene.n)], np.bincount(joint)
     spaces = [orth(X / np.maximum(np.linalg.norm(X, axis=0), 1e-9), rcond=1e-6) for X in own]

@@ -9,11 +9,9 @@ import pytest
 from scipy.signal import butter, lfilter
 
 import rne
-from rne.identification import Cause, Record, thresholds
+from rne.identification import Cause, Record, fit_base_parameters, regression, thresholds
 from rne.identification.diagnosis.hypotheses import merged_by_kind, merged_text, of_columns, of_convention, with_effect
 from rne.identification.diagnosis.residuals import FitResiduals
-from rne.identification.fit.equations import build_regression
-from rne.identification.fit.least_squares import least_squares
 
 from . import faulty_logs as faults
 
@@ -46,7 +44,7 @@ def test_the_cutoff_is_halved_where_noise_is_fed_back_and_torques_without_it_are
     note = found.records[0].notes[0]
     assert note.startswith(f"cut-off {given / 2:.3g} Hz: of blocks not fitted ")
     assert note in found.report()
-    exact = build_regression(known, Record(c.t, c.states[0], c.tau), found.base, None, given, 2).fitted
+    exact = regression(known, Record(c.t, c.states[0], c.tau), found.base, cutoff=given, folds=2).fitted
     assert exact.shares(found.parameters).max() < 0.7 * exact.shares(plain.parameters).max()
 
 
@@ -88,8 +86,8 @@ def residuals(fault="clean"):
     c = faults.case("gantry", 3)
     data, robot = (faults.FAULTS[fault][0] if fault in faults.FAULTS else faults.clean)(c), c.arm.robot
     base = robot.base_parameters(drives=rne.DriveModel(rotor=True, friction="viscous+coulomb", offset=True))
-    rows = build_regression(robot, Record(data.t, data.q, data.tau), base, None, 4.0, 10)
-    fit = least_squares(rows.fitted.mapped(base.back))
+    rows = regression(robot, Record(data.t, data.q, data.tau), base, cutoff=4.0)
+    fit = fit_base_parameters(base, rows)
     return c, FitResiduals(robot, base, rows, fit.values, fit.sigma)
 
 

@@ -3,16 +3,16 @@
 import dataclasses
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import rne
 from rne.identification import Record, thresholds
-from rne.identification.fit.equations import build_regression, solve
 from rne.identification.fit.least_squares import least_squares
 from rne.identification.payload import body_of, doubts, possible_load, unknown_parts
-from rne.identification.record_sets import KINDS, RecordSets, eliminated, load_map, of_one_set, record_sets, spreads
+from rne.identification.record_sets import RecordSets, eliminated, record_sets, spreads
 from rne.model.standard_parameters import StandardParameters
 
 from .faulty_logs import SCARA
@@ -220,11 +220,13 @@ def test_parameters_of_a_load_are_those_that_a_payload_adds(name, tmp_path):
     com, inertia = np.array(LOAD.com), np.array(LOAD.inertia)
     about_origin = inertia + LOAD.mass * (com @ com * np.eye(3) - np.outer(com, com))
     phi = np.array([LOAD.mass, *LOAD.mass * com, *about_origin[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]])
-    np.testing.assert_allclose(body_of(phi)[1:4], com, rtol=1e-12)
+    standard = StandardParameters(arm.model)
+    shape, base = (1, standard.count), SimpleNamespace(standard=standard)
+    sets = RecordSets(arm, base, (), np.zeros((*shape, 0)), np.zeros(shape), ((),))
     for link in np.array(arm.link_names)[np.array(arm.model.link_body) >= 0].tolist():
         added = arm.with_payload(*LOAD._replace(link=link)).parameters - arm.parameters
         size = 1 + np.abs(added).max()
-        np.testing.assert_allclose(load_map(StandardParameters(arm.model), link) @ phi, added, atol=1e-12 * size)
+        np.testing.assert_allclose(sets.with_load(link).S[-1] @ phi, added, atol=1e-12 * size)
 
 
 def test_without_any_information_the_load_is_a_ball():
@@ -279,18 +281,18 @@ def test_numbers_of_the_load_do_not_depend_on_unknowns_that_are_nothing(robot, m
 @pytest.mark.parametrize("first", [0, 3])
 def test_unknowns_that_are_eliminated_leave_the_others_as_they_are(first):
     factor = np.random.default_rng(5).normal(size=(12, 7))  # six unknowns and the right side
-    np.testing.assert_allclose(solve(eliminated(factor, np.s_[first:6])).x, solve(factor).x[first:], rtol=1e-12)
+    left, whole = (np.linalg.lstsq(R[:, :-1], R[:, -1])[0] for R in (eliminated(factor, np.s_[first:6]), factor))
+    np.testing.assert_allclose(left, whole[first:], rtol=1e-12)
 
 
 def test_errors_of_drives_that_hardly_matter_keep_the_spread_assumed_first():
     """As many rows as unknowns, all of them independent, and no torque that errors of so small a weight would explain."""
-    joints, others = 3, 2
-    factor = 1e-3 * np.eye(others + len(KINDS) * joints + 1)
+    joints, others, kinds = 3, 2, 6
+    factor = 1e-3 * np.eye(others + kinds * joints + 1)
     factor[:, -1] = 0
     students = np.sqrt(joints / (joints - 2))  # standard deviation of Student's t with so many degrees of freedom
-    np.testing.assert_allclose(
-        spreads(factor, others, len(KINDS) * joints, joints), thresholds.FIRST_SPREAD * students, rtol=1e-6
-    )
+    found = spreads(factor, others, kinds * joints, joints)
+    np.testing.assert_allclose(found, thresholds.FIRST_SPREAD * students, rtol=1e-6)
 
 
 def used(values, tau):
@@ -695,13 +697,17 @@ def test_a_record_of_both_sets_is_refused(robot, measured, call):
 @pytest.mark.parametrize("cutoff", [5.0, 8.0])
 def test_a_record_of_both_sets_is_seen_with_another_delay_and_cutoff(arm, three, cutoff):
     """Records were found late by 0 and 6 ms, the next ones are taken to be late by their mean."""
-    base, late = arm.base_parameters(), np.outer([0.0, 0.006], np.ones(arm.n))
-    first = build_regression(arm, three, base, None, 5.0, 2, late)
-    sets = of_one_set(arm, base, first)
-    for k, record in enumerate(three):
+    records = three[0], late(three[0], 0.006)
+    first = rne.identify(arm, records, consistent=False, causes=False, cutoff=5.0)
+    np.testing.assert_allclose(first.delay[1] - first.delay[0], 0.006, atol=5e-4)
+
+    def with_another(record, **changes):
+        return record_sets(first, None, Record(record.t, record.q, **{"tau": record.tau} | changes), None, cutoff)
+
+    for k, record in enumerate(records):
         with pytest.raises(ValueError, match=f"^`with_load` has a record that the others have too, 'run {k}': one is"):
-            sets.with_records(Record(record.t, record.q, record.tau, name=f"run {k}"), cutoff)
-    assert len(sets.with_records(Record(three[0].t, three[0].q, 1.001 * three[0].tau), cutoff).data) == 2
+            with_another(record, name=f"run {k}")
+    assert len(with_another(three[0], tau=1.001 * three[0].tau).data) == 2
 
 
 def test_gains_of_a_mass_alone_need_no_frame():

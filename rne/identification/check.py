@@ -54,31 +54,29 @@ class Check(InNotebooks):
     @property
     def rms(self) -> Array:
         """Root mean square of predicted minus measured torque of each joint, NaN without any, (n,) [N m or N]."""
-        rows = np.where(self.valid.any(0), self.valid.sum(0), np.nan)
-        errors: Array = np.sqrt((((self.predicted - self.measured) * self.valid) ** 2).sum(0) / rows)
-        return errors
+        return np.asarray(np.sqrt(self._mean((self.predicted - self.measured) ** 2)))
+
+    def _mean(self, x: Array, rows: Array | None = None) -> Array:
+        """Means over the valid rows of each joint, or over these rows, NaN without any, shape (n,)."""
+        rows = self.valid if rows is None else rows
+        return np.asarray((x * rows).sum(0) / np.where(rows.any(0), rows.sum(0), np.nan))
 
     @property
     def relative(self) -> Array:
         """|predicted - measured| / |measured| of each joint, NaN without any, shape (n,)."""
-        rows = np.maximum(self.valid.sum(0), 1)
-        size = np.sqrt(((self.measured * self.valid) ** 2).sum(0) / rows)
-        return np.asarray(self.rms / np.maximum(size, thresholds.TINY))
+        return np.asarray(self.rms / np.maximum(np.sqrt(self._mean(self.measured**2)), thresholds.TINY))
 
     @property
     def r_squared(self) -> Array:
         """Coefficient of determination of each joint, NaN without any torque, shape (n,)."""
-        rows = np.where(self.valid.any(0), self.valid.sum(0), np.nan)
-        mean = (self.measured * self.valid).sum(0) / rows
-        variance = (((self.measured - mean) * self.valid) ** 2).sum(0) / rows
+        variance = self._mean((self.measured - self._mean(self.measured)) ** 2)
         return np.asarray(1 - self.rms**2 / np.maximum(variance, thresholds.TINY))
 
     @property
     def covered(self) -> Array:
         """Share of the torques of each joint within the 95 % band, NaN where none has a finite one, shape (n,)."""
-        rows = self.valid & np.isfinite(self.std)
-        within = (np.abs(self.measured - self.predicted) <= thresholds.BAND * self.std) & rows
-        return np.asarray(within.sum(0) / np.where(rows.any(0), rows.sum(0), np.nan))
+        within = np.abs(self.measured - self.predicted) <= thresholds.BAND * self.std
+        return self._mean(within, self.valid & np.isfinite(self.std))
 
     def report(self) -> str:
         """Table of the errors and of the coverage of the 95 % band, joint by joint.
@@ -86,17 +84,16 @@ class Check(InNotebooks):
         Returns
         -------
         str
-            A line for each joint, and of joints that a constant torque predicts better that it does.
+            A line for each joint, and the joints that a constant torque predicts better.
         """
         columns = ("rms error [N m or N]", "relative [%]", "R^2", "within the 95 % band [%]")
         errors = column(self.rms, ".4g"), column(100 * self.relative, ".1f"), column(self.r_squared, ".4f")
         cells = *errors, column(100 * self.covered, ".0f", "-")
         lines = table(f"motion {short(self.name)}", columns, self.joint_names, *cells, indent="  ")
-        worse = [name for name, r2 in zip(self.joint_names, self.r_squared, strict=True) if r2 < 0]
-        text = (
-            f"a constant torque predicts {listed(worse)} better: are units, zero and order those of the fitted records?"
-        )
-        return "\n".join([*lines, *[text] * bool(worse)])
+        if worse := [name for name, r2 in zip(self.joint_names, self.r_squared, strict=True) if r2 < 0]:
+            cause = "are units, zero and order those of the fitted records?"
+            lines.append(f"a constant torque predicts {listed(worse)} better: {cause}")
+        return "\n".join(lines)
 
     def plot(self) -> Figure:
         """Measured and predicted torque and their difference over time, and the difference over speed, by joint.

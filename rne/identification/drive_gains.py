@@ -1,10 +1,10 @@
 """Torque per ampere of each drive, from currents measured without and with a known load.
 
-Currents are torques in a unit of their own per joint, i_j = k_j (Y_j pi + Y_j S phi): without a load (phi = 0) any
+Currents are torques in another unit for each joint, i_j = k_j (Y_j pi + Y_j S phi): without a load (phi = 0) any
 gains fit, with one its known parameters set the scale (Gautier and Briot 2014). Of a load that is only weighed, the
 other nine parameters are unknowns too. Currents are noisy, and as a column of the equations their noise would draw
-gains to zero. In their place stand currents that a model predicts (instruments, as of instrumental variables): first
-those of each joint's own fit, then, in Gauss-Newton steps, those of the parameters found.
+gains to zero. Instead, the columns are currents that a model predicts (instruments, as of instrumental variables):
+first those of each joint's own fit, then, in Gauss-Newton steps, those of the parameters found.
 """
 
 from __future__ import annotations
@@ -151,7 +151,7 @@ def identify_drive_gains(
         The robot without the load, of which only joints and their places need be right; or what `rne.identify` made of
         the currents without the load.
     without : Record or sequence of Record, or None
-        Measured motions without the load, with currents, or what else is proportional to torques, in place of torques;
+        Measured motions without the load, with currents, or what else is proportional to torques, instead of torques;
         None with an Identification.
     with_load : Record or sequence of Record
         Measured motions with the load; they may differ from those without.
@@ -182,9 +182,8 @@ def identify_drive_gains(
         load; the Identification has instruments; the mass is not positive; the load is on no joint; or numbers are so
         large that the equations overflow (NotFiniteError).
     IdentificationError
-        If no gain can be identified, a gain is negative, the fit does not settle, or the currents contradict
-        the load as given: an estimate of its centre and inertia changes a gain by more than 10 % and four standard
-        errors.
+        If no gain can be identified, a gain is negative, the fit does not settle, or the currents contradict the load
+        as given: an estimate of its centre and inertia changes a gain by more than 10 % and four standard errors.
 
     Warns
     -----
@@ -265,7 +264,7 @@ def place(x: Array) -> str:
 
 
 def refuse_negative(names: Sequence[str], gains: Array, errors: Array, bare: bool) -> None:
-    """Refuse negative gains, naming likely causes."""
+    """Raise an IdentificationError for negative gains, with likely causes."""
     negative = np.flatnonzero(gains < 0).tolist()
     if not len(negative):
         return
@@ -279,7 +278,7 @@ def refuse_negative(names: Sequence[str], gains: Array, errors: Array, bare: boo
 
 
 def change_by_another_load(weighed: RecordSets, mass: float, com: Array, gains: Array) -> Array:
-    """Significant change of the gains if only the load's mass is taken as given; a large one is refused."""
+    """Significant change of the gains if only the load's mass is taken as given; an error if it is large."""
     K, names = weighed.base.count, weighed.robot.joint_names
     try:
         other, errors, fit = of_all_joints(weighed)

@@ -20,20 +20,8 @@ from ..dynamics.base_inertial_parameters import BaseParameters
 from ..model.standard_parameters import DriveModel
 from ..robot import Robot
 from . import thresholds
-from .diagnosis.hypotheses import (
-    GEARS,
-    STRIBECK,
-    Cause,
-    Hypothesis,
-    LinearCauses,
-    added_delay,
-    delays_by_instruments,
-    delays_of,
-    leading_columns,
-    likely_causes,
-    linear_causes,
-    refine,
-)
+from .diagnosis import hypotheses
+from .diagnosis.hypotheses import GEARS, STRIBECK, Cause, Hypothesis, LinearCauses
 from .diagnosis.residuals import FitResiduals
 from .fit.equations import Motion, RegressionData, along, build_regression
 from .fit.least_squares import (
@@ -98,14 +86,14 @@ class Fit:
     @cached_property
     def linear(self) -> LinearCauses:
         """Causes of the residuals whose torques are linear in their numbers."""
-        return linear_causes(self.residuals, self.model.hypotheses)
+        return hypotheses.linear_causes(self.residuals, self.model.hypotheses)
 
     @cached_property
     def likely(self) -> tuple[tuple[Cause, ...], tuple[Cause, ...]]:
         """Likely causes of the residuals, and those that are evident but of small effect."""
         if self.model.motions:  # the noise of the positions is in the residuals
             return (), ()
-        return likely_causes(self.residuals, self.model.hypotheses, self.linear)
+        return hypotheses.likely_causes(self.residuals, self.model.hypotheses, self.linear)
 
     @property
     def causes(self) -> tuple[Cause, ...]:
@@ -230,15 +218,15 @@ def with_delays(fit: Fit) -> FitModel | None:
         return None
     if model.motions:
         moved = [along(record, motion) for record, motion in zip(fit.data.prepared, model.motions, strict=True)]
-        found = delays_by_instruments(fit.residuals, moved)
+        found = hypotheses.delays_by_instruments(fit.residuals, moved)
     else:
         rest = fit.residuals.beyond_friction
-        found = delays_of(rest)
-        if not found and (leading := leading_columns(fit.linear)) is not None:
-            found = delays_of(rest.with_known(leading))
+        found = hypotheses.delays_of(rest)
+        if not found and (leading := hypotheses.leading_columns(fit.linear)) is not None:
+            found = hypotheses.delays_of(rest.with_known(leading))
     delays, modelled = model.delays, dict(model.modelled)
     for cause in found:
-        delays = delays + added_delay(cause, len(delays), model.robot.joint_names)
+        delays = delays + hypotheses.added_delay(cause, len(delays), model.robot.joint_names)
         key = cause.kind, cause.joints, str(cause.at)
         before = modelled[key].value if key in modelled else 0.0
         modelled[key] = cause._replace(value=cause.value + before)
@@ -253,7 +241,7 @@ def with_stribeck(fit: Fit) -> FitModel | None:
         return None
     velocities = np.zeros(len(names)) if model.drives.stribeck is None else np.array(model.drives.stribeck, np.float64)
     modelled = dict(model.modelled)
-    for cause in (refine(fit.residuals, cause) for cause in slow):
+    for cause in (hypotheses.refine(fit.residuals, cause) for cause in slow):
         modelled[cause.kind, cause.joints], velocities[names.index(cause.joints[0])] = cause, cause.at
     return replace(model, drives=replace(model.drives, stribeck=velocities), modelled=modelled)
 

@@ -57,7 +57,7 @@ class PayloadEstimate(SetsResult):
         Standard errors of the inertia about the centre of mass; infinite where not identifiable [kg m^2].
     estimate : LeastSquares
         The robot's base parameters, then the load's ten parameters m, m cx, m cy, m cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz
-        about the link's origin and in its axes; with gains, the relative changes of the gains behind them.
+        about the link's origin and in its axes; with gains, the relative changes of the gains last.
     consistent : bool
         True if the load is the physically consistent one, where least squares give none that is possible, or the
         motions do not determine all of it.
@@ -179,23 +179,16 @@ def identify_payload(
         The robot without the load, of which only joints and their places need be right; what `rne.identify` found from
         motions without the load, whose equations are then used; or what `rne.identify_drive_gains` found from currents
         without and with a load that was weighed: gains and the load are then found together from all three.
-    without : Record or sequence of Record, or None
-        Measured motions without the load; None with an Identification or DriveGains.
-    with_load : Record or sequence of Record
-        Measured motions with the load; they may differ from those without.
+    without, with_load : Record or sequence of Record
+        Measured motions without the load, None with an Identification or DriveGains; and motions with it, which may be
+        others.
     link : str, optional
         The link that carries the load, in whose frame it is given; the last link of the chain if not given, as of
         `rne.Payload`.
     consistent : bool
-        False to leave a load as least squares give it where no distribution of mass has it.
-    drives : DriveModel, optional
-        Torques of the drives, by default rotors, viscous and Coulomb friction and offsets; not with an Identification,
-        which has its own.
-    cutoff : float, optional
-        Cut-off of the low-pass filter, by default chosen from the measurements [Hz].
-    delay : float or array_like, shape (n,), optional
-        By which torques of these records were measured later than positions, by default estimated for each record, and
-        for a joint where it differs; records of an Identification or DriveGains keep theirs [s].
+        False to keep the load of least squares, even where no distribution of mass has it.
+    drives, cutoff, delay : optional
+        As of `rne.identify_drive_gains`; DriveGains have their drives and delays too.
 
     Returns
     -------
@@ -207,10 +200,7 @@ def identify_payload(
     TypeError
         If `robot`, a record or `drives` is of another type.
     ValueError
-        If a record is of other joints or in both sets, has errors among its findings, or moves no joint; there are
-        fewer equations than parameters; `without` or `drives` is missing or given twice; `drives` have friction under
-        load; the Identification has instruments; `link` is not one of the robot's, or does not move; or numbers are so
-        large that the equations overflow (NotFiniteError).
+        As of `rne.identify_drive_gains`; or if `link` is not one of the robot's, or does not move.
     IdentificationError
         If the mass is not identifiable, it is negative beyond doubt, or no possible load fits.
     ImportError
@@ -330,10 +320,7 @@ def gravity_in(robot: Robot, link: str, records: Sequence[Prepared]) -> Array:
 
 
 def unknown_parts(factor: Array, mass: float, down: Array) -> tuple[str, ...]:
-    """Names of a load's parameters that the equations do not determine and a prior body decides.
-
-    Gravity acts along `down`, shape (k, 3), in the link's axes.
-    """
+    """Names of a load's parameters that the equations do not determine; gravity acts `down`, (k, 3), in its axes."""
     radius = gyration(mass)
     size = thresholds.LOAD_STD * mass * np.repeat([1.0, radius, radius**2], [1, 3, 6])
     _, S, V = np.linalg.svd(factor[:, :-1] * size)

@@ -93,7 +93,7 @@ def bands_of(
 ) -> Bands:
     """Bands of a fit to these equations, with the largest friction of a joint at rest, and more per load, (2, n).
 
-    At rest the residuals' deviation is that of joints that rest for a while in the log or, where hardly any does,
+    At rest the standard deviation of the residuals is that of the rests in the log or, where there are hardly any,
     contains this friction.
     """
     equations, sigma = data.fitted.mapped(base.back), estimate.sigma
@@ -131,16 +131,16 @@ def held_out_residuals(
     the others do not determine the parameters. Both have shape (rows, n).
     """
     blocks = blocks_of_time(data.prepared, len(equations.factors) // len(data.prepared))
-    again, found = repeated(data.prepared, blocks), np.zeros((2, *data.tau.shape))
+    again = repeated(data.prepared, blocks)
+    residuals, spread = np.zeros((2, *data.tau.shape))
     for k, block in enumerate(blocks):
         others = np.arange(len(blocks)) != k
         for chosen in (others & ~again[k], others):
             solution = solve(equations.of_blocks(chosen).weighted(estimate.sigma))
             if 2 * chosen.sum() >= len(blocks) and not (solution.free & np.isfinite(estimate.errors)).any():
                 break
-        found[0, block] = data.tau[block] - y[block] @ solution.x
-        found[1, block] = np.linalg.norm(y[block] @ solution.inverse, axis=-1)
-    residuals, spread = found
+        residuals[block] = data.tau[block] - y[block] @ solution.x
+        spread[block] = np.linalg.norm(y[block] @ solution.inverse, axis=-1)
     return residuals, spread
 
 
@@ -148,15 +148,14 @@ def repeated(records: Sequence[Prepared], blocks: Sequence[slice]) -> Array:
     """True for pairs of blocks that partly have nearly the same positions and velocities, (blocks, blocks)."""
     from scipy.spatial import KDTree
 
-    moved = (
-        np.max([np.ptp(record.q, axis=0) for record in records], axis=0) > thresholds.RESTS
-    )  # others differ by noise
-    states = np.concatenate([np.concatenate([r.q[:, moved], r.qd[:, moved]], axis=1)[r.row_samples] for r in records])
+    found = np.zeros((len(blocks), len(blocks)), bool)
+    ranges = np.max([np.ptp(record.q, axis=0) for record in records], axis=0)
+    moved = ranges > thresholds.RESTS  # others differ by noise
     if not moved.any():
-        return np.zeros((len(blocks), len(blocks)), bool)
+        return found
+    states = np.concatenate([np.concatenate([r.q[:, moved], r.qd[:, moved]], axis=1)[r.row_samples] for r in records])
     size = states.std(0)
     states /= np.where(size > 0, size, 1.0) * np.sqrt(states.shape[1])
-    found = np.zeros((len(blocks), len(blocks)), bool)
     for k, block in enumerate(blocks):
         distances = KDTree(states[block]).query(states)[0]
         found[:, k] = [np.quantile(distances[b], thresholds.REPEATED_PART) < thresholds.REPEATED for b in blocks]
@@ -203,12 +202,8 @@ def possible_draws(pi: Array, scale: Array, bodies: slice, known: Array, root: A
 
 
 def prior_scale(bodies: Array, std: float, drives: Array, cure: str) -> Array:
-    """Standard deviations, as columns, of bodies' parameters (10 nb,) under the prior, and of drives.
-
-    An IdentificationError with the cure, if the bodies are not possible.
-    """
+    """Standard deviations, as columns, of bodies' parameters (10 nb,) under the prior, and of drives."""
     if np.linalg.eigvalsh(pseudo_inertia(bodies)).min(initial=np.inf) <= 0:
         raise IdentificationError(f"the bodies found are no possible ones: {cure}")
-    return scaling(pseudo_inertia(bodies), drives) * np.append(
-        np.tile(std * np.where(TRACE, 1.0, np.sqrt(0.5)), len(bodies) // PARAMETERS), np.ones(len(drives))
-    )
+    of_bodies = np.tile(std * np.where(TRACE, 1.0, np.sqrt(0.5)), len(bodies) // PARAMETERS)
+    return scaling(pseudo_inertia(bodies), drives) * np.append(of_bodies, np.ones(len(drives)))

@@ -25,16 +25,8 @@ from ..dynamics.base_inertial_parameters import BaseParameters
 from ..model.standard_parameters import DriveModel, StandardParameters
 from ..robot import Robot, robot_argument
 from . import thresholds
-from .diagnosis.hypotheses import (
-    GEARS,
-    Cause,
-    added_delay,
-    changes_with_load,
-    delay_text,
-    delays_of,
-    likely_causes,
-    merged_by_kind,
-)
+from .diagnosis import hypotheses
+from .diagnosis.hypotheses import GEARS, Cause
 from .diagnosis.residuals import FitResiduals, by_joint
 from .diagnosis.rigid_body_test import percent
 from .fit.equations import (
@@ -129,20 +121,15 @@ class RecordSets:
         return replace(self, data=(*self.data, data), S=S, known=known, records=kept)
 
     def with_delays(self, gains: Array | None = None) -> RecordSets:
-        """Equations with delays of each record, and of single joints where they differ, by the residuals.
-
-        Torques are what was measured times `gains`.
-        """
+        """Equations with delays of each record, and of single joints where they differ, by residuals of torques."""
         found = list(self.data)
         for i, records in enumerate(self.records):
             cutoffs = [record.cutoff for record in found[i].prepared]
             for _ in range(thresholds.DELAY_ROUNDS * bool(records)):
-                data = found[i] if gains is None else found[i].in_torques(gains)
-                fit = least_squares(data.fitted.mapped(self.base.back))
-                rest = FitResiduals(self.robot, self.base, data, fit.values, fit.sigma)
-                if not (causes := delays_of(rest.beyond_friction)):
+                rest = self._residuals(found[i] if gains is None else found[i].in_torques(gains))
+                if not (causes := hypotheses.delays_of(rest.beyond_friction)):
                     break
-                late = sum((added_delay(x, len(records), rest.names) for x in causes), found[i].delays)
+                late = sum((hypotheses.added_delay(x, len(records), rest.names) for x in causes), found[i].delays)
                 again = build_regression(self.robot, records, self.base, None, cutoffs, FEWEST_FOLDS, late)
                 found[i] = replace(again, notes=found[i].notes)
             found[i] = replace(found[i], notes=(*found[i].notes, *delay_notes(found[i], self.robot.joint_names)))
@@ -153,6 +140,11 @@ class RecordSets:
         S = np.zeros((*self.known.shape, PARAMETERS))
         S[-1] = load_map(self.base.standard, link)
         return replace(self, S=np.concatenate([self.S, S], axis=-1))
+
+    def _residuals(self, data: RegressionData) -> FitResiduals:
+        """Residuals of a fit to one set of records."""
+        estimate = least_squares(data.fitted.mapped(self.base.back))
+        return FitResiduals(self.robot, self.base, data, estimate.values, estimate.sigma)
 
     @cached_property
     def plain(self) -> list[Equations]:
@@ -165,12 +157,10 @@ class RecordSets:
         found = self.changes
         told = {cause.kind: [c for c in found if c.kind == cause.kind] for cause in found}
         for data in self.data:
-            estimate = least_squares(data.fitted.mapped(self.base.back))
-            causes, _ = likely_causes(FitResiduals(self.robot, self.base, data, estimate.values, estimate.sigma))
-            found += [
-                x for x in causes if all(x.joints != c.joints and x.score > c.score for c in told.get(x.kind, ()))
-            ]
-        return merged_by_kind(sorted(found, key=lambda cause: -cause.score))
+            for x in hypotheses.likely_causes(self._residuals(data))[0]:
+                if all(x.joints != c.joints and x.score > c.score for c in told.get(x.kind, ())):
+                    found.append(x)
+        return hypotheses.merged_by_kind(sorted(found, key=lambda cause: -cause.score))
 
     @property
     def changes(self) -> list[Cause]:
@@ -187,7 +177,7 @@ class RecordSets:
         known = np.concatenate([torques, by_joint(of_law)], axis=-1)
         loaded = np.arange(len(data.tau)) >= len(data.tau) - len(self.data[-1].tau)
         body = int(loads[-1].any(1).argmax()) // PARAMETERS
-        return changes_with_load(rest, known, loaded[:, None, None], body)
+        return hypotheses.changes_with_load(rest, known, loaded[:, None, None], body)
 
     def in_torques(self, gains: Array) -> RecordSets:
         """Equations in torques from measurements and gains; joints whose gain is NaN have none."""
@@ -349,7 +339,7 @@ class SetsResult(InNotebooks):
 
 
 def is_that_of(record: Record, prepared: Prepared, delays: Array) -> bool:
-    """True if this record was prepared from the same measurements, for any filter and delays."""
+    """True if this record was prepared from the same measurements, with any filter and delays."""
     rows = np.isin(record.cleaned.t, prepared.t)
     if rows.sum() != len(prepared.t):
         return False
@@ -362,7 +352,7 @@ def delay_notes(data: RegressionData, joints: Sequence[str]) -> Iterator[str]:
     for name, late in zip(data.names, data.delays, strict=True):
         for x in np.unique(late[late != 0]):  # zero unless given or found
             names = tuple(joint for joint, own in zip(joints, late, strict=True) if own == x)
-            text = delay_text(names if len(names) < len(joints) else ())(np.array([x]))
+            text = hypotheses.delay_text(names if len(names) < len(joints) else ())(np.array([x]))
             yield f"{name}: {text}; taken into account"
 
 
@@ -418,7 +408,7 @@ def jackknife(both: Equations, noise: Array, K: int, spread: Array) -> Array:
 def validation_squares(both: Equations, noise: Array, K: int, spread: Array) -> Array:
     """Squared validation errors of blocks, by fits to the others without errors of `KINDS`, shape (blocks, n).
 
-    Beside these errors, base parameters would not contain all of viscous and Coulomb friction. Changes between the
+    With these errors, base parameters would not contain all of viscous and Coulomb friction. Changes between the
     records are fitted, and left out of the prediction: they are errors of the records after the change.
     """
     own, m = len(KINDS) * both.joints, len(spread)

@@ -84,8 +84,8 @@ def fit_bodies(
     data : RegressionData
         The equations, of `regression`.
     prior : Robot, "geometry" or None
-        What bodies are like where the motion says nothing, as of `rne.identify`; None for least squares, of which the
-        bodies need not be possible.
+        Bodies expected where the motion is not informative, as of `rne.identify`; None for least squares, whose bodies
+        need not be possible.
     prior_std : float, optional
         Relative standard deviation of the prior, as of `rne.identify`.
 
@@ -116,8 +116,7 @@ def fit_bodies(
             raise ValueError("`prior_std` is of a prior: give one, or leave it out")
         estimator = Estimator(base, None, 1.0)
         return BodiesFit(estimator.fit(data.fitted)[1], estimator, False)
-    known = prior_robot(base.standard.model, prior)
-    return possible_bodies(base, data, prior_of_bodies(known, prior_std, base, data))
+    return possible_bodies(base, data, prior_of_bodies(prior, prior_std, base, data))
 
 
 def possible_bodies(base: BaseParameters, data: RegressionData, prior: BodiesPrior) -> BodiesFit:
@@ -149,10 +148,10 @@ def prior_robot(model: Model, prior: Robot | str) -> Robot | str:
 
 
 def prior_of_bodies(
-    known: Robot | str, prior_std: float | None, base: BaseParameters, data: RegressionData
+    prior: Robot | str, prior_std: float | None, base: BaseParameters, data: RegressionData
 ) -> BodiesPrior:
     """Prior from a robot's bodies, or from the geometry with the best-fitting density."""
-    standard = base.standard
+    standard, known = base.standard, prior_robot(base.standard.model, prior)
     stds = thresholds.PRIOR_STDS_OF_GUESS if isinstance(known, str) else (thresholds.PRIOR_STD,)
     stds = stds if prior_std is None else (positive_number("prior_std", prior_std),)
     if isinstance(known, str):
@@ -162,10 +161,8 @@ def prior_of_bodies(
         E[standard.count - drives :, 1:] = np.eye(drives)
         density = float(least_squares(data.fitted.mapped(E)).values[0])
         if density <= 0:
-            raise IdentificationError(
-                f"`prior` 'geometry': the torques ask for bodies of {density:.4g} kg in all; check the signs of "
-                "torques and of gravity"
-            )
+            text = f"the torques ask for bodies of {density:.4g} kg in all; check the signs of torques and of gravity"
+            raise IdentificationError(f"`prior` 'geometry': {text}")
         return density * bodies, stds, (f"prior: rods between the joints, {density:.4g} kg in all",)
     bodies, thickened = model_prior(known)
     notes = tuple(f"prior: the body of {name} was too thin and was made thicker" for name in thickened)

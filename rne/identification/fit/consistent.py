@@ -188,17 +188,14 @@ def refined(objective: Objective, slopes: Slopes, start: Array, free: Array) -> 
 
     With the gradient there, and the decrement, twice the estimated gap to the minimum.
     """
-    y, decrement = start.copy(), np.inf
+    y, decrement, lengths = start.copy(), np.inf, 0.5 ** np.arange(thresholds.STEP_HALVINGS)
     for _ in range(thresholds.NEWTON_STEPS):
         gradient, hessian = slopes(y)
         step = np.zeros(len(y))
         step[free] = -np.linalg.lstsq(hessian[np.ix_(free, free)], gradient[free], rcond=None)[0]
         decrement = float(-gradient @ step)
-        lengths = 0.5 ** np.arange(thresholds.STEP_HALVINGS)
-        value = objective(y)
-        length = next(
-            (a for a in lengths if objective(y + a * step) <= value - thresholds.SUFFICIENT * a * decrement), 0.0
-        )
+        value, least = objective(y), thresholds.SUFFICIENT * decrement
+        length = next((a for a in lengths if objective(y + a * step) <= value - a * least), 0.0)
         y = y + length * step
         if decrement <= thresholds.CONVERGED or length == 0:
             break
@@ -241,8 +238,7 @@ def expected_sizes(P: Array, base: BaseParameters, equations: Equations) -> Arra
     shown = np.where(base.matrix[:, : bodies.size] == 0, 0.0, bodies.ravel())
     of_bodies = np.linalg.norm(base.matrix[:, : bodies.size] * shown, axis=1)
     kept = np.array(base.independent, int)
-    sizes = np.where(kept < bodies.size, of_bodies, np.append(np.zeros(bodies.size), drives)[kept])
-    return np.asarray(sizes)
+    return np.asarray(np.where(kept < bodies.size, of_bodies, np.append(np.zeros(bodies.size), drives)[kept]))
 
 
 def geometric_prior(model: Model) -> Array:
@@ -251,8 +247,8 @@ def geometric_prior(model: Model) -> Array:
     lengths = [np.linalg.norm(end, axis=1) for end in ends]
     known = np.concatenate(lengths)[np.concatenate(lengths) > 0]
     shortest = thresholds.SHORTEST * (known.mean() if len(known) else thresholds.GUESSED_LENGTH)
-    bodies = np.array([rods(end, np.maximum(length, shortest)) for end, length in zip(ends, lengths, strict=True)])
-    bodies = bodies.reshape(-1, 4, 4)
+    each = [rods(end, np.maximum(length, shortest)) for end, length in zip(ends, lengths, strict=True)]
+    bodies = np.array(each).reshape(-1, 4, 4)
     return np.asarray(bodies / max(bodies[:, 3, 3].sum(), thresholds.TINY))
 
 

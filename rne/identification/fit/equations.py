@@ -33,7 +33,7 @@ from ...model.model import Model
 from ...model.standard_parameters import DriveModel, StandardParameters
 from ...robot import Robot
 from .. import thresholds
-from ..log.findings import NO_COMMANDS, torques_of
+from ..log.findings import torques_of
 from ..log.prepared import Prepared, rows_without, undisturbed
 from ..log.record import Record
 from ..log.screening import consecutive, runs
@@ -147,10 +147,7 @@ def in_space_of_instruments(factor: Array, instruments: int) -> Array:
 
 
 def equations(Y: Array, tau: Array, used: Array, blocks: Sequence[slice], Z: Array | None = None) -> Equations:
-    """Compressed equations of the used rows of motions: Y of shape (N, n, P), torques and `used` of (N, n).
-
-    Instruments Z have shape (N, n, K).
-    """
+    """Equations of the used rows of motions: Y (N, n, P), tau and `used` (N, n), instruments Z (N, n, K)."""
     Y = Y if Z is None else np.concatenate([Z, Y], axis=-1)
     n, P = Y.shape[1:]
     factors, rows = np.zeros((len(blocks), n, P + 1, P + 1)), np.zeros((len(blocks), n), int)
@@ -158,8 +155,7 @@ def equations(Y: Array, tau: Array, used: Array, blocks: Sequence[slice], Z: Arr
         for j in range(n):
             chosen = used[block, j]
             rows[k, j] = chosen.sum()
-            augmented = np.concatenate([Y[block, j][chosen], tau[block, j][chosen, None]], axis=1)
-            factors[k, j] = triangular(augmented)
+            factors[k, j] = triangular(np.column_stack([Y[block, j][chosen], tau[block, j][chosen]]))
     if not (np.abs(factors).max(initial=0) < thresholds.LARGEST):
         raise NotFiniteError("the equations overflow: torques or velocities of the measurements are too large")
     return Equations(factors, rows, 0 if Z is None else Z.shape[-1])
@@ -235,8 +231,8 @@ class RegressionData:
     tau : ndarray, shape (rows, n)
         Measured torques, filtered [N m or N].
     valid, used, sure : ndarray of bool, shape (rows, n)
-        True where the torque was measured; where the joint is not about to stop besides; and where it did not rest for
-        a while beside, when friction takes any value.
+        True where the torque was measured; where, in addition, the joint is not slow; and where it has not rested
+        nearby for long either, when friction takes any value.
     fitted, measured : Equations
         The used and the valid rows in folds of time, as triangular factors.
     Z : ndarray, shape (rows, n, K), or None
@@ -288,17 +284,17 @@ class RegressionData:
         return np.asarray(self.tau - self.Y @ x)
 
     def in_torques(self, gains: Array) -> RegressionData:
-        """Equations in torques from measurements and gains, shape (n,); a joint whose gain is NaN has none."""
+        """Equations in torques by gains, shape (n,), from measurements; a joint whose gain is NaN has none."""
         g, known = np.nan_to_num(gains), np.isfinite(gains)
         fitted, measured = (e.scaled(g, known) for e in (self.fitted, self.measured))
         tau, used, sure = self.tau * g, self.used & known, self.sure & known
         return replace(self, tau=tau, used=used, sure=sure, fitted=fitted, measured=measured)
 
     def at_lower_cutoff(self, base: BaseParameters, noise: Array) -> tuple[Array, Array]:
-        """Base parameters and standard errors with half the cut-off, from equations of moving joints only.
+        """Base parameters and standard errors with half the cut-off, from moving joints; NaN where undetermined.
 
-        `noise` is the square root of the residuals' spectral density at low frequencies, which half the cut-off leaves
-        as it is, shape (n,). NaN for what the equations do not determine.
+        `noise` is the square root of the residuals' spectral density at low frequencies, which half the cut-off does
+        not change, shape (n,).
         """
         Z = self.Y[..., :0] if self.Z is None else self.Z
         all_columns = np.concatenate([Z, self.Y @ base.back, self.tau[..., None]], axis=-1) / noise[:, None]
@@ -316,10 +312,7 @@ class RegressionData:
         return np.where(unknown, np.nan, found.x), np.where(unknown, np.nan, errors)
 
     def correlation_time(self, residuals: Array, used: Array | None = None) -> Array:
-        """Integrated autocorrelation time of residuals, at least that of filtered noise, 1 + 2 sum rho_k in rows, (n,).
-
-        Of the rows that are `used`, by default those that are fitted.
-        """
+        """Integrated autocorrelation time of the `used` residuals, at least that of filtered noise, in rows, (n,)."""
         of_noise = [correlation_time_of_filtered_noise(p.cutoff, p.sample_rate, p.decimation) for p in self.prepared]
         used, parts = self.used if used is None else used, [part for _, part in self.segments]
         return np.maximum(correlation_time_of_residuals(residuals, used, parts), max(of_noise))
@@ -327,7 +320,7 @@ class RegressionData:
 
 def build_regression(
     robot: Robot,
-    records: Record | Sequence[Record],
+    records: Sequence[Record],
     base: BaseParameters,
     minimum_velocity: ArrayLike | None,
     cutoff: float | Sequence[float] | None,
@@ -336,26 +329,25 @@ def build_regression(
     loaded: Array | None = None,
     instruments: Sequence[Motion] = (),
 ) -> RegressionData:
-    """Equations of records; arguments as of `rne.identify`, `cutoff` too, `instruments` one for each record.
+    """Equations of checked records, as of `rne.identify`; cut-offs, delays and `instruments` may differ by record.
 
     Friction under load is that of the loads with standard parameters `loaded`, by default those of the model.
     """
-    given, standard = checked_records(robot, records), base.standard
+    standard, Z = base.standard, None
     whole_number("folds", folds, least=2)
-    late = np.broadcast_to(delays, (len(given), robot.n))
-    cutoffs = cutoff if isinstance(cutoff, Sequence) else [cutoff] * len(given)
-    prepared = tuple(delayed(r.prepare(c), d) for r, c, d in zip(given, cutoffs, late, strict=True))
-    still, slowest = minimum_velocities(standard, given, prepared, minimum_velocity)
+    late = np.broadcast_to(delays, (len(records), robot.n))
+    cutoffs = cutoff if isinstance(cutoff, Sequence) else [cutoff] * len(records)
+    prepared = tuple(delayed(r.prepare(c), d) for r, c, d in zip(records, cutoffs, late, strict=True))
+    still, slowest = minimum_velocities(standard, records, prepared, minimum_velocity)
     loads = standard.values if loaded is None else loaded
     Y, tau, valid, used, sure = rows_of_all(robot, standard, prepared, slowest, still, loads)
-    Z = None
     if still.all() and len(still):
         raise ValueError("`records` show no joint that moves: one pose says nothing of inertias and friction")
     if instruments:
         moved = [along(r, motion) for r, motion in zip(prepared, instruments, strict=True)]
         along_motion, _, _, both, _ = rows_of_all(robot, standard, moved, slowest, still, loads)
         Z, used, sure = along_motion @ base.back, used & both, sure & both  # friction's direction is known
-    silent = [no_torque_text(given, j, robot.joint_names[j]) for j in np.flatnonzero(~valid.any(0)).tolist()]
+    silent = [no_torque_text(records, j, robot.joint_names[j]) for j in np.flatnonzero(~valid.any(0)).tolist()]
     check_enough(int(used.sum()), base.count, silent, robot.n)
     resting_text = still_text(standard, [robot.joint_names[j] for j in np.flatnonzero(still)])
     notes = (*beyond_limits(robot, prepared), *followers_text(standard), *resting_text, *silent)
@@ -363,19 +355,17 @@ def build_regression(
     measured = fitted = equations(Y, tau, used, blocks, Z)
     if (used != valid).any():
         measured = equations(Y, tau, valid, blocks, Z)
-    names = tuple(r.name for r in given)
+    names = tuple(r.name for r in records)
     return RegressionData(names, prepared, late, slowest, notes, Y, tau, valid, used, sure, fitted, measured, Z)
 
 
 def check_enough(count: int, unknowns: int, silent: Sequence[str], n: int) -> None:
-    """Refuse records with too few equations, naming joints without torque."""
+    """Raise a ValueError for records with too few equations, with the joints without torque."""
     if len(silent) == n:
         raise ValueError(f"`records` give no equations: {silent[0]}{' and so on' * (n > 1)}: record torques in motion")
     if count <= unknowns:
-        raise ValueError(
-            f"`records` give {count} equations for {unknowns} base parameters: a longer motion is needed, or a higher "
-            "`cutoff`"
-        )
+        cure = "a longer motion is needed, or a higher `cutoff`"
+        raise ValueError(f"`records` give {count} equations for {unknowns} base parameters: {cure}")
 
 
 def along(record: Prepared, motion: Motion) -> Prepared:
@@ -408,7 +398,7 @@ def blocks_of_time(records: Sequence[Prepared], of_each: int) -> tuple[slice, ..
 
 
 def blocks_of_each(records: Sequence[Prepared], folds: int) -> int:
-    """Number of blocks of time of each record, for a total number."""
+    """Number of blocks of time of each record, at least two, for a total number of folds."""
     each, shortest = max(-(-folds // len(records)), 2), min(len(record.times) for record in records)
     if each > shortest:
         most = shortest * len(records)
@@ -426,10 +416,7 @@ def rows_of_all(
 def rows_of(
     robot: Robot, standard: StandardParameters, record: Prepared, minimum_velocity: Array, still: Array, loaded: Array
 ) -> tuple[Array, ...]:
-    """Y and tau at the rows of a record, with masks of valid, used and sure ones; see RegressionData.
-
-    Slow joints are not used, those that are `still` do not move at all.
-    """
+    """Y and tau at the rows of a record, with masks of valid, used and sure ones; `still` joints do not move at all."""
     qd, qdd = record.qd * ~still, record.qdd * ~still
     bodies, first = robot.regressor(record.q, qd, qdd), standard.groups["bodies"].stop
     load = standard.load(bodies, record.q, qdd, loaded)
@@ -447,7 +434,7 @@ def rows_of(
 
 
 def resting(record: Prepared, minimum_velocity: Array) -> Array:
-    """True at samples where a joint rests for a while, so that its friction is undetermined, shape (T, n)."""
+    """True at samples where a joint rests for so long that its friction is undetermined, shape (T, n)."""
     slow = np.abs(record.qd) < minimum_velocity
     shortest = thresholds.REST_PERIODS * record.sample_rate / record.cutoff
     for flags in slow.T:
@@ -494,10 +481,9 @@ def followers_text(standard: StandardParameters) -> tuple[str, ...]:
     model = standard.model
     has_drive = model.armature + model.damping + model.friction > 0
     names = [model.moving_joints[i] for i, *_ in model.coupled_joints if has_drive[i]]
-    text = (
-        f"rotors and friction at {listed(names)} are not fitted, as it follows others; the robot found has none there"
-    )
-    return (text.replace("it follows", "these follow") if names[1:] else text,) * bool(names and standard.terms)
+    why = "these follow others" if names[1:] else "it follows others"
+    text = f"rotors and friction at {listed(names)} are not fitted, as {why}; the robot found has none there"
+    return (text,) * bool(names and standard.terms)
 
 
 def delay_argument(delay: ArrayLike | None, n: int) -> Array:
@@ -522,10 +508,8 @@ def delayed(record: Prepared, delays: Array) -> Prepared:
     return replace(record, tau=tau)
 
 
-def checked_records(
-    robot: Robot, records: Record | Sequence[Record], name: str = "records", *, torques: bool = True
-) -> tuple[Record, ...]:
-    """Records as a tuple, checked to have all joints of the robot, and torques or else commands."""
+def checked_records(robot: Robot, records: Record | Sequence[Record], name: str = "records") -> tuple[Record, ...]:
+    """Records as a tuple, checked to have torques of all joints of the robot, each once."""
     given = tuple(records) if isinstance(records, Sequence) and not isinstance(records, str) else (records,)
     if not given:
         raise ValueError(f"`{name}` must have at least one record")
@@ -533,14 +517,9 @@ def checked_records(
         if not isinstance(record, Record):
             raise TypeError(f"`{name}` must be an rne.identification.Record or several, got {type(record).__name__}")
         check_joints(robot, record, name)
-        if torques:
-            torques_of(record.cleaned)
-        elif record.command is None:
-            raise ValueError(f"{record.name}: {NO_COMMANDS}")
+        torques_of(record.cleaned)
     for one, other in combinations(given, 2):
-        if one.q.shape == other.q.shape and all(
-            np.array_equal(getattr(one, x), getattr(other, x)) for x in ("q", "tau" if torques else "command")
-        ):
+        if all(np.array_equal(getattr(one, x), getattr(other, x)) for x in ("q", "tau")):
             cure = "one is the wrong file, or to be left out, since blocks of one are predicted by fits to the other"
             raise ValueError(f"`{name}` has the same measurements twice, {one.name!r} and {other.name!r}: {cure}")
     return given
@@ -551,19 +530,16 @@ def of_named_joints(
 ) -> tuple[Robot, tuple[Record, ...], tuple[str, ...]]:
     """Robot with joints locked that records lack, records of its joints in order, and notes.
 
-    `warn_of_locked` names these joints. Refused are records of different joints, and where the log and the robot may
-    name a joint differently: the records lack a joint and have one that the robot does not know, or lack nearly all.
+    An error is raised for records of different joints, and where the log and the robot may name a joint differently:
+    the records lack a joint and have one that the robot does not know, or lack nearly all.
     """
     given = tuple(records) if isinstance(records, Sequence) else (records,)
     given = tuple(by_number(r, robot.joint_names) if isinstance(r, Record) else r for r in given)
     named = [r for r in given if isinstance(r, Record) and r.is_of(robot.joint_names)]
     if not named or len(named) < len(given):
         told = [r for r in given if isinstance(r, Record) and r.given_names]
-        return (
-            robot,
-            given,
-            tuple(f"joints of {r.name} are taken in the robot's order, as they are numbered" for r in told),
-        )
+        notes = [f"joints of {r.name} are taken in the robot's order, as they are numbered" for r in told]
+        return robot, given, tuple(notes)
     first, *rest = named
     own = [name for name in robot.joint_names if name in first.joint_names]
     for record in rest:
@@ -581,19 +557,13 @@ def of_named_joints(
     following = set(robot.model.moving_joints).intersection(others)
     why = {name: "follows others" if name in following else "is not a joint of the robot, or locked" for name in others}
     notes = [f"{name} of the records {why[name]}: left out" for name in others]
-    ranges = {
-        x: np.ptp(q[np.isfinite(q)])
-        for r in named
-        for x, q in zip(r.joint_names, r.q.T, strict=True)
-        if np.isfinite(q).any()
-    }
-    if moving := [
-        f"{x} by {ranges[x]:.3g}"
-        for x in robot.model.link_joints
-        if x in others and x not in following and ranges.get(x, 0) > thresholds.RESTS
-    ]:
-        notes = [f"{MOVING}: {listed(moving)}", *notes]
-    check_drivers(robot.model, [x for x in following if ranges.get(x, 0) > thresholds.RESTS], missing)
+    positions = [x for r in named for x in zip(r.joint_names, r.q.T, strict=True) if np.isfinite(x[1]).any()]
+    ranges = {name: np.ptp(q[np.isfinite(q)]) for name, q in positions}
+    moving = [x for x in others if ranges.get(x, 0) > thresholds.RESTS]
+    locked = [x for x in robot.model.link_joints if x in moving and x not in following]
+    if locked:
+        notes = [f"{MOVING}: {listed([f'{x} by {ranges[x]:.3g}' for x in locked])}", *notes]
+    check_drivers(robot.model, [x for x in moving if x in following], missing)
     if missing:
         notes = [f"{LOCKED}: {listed([f'{name} at {q:.4g}' for name, q in missing.items()])}", *notes]
         robot = robot.locked(missing)
@@ -603,15 +573,14 @@ def of_named_joints(
 
 
 def check_drivers(model: Model, moving: Sequence[str], missing: Collection[str]) -> None:
-    """Refuse records with moving coupled joints but without the joints that drive them."""
+    """Raise a ValueError for records with moving coupled joints but without the joints that drive them."""
     places = {i: [k] for i, k in enumerate(model.coordinate)} | {i: own for i, own, _ in model.coupled_joints}
     for joint in moving:
         drivers = [model.joint_names[k] for k in places[model.moving_joints.index(joint)]]
         if not set(drivers).isdisjoint(missing):
             cure = f"give positions and torques of {listed(drivers)}, or a robot in which {joint!r} is driven itself"
-            raise ValueError(
-                f"records must have the joints that {joint!r} follows, they lack {listed([*missing])}: {cure}"
-            )
+            lacking = f"the joints that {joint!r} follows, they lack {listed([*missing])}"
+            raise ValueError(f"records must have {lacking}: {cure}")
 
 
 def by_number(record: Record, names: Sequence[str]) -> Record:
@@ -622,7 +591,7 @@ def by_number(record: Record, names: Sequence[str]) -> Record:
 
 
 def warn_of_locked(notes: Sequence[str]) -> None:
-    """Warn, at the caller of a public function, of joints missing in the records, or locked and moving."""
+    """Warn of joints missing in the records, or locked and moving, at the caller of a public function."""
     for text in locked_text(notes, "; "):
         warnings.warn(text, IdentificationWarning, stacklevel=3)
 
@@ -635,7 +604,7 @@ def locked_text(notes: Sequence[str], then: str, why: str = "") -> list[str]:
 
 
 def check_joints(robot: Robot, record: Record, argument: str) -> None:
-    """Refuse a record of other joints, or of these in another order."""
+    """Raise a ValueError for a record of other joints, or of these in another order."""
     names = robot.joint_names
     if record.n == robot.n and (not record.is_of(names) or record.joint_names == names):
         return
