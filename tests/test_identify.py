@@ -8,8 +8,8 @@ import pytest
 
 import rne
 from rne.basics.inertia import pseudo_inertia
-from rne.identification import Record
-from rne.identification.fit.equations import beyond_limits, locked_text, of_named_joints
+from rne.identification import Record, regression
+from rne.identification.fit.equations import locked_text, of_named_joints
 from rne.identification.fit.least_squares import least_squares
 
 from . import faulty_logs as faults
@@ -764,13 +764,16 @@ def test_a_motion_beyond_the_limits_is_told_before_the_verdict():
     ends = (
         f"joint_2 reaches 4, its limit is {robot.upper[1]:.3g}; joint_3 reaches -0.5, its limit is {robot.lower[2]:.3g}"
     )
-    prepared = Record(t, q, np.ones_like(q)).prepare(cutoff=5.0)
-    (note,) = beyond_limits(robot, [prepared])
+    tau, base = np.cos(np.outer(t, [1.0, 2.0, 3.0])), robot.base_parameters()
+
+    def notes(robot, q):
+        return regression(robot, Record(t, q, tau), base, cutoff=5.0).notes
+
+    (note,) = notes(robot, q)
     assert (
         note
         == f"the motion leaves the robot's limits: in other units, or from another zero? {ends}; joint_2 reaches 2.51/s, its limit is 2/s"
     )
-    small = dataclasses.replace(prepared, q=0.3 * prepared.q, qd=0.3 * prepared.qd)
-    assert beyond_limits(robot, [small]) == ()
+    assert notes(robot, 0.3 * q) == ()
     unlimited = rne.Robot(dataclasses.replace(robot.model, lower=0 * robot.lower, upper=0 * robot.upper))
-    assert beyond_limits(unlimited, [small]) == ()  # as a URDF without `lower` and `upper` is read
+    assert notes(unlimited, 0.3 * q) == ()  # as a URDF without `lower` and `upper` is read

@@ -15,7 +15,6 @@ from benchmarks.measure import RESULTS
 from benchmarks.pages import filled
 from rne.basics.inertia import pseudo_inertia
 from rne.identification import Record
-from rne.identification.fit.equations import blocks_of_time
 from rne.identification.prediction import repeated
 
 from .compiled_sources import c_library, call
@@ -236,7 +235,7 @@ def test_a_joint_that_only_trembles_makes_no_period_another_one():
         q = np.sin(2 * np.pi * np.outer(t, [0.25, 0.5, 0.75]))
         q[:, 0] = noise * np.random.default_rng(0).normal(size=len(t))
         prepared = Record(t, q, q).prepare(5.0)
-        again.append(repeated([prepared], blocks_of_time([prepared], 10)))
+        again.append(repeated([prepared], prepared.blocks(10)))
     np.testing.assert_array_equal(*again)
     assert again[0].sum() > 20
 

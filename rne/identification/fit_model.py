@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class FitModel:
-    """Model of a fit: assumptions beside the robot, and options of what the residuals may change."""
+    """Model of a fit: the robot, further assumptions, and which of these the residuals may change."""
 
     robot: Robot
     records: tuple[Record, ...]
@@ -51,7 +51,7 @@ class FitModel:
     motions: tuple[Motion, ...] = ()  # of the instruments, one for each record; none for least squares
     minimum_velocity: ArrayLike | None = None  # this and `folds` as of `rne.identify`
     folds: int = thresholds.FOLDS
-    hypotheses: tuple[Hypothesis, ...] | None = ()  # tried as causes beside the known ones; None to look for no causes
+    hypotheses: tuple[Hypothesis, ...] | None = ()  # tried as further causes; None to look for no causes
     finds_delays: bool = True
     finds_drives: bool = True  # True to look for Stribeck effects, and for absent rotors
     filtered: tuple[tuple[str, ...], ...] = ()  # notes on the filter of each record, once the cut-offs are chosen
@@ -115,7 +115,7 @@ def settled(model: FitModel) -> Fit:
 def fitted(model: FitModel) -> Fit:
     """Fit under a model; where friction depends on the load, iterated with the loads of the last fit.
 
-    A round leaves of the parameters' error about the part of the torque that friction takes.
+    Each iteration multiplies the error of the parameters by about the share of the torque that friction takes.
     """
     base = model.robot.base_parameters(drives=model.drives)
     base = base if model.springs is None else with_springs(base, model.springs)
@@ -155,9 +155,10 @@ def with_chosen_cutoffs(fit: Fit) -> Fit:
 def lower_cutoffs(fit: Fit) -> RegressionData:
     """Equations with the cut-offs of the spectra, halved where that reduces the validation error.
 
-    Of two fits that with the lower cut-off is taken if it predicts blocks of time that neither has seen better, on
-    signals below that cut-off, and less is left of its own signals than of the other's; where much is left also if it
-    is as good there, and clearly less is left. There some halves that do not help may be followed by one that does.
+    Of two fits the one with the lower cut-off is taken if it predicts blocks of time that neither was fitted to better,
+    in signals below that cut-off, and its validation error in its own signals is smaller than that of the other; where
+    errors are large, also if it predicts as well and its error is clearly smaller. There, a few halvings without
+    improvement may precede one that helps.
     """
     base, first = fit.base, fit.data
     x = base.back @ fit.estimate.values
@@ -247,10 +248,7 @@ def with_stribeck(fit: Fit) -> FitModel | None:
 
 
 def without_rotors(fit: Fit) -> FitModel | None:
-    """Model without rotors, if none is significant where it could be, as by torque sensors behind the gears.
-
-    Other causes hide rotors.
-    """
+    """Model without rotors, if none is significant, as with torque sensors behind the gears; other causes hide them."""
     model, base, robot = fit.model, fit.base, fit.model.robot
     own = [k for k, name in enumerate(base.names) if name.startswith("Ia_") and base.formulas[k] == name]
     is_open = fit.model.finds_drives and model.drives.rotor

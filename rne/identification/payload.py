@@ -59,8 +59,8 @@ class PayloadEstimate(SetsResult):
         The robot's base parameters, then the load's ten parameters m, m cx, m cy, m cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz
         about the link's origin and in its axes; with gains, the relative changes of the gains last.
     consistent : bool
-        True if the load is the physically consistent one, where least squares give none that is possible, or the
-        motions do not determine all of it.
+        True if the load is the physically consistent one, because least squares give an impossible one, or the motions
+        do not determine all of it.
     unknown : tuple of str
         Numbers that the motions do not determine, such as "its centre along (0.00, 0.00, 1.00)" or "Ixx", in the
         link's axes; there the load is like a ball of 3000 kg/m^3.

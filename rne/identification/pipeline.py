@@ -135,7 +135,7 @@ def diagnose(
     data : RegressionData
         The equations, of `regression`.
     hypotheses : sequence of Hypothesis
-        Further causes that are tried.
+        Causes that are tried in addition to the known ones.
 
     Returns
     -------
@@ -179,7 +179,7 @@ def assemble(
     unexplained : Unexplained, optional
         The validation error, `bodies.validation_error(data)` by default.
     notes : sequence of str, optional
-        What the report says besides, by default the notes of `data` and `bodies`.
+        Further texts of the report, by default the notes of `data` and `bodies`.
 
     Returns
     -------
@@ -245,11 +245,11 @@ def identify(
     consistent : bool
         False to skip the physically consistent fit, which needs the extra `identify`.
     prior : Robot or "geometry", optional
-        Where the motion says nothing, bodies are like those of this robot; "geometry" guesses rods between the joints
-        and finds their density from the measurements.
+        Where the motion is not informative, bodies are like those of this robot; "geometry" guesses rods between the
+        joints and finds their density from the measurements.
     prior_std : float, optional
         Standard deviation of the prior, how far bodies are expected to differ from it, relatively: by default 0.3, for
-        "geometry" 3, less where torques that are not explained ask for one body heavier than the guess of all.
+        "geometry" 3, less where torques that are not explained ask for one body heavier than the guess for all.
     minimum_velocity : array_like, shape (n,), optional
         Slower equations of a joint are not fitted, because the direction of Coulomb friction is not known; by default
         2 % of the joint's largest velocity, and what one step of its encoder makes, with Coulomb friction that is not
@@ -265,14 +265,14 @@ def identify(
         Blocks of time of the cross-validation: each record is cut into `folds` / number of records, rounded up and
         at least 2, each to be predicted from the others.
     hypotheses : sequence of Hypothesis
-        Causes of residuals that are tried beside those that are known.
+        Causes of residuals that are tried in addition to the known ones.
     causes : bool
         False to search for no causes of the residuals, which takes most of the time where these are large. Delays, the
         Stribeck effect and missing rotors are found in any case.
     springs : sequence of Spring
         Springs whose places are known and whose stiffness and length are found, whatever numbers they are given, at
-        their given force; of springs at joints, and of those without length, the stiffness alone. A rest of a joint
-        that is given wrongly is found as an offset.
+        their given force; of springs at joints, and of those without length, only the stiffness. A rest of a joint that
+        is given wrongly is found as an offset.
     instruments : callable or array_like, shape (T, n), or a sequence of one for each record, optional
         A motion without noise that resembles the measured one: what the controller was to follow, or a simulation of
         the loop; a function of time, such as those of `rne.trajectories` and a Trajectory, or positions at the times of
@@ -359,10 +359,7 @@ def identify(
 
 
 def validated_bodies(fit: Fit, prior: Robot | str | None, prior_std: float | None) -> tuple[BodiesFit, Unexplained]:
-    """Bodies and their validation error; by least squares where no possible bodies fit the torques.
-
-    The causes say more of such torques.
-    """
+    """Bodies and their validation error; by least squares where no possible bodies fit the torques."""
     notes: tuple[str, ...] = ()
     if prior is not None:
         given = prior_of_bodies(prior, prior_std, fit.base, fit.data)
@@ -433,11 +430,10 @@ def ignored_drives(standard: StandardParameters) -> tuple[str, ...]:
 
 def negative_drives(robot: Robot, base: BaseParameters, estimate: LeastSquares) -> tuple[str, ...]:
     """Notes on significantly negative rotors and friction, as by torques of the wrong sign."""
-    bodies, found = PARAMETERS * robot.model.nb, []
-    for k, name in enumerate(base.names):
-        value, error = estimate.values[k], estimate.errors[k]
+    found = []
+    for k, name, value, error in zip(base.independent, base.names, estimate.values, estimate.errors, strict=True):
         free = name.startswith(("tau0", "c_"))  # of any sign
-        if base.independent[k] >= bodies and not free and value < -thresholds.BEYOND_DOUBT * error:
+        if k >= PARAMETERS * robot.model.nb and not free and value < -thresholds.BEYOND_DOUBT * error:
             far = f", {IMPOSSIBLE[name.startswith('k_')]}" if value < -thresholds.IMPOSSIBLY * error else ""
             found.append(f"{name} comes out negative, {value:.3g} with a standard error of {error:.2g}{far}")
     has_friction = any(name.startswith(("Fv", "Fc", "Fl")) for name in found)

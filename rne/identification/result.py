@@ -122,15 +122,15 @@ class Identification(Archived, InNotebooks):
         True for physically consistent parameters.
     unexplained : Unexplained
         |predicted - measured| / |measured| of each joint, over blocks of time of which each was predicted by a fit to
-        the others: `everywhere`, `in_motion`, where equations are fitted, and `at_rest`. NaN for a joint without.
+        the others: `everywhere`, `in_motion`, where equations are fitted, and `at_rest`; NaN without any torque there.
     correlation_time : ndarray, shape (n,)
         Integrated autocorrelation time of the residuals, in rows; the number of rows over it is the effective sample
         size, by which standard errors are taken.
     drift, drift_error : ndarray, shape (base.count,)
         Change of the base parameters when everything is filtered again with half the cut-off, and standard errors of
-        the parameters with half the cut-off. Where the change is beyond a few of these, one of the two cut-offs biases
-        the parameter, or something else changes with frequency. NaN where the record is too short for it, or the joints
-        stop too often.
+        the parameters with half the cut-off. Where the change exceeds a few of these, one of the two cut-offs biases
+        the parameter, or something else changes with frequency. NaN where the record is too short, or the joints stop
+        too often.
     causes : tuple of Cause
         Changes that would explain the residuals better, the likeliest first.
     notes : tuple of str
@@ -184,8 +184,7 @@ class Identification(Archived, InNotebooks):
         left, names = self.unexplained.in_motion, self.initial.joint_names
         poor = np.flatnonzero(left > thresholds.UNEXPLAINED)
         impossible = [note for note in self.notes if note.endswith(IMPOSSIBLE)]
-        lines = []
-        moving = [names[j] for j in np.flatnonzero(np.isfinite(self.minimum_velocity))]
+        lines, moving = [], [names[j] for j in np.flatnonzero(np.isfinite(self.minimum_velocity))]
         if 2 * len(moving) < len(names) and not self.unexcited:
             lines.append(f"no joint but {listed(moving)} moves. {MOVE_ALL}")
         if self.unexcited:
@@ -214,8 +213,7 @@ class Identification(Archived, InNotebooks):
         return (
             f"the motion excites too little: {int((~self.excited).sum())} of {self.base.count} base parameters have "
             "standard errors above their expected sizes, and fits to parts of the log do not predict the others "
-            f"({names}). "
-            f"{MOVE_ALL}"
+            f"({names}). {MOVE_ALL}"
         )
 
     @property
@@ -287,10 +285,9 @@ class Identification(Archived, InNotebooks):
         sizes = {"coulomb": "Fc", "stribeck_rise": "Fs", "load": "Fl", "offset": "tau0"}
         found: dict[str, Any] = {name: self._of_drives(symbol) for name, symbol in sizes.items()}
         found |= {"viscous": viscous, "viscous_back": np.where(asked["Fvb"], self._of_drives("Fvb"), viscous)}
+        found |= {"stribeck": drives.stribeck, "saturation": drives.saturation}
         try:
-            return Friction(
-                smoothing=self._law.smoothing, stribeck=drives.stribeck, saturation=drives.saturation, **found
-            )
+            return Friction(smoothing=self._law.smoothing, **found)
         except ValueError as error:
             raise IdentificationError(f"the fit gave no possible friction: {self._cure}; {error}") from None
 
@@ -353,7 +350,7 @@ class Identification(Archived, InNotebooks):
         return to_urdf(with_note(model, note))
 
     def essential(self, limit: float = thresholds.ESSENTIAL) -> Identification:
-        """Model of the essential parameters alone, the base parameters that the log determines well.
+        """Model of only the essential parameters, the base parameters that the log determines well.
 
         The base parameter of the largest relative standard error is set to zero and the others are fitted again, by
         least squares with the noise of the joints as it is, until no relative standard error is above the limit.
@@ -408,14 +405,12 @@ class Identification(Archived, InNotebooks):
         return "use those of the fit of all parameters" if ESSENTIAL in self.notes else "fit with `consistent=True`"
 
     def _check_consistent(self) -> None:
-        """Refuse to make a robot or its friction from negative least-squares estimates."""
+        """Raise an IdentificationError if least squares gave a negative mass, rotor inertia or friction."""
         symbols, values = ("m", "Ia", "Fv", "Fvb", "Fc", "Fl"), zip(self.standard.names, self.parameters, strict=True)
         negative = [name for name, x in values if x < 0 and name.split("_")[0] in symbols]
         if negative and not self.consistent:
-            raise IdentificationError(
-                f"least squares gave negative values of {listed(negative)}: {self._cure}; `estimate` has them as they "
-                "are"
-            )
+            text = f"least squares gave negative values of {listed(negative)}: {self._cure}"
+            raise IdentificationError(f"{text}; `estimate` has them as they are")
 
     @property
     def springs(self) -> tuple[Spring | JointSpring, ...]:
@@ -542,9 +537,8 @@ class Identification(Archived, InNotebooks):
         if self.standard.springs is not None:
             raise IdentificationError("springs are not written out: use `predict`, or `scene` for the equations")
         if std and (bands.unknown.size or not np.isfinite(bands.in_motion).all()):
-            raise IdentificationError(
-                f"the log does not determine all parameters, and deviations may be infinite: {MOVE_ALL}"
-            )
+            text = "the log does not determine all parameters, and deviations may be infinite"
+            raise IdentificationError(f"{text}: {MOVE_ALL}")
 
         def prediction(q: Array, qd: Array, qdd: Array) -> Array:
             Y = self.initial.regressor(q, qd, qdd)
@@ -646,10 +640,9 @@ class Identification(Archived, InNotebooks):
         Parameters
         ----------
         record : Record
-            Of the same robot; it is filtered with the lowest cut-off of those of the fit, or a fifth of
-            its sample rate if that is less, and its torques are taken as
-            late as those of the fit's records were on average. Torques of joints at rest count, which Coulomb friction
-            does not determine.
+            Of the same robot; it is filtered with the lowest cut-off of the fit, or a fifth of its sample rate if that
+            is less, and its torques are assumed to have the mean delay of the fit's records. Torques of joints at rest
+            count, which Coulomb friction does not determine.
 
         Returns
         -------
@@ -679,9 +672,8 @@ class Identification(Archived, InNotebooks):
 
     def _compared(self, name: str, prepared: Prepared) -> Check:
         model, torques = self.initial.model, self.predict(prepared.q, prepared.qd, prepared.qdd)
-        qd, tau, predicted, speed = (
-            prepared.reduce(x) for x in (prepared.qd, prepared.tau, torques, np.abs(prepared.qd))
-        )
+        measured = prepared.qd, prepared.tau, torques, np.abs(prepared.qd)
+        qd, tau, predicted, speed = map(prepared.reduce, measured)
         rests = np.isinf(self.minimum_velocity) & (np.ptp(prepared.q, axis=0) < thresholds.RESTS)  # as in the log
         q, v, a = (x[prepared.row_samples] for x in (prepared.q, prepared.qd * ~rests, prepared.qdd * ~rests))
         std = self._std(q, v, a, speed * ~rests)
@@ -700,13 +692,13 @@ class Identification(Archived, InNotebooks):
     def consistency(self) -> Consistency:
         """Test of the measured torques for consistency with one rigid-body model.
 
-        One set of parameters is fitted to all joints, and a set of its own to each. Torques of a rigid body leave the
-        same in both fits, up to chance. The masses of `initial` do not matter, only its joints and their places.
+        One set of parameters is fitted to all joints, and a separate set to each. Torques of a rigid body have the same
+        residuals in both fits, up to chance. The masses of `initial` do not matter, only its joints and their places.
 
         Returns
         -------
         Consistency
-            The verdict, and the numbers of each joint that it rests on.
+            The verdict, and the numbers of each joint on which it is based.
 
         Notes
         -----
@@ -769,9 +761,8 @@ class Identification(Archived, InNotebooks):
         parts = [f"good for {use} of {which} {below}: {known}", *[f"not known: {other}"] * bool(other)]
         text = "; ".join(parts if 2 * good.sum() > len(good) else parts[::-1])
         if unknown := int(np.isinf(self.estimate.errors).sum()):
-            remarks.append(
-                f"{unknown} of {self.base.count} base parameters are not determined: other motions may differ"
-            )
+            which = f"{unknown} of {self.base.count} base parameters"
+            remarks.append(f"{which} are not determined: other motions may differ")
         if any(cause.kind not in GEARS for cause in self.causes):
             remarks.append("a likely cause of the residuals is named below: if it applies, the model is wrong there")
         return "; ".join([*first, text, *remarks])
@@ -789,9 +780,7 @@ class Identification(Archived, InNotebooks):
         """Doubt about units, where most masses are several times those of the given robot, or a fraction."""
         given, found = self.initial.model.mass, self.parameters[: PARAMETERS * self.initial.model.nb : PARAMETERS]
         known = given > 0
-        if not self.consistent or not known.any():
-            return []
-        ratio = float(np.median(found[known] / given[known]))
+        ratio = float(np.median(found[known] / given[known])) if self.consistent and known.any() else 1.0
         is_near = 1 / thresholds.FAR_FROM_GIVEN < ratio < thresholds.FAR_FROM_GIVEN
         text = f"masses are {ratio:.2g} times those of the robot given (median): are the units of the log right?"
         return [] if is_near else [text]
@@ -918,11 +907,11 @@ def joints_text(found: Identification) -> str:
 
 def causes_text(found: Identification) -> str:
     """Text on unexplained joints and causes of the residuals, the likeliest first."""
-    lines: list[str] = []
     if found.unexcited:
         return found.unexcited
     if found.data.Z is not None:
         return "causes of the residuals, other than delays, are not searched for with instruments"
+    lines: list[str] = []
     for j, (name, left) in enumerate(zip(found.initial.joint_names, found.unexplained.in_motion, strict=True)):
         if left > thresholds.EXPLAINED:
             own = [cause.text for cause in found.causes if cause.removed[j] > thresholds.EXPLAINS]
@@ -945,11 +934,10 @@ def motions_text(found: Identification) -> list[str]:
     """Table of the errors of each motion, if there are several."""
     if len(found.records) == 1:
         return []
-    joints, of_records = map(short, found.initial.joint_names), np.arange(len(found.equations.factors))
-    parts = np.split(of_records, len(found.records))
+    parts = np.split(np.arange(len(found.equations.factors)), len(found.records))
     shares = np.array([found.equations.of_blocks(part).shares(found.parameters) for part in parts])
-    cells = (column(100 * x, ".1f") for x in shares.T)
-    return table("errors of each motion [%]", [*joints], found.data.names, *cells, indent="  ")
+    joints, cells = list(map(short, found.initial.joint_names)), (column(100 * x, ".1f") for x in shares.T)
+    return table("errors of each motion [%]", joints, found.data.names, *cells, indent="  ")
 
 
 def parameters_text(found: Identification) -> str:

@@ -53,7 +53,7 @@ def missing_effects(problem: OutputError, z: Array, noise: Array) -> tuple[Cause
         return ()
     unknowns = Unknowns(scene, (*problem.unknowns.parts, *parts))
     P, P_all = len(problem.unknowns.labels), len(unknowns.labels)
-    wider = problem.at(unknowns=unknowns, traced={}, told=None)
+    wider = replace(problem, unknowns=unknowns, traced={}, told=None)
     z_all = np.concatenate([z[:P], np.concatenate([part.start for part in parts]), z[P:]])
     J, r = wider.slopes(z_all)[: -len(z_all)], wider.residuals(z_all)[: -len(z_all)]
     known = np.delete(np.arange(len(z_all)), np.arange(P, P_all))

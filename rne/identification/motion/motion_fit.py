@@ -68,7 +68,7 @@ class MotionFit(Archived, InNotebooks):
     problem : OutputError
         The residuals of the positions as a function of what was fitted.
     z : ndarray, shape (P + 2 n S,)
-        What was found: P entries, positive ones by their logarithms, and the starts of S parts of the records.
+        Solution: P entries, positive ones by their logarithms, and the starts of S parts of the records.
     certainty : Certainty
         Standard errors, and what the log does not determine.
     resolution : ndarray, shape (n,)
@@ -78,7 +78,7 @@ class MotionFit(Archived, InNotebooks):
         Root mean square of the residual on folds of the records that were not fitted, but for starts of motions; NaN
         without `folds` [rad or m].
     causes : tuple of Cause
-        What would explain the residual better, the likeliest first.
+        Changes that would explain the residual better, the likeliest first.
     message : str
         How the fit ended.
     """
@@ -196,8 +196,8 @@ class MotionFit(Archived, InNotebooks):
         Returns
         -------
         Scene
-            With the controller as it was given, whose reference is not that of a record, and without what was found of
-            commands and sensors, which `numbers` has.
+            With the given controller, whose reference is not that of a record, and without the numbers of commands and
+            sensors, which are in `numbers`.
 
         Raises
         ------
@@ -274,7 +274,7 @@ class MotionFit(Archived, InNotebooks):
         check_records(self.initial, (record,))
         clean, apart = record.on_grid(), 0.5 / record.sample_rate
         shots = shots_of(self.initial, (clean,), None, self.resolution)
-        problem = self.problem.at(records=(clean,), shots=shots, traced={})
+        problem = replace(self.problem, records=(clean,), shots=shots, traced={})
         z = fitted_starts(problem, self._x)
         found = np.full((2, len(record.t), self.initial.n), np.nan)
         P = self.certainty.count
@@ -320,9 +320,9 @@ class MotionFit(Archived, InNotebooks):
         Parameters
         ----------
         count : int
-            N.
+            Number N of draws.
         seed : int
-            Of the random numbers.
+            Seed of the random numbers.
 
         Returns
         -------
@@ -386,34 +386,34 @@ def identify_motion(
     ----------
     scene : Scene
         The robot with all that is modelled, and a controller with a `reference`, such as `rne.control.pd` or `servo`,
-        whose reference the records' commands replace. Its numbers are where the fit starts; a factor of two off is
-        near enough.
+        whose reference the records' commands replace. The fit starts from its numbers; within a factor of two is near
+        enough.
     records : Record or sequence of Record
         With `command`. Joints are those of the scene by name, if they have names.
     wrt : "auto", str, or sequence of str
-        What is fitted: names of `scene.numbers`, "parameters" regrouped as the motion depends on them; "command.delay"
-        [s], the first command acting before the first sample too, "command.scale" and "command.offset" of what the
-        controller follows; "sensor.scale" and "sensor.offset" of the positions that are recorded and that the
-        controller does not know. By default all that the scene has and that is not zero, and those of commands.
+        Numbers to fit: names of `scene.numbers`, "parameters" regrouped as the motion depends on them; "command.delay"
+        [s], the first command acting before the first sample too, "command.scale" and "command.offset" of the commands
+        that the controller follows; "sensor.scale" and "sensor.offset" of the recorded positions, which the controller
+        does not know. By default all numbers of the scene that are not zero, and those of commands.
     start : mapping of str to array_like, optional
-        Values to start from in place of the scene's, of commands and of sensors.
+        Values to start from instead of the scene's, of commands and of sensors.
     priors : mapping of str to array_like, optional
-        Standard deviations about the start of what is known, in units of the quantity, one for all entries or each; of
-        "parameters" of the regrouped ones. What is known for sure is left out of `wrt`.
+        Standard deviations about the start of numbers that are known roughly, in units of the quantity, one for all
+        entries or each; of "parameters" of the regrouped ones. Leave numbers that are known exactly out of `wrt`.
     starts : int
-        From how many starts the first steps are taken; those beside the one given are the best of many about it.
+        Number of starts from which the first steps are taken: the given one, and the best of many about it.
     shot : float, optional
-        The longest part of a record that is simulated at once, each from a start of its own [s]. By default whole
-        records; shorter parts suit motions that drift, as without feedback.
+        The longest part of a record that is simulated at once, each from its own start [s]. By default whole records;
+        shorter parts suit motions that drift, as without feedback.
     step : float, optional
-        The longest step of the Runge-Kutta method of order 4, by default that of its fastest mode, at most a sample
+        The longest step of the Runge-Kutta method of order 4, by default as its fastest mode allows, at most a sample
         time [s].
     folds : int
-        Of cross-validation by parts of records, 0 for none.
+        Number of parts of the records for cross-validation, 0 for none.
     robust : bool
         True for a loss that grows linearly beyond two standard deviations, for positions with outliers.
     seed : int
-        Of the random starts.
+        Seed of the random starts.
     progress : callable, optional
         A function progress(iteration, residual), the residual in standard deviations of the positions.
 
@@ -425,7 +425,7 @@ def identify_motion(
     Raises
     ------
     ValueError, TypeError, KeyError
-        If an argument is none of those named, the controller follows no reference, or a record has no commands.
+        If an argument is wrong, the controller follows no reference, or a record has no commands.
     IdentificationError
         If no start leads to a motion that can be simulated.
 
@@ -435,7 +435,7 @@ def identify_motion(
     sensitivities; positive numbers by their logarithms. Standard errors are those of residuals that are correlated in
     time, as rounding by encoders is (sandwich; Newey and West 1987), never less than those of white residuals. An entry
     is determined if its error does not grow with the spread that the fit allows for. Ljung 1999, System Identification,
-    chapters 7 and 9. Engine "numba" takes some 50 to 90 times less time than NumPy.
+    chapters 7 and 9. Engine "numba" takes about 50 to 90 times less time than NumPy.
 
     Examples
     --------
@@ -472,7 +472,7 @@ def identify_motion(
     text = f"{counted(solver.iterations, 'iteration')} in steps of {solver.problem.step:.3g} s: {solver.message}"
     if lost := sum(len(record.t) for record in given) - sum(len(shot.t) for shot in shots):
         text += f"; {counted(lost, 'sample')} in parts of fewer than {FIRST} not used"
-    return MotionFit(solver.problem.at(told=None), solver.z, sure, finest, held, causes, text)
+    return MotionFit(replace(solver.problem, told=None), solver.z, sure, finest, held, causes, text)
 
 
 def at_times(values: Sequence[Array], grid: Array, t: Array) -> Array:

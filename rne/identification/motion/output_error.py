@@ -192,7 +192,7 @@ class OutputError:
         return correlation_time_of_residuals(values, self.measured, [slice(a, b) for a, b in pairwise(ends)])
 
     def placed(self, s: int, J: Array) -> Array:
-        """Derivatives by z, (..., Z), from those by x and the start of shot s, (..., P + 2 n)."""
+        """Derivatives with respect to z, (..., Z), from those by x and the start of shot s, (..., P + 2 n)."""
         found, width = np.zeros((*J.shape[:-1], len(self.first))), 2 * self.n
         P = J.shape[-1] - width
         found[..., :P], found[..., P + width * s : P + width * (s + 1)] = J[..., :P], J[..., P:]
@@ -204,7 +204,7 @@ class OutputError:
         return int(self.measured.sum()) + len(self.first)
 
     def slopes(self, z: Array) -> Array:
-        """Derivatives of the residuals by z."""
+        """Derivatives of the residuals with respect to z."""
         found, first, total = np.zeros((self.count, len(z))), 0, 0.0
         for s, (shot, (q, J)) in enumerate(zip(self.shots, self.derivatives(z), strict=True)):
             total += float(np.nansum(((q - shot.q) / self.sigma) ** 2))
@@ -217,7 +217,7 @@ class OutputError:
         return found
 
     def derivatives(self, z: Array) -> list[tuple[Array, Array]]:
-        """Sensor readings in each shot, (T, n), and derivatives by x and the shot's start, (T, n, P + 2 n)."""
+        """Sensor readings in each shot, (T, n), and derivatives by x and by its start, (T, n, P + 2 n)."""
         x, starts = self.parts(z)
         numbers, unknowns = self.unknowns.numbers(x), self.unknowns
         own, command, factor = self.vectors(numbers), unknowns.command(numbers), unknowns.slopes(x)
@@ -240,7 +240,3 @@ class OutputError:
         """Predicted minus measured positions, (N, n), NaN where not measured."""
         each = zip(self.shots, self.positions(z), strict=True)
         return np.concatenate([np.full_like(shot.q, np.nan) if q is None else q - shot.q for shot, q in each])
-
-    def at(self, **changes: Any) -> OutputError:
-        """Output error with other shots, sigma or step."""
-        return replace(self, **changes)

@@ -49,7 +49,7 @@ class MotionSolver:
         q = shot.q[np.isfinite(shot.q).all(axis=1)][:: max(1, len(shot.q) // 4)][:4]
         rate = problem.motions[0].fastest_rate(problem.vectors(numbers), q)
         period = min(1 / record.sample_rate for record in problem.records)
-        return problem.at(step=min(period, thresholds.STABLE / max(rate, 1e-9)) / self.finer)
+        return replace(problem, step=min(period, thresholds.STABLE / max(rate, 1e-9)) / self.finer)
 
     def solved(self, problem: OutputError, z: Array, most: int) -> Any:
         """Solution of scipy.optimize.least_squares from z, with a limit of evaluations."""
@@ -112,7 +112,7 @@ class MotionSolver:
         """True if half the steps give the same positions, far below sigma; otherwise steps are refined."""
         if not self.steps_free:
             return True
-        halved = problem.at(step=problem.step / 2, traced=dict(problem.traced))
+        halved = replace(problem, step=problem.step / 2, traced=dict(problem.traced))
         error = float(np.sqrt(np.nanmean(((problem.misfits(z) - halved.misfits(z)) / problem.sigma) ** 2)))
         self.finer *= max(1.0, np.ceil((error / thresholds.ERROR_OF_STEPS) ** 0.25)) if np.isfinite(error) else 2.0
         return error <= thresholds.ERROR_OF_STEPS
@@ -140,19 +140,19 @@ def fitted_starts(problem: OutputError, x: Array) -> Array:
 
 def validation_errors(solver: MotionSolver, folds: int) -> Array:
     """Root mean square of the residual of each joint on parts of records left out of a fit, fold by fold."""
-    problem, P, n = solver.problem.at(told=None), len(solver.problem.unknowns.labels), solver.problem.n
+    problem, P, n = replace(solver.problem, told=None), len(solver.problem.unknowns.labels), solver.problem.n
     shots = problem.shots
     if len(shots) < folds:
         total = sum(float(shot.t[-1] - shot.t[0]) for shot in shots)
         shots = shots_of(problem.unknowns.scene, problem.records, total / folds, problem.sigma)
     if len(shots) < folds:
         raise ValueError(f"`folds` must be at most {len(shots)}, the parts that records can be cut into, got {folds}")
-    problem, total_square, count = problem.at(shots=tuple(shots)), np.zeros(n), np.zeros(n)
+    problem, total_square, count = replace(problem, shots=tuple(shots)), np.zeros(n), np.zeros(n)
     z = fitted_starts(problem, solver.z[:P])
     starts = z[P:].reshape(len(shots), 2 * n)
     for fold in range(folds):
         out = np.arange(len(shots)) % folds == fold
-        fitted, left = (problem.at(shots=list(compress(shots, chosen))) for chosen in (~out, out))
+        fitted, left = (replace(problem, shots=list(compress(shots, chosen))) for chosen in (~out, out))
         x = solver.solved(fitted, np.append(z[:P], starts[~out]), thresholds.MANY_STEPS).x[:P]
         misfits = left.misfits(fitted_starts(left, x))
         total_square, count = total_square + np.nansum(misfits**2, axis=0), count + np.isfinite(misfits).sum(axis=0)
